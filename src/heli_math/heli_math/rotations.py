@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rotations between body (FRD) and navigation (NED) axes.
+
+Quaternions are (w, x, y, z), Hamilton, unit, and rotate body components into NED components.
+Euler angles are 3-2-1: psi (yaw), theta (pitch), phi (roll), rad; eq. (2)-(4) of the paper, corrected:
+its printed matrix carries typing errors (row 1 is [c_th c_ps, c_th s_ps, -s_th] for NED -> body).
+"""
+
+import math
+
+import numpy as np
+
+from heli_math.jit import njit
+
+
+@njit
+def wrap_pi(angle):
+    """Wrap an angle (rad, float) to [-pi, pi)."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+@njit
+def skew(v):
+    """Cross-product matrix (3, 3) of v (3,): skew(v) @ b == cross(v, b)."""
+    m = np.zeros((3, 3))
+    m[0, 1] = -v[2]
+    m[0, 2] = v[1]
+    m[1, 0] = v[2]
+    m[1, 2] = -v[0]
+    m[2, 0] = -v[1]
+    m[2, 1] = v[0]
+    return m
+
+
+@njit
+def quat_to_R_nb(q):
+    """Rotation matrix (3, 3), body -> NED, of the unit quaternion q (4,)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    R = np.empty((3, 3))
+    R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    R[0, 1] = 2.0 * (x * y - w * z)
+    R[0, 2] = 2.0 * (x * z + w * y)
+    R[1, 0] = 2.0 * (x * y + w * z)
+    R[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    R[1, 2] = 2.0 * (y * z - w * x)
+    R[2, 0] = 2.0 * (x * z - w * y)
+    R[2, 1] = 2.0 * (y * z + w * x)
+    R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return R
+
+
+@njit
+def quat_multiply(a, b):
+    """Hamilton product a b (4,): rotation b first, then a."""
+    out = np.empty(4)
+    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
+    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
+    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
+    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+    return out
+
+
+@njit
+def quat_conjugate(q):
+    """Inverse rotation (4,) of the unit quaternion q (4,)."""
+    out = np.empty(4)
+    out[0] = q[0]
+    out[1] = -q[1]
+    out[2] = -q[2]
+    out[3] = -q[3]
+    return out
+
+
+@njit
+def quat_normalize(q):
+    """q (4,) scaled to unit norm."""
+    n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q / n
+
+
+@njit
+def quat_from_rotvec(v):
+    """Unit quaternion (4,) of the rotation vector v (3,), rad; exact, series near zero."""
+    angle_sq = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    out = np.empty(4)
+    if angle_sq < 1e-8:
+        # sin(a/2)/a and cos(a/2) to the term whose neglect is below 1e-17
+        s = 0.5 - angle_sq / 48.0
+        out[0] = 1.0 - angle_sq / 8.0 + angle_sq * angle_sq / 384.0
+    else:
+        angle = math.sqrt(angle_sq)
+        s = math.sin(0.5 * angle) / angle
+        out[0] = math.cos(0.5 * angle)
+    out[1] = s * v[0]
+    out[2] = s * v[1]
+    out[3] = s * v[2]
+    return out
+
+
+@njit
+def quat_from_euler(phi, theta, psi):
+    """Unit quaternion (4,) of the 3-2-1 Euler angles (rad)."""
+    cr, sr = math.cos(0.5 * phi), math.sin(0.5 * phi)
+    cp, sp = math.cos(0.5 * theta), math.sin(0.5 * theta)
+    cy, sy = math.cos(0.5 * psi), math.sin(0.5 * psi)
+    out = np.empty(4)
+    out[0] = cr * cp * cy + sr * sp * sy
+    out[1] = sr * cp * cy - cr * sp * sy
+    out[2] = cr * sp * cy + sr * cp * sy
+    out[3] = cr * cp * sy - sr * sp * cy
+    return out
+
+
+@njit
+def euler_from_quat(q):
+    """3-2-1 Euler angles (phi, theta, psi), rad, of the unit quaternion q (4,).
+
+    phi and psi in [-pi, pi], theta in [-pi/2, pi/2]. At theta = +-pi/2 only psi -+ phi is defined:
+    phi is then reported as 0.
+    """
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    s = 2.0 * (w * y - z * x)
+    if s > 1.0 - 1e-14:
+        return 0.0, 0.5 * math.pi, -2.0 * math.atan2(x, w)
+    if s < -1.0 + 1e-14:
+        return 0.0, -0.5 * math.pi, 2.0 * math.atan2(x, w)
+    phi = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    theta = math.asin(s)
+    psi = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return phi, theta, psi
