@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the outer loop's checked parameters to the numbers of its law."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from heli_outer_pd.position_law import OuterKernel
+from heli_outer_pd.thrust_map import RotorMap
+
+TICK_S = 0.01
+# Damping of the disturbance observer's error dynamics.
+_OBSERVER_DAMPING = 0.8
+
+
+def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
+    """Numbers of the law from the parameters of config/outer_loop.yaml.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Dotted name to value, as checked against `heli_outer_pd.parameter_table.TABLE`.
+
+    Returns
+    -------
+    OuterKernel
+    """
+    p = parameters
+    bandwidth = np.asarray(p["disturbance.bandwidth_radps"], float)
+    trim = np.array([p["trim.phi"], p["trim.theta"], p["trim.d_col"]])
+    rotor = RotorMap(
+        rho=p["rotor.rho"],
+        omega=p["rotor.omega"],
+        radius=p["rotor.radius"],
+        lift_slope=p["rotor.lift_slope"],
+        blades=float(p["rotor.blades"]),
+        chord=p["rotor.chord"],
+        K_col=p["rotor.K_col"],
+    )
+    return OuterKernel(
+        K_P=np.asarray(p["K_P"], float),
+        K_D=np.asarray(p["K_D"], float),
+        observer_l1=2.0 * _OBSERVER_DAMPING * bandwidth,
+        observer_l2=bandwidth**2,
+        disturbance_limit=np.asarray(p["disturbance.limit_mps2"], float),
+        wind_compensation=float(p["wind_compensation"]),
+        hold_horizontal=float(p["horizontal"] == "position"),
+        level_phi_theta=np.radians(np.asarray(p["level_attitude_deg"], float)),
+        tilt_limit=math.radians(p["tilt_limit_deg"]),
+        mass=p["mass"],
+        g=p["gravity"],
+        thrust_limits=np.asarray(p["thrust_limits"], float),
+        trim=trim,
+        rotor=rotor,
+        dt_s=p["period_ticks"] * TICK_S,
+    )

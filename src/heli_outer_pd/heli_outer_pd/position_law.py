@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PD position and altitude law with a disturbance estimate: eq. (20) and (21), corrected.
+
+eq. (20) prints a position where a thrust must stand; eq. (21) carries a misprinted K_D subscript.
+Used here:
+
+    T         = m (g + K_P (z - z_ref) + K_D (z' - z_ref') + d_z) / (cos phi cos theta)
+    theta_ref = theta_trim - asin(sat(a_x / g)),   phi_ref = phi_trim + asin(sat(a_y / g))
+    a         = K_P (pos_ref - pos) + K_D (vel_ref - vel) - d
+
+with z down (NED) and a rotated from NED to the heading frame. d is the estimated acceleration that
+the law's own model does not explain (wind drag, a rotor weaker than its map). The trims stand in
+front of asin() because a helicopter hangs sideways in still-air hover: the tail rotor's side force
+is balanced by roll.
+"""
+
+import enum
+import math
+from typing import NamedTuple
+
+import numpy as np
+from heli_math.jit import njit
+from heli_math.rotations import euler_from_quat
+
+from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust
+
+# Indices of the reference vector (7,): position NED m, velocity NED m/s, heading rad.
+N_REFERENCE = 7
+# Indices of the output vector (4,): attitude set-point rad and collective in (-1, 1).
+N_OUTPUT = 4
+# Controller state: [0:3] velocity estimate NED m/s, [3:6] disturbance estimate NED m/s2,
+# [6] engaged, [7:11] last output, [11] last thrust N.
+N_STATE = 12
+_ENGAGED = 6
+_LAST = 7
+_LAST_THRUST = 11
+_COLLECTIVE_LIMIT = 0.98
+# Below this cos(phi) cos(theta) lift compensation no longer helps: the thrust points sideways.
+_MIN_LIFT_FRACTION = 0.5
+
+
+class OuterStatus(enum.IntEnum):
+    """Outcome of one step of the outer loop; `sentence` says it for people."""
+
+    OK = 0
+    BAD_NAVIGATION = 1
+    BAD_REFERENCE = 2
+
+    @property
+    def sentence(self) -> str:
+        """One line for a diagnostic message."""
+        return _SENTENCES[self]
+
+
+_OK = int(OuterStatus.OK)
+_BAD_NAVIGATION = int(OuterStatus.BAD_NAVIGATION)
+_BAD_REFERENCE = int(OuterStatus.BAD_REFERENCE)
+_SENTENCES = {
+    OuterStatus.OK: "position is held",
+    OuterStatus.BAD_NAVIGATION: "the navigation solution is not finite: the last command is held",
+    OuterStatus.BAD_REFERENCE: "the reference is not finite: the last command is held",
+}
+
+
+class OuterKernel(NamedTuple):
+    """Numbers of the law, in the form that compiled code takes."""
+
+    K_P: np.ndarray  # (3,) 1/s2, heading x, heading y, down
+    K_D: np.ndarray  # (3,) 1/s, same axes
+    observer_l1: np.ndarray  # (3,) 1/s, same axes
+    observer_l2: np.ndarray  # (3,) 1/s2, same axes
+    disturbance_limit: np.ndarray  # (3,) m/s2, same axes
+    wind_compensation: float  # 1 or 0
+    hold_horizontal: float  # 1: hold position; 0: command level trim attitude (attitude test)
+    level_phi_theta: np.ndarray  # (2,) rad, commanded when hold_horizontal is 0
+    tilt_limit: float  # rad, of asin() in (21)
+    mass: float  # kg
+    g: float  # m/s2
+    thrust_limits: np.ndarray  # (2,) fractions of m g
+    trim: np.ndarray  # (3,) phi rad, theta rad, d_col
+    rotor: RotorMap
+    dt_s: float
+
+
+def initial_state(k: OuterKernel) -> np.ndarray:
+    """State (N_STATE,) of a law that is not engaged yet; its last command is the trim."""
+    state = np.zeros(N_STATE)
+    state[_LAST : _LAST + 2] = k.trim[:2]
+    state[_LAST + 3] = k.trim[2]
+    state[_LAST_THRUST] = k.mass * k.g / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
+    return state
+
+
+@njit
+def _to_heading(v, c, s, out):
+    """NED vector (3,) -> heading frame (forward, right, down), rotated by psi only."""
+    out[0] = c * v[0] + s * v[1]
+    out[1] = -s * v[0] + c * v[1]
+    out[2] = v[2]
+
+
+@njit
+def _to_ned(v, c, s, out):
+    """Heading-frame vector (3,) -> NED."""
+    out[0] = c * v[0] - s * v[1]
+    out[1] = s * v[0] + c * v[1]
+    out[2] = v[2]
+
+
+@njit
+def _modelled_acceleration(phi, theta, thrust, k, out):
+    """Acceleration (3,) m/s2, heading frame, that attitude and thrust explain in still air."""
+    out[0] = -k.g * math.sin(theta - k.trim[1])
+    out[1] = k.g * math.sin(phi - k.trim[0])
+    out[2] = k.g - thrust * math.cos(phi) * math.cos(theta) / k.mass
+
+
+@njit
+def _all_finite(v, n):
+    for i in range(n):
+        if not math.isfinite(v[i]):
+            return False
+    return True
+
+
+@njit
+def _clip(value, limit):
+    return min(max(value, -limit), limit)
+
+
+@njit
+def _estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
+    """One step of the velocity/disturbance observer (Luenberger, forward Euler at the law's rate).
+
+    v_hat' = a_model + d_hat + l1 (v - v_hat), d_hat' = l2 (v - v_hat); kept in NED because steady
+    wind stands still there while the nose turns. Writes the estimate to d_h (3,), heading frame.
+    """
+    v_hat = np.empty(3)
+    _to_heading(state[0:3], c, s, v_hat)
+    _to_heading(state[3:6], c, s, d_h)
+    for i in range(3):
+        innovation = vel_h[i] - v_hat[i]
+        v_hat[i] += k.dt_s * (a_h[i] + d_h[i] + k.observer_l1[i] * innovation)
+        d_h[i] = _clip(d_h[i] + k.dt_s * k.observer_l2[i] * innovation, k.disturbance_limit[i])
+    _to_ned(v_hat, c, s, state[0:3])
+    _to_ned(d_h, c, s, state[3:6])
+
+
+@njit
+def _engage(nav, a_h, k, state, c, s, d_h):
+    """Bumpless start: what is flown is taken for equilibrium and so is the first command."""
+    for i in range(3):
+        state[i] = nav[3 + i]
+    d_h[0] = _clip(-a_h[0], k.disturbance_limit[0])
+    d_h[1] = _clip(-a_h[1], k.disturbance_limit[1])
+    d_h[2] = 0.0  # what collective is flown is not known here: trim is assumed
+    _to_ned(d_h, c, s, state[3:6])
+    state[_ENGAGED] = 1.0
+
+
+@njit
+def _command(nav, ref, d_h, c, s, lift, k, state, out):
+    """PD action, lift compensation and the inversions of (20) and (21); writes out (4,)."""
+    pos_error_h = np.empty(3)
+    vel_error_h = np.empty(3)
+    _to_heading(ref[0:3] - nav[0:3], c, s, pos_error_h)
+    _to_heading(ref[3:6] - nav[3:6], c, s, vel_error_h)
+    a = k.K_P * pos_error_h + k.K_D * vel_error_h - d_h
+    sine_limit = math.sin(k.tilt_limit)
+    if k.hold_horizontal > 0.5:
+        out[0] = k.trim[0] + math.asin(_clip(a[1] / k.g, sine_limit))
+        out[1] = k.trim[1] - math.asin(_clip(a[0] / k.g, sine_limit))
+    else:
+        out[0] = k.level_phi_theta[0]
+        out[1] = k.level_phi_theta[1]
+    out[2] = ref[6]
+    weight = k.mass * k.g
+    thrust = k.mass * (k.g - a[2]) / max(lift, _MIN_LIFT_FRACTION)
+    thrust = min(max(thrust, k.thrust_limits[0] * weight), k.thrust_limits[1] * weight)
+    state[_LAST_THRUST] = thrust
+    trim_thrust = weight / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
+    # ref[5] is the reference's speed down: the inflow of the climb it asks for is fed forward.
+    d_col = collective_for_thrust(thrust, ref[5], trim_thrust, k.trim[2], k.rotor)
+    out[3] = min(max(d_col, -_COLLECTIVE_LIMIT), _COLLECTIVE_LIMIT)
+
+
+@njit
+def position_law(nav, ref, k, state, out):
+    """One step of the outer loop: eq. (20), (21).
+
+    Parameters
+    ----------
+    nav : (>= 10,) ndarray
+        Position NED m, velocity NED m/s, quaternion body -> NED (w, x, y, z).
+    ref : (7,) ndarray
+        Reference position NED m, velocity NED m/s, heading rad.
+    k : OuterKernel
+        Gains and limits.
+    state : (N_STATE,) ndarray
+        Updated in place.
+    out : (4,) ndarray
+        Written: phi_ref, theta_ref, psi_ref rad (absolute), d_col in (-1, 1).
+
+    Returns
+    -------
+    int
+        An OuterStatus. On anything but OK the last good output is repeated.
+    """
+    if not _all_finite(nav, 10) or not _all_finite(ref, N_REFERENCE):
+        for i in range(N_OUTPUT):
+            out[i] = state[_LAST + i]
+        if not _all_finite(nav, 10):
+            return _BAD_NAVIGATION
+        return _BAD_REFERENCE
+    phi, theta, psi = euler_from_quat(nav[6:10])
+    c, s = math.cos(psi), math.sin(psi)
+    vel_h = np.empty(3)
+    a_h = np.empty(3)
+    d_h = np.zeros(3)
+    _to_heading(nav[3:6], c, s, vel_h)
+    _modelled_acceleration(phi, theta, state[_LAST_THRUST], k, a_h)
+    if k.wind_compensation > 0.5:
+        if state[_ENGAGED] < 0.5:
+            _engage(nav, a_h, k, state, c, s, d_h)
+        else:
+            _estimate_disturbance(vel_h, a_h, k, state, c, s, d_h)
+    _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), k, state, out)
+    for i in range(N_OUTPUT):
+        state[_LAST + i] = out[i]
+    return _OK

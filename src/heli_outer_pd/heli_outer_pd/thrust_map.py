@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The main rotor's own thrust map, inverted: thrust and climb speed to collective.
+
+Blade element and momentum theory in axial flow (Cai, Chen, Lee, Unmanned Rotorcraft Systems, 2011,
+ch. 6): T = rho Omega R^2 C_la b c / 4 (w_bl - v_i), w_bl = w_r + 2/3 Omega R theta_col,
+v_i (v_i - w_r) = T / (2 rho pi R^2). For given T and w_r both are explicit in theta_col. w_r is the
+hub's speed along body z relative to the air: positive in a descent.
+"""
+
+import math
+from typing import NamedTuple
+
+from heli_math.jit import njit
+
+
+class RotorMap(NamedTuple):
+    """Rotor constants of the thrust map (SI)."""
+
+    rho: float  # kg/m3
+    omega: float  # rad/s
+    radius: float  # m
+    lift_slope: float  # 1/rad
+    blades: float
+    chord: float  # m
+    K_col: float  # rad of blade pitch per unit collective, negative on this aircraft
+
+
+@njit
+def blade_pitch(thrust, w_r, rotor):
+    """Blade pitch (rad) that gives thrust (N, > 0) at the hub speed w_r (m/s, down)."""
+    disk = 2.0 * rotor.rho * math.pi * rotor.radius * rotor.radius
+    v_i = 0.5 * w_r + math.sqrt(0.25 * w_r * w_r + thrust / disk)
+    slope = rotor.rho * rotor.omega * rotor.radius**2 * rotor.lift_slope * rotor.blades
+    slope *= rotor.chord / 4.0
+    return (thrust / slope + v_i - w_r) * 1.5 / (rotor.omega * rotor.radius)
+
+
+@njit
+def collective_for_thrust(thrust, w_r, thrust_trim, d_col_trim, rotor):
+    """Collective (-) that gives thrust (N) at hub speed w_r, anchored at the trim point.
+
+    Only differences of the map are used, so a constant error of the rotor model cancels at trim.
+    """
+    step = blade_pitch(thrust, w_r, rotor) - blade_pitch(thrust_trim, 0.0, rotor)
+    return d_col_trim + step / rotor.K_col

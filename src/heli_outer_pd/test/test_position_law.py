@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The outer law against eq. (20) and (21) by hand, in its limits, and under bad input."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from heli_math.rotations import quat_from_euler
+from heli_msgs_bridge.parameters import load
+
+from heli_outer_pd import config, position_law, reference, thrust_map
+from heli_outer_pd.parameter_table import NODE_NAME, TABLE
+from heli_outer_pd.position_law import OuterStatus
+
+YAML = Path(config.__file__).parents[1] / "config" / "outer_loop.yaml"
+
+
+def kernel(**changes):
+    parameters = load(TABLE, [YAML], NODE_NAME) | changes
+    return config.outer_kernel(parameters)
+
+
+def navigation(k, pos=(0, 0, -10), vel=(0, 0, 0), phi=None, theta=None, psi=0.0):
+    phi = k.trim[0] if phi is None else phi
+    theta = k.trim[1] if theta is None else theta
+    return np.r_[np.array(pos, float), np.array(vel, float), quat_from_euler(phi, theta, psi)]
+
+
+def step(k, nav, ref, state=None):
+    state = position_law.initial_state(k) if state is None else state
+    out = np.full(4, np.nan)
+    status = position_law.position_law(nav, np.array(ref, float), k, state, out)
+    return OuterStatus(status), out, state
+
+
+REF = (0, 0, -10, 0, 0, 0, 0)
+
+
+def test_trim_at_reference_commands_the_trim():
+    k = kernel()
+    status, out, _ = step(k, navigation(k), REF)
+    assert status is OuterStatus.OK
+    np.testing.assert_allclose(out, [k.trim[0], k.trim[1], 0.0, k.trim[2]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("psi_deg", "offset_ned", "roll_sign", "pitch_sign"),
+    [
+        (0, (1, 0, 0), 0, 1),  # target is behind: nose up
+        (0, (0, 1, 0), -1, 0),  # target is left: roll left
+        (90, (1, 0, 0), 1, 0),  # nose east, target south: that is right
+        (90, (0, 1, 0), 0, 1),  # nose east, displaced east: nose up
+        (180, (1, 0, 0), 0, -1),  # nose south, displaced north: target is ahead, nose down
+        (-90, (0, 1, 0), 0, -1),
+    ],
+)
+def test_attitude_signs_in_the_heading_frame(psi_deg, offset_ned, roll_sign, pitch_sign):
+    k = kernel(wind_compensation=False)
+    psi = math.radians(psi_deg)
+    nav = navigation(k, pos=np.array(offset_ned) + [0, 0, -10], psi=psi)
+    _, out, _ = step(k, nav, (*REF[:6], psi))
+    assert np.sign(np.round(out[0] - k.trim[0], 9)) == roll_sign
+    assert np.sign(np.round(out[1] - k.trim[1], 9)) == pitch_sign
+
+
+def test_equation_21_value():
+    k = kernel(wind_compensation=False)
+    _, out, _ = step(k, navigation(k, pos=(0.4, -0.3, -10), vel=(0.1, 0.2, 0)), REF)
+    a_x = k.K_P[0] * -0.4 + k.K_D[0] * -0.1
+    a_y = k.K_P[1] * 0.3 + k.K_D[1] * -0.2
+    assert out[0] == pytest.approx(k.trim[0] + math.asin(a_y / k.g), abs=1e-14)
+    assert out[1] == pytest.approx(k.trim[1] - math.asin(a_x / k.g), abs=1e-14)
+
+
+def test_equation_20_gives_the_thrust_it_asks_for():
+    """Altitude 0.5 m too low, tilted 20 deg: collective put through the rotor's map."""
+    k = kernel(wind_compensation=False)
+    phi = math.radians(20)
+    _, out, state = step(k, navigation(k, pos=(0, 0, -9.5), phi=phi, theta=0.0), REF)
+    thrust = k.mass * (k.g + k.K_P[2] * 0.5) / math.cos(phi)
+    assert state[position_law._LAST_THRUST] == pytest.approx(thrust, rel=1e-12)
+    trim_thrust = k.mass * k.g / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
+    pitch = thrust_map.blade_pitch(trim_thrust, 0.0, k.rotor) + k.rotor.K_col * (out[3] - k.trim[2])
+    disk = 2 * k.rotor.rho * math.pi * k.rotor.radius**2
+    v_i = math.sqrt(thrust / disk)
+    lift = (
+        k.rotor.rho * k.rotor.omega * k.rotor.radius**2 * k.rotor.lift_slope * 2 * k.rotor.chord
+    ) / 4
+    assert lift * (2 / 3 * k.rotor.omega * k.rotor.radius * pitch - v_i) == pytest.approx(
+        thrust, rel=1e-12
+    )
+
+
+def test_climb_feedforward_asks_for_more_pitch():
+    k = kernel()
+    climb = (0, 0, -10, 0, 0, -2.5, 0)
+    _, hover, _ = step(k, navigation(k), REF)
+    _, up, _ = step(k, navigation(k, vel=(0, 0, -2.5)), climb)
+    assert (up[3] - hover[3]) * k.rotor.K_col > 0
+
+
+def test_tilt_and_thrust_are_limited():
+    k = kernel()
+    _, out, _ = step(k, navigation(k, pos=(-500, 500, 90)), REF)
+    assert out[0] - k.trim[0] == pytest.approx(-k.tilt_limit)
+    assert out[1] - k.trim[1] == pytest.approx(-k.tilt_limit)
+    assert -1 < out[3] < 1
+
+
+def simulate(k, drag_wind_mps2, seconds=60.0):
+    """A point mass with exact attitude: the law alone against a steady disturbance (NED, m/s2)."""
+    pos, vel, out = np.array([0.0, 0, -10]), np.zeros(3), np.r_[k.trim[:2], 0.0, k.trim[2]]
+    state, psi = position_law.initial_state(k), 0.6
+    c, s = math.cos(psi), math.sin(psi)
+    for _ in range(int(seconds / k.dt_s)):
+        nav = navigation(k, pos, vel, out[0], out[1], psi)
+        status = position_law.position_law(nav, np.r_[0.0, 0, -10, 0, 0, 0, psi], k, state, out)
+        assert status == OuterStatus.OK
+        fwd, right = -k.g * math.sin(out[1] - k.trim[1]), k.g * math.sin(out[0] - k.trim[0])
+        acc = np.array([c * fwd - s * right, s * fwd + c * right, 0.0]) + drag_wind_mps2
+        acc[2] += k.g - state[position_law._LAST_THRUST] / k.mass
+        vel = vel + k.dt_s * acc
+        pos = pos + k.dt_s * vel
+    return pos - [0, 0, -10]
+
+
+def test_pure_pd_drifts_off_in_steady_wind_and_the_estimate_trims_it_out():
+    """The paper's law stands off by d / K_P; with the disturbance estimate the offset vanishes."""
+    d = np.array([0.3, -0.4, 0.1])
+    pd = simulate(kernel(wind_compensation=False, K_P=np.full(3, 0.8)), d)
+    np.testing.assert_allclose(pd[:2], d[:2] / 0.8, rtol=1e-3)
+    assert np.abs(simulate(kernel(), d)).max() < 1e-3
+
+
+def test_engagement_is_bumpless_in_flown_wind_trim():
+    """Engaged while hanging 5 deg into the wind, it first commands what is flown."""
+    k = kernel()
+    phi, theta = k.trim[0] - math.radians(5), k.trim[1] + math.radians(2)
+    _, out, _ = step(k, navigation(k, phi=phi, theta=theta, psi=0.3), (*REF[:6], 0.3))
+    np.testing.assert_allclose(out[:2], [phi, theta], atol=1e-12)
+
+
+@pytest.mark.parametrize("index", [0, 4, 8])
+def test_nan_never_leaves(index):
+    k = kernel()
+    _, good, state = step(k, navigation(k, pos=(1, 1, -10)), REF)
+    nav = navigation(k)
+    nav[index] = np.nan
+    before = state.copy()
+    status, out, _ = step(k, nav, REF, state)
+    assert status is OuterStatus.BAD_NAVIGATION
+    np.testing.assert_array_equal(out, good)
+    np.testing.assert_array_equal(state, before)
+    status, out, _ = step(k, navigation(k), (*REF[:5], np.inf, 0), state)
+    assert status is OuterStatus.BAD_REFERENCE
+    np.testing.assert_array_equal(out, good)
+    assert OuterStatus.BAD_REFERENCE.sentence
+
+
+def test_reference_of_the_hover_test():
+    trajectory = reference.ReferenceTrajectory.hover_climb_hover(
+        np.array([1.0, 2.0, -10.0]), 0.5, 18.0, 22.0, 2.5
+    )
+    out = np.empty(7)
+    for t_s, z, v_z in ((0, -10, 0), (17.99, -10, 0), (18, -10, -2.5), (20, -15, -2.5),
+                        (22, -20, 0), (59, -20, 0), (-1, -10, 0)):  # fmt: skip
+        time_ns = round(t_s * 1e9)
+        reference.reference_at(time_ns, trajectory.times_ns, trajectory.points, out)
+        np.testing.assert_allclose(out, [1, 2, z, 0, 0, v_z, 0.5], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("times", "points", "word"),
+    [
+        ([0, 0], np.zeros((2, 7)), "does not increase"),
+        ([0], np.full((1, 7), np.nan), "not finite"),
+        ([0], np.zeros((1, 6)), "shape"),
+        ([], np.zeros((0, 7)), "0 points"),
+    ],
+)
+def test_bad_references_say_why(times, points, word):
+    with pytest.raises(reference.TrajectoryError, match=word):
+        reference.ReferenceTrajectory(np.array(times), points)
