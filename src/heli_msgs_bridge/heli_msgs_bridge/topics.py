@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All topics of the graph: name, type, who sends, who listens, how often. One table, no ROS needed.
+
+Names are relative, so that a namespace or a remap moves the whole graph; `/clock` and `/diagnostics`
+are absolute by ROS convention. A rate is a whole number of ticks.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+TICK_NS = 10_000_000
+"""Length of a tick, ns."""
+DEPTH = 100
+"""History depth of every stream; a reader may lag this many messages before one is lost."""
+
+CLOCK = "/clock"
+IMU = "imu/data_raw"
+MAG = "imu/mag"
+GPS_FIX = "gps/fix"
+GPS_VELOCITY = "gps/fix_velocity"
+BARO = "baro"
+ODOM = "odom"
+ROTOR_STATE = "rotor_state"
+REFERENCE = "reference"
+ATTITUDE_SETPOINT = "attitude_setpoint"
+COLLECTIVE = "collective"
+ACTUATORS = "actuators"
+TRUTH_ODOM = "ground_truth/odom"
+TRUTH_WIND = "ground_truth/wind"
+TRUTH_ROTOR = "ground_truth/rotor_state"
+DIAGNOSTICS = "/diagnostics"
+
+ACTUATOR_NAMES = ("lateral", "longitudinal", "pedal", "collective")
+COLLECTIVE_NAMES = ("collective",)
+ROTOR_NAMES = ("a_s", "b_s", "d_int")
+TRUTH_ROTOR_NAMES = (
+    "a_s",
+    "b_s",
+    "d_int",
+    "servo_lateral",
+    "servo_longitudinal",
+    "servo_pedal",
+    "servo_collective",
+)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One row of the graph.
+
+    Attributes
+    ----------
+    name : str
+        Relative topic name (absolute for the two that ROS fixes).
+    type : str
+        Message type, `package/msg/Name`.
+    source : tuple of str
+        Names of the nodes that send it.
+    sinks : tuple of str
+        Names of the nodes that need it (the recorder takes all).
+    every_ticks : int
+        Period in ticks; 0 for "on change".
+    latched : bool
+        True if a late listener gets the last message (transient local).
+    """
+
+    name: str
+    type: str
+    source: tuple[str, ...]
+    sinks: tuple[str, ...]
+    every_ticks: int
+    latched: bool = False
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages per simulated second; 0 for "on change"."""
+        return 0.0 if self.every_ticks == 0 else 1e9 / (TICK_NS * self.every_ticks)
+
+
+_PLANT, _OBSERVER, _INNER, _OUTER = ("plant",), ("observer",), ("inner_loop",), ("outer_loop",)
+_ALL = ("plant", "observer", "inner_loop", "outer_loop", "recorder", "scenario")
+_JOINTS = "sensor_msgs/msg/JointState"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+
+TABLE: tuple[Topic, ...] = (
+    Topic(CLOCK, "rosgraph_msgs/msg/Clock", _PLANT, (), 1),
+    Topic(IMU, "sensor_msgs/msg/Imu", _PLANT, _OBSERVER, 1),
+    Topic(MAG, "sensor_msgs/msg/MagneticField", _PLANT, _OBSERVER, 2),
+    Topic(GPS_FIX, "sensor_msgs/msg/NavSatFix", _PLANT, _OBSERVER, 20),
+    Topic(GPS_VELOCITY, "geometry_msgs/msg/TwistWithCovarianceStamped", _PLANT, _OBSERVER, 20),
+    Topic(BARO, "sensor_msgs/msg/FluidPressure", _PLANT, _OBSERVER, 5),
+    Topic(ODOM, _ODOMETRY, _OBSERVER, _INNER + _OUTER, 1),
+    Topic(ROTOR_STATE, _JOINTS, _OBSERVER, _INNER, 1),
+    Topic(
+        REFERENCE,
+        "trajectory_msgs/msg/MultiDOFJointTrajectory",
+        ("scenario",),
+        _OUTER,
+        0,
+        latched=True,
+    ),
+    Topic(ATTITUDE_SETPOINT, "geometry_msgs/msg/QuaternionStamped", _OUTER, _INNER, 4),
+    Topic(COLLECTIVE, _JOINTS, _OUTER, _INNER, 4),
+    Topic(ACTUATORS, _JOINTS, _INNER, _PLANT + _OBSERVER, 1),
+    Topic(TRUTH_ODOM, _ODOMETRY, _PLANT, (), 1),
+    Topic(TRUTH_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1),
+    Topic(TRUTH_ROTOR, _JOINTS, _PLANT, (), 1),
+    Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", _ALL, (), 0),
+)
+
+BY_NAME: dict[str, Topic] = {topic.name: topic for topic in TABLE}
+
+
+def due(name: str, tick: int) -> bool:
+    """True if the schedule demands a message of this topic at this tick."""
+    every = BY_NAME[name].every_ticks
+    return every != 0 and tick % every == 0
+
+
+def message_class(type_name: str) -> Any:
+    """Python class of a message type such as `sensor_msgs/msg/Imu` (imports ROS messages).
+
+    Raises
+    ------
+    LookupError
+        If no such message is installed.
+    """
+    from importlib import import_module
+
+    package, _, name = type_name.partition("/msg/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise LookupError(f"message type {type_name} is not installed") from error
+
+
+def qos(name: str, depth: int = DEPTH) -> Any:
+    """QoS profile of a topic (imports rclpy).
+
+    Everything is reliable: in lockstep a lost message is a stopped flight, and a best-effort publisher
+    would never meet a reliable listener.
+    """
+    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+    topic = BY_NAME.get(name)
+    latched = topic is not None and topic.latched
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=1 if latched else depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
