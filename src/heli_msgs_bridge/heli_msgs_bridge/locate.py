@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a package has its files: source tree, pip environment or colcon install space."""
+
+import os
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+
+class MissingFileError(FileNotFoundError):
+    """A packaged file or executable is missing; the message says what was sought where."""
+
+
+def _package_folder(package: str) -> Path:
+    spec = find_spec(package)
+    if spec is None or spec.origin is None:
+        raise MissingFileError(f"package {package} is not installed in {sys.executable}")
+    return Path(spec.origin).parent
+
+
+def share_folder(package: str) -> Path:
+    """Folder with the package's config/ and launch/.
+
+    Raises
+    ------
+    MissingFileError
+        If the package is installed without its data files.
+    """
+    folder = _package_folder(package)
+    if (folder.parent / "package.xml").is_file():
+        return folder.parent
+    for parent in folder.parents:
+        share = parent / "share" / package
+        if (share / "package.xml").is_file():
+            return share
+    raise MissingFileError(f"{package}: no share/{package}/package.xml above {folder}")
+
+
+def config_folder(package: str) -> Path:
+    """Folder of the package's YAML files; raises MissingFileError."""
+    folder = share_folder(package) / "config"
+    if not folder.is_dir():
+        raise MissingFileError(f"{package}: no folder {folder}")
+    return folder
+
+
+def executable(package: str, name: str) -> Path:
+    """Executable of the package, sought as `ros2 run` seeks it: <prefix>/lib/<package>/<name>.
+
+    Raises
+    ------
+    MissingFileError
+        Names every prefix that was looked into.
+    """
+    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    prefixes.append(Path(sys.prefix))
+    for prefix in prefixes:
+        path = prefix / "lib" / package / name
+        if path.is_file() and os.access(path, os.X_OK):
+            return path
+    sought = ", ".join(str(prefix) for prefix in dict.fromkeys(prefixes))
+    raise MissingFileError(f"no executable lib/{package}/{name} in {sought}")
