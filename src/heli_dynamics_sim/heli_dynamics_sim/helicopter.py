@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The helicopter: all parts put together into one state derivative.
+
+Body axes FRD, airspeed `v_a = v_b - R_nb' w_ned` with w the velocity of the air (blowing towards).
+Source of the equations: Cai, Chen, Lee, Unmanned Rotorcraft Systems (Springer 2011), ch. 6, and
+eq. (1)-(8) of the paper, corrected where the modules say so.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from heli_math.jit import njit
+from heli_dynamics_sim.airframe import fin_force, fuselage_force
+from heli_dynamics_sim.ground import ground_loads
+from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_dynamics_sim.rigid_body import rigid_body_rates, to_body
+from heli_dynamics_sim.rotor import flapping_rates, main_rotor, tail_rotor
+from heli_dynamics_sim.servo import servo_rates
+from heli_dynamics_sim.state import N_COMMAND, N_STATE
+from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
+
+
+@njit
+def airspeed(x, wind):
+    """Velocity of the c.g. relative to the air, body axes (3 floats), m/s."""
+    wx, wy, wz = to_body(x[6], x[7], x[8], x[9], wind[0], wind[1], wind[2])
+    return x[3] - wx, x[4] - wy, x[5] - wz
+
+
+@njit
+def main_rotor_power(u_a, v_a, w_a, v_i, thrust, drag, k):
+    """Power of the main rotor, W: profile, induced, parasite and climb.
+
+    P_climb acts in climb only: the model has a kink at w_a = 0, which is where hover without wind
+    is. `k.climb_power` replaces it by one of its two smooth branches for linearisation.
+    """
+    speed_sq = u_a * u_a + v_a * v_a
+    power = k.main.profile_power * (k.main.tip_speed * k.main.tip_speed + 4.6 * speed_sq)
+    power += thrust * v_i
+    power += abs(drag[0] * u_a) + abs(drag[1] * v_a) + abs(drag[2] * (w_a - v_i))
+    if k.climb_power > 0.0 or (k.climb_power == 0.0 and w_a < 0.0):
+        power -= k.body.mass * k.body.gravity * w_a
+    return power
+
+
+@njit
+def aerodynamic_loads(x, u_a, v_a, w_a, output, k):
+    """Force (N) and moment (N m) of the air on the aircraft, body axes, as two 3-tuples.
+
+    `output` is that of the yaw-rate gyro, rad; servo positions and flapping angles are taken from x.
+    """
+    p, q, r, a_s, b_s = x[10], x[11], x[12], x[13], x[14]
+    thrust, v_i = main_rotor(u_a, v_a, w_a, a_s, b_s, x[19], k.rotor, k.main)
+    drag = fuselage_force(u_a, v_a, w_a, v_i, k.fuselage)
+    power = main_rotor_power(u_a, v_a, w_a, v_i, thrust, drag, k)
+    sin_a, sin_b = math.sin(a_s), math.sin(b_s)
+    hub = k.main.hub_stiffness + thrust * k.main.hub_height
+    tail = tail_rotor(
+        u_a, v_a, w_a, p, q, r, tail_pitch(output, k.gyro), k.tail_arm, k.tail_height, k.tail
+    )
+    side = fin_force(v_a - r * k.vertical_fin.arm, u_a, k.vertical_fin)
+    lift = fin_force(w_a + q * k.horizontal_fin.arm - v_i, u_a, k.horizontal_fin)
+    force_x = -thrust * sin_a + drag[0]
+    force_y = thrust * sin_b + drag[1] - tail + side
+    force_z = -thrust * math.cos(a_s) * math.cos(b_s) + drag[2] + lift
+    moment_x = hub * sin_b - tail * k.tail_height + side * k.vertical_fin.height
+    moment_y = hub * sin_a + lift * k.horizontal_fin.arm
+    moment_z = -power / k.main.speed + tail * k.tail_arm - side * k.vertical_fin.arm
+    return (force_x, force_y, force_z), (moment_x, moment_y, moment_z)
+
+
+@njit
+def derivative_kernel(x, u, wind, k, out):
+    """State derivative: fills out (24,) for state x (24,), command u (4,), wind_ned_mps (3,).
+
+    Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterKernel.
+    """
+    u_a, v_a, w_a = airspeed(x, wind)
+    d_int_rate, output = gyro(x[18], x[12], x[15], k.gyro)
+    force, moment = aerodynamic_loads(x, u_a, v_a, w_a, output, k)
+    push, twist = ground_loads(x, k.ground)
+    rigid_body_rates(
+        x,
+        (force[0] + push[0], force[1] + push[1], force[2] + push[2]),
+        (moment[0] + twist[0], moment[1] + twist[1], moment[2] + twist[2]),
+        k.body,
+        out,
+    )
+    out[13], out[14] = flapping_rates(
+        x[13], x[14], x[10], x[11], u_a, v_a, x[16], x[17], k.flapping
+    )
+    out[15] = d_int_rate
+    for i in range(4):
+        out[16 + i], out[20 + i] = servo_rates(x[16 + i], x[20 + i], u[i], k.servo)
+
+
+@njit
+def specific_force(x, wind, k, out):
+    """Specific force at the c.g., body, m/s2 (what ideal accelerometers read): fills out (3,)."""
+    u_a, v_a, w_a = airspeed(x, wind)
+    _, output = gyro(x[18], x[12], x[15], k.gyro)
+    force, _ = aerodynamic_loads(x, u_a, v_a, w_a, output, k)
+    push, _ = ground_loads(x, k.ground)
+    for i in range(3):
+        out[i] = (force[i] + push[i]) / k.body.mass
+
+
+def state_derivative(
+    x: ArrayLike, u: ArrayLike, wind_ned_mps: ArrayLike, params: HelicopterParameters
+) -> NDArray[np.float64]:
+    """Derivative of the plant state.
+
+    Parameters
+    ----------
+    x : (24,) array
+        State, layout of `heli_dynamics_sim.state`.
+    u : (4,) array
+        Servo commands d_lat, d_lon, d_ped, d_col in (-1, 1).
+    wind_ned_mps : (3,) array
+        Velocity of the air, NED, m/s.
+    params : HelicopterParameters
+
+    Returns
+    -------
+    (24,) array
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong length.
+    """
+    arrays = []
+    for name, value, size in (
+        ("x", x, N_STATE),
+        ("u", u, N_COMMAND),
+        ("wind_ned_mps", wind_ned_mps, 3),
+    ):
+        array = np.ascontiguousarray(value, dtype=np.float64)
+        if array.shape != (size,):
+            raise ValueError(f"{name} has shape {array.shape}, expected ({size},)")
+        arrays.append(array)
+    out = np.empty(N_STATE)
+    derivative_kernel(*arrays, params.kernel, out)
+    return out

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Integration: classical Runge-Kutta of order 4 with fixed steps."""
+
+from heli_math.jit import njit
+from heli_dynamics_sim.helicopter import derivative_kernel
+from heli_dynamics_sim.servo import apply_stops
+
+WORK_ROWS = 5
+
+
+@njit
+def rk4_step(x, u, wind, k, dt_s, work):
+    """Advance x (24,) by dt_s with command u (4,) and wind (3,) held; in place.
+
+    After the step the quaternion is scaled to unit norm and the servos are kept inside their stops.
+    work is scratch, (5, 24).
+    """
+    n = x.shape[0]
+    k1, k2, k3, k4, stage = work[0], work[1], work[2], work[3], work[4]
+    derivative_kernel(x, u, wind, k, k1)
+    for i in range(n):
+        stage[i] = x[i] + 0.5 * dt_s * k1[i]
+    derivative_kernel(stage, u, wind, k, k2)
+    for i in range(n):
+        stage[i] = x[i] + 0.5 * dt_s * k2[i]
+    derivative_kernel(stage, u, wind, k, k3)
+    for i in range(n):
+        stage[i] = x[i] + dt_s * k3[i]
+    derivative_kernel(stage, u, wind, k, k4)
+    for i in range(n):
+        x[i] += dt_s / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+    norm = (x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9]) ** 0.5
+    for i in range(6, 10):
+        x[i] /= norm
+    apply_stops(x, k.servo)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Linearisation about a trim: the nine-state model of eq. (9) and (10).
+
+States phi theta p q a_s b_s r d_int psi, inputs d_lat d_lon d_ped (after the servos), wind in body axes
+u v w (velocity of the air, m/s, on top of the trim's wind), all as deviations from trim. The
+inertial velocity stays that of the trim.
+
+The power of climb makes a kink at w_a = 0, where hover without wind is: E(r, w) has a value for air
+that rises (descent, no climb power) and another for air that sinks. `side` chooses; the
+published E has that of the descent.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
+from heli_dynamics_sim.helicopter import airspeed, derivative_kernel
+from heli_dynamics_sim.parameters import (
+    CLIMB_POWER_OFF,
+    CLIMB_POWER_ON,
+    HelicopterKernel,
+    HelicopterParameters,
+)
+from heli_dynamics_sim.state import N_STATE
+from heli_dynamics_sim.trim import Trim
+
+STATE_NAMES = ("phi", "theta", "p", "q", "a_s", "b_s", "r", "d_int", "psi")
+STATE_UNITS = ("rad", "rad", "rad/s", "rad/s", "rad", "rad", "rad/s", "rad", "rad")
+INPUT_NAMES = ("d_lat", "d_lon", "d_ped")
+WIND_NAMES = ("u", "v", "w")
+_AT_KINK_MPS = 1e-6
+_STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """`x' = A x + B u + E w`, deviations from trim, SI units and rad.
+
+    Attributes
+    ----------
+    A : (9, 9) array
+    B : (9, 3) array
+    E : (9, 3) array
+    state_names, state_units, input_names, input_units, wind_names, wind_units : tuple of str
+    x_trim : (9,) array
+        Trim values of the nine states.
+    u_trim : (3,) array
+        Trim values of the three inputs.
+    """
+
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+    E: NDArray[np.float64]
+    x_trim: NDArray[np.float64]
+    u_trim: NDArray[np.float64]
+    state_names: tuple[str, ...] = STATE_NAMES
+    state_units: tuple[str, ...] = STATE_UNITS
+    input_names: tuple[str, ...] = INPUT_NAMES
+    input_units: tuple[str, ...] = ("1", "1", "1")
+    wind_names: tuple[str, ...] = WIND_NAMES
+    wind_units: tuple[str, ...] = ("m/s", "m/s", "m/s")
+
+
+def reduced_state(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The nine states of eq. (10) of a plant state (24,)."""
+    phi, theta, psi = euler_from_quat(x[6:10])
+    return np.array([phi, theta, x[10], x[11], x[13], x[14], x[12], x[15], psi])
+
+
+class ReducedModel:
+    """`f(z)`, z = nine states, three inputs, three wind components (body, on top of the trim's)."""
+
+    def __init__(self, kernel: HelicopterKernel, trim: Trim) -> None:
+        self.kernel = kernel
+        self.trim = trim
+        self.out = np.empty(N_STATE)
+        self.z0 = np.concatenate([reduced_state(trim.x), trim.u[:3], np.zeros(3)])
+        self.velocity_ned = quat_to_R_nb(trim.x[6:10]) @ trim.x[3:6]
+
+    def __call__(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        phi, theta, p, q, a_s, b_s, r, d_int, psi = z[:9]
+        x = self.trim.x.copy()
+        x[2] = -1000.0  # out of the ground's reach
+        x[6:10] = quat_from_euler(phi, theta, psi)
+        R_nb = quat_to_R_nb(x[6:10])
+        x[3:6] = R_nb.T @ self.velocity_ned
+        x[10:16] = p, q, r, a_s, b_s, d_int
+        x[16:19] = z[9:12]
+        wind = self.trim.wind_ned_mps + R_nb @ z[12:15]
+        derivative_kernel(x, self.trim.u, wind, self.kernel, self.out)
+        d = self.out
+        tan = np.tan(theta)
+        turn = q * np.sin(phi) + r * np.cos(phi)
+        phi_rate = p + turn * tan
+        theta_rate = q * np.cos(phi) - r * np.sin(phi)
+        psi_rate = turn / np.cos(theta)
+        return np.array([phi_rate, theta_rate, d[10], d[11], d[13], d[14], d[12], d[15], psi_rate])
+
+
+def _jacobian(f: ReducedModel, step: float) -> NDArray[np.float64]:
+    """Central differences at `step` and half of it, extrapolated (Richardson): (9, 15)."""
+
+    def central(i: int, h: float) -> NDArray[np.float64]:
+        plus, minus = f.z0.copy(), f.z0.copy()
+        plus[i] += h
+        minus[i] -= h
+        return (f(plus) - f(minus)) / (plus[i] - minus[i])
+
+    columns = [(4.0 * central(i, 0.5 * step) - central(i, step)) / 3.0 for i in range(f.z0.size)]
+    return np.column_stack(columns)
+
+
+def smooth_kernel(
+    params: HelicopterParameters, trim: Trim, side: Literal["descent", "climb"]
+) -> HelicopterKernel:
+    """The aircraft's kernel, with one branch of P_climb where the trim sits on its kink."""
+    kernel = params.kernel
+    if abs(airspeed(trim.x, trim.wind_ned_mps)[2]) > _AT_KINK_MPS:
+        return kernel
+    return kernel._replace(climb_power=CLIMB_POWER_OFF if side == "descent" else CLIMB_POWER_ON)
+
+
+def linearize(
+    params: HelicopterParameters, trim: Trim, side: Literal["descent", "climb"] = "descent"
+) -> LinearModel:
+    """Linearise about a trim.
+
+    Parameters
+    ----------
+    params : HelicopterParameters
+    trim : Trim
+    side : {"descent", "climb"}
+        Which branch of the climb power to take if the trim has w_a = 0.
+
+    Returns
+    -------
+    LinearModel
+
+    Raises
+    ------
+    ValueError
+        If `side` is neither.
+    """
+    if side not in ("descent", "climb"):
+        raise ValueError(f"side {side!r} is not allowed; allowed: 'descent', 'climb'")
+    model = ReducedModel(smooth_kernel(params, trim, side), trim)
+    jacobian = _jacobian(model, _STEP)
+    return LinearModel(
+        A=jacobian[:, :9],
+        B=jacobian[:, 9:12],
+        E=jacobian[:, 12:],
+        x_trim=model.z0[:9],
+        u_trim=model.z0[9:12],
+    )
