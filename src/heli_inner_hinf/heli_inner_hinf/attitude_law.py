@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The attitude law at 100 Hz: H-infinity and LQR by eq. (17), or PID, behind one interface.
+
+`attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10), in order phi theta p q a_s b_s
+r d_int psi (rad, rad/s), and the absolute commands phi, theta, psi (rad), and writes the absolute actuators d_lat,
+d_lon, d_ped. An own law goes into a branch here; `law_template` shows one.
+"""
+
+import numpy as np
+
+from heli_inner_hinf.law_state import (
+    INTEGRAL,
+    LAST_R,
+    LAST_U,
+    LAST_X,
+    OFFSET,
+    PID,
+    RUN,
+    AttitudeKernel,
+    AttitudeStatus,
+    all_finite,
+    initial_law_state,
+)
+from heli_inner_hinf.pid import pid_law, pid_terms
+from heli_math.jit import njit
+from heli_math.rotations import wrap_pi
+
+__all__ = [
+    "AttitudeKernel",
+    "AttitudeStatus",
+    "attitude_law",
+    "initial_law_state",
+    "linear_law",
+    "swap_bumpless",
+]
+
+_SATURATED = int(AttitudeStatus.SATURATED)
+_NOT_FINITE = int(AttitudeStatus.NOT_FINITE)
+
+
+@njit
+def linear_law(x9, r3, k, u3):
+    """u = u_trim + F (x - x_trim) + G (r - h_out_trim), eq. (17), unlimited, into u3 (3,).
+
+    psi enters as the wrapped difference psi - psi_ref: heading is a pure integrator of the model, so that
+    the psi column of G is minus that of F (eq. (15)) and the law does not depend on which way is north.
+    """
+    psi_error = wrap_pi(x9[8] - r3[2])
+    phi_command = r3[0] - k.x_trim[0]
+    theta_command = r3[1] - k.x_trim[1]
+    for i in range(3):
+        total = k.u_trim[i] + k.F[i, 8] * psi_error
+        for j in range(8):
+            total += k.F[i, j] * (x9[j] - k.x_trim[j])
+        u3[i] = total + k.G[i, 0] * phi_command + k.G[i, 1] * theta_command
+
+
+@njit
+def attitude_law(x9, r3, k, state, u3):
+    """One tick of the law that `k.controller` names.
+
+    Parameters
+    ----------
+    x9 : (9,) array
+        Absolute states phi theta p q a_s b_s r d_int psi, rad and rad/s.
+    r3 : (3,) array
+        Commanded phi, theta, psi, absolute, rad.
+    k : AttitudeKernel
+    state : (N_LAW_STATE,) array
+        Changed in place; layout in `law_state`.
+    u3 : (3,) array
+        Out: d_lat, d_lon, d_ped, absolute, within +-k.limit, always finite.
+
+    Returns
+    -------
+    int
+        `AttitudeStatus`; on a value that is not finite the last good output is repeated.
+    """
+    if not (all_finite(x9) and all_finite(r3)):
+        for i in range(3):
+            u3[i] = state[LAST_U + i]
+        return _NOT_FINITE
+    if k.controller == PID:
+        pid_law(x9, r3, k, state, u3)
+    else:
+        linear_law(x9, r3, k, u3)
+    if not all_finite(u3):
+        for i in range(3):
+            u3[i] = state[LAST_U + i]
+        return _NOT_FINITE
+    status = 0
+    for i in range(3):
+        u = u3[i] + state[OFFSET + i]
+        state[OFFSET + i] *= k.offset_decay
+        if u > k.limit:
+            u = k.limit
+            status = _SATURATED
+        elif u < -k.limit:
+            u = -k.limit
+            status = _SATURATED
+        u3[i] = u
+        state[LAST_U + i] = u
+    state[LAST_X : LAST_X + 9] = x9
+    state[LAST_R : LAST_R + 3] = r3
+    state[RUN] = 1.0
+    return status
+
+
+def swap_bumpless(
+    state: np.ndarray, k_new: AttitudeKernel, u_flown: np.ndarray | None = None
+) -> None:
+    """Prepare `state` (in place) so that `k_new` goes on from what is flown.
+
+    The difference between the flown command and what the new law would give at the newest state becomes the
+    new PID's integrator, or an offset of the linear laws that fades with `k_new.offset_decay`.
+
+    Parameters
+    ----------
+    state : (N_LAW_STATE,) array
+    k_new : AttitudeKernel
+    u_flown : (3,) array, optional
+        d_lat, d_lon, d_ped as flown; default: the law's own last output.
+    """
+    flown = state[LAST_U : LAST_U + 3].copy() if u_flown is None else np.asarray(u_flown, float)
+    x9, r3 = state[LAST_X : LAST_X + 9].copy(), state[LAST_R : LAST_R + 3].copy()
+    would = np.empty(3)
+    state[OFFSET : OFFSET + 3] = 0.0
+    state[INTEGRAL : INTEGRAL + 3] = 0.0
+    if k_new.controller == PID:
+        pid_terms(x9, r3, k_new, np.empty(3), would)
+        state[INTEGRAL : INTEGRAL + 3] = flown - would
+    else:
+        linear_law(x9, r3, k_new, would)
+        state[OFFSET : OFFSET + 3] = flown - would
+    state[LAST_U : LAST_U + 3] = np.clip(flown, -k_new.limit, k_new.limit)

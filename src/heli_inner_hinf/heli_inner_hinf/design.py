@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the inner loop's parameters to its kernel: the same judgement at start, on a change, in the command."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from heli_inner_hinf.attitude_law import swap_bumpless
+from heli_inner_hinf.errors import ShapeError, SynthesisError
+from heli_inner_hinf.law_state import CONTROLLERS, TICK_S, AttitudeKernel, initial_law_state
+from heli_inner_hinf.lqr import Lqr, lqr
+from heli_inner_hinf.regular_form import Matrix
+from heli_inner_hinf.synthesis import Synthesis, synthesize
+from heli_inner_hinf.weights import checked, output_selector, weights
+
+
+class UnknownControllerError(SynthesisError):
+    """`controller` names no law."""
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeConfig:
+    """A judged design: building one raises the named causes of `heli_inner_hinf.errors`.
+
+    Attributes
+    ----------
+    controller : str
+        hinf, lqr or pid.
+    A, B, E : (9, 9), (9, 3), (9, 3) arrays
+        Linear model about trim, eq. (9), SI and rad.
+    C, D : (9, 9), (9, 3) arrays
+        Controlled output, eq. (11), (12).
+    gamma : float
+    x_trim, u_trim : (9,), (4,) arrays
+        Trim; u_trim in the order d_lat, d_lon, d_ped, d_col.
+    actuator_limit : float
+        In (0, 1).
+    bumpless_time_s : float
+        Time constant with which a swap's offset fades, s.
+    K_P, K_I, K_D : (3,) arrays
+        PID gains of roll, pitch, yaw.
+    synthesis : Synthesis
+        F, G, P, certificate.
+    """
+
+    controller: str
+    A: Matrix
+    B: Matrix
+    E: Matrix
+    C: Matrix
+    D: Matrix
+    gamma: float
+    x_trim: Matrix
+    u_trim: Matrix
+    actuator_limit: float
+    bumpless_time_s: float
+    K_P: Matrix
+    K_I: Matrix
+    K_D: Matrix
+    synthesis: Synthesis
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "AttitudeConfig":
+        """Judge and synthesise from dotted names to values (arrays flat or shaped).
+
+        Raises
+        ------
+        ShapeError, InfeasibleGammaError, NotStabilizableError, InvariantZeroError, FeedforwardError,
+        CertificateError, UnknownControllerError
+            Each with a sentence.
+        """
+        p = parameters
+        if p["controller"] not in CONTROLLERS:
+            allowed = ", ".join(CONTROLLERS)
+            raise UnknownControllerError(
+                f"controller {p['controller']!r} is unknown; allowed: {allowed}"
+            )
+        C, D = weights(
+            shaped("C11", p["C11"], (4, 4)),
+            shaped("C22", p["C22"], (2, 5)),
+            shaped("D11", p["D11"], (3, 3)),
+        )
+        A = shaped("model.A", p["model.A"], (9, 9))
+        B = shaped("model.B", p["model.B"], (9, 3))
+        E = shaped("model.E", p["model.E"], (9, 3))
+        limit = float(p["actuator_limit"])
+        if not 0.0 < limit < 1.0:
+            raise ShapeError("actuator_limit", f"actuator_limit = {limit:g} must be inside (0, 1)")
+        return cls(
+            controller=p["controller"],
+            A=A,
+            B=B,
+            E=E,
+            C=C,
+            D=D,
+            gamma=float(p["gamma"]),
+            x_trim=shaped("trim.x", p["trim.x"], (9,)),
+            u_trim=shaped("trim.u", p["trim.u"], (4,)),
+            actuator_limit=limit,
+            bumpless_time_s=float(p["bumpless_time_s"]),
+            K_P=shaped("pid.K_P", p["pid.K_P"], (3,)),
+            K_I=shaped("pid.K_I", p["pid.K_I"], (3,)),
+            K_D=shaped("pid.K_D", p["pid.K_D"], (3,)),
+            synthesis=synthesize(A, B, E, C, D, float(p["gamma"]), output_selector()),
+        )
+
+    @cached_property
+    def lqr(self) -> Lqr:
+        """LQR with the same weights."""
+        return lqr(self.A, self.B, self.E, self.C, self.D, output_selector())
+
+    @cached_property
+    def kernel(self) -> AttitudeKernel:
+        """Numbers for `attitude_law`."""
+        gains = self.lqr if self.controller == "lqr" else self.synthesis
+        fade = math.exp(-TICK_S / self.bumpless_time_s) if self.bumpless_time_s > 0.0 else 0.0
+        return AttitudeKernel(
+            controller=CONTROLLERS[self.controller],
+            F=np.ascontiguousarray(gains.F),
+            G=np.ascontiguousarray(gains.G),
+            x_trim=self.x_trim,
+            u_trim=self.u_trim[:3].copy(),
+            limit=self.actuator_limit,
+            K_P=self.K_P,
+            K_I=self.K_I,
+            K_D=self.K_D,
+            offset_decay=fade,
+        )
+
+    def summary(self) -> dict[str, float | str]:
+        """What `/diagnostics` shows of the design: controller, gamma, gamma*, mechanism, norm."""
+        s = self.synthesis
+        return {
+            "controller": self.controller,
+            "gamma": s.gamma,
+            "gamma_star": s.gamma_star.value,
+            "gamma_star_mechanism": s.gamma_star.mechanism.value,
+            "norm": s.norm,
+            "norm_frequency_radps": s.norm_frequency,
+        }
+
+
+class LiveDesign:
+    """The design in flight and how it changes: judged first, swapped in between two ticks, bumplessly.
+
+    `propose` raises and leaves everything as it was, or keeps the judged design until `take` is called at the
+    start of the next tick. The law's state array belongs to this object.
+    """
+
+    def __init__(self, parameters: Mapping[str, Any]) -> None:
+        self._parameters = dict(parameters)
+        self.config = AttitudeConfig.from_parameters(self._parameters)
+        self._pending: tuple[dict[str, Any], AttitudeConfig] | None = None
+        self.state = initial_law_state(self.config.kernel)
+
+    @property
+    def pending(self) -> bool:
+        """Whether a judged change waits for the next tick."""
+        return self._pending is not None
+
+    def propose(self, changes: Mapping[str, Any]) -> AttitudeConfig:
+        """Judge the parameters with `changes` (dotted names) put in; later proposals build on pending ones.
+
+        Raises
+        ------
+        SynthesisError
+            Its subclass and sentence say why; nothing has changed then.
+        """
+        base = self._pending[0] if self._pending else self._parameters
+        merged = {**base, **changes}
+        config = AttitudeConfig.from_parameters(merged)
+        _ = config.kernel
+        self._pending = (merged, config)
+        return config
+
+    def withdraw(self) -> None:
+        """Forget a pending change."""
+        self._pending = None
+
+    def take(self) -> AttitudeKernel:
+        """Kernel for the coming tick; a pending design is swapped in here."""
+        if self._pending is not None:
+            self._parameters, self.config = self._pending
+            self._pending = None
+            swap_bumpless(self.state, self.config.kernel)
+        return self.config.kernel
+
+    def engage(self, u_flown: np.ndarray) -> None:
+        """Start from the actuators (3 or 4,) that are flown now: no jump on activation."""
+        swap_bumpless(self.state, self.config.kernel, np.asarray(u_flown, float)[:3])
+
+
+def shaped(name: str, value: Any, shape: tuple[int, ...]) -> Matrix:
+    """`value`, flat row by row or already in `shape`, as a contiguous array, or a ShapeError."""
+    array = np.asarray(value)
+    if array.ndim == 1 and len(shape) > 1:
+        count = math.prod(shape)
+        if array.size != count:
+            wanted = " x ".join(str(s) for s in shape)
+            raise ShapeError(
+                name, f"{name} must hold {count} numbers ({wanted}), but has {array.size}"
+            )
+        array = array.reshape(shape)
+    return np.ascontiguousarray(checked(name, array, shape))

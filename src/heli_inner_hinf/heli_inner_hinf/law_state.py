@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every attitude law shares: the kernel's numbers and the layout of its small state array."""
+
+import enum
+from typing import NamedTuple
+
+import numpy as np
+
+from heli_math.jit import njit
+
+TICK_S = 0.01
+CONTROLLERS = {"hinf": 0, "lqr": 1, "pid": 2}
+"""Names in the YAML and the int by which the kernel chooses its law."""
+
+HINF, LQR, PID = 0, 1, 2
+
+# Layout of the state array (N_LAW_STATE,).
+LAST_U = 0  # [0:3] last output, -1..1
+INTEGRAL = 3  # [3:6] PID integrators, actuator units
+OFFSET = 6  # [6:9] bumpless offset, actuator units, fading
+LAST_X = 9  # [9:18] newest finite x9
+LAST_R = 18  # [18:21] newest finite r3
+RUN = 21  # 1.0 once the law has run
+N_LAW_STATE = 22
+
+
+class AttitudeStatus(enum.IntEnum):
+    """What `attitude_law` reports beside its output."""
+
+    OK = 0
+    SATURATED = 1
+    NOT_FINITE = 2
+
+    @property
+    def sentence(self) -> str:
+        """The status in words."""
+        return (
+            "attitude is held",
+            "an actuator is at its limit",
+            "the estimate or the setpoint is not finite: the last good command is held",
+        )[int(self)]
+
+
+class AttitudeKernel(NamedTuple):
+    """Numbers of an attitude law; angles rad, rates rad/s, actuators in (-1, 1).
+
+    Attributes
+    ----------
+    controller : int
+        0 hinf, 1 lqr, 2 pid (`CONTROLLERS`).
+    F, G : (3, 9), (3, 3) arrays
+        State feedback and feedforward of eq. (15), (17).
+    x_trim, u_trim : (9,), (3,) arrays
+        Trim of the nine states and of d_lat, d_lon, d_ped.
+    limit : float
+        Actuators stay within +-limit < 1.
+    K_P, K_I, K_D : (3,) arrays
+        PID gains of roll, pitch, yaw: 1/rad, 1/(rad s), s/rad.
+    offset_decay : float
+        Factor per tick by which the bumpless offset fades.
+    """
+
+    controller: int
+    F: np.ndarray
+    G: np.ndarray
+    x_trim: np.ndarray
+    u_trim: np.ndarray
+    limit: float
+    K_P: np.ndarray
+    K_I: np.ndarray
+    K_D: np.ndarray
+    offset_decay: float
+
+
+def initial_law_state(k: AttitudeKernel) -> np.ndarray:
+    """State (N_LAW_STATE,) of a law that has flown its trim so far."""
+    state = np.zeros(N_LAW_STATE)
+    state[LAST_U : LAST_U + 3] = np.clip(k.u_trim, -k.limit, k.limit)
+    state[LAST_X : LAST_X + 9] = k.x_trim
+    state[LAST_R] = k.x_trim[0]
+    state[LAST_R + 1] = k.x_trim[1]
+    state[LAST_R + 2] = k.x_trim[8]
+    return state
+
+
+@njit
+def all_finite(values):
+    """Whether no element of the vector is NaN or inf."""
+    for v in values:
+        if not np.isfinite(v):
+            return False
+    return True
