@@ -1,0 +1,391 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Error-state Kalman filter on GPS, inertial sensors, barometer and magnetometer (digest of the
+paper's section 3.1 and 4: low-rate GPS fused with integrated inertial data).
+
+Nominal state: position and velocity NED, quaternion body -> NED, gyro bias, accelerometer bias, the
+slowly drifting part of the GPS position error (first-order Gauss-Markov), the barometer's bias.
+Error state (19): the same with a rotation vector in NED axes, R_true = exp([d_theta]x) R; hence
+  d_pos' = d_vel, d_vel' = -[R f]x d_theta - R d_accel_bias, d_theta' = -R d_gyro_bias
+(J. Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, section 7: globally-defined
+angular errors). Yaw in hover is then exactly the third attitude error.
+Updates are scalar and sequential; a vector is accepted or refused as a whole by the sum of its
+normalised innovations squared, which equals the joint one.
+"""
+
+import math
+
+import numpy as np
+
+from heli_math.atmosphere import (
+    EXPONENT,
+    LAPSE_RATE_K_PER_M,
+    SEA_LEVEL_TEMPERATURE_K,
+    pressure_pa,
+)
+from heli_math.jit import njit
+from heli_math.rotations import (
+    quat_from_rotvec,
+    quat_multiply,
+    quat_normalize,
+    quat_to_R_nb,
+    wrap_pi,
+)
+from heli_observer.layout import (
+    AID_BARO,
+    AID_GPS,
+    AID_MAG,
+    D_DOF_POS,
+    D_DOF_VEL,
+    D_HEADING_INNOVATION,
+    D_NIS_BARO,
+    D_NIS_MAG,
+    D_NIS_POS,
+    D_NIS_VEL,
+    E_ACCEL_BIAS,
+    E_ATT,
+    E_BARO_BIAS,
+    E_DRIFT,
+    E_GYRO_BIAS,
+    E_POS,
+    E_VEL,
+    N_ERROR,
+    X_ACCEL_BIAS,
+    X_BARO_BIAS,
+    X_DRIFT,
+    X_GYRO_BIAS,
+    X_POS,
+    X_QUAT,
+    X_VEL,
+)
+
+
+@njit
+def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned):
+    """Propagate the nominal state x (20,) over one tick, in place.
+
+    Parameters
+    ----------
+    x : ndarray (20,)
+        Nominal state, indices X_*.
+    imu0, imu1 : ndarray (6,)
+        Specific force (m/s2) and rate (rad/s), body, at the beginning and the end of the tick; both
+        are taken to vary linearly between, with the coning term dt^2/12 w0 x w1.
+    gravity_mps2, dt_s : float
+    a_ned : ndarray (3,)
+        Out: mean specific force in NED axes (m/s2), for the covariance.
+
+    Returns
+    -------
+    ndarray (3, 3)
+        R_nb in the middle of the tick (mean of both ends), for the covariance.
+    """
+    w0x, w0y, w0z = imu0[3] - x[10], imu0[4] - x[11], imu0[5] - x[12]
+    w1x, w1y, w1z = imu1[3] - x[10], imu1[4] - x[11], imu1[5] - x[12]
+    coning = dt_s * dt_s / 12.0
+    rotvec = np.empty(3)
+    rotvec[0] = 0.5 * dt_s * (w0x + w1x) + coning * (w0y * w1z - w0z * w1y)
+    rotvec[1] = 0.5 * dt_s * (w0y + w1y) + coning * (w0z * w1x - w0x * w1z)
+    rotvec[2] = 0.5 * dt_s * (w0z + w1z) + coning * (w0x * w1y - w0y * w1x)
+    q0 = x[X_QUAT : X_QUAT + 4]
+    R0 = quat_to_R_nb(q0)
+    q1 = quat_normalize(quat_multiply(q0, quat_from_rotvec(rotvec)))
+    R1 = quat_to_R_nb(q1)
+    for i in range(3):
+        a0 = 0.0
+        a1 = 0.0
+        for j in range(3):
+            bias = x[X_ACCEL_BIAS + j]
+            a0 += R0[i, j] * (imu0[j] - bias)
+            a1 += R1[i, j] * (imu1[j] - bias)
+        g = gravity_mps2 if i == 2 else 0.0
+        a_ned[i] = 0.5 * (a0 + a1)
+        x[X_POS + i] += dt_s * x[X_VEL + i] + dt_s * dt_s * (a0 / 3.0 + a1 / 6.0 + 0.5 * g)
+        x[X_VEL + i] += dt_s * (a_ned[i] + g)
+    x[X_QUAT : X_QUAT + 4] = q1
+    return 0.5 * (R0 + R1)
+
+
+@njit
+def apply_transition(e, R, a_ned, dt_s, drift_decay):
+    """Error state e (19,), one tick on, in place: e <- Phi e, by shears instead of a 19x19 product."""
+    h = 0.5 * dt_s
+    b0, b1, b2 = e[E_GYRO_BIAS], e[E_GYRO_BIAS + 1], e[E_GYRO_BIAS + 2]
+    c0, c1, c2 = e[E_ACCEL_BIAS], e[E_ACCEL_BIAS + 1], e[E_ACCEL_BIAS + 2]
+    for i in range(3):
+        e[E_POS + i] += h * e[E_VEL + i]
+        e[E_ATT + i] -= h * (R[i, 0] * b0 + R[i, 1] * b1 + R[i, 2] * b2)
+    t0, t1, t2 = e[E_ATT], e[E_ATT + 1], e[E_ATT + 2]
+    e[E_VEL] -= dt_s * (a_ned[1] * t2 - a_ned[2] * t1)
+    e[E_VEL + 1] -= dt_s * (a_ned[2] * t0 - a_ned[0] * t2)
+    e[E_VEL + 2] -= dt_s * (a_ned[0] * t1 - a_ned[1] * t0)
+    for i in range(3):
+        e[E_VEL + i] -= dt_s * (R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2)
+        e[E_POS + i] += h * e[E_VEL + i]
+        e[E_ATT + i] -= h * (R[i, 0] * b0 + R[i, 1] * b1 + R[i, 2] * b2)
+        e[E_DRIFT + i] *= drift_decay
+
+
+@njit
+def propagate_covariance(P, R, a_ned, k):
+    """P (19, 19) <- Phi P Phi' + Q, in place, kept exactly symmetric; k is the EkfKernel."""
+    for i in range(N_ERROR):
+        apply_transition(P[i], R, a_ned, k.dt_s, k.drift_decay)
+    for i in range(N_ERROR):
+        for j in range(i):
+            P[i, j], P[j, i] = P[j, i], P[i, j]
+    for i in range(N_ERROR):
+        apply_transition(P[i], R, a_ned, k.dt_s, k.drift_decay)
+    for i in range(N_ERROR):
+        for j in range(i):
+            mean = 0.5 * (P[i, j] + P[j, i])
+            P[i, j] = mean
+            P[j, i] = mean
+    for i in range(3):
+        P[E_VEL + i, E_VEL + i] += k.var_vel_step
+        P[E_ATT + i, E_ATT + i] += k.var_att_step
+        P[E_GYRO_BIAS + i, E_GYRO_BIAS + i] += k.var_gyro_bias_step
+        P[E_ACCEL_BIAS + i, E_ACCEL_BIAS + i] += k.var_accel_bias_step
+        drift = k.var_drift_step_vertical if i == 2 else k.var_drift_step_horizontal
+        P[E_DRIFT + i, E_DRIFT + i] += drift
+    P[E_BARO_BIAS, E_BARO_BIAS] += k.var_baro_bias_step
+
+
+@njit
+def predict(x, P, imu0, imu1, k):
+    """One tick of the filter without measurements: nominal x (20,) and P (19, 19), in place."""
+    a_ned = np.empty(3)
+    R = strapdown(x, imu0, imu1, k.gravity_mps2, k.dt_s, a_ned)
+    for i in range(3):
+        x[X_DRIFT + i] *= k.drift_decay
+    propagate_covariance(P, R, a_ned, k)
+
+
+@njit
+def scalar_update(P, dx, i0, c0, i1, c1, i2, c2, residual, variance):
+    """Fuse one scalar with H = c0 at i0, c1 at i1, c2 at i2 (an unused one has c = 0).
+
+    Parameters
+    ----------
+    P : ndarray (19, 19)
+        Covariance, in place; the rank-one downdate keeps it exactly symmetric.
+    dx : ndarray (2, 19)
+        Row 0: correction accumulated so far, in place. Row 1: scratch.
+    residual : float
+        Measurement - prediction from the nominal state (not yet counting dx[0]).
+    variance : float
+        Of the measurement noise.
+
+    Returns
+    -------
+    float
+        Innovation squared over its variance.
+    """
+    correction = dx[0]
+    ph = dx[1]
+    for i in range(N_ERROR):
+        ph[i] = c0 * P[i, i0] + c1 * P[i, i1] + c2 * P[i, i2]
+    s = c0 * ph[i0] + c1 * ph[i1] + c2 * ph[i2] + variance
+    innovation = residual - (c0 * correction[i0] + c1 * correction[i1] + c2 * correction[i2])
+    gain = 1.0 / s
+    for i in range(N_ERROR):
+        correction[i] += ph[i] * gain * innovation
+        for j in range(N_ERROR):
+            P[i, j] -= ph[i] * ph[j] * gain
+    return innovation * innovation * gain
+
+
+@njit
+def start_scalar(P, i0, i1, c1, i2, c2, variance):
+    """Replace error i0 by what a measurement e[i0] + c1 e[i1] + c2 e[i2] = noise says, in place.
+
+    The limit of scalar_update for an unbounded prior of error i0: used to start heading and barometer bias.
+    """
+    for j in range(N_ERROR):
+        if j != i0:
+            P[i0, j] = -c1 * P[i1, j] - c2 * P[i2, j]
+    own = variance - c1 * P[i0, i1] - c2 * P[i0, i2]
+    for j in range(N_ERROR):
+        P[j, i0] = P[i0, j]
+    P[i0, i0] = own
+
+
+@njit
+def inject(x, dx):
+    """Put the correction dx[0] into the nominal state x (20,) and clear it; in place."""
+    e = dx[0]
+    for i in range(3):
+        x[X_POS + i] += e[E_POS + i]
+        x[X_VEL + i] += e[E_VEL + i]
+        x[X_GYRO_BIAS + i] += e[E_GYRO_BIAS + i]
+        x[X_ACCEL_BIAS + i] += e[E_ACCEL_BIAS + i]
+        x[X_DRIFT + i] += e[E_DRIFT + i]
+    x[X_BARO_BIAS] += e[E_BARO_BIAS]
+    dq = quat_from_rotvec(e[E_ATT : E_ATT + 3])
+    x[X_QUAT : X_QUAT + 4] = quat_normalize(quat_multiply(dq, x[X_QUAT : X_QUAT + 4]))
+    for i in range(N_ERROR):
+        e[i] = 0.0
+
+
+@njit
+def _fuse_triple(x, P, trial, dx, z, x_at, e_at, drift, var_horizontal, var_vertical, gates):
+    """Fuse the finite components of a NED vector z (3,) of the state at x_at / e_at, if they pass.
+
+    With drift = 1.0 the drifting GPS error adds to the state, with 0.0 not.
+
+    Returns
+    -------
+    (float, int, bool)
+        Normalised innovation squared, its degrees of freedom, whether it was fused.
+    """
+    trial[:, :] = P
+    nis = 0.0
+    dof = 0
+    for i in range(3):
+        if math.isfinite(z[i]):
+            residual = z[i] - x[x_at + i] - drift * x[X_DRIFT + i]
+            var = var_vertical if i == 2 else var_horizontal
+            nis += scalar_update(
+                trial, dx, e_at + i, 1.0, E_DRIFT + i, drift, 0, 0.0, residual, var
+            )
+            dof += 1
+    passed = dof > 0 and nis <= gates[dof]
+    if passed:
+        P[:, :] = trial
+        inject(x, dx)
+    else:
+        dx[0, :] = 0.0
+    return nis, dof, passed
+
+
+@njit
+def fuse_gps(x, P, trial, dx, diag, aid, k):
+    """Fuse a fix (aid row): position, then velocity, each as a whole; NaN components are left out.
+
+    Returns
+    -------
+    (int, int)
+        1 fused, 0 refused by the gate, -1 nothing finite; for position and for velocity.
+    """
+    z = aid[AID_GPS : AID_GPS + 3]
+    var_h, var_v = k.var_gps_pos_horizontal, k.var_gps_pos_vertical
+    nis, dof, ok = _fuse_triple(x, P, trial, dx, z, X_POS, E_POS, 1.0, var_h, var_v, k.gates)
+    diag[D_NIS_POS], diag[D_DOF_POS] = nis, dof
+    position = -1 if dof == 0 else int(ok)
+    z = aid[AID_GPS + 3 : AID_GPS + 6]
+    var_h, var_v = k.var_gps_vel_horizontal, k.var_gps_vel_vertical
+    nis, dof, ok = _fuse_triple(x, P, trial, dx, z, X_VEL, E_VEL, 0.0, var_h, var_v, k.gates)
+    diag[D_NIS_VEL], diag[D_DOF_VEL] = nis, dof
+    velocity = -1 if dof == 0 else int(ok)
+    return position, velocity
+
+
+@njit
+def baro_slope(altitude_m):
+    """Derivative of the ISA pressure with altitude (Pa/m, negative)."""
+    ratio = 1.0 - LAPSE_RATE_K_PER_M * altitude_m / SEA_LEVEL_TEMPERATURE_K
+    return -pressure_pa(altitude_m) * EXPONENT * LAPSE_RATE_K_PER_M / SEA_LEVEL_TEMPERATURE_K / ratio
+
+
+@njit
+def predicted_pressure(x, k):
+    """Pressure (Pa) the barometer should read in the nominal state, and its derivative by pos_d."""
+    altitude = k.origin_altitude_m - x[X_POS + 2]
+    return pressure_pa(altitude) + x[X_BARO_BIAS], -baro_slope(altitude)
+
+
+@njit
+def start_baro(x, P, aid, k):
+    """Start the barometer's bias from its first sample, so that it agrees with the position."""
+    predicted, slope = predicted_pressure(x, k)
+    x[X_BARO_BIAS] += aid[AID_BARO] - predicted
+    start_scalar(P, E_BARO_BIAS, E_POS + 2, slope, 0, 0.0, k.var_baro)
+
+
+@njit
+def fuse_baro(x, P, trial, dx, diag, aid, k):
+    """Fuse the barometer sample of an aid row; True if it passed its gate."""
+    predicted, slope = predicted_pressure(x, k)
+    residual = aid[AID_BARO] - predicted
+    trial[:, :] = P
+    nis = scalar_update(
+        trial, dx, E_POS + 2, slope, E_BARO_BIAS, 1.0, 0, 0.0, residual, k.var_baro
+    )
+    diag[D_NIS_BARO] = nis
+    passed = nis <= k.gates[1]
+    if passed:
+        P[:, :] = trial
+        inject(x, dx)
+    else:
+        dx[0, :] = 0.0
+    return passed
+
+
+@njit
+def heading_innovation(q, mag_body, field_ned):
+    """What the magnetometer says about the heading.
+
+    Parameters
+    ----------
+    q : ndarray (4,)
+    mag_body, field_ned : ndarray (3,)
+        Measured field in body axes, local field in NED (same unit).
+
+    Returns
+    -------
+    (float, float, float, float)
+        Direction of the local field minus direction of the measured one turned into NED (rad, wrapped),
+        its derivatives by the north and east attitude errors (that by the yaw error is 1), and the
+        horizontal field strength measured.
+    """
+    R = quat_to_R_nb(q)
+    m0 = R[0, 0] * mag_body[0] + R[0, 1] * mag_body[1] + R[0, 2] * mag_body[2]
+    m1 = R[1, 0] * mag_body[0] + R[1, 1] * mag_body[1] + R[1, 2] * mag_body[2]
+    m2 = R[2, 0] * mag_body[0] + R[2, 1] * mag_body[1] + R[2, 2] * mag_body[2]
+    horizontal_sq = m0 * m0 + m1 * m1
+    residual = wrap_pi(math.atan2(field_ned[1], field_ned[0]) - math.atan2(m1, m0))
+    return (
+        residual,
+        -m0 * m2 / horizontal_sq,
+        -m1 * m2 / horizontal_sq,
+        math.sqrt(horizontal_sq),
+    )
+
+
+@njit
+def field_plausible(mag, field_ned, tolerance):
+    """Whether the strength of the measured field mag (3,) is that of the local one within tolerance."""
+    measured = math.sqrt(mag[0] ** 2 + mag[1] ** 2 + mag[2] ** 2)
+    local = math.sqrt(field_ned[0] ** 2 + field_ned[1] ** 2 + field_ned[2] ** 2)
+    return abs(measured - local) <= tolerance * local
+
+
+@njit
+def fuse_mag(x, P, trial, dx, diag, aid, k):
+    """Fuse the magnetometer sample of an aid row as a heading; True if it passed every gate.
+
+    Gates: field strength within its tolerance, heading innovation below its fixed bound (a fault is
+    not let in when the heading's own variance has grown), chi-square.
+    """
+    mag = aid[AID_MAG : AID_MAG + 3]
+    residual, h_north, h_east, horizontal = heading_innovation(
+        x[X_QUAT : X_QUAT + 4], mag, k.field_ned_t
+    )
+    diag[D_HEADING_INNOVATION] = residual
+    if not field_plausible(mag, k.field_ned_t, k.field_tolerance):
+        return False
+    field_h = math.hypot(k.field_ned_t[0], k.field_ned_t[1])
+    if not horizontal >= 0.2 * field_h:
+        return False
+    variance = k.var_mag / (horizontal * horizontal)
+    trial[:, :] = P
+    nis = scalar_update(
+        trial, dx, E_ATT + 2, 1.0, E_ATT, h_north, E_ATT + 1, h_east, residual, variance
+    )
+    diag[D_NIS_MAG] = nis
+    passed = nis <= k.gates[1] and abs(residual) <= k.max_heading_innovation_rad
+    if passed:
+        P[:, :] = trial
+        inject(x, dx)
+    else:
+        dx[0, :] = 0.0
+    return passed

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Layout of every array of the observer, its status values and what they mean, in one place."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+TICK_S = 0.01
+"""One tick (s); time itself is the integer tick."""
+
+# --- measurement row y (first N_MEAS entries; what follows in the plant's row is truth, never read)
+Y_SPECIFIC_FORCE = 0  # 3, body, m/s2
+Y_RATE = 3  # 3, body, rad/s
+Y_MAG = 6  # 3, body, T
+Y_BARO = 9  # Pa
+Y_GPS_POS = 10  # 3, NED, m
+Y_GPS_VEL = 13  # 3, NED, m/s
+Y_MAG_VALID = 16
+Y_BARO_VALID = 17
+Y_GPS_VALID = 18
+Y_GPS_STAMP = 19  # tick at which the fix was true
+N_MEAS = 20
+
+# --- navigation output row
+N_NAV = 28
+OUT_POS, OUT_VEL, OUT_QUAT, OUT_RATE, OUT_ROTOR = 0, 3, 6, 10, 13
+OUT_GYRO_BIAS, OUT_ACCEL_BIAS, OUT_SIGMA_POS, OUT_SIGMA_VEL = 16, 19, 22, 25
+
+# --- nominal state of the filter
+X_POS, X_VEL, X_QUAT, X_GYRO_BIAS, X_ACCEL_BIAS = 0, 3, 6, 10, 13
+X_DRIFT, X_BARO_BIAS = 16, 19
+N_NOMINAL = 20
+
+# --- error state (what the covariance is about); true = nominal (+) error
+E_POS, E_VEL, E_ATT, E_GYRO_BIAS, E_ACCEL_BIAS, E_DRIFT, E_BARO_BIAS = 0, 3, 6, 9, 12, 15, 18
+N_ERROR = 19
+
+# --- ring buffer columns
+IMU_F, IMU_W, N_IMU = 0, 3, 6
+AID_MAG_VALID, AID_MAG, AID_BARO_VALID, AID_BARO = 0, 1, 4, 5
+AID_GPS_VALID, AID_GPS = 6, 7
+N_AID = 13
+
+# --- integer record `count`
+C_TICK = 0  # newest tick seen, NO_TICK before the first
+C_ALIGNED = 1  # 1 after the alignment
+C_NOT_FINITE = 2  # 1 after a state or variance ceased to be finite
+C_IMU_OK, C_MAG_OK, C_BARO_OK, C_GPS_OK = 3, 4, 5, 6  # tick of the last sample accepted
+C_MAG_SEEN, C_BARO_SEEN, C_GPS_SEEN = 7, 8, 9  # tick of the last sample judged
+C_BARO_READY = 10  # 1 after the barometer's bias has been started
+C_IMU_DROPPED, C_MAG_DROPPED, C_BARO_DROPPED, C_GPS_DROPPED = 11, 12, 13, 14  # not finite
+C_GPS_LATE, C_GPS_FUTURE = 15, 16  # older than the horizon; stamped later than now
+C_MAG_REJECTED, C_BARO_REJECTED, C_GPS_POS_REJECTED, C_GPS_VEL_REJECTED = 17, 18, 19, 20
+C_MAG_FUSED, C_BARO_FUSED, C_GPS_FUSED = 21, 22, 23
+C_TICK_GAPS, C_TICK_REPEATED, C_ACTUATOR_DROPPED, C_REALIGNED = 24, 25, 26, 27
+N_COUNT = 28
+NO_TICK = -(2**40)
+
+COUNTER_NAMES = {
+    "imu_components_not_finite": C_IMU_DROPPED,
+    "mag_components_not_finite": C_MAG_DROPPED,
+    "baro_samples_not_finite": C_BARO_DROPPED,
+    "gps_components_not_finite": C_GPS_DROPPED,
+    "gps_fixes_older_than_horizon": C_GPS_LATE,
+    "gps_fixes_stamped_in_future": C_GPS_FUTURE,
+    "mag_rejected": C_MAG_REJECTED,
+    "baro_rejected": C_BARO_REJECTED,
+    "gps_position_rejected": C_GPS_POS_REJECTED,
+    "gps_velocity_rejected": C_GPS_VEL_REJECTED,
+    "mag_fused": C_MAG_FUSED,
+    "baro_fused": C_BARO_FUSED,
+    "gps_fused": C_GPS_FUSED,
+    "tick_gaps": C_TICK_GAPS,
+    "ticks_repeated": C_TICK_REPEATED,
+    "actuator_components_not_finite": C_ACTUATOR_DROPPED,
+    "realignments": C_REALIGNED,
+}
+"""Name (for diagnostics) of each event counter in `ObserverState.count`."""
+
+# --- record `diag`: normalised innovations squared of the last judged sample, with its degrees
+D_NIS_POS, D_NIS_VEL, D_NIS_MAG, D_NIS_BARO, D_DOF_POS, D_DOF_VEL = 0, 1, 2, 3, 4, 5
+D_HEADING_INNOVATION = 6  # rad
+N_DIAG = 7
+
+# --- reduced-order observer: w = [z (3), servo positions (3), servo rates (3)], y = 6 outputs
+N_UNMEASURED, N_OUTPUT, N_INPUT, N_ROTOR_W = 3, 6, 3, 9
+ROTOR_STATES = (4, 5, 7)  # a_s, b_s, d_int among the nine states of eq. (10)
+MEASURED_STATES = (0, 1, 2, 3, 6, 8)  # phi, theta, p, q, r, psi
+MAX_U_DELAY_TICKS = 2
+
+
+class ObserverStatus(IntEnum):
+    """Health of the observer, worst first reported; `sentence` says what it means."""
+
+    OK = 0
+    ALIGNING = 1
+    NOT_FINITE = 2
+    IMU_TIMEOUT = 3
+    GPS_TIMEOUT = 4
+    GPS_REJECTED = 5
+    MAG_TIMEOUT = 6
+    MAG_REJECTED = 7
+    BARO_TIMEOUT = 8
+    BARO_REJECTED = 9
+
+    @property
+    def sentence(self) -> str:
+        """One sentence for a log or a diagnostic message."""
+        return _SENTENCES[self]
+
+    @property
+    def usable(self) -> bool:
+        """Whether the navigation output may be flown on, at least for the moment."""
+        return self not in (ObserverStatus.ALIGNING, ObserverStatus.NOT_FINITE)
+
+
+_SENTENCES = {
+    ObserverStatus.OK: "navigation is aligned and every sensor is being fused",
+    ObserverStatus.ALIGNING: "waiting for unaccelerated IMU, magnetometer and a GPS fix to align",
+    ObserverStatus.NOT_FINITE: "the filter state is not finite; start the observer again",
+    ObserverStatus.IMU_TIMEOUT: "no usable IMU sample within its time-out; the last one is held",
+    ObserverStatus.GPS_TIMEOUT: "no GPS fix within its time-out; position is dead reckoning",
+    ObserverStatus.GPS_REJECTED: "GPS fixes arrive but persistently contradict the filter",
+    ObserverStatus.MAG_TIMEOUT: "no magnetometer sample within its time-out; heading drifts",
+    ObserverStatus.MAG_REJECTED: "magnetometer persistently contradicts the filter and is not "
+    "followed; heading drifts",
+    ObserverStatus.BARO_TIMEOUT: "no barometer sample within its time-out",
+    ObserverStatus.BARO_REJECTED: "barometer persistently contradicts the filter, not followed",
+}
+
+
+class ObserverState(NamedTuple):
+    """All memory of the observer, mutated in place (arrays of float64, `count` int64).
+
+    Attributes
+    ----------
+    nominal : ndarray (20,)
+        Filter state at the delayed horizon, indices X_*.
+    P : ndarray (19, 19)
+        Covariance of the error state, indices E_*.
+    trial : ndarray (19, 19)
+        Scratch covariance of a measurement that is still to pass its gate.
+    dx : ndarray (2, 19)
+        Scratch: accumulated correction, and a column of P H'.
+    imu : ndarray (N, 6)
+        Ring of IMU samples, slot = tick mod N: specific force, rate.
+    aid : ndarray (N, 13)
+        Ring of magnetometer, barometer and GPS samples by their time of validity, indices AID_*.
+    now : ndarray (20,)
+        Nominal state propagated to the newest tick.
+    rotor : ndarray (9,)
+        Reduced-order observer and servo model, deviations from trim.
+    y : ndarray (2, 6)
+        phi theta p q r psi of the last tick (psi unwrapped) as deviations from trim; row 1: the
+        step before.
+    u : ndarray (3, 4)
+        Actuator commands, newest first (absolute).
+    diag : ndarray (7,)
+        Innovation record, indices D_*.
+    count : ndarray of int64 (28,)
+        Ticks, flags and counters, indices C_*.
+    """
+
+    nominal: NDArray[np.float64]
+    P: NDArray[np.float64]
+    trial: NDArray[np.float64]
+    dx: NDArray[np.float64]
+    imu: NDArray[np.float64]
+    aid: NDArray[np.float64]
+    now: NDArray[np.float64]
+    rotor: NDArray[np.float64]
+    y: NDArray[np.float64]
+    u: NDArray[np.float64]
+    diag: NDArray[np.float64]
+    count: NDArray[np.int64]
+
+
+class EkfKernel(NamedTuple):
+    """Constants of the filter (SI, rad); variances are per tick where they drive the prediction."""
+
+    dt_s: float
+    gravity_mps2: float
+    var_vel_step: float
+    var_att_step: float
+    var_gyro_bias_step: float
+    var_accel_bias_step: float
+    drift_decay: float
+    var_drift_step_horizontal: float
+    var_drift_step_vertical: float
+    var_baro_bias_step: float
+    var_gps_pos_horizontal: float
+    var_gps_pos_vertical: float
+    var_gps_vel_horizontal: float
+    var_gps_vel_vertical: float
+    var_baro: float
+    var_mag: float
+    field_ned_t: NDArray[np.float64]
+    field_tolerance: float
+    max_heading_innovation_rad: float
+    origin_altitude_m: float
+    gates: NDArray[np.float64]
+    accel_limit_mps2: float
+    rate_limit_radps: float
+    var0: NDArray[np.float64]
+
+
+class RotorKernel(NamedTuple):
+    """Discrete reduced-order observer: w+ = Phi w + Gu u + G0 y(n-1) + G1 y(n); x_u = z + K y."""
+
+    Phi: NDArray[np.float64]
+    Gu: NDArray[np.float64]
+    G0: NDArray[np.float64]
+    G1: NDArray[np.float64]
+    K: NDArray[np.float64]
+    y_trim: NDArray[np.float64]
+    x_u_trim: NDArray[np.float64]
+    u_trim: NDArray[np.float64]
+    u_delay_ticks: int
+    with_servo: int
+
+
+class ObserverKernel(NamedTuple):
+    """Everything `observe` needs besides its state."""
+
+    ekf: EkfKernel
+    rotor: RotorKernel
+    horizon_ticks: int
+    max_gap_ticks: int
+    imu_timeout_ticks: int
+    gps_timeout_ticks: int
+    mag_timeout_ticks: int
+    baro_timeout_ticks: int

@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The observer by ticks: what the node and the one-process loop call.
+
+The filter runs at a delayed horizon, `horizon_ticks` behind: every sample waits in a ring buffer in the
+slot of its time of validity, so a GPS fix that is at most that late is fused in time order with the IMU,
+magnetometer and barometer of its own time. The output is the filter's state carried to the newest tick
+through the buffered IMU samples.
+"""
+
+import math
+
+import numpy as np
+
+from heli_math.jit import njit
+from heli_math.rotations import euler_from_quat, quat_to_R_nb, wrap_pi
+from heli_observer import layout as L
+from heli_observer.alignment import align
+from heli_observer.buffers import store_gps, store_mag_baro, take_tick
+from heli_observer.config import ObserverConfig
+from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict, start_baro, strapdown
+from heli_observer.layout import N_NAV, ObserverState, ObserverStatus
+from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
+
+__all__ = ["N_NAV", "ObserverConfig", "ObserverState", "ObserverStatus"]
+__all__ += ["initial_state", "observe", "status"]
+
+_OK = int(ObserverStatus.OK)
+_ALIGNING = int(ObserverStatus.ALIGNING)
+_NOT_FINITE = int(ObserverStatus.NOT_FINITE)
+_IMU_TIMEOUT = int(ObserverStatus.IMU_TIMEOUT)
+_GPS_TIMEOUT = int(ObserverStatus.GPS_TIMEOUT)
+_GPS_REJECTED = int(ObserverStatus.GPS_REJECTED)
+_MAG_TIMEOUT = int(ObserverStatus.MAG_TIMEOUT)
+_MAG_REJECTED = int(ObserverStatus.MAG_REJECTED)
+_BARO_TIMEOUT = int(ObserverStatus.BARO_TIMEOUT)
+_BARO_REJECTED = int(ObserverStatus.BARO_REJECTED)
+
+
+def initial_state(config: ObserverConfig) -> ObserverState:
+    """Memory of an observer that has seen nothing yet (status ALIGNING)."""
+    slots = config.kernel.horizon_ticks + config.kernel.max_gap_ticks + 2
+    count = np.zeros(L.N_COUNT, dtype=np.int64)
+    count[L.C_TICK] = L.NO_TICK
+    count[L.C_IMU_OK : L.C_GPS_SEEN + 1] = L.NO_TICK
+    return ObserverState(
+        nominal=np.zeros(L.N_NOMINAL),
+        P=np.zeros((L.N_ERROR, L.N_ERROR)),
+        trial=np.zeros((L.N_ERROR, L.N_ERROR)),
+        dx=np.zeros((2, L.N_ERROR)),
+        imu=np.zeros((slots, L.N_IMU)),
+        aid=np.zeros((slots, L.N_AID)),
+        now=np.zeros(L.N_NOMINAL),
+        rotor=np.zeros(L.N_ROTOR_W),
+        y=np.zeros((2, L.N_OUTPUT)),
+        u=np.tile(config.kernel.rotor.u_trim, (3, 1)),
+        diag=np.zeros(L.N_DIAG),
+        count=count,
+    )
+
+
+@njit
+def _fuse_slot(state, tick, row, k):
+    """Fuse what the ring slot `row` of the horizon holds; `tick` is now, for the time-outs."""
+    x, P, trial, dx, diag, count = (
+        state.nominal,
+        state.P,
+        state.trial,
+        state.dx,
+        state.diag,
+        state.count,
+    )
+    if row[L.AID_GPS_VALID] > 0.0:
+        position, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
+        count[L.C_GPS_SEEN] = tick
+        count[L.C_GPS_POS_REJECTED] += position == 0
+        count[L.C_GPS_VEL_REJECTED] += velocity == 0
+        if position == 1 and velocity != 0:
+            count[L.C_GPS_OK] = tick
+        count[L.C_GPS_FUSED] += position == 1 or velocity == 1
+    if row[L.AID_BARO_VALID] > 0.0:
+        count[L.C_BARO_SEEN] = tick
+        if count[L.C_BARO_READY] == 0:
+            start_baro(x, P, row, k)
+            count[L.C_BARO_READY] = 1
+            count[L.C_BARO_OK] = tick
+        elif fuse_baro(x, P, trial, dx, diag, row, k):
+            count[L.C_BARO_OK] = tick
+            count[L.C_BARO_FUSED] += 1
+        else:
+            count[L.C_BARO_REJECTED] += 1
+    if row[L.AID_MAG_VALID] > 0.0:
+        count[L.C_MAG_SEEN] = tick
+        if fuse_mag(x, P, trial, dx, diag, row, k):
+            count[L.C_MAG_OK] = tick
+            count[L.C_MAG_FUSED] += 1
+        else:
+            count[L.C_MAG_REJECTED] += 1
+
+
+@njit
+def _filter_step(state, horizon, tick, k):
+    """Bring the filter from horizon - 1 to horizon and fuse what was measured there."""
+    size = state.imu.shape[0]
+    predict(state.nominal, state.P, state.imu[(horizon - 1) % size], state.imu[horizon % size], k)
+    _fuse_slot(state, tick, state.aid[horizon % size], k)
+
+
+@njit
+def _sigma_now(P, R, a_ned, lead_s, k, out):
+    """Standard deviations of position and velocity at the newest tick into out (28,).
+
+    First order over the lead (the horizon's length): velocity error grows by the tilt and the
+    accelerometer bias, position error by the velocity error, both by the accelerometer's noise.
+    """
+    g = np.zeros((3, L.N_ERROR))
+    g[0, L.E_ATT + 1], g[0, L.E_ATT + 2] = a_ned[2], -a_ned[1]
+    g[1, L.E_ATT], g[1, L.E_ATT + 2] = -a_ned[2], a_ned[0]
+    g[2, L.E_ATT], g[2, L.E_ATT + 1] = a_ned[1], -a_ned[0]
+    noise = k.var_vel_step / k.dt_s
+    for i in range(3):
+        for j in range(3):
+            g[i, L.E_ACCEL_BIAS + j] = -R[i, j]
+        row = g[i]
+        pg = P @ row
+        var_force = 0.0
+        for j in range(L.N_ERROR):
+            var_force += row[j] * pg[j]
+        var_v, cov_pv = P[L.E_VEL + i, L.E_VEL + i], P[L.E_POS + i, L.E_VEL + i]
+        t, h = lead_s, 0.5 * lead_s * lead_s
+        velocity = var_v + 2.0 * t * pg[L.E_VEL + i] + t * t * var_force + noise * t
+        position = P[L.E_POS + i, L.E_POS + i] + t * t * var_v + h * h * var_force
+        position += 2.0 * (t * cov_pv + h * pg[L.E_POS + i] + t * h * pg[L.E_VEL + i])
+        position += noise * t * t * t / 3.0
+        out[L.OUT_SIGMA_POS + i] = math.sqrt(max(position, 0.0))
+        out[L.OUT_SIGMA_VEL + i] = math.sqrt(max(velocity, 0.0))
+
+
+@njit
+def _navigation_output(state, tick, k, out):
+    """Carry the horizon's state to the newest tick and fill out (28,) except the rotor states."""
+    size = state.imu.shape[0]
+    now = state.now
+    now[:] = state.nominal
+    a_ned = np.zeros(3)
+    for t in range(tick - k.horizon_ticks, tick):
+        strapdown(
+            now, state.imu[t % size], state.imu[(t + 1) % size], k.ekf.gravity_mps2, k.ekf.dt_s, a_ned
+        )
+    out[0:L.OUT_RATE] = now[0 : L.X_QUAT + 4]
+    for i in range(3):
+        out[L.OUT_RATE + i] = state.imu[tick % size, 3 + i] - now[L.X_GYRO_BIAS + i]
+        out[L.OUT_GYRO_BIAS + i] = now[L.X_GYRO_BIAS + i]
+        out[L.OUT_ACCEL_BIAS + i] = now[L.X_ACCEL_BIAS + i]
+    R = quat_to_R_nb(now[L.X_QUAT : L.X_QUAT + 4])
+    _sigma_now(state.P, R, a_ned, k.horizon_ticks * k.ekf.dt_s, k.ekf, out)
+
+
+@njit
+def _outputs_from_trim(y, psi_before, out, k):
+    """phi theta p q r psi of out as deviations from trim into y (6,), psi continued past psi_before."""
+    phi, theta, psi = euler_from_quat(out[L.OUT_QUAT : L.OUT_QUAT + 4])
+    y[0], y[1] = phi - k.y_trim[0], theta - k.y_trim[1]
+    for i in range(3):
+        y[2 + i] = out[L.OUT_RATE + i] - k.y_trim[2 + i]
+    y[5] = psi_before + wrap_pi(psi - k.y_trim[5] - psi_before)
+
+
+@njit
+def _rotor_update(state, ticks, u_prev, started, k, out):
+    """Advance the reduced-order observer by `ticks`, or start it, and write its states into out."""
+    u = state.u
+    for i in range(4):
+        if not math.isfinite(u_prev[i]):
+            state.count[L.C_ACTUATOR_DROPPED] += 1
+    before, after = state.y[1], state.y[0]
+    if not started:
+        for i in range(4):
+            if math.isfinite(u_prev[i]):
+                u[:, i] = u_prev[i]
+        _outputs_from_trim(after, 0.0, out, k)
+        rotor_start(state.rotor, after, u[0], k)
+    else:
+        start = after.copy()
+        end = np.empty(L.N_OUTPUT)
+        _outputs_from_trim(end, start[5], out, k)
+        for n in range(ticks):
+            u[2, :] = u[1]
+            u[1, :] = u[0]
+            for i in range(4):
+                if math.isfinite(u_prev[i]):
+                    u[0, i] = u_prev[i]
+            before[:] = after
+            part = (n + 1.0) / ticks
+            for i in range(L.N_OUTPUT):
+                after[i] = start[i] + part * (end[i] - start[i])
+            rotor_step(state.rotor, before, after, u[k.u_delay_ticks], k)
+    rotor_output(state.rotor, after, k, out[L.OUT_ROTOR : L.OUT_ROTOR + 3])
+
+
+@njit
+def _finite(state):
+    """Whether the filter's state is finite and its variances are positive."""
+    for i in range(L.N_NOMINAL):
+        if not math.isfinite(state.nominal[i]):
+            return False
+    for i in range(L.N_ERROR):
+        if not (math.isfinite(state.P[i, i]) and state.P[i, i] >= 0.0):
+            return False
+    for i in range(L.N_ROTOR_W):
+        if not math.isfinite(state.rotor[i]):
+            return False
+    return True
+
+
+@njit
+def observe(state, tick, y, u_prev, k, out):
+    """One tick of the observer.
+
+    Parameters
+    ----------
+    state : ObserverState
+        In place.
+    tick : int
+        The tick that y belongs to. Ticks may be missing (held), not come twice.
+    y : ndarray (>= 20,)
+        Measurement row: [0:3] specific force body m/s2, [3:6] rate body rad/s, [6:9] field body T,
+        9 pressure Pa, [10:13] GPS position NED m, [13:16] GPS velocity NED m/s, 16..18 valid flags of
+        magnetometer, barometer, GPS, 19 tick at which the fix was true.
+    u_prev : ndarray (4,)
+        Actuators computed at tick - 1: lateral, longitudinal, pedal, collective.
+    k : ObserverKernel
+    out : ndarray (28,)
+        Navigation output (see the README); NaN while the observer is aligning or not finite.
+    """
+    ticks = take_tick(state, tick, y, k)
+    out[:] = math.nan
+    count = state.count
+    now = count[L.C_TICK]
+    if now == L.NO_TICK or count[L.C_NOT_FINITE] == 1:
+        return
+    started = count[L.C_ALIGNED] == 1
+    if ticks > 0:
+        for t in range(now - ticks + 1, now + 1):
+            if t == now:
+                store_mag_baro(state, now, y)
+                store_gps(state, now, y, k.horizon_ticks)
+            if started:
+                _filter_step(state, t - k.horizon_ticks, now, k.ekf)
+    if not started and not align(state, now, k.horizon_ticks, k.ekf):
+        return
+    _navigation_output(state, now, k, out)
+    if ticks > 0 or not started:
+        _rotor_update(state, ticks, u_prev, started, k.rotor, out)
+    else:
+        rotor_output(state.rotor, state.y[0], k.rotor, out[L.OUT_ROTOR : L.OUT_ROTOR + 3])
+    if not _finite(state):
+        count[L.C_NOT_FINITE] = 1
+        out[:] = math.nan
+
+
+@njit
+def status(state, k):
+    """Health as an integer, an ObserverStatus; the worst that applies."""
+    count = state.count
+    now = count[L.C_TICK]
+    if count[L.C_NOT_FINITE] == 1:
+        return _NOT_FINITE
+    if count[L.C_ALIGNED] == 0:
+        return _ALIGNING
+    if now - count[L.C_IMU_OK] > k.imu_timeout_ticks:
+        return _IMU_TIMEOUT
+    if now - count[L.C_GPS_OK] > k.gps_timeout_ticks:
+        silent = now - count[L.C_GPS_SEEN] > k.gps_timeout_ticks
+        return _GPS_TIMEOUT if silent else _GPS_REJECTED
+    if now - count[L.C_MAG_OK] > k.mag_timeout_ticks:
+        silent = now - count[L.C_MAG_SEEN] > k.mag_timeout_ticks
+        return _MAG_TIMEOUT if silent else _MAG_REJECTED
+    if now - count[L.C_BARO_OK] > k.baro_timeout_ticks:
+        silent = now - count[L.C_BARO_SEEN] > k.baro_timeout_ticks
+        return _BARO_TIMEOUT if silent else _BARO_REJECTED
+    return _OK

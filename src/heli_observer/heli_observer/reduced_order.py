@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reduced-order observer of a_s, b_s, d_int: eq. (19) of the paper.
+
+With the nine states of eq. (10) split into measured m = (phi theta p q r psi) and unmeasured
+u = (a_s b_s d_int):  x_u_hat = z + K y,  z' = A' z + B' y + H' u  with
+  A' = A_uu - K A_mu,  B' = A_um - K A_mm + A' K,  H' = B_u - K B_m,
+all in deviations from trim. The error obeys e' = A' e exactly, whatever y and u do.
+
+Discretisation over one tick is exact (matrix exponential) for commands held constant over the tick, which
+is how they act, and outputs that vary linearly between two ticks: both y(n-1) and y(n) are known when z
+is brought to n, so there is no delay. The optional second-order servo model is part of the same
+exponential.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import place_poles
+
+from heli_math.jit import njit
+from heli_observer.layout import (
+    MEASURED_STATES,
+    N_INPUT,
+    N_OUTPUT,
+    N_ROTOR_W,
+    N_UNMEASURED,
+    ROTOR_STATES,
+    TICK_S,
+    RotorKernel,
+)
+
+Matrix = NDArray[np.float64]
+
+
+class ReducedOrderError(ValueError):
+    """A reduced-order observer that cannot be built; the message says why."""
+
+
+@dataclass(frozen=True)
+class ReducedOrderModel:
+    """Continuous matrices of eq. (19).
+
+    Attributes
+    ----------
+    A_prime : ndarray (3, 3)
+    B_prime : ndarray (3, 6)
+    H_prime : ndarray (3, 3)
+    K : ndarray (3, 6)
+    """
+
+    A_prime: Matrix
+    B_prime: Matrix
+    H_prime: Matrix
+    K: Matrix
+
+
+def _finite(name: str, value: Matrix, shape: tuple[int, ...]) -> Matrix:
+    array = np.asarray(value, dtype=np.float64)
+    if array.size != int(np.prod(shape)):
+        raise ReducedOrderError(f"{name} has {array.size} entries, {shape} is needed")
+    if not np.all(np.isfinite(array)):
+        raise ReducedOrderError(f"{name} has an entry that is not finite")
+    return np.ascontiguousarray(array.reshape(shape))
+
+
+def partition(A: Matrix, B: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix, Matrix]:
+    """A_mm, A_mu, A_um, A_uu, B_m, B_u of A (9, 9) and B (9, 3), states in the order of eq. (10)."""
+    A = _finite("model.A", A, (9, 9))
+    B = _finite("model.B", B, (9, 3))
+    m, u = list(MEASURED_STATES), list(ROTOR_STATES)
+    return (
+        A[np.ix_(m, m)],
+        A[np.ix_(m, u)],
+        A[np.ix_(u, m)],
+        A[np.ix_(u, u)],
+        B[m],
+        B[u],
+    )
+
+
+def reduced_order_model(A: Matrix, B: Matrix, K: Matrix) -> ReducedOrderModel:
+    """Matrices of eq. (19).
+
+    Parameters
+    ----------
+    A : ndarray (9, 9)
+    B : ndarray (9, 3)
+        Hover model of eq. (10), continuous, SI and rad.
+    K : ndarray (3, 6)
+        Observer gain: rows a_s, b_s, d_int; columns phi theta p q r psi.
+
+    Raises
+    ------
+    ReducedOrderError
+        Wrong size, an entry that is not finite, or an A' that is not stable.
+    """
+    A_mm, A_mu, A_um, A_uu, B_m, B_u = partition(A, B)
+    K = _finite("K", K, (N_UNMEASURED, N_OUTPUT))
+    A_prime = A_uu - K @ A_mu
+    poles = np.linalg.eigvals(A_prime)
+    if not np.all(poles.real < 0.0):
+        raise ReducedOrderError(
+            f"K makes the reduced-order observer unstable: poles {np.round(poles, 4).tolist()}"
+        )
+    return ReducedOrderModel(
+        A_prime=A_prime,
+        B_prime=A_um - K @ A_mm + A_prime @ K,
+        H_prime=B_u - K @ B_m,
+        K=K,
+    )
+
+
+def observer_gain(A: Matrix, B: Matrix, poles: tuple[float, float, float]) -> Matrix:
+    """Gain K (3, 6) that gives A' = diag(poles), the smallest one that does.
+
+    Parameters
+    ----------
+    A, B : ndarray (9, 9), (9, 3)
+    poles : three floats
+        Wanted poles of the error of a_s, b_s, d_int (rad/s, negative), each on its own.
+
+    Raises
+    ------
+    ReducedOrderError
+        If the unmeasured states do not all act on the measured ones (A_mu without full column rank);
+        observer_gain_placed may still find a gain then.
+    """
+    _, A_mu, _, A_uu, _, _ = partition(A, B)
+    if np.linalg.matrix_rank(A_mu, tol=1e-9 * np.linalg.norm(A_mu)) < N_UNMEASURED:
+        raise ReducedOrderError("A_mu has no full column rank: a_s, b_s, d_int cannot be decoupled")
+    return (A_uu - np.diag(poles)) @ np.linalg.pinv(A_mu)
+
+
+def observer_gain_placed(A: Matrix, B: Matrix, poles: tuple[complex, complex, complex]) -> Matrix:
+    """Gain K (3, 6) by robust pole placement (Tits and Yang); poles may be complex pairs, distinct."""
+    _, A_mu, _, A_uu, _, _ = partition(A, B)
+    try:
+        placed = place_poles(A_uu.T, A_mu.T, np.asarray(poles))
+    except ValueError as error:
+        raise ReducedOrderError(f"pole placement failed: {error}") from error
+    return np.ascontiguousarray(placed.gain_matrix.T)
+
+
+def continuous_system(
+    model: ReducedOrderModel, servo_frequency_radps: float, servo_damping: float
+) -> tuple[Matrix, Matrix, Matrix]:
+    """The observer with its servo model: w' = F w + G_u u + G_y y, w = [z, servo pos, servo rate].
+
+    servo_frequency_radps = 0 leaves the servos out: then u drives z directly.
+    """
+    F = np.zeros((N_ROTOR_W, N_ROTOR_W))
+    G_u = np.zeros((N_ROTOR_W, N_INPUT))
+    G_y = np.zeros((N_ROTOR_W, N_OUTPUT))
+    F[:3, :3] = model.A_prime
+    G_y[:3] = model.B_prime
+    if servo_frequency_radps == 0.0:
+        G_u[:3] = model.H_prime
+        return F, G_u, G_y
+    F[:3, 3:6] = model.H_prime
+    F[3:6, 6:9] = np.eye(3)
+    F[6:9, 3:6] = -(servo_frequency_radps**2) * np.eye(3)
+    F[6:9, 6:9] = -2.0 * servo_damping * servo_frequency_radps * np.eye(3)
+    G_u[6:9] = servo_frequency_radps**2 * np.eye(3)
+    return F, G_u, G_y
+
+
+def discretise(
+    F: Matrix, G_u: Matrix, G_y: Matrix, dt_s: float = TICK_S
+) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Phi, Gu, G0, G1 of w(n) = Phi w(n-1) + Gu u + G0 y(n-1) + G1 y(n): u held, y linear."""
+    n, m, p = F.shape[0], G_u.shape[1], G_y.shape[1]
+    size = n + m + 2 * p
+    block = np.zeros((size, size))
+    block[:n, :n] = F
+    block[:n, n : n + m] = G_u
+    block[:n, n + m : n + m + p] = G_y
+    block[n + m : n + m + p, n + m + p :] = np.eye(p) / dt_s
+    e = expm(block * dt_s)[:n]
+    slope = e[:, n + m + p :]
+    return e[:, :n], e[:, n : n + m], e[:, n + m : n + m + p] - slope, slope
+
+
+def rotor_kernel(
+    model: ReducedOrderModel,
+    x_trim: Matrix,
+    u_trim: Matrix,
+    u_delay_ticks: int,
+    servo_frequency_radps: float,
+    servo_damping: float,
+) -> RotorKernel:
+    """Constants of the compiled observer; x_trim (9,) and u_trim (4,) are absolute."""
+    x_trim = _finite("trim.x", x_trim, (9,))
+    u_trim = _finite("trim.u", u_trim, (4,))
+    system = continuous_system(model, servo_frequency_radps, servo_damping)
+    Phi, Gu, G0, G1 = (np.ascontiguousarray(part) for part in discretise(*system))
+    return RotorKernel(
+        Phi=Phi,
+        Gu=Gu,
+        G0=G0,
+        G1=G1,
+        K=model.K,
+        y_trim=x_trim[list(MEASURED_STATES)],
+        x_u_trim=x_trim[list(ROTOR_STATES)],
+        u_trim=u_trim,
+        u_delay_ticks=int(u_delay_ticks),
+        with_servo=int(servo_frequency_radps > 0.0),
+    )
+
+
+@njit
+def rotor_start(w, y, u, k):
+    """Start w (9,) so that a_s, b_s, d_int are at trim and the servos stand where they are told.
+
+    y (6,) are deviations from trim; u (4,) is the command that has been flown; k is the RotorKernel.
+    """
+    for i in range(N_UNMEASURED):
+        w[i] = 0.0
+        for j in range(N_OUTPUT):
+            w[i] -= k.K[i, j] * y[j]
+        w[3 + i] = (u[i] - k.u_trim[i]) * k.with_servo
+        w[6 + i] = 0.0
+
+
+@njit
+def rotor_step(w, y0, y1, u, k):
+    """Bring w (9,) over one tick, in place.
+
+    y0, y1 (6,) are the outputs at its beginning and end (deviations from trim, psi unwrapped); u (4,) is
+    the command that acts on the aircraft during it; k is the RotorKernel.
+    """
+    new = np.zeros(N_ROTOR_W)
+    for i in range(N_ROTOR_W):
+        for j in range(N_ROTOR_W):
+            new[i] += k.Phi[i, j] * w[j]
+        for j in range(N_OUTPUT):
+            new[i] += k.G0[i, j] * y0[j] + k.G1[i, j] * y1[j]
+        for j in range(N_INPUT):
+            new[i] += k.Gu[i, j] * (u[j] - k.u_trim[j])
+    w[:] = new
+
+
+@njit
+def rotor_output(w, y, k, out):
+    """a_s, b_s (rad), d_int into out (3,), absolute: z + K y + trim."""
+    for i in range(N_UNMEASURED):
+        out[i] = k.x_u_trim[i] + w[i]
+        for j in range(N_OUTPUT):
+            out[i] += k.K[i, j] * y[j]
