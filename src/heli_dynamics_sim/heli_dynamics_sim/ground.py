@@ -9,8 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-
 from heli_math.jit import njit
+
 from heli_dynamics_sim.rigid_body import to_body, to_ned
 
 SLIP_SPEED_MPS = 0.02

@@ -9,9 +9,9 @@ eq. (1)-(8) of the paper, corrected where the modules say so.
 import math
 
 import numpy as np
+from heli_math.jit import njit
 from numpy.typing import ArrayLike, NDArray
 
-from heli_math.jit import njit
 from heli_dynamics_sim.airframe import fin_force, fuselage_force
 from heli_dynamics_sim.ground import ground_loads
 from heli_dynamics_sim.parameters import HelicopterParameters

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
 from numpy.typing import NDArray
 
-from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
 from heli_dynamics_sim.helicopter import airspeed, derivative_kernel
 from heli_dynamics_sim.parameters import (
     CLIMB_POWER_OFF,

@@ -7,8 +7,6 @@ refused by name. `HelicopterParameters.kernel` is what the compiled kernels take
 
 import difflib
 import math
-import os
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -496,13 +494,10 @@ def _flatten(tree: Any) -> dict[str, Any]:
 
 
 def config_folders() -> list[Path]:
-    """Folders where packaged YAML may lie: the source tree, the prefix, ROS installations."""
+    """Folders where the packaged YAML may lie: beside the sources, or in an install space's share/."""
+    here = Path(__file__).resolve()
     share = Path("share") / "heli_dynamics_sim" / "config"
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return [
-        Path(__file__).resolve().parents[1] / "config",
-        *(Path(prefix) / share for prefix in (*prefixes, sys.prefix) if prefix),
-    ]
+    return [here.parents[1] / "config", *(parent / share for parent in here.parents)]
 
 
 def find_aircraft(path: str | Path) -> Path:

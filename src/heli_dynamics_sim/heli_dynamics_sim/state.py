@@ -6,9 +6,8 @@ y (23,).
 """
 
 import numpy as np
-from numpy.typing import NDArray
-
 from heli_math.rotations import quat_from_euler
+from numpy.typing import NDArray
 
 TICK_S = 0.01
 """Length of a tick (s): command, sensors and wind change once per tick."""

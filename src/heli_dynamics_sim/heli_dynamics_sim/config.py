@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration of the plant: from the node's parameters to the kernels' numbers."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
+from heli_dynamics_sim.sensors import (
+    BaroKernel,
+    GpsKernel,
+    ImuKernel,
+    MagKernel,
+    SensorKernel,
+)
+from heli_dynamics_sim.state import TICK_S
+from heli_dynamics_sim.wind import W20_ALTITUDE_M, WindKernel, mean_speed
+
+
+class PlantConfigError(ValueError):
+    """Parameters that do not fit together; the message names the key, its value and what is allowed."""
+
+
+class LimitKernel(NamedTuple):
+    """Where a flight counts as lost."""
+
+    start_ned_m: np.ndarray  # (3,)
+    distance_m: float  # from the start
+    cos_tilt: float  # of the largest tilt
+
+
+class PlantKernel(NamedTuple):
+    """Everything that `measure`, `advance` and `status` read."""
+
+    aircraft: HelicopterKernel
+    wind: WindKernel
+    sensors: SensorKernel
+    limits: LimitKernel
+    delay_ticks: int
+
+
+@dataclass(frozen=True)
+class PlantConfig:
+    """A plant that is ready to fly.
+
+    Attributes
+    ----------
+    helicopter : HelicopterParameters
+    pos_ned_m : (3,) array
+        Where it starts.
+    psi : float
+        Heading at the start, rad.
+    wind : WindKernel
+    sensors : SensorKernel
+    limits : LimitKernel
+    delay_ticks : int
+        Transport delay of the commands.
+    """
+
+    helicopter: HelicopterParameters
+    pos_ned_m: NDArray[np.float64]
+    psi: float
+    wind: WindKernel
+    sensors: SensorKernel
+    limits: LimitKernel
+    delay_ticks: int
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> "PlantConfig":
+        """Build from the parameters of the node `plant` (see `parameter_table`).
+
+        Raises
+        ------
+        PlantConfigError
+            Names the key whose length or order does not fit.
+        AircraftError
+            If the aircraft file cannot be used.
+        """
+        position = np.array(values["initial.pos_ned_m"], dtype=np.float64)
+        helicopter = HelicopterParameters.from_yaml(values["aircraft_file"])
+        if position[2] > -helicopter.gear_height_m:
+            raise PlantConfigError(
+                f"initial.pos_ned_m: down {position[2]:g} m is in the ground; allowed: at most "
+                f"{-helicopter.gear_height_m:g} (the c.g. with the skids on the ground)"
+            )
+        return cls(
+            helicopter=helicopter,
+            pos_ned_m=position,
+            psi=math.radians(values["initial.psi_deg"]),
+            wind=_wind_kernel(values),
+            sensors=_sensor_kernel(values),
+            limits=LimitKernel(
+                position,
+                values["limits.distance_m"],
+                math.cos(math.radians(values["limits.tilt_deg"])),
+            ),
+            delay_ticks=values["delay_ticks"],
+        )
+
+    @cached_property
+    def kernel(self) -> PlantKernel:
+        """The values as the compiled kernels take them."""
+        return PlantKernel(
+            self.helicopter.kernel, self.wind, self.sensors, self.limits, self.delay_ticks
+        )
+
+
+def _wind_kernel(values: Mapping[str, Any]) -> WindKernel:
+    altitudes = np.array(values["wind.profile_altitude_m"], dtype=np.float64)
+    speeds = np.array(values["wind.profile_speed_mps"], dtype=np.float64)
+    if altitudes.size == 0 or (np.diff(altitudes) <= 0.0).any():
+        raise PlantConfigError(
+            f"wind.profile_altitude_m: {altitudes.tolist()} is not allowed; allowed: at least one "
+            "altitude, each above the one before"
+        )
+    if speeds.size != altitudes.size:
+        raise PlantConfigError(
+            f"wind.profile_speed_mps: has {speeds.size} values; allowed: {altitudes.size}, one per "
+            "wind.profile_altitude_m"
+        )
+    starts = np.array(values["wind.gust.start_s"], dtype=np.float64)
+    durations = np.array(values["wind.gust.duration_s"], dtype=np.float64)
+    amplitudes = np.array(values["wind.gust.amplitude_mps"], dtype=np.float64).reshape(-1, 3)
+    for key, count in (("duration_s", durations.size), ("amplitude_mps", amplitudes.shape[0])):
+        if count != starts.size:
+            raise PlantConfigError(
+                f"wind.gust.{key}: describes {count} gusts; allowed: {starts.size}, as wind.gust.start_s"
+            )
+    kernel = WindKernel(
+        altitudes,
+        speeds,
+        math.radians(values["wind.towards_deg"]),
+        bool(values["wind.turbulence"]),
+        0.0,
+        values["wind.airspeed_floor_mps"],
+        starts,
+        durations,
+        amplitudes,
+        values["wind.gust.frame"] == "body",
+    )
+    w20 = values["wind.w20_mps"]
+    if w20 < 0.0:
+        w20 = float(mean_speed(W20_ALTITUDE_M, kernel))
+    return kernel._replace(w20_mps=w20)
+
+
+def _sensor_kernel(values: Mapping[str, Any]) -> SensorKernel:
+    def get(name: str) -> Any:
+        return values[f"sensors.{name}"]
+
+    root_rate, root_tick = math.sqrt(1.0 / TICK_S), math.sqrt(TICK_S)
+    imu = ImuKernel(
+        gyro_white=get("imu.gyro_noise_density") * root_rate,
+        accel_white=get("imu.accel_noise_density") * root_rate,
+        gyro_walk=get("imu.gyro_bias_walk") * root_tick,
+        accel_walk=get("imu.accel_bias_walk") * root_tick,
+        gyro_bias=get("imu.gyro_bias_sigma_radps"),
+        accel_bias=get("imu.accel_bias_sigma_mps2"),
+    )
+    mag = MagKernel(
+        np.array(get("mag.field_ned_t"), dtype=np.float64),
+        np.array(get("mag.soft_iron"), dtype=np.float64).reshape(3, 3),
+        np.array(get("mag.hard_iron_t"), dtype=np.float64),
+        get("mag.white_t"),
+        get("mag.period_ticks"),
+    )
+    baro = BaroKernel(
+        values["origin.altitude_m"],
+        get("baro.white_pa"),
+        get("baro.drift_pa"),
+        math.exp(-get("baro.period_ticks") * TICK_S / get("baro.drift_tau_s")),
+        get("baro.period_ticks"),
+    )
+    axes = np.array([1.0, 1.0, get("gps.vertical_factor")])
+    gps = GpsKernel(
+        get("gps.white_m") * axes,
+        get("gps.drift_m") * axes,
+        math.exp(-get("gps.period_ticks") * TICK_S / get("gps.drift_tau_s")),
+        get("gps.velocity_mps"),
+        get("gps.period_ticks"),
+        get("gps.latency_ticks"),
+    )
+    return SensorKernel(imu, mag, baro, gps)

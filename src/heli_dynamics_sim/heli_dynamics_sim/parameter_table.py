@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant's parameters; their values stand in config/plant.yaml."""
+
+from typing import Any
+
+from heli_msgs_bridge.parameters import Parameter
+
+NODE_NAME = "plant"
+
+
+def _row(name: str, kind: str, description: str, unit: str = "", **rest: Any) -> Parameter:
+    return Parameter(name, kind, description, unit, read_only=True, **rest)
+
+
+def _sigma(name: str, description: str, unit: str, upper: float) -> Parameter:
+    return _row(name, "double", description, unit, lower=0.0, upper=upper)
+
+
+def _ticks(name: str, description: str, lower: int, upper: int) -> Parameter:
+    return _row(name, "int", description, "ticks", lower=lower, upper=upper)
+
+
+_NODE = (
+    _row("aircraft_file", "string", "Aircraft: a path, or a bare name in config/aircraft"),
+    _row("seed", "int", "Seed of wind and sensors", lower=0, upper=2**31 - 1),
+    _row("lockstep", "bool", "Wait for each command (true) or follow the wall clock (false)"),
+    _row("start_time_s", "double", "Stamp of tick 0", "s", lower=0.01, upper=1e9),
+    _row("duration_s", "double", "Length of the flight", "s", lower=0.01, upper=86400.0),
+    _row(
+        "command_timeout_s",
+        "double",
+        "Wall time that lockstep waits for a command before it goes on with the last one",
+        "s",
+        lower=0.01,
+        upper=60.0,
+    ),
+    _ticks("delay_ticks", "Transport delay of the commands", 0, 50),
+)
+
+_SCENE = (
+    _row(
+        "origin.latitude_deg",
+        "double",
+        "Latitude of the NED origin",
+        "deg",
+        lower=-89.0,
+        upper=89.0,
+    ),
+    _row(
+        "origin.longitude_deg",
+        "double",
+        "Longitude of the NED origin",
+        "deg",
+        lower=-180.0,
+        upper=180.0,
+    ),
+    _row("origin.altitude_m", "double", "Altitude of the ground", "m", lower=-400.0, upper=5000.0),
+    _row(
+        "initial.pos_ned_m",
+        "double[]",
+        "Position at the start",
+        "m",
+        shape=(3,),
+        lower=-1e5,
+        upper=1e5,
+    ),
+    _row("initial.psi_deg", "double", "Heading at the start", "deg", lower=-360.0, upper=360.0),
+    _row(
+        "limits.distance_m",
+        "double",
+        "Distance from the start that counts as lost",
+        "m",
+        lower=1.0,
+        upper=1e5,
+    ),
+    _row(
+        "limits.tilt_deg",
+        "double",
+        "Tilt that counts as rolled over",
+        "deg",
+        lower=10.0,
+        upper=180.0,
+    ),
+)
+
+_WIND = (
+    _row(
+        "wind.towards_deg",
+        "double",
+        "Direction the air moves to, from north over east",
+        "deg",
+        lower=-360.0,
+        upper=360.0,
+    ),
+    _row(
+        "wind.profile_altitude_m",
+        "double[]",
+        "Altitudes of the steady wind's profile",
+        "m",
+        shape=(None,),
+        lower=0.0,
+        upper=1e4,
+    ),
+    _row(
+        "wind.profile_speed_mps",
+        "double[]",
+        "Steady wind at these altitudes",
+        "m/s",
+        shape=(None,),
+        lower=0.0,
+        upper=30.0,
+    ),
+    _row("wind.turbulence", "bool", "Dryden turbulence, MIL-F-8785C"),
+    _row(
+        "wind.w20_mps",
+        "double",
+        "Wind at 20 ft that scales the turbulence; negative: profile's",
+        "m/s",
+        lower=-1.0,
+        upper=30.0,
+    ),
+    _row(
+        "wind.airspeed_floor_mps",
+        "double",
+        "Least speed at which turbulence passes",
+        "m/s",
+        lower=0.1,
+        upper=30.0,
+    ),
+    _row(
+        "wind.gust.start_s",
+        "double[]",
+        "Start of each 1-cosine gust, flight time",
+        "s",
+        shape=(None,),
+        lower=0.0,
+        upper=1e6,
+    ),
+    _row(
+        "wind.gust.duration_s",
+        "double[]",
+        "Length of each gust",
+        "s",
+        shape=(None,),
+        lower=0.01,
+        upper=1e4,
+    ),
+    _row(
+        "wind.gust.amplitude_mps",
+        "double[]",
+        "Peak velocity of the air of each gust",
+        "m/s",
+        shape=(None, 3),
+        lower=-30.0,
+        upper=30.0,
+    ),
+    _row("wind.gust.frame", "string", "Axes of the gusts' amplitudes", choices=("ned", "body")),
+)
+
+_SENSORS = (
+    _sigma("sensors.imu.gyro_noise_density", "White noise of the gyros", "rad/s/sqrt(Hz)", 0.1),
+    _sigma("sensors.imu.gyro_bias_walk", "Random walk of the gyro biases", "rad/s/sqrt(s)", 0.01),
+    _sigma("sensors.imu.gyro_bias_sigma_radps", "Gyro bias at the start", "rad/s", 0.1),
+    _sigma(
+        "sensors.imu.accel_noise_density", "White noise of the accelerometers", "m/s2/sqrt(Hz)", 1.0
+    ),
+    _sigma(
+        "sensors.imu.accel_bias_walk",
+        "Random walk of the accelerometer biases",
+        "m/s2/sqrt(s)",
+        0.1,
+    ),
+    _sigma("sensors.imu.accel_bias_sigma_mps2", "Accelerometer bias at the start", "m/s2", 1.0),
+    _row(
+        "sensors.mag.field_ned_t",
+        "double[]",
+        "Local magnetic field, NED",
+        "T",
+        shape=(3,),
+        lower=-1e-4,
+        upper=1e-4,
+    ),
+    _row(
+        "sensors.mag.hard_iron_t",
+        "double[]",
+        "Constant offset, body",
+        "T",
+        shape=(3,),
+        lower=-1e-4,
+        upper=1e-4,
+    ),
+    _row(
+        "sensors.mag.soft_iron",
+        "double[]",
+        "Distortion of the field, body",
+        "",
+        shape=(3, 3),
+        lower=-2.0,
+        upper=2.0,
+    ),
+    _sigma("sensors.mag.white_t", "White noise of a sample", "T", 1e-5),
+    _ticks("sensors.mag.period_ticks", "Sampling period", 1, 1000),
+    _sigma("sensors.baro.white_pa", "White noise of a sample", "Pa", 1000.0),
+    _sigma("sensors.baro.drift_pa", "Slow drift, sigma", "Pa", 1000.0),
+    _row(
+        "sensors.baro.drift_tau_s",
+        "double",
+        "Time constant of the drift",
+        "s",
+        lower=1.0,
+        upper=1e6,
+    ),
+    _ticks("sensors.baro.period_ticks", "Sampling period", 1, 1000),
+    _sigma("sensors.gps.white_m", "White position error, horizontal", "m", 100.0),
+    _sigma("sensors.gps.drift_m", "Slow position drift, horizontal sigma", "m", 100.0),
+    _row(
+        "sensors.gps.drift_tau_s", "double", "Time constant of the drift", "s", lower=1.0, upper=1e6
+    ),
+    _row(
+        "sensors.gps.vertical_factor",
+        "double",
+        "Vertical over horizontal position error",
+        "",
+        lower=0.0,
+        upper=10.0,
+    ),
+    _sigma("sensors.gps.velocity_mps", "White velocity error per axis", "m/s", 10.0),
+    _ticks("sensors.gps.period_ticks", "Period of the fixes", 1, 1000),
+    _ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),
+)
+
+TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _WIND + _SENSORS

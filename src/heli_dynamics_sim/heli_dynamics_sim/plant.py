@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant by ticks: what the node and the one-process loop share.
+
+At tick n: `measure` brings the wind to n and reads the sensors, the controllers act, `advance` carries
+the aircraft to n + 1 with the command of n - delay_ticks. Wind and command are held during a tick.
+`measure` is called once per tick, in order, and does not depend on the command of its tick.
+"""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from heli_math.jit import njit
+
+from heli_dynamics_sim.config import PlantConfig, PlantConfigError, PlantKernel
+from heli_dynamics_sim.ground import ground_contact
+from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
+from heli_dynamics_sim.noise import BARO_AT, GPS_AT, IMU_AT, N_NOISE, WIND_AT, NoiseStreams
+from heli_dynamics_sim.sensors import GPS_FIX, SensorState, read_sensors, take_fix
+from heli_dynamics_sim.state import N_COMMAND, N_MEAS, N_STATE, STEP_S, SUBSTEPS, TICK_S
+from heli_dynamics_sim.trim import trim
+from heli_dynamics_sim.wind import N_FILTER, stationary_filter, step_turbulence, wind_at
+
+__all__ = [
+    "N_MEAS",
+    "N_NOISE",
+    "PlantConfig",
+    "PlantConfigError",
+    "PlantKernel",
+    "PlantState",
+    "PlantStatus",
+    "advance",
+    "initial_state",
+    "measure",
+    "status",
+]
+
+
+class PlantStatus(IntEnum):
+    """Whether the flight goes on, and if not, why."""
+
+    OK = 0
+    HIT_GROUND = 1
+    ROLLED_OVER = 2
+    FLEW_AWAY = 3
+    NOT_FINITE = 4
+
+    @property
+    def sentence(self) -> str:
+        """The status for people."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    PlantStatus.OK: "The aircraft flies or stands on its skids.",
+    PlantStatus.HIT_GROUND: "The aircraft hit the ground: too fast, or with its tail or rotor.",
+    PlantStatus.ROLLED_OVER: "The aircraft rolled over: its tilt exceeded the limit.",
+    PlantStatus.FLEW_AWAY: "The aircraft flew away: it left the allowed distance from its start.",
+    PlantStatus.NOT_FINITE: "The aircraft's state is not finite: a command or parameter broke it.",
+}
+_OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in PlantStatus)
+
+
+class PlantState(NamedTuple):
+    """State of the plant; the arrays are changed in place."""
+
+    x: np.ndarray  # (24,) aircraft, layout of `state`
+    wind_filter: np.ndarray  # (5,) turbulence filter, dimensionless
+    wind_ned_mps: np.ndarray  # (3,) velocity of the air
+    sensors: SensorState
+    commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
+    work: np.ndarray  # (5, 24) scratch
+    flags: np.ndarray  # (1,) int64, first PlantStatus that was not OK
+
+
+def initial_state(config: PlantConfig, seed: int) -> PlantState:
+    """State before tick 0: hovering in trim in the mean wind at the start.
+
+    Parameters
+    ----------
+    config : PlantConfig
+    seed : int
+        Draws turbulence, biases, drifts and the fixes under way from their stationary distributions,
+        with streams of their own.
+
+    Returns
+    -------
+    PlantState
+
+    Raises
+    ------
+    TrimError
+        If the aircraft cannot hover in that wind.
+    """
+    k = config.kernel
+    gps = k.sensors.gps
+    slots = gps.latency // gps.period + 1
+    rows = NoiseStreams(seed).initial_rows(slots)
+    calm = k.wind._replace(turbulence=False, gust_amplitude_mps=0.0 * k.wind.gust_amplitude_mps)
+    at_start = np.zeros(N_STATE)
+    at_start[0:3] = config.pos_ned_m
+    mean_wind = np.zeros(3)
+    wind_at(np.zeros(N_FILTER), at_start, 0.0, calm, mean_wind)
+    hover = trim(config.helicopter, mean_wind, config.psi)
+    x = hover.x.copy()
+    x[0:3] = config.pos_ned_m
+    first = rows[0]
+    wind_filter = np.zeros(N_FILTER)
+    stationary_filter(first[WIND_AT : WIND_AT + N_FILTER], wind_filter)
+    imu = k.sensors.imu
+    sensors = SensorState(
+        bias=np.repeat([imu.gyro_bias, imu.accel_bias], 3) * first[IMU_AT : IMU_AT + 6],
+        baro_drift=k.sensors.baro.drift * first[BARO_AT : BARO_AT + 1],
+        gps_drift=gps.drift_m * first[GPS_AT + 6 : GPS_AT + 9],
+        gps_queue=np.zeros((slots, GPS_FIX)),
+    )
+    for i in range(slots):
+        valid = i * gps.period - gps.latency
+        if valid < 0:
+            take_fix(sensors, valid, x, rows[i], gps)
+    return PlantState(
+        x,
+        wind_filter,
+        mean_wind,
+        sensors,
+        np.tile(hover.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, N_COMMAND),
+        np.zeros((WORK_ROWS, N_STATE)),
+        np.zeros(1, dtype=np.int64),
+    )
+
+
+@njit
+def measure(state, tick, noise_row, k, y):
+    """Bring the wind to a tick and read the sensors.
+
+    Parameters
+    ----------
+    state : PlantState
+        Changed in place.
+    tick : int
+        0, 1, 2, ... without gaps.
+    noise_row : (N_NOISE,) array
+        Standard normals of this tick.
+    k : PlantKernel
+    y : (N_MEAS,) array
+        Filled; layout of `state`. Values that do not arrive at this tick are 0, with a valid flag of 0.
+    """
+    if tick > 0 and k.wind.turbulence:
+        step_turbulence(state.wind_filter, -state.x[2], TICK_S, noise_row[WIND_AT:], k.wind)
+    wind_at(state.wind_filter, state.x, tick * TICK_S, k.wind, state.wind_ned_mps)
+    read_sensors(
+        state.sensors, tick, state.x, state.wind_ned_mps, noise_row, k.aircraft, k.sensors, y
+    )
+    for i in range(3):
+        y[20 + i] = state.wind_ned_mps[i]
+
+
+@njit
+def _judge(x, k):
+    """PlantStatus (int) of a state."""
+    for i in range(x.shape[0]):
+        if not math.isfinite(x[i]):
+            return _NOT_FINITE
+    sinking, _, structure = ground_contact(x, k.aircraft.ground)
+    if structure or sinking > k.aircraft.ground.hard_impact:
+        return _HIT_GROUND
+    if 1.0 - 2.0 * (x[7] * x[7] + x[8] * x[8]) < k.limits.cos_tilt:
+        return _ROLLED_OVER
+    away = 0.0
+    for i in range(3):
+        away += (x[i] - k.limits.start_ned_m[i]) ** 2
+    if away > k.limits.distance_m**2:
+        return _FLEW_AWAY
+    return _OK
+
+
+@njit
+def advance(state, u_cmd, k):
+    """Carry the aircraft over one tick; the command enters the delay line.
+
+    Parameters
+    ----------
+    state : PlantState
+        Changed in place; a state that is not finite stays as it is.
+    u_cmd : (4,) array
+        Command of this tick; flown `delay_ticks` later.
+    k : PlantKernel
+    """
+    if state.flags[0] == _NOT_FINITE:
+        return
+    u = np.empty(4)
+    for i in range(4):
+        u[i] = state.commands[0, i] if k.delay_ticks > 0 else u_cmd[i]
+    for j in range(k.delay_ticks):
+        for i in range(4):
+            last = j == k.delay_ticks - 1
+            state.commands[j, i] = u_cmd[i] if last else state.commands[j + 1, i]
+    for _ in range(SUBSTEPS):
+        rk4_step(state.x, u, state.wind_ned_mps, k.aircraft, STEP_S, state.work)
+        if state.flags[0] == _OK:
+            state.flags[0] = _judge(state.x, k)
+
+
+@njit
+def status(state, k):
+    """First PlantStatus (int) that was not OK so far, else OK."""
+    return state.flags[0]

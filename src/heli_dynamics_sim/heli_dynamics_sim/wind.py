@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Wind: steady profile over altitude, Dryden turbulence, discrete gusts.
+
+Turbulence follows MIL-F-8785C, low altitude (10 to 1000 ft), in the components along the mean wind,
+across it (to the right of where it blows) and down:
+
+    sigma_w = 0.1 W20,  sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4,
+    L_w = h,            L_u = L_v = h / (0.177 + 0.000823 h)^1.2         (h, L in ft),
+    H_u  = sigma sqrt(2 L / (pi V)) / (1 + L s / V),
+    H_vw = sigma sqrt(L / (pi V)) (1 + sqrt(3) L s / V) / (1 + L s / V)^2.
+
+V is the speed at which the frozen field passes the aircraft; near hover that is the mean wind speed
+at its altitude, floored. In the time scale L/V the filters have no parameter and unit variance, so
+the states are dimensionless, altitude and wind enter only through the step `V dt / L` and the scale
+sigma, and the discretisation is exact for every step: transition matrix and noise covariance are
+those of the continuous filter.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from heli_math.jit import njit
+
+from heli_dynamics_sim.rigid_body import to_ned
+
+FOOT_M = 0.3048
+W20_ALTITUDE_M = 20.0 * FOOT_M
+N_FILTER = 5
+_SQRT3 = math.sqrt(3.0)
+_LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
+
+
+class WindKernel(NamedTuple):
+    """What the wind is made of."""
+
+    profile_altitude_m: np.ndarray  # (n,), rising
+    profile_speed_mps: np.ndarray  # (n,)
+    towards_rad: float  # direction the air moves to, clockwise from north
+    turbulence: bool
+    w20_mps: float  # steady wind at 20 ft
+    airspeed_floor_mps: float  # least V
+    gust_start_s: np.ndarray  # (m,)
+    gust_duration_s: np.ndarray  # (m,)
+    gust_amplitude_mps: np.ndarray  # (m, 3), peak velocity of the air
+    gust_body: bool  # amplitudes in body axes instead of NED
+
+
+@njit
+def mean_speed(altitude_m, k):
+    """Steady wind speed (m/s) at an altitude (m): linear between the profile's points."""
+    heights, speeds = k.profile_altitude_m, k.profile_speed_mps
+    last = heights.shape[0] - 1
+    if altitude_m <= heights[0]:
+        return speeds[0]
+    for i in range(last):
+        if altitude_m < heights[i + 1]:
+            share = (altitude_m - heights[i]) / (heights[i + 1] - heights[i])
+            return speeds[i] + share * (speeds[i + 1] - speeds[i])
+    return speeds[last]
+
+
+@njit
+def dryden_scales(altitude_m, w20_mps):
+    """(sigma_u = sigma_v, sigma_w in m/s, L_u = L_v, L_w in m) at an altitude (m)."""
+    h = min(max(altitude_m / FOOT_M, _LOWEST_FT), _HIGHEST_FT)
+    base = 0.177 + 0.000823 * h
+    sigma_w = 0.1 * w20_mps
+    return sigma_w / base**0.4, sigma_w, h / base**1.2 * FOOT_M, h * FOOT_M
+
+
+@njit
+def first_order_step(x, h, n):
+    """Exact step of the unit-variance filter 1/(1 + s) over the time h (in units of L/V)."""
+    return math.exp(-h) * x + math.sqrt(-math.expm1(-2.0 * h)) * n
+
+
+@njit
+def second_order_covariance(h):
+    """Covariance (q11, q12, q22) that white noise builds up in (1/(1+s), 1/(1+s)^2) over h."""
+    if h < 0.05:
+        # closed forms cancel here; integrals of s^j exp(-2 s), termwise
+        q12, q22, power = 0.0, 0.0, 1.0
+        for i in range(10):
+            q12 += power * h ** (i + 2) / (i + 2)
+            q22 += power * h ** (i + 3) / (i + 3)
+            power *= -2.0 / (i + 1)
+    else:
+        decay = math.exp(-2.0 * h)
+        q12 = 0.25 - decay * (2.0 * h + 1.0) / 4.0
+        q22 = 0.25 - decay * (2.0 * h * h + 2.0 * h + 1.0) / 4.0
+    return -0.5 * math.expm1(-2.0 * h), q12, q22
+
+
+@njit
+def second_order_step(x1, x2, h, n1, n2):
+    """Exact step of the two states of the lateral filter over h; white noise of intensity 1."""
+    q11, q12, q22 = second_order_covariance(h)
+    l11 = math.sqrt(q11)
+    l21 = q12 / l11
+    l22 = math.sqrt(max(q22 - l21 * l21, 0.0))
+    decay = math.exp(-h)
+    return decay * x1 + l11 * n1, decay * (x2 + h * x1) + l21 * n1 + l22 * n2
+
+
+@njit
+def second_order_output(x1, x2):
+    """Output of unit variance, (1 + sqrt(3) s)/(1 + s)^2, of the states of `second_order_step`."""
+    return _SQRT3 * x1 + (1.0 - _SQRT3) * x2
+
+
+@njit
+def stationary_filter(noise, out):
+    """Draw the filter states out (5,) from their stationary distribution; noise (5,) normals."""
+    out[0] = noise[0]
+    # covariance of a pair: [[1/2, 1/4], [1/4, 1/4]]
+    for i in range(2):
+        out[1 + 2 * i] = math.sqrt(0.5) * noise[1 + 2 * i]
+        out[2 + 2 * i] = math.sqrt(0.125) * (noise[1 + 2 * i] + noise[2 + 2 * i])
+
+
+@njit
+def step_turbulence(x, altitude_m, dt_s, noise, k):
+    """Carry the filter states x (5,) over dt_s at an altitude (m); noise (>= 5,) normals."""
+    _, _, length_h, length_w = dryden_scales(altitude_m, k.w20_mps)
+    path = dt_s * max(mean_speed(altitude_m, k), k.airspeed_floor_mps)
+    x[0] = first_order_step(x[0], path / length_h, noise[0])
+    x[1], x[2] = second_order_step(x[1], x[2], path / length_h, noise[1], noise[2])
+    x[3], x[4] = second_order_step(x[3], x[4], path / length_w, noise[3], noise[4])
+
+
+@njit
+def gust_shape(time_s, start_s, duration_s):
+    """1-cosine gust, 0 to 1 and back to 0 within its duration."""
+    phase = (time_s - start_s) / duration_s
+    if phase <= 0.0 or phase >= 1.0:
+        return 0.0
+    return 0.5 * (1.0 - math.cos(2.0 * math.pi * phase))
+
+
+@njit
+def wind_at(filter_state, x, time_s, k, out):
+    """Velocity of the air, NED, m/s: fills out (3,).
+
+    Parameters
+    ----------
+    filter_state : (5,) array
+        Turbulence filter.
+    x : (24,) array
+        Plant state: altitude, and attitude for gusts in body axes.
+    time_s : float
+        Flight time.
+    k : WindKernel
+    """
+    altitude = -x[2]
+    along, across, down = mean_speed(altitude, k), 0.0, 0.0
+    if k.turbulence:
+        sigma_h, sigma_w, _, _ = dryden_scales(altitude, k.w20_mps)
+        along += sigma_h * filter_state[0]
+        across = sigma_h * second_order_output(filter_state[1], filter_state[2])
+        down = sigma_w * second_order_output(filter_state[3], filter_state[4])
+    c, s = math.cos(k.towards_rad), math.sin(k.towards_rad)
+    out[0] = c * along - s * across
+    out[1] = s * along + c * across
+    out[2] = down
+    g0, g1, g2 = 0.0, 0.0, 0.0
+    for i in range(k.gust_start_s.shape[0]):
+        shape = gust_shape(time_s, k.gust_start_s[i], k.gust_duration_s[i])
+        g0 += shape * k.gust_amplitude_mps[i, 0]
+        g1 += shape * k.gust_amplitude_mps[i, 1]
+        g2 += shape * k.gust_amplitude_mps[i, 2]
+    if k.gust_body:
+        g0, g1, g2 = to_ned(x[6], x[7], x[8], x[9], g0, g1, g2)
+    out[0] += g0
+    out[1] += g1
+    out[2] += g2
