@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Flies the hover test; makes the environment first if it is missing. Options: ./hover_test.sh --help
+set -euo pipefail
+
+HELI_ROOT=$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")" && pwd)
+# shellcheck source=scripts/setup_env.sh
+source "$HELI_ROOT/scripts/setup_env.sh"
+heli_setup_env
+exec "$HELI_PYTHON" -m heli_hover_test.hover_test "$@"

@@ -1,0 +1,15 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Runs every check: lint, format, types, tests. Arguments go to pytest (./run_tests.sh src/heli_observer -k bias).
+set -euo pipefail
+
+HELI_ROOT=$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")" && pwd)
+# shellcheck source=scripts/setup_env.sh
+source "$HELI_ROOT/scripts/setup_env.sh"
+heli_setup_env test
+
+[ $# -gt 0 ] || cd -- "$HELI_ROOT"
+"$HELI_PYTHON" -m ruff check "$HELI_ROOT"
+"$HELI_PYTHON" -m ruff format --check "$HELI_ROOT"
+(cd -- "$HELI_ROOT" && "$HELI_PYTHON" -m mypy)
+exec "$HELI_PYTHON" -m pytest --rootdir="$HELI_ROOT" --config-file="$HELI_ROOT/pyproject.toml" "$@"

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# Sourced by hover_test.sh and run_tests.sh, which set HELI_ROOT (top of the repository) first.
+#
+# heli_setup_env [test]   makes what is missing, then points PATH and HELI_PYTHON at it; "test" adds the test tools.
+#
+#   without ROS             .venv from the pinned wheels, ROS 2 Jazzy among them; packages linked from src/
+#   ROS_DISTRO=jazzy        colcon build --symlink-install against that ROS; what apt's ROS lacks comes from .venv-ros,
+#                           which sees the system's packages and keeps numpy below 2 (apt's messages are compiled so)
+#
+# PYTHON     interpreter to make the environment with; default: the first suitable one of HELI_PYTHONS
+# HELI_VENV  folder of the environment, if it shall not stand in the repository
+#
+# An environment counts only when its stamp was written, last of all; an interrupted one is thrown away and made anew.
+
+HELI_PYTHONS="python3.13 python3.12 python3.11 python3"
+
+heli_fail() {
+    printf 'error: %s\n' "$*" >&2
+    exit 2
+}
+
+# Prints major.minor; exit code 3: older than 3.11, 4: cannot make environments.
+heli_probe() {
+    "$1" -c 'import sys
+if sys.version_info < (3, 11):
+    sys.exit(3)
+try:
+    import ensurepip, venv
+except ImportError:
+    sys.exit(4)
+print("%d.%d" % sys.version_info[:2])' 2>/dev/null
+}
+
+# Sets heli_base_python and heli_base_version.
+heli_find_python() {
+    local candidates candidate code without_venv=""
+    read -ra candidates <<<"$HELI_PYTHONS"
+    [ -z "${PYTHON:-}" ] || candidates=("$PYTHON")
+    for candidate in "${candidates[@]}"; do
+        command -v "$candidate" >/dev/null 2>&1 || continue
+        code=0
+        heli_base_version=$(heli_probe "$candidate") || code=$?
+        if [ "$code" = 0 ]; then
+            heli_base_python=$(command -v "$candidate")
+            return 0
+        fi
+        [ "$code" != 4 ] || without_venv=${without_venv:-$(command -v "$candidate")}
+    done
+    [ -z "$without_venv" ] ||
+        heli_fail "$without_venv has no venv module; install it (Debian, Ubuntu: apt install python3-venv) or name another interpreter with PYTHON=/path/to/python3"
+    heli_fail "no Python 3.11 or newer found (looked for ${candidates[*]}); install one or name it with PYTHON=/path/to/python3"
+}
+
+# Runs a command in its own process group, output to the log, so that a signal ends it and all its children at once.
+heli_run() {
+    local code=0
+    set -m
+    "$@" </dev/null >>"$heli_log" 2>&1 &
+    heli_child=$!
+    set +m
+    wait "$heli_child" || code=$?
+    heli_child=""
+    return "$code"
+}
+
+heli_last_line() {
+    grep -v '^[[:space:]]*$' "$heli_log" | tail -n 1
+}
+
+# pip in the environment; a failure becomes one line.
+heli_pip_install() {
+    heli_run "$heli_venv/bin/python" -m pip install --no-input --no-user --no-compile --retries 3 \
+        --disable-pip-version-check --no-warn-script-location "$@" && return 0
+    if grep -qE 'ConnectionError|ConnectTimeout|ReadTimeout|NameResolution|ProxyError|connection broken' "$heli_log"; then
+        heli_fail "the Python package index cannot be reached (no network?), and set-up needs it once; pip's output: $heli_log"
+    fi
+    heli_fail "pip: $(grep -E '^ *ERROR' "$heli_log" | tail -n 1 | grep . || heli_last_line); all of its output: $heli_log"
+}
+
+# Moved away first: an interrupted removal never leaves half an environment in its place.
+heli_discard_environment() {
+    rm -rf -- "$heli_venv.old"
+    [ ! -e "$heli_venv" ] || mv -- "$heli_venv" "$heli_venv.old"
+    rm -rf -- "$heli_venv.old"
+}
+
+# At the end of set-up, however it came: no child goes on, nothing half-made stays.
+heli_leave_setup() {
+    if [ -n "$heli_child" ]; then
+        kill -KILL -- "-$heli_child" 2>/dev/null
+        wait "$heli_child" 2>/dev/null
+    fi
+    if [ -e "$heli_venv/heli_made_here" ] && [ ! -e "$heli_venv/heli_stamp" ]; then
+        heli_discard_environment
+    fi
+}
+
+# Makes the environment $heli_venv with the given option of venv (or ""), installs what the further arguments of pip say.
+heli_make_environment() {
+    local option=$1
+    shift
+    heli_find_python
+    rmdir -- "$heli_venv" 2>/dev/null || true
+    if [ -e "$heli_venv" ] && [ ! -e "$heli_venv/heli_made_here" ]; then
+        heli_fail "$heli_venv exists but was not made by this set-up; move it away, or choose another folder with HELI_VENV=/path"
+    fi
+    printf 'Setting up %s with Python %s, once, about a minute ...\n' "$heli_venv" "$heli_base_version" >&2
+    heli_discard_environment
+    { mkdir -p -- "$heli_venv" && : >"$heli_venv/heli_made_here"; } 2>/dev/null || heli_fail "cannot write $heli_venv"
+    heli_run "$heli_base_python" -m venv ${option:+"$option"} "$heli_venv" ||
+        heli_fail "$heli_base_python -m venv: $(heli_last_line)"
+    heli_pip_install "$@"
+}
+
+heli_link_layout() {
+    heli_run "$heli_venv/bin/python" "$HELI_ROOT/scripts/link_ros_layout.py" ||
+        heli_fail "linking the packages into $heli_venv: $(heli_last_line)"
+}
+
+heli_colcon_build() {
+    heli_run env -C "$HELI_ROOT" colcon build --symlink-install --base-paths src ||
+        heli_fail "colcon build failed; its output: $heli_log"
+}
+
+# Compiles the kernels into numba's cache, so that the first flight need not.
+heli_warm_up() {
+    [ -f "$HELI_ROOT/src/heli_hover_test/heli_hover_test/warm_up.py" ] || return 0
+    heli_run "$heli_venv/bin/python" -m heli_hover_test.warm_up ||
+        heli_fail "compiling the kernels: $(heli_last_line)"
+}
+
+heli_digest() {
+    sha256sum | cut -d ' ' -f 1
+}
+
+heli_stamp_is() {
+    [ -f "$1" ] && [ "$(<"$1")" = "$2" ]
+}
+
+# Sets heli_mode and heli_venv.
+heli_choose_mode() {
+    heli_mode=wheels
+    heli_venv=${HELI_VENV:-$HELI_ROOT/.venv}
+    if [ "${ROS_DISTRO:-}" = jazzy ]; then
+        heli_mode=ros
+        heli_venv=${HELI_VENV:-$HELI_ROOT/.venv-ros}
+        HELI_PYTHONS=python3
+    fi
+}
+
+# Drops what another ROS, or a parent started by the wheels, left in the environment.
+heli_clean_environment() {
+    unset _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME
+    [ "$heli_mode" = wheels ] || return 0
+    [ -z "${ROS_DISTRO:-}" ] || unset LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION
+    unset PYTHONPATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+    export AMENT_PREFIX_PATH="$heli_venv" RMW_IMPLEMENTATION=rmw_fastrtps_cpp
+}
+
+heli_check_ros() {
+    "${PYTHON:-python3}" -c 'import rclpy' 2>/dev/null ||
+        heli_fail "ROS_DISTRO=jazzy is set, but ${PYTHON:-python3} cannot import rclpy; source Jazzy's setup.bash, or unset ROS_DISTRO to use the wheels from PyPI"
+    command -v colcon >/dev/null 2>&1 ||
+        heli_fail "colcon not found; install it (apt install python3-colcon-common-extensions), or unset ROS_DISTRO to use the wheels from PyPI"
+}
+
+heli_source_workspace() {
+    [ "$heli_mode" = ros ] || return 0
+    set +u
+    # shellcheck disable=SC1091
+    source "$HELI_ROOT/install/local_setup.bash"
+    set -u
+}
+
+heli_environment_stands() {
+    heli_stamp_is "$heli_venv/heli_stamp" "$heli_want_env" && [ -x "$heli_venv/bin/python" ]
+}
+
+heli_layout_stands() {
+    heli_stamp_is "$heli_venv/heli_layout_stamp" "$heli_want_layout" &&
+        { [ "$heli_mode" = wheels ] || [ -f "$HELI_ROOT/install/local_setup.bash" ]; }
+}
+
+heli_all_stands() {
+    heli_environment_stands && heli_layout_stands &&
+        { [ "$1" != test ] || heli_stamp_is "$heli_venv/heli_test_stamp" "$heli_want_env"; }
+}
+
+# Makes what is missing; each stamp is written when its part is complete.
+heli_make_missing() {
+    local requirements=$HELI_ROOT/requirements pins=$HELI_ROOT/requirements/constraints.txt
+    local packages=(-r "$requirements/python.txt") option=""
+    if [ "$heli_mode" = ros ]; then
+        heli_check_ros
+        pins=$heli_log.pins
+        grep -vE '^(numpy|cvxpy|highspy|sparsediffpy)==' "$requirements/constraints.txt" >"$pins"
+        echo 'numpy<2' >>"$pins"
+        option=--system-site-packages
+    else
+        packages+=(-r "$requirements/ros.txt")
+    fi
+    heli_environment_stands || heli_make_environment "$option" -c "$pins" "${packages[@]}"
+    if ! heli_layout_stands; then
+        if [ "$heli_mode" = ros ]; then heli_colcon_build; else heli_link_layout; fi
+        heli_source_workspace
+        heli_warm_up
+        printf '%s\n' "$heli_want_layout" >"$heli_venv/heli_layout_stamp"
+    fi
+    printf '%s\n' "$heli_want_env" >"$heli_venv/heli_stamp"
+    if [ "$1" = test ]; then
+        printf 'Adding the test tools, once ...\n' >&2
+        heli_pip_install -c "$pins" -r "$requirements/test.txt"
+        printf '%s\n' "$heli_want_env" >"$heli_venv/heli_test_stamp"
+    fi
+}
+
+# One set-up at a time; whoever waited looks again at what is missing.
+heli_make_missing_alone() {
+    heli_child=""
+    heli_log=$(mktemp "${TMPDIR:-/tmp}/heli_setup.XXXXXX") || heli_fail "cannot write a temporary file"
+    mkdir -p -- "$(dirname -- "$heli_venv")" 2>/dev/null || true
+    { exec 9>"$heli_venv.lock"; } 2>/dev/null || heli_fail "cannot write $heli_venv"
+    if ! flock -n 9; then
+        printf 'Another set-up is under way, waiting for it ...\n' >&2
+        flock 9
+    fi
+    if ! heli_all_stands "$1"; then
+        trap heli_leave_setup EXIT
+        trap 'exit 130' INT
+        trap 'exit 143' TERM HUP
+        heli_make_missing "$1"
+        trap - EXIT INT TERM HUP
+    fi
+    exec 9>&-
+    rm -f -- "$heli_log" "$heli_log.pins"
+}
+
+heli_setup_env() {
+    heli_choose_mode
+    heli_clean_environment
+    heli_want_env="$(cat "$HELI_ROOT"/requirements/*.txt | heli_digest) $heli_venv${PYTHON:+ $(command -v "$PYTHON")}"
+    heli_want_layout=$({
+        printf '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,launch,config,scripts/*}
+        cat "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/setup.py
+    } | heli_digest)
+    heli_all_stands "${1:-}" || heli_make_missing_alone "${1:-}"
+    export VIRTUAL_ENV="$heli_venv" PATH="$heli_venv/bin:$PATH"
+    heli_source_workspace
+    export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+    HELI_PYTHON=$heli_venv/bin/python
+}
