@@ -20,7 +20,6 @@ def shared(top, pattern):
 setup(
     name=PACKAGE,
     version="0.1.0",
-    description="Nonlinear simulation of a small helicopter: rotors, flapping, yaw gyro, servos, wind and sensors; trim and linearisation",
     maintainer="heli-hover maintainers",
     maintainer_email="maintainers@example.org",
     license="Apache-2.0",

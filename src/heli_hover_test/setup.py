@@ -20,7 +20,6 @@ def shared(top, pattern):
 setup(
     name=PACKAGE,
     version="0.1.0",
-    description="Brings up the hover stack, flies the test scenarios, scores and reports them",
     maintainer="heli-hover maintainers",
     maintainer_email="maintainers@example.org",
     license="Apache-2.0",

@@ -20,7 +20,6 @@ def shared(top, pattern):
 setup(
     name=PACKAGE,
     version="0.1.0",
-    description="Mathematics that every package of the hover stack shares: kernel compilation, rotations, standard atmosphere",
     maintainer="heli-hover maintainers",
     maintainer_email="maintainers@example.org",
     license="Apache-2.0",

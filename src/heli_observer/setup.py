@@ -20,7 +20,6 @@ def shared(top, pattern):
 setup(
     name=PACKAGE,
     version="0.1.0",
-    description="Navigation of a small helicopter: GPS/inertial Kalman filter and reduced-order observer of the rotor states",
     maintainer="heli-hover maintainers",
     maintainer_email="maintainers@example.org",
     license="Apache-2.0",

@@ -20,7 +20,6 @@ def shared(top, pattern):
 setup(
     name=PACKAGE,
     version="0.1.0",
-    description="PD position and altitude control of a small helicopter with wind compensation",
     maintainer="heli-hover maintainers",
     maintainer_email="maintainers@example.org",
     license="Apache-2.0",
