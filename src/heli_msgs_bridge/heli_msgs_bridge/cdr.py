@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of a fixed layout as bytes: one block of doubles in an otherwise constant frame.
 
-Converting a ROS message object costs tens of microseconds in Python; a flight in lockstep sends some
-two thousand messages per simulated second. All streams of this graph are of one shape: a stamp, constant texts and one
-run of float64. So their CDR form (OMG DDS-XTypes, XCDR1, little endian, as ROS 2 uses it) is laid out
-once; sending writes the doubles into it and receiving compares the constant part and reads them.
-Bytes of any other layout are recognised and left to the ordinary decoder.
+Converting a ROS message object costs tens of microseconds in Python; a flight in lockstep sends
+some two thousand messages per simulated second. All streams of this graph are of one shape: a
+stamp, constant texts and one run of float64. So their CDR form (OMG DDS-XTypes, XCDR1, little
+endian, as ROS 2 uses it) is laid out once; sending writes the doubles into it and receiving
+compares the constant part and reads them. Bytes of any other layout are recognised and left to the
+ordinary decoder.
 """
 
 import struct

@@ -2,8 +2,8 @@
 """Frame conversions, the only place of the stack where they are made.
 
 Inside the cores: NED (north, east, down) and FRD (forward, right, down), as in the paper. On
-topics: ENU (east, north, up) and FLU (forward, left, up), REP-103 and REP-105. Every function says in
-its name what goes in and what comes out; a vector's output array may be the input itself.
+topics: ENU (east, north, up) and FLU (forward, left, up), REP-103 and REP-105. Every function says
+in its name what goes in and what comes out; a vector's output array may be the input itself.
 
 Where only axes swap or change sign no bit is lost.
 """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """All topics of the graph: name, type, who sends, who listens, how often. One table, no ROS needed.
 
-Names are relative, so that a namespace or a remap moves the whole graph; `/clock` and `/diagnostics`
-are absolute by ROS convention. A rate is a whole number of ticks.
+Names are relative, so that a namespace or a remap moves the whole graph; `/clock` and
+`/diagnostics` are absolute by ROS convention. A rate is a whole number of ticks.
 """
 
 from dataclasses import dataclass
@@ -137,8 +137,8 @@ def message_class(type_name: str) -> Any:
 def qos(name: str, depth: int = DEPTH) -> Any:
     """QoS profile of a topic (imports rclpy).
 
-    Everything is reliable: in lockstep a lost message is a stopped flight, and a best-effort publisher
-    would never meet a reliable listener.
+    Everything is reliable: in lockstep a lost message is a stopped flight, and a best-effort
+    publisher would never meet a reliable listener.
     """
     from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 

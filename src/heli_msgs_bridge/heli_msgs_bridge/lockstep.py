@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which messages belong to a tick, and whether all of them have come. No ROS.
+
+In lockstep a node acts when the set that the schedule demands for its next tick is complete; in
+real time it takes the newest of each topic and knows its age.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a step needs from one topic.
+
+    Attributes
+    ----------
+    every_ticks : int
+        The step of tick n needs it if n is a multiple of this.
+    lag_ticks : int
+        The message for step n is stamped n - lag_ticks.
+    first_tick : int
+        Steps before this one do without it.
+    """
+
+    every_ticks: int = 1
+    lag_ticks: int = 0
+    first_tick: int = 0
+
+    def due(self, tick: int) -> bool:
+        """True if the step of this tick needs a message."""
+        return tick >= self.first_tick and tick % self.every_ticks == 0
+
+
+@dataclass
+class Counters:
+    """What was not used: duplicates, messages of past ticks, and of ticks too far ahead."""
+
+    duplicate: int = 0
+    late: int = 0
+    ahead: int = 0
+
+
+class TickAssembler:
+    """Collects messages by tick in bounded memory.
+
+    Parameters
+    ----------
+    demands : mapping of topic to Demand
+        What a step needs.
+    window_ticks : int
+        How many ticks ahead of the next step are kept.
+    """
+
+    def __init__(self, demands: Mapping[str, Demand], window_ticks: int = 64) -> None:
+        self._demands = dict(demands)
+        self._waived: set[str] = set()
+        self._window = window_ticks
+        self._slots: dict[int, dict[str, Any]] = {}
+        self._newest: dict[str, tuple[int, Any]] = {}
+        self.next_tick: int | None = None
+        self.counters = Counters()
+
+    def reset(self) -> None:
+        """Forget everything but the demands."""
+        self._slots.clear()
+        self._newest.clear()
+        self.next_tick = None
+        self._waived.clear()
+
+    def waive(self, topic: str, waived: bool = True) -> None:
+        """Do (not) wait for a topic; what comes is used nevertheless."""
+        if waived:
+            self._waived.add(topic)
+        else:
+            self._waived.discard(topic)
+
+    def is_waived(self, topic: str) -> bool:
+        """True if the topic is not waited for."""
+        return topic in self._waived
+
+    def add(self, topic: str, stamp_tick: int, value: Any) -> bool:
+        """Take a message; `value` None means that it came but cannot be used.
+
+        Returns
+        -------
+        bool
+            True if it was kept.
+        """
+        tick = stamp_tick + self._demands[topic].lag_ticks
+        first = self.next_tick
+        if first is not None and tick < first:
+            self.counters.late += 1
+            return False
+        if first is not None and tick >= first + self._window:
+            self.counters.ahead += 1
+            return False
+        slot = self._slots.get(tick)
+        if slot is None:
+            slot = self._slots[tick] = {}
+            if first is None and len(self._slots) > self._window:
+                del self._slots[min(self._slots)]
+                self.counters.late += 1
+        elif topic in slot:
+            self.counters.duplicate += 1
+            return False
+        slot[topic] = value
+        return True
+
+    def start(self, tick: int) -> None:
+        """Set the first tick to be stepped; older messages are dropped."""
+        self.next_tick = tick
+        for old in [key for key in self._slots if key < tick]:
+            del self._slots[old]
+
+    def earliest(self, topic: str) -> int | None:
+        """Smallest tick for which a message of the topic is kept; None if there is none."""
+        ticks = [tick for tick, slot in self._slots.items() if topic in slot]
+        return min(ticks) if ticks else None
+
+    def missing(self) -> tuple[str, ...]:
+        """Topics that the next step still waits for; empty if it can be made."""
+        tick = self.next_tick
+        if tick is None:
+            return tuple(self._demands)
+        slot = self._slots.get(tick, {})
+        return tuple(
+            topic
+            for topic, demand in self._demands.items()
+            if topic not in slot and topic not in self._waived and demand.due(tick)
+        )
+
+    def complete(self) -> bool:
+        """True if everything that the next step demands has come."""
+        tick = self.next_tick
+        if tick is None:
+            return False
+        slot = self._slots.get(tick)
+        if slot is None:
+            return False
+        for topic, demand in self._demands.items():
+            if (
+                topic not in slot
+                and tick % demand.every_ticks == 0
+                and tick >= demand.first_tick
+                and topic not in self._waived
+            ):
+                return False
+        return True
+
+    def take(self) -> dict[str, Any]:
+        """Messages of the next step (complete or not), which thereby is done.
+
+        Raises
+        ------
+        RuntimeError
+            If no first tick has been set.
+        """
+        if self.next_tick is None:
+            raise RuntimeError("take() before start()")
+        slot = self._slots.pop(self.next_tick, {})
+        self.next_tick += 1
+        return slot
+
+    def keep_newest(self, topic: str, stamp_tick: int, value: Any) -> bool:
+        """Real time: keep a value if it is not older than the one at hand; returns whether kept."""
+        known = self._newest.get(topic)
+        if known is not None and stamp_tick < known[0]:
+            self.counters.late += 1
+            return False
+        if known is not None and stamp_tick == known[0]:
+            self.counters.duplicate += 1
+            return False
+        self._newest[topic] = (stamp_tick, value)
+        return True
+
+    def newest(self, topic: str) -> tuple[int, Any] | None:
+        """Stamp tick and value of the newest message of a topic."""
+        return self._newest.get(topic)
+
+    def age_ticks(self, topic: str, tick: int) -> int | None:
+        """Age of the newest message of a topic at a tick; None if none has come."""
+        known = self._newest.get(topic)
+        return None if known is None else tick - known[0]

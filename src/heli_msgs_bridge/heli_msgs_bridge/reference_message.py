@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reference trajectory as a `trajectory_msgs/MultiDOFJointTrajectory` and back.
+
+`header.stamp` is the moment from which `time_from_start` counts; poses and velocities are in the
+header's frame (ENU). It is sent once per change, latched, so message objects are fast enough.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_math.rotations import euler_from_quat, quat_from_euler
+from heli_msgs_bridge import frames, topics
+from heli_msgs_bridge.messages import MAP, MessageError
+
+JOINT = "base_link"
+_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class ReferencePoints:
+    """A reference as arrays.
+
+    Attributes
+    ----------
+    start_ns : int
+        Stamp from which `times_ns` count.
+    times_ns : (N,) int64 ndarray
+        Time of each point, ns.
+    points : (N, 7) float64 ndarray
+        Position NED m, velocity NED m/s, heading rad (0 is north).
+    """
+
+    start_ns: int
+    times_ns: NDArray[np.int64]
+    points: NDArray[np.float64]
+
+
+def encode_reference(reference: ReferencePoints) -> Any:
+    """Message object of a reference (imports ROS messages)."""
+    from geometry_msgs.msg import Transform, Twist
+    from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+    message = MultiDOFJointTrajectory()
+    message.header.frame_id = MAP
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(reference.start_ns, _S)
+    message.joint_names = [JOINT]
+    enu, q = np.empty(3), np.empty(4)
+    for time_ns, point in zip(reference.times_ns.tolist(), reference.points, strict=True):
+        pose, twist, row = Transform(), Twist(), MultiDOFJointTrajectoryPoint()
+        frames.ned_to_enu(point[0:3], enu)
+        pose.translation.x, pose.translation.y, pose.translation.z = enu.tolist()
+        frames.ned_to_enu(point[3:6], enu)
+        twist.linear.x, twist.linear.y, twist.linear.z = enu.tolist()
+        frames.quat_ned_frd_to_enu_flu(quat_from_euler(0.0, 0.0, point[6]), q)
+        rotation = pose.rotation
+        rotation.x, rotation.y, rotation.z, rotation.w = q.tolist()
+        row.time_from_start.sec, row.time_from_start.nanosec = divmod(time_ns, _S)
+        row.transforms, row.velocities = [pose], [twist]
+        message.points.append(row)
+    return message
+
+
+def _row(point: Any, index: int) -> list[float]:
+    if len(point.transforms) != 1 or len(point.velocities) > 1:
+        raise MessageError(
+            f"{topics.REFERENCE}: point {index} has {len(point.transforms)} transforms and "
+            f"{len(point.velocities)} velocities; expected one of each"
+        )
+    t, r = point.transforms[0].translation, point.transforms[0].rotation
+    v = point.velocities[0].linear if point.velocities else None
+    pos, vel, q = np.empty(3), np.zeros(3), np.empty(4)
+    frames.enu_to_ned(np.array([t.x, t.y, t.z]), pos)
+    if v is not None:
+        frames.enu_to_ned(np.array([v.x, v.y, v.z]), vel)
+    quaternion = np.array([r.x, r.y, r.z, r.w])
+    if not abs(np.linalg.norm(quaternion) - 1.0) < 1e-3:
+        raise MessageError(f"{topics.REFERENCE}: point {index}: not a unit quaternion")
+    frames.quat_enu_flu_to_ned_frd(quaternion, q)
+    return [*pos.tolist(), *vel.tolist(), euler_from_quat(q)[2]]
+
+
+def decode_reference(message: Any) -> ReferencePoints:
+    """Arrays of a reference message (object of rclpy or of rosbags).
+
+    Raises
+    ------
+    MessageError
+        No points, times that do not increase, values that are not finite, a frame that is not ENU.
+    """
+    name = topics.REFERENCE
+    if message.header.frame_id.endswith(("_ned", "_frd")):
+        raise MessageError(f"{name}: frame '{message.header.frame_id}' says NED; expected ENU")
+    if not message.points:
+        raise MessageError(f"{name}: holds no points")
+    times = [p.time_from_start.sec * _S + p.time_from_start.nanosec for p in message.points]
+    if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
+        raise MessageError(f"{name}: times of the points do not increase")
+    rows = [_row(point, index) for index, point in enumerate(message.points)]
+    for index, row in enumerate(rows):
+        if not all(math.isfinite(value) for value in row):
+            raise MessageError(f"{name}: point {index} is not finite")
+    stamp = message.header.stamp
+    start_ns = stamp.sec * _S + stamp.nanosec
+    return ReferencePoints(start_ns, np.array(times, dtype=np.int64), np.array(rows))
