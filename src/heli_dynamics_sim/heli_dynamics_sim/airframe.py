@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuselage and fins: aerodynamic forces in body axes.
 
-Source: Cai, Chen, Lee, Unmanned Rotorcraft Systems (Springer 2011), ch. 6. The source switches a fin
-from its unstalled to its stalled law at |v| = 0.3 |u|, where the force would jump by a factor of
-almost ten; here the two are blended by a cubic between 0.3 and a second ratio (a parameter), so the
-force is continuous.
+Source: Cai, Chen, Lee, Unmanned Rotorcraft Systems (Springer 2011), ch. 6. The source switches a
+fin from its unstalled to its stalled law at |v| = 0.3 |u|, where the force would jump by a factor
+of almost ten; here the two are blended by a cubic between 0.3 and a second ratio (a parameter),
+so the force is continuous.
 """
 
 from typing import NamedTuple
@@ -33,7 +33,7 @@ class FinKernel(NamedTuple):
 
 @njit
 def fuselage_force(u_a, v_a, w_a, v_i, k):
-    """Drag (N, 3 floats) of the fuselage in the body airspeed and the rotor's downwash v_i (m/s)."""
+    """Drag (N, 3 floats) of the fuselage in the body airspeed and the downwash v_i (m/s)."""
     w_f = w_a - v_i
     wash = abs(v_i)
     x = -k.x * u_a * max(wash, abs(u_a))

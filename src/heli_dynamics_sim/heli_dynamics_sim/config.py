@@ -23,7 +23,7 @@ from heli_dynamics_sim.wind import W20_ALTITUDE_M, WindKernel, mean_speed
 
 
 class PlantConfigError(ValueError):
-    """Parameters that do not fit together; the message names the key, its value and what is allowed."""
+    """Parameters that do not fit together; the message names the key and what is allowed."""
 
 
 class LimitKernel(NamedTuple):
@@ -129,7 +129,8 @@ def _wind_kernel(values: Mapping[str, Any]) -> WindKernel:
     for key, count in (("duration_s", durations.size), ("amplitude_mps", amplitudes.shape[0])):
         if count != starts.size:
             raise PlantConfigError(
-                f"wind.gust.{key}: describes {count} gusts; allowed: {starts.size}, as wind.gust.start_s"
+                f"wind.gust.{key}: describes {count} gusts; allowed: {starts.size}, "
+                "as wind.gust.start_s"
             )
     kernel = WindKernel(
         altitudes,

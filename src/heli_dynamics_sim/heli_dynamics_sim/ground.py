@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from heli_math.jit import njit
 
 from heli_dynamics_sim.rigid_body import to_body, to_ned
+from heli_math.jit import njit
 
 SLIP_SPEED_MPS = 0.02
 N_SKID_POINTS = 4

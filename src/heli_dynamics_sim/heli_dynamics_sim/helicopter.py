@@ -9,7 +9,6 @@ eq. (1)-(8) of the paper, corrected where the modules say so.
 import math
 
 import numpy as np
-from heli_math.jit import njit
 from numpy.typing import ArrayLike, NDArray
 
 from heli_dynamics_sim.airframe import fin_force, fuselage_force
@@ -20,6 +19,7 @@ from heli_dynamics_sim.rotor import flapping_rates, main_rotor, tail_rotor
 from heli_dynamics_sim.servo import servo_rates
 from heli_dynamics_sim.state import N_COMMAND, N_STATE
 from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
+from heli_math.jit import njit
 
 
 @njit
@@ -49,7 +49,7 @@ def main_rotor_power(u_a, v_a, w_a, v_i, thrust, drag, k):
 def aerodynamic_loads(x, u_a, v_a, w_a, output, k):
     """Force (N) and moment (N m) of the air on the aircraft, body axes, as two 3-tuples.
 
-    `output` is that of the yaw-rate gyro, rad; servo positions and flapping angles are taken from x.
+    `output` is that of the yaw-rate gyro, rad; servo positions and flapping angles come from x.
     """
     p, q, r, a_s, b_s = x[10], x[11], x[12], x[13], x[14]
     thrust, v_i = main_rotor(u_a, v_a, w_a, a_s, b_s, x[19], k.rotor, k.main)

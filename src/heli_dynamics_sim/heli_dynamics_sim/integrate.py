@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Integration: classical Runge-Kutta of order 4 with fixed steps."""
 
-from heli_math.jit import njit
-
 from heli_dynamics_sim.helicopter import derivative_kernel
 from heli_dynamics_sim.servo import apply_stops
+from heli_math.jit import njit
 
 WORK_ROWS = 5
 

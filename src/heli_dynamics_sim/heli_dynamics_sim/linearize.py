@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linearisation about a trim: the nine-state model of eq. (9) and (10).
 
-States phi theta p q a_s b_s r d_int psi, inputs d_lat d_lon d_ped (after the servos), wind in body axes
-u v w (velocity of the air, m/s, on top of the trim's wind), all as deviations from trim. The
+States phi theta p q a_s b_s r d_int psi, inputs d_lat d_lon d_ped (after the servos), wind in body
+axes u v w (velocity of the air, m/s, on top of the trim's wind), all as deviations from trim. The
 inertial velocity stays that of the trim.
 
 The power of climb makes a kink at w_a = 0, where hover without wind is: E(r, w) has a value for air
@@ -14,18 +14,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
 from numpy.typing import NDArray
 
+from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF, CLIMB_POWER_ON
 from heli_dynamics_sim.helicopter import airspeed, derivative_kernel
-from heli_dynamics_sim.parameters import (
-    CLIMB_POWER_OFF,
-    CLIMB_POWER_ON,
-    HelicopterKernel,
-    HelicopterParameters,
-)
+from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
 from heli_dynamics_sim.state import N_STATE
 from heli_dynamics_sim.trim import Trim
+from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
 
 STATE_NAMES = ("phi", "theta", "p", "q", "a_s", "b_s", "r", "d_int", "psi")
 STATE_UNITS = ("rad", "rad", "rad/s", "rad/s", "rad", "rad", "rad/s", "rad", "rad")
@@ -81,6 +77,7 @@ class ReducedModel:
         self.velocity_ned = quat_to_R_nb(trim.x[6:10]) @ trim.x[3:6]
 
     def __call__(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Derivative (9,) of the nine states at z (15,)."""
         phi, theta, p, q, a_s, b_s, r, d_int, psi = z[:9]
         x = self.trim.x.copy()
         x[2] = -1000.0  # out of the ground's reach

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random numbers: one independent stream of standard normals per source, all from one seed.
 
-Kernels hold no generator: each tick takes one row. A source's stream does not change when another
+The njit kernels hold no generator: each tick takes one row. A source's stream does not change when another
 source is switched off or draws more.
 """
 

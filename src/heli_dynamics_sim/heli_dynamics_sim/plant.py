@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant by ticks: what the node and the one-process loop share.
 
-At tick n: `measure` brings the wind to n and reads the sensors, the controllers act, `advance` carries
-the aircraft to n + 1 with the command of n - delay_ticks. Wind and command are held during a tick.
-`measure` is called once per tick, in order, and does not depend on the command of its tick.
+At tick n: `measure` brings the wind to n and reads the sensors, the controllers act, `advance`
+carries the aircraft to n + 1 with the command of n - delay_ticks. Wind and command are held during
+a tick. `measure` is called once per tick, in order, and does not depend on the command of its tick.
 """
 
 import math
@@ -11,7 +11,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from heli_math.jit import njit
 
 from heli_dynamics_sim.config import PlantConfig, PlantConfigError, PlantKernel
 from heli_dynamics_sim.ground import ground_contact
@@ -21,6 +20,7 @@ from heli_dynamics_sim.sensors import GPS_FIX, SensorState, read_sensors, take_f
 from heli_dynamics_sim.state import N_COMMAND, N_MEAS, N_STATE, STEP_S, SUBSTEPS, TICK_S
 from heli_dynamics_sim.trim import trim
 from heli_dynamics_sim.wind import N_FILTER, stationary_filter, step_turbulence, wind_at
+from heli_math.jit import njit
 
 __all__ = [
     "N_MEAS",
@@ -81,8 +81,8 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     ----------
     config : PlantConfig
     seed : int
-        Draws turbulence, biases, drifts and the fixes under way from their stationary distributions,
-        with streams of their own.
+        Draws turbulence, biases, drifts and the fixes under way from their stationary
+        distributions, with streams of their own.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def measure(state, tick, noise_row, k, y):
         Standard normals of this tick.
     k : PlantKernel
     y : (N_MEAS,) array
-        Filled; layout of `state`. Values that do not arrive at this tick are 0, with a valid flag of 0.
+        Filled; layout of `state`. What does not arrive at this tick is 0, its valid flag too.
     """
     if tick > 0 and k.wind.turbulence:
         step_turbulence(state.wind_filter, -state.x[2], TICK_S, noise_row[WIND_AT:], k.wind)

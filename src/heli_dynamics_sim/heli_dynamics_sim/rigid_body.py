@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rigid body: kinematics with a quaternion, Newton and Euler in body axes.
 
-Eq. (1)-(5) of the paper, corrected: eq. (1)-(2) print the NED -> body matrix, its transpose moves the
-position; eq. (3)-(4) are singular at theta = +-90 deg, so the attitude is a quaternion; eq. (5) needs the
-body rates where the Euler angles are printed. J is diagonal.
+Eq. (1)-(5) of the paper, corrected: eq. (1)-(2) print the NED -> body matrix, its transpose moves
+the position; eq. (3)-(4) are singular at theta = +-90 deg, so the attitude is a quaternion; eq. (5)
+needs the body rates where the Euler angles are printed. J is diagonal.
 """
 
 from typing import NamedTuple

@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rotors: thrust and inflow (momentum theory), main-rotor power, flapping.
 
-Source: Cai, Chen, Lee, Unmanned Rotorcraft Systems (Springer 2011), ch. 6; flapping is eq. (6) and (7)
-of the paper, corrected.
+Source: Cai, Chen, Lee, Unmanned Rotorcraft Systems (Springer 2011), ch. 6; flapping is eq. (6) and
+(7) of the paper, corrected.
 
 Thrust and induced velocity of a rotor are one scalar equation. With `T = slope (w_bl - v)` and
 Glauert's `v^2 = sqrt((v2/2)^2 + (T/(2 rho A))^2) - v2/2`, `v2 = mu^2 + w (w - 2 v)`, squaring gives
 
     g(v) = v sqrt(mu^2 + (w - v)^2) - kappa (w_bl - v) = 0,   kappa = slope / (2 rho A),
 
-where mu is the air speed in the disc plane, w the air speed through the disc (positive: descent,
-air coming against the thrust) and v carries the sign of the thrust. g changes sign between v = 0 and
-v = w_bl, so a solution always exists.
+where mu is the air speed in the disc plane, w the air speed through the disc (positive: descent)
+and v carries the sign of the thrust. g changes sign between v = 0 and v = w_bl, so a solution
+always exists.
 
 In a descent faster than kappa (5.3 m/s for the default main rotor) momentum theory has up to three
 solutions (vortex ring): thrust would jump. There the speed through the disc is given an additional
-component `(|w| - kappa) / sqrt(8)` in quadrature, the least for which g is monotone: the solution is
-unique and continuous everywhere, the printed law holds exactly up to |w| = kappa and in every climb,
-and far in the windmill state within 3 %.
+component `(|w| - kappa) / sqrt(8)` in quadrature, enough for g to be monotone: the solution is
+unique and continuous everywhere, and the printed law holds exactly up to |w| = kappa and in every
+climb.
 """
 
 import math
@@ -138,7 +138,7 @@ def solve_inflow(w_r, w_bl, mu_sq, rotor):
 
 @njit
 def main_rotor(u_a, v_a, w_a, a_s, b_s, d_col, rotor, main):
-    """Thrust (N) and induced velocity (m/s) of the main rotor in the body airspeed u_a, v_a, w_a (m/s)."""
+    """Thrust (N) and induced velocity (m/s) of the main rotor in the body airspeed (m/s)."""
     w_r = w_a + a_s * u_a - b_s * v_a
     pitch = main.pitch_gain * d_col + main.pitch_offset
     v_i, thrust, _ = solve_inflow(

@@ -9,12 +9,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from heli_math.atmosphere import pressure_pa
-from heli_math.jit import njit
 
 from heli_dynamics_sim.helicopter import specific_force
 from heli_dynamics_sim.noise import BARO_AT, GPS_AT, IMU_AT, MAG_AT
 from heli_dynamics_sim.rigid_body import to_body, to_ned
+from heli_math.atmosphere import pressure_pa
+from heli_math.jit import njit
 
 GPS_FIX = 7  # position (3), velocity (3), tick of validity
 
@@ -87,7 +87,7 @@ def gauss_markov_step(x, decay, sigma, n):
 
 @njit
 def read_imu(sensors, tick, x, wind, noise, aircraft, k, y):
-    """Fill y[0:3] (specific force, m/s2) and y[3:6] (rates, rad/s); biases walk from tick to tick."""
+    """Fill y[0:3] (specific force, m/s2) and y[3:6] (rates, rad/s); biases walk."""
     specific_force(x, wind, aircraft, y)
     for i in range(3):
         if tick > 0:

@@ -2,12 +2,13 @@
 """Layout of the plant's arrays: state, command, measurement. Named once, here.
 
 Inside: NED and FRD, SI units, rad. The plant state x is (24,), the command u (4,), the measurement
-y (23,).
+y (23,). The njit kernels take these constants in when they are compiled.
 """
 
 import numpy as np
-from heli_math.rotations import quat_from_euler
 from numpy.typing import NDArray
+
+from heli_math.rotations import quat_from_euler
 
 TICK_S = 0.01
 """Length of a tick (s): command, sensors and wind change once per tick."""

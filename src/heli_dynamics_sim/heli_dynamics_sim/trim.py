@@ -113,7 +113,8 @@ class _Problem:
 def _refusal(f: NDArray[np.float64], wind: NDArray[np.float64], psi: float) -> TrimError:
     worst = int(np.abs(f).argmax())
     return TrimError(
-        f"no trim in wind {np.round(wind, 3).tolist()} m/s (NED) at heading {np.degrees(psi):.1f} deg: "
+        f"no trim in wind {np.round(wind, 3).tolist()} m/s (NED) at heading "
+        f"{np.degrees(psi):.1f} deg: "
         f"{_ROW_NAMES[worst]} stays at {f[worst]:.3g}, allowed: {_RESIDUAL_LIMIT:g}"
     )
 

@@ -20,9 +20,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from heli_math.jit import njit
 
 from heli_dynamics_sim.rigid_body import to_ned
+from heli_math.jit import njit
 
 FOOT_M = 0.3048
 W20_ALTITUDE_M = 20.0 * FOOT_M

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Aircraft files: where they lie, what a value may be, and how a bad one is refused."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+COUPLINGS = ("identified", "eq7")
+
+
+class AircraftError(ValueError):
+    """An aircraft file that cannot be used; the message names file, key and bounds."""
+
+
+def number(
+    key: str, symbol: str, unit: str, lower: float, upper: float, meaning: str, closed: bool = False
+) -> Any:
+    """A field of the file: bounds are open unless `closed` (then the lower one may be met)."""
+    return field(
+        metadata={
+            "key": key,
+            "symbol": symbol,
+            "unit": unit,
+            "lower": lower,
+            "upper": upper,
+            "closed": closed,
+            "meaning": meaning,
+        }
+    )
+
+
+def allowed(rule: Mapping[str, Any]) -> str:
+    """What a key may be, in words."""
+    if "lower" not in rule:
+        return "one of " + ", ".join(COUPLINGS)
+    left = "[" if rule["closed"] else "("
+    unit = "" if rule["unit"] == "1" else f" {rule['unit']}"
+    return f"a number in {left}{rule['lower']:g}, {rule['upper']:g}){unit} ({rule['meaning']})"
+
+
+def check(rule: Mapping[str, Any], value: Any) -> None:
+    """Refuse a value that its rule does not allow."""
+    if "lower" not in rule:
+        good = value in COUPLINGS
+    else:
+        good = (
+            isinstance(value, (int, float))
+            and not isinstance(value, bool)
+            and math.isfinite(value)
+            and (value >= rule["lower"] if rule["closed"] else value > rule["lower"])
+            and value < rule["upper"]
+        )
+    if not good:
+        raise AircraftError(f"{rule['key']}: {value!r} is not allowed; allowed: {allowed(rule)}")
+
+
+def flatten(tree: Any) -> dict[str, Any]:
+    """`{group: {key: value}}` as `{group.key: value}`."""
+    if not isinstance(tree, dict):
+        raise AircraftError("expected groups of keys (body:, main_rotor:, ...)")
+    flat: dict[str, Any] = {}
+    for group, content in tree.items():
+        if not isinstance(content, dict):
+            raise AircraftError(f"{group}: expected a group of keys, found {content!r}")
+        for key, value in content.items():
+            flat[f"{group}.{key}"] = value
+    return flat
+
+
+def config_folders() -> list[Path]:
+    """Where the packaged YAML may lie: beside the sources, or in an install space's share/."""
+    here = Path(__file__).resolve()
+    share = Path("share") / "heli_dynamics_sim" / "config"
+    return [here.parents[1] / "config", *(parent / share for parent in here.parents)]
+
+
+def find_aircraft(path: str | Path) -> Path:
+    """The file of an aircraft: a path that exists, or a bare name in the packaged folder.
+
+    Raises
+    ------
+    AircraftError
+        Names the packaged aircraft if there is none of that name.
+    """
+    file = Path(path)
+    if file.is_file():
+        return file
+    known: set[str] = set()
+    if file.name == str(path):
+        for folder in config_folders():
+            for candidate in sorted((folder / "aircraft").glob("*.yaml")):
+                if candidate.name == file.name:
+                    return candidate
+                known.add(candidate.name)
+        raise AircraftError(
+            f"{path}: no such aircraft file; packaged: {', '.join(sorted(known)) or 'none'}"
+        )
+    raise AircraftError(f"{path}: no such aircraft file")
+
+
+def read_groups(file: Path) -> dict[str, Any]:
+    """Values of an aircraft file as `{group.key: value}`; raises AircraftError."""
+    try:
+        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise AircraftError(f"cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise AircraftError(f"is not valid YAML: {reason}") from error
+    return flatten(tree)

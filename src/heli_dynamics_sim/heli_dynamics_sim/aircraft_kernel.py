@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the parameters of an aircraft to the numbers that its compiled kernels take."""
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from heli_dynamics_sim.airframe import FinKernel, FuselageKernel
+from heli_dynamics_sim.ground import GroundKernel
+from heli_dynamics_sim.rigid_body import BodyKernel
+from heli_dynamics_sim.rotor import FlappingKernel, MainRotorKernel, RotorKernel
+from heli_dynamics_sim.servo import ServoKernel
+from heli_dynamics_sim.yaw_gyro import GyroKernel
+
+if TYPE_CHECKING:
+    from heli_dynamics_sim.parameters import HelicopterParameters
+
+CLIMB_POWER_KINKED, CLIMB_POWER_ON, CLIMB_POWER_OFF = 0.0, 1.0, -1.0
+
+
+class HelicopterKernel(NamedTuple):
+    """All that the derivative kernel reads."""
+
+    body: BodyKernel
+    rotor: RotorKernel
+    main: MainRotorKernel
+    flapping: FlappingKernel
+    tail: RotorKernel
+    tail_arm: float  # D_tr, m
+    tail_height: float  # H_tr, m
+    gyro: GyroKernel
+    fuselage: FuselageKernel
+    horizontal_fin: FinKernel
+    vertical_fin: FinKernel
+    servo: ServoKernel
+    ground: GroundKernel
+    climb_power: float  # 0: P_climb only in climb (kink at w_a = 0), 1: always, -1: never
+
+
+def _rotor_kernel(
+    rho: float, omega: float, blade: tuple[float, float, float, float]
+) -> RotorKernel:
+    """Thrust law of a rotor at speed omega (rad/s); blade = radius, chord, number, lift slope."""
+    radius, chord, blades, lift_slope = blade
+    return RotorKernel(
+        thrust_slope=rho * omega * radius**2 * lift_slope * blades * chord / 4.0,
+        blade_speed=2.0 / 3.0 * omega * radius,
+        disc=2.0 * rho * math.pi * radius**2,
+    )
+
+
+def helicopter_kernel(p: "HelicopterParameters") -> HelicopterKernel:
+    """All kernels' numbers of an aircraft."""
+    half_rho = 0.5 * p.air_density_kgpm3
+    main_blade = (p.main_radius_m, p.main_chord_m, p.main_blades, p.main_lift_slope)
+    tail_blade = (p.tail_radius_m, p.tail_chord_m, p.tail_blades, p.tail_lift_slope)
+    tail_speed = p.main_speed_radps * p.tail_gear_ratio
+    stall = (p.fin_stall_onset, p.fin_stall_full)
+    return HelicopterKernel(
+        body=BodyKernel(
+            p.mass_kg, p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2, p.gravity_mps2
+        ),
+        rotor=_rotor_kernel(p.air_density_kgpm3, p.main_speed_radps, main_blade),
+        main=_main_kernel(p),
+        flapping=_flapping_kernel(p),
+        tail=_rotor_kernel(p.air_density_kgpm3, tail_speed, tail_blade),
+        tail_arm=p.tail_arm_m,
+        tail_height=p.tail_height_m,
+        gyro=GyroKernel(
+            p.gyro_proportional_s,
+            p.gyro_integral,
+            p.gyro_pedal_gain_radps,
+            p.pedal_gain,
+            p.pedal_offset_rad,
+        ),
+        fuselage=FuselageKernel(
+            half_rho * p.drag_area_x_m2, half_rho * p.drag_area_y_m2, half_rho * p.drag_area_z_m2
+        ),
+        horizontal_fin=FinKernel(
+            half_rho * p.hfin_area_m2, p.hfin_lift_slope, p.hfin_arm_m, 0.0, *stall
+        ),
+        vertical_fin=FinKernel(
+            half_rho * p.vfin_area_m2, p.vfin_lift_slope, p.vfin_arm_m, p.vfin_height_m, *stall
+        ),
+        servo=ServoKernel(
+            p.servo_bandwidth_radps**2,
+            2.0 * p.servo_damping * p.servo_bandwidth_radps,
+            p.servo_rate_limit_per_s,
+            p.servo_travel,
+        ),
+        ground=_ground_kernel(p),
+        climb_power=CLIMB_POWER_KINKED,
+    )
+
+
+def _main_kernel(p: "HelicopterParameters") -> MainRotorKernel:
+    tip = p.main_speed_radps * p.main_radius_m
+    blades = p.main_drag_coefficient * p.main_blades * p.main_chord_m / 8.0
+    return MainRotorKernel(
+        hub_stiffness=p.hub_stiffness_nmprad,
+        hub_height=p.hub_height_m,
+        speed=p.main_speed_radps,
+        profile_power=p.air_density_kgpm3 * tip * p.main_radius_m * blades,
+        tip_speed=tip,
+        pitch_gain=p.collective_gain_rad,
+        pitch_offset=p.collective_offset_rad,
+    )
+
+
+def lock_number(p: "HelicopterParameters") -> float:
+    """gamma_mr = rho c C_la R^4 / I_beta of the main rotor's blades."""
+    lift = p.air_density_kgpm3 * p.main_chord_m * p.main_lift_slope * p.main_radius_m**4
+    return lift / p.blade_inertia_kgm2
+
+
+def _flapping_kernel(p: "HelicopterParameters") -> FlappingKernel:
+    rate = 1.0 / p.flap_time_constant_s
+    a_bs, b_as = p.flap_a_bs_per_s, p.flap_b_as_per_s
+    if p.coupling == "eq7":
+        stiffness = lock_number(p) * p.main_speed_radps**2 * p.blade_inertia_kgm2
+        # eq. (7) is dimensionless, so it enters eq. (6) divided by tau
+        a_bs = 8.0 * p.hub_stiffness_nmprad / stiffness * rate
+        b_as = -a_bs
+    return FlappingKernel(
+        rate,
+        a_bs,
+        b_as,
+        p.flap_lon_from_lon_rad,
+        p.flap_lon_from_lat_rad,
+        p.flap_lat_from_lat_rad,
+        p.flap_lat_from_lon_rad,
+        p.flap_back_radpmps,
+    )
+
+
+def _ground_kernel(p: "HelicopterParameters") -> GroundKernel:
+    length, width, down = p.gear_half_length_m, p.gear_half_width_m, p.gear_height_m
+    points = np.array(
+        [
+            [length, width, down],
+            [length, -width, down],
+            [-length, width, down],
+            [-length, -width, down],
+            [-p.tail_arm_m, 0.0, -p.tail_height_m],
+            [0.0, 0.0, -p.hub_height_m],
+        ]
+    )
+    reach = float(np.linalg.norm(points, axis=1).max())
+    return GroundKernel(
+        points,
+        reach,
+        p.gear_stiffness_npm,
+        p.gear_damping_nspm,
+        p.gear_friction,
+        p.gear_hard_impact_mps,
+    )
