@@ -5,8 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from heli_math import atmosphere, rotations
 from scipy.spatial.transform import Rotation
+
+from heli_math import atmosphere, rotations
 
 
 def scipy_rotation(q):

@@ -19,9 +19,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
-
 from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust
 
 # Indices of the reference vector (7,): position NED m, velocity NED m/s, heading rad.

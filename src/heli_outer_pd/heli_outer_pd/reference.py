@@ -4,8 +4,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from heli_math.jit import njit
 
+from heli_math.jit import njit
 from heli_outer_pd.position_law import N_REFERENCE
 
 MAX_POINTS = 4096

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command behind ./hover_test.sh: bring the graph up, fly, record, compare with the paper."""
+
+import argparse
+import contextlib
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from heli_hover_test.result import (
+    EXIT_BAD_INPUT,
+    Result,
+    print_table,
+    write_parameters,
+    write_result,
+)
+from heli_hover_test.settings import GPS_PRESETS, Settings, resolve, scenario_names
+from heli_msgs_bridge.locate import MissingFileError
+from heli_msgs_bridge.parameters import ParameterError
+
+EXIT_INTERRUPTED = 130
+
+_EPILOG = """examples:
+  ./hover_test.sh                                  the paper's hover test, 60 s
+  ./hover_test.sh --gps rtk --seed 7               another GPS, another wind
+  ./hover_test.sh --scenario attitude              the paper's attitude test
+  ./hover_test.sh --params my_weights.yaml         any node's parameters, changed
+
+exit code: 0 inside the paper's figures, 1 outside or helicopter lost (named), 2 bad input
+"""
+
+
+class FlightError(Exception):
+    """The graph could not be brought up or kept up; the message is one line for the user."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command line of the hover test."""
+    p = argparse.ArgumentParser(
+        prog="hover_test.sh",
+        description="Fly the helicopter in wind and compare with the paper.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument(
+        "--scenario",
+        default="hover",
+        metavar="NAME",
+        help=f"what to fly: {' or '.join(scenario_names())} (default hover)",
+    )
+    p.add_argument("--duration", type=float, metavar="S", help="length of the flight, s")
+    p.add_argument("--seed", type=int, metavar="N", help="seed of wind and sensors")
+    p.add_argument("--realtime", action="store_true", help="at the pace of the wall clock")
+    p.add_argument(
+        "--gps",
+        default="standalone",
+        metavar="PRESET",
+        help=f"receiver: {' or '.join(GPS_PRESETS)} (default standalone)",
+    )
+    p.add_argument("--out", type=Path, metavar="DIR", help="folder to write; must not exist")
+    p.add_argument(
+        "--params",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="parameter file that overrides any node's YAML; repeatable",
+    )
+    p.add_argument(
+        "--one-process",
+        action="store_true",
+        help="fly the same loop in this process, without ROS and without a bag",
+    )
+    return p
+
+
+def _new_folder(wanted: Path | None, scenario: str, gps: str, seed: int) -> Path:
+    """Make the flight's folder; a folder that exists or cannot be written is bad input."""
+    if wanted is None:
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        base = Path("flights") / f"{stamp}-{scenario}-{gps}-seed{seed}"
+        wanted, count = base, 1
+        while wanted.exists():
+            count += 1
+            wanted = base.with_name(f"{base.name}-{count}")
+    try:
+        wanted.parent.mkdir(parents=True, exist_ok=True)
+        wanted.mkdir()
+    except FileExistsError:
+        raise ParameterError(f"--out {wanted}: exists already; name a new folder") from None
+    except OSError as error:
+        raise ParameterError(f"--out {wanted}: cannot be written: {error.strerror}") from None
+    return wanted
+
+
+@contextlib.contextmanager
+def _progress_bar(console: Console, duration_s: float) -> Iterator:
+    """A bar over simulation time; lines now and then where there is no terminal."""
+    if not console.is_terminal:
+        tenth = [0]
+
+        def plain(flight_s: float) -> None:
+            done = int(10.0 * flight_s / duration_s)
+            if done > tenth[0]:
+                tenth[0] = done
+                console.print(f"flown {flight_s:.0f} s of {duration_s:.0f} s", highlight=False)
+
+        yield plain
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f}/{task.total:.0f} s flown"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("flight", total=duration_s)
+        yield lambda flight_s: bar.update(task, completed=flight_s)
+
+
+def _fly_one_process(settings: Settings, console: Console) -> Result:
+    from heli_hover_test import closed_loop
+    from heli_hover_test.scoring import score
+
+    closed_loop.simulate(_shortened(settings))  # loads the compiled loop, so that flying is timed
+    start = time.monotonic()
+    with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
+        flight = closed_loop.simulate(settings, progress=progress)
+    wall = time.monotonic() - start
+    return Result(
+        score(flight.record, settings.scenario), flight.sentence, len(flight.record) / 100.0, wall
+    )
+
+
+def _shortened(settings: Settings) -> Settings:
+    from dataclasses import replace
+
+    return replace(settings, scenario=replace(settings.scenario, n_ticks=4))
+
+
+def fly(options: argparse.Namespace, console: Console) -> int:
+    """Resolve, fly, score, write; returns the exit code.
+
+    Raises
+    ------
+    ParameterError, MissingFileError
+        Bad input.
+    FlightError
+        The graph could not be brought up.
+    """
+    settings = resolve(
+        options.scenario,
+        options.gps,
+        options.seed,
+        options.duration,
+        not options.realtime,
+        options.params,
+    )
+    folder = _new_folder(options.out, options.scenario, options.gps, settings.seed)
+    try:
+        write_parameters(settings, folder / "params.yaml")
+        if options.one_process:
+            result = _fly_one_process(settings, console)
+            extra = {"mode": "one process"}
+        else:
+            from heli_hover_test.graph_flight import fly_graph
+
+            with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
+                result, extra = fly_graph(settings, folder, progress)
+    except (ParameterError, MissingFileError, FlightError):
+        # Nothing was flown: an empty folder would only look like a flight.
+        if not (folder / "bag").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    write_result(result, settings, folder, extra)
+    print_table(result, settings, console)
+    factor = result.flown_s / result.wall_s if result.wall_s > 0 else 0.0
+    console.print(
+        f"{result.flown_s:.2f} s flown in {result.wall_s:.2f} s ({factor:.2f} times real time)",
+        highlight=False,
+    )
+    console.print(f"written: {folder}", highlight=False, soft_wrap=True)
+    code = result.exit_code(settings.gps)
+    if code and not result.lost:
+        names = ", ".join(f"{s.metric.label} ({s.source})" for s in result.judged(settings.gps))
+        console.print(f"outside the paper's figures: {names}", highlight=False)
+    return code
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    console = Console(width=None if sys.stdout.isatty() else 110)
+    try:
+        return fly(parser().parse_args(argv), console)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except (ParameterError, MissingFileError, FlightError, ValueError) as error:
+        print(f"hover_test: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node processes of a flight: started together, watched, and never left behind."""
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+_STOP_LIMIT_S = 2.0
+_LOG_TAIL_BYTES = 4096
+
+
+def _die_with_parent_setter():
+    """A function for the child that has the kernel end it when this process ends (Linux only)."""
+    if not sys.platform.startswith("linux"):
+        return None
+    libc = ctypes.CDLL(None)
+    # A child that starts after its parent's death would wait for ever: the parent id tells.
+    parent = os.getpid()
+
+    def in_child() -> None:
+        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != parent:
+            os._exit(1)
+
+    return in_child
+
+
+class NodeProcess:
+    """One running executable with its log file."""
+
+    def __init__(self, name: str, command: Sequence[str], log: Path, env: Mapping[str, str]):
+        self.name = name
+        self.log = log
+        with open(log, "wb") as stream:
+            # A session of its own: Ctrl-C reaches the supervisor only, which then ends the nodes.
+            self._process = subprocess.Popen(
+                list(command),
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                env=dict(env),
+                start_new_session=True,
+                preexec_fn=_die_with_parent_setter(),
+            )
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    def exit_code(self) -> int | None:
+        """Exit code, or None while it runs."""
+        return self._process.poll()
+
+    def last_line(self) -> str:
+        """Last line that the process wrote, for one-line error messages."""
+        try:
+            with open(self.log, "rb") as stream:
+                stream.seek(0, os.SEEK_END)
+                stream.seek(max(0, stream.tell() - _LOG_TAIL_BYTES))
+                lines = stream.read().decode(errors="replace").strip().splitlines()
+        except OSError:
+            return ""
+        return lines[-1].strip() if lines else ""
+
+    def interrupt(self) -> None:
+        """Ask it to end (SIGINT)."""
+        with contextlib.suppress(ProcessLookupError):
+            if self._process.poll() is None:
+                self._process.send_signal(signal.SIGINT)
+
+    def wait(self, limit_s: float) -> bool:
+        """Wait until it has ended; False if it has not within limit_s."""
+        try:
+            self._process.wait(max(limit_s, 0.0))
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    def kill(self) -> None:
+        """End it and whatever it started, now."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+
+
+def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> list[str]:
+    """End processes together; returns the names of those that had to be killed."""
+    for process in processes:
+        process.interrupt()
+    deadline = time.monotonic() + limit_s
+    killed = []
+    for process in processes:
+        if not process.wait(deadline - time.monotonic()):
+            process.kill()
+            killed.append(process.name)
+    return killed

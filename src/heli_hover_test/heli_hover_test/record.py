@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The record of a flight: arrays, one row per tick, from the one-process loop or from a bag."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class FlightRecord:
+    """Arrays over ticks, NED/FRD, SI, rad.
+
+    Attributes
+    ----------
+    time_s : (N,) ndarray
+        Flight time.
+    truth_pos_ned_m, truth_vel_ned_mps, truth_rate_body_radps : (N, 3) ndarray
+    truth_q_nb : (N, 4) ndarray
+        Quaternion body -> NED.
+    truth_rotor : (N, 3) ndarray
+        a_s, b_s rad and the gyro's integrator d_int.
+    wind_ned_mps : (N, 3) ndarray
+        Velocity of the air at the aircraft, blowing towards.
+    nav_pos_ned_m, nav_vel_ned_mps, nav_rate_body_radps : (N, 3) ndarray
+    nav_q_nb : (N, 4) ndarray
+        The on-board navigation record (the observer's odom).
+    nav_rotor : (N, 3) ndarray
+        Estimates of truth_rotor.
+    reference : (N, 7) ndarray
+        Position NED, velocity NED, heading.
+    setpoint : (N, 3) ndarray
+        Commanded phi, theta, psi.
+    u : (N, 4) ndarray
+        Actuators d_lat, d_lon, d_ped, d_col.
+    """
+
+    time_s: np.ndarray
+    truth_pos_ned_m: np.ndarray
+    truth_vel_ned_mps: np.ndarray
+    truth_rate_body_radps: np.ndarray
+    truth_q_nb: np.ndarray
+    truth_rotor: np.ndarray
+    wind_ned_mps: np.ndarray
+    nav_pos_ned_m: np.ndarray
+    nav_vel_ned_mps: np.ndarray
+    nav_rate_body_radps: np.ndarray
+    nav_q_nb: np.ndarray
+    nav_rotor: np.ndarray
+    reference: np.ndarray
+    setpoint: np.ndarray
+    u: np.ndarray
+
+    def __len__(self) -> int:
+        return self.time_s.size
+
+
+def euler_angles(q_nb: np.ndarray) -> np.ndarray:
+    """3-2-1 Euler angles (N, 3) phi, theta, psi, rad, of quaternions (N, 4) body -> NED."""
+    w, x, y, z = np.asarray(q_nb).T
+    return np.column_stack(
+        (
+            np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
+            np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+        )
+    )
