@@ -77,7 +77,7 @@ class Scenario:
         return cls(p["kind"], n_ticks, reference, windows)
 
     def scored(self, time_s: np.ndarray) -> np.ndarray:
-        """Mask (N,) of the samples at time_s (N,) in a scored stretch; its end is not part of it."""
+        """Mask (N,) of the samples at time_s (N,) in a scored stretch, its end excluded."""
         mask = np.zeros(time_s.shape, bool)
         for start, end in self.windows_s:
             mask |= (time_s >= start) & (time_s < end)

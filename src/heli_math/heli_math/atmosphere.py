@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""International Standard Atmosphere, troposphere (ICAO Doc 7488): pressure and pressure altitude."""
+"""Standard atmosphere, troposphere (ICAO Doc 7488): pressure and pressure altitude."""
 
 from heli_math.jit import njit
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The one decorator for compiled kernels.
 
-numba's own file cache looks only at the file of the function itself: a changed callee in another file
-would leave a stale caller behind. So the cache folder is named after the content of every source file of
-the stack that holds a kernel; any change there starts an empty folder.
+numba's own file cache looks only at the file of the function itself: a changed callee in another
+file would leave a stale caller behind. So the cache folder is named after the content of every
+source file of the stack that holds a kernel; any change there starts an empty folder.
 """
 
 import hashlib

@@ -2,8 +2,9 @@
 """Rotations between body (FRD) and navigation (NED) axes.
 
 Quaternions are (w, x, y, z), Hamilton, unit, and rotate body components into NED components.
-Euler angles are 3-2-1: psi (yaw), theta (pitch), phi (roll), rad; eq. (2)-(4) of the paper, corrected:
-its printed matrix carries typing errors (row 1 is [c_th c_ps, c_th s_ps, -s_th] for NED -> body).
+Euler angles are 3-2-1: psi (yaw), theta (pitch), phi (roll), rad; eq. (2)-(4) of the paper,
+corrected: its printed matrix carries typing errors (row 1 is [c_th c_ps, c_th s_ps, -s_th] for
+NED -> body).
 """
 
 import math
