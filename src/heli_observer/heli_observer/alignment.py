@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start of the filter from its own sensors, in unaccelerated flight.
 
-Position and velocity come from one GPS fix, roll and pitch from the specific force, heading from the
-magnetometer and the configured local field. The covariance is the one these equations imply:
+Position and velocity come from one GPS fix, roll and pitch from the specific force, heading from
+the magnetometer and the configured local field. The covariance is the one these equations imply:
 - position error = -(white + drift), so it is correlated with the drift state;
 - tilt error: an accelerometer bias b turns the level by b / g, so it is correlated with the bias;
-- heading error: magnetometer noise and the tilt error through the dip of the field.
+- heading error: magnetometer noise and error, and the tilt error through the dip of the field.
 """
 
 import math
@@ -14,6 +14,7 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_observer.arrays import copy_part, fill, fill_matrix
 from heli_observer.ins_ekf import field_plausible, heading_innovation, start_scalar
 from heli_observer.layout import (
     AID_GPS,
@@ -33,6 +34,7 @@ from heli_observer.layout import (
     E_ATT,
     E_DRIFT,
     E_GYRO_BIAS,
+    E_MAG_ERROR,
     E_POS,
     E_VEL,
     NO_TICK,
@@ -63,7 +65,7 @@ def level_from_force(f):
 
 @njit
 def heading_from_mag(phi, theta, mag_body, field_ned):
-    """Heading (rad) at which mag_body (3,), levelled by phi and theta, points along field_ned (3,)."""
+    """Heading (rad) at which mag_body (3,), levelled by phi, theta, points along field_ned (3,)."""
     R = quat_to_R_nb(quat_from_euler(phi, theta, 0.0))
     north = R[0, 0] * mag_body[0] + R[0, 1] * mag_body[1] + R[0, 2] * mag_body[2]
     east = R[1, 0] * mag_body[0] + R[1, 1] * mag_body[1] + R[1, 2] * mag_body[2]
@@ -72,8 +74,8 @@ def heading_from_mag(phi, theta, mag_body, field_ned):
 
 @njit
 def _start_covariance(P, q, mag, age_s, k):
-    """Covariance of a fresh alignment into P (19, 19); see the head of this file."""
-    P[:, :] = 0.0
+    """Covariance of a fresh alignment into P (20, 20); see the head of this file."""
+    fill_matrix(P, 0.0)
     R = quat_to_R_nb(q)
     for i in range(3):
         drift = k.var0[E_DRIFT + i]
@@ -104,7 +106,8 @@ def _start_covariance(P, q, mag, age_s, k):
     P[E_ATT + 1, E_ATT + 1] += k.var0[E_ATT + 1]
     _, h_north, h_east, horizontal = heading_innovation(q, mag, k.field_ned_t)
     variance = k.var_mag / (horizontal * horizontal) + k.var0[E_ATT + 2]
-    start_scalar(P, E_ATT + 2, E_ATT, h_north, E_ATT + 1, h_east, variance)
+    P[E_MAG_ERROR, E_MAG_ERROR] = k.var0[E_MAG_ERROR]
+    start_scalar(P, E_ATT + 2, E_ATT, h_north, E_ATT + 1, h_east, E_MAG_ERROR, 1.0, variance)
 
 
 @njit
@@ -121,8 +124,8 @@ def align(state, tick, horizon_ticks, k):
     Returns
     -------
     bool
-        False while a GPS fix (all six components) or a plausible magnetometer sample is missing, or the
-        specific force is not about that of unaccelerated flight.
+        False while a GPS fix (all six components) or a plausible magnetometer sample is missing, or
+        the specific force is not about that of unaccelerated flight.
     """
     aid = state.aid
     size = aid.shape[0]
@@ -131,26 +134,30 @@ def align(state, tick, horizon_ticks, k):
     if fix_tick == NO_TICK or mag_tick == NO_TICK:
         return False
     fix = aid[fix_tick % size, AID_GPS : AID_GPS + 6]
+    finite = True
+    for i in range(6):
+        finite = finite and math.isfinite(fix[i])
     mag = aid[mag_tick % size, AID_MAG : AID_MAG + 3]
-    if not (np.all(np.isfinite(fix)) and field_plausible(mag, k.field_ned_t, k.field_tolerance)):
+    if not (finite and field_plausible(mag, k.field_ned_t, k.field_tolerance)):
         return False
     force = np.zeros(3)
     for back in range(horizon_ticks + 1):
-        force += state.imu[(tick - back) % size, 0:3]
-    force /= horizon_ticks + 1.0
+        for i in range(3):
+            force[i] += state.imu[(tick - back) % size, i] / (horizon_ticks + 1.0)
     strength = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2) / k.gravity_mps2
     if not abs(strength - 1.0) <= FORCE_TOLERANCE:
         return False
     phi, theta = level_from_force(force)
     x = state.nominal
-    x[:] = 0.0
+    fill(x, 0.0)
     age_s = (fix_tick - (tick - horizon_ticks)) * k.dt_s
-    x[X_VEL : X_VEL + 3] = fix[3:6]
-    x[X_POS : X_POS + 3] = fix[0:3] - age_s * fix[3:6]
+    for i in range(3):
+        x[X_VEL + i] = fix[3 + i]
+        x[X_POS + i] = fix[i] - age_s * fix[3 + i]
     psi = heading_from_mag(phi, theta, mag, k.field_ned_t)
-    x[X_QUAT : X_QUAT + 4] = quat_from_euler(phi, theta, psi)
+    copy_part(x, X_QUAT, quat_from_euler(phi, theta, psi), 0, 4)
     _start_covariance(state.P, x[X_QUAT : X_QUAT + 4], mag, age_s, k)
-    state.dx[:, :] = 0.0
+    fill_matrix(state.dx, 0.0)
     # used up: they must not be fused a second time
     aid[fix_tick % size, AID_GPS_VALID] = 0.0
     aid[mag_tick % size, AID_MAG_VALID] = 0.0

@@ -5,6 +5,7 @@ import math
 
 from heli_math.jit import njit
 from heli_observer import layout as L
+from heli_observer.arrays import copy_part, fill, fill_matrix
 
 
 @njit
@@ -42,7 +43,7 @@ def store_mag_baro(state, tick, y):
     """Put magnetometer and barometer of this tick into their slot, if finite."""
     aid, count = state.aid, state.count
     row = aid[tick % aid.shape[0]]
-    row[:] = 0.0
+    fill(row, 0.0)
     if y[L.Y_MAG_VALID] > 0.5:
         bad = 0
         for i in range(3):
@@ -51,7 +52,7 @@ def store_mag_baro(state, tick, y):
         count[L.C_MAG_DROPPED] += bad
         if bad == 0:
             row[L.AID_MAG_VALID] = 1.0
-            row[L.AID_MAG : L.AID_MAG + 3] = y[L.Y_MAG : L.Y_MAG + 3]
+            copy_part(row, L.AID_MAG, y, L.Y_MAG, 3)
     if y[L.Y_BARO_VALID] > 0.5:
         if math.isfinite(y[L.Y_BARO]) and y[L.Y_BARO] > 0.0:
             row[L.AID_BARO_VALID] = 1.0
@@ -62,7 +63,7 @@ def store_mag_baro(state, tick, y):
 
 @njit
 def store_gps(state, tick, y, horizon_ticks):
-    """Put a fix into the slot of its stamp; too old, in the future or not finite: count and drop."""
+    """Put a fix into the slot of its stamp; too old, in the future, not finite: count and drop."""
     if not y[L.Y_GPS_VALID] > 0.5:
         return
     aid, count = state.aid, state.count
@@ -89,7 +90,7 @@ def store_gps(state, tick, y, horizon_ticks):
 @njit
 def _restart(state, tick, y, k):
     """Begin at this tick: fill the IMU ring with its sample. False if that is not usable."""
-    state.aid[:, :] = 0.0
+    fill_matrix(state.aid, 0.0)
     state.count[L.C_ALIGNED] = 0
     state.count[L.C_TICK] = L.NO_TICK
     for j in range(L.N_IMU):
@@ -97,7 +98,7 @@ def _restart(state, tick, y, k):
             state.count[L.C_IMU_DROPPED] += 1
             return False
     for slot in range(state.imu.shape[0]):
-        state.imu[slot] = y[0 : L.N_IMU]
+        copy_part(state.imu[slot], 0, y, 0, L.N_IMU)
     state.count[L.C_TICK] = tick
     state.count[L.C_IMU_OK] = tick
     return True
@@ -119,8 +120,8 @@ def take_tick(state, tick, y, k):
     Returns
     -------
     int
-        Ticks gone by since the newest one before: 1 usually, more after lost ticks (which are filled in),
-        0 for a tick that is not new or a first sample that is not usable.
+        Ticks gone by since the newest one before: 1 usually, more after lost ticks (which are
+        filled in), 0 for a tick that is not new or a first sample that is not usable.
     """
     count = state.count
     last = count[L.C_TICK]
@@ -133,7 +134,7 @@ def take_tick(state, tick, y, k):
         return 1 if _restart(state, tick, y, k) else 0
     count[L.C_TICK_GAPS] += tick - last > 1
     for t in range(last + 1, tick):
-        state.aid[t % state.aid.shape[0], :] = 0.0
+        fill(state.aid[t % state.aid.shape[0]], 0.0)
     _store_imu(state, tick, last, y, k.ekf)
     count[L.C_TICK] = tick
     return tick - last

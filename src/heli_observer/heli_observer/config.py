@@ -13,6 +13,7 @@ from heli_observer.layout import (
     E_ATT,
     E_DRIFT,
     E_GYRO_BIAS,
+    E_MAG_ERROR,
     MAX_U_DELAY_TICKS,
     N_ERROR,
     TICK_S,
@@ -33,7 +34,7 @@ class ObserverConfigError(ValueError):
 
 
 def _initial_variances(v: Mapping[str, Any]) -> np.ndarray:
-    """Variances (19,) at alignment that do not follow from a sensor's own noise."""
+    """Variances (20,) at alignment that do not follow from a sensor's own noise."""
     var0 = np.zeros(N_ERROR)
     var0[E_ATT : E_ATT + 2] = v["ekf.initial.level_rad"] ** 2
     var0[E_ATT + 2] = v["ekf.initial.heading_rad"] ** 2
@@ -41,12 +42,14 @@ def _initial_variances(v: Mapping[str, Any]) -> np.ndarray:
     var0[E_ACCEL_BIAS : E_ACCEL_BIAS + 3] = v["ekf.initial.accel_bias_mps2"] ** 2
     var0[E_DRIFT : E_DRIFT + 2] = v["ekf.gps.drift_horizontal_m"] ** 2
     var0[E_DRIFT + 2] = v["ekf.gps.drift_vertical_m"] ** 2
+    var0[E_MAG_ERROR] = v["ekf.mag.heading_error_rad"] ** 2
     return var0
 
 
 def _ekf_kernel(v: Mapping[str, Any]) -> EkfKernel:
     decay = float(np.exp(-TICK_S / v["ekf.gps.drift_time_constant_s"]))
     step = 1.0 - decay**2
+    mag_decay = float(np.exp(-TICK_S / v["ekf.mag.heading_error_time_constant_s"]))
     gates = np.array([0.0] + [chi2.ppf(v["ekf.gate_probability"], dof) for dof in (1, 2, 3)])
     return EkfKernel(
         dt_s=TICK_S,
@@ -59,6 +62,8 @@ def _ekf_kernel(v: Mapping[str, Any]) -> EkfKernel:
         var_drift_step_horizontal=v["ekf.gps.drift_horizontal_m"] ** 2 * step,
         var_drift_step_vertical=v["ekf.gps.drift_vertical_m"] ** 2 * step,
         var_baro_bias_step=v["ekf.baro.bias_walk"] ** 2 * TICK_S,
+        mag_error_decay=mag_decay,
+        var_mag_error_step=v["ekf.mag.heading_error_rad"] ** 2 * (1.0 - mag_decay**2),
         var_gps_pos_horizontal=v["ekf.gps.position_horizontal_m"] ** 2,
         var_gps_pos_vertical=v["ekf.gps.position_vertical_m"] ** 2,
         var_gps_vel_horizontal=v["ekf.gps.velocity_horizontal_mps"] ** 2,
@@ -87,7 +92,8 @@ class ObserverConfig:
     Attributes
     ----------
     parameters : mapping
-        Name -> value of every row of parameter_table.TABLE, as heli_msgs_bridge.parameters.load gives it.
+        Name -> value of every row of parameter_table.TABLE, as heli_msgs_bridge.parameters.load
+        gives it.
     model : ReducedOrderModel
         Continuous matrices of eq. (19), for analysis.
     kernel : ObserverKernel

@@ -3,11 +3,12 @@
 paper's section 3.1 and 4: low-rate GPS fused with integrated inertial data).
 
 Nominal state: position and velocity NED, quaternion body -> NED, gyro bias, accelerometer bias, the
-slowly drifting part of the GPS position error (first-order Gauss-Markov), the barometer's bias.
-Error state (19): the same with a rotation vector in NED axes, R_true = exp([d_theta]x) R; hence
+slowly drifting part of the GPS position error (first-order Gauss-Markov), the barometer's bias, and
+what is left of hard and soft iron in the heading (Gauss-Markov).
+Error state (20): the same with a rotation vector in NED axes, R_true = exp([d_theta]x) R; hence
   d_pos' = d_vel, d_vel' = -[R f]x d_theta - R d_accel_bias, d_theta' = -R d_gyro_bias
-(J. Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, section 7: globally-defined
-angular errors). Yaw in hover is then exactly the third attitude error.
+(J. Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, section 7: angular errors
+defined globally). Yaw in hover is then exactly the third attitude error.
 Updates are scalar and sequential; a vector is accepted or refused as a whole by the sum of its
 normalised innovations squared, which equals the joint one.
 """
@@ -30,6 +31,7 @@ from heli_math.rotations import (
     quat_to_R_nb,
     wrap_pi,
 )
+from heli_observer.arrays import copy_matrix, copy_part, fill
 from heli_observer.layout import (
     AID_BARO,
     AID_GPS,
@@ -46,6 +48,7 @@ from heli_observer.layout import (
     E_BARO_BIAS,
     E_DRIFT,
     E_GYRO_BIAS,
+    E_MAG_ERROR,
     E_POS,
     E_VEL,
     N_ERROR,
@@ -53,6 +56,7 @@ from heli_observer.layout import (
     X_BARO_BIAS,
     X_DRIFT,
     X_GYRO_BIAS,
+    X_MAG_ERROR,
     X_POS,
     X_QUAT,
     X_VEL,
@@ -60,12 +64,12 @@ from heli_observer.layout import (
 
 
 @njit
-def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned):
-    """Propagate the nominal state x (20,) over one tick, in place.
+def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
+    """Propagate the nominal state x (21,) over one tick, in place.
 
     Parameters
     ----------
-    x : ndarray (20,)
+    x : ndarray (21,)
         Nominal state, indices X_*.
     imu0, imu1 : ndarray (6,)
         Specific force (m/s2) and rate (rad/s), body, at the beginning and the end of the tick; both
@@ -73,11 +77,8 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned):
     gravity_mps2, dt_s : float
     a_ned : ndarray (3,)
         Out: mean specific force in NED axes (m/s2), for the covariance.
-
-    Returns
-    -------
-    ndarray (3, 3)
-        R_nb in the middle of the tick (mean of both ends), for the covariance.
+    R_mid : ndarray (3, 3)
+        Out: R_nb, mean of both ends, for the covariance.
     """
     w0x, w0y, w0z = imu0[3] - x[10], imu0[4] - x[11], imu0[5] - x[12]
     w1x, w1y, w1z = imu1[3] - x[10], imu1[4] - x[11], imu1[5] - x[12]
@@ -101,13 +102,16 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned):
         a_ned[i] = 0.5 * (a0 + a1)
         x[X_POS + i] += dt_s * x[X_VEL + i] + dt_s * dt_s * (a0 / 3.0 + a1 / 6.0 + 0.5 * g)
         x[X_VEL + i] += dt_s * (a_ned[i] + g)
-    x[X_QUAT : X_QUAT + 4] = q1
-    return 0.5 * (R0 + R1)
+    copy_part(x, X_QUAT, q1, 0, 4)
+    for i in range(3):
+        for j in range(3):
+            R_mid[i, j] = 0.5 * (R0[i, j] + R1[i, j])
 
 
 @njit
-def apply_transition(e, R, a_ned, dt_s, drift_decay):
-    """Error state e (19,), one tick on, in place: e <- Phi e, by shears instead of a 19x19 product."""
+def apply_transition(e, R, a_ned, k):
+    """Error state e (20,) <- Phi e, one tick on, in place, by shears instead of a 20x20 product."""
+    dt_s = k.dt_s
     h = 0.5 * dt_s
     b0, b1, b2 = e[E_GYRO_BIAS], e[E_GYRO_BIAS + 1], e[E_GYRO_BIAS + 2]
     c0, c1, c2 = e[E_ACCEL_BIAS], e[E_ACCEL_BIAS + 1], e[E_ACCEL_BIAS + 2]
@@ -122,19 +126,20 @@ def apply_transition(e, R, a_ned, dt_s, drift_decay):
         e[E_VEL + i] -= dt_s * (R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2)
         e[E_POS + i] += h * e[E_VEL + i]
         e[E_ATT + i] -= h * (R[i, 0] * b0 + R[i, 1] * b1 + R[i, 2] * b2)
-        e[E_DRIFT + i] *= drift_decay
+        e[E_DRIFT + i] *= k.drift_decay
+    e[E_MAG_ERROR] *= k.mag_error_decay
 
 
 @njit
 def propagate_covariance(P, R, a_ned, k):
-    """P (19, 19) <- Phi P Phi' + Q, in place, kept exactly symmetric; k is the EkfKernel."""
+    """P (20, 20) <- Phi P Phi' + Q, in place, kept exactly symmetric; k is the EkfKernel."""
     for i in range(N_ERROR):
-        apply_transition(P[i], R, a_ned, k.dt_s, k.drift_decay)
+        apply_transition(P[i], R, a_ned, k)
     for i in range(N_ERROR):
         for j in range(i):
             P[i, j], P[j, i] = P[j, i], P[i, j]
     for i in range(N_ERROR):
-        apply_transition(P[i], R, a_ned, k.dt_s, k.drift_decay)
+        apply_transition(P[i], R, a_ned, k)
     for i in range(N_ERROR):
         for j in range(i):
             mean = 0.5 * (P[i, j] + P[j, i])
@@ -148,27 +153,30 @@ def propagate_covariance(P, R, a_ned, k):
         drift = k.var_drift_step_vertical if i == 2 else k.var_drift_step_horizontal
         P[E_DRIFT + i, E_DRIFT + i] += drift
     P[E_BARO_BIAS, E_BARO_BIAS] += k.var_baro_bias_step
+    P[E_MAG_ERROR, E_MAG_ERROR] += k.var_mag_error_step
 
 
 @njit
 def predict(x, P, imu0, imu1, k):
-    """One tick of the filter without measurements: nominal x (20,) and P (19, 19), in place."""
+    """One tick of the filter without measurements: nominal x (21,) and P (20, 20), in place."""
     a_ned = np.empty(3)
-    R = strapdown(x, imu0, imu1, k.gravity_mps2, k.dt_s, a_ned)
+    R = np.empty((3, 3))
+    strapdown(x, imu0, imu1, k.gravity_mps2, k.dt_s, a_ned, R)
     for i in range(3):
         x[X_DRIFT + i] *= k.drift_decay
+    x[X_MAG_ERROR] *= k.mag_error_decay
     propagate_covariance(P, R, a_ned, k)
 
 
 @njit
-def scalar_update(P, dx, i0, c0, i1, c1, i2, c2, residual, variance):
-    """Fuse one scalar with H = c0 at i0, c1 at i1, c2 at i2 (an unused one has c = 0).
+def scalar_update(P, dx, i0, c0, i1, c1, i2, c2, i3, c3, residual, variance):
+    """Fuse one scalar with H = c0 at i0, c1 at i1 and so on (an unused one has c = 0).
 
     Parameters
     ----------
-    P : ndarray (19, 19)
+    P : ndarray (20, 20)
         Covariance, in place; the rank-one downdate keeps it exactly symmetric.
-    dx : ndarray (2, 19)
+    dx : ndarray (2, 20)
         Row 0: correction accumulated so far, in place. Row 1: scratch.
     residual : float
         Measurement - prediction from the nominal state (not yet counting dx[0]).
@@ -183,9 +191,10 @@ def scalar_update(P, dx, i0, c0, i1, c1, i2, c2, residual, variance):
     correction = dx[0]
     ph = dx[1]
     for i in range(N_ERROR):
-        ph[i] = c0 * P[i, i0] + c1 * P[i, i1] + c2 * P[i, i2]
-    s = c0 * ph[i0] + c1 * ph[i1] + c2 * ph[i2] + variance
-    innovation = residual - (c0 * correction[i0] + c1 * correction[i1] + c2 * correction[i2])
+        ph[i] = c0 * P[i, i0] + c1 * P[i, i1] + c2 * P[i, i2] + c3 * P[i, i3]
+    s = c0 * ph[i0] + c1 * ph[i1] + c2 * ph[i2] + c3 * ph[i3] + variance
+    innovation = residual - c0 * correction[i0] - c1 * correction[i1]
+    innovation -= c2 * correction[i2] + c3 * correction[i3]
     gain = 1.0 / s
     for i in range(N_ERROR):
         correction[i] += ph[i] * gain * innovation
@@ -195,15 +204,15 @@ def scalar_update(P, dx, i0, c0, i1, c1, i2, c2, residual, variance):
 
 
 @njit
-def start_scalar(P, i0, i1, c1, i2, c2, variance):
-    """Replace error i0 by what a measurement e[i0] + c1 e[i1] + c2 e[i2] = noise says, in place.
+def start_scalar(P, i0, i1, c1, i2, c2, i3, c3, variance):
+    """Replace error i0 by what e[i0] + c1 e[i1] + c2 e[i2] + c3 e[i3] = noise says, in place.
 
-    The limit of scalar_update for an unbounded prior of error i0: used to start heading and barometer bias.
+    The limit of scalar_update for an unbounded prior of error i0, for heading and barometer bias.
     """
     for j in range(N_ERROR):
         if j != i0:
-            P[i0, j] = -c1 * P[i1, j] - c2 * P[i2, j]
-    own = variance - c1 * P[i0, i1] - c2 * P[i0, i2]
+            P[i0, j] = -c1 * P[i1, j] - c2 * P[i2, j] - c3 * P[i3, j]
+    own = variance - c1 * P[i0, i1] - c2 * P[i0, i2] - c3 * P[i0, i3]
     for j in range(N_ERROR):
         P[j, i0] = P[i0, j]
     P[i0, i0] = own
@@ -211,7 +220,7 @@ def start_scalar(P, i0, i1, c1, i2, c2, variance):
 
 @njit
 def inject(x, dx):
-    """Put the correction dx[0] into the nominal state x (20,) and clear it; in place."""
+    """Put the correction dx[0] into the nominal state x (21,), in place."""
     e = dx[0]
     for i in range(3):
         x[X_POS + i] += e[E_POS + i]
@@ -220,10 +229,19 @@ def inject(x, dx):
         x[X_ACCEL_BIAS + i] += e[E_ACCEL_BIAS + i]
         x[X_DRIFT + i] += e[E_DRIFT + i]
     x[X_BARO_BIAS] += e[E_BARO_BIAS]
+    x[X_MAG_ERROR] += e[E_MAG_ERROR]
     dq = quat_from_rotvec(e[E_ATT : E_ATT + 3])
-    x[X_QUAT : X_QUAT + 4] = quat_normalize(quat_multiply(dq, x[X_QUAT : X_QUAT + 4]))
-    for i in range(N_ERROR):
-        e[i] = 0.0
+    q = quat_normalize(quat_multiply(dq, x[X_QUAT : X_QUAT + 4]))
+    copy_part(x, X_QUAT, q, 0, 4)
+
+
+@njit
+def conclude(x, P, trial, dx, passed):
+    """Make the trial update the filter's own if it passed its gate, forget it if not."""
+    if passed:
+        copy_matrix(P, trial)
+        inject(x, dx)
+    fill(dx[0], 0.0)
 
 
 @njit
@@ -237,7 +255,7 @@ def _fuse_triple(x, P, trial, dx, z, x_at, e_at, drift, var_horizontal, var_vert
     (float, int, bool)
         Normalised innovation squared, its degrees of freedom, whether it was fused.
     """
-    trial[:, :] = P
+    copy_matrix(trial, P)
     nis = 0.0
     dof = 0
     for i in range(3):
@@ -245,15 +263,11 @@ def _fuse_triple(x, P, trial, dx, z, x_at, e_at, drift, var_horizontal, var_vert
             residual = z[i] - x[x_at + i] - drift * x[X_DRIFT + i]
             var = var_vertical if i == 2 else var_horizontal
             nis += scalar_update(
-                trial, dx, e_at + i, 1.0, E_DRIFT + i, drift, 0, 0.0, residual, var
+                trial, dx, e_at + i, 1.0, E_DRIFT + i, drift, 0, 0.0, 0, 0.0, residual, var
             )
             dof += 1
     passed = dof > 0 and nis <= gates[dof]
-    if passed:
-        P[:, :] = trial
-        inject(x, dx)
-    else:
-        dx[0, :] = 0.0
+    conclude(x, P, trial, dx, passed)
     return nis, dof, passed
 
 
@@ -283,7 +297,8 @@ def fuse_gps(x, P, trial, dx, diag, aid, k):
 def baro_slope(altitude_m):
     """Derivative of the ISA pressure with altitude (Pa/m, negative)."""
     ratio = 1.0 - LAPSE_RATE_K_PER_M * altitude_m / SEA_LEVEL_TEMPERATURE_K
-    return -pressure_pa(altitude_m) * EXPONENT * LAPSE_RATE_K_PER_M / SEA_LEVEL_TEMPERATURE_K / ratio
+    decay = EXPONENT * LAPSE_RATE_K_PER_M / SEA_LEVEL_TEMPERATURE_K
+    return -pressure_pa(altitude_m) * decay / ratio
 
 
 @njit
@@ -298,7 +313,7 @@ def start_baro(x, P, aid, k):
     """Start the barometer's bias from its first sample, so that it agrees with the position."""
     predicted, slope = predicted_pressure(x, k)
     x[X_BARO_BIAS] += aid[AID_BARO] - predicted
-    start_scalar(P, E_BARO_BIAS, E_POS + 2, slope, 0, 0.0, k.var_baro)
+    start_scalar(P, E_BARO_BIAS, E_POS + 2, slope, 0, 0.0, 0, 0.0, k.var_baro)
 
 
 @njit
@@ -306,17 +321,13 @@ def fuse_baro(x, P, trial, dx, diag, aid, k):
     """Fuse the barometer sample of an aid row; True if it passed its gate."""
     predicted, slope = predicted_pressure(x, k)
     residual = aid[AID_BARO] - predicted
-    trial[:, :] = P
+    copy_matrix(trial, P)
     nis = scalar_update(
-        trial, dx, E_POS + 2, slope, E_BARO_BIAS, 1.0, 0, 0.0, residual, k.var_baro
+        trial, dx, E_POS + 2, slope, E_BARO_BIAS, 1.0, 0, 0.0, 0, 0.0, residual, k.var_baro
     )
     diag[D_NIS_BARO] = nis
     passed = nis <= k.gates[1]
-    if passed:
-        P[:, :] = trial
-        inject(x, dx)
-    else:
-        dx[0, :] = 0.0
+    conclude(x, P, trial, dx, passed)
     return passed
 
 
@@ -333,9 +344,9 @@ def heading_innovation(q, mag_body, field_ned):
     Returns
     -------
     (float, float, float, float)
-        Direction of the local field minus direction of the measured one turned into NED (rad, wrapped),
-        its derivatives by the north and east attitude errors (that by the yaw error is 1), and the
-        horizontal field strength measured.
+        Direction of the local field minus direction of the measured one turned into NED (rad,
+        wrapped), its derivatives by the north and east attitude errors (that by the yaw error is
+        1), and the horizontal field strength measured.
     """
     R = quat_to_R_nb(q)
     m0 = R[0, 0] * mag_body[0] + R[0, 1] * mag_body[1] + R[0, 2] * mag_body[2]
@@ -353,7 +364,7 @@ def heading_innovation(q, mag_body, field_ned):
 
 @njit
 def field_plausible(mag, field_ned, tolerance):
-    """Whether the strength of the measured field mag (3,) is that of the local one within tolerance."""
+    """Whether the measured field mag (3,) is as strong as the local one, within tolerance."""
     measured = math.sqrt(mag[0] ** 2 + mag[1] ** 2 + mag[2] ** 2)
     local = math.sqrt(field_ned[0] ** 2 + field_ned[1] ** 2 + field_ned[2] ** 2)
     return abs(measured - local) <= tolerance * local
@@ -370,6 +381,7 @@ def fuse_mag(x, P, trial, dx, diag, aid, k):
     residual, h_north, h_east, horizontal = heading_innovation(
         x[X_QUAT : X_QUAT + 4], mag, k.field_ned_t
     )
+    residual = wrap_pi(residual - x[X_MAG_ERROR])
     diag[D_HEADING_INNOVATION] = residual
     if not field_plausible(mag, k.field_ned_t, k.field_tolerance):
         return False
@@ -377,15 +389,12 @@ def fuse_mag(x, P, trial, dx, diag, aid, k):
     if not horizontal >= 0.2 * field_h:
         return False
     variance = k.var_mag / (horizontal * horizontal)
-    trial[:, :] = P
+    copy_matrix(trial, P)
+    north, east, yaw = E_ATT, E_ATT + 1, E_ATT + 2
     nis = scalar_update(
-        trial, dx, E_ATT + 2, 1.0, E_ATT, h_north, E_ATT + 1, h_east, residual, variance
+        trial, dx, yaw, 1.0, north, h_north, east, h_east, E_MAG_ERROR, 1.0, residual, variance
     )
     diag[D_NIS_MAG] = nis
     passed = nis <= k.gates[1] and abs(residual) <= k.max_heading_innovation_rad
-    if passed:
-        P[:, :] = trial
-        inject(x, dx)
-    else:
-        dx[0, :] = 0.0
+    conclude(x, P, trial, dx, passed)
     return passed

@@ -30,12 +30,13 @@ OUT_GYRO_BIAS, OUT_ACCEL_BIAS, OUT_SIGMA_POS, OUT_SIGMA_VEL = 16, 19, 22, 25
 
 # --- nominal state of the filter
 X_POS, X_VEL, X_QUAT, X_GYRO_BIAS, X_ACCEL_BIAS = 0, 3, 6, 10, 13
-X_DRIFT, X_BARO_BIAS = 16, 19
-N_NOMINAL = 20
+X_DRIFT, X_BARO_BIAS, X_MAG_ERROR = 16, 19, 20
+N_NOMINAL = 21
 
 # --- error state (what the covariance is about); true = nominal (+) error
-E_POS, E_VEL, E_ATT, E_GYRO_BIAS, E_ACCEL_BIAS, E_DRIFT, E_BARO_BIAS = 0, 3, 6, 9, 12, 15, 18
-N_ERROR = 19
+E_POS, E_VEL, E_ATT, E_GYRO_BIAS, E_ACCEL_BIAS = 0, 3, 6, 9, 12
+E_DRIFT, E_BARO_BIAS, E_MAG_ERROR = 15, 18, 19
+N_ERROR = 20
 
 # --- ring buffer columns
 IMU_F, IMU_W, N_IMU = 0, 3, 6
@@ -136,19 +137,19 @@ class ObserverState(NamedTuple):
 
     Attributes
     ----------
-    nominal : ndarray (20,)
+    nominal : ndarray (21,)
         Filter state at the delayed horizon, indices X_*.
-    P : ndarray (19, 19)
+    P : ndarray (20, 20)
         Covariance of the error state, indices E_*.
-    trial : ndarray (19, 19)
+    trial : ndarray (20, 20)
         Scratch covariance of a measurement that is still to pass its gate.
-    dx : ndarray (2, 19)
+    dx : ndarray (2, 20)
         Scratch: accumulated correction, and a column of P H'.
     imu : ndarray (N, 6)
         Ring of IMU samples, slot = tick mod N: specific force, rate.
     aid : ndarray (N, 13)
         Ring of magnetometer, barometer and GPS samples by their time of validity, indices AID_*.
-    now : ndarray (20,)
+    now : ndarray (21,)
         Nominal state propagated to the newest tick.
     rotor : ndarray (9,)
         Reduced-order observer and servo model, deviations from trim.
@@ -174,7 +175,7 @@ class ObserverState(NamedTuple):
     y: NDArray[np.float64]
     u: NDArray[np.float64]
     diag: NDArray[np.float64]
-    count: NDArray[np.int64]
+    count: NDArray[np.int64]  # type: ignore[assignment]  # hides tuple.count, which nobody needs
 
 
 class EkfKernel(NamedTuple):
@@ -190,6 +191,8 @@ class EkfKernel(NamedTuple):
     var_drift_step_horizontal: float
     var_drift_step_vertical: float
     var_baro_bias_step: float
+    mag_error_decay: float
+    var_mag_error_step: float
     var_gps_pos_horizontal: float
     var_gps_pos_vertical: float
     var_gps_vel_horizontal: float

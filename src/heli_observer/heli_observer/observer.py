@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The observer by ticks: what the node and the one-process loop call.
 
-The filter runs at a delayed horizon, `horizon_ticks` behind: every sample waits in a ring buffer in the
-slot of its time of validity, so a GPS fix that is at most that late is fused in time order with the IMU,
-magnetometer and barometer of its own time. The output is the filter's state carried to the newest tick
-through the buffered IMU samples.
+The filter runs at a delayed horizon, `horizon_ticks` behind: every sample waits in a ring buffer in
+the slot of its time of validity, so a GPS fix that is at most that late is fused in time order with
+the IMU, magnetometer and barometer of its own time. The output is the filter's state carried to the
+newest tick through the buffered IMU samples.
 """
 
 import math
@@ -12,9 +12,10 @@ import math
 import numpy as np
 
 from heli_math.jit import njit
-from heli_math.rotations import euler_from_quat, quat_to_R_nb, wrap_pi
+from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_observer import layout as L
 from heli_observer.alignment import align
+from heli_observer.arrays import copy_part, fill
 from heli_observer.buffers import store_gps, store_mag_baro, take_tick
 from heli_observer.config import ObserverConfig
 from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict, start_baro, strapdown
@@ -112,19 +113,21 @@ def _sigma_now(P, R, a_ned, lead_s, k, out):
     First order over the lead (the horizon's length): velocity error grows by the tilt and the
     accelerometer bias, position error by the velocity error, both by the accelerometer's noise.
     """
-    g = np.zeros((3, L.N_ERROR))
-    g[0, L.E_ATT + 1], g[0, L.E_ATT + 2] = a_ned[2], -a_ned[1]
-    g[1, L.E_ATT], g[1, L.E_ATT + 2] = -a_ned[2], a_ned[0]
-    g[2, L.E_ATT], g[2, L.E_ATT + 1] = a_ned[1], -a_ned[0]
+    row = np.zeros(6)  # velocity error rate by attitude and accelerometer bias
+    pg = np.zeros(L.N_ERROR)
     noise = k.var_vel_step / k.dt_s
     for i in range(3):
+        after, before = (i + 1) % 3, (i + 2) % 3
+        row[i], row[after], row[before] = 0.0, a_ned[before], -a_ned[after]
         for j in range(3):
-            g[i, L.E_ACCEL_BIAS + j] = -R[i, j]
-        row = g[i]
-        pg = P @ row
+            row[3 + j] = -R[i, j]
+        for n in range(L.N_ERROR):
+            pg[n] = 0.0
+            for j in range(3):
+                pg[n] += row[j] * P[n, L.E_ATT + j] + row[3 + j] * P[n, L.E_ACCEL_BIAS + j]
         var_force = 0.0
-        for j in range(L.N_ERROR):
-            var_force += row[j] * pg[j]
+        for j in range(3):
+            var_force += row[j] * pg[L.E_ATT + j] + row[3 + j] * pg[L.E_ACCEL_BIAS + j]
         var_v, cov_pv = P[L.E_VEL + i, L.E_VEL + i], P[L.E_POS + i, L.E_VEL + i]
         t, h = lead_s, 0.5 * lead_s * lead_s
         velocity = var_v + 2.0 * t * pg[L.E_VEL + i] + t * t * var_force + noise * t
@@ -140,24 +143,23 @@ def _navigation_output(state, tick, k, out):
     """Carry the horizon's state to the newest tick and fill out (28,) except the rotor states."""
     size = state.imu.shape[0]
     now = state.now
-    now[:] = state.nominal
+    copy_part(now, 0, state.nominal, 0, L.N_NOMINAL)
     a_ned = np.zeros(3)
+    R = np.zeros((3, 3))
     for t in range(tick - k.horizon_ticks, tick):
-        strapdown(
-            now, state.imu[t % size], state.imu[(t + 1) % size], k.ekf.gravity_mps2, k.ekf.dt_s, a_ned
-        )
-    out[0:L.OUT_RATE] = now[0 : L.X_QUAT + 4]
+        imu0, imu1 = state.imu[t % size], state.imu[(t + 1) % size]
+        strapdown(now, imu0, imu1, k.ekf.gravity_mps2, k.ekf.dt_s, a_ned, R)
+    copy_part(out, 0, now, 0, L.OUT_RATE)
     for i in range(3):
         out[L.OUT_RATE + i] = state.imu[tick % size, 3 + i] - now[L.X_GYRO_BIAS + i]
         out[L.OUT_GYRO_BIAS + i] = now[L.X_GYRO_BIAS + i]
         out[L.OUT_ACCEL_BIAS + i] = now[L.X_ACCEL_BIAS + i]
-    R = quat_to_R_nb(now[L.X_QUAT : L.X_QUAT + 4])
     _sigma_now(state.P, R, a_ned, k.horizon_ticks * k.ekf.dt_s, k.ekf, out)
 
 
 @njit
 def _outputs_from_trim(y, psi_before, out, k):
-    """phi theta p q r psi of out as deviations from trim into y (6,), psi continued past psi_before."""
+    """phi theta p q r psi of out, minus trim, into y (6,); psi goes on from psi_before."""
     phi, theta, psi = euler_from_quat(out[L.OUT_QUAT : L.OUT_QUAT + 4])
     y[0], y[1] = phi - k.y_trim[0], theta - k.y_trim[1]
     for i in range(3):
@@ -176,20 +178,21 @@ def _rotor_update(state, ticks, u_prev, started, k, out):
     if not started:
         for i in range(4):
             if math.isfinite(u_prev[i]):
-                u[:, i] = u_prev[i]
+                u[0, i] = u[1, i] = u[2, i] = u_prev[i]
         _outputs_from_trim(after, 0.0, out, k)
         rotor_start(state.rotor, after, u[0], k)
     else:
-        start = after.copy()
+        start = np.empty(L.N_OUTPUT)
+        copy_part(start, 0, after, 0, L.N_OUTPUT)
         end = np.empty(L.N_OUTPUT)
         _outputs_from_trim(end, start[5], out, k)
         for n in range(ticks):
-            u[2, :] = u[1]
-            u[1, :] = u[0]
+            copy_part(u[2], 0, u[1], 0, 4)
+            copy_part(u[1], 0, u[0], 0, 4)
             for i in range(4):
                 if math.isfinite(u_prev[i]):
                     u[0, i] = u_prev[i]
-            before[:] = after
+            copy_part(before, 0, after, 0, L.N_OUTPUT)
             part = (n + 1.0) / ticks
             for i in range(L.N_OUTPUT):
                 after[i] = start[i] + part * (end[i] - start[i])
@@ -224,8 +227,8 @@ def observe(state, tick, y, u_prev, k, out):
         The tick that y belongs to. Ticks may be missing (held), not come twice.
     y : ndarray (>= 20,)
         Measurement row: [0:3] specific force body m/s2, [3:6] rate body rad/s, [6:9] field body T,
-        9 pressure Pa, [10:13] GPS position NED m, [13:16] GPS velocity NED m/s, 16..18 valid flags of
-        magnetometer, barometer, GPS, 19 tick at which the fix was true.
+        9 pressure Pa, [10:13] GPS position NED m, [13:16] GPS velocity NED m/s, 16..18 valid flags
+        of magnetometer, barometer, GPS, 19 tick at which the fix was true.
     u_prev : ndarray (4,)
         Actuators computed at tick - 1: lateral, longitudinal, pedal, collective.
     k : ObserverKernel
@@ -233,7 +236,7 @@ def observe(state, tick, y, u_prev, k, out):
         Navigation output (see the README); NaN while the observer is aligning or not finite.
     """
     ticks = take_tick(state, tick, y, k)
-    out[:] = math.nan
+    fill(out, math.nan)
     count = state.count
     now = count[L.C_TICK]
     if now == L.NO_TICK or count[L.C_NOT_FINITE] == 1:
@@ -255,7 +258,7 @@ def observe(state, tick, y, u_prev, k, out):
         rotor_output(state.rotor, state.y[0], k.rotor, out[L.OUT_ROTOR : L.OUT_ROTOR + 3])
     if not _finite(state):
         count[L.C_NOT_FINITE] = 1
-        out[:] = math.nan
+        fill(out, math.nan)
 
 
 @njit

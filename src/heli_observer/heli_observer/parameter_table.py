@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The observer's parameters; their values stand in config/observer.yaml."""
 
+from typing import Any
+
 from heli_msgs_bridge.parameters import Parameter
 
 NODE_NAME = "observer"
-_READ_ONLY = {"read_only": True}
 
 
-def _row(name: str, kind: str, description: str, unit: str = "", **bounds) -> Parameter:
-    return Parameter(name, kind, description, unit, **_READ_ONLY, **bounds)
+def _row(name: str, kind: str, description: str, unit: str = "", **bounds: Any) -> Parameter:
+    return Parameter(name, kind, description, unit, read_only=True, **bounds)
 
 
 def _sigma(name: str, description: str, unit: str, upper: float) -> Parameter:
@@ -31,10 +32,10 @@ TABLE: tuple[Parameter, ...] = (
     _period("mag"),
     _period("baro"),
     _period("gps"),
-    _row("schedule.gps_latency_ticks", "int", "A fix comes so many ticks after it was true", "ticks",
-         lower=0, upper=100),
-    _row("ekf.horizon_ticks", "int", "The filter runs so many ticks behind; >= GPS latency", "ticks",
-         lower=0, upper=100),
+    _row("schedule.gps_latency_ticks", "int", "A fix comes so many ticks after it was true",
+         "ticks", lower=0, upper=100),
+    _row("ekf.horizon_ticks", "int", "The filter runs so many ticks behind; >= GPS latency",
+         "ticks", lower=0, upper=100),
     _row("ekf.max_gap_ticks", "int", "Longer gaps in the ticks start a new alignment", "ticks",
          lower=1, upper=200),
     _row("ekf.gravity_mps2", "double", "Local gravity", "m/s2", lower=9.7, upper=9.9),
@@ -62,10 +63,13 @@ TABLE: tuple[Parameter, ...] = (
     _sigma("ekf.mag.noise_t", "White field error, each axis", "T", 1e-3),
     _row("ekf.mag.field_ned_t", "double[]", "Local magnetic field, north, east, down", "T",
          shape=(3,), lower=-1e-4, upper=1e-4),
+    _row("ekf.mag.heading_error_rad", "double", "Slowly varying heading error (iron)", "rad",
+         lower=0.0, upper=1.0),
+    _sigma("ekf.mag.heading_error_time_constant_s", "Correlation time of that error", "s", 1e5),
     _row("ekf.mag.field_tolerance", "double", "Allowed deviation of the field strength", "",
          lower=0.01, upper=1.0),
-    _row("ekf.mag.max_innovation_rad", "double", "Larger heading innovations are never fused", "rad",
-         lower=0.01, upper=3.15),
+    _row("ekf.mag.max_innovation_rad", "double", "Larger heading innovations are never fused",
+         "rad", lower=0.01, upper=3.15),
     _sigma("ekf.initial.gyro_bias_radps", "Rate bias, each axis", "rad/s", 1.0),
     _sigma("ekf.initial.accel_bias_mps2", "Specific force bias, each axis", "m/s2", 10.0),
     _sigma("ekf.initial.level_rad", "Tilt error beside that of the bias", "rad", 1.0),

@@ -6,10 +6,10 @@ u = (a_s b_s d_int):  x_u_hat = z + K y,  z' = A' z + B' y + H' u  with
   A' = A_uu - K A_mu,  B' = A_um - K A_mm + A' K,  H' = B_u - K B_m,
 all in deviations from trim. The error obeys e' = A' e exactly, whatever y and u do.
 
-Discretisation over one tick is exact (matrix exponential) for commands held constant over the tick, which
-is how they act, and outputs that vary linearly between two ticks: both y(n-1) and y(n) are known when z
-is brought to n, so there is no delay. The optional second-order servo model is part of the same
-exponential.
+Discretisation over one tick is exact (matrix exponential) for commands held constant over the tick,
+which is how they act, and outputs that vary linearly between two ticks: both y(n-1) and y(n) are
+known when z is brought to n, so there is no delay. The optional second-order servo model is part of
+the same exponential.
 """
 
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from scipy.linalg import expm
 from scipy.signal import place_poles
 
 from heli_math.jit import njit
+from heli_observer.arrays import copy_part
 from heli_observer.layout import (
     MEASURED_STATES,
     N_INPUT,
@@ -66,7 +67,7 @@ def _finite(name: str, value: Matrix, shape: tuple[int, ...]) -> Matrix:
 
 
 def partition(A: Matrix, B: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix, Matrix]:
-    """A_mm, A_mu, A_um, A_uu, B_m, B_u of A (9, 9) and B (9, 3), states in the order of eq. (10)."""
+    """A_mm, A_mu, A_um, A_uu, B_m, B_u of A (9, 9) and B (9, 3), states ordered as in eq. (10)."""
     A = _finite("model.A", A, (9, 9))
     B = _finite("model.B", B, (9, 3))
     m, u = list(MEASURED_STATES), list(ROTOR_STATES)
@@ -124,8 +125,8 @@ def observer_gain(A: Matrix, B: Matrix, poles: tuple[float, float, float]) -> Ma
     Raises
     ------
     ReducedOrderError
-        If the unmeasured states do not all act on the measured ones (A_mu without full column rank);
-        observer_gain_placed may still find a gain then.
+        If the unmeasured states do not all act on the measured ones (A_mu without full column
+        rank); observer_gain_placed may still find a gain then.
     """
     _, A_mu, _, A_uu, _, _ = partition(A, B)
     if np.linalg.matrix_rank(A_mu, tol=1e-9 * np.linalg.norm(A_mu)) < N_UNMEASURED:
@@ -134,7 +135,7 @@ def observer_gain(A: Matrix, B: Matrix, poles: tuple[float, float, float]) -> Ma
 
 
 def observer_gain_placed(A: Matrix, B: Matrix, poles: tuple[complex, complex, complex]) -> Matrix:
-    """Gain K (3, 6) by robust pole placement (Tits and Yang); poles may be complex pairs, distinct."""
+    """Gain K (3, 6) by robust pole placement (Tits and Yang); complex pairs allowed, no repeats."""
     _, A_mu, _, A_uu, _, _ = partition(A, B)
     try:
         placed = place_poles(A_uu.T, A_mu.T, np.asarray(poles))
@@ -213,7 +214,7 @@ def rotor_kernel(
 def rotor_start(w, y, u, k):
     """Start w (9,) so that a_s, b_s, d_int are at trim and the servos stand where they are told.
 
-    y (6,) are deviations from trim; u (4,) is the command that has been flown; k is the RotorKernel.
+    y (6,) are deviations from trim; u (4,) is the command flown so far; k is the RotorKernel.
     """
     for i in range(N_UNMEASURED):
         w[i] = 0.0
@@ -227,8 +228,8 @@ def rotor_start(w, y, u, k):
 def rotor_step(w, y0, y1, u, k):
     """Bring w (9,) over one tick, in place.
 
-    y0, y1 (6,) are the outputs at its beginning and end (deviations from trim, psi unwrapped); u (4,) is
-    the command that acts on the aircraft during it; k is the RotorKernel.
+    y0, y1 (6,) are the outputs at its beginning and end (deviations from trim, psi unwrapped);
+    u (4,) is the command that acts on the aircraft during it; k is the RotorKernel.
     """
     new = np.zeros(N_ROTOR_W)
     for i in range(N_ROTOR_W):
@@ -238,7 +239,7 @@ def rotor_step(w, y0, y1, u, k):
             new[i] += k.G0[i, j] * y0[j] + k.G1[i, j] * y1[j]
         for j in range(N_INPUT):
             new[i] += k.Gu[i, j] * (u[j] - k.u_trim[j])
-    w[:] = new
+    copy_part(w, 0, new, 0, N_ROTOR_W)
 
 
 @njit
