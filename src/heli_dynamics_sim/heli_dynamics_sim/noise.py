@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random numbers: one independent stream of standard normals per source, all from one seed.
 
-The njit kernels hold no generator: each tick takes one row. A source's stream does not change when another
-source is switched off or draws more.
+The njit kernels hold no generator: each tick takes one row. A source's stream does not change when
+another source is switched off or draws more.
 """
 
 import numpy as np

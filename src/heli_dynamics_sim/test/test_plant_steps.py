@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Servo, yaw gyro and flapping: step responses of the integrated plant against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from heli_dynamics_sim.aircraft_kernel import lock_number
+from heli_dynamics_sim.airframe import fin_force, fuselage_force
+from heli_dynamics_sim.state import make_state
+
+HIGH = (0.0, 0.0, -1e4)
+
+
+def servo_step(t, omega=38.0, zeta=0.51):
+    damped = omega * np.sqrt(1 - zeta**2)
+    wave = np.cos(damped * t) + zeta / np.sqrt(1 - zeta**2) * np.sin(damped * t)
+    return 1.0 - np.exp(-zeta * omega * t) * wave
+
+
+@pytest.mark.parametrize("t", [0.02, 0.05, 0.1, 0.4])
+def test_servo_step_is_a_second_order_system(vacuum, fly, t):
+    u = np.array([0.1, -0.2, 0.15, -0.05])
+    x = fly(make_state(HIGH), u, vacuum, t, dt_s=0.001)
+    assert x[16:20] == pytest.approx(u * servo_step(t), abs=2e-7)
+
+
+def test_servo_speed_and_travel_are_limited(vacuum, fly):
+    fast, far = 0.0, 0.0
+    x = make_state(HIGH)
+    x[16:20] = -1.0
+    for _ in range(300):
+        x = fly(x, [1.0, 1.0, 1.0, 3.0], vacuum, 0.002)
+        fast, far = max(fast, np.abs(x[20:24]).max()), max(far, np.abs(x[16:20]).max())
+    assert fast == pytest.approx(10.0, abs=1e-9)
+    assert far == 1.0
+    assert x[16:20] == pytest.approx(np.ones(4), abs=1e-6)
+
+
+def test_slow_servo_needs_the_travel_over_its_rate(vacuum, fly):
+    x = make_state(HIGH)
+    x[16:20] = -1.0
+    slow = vacuum._replace(servo=vacuum.servo._replace(rate_limit=2.0))
+    x = fly(x, np.ones(4), slow, 0.8)
+    # ramp at 2 1/s after a run-up of 1/20 s or so
+    assert x[16] == pytest.approx(-1.0 + 2.0 * 0.8, abs=0.06)
+
+
+def test_yaw_gyro_integrates_the_rate_error(helicopter, vacuum, fly):
+    x = make_state(HIGH)
+    x[18], x[12] = 0.1, 0.3
+    end = fly(x, [0.0, 0.0, 0.1, 0.0], vacuum, 0.5)
+    assert end[12] == pytest.approx(0.3, abs=1e-12)
+    assert end[15] == pytest.approx((-3.85 * 0.1 - 0.3) * 0.5, abs=1e-12)
+
+
+def test_yaw_gyro_closes_the_loop_with_its_own_poles(helicopter, fly):
+    """Small yaw motion in hover: r and d_int follow the 2 x 2 block of the linear model."""
+    from heli_dynamics_sim.linearize import linearize
+    from heli_dynamics_sim.trim import trim
+
+    hover = trim(helicopter)
+    A = linearize(helicopter, hover).A[np.ix_([6, 7], [6, 7])]
+    x = hover.x.copy()
+    x[2] = -1e4
+    x[12] += 1e-4
+    end = fly(x, hover.u, helicopter.kernel, 0.3)
+    expected = expm(A * 0.3) @ [1e-4, 0.0]
+    assert end[[12, 15]] - hover.x[[12, 15]] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("t", [0.1, 0.5, 2.0])
+def test_flapping_step_is_the_matrix_exponential(vacuum, fly, t):
+    x = make_state(HIGH)
+    x[16], x[17] = 0.05, -0.03
+    x[11] = 0.2  # a constant pitch rate in vacuum
+    end = fly(x, x[16:20], vacuum, t)
+    rate = 1.0 / 0.29756
+    A = np.array([[-rate, 2.2223], [2.4483, -rate]])
+    drive = rate * np.array(
+        [0.77 * -0.03 + 0.0603 * 0.05, 0.77 * 0.05 - 0.0197 * -0.03]
+    ) + np.array([-0.2, 0.0])
+    expected = np.linalg.solve(A, (expm(A * t) - np.eye(2)) @ drive)
+    assert end[13:15] == pytest.approx(expected, abs=1e-11)
+
+
+def test_coupling_by_equation_7(helicopter):
+    k = replace(helicopter, coupling="eq7").kernel.flapping
+    lock = 1.29 * 0.062 * 5.52 * 0.705**4 / 0.055
+    assert lock_number(helicopter) == pytest.approx(lock)
+    ratio = 8 * 114.65 / (lock * 193.73**2 * 0.055)
+    assert k.a_bs == pytest.approx(ratio / 0.29756)
+    assert k.b_as == -k.a_bs
+
+
+def test_fuselage_drag_opposes_the_flow(helicopter):
+    k = helicopter.kernel.fuselage
+    x, y, z = fuselage_force(10.0, -8.0, 0.0, 5.0, k)
+    assert x == pytest.approx(-0.5 * 1.29 * 0.103 * 100.0)
+    assert y == pytest.approx(0.5 * 1.29 * 0.9 * 64.0)
+    assert z == pytest.approx(0.5 * 1.29 * 0.084 * 25.0)  # the downwash pushes it down
+
+
+def test_fin_has_its_two_laws_and_no_jump(helicopter):
+    k = helicopter.kernel.vertical_fin
+    area = 0.5 * 1.29 * 0.012
+    assert fin_force(1.0, 10.0, k) == pytest.approx(-area * 2.85 * 10.0)
+    assert fin_force(-1.0, -10.0, k) == pytest.approx(area * 2.85 * 10.0)
+    assert fin_force(9.0, 10.0, k) == pytest.approx(-area * 81.0)
+    assert fin_force(3.0, 0.0, k) == pytest.approx(-area * 9.0)
+    across = np.arange(-12.0, 12.0, 0.001)
+    force = np.array([fin_force(v, 10.0, k) for v in across])
+    assert np.abs(np.diff(force)).max() < 0.01

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Wind: profile, Dryden filters against MIL-F-8785C, gusts."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.signal import welch
+
+from heli_dynamics_sim import wind
+from heli_dynamics_sim.state import make_state
+
+A = np.array([[-1.0, 0.0], [1.0, -1.0]])
+
+
+@pytest.fixture
+def kernel(plant_config):
+    def build(**changes):
+        return plant_config(**{f"wind__{key}": value for key, value in changes.items()}).wind
+
+    return build
+
+
+@pytest.mark.parametrize(
+    ("altitude", "speed"), [(-1.0, 3.0), (0.0, 3.0), (10.0, 3.0), (15.0, 4.0), (50.0, 5.0)]
+)
+def test_profile_is_linear_between_its_points(kernel, altitude, speed):
+    assert wind.mean_speed(altitude, kernel()) == pytest.approx(speed)
+
+
+def test_wind_blows_towards(kernel):
+    out = np.zeros(3)
+    k = kernel(towards_deg=90.0, turbulence=False)
+    wind.wind_at(np.zeros(5), make_state((0.0, 0.0, -10.0)), 0.0, k, out)
+    assert out == pytest.approx([0.0, 3.0, 0.0], abs=1e-12)
+
+
+def test_turbulence_scales_of_the_standard():
+    # h = 10 m, W20 = 5 m/s: sigma_w 0.5, sigma_u 0.94 m/s, L_u 67 m, tau_u 13.5 s
+    sigma_h, sigma_w, length_h, length_w = wind.dryden_scales(10.0, 5.0)
+    assert (sigma_w, length_w) == pytest.approx((0.5, 10.0))
+    assert sigma_h == pytest.approx(0.94, abs=0.005)
+    assert length_h == pytest.approx(67.0, abs=0.5)
+    assert length_h / 5.0 == pytest.approx(13.5, abs=0.1)
+    # at 1000 ft the turbulence is isotropic: the standard's forms meet there
+    sigma_h, sigma_w, length_h, length_w = wind.dryden_scales(304.8, 5.0)
+    assert sigma_h == pytest.approx(sigma_w) and length_h == pytest.approx(length_w)
+    # frozen outside 10 .. 1000 ft
+    assert wind.dryden_scales(1.0, 5.0) == wind.dryden_scales(3.048, 5.0)
+
+
+def test_w20_is_the_wind_at_20_feet(kernel):
+    assert kernel(profile_speed_mps=[0.0, 10.0, 10.0]).w20_mps == pytest.approx(6.096)
+    assert kernel(w20_mps=7.0).w20_mps == 7.0
+
+
+@pytest.mark.parametrize("h", [1e-6, 1e-4, 0.01, 0.0499, 0.0501, 0.3, 2.0])
+def test_noise_covariance_is_exact(h):
+    # Van Loan, IEEE TAC 23 (1978) 395-404
+    block = np.zeros((4, 4))
+    block[:2, :2], block[2:, 2:] = -A, A.T
+    block[0, 2] = 1.0
+    phi = expm(block * h)
+    Q = phi[2:, 2:].T @ phi[:2, 2:]
+    q = wind.second_order_covariance(h)
+    assert q == pytest.approx((Q[0, 0], Q[0, 1], Q[1, 1]), rel=1e-5, abs=1e-18)
+    x = wind.second_order_step(0.7, -0.4, h, 0.0, 0.0)
+    assert x == pytest.approx(expm(A * h) @ [0.7, -0.4], rel=1e-12)
+
+
+def test_two_steps_are_one_of_twice_the_length():
+    """Stationarity of the output: P = Phi P Phi' + Q, and its variance is 1."""
+    P = np.array([[0.5, 0.25], [0.25, 0.25]])
+    for h in (1e-3, 0.1, 1.0):
+        q11, q12, q22 = wind.second_order_covariance(h)
+        phi = expm(A * h)
+        assert phi @ P @ phi.T + [[q11, q12], [q12, q22]] == pytest.approx(P, abs=1e-12)
+    c = np.array([wind.second_order_output(1.0, 0.0), wind.second_order_output(0.0, 1.0)])
+    assert c @ P @ c == pytest.approx(1.0)
+
+
+@pytest.fixture(scope="module")
+def record():
+    """Along, across, down turbulence of one long flight at 10 m in 5 m/s; 20 Hz, 40000 s."""
+    rng = np.random.default_rng(5)
+    n, dt, speed = 800_000, 0.05, 5.0
+    sigma_h, sigma_w, length_h, length_w = wind.dryden_scales(10.0, 5.0)
+    out = np.empty((n, 3))
+    noise = rng.standard_normal((n, 5))
+    x = np.zeros(5)
+    wind.stationary_filter(rng.standard_normal(5), x)
+    h, hw = dt * speed / length_h, dt * speed / length_w
+    x0, x1, x2, x3, x4 = x
+    for i in range(n):
+        e = noise[i]
+        x0 = wind.first_order_step(x0, h, e[0])
+        x1, x2 = wind.second_order_step(x1, x2, h, e[1], e[2])
+        x3, x4 = wind.second_order_step(x3, x4, hw, e[3], e[4])
+        out[i, 0] = sigma_h * x0
+        out[i, 1] = sigma_h * wind.second_order_output(x1, x2)
+        out[i, 2] = sigma_w * wind.second_order_output(x3, x4)
+    return out, dt
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_turbulence_has_the_spectrum_of_the_standard(record, axis):
+    out, dt = record
+    sigma_h, sigma_w, length_h, length_w = wind.dryden_scales(10.0, 5.0)
+    sigma = (sigma_h, sigma_h, sigma_w)[axis]
+    tau = (length_h, length_h, length_w)[axis] / 5.0
+    assert out[:, axis].var() == pytest.approx(sigma**2, rel=0.08)
+    f, density = welch(out[:, axis], 1.0 / dt, nperseg=8192)
+    w = 2 * np.pi * f
+    # one-sided per hertz: 2 pi times the standard's one-sided spectrum per rad/s
+    if axis == 0:
+        analytic = 4.0 * sigma**2 * tau / (1 + (tau * w) ** 2)
+    else:
+        analytic = 2.0 * sigma**2 * tau * (1 + 3 * (tau * w) ** 2) / (1 + (tau * w) ** 2) ** 2
+    assert np.trapezoid(analytic, f) == pytest.approx(sigma**2, rel=0.05)
+    # about 190 half-overlapping segments: 9 % per bin; 20 bins averaged; away from both ends, where
+    # the window leaks and sampling folds
+    for low, high in ((0.01, 0.05), (0.05, 0.2), (0.2, 1.0), (1.0, 3.0)):
+        band = (f > low) & (f < high)
+        assert density[band].mean() == pytest.approx(analytic[band].mean(), rel=0.12)
+
+
+def test_filter_starts_stationary():
+    rng = np.random.default_rng(1)
+    x = np.empty((20000, 5))
+    for row in x:
+        wind.stationary_filter(rng.standard_normal(5), row)
+    pair = np.array([[0.5, 0.25], [0.25, 0.25]])
+    expected = np.zeros((5, 5))
+    expected[0, 0], expected[1:3, 1:3], expected[3:, 3:] = 1.0, pair, pair
+    assert np.cov(x.T) == pytest.approx(expected, abs=0.03)
+
+
+def test_no_mean_wind_no_turbulence(kernel):
+    k = kernel(profile_speed_mps=[0.0, 0.0, 0.0])
+    x, out = np.ones(5), np.zeros(3)
+    wind.step_turbulence(x, 10.0, 0.01, np.ones(5), k)
+    wind.wind_at(x, make_state((0.0, 0.0, -10.0)), 0.0, k, out)
+    assert np.isfinite(x).all()
+    assert out.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_one_cosine_gusts_in_both_frames(kernel):
+    changes = {
+        "turbulence": False,
+        "profile_speed_mps": [0.0, 0.0, 0.0],
+        "gust__start_s": [1.0, 10.0],
+        "gust__duration_s": [2.0, 1.0],
+        "gust__amplitude_mps": [4.0, 0.0, 0.0, 0.0, 0.0, -1.0],
+    }
+    x, out = make_state((0.0, 0.0, -10.0), 0.0, 0.0, np.pi / 2), np.zeros(3)
+    for frame, direction in (("ned", [1.0, 0.0, 0.0]), ("body", [0.0, 1.0, 0.0])):
+        k = kernel(**changes, gust__frame=frame)
+        for t, size in ((0.5, 0.0), (1.5, 2.0), (2.0, 4.0), (2.5, 2.0), (3.1, 0.0)):
+            wind.wind_at(np.zeros(5), x, t, k, out)
+            assert out == pytest.approx(size * np.array(direction), abs=1e-12)
+        wind.wind_at(np.zeros(5), x, 10.5, k, out)
+        assert out == pytest.approx([0.0, 0.0, -1.0], abs=1e-12)
