@@ -40,6 +40,10 @@ class Axis:
     nav_sigma_mps, nav_time_s : float
         Rms and correlation time of the navigation's speed error; without it the best disturbance
         observer would be infinitely fast.
+    nav_pos_sigma_m, nav_pos_time_s : float
+        The same of the position estimate's wander.
+    modelled_lag_s, modelled_damping_per_s : float
+        What the law's own model knows of actuation and damping (thrust map: heave damping).
     delay_s : float
         Sampling, transport, servo and computation together.
     """
@@ -51,7 +55,11 @@ class Axis:
     position_bound_m: float
     speed_bound_mps: float
     nav_sigma_mps: float = 0.05
-    nav_time_s: float = 1.0
+    nav_time_s: float = 2.0
+    nav_pos_sigma_m: float = 0.1
+    nav_pos_time_s: float = 5.0
+    modelled_lag_s: float = 0.4
+    modelled_damping_per_s: float = 0.0
     delay_s: float = 0.1
 
 
@@ -82,25 +90,31 @@ def _pade(delay_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
     return A, np.array([[0.0], [1.0]]), np.array([[0.0, -12.0 / t]]), np.eye(1)
 
 
-def _controller(K_P: float, K_D: float, w: float, zeta: float = 0.8):
-    """Law (21) with observer: inputs (pos, speed, achieved acceleration), output commanded one."""
-    l1, l2 = 2.0 * zeta * w, w * w
-    A = np.array([[-l1, 1.0], [-l2, 0.0]])
-    B = np.array([[0.0, l1, 1.0], [0.0, l2, 0.0]])
-    return A, B, np.array([[0.0, -1.0]]), np.array([[-K_P, -K_D, 0.0]])
+def _controller(K_P: float, K_D: float, w: float, axis: Axis, zeta: float = 0.8):
+    """Law (21) with observer: inputs (pos, speed), output the commanded acceleration.
+
+    States: speed estimate, disturbance estimate, commanded acceleration behind the modelled lag.
+    """
+    l1, l2, rate = 2.0 * zeta * w, w * w, 1.0 / axis.modelled_lag_s
+    C, D = np.array([[0.0, -1.0, 0.0]]), np.array([[-K_P, -K_D]])
+    A = np.array([[-l1, 1.0, 1.0], [-l2, 0.0, 0.0], [0.0, 0.0, -rate]])
+    B = np.array([[0.0, l1 - axis.modelled_damping_per_s], [0.0, l2], [0.0, 0.0]])
+    A[2] += rate * C[0]
+    B[2] += rate * D[0]
+    return A, B, C, D
 
 
 def _open_loop(axis: Axis, K_P: float, K_D: float, w: float):
-    """Loop broken at the commanded acceleration: states, and B, C of the break and B of the wind.
+    """Loop broken at the commanded acceleration: A, B, C, B of the wind, speed and position row.
 
     State order: actuation, delay, speed, position, controller.
     """
     Aa, Ba, Ca = axis.actuation
     Ad, Bd, Cd, Dd = _pade(axis.delay_s)
-    Ac, Bc, Cc, Dc = _controller(K_P, K_D, w)
+    Ac, Bc, Cc, Dc = _controller(K_P, K_D, w, axis)
     na = Aa.shape[0]
-    n = na + 2 + 2 + 2
-    v, p, c = na + 2, na + 3, slice(na + 4, na + 6)
+    v, p, c = na + 2, na + 3, slice(na + 4, na + 7)
+    n = na + 7
     A = np.zeros((n, n))
     A[:na, :na] = Aa
     A[:na, na : na + 2] = Ba @ Cd
@@ -110,7 +124,6 @@ def _open_loop(axis: Axis, K_P: float, K_D: float, w: float):
     A[p, v] = 1.0
     A[c, p] = Bc[:, 0]
     A[c, v] = Bc[:, 1]
-    A[c, :na] = np.outer(Bc[:, 2], Ca[0])
     A[c, c] = Ac
     B = np.zeros((n, 1))
     B[:na] = Ba @ Dd
@@ -118,9 +131,34 @@ def _open_loop(axis: Axis, K_P: float, K_D: float, w: float):
     B_wind = np.zeros((n, 1))
     B_wind[v] = axis.damping_per_s
     C = np.zeros((1, n))
-    C[0, p], C[0, v] = Dc[0, 0], Dc[0, 1]
+    C[0, p], C[0, v] = Dc[0]
     C[0, c] = Cc[0]
     return A, B, C, B_wind, v, p
+
+
+def _with_noise(axis: Axis, A, B, C, B_wind, v: int, p: int):
+    """Closed loop with its wind and navigation errors as states, and their noise intensity.
+
+    The law reads speed and position with an error each: wherever it reads the one it reads the
+    other.
+    """
+    n = A.shape[0]
+    sources = (
+        (B_wind[:, 0], axis.gust_sigma_mps, axis.gust_time_s),
+        (None, axis.nav_sigma_mps, axis.nav_time_s),
+        (None, axis.nav_pos_sigma_m, axis.nav_pos_time_s),
+    )
+    full, Q = np.zeros((n + 3, n + 3)), np.zeros((n + 3, n + 3))
+    full[:n, :n] = A + B @ C
+    for i, (column, sigma, tau) in enumerate(sources):
+        state = (v, v, p)[i]
+        if column is None:
+            column = B[:, 0] * C[0, state]
+            column[n - 3 :] += A[n - 3 :, state]
+        full[:n, n + i] = column
+        full[n + i, n + i] = -1.0 / tau
+        Q[n + i, n + i] = 2.0 * sigma**2 / tau
+    return full, Q
 
 
 def _peak(sigma: float, sigma_rate: float, duration_s: float) -> float:
@@ -133,20 +171,9 @@ def evaluate(axis: Axis, K_P: float, K_D: float, w: float, duration_s: float = 5
     """Predict rms and peak of position and speed, and the modulus margin, for one set of gains."""
     A, B, C, B_wind, v, p = _open_loop(axis, K_P, K_D, w)
     n = A.shape[0]
-    closed = A + B @ C
-    full = np.zeros((n + 2, n + 2))
-    full[:n, :n] = closed
-    full[:n, n : n + 1] = B_wind
-    full[n, n] = -1.0 / axis.gust_time_s
-    # The law sees speed plus error: wherever it reads the speed it reads the error too.
-    full[:n, n + 1] = B[:, 0] * C[0, v]
-    full[n - 2 : n, n + 1] += A[n - 2 : n, v]
-    full[n + 1, n + 1] = -1.0 / axis.nav_time_s
-    if np.linalg.eigvals(closed).real.max() >= -1e-3:
+    if np.linalg.eigvals(A + B @ C).real.max() >= -1e-3:
         return AxisResult(K_P, K_D, w, np.inf, np.inf, np.inf, np.inf, 0.0, False)
-    Q = np.zeros_like(full)
-    Q[n, n] = 2.0 * axis.gust_sigma_mps**2 / axis.gust_time_s
-    Q[n + 1, n + 1] = 2.0 * axis.nav_sigma_mps**2 / axis.nav_time_s
+    full, Q = _with_noise(axis, A, B, C, B_wind, v, p)
     X = linalg.solve_continuous_lyapunov(full, -Q)
     sigma_p, sigma_v = np.sqrt(X[p, p]), np.sqrt(X[v, v])
     sigma_a = np.sqrt(full[v] @ X @ full[v])

@@ -22,6 +22,8 @@ TABLE: tuple[Parameter, ...] = (
     _row("wind_compensation", "bool", "Subtract the estimated disturbance (false: pure PD)"),
     _row("disturbance.bandwidth_radps", "double[]", "Bandwidth of the disturbance observer",
          "rad/s", shape=(3,), lower=0.0, upper=7.5),
+    _row("disturbance.attitude_lag_s", "double[]", "Lag of the attitude loop, pitch and roll", "s",
+         shape=(2,), lower=0.02, upper=5.0),
     _row("disturbance.limit_mps2", "double[]", "Largest disturbance that is compensated", "m/s2",
          shape=(3,), lower=0.0, upper=5.0),
     _row("horizontal", "string", "Hold position, or command a level attitude (attitude test)",

@@ -22,18 +22,19 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
-from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust
+from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust, thrust_for_collective
 
 # Indices of the reference vector (7,): position NED m, velocity NED m/s, heading rad.
 N_REFERENCE = 7
 # Indices of the output vector (4,): attitude set-point rad and collective in (-1, 1).
 N_OUTPUT = 4
 # Controller state: [0:3] velocity estimate NED m/s, [3:6] disturbance estimate NED m/s2,
-# [6] engaged, [7:11] last output, [11] last thrust N.
-N_STATE = 12
+# [6] engaged, [7:11] last output, [11:13] commanded horizontal acceleration behind the attitude
+# loop's lag, heading frame m/s2.
+N_STATE = 13
 _ENGAGED = 6
 _LAST = 7
-_LAST_THRUST = 11
+_LAGGED = 11
 _COLLECTIVE_LIMIT = 0.98
 # Below this cos(phi) cos(theta) lift compensation no longer helps: the thrust points sideways.
 _MIN_LIFT_FRACTION = 0.5
@@ -79,6 +80,7 @@ class OuterKernel(NamedTuple):
     thrust_limits: np.ndarray  # (2,) fractions of m g
     trim: np.ndarray  # (3,) phi rad, theta rad, d_col
     rotor: RotorMap
+    attitude_lag: np.ndarray  # (2,) s, forward and right: time constants of the attitude loop
     dt_s: float
 
 
@@ -87,7 +89,6 @@ def initial_state(k: OuterKernel) -> np.ndarray:
     state = np.zeros(N_STATE)
     state[_LAST : _LAST + 2] = k.trim[:2]
     state[_LAST + 3] = k.trim[2]
-    state[_LAST_THRUST] = k.mass * k.g / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
     return state
 
 
@@ -108,10 +109,33 @@ def _to_ned(v, c, s, out):
 
 
 @njit
-def _modelled_acceleration(phi, theta, thrust, k, out):
-    """Acceleration (3,) m/s2, heading frame, that attitude and thrust explain in still air."""
+def _trim_thrust(k):
+    """Thrust (N) of still-air hover."""
+    return k.mass * k.g / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
+
+
+@njit
+def _flown_acceleration(phi, theta, k, out):
+    """Horizontal acceleration (2,) m/s2, heading frame, that the attitude explains in still air."""
     out[0] = -k.g * math.sin(theta - k.trim[1])
     out[1] = k.g * math.sin(phi - k.trim[0])
+
+
+@njit
+def _modelled_acceleration(phi, theta, v_down, k, state, out):
+    """Acceleration (3,) m/s2, heading frame, that the law's model expects of its last command.
+
+    Horizontally the commanded one behind the attitude loop's lag: what the attitude loop leaves
+    standing counts as disturbance and is trimmed out with it. Vertically the thrust of the last
+    collective at the present speed, so that the rotor's own damping is no disturbance.
+    """
+    commanded = np.empty(2)
+    _flown_acceleration(state[_LAST], state[_LAST + 1], k, commanded)
+    for i in range(2):
+        keep = math.exp(-k.dt_s / k.attitude_lag[i])
+        state[_LAGGED + i] = keep * state[_LAGGED + i] + (1.0 - keep) * commanded[i]
+        out[i] = state[_LAGGED + i]
+    thrust = thrust_for_collective(state[_LAST + 3], v_down, _trim_thrust(k), k.trim[2], k.rotor)
     out[2] = k.g - thrust * math.cos(phi) * math.cos(theta) / k.mass
 
 
@@ -147,12 +171,13 @@ def _estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
 
 
 @njit
-def _engage(nav, a_h, k, state, c, s, d_h):
+def _engage(nav, phi, theta, k, state, c, s, d_h):
     """Bumpless start: what is flown is taken for equilibrium and so is the first command."""
     for i in range(3):
         state[i] = nav[3 + i]
-    d_h[0] = _clip(-a_h[0], k.disturbance_limit[0])
-    d_h[1] = _clip(-a_h[1], k.disturbance_limit[1])
+    _flown_acceleration(phi, theta, k, state[_LAGGED : _LAGGED + 2])
+    d_h[0] = _clip(-state[_LAGGED], k.disturbance_limit[0])
+    d_h[1] = _clip(-state[_LAGGED + 1], k.disturbance_limit[1])
     d_h[2] = 0.0  # what collective is flown is not known here: trim is assumed
     _to_ned(d_h, c, s, state[3:6])
     state[_ENGAGED] = 1.0
@@ -177,10 +202,8 @@ def _command(nav, ref, d_h, c, s, lift, k, state, out):
     weight = k.mass * k.g
     thrust = k.mass * (k.g - a[2]) / max(lift, _MIN_LIFT_FRACTION)
     thrust = min(max(thrust, k.thrust_limits[0] * weight), k.thrust_limits[1] * weight)
-    state[_LAST_THRUST] = thrust
-    trim_thrust = weight / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
     # ref[5] is the reference's speed down: the inflow of the climb it asks for is fed forward.
-    d_col = collective_for_thrust(thrust, ref[5], trim_thrust, k.trim[2], k.rotor)
+    d_col = collective_for_thrust(thrust, ref[5], _trim_thrust(k), k.trim[2], k.rotor)
     out[3] = min(max(d_col, -_COLLECTIVE_LIMIT), _COLLECTIVE_LIMIT)
 
 
@@ -218,11 +241,11 @@ def position_law(nav, ref, k, state, out):
     a_h = np.empty(3)
     d_h = np.zeros(3)
     _to_heading(nav[3:6], c, s, vel_h)
-    _modelled_acceleration(phi, theta, state[_LAST_THRUST], k, a_h)
     if k.wind_compensation > 0.5:
         if state[_ENGAGED] < 0.5:
-            _engage(nav, a_h, k, state, c, s, d_h)
+            _engage(nav, phi, theta, k, state, c, s, d_h)
         else:
+            _modelled_acceleration(phi, theta, nav[5], k, state, a_h)
             _estimate_disturbance(vel_h, a_h, k, state, c, s, d_h)
     _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), k, state, out)
     for i in range(N_OUTPUT):

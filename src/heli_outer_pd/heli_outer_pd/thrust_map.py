@@ -26,13 +26,36 @@ class RotorMap(NamedTuple):
 
 
 @njit
+def _slope(rotor):
+    """Thrust per speed through the blades, N s/m."""
+    area = rotor.radius * rotor.radius * rotor.blades * rotor.chord
+    return rotor.rho * rotor.omega * rotor.lift_slope * area / 4.0
+
+
+@njit
+def _disk(rotor):
+    """2 rho times the disk's area, kg/m."""
+    return 2.0 * rotor.rho * math.pi * rotor.radius * rotor.radius
+
+
+@njit
 def blade_pitch(thrust, w_r, rotor):
     """Blade pitch (rad) that gives thrust (N, > 0) at the hub speed w_r (m/s, down)."""
-    disk = 2.0 * rotor.rho * math.pi * rotor.radius * rotor.radius
-    v_i = 0.5 * w_r + math.sqrt(0.25 * w_r * w_r + thrust / disk)
-    slope = rotor.rho * rotor.omega * rotor.radius**2 * rotor.lift_slope * rotor.blades
-    slope *= rotor.chord / 4.0
-    return (thrust / slope + v_i - w_r) * 1.5 / (rotor.omega * rotor.radius)
+    v_i = 0.5 * w_r + math.sqrt(0.25 * w_r * w_r + thrust / _disk(rotor))
+    return (thrust / _slope(rotor) + v_i - w_r) * 1.5 / (rotor.omega * rotor.radius)
+
+
+@njit
+def thrust_of(pitch, w_r, rotor):
+    """Thrust (N) at blade pitch (rad) and hub speed w_r (m/s, down); the inverse of blade_pitch.
+
+    0 where the disk would have to push downwards, which the map does not cover.
+    """
+    w_bl = w_r + rotor.omega * rotor.radius * pitch / 1.5
+    kappa = _slope(rotor) / _disk(rotor)
+    half = 0.5 * (kappa - w_r)
+    v_i = math.sqrt(max(half * half + kappa * w_bl, 0.0)) - half
+    return max(_slope(rotor) * (w_bl - v_i), 0.0)
 
 
 @njit
@@ -43,3 +66,10 @@ def collective_for_thrust(thrust, w_r, thrust_trim, d_col_trim, rotor):
     """
     step = blade_pitch(thrust, w_r, rotor) - blade_pitch(thrust_trim, 0.0, rotor)
     return d_col_trim + step / rotor.K_col
+
+
+@njit
+def thrust_for_collective(d_col, w_r, thrust_trim, d_col_trim, rotor):
+    """Thrust (N) at collective (-) and hub speed w_r: the inverse of collective_for_thrust."""
+    pitch = blade_pitch(thrust_trim, 0.0, rotor) + rotor.K_col * (d_col - d_col_trim)
+    return thrust_of(pitch, w_r, rotor)
