@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Aircraft files and plant parameters: bad ones are refused by name, good ones are documented."""
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from heli_dynamics_sim.helicopter import state_derivative
+from heli_dynamics_sim.parameter_table import TABLE
+from heli_dynamics_sim.parameters import AircraftError, HelicopterParameters
+from heli_dynamics_sim.plant import PlantConfig, PlantConfigError
+from heli_msgs_bridge.parameters import load
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+HELION = CONFIG / "aircraft" / "helion.yaml"
+
+
+@pytest.fixture
+def write(tmp_path):
+    """write(old, new): path of the default aircraft's file with one line changed."""
+
+    def build(old, new):
+        text = HELION.read_text()
+        assert text.count(old) == 1
+        path = tmp_path / "mine.yaml"
+        path.write_text(text.replace(old, new))
+        return path
+
+    return build
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("mass_kg: 9.750", "# ", "body.mass_kg: missing; allowed: a number in (0, 1000) kg"),
+        ("mass_kg: 9.750", "masss_kg: 9.750", "body.masss_kg: unknown key; did you mean body.mass_kg"),
+        ("mass_kg: 9.750", "mass_kg: -9.750", "body.mass_kg: -9.75 is not allowed; allowed: a number in"),
+        ("mass_kg: 9.750", "mass_kg: 0", "body.mass_kg: 0.0 is not allowed"),
+        ("mass_kg: 9.750", "mass_kg: .nan", "body.mass_kg: nan is not allowed"),
+        ("mass_kg: 9.750", "mass_kg: .inf", "body.mass_kg: inf is not allowed"),
+        ("mass_kg: 9.750", "mass_kg: heavy", "body.mass_kg: 'heavy' is not allowed"),
+        ("mass_kg: 9.750", "mass_kg: true", "body.mass_kg: True is not allowed"),
+        ("mass_kg: 9.750", "mass_kg: [1.0]", "body.mass_kg: [1.0] is not allowed"),
+        ("inertia_zz_kgm2: 0.787", "inertia_zz_kgm2: 0.9", "no rigid body is like that"),
+        ("coupling: identified", "coupling: eq8", "'eq8' is not allowed; allowed: one of identified"),
+        ("stall_full: 0.6", "stall_full: 0.2", "fins.stall_full: 0.2 is not allowed; allowed: more"),
+        ("servo:", "servo: 3\nrest:", "servo: expected a group of keys, found 3"),
+        ("body:", "body: [", "is not valid YAML"),
+    ],
+)  # fmt: skip
+def test_bad_aircraft_files_are_refused_by_name(write, old, new, said):
+    path = write(old, new)
+    with pytest.raises(AircraftError) as caught:
+        HelicopterParameters.from_yaml(path)
+    assert said in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_and_empty_files(tmp_path):
+    with pytest.raises(AircraftError, match=r"helicon\.yaml: no such .* packaged: .*helion\.yaml"):
+        HelicopterParameters.from_yaml("helicon.yaml")
+    with pytest.raises(AircraftError, match="no such aircraft file"):
+        HelicopterParameters.from_yaml(tmp_path / "nowhere" / "x.yaml")
+    empty = tmp_path / "empty.yaml"
+    empty.write_text("")
+    with pytest.raises(AircraftError, match="expected groups of keys"):
+        HelicopterParameters.from_yaml(empty)
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(AircraftError, match="cannot be read"):
+        HelicopterParameters.from_yaml(tmp_path / "binary.yaml")
+
+
+def test_integers_are_numbers_in_an_aircraft_file(write):
+    assert HelicopterParameters.from_yaml(write("mass_kg: 9.750", "mass_kg: 9")).mass_kg == 9.0
+
+
+@pytest.mark.parametrize("path", sorted((CONFIG / "aircraft").glob("*.yaml")), ids=lambda p: p.stem)
+def test_every_value_of_an_aircraft_has_symbol_unit_meaning_and_source(path):
+    rules = {item.metadata["key"]: item.metadata for item in fields(HelicopterParameters)}
+    group, seen = "", set()
+    for line in path.read_text().splitlines():
+        if re.match(r"\w+:$", line):
+            group = line[:-1]
+        found = re.match(r"  (\w+): +\S+ +# (\S+) \[(.+?)\] (.+); (.+)$", line)
+        assert found or not line.startswith("  "), line
+        if found:
+            key = f"{group}.{found[1]}"
+            seen.add(key)
+            if "unit" in rules[key]:
+                assert (found[2], found[3]) == (rules[key]["symbol"], rules[key]["unit"]), key
+    assert seen == rules.keys()
+    HelicopterParameters.from_yaml(path)
+
+
+def test_every_plant_parameter_is_in_the_file_with_a_comment():
+    tree = yaml.safe_load((CONFIG / "plant.yaml").read_text())["/**/plant"]["ros__parameters"]
+
+    def names(node, prefix=""):
+        for key, value in node.items():
+            if isinstance(value, dict):
+                yield from names(value, f"{prefix}{key}.")
+            else:
+                yield prefix + key
+
+    assert sorted(names(tree)) == sorted(row.name for row in TABLE)
+
+
+@pytest.mark.parametrize("preset", ["gps_standalone", "gps_rtk"])
+def test_gps_presets_set_the_gps_and_nothing_else(preset):
+    base = load(TABLE, [CONFIG / "plant.yaml"], "plant")
+    values = load(TABLE, [CONFIG / "plant.yaml", CONFIG / f"{preset}.yaml"], "plant")
+    changed = {key for key in base if not np.array_equal(base[key], values[key])}
+    got = [values[f"sensors.gps.{key}"] for key in ("white_m", "drift_m", "velocity_mps")]
+    if preset == "gps_standalone":
+        assert changed == set()
+        assert got == [0.3, 1.0, 0.1]
+    else:
+        assert changed <= {key for key in base if key.startswith("sensors.gps.")}
+        assert got == [0.015, 0.01, 0.03]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"wind__profile_altitude_m": [0.0, 20.0, 10.0]}, "wind.profile_altitude_m"),
+        ({"wind__profile_speed_mps": [3.0]}, "wind.profile_speed_mps: has 1 values; allowed: 3"),
+        ({"wind__gust__duration_s": [1.0, 2.0]}, "wind.gust.duration_s: describes 2 gusts"),
+        ({"wind__gust__amplitude_mps": np.zeros((3, 3))}, "wind.gust.amplitude_mps: describes 3"),
+        ({"initial__pos_ned_m": [0.0, 0.0, 1.0]}, "initial.pos_ned_m: down 1 m is in the ground"),
+    ],
+)
+def test_parameters_that_do_not_fit_together(parameters, changes, said):
+    with pytest.raises(PlantConfigError) as caught:
+        PlantConfig.from_parameters(parameters(**changes))
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(("x", "u", "w"), [(23, 4, 3), (24, 3, 3), (24, 4, 2)])
+def test_state_derivative_refuses_wrong_lengths(helicopter, x, u, w):
+    with pytest.raises(ValueError, match="has shape"):
+        state_derivative(np.zeros(x), np.zeros(u), np.zeros(w), helicopter)

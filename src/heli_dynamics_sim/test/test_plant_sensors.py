@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors and noise: what an ideal sensor reads, noise levels, schedule and latency of the fixes."""
+
+import numpy as np
+import pytest
+
+from heli_dynamics_sim.noise import N_NOISE, NoiseStreams
+from heli_dynamics_sim.plant import N_MEAS, initial_state, measure
+from heli_math.atmosphere import altitude_m
+from heli_math.rotations import quat_from_euler, quat_to_R_nb
+
+CALM = {"wind__turbulence": False, "wind__profile_speed_mps": [0.0, 0.0, 0.0]}
+PERFECT_IMU = {
+    f"sensors__imu__{key}": 0.0
+    for key in (
+        "gyro_noise_density",
+        "gyro_bias_walk",
+        "gyro_bias_sigma_radps",
+        "accel_noise_density",
+        "accel_bias_walk",
+        "accel_bias_sigma_mps2",
+    )
+}
+
+
+def readings(config, ticks, seed=1, move=None, rows=None):
+    """Measurements (ticks, N_MEAS) of an aircraft that is held, or put where move(tick, x) says."""
+    state = initial_state(config, seed)
+    rows = NoiseStreams(seed).rows(ticks) if rows is None else rows
+    out = np.zeros((ticks, N_MEAS))
+    for tick in range(ticks):
+        if move is not None:
+            move(tick, state.x)
+        measure(state, tick, rows[tick], config.kernel, out[tick])
+    return out, state
+
+
+# --- noise streams -----------------------------------------------------------------------------
+
+
+def test_rows_and_single_rows_are_the_same_numbers():
+    streams, block = NoiseStreams(7), NoiseStreams(7).rows(50)
+    assert block.shape == (50, N_NOISE)
+    assert all((streams.row() == row).all() for row in block)
+    again = NoiseStreams(7)
+    assert (np.vstack([again.rows(20), again.rows(30)]) == block).all()
+
+
+def test_streams_are_independent_white_and_differ_by_seed():
+    rows = NoiseStreams(3).rows(40000)
+    assert np.corrcoef(rows.T) == pytest.approx(np.eye(N_NOISE), abs=0.03)
+    assert (rows[1:] * rows[:-1]).mean(axis=0) == pytest.approx(np.zeros(N_NOISE), abs=0.025)
+    assert not (NoiseStreams(4).rows(1) == rows[0]).any()
+    assert not (NoiseStreams(3).initial_rows(1) == rows[0]).any()
+
+
+def test_negative_seed_is_refused():
+    with pytest.raises(ValueError, match="seed -1"):
+        NoiseStreams(-1)
+
+
+# --- IMU -----------------------------------------------------------------------------------------
+
+
+def test_imu_in_trimmed_hover_reads_gravity_only(plant_config):
+    y, state = readings(plant_config(**CALM, **PERFECT_IMU), 1)
+    down = quat_to_R_nb(state.x[6:10])[2]
+    assert y[0, 0:3] == pytest.approx(-9.781 * down, abs=1e-9)
+    assert y[0, 2] == pytest.approx(-9.781, abs=0.02)
+    assert (y[0, 3:6] == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("phi", "theta", "expected"),
+    [
+        (0.0, 0.0, [0.0, 0.0, -1.0]),
+        (np.pi / 2, 0.0, [0.0, -1.0, 0.0]),  # right side down
+        (0.0, np.pi / 2, [1.0, 0.0, 0.0]),  # nose up
+    ],
+)
+def test_imu_lying_still_reads_minus_gravity(vacuum, plant_config, phi, theta, expected):
+    """Held by a ground force equal to the weight: checked through the ground's own law."""
+    from heli_dynamics_sim.helicopter import specific_force
+    from heli_dynamics_sim.state import make_state
+
+    k = vacuum._replace(body=vacuum.body._replace(mass=1.0))
+    x = make_state((0.0, 0.0, 0.0), phi, theta)
+    # put every contact point at the c.g., so that the spring's force is known: 6 k depth
+    ground = k.ground._replace(points=np.zeros((6, 3)), stiffness=9.781 / 6, damping=0.0)
+    x[2] = 1.0
+    out = np.zeros(3)
+    specific_force(x, np.zeros(3), k._replace(ground=ground), out)
+    assert out == pytest.approx(9.781 * np.array(expected), abs=1e-9)
+
+
+def test_imu_noise_has_the_configured_density_and_bias_walk(plant_config):
+    density, walk = 1e-3, 2e-4
+    changes = PERFECT_IMU | {
+        "sensors__imu__gyro_noise_density": density,
+        "sensors__imu__gyro_bias_walk": walk,
+        "sensors__imu__accel_noise_density": 3e-3,
+    }
+    y, _ = readings(plant_config(**CALM, **changes), 60000)
+
+    def allan(rate, seconds):
+        means = rate[: len(rate) // (seconds * 100) * seconds * 100].reshape(-1, seconds * 100)
+        return np.sqrt(0.5 * (np.diff(means.mean(axis=1)) ** 2).mean())
+
+    # white noise of density N: N / sqrt(tau); random walk K: K sqrt(tau / 3). IEEE Std 952.
+    for axis in (3, 4, 5):
+        assert np.diff(y[:, axis]).std() / np.sqrt(2) == pytest.approx(density * 10, rel=0.02)
+        for seconds in (1, 4):
+            expected = np.hypot(density / np.sqrt(seconds), walk * np.sqrt(seconds / 3))
+            assert allan(y[:, axis], seconds) == pytest.approx(expected, rel=0.2)
+    for axis in (0, 1, 2):
+        assert y[:, axis].std() == pytest.approx(3e-3 * 10, rel=0.03)
+    slow = np.mean([allan(y[:, axis], 60) for axis in (3, 4, 5)])
+    assert slow == pytest.approx(walk * np.sqrt(60 / 3), rel=0.35)
+
+
+def test_biases_at_the_start_are_drawn_with_their_sigma(plant_config):
+    config = plant_config(**CALM)
+    biases = np.array([initial_state(config, seed).sensors.bias for seed in range(60)])
+    assert biases[:, :3].std() == pytest.approx(5e-4, rel=0.2)
+    assert biases[:, 3:].std() == pytest.approx(0.02, rel=0.2)
+
+
+# --- magnetometer and barometer ------------------------------------------------------------------
+
+
+def test_magnetometer_turns_against_the_aircraft(plant_config):
+    config = plant_config(
+        **CALM,
+        sensors__mag__white_t=0.0,
+        sensors__mag__hard_iron_t=[0.0, 0.0, 0.0],
+        sensors__mag__soft_iron=np.eye(3),
+        sensors__mag__field_ned_t=[3e-5, 0.0, 4e-5],
+    )
+
+    def nose_east(tick, x):
+        x[6:10] = quat_from_euler(0.0, 0.0, np.pi / 2)
+
+    y, _ = readings(config, 4, move=nose_east)
+    assert y[0, 6:9] == pytest.approx([0.0, -3e-5, 4e-5], abs=1e-18)  # north is to the left
+    assert y[:, 16].tolist() == [1.0, 0.0, 1.0, 0.0]
+    assert (y[1, 6:9] == 0.0).all()
+
+
+def test_hard_and_soft_iron_enter_linearly(plant_config):
+    soft = np.array([[1.1, 0.02, 0.0], [0.03, 0.9, 0.0], [0.0, 0.0, 1.0]])
+    field, hard = np.array([3e-5, 1e-6, 4e-5]), np.array([1e-6, -2e-6, 3e-6])
+    config = plant_config(
+        **CALM,
+        sensors__mag__white_t=0.0,
+        sensors__mag__hard_iron_t=hard,
+        sensors__mag__soft_iron=soft,
+        sensors__mag__field_ned_t=field,
+    )
+    y, state = readings(config, 1)
+    body = quat_to_R_nb(state.x[6:10]).T @ field
+    assert y[0, 6:9] == pytest.approx(soft @ body + hard, abs=1e-18)
+
+
+def test_barometer_reads_the_altitude(plant_config):
+    config = plant_config(**CALM, sensors__baro__white_pa=0.0, sensors__baro__drift_pa=0.0)
+    y, _ = readings(config, 6)
+    assert altitude_m(y[0, 9]) == pytest.approx(60.0, abs=1e-6)
+    assert y[:, 17].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+def test_barometer_drifts_and_is_noisy(plant_config):
+    config = plant_config(
+        **CALM, sensors__baro__drift_tau_s=0.5, sensors__baro__drift_pa=5.0,
+        sensors__baro__white_pa=1.5,
+    )  # fmt: skip
+    y, _ = readings(config, 60000)
+    samples = y[::5, 9] - y[::5, 9].mean()
+    assert samples.var() == pytest.approx(25.0 + 2.25, rel=0.15)
+    lag = 10  # one time constant
+    assert (samples[lag:] * samples[:-lag]).mean() == pytest.approx(25.0 / np.e, rel=0.3)
+
+
+# --- GPS -----------------------------------------------------------------------------------------
+
+
+def test_fixes_arrive_on_schedule_with_their_age(plant_config):
+    config = plant_config(
+        **CALM, sensors__gps__white_m=0.0, sensors__gps__drift_m=0.0, sensors__gps__velocity_mps=0.0
+    )
+
+    def move(tick, x):
+        x[0] = float(tick)
+        x[3:6] = quat_to_R_nb(x[6:10]).T @ [0.0, float(tick), 0.0]
+
+    y, _ = readings(config, 101, move=move)
+    arrivals = np.flatnonzero(y[:, 18])
+    assert arrivals.tolist() == [0, 20, 40, 60, 80, 100]
+    assert y[arrivals, 19].tolist() == [-15.0, 5.0, 25.0, 45.0, 65.0, 85.0]
+    # position and velocity are those of the tick of validity
+    assert y[arrivals[1:], 10].tolist() == [5.0, 25.0, 45.0, 65.0, 85.0]
+    assert y[arrivals[1:], 14] == pytest.approx([5.0, 25.0, 45.0, 65.0, 85.0])
+    assert y[0, 10:13].tolist() == [0.0, 0.0, -10.0]
+
+
+@pytest.mark.parametrize(("period", "latency"), [(20, 0), (20, 20), (10, 35), (1, 3)])
+def test_any_latency_is_served(plant_config, period, latency):
+    config = plant_config(
+        **CALM,
+        sensors__gps__white_m=0.0,
+        sensors__gps__drift_m=0.0,
+        sensors__gps__period_ticks=period,
+        sensors__gps__latency_ticks=latency,
+    )
+
+    def move(tick, x):
+        x[0] = float(tick)
+
+    y, _ = readings(config, 120, move=move)
+    for tick in np.flatnonzero(y[:, 18]):
+        assert tick % period == 0
+        assert y[tick, 19] == tick - latency
+        assert y[tick, 10] == max(tick - latency, 0.0)
+
+
+def test_fix_errors_are_white_plus_a_gauss_markov_drift(plant_config):
+    config = plant_config(**CALM, sensors__gps__drift_tau_s=4.0, sensors__gps__period_ticks=1)
+    y, state = readings(config, 60000)
+    error = y[:, 10:13] - state.x[0:3]
+    factor = np.array([1.0, 1.0, 1.5])
+    assert error.var(axis=0) == pytest.approx((0.3**2 + 1.0) * factor**2, rel=0.25)
+    assert np.diff(error, axis=0).std(axis=0) / np.sqrt(2) == pytest.approx(0.3 * factor, rel=0.05)
+    lag = 400
+    decay = (error[lag:] * error[:-lag]).mean(axis=0) / factor**2
+    assert decay.mean() == pytest.approx(1.0 / np.e, rel=0.3)
+    assert y[:, 13:16].std(axis=0) == pytest.approx([0.1] * 3, rel=0.03)
+
+
+def test_first_fix_is_drawn_with_the_full_error(plant_config):
+    config = plant_config(**CALM)
+    first = np.array([initial_state(config, seed).sensors.gps_queue[0] for seed in range(80)])
+    assert first[:, :2].std() == pytest.approx(np.hypot(0.3, 1.0), rel=0.2)
+    assert (first[:, 6] == -15).all()

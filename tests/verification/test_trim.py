@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trim over winds from all directions; a trim that does not exist says why."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import root
+
+from heli_dynamics_sim.helicopter import state_derivative
+from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_dynamics_sim.trim import TrimError, trim
+from heli_math.rotations import euler_from_quat
+
+
+@pytest.fixture(scope="module")
+def params():
+    return HelicopterParameters.from_yaml("helion.yaml")
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.0, 5.0, 8.0, 12.0])
+@pytest.mark.parametrize("vertical", [-1.0, 0.0, 1.0])
+def test_wind_from_all_directions(params, speed, vertical):
+    for angle in np.radians(np.arange(0.0, 360.0, 30.0)):
+        wind = [speed * np.cos(angle), speed * np.sin(angle), vertical]
+        found = trim(params, wind, psi=0.4)
+        x = found.x.copy()
+        x[2] = -100.0
+        rates = state_derivative(x, found.u, wind, params)
+        assert np.abs(rates).max() <= 1e-9
+        assert found.residual <= 1e-9
+        assert euler_from_quat(found.x[6:10])[2] == pytest.approx(0.4)
+
+
+def test_trim_turns_with_wind_and_heading(params):
+    first = trim(params, [3.0, 4.0, 0.0], psi=0.0)
+    c, s = np.cos(1.0), np.sin(1.0)
+    second = trim(params, [3.0 * c - 4.0 * s, 3.0 * s + 4.0 * c, 0.0], psi=1.0)
+    assert second.u == pytest.approx(first.u, abs=1e-10)
+    assert euler_from_quat(second.x[6:10])[:2] == pytest.approx(
+        euler_from_quat(first.x[6:10])[:2], abs=1e-10
+    )
+
+
+def test_it_leans_into_the_wind(params):
+    from_right = trim(params, [0.0, -3.0, 0.0])
+    from_front = trim(params, [-3.0, 0.0, 0.0])
+    calm = trim(params)
+    roll = [np.degrees(euler_from_quat(t.x[6:10])[0]) for t in (from_right, calm)]
+    # 3 m/s from the side: about 5 deg, of which the fuselage's side area has most
+    assert roll[0] - roll[1] == pytest.approx(5.0, abs=0.7)
+    assert euler_from_quat(from_front.x[6:10])[1] < euler_from_quat(calm.x[6:10])[1]
+
+
+def test_scipy_finds_the_same_equilibrium(params):
+    from heli_dynamics_sim.state import make_state
+
+    wind = [-4.0, 3.0, 0.5]
+
+    def equations(z):
+        x = make_state((0.0, 0.0, -100.0), z[0], z[1])
+        x[13], x[14], x[15] = z[2:5]
+        u = np.array([z[5], z[6], 0.0, z[7]])
+        x[16:20] = u
+        return state_derivative(x, u, wind, params)[[3, 4, 5, 10, 11, 12, 13, 14]]
+
+    start = np.array([0.04, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.17])
+    other = root(equations, start, tol=1e-12)
+    assert np.abs(other.fun).max() < 1e-8
+    mine = trim(params, wind)
+    assert mine.u == pytest.approx([other.x[5], other.x[6], 0.0, other.x[7]], abs=1e-7)
+
+
+def test_too_heavy_names_the_collective(params):
+    with pytest.raises(TrimError, match=r"d_col would have to be -\d.*allowed: inside \+-1"):
+        trim(replace(params, mass_kg=60.0))
+
+
+def test_storm_names_a_residual_or_an_actuator(params):
+    with pytest.raises(TrimError, match=r"(stays at|would have to be)"):
+        trim(params, [0.0, 60.0, 0.0])
+
+
+@pytest.mark.parametrize("wind", [[np.nan, 0.0, 0.0], [0.0, 0.0], [np.inf, 0.0, 0.0]])
+def test_unusable_wind_is_refused(params, wind):
+    with pytest.raises(ValueError, match="expected"):
+        trim(params, wind)
