@@ -1,33 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """gamma*: the infimum of the H-infinity norm wind -> h over all stabilising state feedback.
 
-Two things can end feasibility as gamma falls (eq. (16), R = I in regular form, mu = 1 / gamma^2):
+Two things can end feasibility as gamma falls:
 
-- eigenvalues of the Hamiltonian matrix reach the imaginary axis, at
-  `gamma_0 = max_w sqrt(lambda_max Phi(w))`, `Phi(w) = -[0 E'] (H(0) - jw I)^-1 [E; 0]`: what even a
-  controller that knows the future wind could not beat. Found by the level-set iteration of Boyd,
-  Balakrishnan (1990) and Bruinsma, Steinbuch (1990), which converges quadratically;
-- before that, P grows without bound. `Y(mu) = P^-1` is concave and decreasing in mu (Scherer,
-  "H-infinity control by state feedback and fast algorithms for the computation of optimal H-infinity
-  norms", IEEE TAC 35(10), 1990), `dY/dmu = -W` with W the controllability Gramian of
-  `(-(A + Y C'C), E)`. So a tangent meets zero beyond the root and a chord before it: Newton and secant
-  steps close a certified bracket from both sides.
+- eigenvalues of the Hamiltonian matrix of (16) reach the imaginary axis, at
+  `gamma_0 = max_w sqrt(lambda_max Phi(w))`: what even a controller that knows the future wind could not
+  beat. Found by the level-set iteration of Boyd, Balakrishnan (1990) and Bruinsma, Steinbuch (1990), which
+  converges quadratically;
+- before that, P grows without bound (Scherer, "H-infinity control by state feedback and fast algorithms
+  for the computation of optimal H-infinity norms", IEEE TAC 35(10), 1990). In the split of `riccati` this is
+  `lambda_max(M Z) = 1`, convex and decreasing in gamma^2: a tangent meets one before the root and a chord
+  behind it, so that Newton and secant steps close a bracket from both sides.
 
 Every bound is certified by a test of its own: the lower one by a frequency at which `lambda_max Phi`
-reaches it or by a Y with a negative eigenvalue; the upper one by a positive definite, stabilising P.
+reaches it or by a tangent; the upper one by a stabilising Z with `lambda_max(M Z) < 1`, which makes P >= 0.
 """
 
 import enum
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from heli_inner_hinf.errors import CertificateError, InvariantZeroError, NotStabilizableError
-from heli_inner_hinf.regular_form import Matrix, RegularForm, checked_plant, regular_form
+from heli_inner_hinf.errors import CertificateError
+from heli_inner_hinf.regular_form import checked_plant, regular_form
+from heli_inner_hinf.riccati import SplitProblem, double, norm_of, split
 
 REL_TOL = 1e-10
-_MAX_STEPS = 60
+_MAX_STEPS = 80
 
 
 class Mechanism(enum.Enum):
@@ -47,7 +47,7 @@ class GammaStar:
     value : float
         Best estimate of gamma*, in the unit of |h|/|w|.
     lower, upper : float
-        Certified bracket: `lower` is infeasible (or 0), `upper` is feasible (or 0).
+        Certified bracket, relative width <= 1e-10: nothing below `lower` is feasible, `upper` is.
     frequency : float or None
         Frequency of the worst wind, rad/s; None if P grows without bound or gamma* = 0.
     mechanism : Mechanism
@@ -81,253 +81,131 @@ def gamma_star(A: ArrayLike, B: ArrayLike, E: ArrayLike, C: ArrayLike, D: ArrayL
     CertificateError
         The bracket cannot be closed in double precision.
     """
-    return gamma_star_of(regular_form(*checked_plant(A, B, E, C, D)))
+    return gamma_star_of(split(regular_form(*checked_plant(A, B, E, C, D))))
 
 
-def gamma_star_of(form: RegularForm) -> GammaStar:
-    """`gamma_star` of a problem in regular form (result in the given units)."""
-    if form.n == 0 or not np.any(form.E):
+def gamma_star_of(problem: SplitProblem) -> GammaStar:
+    """`gamma_star` of a problem that is split already (result in the given units)."""
+    if not problem.form.disturbed or not np.any(problem.G):
         return GammaStar(0.0, 0.0, 0.0, None, Mechanism.NO_DISTURBANCE, 0)
-    _require_regular(form)
-    level = _LevelSet(form)
+    level = _LevelSet(problem)
     level.run()
-    scale = form.wind_scale
-    if level.upper > 0.0:
-        Y = inverse_riccati(form, level.upper**-2)
-        if Y is not None and is_positive_definite(Y):
-            value = level.lower
-            return GammaStar(
-                scale * value,
-                scale * level.lower,
-                scale * level.upper,
-                level.frequency,
-                Mechanism.HAMILTONIAN_AXIS,
-                level.steps,
-            )
-    lower, upper, steps = _unbounded_branch(form, level.upper)
-    if upper == 0.0:
-        return GammaStar(0.0, 0.0, 0.0, None, Mechanism.NO_DISTURBANCE, steps)
+    scale = problem.form.wind_scale
+    coupling = _coupling(problem, level.upper**2) if level.upper > 0.0 else None
+    if coupling is not None and coupling < 1.0:
+        return GammaStar(
+            scale * level.lower,
+            scale * level.lower,
+            scale * level.upper,
+            level.frequency,
+            Mechanism.HAMILTONIAN_AXIS,
+            level.steps,
+        )
+    low, high, steps = _unbounded_branch(problem, level.upper**2)
+    lower, upper = scale * float(np.sqrt(low)), scale * float(np.sqrt(high))
     return GammaStar(
-        float(scale * 0.5 * (lower + upper)),
-        float(scale * lower),
-        float(scale * upper),
-        None,
-        Mechanism.P_UNBOUNDED,
-        level.steps + steps,
+        0.5 * (lower + upper), lower, upper, None, Mechanism.P_UNBOUNDED, level.steps + steps
     )
 
 
-def stable_subspace(H: Matrix) -> Matrix | None:
-    """Orthonormal basis (2n, n) of the stable invariant subspace, None if it has another size."""
-    from scipy.linalg import schur
-
-    n = H.shape[0] // 2
-    try:
-        _, basis, n_stable = schur(H, output="real", sort="lhp", check_finite=False)
-    except np.linalg.LinAlgError:
-        return None
-    return basis[:, :n] if n_stable == n else None
-
-
-def inverse_riccati(form: RegularForm, mu: float) -> Matrix | None:
-    """Y = P^-1 (n, n) at mu = 1/gamma_scaled^2; None where no stabilising solution exists.
-
-    Y solves `A Y + Y A' - B B' + mu E E' + Y C'C Y = 0` with `-(A + Y C'C)` stable; it stays finite where
-    P has no bound, and is refined by Newton steps.
-    """
-    basis = stable_subspace(form.hamiltonian(mu))
-    if basis is None:
-        return None
-    n = form.n
-    try:
-        Y = np.linalg.solve(basis[n:].T, basis[:n].T).T
-    except np.linalg.LinAlgError:
-        return None
-    Y = 0.5 * (Y + Y.T)
-    return _refined(form, Y, mu)
-
-
-def is_positive_definite(Y: Matrix) -> bool:
-    """Whether the symmetric Y is positive definite beyond rounding, after diagonal scaling."""
-    diagonal = np.diag(Y)
-    if not np.all(diagonal > 0.0):
-        return False
-    root = np.sqrt(diagonal)
-    return bool(np.linalg.eigvalsh(Y / np.outer(root, root))[0] > 0.0)
-
-
-def _refined(form: RegularForm, Y: Matrix, mu: float) -> Matrix:
-    """Y after up to three Newton steps on its equation, as long as they make the residual smaller."""
-    from scipy.linalg import solve_continuous_lyapunov
-
-    constant = mu * (form.E @ form.E.T) - form.B @ form.B.T
-
-    def residual(y: Matrix) -> Matrix:
-        half = form.A @ y
-        cy = form.C @ y
-        r = half + half.T + constant + cy.T @ cy
-        return 0.5 * (r + r.T)
-
-    res = residual(Y)
-    for _ in range(3):
-        closed = form.A + Y @ (form.C.T @ form.C)
-        try:
-            step = solve_continuous_lyapunov(closed, -res)
-        except (np.linalg.LinAlgError, ValueError):
-            break
-        if not np.all(np.isfinite(step)):
-            break
-        better = Y + 0.5 * (step + step.T)
-        new = residual(better)
-        if not np.linalg.norm(new) < 0.5 * np.linalg.norm(res):
-            break
-        Y, res = better, new
-    return Y
-
-
-def _decay(form: RegularForm, Y: Matrix) -> Matrix:
-    """W = -dY/dmu (n, n) >= 0: Gramian of (-(A + Y C'C), E)."""
-    from scipy.linalg import solve_continuous_lyapunov
-
-    closed = -(form.A + Y @ (form.C.T @ form.C))
-    W = solve_continuous_lyapunov(closed, -(form.E @ form.E.T))
-    return 0.5 * (W + W.T)
-
-
-def _require_regular(form: RegularForm) -> None:
-    """The LQR problem (gamma = inf) must have its solution; otherwise say which condition fails."""
-    H = form.hamiltonian(0.0)
-    Y = inverse_riccati(form, 0.0)
-    if Y is not None and is_positive_definite(Y):
-        return
-    modes = np.linalg.eigvals(form.A)
-    eye = np.eye(form.n)
-
-    def smallest(matrix: NDArray[np.complex128]) -> float:
-        return float(np.linalg.svd(matrix, compute_uv=False)[form.n - 1])
-
-    unstable = [m for m in modes if m.real >= 0.0]
-    rank = [(smallest(np.hstack([form.A - m * eye, form.B])), m) for m in unstable]
-    axis = np.linalg.eigvals(H)
-    axis = axis[np.argsort(np.abs(axis.real))][:2]
-    seen = [(smallest(np.vstack([form.A - m * eye, form.C])), m) for m in 1j * axis.imag]
-    if rank and min(rank, key=lambda v: v[0])[0] < min(seen, key=lambda v: v[0])[0]:
-        raise NotStabilizableError(complex(min(rank, key=lambda v: v[0])[1]))
-    raise InvariantZeroError(complex(min(seen, key=lambda v: v[0])[1]))
-
-
 class _LevelSet:
-    """gamma_0 = max over w of sqrt(lambda_max Phi(w)), as a bracket [lower, upper]."""
+    """gamma_0 = max over w of sqrt(lambda_max Phi(w)), as a bracket [lower, upper]; 0, 0 if Phi = 0."""
 
-    def __init__(self, form: RegularForm) -> None:
-        self.form = form
-        self.H0 = form.hamiltonian(0.0)
-        n = form.n
-        self.inlet = np.vstack([form.E, np.zeros_like(form.E)]).astype(np.complex128)
-        self.outlet = np.hstack([np.zeros_like(form.E.T), form.E.T])
-        self.eye = np.eye(2 * n)
-        self.lower = self.upper = 0.0
-        self.frequency = 0.0
+    def __init__(self, problem: SplitProblem) -> None:
+        self.problem = problem
+        self.lower = self.upper = self.frequency = 0.0
         self.steps = 0
 
-    def phi_max(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
-        """lambda_max Phi at each of omega (m,), rad/s."""
-        out = np.empty(omega.size)
-        for i, w in enumerate(omega):
-            phi = -self.outlet @ np.linalg.solve(self.H0 - 1j * w * self.eye, self.inlet)
-            out[i] = np.linalg.eigvalsh(0.5 * (phi + phi.conj().T))[-1]
-        return out
-
-    def _improve(self, omega: NDArray[np.float64]) -> None:
-        if omega.size == 0:
-            return
-        peaks = self.phi_max(omega)
-        best = int(np.argmax(peaks))
-        if peaks[best] > self.lower**2:
-            self.lower, self.frequency = float(np.sqrt(peaks[best])), float(omega[best])
+    def _improve(self, omega: np.ndarray) -> None:
+        for w in omega:
+            peak = self.problem.phi_max(float(w))
+            if peak > self.lower**2:
+                self.lower, self.frequency = float(np.sqrt(peak)), float(w)
 
     def run(self) -> None:
-        poles = np.linalg.eigvals(self.H0)
-        start = np.concatenate([[0.0], np.abs(poles), np.abs(poles.imag)])
-        self._improve(np.unique(start))
-        # nothing but rounding: the wind can be countered completely if the future is known
-        reference = np.linalg.norm(self.form.E) ** 2 * np.linalg.norm(self.form.C) ** 2
-        if self.lower**2 * np.linalg.norm(self.form.A) ** 2 <= 1e-20 * reference:
+        problem = self.problem
+        poles = np.linalg.eigvals(double(problem.A_c))
+        self._improve(np.unique(np.concatenate([[0.0], np.abs(poles), np.abs(poles.imag)])))
+        # Phi = 0 up to rounding: a controller that knows the future counters the wind completely
+        rounding = 1e-14 * norm_of(problem.G) * np.linalg.norm(problem.form.E)
+        if self.lower**2 * np.min(np.abs(poles)) <= rounding:
             self.lower = 0.0
             return
         for _ in range(_MAX_STEPS):
             self.steps += 1
             level = self.lower * (1.0 + 0.5 * REL_TOL)
-            eigenvalues = np.linalg.eigvals(self.form.hamiltonian(level**-2))
+            eigenvalues = np.linalg.eigvals(problem.hamiltonian(level**-2))
             near = np.abs(eigenvalues.real) <= 1e-3 * np.abs(eigenvalues)
             crossing = np.unique(np.abs(eigenvalues[near].imag))
-            middle = 0.5 * (crossing[1:] + crossing[:-1])
-            self._improve(np.concatenate([crossing, middle]))
+            self._improve(np.concatenate([crossing, 0.5 * (crossing[1:] + crossing[:-1])]))
             if self.lower <= level:
                 self.upper = level
                 return
         raise CertificateError("the level-set iteration for gamma* did not close its bracket")
 
 
-def _unbounded_branch(form: RegularForm, gamma_0: float) -> tuple[float, float, int]:
-    """(lower, upper, steps) of the gamma at which P grows without bound; upper = 0 if never."""
-    from scipy.linalg import eigh
-
-    Y = inverse_riccati(form, 0.0)
-    if Y is None:
-        raise CertificateError("the LQR limit of the Riccati equation (16) has no clean solution")
-    good, bad = 0.0, (gamma_0**-2 if gamma_0 > 0.0 else np.inf)
-    # in the coordinates of Y(0) = L L' sizes are comparable, whatever the states' units
-    L = np.linalg.cholesky(Y)
-
-    def relative(matrix: Matrix) -> Matrix:
-        half = np.linalg.solve(L, matrix)
-        out = np.linalg.solve(L, half.T)
-        return 0.5 * (out + out.T)
-
-    Y_good = np.eye(form.n)
-    slope = relative(_decay(form, Y))
-    for step in range(1, _MAX_STEPS + 1):
-        # the tangent at a feasible point: Y_good - (mu - good) W bounds Y from above
-        reach = eigh(slope, Y_good, eigvals_only=True)[-1]
-        if reach <= 0.0:
-            return 0.0, 0.0, step
-        newton = good + 1.0 / reach
-        bad = min(bad, newton)
-        if bad - good <= REL_TOL * bad:
-            return bad**-0.5, good**-0.5, step
-        for mu in _trial_points(form, relative, good, Y_good, bad):
-            trial = inverse_riccati(form, mu)
-            if trial is None:
-                bad = min(bad, mu)
-            elif np.linalg.eigvalsh(relative(trial))[0] > 0.0:
-                if mu > good:
-                    good, Y_good, slope = mu, relative(trial), relative(_decay(form, trial))
-            else:
-                bad = min(
-                    bad, mu, _tangent_root(relative(trial), relative(_decay(form, trial)), mu)
-                )
-            if bad - good <= REL_TOL * bad:
-                return bad**-0.5, good**-0.5, step
-    raise CertificateError("the Newton iteration for gamma* did not close its bracket")
+def _coupling(problem: SplitProblem, s: float) -> float | None:
+    """lambda_max(M Z) at s = gamma_scaled^2; None where no Z exists."""
+    Z = problem.rest(1.0 / s)
+    return None if Z is None else problem.coupling(Z)[0]
 
 
-def _trial_points(form, relative, good: float, Y_good: Matrix, bad: float):  # type: ignore[no-untyped-def]
-    """Where to look next: just below the upper end, then the chord's root, then the middle."""
-    yield bad * (1.0 - 0.5 * REL_TOL)
-    Y = inverse_riccati(form, bad)
-    if Y is not None:
-        Y_bad = relative(Y)
-        vector = np.linalg.eigh(Y_bad)[1][:, 0]
-        low, high = float(vector @ Y_bad @ vector), float(vector @ Y_good @ vector)
-        if low < 0.0 < high:
-            chord = good + (bad - good) * high / (high - low)
-            yield max(good, chord * (1.0 - 0.25 * REL_TOL))
-    yield 0.5 * (good + bad)
+def _tangent(problem: SplitProblem, s: float) -> tuple[float, float] | None:
+    """lambda_max(M Z) at s and its slope."""
+    Z = problem.rest(1.0 / s)
+    if Z is None:
+        return None
+    value, v = problem.coupling(Z)
+    return value, problem.slope(Z, 1.0 / s, v)
 
 
-def _tangent_root(Y: Matrix, W: Matrix, mu: float) -> float:
-    """Newton step on v'Yv along the most negative direction v of Y; never past the root."""
-    vector = np.linalg.eigh(Y)[1][:, 0]
-    drop = float(vector @ W @ vector)
-    return mu + float(vector @ Y @ vector) / drop if drop > 0.0 else mu
+def _unbounded_branch(problem: SplitProblem, s_0: float) -> tuple[float, float, int]:
+    """Bracket (low, high) of s = gamma_scaled^2 where lambda_max(M Z) passes one; s_0 is infeasible."""
+    low, high, g_high, steps = _outer_bracket(problem, s_0)
+    while high - low > 2.0 * REL_TOL * low:
+        steps += 1
+        if steps > _MAX_STEPS:
+            raise CertificateError("the Newton iteration for gamma* did not close its bracket")
+        at_low = _tangent(problem, low) if low > 0.0 else None
+        if at_low is not None and at_low[0] > 1.0 and at_low[1] < 0.0:
+            newton = low + (1.0 - at_low[0]) / at_low[1]
+            chord = low + (high - low) * (at_low[0] - 1.0) / (at_low[0] - g_high)
+            # far out lambda_max falls like 1 / s
+            far = low * at_low[0]
+            nudge = 1.0 + 1.5 * REL_TOL
+            guesses = [newton, chord * (1.0 + 0.25 * REL_TOL), newton * nudge, far, far * nudge]
+        else:
+            guesses = [np.sqrt(low * high) if low > 0.0 else 0.25 * high]
+        before = high - low
+        for guess in guesses:
+            low, high, g_high = _narrowed(problem, guess, low, high, g_high)
+        if high - low > 0.5 * before:
+            low, high, g_high = _narrowed(problem, 0.5 * (low + high), low, high, g_high)
+    return low, high, steps
+
+
+def _narrowed(
+    problem: SplitProblem, s: float, low: float, high: float, g_high: float
+) -> tuple[float, float, float]:
+    """The bracket with the test of `s` put in."""
+    if not low < s < high:
+        return low, high, g_high
+    g = _coupling(problem, s)
+    if g is not None and g < 1.0:
+        return low, s, g
+    return s, high, g_high
+
+
+def _outer_bracket(problem: SplitProblem, s_0: float) -> tuple[float, float, float, int]:
+    """(low, high, lambda_max at high, steps) by doubling from the size of M Z at gamma -> inf."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    G = double(problem.G)
+    size, _ = problem.coupling(solve_continuous_lyapunov(double(problem.A_c).T, -G @ G.T))
+    low, s = s_0, max(size, s_0 * (1.0 + 1e-6))
+    for step in range(1, _MAX_STEPS):
+        g = _coupling(problem, s)
+        if g is not None and g < 1.0:
+            return low, s, g, step
+        low, s = s, 4.0 * s
+    raise CertificateError("no feasible gamma was found: the problem is too badly conditioned")

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from heli_inner_hinf.errors import CertificateError
-from heli_inner_hinf.gamma_star import inverse_riccati
 from heli_inner_hinf.regular_form import Matrix, checked_plant, regular_form
+from heli_inner_hinf.riccati import lqr_solution
 from heli_inner_hinf.system_norm import hinf_norm
 from heli_inner_hinf.weights import checked
 
@@ -33,18 +32,12 @@ def lqr(
     ShapeError, NotStabilizableError, InvariantZeroError, FeedforwardError
         As in `synthesize`.
     """
-    from heli_inner_hinf.synthesis import feedforward
+    from heli_inner_hinf.synthesis import feedforward, state_feedback
 
     a, b, e, c, d = checked_plant(A, B, E, C, D)
     c_out = checked("C_out", C_out, (b.shape[1], a.shape[0]))
     form = regular_form(a, b, e, c, d)
-    P_form = np.zeros((0, 0))
-    if form.n:
-        Y = inverse_riccati(form, 0.0)
-        if Y is None:
-            raise CertificateError("the LQR Riccati equation has no stabilising solution")
-        P_form = np.linalg.inv(Y)
-    P = form.P_given(0.5 * (P_form + P_form.T))
-    F = -np.linalg.solve(d.T @ d, d.T @ c + b.T @ P)
+    P = form.P_given(lqr_solution(form))
+    F = state_feedback(b, c, d, P)
     norm, _ = hinf_norm(a + b @ F, e, c + d @ F)
-    return Lqr(F, feedforward(a, b, F, c_out), P, norm)
+    return Lqr(F, feedforward(a, b, F, c_out), np.asarray(P, dtype=np.float64), norm)

@@ -5,9 +5,7 @@ From `x' = A x + B u + E w, h = C x + D u` (eq. (13)) with D injective:
 
 1. cross terms and R = D'D are removed by the QR factors of D (R becomes the identity);
 2. states are scaled by powers of two (exact in floating point) so that the Hamiltonian matrix is
-   balanced, and w by a power of two so that E has a norm near one;
-3. stable modes that the weights cannot see are split off: on them P = 0, so that the rest has P > 0
-   and its inverse exists.
+   balanced, and w by a power of two so that E has a norm near one.
 """
 
 from dataclasses import dataclass
@@ -25,37 +23,36 @@ AXIS_TOL = 1e-9
 
 @dataclass(frozen=True)
 class RegularForm:
-    """Scaled problem `x' = A x + B u + E w`, `|h|^2 = |C x|^2 + |u|^2`, in quotient coordinates.
+    """Scaled problem `x' = A x + B u + E w`, `|h|^2 = |C x|^2 + |u|^2`.
 
     Attributes
     ----------
     A, B, E, C : (n, n), (n, n_u), (n, n_w), (n_h, n) arrays
-        Scaled data; n may be smaller than the given plant's, see `basis`.
-    basis : (n_full, n) array
-        Columns span what the weights see (orthonormal, scaled coordinates).
-    state_scale : (n_full,) array
+        Scaled data.
+    state_scale : (n,) array
         x_given = state_scale * x_scaled.
     wind_scale : float
         gamma_given = wind_scale * gamma_scaled.
+    disturbed : bool
+        Whether the wind excites anything that the weights see or that is not stable.
     """
 
     A: Matrix
     B: Matrix
     E: Matrix
     C: Matrix
-    basis: Matrix
     state_scale: Matrix
     wind_scale: float
+    disturbed: bool
 
     @property
     def n(self) -> int:
-        """Number of states that the weights see."""
+        """Number of states."""
         return int(self.A.shape[0])
 
     def P_given(self, P: Matrix) -> Matrix:
-        """P (n_full, n_full) in the given coordinates from P (n, n) of this form."""
-        lifted = self.basis @ P @ self.basis.T
-        return lifted / np.outer(self.state_scale, self.state_scale)
+        """P (n, n) in the given coordinates from P (n, n) of this form."""
+        return P / np.outer(self.state_scale, self.state_scale)
 
     def hamiltonian(self, mu: float) -> Matrix:
         """H (2n, 2n) of (16) at mu = 1 / gamma_scaled^2."""
@@ -95,21 +92,22 @@ def regular_form(A: Matrix, B: Matrix, E: Matrix, C: Matrix, D: Matrix) -> Regul
     C0 = C - q1 @ (q1.T @ C)
     # D'C = 0 in exact arithmetic leaves C as it is; rounding must not make rank out of nothing
     C0[np.abs(C0) < 1e-15 * np.max(np.abs(C), axis=0, initial=0.0)] = 0.0
-    scale = _balance(A0, B0 @ B0.T, C0.T @ C0)
+    scale = balance(A0, B0 @ B0.T, C0.T @ C0)
     As = A0 * scale / scale[:, None]
     Bs, Es, Cs = B0 / scale[:, None], E / scale[:, None], C0 * scale
     e_norm = np.linalg.norm(Es)
     wind_scale = float(2.0 ** np.round(np.log2(e_norm))) if e_norm > 0.0 else 1.0
     _require_stabilizable(As, Bs)
-    basis = _seen_basis(As, Cs)
+    hidden = _hidden_stable_basis(As, Cs)
+    seen = Es - hidden @ (hidden.T @ Es)
     return RegularForm(
-        A=basis.T @ As @ basis,
-        B=basis.T @ Bs,
-        E=basis.T @ Es / wind_scale,
-        C=Cs @ basis,
-        basis=basis,
+        A=As,
+        B=Bs,
+        E=Es / wind_scale,
+        C=Cs,
         state_scale=scale,
         wind_scale=wind_scale,
+        disturbed=bool(np.linalg.norm(seen) > RANK_TOL * e_norm),
     )
 
 
@@ -118,33 +116,25 @@ def _column_norms(matrix: Matrix) -> Matrix:
     return np.where(norms > 0.0, norms, 1.0)
 
 
-def _balance(A: Matrix, S: Matrix, Q: Matrix) -> Matrix:
-    """Powers of two t (n,) that balance [[A, S], [Q, -A']] under x = t * x_scaled (Osborne)."""
-    n = A.shape[0]
+def balance(A: Matrix, S: Matrix, Q: Matrix) -> Matrix:
+    """Powers of two t (n,) that balance [[A, S], [Q, -A']] under x = t * x_scaled.
+
+    Osborne's iteration, all states at once with half steps; exact in floating point.
+    """
     a, s, q = np.abs(A), np.abs(S), np.abs(Q)
-    np.fill_diagonal(a, 0.0)
-    t = np.ones(n)
-    for _ in range(40):
-        changed = False
-        for i in range(n):
-            down = np.linalg.norm(a[i]) + np.linalg.norm(s[i])
-            up = np.linalg.norm(a[:, i]) + np.linalg.norm(q[i])
-            if down == 0.0 or up == 0.0:
-                continue
-            factor = 2.0 ** np.round(0.5 * np.log2(down / up))
-            if factor == 1.0:
-                continue
-            changed = True
-            t[i] *= factor
-            a[i] /= factor
-            a[:, i] *= factor
-            s[i] /= factor
-            s[:, i] /= factor
-            q[i] *= factor
-            q[:, i] *= factor
-        if not changed:
+    a = a - np.diag(np.diag(a))
+    log_t = np.zeros(A.shape[0])
+    for _ in range(60):
+        t = np.exp2(log_t)
+        down = np.linalg.norm(a * t, axis=1) / t + np.linalg.norm(s / t, axis=1) / t
+        up = np.linalg.norm(a / t[:, None], axis=0) * t + np.linalg.norm(q * t, axis=1) * t
+        moves = (down > 0.0) & (up > 0.0)
+        step = np.zeros_like(log_t)
+        step[moves] = 0.25 * np.log2(down[moves] / up[moves])
+        log_t += step
+        if np.max(np.abs(step)) < 0.05:
             break
-    return t
+    return np.exp2(np.round(log_t))
 
 
 def _unobservable_basis(A: Matrix, C: Matrix) -> Matrix:
@@ -178,13 +168,13 @@ def _require_stabilizable(A: Matrix, B: Matrix) -> None:
         raise NotStabilizableError(complex(worst))
 
 
-def _seen_basis(A: Matrix, C: Matrix) -> Matrix:
-    """Orthonormal complement of the stable modes that C cannot see."""
-    from scipy.linalg import null_space, schur
+def _hidden_stable_basis(A: Matrix, C: Matrix) -> Matrix:
+    """Orthonormal basis (n, k) of the stable modes that C cannot see."""
+    from scipy.linalg import schur
 
     hidden = _unobservable_basis(A, C)
     if hidden.shape[1] == 0:
-        return np.eye(A.shape[0])
+        return hidden
     block = hidden.T @ A @ hidden
     modes = np.linalg.eigvals(block)
     tol = AXIS_TOL * max(np.linalg.norm(block), np.finfo(float).tiny)
@@ -192,6 +182,4 @@ def _seen_basis(A: Matrix, C: Matrix) -> Matrix:
     if on_axis.size:
         raise InvariantZeroError(complex(on_axis[0]))
     _, z, n_stable = schur(block, output="real", sort="lhp")
-    if n_stable == 0:
-        return np.eye(A.shape[0])
-    return null_space((hidden @ z[:, :n_stable]).T)
+    return hidden @ z[:, :n_stable]

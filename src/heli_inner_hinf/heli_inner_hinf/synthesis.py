@@ -25,9 +25,9 @@ from heli_inner_hinf.gamma_star import (
     Mechanism,
     gamma_star,
     gamma_star_of,
-    inverse_riccati,
 )
 from heli_inner_hinf.regular_form import Matrix, RegularForm, checked_plant, regular_form
+from heli_inner_hinf.riccati import SplitProblem, norm_of, split
 from heli_inner_hinf.system_norm import hinf_norm
 from heli_inner_hinf.weights import checked
 
@@ -118,6 +118,9 @@ class Synthesis:
         Stabilising solution of eq. (16), symmetric, positive semidefinite.
     gamma : float
         The gamma that was asked for.
+    solved_at : float
+        The gamma with which eq. (16) was solved: `gamma` itself but for the last 1e-4 above gamma*, where a value
+        between gamma* and gamma may be needed for the norm to stay below gamma in floating point.
     gamma_star : GammaStar
         The infimum and its bracket.
     norm, norm_frequency : float
@@ -130,6 +133,7 @@ class Synthesis:
     G: Matrix
     P: Matrix
     gamma: float
+    solved_at: float
     gamma_star: GammaStar
     norm: float
     norm_frequency: float
@@ -168,21 +172,44 @@ def synthesize(
     a, b, e, c, d = checked_plant(A, B, E, C, D)
     c_out = checked("C_out", C_out, (b.shape[1], a.shape[0]))
     form = regular_form(a, b, e, c, d)
-    infimum = gamma_star_of(form)
+    problem = split(form)
+    infimum = gamma_star_of(problem)
     gamma = float(gamma)
     if not (np.isfinite(gamma) and gamma > max(infimum.upper, 0.0)):
         raise InfeasibleGammaError(gamma, infimum.value)
-    P_form = _riccati(form, gamma)
-    certificate, norm, frequency = acceptance(form, P_form, gamma)
-    if not certificate.accepted:
+    # just above gamma* the norm comes within rounding of gamma: then a slightly smaller gamma makes room
+    for share in (1.0, 0.9, 0.5):
+        solved_at = infimum.value + share * (gamma - infimum.value) if share < 1.0 else gamma
+        P_form = _riccati(problem, solved_at)
+        certificate, norm, frequency = acceptance(form, P_form, solved_at, gamma)
+        if certificate.accepted:
+            break
+    else:
         failing = "; ".join(str(k) for k in certificate.conditions if not k.holds)
-        raise CertificateError(
-            f"gamma = {gamma:.10g} is feasible, but its solution is not: {failing}"
-        )
+        raise CertificateError(f"gamma = {gamma:.10g} cannot be certified: {failing}")
     P = form.P_given(P_form)
-    F = -np.linalg.solve(d.T @ d, d.T @ c + b.T @ P)
+    F = state_feedback(b, c, d, P)
     G = feedforward(a, b, F, c_out)
-    return Synthesis(F, G, P, gamma, infimum, norm, frequency, certificate)
+    return Synthesis(
+        F,
+        G,
+        np.asarray(P, dtype=np.float64),
+        gamma,
+        solved_at,
+        infimum,
+        norm,
+        frequency,
+        certificate,
+    )
+
+
+def state_feedback(B: Matrix, C: Matrix, D: Matrix, P: Matrix) -> Matrix:
+    """F = -(D'D)^-1 (D'C + B'P) (n_u, n), eq. (15); by the QR factors of D, P in any precision."""
+    if D.shape[1] == 0:
+        return np.zeros((0, B.shape[0]))
+    q1, r1 = np.linalg.qr(D)
+    reach = np.asarray(P @ B, dtype=np.float64).T
+    return -np.linalg.solve(r1, q1.T @ C + np.linalg.solve(r1.T, reach))
 
 
 def feedforward(A: Matrix, B: Matrix, F: Matrix, C_out: Matrix) -> Matrix:
@@ -194,8 +221,11 @@ def feedforward(A: Matrix, B: Matrix, F: Matrix, C_out: Matrix) -> Matrix:
         The inputs cannot set these outputs independently of each other.
     """
     static = C_out @ np.linalg.solve(A + B @ F, B)
-    size = np.linalg.norm(static, axis=0)
-    if static.size and (np.any(size == 0.0) or np.linalg.cond(static / size) > 1e12):
+    scaled = static.copy()
+    for axis in (0, 1, 0, 1):
+        size = np.linalg.norm(scaled, axis=axis, keepdims=True)
+        scaled = scaled / np.where(size > 0.0, size, 1.0)
+    if static.size and np.linalg.svd(scaled, compute_uv=False)[-1] < 1e-12:
         raise FeedforwardError(
             "C_out (A + BF)^-1 B is singular: the inputs cannot set the outputs that C_out selects "
             "independently of each other"
@@ -203,8 +233,17 @@ def feedforward(A: Matrix, B: Matrix, F: Matrix, C_out: Matrix) -> Matrix:
     return -np.linalg.inv(static)
 
 
-def acceptance(form: RegularForm, P: Matrix, gamma: float) -> tuple[Certificate, float, float]:
-    """Judge P (n, n; coordinates of `form`) at `gamma` (given units).
+def acceptance(
+    form: RegularForm, P: np.ndarray, gamma: float, bound: float | None = None
+) -> tuple[Certificate, float, float]:
+    """Judge P (n, n; coordinates of `form`) as solution of (16) at `gamma`, its loop against `bound`.
+
+    Parameters
+    ----------
+    form : RegularForm
+    P : (n, n) array, double or extended precision
+    gamma, bound : float
+        Given units; `bound` is `gamma` unless given.
 
     Returns
     -------
@@ -213,54 +252,46 @@ def acceptance(form: RegularForm, P: Matrix, gamma: float) -> tuple[Certificate,
     norm, frequency : float
         ||T_hw||_inf in given units (inf if the loop is unstable) and where (rad/s).
     """
+    bound = gamma if bound is None else bound
     mu = (form.wind_scale / gamma) ** 2
-    BBt, EEt, Q = form.B @ form.B.T, form.E @ form.E.T, form.C.T @ form.C
-    size = max(np.linalg.norm(P), np.finfo(float).tiny)
-    asymmetry = float(np.linalg.norm(P - P.T) / size)
-    least = float(_scaled_eigenvalues(P)[0]) if P.size else 0.0
-    closed = form.A - BBt @ P
-    worst = closed + mu * EEt @ P
-    terms = [form.A.T @ P, P @ BBt @ P, mu * P @ EEt @ P, Q]
+    PB, PE, Q = P @ form.B, P @ form.E, form.C.T @ form.C
+    size = max(norm_of(P), np.finfo(float).tiny)
+    asymmetry = norm_of(P - P.T) / size
+    least = float(np.linalg.eigvalsh(np.asarray(0.5 * (P + P.T), dtype=np.float64))[0] / size)
+    fine = form.A - form.B @ PB.T
+    closed = np.asarray(fine, dtype=np.float64)
+    worst = np.asarray(fine + mu * form.E @ PE.T, dtype=np.float64)
+    terms = [form.A.T @ P, PB @ PB.T, mu * PE @ PE.T, Q]
     total = terms[0] + terms[0].T - terms[1] + terms[2] + terms[3]
-    scale = max(sum(float(np.linalg.norm(t)) for t in terms), np.finfo(float).tiny)
-    residual = float(np.linalg.norm(total)) / scale
+    scale = max(sum(norm_of(t) for t in terms), np.finfo(float).tiny)
+    residual = norm_of(total) / scale
     closed_re, worst_re = _abscissa(closed), _abscissa(worst)
     norm, frequency = np.inf, 0.0
     if closed_re < 0.0:
-        output = np.vstack([form.C, -form.B.T @ P])
+        output = np.vstack([form.C, np.asarray(-PB.T, dtype=np.float64)])
         norm, frequency = hinf_norm(closed, form.E, output)
         norm *= form.wind_scale
     certificate = Certificate(
         Condition("asymmetry of P", asymmetry, SYMMETRY_TOL, asymmetry <= SYMMETRY_TOL),
-        Condition("least eigenvalue of scaled P", least, -PSD_TOL, least >= -PSD_TOL),
+        Condition("least eigenvalue of P, relative", least, -PSD_TOL, least >= -PSD_TOL),
         Condition("largest real part of A + BF (rad/s)", closed_re, 0.0, closed_re < 0.0),
         Condition(
             "largest real part of A + BF + EE'P/gamma^2 (rad/s)", worst_re, 0.0, worst_re < 0.0
         ),
         Condition("relative residual of (16)", residual, RESIDUAL_TOL, residual <= RESIDUAL_TOL),
-        Condition("||T_hw||_inf", norm, gamma, norm < gamma),
+        Condition("||T_hw||_inf", norm, bound, norm < bound),
     )
     return certificate, float(norm), float(frequency)
 
 
-def _riccati(form: RegularForm, gamma: float) -> Matrix:
-    """P (n, n) of (16) at `gamma`: inverse of the refined Y, symmetric."""
-    if form.n == 0:
-        return np.zeros((0, 0))
-    Y = inverse_riccati(form, (form.wind_scale / gamma) ** 2)
-    if Y is None:
+def _riccati(problem: SplitProblem, gamma: float) -> Matrix:
+    """P (n, n) of (16) at `gamma`, in the coordinates of the regular form."""
+    mu = (problem.form.wind_scale / gamma) ** 2
+    Z = problem.rest(mu)
+    if Z is None:
         raise CertificateError(f"eq. (16) has no stabilising solution at gamma = {gamma:.10g}")
-    root = np.sqrt(np.abs(np.diag(Y)))
-    scaled = np.linalg.inv(Y / np.outer(root, root))
-    return 0.5 * (scaled + scaled.T) / np.outer(root, root)
-
-
-def _scaled_eigenvalues(P: Matrix) -> Matrix:
-    diagonal = np.sqrt(np.maximum(np.abs(np.diag(P)), np.finfo(float).tiny))
-    return np.linalg.eigvalsh(P / np.outer(diagonal, diagonal))
+    return problem.solution(Z, mu)
 
 
 def _abscissa(matrix: Matrix) -> float:
-    if matrix.shape[0] == 0:
-        return -np.inf
     return float(np.max(np.linalg.eigvals(matrix).real))

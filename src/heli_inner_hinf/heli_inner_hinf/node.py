@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `inner_loop`: attitude setpoint and collective to actuators, 100 Hz."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law
+from heli_inner_hinf.design import LiveDesign
+from heli_inner_hinf.law_state import initial_law_state
+from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
+from heli_math.rotations import euler_from_quat
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.lockstep import Demand
+from heli_msgs_bridge.managed_node import NodeSpec, run
+from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
+
+_OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
+_OUTER_PERIOD = topics.BY_NAME[topics.ATTITUDE_SETPOINT].every_ticks
+_TICKS_PER_S = 100
+
+
+class InnerLoopNode(TickNode):
+    """Active means: attitude is held. Passes the collective through in one message with the rest."""
+
+    SPEC = NodeSpec(NODE_NAME, "heli_inner_hinf", TABLE, f"{NODE_NAME}.yaml")
+
+    def setup(self) -> None:
+        """Synthesise the controller; an infeasible design is refused here."""
+        self.design = LiveDesign(self.values)
+        self._encode = Encoder(topics.ACTUATORS).encode
+        self._send = self.create_output(topics.ACTUATORS)
+        self._x9, self._u3, self._u = np.full(9, np.nan), np.zeros(3), np.zeros(4)
+        self._forget_setpoint()
+        self._warm_up()
+        self.listen(
+            (
+                Input(topics.ODOM, Demand()),
+                Input(topics.ROTOR_STATE, Demand()),
+                Input(topics.ATTITUDE_SETPOINT, Demand(_OUTER_PERIOD), off_tick=True),
+                Input(topics.COLLECTIVE, Demand(_OUTER_PERIOD), off_tick=True),
+            )
+        )
+        self._expect_outer(self.values["expects_outer"])
+
+    def _forget_setpoint(self) -> None:
+        """Hold the trim attitude, and the heading that will be found."""
+        config = self.design.config
+        self._r3 = np.array([config.x_trim[0], config.x_trim[1], np.nan])
+        self._u[:] = config.u_trim
+        self._setpoint_tick: int | None = None
+
+    def _warm_up(self) -> None:
+        """Load the compiled law before the first tick."""
+        kernel = self.design.config.kernel
+        attitude_law(self._x9, self._r3, kernel, initial_law_state(kernel), self._u3)
+        euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
+
+    def _expect_outer(self, expected: bool) -> None:
+        for topic in _OUTER:
+            self.assembler.waive(topic, not expected)
+
+    def expected_listeners(self, topic: str) -> set[str]:
+        """Plant and observer must hear the actuators."""
+        return super().expected_listeners(topic)
+
+    def step(self, tick: int, arrived: Arrived) -> None:
+        """One tick: newest setpoint, law, actuators."""
+        self._take_navigation(arrived)
+        self._take_setpoint(arrived)
+        stale = self._setpoint_is_stale(tick)
+        r3 = self._level(self._r3) if stale else self._r3
+        kernel = self.design.take()
+        code = attitude_law(self._x9, r3, kernel, self.design.state, self._u3)
+        self._u[:3] = self._u3
+        self._send(self._encode(self._u, self.stamp_ns(tick)))
+        self._tell(code, stale)
+
+    def _take_navigation(self, arrived: Arrived) -> None:
+        x9 = self._x9
+        _, nav = arrived.get(topics.ODOM, (0, None))
+        _, rotor = arrived.get(topics.ROTOR_STATE, (0, None))
+        if nav is None or (rotor is None and self.lockstep):
+            # Not a number: the law repeats its last command and says so.
+            x9[:] = np.nan
+            return
+        x9[0], x9[1], x9[8] = euler_from_quat(nav[6:10])
+        x9[2], x9[3], x9[6] = nav[10], nav[11], nav[12]
+        if rotor is not None:
+            x9[4], x9[5], x9[7] = rotor
+        elif not np.isfinite(x9[4]):
+            x9[4], x9[5], x9[7] = self.design.config.x_trim[[4, 5, 7]]
+        if np.isnan(self._r3[2]):
+            self._r3[2] = x9[8]
+
+    def _take_setpoint(self, arrived: Arrived) -> None:
+        stamp, attitude = arrived.get(topics.ATTITUDE_SETPOINT, (0, None))
+        if attitude is not None:
+            self._r3[:] = attitude
+            self._setpoint_tick = stamp
+        _, collective = arrived.get(topics.COLLECTIVE, (0, None))
+        if collective is not None:
+            self._u[3] = collective[0]
+
+    def _setpoint_is_stale(self, tick: int) -> bool:
+        if self._setpoint_tick is None:
+            return False
+        return tick - self._setpoint_tick > self.values["setpoint_timeout_s"] * _TICKS_PER_S
+
+    def _level(self, r3: np.ndarray) -> np.ndarray:
+        """Trim attitude with the heading of r3."""
+        trim = self.design.config.x_trim
+        return np.array([trim[0], trim[1], r3[2]])
+
+    def _tell(self, code: int, stale: bool) -> None:
+        level, message = Level.OK, AttitudeStatus(code).sentence
+        if code == AttitudeStatus.NOT_FINITE:
+            level = Level.ERROR
+        elif stale:
+            level, message = Level.WARN, "the attitude setpoint is too old: trim attitude is held"
+        if self.tick % _TICKS_PER_S == 0 or message != self._message:
+            self.warn_or_ok(level, message, self._facts_now())
+
+    def _facts_now(self) -> dict[str, Any]:
+        facts = dict(self.design.config.summary())
+        facts["setpoint_tick"] = "none" if self._setpoint_tick is None else self._setpoint_tick
+        return facts
+
+    def disengage(self) -> None:
+        """Forget the flown setpoint."""
+        super().disengage()
+        self._forget_setpoint()
+
+    def engage(self) -> None:
+        """Begin to hold attitude, from what was flown last."""
+        self._expect_outer(self.values["expects_outer"])
+        super().engage()
+
+    def judge_change(self, changes: Mapping[str, Any]) -> None:
+        """Synthesise the changed design; infeasible ones raise."""
+        design = {key: value for key, value in changes.items() if key != "expects_outer"}
+        if design and hasattr(self, "design"):
+            self.design.propose(design)
+
+    def apply_change(self, changes: Mapping[str, Any]) -> None:
+        """The judged design is swapped in at the next tick; here only what the node itself uses."""
+        if "expects_outer" in changes and hasattr(self, "assembler"):
+            self._expect_outer(changes["expects_outer"])
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of `ros2 run heli_inner_hinf inner_loop`."""
+    return run(InnerLoopNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
