@@ -88,8 +88,8 @@ heli_discard_environment() {
 # At the end of set-up, however it came: no child goes on, nothing half-made stays.
 heli_leave_setup() {
     if [ -n "$heli_child" ]; then
-        kill -KILL -- "-$heli_child" 2>/dev/null
-        wait "$heli_child" 2>/dev/null
+        kill -KILL -- "-$heli_child" 2>/dev/null || true
+        wait "$heli_child" 2>/dev/null || true
     fi
     if [ -e "$heli_venv/heli_made_here" ] && [ ! -e "$heli_venv/heli_stamp" ]; then
         heli_discard_environment
@@ -239,7 +239,7 @@ heli_make_missing_alone() {
 heli_setup_env() {
     heli_choose_mode
     heli_clean_environment
-    heli_want_env="$(cat "$HELI_ROOT"/requirements/*.txt | heli_digest) $heli_venv${PYTHON:+ $(command -v "$PYTHON")}"
+    heli_want_env="$(cat "$HELI_ROOT"/requirements/*.txt | heli_digest) $heli_venv${PYTHON:+ $(command -v "$PYTHON" || true)}"
     heli_want_layout=$({
         printf '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,launch,config,scripts/*}
         cat "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/setup.py

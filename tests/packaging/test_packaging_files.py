@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""House rules for files: licence header, no machine paths, sizes; YAML and launch files hold."""
+
+import ast
+import importlib
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_msgs_bridge.common_table import with_common
+from heli_msgs_bridge.parameters import load
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMON = ROOT / "src/heli_msgs_bridge/config/common.yaml"
+# Node -> module with its table, folder of its defaults.
+TABLES = {
+    "plant": ("heli_dynamics_sim.parameter_table", "heli_dynamics_sim"),
+    "observer": ("heli_observer.parameter_table", "heli_observer"),
+    "inner_loop": ("heli_inner_hinf.parameter_table", "heli_inner_hinf"),
+    "outer_loop": ("heli_outer_pd.parameter_table", "heli_outer_pd"),
+    "recorder": ("heli_msgs_bridge.recorder_table", "heli_msgs_bridge"),
+}
+LAUNCH_FILES = sorted((ROOT / "src").glob("*/launch/*.launch.py"))
+CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}
+
+
+def tracked_files():
+    """Files of the repository, new ones too, as git sees them."""
+    command = ["git", "-C", ROOT, "ls-files", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return [ROOT / line for line in listed.splitlines() if (ROOT / line).is_file()]
+
+
+def code_files():
+    """Files that a licence header belongs to: by suffix, or scripts without one."""
+    found = []
+    for path in tracked_files():
+        if path.suffix in CODE_SUFFIXES or (not path.suffix and path.parent.name == "scripts"):
+            found.append(path)
+    return found
+
+
+def test_every_code_file_names_its_licence():
+    def named(path):
+        return "SPDX-License-Identifier: Apache-2.0" in "\n".join(
+            path.read_text(encoding="utf-8").splitlines()[:4]
+        )
+
+    # Parameter files start with what they are for; the licence file covers them.
+    python_and_shell = [p for p in code_files() if p.suffix not in (".yaml", ".yml")]
+    assert len(python_and_shell) > 50
+    assert [str(p.relative_to(ROOT)) for p in python_and_shell if not named(p)] == []
+
+
+def test_no_path_of_a_machine():
+    """Neither home folders nor the places where somebody's tools happened to lie."""
+    pattern = re.compile(r"/(?:home|Users|root|work|mnt|opt/(?!ros\b))/[A-Za-z0-9._]")
+    found = []
+    for path in tracked_files():
+        if path == Path(__file__):
+            continue
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines()
+        except UnicodeDecodeError:
+            continue
+        found += [f"{path.relative_to(ROOT)}: {line}" for line in lines if pattern.search(line)]
+    assert found == []
+
+
+def test_modules_keep_a_readable_size():
+    def length(path):
+        return len(path.read_text(encoding="utf-8").splitlines())
+
+    modules = (ROOT / "src").glob("heli_*/heli_*/*.py")
+    assert {path.name: length(path) for path in modules if length(path) > 400} == {}
+
+
+def test_test_files_have_names_of_their_own():
+    names = [path.name for path in code_files() if path.name.startswith("test_")]
+    assert {name for name in names if names.count(name) > 1} == set()
+
+
+@pytest.mark.parametrize("node", TABLES)
+def test_packaged_defaults_fill_the_table(node):
+    module, package = TABLES[node]
+    table = with_common(importlib.import_module(module).TABLE)
+    file = ROOT / "src" / package / "config" / f"{node}.yaml"
+    values = load(table, [COMMON, file], node)
+    assert set(values) == {row.name for row in table}
+
+
+@pytest.mark.parametrize("node", TABLES)
+def test_presets_and_scenarios_fit_every_node(node):
+    module, package = TABLES[node]
+    table = with_common(importlib.import_module(module).TABLE)
+    folder = ROOT / "src" / package / "config"
+    scenarios = sorted((ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml"))
+    assert len(scenarios) >= 2
+    for overlay in [*folder.glob("gps_*.yaml"), *scenarios]:
+        load(table, [COMMON, folder / f"{node}.yaml", overlay], node)
+
+
+def test_scenarios_fill_the_scenario_table():
+    from heli_hover_test.scenario import NODE_NAME, TABLE
+
+    for file in (ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml"):
+        assert set(load(TABLE, [file], NODE_NAME)) == {row.name for row in TABLE}
+
+
+def test_aircraft_files_load():
+    files = sorted((ROOT / "src/heli_dynamics_sim/config/aircraft").glob("*.yaml"))
+    assert files
+    for file in files:
+        HelicopterParameters.from_yaml(file)
+
+
+def test_no_yaml_is_outside_these_tests():
+    """A parameter file that nothing loads would rot."""
+    known = {COMMON}
+    for node, (_, package) in TABLES.items():
+        folder = ROOT / "src" / package / "config"
+        known |= {folder / f"{node}.yaml", *folder.glob("gps_*.yaml"), *folder.glob("aircraft/*")}
+    known |= set((ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml"))
+    assert set((ROOT / "src").glob("heli_*/config/**/*.yaml")) - known == set()
+
+
+@pytest.mark.parametrize("node", TABLES)
+def test_every_parameter_is_explained(node):
+    """A comment stands above the key, its block, or the paragraph of keys that it is in."""
+    file = ROOT / "src" / TABLES[node][1] / "config" / f"{node}.yaml"
+    bare, told_at = [], {}
+    after_comment = False
+    for line in file.read_text().splitlines():
+        key = re.match(r"( *)[A-Za-z_0-9]+:", line)
+        if not line.strip():
+            told_at = {depth: told for depth, told in told_at.items() if depth < 4}
+        elif line.lstrip().startswith("#"):
+            after_comment = True
+        elif key and "ros__parameters" not in line:
+            depth = len(key.group(1))
+            told_at = {d: told for d, told in told_at.items() if d <= depth}
+            told_at[depth] = after_comment or "#" in line or told_at.get(depth, False)
+            if not line.endswith(":") and not any(told_at.values()):
+                bare.append(line.strip())
+            after_comment = False
+    assert bare == []
+
+
+def launch_tree(path):
+    return ast.parse(path.read_text())
+
+
+def strings(node):
+    return [n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) is str]
+
+
+def called(tree, name):
+    found = [n for n in ast.walk(tree) if isinstance(n, ast.Call)]
+    return [n for n in found if isinstance(n.func, ast.Name) and n.func.id == name]
+
+
+@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
+class TestLaunchFile:
+    def test_describes_itself(self, path):
+        tree = launch_tree(path)
+        functions = [n.name for n in tree.body if isinstance(n, ast.FunctionDef)]
+        assert "generate_launch_description" in functions
+        assert ast.get_docstring(tree)
+
+    def test_every_argument_used_is_declared(self, path):
+        tree = launch_tree(path)
+        declared = {call.args[0].value for call in called(tree, "DeclareLaunchArgument")}
+        used = {call.args[0].value for call in called(tree, "LaunchConfiguration")}
+        assert used == declared
+
+    def test_packages_and_executables_exist(self, path):
+        words = set(strings(launch_tree(path)))
+        packages = {word for word in words if (ROOT / "src" / word / "package.xml").is_file()}
+        assert packages
+        for package in packages:
+            for script in (ROOT / "src" / package / "scripts").glob("*"):
+                assert script.name in words
+
+
+def test_hover_launch_sets_parameters_that_exist():
+    tree = launch_tree(ROOT / "src/heli_hover_test/launch/hover.launch.py")
+    nodes = {call.args[1].value: call for call in called(tree, "_node")}
+    assert set(nodes) == {*TABLES, "scenario"}
+    for name, call in nodes.items():
+        wanted = {keyword.arg for keyword in call.keywords} - {"condition"}
+        if name in TABLES:
+            table = with_common(importlib.import_module(TABLES[name][0]).TABLE)
+            assert wanted <= {row.name for row in table}
+        else:
+            assert not wanted
+
+
+def test_hover_launch_defaults_are_those_of_the_yaml():
+    tree = launch_tree(ROOT / "src/heli_hover_test/launch/hover.launch.py")
+    keywords = {
+        call.args[0].value: {k.arg: k.value for k in call.keywords}
+        for call in called(tree, "DeclareLaunchArgument")
+    }
+    file = ROOT / "src/heli_dynamics_sim/config/plant.yaml"
+    plant = yaml.safe_load(file.read_text())["/**/plant"]["ros__parameters"]
+    assert keywords["seed"]["default_value"].value == str(plant["seed"])
+    assert keywords["lockstep"]["default_value"].value == str(plant["lockstep"]).lower()
+    scenarios = {f.stem for f in (ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml")}
+    assert set(strings(keywords["scenario"]["choices"])) == scenarios
+    presets = {f.stem[4:] for f in (ROOT / "src/heli_observer/config").glob("gps_*.yaml")}
+    assert set(strings(keywords["gps"]["choices"])) == presets

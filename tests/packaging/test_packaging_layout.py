@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `ros2 run` and ament_index look for is there after linking and after `pip install .`."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml"))
+EXECUTABLES = {
+    "heli_dynamics_sim": "plant",
+    "heli_observer": "observer",
+    "heli_inner_hinf": "inner_loop",
+    "heli_outer_pd": "outer_loop",
+    "heli_msgs_bridge": "recorder",
+    "heli_hover_test": "scenario",
+}
+PYTHON_FOLDER = f"lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
+
+
+def run(*command, **options):
+    done = subprocess.run(
+        [str(word) for word in command], capture_output=True, text=True, timeout=120, **options
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def link(prefix: Path) -> None:
+    site = prefix / PYTHON_FOLDER
+    site.mkdir(parents=True, exist_ok=True)
+    script = ROOT / "scripts/link_ros_layout.py"
+    run(sys.executable, script, "--prefix", prefix, "--site-packages", site)
+
+
+@pytest.fixture(scope="module")
+def linked(tmp_path_factory):
+    prefix = tmp_path_factory.mktemp("linked")
+    link(prefix)
+    return prefix
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """`pip install .` from a copy of the sources (a build writes beside them), without network."""
+    top = tmp_path_factory.mktemp("sources")
+    for name in ("pyproject.toml", "LICENSE", "README.md"):
+        shutil.copy2(ROOT / name, top / name)
+    ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "test", ".*")
+    for name in ("src", "requirements"):
+        shutil.copytree(ROOT / name, top / name, ignore=ignored)
+    prefix = tmp_path_factory.mktemp("installed")
+    options = [
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+        "--no-compile",
+        "--prefix",
+        prefix,
+    ]
+    run(sys.executable, "-m", "pip", "install", *options, top)
+    return prefix
+
+
+@pytest.fixture(params=["linked", "installed"])
+def prefix(request):
+    return request.getfixturevalue(request.param)
+
+
+def files_below(folder: Path) -> set[str]:
+    """Files under folder, links followed, without byte code and the tools' hidden files."""
+    found = set()
+    for path, folders, names in os.walk(folder, followlinks=True):
+        folders[:] = [name for name in folders if name[0] != "." and name != "__pycache__"]
+        found |= {str((Path(path) / name).relative_to(folder)) for name in names}
+    return found
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_share_is_complete(prefix, package):
+    source = ROOT / "src" / package
+    expected = {"package.xml"} | {
+        f"{top}/{name}" for top in ("config", "launch") for name in files_below(source / top)
+    }
+    assert files_below(prefix / "share" / package) == expected
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_is_in_the_index(prefix, package):
+    """Looked up by the library that `ros2 run` uses, in a process that knows only this prefix."""
+    code = (
+        "from ament_index_python.packages import *\n"
+        f"print(get_package_prefix('{package}'), get_package_share_directory('{package}'))"
+    )
+    found = run(sys.executable, "-c", code, env={**os.environ, "AMENT_PREFIX_PATH": str(prefix)})
+    assert found.split() == [str(prefix), str(prefix / "share" / package)]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_executables_as_ros2_run_finds_them(prefix, package):
+    """ros2pkg walks <prefix>/lib/<package> and takes the files that are executable."""
+    folder = prefix / "lib" / package
+    found = [path.name for path in folder.glob("*") if os.access(path, os.X_OK) and path.is_file()]
+    assert found == [EXECUTABLES[package]] if package in EXECUTABLES else found == []
+
+
+def test_modules_are_complete(installed):
+    for package in PACKAGES:
+        source = {f for f in files_below(ROOT / "src" / package / package) if f.endswith(".py")}
+        assert source <= files_below(installed / PYTHON_FOLDER / package)
+
+
+def test_installed_package_finds_its_parameters(installed):
+    code = "from heli_msgs_bridge.locate import config_folder as f; print(f('heli_observer'))"
+    env = {**os.environ, "PYTHONPATH": str(installed / PYTHON_FOLDER)}
+    found = run(sys.executable, "-c", code, env=env, cwd=installed)
+    assert Path(found.strip()) == installed / "share/heli_observer/config"
+
+
+def test_linked_packages_are_on_the_path(linked):
+    lines = (linked / PYTHON_FOLDER / "heli_hover.pth").read_text().splitlines()
+    assert lines == [str(ROOT / "src" / package) for package in PACKAGES]
+
+
+def test_linking_again_repairs_and_forgets(tmp_path):
+    link(tmp_path)
+    markers = tmp_path / "share/ament_index/resource_index/packages"
+    (markers / "heli_gone").symlink_to(ROOT / "src/heli_gone/resource/heli_gone")
+    (tmp_path / "lib/heli_observer/renamed").symlink_to(ROOT / "src/heli_observer/scripts/gone")
+    (tmp_path / "share/heli_observer/config").unlink()
+    before = files_below(tmp_path)
+    link(tmp_path)
+    assert files_below(tmp_path) - before == {
+        f"share/heli_observer/config/{name}"
+        for name in files_below(ROOT / "src/heli_observer/config")
+    }
+    assert sorted(path.name for path in markers.iterdir()) == PACKAGES
+    assert [path.name for path in (tmp_path / "lib/heli_observer").iterdir()] == ["observer"]

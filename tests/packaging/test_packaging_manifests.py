@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""package.xml, setup.py, pyproject.toml and the requirement files say the same."""
+
+import ast
+import os
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml"))
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+VERSION = PROJECT["project"]["version"]
+# Python import -> rosdep key, where the two differ from python3-<import>.
+ROSDEP_KEYS = {"yaml": "python3-yaml", "rosbags": "python3-rosbags-pip"}
+DISTRIBUTIONS = {"yaml": "pyyaml"}
+
+
+def manifest(package):
+    return ElementTree.parse(ROOT / "src" / package / "package.xml").getroot()
+
+
+def imports(package):
+    """Top-level names that a package's modules and launch files import."""
+    names = set()
+    sources = [*(ROOT / "src" / package / package).rglob("*.py")]
+    for path in [*sources, *(ROOT / "src" / package / "launch").glob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names.add(node.module.split(".")[0])
+    return names - set(sys.stdlib_module_names) - {package}
+
+
+def of_ros(name):
+    return name.endswith(("_msgs", "_interfaces")) or name in (
+        "rclpy",
+        "rcl_interfaces",
+        "launch",
+        "launch_ros",
+        "ament_index_python",
+    )
+
+
+def pins(name):
+    """Requirement names of one file, lower case."""
+    lines = (ROOT / "requirements" / name).read_text().splitlines()
+    found = (re.match(r"[A-Za-z0-9._-]+", line) for line in lines)
+    return {match.group().lower().replace("_", "-") for match in found if match}
+
+
+def test_all_seven_packages_are_here():
+    folders = {path.name for path in (ROOT / "src").iterdir() if (path / path.name).is_dir()}
+    assert set(PACKAGES) == folders
+    assert len(PACKAGES) == 7
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+class TestManifest:
+    def test_identity(self, package):
+        root = manifest(package)
+        assert root.get("format") == "3"
+        assert root.findtext("name") == package
+        assert root.findtext("version") == VERSION
+        assert root.findtext("license") == "Apache-2.0"
+        assert root.findtext("export/build_type") == "ament_python"
+        assert len(root.findtext("description")) > 20
+
+    def test_maintainer_address_is_one_that_catkin_accepts(self, package):
+        # With an invalid address colcon takes the package for plain Python, not in the index.
+        address = manifest(package).find("maintainer").get("email")
+        assert re.fullmatch(r"[-a-zA-Z0-9_%+]+(\.[-a-zA-Z0-9_%+]+)*@[-a-zA-Z0-9%.]+", address)
+
+    def test_setup_py_agrees(self, package):
+        source = (ROOT / "src" / package / "setup.py").read_text()
+        assert f'PACKAGE = "{package}"' in source
+        assert f'version="{VERSION}"' in source
+        assert f"$base/lib/{package}" in (ROOT / "src" / package / "setup.cfg").read_text()
+
+    def test_marker(self, package):
+        assert (ROOT / "src" / package / "resource" / package).is_file()
+
+    def test_imports_are_declared(self, package):
+        declared = {node.text for node in manifest(package).findall("exec_depend")}
+        needed = {
+            name
+            if name.startswith("heli_") or of_ros(name)
+            else ROSDEP_KEYS.get(name, f"python3-{name}")
+            for name in imports(package)
+        }
+        assert needed - declared == set()
+
+    def test_executables_call_an_existing_main(self, package):
+        for script in (ROOT / "src" / package / "scripts").glob("*"):
+            assert os.access(script, os.X_OK), script
+            text = script.read_text()
+            assert text.startswith("#!/usr/bin/env python3\n")
+            module = re.search(rf"from {package}\.(\w+) import main", text).group(1)
+            tree = ast.parse((ROOT / "src" / package / package / f"{module}.py").read_text())
+            functions = [n.name for n in tree.body if isinstance(n, ast.FunctionDef)]
+            assert "main" in functions
+
+
+def test_every_third_party_import_is_required():
+    """What src/ imports is in requirements/python.txt, and nothing there is dead weight."""
+    needed = set()
+    for package in PACKAGES:
+        needed |= {n for n in imports(package) if not n.startswith("heli_") and not of_ros(n)}
+    needed = {DISTRIBUTIONS.get(name, name) for name in needed}
+    assert needed - pins("python.txt") == set()
+    assert pins("python.txt") - needed == set()
+
+
+def test_test_tools_are_required():
+    """What tests import is in requirements, too."""
+    files = [*(ROOT / "tests").rglob("*.py"), *(ROOT / "src").glob("*/test/*.py")]
+    local = {path.stem for path in files} | set(PACKAGES)
+    names = set()
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names.add(node.module.split(".")[0])
+    names = {n for n in names - set(sys.stdlib_module_names) - local if not of_ros(n)}
+    known = pins("python.txt") | pins("test.txt")
+    owners = packages_distributions()
+    for name in names:
+        owned = {owner.lower().replace("_", "-") for owner in owners.get(name, [name])}
+        assert owned & (known | {"mcap"}), f"{name} is imported by a test but not required"
+
+
+def test_every_requirement_is_pinned_exactly():
+    lines = (ROOT / "requirements/constraints.txt").read_text().splitlines()
+    entries = [line for line in lines if line and not line.startswith("#")]
+    assert all(re.fullmatch(r"[a-z0-9._-]+==[A-Za-z0-9.]+", line) for line in entries)
+    for name in ("ros.txt", "python.txt", "test.txt"):
+        assert pins(name) <= pins("constraints.txt")
+
+
+def test_running_environment_is_the_pinned_one():
+    """Catches a test run in an environment that set-up did not make."""
+    from importlib.metadata import version
+
+    lines = (ROOT / "requirements/constraints.txt").read_text().splitlines()
+    pinned = dict(line.split("==") for line in lines if "==" in line and line[0] != "#")
+    for name in ("numpy", "scipy", "numba", "pytest"):
+        assert version(name) == pinned[name]
+
+
+def test_pyproject_names_every_package():
+    settings = PROJECT["tool"]["setuptools"]
+    assert settings["package-dir"] == {name: f"src/{name}/{name}" for name in PACKAGES}
+    assert settings["packages"]["find"]["where"] == [f"src/{name}" for name in PACKAGES]
