@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linearised default aircraft against the published A, B, E of its class, and against a second method.
+"""Linearised default aircraft against the published A, B, E of its class and a second method.
 
-Reference: `data/nus_linear_model.yaml` (source in the file). Tolerance: 0.6 % plus half a unit of the
-last published digit, for every entry that the model claims to reproduce; the others are listed here,
-each with its deviation and cause.
+Reference: `data/nus_linear_model.yaml` (source in the file). Tolerance: 0.6 % plus half a unit of
+the last published digit, for every entry that the model claims to reproduce; the others are listed
+here, each with its deviation.
 """
 
 from dataclasses import replace
@@ -67,8 +67,8 @@ def published():
 
 
 def test_trim_without_wind(params, hover):
-    # phi 0.0390, theta 0.0009 of the reference; class of the paper's Table 1: a_s -0.0011, b_s 0.0042,
-    # d_lat 0.0075, d_lon -0.0060, d_col -0.1793
+    # phi 0.0390, theta 0.0009 of another implementation; class of the paper's Table 1: a_s -0.0011,
+    # b_s 0.0042, d_lat 0.0075, d_lon -0.0060, d_col -0.1793
     nine = dict(zip(STATE_NAMES, reduced_state(hover.x), strict=True))
     assert hover.residual <= 1e-9
     assert nine["phi"] == pytest.approx(0.0390, abs=5e-5)
@@ -179,7 +179,7 @@ def test_linear_model_predicts_the_nonlinear_one(params, hover, model):
 
 
 def test_kink_of_the_climb_power(params, hover, model):
-    """E(r, w): one value for rising air, another for sinking air; a central difference is between."""
+    """E(r, w): one value for rising air, another for sinking air."""
     climb = linearize(params, hover, "climb")
     r, w = STATE_NAMES.index("r"), 2
     # dN = -dP/Omega, P_climb = -m g w_a, w_a = -w

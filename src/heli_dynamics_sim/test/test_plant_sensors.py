@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors and noise: what an ideal sensor reads, noise levels, schedule and latency of the fixes."""
+"""Sensors and noise: what an ideal sensor reads, noise levels, schedule of the fixes."""
 
 import numpy as np
 import pytest

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measure the plant: integration step, tick, compile time. Prints microseconds and real-time ratios.
+
+Run it from the repository: `python scripts/bench_plant.py`. One core; the budget of a step of 2 ms
+(four derivative evaluations) is 5 us.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from heli_dynamics_sim import plant
+from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
+from heli_dynamics_sim.noise import NoiseStreams
+from heli_dynamics_sim.parameter_table import TABLE
+from heli_dynamics_sim.state import N_STATE, STEP_S, TICK_S
+from heli_math.jit import njit
+from heli_msgs_bridge.locate import config_folder
+from heli_msgs_bridge.parameters import load
+
+STEP_BUDGET_US = 5.0
+_COLD = "import sys; sys.path[:0] = {path!r}; import runpy; runpy.run_path({me!r}, run_name='cold')"
+
+
+def default_config():
+    """PlantConfig of the packaged parameters."""
+    values = load(TABLE, [config_folder("heli_dynamics_sim") / "plant.yaml"], "plant")
+    return plant.PlantConfig.from_parameters(values)
+
+
+@njit
+def _steps(x0, u, wind, k, work, n):
+    """n integration steps, restarted from x0 every 50 so that the flight stays near trim."""
+    x = x0.copy()
+    for i in range(n):
+        if i % 50 == 0:
+            x[:] = x0
+        rk4_step(x, u, wind, k, STEP_S, work)
+    return x[0]
+
+
+@njit
+def _ticks(state, x0, rows, u, k, y):
+    """One tick of measure and advance per noise row, restarted from x0 every 10 ticks."""
+    for tick in range(rows.shape[0]):
+        if tick % 10 == 0:
+            state.x[:] = x0
+        plant.measure(state, tick, rows[tick], k, y)
+        plant.advance(state, u, k)
+
+
+def _best_us(call, n, repeats=5):
+    """Least time per item (us) of a call that does n items."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return 1e6 * min(times) / n
+
+
+def warm_up():
+    """Compile what a flight needs; seconds for initial_state, measure, advance and status."""
+    config = default_config()
+    y = np.zeros(plant.N_MEAS)
+    start = time.perf_counter()
+    state = plant.initial_state(config, 1)
+    plant.measure(state, 0, NoiseStreams(1).row(), config.kernel, y)
+    plant.advance(state, state.x[16:20].copy(), config.kernel)
+    plant.status(state, config.kernel)
+    return time.perf_counter() - start
+
+
+def cold_compile_s():
+    """`warm_up` in a fresh process with an empty kernel cache."""
+    with tempfile.TemporaryDirectory() as cache:
+        code = _COLD.format(path=sys.path, me=str(Path(__file__).resolve()))
+        environment = os.environ | {"NUMBA_CACHE_DIR": cache}
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    return float(done.stdout)
+
+
+def main():
+    """Print the table; exit code 1 if a step is over its budget."""
+    config = default_config()
+    state = plant.initial_state(config, 1)
+    x0, u, wind = state.x.copy(), state.x[16:20].copy(), np.array([-2.0, -2.0, 0.2])
+    work, y = np.zeros((WORK_ROWS, N_STATE)), np.zeros(plant.N_MEAS)
+    rows = NoiseStreams(1).rows(20000)
+    _steps(x0, u, wind, config.helicopter.kernel, work, 1)
+    _ticks(state, x0, rows[:1], u, config.kernel, y)
+    n = 100_000
+    step = _best_us(lambda: _steps(x0, u, wind, config.helicopter.kernel, work, n), n)
+    tick = _best_us(lambda: _ticks(state, x0, rows, u, config.kernel, y), len(rows))
+    draw = _best_us(lambda: NoiseStreams(1).rows(20000), 20000, repeats=3)
+    print(f"RK4 step of {1e3 * STEP_S:g} ms      {step:8.2f} us  (budget {STEP_BUDGET_US:g} us)")
+    print(f"tick: measure + advance {tick:8.2f} us  ({1e6 * TICK_S / tick:.0f} times real time)")
+    print(f"noise row               {draw:8.2f} us")
+    print(f"first compilation       {cold_compile_s():8.1f} s")
+    return 0 if step <= STEP_BUDGET_US else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
+elif __name__ == "cold":
+    print(warm_up())
