@@ -72,8 +72,9 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
     x : ndarray (21,)
         Nominal state, indices X_*.
     imu0, imu1 : ndarray (6,)
-        Specific force (m/s2) and rate (rad/s), body, at the beginning and the end of the tick; both
-        are taken to vary linearly between, with the coning term dt^2/12 w0 x w1.
+        Specific force (m/s2) and rate (rad/s), body, at the beginning and the end of the tick. The
+        rate is taken to vary linearly between (with the coning term dt^2/12 w0 x w1), and so is the
+        acceleration in NED axes.
     gravity_mps2, dt_s : float
     a_ned : ndarray (3,)
         Out: mean specific force in NED axes (m/s2), for the covariance.

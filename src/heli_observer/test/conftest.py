@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the observer's tests share: parameters, and a run of the observer over a flight."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heli_msgs_bridge.parameters import load
+from heli_observer.layout import N_NAV
+from heli_observer.observer import ObserverConfig, initial_state, observe
+from heli_observer.parameter_table import NODE_NAME, TABLE
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+
+
+@pytest.fixture
+def parameters():
+    """Packaged parameters of the observer (a fresh dictionary)."""
+    return dict(load(TABLE, [CONFIG / "observer.yaml"], NODE_NAME))
+
+
+@pytest.fixture
+def config_folder():
+    return CONFIG
+
+
+class Run:
+    """One observer over the rows of a flight; `out` holds its output at every tick."""
+
+    def __init__(self, parameters):
+        self.config = ObserverConfig(parameters)
+        self.kernel = self.config.kernel
+        self.state = initial_state(self.config)
+        self.u = np.array(parameters["trim.u"], dtype=float)
+        self.out = np.zeros((0, N_NAV))
+
+    def step(self, tick, y, u=None):
+        out = np.empty(N_NAV)
+        command = self.u if u is None else np.asarray(u, dtype=float)
+        observe(self.state, tick, np.ascontiguousarray(y), command, self.kernel, out)
+        return out
+
+    def fly(self, rows):
+        start = len(self.out)
+        new = [self.step(start + n, row) for n, row in enumerate(rows)]
+        self.out = np.vstack([self.out, *new])
+        return self
+
+
+@pytest.fixture
+def run_observer():
+    """Function (parameters) -> Run."""
+    return Run
