@@ -22,7 +22,7 @@ from heli_observer import observer
 from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
 from heli_outer_pd.config import outer_kernel
-from heli_outer_pd.reference import reference_at
+from heli_outer_pd.reference import N_REFERENCE, reference_at
 
 TICK_NS = 10_000_000
 N_TRUTH = 19  # pos 3, velocity NED 3, quaternion 4, rates 3, rotor 3, wind 3
@@ -90,7 +90,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     nav = np.zeros(observer.N_NAV)
     x9 = np.empty(9)
     u3 = np.empty(3)
-    reference = np.empty(outer.N_REFERENCE)
+    reference = np.empty(N_REFERENCE)
     for i in range(n_ticks):
         tick = first_tick + i
         plant.measure(loop.plant_s, tick, noise_rows[i], loop.plant_k, y)
@@ -100,7 +100,9 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
             _replace_by_truth(track.truth[tick], nav)
         reference_at(tick * TICK_NS, times_ns, points, reference)
         if tick % loop.period_ticks == 0:
-            outer.position_law(nav, reference, loop.outer_k, loop.outer_s, setpoint)
+            outer.follow(
+                nav, tick * TICK_NS, times_ns, points, loop.outer_k, loop.outer_s, setpoint
+            )
         x9[0], x9[1], x9[8] = euler_from_quat(nav[6:10])
         x9[2], x9[3], x9[6] = nav[10], nav[11], nav[12]
         x9[4], x9[5], x9[7] = nav[13], nav[14], nav[15]
@@ -172,7 +174,7 @@ def simulate(settings: Settings, true_navigation: bool = False, progress=None) -
     track = Track(
         np.zeros((n, N_TRUTH)),
         np.zeros((n, observer.N_NAV)),
-        np.zeros((n, outer.N_REFERENCE)),
+        np.zeros((n, N_REFERENCE)),
         np.zeros((n, 4)),
         np.zeros((n, 4)),
     )

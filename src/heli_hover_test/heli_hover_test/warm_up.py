@@ -24,7 +24,7 @@ def _nodes() -> None:
     from heli_hover_test.settings import resolve
     from heli_inner_hinf import attitude_law
     from heli_observer import observer
-    from heli_outer_pd import position_law, reference
+    from heli_outer_pd import position_law
 
     settings = resolve()
     loop = build(settings)
@@ -32,10 +32,8 @@ def _nodes() -> None:
     u = np.zeros(4)
     plant.measure(loop.plant_s, 0, noise.NoiseStreams(0).row(), loop.plant_k, y)
     observer.observe(loop.observer_s, 0, y, u, loop.observer_k, nav)
-    points = np.zeros(7)
     way = settings.scenario.reference
-    reference.reference_at(0, way.times_ns, way.points, points)
-    position_law.position_law(nav, points, loop.outer_k, loop.outer_s, out)
+    position_law.follow(nav, 0, way.times_ns, way.points, loop.outer_k, loop.outer_s, out)
     attitude_law.attitude_law(np.zeros(9), out[:3].copy(), loop.inner_k, loop.inner_s, np.zeros(3))
     plant.status(loop.plant_s, loop.plant_k)
     observer.status(loop.observer_s, loop.observer_k)

@@ -54,6 +54,7 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
         thrust_limits=np.asarray(p["thrust_limits"], float),
         trim=trim,
         rotor=rotor,
+        shaping_ns=round(p["reference_shaping_s"] * 1e9),
         attitude_lag=np.asarray(p["disturbance.attitude_lag_s"], float),
         dt_s=p["period_ticks"] * TICK_S,
     )

@@ -19,6 +19,8 @@ TABLE: tuple[Parameter, ...] = (
          shape=(3,), lower=0.0, upper=20.0),
     _row("K_D", "double[]", "Velocity gains, forward, right, down", "1/s",
          shape=(3,), lower=0.0, upper=20.0),
+    _row("reference_shaping_s", "double", "Window over which the reference is averaged", "s",
+         lower=0.0, upper=10.0),
     _row("wind_compensation", "bool", "Subtract the estimated disturbance (false: pure PD)"),
     _row("disturbance.bandwidth_radps", "double[]", "Bandwidth of the disturbance observer",
          "rad/s", shape=(3,), lower=0.0, upper=7.5),

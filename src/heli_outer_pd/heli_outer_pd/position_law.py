@@ -4,9 +4,9 @@
 eq. (20) prints a position where a thrust must stand; eq. (21) carries a misprinted K_D subscript.
 Used here:
 
-    T         = m (g + K_P (z - z_ref) + K_D (z' - z_ref') + d_z) / (cos phi cos theta)
+    T         = m (g + K_P (z - z_ref) + K_D (z' - z_ref') - z_ref'' + d_z) / (cos phi cos theta)
     theta_ref = theta_trim - asin(sat(a_x / g)),   phi_ref = phi_trim + asin(sat(a_y / g))
-    a         = K_P (pos_ref - pos) + K_D (vel_ref - vel) - d
+    a         = acc_ref + K_P (pos_ref - pos) + K_D (vel_ref - vel) - d
 
 with z down (NED) and a rotated from NED to the heading frame. d is the estimated acceleration that
 the law's own model does not explain (wind drag, a rotor weaker than its map). The trims stand in
@@ -22,10 +22,9 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
+from heli_outer_pd.reference import N_SHAPED, shaped_reference_at
 from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust, thrust_for_collective
 
-# Indices of the reference vector (7,): position NED m, velocity NED m/s, heading rad.
-N_REFERENCE = 7
 # Indices of the output vector (4,): attitude set-point rad and collective in (-1, 1).
 N_OUTPUT = 4
 # Controller state: [0:3] velocity estimate NED m/s, [3:6] disturbance estimate NED m/s2,
@@ -80,6 +79,7 @@ class OuterKernel(NamedTuple):
     thrust_limits: np.ndarray  # (2,) fractions of m g
     trim: np.ndarray  # (3,) phi rad, theta rad, d_col
     rotor: RotorMap
+    shaping_ns: int  # window of the reference shaping
     attitude_lag: np.ndarray  # (2,) s, forward and right: time constants of the attitude loop
     dt_s: float
 
@@ -190,7 +190,9 @@ def _command(nav, ref, d_h, c, s, lift, k, state, out):
     vel_error_h = np.empty(3)
     _to_heading(ref[0:3] - nav[0:3], c, s, pos_error_h)
     _to_heading(ref[3:6] - nav[3:6], c, s, vel_error_h)
-    a = k.K_P * pos_error_h + k.K_D * vel_error_h - d_h
+    a = np.empty(3)
+    _to_heading(ref[6:9], c, s, a)
+    a += k.K_P * pos_error_h + k.K_D * vel_error_h - d_h
     sine_limit = math.sin(k.tilt_limit)
     if k.hold_horizontal > 0.5:
         out[0] = k.trim[0] + math.asin(_clip(a[1] / k.g, sine_limit))
@@ -198,7 +200,7 @@ def _command(nav, ref, d_h, c, s, lift, k, state, out):
     else:
         out[0] = k.level_phi_theta[0]
         out[1] = k.level_phi_theta[1]
-    out[2] = ref[6]
+    out[2] = ref[9]
     weight = k.mass * k.g
     thrust = k.mass * (k.g - a[2]) / max(lift, _MIN_LIFT_FRACTION)
     thrust = min(max(thrust, k.thrust_limits[0] * weight), k.thrust_limits[1] * weight)
@@ -215,8 +217,8 @@ def position_law(nav, ref, k, state, out):
     ----------
     nav : (>= 10,) ndarray
         Position NED m, velocity NED m/s, quaternion body -> NED (w, x, y, z).
-    ref : (7,) ndarray
-        Reference position NED m, velocity NED m/s, heading rad.
+    ref : (10,) ndarray
+        Reference position NED m, velocity NED m/s, acceleration NED m/s2, heading rad.
     k : OuterKernel
         Gains and limits.
     state : (N_STATE,) ndarray
@@ -229,7 +231,7 @@ def position_law(nav, ref, k, state, out):
     int
         An OuterStatus. On anything but OK the last good output is repeated.
     """
-    if not _all_finite(nav, 10) or not _all_finite(ref, N_REFERENCE):
+    if not _all_finite(nav, 10) or not _all_finite(ref, N_SHAPED):
         for i in range(N_OUTPUT):
             out[i] = state[_LAST + i]
         if not _all_finite(nav, 10):
@@ -251,3 +253,26 @@ def position_law(nav, ref, k, state, out):
     for i in range(N_OUTPUT):
         state[_LAST + i] = out[i]
     return _OK
+
+
+@njit
+def follow(nav, time_ns, times_ns, points, k, state, out):
+    """One step of the outer loop along a trajectory: shaped reference, then `position_law`.
+
+    Parameters
+    ----------
+    nav, k, state, out
+        As for `position_law`.
+    time_ns : int
+        Time since the trajectory's own start.
+    times_ns, points : ndarray
+        See `heli_outer_pd.reference.ReferenceTrajectory`.
+
+    Returns
+    -------
+    int
+        An OuterStatus.
+    """
+    ref = np.empty(N_SHAPED)
+    shaped_reference_at(time_ns, k.shaping_ns, times_ns, points, ref)
+    return position_law(nav, ref, k, state, out)

@@ -6,7 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from heli_math.jit import njit
-from heli_outer_pd.position_law import N_REFERENCE
+
+# Indices of a way point (7,): position NED m, velocity NED m/s, heading rad.
+N_REFERENCE = 7
+# Indices of a shaped reference (10,): position, velocity, acceleration NED, heading.
+N_SHAPED = 10
+_SHAPING_SAMPLES = 32
 
 MAX_POINTS = 4096
 
@@ -88,3 +93,43 @@ def reference_at(time_ns, times_ns, points, out):
     fraction = (time_ns - times_ns[i]) / (times_ns[i + 1] - times_ns[i])
     for j in range(3):
         out[j] = points[i, j] + fraction * (points[i + 1, j] - points[i, j])
+
+
+@njit
+def shaped_reference_at(time_ns, window_ns, times_ns, points, out):
+    """Reference (10,) averaged over the window that ends at time_ns; written to out.
+
+    A step of the reference's velocity becomes a ramp over the window, with its acceleration, and
+    the aircraft arrives where the reference stops without overshoot: the average is exact there.
+
+    Parameters
+    ----------
+    time_ns, window_ns : int
+        Time after the trajectory's start and length of the window; 0 for no shaping.
+    times_ns, points : ndarray
+        The trajectory.
+    out : (10,) ndarray
+        Position NED m, velocity NED m/s, acceleration NED m/s2, heading rad.
+    """
+    now = np.empty(N_REFERENCE)
+    reference_at(time_ns, times_ns, points, now)
+    out[0:6] = now[0:6]
+    out[6:9] = 0.0
+    out[9] = now[6]
+    if window_ns <= 0:
+        return
+    window_s = window_ns * 1e-9
+    before = np.empty(N_REFERENCE)
+    reference_at(time_ns - window_ns, times_ns, points, before)
+    for j in range(3):
+        out[3 + j] = (now[j] - before[j]) / window_s
+        out[6 + j] = (now[3 + j] - before[3 + j]) / window_s
+    # Mid-point rule: exact where the reference is linear, second order over a corner.
+    sample = np.empty(N_REFERENCE)
+    total = np.zeros(3)
+    for i in range(_SHAPING_SAMPLES):
+        back_ns = window_ns * (2 * i + 1) // (2 * _SHAPING_SAMPLES)
+        reference_at(time_ns - back_ns, times_ns, points, sample)
+        total += sample[0:3]
+    for j in range(3):
+        out[j] = total[j] / _SHAPING_SAMPLES

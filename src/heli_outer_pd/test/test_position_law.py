@@ -30,7 +30,8 @@ def navigation(k, pos=(0, 0, -10), vel=(0, 0, 0), phi=None, theta=None, psi=0.0)
 def step(k, nav, ref, state=None):
     state = position_law.initial_state(k) if state is None else state
     out = np.full(4, np.nan)
-    status = position_law.position_law(nav, np.array(ref, float), k, state, out)
+    ref = np.array(ref, float)
+    status = position_law.position_law(nav, np.r_[ref[:6], 0, 0, 0, ref[6]], k, state, out)
     return OuterStatus(status), out, state
 
 
@@ -74,7 +75,7 @@ def test_equation_21_value():
 
 
 def test_equation_20_gives_the_thrust_it_asks_for():
-    """Altitude 0.5 m too low, tilted 20 deg: the collective is put through the rotor's equations."""
+    """Altitude 0.5 m too low, tilted 20 deg: the collective goes through the rotor."""
     k = kernel(wind_compensation=False)
     phi = math.radians(20)
     _, out, _ = step(k, navigation(k, pos=(0, 0, -9.5), phi=phi, theta=0.0), REF)
@@ -128,7 +129,7 @@ def simulate(k, disturbance_mps2, seconds=60.0):
     c, s = math.cos(psi), math.sin(psi)
     for _ in range(int(seconds / k.dt_s)):
         nav = navigation(k, pos, vel, *attitude, psi)
-        status = position_law.position_law(nav, np.r_[0.0, 0, -10, 0, 0, 0, psi], k, state, out)
+        status = position_law.position_law(nav, np.r_[0.0, 0, -10, np.zeros(6), psi], k, state, out)
         assert status == OuterStatus.OK
         # The attitude loop leaves half a degree standing: the law has to cope with that, too.
         attitude += k.dt_s / 0.4 * (out[:2] + math.radians(0.5) - attitude)
@@ -188,6 +189,30 @@ def test_reference_of_the_hover_test():
         time_ns = round(t_s * 1e9)
         reference.reference_at(time_ns, trajectory.times_ns, trajectory.points, out)
         np.testing.assert_allclose(out, [1, 2, z, 0, 0, v_z, 0.5], atol=1e-9)
+
+
+def shaped(trajectory, t_s, window_s):
+    out = np.empty(10)
+    reference.shaped_reference_at(
+        round(t_s * 1e9), round(window_s * 1e9), trajectory.times_ns, trajectory.points, out
+    )
+    return out
+
+
+def test_shaped_reference_is_consistent_and_arrives_exactly():
+    """Position integrates velocity, velocity acceleration; the climb ends at its height."""
+    climb = reference.ReferenceTrajectory.hover_climb_hover(np.zeros(3), 0.1, 18.0, 22.0, 2.5)
+    t = np.arange(17.0, 25.0, 0.001)
+    path = np.array([shaped(climb, s, 1.5) for s in t])
+    np.testing.assert_allclose(np.gradient(path[:, 2], t)[5:-5], path[5:-5, 5], atol=0.06)
+    inner = (np.abs(t - 18) > 0.01) & (np.abs(t - 19.5) > 0.01)
+    inner &= (np.abs(t - 22) > 0.01) & (np.abs(t - 23.5) > 0.01)
+    np.testing.assert_allclose(np.gradient(path[:, 5], t)[inner], path[inner, 8], atol=1e-6)
+    assert np.abs(path[:, 8]).max() == pytest.approx(2.5 / 1.5)
+    assert (path[t >= 23.501][:, :9] == [0, 0, -10, 0, 0, 0, 0, 0, 0]).all()
+    assert (path[t < 18.0][:, :9] == 0.0).all()
+    assert path[:, 2].min() >= -10.0  # no overshoot
+    np.testing.assert_array_equal(shaped(climb, 20.0, 0.0)[:6], [0, 0, -5, 0, 0, -2.5])
 
 
 @pytest.mark.parametrize(
