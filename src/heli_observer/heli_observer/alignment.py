@@ -15,7 +15,7 @@ import numpy as np
 from heli_math.jit import njit
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
 from heli_observer.arrays import copy_part, fill, fill_matrix
-from heli_observer.ins_ekf import field_plausible, heading_innovation, start_scalar
+from heli_observer.ins_ekf import field_plausible, heading_derivatives, start_scalar
 from heli_observer.layout import (
     AID_GPS,
     AID_GPS_VALID,
@@ -73,7 +73,7 @@ def heading_from_mag(phi, theta, mag_body, field_ned):
 
 
 @njit
-def _start_covariance(P, q, mag, age_s, k):
+def _start_covariance(P, q, age_s, k):
     """Covariance of a fresh alignment into P (20, 20); see the head of this file."""
     fill_matrix(P, 0.0)
     R = quat_to_R_nb(q)
@@ -104,7 +104,7 @@ def _start_covariance(P, q, mag, age_s, k):
     P[E_ATT + 1, E_ATT] = P[E_ATT, E_ATT + 1]
     P[E_ATT, E_ATT] += k.var0[E_ATT]
     P[E_ATT + 1, E_ATT + 1] += k.var0[E_ATT + 1]
-    _, h_north, h_east, horizontal = heading_innovation(q, mag, k.field_ned_t)
+    h_north, h_east, horizontal = heading_derivatives(k.field_ned_t)
     variance = k.var_mag / (horizontal * horizontal) + k.var0[E_ATT + 2]
     P[E_MAG_ERROR, E_MAG_ERROR] = k.var0[E_MAG_ERROR]
     start_scalar(P, E_ATT + 2, E_ATT, h_north, E_ATT + 1, h_east, E_MAG_ERROR, 1.0, variance)
@@ -156,7 +156,7 @@ def align(state, tick, horizon_ticks, k):
         x[X_POS + i] = fix[i] - age_s * fix[3 + i]
     psi = heading_from_mag(phi, theta, mag, k.field_ned_t)
     copy_part(x, X_QUAT, quat_from_euler(phi, theta, psi), 0, 4)
-    _start_covariance(state.P, x[X_QUAT : X_QUAT + 4], mag, age_s, k)
+    _start_covariance(state.P, x[X_QUAT : X_QUAT + 4], age_s, k)
     fill_matrix(state.dx, 0.0)
     # used up: they must not be fused a second time
     aid[fix_tick % size, AID_GPS_VALID] = 0.0

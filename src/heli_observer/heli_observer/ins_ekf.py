@@ -344,21 +344,29 @@ def heading_innovation(q, mag_body, field_ned):
 
     Returns
     -------
-    (float, float, float, float)
+    (float, float)
         Direction of the local field minus direction of the measured one turned into NED (rad,
-        wrapped), its derivatives by the north and east attitude errors (that by the yaw error is
-        1), and the horizontal field strength measured.
+        wrapped), and the horizontal field strength measured.
     """
     R = quat_to_R_nb(q)
     m0 = R[0, 0] * mag_body[0] + R[0, 1] * mag_body[1] + R[0, 2] * mag_body[2]
     m1 = R[1, 0] * mag_body[0] + R[1, 1] * mag_body[1] + R[1, 2] * mag_body[2]
-    m2 = R[2, 0] * mag_body[0] + R[2, 1] * mag_body[1] + R[2, 2] * mag_body[2]
-    horizontal_sq = m0 * m0 + m1 * m1
     residual = wrap_pi(math.atan2(field_ned[1], field_ned[0]) - math.atan2(m1, m0))
+    return residual, math.sqrt(m0 * m0 + m1 * m1)
+
+
+@njit
+def heading_derivatives(field_ned):
+    """Derivatives of the heading innovation by the north and east attitude errors, and horizontal
+    field strength; the derivative by the yaw error is 1.
+
+    From the local field, not the measured one: derivatives that share the sample's noise with its
+    innovation drive the tilt away, a little with every sample.
+    """
+    horizontal_sq = field_ned[0] * field_ned[0] + field_ned[1] * field_ned[1]
     return (
-        residual,
-        -m0 * m2 / horizontal_sq,
-        -m1 * m2 / horizontal_sq,
+        -field_ned[0] * field_ned[2] / horizontal_sq,
+        -field_ned[1] * field_ned[2] / horizontal_sq,
         math.sqrt(horizontal_sq),
     )
 
@@ -379,17 +387,15 @@ def fuse_mag(x, P, trial, dx, diag, aid, k):
     not let in when the heading's own variance has grown), chi-square.
     """
     mag = aid[AID_MAG : AID_MAG + 3]
-    residual, h_north, h_east, horizontal = heading_innovation(
-        x[X_QUAT : X_QUAT + 4], mag, k.field_ned_t
-    )
+    residual, horizontal = heading_innovation(x[X_QUAT : X_QUAT + 4], mag, k.field_ned_t)
+    h_north, h_east, local = heading_derivatives(k.field_ned_t)
     residual = wrap_pi(residual - x[X_MAG_ERROR])
     diag[D_HEADING_INNOVATION] = residual
     if not field_plausible(mag, k.field_ned_t, k.field_tolerance):
         return False
-    field_h = math.hypot(k.field_ned_t[0], k.field_ned_t[1])
-    if not horizontal >= 0.2 * field_h:
+    if not horizontal >= 0.2 * local:
         return False
-    variance = k.var_mag / (horizontal * horizontal)
+    variance = k.var_mag / (local * local)
     copy_matrix(trial, P)
     north, east, yaw = E_ATT, E_ATT + 1, E_ATT + 2
     nis = scalar_update(

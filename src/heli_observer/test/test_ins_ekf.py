@@ -177,9 +177,11 @@ def test_heading_derivatives_match_numeric_differentiation(kernel):
     q = quat_from_euler(0.2, -0.15, 2.5)
     R = Rotation.from_quat(np.roll(q, -1))
     mag = R.inv().apply(kernel.field_ned_t)
-    residual, north, east, horizontal = ins_ekf.heading_innovation(q, mag, kernel.field_ned_t)
+    residual, horizontal = ins_ekf.heading_innovation(q, mag, kernel.field_ned_t)
+    north, east, local = ins_ekf.heading_derivatives(kernel.field_ned_t)
     assert abs(residual) < 1e-12
     assert horizontal == pytest.approx(np.hypot(*kernel.field_ned_t[:2]), rel=1e-12)
+    assert local == pytest.approx(horizontal, rel=1e-12)
     expected = [north, east, 1.0]
     for i in range(3):
         step = np.zeros(3)
