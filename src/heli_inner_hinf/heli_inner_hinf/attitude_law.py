@@ -39,9 +39,10 @@ _NOT_FINITE = int(AttitudeStatus.NOT_FINITE)
 
 
 @njit
-def linear_law(x9, r3, k, u3):
-    """u = u_trim + F (x - x_trim) + G (r - h_out_trim), eq. (17), unlimited, into u3 (3,).
+def linear_law(x9, r3, k, state, u3):
+    """u = u_trim + F (x - x_trim) + H (u_last - u_trim) + G (r - h_out_trim), unlimited, into u3 (3,).
 
+    Eq. (17) at the state as it will be when the command reaches the rotor (`loops.predicting_gains`).
     psi enters as the wrapped difference psi - psi_ref: heading is a pure integrator of the model, so that
     the psi column of G is minus that of F (eq. (15)) and the law does not depend on which way is north.
     """
@@ -52,6 +53,8 @@ def linear_law(x9, r3, k, u3):
         total = k.u_trim[i] + k.F[i, 8] * psi_error
         for j in range(8):
             total += k.F[i, j] * (x9[j] - k.x_trim[j])
+        for j in range(3):
+            total += k.H[i, j] * (state[LAST_U + j] - k.u_trim[j])
         u3[i] = total + k.G[i, 0] * phi_command + k.G[i, 1] * theta_command
 
 
@@ -83,7 +86,7 @@ def attitude_law(x9, r3, k, state, u3):
     if k.controller == PID:
         pid_law(x9, r3, k, state, u3)
     else:
-        linear_law(x9, r3, k, u3)
+        linear_law(x9, r3, k, state, u3)
     if not all_finite(u3):
         for i in range(3):
             u3[i] = state[LAST_U + i]
@@ -122,6 +125,7 @@ def swap_bumpless(
         d_lat, d_lon, d_ped as flown; default: the law's own last output.
     """
     flown = state[LAST_U : LAST_U + 3].copy() if u_flown is None else np.asarray(u_flown, float)
+    state[LAST_U : LAST_U + 3] = np.clip(flown, -k_new.limit, k_new.limit)
     x9, r3 = state[LAST_X : LAST_X + 9].copy(), state[LAST_R : LAST_R + 3].copy()
     would = np.empty(3)
     state[OFFSET : OFFSET + 3] = 0.0
@@ -130,6 +134,5 @@ def swap_bumpless(
         pid_terms(x9, r3, k_new, np.empty(3), would)
         state[INTEGRAL : INTEGRAL + 3] = flown - would
     else:
-        linear_law(x9, r3, k_new, would)
+        linear_law(x9, r3, k_new, state, would)
         state[OFFSET : OFFSET + 3] = flown - would
-    state[LAST_U : LAST_U + 3] = np.clip(flown, -k_new.limit, k_new.limit)

@@ -12,6 +12,7 @@ import numpy as np
 from heli_inner_hinf.attitude_law import swap_bumpless
 from heli_inner_hinf.errors import ShapeError, SynthesisError
 from heli_inner_hinf.law_state import CONTROLLERS, TICK_S, AttitudeKernel, initial_law_state
+from heli_inner_hinf.loops import predicting_gains
 from heli_inner_hinf.lqr import Lqr, lqr
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.synthesis import Synthesis, synthesize
@@ -37,6 +38,8 @@ class AttitudeConfig:
     gamma : float
     x_trim, u_trim : (9,), (4,) arrays
         Trim; u_trim in the order d_lat, d_lon, d_ped, d_col.
+    prediction_s : float
+        Known lag from command to rotor, over which the linear laws predict the state, s.
     actuator_limit : float
         In (0, 1).
     bumpless_time_s : float
@@ -56,6 +59,7 @@ class AttitudeConfig:
     gamma: float
     x_trim: Matrix
     u_trim: Matrix
+    prediction_s: float
     actuator_limit: float
     bumpless_time_s: float
     K_P: Matrix
@@ -100,6 +104,7 @@ class AttitudeConfig:
             gamma=float(p["gamma"]),
             x_trim=shaped("trim.x", p["trim.x"], (9,)),
             u_trim=shaped("trim.u", p["trim.u"], (4,)),
+            prediction_s=float(p["prediction_s"]),
             actuator_limit=limit,
             bumpless_time_s=float(p["bumpless_time_s"]),
             K_P=shaped("pid.K_P", p["pid.K_P"], (3,)),
@@ -117,10 +122,12 @@ class AttitudeConfig:
     def kernel(self) -> AttitudeKernel:
         """Numbers for `attitude_law`."""
         gains = self.lqr if self.controller == "lqr" else self.synthesis
+        F, H = predicting_gains(self.A, self.B, gains.F, self.prediction_s)
         fade = math.exp(-TICK_S / self.bumpless_time_s) if self.bumpless_time_s > 0.0 else 0.0
         return AttitudeKernel(
             controller=CONTROLLERS[self.controller],
-            F=np.ascontiguousarray(gains.F),
+            F=np.ascontiguousarray(F),
+            H=np.ascontiguousarray(H),
             G=np.ascontiguousarray(gains.G),
             x_trim=self.x_trim,
             u_trim=self.u_trim[:3].copy(),
