@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the plant: integration step, tick, compile time. Prints microseconds and real-time ratios.
+"""Measure the plant: integration step, tick and compile time; microseconds, real-time ratio.
 
 Run it from the repository: `python scripts/bench_plant.py`. One core; the budget of a step of 2 ms
 (four derivative evaluations) is 5 us.
@@ -81,13 +81,8 @@ def cold_compile_s():
     with tempfile.TemporaryDirectory() as cache:
         code = _COLD.format(path=sys.path, me=str(Path(__file__).resolve()))
         environment = os.environ | {"NUMBA_CACHE_DIR": cache}
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True)
     return float(done.stdout)
 
 

@@ -29,7 +29,7 @@ DATA = Path(__file__).parent / "data" / "nus_linear_model.yaml"
 RELATIVE, LAST_DIGIT = 0.006, 0.5e-4
 COLUMNS = {"A": STATE_NAMES, "B": INPUT_NAMES, "E": WIND_NAMES}
 
-# Published entries that the equations do not give: (entry) -> (ours, why).
+# Published entries that the equations do not give: (entry) -> (ours, remark).
 KNOWN = {
     ("A", "p", "q"): (0.0, "published -0.0056: no term of the equations gives it"),
     ("A", "r", "q"): (0.0, "published 0.0108: the same"),

@@ -26,14 +26,6 @@ _NODE = (
     _row("lockstep", "bool", "Wait for each command (true) or follow the wall clock (false)"),
     _row("start_time_s", "double", "Stamp of tick 0", "s", lower=0.01, upper=1e9),
     _row("duration_s", "double", "Length of the flight", "s", lower=0.01, upper=86400.0),
-    _row(
-        "command_timeout_s",
-        "double",
-        "Wall time that lockstep waits for a command before it goes on with the last one",
-        "s",
-        lower=0.01,
-        upper=60.0,
-    ),
     _ticks("delay_ticks", "Transport delay of the commands", 0, 50),
 )
 
