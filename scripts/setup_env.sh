@@ -120,7 +120,7 @@ heli_link_layout() {
 
 heli_colcon_build() {
     heli_run env -C "$HELI_ROOT" colcon build --symlink-install --base-paths src ||
-        heli_fail "colcon build failed; its output: $heli_log"
+        heli_fail "colcon build failed (if build/ and install/ are of another kind of build, remove them); its output: $heli_log"
 }
 
 # Compiles the kernels into numba's cache, so that the first flight need not.

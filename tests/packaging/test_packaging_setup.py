@@ -160,8 +160,8 @@ def test_interrupted_setup_leaves_nothing(checkout, signal_number):
         connection, _ = index.accept()  # pip is at work and waits for an answer
         with connection:
             os.kill(setup.pid, signal_number)
-            setup.communicate(timeout=10)
-            connection.settimeout(10)
+            setup.communicate(timeout=LINE_LIMIT_S)
+            connection.settimeout(LINE_LIMIT_S)
             while connection.recv(65536):  # ends when pip is gone
                 pass
     assert setup.returncode == 128 + signal_number
