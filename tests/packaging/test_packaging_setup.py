@@ -156,6 +156,8 @@ def test_interrupted_setup_leaves_nothing(checkout, signal_number):
             env=environment(checkout, PYTHON=base_python(), PIP_INDEX_URL=url),
             stderr=subprocess.PIPE,
             start_new_session=True,
+            # A test run started with `&` ignores SIGINT, and so would what it starts.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
         connection, _ = index.accept()  # pip is at work and waits for an answer
         with connection:
