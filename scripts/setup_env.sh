@@ -248,5 +248,6 @@ heli_setup_env() {
     export VIRTUAL_ENV="$heli_venv" PATH="$heli_venv/bin:$PATH"
     heli_source_workspace
     export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+    # shellcheck disable=SC2034  # the caller runs it
     HELI_PYTHON=$heli_venv/bin/python
 }
