@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The attitude law at 100 Hz: H-infinity and LQR by eq. (17), or PID, behind one interface.
 
-`attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10), in order phi theta p q a_s b_s
-r d_int psi (rad, rad/s), and the absolute commands phi, theta, psi (rad), and writes the absolute actuators d_lat,
-d_lon, d_ped. An own law goes into a branch here; `law_template` shows one.
+`attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10), in order phi theta
+p q a_s b_s r d_int psi (rad, rad/s), and the absolute commands phi, theta, psi (rad), and writes
+the absolute actuators d_lat, d_lon, d_ped. An own law goes into a branch here; `law_template` shows
+one.
 """
 
 import numpy as np
@@ -40,11 +41,13 @@ _NOT_FINITE = int(AttitudeStatus.NOT_FINITE)
 
 @njit
 def linear_law(x9, r3, k, state, u3):
-    """u = u_trim + F (x - x_trim) + H (u_last - u_trim) + G (r - h_out_trim), unlimited, into u3 (3,).
+    """u = u_trim + F (x - x_trim) + H (u_last - u_trim) + G (r - h_out_trim), unlimited, into u3
+    (3,).
 
-    Eq. (17) at the state as it will be when the command reaches the rotor (`loops.predicting_gains`).
-    psi enters as the wrapped difference psi - psi_ref: heading is a pure integrator of the model, so that
-    the psi column of G is minus that of F (eq. (15)) and the law does not depend on which way is north.
+    Eq. (17) at the state as it will be when the command reaches the rotor
+    (`loops.predicting_gains`). psi enters as the wrapped difference psi - psi_ref: heading is a
+    pure integrator of the model, so that the psi column of G is minus that of F (eq. (15)) and the
+    law does not depend on which way is north.
     """
     psi_error = wrap_pi(x9[8] - r3[2])
     phi_command = r3[0] - k.x_trim[0]
@@ -114,8 +117,9 @@ def swap_bumpless(
 ) -> None:
     """Prepare `state` (in place) so that `k_new` goes on from what is flown.
 
-    The difference between the flown command and what the new law would give at the newest state becomes the
-    new PID's integrator, or an offset of the linear laws that fades with `k_new.offset_decay`.
+    The difference between the flown command and what the new law would give at the newest state
+    becomes the new PID's integrator, or an offset of the linear laws that fades with
+    `k_new.offset_decay`.
 
     Parameters
     ----------

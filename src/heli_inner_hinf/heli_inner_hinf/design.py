@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the inner loop's parameters to its kernel: the same judgement at start, on a change, in the command."""
+"""From the inner loop's parameters to its kernel: the same judgement at start, on a change, in the
+command."""
 
 import math
 from collections.abc import Mapping
@@ -73,8 +74,8 @@ class AttitudeConfig:
 
         Raises
         ------
-        ShapeError, InfeasibleGammaError, NotStabilizableError, InvariantZeroError, FeedforwardError,
-        CertificateError, UnknownControllerError
+        ShapeError, InfeasibleGammaError, NotStabilizableError, InvariantZeroError,
+        FeedforwardError, CertificateError, UnknownControllerError
             Each with a sentence.
         """
         p = parameters
@@ -152,10 +153,11 @@ class AttitudeConfig:
 
 
 class LiveDesign:
-    """The design in flight and how it changes: judged first, swapped in between two ticks, bumplessly.
+    """The design in flight and how it changes: judged first, swapped in between two ticks,
+    bumplessly.
 
-    `propose` raises and leaves everything as it was, or keeps the judged design until `take` is called at the
-    start of the next tick. The law's state array belongs to this object.
+    `propose` raises and leaves everything as it was, or keeps the judged design until `take` is
+    called at the start of the next tick. The law's state array belongs to this object.
     """
 
     def __init__(self, parameters: Mapping[str, Any]) -> None:
@@ -170,7 +172,8 @@ class LiveDesign:
         return self._pending is not None
 
     def propose(self, changes: Mapping[str, Any]) -> AttitudeConfig:
-        """Judge the parameters with `changes` (dotted names) put in; later proposals build on pending ones.
+        """Judge the parameters with `changes` (dotted names) put in; later proposals build on
+        pending ones.
 
         Raises
         ------

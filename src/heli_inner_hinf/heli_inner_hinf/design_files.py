@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes model and trim numbers into an inner-loop YAML and leaves the rest of it, comments too, alone."""
+"""Writes model and trim numbers into an inner-loop YAML and leaves the rest of it, comments too,
+alone."""
 
 import re
 from collections.abc import Mapping
@@ -14,7 +15,8 @@ _SHAPES = {"A": (9, 9), "B": (9, 3), "E": (9, 3), "x": (9,), "u": (4,)}
 
 
 def flow_array(value: ArrayLike, indent: int, digits: int = 10) -> str:
-    """YAML flow sequence of doubles, one matrix row per line; every number reads back as a double."""
+    """YAML flow sequence of doubles, one matrix row per line; every number reads back as a
+    double."""
     rows = np.atleast_2d(np.asarray(value, float))
     texts = [", ".join(_double(v, digits) for v in row) for row in rows]
     return "[" + (",\n" + " " * indent).join(texts) + "]"

@@ -4,16 +4,18 @@
 Two things can end feasibility as gamma falls:
 
 - eigenvalues of the Hamiltonian matrix of (16) reach the imaginary axis, at
-  `gamma_0 = max_w sqrt(lambda_max Phi(w))`: what even a controller that knows the future wind could not
-  beat. Found by the level-set iteration of Boyd, Balakrishnan (1990) and Bruinsma, Steinbuch (1990), which
-  converges quadratically;
-- before that, P grows without bound (Scherer, "H-infinity control by state feedback and fast algorithms
-  for the computation of optimal H-infinity norms", IEEE TAC 35(10), 1990). In the split of `riccati` this is
-  `lambda_max(M Z) = 1`, convex and decreasing in gamma^2: a tangent meets one before the root and a chord
-  behind it, so that Newton and secant steps close a bracket from both sides.
+  `gamma_0 = max_w sqrt(lambda_max Phi(w))`: what even a controller that knows the future wind could
+  not beat. Found by the level-set iteration of Boyd, Balakrishnan (1990) and Bruinsma, Steinbuch
+  (1990), which converges quadratically;
+- before that, P grows without bound (Scherer, "H-infinity control by state feedback and fast
+  algorithms for the computation of optimal H-infinity norms", IEEE TAC 35(10), 1990). In the split
+  of `riccati` this is `lambda_max(M Z) = 1`, convex and decreasing in gamma^2: a tangent meets one
+  before the root and a chord behind it, so that Newton and secant steps close a bracket from both
+  sides.
 
-Every bound is certified by a test of its own: the lower one by a frequency at which `lambda_max Phi`
-reaches it or by a tangent; the upper one by a stabilising Z with `lambda_max(M Z) < 1`, which makes P >= 0.
+Every bound is certified by a test of its own: the lower one by a frequency at which `lambda_max
+Phi` reaches it or by a tangent; the upper one by a stabilising Z with `lambda_max(M Z) < 1`, which
+makes P >= 0.
 """
 
 import enum
@@ -109,7 +111,8 @@ def gamma_star_of(problem: SplitProblem) -> GammaStar:
 
 
 class _LevelSet:
-    """gamma_0 = max over w of sqrt(lambda_max Phi(w)), as a bracket [lower, upper]; 0, 0 if Phi = 0."""
+    """gamma_0 = max over w of sqrt(lambda_max Phi(w)), as a bracket [lower, upper]; 0, 0 if Phi =
+    0."""
 
     def __init__(self, problem: SplitProblem) -> None:
         self.problem = problem
@@ -160,7 +163,8 @@ def _tangent(problem: SplitProblem, s: float) -> tuple[float, float] | None:
 
 
 def _unbounded_branch(problem: SplitProblem, s_0: float) -> tuple[float, float, int]:
-    """Bracket (low, high) of s = gamma_scaled^2 where lambda_max(M Z) passes one; s_0 is infeasible."""
+    """Bracket (low, high) of s = gamma_scaled^2 where lambda_max(M Z) passes one; s_0 is
+    infeasible."""
     low, high, g_high, steps = _outer_bracket(problem, s_0)
     while high - low > 2.0 * REL_TOL * low:
         steps += 1

@@ -49,8 +49,8 @@ class AttitudeKernel(NamedTuple):
     controller : int
         0 hinf, 1 lqr, 2 pid (`CONTROLLERS`).
     F, H, G : (3, 9), (3, 3), (3, 3) arrays
-        State feedback (of the state predicted over the known lag: F Phi of eq. (15)), feedback of the last
-        command (F Gamma; zero without prediction) and feedforward of eq. (15), (17).
+        State feedback (of the state predicted over the known lag: F Phi of eq. (15)), feedback of
+        the last command (F Gamma; zero without prediction) and feedforward of eq. (15), (17).
     x_trim, u_trim : (9,), (3,) arrays
         Trim of the nine states and of d_lat, d_lon, d_ped.
     limit : float

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The attitude loop three times: state feedback, with observer (19), and sampled as it is flown.
 
-Every loop is a plant u -> y and a controller y -> u, deviations from trim, SI and rad. As flown means: at
-tick n the estimate of tick n is read, the command u_n is worked out at once and acts from n+1 to n+2
-(transport delay), servos of second order on all three inputs (that of d_ped drives the yaw gyro), everything
-discretised exactly.
+Every loop is a plant u -> y and a controller y -> u, deviations from trim, SI and rad. As flown
+means: at tick n the estimate of tick n is read, the command u_n is worked out at once and acts from
+n+1 to n+2 (transport delay), servos of second order on all three inputs (that of d_ped drives the
+yaw gyro), everything discretised exactly.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,8 @@ class ObserverInput:
     Attributes
     ----------
     u_delay_ticks : int
-        Over [n, n+1] the observer uses the command u_(n - u_delay_ticks); 1 is true to a delay of one tick.
+        Over [n, n+1] the observer uses the command u_(n - u_delay_ticks); 1 is true to a delay of
+        one tick.
     servo_radps, servo_damping : float
         Servo model (exact ZOH) between that command and the observer; servo_radps = 0: none.
     """
@@ -82,8 +83,8 @@ class Loop:
     ----------
     name : str
     plant : Linear
-        Inputs: d_lat, d_lon, d_ped, then wind u, v, w. Outputs: y (`n_y`), then h (9), then the three
-        actuator positions.
+        Inputs: d_lat, d_lon, d_ped, then wind u, v, w. Outputs: y (`n_y`), then h (9), then the
+        three actuator positions.
     controller : Linear
         y -> u.
     n_y : int
@@ -112,14 +113,16 @@ class Loop:
         return Linear(A, B, C, np.zeros((C.shape[0], B.shape[1])), p.dt)
 
     def stability(self) -> float:
-        """Spectral abscissa (rad/s) if continuous, log of the spectral radius over dt if sampled; < 0 is stable."""
+        """Spectral abscissa (rad/s) if continuous, log of the spectral radius over dt if sampled; <
+        0 is stable."""
         modes = np.linalg.eigvals(self.closed().A)
         if self.dt:
             return float(np.log(np.max(np.abs(modes))) / self.dt)
         return float(np.max(modes.real))
 
     def at_input(self, omega: np.ndarray) -> np.ndarray:
-        """Open loop (m, 3, 3) broken at the plant input, sign such that stability is about 1 + L."""
+        """Open loop (m, 3, 3) broken at the plant input, sign such that stability is about 1 +
+        L."""
         return -self.controller.response(omega) @ self._u_to_y(omega)
 
     def at_output(self, omega: np.ndarray) -> np.ndarray:
@@ -192,7 +195,8 @@ def flown_loop(
 
 
 def sampled_plant(model: Model, actuation: Actuation) -> Linear:
-    """Plant, servos and transport delay, exactly discretised; commands and wind held over a tick."""
+    """Plant, servos and transport delay, exactly discretised; commands and wind held over a
+    tick."""
     sA, sB = servo_matrices(actuation.servo_radps, actuation.servo_damping)
     n, ns = N_X, sA.shape[0]
     A = np.block([[model.A, model.B @ np.eye(N_U, ns)], [np.zeros((ns, n)), sA]])
@@ -228,8 +232,8 @@ def sampled_plant(model: Model, actuation: Actuation) -> Linear:
 def sampled_controller(model: Model, K: Matrix, prediction_s: float, feed: ObserverInput) -> Linear:
     """Observer (19) and law: u_n = F (Phi x_n + Gamma u_(n-1)), Phi, Gamma over `prediction_s`.
 
-    The observer is discretised exactly for u held and y linear over a tick. States: z (and its servo model)
-    less what y_n adds, then u_(n-1), u_(n-2), ... as far back as needed.
+    The observer is discretised exactly for u held and y linear over a tick. States: z (and its
+    servo model) less what y_n adds, then u_(n-1), u_(n-2), ... as far back as needed.
     """
     Ac, By, Bu = _observer_with_servo(model, K, feed)
     Phi, Gu, G0, G1 = held_and_linear(Ac, Bu, By, TICK_S)
@@ -257,7 +261,8 @@ def sampled_controller(model: Model, K: Matrix, prediction_s: float, feed: Obser
 
 
 def predicting_gains(A: Matrix, B: Matrix, F: Matrix, prediction_s: float) -> tuple[Matrix, Matrix]:
-    """F Phi (3, 9) and F Gamma (3, 3) over `prediction_s`, with u held: u_n = F Phi x_n + F Gamma u_(n-1).
+    """F Phi (3, 9) and F Gamma (3, 3) over `prediction_s`, with u held: u_n = F Phi x_n + F Gamma
+    u_(n-1).
 
     At rest Phi x + Gamma u = x, so that the feedforward G of eq. (15) stays as it is.
     """
@@ -283,7 +288,8 @@ def _observer_with_servo(
 def held_and_linear(
     A: Matrix, B_held: Matrix, B_linear: Matrix, dt_s: float
 ) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Phi, Gu, G0, G1 of w(n+1) = Phi w + Gu u + G0 y(n) + G1 y(n+1): u held, y linear over dt_s; exact."""
+    """Phi, Gu, G0, G1 of w(n+1) = Phi w + Gu u + G0 y(n) + G1 y(n+1): u held, y linear over dt_s;
+    exact."""
     from scipy.linalg import expm
 
     n, m, k = A.shape[0], B_held.shape[1], B_linear.shape[1]

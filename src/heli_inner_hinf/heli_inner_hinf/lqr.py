@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LQR with the weights of (11), (12): the yardstick beside H-infinity, and its limit gamma -> inf."""
+"""LQR with the weights of (11), (12): the yardstick beside H-infinity, and its limit gamma ->
+inf."""
 
 from dataclasses import dataclass
 

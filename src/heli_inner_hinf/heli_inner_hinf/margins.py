@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stability margins of a loop: disk margins with all channels at once, and one channel at a time."""
+"""Stability margins of a loop: disk margins with all channels at once, and one channel at a
+time."""
 
 from dataclasses import dataclass, replace
 
@@ -15,8 +16,9 @@ class DiskMargin:
     Attributes
     ----------
     alpha : float
-        The loop survives every diagonal complex factor (1 + d/2) / (1 - d/2), |d| < alpha, in all channels at
-        once; 0 if the loop itself is unstable. For up to three channels exact, otherwise a guaranteed lower bound.
+        The loop survives every diagonal complex factor (1 + d/2) / (1 - d/2), |d| < alpha, in all
+        channels at once; 0 if the loop itself is unstable. For up to three channels exact,
+        otherwise a guaranteed lower bound.
     frequency : float
         Where it is smallest, rad/s.
     """
@@ -58,7 +60,8 @@ class ChannelMargin:
 
 
 def frequency_grid(loop: Loop, points: int = 400) -> np.ndarray:
-    """Frequencies (m,), rad/s: 0.01 to 1000 or the Nyquist frequency, denser at the loop's modes."""
+    """Frequencies (m,), rad/s: 0.01 to 1000 or the Nyquist frequency, denser at the loop's
+    modes."""
     top = 0.9999 * np.pi / loop.dt if loop.dt else 1e3
     modes = np.linalg.eigvals(loop.closed().A)
     if loop.dt:
@@ -81,10 +84,11 @@ def disk_margin(loop: Loop, where: str, omega: np.ndarray | None = None) -> Disk
 
 
 def mu_bounds(M: np.ndarray) -> np.ndarray:
-    """Upper bound (m,) of the structured singular value of each M (m, n, n) for diagonal complex blocks.
+    """Upper bound (m,) of the structured singular value of each M (m, n, n) for diagonal complex
+    blocks.
 
-    min over D of the largest singular value of D M D^-1: Osborne scaling everywhere, then the convex
-    minimisation over log D at the frequencies that can still be the worst.
+    min over D of the largest singular value of D M D^-1: Osborne scaling everywhere, then the
+    convex minimisation over log D at the frequencies that can still be the worst.
     """
     d = np.ones(M.shape[:2])
     size = np.abs(M)
@@ -158,7 +162,8 @@ def further_delay_s(
     actuation: Actuation | None = None,
     longest_s: float = 0.08,
 ) -> float:
-    """Further transport delay (s), in all channels at once, up to which the loop as flown is stable.
+    """Further transport delay (s), in all channels at once, up to which the loop as flown is
+    stable.
 
     Exact discretisation for every delay; first crossing on a 2 ms grid, then bisected to 0.05 ms.
     """

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gain K of the reduced-order observer (19) and the prediction time, chosen by the loop as flown.
+"""The gain K of the reduced-order observer (19) and the prediction time, chosen by the loop as
+flown.
 
-A fast observer turns servo lag and transport delay into phase lag on the flapping mode near 27 rad/s; a slow one
-leaves the estimate to the model. Both are told by the margins of the sampled loop, not by the speed of the
-observer's error.
+A fast observer turns servo lag and transport delay into phase lag on the flapping mode near 27
+rad/s; a slow one leaves the estimate to the model. Both are told by the margins of the sampled
+loop, not by the speed of the observer's error.
 """
 
 from collections.abc import Sequence
@@ -121,8 +122,9 @@ def choose_observer_gain(
     """K by the margins of the loop as flown.
 
     Among a grid of pole sets: of those that reach `wanted_disk` at input and output and survive
-    `wanted_delay_s`, the one whose worse disk margin times its square root of delay is not below 90 % of the
-    best and which passes least noise; if none reaches them, the one with the largest disk margin.
+    `wanted_delay_s`, the one whose worse disk margin times its square root of delay is not below 90
+    % of the best and which passes least noise; if none reaches them, the one with the largest disk
+    margin.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ TABLE: tuple[Parameter, ...] = (
          shape=(9, 3)),
     _row("model.E", "double[]", "Wind matrix for u, v, w in body axes, eq. (9)", "",
          shape=(9, 3)),
-    _row("prediction_s", "double", "Known lag from command to rotor, which hinf and lqr predict over",
+    _row("prediction_s", "double", "Known lag from command to rotor that hinf and lqr predict over",
          "s", lower=0.0, upper=0.2),
     _row("actuator_limit", "double", "Actuators stay within plus and minus this", "",
          lower=0.1, upper=1.0, upper_open=True),

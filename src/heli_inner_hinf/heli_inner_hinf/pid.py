@@ -14,7 +14,8 @@ from heli_math.rotations import wrap_pi
 
 @njit
 def pid_terms(x9, r3, k, error, held):
-    """Tracking error (3,) into `error`, proportional and derivative part plus trim (3,) into `held`."""
+    """Tracking error (3,) into `error`, proportional and derivative part plus trim (3,) into
+    `held`."""
     error[0] = r3[0] - x9[0]
     error[1] = r3[1] - x9[1]
     error[2] = wrap_pi(r3[2] - x9[8])
@@ -27,7 +28,8 @@ def pid_terms(x9, r3, k, error, held):
 def pid_law(x9, r3, k, state, u3):
     """Unlimited PID command (3,) into u3; integrators in state[INTEGRAL:INTEGRAL+3].
 
-    An integrator stands still while its actuator is at the limit and the error would drive it further.
+    An integrator stands still while its actuator is at the limit and the error would drive it
+    further.
     """
     error = np.empty(3)
     pid_terms(x9, r3, k, error, u3)

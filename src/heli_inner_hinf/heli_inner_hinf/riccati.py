@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Riccati equation (16), split into an LQR problem and a rest that stays finite.
 
-With X0 the stabilising solution for gamma = inf, `A_c = A - B B' X0` (stable) and M the controllability
-Gramian of (A_c, B), the similarity `T = [[I, -M], [X0, I - X0 M]]` turns the Hamiltonian matrix at
-mu = 1/gamma^2 into
+With X0 the stabilising solution for gamma = inf, `A_c = A - B B' X0` (stable) and M the
+controllability Gramian of (A_c, B), the similarity `T = [[I, -M], [X0, I - X0 M]]` turns the
+Hamiltonian matrix at mu = 1/gamma^2 into
 
     [[A_c + mu Et G', mu Et Et'], [-mu G G', -(A_c + mu Et G')']],  G = X0 E,  Et = (I - M X0) E,
 
@@ -11,11 +11,11 @@ whose stable subspace is spanned by [I; Z] for every mu below mu_0 (no eigenvalu
 
     A_c' Z + Z A_c + mu (Z Et + G)(Z Et + G)' = 0,   Z >= 0.
 
-Back in (16): `P = X0 + Z (I - M Z)^-1`. So P >= 0 exists if and only if the spectral radius of M Z is below
-one, and nothing here grows without bound when P does.
+Back in (16): `P = X0 + Z (I - M Z)^-1`. So P >= 0 exists if and only if the spectral radius of M Z
+is below one, and nothing here grows without bound when P does.
 
-Z x0-wise is the supremum over w of an expression affine in s = gamma^2, hence convex and decreasing in s;
-so is `lambda_max(M Z)`.
+Z x0-wise is the supremum over w of an expression affine in s = gamma^2, hence convex and decreasing
+in s; so is `lambda_max(M Z)`.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,8 @@ _NEWTON_STEPS = 12
 
 @dataclass(frozen=True)
 class SplitProblem:
-    """X0, A_c, M (n, n), G, Et (n, n_w) of the module's text in extended precision; N N' = M in double."""
+    """X0, A_c, M (n, n), G, Et (n, n_w) of the module's text in extended precision; N N' = M in
+    double."""
 
     form: RegularForm
     X0: np.ndarray
@@ -76,8 +77,8 @@ class SplitProblem:
     def coupling(self, Z: np.ndarray) -> tuple[float, np.ndarray]:
         """lambda_max(M Z) and its eigenvector (n,).
 
-        The eigenvector comes from N'ZN; its Rayleigh quotient, which forgives the vector's error to first order,
-        is taken in extended precision.
+        The eigenvector comes from N'ZN; its Rayleigh quotient, which forgives the vector's error to
+        first order, is taken in extended precision.
         """
         coupled = self.N.T @ double(Z) @ self.N
         v = self.N @ np.linalg.eigh(0.5 * (coupled + coupled.T))[1][:, -1]
@@ -95,7 +96,7 @@ class SplitProblem:
         z = double(Z @ v)
         return float(self.coupling(Z)[0] * (v @ change @ v) / (v @ z))
 
-    def solution(self, Z: Matrix, mu: float) -> Matrix:
+    def solution(self, Z: np.ndarray, mu: float) -> np.ndarray:
         """P (n, n), extended precision, of (16) from Z at mu, refined."""
         lift = double(Z) @ self.N
         middle = np.eye(self.form.n) - self.N.T @ lift
@@ -143,7 +144,7 @@ def split(form: RegularForm) -> SplitProblem:
     return SplitProblem(form, X0, A_c, M, G, form.E - M @ G, N)
 
 
-def lqr_solution(form: RegularForm) -> Matrix:
+def lqr_solution(form: RegularForm) -> np.ndarray:
     """X0 (n, n) >= 0, extended precision: stabilising solution of (16) for gamma = inf."""
     basis = stable_subspace(form.hamiltonian(0.0))
     n = form.n
@@ -166,7 +167,8 @@ def lqr_solution(form: RegularForm) -> Matrix:
 
 
 def stable_subspace(H: Matrix) -> Matrix | None:
-    """Basis (2n, n) of the stable invariant subspace of a Hamiltonian matrix; None if of another size."""
+    """Basis (2n, n) of the stable invariant subspace of a Hamiltonian matrix; None if of another
+    size."""
     from scipy.linalg import schur
 
     n = H.shape[0] // 2
@@ -181,12 +183,14 @@ def stable_subspace(H: Matrix) -> Matrix | None:
     return basis[:, :n] * t[:, None] if n_stable == n else None
 
 
-def newton_refined(X: Matrix, residual, closed) -> Matrix:  # type: ignore[no-untyped-def]
-    """X after Newton steps on its Riccati (or Lyapunov) equation, as long as they shrink the residual.
+def newton_refined(X: Matrix, residual, closed) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """X after Newton steps on its Riccati (or Lyapunov) equation, as long as they shrink the
+    residual.
 
-    `residual(X)` is the equation's left side, evaluated in extended precision where the machine has it;
-    its derivative in direction d is `K'd + dK` with K = `closed(X)`. The result has extended precision too: just
-    above gamma* the loop depends on digits of P that double precision would round away.
+    `residual(X)` is the equation's left side, evaluated in extended precision where the machine has
+    it; its derivative in direction d is `K'd + dK` with K = `closed(X)`. The result has extended
+    precision too: just above gamma* the loop depends on digits of P that double precision would
+    round away.
     """
     from scipy.linalg import solve_continuous_lyapunov
 
@@ -222,7 +226,8 @@ def norm_of(matrix: np.ndarray) -> float:
 
 
 def _irregular(form: RegularForm) -> CertificateError | NotStabilizableError | InvariantZeroError:
-    """Which condition fails at the mode where it fails most; neither: the problem is ill-conditioned."""
+    """Which condition fails at the mode where it fails most; neither: the problem is
+    ill-conditioned."""
     eye = np.eye(form.n)
 
     def rank_gap(matrix: np.ndarray) -> float:

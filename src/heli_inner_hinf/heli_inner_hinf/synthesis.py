@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Suboptimal H-infinity state feedback u = F x + G (r - h_out_trim), eq. (15)-(17), with certificate.
+"""Suboptimal H-infinity state feedback u = F x + G (r - h_out_trim), eq. (15)-(17), with
+certificate.
 
-A Riccati solver may return a matrix with a tiny residual where no admissible solution exists; a frequency
-sweep and the worst-case matrix can look right there too. So a solution counts only when every condition
-of the acceptance rule holds, and each is kept with its number in the certificate.
+A Riccati solver may return a matrix with a tiny residual where no admissible solution exists; a
+frequency sweep and the worst-case matrix can look right there too. So a solution counts only when
+every condition of the acceptance rule holds, and each is kept with its number in the certificate.
 """
 
 from dataclasses import dataclass
@@ -72,8 +73,8 @@ class Condition:
 class Certificate:
     """The acceptance rule for a P of eq. (16), condition by condition.
 
-    All in the balanced coordinates of `regular_form`, in which sizes can be compared; none of the verdicts
-    depends on the coordinates.
+    All in the balanced coordinates of `regular_form`, in which sizes can be compared; none of the
+    verdicts depends on the coordinates.
     """
 
     symmetry: Condition
@@ -119,8 +120,9 @@ class Synthesis:
     gamma : float
         The gamma that was asked for.
     solved_at : float
-        The gamma with which eq. (16) was solved: `gamma` itself but for the last 1e-4 above gamma*, where a value
-        between gamma* and gamma may be needed for the norm to stay below gamma in floating point.
+        The gamma with which eq. (16) was solved: `gamma` itself but for the last 1e-4 above gamma*,
+        where a value between gamma* and gamma may be needed for the norm to stay below gamma in
+        floating point.
     gamma_star : GammaStar
         The infimum and its bracket.
     norm, norm_frequency : float
@@ -177,7 +179,8 @@ def synthesize(
     gamma = float(gamma)
     if not (np.isfinite(gamma) and gamma > max(infimum.upper, 0.0)):
         raise InfeasibleGammaError(gamma, infimum.value)
-    # just above gamma* the norm comes within rounding of gamma: then a slightly smaller gamma makes room
+    # just above gamma* the norm comes within rounding of gamma: then a slightly smaller gamma makes
+    # room
     for share in (1.0, 0.9, 0.5):
         solved_at = infimum.value + share * (gamma - infimum.value) if share < 1.0 else gamma
         P_form = _riccati(problem, solved_at)
@@ -236,7 +239,8 @@ def feedforward(A: Matrix, B: Matrix, F: Matrix, C_out: Matrix) -> Matrix:
 def acceptance(
     form: RegularForm, P: np.ndarray, gamma: float, bound: float | None = None
 ) -> tuple[Certificate, float, float]:
-    """Judge P (n, n; coordinates of `form`) as solution of (16) at `gamma`, its loop against `bound`.
+    """Judge P (n, n; coordinates of `form`) as solution of (16) at `gamma`, its loop against
+    `bound`.
 
     Parameters
     ----------

@@ -61,10 +61,11 @@ def hinf_norm(A: Matrix, B: Matrix, C: Matrix) -> tuple[float, float]:
 
 
 def peak_gain(system: Linear, points: int = 300) -> tuple[float, float]:
-    """Largest singular value of a stable system's response, sampled or continuous, and its frequency.
+    """Largest singular value of a stable system's response, sampled or continuous, and its
+    frequency.
 
-    By a grid that is denser at the system's modes, then a bounded search about the best point; relative
-    accuracy 1e-6 or better for modes with a damping above 1e-3.
+    By a grid that is denser at the system's modes, then a bounded search about the best point;
+    relative accuracy 1e-6 or better for modes with a damping above 1e-3.
     """
     from scipy.optimize import minimize_scalar
 

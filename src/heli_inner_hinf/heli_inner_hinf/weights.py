@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weights of the controlled output h = C x + D u, eq. (11), (12).
 
-For every aircraft with the nine states of eq. (10), in order phi theta p q a_s b_s r d_int psi (rad,
-rad/s), and the three inputs d_lat d_lon d_ped.
+For every aircraft with the nine states of eq. (10), in order phi theta p q a_s b_s r d_int psi
+(rad, rad/s), and the three inputs d_lat d_lon d_ped.
 """
 
 import numpy as np
