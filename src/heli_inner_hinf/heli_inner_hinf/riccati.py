@@ -18,6 +18,7 @@ Z x0-wise is the supremum over w of an expression affine in s = gamma^2, hence c
 in s; so is `lambda_max(M Z)`.
 """
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -152,16 +153,16 @@ def lqr_solution(form: RegularForm) -> np.ndarray:
     if basis is not None:
         X = np.linalg.solve(basis[:n].T, basis[n:].T).T
 
-        def residual(x: Matrix) -> Matrix:
+        def residual(x: np.ndarray) -> np.ndarray:
             half = form.A.T @ x
             xb = x @ form.B
             return half + half.T - xb @ xb.T + Q
 
-        def closed(x: Matrix) -> Matrix:
+        def closed(x: np.ndarray) -> np.ndarray:
             return form.A - form.B @ (x @ form.B).T
 
         X = newton_refined(0.5 * (X + X.T), residual, closed)
-        if np.max(np.linalg.eigvals(double(closed(X))).real) < 0.0:
+        if spectral_abscissa(double(closed(X))) < 0.0:
             return X
     raise _irregular(form)
 
@@ -199,8 +200,12 @@ def newton_refined(X: Matrix, residual, closed) -> np.ndarray:  # type: ignore[n
     size, moved = norm_of(res), np.inf
     for _ in range(_NEWTON_STEPS):
         try:
-            step = solve_continuous_lyapunov(double(closed(fine)).T, -double(0.5 * (res + res.T)))
-        except (np.linalg.LinAlgError, ValueError):
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", RuntimeWarning)  # a singular Lyapunov equation
+                step = solve_continuous_lyapunov(
+                    double(closed(fine)).T, -double(0.5 * (res + res.T))
+                )
+        except (np.linalg.LinAlgError, ValueError, RuntimeWarning):
             break
         step = 0.5 * (step + step.T)
         better = fine + step
@@ -218,6 +223,11 @@ def newton_refined(X: Matrix, residual, closed) -> np.ndarray:  # type: ignore[n
 def double(matrix: np.ndarray) -> Matrix:
     """The matrix rounded to double precision."""
     return np.asarray(matrix, dtype=np.float64)
+
+
+def spectral_abscissa(matrix: Matrix) -> float:
+    """Largest real part of the eigenvalues, rad/s."""
+    return float(np.max(np.linalg.eigvals(matrix).real))
 
 
 def norm_of(matrix: np.ndarray) -> float:

@@ -28,7 +28,7 @@ from heli_inner_hinf.gamma_star import (
     gamma_star_of,
 )
 from heli_inner_hinf.regular_form import Matrix, RegularForm, checked_plant, regular_form
-from heli_inner_hinf.riccati import SplitProblem, norm_of, split
+from heli_inner_hinf.riccati import SplitProblem, norm_of, spectral_abscissa, split
 from heli_inner_hinf.system_norm import hinf_norm
 from heli_inner_hinf.weights import checked
 
@@ -269,7 +269,7 @@ def acceptance(
     total = terms[0] + terms[0].T - terms[1] + terms[2] + terms[3]
     scale = max(sum(norm_of(t) for t in terms), np.finfo(float).tiny)
     residual = norm_of(total) / scale
-    closed_re, worst_re = _abscissa(closed), _abscissa(worst)
+    closed_re, worst_re = spectral_abscissa(closed), spectral_abscissa(worst)
     norm, frequency = np.inf, 0.0
     if closed_re < 0.0:
         output = np.vstack([form.C, np.asarray(-PB.T, dtype=np.float64)])
@@ -295,7 +295,3 @@ def _riccati(problem: SplitProblem, gamma: float) -> Matrix:
     if Z is None:
         raise CertificateError(f"eq. (16) has no stabilising solution at gamma = {gamma:.10g}")
     return problem.solution(Z, mu)
-
-
-def _abscissa(matrix: Matrix) -> float:
-    return float(np.max(np.linalg.eigvals(matrix).real))

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A template for an attitude law of your own: copy it, change `user_law`, and put it into the
+graph.
+
+1. Copy this file and write the law: the five arguments of `attitude_law`, in njit's subset of
+   Python.
+2. Give it a name in `law_state.CONTROLLERS` (`"mine": 3`): this makes `controller: mine` a valid
+   parameter.
+3. Call it in a branch of `attitude_law.attitude_law`, beside `pid_law`. Limits, NaN, status and the
+   bumpless offset are done there: the law only writes its unlimited command.
+4. Numbers that it needs go into `AttitudeKernel` and, as parameters, into `parameter_table.TABLE`
+   and `config/inner_loop.yaml`.
+
+The example is a law that works: angles by proportional gain, rates by damping, one axis each.
+"""
+
+from heli_math.jit import njit
+from heli_math.rotations import wrap_pi
+
+
+@njit
+def user_law(x9, r3, k, state, u3):
+    """Unlimited command (3,) into u3.
+
+    Parameters
+    ----------
+    x9 : (9,) array
+        Absolute phi theta p q a_s b_s r d_int psi, rad and rad/s; finite.
+    r3 : (3,) array
+        Commanded phi, theta, psi, absolute, rad; finite.
+    k : AttitudeKernel
+        Numbers of the law; here K_P, K_D and u_trim.
+    state : (N_LAW_STATE,) array
+        Memory; see the layout in `law_state`. This law has none.
+    u3 : (3,) array
+        Out: d_lat, d_lon, d_ped, absolute.
+    """
+    u3[0] = k.u_trim[0] + k.K_P[0] * (r3[0] - x9[0]) - k.K_D[0] * x9[2]
+    u3[1] = k.u_trim[1] + k.K_P[1] * (r3[1] - x9[1]) - k.K_D[1] * x9[3]
+    u3[2] = k.u_trim[2] + k.K_P[2] * wrap_pi(r3[2] - x9[8]) - k.K_D[2] * x9[6]
