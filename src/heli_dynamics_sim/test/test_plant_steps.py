@@ -33,6 +33,7 @@ def test_servo_speed_and_travel_are_limited(vacuum, fly):
     x[16:20] = -1.0
     for _ in range(300):
         x = fly(x, [1.0, 1.0, 1.0, 3.0], vacuum, 0.002)
+        assert x[19] == x[16]  # a command beyond the travel is one to its end
         fast, far = max(fast, np.abs(x[20:24]).max()), max(far, np.abs(x[16:20]).max())
     assert fast == pytest.approx(10.0, abs=1e-9)
     assert far == 1.0

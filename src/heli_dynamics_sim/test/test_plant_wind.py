@@ -159,3 +159,21 @@ def test_one_cosine_gusts_in_both_frames(kernel):
             assert out == pytest.approx(size * np.array(direction), abs=1e-12)
         wind.wind_at(np.zeros(5), x, 10.5, k, out)
         assert out == pytest.approx([0.0, 0.0, -1.0], abs=1e-12)
+
+
+def test_turbulence_is_added_along_across_and_down(kernel):
+    """Blowing north: along is north, across is to the right (east), each with its own sigma."""
+    k = kernel(towards_deg=0.0, w20_mps=5.0)
+    sigma_h, sigma_w, _, _ = wind.dryden_scales(10.0, 5.0)
+    x, out = make_state((0.0, 0.0, -10.0)), np.zeros(3)
+    one = 1.0 / np.sqrt(3.0)  # filter states (one, 0) have output 1
+    for place, axis, sigma in ((0, 0, sigma_h), (1, 1, sigma_h), (3, 2, sigma_w)):
+        states = np.zeros(5)
+        states[place] = 1.0 if place == 0 else one
+        wind.wind_at(states, x, 0.0, k, out)
+        expected = np.array([3.0, 0.0, 0.0])
+        expected[axis] += sigma
+        assert out == pytest.approx(expected, abs=1e-12)
+    k = kernel(towards_deg=90.0, w20_mps=5.0)
+    wind.wind_at(np.array([0.0, one, 0.0, 0.0, 0.0]), x, 0.0, k, out)
+    assert out == pytest.approx([-sigma_h, 3.0, 0.0], abs=1e-12)  # right of east is south
