@@ -135,6 +135,11 @@ class ObserverConfig:
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "kernel", self._kernel(rotor))
 
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "ObserverConfig":
+        """The configuration of these parameters; raises ObserverConfigError."""
+        return cls(parameters)
+
     def _rotor(self, model: ReducedOrderModel) -> RotorKernel:
         v = self.parameters
         return rotor_kernel(
