@@ -20,8 +20,10 @@ KERNEL_PACKAGES = (
     "heli_inner_hinf",
     "heli_observer",
     "heli_outer_pd",
+    "heli_msgs_bridge",
     "heli_hover_test",
 )
+_MOSTLY_UNCOMPILED = ("heli_hover_test", "heli_msgs_bridge")
 _KEPT_FOLDERS = 4
 
 
@@ -29,7 +31,7 @@ def _bears_on_kernels(package: str, name: str, content: bytes) -> bool:
     """Whether a change of the file could change compiled code (constants count, nodes do not)."""
     if name.endswith(("node.py", "parameter_table.py")):
         return False
-    return package != "heli_hover_test" or b"njit" in content
+    return package not in _MOSTLY_UNCOMPILED or b"njit" in content
 
 
 def _source_digest() -> str:

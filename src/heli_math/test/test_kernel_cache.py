@@ -2,6 +2,7 @@
 """A changed source file of any kernel starts a fresh cache; nodes and tables do not."""
 
 import pytest
+
 from heli_math import jit
 
 
