@@ -27,6 +27,9 @@ CHECKS_S = (2, 5, 10, 20, 30, 40, 50, 60)
 CONFIG: Path = config_folder("heli_observer")
 
 
+ABSOLUTE = {"ekf.initial.gps_drift_fraction": 1.0}
+
+
 def packaged(overlay: str) -> dict:
     return dict(load(TABLE, [CONFIG / "observer.yaml", CONFIG / overlay], NODE_NAME))
 
@@ -59,9 +62,14 @@ class Statistics:
     rejected: int
 
 
-def collect(overlay: str, seeds: range, filter_changes: dict | None = None) -> Statistics:
-    """Fly the seeds with sensors as configured, filter as configured or changed."""
-    parameters = packaged(overlay)
+def collect(
+    overlay: str,
+    seeds: range,
+    filter_changes: dict | None = None,
+    world_changes: dict | None = None,
+) -> Statistics:
+    """Fly the seeds with sensors and filter as configured or changed."""
+    parameters = packaged(overlay) | (world_changes or {})
     config = ObserverConfig(parameters | (filter_changes or {}))
     k, horizon = config.kernel, config.kernel.horizon_ticks
     u, out = np.array(parameters["trim.u"]), np.empty(L.N_NAV)
@@ -107,14 +115,16 @@ def judge(s: Statistics, runs: int) -> None:
 
 
 @pytest.mark.parametrize("overlay", ["gps_standalone.yaml", "gps_rtk.yaml"])
-def test_nees_and_nis_are_inside_chi_square_bounds_10_seeds(overlay):
-    judge(collect(overlay, range(10)), 10)
+@pytest.mark.parametrize("world", [{}, ABSOLUTE], ids=["from home", "absolute"])
+def test_nees_and_nis_are_inside_chi_square_bounds_10_seeds(overlay, world):
+    judge(collect(overlay, range(10), world_changes=world), 10)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("overlay", ["gps_standalone.yaml", "gps_rtk.yaml"])
-def test_nees_and_nis_are_inside_chi_square_bounds_50_seeds(overlay):
-    judge(collect(overlay, range(100, 150)), 50)
+@pytest.mark.parametrize("world", [{}, ABSOLUTE], ids=["from home", "absolute"])
+def test_nees_and_nis_are_inside_chi_square_bounds_50_seeds(overlay, world):
+    judge(collect(overlay, range(100, 150), world_changes=world), 50)
 
 
 @pytest.mark.parametrize(

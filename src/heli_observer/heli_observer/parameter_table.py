@@ -74,6 +74,8 @@ TABLE: tuple[Parameter, ...] = (
     _sigma("ekf.initial.accel_bias_mps2", "Specific force bias, each axis", "m/s2", 10.0),
     _sigma("ekf.initial.level_rad", "Tilt error beside that of the bias", "rad", 1.0),
     _sigma("ekf.initial.heading_rad", "Heading error beside that of noise and tilt", "rad", 3.0),
+    _row("ekf.initial.gps_drift_fraction", "double", "Sigma of the GPS drift over its steady one",
+         "", lower=0.0, upper=1.0),
     _timeout("imu"),
     _timeout("gps"),
     _timeout("mag"),

@@ -137,11 +137,16 @@ def _body_rates(path: Path, t: Array, R: Array) -> Array:
     return np.column_stack([W[:, 2, 1], W[:, 0, 2], W[:, 1, 0]])
 
 
-def _gauss_markov(rng: np.random.Generator, n: int, sigma: Array, tau_s: float) -> Array:
-    """Stationary first-order Gauss-Markov processes (n, len(sigma)), one row per tick."""
+def _gauss_markov(
+    rng: np.random.Generator, n: int, sigma: Array, tau_s: float, start: float = 1.0
+) -> Array:
+    """First-order Gauss-Markov processes (n, len(sigma)), one row per tick.
+
+    They start with the fraction `start` of their stationary sigma.
+    """
     decay = np.exp(-TICK_S / tau_s)
     x = np.empty((n, len(sigma)))
-    x[0] = sigma * rng.standard_normal(len(sigma))
+    x[0] = start * sigma * rng.standard_normal(len(sigma))
     w = rng.standard_normal((n, len(sigma))) * sigma * np.sqrt(1.0 - decay**2)
     for i in range(1, n):
         x[i] = decay * x[i - 1] + w[i]
@@ -188,7 +193,9 @@ def synthesize(
     bg = noise * _walk(rng, m, 3, v[initial + "gyro_bias_radps"], v[imu + "gyro_bias_walk"])
     ba = noise * _walk(rng, m, 3, v[initial + "accel_bias_mps2"], v[imu + "accel_bias_walk"])
     drift_sigma = np.array([v[gps + "drift_horizontal_m"]] * 2 + [v[gps + "drift_vertical_m"]])
-    drift = noise * _gauss_markov(rng, m, drift_sigma, v[gps + "drift_time_constant_s"])
+    tau = v[gps + "drift_time_constant_s"]
+    start = v[initial + "gps_drift_fraction"]
+    drift = noise * _gauss_markov(rng, m, drift_sigma, tau, start)
     bb = noise * _walk(rng, m, 1, 20.0, v["ekf.baro.bias_walk"])[:, 0]
     mag_sigma = np.array([v["ekf.mag.heading_error_rad"]])
     tau = v["ekf.mag.heading_error_time_constant_s"]
