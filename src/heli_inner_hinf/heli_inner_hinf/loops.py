@@ -235,7 +235,7 @@ def sampled_controller(model: Model, K: Matrix, prediction_s: float, feed: Obser
     The observer is discretised exactly for u held and y linear over a tick. States: z (and its
     servo model) less what y_n adds, then u_(n-1), u_(n-2), ... as far back as needed.
     """
-    Ac, By, Bu = _observer_with_servo(model, K, feed)
+    Ac, By, Bu = observer_with_servo(model, K, feed)
     Phi, Gu, G0, G1 = held_and_linear(Ac, Bu, By, TICK_S)
     F, H = predicting_gains(model.A, model.B, model.F, prediction_s)
     n = Ac.shape[0]
@@ -272,7 +272,7 @@ def predicting_gains(A: Matrix, B: Matrix, F: Matrix, prediction_s: float) -> tu
     return F @ Phi, F @ Gamma
 
 
-def _observer_with_servo(
+def observer_with_servo(
     model: Model, K: Matrix, feed: ObserverInput
 ) -> tuple[Matrix, Matrix, Matrix]:
     """A, B_y, B_u of (19), continuous, behind the servo model of `feed` if it has one."""

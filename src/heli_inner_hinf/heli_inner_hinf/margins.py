@@ -128,10 +128,10 @@ def channel_margins(loop: Loop, where: str = "input") -> list[ChannelMargin]:
     omega = frequency_grid(loop, 4000)
     L = loop.at_input(omega) if where == "input" else loop.at_output(omega)
     S = np.linalg.inv(np.eye(L.shape[1]) + L)
-    return [_channel(1.0 / S[:, i, i] - 1.0, omega) for i in range(L.shape[1])]
+    return [channel_margin(1.0 / S[:, i, i] - 1.0, omega) for i in range(L.shape[1])]
 
 
-def _channel(single: np.ndarray, omega: np.ndarray) -> ChannelMargin:
+def channel_margin(single: np.ndarray, omega: np.ndarray) -> ChannelMargin:
     """Margins of a scalar open loop (m,) by linear interpolation between grid points."""
     imag, real = single.imag, single.real
     flips = np.nonzero(np.sign(imag[1:]) != np.sign(imag[:-1]))[0]

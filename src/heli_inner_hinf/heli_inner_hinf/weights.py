@@ -58,13 +58,16 @@ def weights(
     Raises
     ------
     ShapeError
-        Names the matrix: wrong shape, not finite, or D11 singular.
+        Names the matrix: wrong shape, not finite, negative on the diagonal, or D11 singular.
     """
     C11 = np.asarray(C11, dtype=object)
     D11 = np.asarray(D11, dtype=object)
     c11 = np.diag(checked("C11", C11, (4,))) if C11.ndim == 1 else checked("C11", C11, (4, 4))
     d11 = np.diag(checked("D11", D11, (3,))) if D11.ndim == 1 else checked("D11", D11, (3, 3))
     c22 = checked("C22", C22, (2, 5))
+    for name, block in (("C11", c11), ("D11", d11)):
+        if np.any(np.diag(block) < 0.0):
+            raise ShapeError(name, f"{name} has a negative weight on its diagonal")
     if np.linalg.matrix_rank(d11) < N_U:
         raise ShapeError("D11", "D11 must be invertible: every actuator needs a weight")
     C = np.zeros((N_H, N_X))

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters to design: the packaged YAML, what is refused, change in flight, writing the YAML."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heli_inner_hinf.attitude_law import attitude_law
+from heli_inner_hinf.design import AttitudeConfig, LiveDesign, UnknownControllerError
+from heli_inner_hinf.design_files import write_model_yaml
+from heli_inner_hinf.errors import (
+    InfeasibleGammaError,
+    InvariantZeroError,
+    NotStabilizableError,
+    ShapeError,
+    SynthesisError,
+)
+from heli_inner_hinf.loops import Model
+from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
+from heli_inner_hinf.pid_tuning import PEAK, gains_of, tune_pid
+from heli_msgs_bridge.parameters import load
+
+YAML = Path(__file__).parent.parent / "config/inner_loop.yaml"
+
+
+def test_packaged_design_is_feasible_with_room(config):
+    summary = config.summary()
+    assert summary["gamma"] == 0.0632
+    assert summary["gamma_star"] < 0.9 * summary["gamma"]
+    assert summary["gamma_star"] <= summary["norm"] < summary["gamma"]
+
+
+def test_packaged_model_is_close_to_the_published_one(config, published):
+    A, B, E, C, D = published
+    for ours, theirs in ((config.A, A), (config.B, B)):
+        big = np.abs(theirs) > 0.05
+        assert np.allclose(ours[big], theirs[big], rtol=0.0065)
+    assert np.array_equal(config.C, C) and np.array_equal(config.D, D)
+
+
+def test_packaged_pid_gains_are_those_of_the_rule(config):
+    model = Model(config.A, config.B, config.E, config.C, config.D, config.synthesis.F)
+    axes = tune_pid(model)
+    for name, gains in gains_of(axes).items():
+        assert np.allclose(getattr(config, name), gains, rtol=1e-6)
+    assert all(0.85 * PEAK < axis.peak <= PEAK for axis in axes)
+
+
+def test_flat_and_shaped_arrays_are_the_same(parameters):
+    flat = {k: np.ravel(v) if isinstance(v, np.ndarray) else v for k, v in parameters.items()}
+    one, other = AttitudeConfig.from_parameters(flat), AttitudeConfig.from_parameters(parameters)
+    assert np.array_equal(one.kernel.F, other.kernel.F)
+
+
+BAD = [
+    ({"gamma": 0.03}, InfeasibleGammaError, r"gamma = 0\.03 is infeasible.*gamma\* = 0\.051"),
+    ({"controller": "pdi"}, UnknownControllerError, "'pdi' is unknown; allowed: hinf, lqr, pid"),
+    ({"C11": np.ones(15)}, ShapeError, r"C11 must hold 16 numbers \(4 x 4\), but has 15"),
+    ({"D11": np.zeros(9)}, ShapeError, "D11 must be invertible"),
+    ({"D11": -np.eye(3)}, ShapeError, "D11 has a negative weight"),
+    ({"C22": np.zeros(10)}, InvariantZeroError, "invariant zero on the imaginary axis, at 0 rad/s"),
+    ({"model.B": np.zeros(27)}, NotStabilizableError, "not stabilisable"),
+    ({"model.A": np.full(81, np.nan)}, ShapeError, "model.A holds a value that is not finite"),
+    ({"trim.x": np.zeros(8)}, ShapeError, "trim.x must be 9, but is 8"),
+    ({"actuator_limit": 1.0}, ShapeError, r"actuator_limit = 1 must be inside \(0, 1\)"),
+]
+
+
+@pytest.mark.parametrize(("changes", "error", "sentence"), BAD)
+def test_bad_parameters_are_refused_at_start(parameters, changes, error, sentence):
+    with pytest.raises(error, match=sentence):
+        AttitudeConfig.from_parameters({**parameters, **changes})
+
+
+@pytest.mark.parametrize(("changes", "error", "sentence"), BAD)
+def test_bad_change_in_flight_says_the_same_and_changes_nothing(
+    parameters, changes, error, sentence
+):
+    live = LiveDesign(parameters)
+    kernel, state = live.take(), live.state.copy()
+    with pytest.raises(error, match=sentence):
+        live.propose(changes)
+    assert not live.pending
+    assert live.take() is kernel and np.array_equal(live.state, state)
+
+
+def test_good_change_waits_for_the_next_tick_and_does_not_jump(parameters):
+    live = LiveDesign(parameters)
+    k, u3 = live.take(), np.empty(3)
+    x9 = k.x_trim + 0.03
+    r3 = np.zeros(3)
+    for _ in range(20):
+        attitude_law(x9, r3, live.take(), live.state, u3)
+    flown = u3.copy()
+    live.propose({"gamma": 0.08})
+    live.propose({"D11": 2.0 * live.config.D[:3]})  # builds on the pending one
+    assert live.pending and live.config.gamma == 0.0632
+    new = live.take()
+    assert not live.pending and live.config.gamma == 0.08 and live.config.D[0, 0] == 24.0
+    assert not np.allclose(new.F, k.F)
+    attitude_law(x9, r3, new, live.state, u3)
+    assert np.allclose(u3, flown, atol=1e-12)
+
+
+def test_withdrawn_change_does_not_come(parameters):
+    live = LiveDesign(parameters)
+    live.propose({"gamma": 0.08})
+    live.withdraw()
+    live.take()
+    assert live.config.gamma == 0.0632
+
+
+def test_errors_have_one_base():
+    for error in (InfeasibleGammaError, ShapeError, NotStabilizableError, InvariantZeroError):
+        assert issubclass(error, SynthesisError)
+
+
+class TestWriteModel:
+    def test_numbers_change_and_the_rest_stays(self, tmp_path):
+        copy = tmp_path / "inner.yaml"
+        copy.write_text(YAML.read_text())
+        rng = np.random.default_rng(1)
+        A, B, E = (rng.standard_normal((9, n)) * 10.0 ** rng.uniform(-9, 4) for n in (9, 3, 3))
+        x, u = rng.standard_normal(9), 0.1 * rng.standard_normal(4)
+        write_model_yaml(copy, A, B, E, x, u, {"K_P": [1.0, 2.0, -3.0]})
+        new, old = (load(TABLE, [path], NODE_NAME) for path in (copy, YAML))
+        for key, value in (("model.A", A), ("model.B", B), ("model.E", E), ("trim.x", x),
+                           ("trim.u", u), ("pid.K_P", [1.0, 2.0, -3.0])):  # fmt: skip
+            assert np.allclose(new[key], value, rtol=1e-9, atol=0.0)
+        for key in ("gamma", "C11", "D11", "pid.K_I", "prediction_s"):
+            assert np.array_equal(new[key], old[key])
+        comments = [line for line in YAML.read_text().splitlines() if "#" in line]
+        assert comments == [line for line in copy.read_text().splitlines() if "#" in line]
+
+    def test_wrong_shape_is_named_and_nothing_is_written(self, tmp_path):
+        copy = tmp_path / "inner.yaml"
+        copy.write_text(YAML.read_text())
+        with pytest.raises(ShapeError, match="B must be 9x3"):
+            write_model_yaml(copy, np.eye(9), np.eye(9), np.eye(9, 3), np.zeros(9), np.zeros(4))
+        assert copy.read_text() == YAML.read_text()
+
+    def test_missing_key_is_named(self, tmp_path):
+        copy = tmp_path / "inner.yaml"
+        copy.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 1.0\n")
+        with pytest.raises(KeyError, match="the key A 0 times"):
+            write_model_yaml(copy, np.eye(9), np.eye(9, 3), np.eye(9, 3), np.zeros(9), np.zeros(4))
+
+
+def test_start_up_imports_are_light():
+    """A node must start fast: neither python-control nor matplotlib nor ROS comes with the law."""
+    code = (
+        "import sys, heli_inner_hinf.design, heli_inner_hinf.parameter_table\n"
+        "bad = {'control', 'matplotlib', 'rclpy', 'cvxpy'} & set(sys.modules)\n"
+        "sys.exit(', '.join(bad) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
