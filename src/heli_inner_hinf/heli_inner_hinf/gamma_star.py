@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from heli_inner_hinf.errors import CertificateError
 from heli_inner_hinf.regular_form import checked_plant, regular_form
-from heli_inner_hinf.riccati import SplitProblem, double, norm_of, split
+from heli_inner_hinf.riccati import SplitProblem, balanced_hamiltonian, double, norm_of, split
 
 REL_TOL = 1e-10
 _MAX_STEPS = 80
@@ -137,8 +137,11 @@ class _LevelSet:
         for _ in range(_MAX_STEPS):
             self.steps += 1
             level = self.lower * (1.0 + 0.5 * REL_TOL)
-            eigenvalues = np.linalg.eigvals(problem.hamiltonian(level**-2))
-            near = np.abs(eigenvalues.real) <= 1e-3 * np.abs(eigenvalues)
+            scaled, _ = balanced_hamiltonian(problem.hamiltonian(level**-2))
+            eigenvalues = np.linalg.eigvals(scaled)
+            size = np.abs(eigenvalues)
+            # generous: whether one really crosses is told by Phi at its frequency
+            near = np.abs(eigenvalues.real) <= 1e-3 * size + 1e-8 * np.max(size)
             crossing = np.unique(np.abs(eigenvalues[near].imag))
             self._improve(np.concatenate([crossing, 0.5 * (crossing[1:] + crossing[:-1])]))
             if self.lower <= level:

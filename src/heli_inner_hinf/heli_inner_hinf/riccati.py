@@ -167,18 +167,23 @@ def lqr_solution(form: RegularForm) -> np.ndarray:
     raise _irregular(form)
 
 
+def balanced_hamiltonian(H: Matrix) -> tuple[Matrix, Matrix]:
+    """H (2n, 2n) balanced by a diagonal similarity that keeps it Hamiltonian, and its diagonal."""
+    n = H.shape[0] // 2
+    t = balance(H[:n, :n], H[:n, n:], H[n:, :n])
+    t = np.concatenate([t, 1.0 / t])
+    return H * t / t[:, None], t
+
+
 def stable_subspace(H: Matrix) -> Matrix | None:
     """Basis (2n, n) of the stable invariant subspace of a Hamiltonian matrix; None if of another
     size."""
     from scipy.linalg import schur
 
     n = H.shape[0] // 2
-    t = balance(H[:n, :n], H[:n, n:], H[n:, :n])
-    t = np.concatenate([t, 1.0 / t])
+    scaled, t = balanced_hamiltonian(H)
     try:
-        _, basis, n_stable = schur(
-            H * t / t[:, None], output="real", sort="lhp", check_finite=False
-        )
+        _, basis, n_stable = schur(scaled, output="real", sort="lhp", check_finite=False)
     except np.linalg.LinAlgError:
         return None
     return basis[:, :n] * t[:, None] if n_stable == n else None

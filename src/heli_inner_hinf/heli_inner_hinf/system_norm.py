@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heli_inner_hinf.regular_form import Matrix
+from heli_inner_hinf.riccati import balanced_hamiltonian
 
 if TYPE_CHECKING:
     from heli_inner_hinf.loops import Linear
@@ -47,8 +48,9 @@ def hinf_norm(A: Matrix, B: Matrix, C: Matrix) -> tuple[float, float]:
         if level == 0.0:
             return 0.0, 0.0
         H = np.block([[A, BBt / level], [-CtC / level, -A.T]])
-        eigenvalues = np.linalg.eigvals(H)
-        near = np.abs(eigenvalues.real) <= 1e-3 * np.abs(eigenvalues)
+        eigenvalues = np.linalg.eigvals(balanced_hamiltonian(H)[0])
+        size = np.abs(eigenvalues)
+        near = np.abs(eigenvalues.real) <= 1e-3 * size + 1e-8 * np.max(size)
         crossing = np.unique(np.abs(eigenvalues[near].imag))
         trial = np.concatenate([crossing, 0.5 * (crossing[1:] + crossing[:-1])])
         if trial.size:

@@ -227,6 +227,16 @@ def test_five_hundred_random_plants(random_plant, start):
         check_plant(random_plant(i))
 
 
+def test_slow_peak_of_a_stiff_plant_is_not_missed(random_plant):
+    """Plant 348 peaks near 0.02 rad/s beside modes of 2000 rad/s: its crossings drown in rounding
+    unless the Hamiltonian matrix is balanced and candidates are judged by Phi itself."""
+    plant = random_plant(348)
+    check_plant(plant)
+    problem = split(regular_form(*checked_plant(*plant)))
+    sweep = max(problem.phi_max(w) for w in np.geomspace(1e-3, 10.0, 2000))
+    assert problem.form.wind_scale * np.sqrt(sweep) <= gamma_star(*plant).upper
+
+
 def test_phi_two_ways(published):
     """Phi from the split equals -[0 E'](H - jwI)^-1 [E; 0] of the plain Hamiltonian matrix."""
     form = regular_form(*checked_plant(*published))
