@@ -11,6 +11,7 @@ import heli_inner_hinf.parameter_table as inner_table
 import heli_observer.parameter_table as observer_table
 import heli_outer_pd.parameter_table as outer_table
 from heli_hover_test import scenario as scenario_table
+from heli_msgs_bridge.common_table import with_common
 from heli_msgs_bridge.locate import config_folder
 from heli_msgs_bridge.parameters import Parameter, ParameterError, check_node_names, load
 
@@ -28,10 +29,10 @@ class NodeKind:
 
 
 NODES = (
-    NodeKind("plant", "heli_dynamics_sim", "plant", plant_table.TABLE),
-    NodeKind("observer", "heli_observer", "observer", observer_table.TABLE),
-    NodeKind("inner_loop", "heli_inner_hinf", "inner_loop", inner_table.TABLE),
-    NodeKind("outer_loop", "heli_outer_pd", "outer_loop", outer_table.TABLE),
+    NodeKind("plant", "heli_dynamics_sim", "plant", with_common(plant_table.TABLE)),
+    NodeKind("observer", "heli_observer", "observer", with_common(observer_table.TABLE)),
+    NodeKind("inner_loop", "heli_inner_hinf", "inner_loop", with_common(inner_table.TABLE)),
+    NodeKind("outer_loop", "heli_outer_pd", "outer_loop", with_common(outer_table.TABLE)),
 )
 SCENARIO_PACKAGE = "heli_hover_test"
 
@@ -137,7 +138,7 @@ def resolve(
     files: list[Path] = []
     for node in NODES:
         folder = config_folder(node.package)
-        layers = [folder / f"{node.name}.yaml"]
+        layers = [config_folder("heli_msgs_bridge") / "common.yaml", folder / f"{node.name}.yaml"]
         preset = folder / f"gps_{gps}.yaml"
         if preset.is_file():
             layers.append(preset)
@@ -145,8 +146,7 @@ def resolve(
         values = load(node.table, [*layers, *common], node.name)
         for key, value in strongest.pop(node.name, {}).items():
             _set(node.table, values, key, value, f"override of {node.name}")
-        if "lockstep" in values:
-            values["lockstep"] = lockstep
+        values["lockstep"] = lockstep
         nodes[node.name] = values
     if strongest:
         raise ParameterError(f"override of unknown node {next(iter(strongest))}")
@@ -154,7 +154,7 @@ def resolve(
     for key, value in _initial_state_rules(scenario_parameters).items():
         plant[key] = value
     if seed is not None:
-        _set(plant_table.TABLE, plant, "seed", seed, "--seed")
+        _set(NODES[0].table, plant, "seed", seed, "--seed")
     return Settings(
         nodes,
         scenario_table.Scenario.from_parameters(scenario_parameters),

@@ -90,9 +90,9 @@ def test_gain_gives_the_poles_asked_for(plant, poles):
 
 
 def test_packaged_gain_has_the_poles_that_its_comment_names(model):
-    """The comment above K in observer.yaml: -9, -19, -4 rad/s."""
-    poles = np.sort(np.linalg.eigvals(model.A_prime).real)
-    np.testing.assert_allclose(poles, [-19.0, -9.0, -4.0], atol=0.01)
+    """The comment above K in observer.yaml: -10, -10, -5 rad/s."""
+    characteristic = np.poly(np.linalg.eigvals(model.A_prime))
+    np.testing.assert_allclose(characteristic, np.poly([-10.0, -10.0, -5.0]), rtol=1e-3)
 
 
 def test_discretisation_equals_lsim_for_linear_outputs(model):
