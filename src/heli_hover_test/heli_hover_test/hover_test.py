@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from heli_hover_test.errors import FlightError
 from heli_hover_test.result import (
     EXIT_BAD_INPUT,
     Result,
@@ -32,10 +33,6 @@ _EPILOG = """examples:
 
 exit code: 0 inside the paper's figures, 1 outside or helicopter lost (named), 2 bad input
 """
-
-
-class FlightError(Exception):
-    """The graph could not be brought up or kept up; the message is one line for the user."""
 
 
 def parser() -> argparse.ArgumentParser:

@@ -7,6 +7,7 @@ word), never for time; limits are only there to name who is silent.
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -17,11 +18,21 @@ from rclpy.node import Node
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from heli_hover_test.scenario import NODE_NAME, Scenario
-from heli_msgs_bridge import messages, topics
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.reference_message import ReferencePoints, encode_reference
 
 
 class BringUpError(Exception):
     """A node did not come up or fell silent; the message names it."""
+
+
+@dataclass(frozen=True)
+class NodeStatus:
+    """What a node last said in /diagnostics: level (0 OK, 1 WARN, 2 ERROR), sentence, stamp s."""
+
+    level: int
+    message: str
+    time_s: float
 
 
 class Supervisor(Node):
@@ -43,7 +54,7 @@ class Supervisor(Node):
         self._reference = self.create_publisher(
             MultiDOFJointTrajectory, topics.REFERENCE, topics.qos(topics.REFERENCE)
         )
-        self.statuses: dict[str, messages.Status] = {}
+        self.statuses: dict[str, NodeStatus] = {}
         self.create_subscription(
             DiagnosticArray,
             topics.DIAGNOSTICS,
@@ -52,8 +63,12 @@ class Supervisor(Node):
         )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in messages.read_diagnostics(message):
-            self.statuses[status.name] = status
+        stamp = message.header.stamp
+        time_s = stamp.sec + 1e-9 * stamp.nanosec
+        for status in message.status:
+            name = status.name.rsplit("/", 1)[-1]
+            level = int.from_bytes(status.level, "little")
+            self.statuses[name] = NodeStatus(level, status.message, time_s)
 
     def wait_until(
         self, event: Callable[[], bool], limit_s: float, check: Callable[[], None]
@@ -95,7 +110,9 @@ class Supervisor(Node):
 
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
         """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""
-        self._reference.publish(messages.reference_message(scenario.reference, start_ns))
+        way = scenario.reference
+        points = ReferencePoints(start_ns, way.times_ns, way.points)
+        self._reference.publish(encode_reference(points))
 
     def transition(
         self, names: Sequence[str], transition_id: int, limit_s: float, check: Callable[[], None]
@@ -121,6 +138,11 @@ class Supervisor(Node):
         refused = [name for name, f in futures.items() if not f.result().success]
         if refused:
             raise BringUpError(f"{', '.join(refused)}: refused to {label}")
+
+    def spin(self) -> None:
+        """Serve until the process is asked to end."""
+        while rclpy.ok():
+            self._executor.spin_once(timeout_sec=0.5)
 
     def close(self) -> None:
         """Take the node out of the graph."""

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A flight of the real graph: processes over DDS, brought up in order, recorded, scored."""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from lifecycle_msgs.msg import Transition
+
+from heli_hover_test.errors import FlightError
+from heli_hover_test.processes import NodeProcess, stop
+from heli_hover_test.result import Result
+from heli_hover_test.scenario import NODE_NAME as SCENARIO
+from heli_hover_test.scoring import score
+from heli_hover_test.settings import NODES, Settings
+from heli_hover_test.supervisor import BringUpError, Supervisor
+from heli_msgs_bridge.locate import executable
+from heli_msgs_bridge.parameters import dump_all
+
+_APPEAR_LIMIT_S = 30.0
+_TRANSITION_LIMIT_S = 60.0
+# Wall time without any sign of life from the plant after which the flight is given up.
+_SILENCE_LIMIT_S = 30.0
+_DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_TICKS_PER_S = 100
+
+
+class Graph:
+    """The processes of one flight and the supervisor's node."""
+
+    def __init__(self, settings: Settings, folder: Path):
+        self.settings, self.folder = settings, folder
+        self.processes: dict[str, NodeProcess] = {}
+        self.supervisor: Supervisor | None = None
+        self._ending = False
+
+    def start(self) -> None:
+        """Start the recorder and the nodes.
+
+        Raises
+        ------
+        MissingFileError
+            An executable is not installed; nothing has been started then.
+        """
+        programs = {node.name: executable(node.package, node.executable) for node in NODES}
+        recorder = executable("heli_msgs_bridge", "recorder")
+        logs = self.folder / "logs"
+        logs.mkdir()
+        env = dict(os.environ)
+        env.setdefault(_DISCOVERY, "LOCALHOST")
+        os.environ.setdefault(_DISCOVERY, "LOCALHOST")
+        parameters = logs.parent / "graph.yaml"
+        dump_all(self._graph_parameters(), parameters)
+        arguments = ["--ros-args", "--params-file", str(parameters)]
+        self.processes["recorder"] = NodeProcess(
+            "recorder", [sys.executable, str(recorder), *arguments], logs / "recorder.log", env
+        )
+        for name, program in programs.items():
+            command = [sys.executable, str(program), *arguments]
+            self.processes[name] = NodeProcess(name, command, logs / f"{name}.log", env)
+
+    def _graph_parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """What the processes get: the resolved parameters, and that a supervisor leads."""
+        peers = (*(node.name for node in NODES), "recorder", SCENARIO)
+        led: dict[str, Mapping[str, Any]] = {
+            name: {**values, "autostart": False, "peers": peers}
+            for name, values in self.settings.nodes.items()
+        }
+        led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
+        led["recorder"] = {"bag": str((self.folder / "bag").absolute())}
+        return led
+
+    def check(self) -> None:
+        """Raise FlightError if a process has ended that should run."""
+        for name, process in self.processes.items():
+            code = process.exit_code()
+            if code is None or (name == "plant" and self._ending):
+                continue
+            reason = process.last_line() or f"exit code {code}"
+            prefix = f"{name}: "
+            raise FlightError(reason if reason.startswith(prefix) else prefix + reason)
+
+    def bring_up(self) -> None:
+        """Configure all nodes, publish the reference, activate in order; the plant comes last."""
+        try:
+            rclpy.init(args=[])
+            self.supervisor = Supervisor([node.name for node in NODES])
+        except Exception as error:
+            first = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            raise FlightError(f"ROS 2 cannot start: {first}") from error
+        up, limit = self.supervisor, _TRANSITION_LIMIT_S
+        try:
+            up.wait_for_services(_APPEAR_LIMIT_S, self.check)
+            up.refuse_doubles()
+            configure = Transition.TRANSITION_CONFIGURE
+            up.transition([node.name for node in NODES], configure, limit, self.check)
+            start_ns = round(self.settings.nodes["plant"]["start_time_s"] * 1e9)
+            up.publish_reference(self.settings.scenario, start_ns)
+            activate = Transition.TRANSITION_ACTIVATE
+            up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
+            up.transition(["plant"], activate, limit, self.check)
+        except BringUpError as error:
+            raise FlightError(self._with_reason(str(error))) from error
+
+    def _with_reason(self, sentence: str) -> str:
+        """The node's own words, where it has said why it refused."""
+        name = sentence.split(":", 1)[0].split(",", 1)[0]
+        status = self.supervisor.statuses.get(name) if self.supervisor else None
+        if status is not None and status.level > 0:
+            return f"{name}: {status.message}"
+        return sentence
+
+    def fly(self, progress: Callable[[float], None]) -> None:
+        """Wait until the plant has flown its last tick; raise FlightError on silence or death."""
+        up = self.supervisor
+        assert up is not None
+        self._ending = True
+        start_s = self.settings.nodes["plant"]["start_time_s"]
+        plant = self.processes["plant"]
+        seen, seen_at = -1.0, time.monotonic()
+
+        def over() -> bool:
+            nonlocal seen, seen_at
+            status = up.statuses.get("plant")
+            if status is not None and status.time_s != seen:
+                seen, seen_at = status.time_s, time.monotonic()
+                progress(max(0.0, seen - start_s))
+            return plant.exit_code() is not None
+
+        def alive() -> None:
+            self.check()
+            if time.monotonic() - seen_at > _SILENCE_LIMIT_S:
+                raise FlightError(f"the plant has been silent for {_SILENCE_LIMIT_S:g} s")
+
+        while not up.wait_until(over, 1.0, alive):
+            continue
+        if plant.exit_code() != 0:
+            raise FlightError(f"plant: {plant.last_line() or plant.exit_code()}")
+
+    def close(self) -> list[str]:
+        """End everything; returns the names of processes that had to be killed."""
+        nodes = [p for name, p in self.processes.items() if name != "recorder"]
+        killed = stop(nodes)
+        if "recorder" in self.processes:
+            # Last, so that it hears everything; it writes its index before it ends.
+            killed += stop([self.processes["recorder"]], limit_s=10.0)
+        if self.supervisor is not None:
+            self.supervisor.close()
+            self.supervisor = None
+        if rclpy.ok():
+            rclpy.shutdown()
+        return killed
+
+
+@contextmanager
+def _graph(settings: Settings, folder: Path) -> Iterator[Graph]:
+    graph = Graph(settings, folder)
+    try:
+        yield graph
+    finally:
+        graph.close()
+
+
+def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
+    """What nodes complained of at the end."""
+    return [
+        f"{name}: {status.message}"
+        for name, status in sorted(statuses.items())
+        if status.level > 0 and name != "plant"
+    ]
+
+
+def fly_graph(
+    settings: Settings, folder: Path, progress: Callable[[float], None]
+) -> tuple[Result, Mapping[str, Any]]:
+    """Fly a scenario with the real graph.
+
+    Parameters
+    ----------
+    settings : Settings
+    folder : Path
+        The flight's folder; gets bag/, logs/ and graph.yaml.
+    progress : callable
+        Called with the flight time (s).
+
+    Returns
+    -------
+    Result, dict
+        The outcome, and what result.json holds beside it.
+
+    Raises
+    ------
+    FlightError, MissingFileError
+        The graph could not be brought up or kept up.
+    """
+    begun = time.monotonic()
+    with _graph(settings, folder) as graph:
+        graph.start()
+        graph.bring_up()
+        up = time.monotonic()
+        graph.fly(progress)
+        wall = time.monotonic() - up
+        statuses = dict(graph.supervisor.statuses) if graph.supervisor else {}
+        killed = graph.close()
+    from heli_hover_test.bag_record import record_from_bag
+
+    record = record_from_bag(folder / "bag", settings)
+    plant = statuses.get("plant")
+    lost = plant.message if plant is not None and plant.level > 1 else ""
+    notes = [*_notes(statuses), *(f"{name} had to be killed" for name in killed)]
+    missing = settings.scenario.n_ticks - len(record)
+    if missing > 0 and not lost:
+        notes.append(f"the bag lacks {missing} ticks of ground truth")
+    result = Result(
+        score(record, settings.scenario), lost, len(record) / _TICKS_PER_S, wall, tuple(notes)
+    )
+    mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
+    return result, {"mode": mode, "start_up_s": round(up - begun, 3)}
