@@ -144,8 +144,8 @@ class Parameter:
 
     def _refuse(self, value: Any, reason: str = "") -> ParameterError:
         shown = repr(value) if isinstance(value, str) else _plain(value)
-        because = f" {reason};" if reason else ";"
-        return ParameterError(f"{shown} is not allowed:{because} allowed: {self.allowed()}")
+        because = f": {reason}" if reason else ""
+        return ParameterError(f"{shown} is not allowed{because}; allowed: {self.allowed()}")
 
     def _check_type(self, value: Any, expected: type) -> None:
         if type(value) is expected:
