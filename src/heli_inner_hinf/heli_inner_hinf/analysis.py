@@ -87,8 +87,9 @@ class Sensitivity:
 
 def model_of(config: AttitudeConfig, F: Matrix | None = None) -> Model:
     """The model of a judged design; F (3, 9) replaces its own state feedback if given."""
-    own = config.lqr.F if config.controller == "lqr" else config.synthesis.F
-    return Model(config.A, config.B, config.E, config.C, config.D, own if F is None else F)
+    own = config.lqr if config.controller == "lqr" else config.synthesis
+    plant = (config.A, config.B, config.E, config.C, config.D)
+    return Model(*plant, own.F if F is None else F, own.G, config.offset_free_radps)
 
 
 def three_loops(

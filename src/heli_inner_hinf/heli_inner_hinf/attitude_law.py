@@ -17,6 +17,8 @@ from heli_inner_hinf.law_state import (
     OFFSET,
     PID,
     RUN,
+    SHIFT_LIMIT_RAD,
+    TICK_S,
     AttitudeKernel,
     AttitudeStatus,
     all_finite,
@@ -41,17 +43,17 @@ _NOT_FINITE = int(AttitudeStatus.NOT_FINITE)
 
 @njit
 def linear_law(x9, r3, k, state, u3):
-    """u = u_trim + F (x - x_trim) + H (u_last - u_trim) + G (r - h_out_trim), unlimited, into u3
-    (3,).
+    """u = u_trim + F (x - x_trim) + H (u_last - u_trim) + G (r + s - h_out_trim), unlimited, into
+    u3 (3,).
 
     Eq. (17) at the state as it will be when the command reaches the rotor
     (`loops.predicting_gains`). psi enters as the wrapped difference psi - psi_ref: heading is a
     pure integrator of the model, so that the psi column of G is minus that of F (eq. (15)) and the
-    law does not depend on which way is north.
+    law does not depend on which way is north. s is the shift of `shift_target`, zero by default.
     """
-    psi_error = wrap_pi(x9[8] - r3[2])
-    phi_command = r3[0] - k.x_trim[0]
-    theta_command = r3[1] - k.x_trim[1]
+    psi_error = wrap_pi(x9[8] - r3[2]) - state[INTEGRAL + 2]
+    phi_command = r3[0] - k.x_trim[0] + state[INTEGRAL]
+    theta_command = r3[1] - k.x_trim[1] + state[INTEGRAL + 1]
     for i in range(3):
         total = k.u_trim[i] + k.F[i, 8] * psi_error
         for j in range(8):
@@ -59,6 +61,21 @@ def linear_law(x9, r3, k, state, u3):
         for j in range(3):
             total += k.H[i, j] * (state[LAST_U + j] - k.u_trim[j])
         u3[i] = total + k.G[i, 0] * phi_command + k.G[i, 1] * theta_command
+
+
+@njit
+def shift_target(x9, r3, k, state):
+    """Offset-free target: s' = shift_rate (r - h_out), at most `SHIFT_LIMIT_RAD` on each axis.
+
+    State feedback has no integrator: a moment that the model lacks leaves an error. G makes r ->
+    h_out one at rest, so that the shift that cancels a lasting error is the error itself, and the
+    loop through s is that of an integrator with crossover `shift_rate`, far below the attitude
+    loop's bandwidth.
+    """
+    for i in range(3):
+        error = wrap_pi(r3[2] - x9[8]) if i == 2 else r3[i] - x9[i]
+        shift = state[INTEGRAL + i] + TICK_S * k.shift_rate * error
+        state[INTEGRAL + i] = min(max(shift, -SHIFT_LIMIT_RAD), SHIFT_LIMIT_RAD)
 
 
 @njit
@@ -106,6 +123,8 @@ def attitude_law(x9, r3, k, state, u3):
             status = _SATURATED
         u3[i] = u
         state[LAST_U + i] = u
+    if k.controller != PID and k.shift_rate > 0.0 and status == 0:
+        shift_target(x9, r3, k, state)
     state[LAST_X : LAST_X + 9] = x9
     state[LAST_R : LAST_R + 3] = r3
     state[RUN] = 1.0

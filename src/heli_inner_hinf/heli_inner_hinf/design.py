@@ -45,6 +45,8 @@ class AttitudeConfig:
         In (0, 1).
     bumpless_time_s : float
         Time constant with which a swap's offset fades, s.
+    offset_free_radps : float
+        Rate at which a lasting attitude error shifts the target of the linear laws, rad/s.
     K_P, K_I, K_D : (3,) arrays
         PID gains of roll, pitch, yaw.
     synthesis : Synthesis
@@ -63,6 +65,7 @@ class AttitudeConfig:
     prediction_s: float
     actuator_limit: float
     bumpless_time_s: float
+    offset_free_radps: float
     K_P: Matrix
     K_I: Matrix
     K_D: Matrix
@@ -108,6 +111,7 @@ class AttitudeConfig:
             prediction_s=float(p["prediction_s"]),
             actuator_limit=limit,
             bumpless_time_s=float(p["bumpless_time_s"]),
+            offset_free_radps=float(p["offset_free_radps"]),
             K_P=shaped("pid.K_P", p["pid.K_P"], (3,)),
             K_I=shaped("pid.K_I", p["pid.K_I"], (3,)),
             K_D=shaped("pid.K_D", p["pid.K_D"], (3,)),
@@ -137,6 +141,7 @@ class AttitudeConfig:
             K_I=self.K_I,
             K_D=self.K_D,
             offset_decay=fade,
+            shift_rate=self.offset_free_radps,
         )
 
     def summary(self) -> dict[str, float | str]:

@@ -16,12 +16,15 @@ HINF, LQR, PID = 0, 1, 2
 
 # Layout of the state array (N_LAW_STATE,).
 LAST_U = 0  # [0:3] last output, -1..1
-INTEGRAL = 3  # [3:6] PID integrators, actuator units
+INTEGRAL = 3  # [3:6] PID: integrators, actuator units; linear laws: shift of the target, rad
 OFFSET = 6  # [6:9] bumpless offset, actuator units, fading
 LAST_X = 9  # [9:18] newest finite x9
 LAST_R = 18  # [18:21] newest finite r3
 RUN = 21  # 1.0 once the law has run
 N_LAW_STATE = 22
+
+SHIFT_LIMIT_RAD = 0.1
+"""The offset-free target of the linear laws is shifted by at most this, per axis."""
 
 
 class AttitudeStatus(enum.IntEnum):
@@ -59,6 +62,9 @@ class AttitudeKernel(NamedTuple):
         PID gains of roll, pitch, yaw: 1/rad, 1/(rad s), s/rad.
     offset_decay : float
         Factor per tick by which the bumpless offset fades.
+    shift_rate : float
+        Rate at which a lasting error shifts the target of the linear laws, rad/s; 0: eq. (17) as
+        it stands.
     """
 
     controller: int
@@ -72,6 +78,7 @@ class AttitudeKernel(NamedTuple):
     K_I: np.ndarray
     K_D: np.ndarray
     offset_decay: float
+    shift_rate: float
 
 
 def initial_law_state(k: AttitudeKernel) -> np.ndarray:

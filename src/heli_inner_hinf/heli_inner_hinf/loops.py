@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from heli_inner_hinf.regular_form import Matrix
-from heli_inner_hinf.weights import MEASURED, N_U, N_X, UNMEASURED, checked
+from heli_inner_hinf.weights import MEASURED, N_U, N_X, OUTPUTS, UNMEASURED, checked
 
 TICK_S = 0.01
 N_Y, N_Z = len(MEASURED), len(UNMEASURED)
@@ -137,7 +137,11 @@ class Loop:
 
 @dataclass(frozen=True)
 class Model:
-    """What the loops are made of: A (9, 9), B, E (9, 3), C (9, 9), D (9, 3), F (3, 9)."""
+    """What the loops are made of: A (9, 9), B, E (9, 3), C (9, 9), D (9, 3), F (3, 9).
+
+    With an offset-free target, also G (3, 3) and its rate shift_rate (rad/s); the loop as flown
+    has it.
+    """
 
     A: Matrix
     B: Matrix
@@ -145,6 +149,8 @@ class Model:
     C: Matrix
     D: Matrix
     F: Matrix
+    G: Matrix | None = None
+    shift_rate: float = 0.0
 
 
 def observer_matrices(A: ArrayLike, B: ArrayLike, K: ArrayLike) -> tuple[Matrix, Matrix, Matrix]:
@@ -257,7 +263,25 @@ def sampled_controller(model: Model, K: Matrix, prediction_s: float, feed: Obser
     Ad[n : n + N_U] = Cu
     Bd[n : n + N_U] = Dk
     Ad[n + N_U :, n : n + N_U * (depth - 1)] = np.eye(N_U * (depth - 1))
-    return Linear(Ad, Bd, Cu, Dk, TICK_S)
+    law = Linear(Ad, Bd, Cu, Dk, TICK_S)
+    if model.shift_rate == 0.0 or model.G is None:
+        return law
+    through_u = np.zeros((size, N_U))
+    through_u[:n] = Gu if feed.u_delay_ticks == 0 else 0.0
+    through_u[n : n + N_U] = np.eye(N_U)
+    return _with_shift(law, through_u @ model.G, model.G, model.shift_rate)
+
+
+def _with_shift(law: Linear, B_shift: Matrix, D_shift: Matrix, rate: float) -> Linear:
+    """The law with its offset-free target: s(n+1) = s(n) - T rate (phi theta psi)(n), r = 0.
+
+    s enters states and command of the law by B_shift, D_shift.
+    """
+    outputs = np.zeros((N_U, N_Y))
+    outputs[range(N_U), [MEASURED.index(i) for i in OUTPUTS]] = 1.0
+    A = np.block([[law.A, B_shift], [np.zeros((N_U, law.A.shape[0])), np.eye(N_U)]])
+    B = np.vstack([law.B, -law.dt * rate * outputs])
+    return Linear(A, B, np.hstack([law.C, D_shift]), law.D, law.dt)
 
 
 def predicting_gains(A: Matrix, B: Matrix, F: Matrix, prediction_s: float) -> tuple[Matrix, Matrix]:
