@@ -31,7 +31,7 @@ def test_every_seed_is_inside_the_papers_figures(scenario, gps, source):
 
 
 def test_pure_pd_drifts_off_in_steady_wind():
-    """wind_compensation false is the paper's law: it stands off to leeward, the default does not."""
+    """Without compensation it is the paper's law, which stands off to leeward."""
     calm = {"plant": {"wind.turbulence": False}}
     pd = {**calm, "outer_loop": {"wind_compensation": False}}
     with_pd = simulate(resolve(gps="rtk", seed=3, overrides=pd)).record.truth_pos_ned_m[1700]
