@@ -28,6 +28,13 @@ _TRANSITION_LIMIT_S = 60.0
 _SILENCE_LIMIT_S = 30.0
 _DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _TICKS_PER_S = 100
+_BAG_LIMIT_S = 10.0
+
+
+def _named(name: str, process: NodeProcess) -> str:
+    """Why a process ended, in its own last words, with its name in front."""
+    reason = process.last_line() or f"exit code {process.exit_code()}"
+    return reason if reason.startswith(f"{name}: ") else f"{name}: {reason}"
 
 
 class Graph:
@@ -81,15 +88,13 @@ class Graph:
             code = process.exit_code()
             if code is None or (name == "plant" and self._ending):
                 continue
-            reason = process.last_line() or f"exit code {code}"
-            prefix = f"{name}: "
-            raise FlightError(reason if reason.startswith(prefix) else prefix + reason)
+            raise FlightError(_named(name, process))
 
     def bring_up(self) -> None:
         """Configure all nodes, publish the reference, activate in order; the plant comes last."""
         try:
             rclpy.init(args=[])
-            self.supervisor = Supervisor([node.name for node in NODES])
+            self.supervisor = Supervisor([*(node.name for node in NODES), "recorder"])
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
             raise FlightError(f"ROS 2 cannot start: {first}") from error
@@ -140,7 +145,9 @@ class Graph:
         while not up.wait_until(over, 1.0, alive):
             continue
         if plant.exit_code() != 0:
-            raise FlightError(f"plant: {plant.last_line() or plant.exit_code()}")
+            raise FlightError(_named("plant", plant))
+        # Whatever has reached the recorder is in the bag once it has confirmed.
+        up.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, _BAG_LIMIT_S, lambda: None)
 
     def close(self) -> list[str]:
         """End everything; returns the names of processes that had to be killed."""
@@ -148,7 +155,7 @@ class Graph:
         killed = stop(nodes)
         if "recorder" in self.processes:
             # Last, so that it hears everything; it writes its index before it ends.
-            killed += stop([self.processes["recorder"]], limit_s=10.0)
+            killed += stop([self.processes["recorder"]], limit_s=_BAG_LIMIT_S)
         if self.supervisor is not None:
             self.supervisor.close()
             self.supervisor = None

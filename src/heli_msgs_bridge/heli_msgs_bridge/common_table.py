@@ -5,6 +5,13 @@ from collections.abc import Iterable
 
 from heli_msgs_bridge.parameters import Parameter
 
+
+def _origin(name: str, description: str, unit: str, lower: float, upper: float) -> Parameter:
+    return Parameter(
+        f"origin.{name}", "double", description, unit, lower=lower, upper=upper, read_only=True
+    )
+
+
 COMMON_TABLE: tuple[Parameter, ...] = (
     Parameter("autostart", "bool", "Configure and activate itself when started", read_only=True),
     Parameter(
@@ -41,6 +48,9 @@ COMMON_TABLE: tuple[Parameter, ...] = (
         upper=3600.0,
         read_only=True,
     ),
+    _origin("latitude_deg", "Latitude of the NED origin", "deg", -85.0, 85.0),
+    _origin("longitude_deg", "Longitude of the NED origin", "deg", -180.0, 180.0),
+    _origin("altitude_m", "Altitude of the NED origin", "m", -500.0, 9000.0),
 )
 
 

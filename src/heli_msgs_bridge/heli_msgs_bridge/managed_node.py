@@ -77,7 +77,7 @@ class NodeSpec:
     ) -> dict[str, Any]:
         """Values of all parameters; raises `ParameterError` or `StartError`."""
         files = [*self.default_files(), *params_files]
-        # An override file may also speak of common parameters that the node's defaults do not repeat.
+        # An override file may also speak of common parameters that the defaults do not repeat.
         return load(self.full_table(), files, name or self.name, rules)
 
 
@@ -221,8 +221,11 @@ class ManagedNode(LifecycleNode):
         if facts is not None:
             self._facts = dict(facts)
         if changed:
-            log = self.get_logger()
-            (log.info if level == Level.OK else log.warning)(message)
+            # rclpy ties a severity to the calling line: two lines are needed.
+            if level == Level.OK:
+                self.get_logger().info(message)
+            else:
+                self.get_logger().warning(message)
         self.send_report()
 
     def send_report(self, force: bool = False) -> None:

@@ -117,9 +117,19 @@ class TickNode(ManagedNode):
         if topic == self.trigger:
             if assembler.next_tick is None:
                 assembler.start(tick)
-            while assembler.next_tick < tick and not assembler.complete():
+            while assembler.next_tick < tick and not assembler.complete() and self.is_ready():
                 self._step_lockstep()
-        while assembler.complete() and self.active:
+        self.resume()
+
+    def is_ready(self) -> bool:
+        """Whether steps may be made at all; a node that waits for something else overrides it."""
+        return True
+
+    def resume(self) -> None:
+        """Lockstep: make the steps whose messages are all there."""
+        if not self.lockstep:
+            return
+        while self.active and self.assembler.complete() and self.is_ready():
             self._step_lockstep()
 
     def _step_lockstep(self) -> None:
@@ -136,8 +146,7 @@ class TickNode(ManagedNode):
         waiting = self.assembler.earliest(self.trigger)
         if self.lockstep and waiting is not None:
             self.assembler.start(waiting)
-            while self.assembler.complete():
-                self._step_lockstep()
+            self.resume()
 
     def stop_stepping(self) -> None:
         """On deactivation: forget what has been collected."""
@@ -150,6 +159,7 @@ class TickNode(ManagedNode):
         assembler = self.assembler
         if not (self.lockstep and self.active) or assembler.next_tick is None:
             return
+        self.resume()
         waited_s = time.monotonic() - self._progress_s
         missing = assembler.missing()
         if waited_s < self.values["peer_timeout_s"] or not missing or self.trigger in missing:
@@ -158,8 +168,7 @@ class TickNode(ManagedNode):
         for topic in missing:
             assembler.waive(topic)
         self.get_logger().warning(self.silence())
-        while assembler.complete() and self.active:
-            self._step_lockstep()
+        self.resume()
 
     def silence(self) -> str:
         """Sentence about silent topics and who should send them; empty if there are none."""

@@ -4,6 +4,7 @@
 import sys
 
 import pytest
+
 from heli_msgs_bridge import locate
 
 

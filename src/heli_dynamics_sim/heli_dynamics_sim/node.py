@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `plant`: the simulated helicopter; owns the clock, takes actuators, sends sensors."""
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+
+from heli_dynamics_sim import plant
+from heli_dynamics_sim.noise import NoiseStreams
+from heli_dynamics_sim.parameter_table import TABLE
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.frames import datum
+from heli_msgs_bridge.lockstep import Demand
+from heli_msgs_bridge.managed_node import NodeSpec, run
+from heli_msgs_bridge.messages import ClockEncoder, Encoder
+from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
+
+_TICKS_PER_S = 100
+_TICK_S = 0.01
+# Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
+_CATCH_UP_TICKS = 10
+_ACKNOWLEDGE_S = 2.0
+_NO_COMMAND = "no message on 'actuators' from inner_loop: going on with the last command"
+
+
+class PlantNode(TickNode):
+    """Active means: time runs. Ends its process when the flight is over."""
+
+    SPEC = NodeSpec("plant", "heli_dynamics_sim", TABLE, "plant.yaml")
+
+    def setup(self) -> None:
+        """Build the aircraft in its trim, its outputs and the input."""
+        v = self.values
+        self.config = plant.PlantConfig.from_parameters(v)
+        self.state = plant.initial_state(self.config, v["seed"])
+        self._noise = NoiseStreams(v["seed"])
+        self._n_ticks = max(1, round(v["duration_s"] * _TICKS_PER_S))
+        self._y = np.zeros(plant.N_MEAS)
+        self._joints = np.zeros(7)
+        commands = self.state.commands
+        self._u = commands[-1].copy() if len(commands) else np.zeros(4)
+        self._over = ""
+        self._make_outputs()
+        self._warm_up()
+        self.listen((Input(topics.ACTUATORS, Demand()),))
+
+    def _make_outputs(self) -> None:
+        v = self.values
+        origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
+        imu = (
+            v["sensors.imu.gyro_noise_density"] ** 2 / _TICK_S,
+            v["sensors.imu.accel_noise_density"] ** 2 / _TICK_S,
+        )
+        fix = (v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2,)
+        variances = {
+            topics.IMU: imu,
+            topics.MAG: (v["sensors.mag.white_t"] ** 2,),
+            topics.BARO: (v["sensors.baro.white_pa"] ** 2,),
+            topics.GPS_FIX: fix,
+            topics.GPS_VELOCITY: (v["sensors.gps.velocity_mps"] ** 2,),
+        }
+        names = (*variances, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR)
+        self._channel: dict[str, tuple[Any, Any]] = {}
+        for name in names:
+            place = origin if name == topics.GPS_FIX else None
+            encoder = Encoder(name, variances.get(name, ()), place)
+            self._channel[name] = (encoder.encode, self.create_output(name))
+        self._clock_encode = ClockEncoder().encode
+        self._clock_send = self.create_output(topics.CLOCK)
+
+    def _warm_up(self) -> None:
+        """Load the compiled plant before the first tick, on a state of its own."""
+        k = self.config.kernel
+        spare = plant.initial_state(self.config, self.values["seed"])
+        plant.measure(spare, 0, np.zeros(plant.N_NOISE), k, self._y)
+        plant.status(spare, k)
+        plant.advance(spare, self._u, k)
+        for name, (encode, _) in self._channel.items():
+            size = {topics.TRUTH_ODOM: 13, topics.TRUTH_ROTOR: 7, topics.IMU: 6, topics.BARO: 1}
+            row = np.zeros(size.get(name, 3))
+            if name == topics.TRUTH_ODOM:
+                row[6] = 1.0
+            encode(row, self.start_ns)
+
+    def engage(self) -> None:
+        """Time begins: tick 0 is measured and sent."""
+        super().engage()
+        self._zero_s = time.monotonic()
+        self._real_timer = None
+        if not self.lockstep:
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._real_timer = self.create_timer(_TICK_S, self._keep_pace, clock=steady)
+        self.tick = 0
+        self._send_tick()
+
+    def disengage(self) -> None:
+        """Time stands still."""
+        super().disengage()
+        if self._real_timer is not None:
+            self.destroy_timer(self._real_timer)
+            self._real_timer = None
+
+    def step(self, tick: int, arrived: Arrived) -> None:
+        """Lockstep: the command of this tick has come, go on to the next."""
+        _, u = arrived.get(topics.ACTUATORS, (0, None))
+        if u is not None:
+            self._u[:] = u
+        self._go_on(tick)
+
+    def _go_on(self, tick: int) -> None:
+        """Integrate from tick to tick + 1 and send that one, or end the flight."""
+        if self._over:
+            return
+        if tick + 1 >= self._n_ticks:
+            self._end(Level.OK, f"flight over after {self._n_ticks / _TICKS_PER_S:g} s")
+            return
+        plant.advance(self.state, self._u, self.config.kernel)
+        self.tick = tick + 1
+        self._send_tick()
+
+    def _send_tick(self) -> None:
+        """Measure the present tick and send sensors, truth and clock."""
+        k, y, tick = self.config.kernel, self._y, self.tick
+        plant.measure(self.state, tick, self._noise.row(), k, y)
+        stamp_ns = self.stamp_ns(tick)
+        self._send(topics.IMU, y[0:6], stamp_ns)
+        if y[16]:
+            self._send(topics.MAG, y[6:9], stamp_ns)
+        if y[17]:
+            self._send(topics.BARO, y[9:10], stamp_ns)
+        if y[18]:
+            # Stamped with its time of validity, which is earlier than now.
+            fix_ns = self.stamp_ns(int(y[19]))
+            self._send(topics.GPS_FIX, y[10:13], fix_ns)
+            self._send(topics.GPS_VELOCITY, y[13:16], fix_ns)
+        x = self.state.x
+        self._send(topics.TRUTH_ODOM, x[0:13], stamp_ns)
+        self._send(topics.TRUTH_WIND, y[20:23], stamp_ns)
+        self._joints[0:3], self._joints[3:7] = x[13:16], x[16:20]
+        self._send(topics.TRUTH_ROTOR, self._joints, stamp_ns)
+        self._clock_send(self._clock_encode(stamp_ns))
+        status = plant.PlantStatus(plant.status(self.state, k))
+        if status != plant.PlantStatus.OK:
+            self._end(Level.ERROR, status.sentence)
+        else:
+            message = self.silence() or "flying"
+            self.warn_or_ok(Level.OK, message, self._facts_now())
+
+    def _send(self, topic: str, row: np.ndarray, stamp_ns: int) -> None:
+        encode, send = self._channel[topic]
+        send(encode(row, stamp_ns))
+
+    def _facts_now(self) -> dict[str, Any]:
+        elapsed = time.monotonic() - self._zero_s
+        flown = self.tick * _TICK_S
+        factor = flown / elapsed if elapsed > 0.0 else 0.0
+        return {"flown_s": f"{flown:.2f}", "real_time_factor": f"{factor:.2f}"}
+
+    def _end(self, level: Level, message: str) -> None:
+        """Say how the flight ended, make sure that everybody heard it, and let the process end."""
+        self._over = message
+        self.report(level, message, self._facts_now())
+        limit = Duration(seconds=_ACKNOWLEDGE_S)
+        for publisher in self.outputs.values():
+            publisher.wait_for_all_acked(limit)
+        self.finished = True
+
+    def silence(self) -> str:
+        """Sentence about a missing command."""
+        return _NO_COMMAND if self.silent else ""
+
+    def _look_for_silence(self) -> None:
+        """Lockstep: a bounded wait for the command, then slowly on with the last one."""
+        if not (self.lockstep and self.active) or self._over:
+            return
+        waited_s = time.monotonic() - self._progress_s
+        if waited_s < self.values["peer_timeout_s"] and not self.silent:
+            return
+        if waited_s < _TICK_S:
+            return
+        if not self.silent:
+            self.get_logger().warning(_NO_COMMAND)
+        self.silent.add(topics.ACTUATORS)
+        self._progress_s = time.monotonic()
+        self.assembler.start(self.tick + 1)
+        self._go_on(self.tick)
+
+    # --- real time ---------------------------------------------------------------------------
+
+    def _take_in_real_time(self, topic: str, tick: int, value: Any) -> None:
+        if self.active and value is not None and self.assembler.keep_newest(topic, tick, value):
+            self._u[:] = value
+            self._progress_s = time.monotonic()
+            self.silent.clear()
+
+    def _keep_pace(self) -> None:
+        """Bring the flight to the wall clock's time."""
+        if self._over or not self.active:
+            return
+        now = time.monotonic()
+        if now - self._progress_s > self.values["peer_timeout_s"]:
+            self.silent.add(topics.ACTUATORS)
+        due = int((now - self._zero_s) / _TICK_S)
+        if due - self.tick > _CATCH_UP_TICKS:
+            late_s = (due - self.tick) * _TICK_S
+            self.get_logger().warning(f"{late_s:.2f} s behind the wall clock: time is shifted")
+            self._zero_s += late_s
+            due = self.tick + 1
+        while self.tick < due and not self._over:
+            self._go_on(self.tick)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of `ros2 run heli_dynamics_sim plant`."""
+    return run(PlantNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A flight's record out of its bag."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_hover_test.errors import FlightError
+from heli_hover_test.record import FlightRecord
+from heli_hover_test.settings import Settings
+from heli_math.rotations import quat_to_R_nb
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.bag_reader import Bag, Stream, read_bag
+from heli_msgs_bridge.recorder import BagError
+from heli_outer_pd.reference import N_REFERENCE, reference_at
+
+
+def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: int) -> np.ndarray:
+    """Rows (N, size) at the ticks: the newest message at or before each; NaN before the first."""
+    rows = np.full((ticks.size, size), np.nan)
+    if stream is None or not stream.stamp_ns.size:
+        return rows
+    known = (stream.stamp_ns - start_ns) // topics.TICK_NS
+    index = np.searchsorted(known, ticks, side="right") - 1
+    rows[index >= 0] = stream.rows[index[index >= 0]]
+    return rows
+
+
+def _reference(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray:
+    rows = np.full((ticks.size, N_REFERENCE), np.nan)
+    if not bag.references:
+        return rows
+    way = bag.references[-1]
+    for row, tick in zip(rows, ticks.tolist(), strict=True):
+        time_ns = start_ns + tick * topics.TICK_NS - way.start_ns
+        reference_at(time_ns, way.times_ns, way.points, row)
+    return rows
+
+
+def record_from_bag(path: Path, settings: Settings) -> FlightRecord:
+    """Record of a flight, one row per tick of ground truth.
+
+    Parameters
+    ----------
+    path : Path
+        rosbag2 folder.
+    settings : Settings
+        Give the stamp of flight time 0.
+
+    Returns
+    -------
+    FlightRecord
+        What a topic does not say is NaN.
+
+    Raises
+    ------
+    FlightError
+        The bag cannot be read or holds no ground truth.
+    """
+    try:
+        bag = read_bag(path)
+    except BagError as error:
+        raise FlightError(str(error)) from error
+    start_ns = round(settings.nodes["plant"]["start_time_s"] * 1e9)
+    truth = bag.streams.get(topics.TRUTH_ODOM)
+    if truth is None or not truth.stamp_ns.size:
+        raise FlightError(f"{path}: holds no {topics.TRUTH_ODOM}")
+    ticks = (truth.stamp_ns - start_ns) // topics.TICK_NS
+    velocity = np.array([quat_to_R_nb(row[6:10]) @ row[3:6] for row in truth.rows])
+
+    def at(name: str, size: int) -> np.ndarray:
+        return _at(bag.streams.get(name), ticks, start_ns, size)
+
+    nav = at(topics.ODOM, 28)
+    return FlightRecord(
+        time_s=ticks / 100.0,
+        truth_pos_ned_m=truth.rows[:, 0:3],
+        truth_vel_ned_mps=velocity,
+        truth_rate_body_radps=truth.rows[:, 10:13],
+        truth_q_nb=truth.rows[:, 6:10],
+        truth_rotor=at(topics.TRUTH_ROTOR, 7)[:, 0:3],
+        wind_ned_mps=at(topics.TRUTH_WIND, 3),
+        nav_pos_ned_m=nav[:, 0:3],
+        nav_vel_ned_mps=nav[:, 3:6],
+        nav_rate_body_radps=nav[:, 10:13],
+        nav_q_nb=nav[:, 6:10],
+        nav_rotor=at(topics.ROTOR_STATE, 3),
+        reference=_reference(bag, ticks, start_ns),
+        setpoint=at(topics.ATTITUDE_SETPOINT, 3),
+        u=at(topics.ACTUATORS, 4),
+    )
