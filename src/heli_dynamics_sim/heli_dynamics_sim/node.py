@@ -25,7 +25,7 @@ _TICKS_PER_S = 100
 _TICK_S = 0.01
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
 _CATCH_UP_TICKS = 10
-_ACKNOWLEDGE_S = 2.0
+_ACKNOWLEDGE_S = 3.5
 _NO_COMMAND = "no message on 'actuators' from inner_loop: going on with the last command"
 
 
@@ -160,12 +160,22 @@ class PlantNode(TickNode):
         elapsed = time.monotonic() - self._zero_s
         flown = self.tick * _TICK_S
         factor = flown / elapsed if elapsed > 0.0 else 0.0
-        return {"flown_s": f"{flown:.2f}", "real_time_factor": f"{factor:.2f}"}
+        return {
+            "flown_s": f"{flown:.2f}",
+            "wall_s": f"{elapsed:.3f}",
+            "real_time_factor": f"{factor:.3f}",
+        }
 
     def _end(self, level: Level, message: str) -> None:
-        """Say how the flight ended, make sure that everybody heard it, and let the process end."""
+        """Say how the flight ended; a plant that started itself ends when everybody has heard it.
+
+        Under a supervisor it stays until it is stopped: Fast DDS keeps sent data in the sender's
+        shared memory, and acknowledgements may take a heartbeat (3 s).
+        """
         self._over = message
-        self.report(level, message, self._facts_now())
+        self.report(level, message, {**self._facts_now(), "over": "true"})
+        if not self.values["autostart"]:
+            return
         limit = Duration(seconds=_ACKNOWLEDGE_S)
         for publisher in self.outputs.values():
             publisher.wait_for_all_acked(limit)

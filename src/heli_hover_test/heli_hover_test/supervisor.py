@@ -6,7 +6,7 @@ word), never for time; limits are only there to name who is silent.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import rclpy
@@ -28,11 +28,12 @@ class BringUpError(Exception):
 
 @dataclass(frozen=True)
 class NodeStatus:
-    """What a node last said in /diagnostics: level (0 OK, 1 WARN, 2 ERROR), sentence, stamp s."""
+    """What a node last said in /diagnostics: level (0 OK to 2 ERROR), sentence, stamp, facts."""
 
     level: int
     message: str
     time_s: float
+    facts: Mapping[str, str]
 
 
 class Supervisor(Node):
@@ -68,7 +69,8 @@ class Supervisor(Node):
         for status in message.status:
             name = status.name.rsplit("/", 1)[-1]
             level = int.from_bytes(status.level, "little")
-            self.statuses[name] = NodeStatus(level, status.message, time_s)
+            facts = {pair.key: pair.value for pair in status.values}
+            self.statuses[name] = NodeStatus(level, status.message, time_s, facts)
 
     def wait_until(
         self, event: Callable[[], bool], limit_s: float, check: Callable[[], None]

@@ -13,6 +13,8 @@ from heli_msgs_bridge.recorder_table import NODE_NAME, TABLE
 
 # Deep enough for a pause of seconds at ten times real time.
 _DEPTH = 10_000
+# Wall time without a message after which a stream counts as ended.
+_QUIET_S = 0.1
 
 
 class RecorderNode(ManagedNode):
@@ -58,7 +60,14 @@ class RecorderNode(ManagedNode):
         return write
 
     def _drain(self) -> None:
-        """Write what has arrived but not been served yet."""
+        """Write what has arrived but not been served yet, until nothing has come for a while."""
+        quiet_since = time.monotonic()
+        while time.monotonic() - quiet_since < _QUIET_S:
+            if self._write_arrived():
+                quiet_since = time.monotonic()
+
+    def _write_arrived(self) -> int:
+        count = 0
         for name, subscription in self._subscriptions_raw.items():
             write = self._writer(name)
             with subscription.handle:
@@ -67,6 +76,8 @@ class RecorderNode(ManagedNode):
                     if taken is None:
                         break
                     write(taken[0])
+                    count += 1
+        return count
 
     def disengage(self) -> None:
         """Everything that was sent before is in the bag afterwards."""
