@@ -24,6 +24,9 @@ _INT = re.compile(r"[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)\Z")
 _FLOAT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
 _SECTION = "ros__parameters"
 
+# libyaml where it is built in: ten times faster, and a node reads three files at start.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
 
 class ParameterError(Exception):
     """A parameter or parameter file that cannot be used; the message is one line for the user."""
@@ -86,9 +89,9 @@ def scalar(text: str, quoted: bool) -> bool | int | float | str:
 def value_of(node: yaml.Node, where: str, key: str) -> Any:
     """Scalar or homogeneous array of a YAML node; `ParameterError` for anything else."""
     if isinstance(node, yaml.ScalarNode):
-        if node.value == "" and node.style is None:
+        if node.value == "" and not node.style:
             raise ParameterError(f"{where}: {key}: no value given")
-        return scalar(node.value, node.style is not None)
+        return scalar(node.value, bool(node.style))
     if not isinstance(node, yaml.SequenceNode):
         raise ParameterError(f"{where}: {key}: expected a value or an array")
     items: list[Any] = []
@@ -97,7 +100,7 @@ def value_of(node: yaml.Node, where: str, key: str) -> Any:
             raise ParameterError(
                 f"{where}: {key}: arrays must be flat; write a matrix row by row in one array"
             )
-        items.append(scalar(item.value, item.style is not None))
+        items.append(scalar(item.value, bool(item.style)))
     kinds = {type(item) for item in items}
     if kinds == {int, float}:
         whole = next(item for item in items if type(item) is int)
@@ -123,11 +126,11 @@ def _text(path: Path) -> str:
 def _root(path: Path) -> yaml.MappingNode:
     text = _text(path)
     try:
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        for event in yaml.parse(text, Loader=_LOADER):
             if isinstance(event, yaml.AliasEvent):
                 line = event.start_mark.line + 1
                 raise ParameterError(f"{path}:{line}: YAML aliases are not allowed")
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        root = yaml.compose(text, Loader=_LOADER)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line_text = f":{mark.line + 1}" if mark is not None else ""

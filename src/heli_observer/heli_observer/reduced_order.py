@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.signal import place_poles
 
 from heli_math.jit import njit
 from heli_observer.arrays import copy_part
@@ -136,6 +135,8 @@ def observer_gain(A: Matrix, B: Matrix, poles: tuple[float, float, float]) -> Ma
 
 def observer_gain_placed(A: Matrix, B: Matrix, poles: tuple[complex, complex, complex]) -> Matrix:
     """Gain K (3, 6) by robust pole placement (Tits and Yang); complex pairs allowed, no repeats."""
+    from scipy.signal import place_poles  # 0.7 s to import, and no node places poles
+
     _, A_mu, _, A_uu, _, _ = partition(A, B)
     try:
         placed = place_poles(A_uu.T, A_mu.T, np.asarray(poles))
