@@ -6,7 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from heli_inner_hinf.loops import TICK_S, Actuation, Loop, Model, ObserverInput, flown_loop
+from heli_inner_hinf.loops import (
+    TICK_S,
+    Actuation,
+    Loop,
+    Model,
+    ObserverInput,
+    flown_loop,
+    sampled_plant,
+)
 
 
 @dataclass(frozen=True)
@@ -169,10 +177,11 @@ def further_delay_s(
     """
 
     actuation = actuation or Actuation()
+    loop = flown_loop(model, K, prediction_s, feed, actuation)
 
     def stable(extra: float) -> bool:
         later = replace(actuation, delay_s=actuation.delay_s + extra)
-        return flown_loop(model, K, prediction_s, feed, later).stability() < 0.0
+        return replace(loop, plant=sampled_plant(model, later)).stability() < 0.0
 
     if not stable(0.0):
         return 0.0

@@ -11,6 +11,8 @@ sensitivity peak max |S| stays below `PEAK` wins: the rule of Astrom, Panagopoul
 its structure allows and not detuned.
 """
 
+import cmath
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -115,14 +117,15 @@ def _pair(
 ) -> tuple[float, float, float] | None:
     """K_P, K_I, K_D for which L(crossover) has gain one and the phase margin; None for K_D against
     K_P."""
-    step = TICK_S / (1.0 - np.exp(-1j * crossover * TICK_S))
-    columns = np.array([at[0] * (1.0 + share * crossover * step), at[1]])
-    target = np.exp(1j * (np.radians(margin_deg) - np.pi))
-    matrix = np.array([columns.real, columns.imag])
-    try:
-        K_P, K_D = np.linalg.solve(matrix, [target.real, target.imag])
-    except np.linalg.LinAlgError:
+    step = TICK_S / (1.0 - cmath.exp(-1j * crossover * TICK_S))
+    angle, rate = complex(at[0] * (1.0 + share * crossover * step)), complex(at[1])
+    target = cmath.exp(1j * (math.radians(margin_deg) - math.pi))
+    # Cramer's rule for K_P angle + K_D rate = target, real and imaginary part
+    determinant = angle.real * rate.imag - angle.imag * rate.real
+    if determinant == 0.0:
         return None
+    K_P = (target.real * rate.imag - target.imag * rate.real) / determinant
+    K_D = (angle.real * target.imag - angle.imag * target.real) / determinant
     if K_P * K_D < 0.0:
         return None
     return float(K_P), float(share * crossover * K_P), float(K_D)
