@@ -20,6 +20,7 @@ from heli_hover_test.result import (
     write_result,
 )
 from heli_hover_test.settings import GPS_PRESETS, Settings, resolve, scenario_names
+from heli_inner_hinf.law_state import CONTROLLERS
 from heli_msgs_bridge.locate import MissingFileError
 from heli_msgs_bridge.parameters import ParameterError
 
@@ -29,16 +30,17 @@ _EPILOG = """examples:
   ./hover_test.sh                                  the paper's hover test, 60 s
   ./hover_test.sh --gps rtk --seed 7               another GPS, another wind
   ./hover_test.sh --scenario attitude              the paper's attitude test
+  ./hover_test.sh --scenario attitude --controller pid    another attitude law
   ./hover_test.sh --params my_weights.yaml         any node's parameters, changed
 
 exit code: 0 inside the paper's figures, 1 outside or helicopter lost (named), 2 bad input
 """
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
     """Command line of the hover test."""
     p = argparse.ArgumentParser(
-        prog="hover_test.sh",
+        prog=prog,
         description="Fly the helicopter in wind and compare with the paper.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -48,6 +50,11 @@ def parser() -> argparse.ArgumentParser:
         default="hover",
         metavar="NAME",
         help=f"what to fly: {' or '.join(scenario_names())} (default hover)",
+    )
+    p.add_argument(
+        "--controller",
+        metavar="LAW",
+        help=f"attitude law: {' or '.join(CONTROLLERS)} (default: the parameter of inner_loop)",
     )
     p.add_argument("--duration", type=float, metavar="S", help="length of the flight, s")
     p.add_argument("--seed", type=int, metavar="N", help="seed of wind and sensors")
@@ -158,6 +165,7 @@ def fly(options: argparse.Namespace, console: Console) -> int:
         options.duration,
         not options.realtime,
         options.params,
+        {"inner_loop": {"controller": options.controller}} if options.controller else None,
     )
     folder = _new_folder(options.out, options.scenario, options.gps, settings.seed)
     try:
@@ -190,11 +198,11 @@ def fly(options: argparse.Namespace, console: Console) -> int:
     return code
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None, prog: str = "hover_test.sh") -> int:
     """Entry point; returns the exit code."""
     console = Console(width=None if sys.stdout.isatty() else 110)
     try:
-        return fly(parser().parse_args(argv), console)
+        return fly(parser(prog).parse_args(argv), console)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED

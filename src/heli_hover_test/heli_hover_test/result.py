@@ -9,6 +9,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -71,6 +72,10 @@ def conditions(settings: Settings) -> str:
     speeds = "/".join(f"{v:g}" for v in p["wind.profile_speed_mps"])
     heights = "/".join(f"{h:g}" for h in p["wind.profile_altitude_m"])
     turbulence = "MIL-F-8785C Dryden turbulence" if p["wind.turbulence"] else "no turbulence"
+    gusts = np.reshape(p["wind.gust.amplitude_mps"], (-1, 3))
+    peak = np.linalg.norm(gusts, axis=1).max(initial=0.0)
+    if peak > 0.0:
+        turbulence += f", {len(gusts)} discrete gusts up to {peak:.3g} m/s"
     return (
         f"simulated: wind {speeds} m/s at {heights} m towards {p['wind.towards_deg']:g} deg, "
         f"{turbulence}; seed {settings.seed}\n"

@@ -47,7 +47,9 @@ def _arguments():
     common = str(Path(get_package_share_directory("heli_msgs_bridge")) / "config" / "common.yaml")
     return [
         DeclareLaunchArgument("namespace", default_value="", description="Prefix of all names"),
-        DeclareLaunchArgument("scenario", default_value="hover", choices=["hover", "attitude"]),
+        DeclareLaunchArgument(
+            "scenario", default_value="hover", choices=["hover", "attitude", "attitude_gusts"]
+        ),
         DeclareLaunchArgument(
             "gps", default_value="standalone", choices=["standalone", "rtk"], description=gps
         ),
