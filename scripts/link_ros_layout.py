@@ -9,18 +9,28 @@ path of their source, stay valid. The links are what `ros2 run`, `ros2 launch` a
     <prefix>/share/<package>/{package.xml,config,launch}
     <prefix>/share/ament_index/resource_index/packages/<package>
 
-and a .pth file puts the Python packages on the path. Running it again is harmless.
+a .pth file puts the Python packages on the path, and the commands of pyproject.toml's
+[project.scripts] stand in <prefix>/bin. Running it again is harmless.
 """
 
 import argparse
 import shutil
 import sys
 import sysconfig
+import tomllib
 from pathlib import Path
 
-SOURCES = Path(__file__).resolve().parent.parent / "src"
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = ROOT / "src"
 MARKERS = Path("share/ament_index/resource_index/packages")
 PATH_FILE = "heli_hover.pth"
+COMMAND = """#!{python}
+import sys
+
+from {module} import {function}
+
+sys.exit({function}())
+"""
 
 
 def packages() -> list[Path]:
@@ -66,6 +76,18 @@ def _drop_stale_markers(prefix: Path) -> None:
             marker.unlink()
 
 
+def write_commands(prefix: Path) -> None:
+    """Write the commands that `pip install .` would make, run by the running interpreter."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for name, target in project["scripts"].items():
+        module, function = target.split(":")
+        command = prefix / "bin" / name
+        command.parent.mkdir(parents=True, exist_ok=True)
+        text = COMMAND.format(python=sys.executable, module=module, function=function)
+        command.write_text(text, encoding="utf-8")
+        command.chmod(0o755)
+
+
 def main() -> int:
     """Link every package; the prefix is the running interpreter's environment unless given."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -78,6 +100,7 @@ def main() -> int:
         parser.error("run it with the Python of a virtual environment, or give --prefix")
     for package in packages():
         link_package(package, arguments.prefix)
+    write_commands(arguments.prefix)
     _drop_stale_markers(arguments.prefix)
     lines = "".join(f"{package}\n" for package in packages())
     (arguments.site_packages / PATH_FILE).write_text(lines, encoding="utf-8")

@@ -108,6 +108,13 @@ def test_executables_as_ros2_run_finds_them(prefix, package):
     assert found == [EXECUTABLES[package]] if package in EXECUTABLES else found == []
 
 
+def test_command_runs(prefix):
+    """`heli` of [project.scripts] is where an environment has its commands."""
+    env = {**os.environ, "PYTHONPATH": str(prefix / PYTHON_FOLDER)}
+    help_text = run(prefix / "bin/heli", "--help", env=env)
+    assert all(command in help_text for command in ("hover", "design", "compare"))
+
+
 def test_modules_are_complete(installed):
     for package in PACKAGES:
         source = {f for f in files_below(ROOT / "src" / package / package) if f.endswith(".py")}

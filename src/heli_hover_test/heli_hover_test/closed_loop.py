@@ -128,25 +128,40 @@ class Flight(NamedTuple):
     sentence: str
 
 
-def build(settings: Settings, true_navigation: bool = False) -> Loop:
+def build(
+    settings: Settings,
+    true_navigation: bool = False,
+    plant_config: plant.PlantConfig | None = None,
+    law: inner.AttitudeKernel | None = None,
+) -> Loop:
     """Kernels' numbers and fresh states for a flight.
+
+    Parameters
+    ----------
+    settings : Settings
+    true_navigation : bool
+        As in `simulate`.
+    plant_config : PlantConfig, optional
+        Another aircraft than that of the settings; the controllers do not know.
+    law : AttitudeKernel, optional
+        A law that is designed already.
 
     Raises
     ------
     ParameterError, TrimError, InfeasibleGammaError
         As the parts raise them, each with a sentence.
     """
-    plant_config = plant.PlantConfig.from_parameters(settings.nodes["plant"])
+    plant_config = plant_config or plant.PlantConfig.from_parameters(settings.nodes["plant"])
     observer_config = observer.ObserverConfig(settings.nodes["observer"])
-    attitude = AttitudeConfig.from_parameters(settings.nodes["inner_loop"])
+    law = law or AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
     outer_k = outer_kernel(settings.nodes["outer_loop"])
     return Loop(
         plant_config.kernel,
         plant.initial_state(plant_config, settings.seed),
         observer_config.kernel,
         observer.initial_state(observer_config),
-        attitude.kernel,
-        initial_law_state(attitude.kernel),
+        law,
+        initial_law_state(law),
         outer_k,
         outer.initial_state(outer_k),
         settings.nodes["outer_loop"]["period_ticks"],
@@ -169,7 +184,25 @@ def simulate(settings: Settings, true_navigation: bool = False, progress=None) -
     -------
     Flight
     """
-    loop = build(settings, true_navigation)
+    return fly_loop(build(settings, true_navigation), settings, progress)
+
+
+def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
+    """Fly a loop that is built already; its states are used up.
+
+    Parameters
+    ----------
+    loop : Loop
+        From `build`, or with parts of its own (perturbed aircraft, another law).
+    settings : Settings
+        Seed and scenario.
+    progress : callable, optional
+        Called with the flight time (s) now and then.
+
+    Returns
+    -------
+    Flight
+    """
     n = settings.scenario.n_ticks
     track = Track(
         np.zeros((n, N_TRUTH)),

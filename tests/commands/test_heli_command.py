@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `heli`: help with examples, JSON, pictures, and one line for bad input."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heli_hover_test import cli, compare_robustness, laws
+from heli_hover_test.closed_loop import simulate
+from heli_hover_test.scoring import score
+from heli_hover_test.settings import resolve
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.errors import InfeasibleGammaError
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMANDS = (["hover"], ["design"], ["compare", "attitude"], ["compare", "robustness"])
+
+
+def heli(capsys, *words):
+    """Exit code, stdout, stderr of a command."""
+    try:
+        code = cli.main([str(word) for word in words])
+    except SystemExit as stop:  # argparse's own end, of `hover`
+        code = stop.code
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def refused(capsys, *words):
+    """The one line of a refusal."""
+    code, out, err = heli(capsys, *words)
+    assert code == 2
+    assert out == ""
+    lines = err.splitlines()
+    assert len(lines) == 1, err
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def designed(tmp_path_factory):
+    """Folder of one design, made by the command."""
+    folder = tmp_path_factory.mktemp("design") / "out"
+    assert cli.main(["design", "--gamma-factor", "1.2", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_has_an_example(capsys, command):
+    code, out, _ = heli(capsys, *command, "--help")
+    assert code == 0
+    assert "example" in out
+    assert " ".join(["heli", *command]) in out
+
+
+def test_help_does_not_import_what_flies(tmp_path):
+    """Import lazily: help must not wait for numba, matplotlib or ROS."""
+    code = (
+        "import sys\n"
+        "from heli_hover_test import cli\n"
+        "cli.main(['design', '--help'])\n"
+        "print('LOADED', [m for m in ('numpy', 'numba', 'matplotlib', 'scipy', 'rclpy')"
+        " if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.endswith("LOADED []\n")
+
+
+def test_wrapper_is_a_program():
+    wrapper = ROOT / "heli"
+    assert os.access(wrapper, os.X_OK)
+    assert "heli_hover_test.cli" in wrapper.read_text()
+
+
+class TestDesign:
+    def test_writes_pictures_and_yaml(self, designed):
+        names = {path.name for path in designed.iterdir()}
+        pictures = {"singular_values.png", "margins.png", "step.png"}
+        assert names == pictures | {"design.yaml", "design.json"}
+        for name in pictures:
+            assert (designed / name).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+    def test_certificate_and_margins(self, designed):
+        found = json.loads((designed / "design.json").read_text())
+        assert found["gamma"] == pytest.approx(1.2 * found["gamma_star"]["value"], rel=1e-9)
+        assert found["norm"] < found["gamma"]
+        assert len(found["certificate"]) == 6 and all(c["holds"] for c in found["certificate"])
+        assert [loop["name"] for loop in found["loops"]] == [
+            "state feedback", "with observer", "as flown",
+        ]  # fmt: skip
+        flown = found["loops"][-1]
+        assert min(flown["disk_input"], flown["disk_output"]) >= 0.5
+        assert found["further_delay_s"] >= 0.02
+
+    def test_nodes_load_it(self, designed):
+        """Every node takes the file, and the inner loop's own synthesis gives the same F."""
+        found = json.loads((designed / "design.json").read_text())
+        settings = resolve(params=[designed / "design.yaml"])
+        config = AttitudeConfig.from_parameters(settings.nodes["inner_loop"])
+        assert np.allclose(config.synthesis.F, found["F"], rtol=1e-9, atol=1e-12)
+        assert np.array_equal(settings.nodes["observer"]["K"], found["K"])
+        assert np.array_equal(settings.nodes["observer"]["model.A"], config.A)
+        assert settings.nodes["outer_loop"]["trim.phi"] == config.x_trim[0]
+
+    def test_it_flies_inside_the_paper(self, designed):
+        settings = resolve(gps="rtk", seed=101, params=[designed / "design.yaml"])
+        flight = simulate(settings)
+        assert flight.sentence == ""
+        assert all(s.inside for s in score(flight.record, settings.scenario))
+
+    def test_default_design_is_the_packaged_one(self, capsys):
+        """The packaged YAMLs hold what the command finds for the packaged aircraft."""
+        code, out, _ = heli(capsys, "design", "--json")
+        assert code == 0
+        found, packaged = json.loads(out), resolve().nodes
+        assert np.allclose(found["K"], packaged["observer"]["K"], atol=1e-6)
+        inner = AttitudeConfig.from_parameters(packaged["inner_loop"])
+        assert np.allclose(found["F"], inner.synthesis.F, atol=1e-5)
+        for i, axis in enumerate(("roll", "pitch", "yaw")):
+            assert found["pid"][axis]["K_P"] == pytest.approx(inner.K_P[i], rel=1e-5)
+
+    def test_another_aircraft(self, tmp_path, capsys):
+        """A heavier one with slower servos: the YAML names it and tells every node of it."""
+        packaged = ROOT / "src/heli_dynamics_sim/config/aircraft/helion.yaml"
+        text = packaged.read_text()
+        text = text.replace("mass_kg: 9.750", "mass_kg: 10.5")
+        mine = tmp_path / "mine.yaml"
+        mine.write_text(text.replace("bandwidth_radps: 38.0", "bandwidth_radps: 30.0"))
+        out = tmp_path / "design"
+        code, _, _ = heli(
+            capsys, "design", "--aircraft", mine, "--gamma-factor", "1.25", "--out", out
+        )
+        assert code == 0
+        nodes = resolve("attitude", params=[out / "design.yaml"]).nodes
+        assert nodes["plant"]["aircraft_file"] == str(mine)
+        assert nodes["outer_loop"]["mass"] == 10.5
+        assert nodes["observer"]["servo.frequency_radps"] == 30.0
+        assert nodes["inner_loop"]["prediction_s"] == pytest.approx(0.015 + 2 * 0.51 / 30, abs=5e-4)
+        assert nodes["outer_loop"]["trim.d_col"] < resolve().nodes["outer_loop"]["trim.d_col"]
+
+    def test_infeasible_gamma_is_the_same_sentence_everywhere(self, capsys, tmp_path):
+        """Command, YAML through hover, and the library say the same."""
+        said = refused(capsys, "design", "--gamma", "0.03").removeprefix("heli: ")
+        file = tmp_path / "gamma.yaml"
+        file.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 0.03\n")
+        with pytest.raises(InfeasibleGammaError) as error:
+            simulate(resolve(params=[file]))
+        assert said.startswith("gamma = 0.03 is infeasible")
+        star = error.value.gamma_star
+        assert f"{star:.8g}"[:8] in said
+        through_yaml = refused(capsys, "design", "--params", file).removeprefix("heli: ")
+        assert through_yaml == said
+
+    @pytest.mark.parametrize(
+        ("words", "part"),
+        [
+            (["--gamma", "nan"], "gamma = nan is infeasible"),
+            (["--gamma-factor", "1.0"], "is infeasible"),
+            (["--gamma", "0.06", "--gamma-factor", "1.2"], "one of them, not both"),
+            (["--aircraft", "nope.yaml"], "no such aircraft file"),
+            (["--params", "nope.yaml"], "nope.yaml"),
+            (["--gamma", "much"], "--gamma"),
+            (["--weights", "3"], "--weights"),
+        ],
+    )
+    def test_bad_input_is_one_line(self, capsys, words, part):
+        assert part in refused(capsys, "design", *words)
+
+    def test_weight_matrix_is_named(self, capsys, tmp_path):
+        file = tmp_path / "weights.yaml"
+        values = ", ".join(["0.0"] * 9)
+        file.write_text(f"/**/inner_loop:\n  ros__parameters:\n    D11: [{values}]\n")
+        assert "D11 must be invertible" in refused(capsys, "design", "--params", file)
+
+    def test_existing_folder_is_refused(self, capsys, tmp_path):
+        for command in (["design"], ["compare", "attitude"]):
+            said = refused(capsys, *command, "--out", tmp_path)
+            assert said == f"heli: --out {tmp_path}: exists already; name a new folder"
+
+
+class TestCompareAttitude:
+    def test_json_is_what_the_scoring_says(self, capsys):
+        """Two seeds: the numbers of the comparison against those of the hover test's scoring."""
+        words = ("compare", "attitude", "--seeds", "101,102", "--controllers", "hinf,pid")
+        code, out, _ = heli(capsys, *words, "--duration", "8", "--json")
+        assert code == 0
+        found = json.loads(out)
+        assert len(found["flights"]) == 2 * 2 * 2
+        for law in ("hinf", "pid"):
+            settings = resolve(
+                "attitude", seed=102, duration_s=8.0, overrides={"inner_loop": {"controller": law}}
+            )
+            expected = {
+                (s.metric.key, s.source): s.max
+                for s in score(simulate(settings).record, settings.scenario)
+            }
+            for flight in found["flights"]:
+                if (flight["law"], flight["seed"]) == (law, 102):
+                    wanted = [expected[axis, flight["source"]] for axis in laws.AXES]
+                    assert flight["max_deg"] == pytest.approx(wanted, rel=1e-9)
+
+    def test_h_infinity_beats_the_pid_in_roll_gusts(self, capsys, tmp_path):
+        out = tmp_path / "gusts"
+        words = ("compare", "attitude", "--gusts", "--seeds", "101..103", "--ideal-navigation")
+        code, text, _ = heli(capsys, *words, "--out", out)
+        assert code == 0
+        assert "8 discrete gusts up to 8 m/s" in text and "| H-infinity " in text
+        found = json.loads((out / "attitude.json").read_text())
+        rows = {(row["law"], row["source"]): row for row in found["summary"]}
+        for source in ("navigation", "truth", "ideal"):
+            assert rows["hinf", source]["roll_wins_over_pid"] == 3
+            assert rows["hinf", source]["roll_max_deg"] < 1.0
+            assert rows["hinf", source]["pitch_max_deg"] < 1.0
+            assert rows["pid", source]["roll_wins_over_pid"] is None
+        assert (out / "attitude.png").read_bytes()[:4] == b"\x89PNG"
+
+    @pytest.mark.parametrize(
+        ("words", "part"),
+        [
+            (["--seeds", "20..x"], "--seeds 20..x"),
+            (["--controllers", "hinf,mpc"], "'mpc' is none of hinf"),
+            (["--gps", "gallileo"], "unknown preset"),
+            (["--duration", "-1"], "--duration"),
+        ],
+    )
+    def test_bad_input_is_one_line(self, capsys, words, part):
+        assert part in refused(capsys, "compare", "attitude", *words)
+
+    def test_lost_helicopter_is_told(self, capsys, tmp_path):
+        file = tmp_path / "tilt.yaml"
+        file.write_text("/**/plant:\n  ros__parameters:\n    limits.distance_m: 1.0\n")
+        words = ("--seeds", "101", "--controllers", "pid", "--params", file)
+        code, out, _ = heli(capsys, "compare", "attitude", *words, "--json")
+        assert code == 0
+        found = json.loads(out)
+        assert found["summary"][0]["lost"] == 1 and found["summary"][0]["roll_max_deg"] is None
+        assert "flew away" in found["flights"][0]["lost"]
+
+
+class TestCompareRobustness:
+    def test_json(self, capsys):
+        words = ("compare", "robustness", "--n", "2", "--seed", "101", "--duration", "10", "--json")
+        code, out, _ = heli(capsys, *words, "--controllers", "hinf,pid")
+        assert code == 0
+        found = json.loads(out)
+        rows = {(row["perturbation"], row["law"]): row for row in found["outcomes"]}
+        assert len(rows) == 2 * len(compare_robustness.PERTURBATIONS)
+        assert rows["all", "hinf"]["flown"] == 2 and rows["delay", "pid"]["flown"] == 1
+        assert all(0.0 <= row["fraction"] <= 1.0 for row in found["outcomes"])
+        assert rows["flap_back", "hinf"]["median_deg"] > rows["nominal", "hinf"]["median_deg"]
+
+    def test_bad_input_is_one_line(self, capsys):
+        assert "--n" in refused(capsys, "compare", "robustness", "--n", "0")
+
+    def test_unknown_command(self, capsys):
+        assert "No such command" in refused(capsys, "fly")
