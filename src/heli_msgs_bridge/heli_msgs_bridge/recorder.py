@@ -95,6 +95,8 @@ class BagRecorder:
                 full, topic.type, typestore=store, offered_qos_profiles=[_qos(topic)]
             )
         self.counts = dict.fromkeys(self._connections, 0)
+        self._first: dict[str, int] = {}
+        self._last: dict[str, int] = {}
         self._newest_ns = 0
         self._failed = ""
 
@@ -119,6 +121,20 @@ class BagRecorder:
             self._failed = f"{self.folder}: recording stopped: {error.strerror}"
             raise BagError(self._failed) from error
         self.counts[name] += 1
+        self._first.setdefault(name, stamp_ns)
+        self._last[name] = max(stamp_ns, self._last.get(name, 0))
+
+    def missing(self) -> list[str]:
+        """Topics with a fixed rate of which a message of the middle or of the end has not come."""
+        found = []
+        for name, last in self._last.items():
+            period_ns = topics.BY_NAME[name].every_ticks * topics.TICK_NS
+            if not period_ns:
+                continue
+            expected = (last - self._first[name]) // period_ns + 1
+            if self.counts[name] < expected or last <= self._newest_ns - period_ns:
+                found.append(name)
+        return found
 
     def close(self) -> None:
         """Write index and metadata; the bag opens everywhere then.

@@ -15,6 +15,7 @@ from heli_msgs_bridge.recorder_table import NODE_NAME, TABLE
 _DEPTH = 10_000
 # Wall time without a message after which a stream counts as ended.
 _QUIET_S = 0.1
+_REPEAT_S = 4.0
 
 
 class RecorderNode(ManagedNode):
@@ -48,40 +49,55 @@ class RecorderNode(ManagedNode):
             )
         self.get_logger().info(f"recording {len(names)} topics to {folder}")
 
+    def _write(self, name: str, raw: bytes) -> None:
+        if self.bag is None:
+            return
+        try:
+            self.bag.write(name, raw)
+        except BagError as error:
+            self.report(Level.ERROR, str(error))
+
     def _writer(self, name: str) -> Callable[[bytes], None]:
+        """Callback of a topic: one call of the executor empties the queue."""
+
         def write(raw: bytes) -> None:
-            if self.bag is None:
-                return
-            try:
-                self.bag.write(name, raw)
-            except BagError as error:
-                self.report(Level.ERROR, str(error))
+            self._write(name, raw)
+            self._write_arrived(name)
 
         return write
 
     def _drain(self) -> None:
-        """Write what has arrived but not been served yet, until nothing has come for a while."""
-        quiet_since = time.monotonic()
-        while time.monotonic() - quiet_since < _QUIET_S:
-            if self._write_arrived():
-                quiet_since = time.monotonic()
+        """Write what is still under way.
 
-    def _write_arrived(self) -> int:
-        count = 0
-        for name, subscription in self._subscriptions_raw.items():
-            write = self._writer(name)
-            with subscription.handle:
-                while True:
-                    taken = subscription.handle.take_message(subscription.msg_type, True)
-                    if taken is None:
-                        break
-                    write(taken[0])
-                    count += 1
-        return count
+        Ends when nothing has come for a while and no periodic topic has a gap; a gap is waited for
+        as long as the sender may need to repeat a message (a heartbeat of Fast DDS is 3 s).
+        """
+        begun = quiet_since = time.monotonic()
+        while True:
+            if sum(self._write_arrived(name) for name in self._subscriptions_raw):
+                quiet_since = time.monotonic()
+            now = time.monotonic()
+            quiet = now - quiet_since > _QUIET_S
+            if quiet and (now - begun > _REPEAT_S or not self.bag or not self.bag.missing()):
+                return
+
+    def _write_arrived(self, name: str) -> int:
+        """Write all messages of a topic that wait in its queue; returns how many."""
+        subscription, count = self._subscriptions_raw[name], 0
+        with subscription.handle:
+            while True:
+                taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    return count
+                self._write(name, taken[0])
+                count += 1
 
     def disengage(self) -> None:
-        """Everything that was sent before is in the bag afterwards."""
+        """Everything that was sent before is in the bag afterwards; what is not is said."""
         self._drain()
+        missing = self.bag.missing() if self.bag else []
+        if missing:
+            self.report(Level.WARN, f"messages lost on {', '.join(missing)}")
 
     def teardown(self) -> None:
         """Close the bag."""

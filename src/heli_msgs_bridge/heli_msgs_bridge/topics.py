@@ -10,8 +10,9 @@ from typing import Any
 
 TICK_NS = 10_000_000
 """Length of a tick, ns."""
-DEPTH = 100
-"""History depth of every stream; a reader may lag this many messages before one is lost."""
+DEPTH = 2000
+"""History depth of every stream. A sender can repeat what a listener's full shared-memory queue did
+not take (512 messages of all topics together) only while the message is in its history."""
 
 CLOCK = "/clock"
 IMU = "imu/data_raw"
