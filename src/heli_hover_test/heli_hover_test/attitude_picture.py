@@ -37,7 +37,7 @@ def draw(result: Comparison, path: Path) -> None:
             axes[i, 0].set_ylabel(f"{name} error (deg)")
             bound = 1.2 * _largest_scored(result, i)
             axes[i, 0].set_ylim(-bound, bound)
-        axes[0, 0].legend(loc="upper right")
+        axes[1, -1].legend(loc="lower right", ncols=2)
         figure.suptitle(_title(result), fontsize=10)
 
 
