@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A flight's record out of its bag."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from heli_hover_test.record import FlightRecord
 from heli_hover_test.settings import Settings
 from heli_math.rotations import quat_to_R_nb
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.bag_reader import Bag, Stream, read_bag
+from heli_msgs_bridge.bag_reader import Bag, Remark, Stream, read_bag
 from heli_msgs_bridge.recorder import BagError
 from heli_outer_pd.reference import N_REFERENCE, reference_at
 
@@ -38,8 +40,16 @@ def _reference(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray:
     return rows
 
 
-def record_from_bag(path: Path, settings: Settings) -> FlightRecord:
-    """Record of a flight, one row per tick of ground truth.
+@dataclass(frozen=True)
+class BagFlight:
+    """A bag as a flight: its record, NaN where a topic says nothing, and the nodes' health."""
+
+    record: FlightRecord
+    remarks: Sequence[Remark]
+
+
+def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -> BagFlight:
+    """Record and health of a flight, one row per tick of ground truth.
 
     Parameters
     ----------
@@ -47,38 +57,46 @@ def record_from_bag(path: Path, settings: Settings) -> FlightRecord:
         rosbag2 folder.
     settings : Settings
         Give the stamp of flight time 0.
+    truth_needed : bool
+        False: a bag without ground truth is taken too, one row per tick of `odom`.
 
     Returns
     -------
-    FlightRecord
-        What a topic does not say is NaN.
+    BagFlight
 
     Raises
     ------
     FlightError
-        The bag cannot be read or holds no ground truth.
+        The bag cannot be read or holds no flight.
     """
     try:
         bag = read_bag(path)
     except BagError as error:
         raise FlightError(str(error)) from error
     start_ns = round(settings.nodes["plant"]["start_time_s"] * 1e9)
-    truth = bag.streams.get(topics.TRUTH_ODOM)
-    if truth is None or not truth.stamp_ns.size:
-        raise FlightError(f"{path}: holds no {topics.TRUTH_ODOM}")
-    ticks = (truth.stamp_ns - start_ns) // topics.TICK_NS
-    velocity = np.array([quat_to_R_nb(row[6:10]) @ row[3:6] for row in truth.rows])
+    source = bag.streams.get(topics.TRUTH_ODOM)
+    if source is None or not source.stamp_ns.size:
+        if truth_needed:
+            raise FlightError(f"{path}: holds no {topics.TRUTH_ODOM}")
+        source = bag.streams.get(topics.ODOM)
+    if source is None or not source.stamp_ns.size:
+        raise FlightError(f"{path}: holds neither {topics.TRUTH_ODOM} nor {topics.ODOM}: no flight")
+    ticks = (source.stamp_ns - start_ns) // topics.TICK_NS
+    return BagFlight(_record(bag, ticks, start_ns), bag.remarks)
 
+
+def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
     def at(name: str, size: int) -> np.ndarray:
         return _at(bag.streams.get(name), ticks, start_ns, size)
 
-    nav = at(topics.ODOM, 28)
+    truth, nav = at(topics.TRUTH_ODOM, 13), at(topics.ODOM, 28)
+    velocity = np.array([quat_to_R_nb(row[6:10]) @ row[3:6] for row in truth])
     return FlightRecord(
         time_s=ticks / 100.0,
-        truth_pos_ned_m=truth.rows[:, 0:3],
+        truth_pos_ned_m=truth[:, 0:3],
         truth_vel_ned_mps=velocity,
-        truth_rate_body_radps=truth.rows[:, 10:13],
-        truth_q_nb=truth.rows[:, 6:10],
+        truth_rate_body_radps=truth[:, 10:13],
+        truth_q_nb=truth[:, 6:10],
         truth_rotor=at(topics.TRUTH_ROTOR, 7)[:, 0:3],
         wind_ned_mps=at(topics.TRUTH_WIND, 3),
         nav_pos_ned_m=nav[:, 0:3],
@@ -89,4 +107,6 @@ def record_from_bag(path: Path, settings: Settings) -> FlightRecord:
         reference=_reference(bag, ticks, start_ns),
         setpoint=at(topics.ATTITUDE_SETPOINT, 3),
         u=at(topics.ACTUATORS, 4),
+        nav_sigma_pos_m=nav[:, 22:25],
+        nav_sigma_vel_mps=nav[:, 25:28],
     )

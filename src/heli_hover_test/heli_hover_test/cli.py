@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, design, compare. What a sub-command needs is imported when it runs."""
+"""The command `heli`: hover, design, compare, report. A sub-command imports what it needs."""
 
 import json
 import os
@@ -17,7 +17,7 @@ EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
     name="heli",
-    help="Autonomous hover of a small helicopter: fly, design, compare.",
+    help="Autonomous hover of a small helicopter: fly, design, compare, report.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -106,6 +106,34 @@ def design(
     print_design(made, console())
     if out is not None:
         console().print(f"written: {out} (fly it: heli hover --params {out}/design.yaml)")
+    return 0
+
+
+@app.command(
+    epilog="\b\nexample:\n  heli report flights/my_flight\n"
+    "  heli report rosbag2_2026_11_21 --params my.yaml"
+)
+def report(
+    bag: Annotated[Path, typer.Argument(help="rosbag2 folder, or the folder of a flight")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="folder to write (default: beside the bag)")
+    ] = None,
+    scenario: Annotated[
+        str | None, typer.Option(metavar="NAME", help="what was flown (default: as recorded)")
+    ] = None,
+    gps: Annotated[
+        str | None, typer.Option(metavar="PRESET", help="receiver (default: as recorded)")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="seed of the flight, for its conditions")
+    ] = None,
+    params: Params = None,
+) -> int:
+    """Write report.html and the paper's figures of a recorded flight."""
+    from heli_hover_test.report import Choice, report_of_bag
+
+    choice = Choice(scenario, gps, seed, params or [])
+    print(f"written: {report_of_bag(bag, choice, out)}")
     return 0
 
 

@@ -248,4 +248,6 @@ def _as_record(track: Track, n: int) -> FlightRecord:
         reference=track.reference[:n],
         setpoint=track.setpoint[:n, :3],
         u=track.u[:n],
+        nav_sigma_pos_m=nav[:, 22:25],
+        nav_sigma_vel_mps=nav[:, 25:28],
     )

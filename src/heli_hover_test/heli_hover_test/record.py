@@ -32,6 +32,8 @@ class FlightRecord:
         Commanded phi, theta, psi.
     u : (N, 4) ndarray
         Actuators d_lat, d_lon, d_ped, d_col.
+    nav_sigma_pos_m, nav_sigma_vel_mps : (N, 3) ndarray, optional
+        Standard deviations of the navigation record, NED; None if they were not recorded.
     """
 
     time_s: np.ndarray
@@ -49,6 +51,8 @@ class FlightRecord:
     reference: np.ndarray
     setpoint: np.ndarray
     u: np.ndarray
+    nav_sigma_pos_m: np.ndarray | None = None
+    nav_sigma_vel_mps: np.ndarray | None = None
 
     def __len__(self) -> int:
         return self.time_s.size

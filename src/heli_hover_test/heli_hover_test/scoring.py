@@ -69,7 +69,7 @@ class Score:
         }
 
 
-def _heading_frame(vector_ned: np.ndarray, psi: np.ndarray) -> np.ndarray:
+def heading_frame(vector_ned: np.ndarray, psi: np.ndarray) -> np.ndarray:
     """Rotate (N, 3) NED vectors into the frame of the headings psi (N,): forward, right, down."""
     c, s = np.cos(psi), np.sin(psi)
     forward = c * vector_ned[:, 0] + s * vector_ned[:, 1]
@@ -87,8 +87,8 @@ def _errors(record: FlightRecord, source: str, kind: str) -> dict[str, np.ndarra
     if kind == "attitude":
         error = np.degrees(euler[:, :2] - record.setpoint[:, :2])
         return {"roll": error[:, 0], "pitch": error[:, 1]}
-    pos_h = _heading_frame(pos - record.reference[:, :3], record.reference[:, 6])
-    vel_h = _heading_frame(vel - record.reference[:, 3:6], record.reference[:, 6])
+    pos_h = heading_frame(pos - record.reference[:, :3], record.reference[:, 6])
+    vel_h = heading_frame(vel - record.reference[:, 3:6], record.reference[:, 6])
     return {
         "v_z": vel_h[:, 2],
         "v_x": vel_h[:, 0],

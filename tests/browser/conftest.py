@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A headless Chromium driven over its own DevTools pipe: no driver, no further package."""
+
+import base64
+import json
+import os
+import select
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+_FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
+    "--remote-debugging-pipe",
+)  # fmt: skip
+ANSWER_LIMIT_S = 60.0
+_WAIT = """new Promise((yes, no) => {
+  const end = performance.now() + LIMIT_MS;
+  const look = () => {
+    let ok = false;
+    try { ok = Boolean(WANTED); } catch (error) { ok = false; }
+    if (ok) yes(true);
+    else if (performance.now() > end) no(new Error("not in time"));
+    else setTimeout(look, 20);
+  };
+  look();
+})"""
+
+
+class Page:
+    """One tab; collects what goes wrong in it and what it asks of the network."""
+
+    def __init__(self, profile: Path, program: str):
+        spare = []
+        while not spare or spare[-1] < 10:
+            # So that none of our own descriptors is 3 or 4, which the browser speaks on.
+            spare.append(os.open(os.devnull, os.O_RDONLY))
+        to_read, self._write = os.pipe()
+        self._read, to_write = os.pipe()
+
+        def speak_on_3_and_4():
+            os.dup2(to_read, 3)
+            os.dup2(to_write, 4)
+
+        command = [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        self._process = subprocess.Popen(
+            command, pass_fds=(3, 4), preexec_fn=speak_on_3_and_4, stderr=subprocess.DEVNULL
+        )
+        for descriptor in (*spare, to_read, to_write):
+            os.close(descriptor)
+        self._buffer, self._count, self._session = b"", 0, None
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        targets = self.call("Target.getTargets")["targetInfos"]
+        page = next(target for target in targets if target["type"] == "page")
+        attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters):
+        """Send a command, return its result; events that come before it are noted."""
+        self._count += 1
+        message = {"id": self._count, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._write, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._next()
+            if answer.get("id") == self._count:
+                assert "error" not in answer, f"{method}: {answer['error']}"
+                return answer["result"]
+
+    def _next(self) -> dict:
+        until = time.monotonic() + ANSWER_LIMIT_S
+        while b"\0" not in self._buffer:
+            ready, _, _ = select.select([self._read], [], [], max(0.0, until - time.monotonic()))
+            assert ready, f"the browser was silent for {ANSWER_LIMIT_S:g} s"
+            data = os.read(self._read, 1 << 20)
+            assert data, "the browser has ended"
+            self._buffer += data
+        raw, _, self._buffer = self._buffer.partition(b"\0")
+        message = json.loads(raw)
+        self._note(message.get("method"), message.get("params", {}))
+        return message
+
+    def _note(self, method: str | None, event: dict) -> None:
+        if method == "Runtime.exceptionThrown":
+            self.errors.append(json.dumps(event["exceptionDetails"])[:500])
+        elif method == "Runtime.consoleAPICalled" and event["type"] in ("error", "warning"):
+            self.errors.append(json.dumps(event["args"])[:500])
+        elif method == "Log.entryAdded" and event["entry"]["level"] in ("error", "warning"):
+            self.errors.append(event["entry"]["text"])
+        elif method == "Network.requestWillBeSent":
+            self.requests.append(event["request"]["url"])
+
+    def size(self, width: int, height: int, phone: bool = False) -> None:
+        """Size of the window in CSS pixels; as a phone also its touch and its scale."""
+        scale = 2 if phone else 1
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width, height=height, deviceScaleFactor=scale, mobile=phone,
+        )  # fmt: skip
+        self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
+
+    def prefer(self, scheme: str) -> None:
+        """What the user's system prefers: light or dark."""
+        feature = {"name": "prefers-color-scheme", "value": scheme}
+        self.call("Emulation.setEmulatedMedia", features=[feature])
+
+    def open(self, path: Path, ready: str) -> None:
+        """Load a file and wait until the expression `ready` is true."""
+        self.call("Page.navigate", url=path.absolute().as_uri())
+        self.wait(ready)
+
+    def wait(self, expression: str, limit_s: float = ANSWER_LIMIT_S) -> None:
+        """Wait until an expression is true."""
+        script = _WAIT.replace("LIMIT_MS", f"{1000 * limit_s:g}").replace("WANTED", expression)
+        until = time.monotonic() + limit_s
+        while True:
+            # A page that is still being loaded may take the first attempt's context with it.
+            answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True)
+            if "exceptionDetails" not in answer and answer["result"].get("value") is True:
+                return
+            assert time.monotonic() < until, f"not in time: {expression}"
+
+    def value(self, expression: str):
+        """Value of an expression; a promise is awaited."""
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+        )
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """Press, move, release the left button."""
+        middle = tuple(0.5 * (a + b) for a, b in zip(start, end, strict=True))
+        steps = (("mousePressed", start), ("mouseMoved", middle), ("mouseMoved", end))
+        for kind, (x, y) in (*steps, ("mouseReleased", end)):
+            self.call(
+                "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1,
+                clickCount=1,
+            )  # fmt: skip
+
+    def screenshot(self, path: Path, whole: bool = True) -> None:
+        """Write a PNG of the window, or of the whole page."""
+        shot = self.call("Page.captureScreenshot", captureBeyondViewport=whole, **self._clip(whole))
+        path.write_bytes(base64.b64decode(shot["data"]))
+
+    def _clip(self, whole: bool) -> dict:
+        if not whole:
+            return {}
+        box = self.call("Page.getLayoutMetrics")["cssContentSize"]
+        return {"clip": {**box, "scale": 1}}
+
+    def close(self) -> None:
+        """End the browser."""
+        try:
+            self._session = None
+            os.write(self._write, b'{"id": 0, "method": "Browser.close"}\0')
+            self._process.wait(10.0)
+        except (OSError, subprocess.TimeoutExpired):
+            self._process.kill()
+            self._process.wait()
+        os.close(self._write)
+        os.close(self._read)
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of a Chromium; the tests are skipped where there is none."""
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip("no Chromium on this machine: install the package chromium")
+    return found
+
+
+@pytest.fixture
+def page(chromium, tmp_path):
+    """A fresh browser with one empty tab."""
+    tab = Page(tmp_path / "profile", chromium)
+    yield tab
+    tab.close()

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report in a real browser: no errors, no network, plots that respond, phone width."""
+
+import re
+import time
+
+import pytest
+
+from heli_hover_test.closed_loop import simulate
+from heli_hover_test.report import Event, write_report
+from heli_hover_test.result import Result
+from heli_hover_test.scoring import score
+from heli_hover_test.settings import resolve
+
+READY = "document.documentElement.dataset.ready === 'true'"
+EVENTS = (
+    Event(0.0, "observer", 0, "active"),
+    Event(7.0, "observer", 1, "GPS <timeout> & more"),
+    Event(9.0, "observer", 0, "active"),
+)
+# The page is about 6.4 MB, 4.8 of them Plotly.
+LARGEST_PAGE_BYTES = 8_000_000
+
+
+def written(folder, scenario, **options):
+    settings = resolve(scenario, **options)
+    flight = simulate(settings)
+    result = Result(
+        score(flight.record, settings.scenario), flight.sentence, len(flight.record) / 100.0, 1.0
+    )
+    start = time.monotonic()
+    page = write_report(flight.record, settings, result, folder, "one process", EVENTS)
+    seconds = time.monotonic() - start
+    print(f"{scenario}: report in {seconds:.2f} s, {page.stat().st_size / 1e6:.2f} MB")
+    return page
+
+
+@pytest.fixture(scope="module")
+def hover(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("hover"), "hover")
+
+
+@pytest.fixture(scope="module")
+def attitude(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("attitude"), "attitude", duration_s=12.0)
+
+
+def own_requests(page):
+    return [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))]
+
+
+def test_hover_report_renders_offline(page, hover):
+    assert hover.stat().st_size < LARGEST_PAGE_BYTES
+    page.size(1280, 900)
+    page.open(hover, READY)
+    charts = page.value(
+        "[...document.querySelectorAll('.chart')].map(d => [d.id, d.data.length, "
+        "d.querySelectorAll('.scatterlayer .trace').length, d._fullLayout.width])"
+    )
+    names = {name for name, *_ in charts}
+    assert {
+        "chart-fig5_v_z", "chart-fig6_v_x", "chart-fig7_v_y", "chart-fig8_altitude",
+        "chart-fig9_track", "chart-wind", "chart-actuators", "chart-estimate_position",
+        "chart-estimate_velocity", "chart-rotor", "chart-singular_values", "chart-timeline",
+    } <= names  # fmt: skip
+    for name, traces, drawn, width in charts:
+        assert traces and drawn == traces, name
+        assert 500 < width < 1280, name
+    assert page.errors == []
+    assert own_requests(page) == []
+
+
+def test_network_is_forbidden_by_the_page_itself(page, hover):
+    page.open(hover, READY)
+    assert page.value("fetch('https://example.org/').then(() => 'sent', () => 'refused')") == (
+        "refused"
+    )
+    assert own_requests(page) == []
+
+
+def test_attitude_report_shows_both_laws(page, attitude):
+    page.open(attitude, READY)
+    assert page.value("document.querySelectorAll('#paper figure').length") == 2
+    for key, bound in (("fig3_attitude_pid", 4.8), ("fig4_attitude_hinf", 1.7)):
+        levels = page.value(
+            f"document.getElementById('chart-{key}').calcdata.flat()"
+            ".filter(p => p.trace && p.trace.meta.role === 'bound').length"
+        )
+        drawn = page.value(
+            f"document.getElementById('chart-{key}')._fullData"
+            ".filter(t => t.meta.role === 'bound').map(t => Math.max(...t.y.filter(isFinite)))"
+        )
+        assert levels and drawn == pytest.approx([bound, bound])
+    assert page.errors == []
+
+
+def test_drawn_samples_are_the_flight(page, hover):
+    """The browser reads the numbers that were written: the reference climbs from 10 to 20 m."""
+    page.open(hover, READY)
+    reference = page.value(
+        "document.getElementById('chart-fig8_altitude')._fullData"
+        ".filter(t => t.name === 'reference').map(t => [t.y[0], t.y[t.y.length - 1]])[0]"
+    )
+    assert reference == pytest.approx([10.0, 20.0])
+
+
+def test_zoom_is_shared_by_the_charts_of_time(page, hover):
+    page.size(1280, 900)
+    page.open(hover, READY)
+    area = page.value(
+        "(() => { const d = document.getElementById('chart-fig6_v_x');"
+        " d.scrollIntoView({behavior: 'instant', block: 'center'});"
+        " const r = d.querySelector('.nsewdrag').getBoundingClientRect();"
+        " return [r.left, r.top, r.width, r.height]; })()"
+    )
+    left, top, width, height = area
+    middle = top + 0.5 * height
+    page.drag((left + 0.25 * width, middle), (left + 0.5 * width, middle))
+
+    def shown(key):
+        return f"document.getElementById('chart-{key}')._fullLayout.xaxis.range"
+
+    page.wait(f"{shown('fig6_v_x')}[0] > 10 && Math.abs({shown('wind')}[0] - "
+              f"{shown('fig6_v_x')}[0]) < 1e-6")  # fmt: skip
+    low, high = page.value(shown("wind"))
+    assert (low, high) == pytest.approx((15.0, 30.0), abs=1.0)
+    # The track has no time axis: it stays.
+    assert page.value(shown("fig9_track"))[0] < -1.0
+    assert page.errors == []
+
+
+def test_theme_follows_the_system_and_the_button(page, hover):
+    def background():
+        return page.value("getComputedStyle(document.body).backgroundColor")
+
+    def line():
+        return page.value("document.getElementById('chart-wind').data[0].line.color")
+
+    page.prefer("dark")
+    page.open(hover, READY)
+    assert page.value("document.documentElement.dataset.theme") == "dark"
+    dark = background(), line()
+    page.value("document.getElementById('theme').click()")
+    page.wait(f"document.getElementById('chart-wind').data[0].line.color !== '{dark[1]}'")
+    assert page.value("document.documentElement.dataset.theme") == "light"
+    assert background() != dark[0]
+    assert page.errors == []
+
+
+def test_phone_needs_no_sideways_scrolling(page, hover):
+    page.size(390, 844, phone=True)
+    page.open(hover, READY)
+    assert page.value("document.documentElement.scrollWidth") <= 390
+    widths = page.value(
+        "[...document.querySelectorAll('.chart')].map(d => d.getBoundingClientRect().right)"
+    )
+    assert max(widths) <= 390
+    # A finger scrolls the page; it does not zoom a chart.
+    assert page.value("document.getElementById('chart-wind')._fullLayout.dragmode") is False
+    assert page.errors == []
+
+
+def test_what_nodes_said_is_text_not_markup(page, hover):
+    page.open(hover, READY)
+    assert "GPS <timeout> & more" in page.value("document.getElementById('timeline').innerText")
+
+
+def test_nothing_of_the_page_points_outside(hover):
+    text = hover.read_text(encoding="utf-8")
+    markup = re.sub(r"<script.*?</script>", "", text, flags=re.S)
+    targets = re.findall(r'(?:src|href)="([^"]+)"', markup)
+    assert targets
+    assert all(t.startswith(("#", "figures/")) for t in targets)
+    assert {t for t in targets if t.startswith("figures/")} <= {
+        f"figures/{path.name}" for path in (hover.parent / "figures").iterdir()
+    }
