@@ -129,7 +129,6 @@ class PlantNode(TickNode):
         k, y, tick = self.config.kernel, self._y, self.tick
         plant.measure(self.state, tick, self._noise.row(), k, y)
         stamp_ns = self.stamp_ns(tick)
-        self._send(topics.IMU, y[0:6], stamp_ns)
         if y[16]:
             self._send(topics.MAG, y[6:9], stamp_ns)
         if y[17]:
@@ -139,6 +138,8 @@ class PlantNode(TickNode):
             fix_ns = self.stamp_ns(int(y[19]))
             self._send(topics.GPS_FIX, y[10:13], fix_ns)
             self._send(topics.GPS_VELOCITY, y[13:16], fix_ns)
+        # Last of the sensors: in real time it triggers the observer, which then has the others.
+        self._send(topics.IMU, y[0:6], stamp_ns)
         x = self.state.x
         self._send(topics.TRUTH_ODOM, x[0:13], stamp_ns)
         self._send(topics.TRUTH_WIND, y[20:23], stamp_ns)

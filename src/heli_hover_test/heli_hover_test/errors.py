@@ -4,3 +4,7 @@
 
 class FlightError(Exception):
     """The graph could not be brought up or kept up; the message is one line for the user."""
+
+
+class StartError(FlightError):
+    """The graph could not be brought up; nothing was flown."""

@@ -12,8 +12,7 @@ from typing import Any
 import rclpy
 from lifecycle_msgs.msg import Transition
 
-from heli_hover_test.bag_record import BagFlight, flight_from_bag
-from heli_hover_test.errors import FlightError
+from heli_hover_test.errors import FlightError, StartError
 from heli_hover_test.processes import NodeProcess, stop
 from heli_hover_test.result import Result
 from heli_hover_test.scenario import NODE_NAME as SCENARIO
@@ -89,26 +88,37 @@ class Graph:
                 raise FlightError(_named(name, process))
 
     def bring_up(self) -> None:
-        """Configure all nodes, publish the reference, activate in order; the plant comes last."""
+        """Configure all nodes, publish the reference, activate in order; the plant comes last.
+
+        Raises
+        ------
+        StartError
+            Names the node and what it said.
+        """
+        try:
+            self._bring_up()
+        except BringUpError as error:
+            raise StartError(self._with_reason(str(error))) from error
+        except FlightError as error:
+            raise StartError(str(error)) from error
+
+    def _bring_up(self) -> None:
         try:
             rclpy.init(args=[])
             self.supervisor = Supervisor([*(node.name for node in NODES), "recorder"])
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
-            raise FlightError(f"ROS 2 cannot start: {first}") from error
+            raise StartError(f"ROS 2 cannot start: {first}") from error
         up, limit = self.supervisor, _TRANSITION_LIMIT_S
-        try:
-            up.wait_for_services(_APPEAR_LIMIT_S, self.check)
-            up.refuse_doubles()
-            configure = Transition.TRANSITION_CONFIGURE
-            up.transition([node.name for node in NODES], configure, limit, self.check)
-            start_ns = round(self.settings.nodes["plant"]["start_time_s"] * 1e9)
-            up.publish_reference(self.settings.scenario, start_ns)
-            activate = Transition.TRANSITION_ACTIVATE
-            up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
-            up.transition(["plant"], activate, limit, self.check)
-        except BringUpError as error:
-            raise FlightError(self._with_reason(str(error))) from error
+        up.wait_for_services(_APPEAR_LIMIT_S, self.check)
+        up.refuse_doubles()
+        configure = Transition.TRANSITION_CONFIGURE
+        up.transition([node.name for node in NODES], configure, limit, self.check)
+        start_ns = round(self.settings.nodes["plant"]["start_time_s"] * 1e9)
+        up.publish_reference(self.settings.scenario, start_ns)
+        activate = Transition.TRANSITION_ACTIVATE
+        up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
+        up.transition(["plant"], activate, limit, self.check)
 
     def _with_reason(self, sentence: str) -> str:
         """The node's own words, where it has said why it refused."""
@@ -178,7 +188,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
 
 def fly_graph(
     settings: Settings, folder: Path, progress: Callable[[float], None]
-) -> tuple[Result, Mapping[str, Any], BagFlight]:
+) -> tuple[Result, Mapping[str, Any]]:
     """Fly a scenario with the real graph.
 
     Parameters
@@ -191,8 +201,8 @@ def fly_graph(
 
     Returns
     -------
-    Result, dict, BagFlight
-        The outcome, what result.json holds beside it, and the bag's content.
+    Result, dict
+        The outcome, and what result.json holds beside it.
 
     Raises
     ------
@@ -207,8 +217,9 @@ def fly_graph(
         graph.fly(progress)
         statuses = dict(graph.supervisor.statuses) if graph.supervisor else {}
         killed = graph.close()
-    flight = flight_from_bag(folder / "bag", settings)
-    record = flight.record
+    from heli_hover_test.bag_record import record_from_bag
+
+    record = record_from_bag(folder / "bag", settings)
     plant = statuses.get("plant")
     # The plant's own clock: without start-up, and without the recorder's finishing.
     wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
@@ -221,4 +232,4 @@ def fly_graph(
         score(record, settings.scenario), lost, len(record) / _TICKS_PER_S, wall, tuple(notes)
     )
     mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
-    return result, {"mode": mode, "start_up_s": round(up - begun, 3)}, flight
+    return result, {"mode": mode, "start_up_s": round(up - begun, 3)}

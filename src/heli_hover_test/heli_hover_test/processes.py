@@ -11,6 +11,8 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from heli_hover_test.errors import StartError
+
 _PR_SET_PDEATHSIG = 1
 _STOP_LIMIT_S = 2.0
 _LOG_TAIL_BYTES = 4096
@@ -102,3 +104,17 @@ def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> li
             process.kill()
             killed.append(process.name)
     return killed
+
+
+def check_middleware() -> None:
+    """Raise StartError if RMW_IMPLEMENTATION names what is not installed.
+
+    rcl ends the whole process then, so it is tried in another one.
+    """
+    if not os.environ.get("RMW_IMPLEMENTATION"):
+        return
+    probe = "import rclpy; rclpy.init(); rclpy.create_node('probe'); rclpy.shutdown()"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True)
+    if done.returncode:
+        name = os.environ["RMW_IMPLEMENTATION"]
+        raise StartError(f"ROS 2 cannot start with RMW_IMPLEMENTATION={name}: not installed")

@@ -148,6 +148,7 @@ def resolve(
             _set(node.table, values, key, value, f"override of {node.name}")
         values["lockstep"] = lockstep
         nodes[node.name] = values
+    _check_agreement(nodes)
     if strongest:
         raise ParameterError(f"override of unknown node {next(iter(strongest))}")
     plant = nodes["plant"]
@@ -164,6 +165,33 @@ def resolve(
         plant["seed"],
         (*files, *common),
     )
+
+
+# Pairs that two nodes must agree on: what one sends is what the other waits for.
+_AGREEMENTS = (
+    ("outer_loop", "period_ticks", "inner_loop", "outer_period_ticks"),
+    ("plant", "sensors.mag.period_ticks", "observer", "schedule.mag_period_ticks"),
+    ("plant", "sensors.baro.period_ticks", "observer", "schedule.baro_period_ticks"),
+    ("plant", "sensors.gps.period_ticks", "observer", "schedule.gps_period_ticks"),
+    ("plant", "sensors.gps.latency_ticks", "observer", "schedule.gps_latency_ticks"),
+    *(
+        ("plant", key, name, key)
+        for name in ("observer", "inner_loop", "outer_loop")
+        for key in ("start_time_s", "origin.latitude_deg", "origin.longitude_deg",
+                    "origin.altitude_m")
+    ),
+)  # fmt: skip
+
+
+def _check_agreement(nodes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise ParameterError, naming both sides, where two nodes would wait for different things."""
+    for first, key, second, other in _AGREEMENTS:
+        a, b = nodes[first][key], nodes[second][other]
+        if a != b:
+            raise ParameterError(
+                f"{first}: {key}: {a} does not agree with {second}: {other}: {b}; "
+                "change both together"
+            )
 
 
 def _set(

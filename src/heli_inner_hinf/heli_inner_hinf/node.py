@@ -20,12 +20,11 @@ from heli_msgs_bridge.messages import Encoder
 from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
-_OUTER_PERIOD = topics.BY_NAME[topics.ATTITUDE_SETPOINT].every_ticks
 _TICKS_PER_S = 100
 
 
 class InnerLoopNode(TickNode):
-    """Active means: attitude is held. Passes the collective through in one message with the rest."""
+    """Active means: attitude is held. The collective is passed through, in one message."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_inner_hinf", TABLE, f"{NODE_NAME}.yaml")
 
@@ -37,12 +36,13 @@ class InnerLoopNode(TickNode):
         self._x9, self._u3, self._u = np.full(9, np.nan), np.zeros(3), np.zeros(4)
         self._forget_setpoint()
         self._warm_up()
+        outer = Demand(self.values["outer_period_ticks"])
         self.listen(
             (
                 Input(topics.ODOM, Demand()),
                 Input(topics.ROTOR_STATE, Demand()),
-                Input(topics.ATTITUDE_SETPOINT, Demand(_OUTER_PERIOD), off_tick=True),
-                Input(topics.COLLECTIVE, Demand(_OUTER_PERIOD), off_tick=True),
+                Input(topics.ATTITUDE_SETPOINT, outer, off_tick=True),
+                Input(topics.COLLECTIVE, outer, off_tick=True),
             )
         )
         self._expect_outer(self.values["expects_outer"])
@@ -63,10 +63,6 @@ class InnerLoopNode(TickNode):
     def _expect_outer(self, expected: bool) -> None:
         for topic in _OUTER:
             self.assembler.waive(topic, not expected)
-
-    def expected_listeners(self, topic: str) -> set[str]:
-        """Plant and observer must hear the actuators."""
-        return super().expected_listeners(topic)
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick: newest setpoint, law, actuators."""

@@ -15,6 +15,8 @@ TABLE: tuple[Parameter, ...] = (
     _row("lockstep", "bool", "Act on the set of messages of a tick instead of on arrival",
          read_only=True),
     _row("expects_outer", "bool", "Lockstep waits for the outer loop's setpoint and collective"),
+    _row("outer_period_ticks", "int", "The outer loop's period", "ticks",
+         choices=(1, 2, 4, 5, 10, 20), read_only=True),
     _row("setpoint_timeout_s", "double",
          "Age of the newest attitude setpoint after which trim attitude is held", "s",
          lower=0.04, upper=60.0),

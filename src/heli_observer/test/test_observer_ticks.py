@@ -154,7 +154,8 @@ def test_out_of_order_fixes_are_fused_in_time_order(parameters, run_observer):
 def test_late_and_future_fixes_are_dropped_and_counted(parameters, run_observer):
     flight = synthesize(hover_path(), parameters, 4.0, seed=2)
     rows = flight.y.copy()
-    rows[200, 19] -= 1  # a tick older than the horizon
+    # a tick older than the horizon
+    rows[200, 19] = 200 - parameters["ekf.horizon_ticks"] - 1
     rows[220, 19] = 221
     without = flight.y.copy()
     without[[200, 220], 18] = 0.0
@@ -215,7 +216,9 @@ def test_persistent_gps_jump_is_rejected_and_reported(parameters, run_observer):
     rows[500:, 10] += 30.0
     run = run_observer(parameters).fly(rows)
     assert health(run) is ObserverStatus.GPS_REJECTED
-    assert run.state.count[L.C_GPS_POS_REJECTED] == 26
+    behind = parameters["ekf.horizon_ticks"]
+    fixes = (len(rows) - 1 - behind) // 20 * 20 - 500 + 15
+    assert run.state.count[L.C_GPS_POS_REJECTED] == fixes // 20 + 1
     assert abs(run.out[-1, 0] - flight.pos[-1, 0]) < 4.0
 
 

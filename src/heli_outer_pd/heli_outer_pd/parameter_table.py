@@ -14,7 +14,7 @@ TABLE: tuple[Parameter, ...] = (
     _row("lockstep", "bool", "Act on the set of messages of a tick instead of on arrival",
          read_only=True),
     _row("period_ticks", "int", "Law runs every so many ticks of 10 ms", "ticks",
-         lower=1, upper=20, read_only=True),
+         choices=(1, 2, 4, 5, 10, 20), read_only=True),
     _row("K_P", "double[]", "Position gains, forward, right, down", "1/s2",
          shape=(3,), lower=0.0, upper=20.0),
     _row("K_D", "double[]", "Velocity gains, forward, right, down", "1/s",

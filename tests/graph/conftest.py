@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each test that opens a graph has a ROS domain of its own and leaves no process behind."""
+
+import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+_DOMAINS = itertools.count((os.getpid() * 7) % 90)
+
+
+@pytest.fixture
+def ros_env():
+    """Environment of a test's processes: own domain, this machine only."""
+    env = dict(os.environ)
+    env["ROS_DOMAIN_ID"] = str(next(_DOMAINS) % 100 + 1)
+    env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    return env
+
+
+def processes_of(env):
+    """Command lines of living processes in the test's ROS domain, this one left out."""
+    wanted = f"ROS_DOMAIN_ID={env['ROS_DOMAIN_ID']}".encode()
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            environ = (folder / "environ").read_bytes().split(b"\0")
+            command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue
+        if wanted in environ and command and int(folder.name) != os.getpid():
+            found.append(command)
+    return found
+
+
+@pytest.fixture
+def hover_test(ros_env):
+    """Run the hover test's command; returns the finished process."""
+
+    def run(*arguments, limit_s=150, env=None):
+        command = [sys.executable, "-m", "heli_hover_test.hover_test", *map(str, arguments)]
+        done = subprocess.run(
+            command, env=ros_env | (env or {}), capture_output=True, text=True, timeout=limit_s
+        )
+        assert processes_of(ros_env) == []
+        return done
+
+    return run

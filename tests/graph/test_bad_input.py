@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bad input: one line that names it, exit code 2, nothing half-started, no process left behind."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from heli_msgs_bridge.bag_reader import read_bag
+from tests.graph.conftest import processes_of
+
+
+def section(node, text):
+    return f"/**/{node}:\n  ros__parameters:\n    {text}\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (section("inner_loop", "gama: 0.07"), ["gama", "gamma"]),
+        (section("inner_loop", "D11: [1.0, 2.0]"), ["D11", "9"]),
+        (section("inner_loop", "gamma: 1"), ["gamma", "1.0"]),
+        (section("inner_loop", "gamma: .nan"), ["gamma", "finite"]),
+        (section("inner_loop", "gamma: 0.03"), ["gamma", "0.03", "0.051"]),
+        (section("outer_loop", "K_P: [0.1, 0.2, .inf]"), ["K_P", "finite"]),
+        (section("outer_loop", "period_ticks: 3"), ["period_ticks", "3", "4"]),
+        (section("outer_loop", "period_ticks: 5"), ["outer_loop: period_ticks: 5", "inner_loop"]),
+        (section("plant", "wind.towards_deg: north"), ["wind.towards_deg", "north"]),
+        (section("planet", "seed: 1"), ["planet", "plant"]),
+        ("plant: [", ["not valid YAML"]),
+    ],
+    ids=["misspelt", "length", "integer", "nan", "infeasible gamma", "inf", "rates", "disagree", "type", "node",
+         "malformed"],
+)  # fmt: skip
+def test_parameter_files(hover_test, tmp_path, content, words):
+    path = tmp_path / "bad.yaml"
+    path.write_text(content)
+    done = hover_test("--out", tmp_path / "flight", "--params", path, "--duration", 1)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+    assert not (tmp_path / "flight").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--scenario", "moon"], ["moon", "attitude", "hover"]),
+        (["--gps", "galileo"], ["galileo", "standalone", "rtk"]),
+        (["--params", "/nonexistent.yaml"], ["/nonexistent.yaml"]),
+        (["--duration", "-1"], ["--duration", "-1"]),
+        (["--duration", "nan"], ["--duration", "finite"]),
+        (["--seed", "-3"], ["--seed", "-3"]),
+    ],
+)
+def test_options(hover_test, tmp_path, arguments, words):
+    done = hover_test("--out", tmp_path / "flight", *arguments)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+def test_folder_that_exists_and_folder_that_cannot_be_written(hover_test, tmp_path):
+    done = hover_test("--out", tmp_path)
+    assert (done.returncode, "exists already" in done.stderr) == (2, True)
+    (tmp_path / "file").write_text("")
+    done = hover_test("--out", tmp_path / "file" / "flight")
+    assert (done.returncode, "cannot be written" in done.stderr) == (2, True)
+
+
+def test_missing_executable_is_named(hover_test, tmp_path):
+    """Looked for as ros2 run does, in a prefix that lacks the observer."""
+    code = (
+        "import heli_hover_test.graph_flight as g, sys\n"
+        "from heli_hover_test.hover_test import main\n"
+        "from heli_msgs_bridge import locate\n"
+        "def without(package, name):\n"
+        "    name = 'gone' if name == 'observer' else name\n"
+        "    return locate.executable(package, name)\n"
+        "g.executable = without\n"
+        f"sys.exit(main(['--out', {str(tmp_path / 'f')!r}]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "lib/heli_observer/gone" in done.stderr
+    assert not (tmp_path / "f").exists()
+
+
+@pytest.mark.parametrize(
+    "env", [{"RMW_IMPLEMENTATION": "rmw_does_not_exist_cpp"}, {"ROS_DOMAIN_ID": "9999"}]
+)
+def test_dds_that_cannot_start(hover_test, tmp_path, env):
+    done = hover_test("--out", tmp_path / "f", env=env)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert "ROS 2 cannot start" in done.stderr
+    assert not (tmp_path / "f").exists()
+
+
+def test_node_that_dies_at_start_is_named(hover_test, tmp_path, ros_env):
+    aircraft = tmp_path / "no_aircraft.yaml"
+    path = tmp_path / "bad.yaml"
+    path.write_text(section("plant", f"aircraft_file: '{aircraft}'"))
+    done = hover_test("--out", tmp_path / "f", "--params", path)
+    assert done.returncode == 2
+    assert str(aircraft) in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+
+
+def test_interrupt_ends_everything_and_the_bag_opens(tmp_path, ros_env):
+    folder = tmp_path / "flight"
+    command = [sys.executable, "-m", "heli_hover_test.hover_test", "--realtime", "--out", folder]
+    process = subprocess.Popen(
+        command, env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    # Real time says a line every tenth of the flight: at 6 s it certainly flies.
+    assert "flown" in process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=10.0)
+    assert process.returncode == 130, out + err
+    assert processes_of(ros_env) == []
+    assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500
+
+
+def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env):
+    folder = tmp_path / "flight"
+    command = [sys.executable, "-m", "heli_hover_test.hover_test", "--realtime", "--out", folder]
+    process = subprocess.Popen(command, env=ros_env, stdout=subprocess.PIPE, text=True)
+    assert "flown" in process.stdout.readline()
+    process.kill()
+    process.wait()
+    while processes_of(ros_env):
+        os.sched_yield()
+    process.stdout.close()
+    assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole stack as a user starts it: real processes over DDS, the paper's hover test in wind."""
+
+import json
+
+import numpy as np
+import pytest
+
+from heli_hover_test.bag_record import record_from_bag
+from heli_hover_test.closed_loop import simulate
+from heli_hover_test.settings import resolve
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.bag_reader import read_bag
+
+
+def test_hover_test_flies_records_and_agrees_with_the_one_process_loop(hover_test, tmp_path):
+    folder = tmp_path / "flight"
+    done = hover_test("--out", folder, "--seed", 11)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "lateral position error" in done.stdout
+    result = json.loads((folder / "result.json").read_text())
+    assert result["exit_code"] == 0
+    assert result["seed"] == 11
+    assert result["mode"] == "lockstep"
+    assert {m["measured_from"] for m in result["metrics"]} == {"navigation", "truth"}
+    assert result["notes"] == []
+
+    settings = resolve(seed=11)
+    graph, alone = record_from_bag(folder / "bag", settings), simulate(settings).record
+    assert len(graph) == len(alone) == 6000
+    np.testing.assert_allclose(graph.truth_pos_ned_m, alone.truth_pos_ned_m, atol=1e-6)
+    np.testing.assert_allclose(graph.nav_pos_ned_m, alone.nav_pos_ned_m, atol=1e-6)
+    np.testing.assert_allclose(graph.u, alone.u, atol=1e-6)
+    np.testing.assert_array_equal(graph.reference, alone.reference)
+
+    bag = read_bag(folder / "bag")
+    recorded = set(bag.streams) | {topics.REFERENCE, topics.DIAGNOSTICS, topics.CLOCK}
+    # Without a datum the reader leaves fixes out; that they are there, the reader's index says.
+    assert recorded | {topics.GPS_FIX} == {t.name for t in topics.TABLE}
+    for name, stream in bag.streams.items():
+        every = topics.BY_NAME[name].every_ticks
+        assert stream.stamp_ns.size == 6000 // every, name
+    assert bag.refused == {}
+    assert {remark.node for remark in bag.remarks} >= {"plant", "observer", "inner_loop"}
+
+
+def test_two_runs_of_the_graph_are_the_same_number_for_number(hover_test, tmp_path):
+    flights = []
+    for name in ("first", "second"):
+        done = hover_test("--out", tmp_path / name, "--seed", 5, "--duration", 6, "--gps", "rtk")
+        assert done.returncode == 0, done.stderr
+        flights.append(record_from_bag(tmp_path / name / "bag", resolve(seed=5)))
+    first, second = flights
+    assert len(first) == len(second) == 600
+    for field in ("truth_pos_ned_m", "truth_q_nb", "truth_rotor", "nav_pos_ned_m", "u"):
+        np.testing.assert_array_equal(getattr(first, field), getattr(second, field))
+
+
+def test_written_parameters_fly_the_same_flight(hover_test, tmp_path):
+    change = tmp_path / "change.yaml"
+    change.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 0.07\n")
+    done = hover_test("--out", tmp_path / "a", "--duration", 2, "--params", change)
+    assert done.returncode == 0, done.stderr
+    again = resolve(params=[tmp_path / "a" / "params.yaml"])
+    assert again.nodes["inner_loop"]["gamma"] == 0.07
+    np.testing.assert_array_equal(
+        simulate(again).record.truth_pos_ned_m,
+        simulate(resolve(duration_s=2.0, params=[change])).record.truth_pos_ned_m,
+    )
+
+
+@pytest.mark.parametrize("scenario", ["attitude"])
+def test_other_scenarios_fly_too(hover_test, tmp_path, scenario):
+    done = hover_test("--out", tmp_path / "a", "--scenario", scenario, "--duration", 8)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "roll error" in done.stdout
+
+
+def test_real_time_keeps_pace(hover_test, tmp_path):
+    """A short form of the 60 s measurement: pace within 1 % and a held position."""
+    done = hover_test("--out", tmp_path / "a", "--realtime", "--duration", 8)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "a" / "result.json").read_text())
+    assert result["mode"] == "real time"
+    assert abs(result["real_time_factor"] - 1.0) < 0.01
