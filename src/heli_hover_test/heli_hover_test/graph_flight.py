@@ -12,6 +12,7 @@ from typing import Any
 import rclpy
 from lifecycle_msgs.msg import Transition
 
+from heli_hover_test.bag_record import BagFlight, flight_from_bag
 from heli_hover_test.errors import FlightError, StartError
 from heli_hover_test.processes import NodeProcess, stop
 from heli_hover_test.result import Result
@@ -188,7 +189,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
 
 def fly_graph(
     settings: Settings, folder: Path, progress: Callable[[float], None]
-) -> tuple[Result, Mapping[str, Any]]:
+) -> tuple[Result, Mapping[str, Any], BagFlight]:
     """Fly a scenario with the real graph.
 
     Parameters
@@ -201,8 +202,8 @@ def fly_graph(
 
     Returns
     -------
-    Result, dict
-        The outcome, and what result.json holds beside it.
+    Result, dict, BagFlight
+        The outcome, what result.json holds beside it, and the bag's content.
 
     Raises
     ------
@@ -217,9 +218,8 @@ def fly_graph(
         graph.fly(progress)
         statuses = dict(graph.supervisor.statuses) if graph.supervisor else {}
         killed = graph.close()
-    from heli_hover_test.bag_record import record_from_bag
-
-    record = record_from_bag(folder / "bag", settings)
+    flight = flight_from_bag(folder / "bag", settings)
+    record = flight.record
     plant = statuses.get("plant")
     # The plant's own clock: without start-up, and without the recorder's finishing.
     wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
@@ -232,4 +232,4 @@ def fly_graph(
         score(record, settings.scenario), lost, len(record) / _TICKS_PER_S, wall, tuple(notes)
     )
     mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
-    return result, {"mode": mode, "start_up_s": round(up - begun, 3)}
+    return result, {"mode": mode, "start_up_s": round(up - begun, 3)}, flight

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from heli_hover_test.errors import FlightError, StartError
 from heli_hover_test.processes import check_middleware
+from heli_hover_test.record import FlightRecord
 from heli_hover_test.result import (
     EXIT_BAD_INPUT,
     EXIT_OUTSIDE,
@@ -23,6 +24,7 @@ from heli_hover_test.result import (
 )
 from heli_hover_test.settings import GPS_PRESETS, Settings, resolve, scenario_names
 from heli_inner_hinf.law_state import CONTROLLERS
+from heli_msgs_bridge.bag_reader import Remark
 from heli_msgs_bridge.locate import MissingFileError
 from heli_msgs_bridge.parameters import ParameterError
 
@@ -81,6 +83,12 @@ def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
         action="store_true",
         help="fly the same loop in this process, without ROS and without a bag",
     )
+    p.add_argument(
+        "--no-report",
+        dest="report",
+        action="store_false",
+        help="write no report.html and no figures",
+    )
     return p
 
 
@@ -129,7 +137,7 @@ def _progress_bar(console: Console, duration_s: float) -> Iterator:
         yield lambda flight_s: bar.update(task, completed=flight_s)
 
 
-def _fly_one_process(settings: Settings, console: Console) -> Result:
+def _fly_one_process(settings: Settings, console: Console) -> tuple[Result, FlightRecord]:
     from heli_hover_test import closed_loop
     from heli_hover_test.scoring import score
 
@@ -138,9 +146,29 @@ def _fly_one_process(settings: Settings, console: Console) -> Result:
     with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
         flight = closed_loop.simulate(settings, progress=progress)
     wall = time.monotonic() - start
-    return Result(
-        score(flight.record, settings.scenario), flight.sentence, len(flight.record) / 100.0, wall
-    )
+    scores, flown_s = score(flight.record, settings.scenario), len(flight.record) / 100.0
+    return Result(scores, flight.sentence, flown_s, wall), flight.record
+
+
+def _report(
+    record: FlightRecord,
+    remarks: Sequence[Remark],
+    settings: Settings,
+    result: Result,
+    folder: Path,
+    mode: str,
+    console: Console,
+) -> None:
+    """Write report.html and figures; a disk that is full costs the report, not the flight."""
+    from heli_hover_test.report import events_of, write_report
+
+    how = mode if mode == "one process" else f"ROS 2 graph, {mode}"
+    try:
+        page = write_report(record, settings, result, folder, how, events_of(remarks, settings))
+    except OSError as error:
+        console.print(f"no report: {error}", highlight=False)
+        return
+    console.print(f"report: {page}", highlight=False, soft_wrap=True)
 
 
 def _shortened(settings: Settings) -> Settings:
@@ -174,20 +202,23 @@ def fly(options: argparse.Namespace, console: Console) -> int:
     try:
         write_parameters(settings, folder / "params.yaml")
         if options.one_process:
-            result = _fly_one_process(settings, console)
-            extra = {"mode": "one process"}
+            result, record = _fly_one_process(settings, console)
+            extra, remarks = {"mode": "one process"}, ()
         else:
             check_middleware()
             from heli_hover_test.graph_flight import fly_graph
 
             with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
-                result, extra = fly_graph(settings, folder, progress)
+                result, extra, flight = fly_graph(settings, folder, progress)
+            record, remarks = flight.record, flight.remarks
     except (ParameterError, MissingFileError, StartError, ValueError):
         # Nothing was flown: an empty folder would only look like a flight.
         shutil.rmtree(folder, ignore_errors=True)
         raise
     write_result(result, settings, folder, extra)
     print_table(result, settings, console)
+    if options.report:
+        _report(record, remarks, settings, result, folder, extra["mode"], console)
     factor = result.flown_s / result.wall_s if result.wall_s > 0 else 0.0
     console.print(
         f"{result.flown_s:.2f} s flown in {result.wall_s:.2f} s ({factor:.2f} times real time)",
