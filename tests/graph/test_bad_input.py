@@ -31,8 +31,8 @@ def section(node, text):
         (section("planet", "seed: 1"), ["planet", "plant"]),
         ("plant: [", ["not valid YAML"]),
     ],
-    ids=["misspelt", "length", "integer", "nan", "infeasible gamma", "inf", "rates", "disagree", "type", "node",
-         "malformed"],
+    ids=["misspelt", "length", "integer", "nan", "infeasible gamma", "inf", "rates", "disagree",
+         "type", "node", "malformed"],
 )  # fmt: skip
 def test_parameter_files(hover_test, tmp_path, content, words):
     path = tmp_path / "bad.yaml"

@@ -16,6 +16,8 @@ from heli_hover_test.errors import StartError
 _PR_SET_PDEATHSIG = 1
 _STOP_LIMIT_S = 2.0
 _LOG_TAIL_BYTES = 4096
+# Above it Fast DDS runs out of port numbers.
+_MAX_DOMAIN = 232
 
 
 def _die_with_parent_setter():
@@ -107,10 +109,15 @@ def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> li
 
 
 def check_middleware() -> None:
-    """Raise StartError if RMW_IMPLEMENTATION names what is not installed.
+    """Raise StartError for an environment in which rcl or Fast DDS would end the whole process.
 
-    rcl ends the whole process then, so it is tried in another one.
+    RMW_IMPLEMENTATION is tried in another process; ROS_DOMAIN_ID must leave room for port numbers.
     """
+    domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
+    if domain and not (domain.isdecimal() and int(domain) <= _MAX_DOMAIN):
+        raise StartError(
+            f"ROS 2 cannot start with ROS_DOMAIN_ID={domain}: allowed are 0 to {_MAX_DOMAIN}"
+        )
     if not os.environ.get("RMW_IMPLEMENTATION"):
         return
     probe = "import rclpy; rclpy.init(); rclpy.create_node('probe'); rclpy.shutdown()"
