@@ -100,7 +100,9 @@ def test_presets_and_scenarios_fit_every_node(node):
     folder = ROOT / "src" / package / "config"
     scenarios = sorted((ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml"))
     assert len(scenarios) >= 2
-    for overlay in [*folder.glob("gps_*.yaml"), *scenarios]:
+    designs = sorted((ROOT / "src/heli_hover_test/config/designs").glob("*.yaml"))
+    assert len(designs) >= 2
+    for overlay in [*folder.glob("gps_*.yaml"), *scenarios, *designs]:
         load(table, [COMMON, folder / f"{node}.yaml", overlay], node)
 
 
@@ -124,7 +126,8 @@ def test_no_yaml_is_outside_these_tests():
     for node, (_, package) in TABLES.items():
         folder = ROOT / "src" / package / "config"
         known |= {folder / f"{node}.yaml", *folder.glob("gps_*.yaml"), *folder.glob("aircraft/*")}
-    known |= set((ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml"))
+    for kind in ("scenarios", "designs"):
+        known |= set((ROOT / "src/heli_hover_test/config" / kind).glob("*.yaml"))
     assert set((ROOT / "src").glob("heli_*/config/**/*.yaml")) - known == set()
 
 
