@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from heli_hover_test.bag_record import record_from_bag
+from heli_hover_test.bag_record import flight_from_bag
 from heli_hover_test.closed_loop import simulate
 from heli_hover_test.settings import resolve
 from heli_msgs_bridge import topics
@@ -26,7 +26,7 @@ def test_hover_test_flies_records_and_agrees_with_the_one_process_loop(hover_tes
     assert result["notes"] == []
 
     settings = resolve(seed=11)
-    graph, alone = record_from_bag(folder / "bag", settings), simulate(settings).record
+    graph, alone = flight_from_bag(folder / "bag", settings).record, simulate(settings).record
     assert len(graph) == len(alone) == 6000
     np.testing.assert_allclose(graph.truth_pos_ned_m, alone.truth_pos_ned_m, atol=1e-6)
     np.testing.assert_allclose(graph.nav_pos_ned_m, alone.nav_pos_ned_m, atol=1e-6)
@@ -49,7 +49,7 @@ def test_two_runs_of_the_graph_are_the_same_number_for_number(hover_test, tmp_pa
     for name in ("first", "second"):
         done = hover_test("--out", tmp_path / name, "--seed", 5, "--duration", 6, "--gps", "rtk")
         assert done.returncode == 0, done.stderr
-        flights.append(record_from_bag(tmp_path / name / "bag", resolve(seed=5)))
+        flights.append(flight_from_bag(tmp_path / name / "bag", resolve(seed=5)).record)
     first, second = flights
     assert len(first) == len(second) == 600
     for field in ("truth_pos_ned_m", "truth_q_nb", "truth_rotor", "nav_pos_ned_m", "u"):
