@@ -18,7 +18,13 @@ from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.errors import InfeasibleGammaError
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = (["hover"], ["design"], ["compare", "attitude"], ["compare", "robustness"])
+COMMANDS = (
+    ["hover"],
+    ["design"],
+    ["report"],
+    ["compare", "attitude"],
+    ["compare", "robustness"],
+)
 
 
 def heli(capsys, *words):

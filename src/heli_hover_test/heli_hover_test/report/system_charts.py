@@ -15,6 +15,7 @@ _ACTUATOR_ROLES = ("nav", "truth", "green", "rival")
 _LEVEL_ROLES = ("good", "warn", "bad", "muted")
 _AXES = ("north", "east", "down")
 _SETTLED_S = 5.0
+_LEAST_SHARE = 0.004
 _LOOP_ROLES = ("muted", "green", "nav")
 
 
@@ -241,7 +242,7 @@ def timeline_charts(report: Report) -> list[Chart]:
 
     climbing = np.abs(report.record.reference[:, 5]) > 1e-6
     add("reference", _stretches(report, ~climbing), "hover", "nav")
-    add("reference", _stretches(report, climbing), "climb", "green")
+    add("reference", _stretches(report, climbing), "climb", "muted")
     add("scored", report.spans, "scored", "purple")
     limit = float(report.settings.nodes["inner_loop"]["actuator_limit"])
     at_limit = (np.abs(report.record.u) >= limit - 1e-9).any(axis=1)
@@ -282,6 +283,8 @@ def _health(report: Report) -> dict[str, dict[int, list[tuple[float, float]]]]:
         own = [event for event in report.events if event.node == node]
         after = [*(event.time_s for event in own[1:]), end]
         for event, until in zip(own, after, strict=True):
-            stretch = (max(0.0, event.time_s), max(0.0, until))
+            # A fault of a moment is drawn wide enough to be seen; the table below has its length.
+            shown = until if event.level == 0 else max(until, event.time_s + _LEAST_SHARE * end)
+            stretch = (max(0.0, event.time_s), max(0.0, shown))
             lanes.setdefault(node, {}).setdefault(event.level, []).append(stretch)
     return lanes

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli report` on bags: whole ones, poor ones, and what is none."""
+
+import math
+import shutil
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from heli_hover_test import cli
+from heli_hover_test.bag_record import flight_from_bag
+from heli_hover_test.closed_loop import simulate
+from heli_hover_test.settings import resolve
+from heli_math.rotations import quat_to_R_nb
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import Encoder
+
+DURATION_S = 8.0
+START_NS = 1_000_000_000
+BARE = (topics.ODOM, topics.ACTUATORS, topics.ATTITUDE_SETPOINT, topics.ROTOR_STATE)
+COMPARED = (
+    "nav_pos_ned_m",
+    "nav_vel_ned_mps",
+    "truth_pos_ned_m",
+    "truth_vel_ned_mps",
+    "truth_rotor",
+    "wind_ned_mps",
+    "u",
+    "nav_sigma_pos_m",
+    "nav_sigma_vel_mps",
+)
+FULL = (*BARE, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return simulate(resolve(duration_s=DURATION_S)).record
+
+
+def rows(record):
+    """What each topic would carry, per tick."""
+    n = len(record)
+    nav, truth = np.zeros((n, 28)), np.zeros((n, 13))
+    nav[:, 0:3], nav[:, 3:6], nav[:, 6:10] = (
+        record.nav_pos_ned_m, record.nav_vel_ned_mps, record.nav_q_nb,
+    )  # fmt: skip
+    nav[:, 10:13] = record.nav_rate_body_radps
+    nav[:, 22:25], nav[:, 25:28] = record.nav_sigma_pos_m, record.nav_sigma_vel_mps
+    truth[:, 0:3], truth[:, 6:10] = record.truth_pos_ned_m, record.truth_q_nb
+    truth[:, 10:13] = record.truth_rate_body_radps
+    for row, velocity in zip(truth, record.truth_vel_ned_mps, strict=True):
+        row[3:6] = quat_to_R_nb(row[6:10]).T @ velocity
+    rotor = np.hstack([record.truth_rotor, np.zeros((n, 4))])
+    return {
+        topics.ODOM: nav, topics.TRUTH_ODOM: truth, topics.ACTUATORS: record.u,
+        topics.ATTITUDE_SETPOINT: record.setpoint, topics.ROTOR_STATE: record.nav_rotor,
+        topics.TRUTH_WIND: record.wind_ned_mps, topics.TRUTH_ROTOR: rotor,
+    }  # fmt: skip
+
+
+def write_bag(folder, record, names, prefix="/heli/"):
+    """A bag of the graph in a namespace, as `ros2 bag record` would write it."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    streams = rows(record)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for name in names:
+            kind = topics.BY_NAME[name].type
+            connection = writer.add_connection(prefix + name, kind, typestore=store)
+            encoder = Encoder(name)
+            for tick, row in enumerate(streams[name]):
+                stamp = START_NS + tick * topics.TICK_NS
+                writer.write(connection, stamp, encoder.encode(np.ascontiguousarray(row), stamp))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory, record):
+    return write_bag(tmp_path_factory.mktemp("full") / "rosbag2_flight", record, FULL)
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory, record):
+    return write_bag(tmp_path_factory.mktemp("bare") / "rosbag2_flight", record, BARE)
+
+
+def run(capsys, *words):
+    code = cli.main(["report", *map(str, words)])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def refused(capsys, *words):
+    code, out, err = run(capsys, *words)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1, err
+    return err
+
+
+def test_a_bag_gives_the_record_back(full, record):
+    back = flight_from_bag(full, resolve(duration_s=DURATION_S)).record
+    for name in COMPARED:
+        np.testing.assert_allclose(getattr(back, name), getattr(record, name), atol=1e-9)
+
+
+def test_foreign_bag_gets_a_report_that_says_what_was_assumed(capsys, full):
+    code, out, _ = run(capsys, full)
+    page = full.with_name("rosbag2_flight_report") / "report.html"
+    assert code == 0
+    assert out == f"written: {page}\n"
+    text = page.read_text(encoding="utf-8")
+    assert "No params.yaml beside the bag" in text
+    assert "The bag holds no reference" in text
+    assert "assumed, not recorded with the flight" in text
+    assert "no ground truth" not in text
+    assert (page.parent / "figures" / "estimate_position.png").is_file()
+
+
+def test_bag_without_truth_reports_what_can_be(capsys, bare, tmp_path):
+    code, _, _ = run(capsys, bare, "--out", tmp_path / "out", "--seed", 4)
+    assert code == 0
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "The bag holds no ground truth" in text
+    assert "The bag holds no wind" in text
+    figures = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}
+    assert {"fig6_v_x", "fig9_track", "actuators", "rotor"} <= figures
+    assert not {"wind", "estimate_position", "estimate_velocity"} & figures
+    assert not math.isnan(flight_from_bag(bare, resolve(), truth_needed=False).record.u[0, 0])
+
+
+def test_what_is_no_bag_is_refused(capsys, tmp_path):
+    text = tmp_path / "note.txt"
+    text.write_text("no bag")
+    (tmp_path / "empty").mkdir()
+    for path in (tmp_path / "nowhere", text, tmp_path / "empty"):
+        assert str(path) in refused(capsys, path)
+
+
+def test_cut_off_bag_is_refused(capsys, full, tmp_path):
+    cut = tmp_path / "cut"
+    shutil.copytree(full, cut)
+    (file,) = cut.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert "not a readable bag" in refused(capsys, cut)
+
+
+def test_bag_with_foreign_topics_only_is_refused(capsys, tmp_path, record):
+    bag = write_bag(tmp_path / "foreign", record, (topics.ACTUATORS,))
+    assert "holds neither ground_truth/odom nor odom" in refused(capsys, bag)
+
+
+def test_unknown_scenario_is_refused(capsys, full):
+    assert "--scenario loop" in refused(capsys, full, "--scenario", "loop")
