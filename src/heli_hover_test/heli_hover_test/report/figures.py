@@ -173,7 +173,7 @@ def _trace(ax, trace: Trace) -> None:
 
 
 def _titles(figure: Figure, chart: Chart, axes, conditions: str, columns: int) -> None:
-    left, up = axes[0].get_position().x0, 1.0 / figure.get_size_inches()[1]
+    left, up = figure.subplotpars.left, 1.0 / figure.get_size_inches()[1]
     title = f"{chart.title} (as {chart.paper} of the paper)" if chart.paper else chart.title
     figure.text(left, 1.0 - 0.20 * up, title, fontsize=10, fontweight="bold", va="center")
     handles: dict[str, object] = {}
@@ -189,5 +189,5 @@ def _titles(figure: Figure, chart: Chart, axes, conditions: str, columns: int) -
         )  # fmt: skip
         for line in legend.get_lines():
             line.set_linewidth(min(line.get_linewidth(), 3.0))
-    wrapped = "\n".join(textwrap.wrap(conditions, 150)[:3])
+    wrapped = "\n".join(textwrap.wrap(conditions, 142)[:3])
     figure.text(left, 0.08 * up, wrapped, fontsize=6.2, color="#666666", va="bottom")
