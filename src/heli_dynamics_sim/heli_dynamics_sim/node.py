@@ -26,6 +26,8 @@ _TICK_S = 0.01
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
 _CATCH_UP_TICKS = 10
 _ACKNOWLEDGE_S = 3.5
+# Real time: age of the last command (wall time) after which it is called missing.
+_REAL_TIME_SILENCE_S = 0.5
 _NO_COMMAND = "no message on 'actuators' from inner_loop: going on with the last command"
 
 
@@ -215,7 +217,7 @@ class PlantNode(TickNode):
         if self._over or not self.active:
             return
         now = time.monotonic()
-        if now - self._progress_s > self.values["peer_timeout_s"]:
+        if now - self._progress_s > _REAL_TIME_SILENCE_S:
             self.silent.add(topics.ACTUATORS)
         due = int((now - self._zero_s) / _TICK_S)
         if due - self.tick > _CATCH_UP_TICKS:

@@ -2,6 +2,7 @@
 """Node `inner_loop`: attitude setpoint and collective to actuators, 100 Hz."""
 
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -31,6 +32,8 @@ class InnerLoopNode(TickNode):
     def setup(self) -> None:
         """Synthesise the controller; an infeasible design is refused here."""
         self.design = LiveDesign(self.values)
+        self._margin: tuple[Any, str] = (None, "")
+        self._measuring: Any = None
         self._encode = Encoder(topics.ACTUATORS).encode
         self._send = self.create_output(topics.ACTUATORS)
         self._x9, self._u3, self._u = np.full(9, np.nan), np.zeros(3), np.zeros(4)
@@ -121,8 +124,35 @@ class InnerLoopNode(TickNode):
         if self.tick % _TICKS_PER_S == 0 or message != self._message:
             self.warn_or_ok(level, message, self._facts_now())
 
+    def _measure_margin(self) -> None:
+        """Disk margin of the state feedback at the plant input, for /diagnostics.
+
+        In a thread: the first one imports an optimiser, which would hold the flight up.
+        """
+        config = self.design.config
+
+        def work() -> None:
+            from heli_inner_hinf.analysis import model_of
+            from heli_inner_hinf.loops import state_feedback_loop
+            from heli_inner_hinf.margins import disk_margin
+
+            margin = disk_margin(state_feedback_loop(model_of(config)), "input")
+            self._margin = (config, f"{margin.alpha:.3f}")
+
+        if config.controller == "pid":
+            self._margin = (config, "none: pid is no state feedback")
+        else:
+            threading.Thread(target=work, daemon=True).start()
+
     def _facts_now(self) -> dict[str, Any]:
         facts = dict(self.design.config.summary())
+        known_for, margin = self._margin
+        if known_for is not self.design.config:
+            if self._measuring is not self.design.config:
+                self._measuring = self.design.config
+                self._measure_margin()
+            margin = "being computed"
+        facts["disk_margin_input"] = margin
         facts["setpoint_tick"] = "none" if self._setpoint_tick is None else self._setpoint_tick
         return facts
 
