@@ -37,11 +37,18 @@ def processes_of(env):
 
 
 @pytest.fixture
+def living(ros_env):
+    """Call it for the command lines of the test's living processes."""
+    return lambda: processes_of(ros_env)
+
+
+@pytest.fixture
 def hover_test(ros_env):
     """Run the hover test's command; returns the finished process."""
 
     def run(*arguments, limit_s=150, env=None):
-        command = [sys.executable, "-m", "heli_hover_test.hover_test", *map(str, arguments)]
+        command = [sys.executable, "-m", "heli_hover_test.hover_test", "--no-report"]
+        command += map(str, arguments)
         done = subprocess.run(
             command, env=ros_env | (env or {}), capture_output=True, text=True, timeout=limit_s
         )

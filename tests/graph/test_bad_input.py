@@ -9,7 +9,6 @@ import sys
 import pytest
 
 from heli_msgs_bridge.bag_reader import read_bag
-from tests.graph.conftest import processes_of
 
 
 def section(node, text):
@@ -111,7 +110,7 @@ def test_node_that_dies_at_start_is_named(hover_test, tmp_path, ros_env):
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
 
 
-def test_interrupt_ends_everything_and_the_bag_opens(tmp_path, ros_env):
+def test_interrupt_ends_everything_and_the_bag_opens(tmp_path, ros_env, living):
     folder = tmp_path / "flight"
     command = [sys.executable, "-m", "heli_hover_test.hover_test", "--realtime", "--out", folder]
     process = subprocess.Popen(
@@ -122,18 +121,18 @@ def test_interrupt_ends_everything_and_the_bag_opens(tmp_path, ros_env):
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=10.0)
     assert process.returncode == 130, out + err
-    assert processes_of(ros_env) == []
+    assert living() == []
     assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500
 
 
-def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env):
+def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env, living):
     folder = tmp_path / "flight"
     command = [sys.executable, "-m", "heli_hover_test.hover_test", "--realtime", "--out", folder]
     process = subprocess.Popen(command, env=ros_env, stdout=subprocess.PIPE, text=True)
     assert "flown" in process.stdout.readline()
     process.kill()
     process.wait()
-    while processes_of(ros_env):
+    while living():
         os.sched_yield()
     process.stdout.close()
     assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500
