@@ -88,19 +88,20 @@ def _measure_at(state, first, rows, velocity, kernel, out):
 
 @pytest.fixture(scope="session")
 def record():
-    """record(config, ticks, seed, velocity_ned, state): measurements (ticks, 23) of an aircraft.
+    """record(config, ticks, seed, velocity_ned, state, kernel): (ticks, 23) measurements.
 
-    It is carried, not flown: held in its initial state and moved at velocity_ned (m/s).
+    The aircraft is carried, not flown: held in its initial state and moved at velocity_ned (m/s).
     """
 
-    def run(config, ticks, seed=1, velocity_ned=(0.0, 0.0, 0.0), state=None):
+    def run(config, ticks, seed=1, velocity_ned=(0.0, 0.0, 0.0), state=None, kernel=None):
         state = plant.initial_state(config, seed) if state is None else state
         streams, out = NoiseStreams(seed), np.zeros((ticks, plant.N_MEAS))
         velocity = np.array(velocity_ned)
+        kernel = config.kernel if kernel is None else kernel
         for first in range(0, ticks, 50_000):
             rows = streams.rows(min(50_000, ticks - first))
             part = out[first : first + rows.shape[0]]
-            _measure_at(state, first, rows, velocity, config.kernel, part)
+            _measure_at(state, first, rows, velocity, kernel, part)
         return out
 
     return run

@@ -93,31 +93,6 @@ def test_imu_lying_still_reads_minus_gravity(vacuum, plant_config, phi, theta, e
     assert out == pytest.approx(9.781 * np.array(expected), abs=1e-9)
 
 
-def test_imu_noise_has_the_configured_density_and_bias_walk(plant_config):
-    density, walk = 1e-3, 2e-4
-    changes = PERFECT_IMU | {
-        "sensors__imu__gyro_noise_density": density,
-        "sensors__imu__gyro_bias_walk": walk,
-        "sensors__imu__accel_noise_density": 3e-3,
-    }
-    y, _ = readings(plant_config(**CALM, **changes), 60000)
-
-    def allan(rate, seconds):
-        means = rate[: len(rate) // (seconds * 100) * seconds * 100].reshape(-1, seconds * 100)
-        return np.sqrt(0.5 * (np.diff(means.mean(axis=1)) ** 2).mean())
-
-    # white noise of density N: N / sqrt(tau); random walk K: K sqrt(tau / 3). IEEE Std 952.
-    for axis in (3, 4, 5):
-        assert np.diff(y[:, axis]).std() / np.sqrt(2) == pytest.approx(density * 10, rel=0.02)
-        for seconds in (1, 4):
-            expected = np.hypot(density / np.sqrt(seconds), walk * np.sqrt(seconds / 3))
-            assert allan(y[:, axis], seconds) == pytest.approx(expected, rel=0.2)
-    for axis in (0, 1, 2):
-        assert y[:, axis].std() == pytest.approx(3e-3 * 10, rel=0.03)
-    slow = np.mean([allan(y[:, axis], 60) for axis in (3, 4, 5)])
-    assert slow == pytest.approx(walk * np.sqrt(60 / 3), rel=0.35)
-
-
 def test_biases_at_the_start_are_drawn_with_their_sigma(plant_config):
     config = plant_config(**CALM)
     biases = np.array([initial_state(config, seed).sensors.bias for seed in range(60)])
