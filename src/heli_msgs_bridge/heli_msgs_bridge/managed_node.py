@@ -13,20 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 import rclpy
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from heli_msgs_bridge import command_line, locate, topics
 from heli_msgs_bridge.common_table import with_common
+from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter
 from heli_msgs_bridge.parameters import Parameter, ParameterError, judge, load
 
@@ -81,28 +76,6 @@ class NodeSpec:
         return load(self.full_table(), files, name or self.name, rules)
 
 
-def _descriptor(row: Parameter) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(
-        description=row.description + (f" [{row.unit}]" if row.unit else ""),
-        additional_constraints=row.allowed(),
-        read_only=row.read_only,
-    )
-    closed = row.lower is not None and row.upper is not None
-    if closed and row.kind == "double":
-        limits = FloatingPointRange(from_value=float(row.lower), to_value=float(row.upper))
-        descriptor.floating_point_range = [limits]
-    elif closed and row.kind == "int":
-        limits = IntegerRange(from_value=int(row.lower), to_value=int(row.upper), step=1)
-        descriptor.integer_range = [limits]
-    return descriptor
-
-
-def _ros_value(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.ravel().tolist()
-    return list(value) if isinstance(value, tuple) else value
-
-
 class ManagedNode(LifecycleNode):
     """A lifecycle node that declares its table and reports failures in sentences.
 
@@ -128,7 +101,7 @@ class ManagedNode(LifecycleNode):
         self.values = dict(values)
         self.failure, self.active, self.finished = "", False, False
         self._table = self.SPEC.full_table()
-        rows = [(row.name, _ros_value(values[row.name]), _descriptor(row)) for row in self._table]
+        rows = [(row.name, ros_value(values[row.name]), descriptor(row)) for row in self._table]
         self.declare_parameters("", rows, ignore_override=True)
         self.add_on_set_parameters_callback(self._judge_set)
         self.add_post_set_parameters_callback(self._apply_set)

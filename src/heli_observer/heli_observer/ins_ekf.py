@@ -61,52 +61,7 @@ from heli_observer.layout import (
     X_QUAT,
     X_VEL,
 )
-
-
-@njit
-def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
-    """Propagate the nominal state x (21,) over one tick, in place.
-
-    Parameters
-    ----------
-    x : ndarray (21,)
-        Nominal state, indices X_*.
-    imu0, imu1 : ndarray (6,)
-        Specific force (m/s2) and rate (rad/s), body, at the beginning and the end of the tick. The
-        rate is taken to vary linearly between (with the coning term dt^2/12 w0 x w1), and so is the
-        acceleration in NED axes.
-    gravity_mps2, dt_s : float
-    a_ned : ndarray (3,)
-        Out: mean specific force in NED axes (m/s2), for the covariance.
-    R_mid : ndarray (3, 3)
-        Out: R_nb, mean of both ends, for the covariance.
-    """
-    w0x, w0y, w0z = imu0[3] - x[10], imu0[4] - x[11], imu0[5] - x[12]
-    w1x, w1y, w1z = imu1[3] - x[10], imu1[4] - x[11], imu1[5] - x[12]
-    coning = dt_s * dt_s / 12.0
-    rotvec = np.empty(3)
-    rotvec[0] = 0.5 * dt_s * (w0x + w1x) + coning * (w0y * w1z - w0z * w1y)
-    rotvec[1] = 0.5 * dt_s * (w0y + w1y) + coning * (w0z * w1x - w0x * w1z)
-    rotvec[2] = 0.5 * dt_s * (w0z + w1z) + coning * (w0x * w1y - w0y * w1x)
-    q0 = x[X_QUAT : X_QUAT + 4]
-    R0 = quat_to_R_nb(q0)
-    q1 = quat_normalize(quat_multiply(q0, quat_from_rotvec(rotvec)))
-    R1 = quat_to_R_nb(q1)
-    for i in range(3):
-        a0 = 0.0
-        a1 = 0.0
-        for j in range(3):
-            bias = x[X_ACCEL_BIAS + j]
-            a0 += R0[i, j] * (imu0[j] - bias)
-            a1 += R1[i, j] * (imu1[j] - bias)
-        g = gravity_mps2 if i == 2 else 0.0
-        a_ned[i] = 0.5 * (a0 + a1)
-        x[X_POS + i] += dt_s * x[X_VEL + i] + dt_s * dt_s * (a0 / 3.0 + a1 / 6.0 + 0.5 * g)
-        x[X_VEL + i] += dt_s * (a_ned[i] + g)
-    copy_part(x, X_QUAT, q1, 0, 4)
-    for i in range(3):
-        for j in range(3):
-            R_mid[i, j] = 0.5 * (R0[i, j] + R1[i, j])
+from heli_observer.strapdown import strapdown
 
 
 @njit

@@ -18,9 +18,10 @@ from heli_observer.alignment import align
 from heli_observer.arrays import copy_part, fill
 from heli_observer.buffers import store_gps, store_mag_baro, take_tick
 from heli_observer.config import ObserverConfig
-from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict, start_baro, strapdown
+from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict, start_baro
 from heli_observer.layout import N_NAV, ObserverState, ObserverStatus
 from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
+from heli_observer.strapdown import strapdown
 
 __all__ = ["N_NAV", "ObserverConfig", "ObserverState", "ObserverStatus"]
 __all__ += ["initial_state", "observe", "status"]
