@@ -46,6 +46,7 @@ def dop853(x, u, kernel, seconds):
 
 
 def test_order_is_four(start):
+    """Kicked aircraft in wind over 1 s, 4 to 0.5 ms; DOP853; order 4 +- 0.2."""
     params, x, u = start
     kernel = params.kernel._replace(climb_power=CLIMB_POWER_OFF)  # a kink has no order
     exact = dop853(x, u, kernel, 1.0)
@@ -56,7 +57,7 @@ def test_order_is_four(start):
 
 
 def test_two_milliseconds_agree_with_dop853_over_ten_seconds(start):
-    """Ten seconds of an open-loop manoeuvre: forces, kinks, large angles and all."""
+    """Open-loop manoeuvre of 10 s, forces, kinks, large angles; DOP853; 1e-10, position 1e-7."""
     params, x, u = start
     exact = dop853(x, u, params.kernel, 10.0)
     mine = rk4(x, u, params.kernel, 10.0, 0.002)
@@ -66,7 +67,7 @@ def test_two_milliseconds_agree_with_dop853_over_ten_seconds(start):
 
 
 def test_derivative_is_a_pure_function(start):
-    """Called alone or after other states, in any order: the same bits."""
+    """Called alone or after other states, in any order; the same bits."""
     params, x, u = start
     a, b, out = np.empty(N_STATE), np.empty(N_STATE), np.empty(N_STATE)
     derivative_kernel(x, u, WIND, params.kernel, a)

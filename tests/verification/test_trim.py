@@ -21,6 +21,7 @@ def params():
 @pytest.mark.parametrize("speed", [1.0, 3.0, 5.0, 8.0, 12.0])
 @pytest.mark.parametrize("vertical", [-1.0, 0.0, 1.0])
 def test_wind_from_all_directions(params, speed, vertical):
+    """Hover in 1 to 12 m/s from 12 directions, rising and sinking air; all derivatives; 1e-9."""
     for angle in np.radians(np.arange(0.0, 360.0, 30.0)):
         wind = [speed * np.cos(angle), speed * np.sin(angle), vertical]
         found = trim(params, wind, psi=0.4)
@@ -33,6 +34,7 @@ def test_wind_from_all_directions(params, speed, vertical):
 
 
 def test_trim_turns_with_wind_and_heading(params):
+    """Wind and heading turned together; the same trim; 1e-10."""
     first = trim(params, [3.0, 4.0, 0.0], psi=0.0)
     c, s = np.cos(1.0), np.sin(1.0)
     second = trim(params, [3.0 * c - 4.0 * s, 3.0 * s + 4.0 * c, 0.0], psi=1.0)
@@ -43,6 +45,7 @@ def test_trim_turns_with_wind_and_heading(params):
 
 
 def test_it_leans_into_the_wind(params):
+    """3 m/s from the side and from ahead; 5 deg of roll by the side area; 0.7 deg."""
     from_right = trim(params, [0.0, -3.0, 0.0])
     from_front = trim(params, [-3.0, 0.0, 0.0])
     calm = trim(params)
@@ -53,6 +56,7 @@ def test_it_leans_into_the_wind(params):
 
 
 def test_scipy_finds_the_same_equilibrium(params):
+    """Hover in wind; scipy.optimize.root on the derivative; 1e-7."""
     from heli_dynamics_sim.state import make_state
 
     wind = [-4.0, 3.0, 0.5]
@@ -72,16 +76,19 @@ def test_scipy_finds_the_same_equilibrium(params):
 
 
 def test_too_heavy_names_the_collective(params):
+    """A weight that the rotor cannot lift; the refusal names actuator and travel."""
     with pytest.raises(TrimError, match=r"d_col would have to be -\d.*allowed: inside \+-1"):
         trim(replace(params, mass_kg=60.0))
 
 
 def test_storm_names_a_residual_or_an_actuator(params):
+    """60 m/s; the refusal names the residual and how far, or the actuator."""
     with pytest.raises(TrimError, match=r"(stays at|would have to be)"):
         trim(params, [0.0, 60.0, 0.0])
 
 
 @pytest.mark.parametrize("wind", [[np.nan, 0.0, 0.0], [0.0, 0.0], [np.inf, 0.0, 0.0]])
 def test_unusable_wind_is_refused(params, wind):
+    """NaN, inf, a missing component; ValueError."""
     with pytest.raises(ValueError, match="expected"):
         trim(params, wind)

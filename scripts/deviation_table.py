@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Print A, B, E of the linearised default aircraft beside the published ones, entry by entry.
+
+Usage: python scripts/deviation_table.py [--all]
+
+Entries that are zero in both are left out, and without --all those of pure kinematics too (they are
+exact). A deviation beyond 0.6 % and half a unit of the last published digit is explained; the tests
+(tests/verification/test_linear_model.py) hold the same list.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import yaml
+
+from heli_dynamics_sim.linearize import (
+    INPUT_NAMES,
+    STATE_NAMES,
+    WIND_NAMES,
+    LinearModel,
+    linearize,
+)
+from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_dynamics_sim.trim import trim
+
+DATA = Path(__file__).resolve().parent.parent / "tests/verification/data"
+COLUMNS = {"A": STATE_NAMES, "B": INPUT_NAMES, "E": WIND_NAMES}
+RELATIVE, LAST_DIGIT = 0.006, 0.5e-4
+_KINEMATIC = ("phi", "theta", "psi", "d_int")
+
+
+def rows(model: LinearModel, every: bool = False) -> list[tuple[str, float, float, str, str]]:
+    """(entry, published, ours, deviation, remark) of all entries that say something.
+
+    Parameters
+    ----------
+    model : LinearModel
+    every : bool
+        With the rows of pure kinematics.
+    """
+    published = yaml.safe_load((DATA / "nus_linear_model.yaml").read_text(encoding="utf-8"))
+    known = yaml.safe_load((DATA / "known_deviations.yaml").read_text(encoding="utf-8"))
+    found = []
+    for name, columns in COLUMNS.items():
+        for i, row in enumerate(STATE_NAMES):
+            for j, column in enumerate(columns):
+                theirs, ours = float(published[name][i][j]), float(getattr(model, name)[i, j])
+                empty = theirs == 0.0 and abs(ours) <= LAST_DIGIT
+                if empty or (row in _KINEMATIC and not every):
+                    continue
+                entry = f"{name}({row}, {column})"
+                beyond = abs(ours - theirs) > RELATIVE * abs(theirs) + LAST_DIGIT
+                remark = known[entry]["why"] if entry in known else ""
+                if beyond and not remark:
+                    remark = "UNEXPLAINED"
+                share = f"{100.0 * (ours / theirs - 1.0):+.2f} %" if theirs else "-"
+                found.append((entry, theirs, ours, share, remark))
+    return found
+
+
+def main() -> int:
+    """Print the table as Markdown; 0 if every deviation beyond the bound is explained."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--all", action="store_true", help="with the rows of pure kinematics")
+    every = parser.parse_args().all
+    aircraft = HelicopterParameters.from_yaml("helion.yaml")
+    table = rows(linearize(aircraft, trim(aircraft)), every)
+    print("| entry | published | ours | deviation | remark |\n|---|---|---|---|---|")
+    for entry, theirs, ours, share, remark in table:
+        print(f"| {entry} | {theirs:.4f} | {ours:.4f} | {share} | {remark} |")
+    return int(any(row[4] == "UNEXPLAINED" for row in table))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
