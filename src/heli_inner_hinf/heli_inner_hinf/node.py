@@ -72,7 +72,7 @@ class InnerLoopNode(TickNode):
         self._take_navigation(arrived)
         self._take_setpoint(arrived)
         stale = self._setpoint_is_stale(tick)
-        r3 = self._level(self._r3) if stale else self._r3
+        r3 = self._trim_attitude(self._r3) if stale else self._r3
         kernel = self.design.take()
         code = attitude_law(self._x9, r3, kernel, self.design.state, self._u3)
         self._u[:3] = self._u3
@@ -110,7 +110,7 @@ class InnerLoopNode(TickNode):
             return False
         return tick - self._setpoint_tick > self.values["setpoint_timeout_s"] * _TICKS_PER_S
 
-    def _level(self, r3: np.ndarray) -> np.ndarray:
+    def _trim_attitude(self, r3: np.ndarray) -> np.ndarray:
         """Trim attitude with the heading of r3."""
         trim = self.design.config.x_trim
         return np.array([trim[0], trim[1], r3[2]])
