@@ -14,7 +14,7 @@ from lifecycle_msgs.msg import Transition
 
 from heli_hover_test.bag_record import BagFlight, flight_from_bag
 from heli_hover_test.errors import FlightError, StartError
-from heli_hover_test.processes import NodeProcess, stop
+from heli_hover_test.processes import NodeProcess, domain_reserved, stop
 from heli_hover_test.result import Result
 from heli_hover_test.scenario import NODE_NAME as SCENARIO
 from heli_hover_test.scoring import score
@@ -171,11 +171,12 @@ class Graph:
 
 @contextmanager
 def _graph(settings: Settings, folder: Path) -> Iterator[Graph]:
-    graph = Graph(settings, folder)
-    try:
-        yield graph
-    finally:
-        graph.close()
+    with domain_reserved():
+        graph = Graph(settings, folder)
+        try:
+            yield graph
+        finally:
+            graph.close()
 
 
 def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:

@@ -3,12 +3,14 @@
 
 import contextlib
 import ctypes
+import fcntl
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from heli_hover_test.errors import StartError
@@ -125,3 +127,27 @@ def check_middleware() -> None:
     if done.returncode:
         name = os.environ["RMW_IMPLEMENTATION"]
         raise StartError(f"ROS 2 cannot start with RMW_IMPLEMENTATION={name}: not installed")
+
+
+@contextlib.contextmanager
+def domain_reserved() -> Iterator[None]:
+    """Hold the ROS domain for one flight on this machine.
+
+    Two graphs with the same names in one domain would command each other's nodes, and discovery is
+    too slow to notice in time.
+
+    Raises
+    ------
+    StartError
+        Another flight holds it.
+    """
+    domain = int(os.environ.get("ROS_DOMAIN_ID", "0").strip() or 0)
+    path = Path(tempfile.gettempdir()) / f"heli_hover-domain-{domain}-{os.getuid()}.lock"
+    with open(path, "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise StartError(
+                f"another hover test flies in ROS domain {domain}; set ROS_DOMAIN_ID to a free one"
+            ) from None
+        yield

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from heli_hover_test import processes
+from heli_hover_test.errors import StartError
 
 BLOCK = """
 import signal
@@ -84,3 +85,15 @@ def test_children_die_with_a_killed_parent(tmp_path):
         os.sched_yield()
     assert not alive(pid)
     parent.stdout.close()
+
+
+def test_one_flight_per_domain(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "231")
+    with processes.domain_reserved():
+        with pytest.raises(StartError, match="ROS domain 231"), processes.domain_reserved():
+            raise AssertionError("two flights in one domain")
+        monkeypatch.setenv("ROS_DOMAIN_ID", "230")
+        with processes.domain_reserved():
+            monkeypatch.setenv("ROS_DOMAIN_ID", "231")
+    with processes.domain_reserved():
+        monkeypatch.undo()
