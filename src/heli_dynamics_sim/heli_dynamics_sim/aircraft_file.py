@@ -79,27 +79,27 @@ def config_folders() -> list[Path]:
 
 
 def find_aircraft(path: str | Path) -> Path:
-    """The file of an aircraft: a path that exists, or a bare name in the packaged folder.
+    """The file of an aircraft: a bare name in the packaged folder, else a path that exists.
+
+    A packaged name means the packaged file, whatever lies in the working directory; `./name` is
+    the way to one there.
 
     Raises
     ------
     AircraftError
         Names the packaged aircraft if there is none of that name.
     """
-    file = Path(path)
-    if file.is_file():
-        return file
+    bare = Path(path).name == str(path)
     known: set[str] = set()
-    if file.name == str(path):
-        for folder in config_folders():
-            for candidate in sorted((folder / "aircraft").glob("*.yaml")):
-                if candidate.name == file.name:
-                    return candidate
-                known.add(candidate.name)
-        raise AircraftError(
-            f"{path}: no such aircraft file; packaged: {', '.join(sorted(known)) or 'none'}"
-        )
-    raise AircraftError(f"{path}: no such aircraft file")
+    for folder in config_folders() if bare else ():
+        for candidate in sorted((folder / "aircraft").glob("*.yaml")):
+            if candidate.name == str(path):
+                return candidate
+            known.add(candidate.name)
+    if Path(path).is_file():
+        return Path(path)
+    hint = f"; packaged: {', '.join(sorted(known)) or 'none'}" if bare else ""
+    raise AircraftError(f"{path}: no such aircraft file{hint}")
 
 
 def read_groups(file: Path) -> dict[str, Any]:

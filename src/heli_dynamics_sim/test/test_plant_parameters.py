@@ -75,6 +75,16 @@ def test_missing_and_empty_files(tmp_path):
         HelicopterParameters.from_yaml(tmp_path / "binary.yaml")
 
 
+def test_a_packaged_name_means_the_packaged_file(tmp_path, monkeypatch, write):
+    monkeypatch.chdir(tmp_path)
+    Path("helion.yaml").write_text("plant: {}")  # say, a parameter file of the same name
+    assert HelicopterParameters.from_yaml("helion.yaml").mass_kg == 9.75
+    with pytest.raises(AircraftError, match="body.mass_kg: missing"):
+        HelicopterParameters.from_yaml("./helion.yaml")
+    write("mass_kg: 9.750", "mass_kg: 9.5")
+    assert HelicopterParameters.from_yaml("mine.yaml").mass_kg == 9.5
+
+
 def test_integers_are_numbers_in_an_aircraft_file(write):
     assert HelicopterParameters.from_yaml(write("mass_kg: 9.750", "mass_kg: 9")).mass_kg == 9.0
 
