@@ -8,6 +8,8 @@ too: the values that they derive.
 """
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +91,23 @@ def test_its_design_belongs_to_it(name):
     assert observer["servo.frequency_radps"] == aircraft.servo_bandwidth_radps
     assert observer["servo.damping"] == aircraft.servo_damping
     ObserverConfig(observer)
+
+
+@pytest.mark.nightly
+def test_the_designs_are_what_their_script_writes(tmp_path):
+    """All numbers of config/designs; the script, run again; 1e-6."""
+    script = ROOT / "scripts/write_aircraft_designs.py"
+    subprocess.run([sys.executable, script, tmp_path], check=True, timeout=280)
+    for name in set(AIRCRAFT) - {"helion"}:
+        packaged = resolve("hover", params=params_of(name)).nodes
+        again = resolve("hover", params=[tmp_path / f"{name}.yaml"]).nodes
+        for node, values in packaged.items():
+            for key, value in values.items():
+                if isinstance(value, (float, np.ndarray)):
+                    fresh = np.ravel(again[node][key])
+                    assert fresh == pytest.approx(np.ravel(value), rel=1e-6, abs=1e-8), key
+                else:
+                    assert again[node][key] == value, key
 
 
 @pytest.mark.parametrize("name", AIRCRAFT)
