@@ -5,6 +5,7 @@ import itertools
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -36,10 +37,20 @@ def processes_of(env):
     return found
 
 
+def gone(env, limit_s=2.0):
+    """Whether all processes of the test end within the limit."""
+    deadline = time.monotonic() + limit_s
+    while processes_of(env):
+        if time.monotonic() > deadline:
+            return False
+        os.sched_yield()
+    return True
+
+
 @pytest.fixture
 def living(ros_env):
-    """Call it for the command lines of the test's living processes."""
-    return lambda: processes_of(ros_env)
+    """Call it for the test's processes that do not end within 2 s."""
+    return lambda: [] if gone(ros_env) else processes_of(ros_env)
 
 
 @pytest.fixture
@@ -52,7 +63,7 @@ def hover_test(ros_env):
         done = subprocess.run(
             command, env=ros_env | (env or {}), capture_output=True, text=True, timeout=limit_s
         )
-        assert processes_of(ros_env) == []
+        assert gone(ros_env)
         return done
 
     return run

@@ -2,7 +2,6 @@
 """A flight of the real graph: processes over DDS, brought up in order, recorded, scored."""
 
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ from heli_hover_test.scenario import NODE_NAME as SCENARIO
 from heli_hover_test.scoring import score
 from heli_hover_test.settings import NODES, Settings
 from heli_hover_test.supervisor import BringUpError, Supervisor
-from heli_msgs_bridge.locate import executable
+from heli_msgs_bridge.locate import config_folder, executable
 from heli_msgs_bridge.parameters import dump_all
 
 _APPEAR_LIMIT_S = 30.0
@@ -28,6 +27,7 @@ _TRANSITION_LIMIT_S = 60.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
 _DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _TICKS_PER_S = 100
 _BAG_LIMIT_S = 10.0
 
@@ -54,22 +54,37 @@ class Graph:
         MissingFileError
             An executable is not installed; nothing has been started then.
         """
-        programs = {node.name: executable(node.package, node.executable) for node in NODES}
-        recorder = executable("heli_msgs_bridge", "recorder")
+        recorder = ("recorder", "heli_msgs_bridge", "recorder", "heli_msgs_bridge.recorder_node")
+        nodes = [(n.name, n.package, n.executable, f"{n.package}.node") for n in NODES]
+        for _, package, program, _ in (recorder, *nodes):
+            executable(package, program)
         logs = self.folder / "logs"
         logs.mkdir()
-        env = dict(os.environ)
-        env.setdefault(_DISCOVERY, "LOCALHOST")
         os.environ.setdefault(_DISCOVERY, "LOCALHOST")
+        if not any(name in os.environ for name in _PROFILES):
+            profiles = str(config_folder("heli_hover_test") / "fastdds.xml")
+            os.environ.update(dict.fromkeys(_PROFILES, profiles))
+        env = dict(os.environ)
         parameters = logs.parent / "graph.yaml"
         dump_all(self._graph_parameters(), parameters)
         arguments = ["--ros-args", "--params-file", str(parameters)]
-        self.processes["recorder"] = NodeProcess(
-            "recorder", [sys.executable, str(recorder), *arguments], logs / "recorder.log", env
-        )
-        for name, program in programs.items():
-            command = [sys.executable, str(program), *arguments]
-            self.processes[name] = NodeProcess(name, command, logs / f"{name}.log", env)
+        self._join()
+        for name, _, _, module in (recorder, *nodes):
+            log = logs / f"{name}.log"
+            self.processes[name] = NodeProcess(name, module, arguments, log, env)
+
+    def _join(self) -> None:
+        """Make the supervisor's node, before all others.
+
+        Fast DDS announces a participant at once only to the first few of a machine; who comes
+        later is heard after 3 s. The supervisor must hear all.
+        """
+        try:
+            rclpy.init(args=[])
+            self.supervisor = Supervisor([*(node.name for node in NODES), "recorder"])
+        except Exception as error:
+            first = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            raise StartError(f"ROS 2 cannot start: {first}") from error
 
     def _graph_parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """What the processes get: the resolved parameters, and that a supervisor leads."""
@@ -104,13 +119,8 @@ class Graph:
             raise StartError(str(error)) from error
 
     def _bring_up(self) -> None:
-        try:
-            rclpy.init(args=[])
-            self.supervisor = Supervisor([*(node.name for node in NODES), "recorder"])
-        except Exception as error:
-            first = (str(error).strip().splitlines() or [type(error).__name__])[0]
-            raise StartError(f"ROS 2 cannot start: {first}") from error
         up, limit = self.supervisor, _TRANSITION_LIMIT_S
+        assert up is not None
         up.wait_for_services(_APPEAR_LIMIT_S, self.check)
         up.refuse_doubles()
         configure = Transition.TRANSITION_CONFIGURE

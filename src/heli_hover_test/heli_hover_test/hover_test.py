@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from heli_hover_test.errors import FlightError, StartError
-from heli_hover_test.processes import check_middleware
+from heli_hover_test.processes import check_middleware, start_server
 from heli_hover_test.record import FlightRecord
 from heli_hover_test.result import (
     EXIT_BAD_INPUT,
@@ -206,6 +206,7 @@ def fly(options: argparse.Namespace, console: Console) -> int:
             extra, remarks = {"mode": "one process"}, ()
         else:
             check_middleware()
+            start_server()
             from heli_hover_test.graph_flight import fly_graph
 
             with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:

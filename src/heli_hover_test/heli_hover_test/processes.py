@@ -4,6 +4,8 @@
 import contextlib
 import ctypes
 import fcntl
+import importlib
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -11,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from multiprocessing import forkserver
 from pathlib import Path
 
 from heli_hover_test.errors import StartError
@@ -22,39 +25,62 @@ _LOG_TAIL_BYTES = 4096
 _MAX_DOMAIN = 232
 
 
-def _die_with_parent_setter():
-    """A function for the child that has the kernel end it when this process ends (Linux only)."""
-    if not sys.platform.startswith("linux"):
-        return None
-    libc = ctypes.CDLL(None)
-    # A child that starts after its parent's death would wait for ever: the parent id tells.
-    parent = os.getpid()
+def die_with_parent() -> None:
+    """Have the kernel end this process when its parent ends (Linux; elsewhere a no-op)."""
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
-    def in_child() -> None:
-        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != parent:
-            os._exit(1)
 
-    return in_child
+def _run_node(module: str, arguments: Sequence[str], log: str, env: Mapping[str, str]) -> None:
+    """What a node's process does: own session, own log, then the executable's main()."""
+    # A session of its own: Ctrl-C reaches the supervisor only, which then ends the nodes.
+    os.setsid()
+    die_with_parent()
+    os.environ.update(env)
+    with open(log, "ab", buffering=0) as stream, open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+        os.dup2(stream.fileno(), 1)
+        os.dup2(stream.fileno(), 2)
+    sys.argv = [module, *arguments]
+    sys.exit(importlib.import_module(module).main(list(arguments)))
+
+
+def start_server() -> None:
+    """Start the process that loads what all nodes need once, and of which each node is a fork.
+
+    Five interpreters that import NumPy, numba and rclpy and load the same compiled kernels would
+    take twice as long on two cores. Call it early: it loads while the caller goes on.
+    """
+    multiprocessing.set_forkserver_preload(["heli_hover_test.preload"])
+    forkserver.ensure_running()
 
 
 class NodeProcess:
-    """One running executable with its log file."""
+    """One running node with its log file.
 
-    def __init__(self, name: str, command: Sequence[str], log: Path, env: Mapping[str, str]):
+    Parameters
+    ----------
+    name : str
+    module : str
+        Python module whose `main(arguments)` is the node's executable.
+    arguments : sequence of str
+        Command line.
+    log : Path
+        Gets what the node writes.
+    env : mapping
+        Environment to set.
+    """
+
+    def __init__(
+        self, name: str, module: str, arguments: Sequence[str], log: Path, env: Mapping[str, str]
+    ):
         self.name = name
         self.log = log
-        with open(log, "wb") as stream:
-            # A session of its own: Ctrl-C reaches the supervisor only, which then ends the nodes.
-            self._process = subprocess.Popen(
-                list(command),
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-                env=dict(env),
-                start_new_session=True,
-                preexec_fn=_die_with_parent_setter(),
-            )
+        log.touch()
+        context = multiprocessing.get_context("forkserver")
+        work = (module, tuple(arguments), str(log.absolute()), dict(env))
+        self._process = context.Process(target=_run_node, args=work, name=name, daemon=True)
+        self._process.start()
 
     @property
     def pid(self) -> int:
@@ -63,7 +89,7 @@ class NodeProcess:
 
     def exit_code(self) -> int | None:
         """Exit code, or None while it runs."""
-        return self._process.poll()
+        return self._process.exitcode
 
     def last_line(self) -> str:
         """Last line that the process wrote, for one-line error messages."""
@@ -79,22 +105,19 @@ class NodeProcess:
     def interrupt(self) -> None:
         """Ask it to end (SIGINT)."""
         with contextlib.suppress(ProcessLookupError):
-            if self._process.poll() is None:
-                self._process.send_signal(signal.SIGINT)
+            if self._process.exitcode is None:
+                os.kill(self._process.pid, signal.SIGINT)
 
     def wait(self, limit_s: float) -> bool:
         """Wait until it has ended; False if it has not within limit_s."""
-        try:
-            self._process.wait(max(limit_s, 0.0))
-        except subprocess.TimeoutExpired:
-            return False
-        return True
+        self._process.join(max(limit_s, 0.0))
+        return self._process.exitcode is not None
 
     def kill(self) -> None:
         """End it and whatever it started, now."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
+        self._process.join()
 
 
 def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> list[str]:

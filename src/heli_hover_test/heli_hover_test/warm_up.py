@@ -4,6 +4,7 @@
 Two processes: the one-process loop, and what the nodes call one by one.
 """
 
+import contextlib
 import subprocess
 import sys
 import time
@@ -16,7 +17,8 @@ def _loop() -> None:
     closed_loop.simulate(resolve(duration_s=0.04))
 
 
-def _nodes() -> None:
+def load_kernels() -> None:
+    """Compile, or load from the cache, what the nodes call one by one."""
     import numpy as np
 
     from heli_dynamics_sim import noise, plant
@@ -35,9 +37,26 @@ def _nodes() -> None:
     way = settings.scenario.reference
     position_law.follow(nav, 0, way.times_ns, way.points, loop.outer_k, loop.outer_s, out)
     attitude_law.attitude_law(np.zeros(9), out[:3].copy(), loop.inner_k, loop.inner_s, np.zeros(3))
+    _messages()
     plant.status(loop.plant_s, loop.plant_k)
     observer.status(loop.observer_s, loop.observer_k)
     plant.advance(loop.plant_s, u, loop.plant_k)
+
+
+def _messages() -> None:
+    """The conversions between arrays and messages."""
+    import numpy as np
+
+    from heli_msgs_bridge import topics
+    from heli_msgs_bridge.frames import datum
+    from heli_msgs_bridge.messages import CHANNELS, Decoder, Encoder, MessageError
+
+    origin = datum(0.0, 0.0, 0.0)
+    for name, channel in CHANNELS.items():
+        place = origin if name == topics.GPS_FIX else None
+        row = np.zeros(channel.size)
+        with contextlib.suppress(MessageError):
+            Decoder(name, place).decode(Encoder(name, (), place).encode(row, 1_000_000_000))
 
 
 def main() -> int:
@@ -52,6 +71,6 @@ def main() -> int:
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["nodes"]:
-        _nodes()
+        load_kernels()
         sys.exit(0)
     sys.exit(main())

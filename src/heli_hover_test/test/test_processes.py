@@ -4,6 +4,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -11,26 +12,38 @@ import pytest
 from heli_hover_test import processes
 from heli_hover_test.errors import StartError
 
-BLOCK = """
-import signal
-signal.signal(signal.SIGINT, signal.SIG_IGN)
-print("up", flush=True)
-signal.sigwait([signal.SIGUSR2])
-"""
+MODULES = {
+    "obedient": "import signal\ndef main(a):\n    print('up', flush=True)\n    signal.pause()\n",
+    "deaf": (
+        "import signal\ndef main(a):\n    signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "    print('up', flush=True)\n    signal.sigwait([signal.SIGUSR2])\n"
+    ),
+    "failing": (
+        "def main(a):\n    print('first')\n    print('gamma', a[0], 'is infeasible')\n"
+        "    return 2\n"
+    ),
+}
 
 
-def wait_for_line(process, text, limit_s=10.0):
-    import time
+@pytest.fixture
+def start(tmp_path, monkeypatch):
+    """Start a node out of MODULES."""
+    for name, code in MODULES.items():
+        (tmp_path / f"{name}_node.py").write_text(code)
+    monkeypatch.syspath_prepend(str(tmp_path))
 
+    def run(name, *arguments):
+        log = tmp_path / f"{name}.log"
+        return processes.NodeProcess(name, f"{name}_node", arguments, log, dict(os.environ))
+
+    return run
+
+
+def wait_for_line(process, text, limit_s=60.0):
     deadline = time.monotonic() + limit_s
     while process.last_line() != text:
         assert time.monotonic() < deadline, f"{process.last_line()!r}"
         process.wait(0.01)
-
-
-def start(tmp_path, code, name="child"):
-    command = [sys.executable, "-c", code]
-    return processes.NodeProcess(name, command, tmp_path / f"{name}.log", os.environ)
 
 
 def alive(pid):
@@ -41,35 +54,37 @@ def alive(pid):
     return state != "Z"
 
 
-def test_interrupt_ends_a_process_that_obeys(tmp_path):
-    child = start(tmp_path, "import signal\nprint('up', flush=True)\nsignal.pause()")
+def test_interrupt_ends_a_process_that_obeys(start):
+    child = start("obedient")
     wait_for_line(child, "up")
     assert processes.stop([child], 5.0) == []
     assert child.exit_code() is not None
 
 
-def test_one_that_ignores_the_interrupt_is_killed_and_named(tmp_path):
-    child = start(tmp_path, BLOCK, "deaf")
+def test_one_that_ignores_the_interrupt_is_killed_and_named(start):
+    child = start("deaf")
     wait_for_line(child, "up")
     assert processes.stop([child], 0.5) == ["deaf"]
     assert not alive(child.pid)
 
 
-def test_last_line_is_the_reason(tmp_path):
-    child = start(tmp_path, "import sys\nprint('first')\nsys.exit('gamma 0.01 is infeasible')")
-    assert child.wait(10.0)
-    assert child.exit_code() == 1
+def test_last_line_is_the_reason(start):
+    child = start("failing", "0.01")
+    assert child.wait(60.0)
+    assert child.exit_code() == 2
     assert child.last_line() == "gamma 0.01 is infeasible"
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="parent-death signal is Linux's")
-def test_children_die_with_a_killed_parent(tmp_path):
+def test_children_die_with_a_killed_parent(start, tmp_path):
     code = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
-        "from heli_hover_test.processes import NodeProcess\n"
-        f"command = [sys.executable, '-c', {BLOCK!r}]\n"
-        f"child = NodeProcess('x', command, Path({str(tmp_path)!r}) / 'x', os.environ)\n"
+        f"sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from heli_hover_test.processes import NodeProcess, start_server\n"
+        "start_server()\n"
+        f"log = Path({str(tmp_path)!r}) / 'x'\n"
+        "child = NodeProcess('x', 'obedient_node', [], log, os.environ)\n"
         "print(child.pid, flush=True)\n"
         "signal.pause()\n"
     )
@@ -78,8 +93,6 @@ def test_children_die_with_a_killed_parent(tmp_path):
     assert alive(pid)
     parent.kill()
     parent.wait()
-    import time
-
     deadline = time.monotonic() + 5.0
     while alive(pid) and time.monotonic() < deadline:
         os.sched_yield()
