@@ -29,6 +29,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         *shared("config", "*.yaml"),
+        *shared("config", "*.xml"),
         *shared("launch", "*.launch.py"),
         (f"lib/{PACKAGE}", [str(path) for path in Path("scripts").glob("*")]),
     ],
