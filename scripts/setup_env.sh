@@ -152,6 +152,9 @@ heli_choose_mode() {
 # Drops what another ROS, or a parent started by the wheels, left in the environment.
 heli_clean_environment() {
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME
+    # pip installs without byte code (quicker); what a flight imports is compiled once, when it is first
+    # imported. Without writing it each start would compile it anew, which takes two seconds.
+    unset PYTHONDONTWRITEBYTECODE
     [ "$heli_mode" = wheels ] || return 0
     [ -z "${ROS_DISTRO:-}" ] || unset LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION
     unset PYTHONPATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
