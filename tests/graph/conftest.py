@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+import uuid
 from pathlib import Path
 
 import pytest
@@ -19,12 +20,13 @@ def ros_env():
     env = dict(os.environ)
     env["ROS_DOMAIN_ID"] = str(next(_DOMAINS) % 100 + 1)
     env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    env["HELI_TEST_RUN"] = uuid.uuid4().hex
     return env
 
 
 def processes_of(env):
-    """Command lines of living processes in the test's ROS domain, this one left out."""
-    wanted = f"ROS_DOMAIN_ID={env['ROS_DOMAIN_ID']}".encode()
+    """Command lines of living processes that the test started, directly or not."""
+    wanted = f"HELI_TEST_RUN={env['HELI_TEST_RUN']}".encode()
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:

@@ -2,6 +2,7 @@
 """A flight of the real graph: processes over DDS, brought up in order, recorded, scored."""
 
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from typing import Any
 
 import rclpy
 from lifecycle_msgs.msg import Transition
+from rclpy.signals import SignalHandlerOptions
 
 from heli_hover_test.bag_record import BagFlight, flight_from_bag
 from heli_hover_test.errors import FlightError, StartError
@@ -45,6 +47,11 @@ class Graph:
         self.settings, self.folder = settings, folder
         self.processes: dict[str, NodeProcess] = {}
         self.supervisor: Supervisor | None = None
+        self.interrupted = False
+
+    def on_interrupt(self, *_: Any) -> None:
+        """Signal handler: remember it; raised inside rclpy it would come out as something else."""
+        self.interrupted = True
 
     def start(self) -> None:
         """Start the recorder and the nodes.
@@ -80,7 +87,7 @@ class Graph:
         later is heard after 3 s. The supervisor must hear all.
         """
         try:
-            rclpy.init(args=[])
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             self.supervisor = Supervisor([*(node.name for node in NODES), "recorder"])
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
@@ -98,7 +105,9 @@ class Graph:
         return led
 
     def check(self) -> None:
-        """Raise FlightError if a process has ended that should run."""
+        """Raise FlightError if a process has ended that should run, KeyboardInterrupt on Ctrl-C."""
+        if self.interrupted:
+            raise KeyboardInterrupt
         for name, process in self.processes.items():
             if process.exit_code() is not None:
                 raise FlightError(_named(name, process))
@@ -183,10 +192,12 @@ class Graph:
 def _graph(settings: Settings, folder: Path) -> Iterator[Graph]:
     with domain_reserved():
         graph = Graph(settings, folder)
+        before = signal.signal(signal.SIGINT, graph.on_interrupt)
         try:
             yield graph
         finally:
             graph.close()
+            signal.signal(signal.SIGINT, before)
 
 
 def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:

@@ -2,6 +2,7 @@
 """A managed node that steps once per tick on the messages of that tick."""
 
 import time
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -49,9 +50,9 @@ class TickNode(ManagedNode):
     come for this one.
     """
 
+    @abstractmethod
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the node; topics that did not come are absent from `arrived`."""
-        raise NotImplementedError
 
     def listen(self, inputs: tuple[Input, ...], datum: Datum | None = None) -> None:
         """Subscribe to the inputs (called from `setup`)."""
