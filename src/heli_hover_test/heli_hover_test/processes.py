@@ -19,6 +19,8 @@ from pathlib import Path
 from heli_hover_test.errors import StartError
 
 _PR_SET_PDEATHSIG = 1
+# Set in the process that nodes are forked from, to its own id.
+SERVER_PID = "HELI_SERVER_PID"
 _STOP_LIMIT_S = 2.0
 _LOG_TAIL_BYTES = 4096
 # Above it Fast DDS runs out of port numbers.
@@ -36,6 +38,9 @@ def _run_node(module: str, arguments: Sequence[str], log: str, env: Mapping[str,
     # A session of its own: Ctrl-C reaches the supervisor only, which then ends the nodes.
     os.setsid()
     die_with_parent()
+    # The server may have died before the line above; then nobody would ever tell this process.
+    if os.environ.get(SERVER_PID, str(os.getppid())) != str(os.getppid()):
+        sys.exit(1)
     os.environ.update(env)
     with open(log, "ab", buffering=0) as stream, open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), 0)
