@@ -19,7 +19,7 @@ from heli_dynamics_sim.sensors import (
     SensorKernel,
 )
 from heli_dynamics_sim.state import TICK_S
-from heli_dynamics_sim.wind import W20_ALTITUDE_M, WindKernel, mean_speed
+from heli_dynamics_sim.wind import W20_ALTITUDE_M, SinesKernel, WindKernel, mean_speed
 
 
 class PlantConfigError(ValueError):
@@ -143,11 +143,41 @@ def _wind_kernel(values: Mapping[str, Any]) -> WindKernel:
         durations,
         amplitudes,
         values["wind.gust.frame"] == "body",
+        _sines_kernel(values),
     )
     w20 = values["wind.w20_mps"]
     if w20 < 0.0:
         w20 = float(mean_speed(W20_ALTITUDE_M, kernel))
     return kernel._replace(w20_mps=w20)
+
+
+def _sines_kernel(values: Mapping[str, Any]) -> SinesKernel:
+    lines = np.array(values["wind.sines.frequency_hz"], dtype=np.float64)
+    tables = []
+    for key in ("amplitude_mps", "phase_rad"):
+        table = np.array(values[f"wind.sines.{key}"], dtype=np.float64).reshape(-1, 3)
+        if table.shape[0] != lines.size:
+            raise PlantConfigError(
+                f"wind.sines.{key}: describes {table.shape[0]} lines; allowed: {lines.size}, "
+                "3 numbers per wind.sines.frequency_hz"
+            )
+        tables.append(table)
+    duration, fade = values["wind.sines.duration_s"], values["wind.sines.fade_s"]
+    if 2.0 * fade > duration:
+        raise PlantConfigError(
+            f"wind.sines.fade_s: {fade:g} is not allowed; allowed: at most {0.5 * duration:g}, "
+            "half of wind.sines.duration_s"
+        )
+    return SinesKernel(
+        bool((tables[0] != 0.0).any()),
+        lines,
+        tables[0],
+        tables[1],
+        values["wind.sines.start_s"],
+        duration,
+        fade,
+        values["wind.sines.frame"] == "body",
+    )
 
 
 def _sensor_kernel(values: Mapping[str, Any]) -> SensorKernel:

@@ -13,6 +13,7 @@ from rclpy.duration import Duration
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
+from heli_dynamics_sim.wind import injected_gust
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
@@ -45,6 +46,7 @@ class PlantNode(TickNode):
         self._n_ticks = max(1, round(v["duration_s"] * _TICKS_PER_S))
         self._y = np.zeros(plant.N_MEAS)
         self._joints = np.zeros(7)
+        self._gust = np.zeros(3)
         commands = self.state.commands
         self._u = commands[-1].copy() if len(commands) else np.zeros(4)
         self._over = ""
@@ -67,7 +69,9 @@ class PlantNode(TickNode):
             topics.GPS_FIX: fix,
             topics.GPS_VELOCITY: (v["sensors.gps.velocity_mps"] ** 2,),
         }
-        names = (*variances, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR)
+        names = [*variances, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR]
+        if self.config.wind.sines.on:
+            names.append(topics.EXCITATION_WIND)
         self._channel: dict[str, tuple[Any, Any]] = {}
         for name in names:
             place = origin if name == topics.GPS_FIX else None
@@ -81,6 +85,7 @@ class PlantNode(TickNode):
         k = self.config.kernel
         spare = plant.initial_state(self.config, self.values["seed"])
         plant.measure(spare, 0, np.zeros(plant.N_NOISE), k, self._y)
+        injected_gust(spare.x, 0.0, k.wind.sines, self._gust)
         plant.status(spare, k)
         plant.advance(spare, self._u, k)
         for name, (encode, _) in self._channel.items():
@@ -145,6 +150,9 @@ class PlantNode(TickNode):
         x = self.state.x
         self._send(topics.TRUTH_ODOM, x[0:13], stamp_ns)
         self._send(topics.TRUTH_WIND, y[20:23], stamp_ns)
+        if k.wind.sines.on:
+            injected_gust(x, tick * _TICK_S, k.wind.sines, self._gust)
+            self._send(topics.EXCITATION_WIND, self._gust, stamp_ns)
         self._joints[0:3], self._joints[3:7] = x[13:16], x[16:20]
         self._send(topics.TRUTH_ROTOR, self._joints, stamp_ns)
         self._clock_send(self._clock_encode(stamp_ns))

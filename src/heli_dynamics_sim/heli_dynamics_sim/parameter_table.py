@@ -147,6 +147,38 @@ _WIND = (
         upper=30.0,
     ),
     _row("wind.gust.frame", "string", "Axes of the gusts' amplitudes", choices=("ned", "body")),
+    _row(
+        "wind.sines.frequency_hz",
+        "double[]",
+        "Lines of the gusts injected for identification",
+        "Hz",
+        shape=(None,),
+        lower=0.0,
+        upper=50.0,
+        lower_open=True,
+    ),
+    _row(
+        "wind.sines.amplitude_mps",
+        "double[]",
+        "Amplitude of each line on the three axes",
+        "m/s",
+        shape=(None, 3),
+        lower=-30.0,
+        upper=30.0,
+    ),
+    _row(
+        "wind.sines.phase_rad",
+        "double[]",
+        "Phase of each line on the three axes",
+        "rad",
+        shape=(None, 3),
+        lower=-10.0,
+        upper=10.0,
+    ),
+    _row("wind.sines.start_s", "double", "Flight time of the start", "s", lower=0.0, upper=1e6),
+    _row("wind.sines.duration_s", "double", "Length with both fades", "s", lower=0.0, upper=1e6),
+    _row("wind.sines.fade_s", "double", "Length of a fade", "s", lower=0.0, upper=600.0),
+    _row("wind.sines.frame", "string", "Axes of the lines' amplitudes", choices=("ned", "body")),
 )
 
 _SENSORS = (

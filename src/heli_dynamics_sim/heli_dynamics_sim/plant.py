@@ -97,7 +97,11 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     gps = k.sensors.gps
     slots = gps.latency // gps.period + 1
     rows = NoiseStreams(seed).initial_rows(slots)
-    calm = k.wind._replace(turbulence=False, gust_amplitude_mps=0.0 * k.wind.gust_amplitude_mps)
+    calm = k.wind._replace(
+        turbulence=False,
+        gust_amplitude_mps=0.0 * k.wind.gust_amplitude_mps,
+        sines=k.wind.sines._replace(on=False),
+    )
     at_start = np.zeros(N_STATE)
     at_start[0:3] = config.pos_ned_m
     mean_wind = np.zeros(3)

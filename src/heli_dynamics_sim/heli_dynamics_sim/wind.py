@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wind: steady profile over altitude, Dryden turbulence, discrete gusts.
+"""Wind: steady profile over altitude, Dryden turbulence, discrete gusts, periodic gusts.
 
 Turbulence follows MIL-F-8785C, low altitude (10 to 1000 ft), in the components along the mean wind,
 across it (to the right of where it blows) and down:
@@ -23,12 +23,26 @@ import numpy as np
 
 from heli_dynamics_sim.rigid_body import to_ned
 from heli_math.jit import njit
+from heli_math.multisine import fade_in_and_out, sines_at
 
 FOOT_M = 0.3048
 W20_ALTITUDE_M = 20.0 * FOOT_M
 N_FILTER = 5
 _SQRT3 = math.sqrt(3.0)
 _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
+
+
+class SinesKernel(NamedTuple):
+    """Periodic gusts that identification injects."""
+
+    on: bool  # False: nothing is configured
+    frequency_hz: np.ndarray  # (n,)
+    amplitude_mps: np.ndarray  # (n, 3)
+    phase_rad: np.ndarray  # (n, 3)
+    start_s: float
+    duration_s: float  # with both fades
+    fade_s: float
+    body: bool  # amplitudes in body axes instead of NED
 
 
 class WindKernel(NamedTuple):
@@ -44,6 +58,7 @@ class WindKernel(NamedTuple):
     gust_duration_s: np.ndarray  # (m,)
     gust_amplitude_mps: np.ndarray  # (m, 3), peak velocity of the air
     gust_body: bool  # amplitudes in body axes instead of NED
+    sines: SinesKernel
 
 
 @njit
@@ -139,6 +154,26 @@ def gust_shape(time_s, start_s, duration_s):
 
 
 @njit
+def injected_gust(x, time_s, k, out):
+    """Velocity of the periodic gusts alone, NED, m/s: fills out (3,).
+
+    Parameters
+    ----------
+    x : (24,) array
+        Plant state: attitude, for amplitudes in body axes.
+    time_s : float
+        Flight time.
+    k : SinesKernel
+    """
+    sines_at(time_s - k.start_s, k.frequency_hz, k.amplitude_mps, k.phase_rad, out)
+    share = fade_in_and_out(time_s - k.start_s, k.duration_s, k.fade_s)
+    g0, g1, g2 = share * out[0], share * out[1], share * out[2]
+    if k.body:
+        g0, g1, g2 = to_ned(x[6], x[7], x[8], x[9], g0, g1, g2)
+    out[0], out[1], out[2] = g0, g1, g2
+
+
+@njit
 def wind_at(filter_state, x, time_s, k, out):
     """Velocity of the air, NED, m/s: fills out (3,).
 
@@ -174,3 +209,8 @@ def wind_at(filter_state, x, time_s, k, out):
     out[0] += g0
     out[1] += g1
     out[2] += g2
+    if k.sines.on:
+        gust = np.empty(3)
+        injected_gust(x, time_s, k.sines, gust)
+        for i in range(3):
+            out[i] += gust[i]

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wind: profile, Dryden filters against MIL-F-8785C, gusts."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from heli_dynamics_sim import wind
+from heli_dynamics_sim.plant import PlantConfigError
 from heli_dynamics_sim.state import make_state
 
 A = np.array([[-1.0, 0.0], [1.0, -1.0]])
@@ -131,3 +134,52 @@ def test_turbulence_is_added_along_across_and_down(kernel):
     k = kernel(towards_deg=90.0, w20_mps=5.0)
     wind.wind_at(np.array([0.0, one, 0.0, 0.0, 0.0]), x, 0.0, k, out)
     assert out == pytest.approx([-sigma_h, 3.0, 0.0], abs=1e-12)  # right of east is south
+
+
+SINES = {
+    "wind__sines__frequency_hz": [0.5, 2.0],
+    "wind__sines__amplitude_mps": [1.0, 0.0, 0.0, 0.0, 0.5, 0.0],
+    "wind__sines__phase_rad": [0.3, 0.0, 0.0, 0.0, 0.0, 0.0],
+    "wind__sines__start_s": 2.0,
+    "wind__sines__duration_s": 10.0,
+    "wind__sines__fade_s": 1.0,
+}
+
+
+def test_injected_sines_are_their_sum_and_turn_with_the_aircraft(plant_config):
+    """By hand, body axes at 90 deg of heading: forward is east, right is south."""
+    k = plant_config(**SINES).kernel.wind.sines
+    x, gust = make_state(psi=math.pi / 2.0), np.zeros(3)
+    wind.injected_gust(x, 5.1, k, gust)
+    forward = math.sin(2.0 * math.pi * 0.5 * 3.1 + 0.3)
+    right = 0.5 * math.sin(2.0 * math.pi * 2.0 * 3.1)
+    np.testing.assert_allclose(gust, [-right, forward, 0.0], atol=1e-12)
+    ned = plant_config(**SINES, wind__sines__frame="ned").kernel.wind.sines
+    wind.injected_gust(x, 5.1, ned, gust)
+    np.testing.assert_allclose(gust, [forward, right, 0.0], atol=1e-12)
+
+
+def test_injected_sines_add_to_the_wind_and_are_silent_outside_their_time(plant_config):
+    with_sines, without = plant_config(**SINES).kernel, plant_config().kernel
+    x, filters = make_state(pos_ned_m=(0.0, 0.0, -10.0)), np.full(5, 0.4)
+    total, rest, gust = np.zeros(3), np.zeros(3), np.zeros(3)
+    for time_s in (1.9, 2.5, 6.3, 12.1):
+        wind.wind_at(filters, x, time_s, with_sines.wind, total)
+        wind.wind_at(filters, x, time_s, without.wind, rest)
+        wind.injected_gust(x, time_s, with_sines.wind.sines, gust)
+        np.testing.assert_allclose(total - rest, gust, atol=1e-12)
+        assert (np.abs(gust).max() > 0.0) == (2.0 < time_s < 12.0)
+    assert not without.wind.sines.on
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "sentence"),
+    [
+        ("amplitude_mps", [0.0] * 3, "wind.sines.amplitude_mps: describes 1 lines; allowed: 2"),
+        ("phase_rad", [0.0] * 9, "wind.sines.phase_rad: describes 3 lines; allowed: 2"),
+        ("fade_s", 6.0, "wind.sines.fade_s: 6 is not allowed; allowed: at most 5"),
+    ],
+)
+def test_sines_that_do_not_fit_are_refused(plant_config, key, value, sentence):
+    with pytest.raises(PlantConfigError, match=sentence):
+        plant_config(**(SINES | {f"wind__sines__{key}": value}))

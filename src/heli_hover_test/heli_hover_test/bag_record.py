@@ -85,9 +85,15 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
     return BagFlight(_record(bag, ticks, start_ns), bag.remarks)
 
 
+def _excited(bag: Bag) -> bool:
+    return topics.EXCITATION_ACTUATORS in bag.streams or topics.EXCITATION_WIND in bag.streams
+
+
 def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
     def at(name: str, size: int) -> np.ndarray:
         return _at(bag.streams.get(name), ticks, start_ns, size)
+
+    excited = _excited(bag)
 
     truth, nav = at(topics.TRUTH_ODOM, 13), at(topics.ODOM, 28)
     velocity = np.array([quat_to_R_nb(row[6:10]) @ row[3:6] for row in truth])
@@ -109,4 +115,7 @@ def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
         u=at(topics.ACTUATORS, 4),
         nav_sigma_pos_m=nav[:, 22:25],
         nav_sigma_vel_mps=nav[:, 25:28],
+        excitation_u=at(topics.EXCITATION_ACTUATORS, 4) if excited else None,
+        gust_ned_mps=at(topics.EXCITATION_WIND, 3) if excited else None,
+        imu=at(topics.IMU, 6) if excited else None,
     )

@@ -11,10 +11,19 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_dynamics_sim import noise, plant
+from heli_dynamics_sim.wind import injected_gust
 from heli_hover_test.record import FlightRecord
 from heli_hover_test.settings import Settings
 from heli_inner_hinf import attitude_law as inner
 from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.excitation import (
+    N_CHANNELS,
+    SENT,
+    ExcitationKernel,
+    excitation_kernel,
+    excite,
+    initial_excitation_state,
+)
 from heli_inner_hinf.law_state import initial_law_state
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, quat_to_R_nb
@@ -25,6 +34,7 @@ from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.reference import N_REFERENCE, reference_at
 
 TICK_NS = 10_000_000
+TICK_S = 0.01
 N_TRUTH = 19  # pos 3, velocity NED 3, quaternion 4, rates 3, rotor 3, wind 3
 _CHUNK_TICKS = 6000
 
@@ -38,6 +48,8 @@ class Loop(NamedTuple):
     observer_s: observer.ObserverState
     inner_k: inner.AttitudeKernel
     inner_s: np.ndarray
+    excitation_k: ExcitationKernel
+    excitation_s: np.ndarray
     outer_k: outer.OuterKernel
     outer_s: np.ndarray
     period_ticks: int
@@ -52,6 +64,9 @@ class Track(NamedTuple):
     reference: np.ndarray
     setpoint: np.ndarray
     u: np.ndarray
+    excitation: np.ndarray  # this and the next two have no rows unless something is excited
+    gust: np.ndarray
+    imu: np.ndarray
 
 
 @njit
@@ -109,6 +124,12 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
         inner.attitude_law(x9, setpoint[0:3], loop.inner_k, loop.inner_s, u3)
         u[0:3] = u3
         u[3] = setpoint[3]
+        if loop.excitation_k.on:
+            excite(tick * TICK_S, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
+        if track.imu.shape[0] > 0:
+            track.excitation[tick] = loop.excitation_s[SENT : SENT + N_CHANNELS]
+            track.imu[tick] = y[0:6]
+            injected_gust(loop.plant_s.x, tick * TICK_S, loop.plant_k.wind.sines, track.gust[tick])
         track.nav[tick] = nav
         track.reference[tick] = reference
         track.setpoint[tick] = setpoint
@@ -162,6 +183,8 @@ def build(
         observer.initial_state(observer_config),
         law,
         initial_law_state(law),
+        excitation_kernel(settings.nodes["inner_loop"]),
+        initial_excitation_state(),
         outer_k,
         outer.initial_state(outer_k),
         settings.nodes["outer_loop"]["period_ticks"],
@@ -210,6 +233,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
         np.zeros((n, N_REFERENCE)),
         np.zeros((n, 4)),
         np.zeros((n, 4)),
+        *(np.zeros((n if _excited(loop) else 0, size)) for size in (N_CHANNELS, 3, 6)),
     )
     streams = noise.NoiseStreams(settings.seed)
     reference = settings.scenario.reference
@@ -228,6 +252,10 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
             progress(tick / 100.0)
     named = plant.PlantStatus(status)
     return Flight(_as_record(track, tick), named, "" if status == 0 else named.sentence)
+
+
+def _excited(loop: Loop) -> bool:
+    return bool(loop.excitation_k.on or loop.plant_k.wind.sines.on)
 
 
 def _as_record(track: Track, n: int) -> FlightRecord:
@@ -250,4 +278,7 @@ def _as_record(track: Track, n: int) -> FlightRecord:
         u=track.u[:n],
         nav_sigma_pos_m=nav[:, 22:25],
         nav_sigma_vel_mps=nav[:, 25:28],
+        excitation_u=track.excitation[:n] if track.imu.size else None,
+        gust_ned_mps=track.gust[:n] if track.imu.size else None,
+        imu=track.imu[:n] if track.imu.size else None,
     )

@@ -34,6 +34,12 @@ class FlightRecord:
         Actuators d_lat, d_lon, d_ped, d_col.
     nav_sigma_pos_m, nav_sigma_vel_mps : (N, 3) ndarray, optional
         Standard deviations of the navigation record, NED; None if they were not recorded.
+    excitation_u : (N, 4) ndarray, optional
+        What identification added to u; this and the next two are None where nothing was excited.
+    gust_ned_mps : (N, 3) ndarray, optional
+        Injected periodic gust alone, NED.
+    imu : (N, 6) ndarray, optional
+        As measured: specific force, m/s2, and rates, rad/s, body.
     """
 
     time_s: np.ndarray
@@ -53,6 +59,9 @@ class FlightRecord:
     u: np.ndarray
     nav_sigma_pos_m: np.ndarray | None = None
     nav_sigma_vel_mps: np.ndarray | None = None
+    excitation_u: np.ndarray | None = None
+    gust_ned_mps: np.ndarray | None = None
+    imu: np.ndarray | None = None
 
     def __len__(self) -> int:
         return self.time_s.size

@@ -10,7 +10,15 @@ import numpy as np
 
 from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law
 from heli_inner_hinf.design import LiveDesign
-from heli_inner_hinf.law_state import initial_law_state
+from heli_inner_hinf.excitation import (
+    N_CHANNELS,
+    SENT,
+    ExcitationStatus,
+    excitation_kernel,
+    excite,
+    initial_excitation_state,
+)
+from heli_inner_hinf.law_state import TICK_S, initial_law_state
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_math.rotations import euler_from_quat
 from heli_msgs_bridge import topics
@@ -36,6 +44,7 @@ class InnerLoopNode(TickNode):
         self._measuring: Any = None
         self._encode = Encoder(topics.ACTUATORS).encode
         self._send = self.create_output(topics.ACTUATORS)
+        self._prepare_excitation()
         self._x9, self._u3, self._u = np.full(9, np.nan), np.zeros(3), np.zeros(4)
         self._forget_setpoint()
         self._warm_up()
@@ -62,6 +71,9 @@ class InnerLoopNode(TickNode):
         kernel = self.design.config.kernel
         attitude_law(self._x9, self._r3, kernel, initial_law_state(kernel), self._u3)
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
+        if self._excitation.on:
+            spare = initial_law_state(kernel)
+            excite(-1.0, spare[9:18], self._excitation, self._excitation_state, spare, self._total)
 
     def _expect_outer(self, expected: bool) -> None:
         for topic in _OUTER:
@@ -75,9 +87,33 @@ class InnerLoopNode(TickNode):
         r3 = self._trim_attitude(self._r3) if stale else self._r3
         kernel = self.design.take()
         code = attitude_law(self._x9, r3, kernel, self.design.state, self._u3)
+        # The outer loop's collective stays as it came: the excitation must not pile up on it.
+        self._total[:3], self._total[3] = self._u3, self._u[3]
         self._u[:3] = self._u3
-        self._send(self._encode(self._u, self.stamp_ns(tick)))
+        if self._excitation.on:
+            self._excite(tick)
+        self._send(self._encode(self._total, self.stamp_ns(tick)))
         self._tell(code, stale)
+
+    def _prepare_excitation(self) -> None:
+        """Excitation for identification; its topic exists only while one is configured."""
+        self._excitation = excitation_kernel(self.values)
+        self._excitation_state = initial_excitation_state()
+        self._excited = ExcitationStatus.SILENT
+        self._total = np.zeros(N_CHANNELS)
+        if self._excitation.on:
+            self._encode_excitation = Encoder(topics.EXCITATION_ACTUATORS).encode
+            self._send_excitation = self.create_output(topics.EXCITATION_ACTUATORS)
+
+    def _excite(self, tick: int) -> None:
+        """Add the excitation to the actuators of this tick and publish it."""
+        state = self._excitation_state
+        code = excite(
+            tick * TICK_S, self._x9, self._excitation, state, self.design.state, self._total
+        )
+        self._excited = ExcitationStatus(code)
+        sent = state[SENT : SENT + N_CHANNELS]
+        self._send_excitation(self._encode_excitation(sent, self.stamp_ns(tick)))
 
     def _take_navigation(self, arrived: Arrived) -> None:
         x9 = self._x9
@@ -121,6 +157,10 @@ class InnerLoopNode(TickNode):
             level = Level.ERROR
         elif stale:
             level, message = Level.WARN, "the attitude setpoint is too old: trim attitude is held"
+        elif self._excited > ExcitationStatus.EXCITING:
+            level, message = Level.WARN, self._excited.sentence
+        elif self._excited == ExcitationStatus.EXCITING and code == AttitudeStatus.OK:
+            message = self._excited.sentence
         if self.tick % _TICKS_PER_S == 0 or message != self._message:
             self.warn_or_ok(level, message, self._facts_now())
 
@@ -153,6 +193,8 @@ class InnerLoopNode(TickNode):
                 self._measure_margin()
             margin = "being computed"
         facts["disk_margin_input"] = margin
+        if self._excitation.on:
+            facts["excitation"] = self._excited.sentence
         facts["setpoint_tick"] = "none" if self._setpoint_tick is None else self._setpoint_tick
         return facts
 

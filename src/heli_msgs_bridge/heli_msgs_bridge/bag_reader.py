@@ -62,14 +62,13 @@ class Bag:
 
 def _graph_name(recorded: str, msgtype: str) -> str | None:
     """Relative name of a recorded topic whatever its namespace; None if it is not of the graph."""
-    for topic in topics.TABLE:
-        tail = topic.name if topic.name.startswith("/") else f"/{topic.name}"
-        if recorded.endswith(tail) and msgtype == topic.type:
-            longer = f"/ground_truth{tail}"
-            if not topic.name.startswith("ground_truth") and recorded.endswith(longer):
-                continue
-            return topic.name
-    return None
+    fitting = [
+        topic.name
+        for topic in topics.TABLE
+        if msgtype == topic.type and recorded.endswith(f"/{topic.name.lstrip('/')}")
+    ]
+    # "ground_truth/odom" and "excitation/actuators" end like "odom" and "actuators".
+    return max(fitting, key=len, default=None)
 
 
 def _remarks(message: Any) -> list[Remark]:

@@ -202,6 +202,14 @@ CHANNELS: dict[str, Channel] = {
         7, lambda: _joints(topics.TRUTH_ROTOR_NAMES), _P.pack_values, _P.unpack_values,
         _joint_block(topics.TRUTH_ROTOR_NAMES),
     ),
+    topics.EXCITATION_ACTUATORS: Channel(
+        4, lambda: _joints(topics.ACTUATOR_NAMES), _P.pack_values, _P.unpack_values,
+        _joint_block(topics.ACTUATOR_NAMES),
+    ),
+    topics.EXCITATION_WIND: Channel(
+        3, lambda: _headed(MAP).doubles(3), _P.pack_world_vector, _P.unpack_world_vector,
+        _vector_block,
+    ),
 }  # fmt: skip
 
 

@@ -29,6 +29,8 @@ ACTUATORS = "actuators"
 TRUTH_ODOM = "ground_truth/odom"
 TRUTH_WIND = "ground_truth/wind"
 TRUTH_ROTOR = "ground_truth/rotor_state"
+EXCITATION_ACTUATORS = "excitation/actuators"
+EXCITATION_WIND = "excitation/wind"
 DIAGNOSTICS = "/diagnostics"
 
 ACTUATOR_NAMES = ("lateral", "longitudinal", "pedal", "collective")
@@ -63,6 +65,8 @@ class Topic:
         Period in ticks; 0 for "on change".
     latched : bool
         True if a late listener gets the last message (transient local).
+    optional : bool
+        True if it is sent only while its sender is configured for it.
     """
 
     name: str
@@ -71,6 +75,7 @@ class Topic:
     sinks: tuple[str, ...]
     every_ticks: int
     latched: bool = False
+    optional: bool = False
 
     @property
     def rate_hz(self) -> float:
@@ -106,6 +111,8 @@ TABLE: tuple[Topic, ...] = (
     Topic(TRUTH_ODOM, _ODOMETRY, _PLANT, (), 1),
     Topic(TRUTH_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1),
     Topic(TRUTH_ROTOR, _JOINTS, _PLANT, (), 1),
+    Topic(EXCITATION_ACTUATORS, _JOINTS, _INNER, (), 1, optional=True),
+    Topic(EXCITATION_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1, optional=True),
     Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", _ALL, (), 0),
 )
 

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Periodic multisines: their kernel, and how to choose lines, amplitudes and phases.
+
+All lines lie on the grid 1/period, so that every period is the same. Different channels use
+different lines ("zippered"): what a channel does at its own lines no other channel's excitation
+does, and the frequency responses of all channels come from one flight. Phases are chosen so that
+the sum has small peaks (low crest factor): the iterative clipping of Van der Ouderaa, Schoukens and
+Renneboog (IEEE Trans. Instrum. Meas. 37(1), 1988), from several random starts with a fixed seed.
+Source of the method: Pintelon, Schoukens, System Identification (2nd ed., IEEE, 2012), ch. 2 and 5.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from heli_math.jit import njit
+
+_STARTS = 8
+_ROUNDS = 60
+_CLIP_AT = 0.85
+_SAMPLES_PER_CYCLE = 8
+
+
+@njit
+def sines_at(time_s, frequency_hz, amplitude, phase_rad, out):
+    """Sum of sines at a time: fills out (c,).
+
+    Parameters
+    ----------
+    time_s : float
+    frequency_hz : (n,) array
+    amplitude, phase_rad : (n, c) array
+        Of each line in each channel; a line of amplitude 0 costs nothing.
+    out : (c,) array
+        sum over i of amplitude[i, j] sin(2 pi frequency_hz[i] time_s + phase_rad[i, j]).
+    """
+    for j in range(out.shape[0]):
+        out[j] = 0.0
+    for i in range(frequency_hz.shape[0]):
+        angle = 2.0 * math.pi * frequency_hz[i] * time_s
+        for j in range(out.shape[0]):
+            if amplitude[i, j] != 0.0:
+                out[j] += amplitude[i, j] * math.sin(angle + phase_rad[i, j])
+
+
+@njit
+def fade_in_and_out(time_s, duration_s, fade_s):
+    """Share (0 to 1) at a time since the start: rises and falls by half a cosine of fade_s."""
+    if time_s < 0.0 or time_s > duration_s:
+        return 0.0
+    edge = min(time_s, duration_s - time_s)
+    if edge >= fade_s:
+        return 1.0
+    return 0.5 - 0.5 * math.cos(math.pi * edge / fade_s)
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """A periodic excitation of c channels.
+
+    Attributes
+    ----------
+    period_s : float
+    frequency_hz : (n,) array
+        Rising; whole multiples of 1/period_s.
+    amplitude, phase_rad : (n, c) array
+        Each line belongs to one channel; its amplitude is 0 in the others.
+    """
+
+    period_s: float
+    frequency_hz: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    phase_rad: NDArray[np.float64]
+
+    def at(self, time_s: ArrayLike) -> NDArray[np.float64]:
+        """Values (N, c) at times (N,), s."""
+        times = np.atleast_1d(np.asarray(time_s, float))
+        out = np.zeros((times.size, self.amplitude.shape[1]))
+        for row, time in zip(out, times.tolist(), strict=True):
+            sines_at(time, self.frequency_hz, self.amplitude, self.phase_rad, row)
+        return out
+
+    @property
+    def rms(self) -> NDArray[np.float64]:
+        """Root mean square (c,) of each channel."""
+        return np.sqrt(0.5 * np.sum(self.amplitude**2, axis=0))
+
+    @property
+    def crest(self) -> NDArray[np.float64]:
+        """Crest factor (c,): peak over rms of each channel; 1.41 for one sine."""
+        count = _samples(self.period_s, self.frequency_hz)
+        peak = np.abs(self.at(np.arange(count) * self.period_s / count)).max(axis=0)
+        return peak / self.rms
+
+
+def _samples(period_s: float, frequency_hz: NDArray[np.float64]) -> int:
+    return int(math.ceil(_SAMPLES_PER_CYCLE * period_s * float(frequency_hz.max())))
+
+
+def zippered_lines(
+    period_s: float, bands_hz: ArrayLike, lines: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Lines of several channels, spread evenly on a logarithmic scale, none used twice.
+
+    Parameters
+    ----------
+    period_s : float
+        The grid is 1/period_s.
+    bands_hz : (c, 2) array
+        Lowest and highest frequency of each channel.
+    lines : (c,) array of int
+        How many lines each channel gets.
+
+    Returns
+    -------
+    frequency_hz : (n,) array
+        Rising.
+    channel : (n,) int array
+        Whose line it is.
+
+    Raises
+    ------
+    ValueError
+        The grid has too few lines in a band; names the channel.
+    """
+    bands = np.asarray(bands_hz, float).reshape(-1, 2)
+    counts = np.asarray(lines, int).ravel()
+    taken: dict[int, int] = {}
+    wanted = []
+    for channel, ((low, high), count) in enumerate(zip(bands, counts, strict=True)):
+        # Each channel's row is shifted by its share of a step, so that rows interleave.
+        place = (np.arange(count) + (channel + 0.5) / len(counts)) / count
+        wanted += [(low * (high / low) ** share, channel) for share in place]
+    for frequency, channel in sorted(wanted):
+        low, high = bands[channel] * period_s
+        slots = range(max(1, math.ceil(low - 1e-9)), math.floor(high + 1e-9) + 1)
+        free = [slot for slot in slots if slot not in taken]
+        if not free:
+            raise ValueError(
+                f"channel {channel}: fewer than {counts[channel]} free lines between "
+                f"{bands[channel, 0]:g} and {bands[channel, 1]:g} Hz at a period of {period_s:g} s"
+            )
+        taken[min(free, key=lambda slot: abs(slot / period_s - frequency))] = channel
+    slots_taken = sorted(taken)
+    return np.array(slots_taken) / period_s, np.array([taken[slot] for slot in slots_taken])
+
+
+def low_crest_phases(
+    period_s: float, frequency_hz: ArrayLike, amplitude: ArrayLike, seed: int = 0
+) -> NDArray[np.float64]:
+    """Phases (n,), rad, of one channel's lines for which the sum has a small peak.
+
+    Parameters
+    ----------
+    period_s : float
+    frequency_hz, amplitude : (n,) array
+        On the grid 1/period_s.
+    seed : int
+        Of the random starts; the same seed gives the same phases.
+    """
+    lines, size = np.asarray(frequency_hz, float), np.asarray(amplitude, float)
+    if lines.size == 0:
+        return np.zeros(0)
+    slots = np.rint(lines * period_s).astype(int)
+    count = 2 * _samples(period_s, lines)
+    rng = np.random.default_rng(seed)
+
+    def signal(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+        spectrum = np.zeros(count // 2 + 1, complex)
+        spectrum[slots] = 0.5 * size * np.exp(1j * (phase - 0.5 * math.pi))
+        return np.fft.irfft(spectrum * count, count)
+
+    best, lowest = np.zeros(lines.size), math.inf
+    for _ in range(_STARTS):
+        phase = rng.uniform(-math.pi, math.pi, lines.size)
+        for _ in range(_ROUNDS):
+            x = signal(phase)
+            peak = float(np.abs(x).max())
+            if peak < lowest:
+                best, lowest = phase, peak
+            clipped = np.clip(x, -_CLIP_AT * peak, _CLIP_AT * peak)
+            phase = np.angle(np.fft.rfft(clipped)[slots]) + 0.5 * math.pi
+    return np.angle(np.exp(1j * best))
+
+
+def design_multisine(
+    period_s: float,
+    frequency_hz: ArrayLike,
+    channel: ArrayLike,
+    weight: ArrayLike,
+    rms: ArrayLike,
+    seed: int = 0,
+) -> Multisine:
+    """A multisine of given lines, shape of spectrum and strength.
+
+    Parameters
+    ----------
+    period_s : float
+    frequency_hz : (n,) array
+        On the grid 1/period_s.
+    channel : (n,) int array
+        Whose line it is, 0 to c - 1.
+    weight : (n,) array
+        Relative amplitude of each line within its channel.
+    rms : (c,) array
+        Of each channel, in the channel's unit.
+    seed : int
+        Of the phases.
+
+    Raises
+    ------
+    ValueError
+        A line does not lie on the grid.
+    """
+    lines, owner = np.asarray(frequency_hz, float), np.asarray(channel, int)
+    strength = np.asarray(rms, float)
+    cycles = lines * period_s
+    off = np.abs(cycles - np.rint(cycles)) > 1e-9 * np.maximum(cycles, 1.0)
+    if off.any():
+        raise ValueError(
+            f"line {lines[off][0]:g} Hz is not a whole multiple of 1/{period_s:g} s: "
+            "periods would differ"
+        )
+    amplitude = np.zeros((lines.size, strength.size))
+    phase = np.zeros_like(amplitude)
+    for j, wanted in enumerate(strength):
+        own = owner == j
+        raw = np.asarray(weight, float)[own]
+        if raw.size == 0:
+            continue
+        amplitude[own, j] = raw * wanted / math.sqrt(0.5 * float(np.sum(raw**2)))
+        phase[own, j] = low_crest_phases(period_s, lines[own], amplitude[own, j], seed + j)
+    return Multisine(float(period_s), lines, amplitude, phase)

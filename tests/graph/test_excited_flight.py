@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Excitation through the graph: what is added to actuators and wind is in the bag, and nothing else
+is."""
+
+import numpy as np
+
+from heli_hover_test.bag_record import flight_from_bag
+from heli_hover_test.closed_loop import simulate
+from heli_hover_test.settings import resolve
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.bag_reader import read_bag
+
+EXCITED = """
+/**/inner_loop:
+  ros__parameters:
+    controller: pid
+    excitation:
+      frequency_hz: [0.5, 1.0, 2.0]
+      amplitude: [0.05, 0.0, 0.0, 0.02, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 0.08, 0.0]
+      phase_rad: [0.0, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+      start_s: 1.0
+      duration_s: 6.0
+      fade_s: 1.0
+/**/plant:
+  ros__parameters:
+    wind:
+      sines:
+        frequency_hz: [0.5, 1.5]
+        amplitude_mps: [1.0, 0.0, 0.5, 0.0, 1.0, 0.0]
+        phase_rad: [0.0, 0.0, 1.0, 0.0, 0.5, 0.0]
+        start_s: 1.0
+        duration_s: 5.0
+        fade_s: 1.0
+"""
+
+
+def test_graph_and_one_process_loop_excite_alike(hover_test, tmp_path):
+    change = tmp_path / "excited.yaml"
+    change.write_text(EXCITED)
+    done = hover_test("--out", tmp_path / "a", "--duration", 8, "--params", change, "--seed", 4)
+    # Excited flights are not scored: 1 says "outside the paper's figures", 2 would be a failure.
+    assert done.returncode in (0, 1), done.stdout + done.stderr
+    assert "LOST" not in done.stdout
+    settings = resolve(seed=4, duration_s=8.0, params=[change])
+    graph = flight_from_bag(tmp_path / "a" / "bag", settings).record
+    alone = simulate(settings).record
+    for name in ("truth_pos_ned_m", "nav_pos_ned_m", "u", "excitation_u", "gust_ned_mps", "imu"):
+        np.testing.assert_allclose(getattr(graph, name), getattr(alone, name), atol=1e-6)
+    assert np.abs(graph.excitation_u).max(axis=0).min() > 0.015
+    assert np.abs(graph.gust_ned_mps).max(axis=0).min() > 0.2
+    bag = read_bag(tmp_path / "a" / "bag")
+    assert bag.streams[topics.EXCITATION_ACTUATORS].stamp_ns.size == 800
+    assert any(r.message == "the actuators are excited" for r in bag.remarks)
+
+
+def test_leaving_the_attitude_limit_ends_the_excitation_and_is_said(hover_test, tmp_path):
+    change = tmp_path / "tight.yaml"
+    change.write_text(
+        EXCITED.replace("    excitation:\n", "    excitation:\n      attitude_limit_deg: 0.5\n")
+    )
+    done = hover_test("--out", tmp_path / "a", "--duration", 6, "--params", change)
+    # Excited flights are not scored: 1 says "outside the paper's figures", 2 would be a failure.
+    assert done.returncode in (0, 1), done.stdout + done.stderr
+    assert "LOST" not in done.stdout
+    assert "excitation was given up: roll or pitch left" in done.stdout
+    settings = resolve(duration_s=6.0, params=[change])
+    record = flight_from_bag(tmp_path / "a" / "bag", settings).record
+    assert np.abs(record.excitation_u[200:300]).max() > 0.0
+    np.testing.assert_array_equal(record.excitation_u[-100:], 0.0)
