@@ -6,7 +6,7 @@ Nothing is copied: a changed Python or YAML file counts at once, and compiled ke
 path of their source, stay valid. The links are what `ros2 run`, `ros2 launch` and ament_index seek:
 
     <prefix>/lib/<package>/<executable>
-    <prefix>/share/<package>/{package.xml,config,launch}
+    <prefix>/share/<package>/{package.xml,config,launch,web}
     <prefix>/share/ament_index/resource_index/packages/<package>
 
 a .pth file puts the Python packages on the path, and the commands of pyproject.toml's
@@ -58,7 +58,7 @@ def link_package(package: Path, prefix: Path) -> None:
     """Link one package's executables, share folder and index marker under prefix."""
     share = prefix / "share" / package.name
     _fresh_folder(share)
-    for name in ("package.xml", "config", "launch"):
+    for name in ("package.xml", "config", "launch", "web"):
         if (package / name).exists():
             _link(share / name, package / name)
     executables = sorted((package / "scripts").glob("*"))

@@ -12,7 +12,10 @@ def shared(top, pattern):
     """Data files under top, subfolders too, as (install folder, files)."""
     folders = [Path(top), *(path for path in Path(top).rglob("*") if path.is_dir())]
     return [
-        (f"share/{PACKAGE}/{folder}", [str(path) for path in folder.glob(pattern)])
+        (
+            f"share/{PACKAGE}/{folder}",
+            [str(path) for path in folder.glob(pattern) if path.is_file()],
+        )
         for folder in sorted(folders)
     ]
 
@@ -29,6 +32,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         *shared("config", "*.yaml"),
         *shared("launch", "*.launch.py"),
+        *shared("web", "*"),
         (f"lib/{PACKAGE}", [str(path) for path in Path("scripts").glob("*")]),
     ],
     install_requires=["setuptools"],

@@ -12,12 +12,12 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml"))
 EXECUTABLES = {
-    "heli_dynamics_sim": "plant",
-    "heli_observer": "observer",
-    "heli_inner_hinf": "inner_loop",
-    "heli_outer_pd": "outer_loop",
-    "heli_msgs_bridge": "recorder",
-    "heli_hover_test": "scenario",
+    "heli_dynamics_sim": ["plant"],
+    "heli_observer": ["observer"],
+    "heli_inner_hinf": ["inner_loop"],
+    "heli_outer_pd": ["outer_loop"],
+    "heli_msgs_bridge": ["live_view", "recorder"],
+    "heli_hover_test": ["scenario"],
 }
 PYTHON_FOLDER = f"lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
 
@@ -84,7 +84,7 @@ def files_below(folder: Path) -> set[str]:
 def test_share_is_complete(prefix, package):
     source = ROOT / "src" / package
     expected = {"package.xml"} | {
-        f"{top}/{name}" for top in ("config", "launch") for name in files_below(source / top)
+        f"{top}/{name}" for top in ("config", "launch", "web") for name in files_below(source / top)
     }
     assert files_below(prefix / "share" / package) == expected
 
@@ -105,7 +105,7 @@ def test_executables_as_ros2_run_finds_them(prefix, package):
     """ros2pkg walks <prefix>/lib/<package> and takes the files that are executable."""
     folder = prefix / "lib" / package
     found = [path.name for path in folder.glob("*") if os.access(path, os.X_OK) and path.is_file()]
-    assert found == [EXECUTABLES[package]] if package in EXECUTABLES else found == []
+    assert sorted(found) == EXECUTABLES.get(package, [])
 
 
 def test_command_runs(prefix):

@@ -56,6 +56,7 @@ def _arguments():
         DeclareLaunchArgument("seed", default_value="1", description="Seed of wind and sensors"),
         DeclareLaunchArgument("lockstep", default_value="true", description=pace),
         DeclareLaunchArgument("record", default_value="true", description="Write a bag"),
+        DeclareLaunchArgument("live", default_value="false", description="Serve the live view"),
         DeclareLaunchArgument(
             "params_file",
             default_value=common,
@@ -79,6 +80,12 @@ def generate_launch_description():
             _node("heli_hover_test", "scenario", scenario),
             _node(
                 "heli_msgs_bridge", "recorder", condition=IfCondition(LaunchConfiguration("record"))
+            ),
+            _node(
+                "heli_msgs_bridge",
+                "live_view",
+                condition=IfCondition(LaunchConfiguration("live")),
+                lockstep=lockstep,
             ),
             _node("heli_outer_pd", "outer_loop", scenario, lockstep=lockstep),
             _node("heli_inner_hinf", "inner_loop", scenario, lockstep=lockstep),

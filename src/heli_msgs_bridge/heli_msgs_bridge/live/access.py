@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who may command: a token of this run, claimed by the first browser that shows it. No ROS."""
+
+import hmac
+import secrets
+from collections import deque
+
+TOKEN_BYTES = 24
+_TRIES, _WINDOW_S = 5, 30.0
+
+VIEW_ONLY = "view only: start with --allow-commands (parameter allow_commands) to command"
+WRONG = "wrong token"
+TAKEN = "the token is in use by another browser"
+SLOW_DOWN = "too many wrong tokens: wait half a minute"
+
+
+def new_token() -> str:
+    """A token that cannot be guessed (192 random bits), fit for a URL."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+class Access:
+    """Judges tokens.
+
+    Parameters
+    ----------
+    token : str
+        What must be shown; empty: nobody may command.
+    """
+
+    def __init__(self, token: str) -> None:
+        self._token = token.encode()
+        self._owner: str | None = None
+        self._wrong_s: deque[float] = deque()
+
+    @property
+    def enabled(self) -> bool:
+        """Whether commands are allowed at all."""
+        return bool(self._token)
+
+    def refusal(self, token: object, browser: str, now_s: float) -> str:
+        """Why this browser may not command with this token; empty if it may.
+
+        Parameters
+        ----------
+        token : object
+            As received; anything but the right text is wrong.
+        browser : str
+            Identity of the browser; the first one with the right token owns it for this run.
+        now_s : float
+            Steady time, for the limit on wrong tries.
+        """
+        if not self.enabled:
+            return VIEW_ONLY
+        while self._wrong_s and now_s - self._wrong_s[0] > _WINDOW_S:
+            self._wrong_s.popleft()
+        if len(self._wrong_s) >= _TRIES and browser != self._owner:
+            return SLOW_DOWN
+        given = token.encode() if isinstance(token, str) else b""
+        if not hmac.compare_digest(given, self._token):
+            self._wrong_s.append(now_s)
+            return WRONG
+        if self._owner is None:
+            self._owner = browser
+        return "" if browser == self._owner else TAKEN

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a browser is shown 30 times a second, put together from the newest messages. No ROS.
+
+World vectors on the page are ENU, body vectors FLU, as on the topics; attitudes are given as a
+quaternion and as the paper's Euler angles (NED/FRD). What has not come or is stale is None.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_math.rotations import euler_from_quat, quat_to_R_nb
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.frames import frd_to_flu, ned_to_enu, quat_ned_frd_to_enu_flu
+from heli_msgs_bridge.reference_message import ReferencePoints
+
+Array = NDArray[np.float64]
+GRAPH_NODES = ("plant", "observer", "inner_loop", "outer_loop")
+SHOWN = (
+    topics.TRUTH_ODOM, topics.ODOM, topics.ATTITUDE_SETPOINT, topics.ACTUATORS, topics.ROTOR_STATE,
+    topics.TRUTH_ROTOR, topics.TRUTH_WIND,
+)  # fmt: skip
+"""Topics whose content the page shows; of the others only the arrival counts."""
+OWN_NAME = "live_view"
+_RATE_WINDOW_S = 2.0
+_GPS_LATE_S = 1.0
+_WARN, _ERROR, _GONE = 1, 2, 3
+_NO_TIME = -math.inf
+_POS_SIGMA = slice(22, 25)
+
+
+def plain(values: Iterable[float], digits: int = 4) -> list[float]:
+    """Finite values as short floats for JSON, without a negative zero."""
+    return [round(float(v), digits) + 0.0 for v in values]
+
+
+def body_row(pos_ned_m: Array, vel_ned_mps: Array, q_nb: Array, rate_body_radps: Array) -> dict:
+    """A vehicle for the page.
+
+    Parameters
+    ----------
+    pos_ned_m, vel_ned_mps : (3,) array
+    q_nb : (4,) array
+        FRD -> NED, w x y z.
+    rate_body_radps : (3,) array
+        FRD.
+
+    Returns
+    -------
+    dict
+        p, v_enu (ENU), q (x, y, z, w; FLU -> ENU), v_body (forward, left, up), euler_deg
+        (phi, theta, psi) and rates_dps (p, q, r) in NED/FRD.
+    """
+    p, v_enu, v_flu, q = np.empty(3), np.empty(3), np.empty(3), np.empty(4)
+    ned_to_enu(pos_ned_m, p)
+    ned_to_enu(vel_ned_mps, v_enu)
+    frd_to_flu(quat_to_R_nb(q_nb).T @ vel_ned_mps, v_flu)
+    quat_ned_frd_to_enu_flu(q_nb, q)
+    return {
+        "p": plain(p),
+        "q": plain(q, 6),
+        "v_body": plain(v_flu),
+        "v_enu": plain(v_enu),
+        "euler_deg": plain(np.degrees(euler_from_quat(q_nb)), 3),
+        "rates_dps": plain(np.degrees(rate_body_radps), 3),
+    }
+
+
+def reference_at(reference: ReferencePoints, stamp_ns: int) -> Array:
+    """Reference (7,) at a time: position NED interpolated, velocity and heading of the last point.
+
+    Before the first and after the last point the helicopter hovers there.
+    """
+    times, points = reference.times_ns, reference.points
+    at_ns = stamp_ns - reference.start_ns
+    i = int(np.searchsorted(times, at_ns, side="right")) - 1
+    row = points[max(i, 0)].copy()
+    if i < 0 or i == len(times) - 1:
+        row[3:6] = 0.0
+        return row
+    share = (at_ns - times[i]) / (times[i + 1] - times[i])
+    row[0:3] += share * (points[i + 1, 0:3] - points[i, 0:3])
+    return row
+
+
+@dataclass
+class NodeNews:
+    """What a node last said in /diagnostics."""
+
+    level: int = 0
+    message: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Event:
+    """One line of the timeline: flight time s (None before the clock), level 0 to 2, who, what."""
+
+    time_s: float | None
+    level: int
+    source: str
+    text: str
+
+    def message(self) -> dict[str, Any]:
+        """As sent to a browser."""
+        t = None if self.time_s is None else round(self.time_s, 2)
+        return {
+            "type": "event", "t": t, "level": self.level, "source": self.source, "text": self.text
+        }  # fmt: skip
+
+
+class LiveState:
+    """Collects newest values and makes state rows.
+
+    Parameters
+    ----------
+    start_ns : int
+        Stamp of flight time 0.
+    stale_s : float
+        Wall time after which a value that is not renewed is no longer shown.
+    """
+
+    def __init__(self, start_ns: int, stale_s: float) -> None:
+        self.start_ns, self.stale_s = start_ns, stale_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the flight."""
+        self.now_ns = 0
+        self.over = ""
+        self.reference: ReferencePoints | None = None
+        self.nodes: dict[str, NodeNews] = {name: NodeNews() for name in GRAPH_NODES}
+        self._present: set[str] = set()
+        self._known: set[str] = set()
+        self._values: dict[str, tuple[Array, float]] = {}
+        self._arrived: dict[str, float] = {}
+        self._fix_ns = 0
+        self._pace: deque[tuple[float, int]] = deque()
+        self._events: list[Event] = []
+        self._mode = "idle"
+
+    # --- what comes in -----------------------------------------------------------------------
+
+    @property
+    def time_s(self) -> float | None:
+        """Flight time, s; None before the clock has started."""
+        return (self.now_ns - self.start_ns) * 1e-9 if self.now_ns else None
+
+    def take_clock(self, stamp_ns: int, wall_s: float) -> bool:
+        """Take the simulation time; True if it went back: another flight has begun."""
+        restarted = stamp_ns < self.now_ns - topics.TICK_NS * 100
+        if restarted:
+            reference = self.reference
+            self.reset()
+            self.reference = reference
+        self.now_ns = max(stamp_ns, self.now_ns)
+        pace = self._pace
+        pace.append((wall_s, self.now_ns))
+        while len(pace) > 2 and wall_s - pace[0][0] > _RATE_WINDOW_S:
+            pace.popleft()
+        return restarted
+
+    def take(self, topic: str, array: Array, wall_s: float) -> None:
+        """Take a decoded message (core's array, NED/FRD) of a topic in `SHOWN`."""
+        self._values[topic] = (array.copy(), wall_s)
+        self._arrived[topic] = wall_s
+
+    def take_arrival(self, topic: str, stamp_ns: int, wall_s: float) -> None:
+        """A message of any topic has come; its content is not shown."""
+        self._arrived[topic] = wall_s
+        if topic == topics.GPS_FIX:
+            self._fix_ns = max(self._fix_ns, stamp_ns)
+
+    def take_status(self, name: str, level: int, message: str, facts: Mapping[str, str]) -> None:
+        """Take a node's diagnostics; a change becomes an event."""
+        news = self.nodes.setdefault(name, NodeNews())
+        changed = (level, message) != (news.level, news.message)
+        if changed and (level or name != OWN_NAME):
+            self.tell(min(level, _ERROR), name, message)
+        news.level, news.message, news.facts = level, message, dict(facts)
+        if name == "plant":
+            self.over = message if facts.get("over") == "true" else ""
+
+    def take_presence(self, names: Iterable[str]) -> None:
+        """Take the names of the nodes that are in the graph now."""
+        self._present = set(names)
+        self._known |= self._present
+
+    def tell(self, level: int, source: str, text: str) -> None:
+        """Put a line on the timeline."""
+        self._events.append(Event(self.time_s, level, source, text))
+
+    def take_events(self) -> list[Event]:
+        """Events since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    # --- what goes out -----------------------------------------------------------------------
+
+    def is_fresh(self, topic: str, wall_s: float) -> bool:
+        """True if the topic has come lately, or the flight is over and its end is being shown."""
+        age_s = wall_s - self._arrived.get(topic, _NO_TIME)
+        return age_s <= self.stale_s or (bool(self.over) and topic in self._arrived)
+
+    def value(self, topic: str, wall_s: float) -> Array | None:
+        """Newest array of a shown topic; None if it has not come or is stale."""
+        if topic not in self._values or not self.is_fresh(topic, wall_s):
+            return None
+        return self._values[topic][0]
+
+    def mode(self, wall_s: float) -> str:
+        """hover, attitude, idle or over, by who sends: an inactive node sends nothing."""
+        if self.over:
+            return "over"
+        if not self.is_fresh(topics.ACTUATORS, wall_s):
+            return "idle"
+        return "hover" if self.is_fresh(topics.ATTITUDE_SETPOINT, wall_s) else "attitude"
+
+    def real_time_factor(self) -> float | None:
+        """Simulated over wall time of the last two seconds."""
+        if len(self._pace) < 2:
+            return None
+        (wall_0, ns_0), (wall_1, ns_1) = self._pace[0], self._pace[-1]
+        return (ns_1 - ns_0) * 1e-9 / (wall_1 - wall_0) if wall_1 > wall_0 else None
+
+    def row(self, wall_s: float) -> dict[str, Any]:
+        """The state as a browser gets it (the keys are in the package's README)."""
+        factor, time_s = self.real_time_factor(), self.time_s
+        mode = self.mode(wall_s)
+        if mode != self._mode:
+            self.tell(0, OWN_NAME, f"mode: {mode}")
+            self._mode = mode
+        nodes = self._nodes(wall_s)
+        nav = self.value(topics.ODOM, wall_s)
+        return {
+            "type": "state",
+            "t": None if time_s is None else round(time_s, 3),
+            "rtf": None if factor is None else round(factor, 3),
+            "truth": self._truth(wall_s),
+            "nav": None if nav is None else body_row(nav[0:3], nav[3:6], nav[6:10], nav[10:13]),
+            "ref": self._reference(),
+            "setpoint_deg": self._shown(topics.ATTITUDE_SETPOINT, wall_s, np.degrees),
+            "u": self._shown(topics.ACTUATORS, wall_s),
+            "rotor": self._rotor(topics.ROTOR_STATE, wall_s),
+            "rotor_truth": self._rotor(topics.TRUTH_ROTOR, wall_s),
+            "wind_enu": self._shown(topics.TRUTH_WIND, wall_s, _enu),
+            "sigma_p": None if nav is None else plain(nav[_POS_SIGMA][[1, 0, 2]]),
+            "mode": mode,
+            "nodes": nodes,
+            "alarms": self._alarms(nodes, wall_s),
+            "gps": {"age_s": round(self._fix_age_s(), 3)} if self._fix_ns else None,
+        }
+
+    def _shown(self, topic: str, wall_s: float, convert: Any = None) -> list[float] | None:
+        value = self.value(topic, wall_s)
+        if value is None:
+            return None
+        return plain(value if convert is None else convert(value))
+
+    def _truth(self, wall_s: float) -> dict[str, Any] | None:
+        x = self.value(topics.TRUTH_ODOM, wall_s)
+        if x is None:
+            return None
+        return body_row(x[0:3], quat_to_R_nb(x[6:10]) @ x[3:6], x[6:10], x[10:13])
+
+    def _rotor(self, topic: str, wall_s: float) -> dict[str, float] | None:
+        value = self.value(topic, wall_s)
+        if value is None:
+            return None
+        a_s, b_s = plain(np.degrees(value[0:2]))
+        return {"a_s_deg": a_s, "b_s_deg": b_s, "d_int": plain(value[2:3], 5)[0]}
+
+    def _reference(self) -> dict[str, Any] | None:
+        if self.reference is None:
+            return None
+        row = reference_at(self.reference, self.now_ns or self.reference.start_ns)
+        return {
+            "p": plain(_enu(row[0:3])),
+            "v": plain(_enu(row[3:6])),
+            "yaw_deg": round(math.degrees(row[6]), 3),
+        }
+
+    def _fix_age_s(self) -> float:
+        return max(0.0, (self.now_ns - self._fix_ns) * 1e-9)
+
+    def _nodes(self, wall_s: float) -> dict[str, dict[str, Any]]:
+        shown = {}
+        for name, news in self.nodes.items():
+            sends = [t.name for t in topics.TABLE if name in t.source and t.every_ticks]
+            level, message = news.level, news.message
+            if self.over:
+                state = "ended"
+            elif any(self.is_fresh(topic, wall_s) for topic in sends):
+                state = "active"
+            elif name in self._present:
+                state = "inactive" if sends else "active"
+            elif name in self._known:
+                state, level, message = "lost", _GONE, "is not in the graph any more"
+            else:
+                state = "absent"
+            shown[name] = {"state": state, "level": level, "message": message}
+        return shown
+
+    def _alarms(self, nodes: Mapping[str, Mapping[str, Any]], wall_s: float) -> list[dict]:
+        alarms = [
+            {"level": min(node["level"], _ERROR), "source": name, "text": node["message"]}
+            for name, node in nodes.items()
+            if node["level"] >= _WARN
+        ]
+        flying = not self.over and self.is_fresh(topics.CLOCK, wall_s)
+        if flying and self._fix_ns and self._fix_age_s() > _GPS_LATE_S:
+            alarms.append({"level": _WARN, "source": "gps", "text": "no fix for more than 1 s"})
+        if flying and topics.ODOM in self._arrived and not self.is_fresh(topics.ODOM, wall_s):
+            alarms.append({"level": _ERROR, "source": "observer", "text": "no navigation"})
+        return alarms
+
+
+def _enu(v_ned: Array) -> Array:
+    v_enu = np.empty(3)
+    ned_to_enu(v_ned, v_enu)
+    return v_enu
