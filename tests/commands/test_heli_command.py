@@ -20,6 +20,7 @@ from heli_inner_hinf.errors import InfeasibleGammaError
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = (
     ["hover"],
+    ["campaign"],
     ["design"],
     ["report"],
     ["compare", "attitude"],

@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many flights of a scenario in one process: largest value over seeds per metric, beside the paper.
 
-python -m heli_hover_test.campaign --scenario hover --seeds 1..20
+`heli campaign`, or `python -m heli_hover_test.campaign` with the same options.
 """
 
-import argparse
 import sys
-import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from heli_hover_test.closed_loop import simulate
+from heli_hover_test.result import Result, conditions
 from heli_hover_test.scoring import METRICS, SOURCES, Score, score
-from heli_hover_test.settings import GPS_PRESETS, Settings, resolve
+from heli_hover_test.settings import Settings
 from heli_msgs_bridge.parameters import ParameterError
 
 
@@ -25,6 +24,10 @@ class FlownSeed:
     scores: Sequence[Score]
     lost: str
 
+    def exit_code(self, gps: str) -> int:
+        """As the hover test's: 0 inside the paper's figures, 1 outside or lost."""
+        return Result(self.scores, self.lost, 0.0, 0.0).exit_code(gps)
+
 
 def with_seed(settings: Settings, seed: int) -> Settings:
     """The same flight in another wind, with other sensor errors."""
@@ -32,13 +35,16 @@ def with_seed(settings: Settings, seed: int) -> Settings:
     return replace(settings, seed=seed, nodes={**settings.nodes, "plant": plant})
 
 
-def fly_seeds(settings: Settings, seeds: Iterable[int]) -> list[FlownSeed]:
-    """Fly a scenario once per seed."""
-    flown = []
+def fly_seeds(
+    settings: Settings, seeds: Iterable[int], progress: Callable[[int], None] = lambda done: None
+) -> list[FlownSeed]:
+    """Fly a scenario once per seed; progress is told how many have been flown."""
+    flown: list[FlownSeed] = []
     for seed in seeds:
         flight = simulate(with_seed(settings, seed))
         scores = [] if flight.sentence else score(flight.record, settings.scenario)
         flown.append(FlownSeed(seed, scores, flight.sentence))
+        progress(len(flown))
     return flown
 
 
@@ -80,37 +86,53 @@ def table(columns: Mapping[str, Sequence[FlownSeed]], kind: str) -> str:
     lines = ["| metric | paper | " + " | ".join(names) + " |", "|---" * (2 + len(names)) + "|"]
     extremes: dict[str, Any] = {gps: worst(flown) for gps, flown in columns.items()}
     for metric in METRICS[kind]:
-        cells = [
-            f"{extremes[gps][metric.key, source].max:.2f}" for gps in columns for source in SOURCES
-        ]
+        found = [extremes[gps].get((metric.key, s)) for gps in columns for s in SOURCES]
+        cells = ["-" if s is None else f"{s.max:.2f}" for s in found]
         paper = f"{metric.paper:g} {metric.unit}"
         lines.append(f"| {metric.label} | {paper} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Command line; 0 unless a helicopter was lost (1) or the input was bad (2)."""
-    p = argparse.ArgumentParser(prog="heli_hover_test.campaign", description=__doc__)
-    p.add_argument("--scenario", default="hover")
-    p.add_argument("--seeds", default="1..20")
-    options = p.parse_args(argv)
-    try:
-        seeds = parse_seeds(options.seeds)
-        presets = {gps: resolve(options.scenario, gps=gps) for gps in GPS_PRESETS}
-    except ParameterError as error:
-        print(f"campaign: {error}", file=sys.stderr)
-        return 2
-    start = time.monotonic()
-    columns = {gps: fly_seeds(settings, seeds) for gps, settings in presets.items()}
-    kind = presets["rtk"].scenario.kind
-    print(f"{options.scenario}, seeds {options.seeds}: largest magnitude over seeds")
-    print(table(columns, kind))
-    lost = [(gps, f.seed, f.lost) for gps, flown in columns.items() for f in flown if f.lost]
-    for gps, seed, sentence in lost:
-        print(f"lost: {gps}, seed {seed}: {sentence}")
-    print(f"{len(seeds) * len(columns)} flights in {time.monotonic() - start:.1f} s")
-    return 1 if lost else 0
+def remarks(columns: Mapping[str, Sequence[FlownSeed]]) -> list[str]:
+    """A sentence for each flight that was lost or left the paper's figures."""
+    lines = []
+    for gps, flown in columns.items():
+        for f in flown:
+            if f.lost:
+                lines.append(f"lost: {gps}, seed {f.seed}: {f.lost}")
+                continue
+            for s in Result(f.scores, "", 0.0, 0.0).judged(gps):
+                lines.append(
+                    f"outside the paper's figures: {gps}, seed {f.seed}: {s.metric.label} "
+                    f"({s.source}) {s.max:.3g} {s.metric.unit}, allowed: {s.metric.paper:g}"
+                )
+    return lines
+
+
+def as_dict(
+    columns: Mapping[str, Sequence[FlownSeed]], settings: Mapping[str, Settings]
+) -> dict[str, Any]:
+    """For --json: per receiver the largest magnitude of each metric, and every flight."""
+    content: dict[str, Any] = {}
+    for gps, flown in columns.items():
+        flights = [
+            {
+                "seed": f.seed,
+                "lost": f.lost,
+                "exit_code": f.exit_code(gps),
+                "max": {f"{s.metric.key} ({s.source})": s.max for s in f.scores},
+            }
+            for f in flown
+        ]
+        content[gps] = {
+            "conditions": conditions(settings[gps]).splitlines(),
+            "metrics": [s.as_dict() for s in worst(flown).values()],
+            "flights": flights,
+        }
+    return content
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from heli_hover_test.cli import main
+
+    sys.exit(main(["campaign", *sys.argv[1:]]))

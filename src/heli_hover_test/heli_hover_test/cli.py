@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, design, compare, report. A sub-command imports what it needs."""
+"""The command `heli`: hover, campaign, design, compare, report.
+
+A sub-command imports what it needs when it runs, so that help and completion are quick.
+"""
 
 import json
 import os
@@ -12,6 +15,8 @@ from typing import Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
+from heli_hover_test import completion
+
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -21,7 +26,9 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    epilog="heli COMMAND --help shows a command's options and an example.",
+    epilog="heli COMMAND --help shows a command's options and an example.\n\n"
+    "exit code: 0 done, 1 a flight outside the paper's figures or lost, 2 bad input (one line), "
+    "130 interrupted",
 )
 compare = typer.Typer(
     help="Fly H-infinity, LQR and PID against each other.",
@@ -38,17 +45,30 @@ Params = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="print JSON instead of tables")]
-Gps = Annotated[str, typer.Option("--gps", metavar="PRESET", help="receiver: standalone or rtk")]
+Gps = Annotated[
+    str,
+    typer.Option(
+        "--gps",
+        metavar="PRESET",
+        help="receiver: standalone or rtk",
+        autocompletion=completion.gps_presets,
+    ),
+]
 Laws = Annotated[
     str,
     typer.Option(
-        "--controllers", metavar="LAWS", help="hinf, hinf_offset_free, lqr, pid: any of them"
+        "--controllers",
+        metavar="LAWS",
+        help="hinf, hinf_offset_free, lqr, pid: any of them",
+        autocompletion=completion.compared_laws,
     ),
 ]
+Seeds = Annotated[str, typer.Option("--seeds", metavar="SEEDS", help="1..20, 7 or 1,5,9")]
 ALL_LAWS = "hinf,hinf_offset_free,lqr,pid"
 
 
 @app.command(
+    cls=completion.HoverCommand,
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     add_help_option=False,
     epilog="\b\nexample:\n  heli hover --scenario attitude --controller pid --seed 3",
@@ -61,13 +81,72 @@ def hover(context: typer.Context) -> int:
 
 
 @app.command(
+    epilog="\b\nexample:\n  heli campaign --seeds 1..20 --gps rtk --json > campaign.json\n\n"
+    "exit code: 0 inside the paper's figures, 1 outside on a seed or helicopter lost, 2 bad input"
+)
+def campaign(
+    seeds: Seeds = "1..20",
+    scenario: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="what to fly", autocompletion=completion.scenarios),
+    ] = "hover",
+    gps: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PRESET",
+            help="receiver: standalone or rtk (default: both)",
+            autocompletion=completion.gps_presets,
+        ),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="length of a flight (default: scenario's)")
+    ] = None,
+    params: Params = None,
+    as_json: Json = False,
+) -> int:
+    """Fly a scenario on many seeds in this process: largest value of each metric."""
+    from heli_hover_test import campaign as many
+    from heli_hover_test.settings import GPS_PRESETS, resolve
+    from heli_hover_test.terminal import console, steps
+
+    numbers, presets = many.parse_seeds(seeds), [gps] if gps else list(GPS_PRESETS)
+    settings = {
+        name: resolve(scenario, name, duration_s=duration, params=params or []) for name in presets
+    }
+    start, columns, done = time.monotonic(), {}, 0
+    with steps("flights", len(numbers) * len(presets)) as progress:
+        for name in presets:
+            columns[name] = many.fly_seeds(
+                settings[name], numbers, lambda n, done=done: progress(done + n)
+            )
+            done += len(numbers)
+    code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
+    if as_json:
+        content = {"scenario": scenario, "seeds": numbers, "exit_code": code}
+        print(_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
+        return code
+    out = console()
+    out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
+    out.print(many.table(columns, settings[presets[0]].scenario.kind), soft_wrap=True)
+    for line in many.remarks(columns):
+        out.print(line, soft_wrap=True, markup=False)
+    out.print(f"{done} flights in {time.monotonic() - start:.1f} s")
+    return code
+
+
+@app.command(
     epilog="\b\nexample:\n  heli design --params weights.yaml --gamma-factor 1.2 --out my_design\n"
     "  heli hover --params my_design/design.yaml"
 )
 def design(
     params: Params = None,
     aircraft: Annotated[
-        str | None, typer.Option(metavar="FILE", help="aircraft file (default: the plant's)")
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="aircraft file (default: the plant's)",
+            autocompletion=completion.aircraft,
+        ),
     ] = None,
     gamma: Annotated[
         float | None, typer.Option(metavar="G", help="bound on the norm (default: the parameter)")
@@ -119,21 +198,39 @@ def report(
         Path | None, typer.Option(metavar="DIR", help="folder to write (default: beside the bag)")
     ] = None,
     scenario: Annotated[
-        str | None, typer.Option(metavar="NAME", help="what was flown (default: as recorded)")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="what was flown (default: as recorded)",
+            autocompletion=completion.scenarios,
+        ),
     ] = None,
     gps: Annotated[
-        str | None, typer.Option(metavar="PRESET", help="receiver (default: as recorded)")
+        str | None,
+        typer.Option(
+            metavar="PRESET",
+            help="receiver (default: as recorded)",
+            autocompletion=completion.gps_presets,
+        ),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(metavar="N", help="seed of the flight, for its conditions")
     ] = None,
     params: Params = None,
+    as_json: Json = False,
 ) -> int:
     """Write report.html and the paper's figures of a recorded flight."""
-    from heli_hover_test.report import Choice, report_of_bag
+    from heli_hover_test.report import STEPS, Choice, report_of_bag
+    from heli_hover_test.terminal import steps
 
     choice = Choice(scenario, gps, seed, params or [])
-    print(f"written: {report_of_bag(bag, choice, out)}")
+    with steps("report", STEPS) as progress:
+        page = report_of_bag(bag, choice, out, progress)
+    if as_json:
+        figures = sorted(str(path) for path in (page.parent / "figures").iterdir())
+        print(_text({"report": str(page), "figures": figures}), end="")
+        return 0
+    print(f"written: {page}")
     return 0
 
 
@@ -142,7 +239,7 @@ def report(
     epilog="\b\nexample:\n  heli compare attitude --seeds 1..20 --gusts --out attitude_gusts",
 )
 def compare_attitude(
-    seeds: Annotated[str, typer.Option(metavar="SEEDS", help="1..20, 7 or 1,5,9")] = "1..20",
+    seeds: Seeds = "1..20",
     gusts: Annotated[bool, typer.Option("--gusts", help="with discrete gusts up to 8 m/s")] = False,
     ideal: Annotated[
         bool,

@@ -17,6 +17,7 @@ from heli_hover_test.record import FlightRecord
 from heli_hover_test.result import (
     EXIT_BAD_INPUT,
     EXIT_OUTSIDE,
+    RESULT,
     Result,
     print_table,
     write_parameters,
@@ -82,6 +83,12 @@ def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
         "--one-process",
         action="store_true",
         help="fly the same loop in this process, without ROS and without a bag",
+    )
+    p.add_argument(
+        "--json",
+        dest="as_json",
+        action="store_true",
+        help="print the flight's result.json to stdout, all else to stderr",
     )
     p.add_argument(
         "--no-report",
@@ -226,6 +233,8 @@ def fly(options: argparse.Namespace, console: Console) -> int:
         highlight=False,
     )
     console.print(f"written: {folder}", highlight=False, soft_wrap=True)
+    if options.as_json:
+        print((folder / RESULT).read_text(encoding="utf-8"), end="")
     code = result.exit_code(settings.gps)
     if code and not result.lost:
         names = ", ".join(f"{s.metric.label} ({s.source})" for s in result.judged(settings.gps))
@@ -235,9 +244,11 @@ def fly(options: argparse.Namespace, console: Console) -> int:
 
 def main(argv: Sequence[str] | None = None, prog: str = "hover_test.sh") -> int:
     """Entry point; returns the exit code."""
-    console = Console(width=None if sys.stdout.isatty() else 110)
+    options = parser(prog).parse_args(argv)
+    stream = sys.stderr if options.as_json else sys.stdout
+    console = Console(stderr=options.as_json, width=None if stream.isatty() else 110)
     try:
-        return fly(parser(prog).parse_args(argv), console)
+        return fly(options, console)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED

@@ -18,6 +18,7 @@ from heli_hover_test.scoring import METRICS, SOURCES, Score
 from heli_hover_test.settings import Settings
 from heli_msgs_bridge.parameters import dump_all
 
+RESULT = "result.json"
 EXIT_INSIDE = 0
 EXIT_OUTSIDE = 1
 EXIT_BAD_INPUT = 2
@@ -140,7 +141,7 @@ def write_parameters(settings: Settings, path: Path) -> None:
 def write_result(
     result: Result, settings: Settings, folder: Path, extra: Mapping[str, Any]
 ) -> None:
-    """Write result.json."""
+    """Write result.json into the flight's folder."""
     content = {
         "scenario": settings.scenario_name,
         "gps": settings.gps,
@@ -158,4 +159,4 @@ def write_result(
         "parameter_files": [str(path) for path in settings.files],
         **extra,
     }
-    (folder / "result.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    (folder / RESULT).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -3,7 +3,7 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from heli_hover_test.settings import Settings, resolve
 from heli_msgs_bridge.parameters import ParameterError
 from heli_outer_pd.reference import N_REFERENCE, reference_at
 
+STEPS = 2  # of a report: the bag read, the page and figures written
 _ERROR_LEVEL = 2
 _TICKS_PER_S = 100
 
@@ -35,7 +36,12 @@ class Choice:
     params: Sequence[Path] = ()
 
 
-def report_of_bag(path: Path, choice: Choice | None = None, out: Path | None = None) -> Path:
+def report_of_bag(
+    path: Path,
+    choice: Choice | None = None,
+    out: Path | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Path:
     """Write the report of a bag.
 
     Parameters
@@ -45,6 +51,8 @@ def report_of_bag(path: Path, choice: Choice | None = None, out: Path | None = N
     choice : Choice, optional
     out : Path, optional
         Folder for report.html and figures/; default: the flight's folder, or <bag>_report.
+    progress : callable, optional
+        Told how many of the `STEPS` are done.
 
     Returns
     -------
@@ -77,7 +85,10 @@ def report_of_bag(path: Path, choice: Choice | None = None, out: Path | None = N
     result = _result(record, settings, flight, told)
     events = events_of(flight.remarks, settings)
     how = f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag"
-    return write_report(record, settings, result, folder, how, events, missing, assumed=not known)
+    progress(1)
+    page = write_report(record, settings, result, folder, how, events, missing, assumed=not known)
+    progress(STEPS)
+    return page
 
 
 def _result_beside(folder: Path) -> dict[str, Any]:
