@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""E of eq. (10) from a flight with injected gusts (the paper's way to E)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from heli_observer.identification.actuators import LEAST_COHERENCE, IdentifiedAB
+from heli_observer.identification.errors import Cause, IdentificationError
+from heli_observer.identification.estimator import Estimate, Problem, estimate
+from heli_observer.identification.experiment import WIND, Array, Experiment
+from heli_observer.identification.response import transfer
+from heli_observer.identification.spectra import GUST, Spectra, U, Y, spectra_of
+from heli_observer.identification.structure import gust_parameters, place_of, values_of
+
+_LEAST_LINES = 4
+SIDES = {"descent": -1.0, "mean": 0.0, "climb": 1.0}
+
+
+@dataclass(frozen=True)
+class IdentifiedE:
+    """E of eq. (10).
+
+    Attributes
+    ----------
+    E : (9, 3) array
+        Effect of the velocity of the air u, v, w (body axes, m/s) on the nine states, on `side`.
+    E_sigma : (9, 3) array
+    side : str
+        Which slope of the yaw response to vertical air E(r,w) is: "descent" (air that rises),
+        "climb" (air that sinks) or "mean".
+    E_rw : dict of str to float
+        E(r,w) on each side.
+    share : dict of str to float
+        Effect of each entry over the largest effect in its row of E, RMS over the gust's lines.
+    estimate : Estimate
+    coherence : dict of str to float
+        Per wind axis: median share of its lines' power, after the actuators' part is taken off,
+        in the rate that shows the axis best.
+    """
+
+    E: Array
+    E_sigma: Array
+    side: str
+    E_rw: dict[str, float]
+    share: dict[str, float]
+    estimate: Estimate
+    coherence: dict[str, float]
+
+    def significant(self, name: str, least: float = 0.01) -> bool:
+        """Whether an entry has at least this part of the effect in its row."""
+        return self.share.get(name, 0.0) >= least
+
+
+def _check_gusts(spectra: Spectra, identified: IdentifiedAB) -> dict[str, float]:
+    """Coherence per wind axis.
+
+    Raises
+    ------
+    IdentificationError
+        NO_EXCITATION, TOO_FEW_LINES, LOW_COHERENCE.
+    """
+    G_u = transfer(identified.fast, spectra.omega_radps)[:, :, U.start - 3 : U.stop - 3]
+    G_n = transfer(identified.fast, spectra.noise_omega_radps)[:, :, U.start - 3 : U.stop - 3]
+    left = spectra.z[:, Y] - (G_u @ spectra.z[:, U, None])[:, :, 0]
+    noise = spectra.noise_z[:, Y] - (G_n @ spectra.noise_z[:, U, None])[:, :, 0]
+    scatter = np.mean(np.abs(noise[spectra.neighbours]) ** 2, axis=1) * spectra.periods
+    result = {}
+    for i, axis in enumerate(WIND):
+        own = spectra.channel == 4 + i
+        count = int(own.sum())
+        if count == 0:
+            raise IdentificationError(
+                Cause.NO_EXCITATION, f"gust_body_mps.{axis} holds no periodic excitation"
+            )
+        if count < _LEAST_LINES:
+            raise IdentificationError(
+                Cause.TOO_FEW_LINES,
+                f"gust_body_mps.{axis} has {count} lines, at least {_LEAST_LINES} are needed",
+            )
+        power = np.abs(left[own]) ** 2
+        result[axis] = float(np.max(np.median(power / (power + scatter[own]), axis=0)))
+    weakest = max(result, key=lambda axis: result[axis])
+    if result[weakest] < LEAST_COHERENCE:
+        raise IdentificationError(
+            Cause.LOW_COHERENCE,
+            f"no rate answers gust_body_mps with a median coherence above {result[weakest]:.2f}, "
+            f"at least {LEAST_COHERENCE:.2f} is needed: stronger gusts or more periods",
+        )
+    return result
+
+
+def fit_gusts(
+    experiment: Experiment,
+    identified: IdentifiedAB,
+    side: str = "descent",
+    progress: Callable[[str], None] | None = None,
+) -> IdentifiedE:
+    """Fit E, with A, B, servos and delay as identified.
+
+    The power of climb acts only when the aircraft climbs relative to the air, so the yaw response
+    to vertical air has a kink at w_a = 0, where hover is. |w| of the relative air velocity is
+    therefore an input of its own of the row of r: E(r,w) is e - k for air that rises (descent) and
+    e + k for air that sinks.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        u, v, w of gust_body_mps excited.
+    identified : IdentifiedAB
+        From `fit_actuators`.
+    side : {"descent", "climb", "mean"}
+        Which E(r,w) the matrix holds.
+    progress : callable, optional
+
+    Raises
+    ------
+    IdentificationError
+        Its cause and sentence say why.
+    ValueError
+        If side is none of the three.
+    """
+    if side not in SIDES:
+        raise ValueError(f"side {side!r} is not allowed; allowed: {', '.join(SIDES)}")
+    spectra = spectra_of(experiment)
+    coherence = _check_gusts(spectra, identified)
+    names = gust_parameters()
+    problem = Problem([spectra], names, identified.fast)
+    fitted = estimate(problem, values_of(names, identified.fast), joint=False, progress=progress)
+    model = problem.model(fitted.values)
+    E, sigma = np.zeros((9, 3)), np.zeros((9, 3))
+    E[2:8] = model.E[:, :3]
+    for name, value in zip(names, fitted.sigma, strict=True):
+        place = place_of(name)
+        assert place is not None
+        if place.column < 3:
+            sigma[place.row + 2, place.column] = value
+    kink = float(model.E[4, 3])
+    E_rw = {name: float(E[6, 2] + sign * kink) for name, sign in SIDES.items()}
+    E[6, 2] = E_rw[side]
+    i, j = names.index("E(r,w)"), names.index("E(r,|w|)")
+    mix = np.zeros(len(names))
+    mix[i], mix[j] = 1.0, SIDES[side]
+    sigma[6, 2] = float(np.sqrt(mix @ fitted.covariance @ mix))
+    return IdentifiedE(
+        E=E,
+        E_sigma=sigma,
+        side=side,
+        E_rw=E_rw,
+        share=_shares(E, spectra),
+        estimate=fitted,
+        coherence=coherence,
+    )
+
+
+def _shares(E: Array, spectra: Spectra) -> dict[str, float]:
+    """Effect of each entry of E per row for gusts as strong as those flown."""
+    rms = np.sqrt(np.mean(np.abs(spectra.z[:, GUST]) ** 2, axis=0))
+    shares = {}
+    for name, row in (("p", 2), ("q", 3), ("r", 6)):
+        effect = np.abs(E[row]) * rms
+        for axis, value in zip(WIND, effect, strict=True):
+            shares[f"E({name},{axis})"] = float(value / max(effect.max(), 1e-300))
+    return shares
