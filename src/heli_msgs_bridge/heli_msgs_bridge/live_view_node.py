@@ -24,6 +24,8 @@ from heli_msgs_bridge.live.access import Access, new_token
 from heli_msgs_bridge.live.history import History
 from heli_msgs_bridge.live.live_state import SHOWN, LiveState
 from heli_msgs_bridge.live.page_server import Command, PageServer
+from heli_msgs_bridge.live.scene_message import TF, TF_TYPE
+from heli_msgs_bridge.live.scene_sender import SceneSender
 from heli_msgs_bridge.live_view_table import BOUNDS, NODE_NAME, TABLE
 from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
 from heli_msgs_bridge.messages import Decoder, MessageError
@@ -62,7 +64,10 @@ class LiveViewNode(ManagedNode):
         self._full = {topic.name: self.resolve_topic_name(topic.name) for topic in topics.TABLE}
         self.page = self._open_page()
         self.foxglove = self._open_foxglove()
+        radius_m = self.values["aircraft.rotor_radius_m"]
+        self.scene: SceneSender | None = SceneSender(self, self.foxglove, radius_m)
         self._newest: dict[str, bytes] = {}
+        self._last_reference = b""
         self._decoders = {name: Decoder(name) for name in SHOWN}
         self._raw_subscriptions = [self._subscribe(topic) for topic in topics.TABLE]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -102,6 +107,7 @@ class LiveViewNode(ManagedNode):
             self.get_logger().warning("foxglove-sdk is not installed: the page only")
             return None
         types = {self._full[topic.name]: topic.type for topic in topics.TABLE}
+        types |= {self.resolve_topic_name(topics.SCENE): topics.SCENE_TYPE, TF: TF_TYPE}
         return FoxgloveServer(self.values["foxglove_port"], types)
 
     def _say_addresses(self, print_token: bool) -> None:
@@ -188,6 +194,7 @@ class LiveViewNode(ManagedNode):
                 self.live.take_status(name, level, status.message, facts)
 
     def _on_reference(self, raw: bytes) -> None:
+        self._last_reference = raw
         try:
             self.live.reference = decode_reference(self._deserialize(topics.REFERENCE, raw))
         except MessageError as error:
@@ -223,6 +230,8 @@ class LiveViewNode(ManagedNode):
             self.page.send_state(_text(row))
         if self.foxglove is not None and time_s is not None:
             self.foxglove.set_time(self.live.now_ns)
+        if self.scene is not None:
+            self.scene.show(row, self.live.now_ns)
 
     def _send_events(self) -> None:
         for event in self.live.take_events():
@@ -238,6 +247,9 @@ class LiveViewNode(ManagedNode):
         self.live.take_presence(name for name, namespace in nodes if namespace == own)
         self.tick = max(0, self.live.now_ns - self.start_ns) // topics.TICK_NS
         self.report(Level.OK, "showing the flight")
+        if self.foxglove is not None and self._last_reference:
+            # Sent once per change: a client that comes later would never see it.
+            self.foxglove.log(self._full[topics.REFERENCE], self._last_reference)
 
     def _begin_anew(self) -> None:
         """Another flight: forget the past one, here and in the browsers."""
@@ -251,8 +263,8 @@ class LiveViewNode(ManagedNode):
         """Send what is left (that the flight is over), then close the ports."""
         if getattr(self, "page", None) is None:
             return
-        if self._newest or self.live.over:
-            self._show()
+        self.scene = None  # ROS may have ended already; the browsers are still to hear the end
+        self._show()
         self.page.stop()
         self.page = None
         if self.foxglove is not None:
@@ -266,6 +278,9 @@ class LiveViewNode(ManagedNode):
         for timer in getattr(self, "_steady_timers", []):
             self.destroy_timer(timer)
         self._raw_subscriptions, self._steady_timers = [], []
+        if getattr(self, "scene", None) is not None:
+            self.scene.close()
+            self.scene = None
 
 
 def main(args: Sequence[str] | None = None) -> int:

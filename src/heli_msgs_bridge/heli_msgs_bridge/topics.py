@@ -32,6 +32,10 @@ TRUTH_ROTOR = "ground_truth/rotor_state"
 EXCITATION_ACTUATORS = "excitation/actuators"
 EXCITATION_WIND = "excitation/wind"
 DIAGNOSTICS = "/diagnostics"
+SCENE = "scene"
+"""Pictures of the flight (visualization_msgs/MarkerArray) from `live_view`; no part of the graph's
+data, so neither in the table nor in bags."""
+SCENE_TYPE = "visualization_msgs/msg/MarkerArray"
 
 ACTUATOR_NAMES = ("lateral", "longitudinal", "pedal", "collective")
 COLLECTIVE_NAMES = ("collective",)
