@@ -31,6 +31,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         *shared("config", "*.yaml"),
+        *shared("config", "*.json"),
         *shared("launch", "*.launch.py"),
         *shared("web", "*"),
         (f"lib/{PACKAGE}", [str(path) for path in Path("scripts").glob("*")]),

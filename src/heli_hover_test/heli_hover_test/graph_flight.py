@@ -15,12 +15,16 @@ from rclpy.signals import SignalHandlerOptions
 
 from heli_hover_test.bag_record import BagFlight, flight_from_bag
 from heli_hover_test.errors import FlightError, StartError
+from heli_hover_test.live import MODULE as LIVE_MODULE
+from heli_hover_test.live import LiveView, addresses
 from heli_hover_test.processes import NodeProcess, domain_reserved, stop
 from heli_hover_test.result import Result
 from heli_hover_test.scenario import NODE_NAME as SCENARIO
 from heli_hover_test.scoring import score
 from heli_hover_test.settings import NODES, Settings
 from heli_hover_test.supervisor import BringUpError, Supervisor
+from heli_msgs_bridge.live.access import TOKEN_VARIABLE
+from heli_msgs_bridge.live_view_table import NODE_NAME as LIVE
 from heli_msgs_bridge.locate import config_folder, executable
 from heli_msgs_bridge.parameters import dump_all
 
@@ -41,13 +45,31 @@ def _named(name: str, process: NodeProcess) -> str:
 
 
 class Graph:
-    """The processes of one flight and the supervisor's node."""
+    """The processes of one flight and the supervisor's node.
 
-    def __init__(self, settings: Settings, folder: Path):
-        self.settings, self.folder = settings, folder
+    Parameters
+    ----------
+    settings : Settings
+    folder : Path
+        The flight's folder.
+    live : LiveView, optional
+        Brought up first, so that a port in use ends all before the flight.
+    say : callable
+        Takes a line for the user.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        folder: Path,
+        live: LiveView | None = None,
+        say: Callable[[str], None] = print,
+    ):
+        self.settings, self.folder, self.live, self._say = settings, folder, live, say
         self.processes: dict[str, NodeProcess] = {}
         self.supervisor: Supervisor | None = None
         self.interrupted = False
+        self.watched = False
 
     def on_interrupt(self, *_: Any) -> None:
         """Signal handler: remember it; raised inside rclpy it would come out as something else."""
@@ -63,7 +85,8 @@ class Graph:
         """
         recorder = ("recorder", "heli_msgs_bridge", "recorder", "heli_msgs_bridge.recorder_node")
         nodes = [(n.name, n.package, n.executable, f"{n.package}.node") for n in NODES]
-        for _, package, program, _ in (recorder, *nodes):
+        watching = [(LIVE, "heli_msgs_bridge", LIVE, LIVE_MODULE)] if self.live else []
+        for _, package, program, _ in (recorder, *watching, *nodes):
             executable(package, program)
         logs = self.folder / "logs"
         logs.mkdir()
@@ -76,9 +99,10 @@ class Graph:
         dump_all(self._graph_parameters(), parameters)
         arguments = ["--ros-args", "--params-file", str(parameters)]
         self._join()
-        for name, _, _, module in (recorder, *nodes):
+        for name, _, _, module in (recorder, *watching, *nodes):
             log = logs / f"{name}.log"
-            self.processes[name] = NodeProcess(name, module, arguments, log, env)
+            secret = {TOKEN_VARIABLE: self.live.token} if self.live and name == LIVE else {}
+            self.processes[name] = NodeProcess(name, module, arguments, log, env | secret)
 
     def _join(self) -> None:
         """Make the supervisor's node, before all others.
@@ -88,7 +112,8 @@ class Graph:
         """
         try:
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            self.supervisor = Supervisor([*(node.name for node in NODES), "recorder"])
+            names = [*(node.name for node in NODES), "recorder", *([LIVE] if self.live else [])]
+            self.supervisor = Supervisor(names)
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
             raise StartError(f"ROS 2 cannot start: {first}") from error
@@ -102,15 +127,22 @@ class Graph:
         }
         led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
         led["recorder"] = {"bag": str((self.folder / "bag").absolute())}
+        if self.live:
+            led[LIVE] = {**self.live.parameters, "autostart": False, "peers": peers}
         return led
 
     def check(self) -> None:
         """Raise FlightError if a process has ended that should run, KeyboardInterrupt on Ctrl-C."""
         if self.interrupted:
             raise KeyboardInterrupt
-        for name, process in self.processes.items():
-            if process.exit_code() is not None:
+        for name, process in list(self.processes.items()):
+            if process.exit_code() is None:
+                continue
+            if name != LIVE or not self.watched:
                 raise FlightError(_named(name, process))
+            # A flight does not end because nobody can watch it any more.
+            del self.processes[name]
+            self._say(f"live view ended: {_named(name, process)}")
 
     def bring_up(self) -> None:
         """Configure all nodes, publish the reference, activate in order; the plant comes last.
@@ -133,12 +165,31 @@ class Graph:
         up.wait_for_services(_APPEAR_LIMIT_S, self.check)
         up.refuse_doubles()
         configure = Transition.TRANSITION_CONFIGURE
+        self._bring_up_live(up)
         up.transition([node.name for node in NODES], configure, limit, self.check)
         start_ns = round(self.settings.nodes["plant"]["start_time_s"] * 1e9)
         up.publish_reference(self.settings.scenario, start_ns)
         activate = Transition.TRANSITION_ACTIVATE
         up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
         up.transition(["plant"], activate, limit, self.check)
+
+    def _bring_up_live(self, up: Supervisor) -> None:
+        """Serve before anything flies, and say where."""
+        if self.live is None:
+            return
+        limit = _TRANSITION_LIMIT_S
+        for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+            up.transition([LIVE], step, limit, self.check)
+
+        def facts() -> Mapping[str, str]:
+            status = up.statuses.get(LIVE)
+            return status.facts if status else {}
+
+        if not up.wait_until(lambda: "page" in facts(), limit, self.check):
+            raise BringUpError(f"{LIVE}: has not said where the page is")
+        for line in addresses(facts(), self.live):
+            self._say(line)
+        self.watched = True
 
     def _with_reason(self, sentence: str) -> str:
         """The node's own words, where it has said why it refused."""
@@ -189,9 +240,9 @@ class Graph:
 
 
 @contextmanager
-def _graph(settings: Settings, folder: Path) -> Iterator[Graph]:
+def _graph(settings: Settings, folder: Path, *watching: Any) -> Iterator[Graph]:
     with domain_reserved():
-        graph = Graph(settings, folder)
+        graph = Graph(settings, folder, *watching)
         before = signal.signal(signal.SIGINT, graph.on_interrupt)
         try:
             yield graph
@@ -210,7 +261,11 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
 
 
 def fly_graph(
-    settings: Settings, folder: Path, progress: Callable[[float], None]
+    settings: Settings,
+    folder: Path,
+    progress: Callable[[float], None],
+    live: LiveView | None = None,
+    say: Callable[[str], None] = print,
 ) -> tuple[Result, Mapping[str, Any], BagFlight]:
     """Fly a scenario with the real graph.
 
@@ -221,6 +276,10 @@ def fly_graph(
         The flight's folder; gets bag/, logs/ and graph.yaml.
     progress : callable
         Called with the flight time (s).
+    live : LiveView, optional
+        Shows the flight.
+    say : callable
+        Takes a line for the user.
 
     Returns
     -------
@@ -233,7 +292,7 @@ def fly_graph(
         The graph could not be brought up or kept up.
     """
     begun = time.monotonic()
-    with _graph(settings, folder) as graph:
+    with _graph(settings, folder, live, say) as graph:
         graph.start()
         graph.bring_up()
         up = time.monotonic()

@@ -6,12 +6,13 @@ import contextlib
 import shutil
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from rich.console import Console
 
 from heli_hover_test.errors import FlightError, StartError
+from heli_hover_test.live import add_options, check_options, live_view
 from heli_hover_test.processes import check_middleware, start_server
 from heli_hover_test.record import FlightRecord
 from heli_hover_test.result import (
@@ -37,6 +38,7 @@ _EPILOG = """examples:
   ./hover_test.sh --scenario attitude              the paper's attitude test
   ./hover_test.sh --scenario attitude --controller pid    another attitude law
   ./hover_test.sh --params my_weights.yaml         any node's parameters, changed
+  ./hover_test.sh --live                           in real time, to be watched in a browser
 
 exit code: 0 inside the paper's figures, 1 outside or helicopter lost (named), 2 bad input
 """
@@ -96,6 +98,7 @@ def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
         action="store_false",
         help="write no report.html and no figures",
     )
+    add_options(p)
     return p
 
 
@@ -178,6 +181,11 @@ def _report(
     console.print(f"report: {page}", highlight=False, soft_wrap=True)
 
 
+def _say(console: Console) -> Callable[[str], None]:
+    """Prints a line as it is, for addresses that are to be clicked or copied."""
+    return lambda line: console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
 def _shortened(settings: Settings) -> Settings:
     from dataclasses import replace
 
@@ -196,12 +204,13 @@ def fly(options: argparse.Namespace, console: Console) -> int:
     FlightError
         The graph broke in flight; the bag so far is kept.
     """
+    check_options(options)
     settings = resolve(
         options.scenario,
         options.gps,
         options.seed,
         options.duration,
-        not options.realtime,
+        not (options.realtime or options.live),
         options.params,
         {"inner_loop": {"controller": options.controller}} if options.controller else None,
     )
@@ -216,8 +225,9 @@ def fly(options: argparse.Namespace, console: Console) -> int:
             start_server()
             from heli_hover_test.graph_flight import fly_graph
 
+            live = live_view(options, settings)
             with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
-                result, extra, flight = fly_graph(settings, folder, progress)
+                result, extra, flight = fly_graph(settings, folder, progress, live, _say(console))
             record, remarks = flight.record, flight.remarks
     except (ParameterError, MissingFileError, StartError, ValueError):
         # Nothing was flown: an empty folder would only look like a flight.

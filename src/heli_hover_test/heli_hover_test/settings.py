@@ -126,7 +126,7 @@ def resolve(
         raise ParameterError(f"--gps {gps}: unknown preset; known: {', '.join(GPS_PRESETS)}")
     scenario_file = _scenario_file(scenario_name)
     user_files = [Path(path) for path in params]
-    known = [node.name for node in NODES] + [scenario_table.NODE_NAME, "recorder"]
+    known = [node.name for node in NODES] + [scenario_table.NODE_NAME, "recorder", "live_view"]
     check_node_names([scenario_file, *user_files], known)
     common = [scenario_file, *user_files]
     scenario_parameters = load(scenario_table.TABLE, common, scenario_table.NODE_NAME)

@@ -20,7 +20,7 @@ from rclpy.serialization import deserialize_message
 from heli_msgs_bridge import locate, topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.live.access import Access, new_token
+from heli_msgs_bridge.live.access import TOKEN_VARIABLE, Access, new_token
 from heli_msgs_bridge.live.history import History
 from heli_msgs_bridge.live.live_state import SHOWN, LiveState
 from heli_msgs_bridge.live.page_server import Command, PageServer
@@ -32,8 +32,6 @@ from heli_msgs_bridge.messages import Decoder, MessageError
 from heli_msgs_bridge.reference_message import decode_reference
 
 STATE_HZ = 30
-TOKEN_VARIABLE = "HELI_LIVE_TOKEN"
-"""Environment variable by which the hover test hands the token over; never by topic or file."""
 _DEPTH = 10
 _EVENTS_KEPT = 200
 _SLOW_PERIOD_S = 1.0
@@ -223,13 +221,13 @@ class LiveViewNode(ManagedNode):
         row = self.live.row(wall_s)
         self._send_events()
         time_s = row["t"]
-        keep = time_s is not None and self.history.wants(time_s)
-        if keep:
+        if time_s is not None and self.history.wants(time_s):
             self.history.add(time_s, _text({**row, "nodes": {}, "alarms": []}))
-        if self.page.has_browsers:
-            self.page.send_state(_text(row))
+        text = _text(row)
+        self.page.send_state(text)
         if self.foxglove is not None and time_s is not None:
             self.foxglove.set_time(self.live.now_ns)
+            self.foxglove.log_state(text)
         if self.scene is not None:
             self.scene.show(row, self.live.now_ns)
 

@@ -6,6 +6,8 @@ import secrets
 from collections import deque
 
 TOKEN_BYTES = 24
+TOKEN_VARIABLE = "HELI_LIVE_TOKEN"
+"""Environment variable by which the hover test hands the token over; never by topic or file."""
 _TRIES, _WINDOW_S = 5, 30.0
 
 VIEW_ONLY = "view only: start with --allow-commands (parameter allow_commands) to command"

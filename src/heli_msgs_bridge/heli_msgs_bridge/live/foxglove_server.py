@@ -13,6 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.live.ports import LOOPBACK, listen, port_error
 
+STATE = "/live_state"
+"""The page's state rows as JSON, for plots of what no message holds ready (Euler angles, deg)."""
 _PARAMETER, _OPTION = "foxglove_port", "--foxglove-port"
 
 
@@ -49,6 +51,7 @@ class FoxgloveServer:
             self._channels[name] = foxglove.Channel(
                 name, schema=schema, message_encoding="cdr", context=context
             )
+        self._state = foxglove.Channel(STATE, message_encoding="json", context=context)
         try:
             self._server = foxglove.start_server(
                 name="heli-hover",
@@ -76,6 +79,11 @@ class FoxgloveServer:
     def log_unstamped(self, name: str, raw: bytes) -> None:
         """Pass a serialised message without a stamp on, at the present simulation time."""
         self._channels[name].base.log(raw, self._newest_ns)
+
+    def log_state(self, text: str) -> None:
+        """Pass a state row (JSON text) on."""
+        if self._state.has_sinks():
+            self._state.base.log(text.encode(), self._newest_ns)
 
     def set_time(self, stamp_ns: int) -> None:
         """Tell clients the simulation time."""

@@ -138,11 +138,6 @@ class PageServer:
             self._thread.join(2.0 * _STOP_S)
         self._socket.close()
 
-    @property
-    def has_browsers(self) -> bool:
-        """True if somebody watches."""
-        return bool(self._browsers)
-
     def send_state(self, text: str) -> None:
         """Give a state to all browsers; one that has not taken the last one loses that."""
         self._call(self._put_state, text)
