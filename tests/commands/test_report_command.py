@@ -2,6 +2,7 @@
 """`heli report` on bags: whole ones, poor ones, and what is none."""
 
 import math
+import re
 import shutil
 
 import numpy as np
@@ -16,6 +17,7 @@ from heli_hover_test.settings import resolve
 from heli_math.rotations import quat_to_R_nb
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.packing import N_NAV
 
 DURATION_S = 8.0
 START_NS = 1_000_000_000
@@ -30,6 +32,7 @@ COMPARED = (
     "u",
     "nav_sigma_pos_m",
     "nav_sigma_vel_mps",
+    "nav_sigma_att_rad",
 )
 FULL = (*BARE, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR)
 
@@ -42,12 +45,13 @@ def record():
 def rows(record):
     """What each topic would carry, per tick."""
     n = len(record)
-    nav, truth = np.zeros((n, 28)), np.zeros((n, 13))
+    nav, truth = np.zeros((n, N_NAV)), np.zeros((n, 13))
     nav[:, 0:3], nav[:, 3:6], nav[:, 6:10] = (
         record.nav_pos_ned_m, record.nav_vel_ned_mps, record.nav_q_nb,
     )  # fmt: skip
     nav[:, 10:13] = record.nav_rate_body_radps
     nav[:, 22:25], nav[:, 25:28] = record.nav_sigma_pos_m, record.nav_sigma_vel_mps
+    nav[:, 28:31] = record.nav_sigma_att_rad
     truth[:, 0:3], truth[:, 6:10] = record.truth_pos_ned_m, record.truth_q_nb
     truth[:, 10:13] = record.truth_rate_body_radps
     for row, velocity in zip(truth, record.truth_vel_ned_mps, strict=True):
@@ -115,6 +119,7 @@ def test_foreign_bag_gets_a_report_that_says_what_was_assumed(capsys, full):
     assert "assumed, not recorded with the flight" in text
     assert "no ground truth" not in text
     assert (page.parent / "figures" / "estimate_position.png").is_file()
+    assert re.search(r"Attitude: estimate minus truth; (9\d|100)\.\d % of it inside 3", text)
 
 
 def test_bag_without_truth_reports_what_can_be(capsys, bare, tmp_path):
@@ -125,7 +130,7 @@ def test_bag_without_truth_reports_what_can_be(capsys, bare, tmp_path):
     assert "The bag holds no wind" in text
     figures = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}
     assert {"fig6_v_x", "fig9_track", "actuators", "rotor"} <= figures
-    assert not {"wind", "estimate_position", "estimate_velocity"} & figures
+    assert not {"wind", "estimate_position", "estimate_velocity", "estimate_attitude"} & figures
     assert not math.isnan(flight_from_bag(bare, resolve(), truth_needed=False).record.u[0, 0])
 
 

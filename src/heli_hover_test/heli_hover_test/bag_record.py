@@ -14,6 +14,7 @@ from heli_hover_test.settings import Settings
 from heli_math.rotations import quat_to_R_nb
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.bag_reader import Bag, Remark, Stream, read_bag
+from heli_msgs_bridge.packing import N_NAV
 from heli_msgs_bridge.recorder import BagError
 from heli_outer_pd.reference import N_REFERENCE, reference_at
 
@@ -95,7 +96,7 @@ def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
 
     excited = _excited(bag)
 
-    truth, nav = at(topics.TRUTH_ODOM, 13), at(topics.ODOM, 28)
+    truth, nav = at(topics.TRUTH_ODOM, 13), at(topics.ODOM, N_NAV)
     velocity = np.array([quat_to_R_nb(row[6:10]) @ row[3:6] for row in truth])
     return FlightRecord(
         time_s=ticks / 100.0,
@@ -115,6 +116,7 @@ def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
         u=at(topics.ACTUATORS, 4),
         nav_sigma_pos_m=nav[:, 22:25],
         nav_sigma_vel_mps=nav[:, 25:28],
+        nav_sigma_att_rad=nav[:, 28:31],
         excitation_u=at(topics.EXCITATION_ACTUATORS, 4) if excited else None,
         gust_ned_mps=at(topics.EXCITATION_WIND, 3) if excited else None,
         imu=at(topics.IMU, 6) if excited else None,

@@ -278,6 +278,7 @@ def _as_record(track: Track, n: int) -> FlightRecord:
         u=track.u[:n],
         nav_sigma_pos_m=nav[:, 22:25],
         nav_sigma_vel_mps=nav[:, 25:28],
+        nav_sigma_att_rad=nav[:, 28:31],
         excitation_u=track.excitation[:n] if track.imu.size else None,
         gust_ned_mps=track.gust[:n] if track.imu.size else None,
         imu=track.imu[:n] if track.imu.size else None,

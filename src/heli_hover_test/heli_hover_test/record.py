@@ -34,6 +34,8 @@ class FlightRecord:
         Actuators d_lat, d_lon, d_ped, d_col.
     nav_sigma_pos_m, nav_sigma_vel_mps : (N, 3) ndarray, optional
         Standard deviations of the navigation record, NED; None if they were not recorded.
+    nav_sigma_att_rad : (N, 3) ndarray, optional
+        The same of its attitude, as a rotation about north, east and down.
     excitation_u : (N, 4) ndarray, optional
         What identification added to u; this and the next two are None where nothing was excited.
     gust_ned_mps : (N, 3) ndarray, optional
@@ -59,6 +61,7 @@ class FlightRecord:
     u: np.ndarray
     nav_sigma_pos_m: np.ndarray | None = None
     nav_sigma_vel_mps: np.ndarray | None = None
+    nav_sigma_att_rad: np.ndarray | None = None
     excitation_u: np.ndarray | None = None
     gust_ned_mps: np.ndarray | None = None
     imu: np.ndarray | None = None
@@ -77,3 +80,22 @@ def euler_angles(q_nb: np.ndarray) -> np.ndarray:
             np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
         )
     )
+
+
+def rotation_between(q_from: np.ndarray, q_to: np.ndarray) -> np.ndarray:
+    """Rotation vectors (N, 3), rad, NED axes, that turn attitudes q_from (N, 4) into q_to (N, 4).
+
+    Quaternions body -> NED; at most half a turn.
+    """
+    w0, x0, y0, z0 = np.asarray(q_from).T
+    w1, x1, y1, z1 = np.asarray(q_to).T
+    w = w1 * w0 + x1 * x0 + y1 * y0 + z1 * z0
+    x = -w1 * x0 + x1 * w0 - y1 * z0 + z1 * y0
+    y = -w1 * y0 + x1 * z0 + y1 * w0 - z1 * x0
+    z = -w1 * z0 - x1 * y0 + y1 * x0 + z1 * w0
+    vector = np.column_stack((x, y, z)) * np.where(w < 0.0, -1.0, 1.0)[:, None]
+    sine = np.linalg.norm(vector, axis=1)
+    angle = 2.0 * np.arctan2(sine, np.abs(w))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = np.where(sine > 1e-12, angle / sine, 2.0)
+    return vector * scale[:, None]

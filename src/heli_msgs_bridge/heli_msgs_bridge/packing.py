@@ -31,11 +31,12 @@ REASONS = {
     OUT_OF_RANGE: "holds a value outside of its range",
     NO_FIX: "says that there is no fix",
 }
-N_NAV = 28
+N_NAV = 31
 N_TRUTH = 13
 # nav_msgs/Odometry: position 3, quaternion 4, covariance 36, linear 3, angular 3, covariance 36
 ODOM_BLOCK = 85
 _POSE_COV, _LINEAR, _ANGULAR, _TWIST_COV = 7, 43, 46, 49
+_ROTATION_COV = _POSE_COV + 3 * 6 + 3  # lower right 3x3 of the pose's 6x6
 # sensor_msgs/Imu: quaternion 4, covariance 9, rate 3, covariance 9, acceleration 3, covariance 9
 IMU_BLOCK = 37
 _IMU_RATE, _IMU_ACCEL = 13, 25
@@ -60,7 +61,7 @@ def _unit(q):
 
 @njit
 def _diagonal_to_block(R, sigma, block):
-    """R diag(sigma^2) R' into the upper left 3x3 of a 6x6 covariance in a flat block (36,)."""
+    """R diag(sigma^2) R' into a 3x3 at the start of a flat block with six columns."""
     for i in range(3):
         for j in range(3):
             total = 0.0
@@ -71,7 +72,7 @@ def _diagonal_to_block(R, sigma, block):
 
 @njit
 def _block_to_sigma(R, block, sigma):
-    """Roots of the diagonal of R' C R, C the upper left 3x3 of a 6x6 covariance block (36,)."""
+    """Roots of the diagonal of R' C R, C the 3x3 at the start of a block with six columns."""
     for k in range(3):
         total = 0.0
         for i in range(3):
@@ -103,10 +104,10 @@ def _R_enu_ned():
 
 @njit
 def pack_nav(nav, block):
-    """Navigation row (28,) into an Odometry block (85,), twist in the child frame.
+    """Navigation row (31,) into an Odometry block (85,), twist in the child frame.
 
-    Covariances: position (ENU) and velocity (FLU) from the standard deviations; attitude and rate,
-    which the row does not carry, are zero.
+    Covariances from the standard deviations: position and rotation about the fixed axes (ENU),
+    velocity (FLU); that of the rate, which the row does not carry, is zero.
     """
     block[:] = 0.0
     ned_to_enu(nav[0:3], block[0:3])
@@ -116,12 +117,13 @@ def pack_nav(nav, block):
         block[_LINEAR + i] = R[i, 0] * nav[3] + R[i, 1] * nav[4] + R[i, 2] * nav[5]
     frd_to_flu(nav[10:13], block[_ANGULAR : _ANGULAR + 3])
     _diagonal_to_block(_R_enu_ned(), nav[22:25], block[_POSE_COV : _POSE_COV + 36])
+    _diagonal_to_block(_R_enu_ned(), nav[28:31], block[_ROTATION_COV : _ROTATION_COV + 15])
     _diagonal_to_block(R, nav[25:28], block[_TWIST_COV : _TWIST_COV + 36])
 
 
 @njit
 def unpack_nav(block, nav):
-    """Odometry block (85,) into a navigation row (28,); rotor states and biases become zero."""
+    """Odometry block (85,) into a navigation row (31,); rotor states and biases become zero."""
     nav[:] = 0.0
     if not _finite(block):
         return NOT_FINITE
@@ -135,6 +137,7 @@ def unpack_nav(block, nav):
         nav[3 + j] = R[0, j] * linear[0] + R[1, j] * linear[1] + R[2, j] * linear[2]
     flu_to_frd(block[_ANGULAR : _ANGULAR + 3], nav[10:13])
     _block_to_sigma(_R_enu_ned(), block[_POSE_COV : _POSE_COV + 36], nav[22:25])
+    _block_to_sigma(_R_enu_ned(), block[_ROTATION_COV : _ROTATION_COV + 15], nav[28:31])
     _block_to_sigma(R, block[_TWIST_COV : _TWIST_COV + 36], nav[25:28])
     return OK
 

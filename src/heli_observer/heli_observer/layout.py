@@ -24,9 +24,9 @@ Y_GPS_STAMP = 19  # tick at which the fix was true
 N_MEAS = 20
 
 # --- navigation output row
-N_NAV = 28
+N_NAV = 31
 OUT_POS, OUT_VEL, OUT_QUAT, OUT_RATE, OUT_ROTOR = 0, 3, 6, 10, 13
-OUT_GYRO_BIAS, OUT_ACCEL_BIAS, OUT_SIGMA_POS, OUT_SIGMA_VEL = 16, 19, 22, 25
+OUT_GYRO_BIAS, OUT_ACCEL_BIAS, OUT_SIGMA_POS, OUT_SIGMA_VEL, OUT_SIGMA_ATT = 16, 19, 22, 25, 28
 
 # --- nominal state of the filter
 X_POS, X_VEL, X_QUAT, X_GYRO_BIAS, X_ACCEL_BIAS = 0, 3, 6, 10, 13

@@ -103,6 +103,7 @@ class ObserverNode(TickNode):
                 "status": named.name,
                 "sigma_position_m": np.round(self._out[22:25], 3).tolist(),
                 "sigma_velocity_mps": np.round(self._out[25:28], 3).tolist(),
+                "sigma_attitude_deg": np.round(np.degrees(self._out[28:31]), 3).tolist(),
                 "refused_messages": len(self.refused),
             }
             self.warn_or_ok(_LEVELS.get(named, Level.WARN), named.sentence, facts)

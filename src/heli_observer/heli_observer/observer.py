@@ -108,11 +108,25 @@ def _filter_step(state, horizon, tick, k):
 
 
 @njit
+def _attitude_variance(P, R, axis, lead_s, k):
+    """Variance (rad2) of the attitude error about a NED axis, lead_s after the horizon."""
+    var_bias, cov = 0.0, 0.0
+    for j in range(3):
+        cov += R[axis, j] * P[L.E_ATT + axis, L.E_GYRO_BIAS + j]
+        for m in range(3):
+            var_bias += R[axis, j] * R[axis, m] * P[L.E_GYRO_BIAS + j, L.E_GYRO_BIAS + m]
+    noise = k.var_att_step / k.dt_s
+    own = P[L.E_ATT + axis, L.E_ATT + axis]
+    return own - 2.0 * lead_s * cov + lead_s * lead_s * var_bias + noise * lead_s
+
+
+@njit
 def _sigma_now(P, R, a_ned, lead_s, k, out):
-    """Standard deviations of position and velocity at the newest tick into out (28,).
+    """Standard deviations of position, velocity, attitude at the newest tick into out (31,).
 
     First order over the lead (the horizon's length): velocity error grows by the tilt and the
-    accelerometer bias, position error by the velocity error, both by the accelerometer's noise.
+    accelerometer bias, position error by the velocity error, both by the accelerometer's noise;
+    attitude error (rotation vector, NED axes) by the gyro's bias and noise.
     """
     row = np.zeros(6)  # velocity error rate by attitude and accelerometer bias
     pg = np.zeros(L.N_ERROR)
@@ -137,11 +151,12 @@ def _sigma_now(P, R, a_ned, lead_s, k, out):
         position += noise * t * t * t / 3.0
         out[L.OUT_SIGMA_POS + i] = math.sqrt(max(position, 0.0))
         out[L.OUT_SIGMA_VEL + i] = math.sqrt(max(velocity, 0.0))
+        out[L.OUT_SIGMA_ATT + i] = math.sqrt(max(_attitude_variance(P, R, i, lead_s, k), 0.0))
 
 
 @njit
 def _navigation_output(state, tick, k, out):
-    """Carry the horizon's state to the newest tick and fill out (28,) except the rotor states."""
+    """Carry the horizon's state to the newest tick and fill out (31,) except the rotor states."""
     size = state.imu.shape[0]
     now = state.now
     copy_part(now, 0, state.nominal, 0, L.N_NOMINAL)
@@ -233,7 +248,7 @@ def observe(state, tick, y, u_prev, k, out):
     u_prev : ndarray (4,)
         Actuators computed at tick - 1: lateral, longitudinal, pedal, collective.
     k : ObserverKernel
-    out : ndarray (28,)
+    out : ndarray (31,)
         Navigation output (see the README); NaN while the observer is aligning or not finite.
     """
     ticks = take_tick(state, tick, y, k)

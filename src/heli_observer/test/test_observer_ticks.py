@@ -239,6 +239,24 @@ def test_magnetometer_fault_is_detected_and_not_followed(parameters, run_observe
     assert np.all(np.abs(np.degrees(error[:2])) < 0.4)
 
 
+def test_an_unsure_heading_does_not_let_a_fault_in(parameters, run_observer):
+    """No field for a minute, a poor gyro: chi-square alone would take a heading 40 deg off."""
+    flight = synthesize(hover_path(), parameters, 70.0, seed=7)
+    parameters["ekf.imu.gyro_noise_density"] = 0.2
+    rows = flight.y.copy()
+    rows[500:6500, 16] = 0.0
+    turn = Rotation.from_euler("Z", 40.0, degrees=True)
+    rows[6500:, 6:9] = turn.apply(rows[6500:, 6:9])
+    run = run_observer(parameters).fly(rows[:6500])
+    before = attitude_error(flight, run.out, [6499])[0, 2]
+    sigma = run.out[-1, L.OUT_SIGMA_ATT + 2]
+    assert abs(np.radians(40.0) + abs(before)) < 3.8 * sigma  # inside the 0.9999 gate
+    run.fly(rows[6500:])
+    assert health(run) is ObserverStatus.MAG_REJECTED
+    after = attitude_error(flight, run.out, [len(rows) - 1])[0, 2]
+    assert abs(after - before) < np.radians(20.0)
+
+
 def test_a_field_of_wrong_strength_is_a_fault(parameters, run_observer):
     flight = synthesize(hover_path(), parameters, 10.0, seed=7)
     rows = flight.y.copy()

@@ -14,6 +14,7 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import NodeSpec, run
 from heli_msgs_bridge.messages import Encoder, MessageError
+from heli_msgs_bridge.packing import N_NAV
 from heli_msgs_bridge.reference_message import decode_reference
 from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
 from heli_outer_pd.config import outer_kernel
@@ -43,7 +44,7 @@ class OuterLoopNode(TickNode):
         self._send_attitude = self.create_output(topics.ATTITUDE_SETPOINT)
         self._send_collective = self.create_output(topics.COLLECTIVE)
         self._out = np.zeros(N_OUTPUT)
-        self._nav = np.full(28, np.nan)
+        self._nav = np.full(N_NAV, np.nan)
         self.trajectory: ReferenceTrajectory | None = None
         self._reference_start_ns = self.start_ns
         self._given = False

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from heli_hover_test.record import rotation_between
 from heli_hover_test.report.chart import Chart, Panel, Trace, largest, level, limits
 from heli_hover_test.report.data import LEVELS, Report
 from heli_hover_test.report.design import Design
@@ -28,7 +29,11 @@ def flight_charts(report: Report) -> list[Chart]:
     if report.kind == "hover":
         charts.append(_attitude(report))
     if report.has_truth:
-        charts += [_position_estimate(report), _velocity_estimate(report)]
+        charts += [
+            _position_estimate(report),
+            _velocity_estimate(report),
+            _attitude_estimate(report),
+        ]
     return [*charts, _rotor(report)]
 
 
@@ -111,11 +116,18 @@ def _attitude(report: Report) -> Chart:
     )
 
 
-def _estimate(report: Report, error: np.ndarray, sigma: np.ndarray | None, what: str, unit: str):
-    """Panels north, east, down of estimate minus truth inside 3 sigma; and a sentence."""
+def _estimate(
+    report: Report,
+    error: np.ndarray,
+    sigma: np.ndarray | None,
+    what: str,
+    unit: str,
+    axes: tuple[str, ...] = _AXES,
+):
+    """Panels of the axes of estimate minus truth inside 3 sigma; and a sentence."""
     t, panels = report.record.time_s, []
     known = sigma is not None and bool((sigma > 0.0).any())
-    for axis, name in enumerate(_AXES):
+    for axis, name in enumerate(axes):
         traces = []
         if known and sigma is not None:
             edge = 3.0 * sigma[:, axis]
@@ -158,6 +170,16 @@ def _velocity_estimate(report: Report) -> Chart:
     error = r.nav_vel_ned_mps - r.truth_vel_ned_mps
     panels, caption = _estimate(report, error, r.nav_sigma_vel_mps, "Velocity", "m/s")
     return Chart("estimate_velocity", "Velocity estimate", caption, panels, "estimate")
+
+
+def _attitude_estimate(report: Report) -> Chart:
+    r = report.record
+    error = np.degrees(rotation_between(r.truth_q_nb, r.nav_q_nb))
+    sigma = None if r.nav_sigma_att_rad is None else np.degrees(r.nav_sigma_att_rad)
+    axes = tuple(f"about {axis}" for axis in _AXES)
+    panels, caption = _estimate(report, error, sigma, "Attitude", "°", axes)
+    caption += " About down is the heading, which hover shows to the magnetometer only."
+    return Chart("estimate_attitude", "Attitude estimate", caption, panels, "estimate")
 
 
 def _rotor(report: Report) -> Chart:
