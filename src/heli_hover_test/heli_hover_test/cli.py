@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, campaign, design, compare, report.
+"""The command `heli`: hover, campaign, design, compare, report, bag.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -16,6 +16,7 @@ import typer
 from typer.exceptions import TyperException
 
 from heli_hover_test import completion
+from heli_hover_test.cli_bag import bag
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -37,6 +38,7 @@ compare = typer.Typer(
     epilog="\b\nexample:\n  heli compare attitude --seeds 1..20",
 )
 app.add_typer(compare, name="compare")
+app.add_typer(bag, name="bag")
 
 Params = Annotated[
     list[Path] | None,
@@ -352,9 +354,10 @@ def _refusals() -> tuple[type[Exception], ...]:
     """What counts as bad input; all carry one sentence. Imported only when something is raised."""
     from heli_dynamics_sim.trim import TrimError
     from heli_hover_test.errors import FlightError
+    from heli_msgs_bridge.bag_folder import BagError
     from heli_msgs_bridge.parameters import ParameterError
 
-    return (ParameterError, ValueError, TrimError, FlightError, OSError)
+    return (BagError, ParameterError, ValueError, TrimError, FlightError, OSError)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

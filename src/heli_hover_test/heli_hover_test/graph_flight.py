@@ -126,7 +126,8 @@ class Graph:
             for name, values in self.settings.nodes.items()
         }
         led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
-        led["recorder"] = {"bag": str((self.folder / "bag").absolute())}
+        bag = str((self.folder / "bag").absolute())
+        led["recorder"] = {**self.settings.recorder, "bag": bag}
         if self.live:
             led[LIVE] = {**self.live.parameters, "autostart": False, "peers": peers}
         return led

@@ -2,7 +2,7 @@
 """Layers of a flight's parameters: packaged defaults < GPS preset < scenario < the user's files."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import heli_inner_hinf.parameter_table as inner_table
 import heli_observer.parameter_table as observer_table
 import heli_outer_pd.parameter_table as outer_table
 from heli_hover_test import scenario as scenario_table
+from heli_msgs_bridge import recorder_table
 from heli_msgs_bridge.common_table import with_common
 from heli_msgs_bridge.locate import config_folder
 from heli_msgs_bridge.parameters import Parameter, ParameterError, check_node_names, load
@@ -50,6 +51,8 @@ class Settings:
     seed : int
     files : tuple of Path
         Every file that was read, weakest first.
+    recorder : dict
+        The recorder's parameters; they change nothing in the flight.
     """
 
     nodes: Mapping[str, Mapping[str, Any]]
@@ -59,6 +62,7 @@ class Settings:
     gps: str
     seed: int
     files: tuple[Path, ...]
+    recorder: Mapping[str, Any] = field(default_factory=dict)
 
 
 def scenario_names() -> list[str]:
@@ -126,7 +130,8 @@ def resolve(
         raise ParameterError(f"--gps {gps}: unknown preset; known: {', '.join(GPS_PRESETS)}")
     scenario_file = _scenario_file(scenario_name)
     user_files = [Path(path) for path in params]
-    known = [node.name for node in NODES] + [scenario_table.NODE_NAME, "recorder", "live_view"]
+    others = [scenario_table.NODE_NAME, recorder_table.NODE_NAME, "live_view"]
+    known = [node.name for node in NODES] + others
     check_node_names([scenario_file, *user_files], known)
     common = [scenario_file, *user_files]
     scenario_parameters = load(scenario_table.TABLE, common, scenario_table.NODE_NAME)
@@ -164,7 +169,15 @@ def resolve(
         gps,
         plant["seed"],
         (*files, *common),
+        _recorder(common),
     )
+
+
+def _recorder(files: Sequence[Path]) -> dict[str, Any]:
+    """The recorder's parameters: the packaged ones and what the files say of it."""
+    folder = config_folder("heli_msgs_bridge")
+    layers = [folder / "common.yaml", folder / f"{recorder_table.NODE_NAME}.yaml", *files]
+    return load(with_common(recorder_table.TABLE), layers, recorder_table.NODE_NAME)
 
 
 # Pairs that two nodes must agree on: what one sends is what the other waits for.

@@ -3,6 +3,7 @@
 
 import contextlib
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from rich.table import Table
 from heli_msgs_bridge.parameters import ParameterError
 
 _WIDTH_OF_PIPE = 250
+# Of so many messages one is looked at for the progress.
+_EVERY = 100
 
 
 def console(stderr: bool = False) -> Console:
@@ -54,6 +57,27 @@ def steps(what: str, total: int) -> Iterator[Callable[[int], None]]:
     with Progress(*columns, TimeElapsedColumn(), console=out) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done: bar.update(task, completed=done)
+
+
+@contextlib.contextmanager
+def amount(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Progress on stderr of work that may be short: gives a function that takes done and total.
+
+    Nothing is shown in the first second; then a bar at a terminal, elsewhere a line at every fifth.
+    A total of 0 says that it is not known yet.
+    """
+    begun, shown = time.monotonic(), contextlib.ExitStack()
+    now: dict[int, Callable[[int], None]] = {}
+
+    def update(done: int, total: int) -> None:
+        if done % _EVERY or not total or time.monotonic() - begun < 1.0:
+            return
+        if total not in now:
+            now[total] = shown.enter_context(steps(what, total))
+        now[total](done)
+
+    with shown:
+        yield update
 
 
 def refuse_existing(path: Path | None) -> None:

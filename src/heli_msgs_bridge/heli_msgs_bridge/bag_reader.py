@@ -11,9 +11,10 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.typesys import Stores, get_typestore
 
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.bag_check import advice, listed_files, storage_files
+from heli_msgs_bridge.bag_folder import SUFFIXES, BagError, reason
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
-from heli_msgs_bridge.recorder import BagError
 from heli_msgs_bridge.reference_message import ReferencePoints, decode_reference
 
 
@@ -134,6 +135,22 @@ class _Collector:
         return self.bag
 
 
+def require_whole(path: Path) -> None:
+    """Raise BagError, in one line, for what is no bag or one that needs `heli bag repair`."""
+    if not path.exists():
+        raise BagError(f"{path}: does not exist")
+    try:
+        if path.is_dir() and not storage_files(path) and not listed_files(path):
+            raise BagError(f"{path}: not a readable bag: it holds neither .mcap nor .db3 files")
+        if path.is_file() and path.suffix not in SUFFIXES.values():
+            raise BagError(f"{path}: not a readable bag: neither folder nor .mcap nor .db3 file")
+        said = advice(path)
+    except OSError as error:
+        raise BagError(f"{path}: not a readable bag: {reason(error)}") from error
+    if said:
+        raise BagError(f"{path}: not a readable bag: {said}")
+
+
 def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
     """Read a bag of the graph.
 
@@ -154,8 +171,7 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
         Not a bag, cut off, or unreadable: one line that names it.
     """
     path = Path(path)
-    if not path.exists():
-        raise BagError(f"{path}: does not exist")
+    require_whole(path)
     collector = _Collector(datum)
     try:
         with Reader(path) as reader:

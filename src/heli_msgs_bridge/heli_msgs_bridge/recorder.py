@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serialised messages into a rosbag2 folder (MCAP), without a ROS installation. No rclpy here.
+"""The graph's serialised messages into a rosbag2 folder, without a ROS installation. No rclpy here.
 
-The file grows by chunks of 1 MiB, each complete in itself: what was chunked before a power cut or a
-`kill -9` can be read again.
+`flush` closes a chunk that is complete in itself: what was flushed before a power cut or a
+`kill -9` can be read again (`heli bag repair`).
 """
 
-import contextlib
+import sqlite3
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -17,20 +17,36 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.bag_folder import BagError, BagFolder, Channel, Format, reason
 from heli_msgs_bridge.cdr import stamp_of
+from heli_msgs_bridge.definitions import Definitions, UnknownTypeError
 
-_BAG_VERSION = 9
+__all__ = ["BagError", "BagRecorder", "Format", "row_of"]
+
 _FOREVER = QosTime(9223372036, 854775807)
 # A fix is stamped with its time of validity; in a bag it belongs where it arrived.
 _LATE = (topics.GPS_FIX, topics.GPS_VELOCITY)
 
 
-class BagError(Exception):
-    """A bag cannot be written or read; the message is one line that names it."""
+def row_of(wanted: str) -> topics.Topic:
+    """Row of a topic of the graph by its name, or of any other as `name:package/msg/Type`.
+
+    Raises
+    ------
+    BagError
+        The graph has no such topic and no type is given.
+    """
+    if wanted in topics.BY_NAME:
+        return topics.BY_NAME[wanted]
+    name, _, type_name = wanted.partition(":")
+    if not name or "/msg/" not in type_name:
+        raise BagError(
+            f"unknown topic '{wanted}'; known: {', '.join(topics.BY_NAME)}; "
+            "any other as name:package/msg/Type"
+        )
+    return topics.Topic(name, type_name, (), (), 0)
 
 
 def _qos(topic: topics.Topic) -> Qos:
@@ -49,59 +65,65 @@ def _qos(topic: topics.Topic) -> Qos:
 
 
 class BagRecorder:
-    """Writes the graph's topics to a new bag.
+    """Writes topics to a new bag.
 
     Parameters
     ----------
     folder : path
         rosbag2 folder to make; must not exist.
     names : iterable of str
-        Topics of `topics.TABLE`.
+        Topics of `topics.TABLE`, or others as `name:package/msg/Type`.
     namespace : str
         Put before relative names, "/" by default.
-    zstd : bool
-        Compress the chunks.
+    form : Format
+        Storage, compression, splitting.
+    start_ns : int
+        Stamp of foreign messages that come before the graph's first.
 
     Raises
     ------
     BagError
-        The folder exists or cannot be written.
+        The folder exists or cannot be written, or a topic's type is unknown.
 
     Attributes
     ----------
     counts : dict
         Messages written per topic.
+    rows : dict
+        Row of each topic.
     """
 
     def __init__(
-        self, folder: str | Path, names: Iterable[str], namespace: str = "/", zstd: bool = False
+        self,
+        folder: str | Path,
+        names: Iterable[str],
+        namespace: str = "/",
+        form: Format | None = None,
+        start_ns: int = 0,
     ) -> None:
         self.folder = Path(folder)
-        if self.folder.exists():
-            raise BagError(f"{folder}: exists already; a bag needs a new folder")
-        store = get_typestore(Stores.ROS2_JAZZY)
-        self._writer = Writer(self.folder, version=_BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
-        if zstd:
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        try:
-            self._writer.open()
-        except OSError as error:
-            raise BagError(f"{folder}: cannot be written: {error.strerror}") from error
-        self._connections = {}
-        for name in names:
-            topic = topics.BY_NAME[name]
-            full = name if name.startswith("/") else f"{namespace.rstrip('/')}/{name}"
-            self._connections[name] = self._writer.add_connection(
-                full, topic.type, typestore=store, offered_qos_profiles=[_qos(topic)]
-            )
-        self.counts = dict.fromkeys(self._connections, 0)
+        rows = [row_of(name) for name in names]
+        self.rows = {row.name: row for row in rows}
+        definitions, channels = Definitions(), []
+        for row in self.rows.values():
+            full = row.name if row.name.startswith("/") else f"{namespace.rstrip('/')}/{row.name}"
+            try:
+                text, digest = definitions.text_and_hash(row.type)
+            except UnknownTypeError as error:
+                raise BagError(f"topic {row.name}: {error}") from error
+            channels.append(Channel(full, row.type, text, digest, (_qos(row),)))
+        self._bag = BagFolder(self.folder, channels, form)
+        self._numbers = {name: number for number, name in enumerate(self.rows)}
+        self.counts = dict.fromkeys(self.rows, 0)
         self._first: dict[str, int] = {}
         self._last: dict[str, int] = {}
-        self._newest_ns = 0
-        self._failed = ""
+        self._newest_ns = start_ns
+        self._failed = False
 
     def write(self, name: str, raw: bytes) -> None:
         """Write a serialised message, stamped in simulation time.
+
+        A foreign topic's message gets the graph's newest stamp: it need not carry one.
 
         Raises
         ------
@@ -110,26 +132,58 @@ class BagRecorder:
         """
         if self._failed:
             return
-        stamp_ns = stamp_of(raw)
-        if name in _LATE:
-            stamp_ns = max(stamp_ns, self._newest_ns)
-        elif stamp_ns > self._newest_ns:
-            self._newest_ns = stamp_ns
+        if name not in topics.BY_NAME:
+            stamp_ns = self._newest_ns
+        else:
+            stamp_ns = stamp_of(raw)
+            if name in _LATE:
+                stamp_ns = max(stamp_ns, self._newest_ns)
+            elif stamp_ns > self._newest_ns:
+                self._newest_ns = stamp_ns
         try:
-            self._writer.write(self._connections[name], stamp_ns, raw)
-        except OSError as error:
-            self._failed = f"{self.folder}: recording stopped: {error.strerror}"
-            raise BagError(self._failed) from error
+            self._bag.write(self._numbers[name], stamp_ns, raw)
+        except (OSError, sqlite3.Error) as error:
+            self._give_up(error)
         self.counts[name] += 1
         self._first.setdefault(name, stamp_ns)
         self._last[name] = max(stamp_ns, self._last.get(name, 0))
+
+    def flush(self) -> None:
+        """Hand all messages to the operating system.
+
+        Raises
+        ------
+        BagError
+            As for `write`.
+        """
+        if self._failed:
+            return
+        try:
+            self._bag.flush()
+        except (OSError, sqlite3.Error) as error:
+            self._give_up(error)
+
+    def _give_up(self, error: Exception) -> None:
+        """Close the bag with what is safe; always raises BagError."""
+        self._failed = True
+        said = f"{self.folder}: recording stopped: {reason(error)}"
+        try:
+            lost = self._bag.give_up()
+        except (OSError, sqlite3.Error):
+            self._bag.abandon()
+            raise BagError(f"{said}; 'heli bag repair' restores what was written") from error
+        finally:
+            self.counts = dict(zip(self.rows, self._bag.counts(), strict=True))
+        raise BagError(
+            f"{said}; the bag holds {sum(self.counts.values())} messages, {lost} more are lost"
+        ) from error
 
     def missing(self) -> list[str]:
         """Topics with a fixed rate of which a message of the middle or of the end has not come."""
         found = []
         for name, last in self._last.items():
-            period_ns = topics.BY_NAME[name].every_ticks * topics.TICK_NS
-            if not period_ns:
+            period_ns = self.rows[name].every_ticks * topics.TICK_NS
+            if not period_ns or self._failed:
                 continue
             expected = (last - self._first[name]) // period_ns + 1
             if self.counts[name] < expected or last <= self._newest_ns - period_ns:
@@ -144,9 +198,10 @@ class BagRecorder:
         BagError
             They could not be written; the chunks that are on the disk stay readable.
         """
+        if self._failed:
+            return
         try:
-            self._writer.close()
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                self._writer.abort()
-            raise BagError(f"{self.folder}: index not written: {error.strerror}") from error
+            self._bag.flush()
+            self._bag.close()
+        except (OSError, sqlite3.Error) as error:
+            self._give_up(error)

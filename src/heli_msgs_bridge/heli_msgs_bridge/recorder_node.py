@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `recorder`: every topic of the graph, as it comes, into a bag."""
+"""Node `recorder`: every topic of the graph, as it comes, into a bag; others where named."""
 
 import sys
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
-from heli_msgs_bridge.recorder import BagError, BagRecorder
+from heli_msgs_bridge.recorder import BagError, BagRecorder, Format, row_of
 from heli_msgs_bridge.recorder_table import NODE_NAME, TABLE
 
 # Deep enough for a pause of seconds at ten times real time.
@@ -24,30 +29,82 @@ class RecorderNode(ManagedNode):
     SPEC = NodeSpec(NODE_NAME, "heli_msgs_bridge", TABLE, f"{NODE_NAME}.yaml")
 
     def _chosen(self) -> list[str]:
+        """What to record, as the parameters name it."""
         wanted, left_out = self.values["topics"], set(self.values["exclude"]) - {"none"}
-        names = [t.name for t in topics.TABLE] if "all" in wanted else list(wanted)
-        for name in [*names, *left_out]:
-            if name not in topics.BY_NAME:
-                known = ", ".join(topics.BY_NAME)
-                raise StartError(f"topics: unknown topic '{name}'; known: {known}")
-        return [name for name in names if name not in left_out]
+        names = list(wanted)
+        if "all" in names:
+            at = names.index("all")
+            names[at : at + 1] = [t.name for t in topics.TABLE]
+        rows = {row_of(name).name: name for name in names}
+        for name in left_out - set(rows):
+            row_of(name)
+        return [name for short, name in rows.items() if short not in left_out]
 
     def setup(self) -> None:
         """Make the bag and subscribe."""
-        names = self._chosen()
-        folder = self.values["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}"
+        values = self.values
+        folder = values["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}"
+        self._subscriptions_raw: dict[str, Any] = {}
+        self._trouble = ""
         try:
-            zstd = self.values["compression"] == "zstd"
-            self.bag: BagRecorder | None = BagRecorder(folder, names, self.get_namespace(), zstd)
+            names = self._chosen()
+            form = Format(
+                values["storage"],
+                values["compression"] == "zstd",
+                round(values["split.size_mb"] * 1e6),
+                round(values["split.duration_s"] * 1e9),
+            )
+            self.bag: BagRecorder | None = BagRecorder(
+                folder, names, self.get_namespace(), form, self.start_ns
+            )
         except BagError as error:
             raise StartError(str(error)) from error
-        self._subscriptions_raw = {}
-        for name in names:
-            cls = topics.message_class(topics.BY_NAME[name].type)
-            self._subscriptions_raw[name] = self.create_subscription(
-                cls, name, self._writer(name), topics.qos(name, _DEPTH), raw=True
-            )
-        self.get_logger().info(f"recording {len(names)} topics to {folder}")
+        for name in self.bag.rows:
+            self._subscribe(name, topics.qos(name, _DEPTH))
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._flusher = self.create_timer(values["flush_s"], self._flush, clock=clock)
+        self.get_logger().info(f"recording {len(self.bag.rows)} topics to {folder}")
+
+    def _subscribe(self, name: str, qos: QoSProfile) -> None:
+        cls = topics.message_class(self.bag.rows[name].type)
+        self._subscriptions_raw[name] = self.create_subscription(
+            cls, name, self._writer(name), qos, raw=True
+        )
+
+    def _adapt(self, name: str) -> None:
+        """Hear a foreign topic whose publisher is best effort; reliable listeners hear nothing."""
+        subscription = self._subscriptions_raw[name]
+        if subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+            return
+        infos = self.get_publishers_info_by_topic(subscription.topic_name)
+        if any(i.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for i in infos):
+            self._write_arrived(name)
+            self.destroy_subscription(subscription)
+            best_effort = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+            self._subscribe(name, best_effort)
+
+    def _flush(self) -> None:
+        if self.bag is None:
+            return
+        for name in self._subscriptions_raw:
+            if name not in topics.BY_NAME:
+                self._adapt(name)
+        try:
+            self.bag.flush()
+        except BagError as error:
+            self._complain(error)
+
+    def _complain(self, error: BagError) -> None:
+        """Say that the recording has ended; the flight goes on without it."""
+        self._trouble = str(error)
+        self.report(Level.ERROR, self._trouble)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: drain; what is wrong with the bag stays the last word."""
+        result = super().on_deactivate(state)
+        if self._trouble:
+            self.report(Level.ERROR, self._trouble)
+        return result
 
     def _write(self, name: str, raw: bytes) -> None:
         if self.bag is None:
@@ -55,7 +112,7 @@ class RecorderNode(ManagedNode):
         try:
             self.bag.write(name, raw)
         except BagError as error:
-            self.report(Level.ERROR, str(error))
+            self._complain(error)
 
     def _writer(self, name: str) -> Callable[[bytes], None]:
         """Callback of a topic: one call of the executor empties the queue."""
@@ -97,7 +154,7 @@ class RecorderNode(ManagedNode):
         self._drain()
         missing = self.bag.missing() if self.bag else []
         if missing:
-            self.report(Level.WARN, f"messages lost on {', '.join(missing)}")
+            self._trouble = self._trouble or f"messages lost on {', '.join(missing)}"
 
     def teardown(self) -> None:
         """Close the bag."""
@@ -107,12 +164,15 @@ class RecorderNode(ManagedNode):
         try:
             bag.close()
         except BagError as error:
-            self.report(Level.ERROR, str(error))
+            self._complain(error)
             return
         self.get_logger().info(f"{sum(bag.counts.values())} messages in {bag.folder}")
 
     def _drop_entities(self) -> None:
         super()._drop_entities()
+        flusher = self.__dict__.pop("_flusher", None)
+        if flusher is not None:
+            self.destroy_timer(flusher)
         for subscription in getattr(self, "_subscriptions_raw", {}).values():
             self.destroy_subscription(subscription)
         self._subscriptions_raw = {}
