@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Consistency of the navigation filter: its errors beside what its covariance says of them.
+
+On synthetic flights with known truth (`synthetic`), all errors drawn from the statistics that the
+filter is configured for. Normalised errors squared are then chi-square distributed: Y. Bar-Shalom,
+X. R. Li, T. Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section
+5.4. For verification; the observer itself uses none of it.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from heli_observer import layout as L
+from heli_observer.observer import ObserverConfig, initial_state, observe
+from heli_observer.synthetic import Flight, Path, hover_path, synthesize
+
+Array = NDArray[np.float64]
+SECONDS = 60.0
+CHECKS_S = (2, 5, 10, 20, 30, 40, 50, 60)
+SENSORS = ("GPS position", "GPS velocity", "magnetometer", "barometer")
+_FUSED = [L.C_GPS_FUSED, L.C_GPS_FUSED, L.C_MAG_FUSED, L.C_BARO_FUSED]
+_NIS = [L.D_NIS_POS, L.D_NIS_VEL, L.D_NIS_MAG, L.D_NIS_BARO]
+_REJECTED = [L.C_MAG_REJECTED, L.C_BARO_REJECTED, L.C_GPS_POS_REJECTED, L.C_GPS_VEL_REJECTED]
+_DOF = [3, 3, 1, 1]
+
+
+def rotation(q: Array) -> Rotation:
+    """SciPy's rotation of a quaternion (4,) w, x, y, z."""
+    return Rotation.from_quat(np.roll(q, -1))
+
+
+def error_state(flight: Flight, tick: int, x: Array) -> Array:
+    """Truth minus nominal state x (21,) at a tick, in the filter's error coordinates (20,)."""
+    attitude = (rotation(flight.q[tick]) * rotation(x[6:10]).inv()).as_rotvec()
+    return np.concatenate(
+        [
+            flight.pos[tick] - x[0:3],
+            flight.vel[tick] - x[3:6],
+            attitude,
+            flight.gyro_bias[tick] - x[10:13],
+            flight.accel_bias[tick] - x[13:16],
+            flight.drift[tick] - x[16:19],
+            [flight.baro_bias[tick] - x[19], flight.mag_error[tick] - x[20]],
+        ]
+    )
+
+
+@dataclass
+class Statistics:
+    """Sums over flights of normalised errors squared.
+
+    Attributes
+    ----------
+    runs : int
+        Flights.
+    nees, nees_navigation : (checks,) ndarray
+        Of the whole error state; of position, velocity and attitude only.
+    output : (checks, 3) ndarray
+        Of position, velocity, attitude as sent, over the standard deviations sent with them.
+    nis, dof : (4,) ndarray
+        Innovations of `SENSORS`, and their degrees of freedom.
+    rejected : int
+        Samples that a gate refused.
+    """
+
+    runs: int = 0
+    nees: Array = field(default_factory=lambda: np.zeros(len(CHECKS_S)))
+    nees_navigation: Array = field(default_factory=lambda: np.zeros(len(CHECKS_S)))
+    output: Array = field(default_factory=lambda: np.zeros((len(CHECKS_S), 3)))
+    nis: Array = field(default_factory=lambda: np.zeros(4))
+    dof: Array = field(default_factory=lambda: np.zeros(4))
+    rejected: int = 0
+
+
+def collect(
+    parameters: Mapping[str, Any],
+    seeds: Iterable[int],
+    filter_changes: Mapping[str, Any] | None = None,
+) -> Statistics:
+    """Fly the seeds; world and filter have the parameters, the filter with changes.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Of the observer; they describe the sensors.
+    seeds : iterable of int
+    filter_changes : mapping, optional
+        What the filter wrongly believes.
+    """
+    config = ObserverConfig({**parameters, **(filter_changes or {})})
+    total = Statistics()
+    for seed in seeds:
+        flight = synthesize(hover_path(climb_mps=2.5), parameters, SECONDS, seed)
+        _add_flight(total, flight, config, np.array(parameters["trim.u"]))
+    return total
+
+
+def _add_flight(total: Statistics, flight: Flight, config: ObserverConfig, u: Array) -> None:
+    k, out, state = config.kernel, np.empty(L.N_NAV), initial_state(config)
+    before = state.count[_FUSED].copy()
+    for tick in range(len(flight.y)):
+        observe(state, tick, flight.y[tick], u, k, out)
+        fused = state.count[_FUSED] - before
+        before = state.count[_FUSED].copy()
+        if tick > 0:
+            total.nis += fused * state.diag[_NIS]
+            total.dof += fused * _DOF
+        if tick % 100 == 0 and tick // 100 in CHECKS_S:
+            i = CHECKS_S.index(tick // 100)
+            e = error_state(flight, tick - k.horizon_ticks, state.nominal)
+            total.nees[i] += e @ np.linalg.solve(state.P, e)
+            total.nees_navigation[i] += e[:9] @ np.linalg.solve(state.P[:9, :9], e[:9])
+            sent = error_state(flight, tick, np.concatenate([out[:10], np.zeros(11)]))[:9]
+            scaled = sent / out[L.OUT_SIGMA_POS : L.OUT_SIGMA_ATT + 3]
+            total.output[i] += (scaled**2).reshape(3, 3).sum(axis=1)
+    total.rejected += int(state.count[_REJECTED].sum())
+    total.runs += 1
+
+
+def bounds(dof: Any, probability: float = 0.999) -> tuple[Array, Array]:
+    """Two-sided bounds of a sum that is chi-square distributed with dof."""
+    tail = 0.5 * (1.0 - probability)
+    return chi2.ppf(tail, dof), chi2.ppf(1.0 - tail, dof)
+
+
+def latency_errors(
+    parameters: Mapping[str, Any], seeds: Iterable[int], path: Path, start_s: float = 10.0
+) -> Array:
+    """Horizontal rms errors (2, 2): position m and velocity m/s, of two filters on each flight.
+
+    Row 0 knows when each fix was true, row 1 takes it for as new as its arrival.
+    """
+    config = ObserverConfig({**parameters, "ekf.gate_probability": 1.0 - 1e-12})
+    sums, count, u = np.zeros((2, 2)), 0, np.array(parameters["trim.u"])
+    for seed in seeds:
+        flight = synthesize(path, parameters, 40.0, seed)
+        arrival = flight.y.copy()
+        arrival[:, L.Y_GPS_STAMP] = np.arange(len(arrival))
+        for row, rows in enumerate((flight.y, arrival)):
+            state, out = initial_state(config), np.empty(L.N_NAV)
+            for tick, y in enumerate(rows):
+                observe(state, tick, y, u, config.kernel, out)
+                if tick >= 100 * start_s:
+                    sums[row, 0] += ((out[0:2] - flight.pos[tick, 0:2]) ** 2).sum()
+                    sums[row, 1] += ((out[3:5] - flight.vel[tick, 0:2]) ** 2).sum()
+        count += 2 * (len(flight.y) - round(100 * start_s))
+    return np.sqrt(sums / count)
