@@ -16,12 +16,14 @@ from heli_observer.identification.estimator import (
 )
 from heli_observer.identification.experiment import ACTUATORS, RATES, Array, Experiment
 from heli_observer.identification.response import FastModel, transfer
+from heli_observer.identification.selection import select
 from heli_observer.identification.spectra import GUST, VEL, Spectra, Y, spectra_of
 from heli_observer.identification.start import StartSearch
 from heli_observer.identification.structure import (
     DAMPING,
     DELAY,
     ESSENTIAL,
+    FLAPPING,
     SERVO,
     actuator_parameters,
     full_matrices,
@@ -146,11 +148,7 @@ def fit_actuators(
 ) -> IdentifiedAB:
     """Fit A, B, servos and delay.
 
-    Entries that the data do not tell from zero are taken for zero, one by one, the least certain
-    first, while the Bayesian information criterion falls: as long as (value / sigma)^2 < ln(number
-    of real residuals), where sigma is that of the model without those dropped before (Schwarz,
-    Ann. Stat. 6, 1978). Left free they would lend their uncertainty to the entries they resemble,
-    as A(p,p) to A(b_s,b_s). `structure.ESSENTIAL` are never dropped.
+    Entries that the data do not tell from zero are taken for zero (see `selection`).
 
     Parameters
     ----------
@@ -182,14 +180,16 @@ def fit_actuators(
     first = start if start is not None else StartSearch(spectra).best()
     if progress is not None:
         progress("start found")
-    problem = Problem([spectra], names, None)
-    full = estimate(problem, values_of(names, first), fine=False, joint=False, progress=progress)
-    dropped = _indistinct_from_zero(full, 6 * spectra.omega_radps.size) if prune else ()
-    kept = tuple(name for name in names if name not in dropped)
-    problem = Problem([spectra], kept, None)
-    fitted = estimate(
-        problem, _conditional(full, dropped), joint=not round_delay, progress=progress
-    )
+    if prune:
+        found = select(spectra, names, first, progress)
+    else:
+        problem = Problem([spectra], names, None)
+        found = estimate(problem, values_of(names, first), fine=False, joint=False)
+    kept = found.names
+    dropped = tuple(name for name in names if name not in kept)
+    problem = Problem([spectra], kept, None, found.distortion)
+    start_values = found.values
+    fitted = estimate(problem, start_values, joint=not round_delay, progress=progress)
     delay_s = float(fitted.values[kept.index(DELAY)])
     delay_sigma = float(fitted.sigma[kept.index(DELAY)])
     ticks = round(delay_s / TICK_S)
@@ -197,62 +197,34 @@ def fit_actuators(
     if round_delay:
         base = replace(model, delay_s=ticks * TICK_S)
         kept = tuple(name for name in kept if name != DELAY)
-        problem = Problem([spectra], kept, base)
+        problem = Problem([spectra], kept, base, fitted.distortion)
         fitted = estimate(problem, values_of(kept, base), progress=progress)
         model = problem.model(fitted.values)
     _check_physical(model)
     attitude = experiment.steady().attitude_rad[:, :2].mean(axis=0)
     share = effect_shares(model, spectra, names)
-    small = {n for n in names if n not in ESSENTIAL and share[n] < SIGNIFICANT_SHARE}
-    sigma = _sigma(spectra, model, tuple(n for n in names if n != DELAY), small)
+    free = tuple(name for name in names if name != DELAY)
+    small = {n for n in free if n not in ESSENTIAL and share[n] < SIGNIFICANT_SHARE}
+    prior = _row_prior(model, spectra, free, small, SIGNIFICANT_SHARE)
+    open_problem = Problem([spectra], free, model, fitted.distortion, prior)
+    spread = summary(open_problem, values_of(free, model)).sigma
+    sigma = dict(zip(free, spread.tolist(), strict=True))
     return _identified(
         model, fitted, sigma | {DELAY: delay_sigma}, share,
         (float(attitude[0]), float(attitude[1])), (delay_s, delay_sigma, ticks), dropped, coherence,
     )  # fmt: skip
 
 
-def _sigma(
-    spectra: Spectra, model: FastModel, names: tuple[str, ...], small: set[str]
-) -> dict[str, float]:
-    """Standard deviations with all entries free, the small ones within +-1 % of their row.
+def _row_prior(
+    model: FastModel, spectra: Spectra, names: tuple[str, ...], small: set[str], share: float
+) -> Array:
+    """Prior standard deviations: effects of `small` lie anywhere within +- share of their row.
 
-    Within +-1 % with equal chance everywhere has a standard deviation of 1 % / sqrt(3).
+    Equal chance everywhere within +- share has a standard deviation of share / sqrt(3).
     """
-    unit = {name: 1.0 for name in names}
-    of_one = effect_shares(model, spectra, names, unit)
-    prior = [
-        SIGNIFICANT_SHARE / np.sqrt(3.0) / max(of_one[n], 1e-12) if n in small else np.inf
-        for n in names
-    ]
-    found = summary(Problem([spectra], names, model), values_of(names, model), np.array(prior))
-    return dict(zip(names, found.sigma.tolist(), strict=True))
-
-
-def _indistinct_from_zero(full: Estimate, count: int) -> tuple[str, ...]:
-    """Names to drop, by backward elimination on the quadratic approximation of the cost."""
-    values, covariance = full.values.copy(), full.covariance.copy()
-    live = [i for i, name in enumerate(full.names) if name not in ESSENTIAL]
-    dropped = []
-    limit = np.log(count)
-    while live:
-        ratios = [values[i] ** 2 / max(covariance[i, i], 1e-300) for i in live]
-        worst = int(np.argmin(ratios))
-        if ratios[worst] >= limit:
-            break
-        i = live.pop(worst)
-        gain = covariance[:, i] / max(covariance[i, i], 1e-300)
-        values = values - gain * values[i]
-        covariance = covariance - np.outer(gain, covariance[i])
-        dropped.append(full.names[i])
-    return tuple(dropped)
-
-
-def _conditional(full: Estimate, dropped: tuple[str, ...]) -> Array:
-    """Values of the other parameters when the dropped ones are zero (quadratic approximation)."""
-    out = np.array([name in dropped for name in full.names])
-    C = full.covariance
-    gain = C[np.ix_(~out, out)] @ np.linalg.pinv(C[np.ix_(out, out)], hermitian=True)
-    return full.values[~out] - gain @ full.values[out]
+    of_one = effect_shares(model, spectra, names, dict.fromkeys(names, 1.0))
+    sigma = [share / np.sqrt(3.0) / max(of_one[n], 1e-12) if n in small else np.inf for n in names]
+    return np.array(sigma)
 
 
 def _check_physical(model: FastModel) -> None:
@@ -291,6 +263,8 @@ def effect_shares(
     matrix = {"A": model.A, "B": model.B, "E": model.E[:, :3]}
     largest = np.max(np.hstack([np.abs(matrix[key]) * rms[key] for key in rms]), axis=1)
     shares = {}
+    for i, name in ((2, "A(a_s,a_s)"), (3, "A(b_s,b_s)")):
+        shares[name] = float(abs(model.A[i, i]) * rms["A"][i] / max(largest[i], 1e-300))
     for name in names:
         place = place_of(name)
         if place is None or place.column >= rms[place.matrix].size:
@@ -315,6 +289,8 @@ def _identified(
     A_sigma, B_sigma = np.zeros((9, 9)), np.zeros((9, 3))
     for name, value in sigma.items():
         place = place_of(name)
+        if name == FLAPPING:
+            A_sigma[4, 4] = A_sigma[5, 5] = value
         if place is not None and place.matrix == "A":
             A_sigma[place.row + 2, place.column + 2] = value
         if place is not None and place.matrix == "B" and place.column < 3:

@@ -24,10 +24,11 @@ from heli_observer.identification.spectra import ComplexArray, Spectra
 from heli_observer.identification.structure import DAMPING, DELAY, SERVO, assemble, place_of
 
 N_RATE = 3
-_ROUNDS = 4
+_ROUNDS = 6
 _SETTLED = 0.1  # of a parameter's sigma, RMS
 _COARSE, _FINE = 1e-4, 1e-7  # relative change of the cost
 _EVALUATIONS = 60
+_AROUND = 6  # lines to either side
 _STEP = {"A": 1e-3, "B": 1e-3, "E": 1e-4}
 _BOUNDS = {SERVO: (3.0, 250.0), DAMPING: (0.05, 3.0), DELAY: (0.0, 0.15)}
 LONGEST_DELAY_S = _BOUNDS[DELAY][1]
@@ -43,6 +44,8 @@ class Estimate:
     values : (n,) array
     covariance : (n, n) array
         Inverse of the Fisher information.
+    distortion : float
+        What the model leaves unexplained beyond the noise, over the response's local RMS.
     cost : float
         Sum of squared whitened residuals.
     expected_cost, cost_sigma : float
@@ -54,6 +57,7 @@ class Estimate:
     names: tuple[str, ...]
     values: Array
     covariance: Array
+    distortion: float
     cost: float
     expected_cost: float
     cost_sigma: float
@@ -66,12 +70,35 @@ class Estimate:
 
 
 class Problem:
-    """Residuals and their derivative for a list of free parameters on several experiments."""
+    """Residuals and their derivative for a list of free parameters on several experiments.
 
-    def __init__(self, spectra: Sequence[Spectra], names: Sequence[str], base: FastModel | None):
+    Parameters
+    ----------
+    spectra : sequence of Spectra
+    names : sequence of str
+        Free parameters.
+    base : FastModel, optional
+        Where the other parameters stand; default: zero.
+    distortion : float
+        What the linear model leaves unexplained because the aircraft is not linear, as a part of
+        the response's local RMS; acts as noise that is added to the measured one.
+    prior_sigma : (n,) array, optional
+        Standard deviations around zero that are believed beforehand; infinite: none.
+    """
+
+    def __init__(
+        self,
+        spectra: Sequence[Spectra],
+        names: Sequence[str],
+        base: FastModel | None,
+        distortion: float = 0.0,
+        prior_sigma: Array | None = None,
+    ) -> None:
         self.spectra = tuple(spectra)
         self.names = tuple(names)
         self.base = base
+        self.distortion = distortion
+        self.prior_sigma = prior_sigma
 
     def model(self, values: Array) -> FastModel:
         """Model at `values`."""
@@ -89,20 +116,18 @@ class Problem:
         for s in self.spectra:
             noise = _error(model, s.noise_omega_radps, s.noise_z)[s.neighbours]
             spread = np.einsum("lki,lkj->lij", noise, noise.conj()) / noise.shape[1]
-            floor = 1e-9 * np.trace(spread, axis1=1, axis2=2).real + 1e-24
-            spread += floor[:, None, None] * np.eye(N_RATE)
+            extra = self.distortion**2 * _local_power(s) + 1e-24
+            extra += 1e-9 * np.trace(spread, axis1=1, axis2=2).real[:, None]
+            spread += extra[:, :, None] * np.eye(N_RATE)
             result.append(np.asarray(np.linalg.inv(np.linalg.cholesky(spread)), np.complex128))
         return result
 
     def residual(self, values: Array, whiteners: list[ComplexArray] | None = None) -> Array:
         """Whitened residual as real numbers; weights at `values` unless given."""
         weights = self.whiteners(values) if whiteners is None else whiteners
-        return _as_real(
-            [
-                (w @ e[:, :, None])[:, :, 0]
-                for w, e in zip(weights, self.errors(values), strict=True)
-            ]
-        )
+        pairs = zip(weights, self.errors(values), strict=True)
+        data = _as_real([(w @ e[:, :, None])[:, :, 0] for w, e in pairs])
+        return data if self.prior_sigma is None else np.append(data, values / self.prior_sigma)
 
     def jacobian(self, values: Array, whiteners: list[ComplexArray] | None = None) -> Array:
         """Derivative of `residual`, central differences."""
@@ -133,10 +158,39 @@ def _error(model: FastModel, omega: Array, z: ComplexArray) -> ComplexArray:
     return z[:, :3] - (transfer(model, omega) @ z[:, 3:, None])[:, :, 0]
 
 
+def _local_power(spectra: Spectra) -> Array:
+    """Mean squared response (L, 3) over the lines around each: distortion spreads between lines."""
+    power = np.abs(spectra.z[:, :3]) ** 2
+    width = min(2 * _AROUND + 1, power.shape[0])
+    first = np.clip(np.arange(power.shape[0]) - _AROUND, 0, power.shape[0] - width)
+    return np.asarray(power[first[:, None] + np.arange(width)].mean(axis=1))
+
+
 def _as_real(parts: list[ComplexArray]) -> Array:
     """Complex residuals of unit variance as real ones of unit variance."""
     flat = np.concatenate([part.ravel() for part in parts]) * np.sqrt(2.0)
     return np.concatenate([flat.real, flat.imag])
+
+
+def distortion_of(problem: Problem, values: Array) -> float:
+    """The distortion with which the cost at `values` is what is expected; 0 if noise explains it.
+
+    Bisection: the cost falls as the distortion rises.
+    """
+    before = problem.distortion
+    mean, sigma = problem.expected
+    low, high = 0.0, 1.0
+    problem.distortion = 0.0
+    if np.sum(problem.residual(values) ** 2) < mean + 2.0 * sigma:
+        return 0.0
+    for _ in range(30):
+        problem.distortion = 0.5 * (low + high)
+        if np.sum(problem.residual(values) ** 2) > mean:
+            low = problem.distortion
+        else:
+            high = problem.distortion
+    problem.distortion = before
+    return 0.5 * (low + high)
 
 
 def _minimise(
@@ -189,11 +243,13 @@ def estimate(
     values = np.asarray(start, dtype=np.float64)
     tolerance = _FINE if fine else _COARSE
     for number in range(_ROUNDS):
-        before = values
+        before, distortion = values, problem.distortion
         values, jacobian, _ = _minimise(problem, before, problem.whiteners(before), tolerance)
         if progress is not None:
             progress(f"{values.size} parameters, round {number + 1}")
-        if np.linalg.norm(jacobian @ (values - before)) < _SETTLED * np.sqrt(values.size):
+        problem.distortion = distortion_of(problem, values)
+        settled = np.linalg.norm(jacobian @ (values - before)) < _SETTLED * np.sqrt(values.size)
+        if settled and abs(problem.distortion - distortion) <= 0.1 * distortion:
             break
     if joint:
         before = values
@@ -207,18 +263,13 @@ def estimate(
     return summary(problem, values)
 
 
-def summary(problem: Problem, values: Array, prior_sigma: Array | None = None) -> Estimate:
-    """Covariance, cost and residuals at `values`.
-
-    prior_sigma (n,): what is known of each parameter besides the data (infinite: nothing).
-    """
+def summary(problem: Problem, values: Array) -> Estimate:
+    """Covariance, cost and residuals at `values`."""
     whiteners = problem.whiteners(values)
     jacobian = problem.jacobian(values, whiteners)
     # the weights are estimates themselves, which costs a factor dof / (dof - 3)
     inflation = float(np.mean([s.dof / (s.dof - N_RATE) for s in problem.spectra]))
     information = jacobian.T @ jacobian / inflation
-    if prior_sigma is not None:
-        information += np.diag(1.0 / prior_sigma**2)
     scale = np.sqrt(np.diag(information))
     scale[scale == 0.0] = 1e-12
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-14, hermitian=True)
@@ -229,6 +280,7 @@ def summary(problem: Problem, values: Array, prior_sigma: Array | None = None) -
         names=problem.names,
         values=values,
         covariance=inverse / np.outer(scale, scale),
+        distortion=problem.distortion,
         cost=float(np.sum(_as_real(whitened) ** 2)),
         expected_cost=mean,
         cost_sigma=sigma,

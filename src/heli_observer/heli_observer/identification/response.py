@@ -83,25 +83,45 @@ def transfer(model: FastModel, omega_radps: Array, states: bool = False) -> Comp
     """
     F, G = _continuous(model)
     Phi, Gamma, Rise = _held(F, G, TICK_S)
-    z = np.exp(1j * omega_radps * TICK_S)
+    z = np.exp(1j * omega_radps * TICK_S)[:, None, None]
     ticks = int(np.floor(model.delay_s / TICK_S + 1e-9))
     rest_s = max(model.delay_s - ticks * TICK_S, 0.0)
-    inputs = np.zeros((omega_radps.size, N_FULL, N_SIGNAL - 3), dtype=np.complex128)
+    command = np.broadcast_to(Gamma[:, :4], (z.size, N_FULL, 4)).astype(np.complex128)
     if rest_s > 1e-9:
         part = _held(F, G[:, :4], TICK_S - rest_s)
-        late = part[0] @ _held(F, G[:, :4], rest_s)[1]
-        command = part[1] + late / z[:, None, None]
-    else:
-        command = np.broadcast_to(Gamma[:, :4], (z.size, N_FULL, 4)).astype(np.complex128)
-    first = 3
-    inputs[:, :, U.start - first : U.stop - first] = command * z[:, None, None] ** -ticks
-    inputs[:, :, GUST.start - first : GUST.stop - first] = Gamma[:, 4:7]
-    inputs[:, :, KINK.start - first : KINK.stop - first] = Gamma[:, 7:8]
-    linear = Gamma[:, 4:7] - Rise[:, 4:7] + z[:, None, None] * Rise[:, 4:7]
-    inputs[:, :, VEL.start - first : VEL.stop - first] = -linear
-    rows = list(range(10)) if states else list(RATE_ROWS)
-    selector = np.zeros((N_FULL, len(rows)))
-    selector[rows, np.arange(len(rows))] = 1.0
-    resolvent = z[:, None, None] * np.eye(N_FULL) - Phi.T
-    left = np.linalg.solve(resolvent, np.broadcast_to(selector, (z.size, *selector.shape)))
-    return np.asarray(np.swapaxes(left, 1, 2) @ inputs)
+        command = part[1] + (part[0] @ _held(F, G[:, :4], rest_s)[1]) / z
+    command = command * z**-ticks
+    # the servos move by themselves and drive the six fast states: solve one after the other
+    servos = _servo_response(Phi[6:, 6:], command[:, 6:], z)
+    inputs = np.zeros((z.size, N_FAST, N_SIGNAL - 3), dtype=np.complex128)
+    inputs[:, :, _after_rates(U)] = Phi[:6, 6:] @ servos + command[:, :6]
+    inputs[:, :, _after_rates(GUST)] = Gamma[:6, 4:7]
+    inputs[:, :, _after_rates(KINK)] = Gamma[:6, 7:8]
+    inputs[:, :, _after_rates(VEL)] = -(Gamma[:6, 4:7] + (z - 1.0) * Rise[:6, 4:7])
+    fast = z * np.eye(N_FAST) - Phi[:6, :6]
+    if not states:
+        selector = np.zeros((N_FAST, 3))
+        selector[RATE_ROWS, range(3)] = 1.0
+        left = np.linalg.solve(np.swapaxes(fast, 1, 2), np.broadcast_to(selector, (z.size, 6, 3)))
+        return np.asarray(np.swapaxes(left, 1, 2) @ inputs)
+    positions = np.zeros((z.size, N_ACTUATOR, N_SIGNAL - 3), dtype=np.complex128)
+    positions[:, :, _after_rates(U)] = servos[:, :4]
+    return np.concatenate([np.linalg.solve(fast, inputs), positions], axis=1)
+
+
+def _after_rates(part: slice) -> slice:
+    return slice(part.start - 3, part.stop - 3)
+
+
+def _servo_response(Phi: Array, command: ComplexArray, z: ComplexArray) -> ComplexArray:
+    """Positions and rates (L, 8, 4) of the servos per command: four times the same 2 x 2 system."""
+    a, b, c, d = Phi[0, 0], Phi[0, 4], Phi[4, 0], Phi[4, 4]
+    z = z[:, :, 0]
+    determinant = (z - a) * (z - d) - b * c
+    to_position = np.diagonal(command[:, :4], axis1=1, axis2=2)
+    to_rate = np.diagonal(command[:, 4:], axis1=1, axis2=2)
+    result = np.zeros((z.shape[0], 8, 4), dtype=np.complex128)
+    each = np.arange(4)
+    result[:, each, each] = ((z - d) * to_position + b * to_rate) / determinant
+    result[:, 4 + each, each] = (c * to_position + (z - a) * to_rate) / determinant
+    return result

@@ -61,11 +61,11 @@ class StartSearch:
         return np.asarray(self.u * (np.exp(-s * delay_s) * hold * lag)[:, None])
 
     def rows(self, x: Array) -> tuple[_Row, _Row, _Row]:
-        """Solved rows p, q, r for x = log servo, log damping, delay, flapping matrix (4)."""
+        """Solved rows p, q, r for x = log servo, log damping, delay, flapping (3)."""
         u = self.inputs(np.exp(x[0]), np.exp(x[1]), x[2])
         p, q, r = self.y.T
         s = self.s
-        a, b, c, d = x[3:7]
+        a, b, c, d = x[3], x[4], x[5], x[3]
         determinant = (s - a) * (s - d) - b * c
         # (s - M)^-1 by rows
         aa, ab, ba, bb = (s - d), b, c, (s - a)
@@ -88,12 +88,12 @@ class StartSearch:
 
     def best(self) -> FastModel:
         """Best model over all places to start from."""
-        lower = np.array([np.log(3.0), np.log(0.05), 0.0, -200.0, -50.0, -50.0, -200.0])
-        upper = np.array([np.log(250.0), np.log(3.0), 0.15, 5.0, 50.0, 50.0, 5.0])
+        lower = np.array([np.log(3.0), np.log(0.05), 0.0, -200.0, -50.0, -50.0])
+        upper = np.array([np.log(250.0), np.log(3.0), 0.15, 0.0, 50.0, 50.0])
         found = []
         for servo in _SERVOS_RADPS:
             for flapping in _FLAPPING_1PS:
-                at = np.array([np.log(servo), np.log(0.7), 0.02, -flapping, 0.1, 0.1, -flapping])
+                at = np.array([np.log(servo), np.log(0.7), 0.02, -flapping, 0.1, 0.1])
                 found.append(
                     least_squares(
                         self.residual, at, bounds=(lower, upper), x_scale="jac", max_nfev=40
@@ -106,7 +106,7 @@ class StartSearch:
         p, q, r = (row.coefficients for row in self.rows(x))
         A, B, E = np.zeros((6, 6)), np.zeros((6, 4)), np.zeros((6, 4))
         A[2, 1] = A[3, 0] = A[5, 4] = -1.0
-        A[2, 2], A[2, 3], A[3, 2], A[3, 3] = x[3:7]
+        A[2, 2], A[2, 3], A[3, 2], A[3, 3] = x[3], x[4], x[5], x[3]
         A[0, 3], A[1, 2] = p[0], q[0]
         B[2, :2] = q[1:3] / q[0]
         B[3, :2] = p[3:5] / p[0]

@@ -4,7 +4,10 @@
 Fixed by kinematics and the definition of the unmeasured states: `a_s' = -q + ...`,
 `b_s' = -p + ...`, `d_int' = -r + ...`. These entries of -1 give a_s, b_s and d_int their scale.
 d_int is the integral of a rate error, eq. (8), so its row holds nothing else but the pedal. Cyclic
-acts through the rotor only, so the rows of p, q, r have no entry for d_lat and d_lon.
+acts through the rotor only, so the rows of p, q, r have no entry for d_lat and d_lon. a_s and b_s
+share one time constant, eq. (6): without that a_s could be swapped for a_s plus a multiple of q,
+which no excitation of the actuators would show, and A(q,q), A(q,a_s), A(a_s,a_s) could not be told
+apart.
 """
 
 from collections.abc import Sequence
@@ -21,12 +24,22 @@ INPUT_NAMES = ("d_lat", "d_lon", "d_ped", "d_col")
 WIND_NAMES = ("u", "v", "w", "|w|")
 _COLUMNS = {"A": FAST_NAMES, "B": INPUT_NAMES, "E": WIND_NAMES}
 SERVO, DAMPING, DELAY = "servo.frequency_radps", "servo.damping", "delay_s"
+FLAPPING = "flapping.rate_1ps"  # 1/tau of eq. (6): -A(a_s,a_s) and -A(b_s,b_s)
+_SCALARS = (SERVO, DAMPING, DELAY, FLAPPING)
 
 # Without these the model is no helicopter: they are never taken for zero.
 ESSENTIAL = frozenset(
     {
-        "A(p,b_s)", "A(q,a_s)", "A(a_s,a_s)", "A(b_s,b_s)", "A(r,r)", "A(r,d_int)",
-        "B(b_s,d_lat)", "B(a_s,d_lon)", "B(r,d_ped)", "B(d_int,d_ped)", SERVO, DAMPING, DELAY,
+        "A(p,b_s)", "A(q,a_s)", "A(r,r)", "A(r,d_int)", "B(b_s,d_lat)", "B(a_s,d_lon)",
+        "B(r,d_ped)", "B(d_int,d_ped)", *_SCALARS,
+    }
+)  # fmt: skip
+
+# What else eq. (6) to (8) and a tail rotor above the centre of gravity demand.
+EXPECTED = frozenset(
+    {
+        "A(a_s,b_s)", "A(b_s,a_s)", "B(a_s,d_lat)", "B(b_s,d_lon)", "A(p,r)", "A(p,d_int)",
+        "B(p,d_ped)",
     }
 )  # fmt: skip
 
@@ -41,8 +54,8 @@ class Place:
 
 
 def place_of(name: str) -> Place | None:
-    """Place of a parameter by its name, such as `A(p,b_s)`; None for servo and delay."""
-    if name in (SERVO, DAMPING, DELAY):
+    """Place of a parameter by its name, such as `A(p,b_s)`; None for servo, delay, flapping."""
+    if name in _SCALARS:
         return None
     row, column = name[2:-1].split(",")
     return Place(name[0], FAST_NAMES.index(row), _COLUMNS[name[0]].index(column))
@@ -52,13 +65,13 @@ def actuator_parameters(collective: bool) -> tuple[str, ...]:
     """Names of the free parameters of the fit to actuator excitation."""
     rates, rotor = ("p", "q", "r"), ("a_s", "b_s")
     names = [f"A({row},{column})" for row in rates for column in FAST_NAMES]
-    names += [f"A({row},{column})" for row in rotor for column in rotor]
+    names += ["A(a_s,b_s)", "A(b_s,a_s)"]
     names += [f"B({row},{column})" for row in rotor for column in ("d_lat", "d_lon")]
     names += [f"B({row},d_ped)" for row in (*rates, "d_int")]
     if collective:
         names += [f"B({row},d_col)" for row in rates]
     names += [f"E({row},{column})" for row in rates for column in WIND_NAMES[:3]]
-    return (*names, SERVO, DAMPING, DELAY)
+    return (*names, *_SCALARS)
 
 
 def gust_parameters() -> tuple[str, ...]:
@@ -78,7 +91,9 @@ def assemble(names: Sequence[str], values: Array, base: FastModel | None = None)
         scalars = {SERVO: base.servo_radps, DAMPING: base.servo_damping, DELAY: base.delay_s}
     for name, value in zip(names, values, strict=True):
         place = place_of(name)
-        if place is None:
+        if name == FLAPPING:
+            matrices["A"][2, 2] = matrices["A"][3, 3] = -value
+        elif place is None:
             scalars[name] = float(value)
         else:
             matrices[place.matrix][place.row, place.column] = value
@@ -95,6 +110,7 @@ def assemble(names: Sequence[str], values: Array, base: FastModel | None = None)
 def values_of(names: Sequence[str], model: FastModel) -> Array:
     """The named entries of a model, the inverse of `assemble`."""
     scalars = {SERVO: model.servo_radps, DAMPING: model.servo_damping, DELAY: model.delay_s}
+    scalars[FLAPPING] = -0.5 * (model.A[2, 2] + model.A[3, 3])
     matrices = {"A": model.A, "B": model.B, "E": model.E}
     values = []
     for name in names:
