@@ -16,7 +16,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
-    "--remote-debugging-pipe",
+    "--enable-unsafe-swiftshader", "--remote-debugging-pipe",
 )  # fmt: skip
 ANSWER_LIMIT_S = 60.0
 _WAIT = """new Promise((yes, no) => {
@@ -95,7 +95,10 @@ class Page:
         elif method == "Runtime.consoleAPICalled" and event["type"] in ("error", "warning"):
             self.errors.append(json.dumps(event["args"])[:500])
         elif method == "Log.entryAdded" and event["entry"]["level"] in ("error", "warning"):
-            self.errors.append(event["entry"]["text"])
+            text = event["entry"]["text"]
+            # Remarks of the drawing software on its own speed are not the page's.
+            if "GL Driver Message" not in text:
+                self.errors.append(text)
         elif method == "Network.requestWillBeSent":
             self.requests.append(event["request"]["url"])
 
@@ -113,9 +116,10 @@ class Page:
         feature = {"name": "prefers-color-scheme", "value": scheme}
         self.call("Emulation.setEmulatedMedia", features=[feature])
 
-    def open(self, path: Path, ready: str) -> None:
-        """Load a file and wait until the expression `ready` is true."""
-        self.call("Page.navigate", url=path.absolute().as_uri())
+    def open(self, where: Path | str, ready: str) -> None:
+        """Load a file or an address and wait until the expression `ready` is true."""
+        url = where if isinstance(where, str) else where.absolute().as_uri()
+        self.call("Page.navigate", url=url)
         self.wait(ready)
 
     def wait(self, expression: str, limit_s: float = ANSWER_LIMIT_S) -> None:

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// Puts the page together: messages in, thirty frames a second out.
+
+import { Alarms } from "./alarms.js";
+import { Charts } from "./charts.js";
+import { Commands } from "./commands.js";
+import { Connection } from "./connection.js";
+import { Flight } from "./flight.js";
+import { fixed, put } from "./format.js";
+import { Actuators, BoundsTable, TopLine, WindCompass } from "./gauges.js";
+import { Horizon } from "./horizon.js";
+import { Scene3d } from "./scene3d.js";
+import { Theme } from "./theme.js";
+import { Track } from "./track.js";
+
+const FRAME_MS = 1000 / 30;
+const WORDS_MS = 125;
+
+const byId = (id) => document.getElementById(id);
+const theme = new Theme(byId("theme"));
+const flight = new Flight();
+const wish = new URLSearchParams(location.search).get("quality") ?? "auto";
+const scene = new Scene3d(byId("scene"), {
+  buttons: [...document.querySelectorAll("[data-camera]")], fallback: byId("scene-fallback"),
+  altitude: byId("s-altitude"), distance: byId("s-distance"), rotor: byId("s-rotor"), note: byId("scene-note"),
+}, theme, wish);
+const horizon = new Horizon(byId("horizon"), theme);
+const charts = new Charts(byId("charts"), theme);
+const track = new Track(byId("track"), byId("track-scale"), theme, (e, n) => commands.picked(e, n));
+const wind = new WindCompass(byId("wind"), {
+  speed: byId("wind-speed"), from: byId("wind-from"), nose: byId("wind-nose"), up: byId("wind-up"),
+}, theme);
+const bounds = new BoundsTable(byId("bounds"));
+const actuators = new Actuators(byId("actuators"));
+const topLine = new TopLine({
+  name: byId("flight-name"), mode: byId("mode"), time: byId("time"), rtf: byId("rtf"), gps: byId("gps"),
+});
+const alarms = new Alarms({ nodes: byId("nodes"), alarms: byId("alarms"), events: byId("events") });
+const commands = new Commands(byId("commands"), byId("permission"), (message) => connection.send(message), track);
+const sources = [...document.querySelectorAll("input[name=source]")];
+for (const input of sources) {
+  input.addEventListener("change", () => {
+    flight.source = input.value;
+  });
+}
+
+function hello(message) {
+  flight.hello(message);
+  topLine.flight(message);
+  commands.permit(Boolean(message.commands));
+  scene.setRadius(message.aircraft?.rotor_radius_m || 0.7);
+  put(byId("foxglove"), message.foxglove_url ? `All topics for Foxglove: ${message.foxglove_url}` : "");
+}
+
+const scheme = location.protocol === "https:" ? "wss" : "ws";
+const connection = new Connection(`${scheme}://${location.host}/ws`, {
+  hello,
+  state: (message) => flight.state(message),
+  event: (message) => flight.event(message),
+  answer: (message) => commands.answer(message),
+  change: () => tellConnection(),
+});
+byId("retry").addEventListener("click", () => connection.connect());
+connection.connect();
+
+// What the user must know about what is shown: [state of the chip, its text, sentence of the banner].
+function situation() {
+  const { open, everOpen, retryAt } = connection;
+  if (!open) {
+    if (!everOpen && retryAt === null) return ["stale", "connecting", ""];
+    const pause = retryAt === null ? "trying now" : `next try in ${Math.max(0, Math.ceil((retryAt - performance.now()) / 1000))} s`;
+    const why = flight.over ? "The flight is over and its server has ended" : "No connection to the flight";
+    return [flight.over ? "over" : "lost", flight.over ? "flight over" : "no connection", `${why}. What is shown is the last that came (${pause}).`];
+  }
+  if (flight.over) return ["over", "flight over", "The flight is over. What is shown is its end."];
+  if (!flight.last) return ["stale", "waiting", "Connected. Waiting for the flight to begin."];
+  if (flight.stale) {
+    const silent = flight.silentMs > 1500;
+    const since = fixed((silent ? flight.silentMs : flight.standingMs) / 1000, 0);
+    return ["stale", "stale", silent ? `No state for ${since} s. What is shown is old.` : `The flight's clock has stood still for ${since} s. What is shown is old.`];
+  }
+  return ["live", "live", ""];
+}
+
+function tellConnection() {
+  const [state, word, sentence] = situation();
+  const chip = byId("connection");
+  chip.dataset.state = state;
+  put(byId("connection-text"), word);
+  const banner = byId("banner");
+  banner.dataset.state = state;
+  banner.hidden = !sentence;
+  put(byId("banner-text"), sentence);
+  byId("retry").hidden = connection.open || connection.retryAt === null;
+  document.body.dataset.live = String(state === "live" || state === "over");
+}
+
+function tellSource(state, shown) {
+  for (const input of sources) {
+    input.disabled = Boolean(state) && !state[input.value];
+    input.checked = input.value === shown;
+  }
+}
+
+let [lastFrame, lastWords, frames, fps, counted] = [performance.now(), 0, 0, 0, performance.now()];
+let work = 0;
+
+function words(state, shown) {
+  topLine.update(flight.last ?? flight.waiting);
+  scene.tell(state, shown);
+  const psi = state?.[shown]?.euler_deg[2];
+  wind.draw(state?.wind_enu, psi);
+  wind.tell(state?.wind_enu, psi);
+  bounds.update(state, flight, shown);
+  actuators.update(state?.u);
+  alarms.update(flight.last ?? flight.waiting, flight);
+  commands.suggest(state?.ref);
+  tellSource(state, shown);
+  tellConnection();
+  const drawing = scene.renderer ? `${scene.software ? "software 3-D" : "3-D"} at ${Math.round(100 * scene.renderer.getPixelRatio())} %` : "no 3-D";
+  put(byId("performance"), `${fps.toFixed(0)} frames/s, ${drawing}`);
+}
+
+function frame(now) {
+  requestAnimationFrame(frame);
+  // Half a screen's refresh of tolerance: a 60 Hz screen gives every second frame, not every third.
+  if (now - lastFrame < FRAME_MS - 8) return;
+  const [begun, dt] = [performance.now(), Math.min(0.2, (now - lastFrame) / 1000)];
+  scene.adapt(now - lastFrame);
+  lastFrame = now;
+  frames += 1;
+  if (now - counted >= 1000) [fps, frames, counted] = [(1000 * frames) / (now - counted), 0, now];
+  const state = flight.sample(now);
+  const shown = flight.shown(state);
+  scene.draw(state, flight, shown, dt);
+  horizon.draw(state?.[shown], state?.ref, state?.setpoint_deg);
+  charts.update(flight, shown, 1);
+  if (now - lastWords >= WORDS_MS) {
+    lastWords = now;
+    track.draw(state, flight, shown);
+    words(state, shown);
+  }
+  work = 0.95 * work + 0.05 * (performance.now() - begun);
+}
+requestAnimationFrame(frame);
+
+// For tests, and for whoever wants to know: what is drawn, where, how fast.
+window.heliView = {
+  flight, connection, scene,
+  get fps() { return fps; },
+  get workMs() { return work; },
+  projected: () => scene.projected(),
+  pixels: (x, y, half) => scene.pixels(x, y, half),
+};
