@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from heli_hover_test import cli, compare_robustness, laws
 from heli_hover_test.closed_loop import simulate
@@ -18,14 +19,18 @@ from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.errors import InfeasibleGammaError
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = (
-    ["hover"],
-    ["campaign"],
-    ["design"],
-    ["report"],
-    ["compare", "attitude"],
-    ["compare", "robustness"],
-)
+
+
+def commands_of(group, words=()):
+    """Words of every command below a group."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands_of(command, (*words, name))
+        else:
+            yield [*words, name]
+
+
+COMMANDS = list(commands_of(typer.main.get_command(cli.app)))
 
 
 def heli(capsys, *words):
@@ -54,6 +59,10 @@ def designed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("design") / "out"
     assert cli.main(["design", "--gamma-factor", "1.2", "--out", str(folder)]) == 0
     return folder
+
+
+def test_the_commands_are_known():
+    assert {"hover", "campaign", "design", "report", "compare"} <= {words[0] for words in COMMANDS}
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)

@@ -184,6 +184,13 @@ def test_extreme_inputs_stay_finite(k):
         assert np.isfinite(solve_inflow(w_r, w_bl, mu_sq, k.rotor)[:2]).all()
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_an_inflow_that_has_no_solution_says_so(k, bad):
+    """What is not finite cannot be solved: the count of iterations says so, and it ends."""
+    assert solve_inflow(bad, 1.0, 0.0, k.rotor)[2] == MAX_ITERATIONS
+    assert solve_inflow(1.0, bad, 0.0, k.rotor)[2] == MAX_ITERATIONS
+
+
 def test_climb_power_acts_in_climb_only(k):
     """Climb of 2 m/s; weight times speed, none in descent; 1e-6."""
     weight = k.body.mass * k.body.gravity

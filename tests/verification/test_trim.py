@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trim over winds from all directions; a trim that does not exist says why."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.optimize import root
 
 from heli_dynamics_sim.helicopter import state_derivative
 from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_dynamics_sim.rotor import main_rotor
 from heli_dynamics_sim.trim import TrimError, trim
 from heli_math.rotations import euler_from_quat
 
@@ -85,6 +87,22 @@ def test_storm_names_a_residual_or_an_actuator(params):
     """60 m/s; the refusal names the residual and how far, or the actuator."""
     with pytest.raises(TrimError, match=r"(stays at|would have to be)"):
         trim(params, [0.0, 60.0, 0.0])
+
+
+def test_no_trim_names_the_residual_and_how_far(params):
+    """A disc on the c.g. without spring cannot hold the tail's roll moment; T_tr H_tr / J_xx; 3 %.
+
+    Nothing else rolls: what the sound hub carries in trim remains of p_dot, nearly.
+    """
+    limp = replace(params, hub_stiffness_nmprad=0.0, hub_height_m=1e-6)
+    with pytest.raises(TrimError, match=r"p_dot \(rad/s2\) stays at .*, allowed: 1e-09") as caught:
+        trim(limp)
+    stays = float(re.search(r"stays at (\S+),", str(caught.value))[1])
+    hover = trim(params)
+    k, x = params.kernel, hover.x
+    thrust, _ = main_rotor(0.0, 0.0, 0.0, x[13], x[14], x[19], k.rotor, k.main)
+    roll = (k.main.hub_stiffness + thrust * k.main.hub_height) * np.sin(x[14])
+    assert stays == pytest.approx(-roll / k.body.j_xx, rel=0.03)
 
 
 @pytest.mark.parametrize("wind", [[np.nan, 0.0, 0.0], [0.0, 0.0], [np.inf, 0.0, 0.0]])

@@ -121,6 +121,25 @@ def test_magnetometer_turns_against_the_aircraft(plant_config):
     assert (y[1, 6:9] == 0.0).all()
 
 
+def test_magnetometer_has_no_lag(plant_config):
+    """Turning at 2 rad/s: each reading belongs to the heading of its own tick; 1e-12 rad."""
+    config = plant_config(
+        **CALM,
+        sensors__mag__white_t=0.0,
+        sensors__mag__hard_iron_t=[0.0, 0.0, 0.0],
+        sensors__mag__soft_iron=np.eye(3),
+        sensors__mag__field_ned_t=[3e-5, 0.0, 4e-5],
+    )
+
+    def turn(tick, x):
+        x[6:10] = quat_from_euler(0.0, 0.0, 0.02 * tick)
+
+    y, _ = readings(config, 41, move=turn)
+    ticks = np.flatnonzero(y[:, 16])
+    assert ticks.tolist() == list(range(0, 41, 2))
+    assert np.arctan2(-y[ticks, 7], y[ticks, 6]) == pytest.approx(0.02 * ticks, abs=1e-12)
+
+
 def test_hard_and_soft_iron_enter_linearly(plant_config):
     soft = np.array([[1.1, 0.02, 0.0], [0.03, 0.9, 0.0], [0.0, 0.0, 1.0]])
     field, hard = np.array([3e-5, 1e-6, 4e-5]), np.array([1e-6, -2e-6, 3e-6])

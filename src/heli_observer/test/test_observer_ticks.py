@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from heli_observer import layout as L
 from heli_observer.observer import ObserverStatus, status
@@ -97,6 +98,40 @@ def test_biases_converge(parameters, run_observer):
     np.testing.assert_allclose(run.out[-1, 16:19], gyro, atol=6e-5)
     np.testing.assert_allclose(run.out[-1, 19:22], accel, atol=4e-3)
     np.testing.assert_allclose(run.out[-1, 10:13], flight.rate[-1], atol=6e-5)
+
+
+def test_biases_converge_in_noise(parameters, run_observer):
+    """Twenty turning flights with all errors on: what is left, in units of what was drawn.
+
+    Initial sigma 5e-4 rad/s and 0.02 m/s2; the filter must end with errors as its own sigma says
+    (chi-square, 0.999), below half of the initial ones.
+    """
+    start, left, sigma = [], [], []
+    for seed in range(20):
+        flight = synthesize(turning_path(0.35), parameters, 40.0, seed)
+        run = run_observer(parameters).fly(flight.y)
+        true = np.concatenate([flight.gyro_bias, flight.accel_bias], axis=1)
+        start.append(true[0])
+        left.append(true[-1] - run.out[-1, 16:22])
+        sigma.append(np.sqrt(np.diag(run.state.P)[9:15]))
+    share = rms(np.array(left)) / rms(np.array(start))
+    assert np.all(share < 0.5)
+    scaled = np.sum((np.array(left) / np.array(sigma)) ** 2)
+    assert chi2.ppf(0.0005, 120) < scaled < chi2.ppf(0.9995, 120)
+
+
+def test_heading_in_hover_is_seen_by_the_magnetometer_only(parameters, run_observer):
+    """Still hover for a minute, with and without the field: the published sigma of the yaw."""
+    flight = synthesize(hover_path(amplitude_m=0.0, tilt_rad=0.0), parameters, 60.0, seed=3)
+    rows = flight.y.copy()
+    rows[100:, 16] = 0.0
+    seen, blind = (run_observer(parameters).fly(y).out for y in (flight.y, rows))
+    yaw = L.OUT_SIGMA_ATT + 2
+    assert np.degrees(seen[-1, yaw]) < 0.5
+    assert blind[-1, yaw] > 3.0 * seen[-1, yaw]
+    assert np.all(np.diff(blind[1000::100, yaw]) > 0.0)  # it only grows
+    # the tilt is seen by the GPS
+    assert blind[-1, L.OUT_SIGMA_ATT] < 1.1 * seen[-1, L.OUT_SIGMA_ATT]
 
 
 def test_gps_latency_is_compensated(parameters, run_observer):
