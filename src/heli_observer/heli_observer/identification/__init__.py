@@ -2,19 +2,37 @@
 """Identification of eq. (10) from flight data; pure mathematics, no ROS, no simulator."""
 
 from heli_observer.identification.actuators import IdentifiedAB, fit_actuators
+from heli_observer.identification.collective import (
+    IdentifiedCollective,
+    RotorGeometry,
+    fit_collective,
+)
 from heli_observer.identification.errors import Cause, IdentificationError
 from heli_observer.identification.experiment import Experiment
+from heli_observer.identification.frequency_responses import (
+    CHANNELS,
+    FrequencyResponses,
+    frequency_responses,
+    rate_response,
+)
 from heli_observer.identification.gusts import IdentifiedE, fit_gusts
 from heli_observer.identification.trim import IdentifiedTrim, trim_of
 
 __all__ = [
+    "CHANNELS",
     "Cause",
     "Experiment",
+    "FrequencyResponses",
     "IdentificationError",
     "IdentifiedAB",
+    "IdentifiedCollective",
     "IdentifiedE",
     "IdentifiedTrim",
+    "RotorGeometry",
     "fit_actuators",
+    "fit_collective",
     "fit_gusts",
+    "frequency_responses",
+    "rate_response",
     "trim_of",
 ]

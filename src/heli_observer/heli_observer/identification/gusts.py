@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from heli_observer.identification.actuators import LEAST_COHERENCE, IdentifiedAB
 from heli_observer.identification.errors import Cause, IdentificationError
@@ -15,6 +16,7 @@ from heli_observer.identification.spectra import GUST, Spectra, U, Y, spectra_of
 from heli_observer.identification.structure import gust_parameters, place_of, values_of
 
 _LEAST_LINES = 4
+_MOST_TURBULENCE_MPS = 1.5
 SIDES = {"descent": -1.0, "mean": 0.0, "climb": 1.0}
 
 
@@ -32,6 +34,8 @@ class IdentifiedE:
         "climb" (air that sinks) or "mean".
     E_rw : dict of str to float
         E(r,w) on each side.
+    turbulence_w_mps : float
+        Standard deviation of the unknown vertical air velocity, from how it rounds the kink.
     share : dict of str to float
         Effect of each entry over the largest effect in its row of E, RMS over the gust's lines.
     estimate : Estimate
@@ -44,6 +48,7 @@ class IdentifiedE:
     E_sigma: Array
     side: str
     E_rw: dict[str, float]
+    turbulence_w_mps: float
     share: dict[str, float]
     estimate: Estimate
     coherence: dict[str, float]
@@ -102,7 +107,8 @@ def fit_gusts(
     The power of climb acts only when the aircraft climbs relative to the air, so the yaw response
     to vertical air has a kink at w_a = 0, where hover is. |w| of the relative air velocity is
     therefore an input of its own of the row of r: E(r,w) is e - k for air that rises (descent) and
-    e + k for air that sinks.
+    e + k for air that sinks. Unknown turbulence rounds the kink; its standard deviation is fitted
+    with it (the cost as a function of it is minimised).
 
     Parameters
     ----------
@@ -127,7 +133,12 @@ def fit_gusts(
     coherence = _check_gusts(spectra, identified)
     names = gust_parameters()
     problem = Problem([spectra], names, identified.fast)
-    fitted = estimate(problem, values_of(names, identified.fast), joint=False, progress=progress)
+    start = values_of(names, identified.fast)
+    first = estimate(problem, start, fine=False, joint=False, progress=progress)
+    turbulence = _turbulence(experiment, problem, first.values)
+    spectra = spectra_of(experiment, turbulence_w_mps=turbulence)
+    problem = Problem([spectra], names, identified.fast, first.distortion)
+    fitted = estimate(problem, first.values, joint=False, progress=progress)
     model = problem.model(fitted.values)
     E, sigma = np.zeros((9, 3)), np.zeros((9, 3))
     E[2:8] = model.E[:, :3]
@@ -148,10 +159,32 @@ def fit_gusts(
         E_sigma=sigma,
         side=side,
         E_rw=E_rw,
+        turbulence_w_mps=turbulence,
         share=_shares(E, spectra),
         estimate=fitted,
         coherence=coherence,
     )
+
+
+def _turbulence(experiment: Experiment, problem: Problem, values: Array) -> float:
+    """Standard deviation of the vertical turbulence, m/s, with which the kink fits best.
+
+    The model is linear in E, so each trial is one linear least-squares problem; the weights stay.
+    """
+    whiteners = problem.whiteners(values)
+
+    def cost(turbulence: float) -> float:
+        spectra = spectra_of(experiment, turbulence_w_mps=turbulence)
+        trial = Problem([spectra], problem.names, problem.base, problem.distortion)
+        residual = trial.residual(values, whiteners)
+        J = trial.jacobian(values, whiteners)
+        step = np.linalg.lstsq(J, -residual, rcond=None)[0]
+        return float(np.sum((residual + J @ step) ** 2))
+
+    result = minimize_scalar(
+        cost, bounds=(0.0, _MOST_TURBULENCE_MPS), method="bounded", options={"xatol": 0.01}
+    )
+    return float(result.x)
 
 
 def _shares(E: Array, spectra: Spectra) -> dict[str, float]:

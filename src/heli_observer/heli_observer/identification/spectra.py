@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from heli_observer.identification.errors import Cause, IdentificationError
 from heli_observer.identification.experiment import ACTUATORS, WIND, Array, Experiment
@@ -41,6 +42,8 @@ class Spectra:
 
     Attributes
     ----------
+    bins : (L,) array of int
+        Number of cycles in the record.
     omega_radps : (L,) array
     channel : (L,) array of int
         Which channel drives the line: 0..3 actuators, 4..6 gust, KINK_LINE the |w| of the gust.
@@ -55,6 +58,7 @@ class Spectra:
     periods : int
     """
 
+    bins: IntArray
     omega_radps: Array
     channel: IntArray
     z: ComplexArray
@@ -81,7 +85,7 @@ class Spectra:
         return float(np.mean(bins.shape[1] ** 2 / squares.sum(axis=(1, 2))))
 
 
-def _hann_amplitudes(x: Array) -> ComplexArray:
+def hann_amplitudes(x: Array) -> ComplexArray:
     """Complex amplitudes (n // 2 + 1, c) of x (n, c): a sine of amplitude a gives |a|."""
     n = x.shape[0]
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n) / n)
@@ -136,8 +140,22 @@ def _kink_lines(steady: Experiment) -> IntArray:
     return np.flatnonzero(spectrum > _KINK * spectrum.max())
 
 
-def spectra_of(experiment: Experiment, highest_hz: float = 12.0) -> Spectra:
+def folded(w: Array, spread: float) -> Array:
+    """Mean of |w + n| for normal n of this standard deviation: |w| with a rounded kink."""
+    if spread <= 0.0:
+        return np.abs(w)
+    scaled = w / spread
+    round_off = spread * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * scaled**2)
+    return np.asarray(w * erf(scaled / np.sqrt(2.0)) + round_off)
+
+
+def spectra_of(
+    experiment: Experiment, highest_hz: float = 12.0, turbulence_w_mps: float = 0.0
+) -> Spectra:
     """Spectra of an experiment up to highest_hz.
+
+    turbulence_w_mps: standard deviation of the unknown vertical air velocity, which rounds the kink
+    of |w|.
 
     Raises
     ------
@@ -147,11 +165,12 @@ def spectra_of(experiment: Experiment, highest_hz: float = 12.0) -> Spectra:
     steady = experiment.steady()
     lines, channel = excited_lines(steady, highest_hz)
     relative_w = steady.gust_body_mps[:, 2:] - steady.vel_body_mps[:, 2:]
+    kink = folded(relative_w, turbulence_w_mps)
     signals = np.hstack(
-        [steady.rate_body_radps, steady.u, steady.gust_body_mps, np.abs(relative_w),
+        [steady.rate_body_radps, steady.u, steady.gust_body_mps, kink,
          steady.vel_body_mps]
     )  # fmt: skip
-    amplitudes = _hann_amplitudes(signals)
+    amplitudes = hann_amplitudes(signals)
     bins = lines * steady.periods
     noise = _noise_bins(bins, amplitudes.shape[0], steady.periods)
     width = min(_NOISE_BINS, noise.size)
@@ -165,6 +184,7 @@ def spectra_of(experiment: Experiment, highest_hz: float = 12.0) -> Spectra:
     used, inverse = np.unique(near, return_inverse=True)
     step = 2.0 * np.pi / (steady.periods * steady.period_ticks * TICK_S)
     return Spectra(
+        bins=bins,
         omega_radps=np.asarray(bins * step, dtype=np.float64),
         channel=channel,
         z=amplitudes[bins],
