@@ -3,7 +3,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -101,6 +101,10 @@ class PlantConfig:
             ),
             delay_ticks=values["delay_ticks"],
         )
+
+    def with_wind(self, values: Mapping[str, Any]) -> "PlantConfig":
+        """The same plant in another wind, from the node's parameters; raises PlantConfigError."""
+        return replace(self, wind=_wind_kernel(values))
 
     @cached_property
     def kernel(self) -> PlantKernel:

@@ -3,7 +3,7 @@
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ class PlantNode(TickNode):
     """Active means: time runs. Ends its process when the flight is over."""
 
     SPEC = NodeSpec("plant", "heli_dynamics_sim", TABLE, "plant.yaml")
+    config: plant.PlantConfig | None = None
 
     def setup(self) -> None:
         """Build the aircraft in its trim, its outputs and the input."""
@@ -191,6 +192,19 @@ class PlantNode(TickNode):
         for publisher in self.outputs.values():
             publisher.wait_for_all_acked(limit)
         self.finished = True
+
+    def judge_change(self, changes: Mapping[str, Any]) -> None:
+        """Build the changed wind; gusts whose numbers do not fit together raise."""
+        values = {**self.values, **changes}
+        if self.config is None:
+            plant.PlantConfig.from_parameters(values)
+        else:
+            self.config.with_wind(values)
+
+    def apply_change(self, changes: Mapping[str, Any]) -> None:
+        """Swap the gusts between two ticks; turbulence and mean wind go on."""
+        if self.config is not None:
+            self.config = self.config.with_wind(self.values)
 
     def silence(self) -> str:
         """Sentence about a missing command."""

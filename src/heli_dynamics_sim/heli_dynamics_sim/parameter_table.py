@@ -9,7 +9,9 @@ NODE_NAME = "plant"
 
 
 def _row(name: str, kind: str, description: str, unit: str = "", **rest: Any) -> Parameter:
-    return Parameter(name, kind, description, unit, read_only=True, **rest)
+    # Gusts may be added in flight; everything else is what the flight was started with.
+    fixed = not name.startswith("wind.gust.")
+    return Parameter(name, kind, description, unit, read_only=fixed, **rest)
 
 
 def _sigma(name: str, description: str, unit: str, upper: float) -> Parameter:

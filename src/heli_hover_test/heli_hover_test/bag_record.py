@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A flight's record out of its bag."""
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,13 +32,16 @@ def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: in
 
 
 def _reference(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray:
+    """Reference rows (N, 7) at the ticks: of the trajectory last begun, the first one before it."""
     rows = np.full((ticks.size, N_REFERENCE), np.nan)
     if not bag.references:
         return rows
-    way = bag.references[-1]
+    ways = sorted(bag.references, key=lambda way: way.start_ns)
+    begun = [way.start_ns for way in ways]
     for row, tick in zip(rows, ticks.tolist(), strict=True):
-        time_ns = start_ns + tick * topics.TICK_NS - way.start_ns
-        reference_at(time_ns, way.times_ns, way.points, row)
+        now_ns = start_ns + tick * topics.TICK_NS
+        way = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)]
+        reference_at(now_ns - way.start_ns, way.times_ns, way.points, row)
     return rows
 
 

@@ -253,8 +253,11 @@ def _graph(settings: Settings, folder: Path, *watching: Any) -> Iterator[Graph]:
 
 
 def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
-    """What nodes complained of at the end."""
-    return [
+    """What nodes complained of at the end, and whether somebody commanded."""
+    live = statuses.get(LIVE)
+    commands = live.facts.get("commands", "0") if live is not None else "0"
+    commanded = [f"{commands} commands were given in flight: it is not the scenario alone"]
+    return (commanded if commands != "0" else []) + [
         f"{name}: {status.message}"
         for name, status in sorted(statuses.items())
         if status.level > 0 and name != "plant"

@@ -20,10 +20,12 @@ from rclpy.serialization import deserialize_message
 from heli_msgs_bridge import locate, topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.live.access import TOKEN_VARIABLE, Access, new_token
+from heli_msgs_bridge.live.access import TOKEN_VARIABLE, VIEW_ONLY, Access, new_token
 from heli_msgs_bridge.live.history import History
 from heli_msgs_bridge.live.live_state import SHOWN, LiveState
 from heli_msgs_bridge.live.page_server import Command, PageServer
+from heli_msgs_bridge.live.plan import Limits
+from heli_msgs_bridge.live.ros_commands import Commander
 from heli_msgs_bridge.live.scene_message import TF, TF_TYPE
 from heli_msgs_bridge.live.scene_sender import SceneSender
 from heli_msgs_bridge.live_view_table import BOUNDS, NODE_NAME, TABLE
@@ -64,6 +66,9 @@ class LiveViewNode(ManagedNode):
         self.foxglove = self._open_foxglove()
         radius_m = self.values["aircraft.rotor_radius_m"]
         self.scene: SceneSender | None = SceneSender(self, self.foxglove, radius_m)
+        self.commander: Commander | None = None
+        if self._token:
+            self.commander = Commander(self, self.live, Limits.from_parameters(self.values))
         self._newest: dict[str, bytes] = {}
         self._last_reference = b""
         self._decoders = {name: Decoder(name) for name in SHOWN}
@@ -143,7 +148,11 @@ class LiveViewNode(ManagedNode):
         return f'{_text(head)[:-1]},"history":[{",".join(list(self.history.rows))}]}}'
 
     def _on_command(self, command: Command) -> None:
-        command.reply(False, f"unknown command '{command.name}'")
+        """Called by the page server's thread, for commands of the token's owner only."""
+        if self.commander is None:
+            command.reply(False, VIEW_ONLY)
+        else:
+            self.commander.put(command)
 
     # --- messages ----------------------------------------------------------------------------
 
@@ -194,7 +203,7 @@ class LiveViewNode(ManagedNode):
     def _on_reference(self, raw: bytes) -> None:
         self._last_reference = raw
         try:
-            self.live.reference = decode_reference(self._deserialize(topics.REFERENCE, raw))
+            self.live.take_reference(decode_reference(self._deserialize(topics.REFERENCE, raw)))
         except MessageError as error:
             self.live.tell(1, topics.REFERENCE, str(error))
 
@@ -218,6 +227,8 @@ class LiveViewNode(ManagedNode):
     def _show(self) -> None:
         wall_s = time.monotonic()
         self._take_newest(wall_s)
+        if self.commander is not None:
+            self.commander.poll()
         row = self.live.row(wall_s)
         self._send_events()
         time_s = row["t"]
@@ -244,6 +255,8 @@ class LiveViewNode(ManagedNode):
         nodes = self.get_node_names_and_namespaces()
         self.live.take_presence(name for name, namespace in nodes if namespace == own)
         self.tick = max(0, self.live.now_ns - self.start_ns) // topics.TICK_NS
+        if self.commander is not None:
+            self._facts["commands"] = self.commander.obeyed
         self.report(Level.OK, "showing the flight")
         if self.foxglove is not None and self._last_reference:
             # Sent once per change: a client that comes later would never see it.
@@ -261,7 +274,8 @@ class LiveViewNode(ManagedNode):
         """Send what is left (that the flight is over), then close the ports."""
         if getattr(self, "page", None) is None:
             return
-        self.scene = None  # ROS may have ended already; the browsers are still to hear the end
+        # ROS may have ended already; the browsers are still to hear the end.
+        self.scene = self.commander = None
         self._show()
         self.page.stop()
         self.page = None
@@ -276,9 +290,10 @@ class LiveViewNode(ManagedNode):
         for timer in getattr(self, "_steady_timers", []):
             self.destroy_timer(timer)
         self._raw_subscriptions, self._steady_timers = [], []
-        if getattr(self, "scene", None) is not None:
-            self.scene.close()
-            self.scene = None
+        for helper in (getattr(self, "scene", None), getattr(self, "commander", None)):
+            if helper is not None:
+                helper.close()
+        self.scene = self.commander = None
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -134,6 +134,7 @@ class LiveState:
         self.now_ns = 0
         self.over = ""
         self.reference: ReferencePoints | None = None
+        self.home_ned_m: Array | None = None
         self.nodes: dict[str, NodeNews] = {name: NodeNews() for name in GRAPH_NODES}
         self._present: set[str] = set()
         self._known: set[str] = set()
@@ -157,7 +158,8 @@ class LiveState:
         if restarted:
             reference = self.reference
             self.reset()
-            self.reference = reference
+            if reference is not None:
+                self.take_reference(reference)
         self.now_ns = max(stamp_ns, self.now_ns)
         pace = self._pace
         pace.append((wall_s, self.now_ns))
@@ -175,6 +177,17 @@ class LiveState:
         self._arrived[topic] = wall_s
         if topic == topics.GPS_FIX:
             self._fix_ns = max(self._fix_ns, stamp_ns)
+
+    def forget(self, topic: str) -> None:
+        """Its sender has been stopped: do not wait until it is stale."""
+        self._arrived.pop(topic, None)
+        self._values.pop(topic, None)
+
+    def take_reference(self, reference: ReferencePoints) -> None:
+        """Take a reference trajectory; the flight began where the first one does."""
+        self.reference = reference
+        if self.home_ned_m is None:
+            self.home_ned_m = reference.points[0, 0:3].copy()
 
     def take_status(self, name: str, level: int, message: str, facts: Mapping[str, str]) -> None:
         """Take a node's diagnostics; a change becomes an event."""
