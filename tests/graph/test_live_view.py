@@ -30,19 +30,21 @@ class Watcher:
 
     async def until(self, condition, limit_s=LIMIT_S):
         """Receive until the condition on (watcher, message) holds; returns that message."""
-        async with asyncio.timeout(limit_s):
-            while True:
-                message = await self.connection.receive()
-                assert message.type == aiohttp.WSMsgType.TEXT, f"closed; last: {self.last}"
-                content = json.loads(message.data)
-                if content["type"] == "state":
-                    self.states, self.last = self.states + 1, content
-                elif content["type"] == "event":
-                    self.events.append(content)
-                elif content["type"] == "hello":
-                    self.hello = content
-                if condition(content):
-                    return content
+        deadline = time.monotonic() + limit_s
+        while True:
+            left_s = deadline - time.monotonic()
+            assert left_s > 0.0, f"waited {limit_s} s; last: {self.last}, {self.events}"
+            message = await self.connection.receive(left_s)
+            assert message.type == aiohttp.WSMsgType.TEXT, f"closed; last: {self.last}"
+            content = json.loads(message.data)
+            if content["type"] == "state":
+                self.states, self.last = self.states + 1, content
+            elif content["type"] == "event":
+                self.events.append(content)
+            elif content["type"] == "hello":
+                self.hello = content
+            if condition(content):
+                return content
 
     async def until_state(self, condition):
         return await self.until(lambda m: m["type"] == "state" and condition(m))

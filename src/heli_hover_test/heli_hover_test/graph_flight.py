@@ -25,6 +25,7 @@ from heli_hover_test.settings import NODES, Settings
 from heli_hover_test.supervisor import BringUpError, Supervisor
 from heli_msgs_bridge.live.access import TOKEN_VARIABLE
 from heli_msgs_bridge.live_view_table import NODE_NAME as LIVE
+from heli_msgs_bridge.live_view_table import SHOWN_TO_THE_END
 from heli_msgs_bridge.locate import config_folder, executable
 from heli_msgs_bridge.parameters import dump_all
 
@@ -36,6 +37,8 @@ _DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _TICKS_PER_S = 100
 _BAG_LIMIT_S = 10.0
+# How long the end of a flight waits for the live view to have shown it.
+_END_LIMIT_S = 2.0
 
 
 def _named(name: str, process: NodeProcess) -> str:
@@ -222,6 +225,10 @@ class Graph:
 
         while not up.wait_until(over, 1.0, alive):
             continue
+        if LIVE in self.processes:
+            up.wait_until(
+                lambda: up.statuses[LIVE].message == SHOWN_TO_THE_END, _END_LIMIT_S, alive
+            )
         # Whatever has reached the recorder is in the bag once it has confirmed.
         up.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, _BAG_LIMIT_S, lambda: None)
 

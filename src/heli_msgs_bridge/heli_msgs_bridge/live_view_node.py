@@ -28,7 +28,7 @@ from heli_msgs_bridge.live.plan import Limits
 from heli_msgs_bridge.live.ros_commands import Commander
 from heli_msgs_bridge.live.scene_message import TF, TF_TYPE
 from heli_msgs_bridge.live.scene_sender import SceneSender
-from heli_msgs_bridge.live_view_table import BOUNDS, NODE_NAME, TABLE
+from heli_msgs_bridge.live_view_table import BOUNDS, NODE_NAME, SHOWN_TO_THE_END, TABLE
 from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
 from heli_msgs_bridge.messages import Decoder, MessageError
 from heli_msgs_bridge.reference_message import decode_reference
@@ -236,6 +236,8 @@ class LiveViewNode(ManagedNode):
             self.history.add(time_s, _text({**row, "nodes": {}, "alarms": []}))
         text = _text(row)
         self.page.send_state(text)
+        if self.live.over and self._message != SHOWN_TO_THE_END:
+            self._say_what_is_shown()
         if self.foxglove is not None and time_s is not None:
             self.foxglove.set_time(self.live.now_ns)
             self.foxglove.log_state(text)
@@ -253,14 +255,18 @@ class LiveViewNode(ManagedNode):
         """Once a second: who is in the graph; own health."""
         own = self.get_namespace()
         nodes = self.get_node_names_and_namespaces()
-        self.live.take_presence(name for name, namespace in nodes if namespace == own)
+        present = (name for name, namespace in nodes if namespace == own)
+        self.live.take_presence(present, time.monotonic())
         self.tick = max(0, self.live.now_ns - self.start_ns) // topics.TICK_NS
         if self.commander is not None:
             self._facts["commands"] = self.commander.obeyed
-        self.report(Level.OK, "showing the flight")
+        self._say_what_is_shown()
         if self.foxglove is not None and self._last_reference:
             # Sent once per change: a client that comes later would never see it.
             self.foxglove.log(self._full[topics.REFERENCE], self._last_reference)
+
+    def _say_what_is_shown(self) -> None:
+        self.report(Level.OK, SHOWN_TO_THE_END if self.live.over else "showing the flight")
 
     def _begin_anew(self) -> None:
         """Another flight: forget the past one, here and in the browsers."""

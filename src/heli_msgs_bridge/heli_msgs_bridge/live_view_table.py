@@ -6,6 +6,8 @@ from typing import Any
 from heli_msgs_bridge.parameters import Parameter
 
 NODE_NAME = "live_view"
+SHOWN_TO_THE_END = "the flight is over"
+"""What the node says in /diagnostics once its browsers have been told."""
 
 
 def _row(name: str, kind: str, description: str, unit: str = "", **rest: Any) -> Parameter:

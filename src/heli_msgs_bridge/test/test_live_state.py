@@ -94,7 +94,7 @@ def test_nothing_has_come(state):
 
 def test_a_whole_row(state):
     fly(state, 100.0, 4.0)
-    state.take_presence(["plant", "observer", "inner_loop", "outer_loop"])
+    state.take_presence(["plant", "observer", "inner_loop", "outer_loop"], 100.0)
     row = state.row(100.1)
     assert row["t"] == 4.0 and row["mode"] == "hover"
     assert row["truth"]["p"] == [0.0, 0.0, 10.0] and row["nav"]["p"] == [0.0, 0.0, 10.1]
@@ -107,11 +107,11 @@ def test_a_whole_row(state):
 
 def test_what_is_stale_is_blanked_and_silence_is_named(state):
     fly(state, 100.0, 4.0)
-    state.take_presence(["plant", "inner_loop", "outer_loop"])
+    state.take_presence(["plant", "inner_loop", "outer_loop"], 100.0)
     row = state.row(101.5)
     assert row["truth"] is None and row["u"] is None and row["mode"] == "idle"
     assert row["nodes"]["plant"]["state"] == "inactive"
-    state.take_presence(["plant"])
+    state.take_presence(["plant"], 101.5)
     lost = state.row(101.5)["nodes"]["inner_loop"]
     assert lost["state"] == "lost" and lost["level"] == 3
     sources = {alarm["source"] for alarm in state.row(101.5)["alarms"]}
@@ -135,6 +135,15 @@ def test_the_end_stays_on_show(state):
         "state": "ended", "level": 0, "message": "flight over after 4 s"
     }  # fmt: skip
     assert row["alarms"] == []
+
+
+def test_a_plant_that_left_without_a_word_has_ended_the_flight(state):
+    fly(state, 100.0, 4.0)
+    state.take_presence(["plant", "observer"], 100.0)
+    state.take_presence(["observer"], 100.5)
+    assert state.row(100.5)["mode"] != "over"  # it may only be late to be seen again
+    state.take_presence(["observer"], 101.5)
+    assert state.row(101.5)["mode"] == "over" and state.row(101.5)["truth"] is not None
 
 
 def test_another_flight_begins_anew(state):

@@ -199,10 +199,17 @@ class LiveState:
         if name == "plant":
             self.over = message if facts.get("over") == "true" else ""
 
-    def take_presence(self, names: Iterable[str]) -> None:
-        """Take the names of the nodes that are in the graph now."""
+    def take_presence(self, names: Iterable[str], wall_s: float) -> None:
+        """Take the names of the nodes that are in the graph now; without the plant it is over.
+
+        A plant that ends takes with it what it has sent and nobody has fetched, its last word too.
+        """
         self._present = set(names)
         self._known |= self._present
+        left = "plant" in self._known and "plant" not in self._present
+        if left and self.now_ns and not self.over and not self.is_fresh(topics.CLOCK, wall_s):
+            self.over = "the plant has left"
+            self.tell(0, "plant", self.over)
 
     def tell(self, level: int, source: str, text: str) -> None:
         """Put a line on the timeline."""
