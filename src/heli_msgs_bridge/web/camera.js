@@ -101,9 +101,10 @@ export class View {
     return distance * Math.max(1, 0.9 / aspect);
   }
 
-  update(position, heading, dt, size) {
+  // `lead`: how far the reference is above the aircraft, m; it is to be in the picture, too.
+  update(position, lead, heading, dt, size) {
     const focus = new THREE.Vector3(...position);
-    const height = Math.max(0, focus.z);
+    const height = Math.max(0, focus.z + lead);
     const ease = this.snap ? 1 : 1 - Math.exp(-2.5 * dt);
     this.snap = false;
     this.heading = this.heading === undefined ? heading : this.heading + ease * Math.atan2(Math.sin(heading - this.heading), Math.cos(heading - this.heading));
@@ -127,10 +128,11 @@ export class View {
     // ENU angle of the tail, and a little to its side: fin, disc and fuselage are all seen.
     const azimuth = chase ? Math.PI / 2 - this.heading + Math.PI + 0.62 : this.azimuth;
     const elevation = chase ? Math.atan(0.14) : this.elevation;
-    this.place(focus, azimuth, elevation, far);
-    // Half way between the aircraft and its shadow.
+    const top = new THREE.Vector3(focus.x, focus.y, this.height);
+    this.place(top, azimuth, elevation, far);
+    // Half way between the aircraft, or its reference above it, and its shadow.
     const down = (z) => Math.atan2(camera.position.z - z, Math.hypot(camera.position.x - focus.x, camera.position.y - focus.y));
-    const pitch = 0.5 * (down(focus.z) + down(0));
+    const pitch = 0.5 * (down(top.z) + down(0));
     camera.lookAt(
       camera.position.x - Math.cos(pitch) * Math.cos(azimuth),
       camera.position.y - Math.cos(pitch) * Math.sin(azimuth),

@@ -155,9 +155,10 @@ class Chart {
     this.bound = spec.limit ?? bounds[spec.bound ?? spec.around];
     this.warnings = warnings;
     this.range = span(this.data, spec.bound && this.bound ? 1.15 * this.bound : spec.least);
+    const start = Math.max(0, end - SHOWN_S);
     this.plot.batch(() => {
       this.plot.setData(this.data, false);
-      this.plot.setScale("x", { min: end - SHOWN_S, max: end });
+      this.plot.setScale("x", { min: start, max: start + SHOWN_S });
       this.plot.setScale("y", { min: this.range[0], max: this.range[1] });
     });
   }

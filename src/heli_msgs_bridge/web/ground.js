@@ -46,7 +46,8 @@ export class Ground {
       uniforms: this.uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT,
     });
     this.plane = new THREE.Mesh(new THREE.PlaneGeometry(900, 900), material);
-    this.plane.renderOrder = -1;
+    // After the aircraft, before the sky: what is hidden is not worth a pixel of software drawing.
+    this.plane.renderOrder = 5;
     scene.add(this.plane);
     this.mark = new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.75 });
     scene.add(ring(1.92, 2.02, this.mark));
@@ -64,7 +65,7 @@ export class Ground {
     geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(geometry.attributes.position.count * 3), 3));
     const material = new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.BackSide, depthWrite: false });
     const sky = new THREE.Mesh(geometry, material);
-    sky.renderOrder = -2;
+    sky.renderOrder = 10;
     return sky;
   }
 

@@ -19,7 +19,7 @@ function part(parent, geometry, material, position = [0, 0, 0], rotation = [0, 0
 function tube(parent, material, from, to, radius, radiusTo = radius) {
   const a = new THREE.Vector3(...from);
   const b = new THREE.Vector3(...to);
-  const mesh = part(parent, new THREE.CylinderGeometry(radiusTo, radius, a.distanceTo(b), 10), material);
+  const mesh = part(parent, new THREE.CylinderGeometry(radiusTo, radius, a.distanceTo(b), 8), material);
   mesh.position.copy(a).lerp(b, 0.5);
   mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), b.sub(a).normalize());
   return mesh;
@@ -34,7 +34,7 @@ function plate(parent, material, outline, thickness) {
 }
 
 function fuselage(parent, m) {
-  const ball = new THREE.SphereGeometry(1, 28, 18);
+  const ball = new THREE.SphereGeometry(1, 20, 13);
   part(parent, ball, m.body, [0.12, 0, -0.3], [0, 0, 0], [0.5, 0.185, 0.235]);
   part(parent, ball, m.body, [-0.12, 0, -0.2], [0, 0.1, 0], [0.4, 0.15, 0.17]);
   part(parent, ball, m.glass, [0.32, 0, -0.265], [0, 0.18, 0], [0.31, 0.165, 0.19]);
@@ -52,32 +52,68 @@ function fuselage(parent, m) {
   }
 }
 
-function mainRotor(parent, m) {
+// Triangles of several geometries, numbered through.
+function indexOf(pieces) {
+  let first = 0;
+  return pieces.flatMap((piece) => {
+    const { count } = piece.attributes.position;
+    const index = piece.index ? [...piece.index.array] : [...Array(count).keys()];
+    const moved = index.map((i) => i + first);
+    first += count;
+    return moved;
+  });
+}
+
+// One mesh for each material below `parent`: a dozen things to draw instead of forty.
+function merged(parent) {
+  parent.updateMatrixWorld(true);
+  const inverse = parent.matrixWorld.clone().invert();
+  const byMaterial = new Map();
+  parent.traverse((node) => {
+    if (!node.isMesh) return;
+    const geometry = node.geometry.clone();
+    geometry.applyMatrix4(inverse.clone().multiply(node.matrixWorld));
+    byMaterial.set(node.material, [...(byMaterial.get(node.material) ?? []), geometry]);
+  });
+  const group = new THREE.Group();
+  for (const [material, pieces] of byMaterial) {
+    const geometry = new THREE.BufferGeometry();
+    for (const name of ["position", "normal"]) {
+      const values = pieces.flatMap((piece) => [...piece.attributes[name].array]);
+      geometry.setAttribute(name, new THREE.Float32BufferAttribute(values, 3));
+    }
+    geometry.setIndex(indexOf(pieces));
+    group.add(new THREE.Mesh(geometry, material));
+  }
+  return group;
+}
+
+function makeDisc(m) {
   const disc = new THREE.Group();
-  parent.add(disc);
   part(disc, new THREE.CircleGeometry(1, 56), m.disc);
-  part(disc, new THREE.TorusGeometry(1, 0.009, 4, 72), m.rim);
+  part(disc, new THREE.RingGeometry(0.985, 1.005, 56), m.rim);
+  return merged(disc);
+}
+
+function makeBlades(m) {
   const blades = new THREE.Group();
-  disc.add(blades);
   for (const side of [-1, 1]) {
-    part(blades, new THREE.BoxGeometry(0.88, 0.075, 0.012), m.blade, [0.56 * side, 0, 0.005]);
+    part(blades, new THREE.BoxGeometry(0.88, 0.075, 0.012), m.dark, [0.56 * side, 0, 0.005]);
     part(blades, new THREE.BoxGeometry(0.1, 0.078, 0.013), m.tip, [0.95 * side, 0, 0.005]);
+    part(blades, new THREE.BoxGeometry(0.06, 0.13, 0.012), m.dark, [0, 0.32 * side, 0.05]);
   }
   part(blades, new THREE.CylinderGeometry(0.045, 0.045, 0.06, 12), m.dark, [0, 0, 0], [Math.PI / 2, 0, 0]);
   tube(blades, m.dark, [0, -0.3, 0.05], [0, 0.3, 0.05], 0.011);
-  for (const side of [-1, 1]) {
-    part(blades, new THREE.BoxGeometry(0.06, 0.13, 0.012), m.dark, [0, 0.32 * side, 0.05]);
-  }
-  return { disc, blades };
+  return merged(blades);
 }
 
-function tailRotor(parent, m) {
-  const hub = new THREE.Group();
-  hub.position.set(-1.22, 0.06, -0.1);
-  parent.add(hub);
-  part(hub, new THREE.CircleGeometry(0.18, 28), m.disc, [0, 0, 0], [Math.PI / 2, 0, 0]);
-  part(hub, new THREE.BoxGeometry(0.36, 0.008, 0.03), m.blade);
-  return hub;
+function makeTail(m) {
+  const tail = new THREE.Group();
+  part(tail, new THREE.CircleGeometry(0.18, 28), m.disc, [0, 0, 0], [Math.PI / 2, 0, 0]);
+  part(tail, new THREE.BoxGeometry(0.36, 0.008, 0.03), m.dark);
+  const group = merged(tail);
+  group.position.set(-1.22, 0.06, -0.1);
+  return group;
 }
 
 export class Helicopter {
@@ -86,24 +122,28 @@ export class Helicopter {
     this.group.name = "helicopter";
     const lit = (options) => new THREE.MeshPhongMaterial({ shininess: 60, specular: 0x333333, ...options });
     const m = {
-      body: lit({}), accent: lit({}), dark: lit({ color: 0x30373c }), blade: lit({ color: 0x30373c }),
+      body: lit({}), accent: lit({}), dark: lit({ color: 0x30373c }),
       tip: lit({ color: 0xe69f00 }), glass: lit({ color: 0x1d3a4d, shininess: 140, specular: 0xaaccdd }),
       disc: new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.2, side: THREE.DoubleSide, depthWrite: false }),
-      rim: new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.75 }),
+      rim: new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.75, side: THREE.DoubleSide }),
     };
     this.materials = m;
     const frame = new THREE.Group();
     frame.scale.setScalar(radius);
     this.group.add(frame);
-    fuselage(frame, m);
-    Object.assign(this, mainRotor(frame, m));
+    const hull = new THREE.Group();
+    fuselage(hull, m);
+    this.disc = makeDisc(m);
     this.disc.position.z = 0.03;
-    this.tail = tailRotor(frame, m);
+    this.blades = makeBlades(m);
+    this.disc.add(this.blades);
+    this.tail = makeTail(m);
+    frame.add(merged(hull), this.disc, this.tail);
     this.still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.shadow = this.makeShadow(shadowMaterials);
   }
 
-  // The same parts, flattened on the ground by `dropShadow`: dark, straight below.
+  // The same shapes, flattened on the ground by `dropShadow`: dark, straight below.
   makeShadow(materials) {
     const shadow = this.group.clone();
     shadow.name = "shadow";
@@ -113,7 +153,8 @@ export class Helicopter {
       node.material = isDisc ? materials.disc : materials.body;
     });
     shadow.matrixAutoUpdate = false;
-    this.shadowDisc = shadow.children[0].children.at(-2);
+    [, this.shadowDisc] = shadow.children[0].children;
+    this.shadowBlades = this.shadowDisc.children.at(-1);
     return shadow;
   }
 
@@ -144,9 +185,8 @@ export class Helicopter {
     const flatten = new THREE.Matrix4().makeScale(1, 1, 0.0004);
     flatten.setPosition(0, 0, 0.012);
     this.shadow.matrix.copy(flatten).multiply(this.group.matrix);
-    const [disc, blades] = [this.shadowDisc, this.shadowDisc.children[2]];
-    disc.rotation.copy(this.disc.rotation);
-    blades.rotation.copy(this.blades.rotation);
+    this.shadowDisc.rotation.copy(this.disc.rotation);
+    this.shadowBlades.rotation.copy(this.blades.rotation);
     this.shadow.matrixWorldNeedsUpdate = true;
   }
 }

@@ -6,7 +6,7 @@ import { fixed, signed, wrapped } from "./format.js";
 
 const PITCH_PX_PER_DEG = 7;
 const RAD = Math.PI / 180;
-const TAPE = 46;
+const TAPE = 50;
 const RISE = 36;
 const POINTS = { 0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW" };
 
@@ -22,7 +22,7 @@ export class Horizon {
   draw(body, ref, setpoint) {
     const g = this.surface.begin();
     const { width, height } = this.surface;
-    const attitude = { x: TAPE + 6, y: 0, w: width - 2 * TAPE - RISE - 14, h: height - 40 };
+    const attitude = { x: TAPE + 6, y: 0, w: width - 2 * TAPE - RISE - 16, h: height - 40 };
     if (!body || attitude.w < 60) {
       g.fillStyle = this.colours.soft;
       g.font = FONT(12);
@@ -201,7 +201,7 @@ export class Horizon {
     g.fillStyle = this.colours.wash;
     g.fillRect(box.x, box.y, box.w, 16);
     g.fillStyle = this.colours.soft;
-    g.font = FONT(9.5);
+    g.font = FONT(9);
     g.textAlign = "center";
     g.fillText(label ? `${label} ${unit}` : unit, box.x + box.w / 2, box.y + 8);
     g.restore();
@@ -234,7 +234,7 @@ export class Horizon {
     g.textAlign = "center";
     g.fillText("↑ m/s", box.x + box.w / 2, box.y + 8);
     g.fillStyle = this.colours.ink;
-    g.font = FONT(11, 600);
+    g.font = FONT(10.5, 600);
     g.fillText(signed(value, 2), box.x + box.w / 2, box.y + box.h - 8);
     g.lineWidth = 1;
   }

@@ -21,7 +21,7 @@ const theme = new Theme(byId("theme"));
 const flight = new Flight();
 const wish = new URLSearchParams(location.search).get("quality") ?? "auto";
 const scene = new Scene3d(byId("scene"), {
-  buttons: [...document.querySelectorAll("[data-camera]")], fallback: byId("scene-fallback"),
+  buttons: [...document.querySelectorAll("[data-camera]")], fallback: byId("scene-fallback"), labels: byId("labels"),
   altitude: byId("s-altitude"), distance: byId("s-distance"), rotor: byId("s-rotor"), note: byId("scene-note"),
 }, theme, wish);
 const horizon = new Horizon(byId("horizon"), theme);
@@ -100,6 +100,7 @@ function tellSource(state, shown) {
     input.disabled = Boolean(state) && !state[input.value];
     input.checked = input.value === shown;
   }
+  put(byId("bounds-of"), shown === "nav" ? "navigation, as measured in the paper" : "ground truth");
 }
 
 let [lastFrame, lastWords, frames, fps, counted] = [performance.now(), 0, 0, 0, performance.now()];
@@ -146,7 +147,7 @@ requestAnimationFrame(frame);
 
 // For tests, and for whoever wants to know: what is drawn, where, how fast.
 window.heliView = {
-  flight, connection, scene,
+  flight, connection, scene, parts: { horizon, charts, track },
   get fps() { return fps; },
   get workMs() { return work; },
   projected: () => scene.projected(),

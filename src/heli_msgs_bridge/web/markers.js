@@ -3,50 +3,39 @@
 
 import * as THREE from "./vendor/three.module.min.js";
 import { referenceHeading } from "./flight.js";
+import { put } from "./format.js";
 
 const TRAIL_POINTS = 480;
 const TRAIL_S = 30;
-const WIDE = 384;
 
-// Text that keeps its size on the screen; `draw` again when text or colour change.
+// Words at a point in space, as an element over the canvas: sharp at any resolution of the picture.
 export class Label {
-  constructor(scene, height = 0.036, align = "left") {
-    this.align = align;
-    this.canvas = document.createElement("canvas");
-    this.canvas.width = WIDE;
-    this.canvas.height = 64;
-    this.texture = new THREE.CanvasTexture(this.canvas);
-    this.texture.colorSpace = THREE.SRGBColorSpace;
-    this.texture.generateMipmaps = false;
-    this.texture.minFilter = THREE.LinearFilter;
-    const material = new THREE.SpriteMaterial({
-      map: this.texture, sizeAttenuation: false, depthTest: false, transparent: true,
-    });
-    this.sprite = new THREE.Sprite(material);
-    this.sprite.center.set(align === "left" ? 0 : 1, 0.5);
-    this.sprite.scale.set((WIDE / 64) * height, height, 1);
-    this.sprite.renderOrder = 5;
-    scene.add(this.sprite);
+  constructor(layer, className = "") {
+    this.element = document.createElement("span");
+    this.element.className = `label ${className}`;
+    layer.append(this.element);
+    this.point = new THREE.Vector3();
+    this.visible = false;
+    layer.labels = [...(layer.labels ?? []), this];
   }
 
-  draw(text, colour, halo) {
-    const key = `${text}|${colour}|${halo}`;
-    if (key === this.key) return;
-    this.key = key;
-    const g = this.canvas.getContext("2d");
-    g.clearRect(0, 0, WIDE, 64);
-    g.textAlign = this.align;
-    const x = this.align === "left" ? 14 : WIDE - 14;
-    g.font = "600 40px system-ui, sans-serif";
-    g.textBaseline = "middle";
-    g.lineWidth = 9;
-    g.lineJoin = "round";
-    g.strokeStyle = halo;
-    g.fillStyle = colour;
-    g.strokeText(text, x, 33);
-    g.fillText(text, x, 33);
-    this.texture.needsUpdate = true;
+  set(text, x, y, z, left = false) {
+    put(this.element, text);
+    this.point.set(x, y, z);
+    this.left = left;
+    this.visible = true;
   }
+
+  project(camera, width, height) {
+    const p = this.projected.copy(this.point).project(camera);
+    const shown = this.visible && p.z < 1 && Math.abs(p.x) < 1.02 && Math.abs(p.y) < 1.02;
+    this.element.hidden = !shown;
+    if (!shown) return;
+    const [x, y] = [(0.5 + 0.5 * p.x) * width, (0.5 - 0.5 * p.y) * height];
+    this.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(${this.left ? "calc(-100% - 9px)" : "9px"}, -50%)`;
+  }
+
+  projected = new THREE.Vector3();
 }
 
 // A ribbon of constant height along the last 30 s, fading towards the past, and its line on the ground.
@@ -127,7 +116,7 @@ export class Stroke {
 
 // Reference: a pole with a tick each metre, a number each five, and the paper's bounds as a box of edges.
 export class Reference {
-  constructor(scene) {
+  constructor(scene, layer) {
     this.group = new THREE.Group();
     scene.add(this.group);
     this.poleMaterial = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.85 });
@@ -138,14 +127,15 @@ export class Reference {
     this.cross = new THREE.Mesh(new THREE.OctahedronGeometry(0.11), new THREE.MeshBasicMaterial());
     this.group.add(this.pole, this.box, this.cross);
     this.labels = [5, 10, 15, 20, 25, 30].map((metres) => {
-      const label = new Label(this.group, 0.03);
+      const label = new Label(layer);
       label.metres = metres;
       return label;
     });
   }
 
-  update(ref, bounds, colours) {
+  update(ref, bounds, colours, numbersLeft) {
     this.group.visible = Boolean(ref);
+    for (const label of this.labels) label.visible = false;
     if (!ref) return;
     const [e, n, u] = ref.p;
     const top = Math.max(1, Math.round(u));
@@ -160,9 +150,7 @@ export class Reference {
     this.boxMaterial.color.set(colours.bound);
     this.cross.material.color.set(colours.reference);
     for (const label of this.labels) {
-      label.sprite.visible = label.metres < u - 1.5;
-      label.sprite.position.set(e, n, label.metres);
-      label.draw(`${label.metres} m`, colours.soft, colours.paper);
+      if (label.metres < u - 1.5) label.set(`${label.metres} m`, e, n, label.metres, numbersLeft);
     }
   }
 
@@ -179,19 +167,19 @@ export class Reference {
 
 // The wind blows along the arrow, towards the aircraft; half a metre of arrow per m/s.
 export class WindArrow {
-  constructor(scene) {
+  constructor(scene, layer) {
     this.group = new THREE.Group();
     this.material = new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.9 });
     this.shaft = new THREE.Mesh(new THREE.CylinderGeometry(0.05, 0.05, 1, 10), this.material);
     this.head = new THREE.Mesh(new THREE.ConeGeometry(0.17, 0.45, 14), this.material);
     this.group.add(this.shaft, this.head);
     scene.add(this.group);
-    this.label = new Label(scene, 0.034);
+    this.label = new Label(layer, "wind-label");
   }
 
   update(position, wind, colours, size) {
     const speed = wind ? Math.hypot(...wind) : 0;
-    this.group.visible = this.label.sprite.visible = speed > 0.05;
+    this.group.visible = this.label.visible = speed > 0.05;
     if (!this.group.visible) return;
     const along = new THREE.Vector3(...wind).normalize();
     const length = 0.5 * speed;
@@ -201,8 +189,8 @@ export class WindArrow {
     this.head.position.y = -0.225;
     this.shaft.scale.y = Math.max(0.05, length - 0.4);
     this.shaft.position.y = -0.4 - 0.5 * this.shaft.scale.y;
-    this.label.sprite.position.copy(tip).addScaledVector(along, -length);
     this.material.color.set(colours.green);
-    this.label.draw(`wind ${speed.toFixed(1)} m/s`, colours.green, colours.paper);
+    const tail = tip.clone().addScaledVector(along, -length);
+    this.label.set(`wind ${speed.toFixed(1)} m/s`, tail.x, tail.y, tail.z);
   }
 }

@@ -10,8 +10,9 @@ import { Label, Reference, Stroke, Trail, WindArrow } from "./markers.js";
 
 // The aircraft is drawn larger than it is, so that it can be seen from where its shadow is also seen.
 const DRAWN_SIZE = 2.5;
-const SLOW_MS = 42;
-const PIXEL_RATIOS = [1, 0.8, 0.6, 0.45];
+const [SLOW_MS, EASY_MS] = [42, 36];
+const PIXEL_RATIOS = [1, 0.8, 0.6];
+const [PATIENCE_FRAMES, LONGEST_PATIENCE] = [240, 7200];
 
 // Software drawing: start modestly, nobody notices; a fan that howls, everybody does.
 function isSoftware(renderer) {
@@ -35,18 +36,18 @@ export class Scene3d {
     this.sky.position.set(0, 0, 1);
     this.scene.add(this.sun, this.sky);
     this.ground = new Ground(this.scene);
-    // The disc lets light through; the fuselage does not, and is drawn after it.
+    // The disc lets light through, the fuselage does not.
     const halfLight = { transparent: true, opacity: 0.4, depthWrite: false };
     this.shadowMaterials = {
-      body: new THREE.MeshBasicMaterial({ transparent: true, depthTest: false }),
+      body: new THREE.MeshBasicMaterial(),
       disc: new THREE.MeshBasicMaterial(halfLight),
     };
-    this.reference = new Reference(this.scene);
+    this.reference = new Reference(this.scene, parts.labels);
     this.trail = new Trail(this.scene);
     this.drop = new Stroke(this.scene, true);
-    this.wind = new WindArrow(this.scene);
+    this.wind = new WindArrow(this.scene, parts.labels);
     this.streaks = new Streaks(this.scene);
-    this.altitude = new Label(this.scene, 0.036, "right");
+    this.altitude = new Label(parts.labels, "altitude-label");
     this.other = new THREE.Mesh(new THREE.SphereGeometry(0.1, 14, 10), new THREE.MeshBasicMaterial());
     this.scene.add(this.other);
     this.setRadius(0.7);
@@ -61,7 +62,7 @@ export class Scene3d {
       let renderer = new THREE.WebGLRenderer(gentle);
       this.software = isSoftware(renderer);
       this.best = wish === "high" ? Math.min(devicePixelRatio, 2) : Math.min(devicePixelRatio, this.software ? 1 : 2);
-      this.level = wish === "low" ? 2 : 0;
+      this.level = this.lowest = wish === "low" ? PIXEL_RATIOS.length - 1 : 0;
       this.adapts = wish !== "high";
       return renderer;
     } catch {
@@ -99,17 +100,21 @@ export class Scene3d {
     this.view.camera.updateProjectionMatrix();
   }
 
-  // Fewer pixels when frames come late for a while; never back up, so that it does not swing.
+  // Fewer pixels when frames come late for a while, more after a long good while; who had to turn
+  // back waits longer before the next attempt.
   adapt(frameMs) {
-    if (!this.renderer) return;
-    this.lateness = 0.95 * (this.lateness ?? frameMs) + 0.05 * frameMs;
+    if (!this.renderer || !this.adapts) return;
+    this.lateness = 0.96 * (this.lateness ?? frameMs) + 0.04 * Math.min(frameMs, 150);
     this.since = (this.since ?? 0) + 1;
-    if (!this.adapts || this.since < 60 || this.lateness < SLOW_MS) return;
-    if (this.level < PIXEL_RATIOS.length - 1) {
-      this.level += 1;
-      this.since = 0;
-      this.fit();
-    }
+    this.patience ??= PATIENCE_FRAMES;
+    const late = this.lateness > SLOW_MS && this.since > 60 && this.level < PIXEL_RATIOS.length - 1;
+    const easy = this.lateness < EASY_MS && this.since > this.patience && this.level > this.lowest;
+    if (!late && !easy) return;
+    if (late && this.rose) this.patience = Math.min(LONGEST_PATIENCE, 3 * this.patience);
+    this.rose = easy;
+    this.level += late ? 1 : -1;
+    this.since = 0;
+    this.fit();
   }
 
   get size() {
@@ -121,6 +126,8 @@ export class Scene3d {
     const body = state[source];
     if (body) this.pose(state, body, flight, source, dt);
     this.renderer.render(this.scene, this.view.camera);
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    for (const label of this.parts.labels.labels) label.project(this.view.camera, width, height);
     this.drawn = Boolean(body);
   }
 
@@ -129,10 +136,10 @@ export class Scene3d {
     const rotor = source === "truth" ? (state.rotor_truth ?? state.rotor) : (state.rotor ?? state.rotor_truth);
     this.helicopter.update(body, rotor, dt, size);
     const [e, n, u] = body.p;
+    const poleRight = this.poleOnTheRight(state, body);
     this.drop.set([e, n, u - 0.6 * size * this.radius], [e, n, 0.02]);
-    this.altitude.sprite.position.set(e, n, 0.5 * u);
-    this.altitude.draw(`${u.toFixed(1)} m`, colours.ink, colours.paper);
-    this.reference.update(state.ref, flight.info?.bounds, colours);
+    this.altitude.set(`${u.toFixed(1)} m`, e, n, 0.44 * u, poleRight);
+    this.reference.update(state.ref, flight.info?.bounds, colours, !poleRight);
     this.trail.update(flight.rows, source, state.t, body.p, colours[source], size);
     this.wind.update(body.p, state.wind_enu, colours, size * this.radius);
     this.streaks.update(this.helicopter.group.position, state.wind_enu, dt);
@@ -142,8 +149,16 @@ export class Scene3d {
       this.other.position.set(...state[other].p);
       this.other.material.color.set(colours[other]);
     }
-    this.view.update(body.p, (body.euler_deg[2] * Math.PI) / 180, dt, size * this.radius * 1.4);
+    const lead = state.ref ? Math.min(8, Math.max(0, state.ref.p[2] - u)) : 0;
+    this.view.update(body.p, lead, (body.euler_deg[2] * Math.PI) / 180, dt, size * this.radius * 1.4);
     this.ground.follow(this.helicopter.group.position, this.view.camera.position);
+  }
+
+  // The altitude stands on the side of its line where the pole's numbers are not.
+  poleOnTheRight(state, body) {
+    if (!state.ref) return true;
+    const x = (p) => new THREE.Vector3(p[0], p[1], 0).project(this.view.camera).x;
+    return x(state.ref.p) > x(body.p) - 0.02;
   }
 
   // Words beside the picture, a few times a second.
