@@ -4,19 +4,30 @@
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
 
-import json
 import os
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
 
 from heli_hover_test import completion
 from heli_hover_test.cli_bag import bag
+from heli_hover_test.cli_compare import compare
+from heli_hover_test.cli_options import (
+    Aircraft,
+    AnyGps,
+    Duration,
+    Json,
+    Params,
+    RecordedGps,
+    RecordedScenario,
+    ScenarioName,
+    Seeds,
+)
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -31,42 +42,8 @@ app = typer.Typer(
     "exit code: 0 done, 1 a flight outside the paper's figures or lost, 2 bad input (one line), "
     "130 interrupted",
 )
-compare = typer.Typer(
-    help="Fly H-infinity, LQR and PID against each other.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    epilog="\b\nexample:\n  heli compare attitude --seeds 1..20",
-)
 app.add_typer(compare, name="compare")
 app.add_typer(bag, name="bag")
-
-Params = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--params", metavar="FILE", help="parameter file over any node's YAML; repeatable"
-    ),
-]
-Json = Annotated[bool, typer.Option("--json", help="print JSON instead of tables")]
-Gps = Annotated[
-    str,
-    typer.Option(
-        "--gps",
-        metavar="PRESET",
-        help="receiver: standalone or rtk",
-        autocompletion=completion.gps_presets,
-    ),
-]
-Laws = Annotated[
-    str,
-    typer.Option(
-        "--controllers",
-        metavar="LAWS",
-        help="hinf, hinf_offset_free, lqr, pid: any of them",
-        autocompletion=completion.compared_laws,
-    ),
-]
-Seeds = Annotated[str, typer.Option("--seeds", metavar="SEEDS", help="1..20, 7 or 1,5,9")]
-ALL_LAWS = "hinf,hinf_offset_free,lqr,pid"
 
 
 @app.command(
@@ -88,28 +65,16 @@ def hover(context: typer.Context) -> int:
 )
 def campaign(
     seeds: Seeds = "1..20",
-    scenario: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="what to fly", autocompletion=completion.scenarios),
-    ] = "hover",
-    gps: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PRESET",
-            help="receiver: standalone or rtk (default: both)",
-            autocompletion=completion.gps_presets,
-        ),
-    ] = None,
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="length of a flight (default: scenario's)")
-    ] = None,
+    scenario: ScenarioName = "hover",
+    gps: AnyGps = None,
+    duration: Duration = None,
     params: Params = None,
     as_json: Json = False,
 ) -> int:
     """Fly a scenario on many seeds in this process: largest value of each metric."""
     from heli_hover_test import campaign as many
     from heli_hover_test.settings import GPS_PRESETS, resolve
-    from heli_hover_test.terminal import console, steps
+    from heli_hover_test.terminal import console, json_text, steps
 
     numbers, presets = many.parse_seeds(seeds), [gps] if gps else list(GPS_PRESETS)
     settings = {
@@ -125,7 +90,7 @@ def campaign(
     code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
     if as_json:
         content = {"scenario": scenario, "seeds": numbers, "exit_code": code}
-        print(_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
+        print(json_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
         return code
     out = console()
     out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
@@ -142,14 +107,7 @@ def campaign(
 )
 def design(
     params: Params = None,
-    aircraft: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="aircraft file (default: the plant's)",
-            autocompletion=completion.aircraft,
-        ),
-    ] = None,
+    aircraft: Aircraft = None,
     gamma: Annotated[
         float | None, typer.Option(metavar="G", help="bound on the norm (default: the parameter)")
     ] = None,
@@ -167,7 +125,7 @@ def design(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_hover_test.design import make_design, write_yaml
     from heli_hover_test.design_report import as_dict, print_design
-    from heli_hover_test.terminal import console, new_folder, refuse_existing, steps
+    from heli_hover_test.terminal import console, json_text, new_folder, refuse_existing, steps
 
     refuse_existing(out)
     with steps("design", 2 if out else 1) as progress:
@@ -179,10 +137,10 @@ def design(
             new_folder(out)
             write_yaml(made, out / "design.yaml")
             draw_all(made, out)
-            (out / "design.json").write_text(_text(as_dict(made)), encoding="utf-8")
+            (out / "design.json").write_text(json_text(as_dict(made)), encoding="utf-8")
             progress(2)
     if as_json:
-        print(_text(as_dict(made)), end="")
+        print(json_text(as_dict(made)), end="")
         return 0
     print_design(made, console())
     if out is not None:
@@ -199,22 +157,8 @@ def report(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="folder to write (default: beside the bag)")
     ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="what was flown (default: as recorded)",
-            autocompletion=completion.scenarios,
-        ),
-    ] = None,
-    gps: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PRESET",
-            help="receiver (default: as recorded)",
-            autocompletion=completion.gps_presets,
-        ),
-    ] = None,
+    scenario: RecordedScenario = None,
+    gps: RecordedGps = None,
     seed: Annotated[
         int | None, typer.Option(metavar="N", help="seed of the flight, for its conditions")
     ] = None,
@@ -223,131 +167,17 @@ def report(
 ) -> int:
     """Write report.html and the paper's figures of a recorded flight."""
     from heli_hover_test.report import STEPS, Choice, report_of_bag
-    from heli_hover_test.terminal import steps
+    from heli_hover_test.terminal import json_text, steps
 
     choice = Choice(scenario, gps, seed, params or [])
     with steps("report", STEPS) as progress:
         page = report_of_bag(bag, choice, out, progress)
     if as_json:
         figures = sorted(str(path) for path in (page.parent / "figures").iterdir())
-        print(_text({"report": str(page), "figures": figures}), end="")
+        print(json_text({"report": str(page), "figures": figures}), end="")
         return 0
     print(f"written: {page}")
     return 0
-
-
-@compare.command(
-    "attitude",
-    epilog="\b\nexample:\n  heli compare attitude --seeds 1..20 --gusts --out attitude_gusts",
-)
-def compare_attitude(
-    seeds: Seeds = "1..20",
-    gusts: Annotated[bool, typer.Option("--gusts", help="with discrete gusts up to 8 m/s")] = False,
-    ideal: Annotated[
-        bool,
-        typer.Option(
-            "--ideal-navigation", help="also without the estimator's errors: the law alone"
-        ),
-    ] = False,
-    controllers: Laws = ALL_LAWS,
-    gps: Gps = "standalone",
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="length of a flight (default 60)")
-    ] = None,
-    params: Params = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="folder for attitude.png and .json; must not exist"),
-    ] = None,
-    as_json: Json = False,
-) -> int:
-    """Fly every law on the same seeds in the paper's attitude test (Fig. 3, 4)."""
-    from heli_hover_test import compare_attitude as attitude
-    from heli_hover_test.campaign import parse_seeds
-    from heli_hover_test.laws import parse_laws
-    from heli_hover_test.settings import resolve
-    from heli_hover_test.terminal import console, new_folder, steps
-
-    laws, numbers = parse_laws(controllers), parse_seeds(seeds)
-    scenario = "attitude_gusts" if gusts else "attitude"
-    settings = resolve(scenario, gps, duration_s=duration, params=params or [])
-    if out is not None:
-        new_folder(out)
-    start = time.monotonic()
-    with steps("flights", len(numbers) * len(laws)) as progress:
-        result = attitude.compare(settings, laws, numbers, ideal, progress)
-    if out is not None:
-        from heli_hover_test.attitude_picture import draw
-
-        draw(result, out / "attitude.png")
-        (out / "attitude.json").write_text(_text(result.as_dict()), encoding="utf-8")
-    if as_json:
-        print(_text(result.as_dict()), end="")
-        return 0
-    attitude.print_comparison(result, console())
-    console().print(f"{len(numbers) * len(laws)} flights in {time.monotonic() - start:.1f} s")
-    if out is not None:
-        console().print(f"written: {out}")
-    return 0
-
-
-@compare.command(
-    "robustness", epilog="\b\nexample:\n  heli compare robustness --n 200 --json > robustness.json"
-)
-def compare_robustness(
-    n: Annotated[
-        int, typer.Option("--n", min=1, max=100000, metavar="N", help="perturbed aircraft")
-    ] = 200,
-    first_seed: Annotated[
-        int, typer.Option("--seed", min=0, metavar="N", help="seed of the first aircraft")
-    ] = 1,
-    calm: Annotated[bool, typer.Option("--no-gusts", help="without the discrete gusts")] = False,
-    controllers: Laws = ALL_LAWS,
-    gps: Gps = "standalone",
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="length of a flight (default 60)")
-    ] = None,
-    params: Params = None,
-    as_json: Json = False,
-) -> int:
-    """Fly the nominal aircraft's laws on N perturbed aircraft."""
-    from heli_hover_test import compare_robustness as robustness
-    from heli_hover_test.laws import parse_laws
-    from heli_hover_test.settings import resolve
-    from heli_hover_test.terminal import console, steps
-
-    laws = parse_laws(controllers)
-    scenario = "attitude" if calm else "attitude_gusts"
-    settings = resolve(scenario, gps, duration_s=duration, params=params or [])
-    total = sum(robustness.aircraft_of(p, n) for p in robustness.PERTURBATIONS)
-    start = time.monotonic()
-    with steps("aircraft", total) as progress:
-        outcomes = robustness.compare(settings, laws, n, first_seed, progress=progress)
-    if as_json:
-        print(_text(robustness.as_dict(outcomes, settings, n)), end="")
-        return 0
-    robustness.print_outcomes(outcomes, laws, settings, console())
-    console().print(f"{total * len(laws)} flights in {time.monotonic() - start:.1f} s")
-    return 0
-
-
-def _text(content: Any) -> str:
-    return json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
-
-
-def _plain(content: Any) -> Any:
-    """The content with None for what is not finite: JSON has no such numbers."""
-    if isinstance(content, dict):
-        return {key: _plain(value) for key, value in content.items()}
-    if isinstance(content, (list, tuple)):
-        return [_plain(value) for value in content]
-    if (
-        isinstance(content, float)
-        and content != content
-        or content in (float("inf"), -float("inf"))
-    ):
-        return None
-    return content
 
 
 def _refusals() -> tuple[type[Exception], ...]:

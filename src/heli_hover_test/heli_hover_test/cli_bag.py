@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from heli_hover_test.cli_options import Json
+
 bag = typer.Typer(
     help="Look into a recorded bag, play it, repair it.",
     no_args_is_help=True,
@@ -18,7 +20,6 @@ bag = typer.Typer(
 Bag = Annotated[
     Path, typer.Argument(metavar="BAG", help="rosbag2 folder, its file, or a flight's folder")
 ]
-Json = Annotated[bool, typer.Option("--json", help="print JSON instead of tables")]
 Topics = Annotated[
     list[str] | None,
     typer.Option("--topic", metavar="TOPIC", help="only this topic; repeatable (default: all)"),

@@ -2,10 +2,12 @@
 """Tables, progress and output folders of the commands: for people at a terminal and for pipes."""
 
 import contextlib
+import json
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from rich import box
 from rich.console import Console
@@ -105,3 +107,23 @@ def new_folder(path: Path) -> Path:
     except OSError as error:
         raise ParameterError(f"--out {path}: cannot be written: {error.strerror}") from None
     return path
+
+
+def json_text(content: Any) -> str:
+    """Content as JSON: indented, None for what is not finite."""
+    return json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
+
+
+def _plain(content: Any) -> Any:
+    """The content with None for what is not finite: JSON has no such numbers."""
+    if isinstance(content, dict):
+        return {key: _plain(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_plain(value) for value in content]
+    if (
+        isinstance(content, float)
+        and content != content
+        or content in (float("inf"), -float("inf"))
+    ):
+        return None
+    return content
