@@ -35,6 +35,11 @@ SHORT = {
 }
 # Commands that take long or need ROS: begin of the command -> the test that runs them.
 COVERED = {
+    "./heli bag play": "tests/graph/test_bag_tools.py::test_play_and_listen",
+    "./heli bag": "tests/commands/test_bag_command.py::"
+    "test_repair_says_what_was_restored_and_what_was_lost",
+    "./heli echo": "tests/graph/test_bag_tools.py::test_recorder_killed_in_flight",
+    "./heli topics": "tests/graph/test_bag_tools.py::test_recorder_killed_in_flight",
     "./run_tests.sh": "tests/packaging/test_packaging_setup.py::test_tests_add_their_tools_once",
     "ros2 run": "tests/graph/test_single_nodes.py::"
     "test_nodes_started_alone_find_each_other_and_fly",

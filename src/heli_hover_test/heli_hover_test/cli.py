@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, campaign, design, compare, report, bag.
+"""The command `heli`: hover, campaign, design, compare, report, bag, echo, topics.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -17,6 +17,7 @@ from typer.exceptions import TyperException
 from heli_hover_test import completion
 from heli_hover_test.cli_bag import bag
 from heli_hover_test.cli_compare import compare
+from heli_hover_test.cli_graph import graph
 from heli_hover_test.cli_options import (
     Aircraft,
     AnyGps,
@@ -44,6 +45,7 @@ app = typer.Typer(
 )
 app.add_typer(compare, name="compare")
 app.add_typer(bag, name="bag")
+app.add_typer(graph)
 
 
 @app.command(

@@ -77,6 +77,57 @@ def echo(
     return 0
 
 
+@bag.command(
+    epilog="\b\nexample:\n  heli bag play flights/my_flight --rate 2 --topic imu/data_raw\n"
+    "  heli bag play flights/my_flight --exclude odom --start 5 --loop"
+)
+def play(
+    path: Bag,
+    rate: Annotated[
+        float, typer.Option(min=0.001, max=1000.0, metavar="R", help="times as fast as recorded")
+    ] = 1.0,
+    start: Annotated[
+        float, typer.Option(min=0.0, metavar="S", help="begin so long after the first message")
+    ] = 0.0,
+    duration: Annotated[
+        float | None, typer.Option(min=0.001, metavar="S", help="stop after so much bag time")
+    ] = None,
+    topic: Topics = None,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option("--exclude", metavar="TOPIC", help="leave this topic out; repeatable"),
+    ] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="begin again until Ctrl-C")] = False,
+    clock: Annotated[
+        float,
+        typer.Option(
+            "--clock",
+            min=0.0,
+            max=10000.0,
+            metavar="HZ",
+            help="rate of /clock if the bag holds none; 0: no clock",
+        ),
+    ] = 100.0,
+    as_json: Json = False,
+) -> int:
+    """Publish a bag's messages as they were recorded, with /clock."""
+    from heli_hover_test.ros_session import ros_node
+    from heli_hover_test.terminal import amount
+    from heli_msgs_bridge.bag_player import Choice, Player
+    from heli_msgs_bridge.bag_tools import bag_of, require_whole
+
+    require_whole(bag_of(path))
+    choice = Choice(rate, start, duration, topic or [], exclude or [], loop, clock)
+    with ros_node("heli_bag_play") as node, amount("seconds") as progress:
+        player = Player(node, path, choice, lambda done, total: progress(int(done), int(total)))
+        played = player.run()
+    if as_json:
+        print(json.dumps(played, indent=2))
+        return 0
+    print(f"played: {sum(played.values())} messages of {len(played)} topics")
+    return 0
+
+
 @bag.command(epilog="\b\nexample:\n  heli bag csv flights/my_flight --topic odom --out tables")
 def csv(
     path: Bag,

@@ -19,6 +19,7 @@ from heli_hover_test.live import MODULE as LIVE_MODULE
 from heli_hover_test.live import LiveView, addresses
 from heli_hover_test.processes import NodeProcess, domain_reserved, stop
 from heli_hover_test.result import Result
+from heli_hover_test.ros_session import prepare_environment
 from heli_hover_test.scenario import NODE_NAME as SCENARIO
 from heli_hover_test.scoring import score
 from heli_hover_test.settings import NODES, Settings
@@ -26,15 +27,13 @@ from heli_hover_test.supervisor import BringUpError, Supervisor
 from heli_msgs_bridge.live.access import TOKEN_VARIABLE
 from heli_msgs_bridge.live_view_table import NODE_NAME as LIVE
 from heli_msgs_bridge.live_view_table import SHOWN_TO_THE_END
-from heli_msgs_bridge.locate import config_folder, executable
+from heli_msgs_bridge.locate import executable
 from heli_msgs_bridge.parameters import dump_all
 
 _APPEAR_LIMIT_S = 30.0
 _TRANSITION_LIMIT_S = 60.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
-_DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _TICKS_PER_S = 100
 _BAG_LIMIT_S = 10.0
 # How long the end of a flight waits for the live view to have shown it.
@@ -43,7 +42,10 @@ _END_LIMIT_S = 2.0
 
 def _named(name: str, process: NodeProcess) -> str:
     """Why a process ended, in its own last words, with its name in front."""
-    reason = process.last_line() or f"exit code {process.exit_code()}"
+    code = process.exit_code() or 0
+    if code < 0:
+        return f"{name}: killed by {signal.Signals(-code).name}"
+    reason = process.last_line() or f"exit code {code}"
     return reason if reason.startswith(f"{name}: ") else f"{name}: {reason}"
 
 
@@ -93,10 +95,7 @@ class Graph:
             executable(package, program)
         logs = self.folder / "logs"
         logs.mkdir()
-        os.environ.setdefault(_DISCOVERY, "LOCALHOST")
-        if not any(name in os.environ for name in _PROFILES):
-            profiles = str(config_folder("heli_hover_test") / "fastdds.xml")
-            os.environ.update(dict.fromkeys(_PROFILES, profiles))
+        prepare_environment()
         env = dict(os.environ)
         parameters = logs.parent / "graph.yaml"
         dump_all(self._graph_parameters(), parameters)

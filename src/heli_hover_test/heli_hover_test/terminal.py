@@ -16,8 +16,8 @@ from rich.table import Table
 from heli_msgs_bridge.parameters import ParameterError
 
 _WIDTH_OF_PIPE = 250
-# Of so many messages one is looked at for the progress.
-_EVERY = 100
+# Of more than so many steps only some move the bar: moving it costs more than many of them.
+_MANY, _EVERY = 1000, 100
 
 
 def console(stderr: bool = False) -> Console:
@@ -70,10 +70,14 @@ def amount(what: str) -> Iterator[Callable[[int, int], None]]:
     """
     begun, shown = time.monotonic(), contextlib.ExitStack()
     now: dict[int, Callable[[int], None]] = {}
+    told = [0]
 
     def update(done: int, total: int) -> None:
-        if done % _EVERY or not total or time.monotonic() - begun < 1.0:
+        if total > _MANY and done % _EVERY:
             return
+        if done == told[0] or not total or time.monotonic() - begun < 1.0:
+            return
+        told[0] = done
         if total not in now:
             now[total] = shown.enter_context(steps(what, total))
         now[total](done)

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Looks at a running graph: its topics, how often they come, what they say."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from heli_msgs_bridge import topics
+
+# Wall time in which a graph shows itself, and how long nothing new may have come for all of it.
+_DISCOVERY_S, _SETTLED_S, _POLL_S = 2.0, 0.5, 0.05
+_DEPTH = 1000
+# What came while the listeners were made arrives at once; it does not count.
+_BACKLOG_S = 0.3
+
+
+class TopicError(Exception):
+    """A topic cannot be listened to; the message is one line that names it."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One topic of the graph; rate_hz is None where it was not measured."""
+
+    topic: str
+    type: str
+    publishers: int
+    subscribers: int
+    rate_hz: float | None = None
+
+
+def _infos(node: Node, name: str) -> tuple[list[Any], list[Any]]:
+    """Publishers and subscriptions of a topic, without this node's own."""
+    own = node.get_name()
+    return (
+        [i for i in node.get_publishers_info_by_topic(name) if i.node_name != own],
+        [i for i in node.get_subscriptions_info_by_topic(name) if i.node_name != own],
+    )
+
+
+def _listed(node: Node, hidden: bool) -> list[Seen]:
+    found = []
+    for name, types in sorted(node.get_topic_names_and_types()):
+        if not hidden and any(part.startswith("_") for part in name.split("/")):
+            continue
+        publishers, subscribers = _infos(node, name)
+        if publishers or subscribers:
+            found.append(Seen(name, ", ".join(types), len(publishers), len(subscribers)))
+    return found
+
+
+def list_topics(node: Node, hidden: bool = False) -> list[Seen]:
+    """Topics of the graph, as soon as discovery brings nothing new.
+
+    Parameters
+    ----------
+    node : Node
+    hidden : bool
+        Also names with a part that begins with an underscore.
+    """
+    begun = settled = time.monotonic()
+    seen: list[Seen] = []
+    while True:
+        now = _listed(node, hidden)
+        if now != seen:
+            seen, settled = now, time.monotonic()
+        quiet_s = time.monotonic() - settled
+        if (seen and quiet_s > _SETTLED_S) or time.monotonic() - begun > _DISCOVERY_S:
+            return seen
+        time.sleep(_POLL_S)
+
+
+class _Counter:
+    """Counts a topic's messages between the first and the last."""
+
+    def __init__(self) -> None:
+        self.count, self.first, self.last = 0, 0.0, 0.0
+        self._begin = time.monotonic() + _BACKLOG_S
+
+    def __call__(self, _: bytes) -> None:
+        self.last = time.monotonic()
+        if self.last < self._begin:
+            return
+        self.first = self.first or self.last
+        self.count += 1
+
+    @property
+    def rate_hz(self) -> float:
+        return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
+
+
+def measure(
+    node: Node,
+    found: Sequence[Seen],
+    duration_s: float,
+    progress: Callable[[float], None] = lambda done: None,
+) -> list[Seen]:
+    """The topics with their rates, messages per second of wall time, measured over a while.
+
+    Listens best effort, so that no publisher waits for it; a type that is not installed has no
+    rate.
+    """
+    counters: dict[str, _Counter] = {}
+    executor = EventsExecutor()
+    qos = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+    for row in found:
+        try:
+            cls = topics.message_class(row.type)
+        except LookupError:
+            continue
+        if row.publishers:
+            counters[row.topic] = _Counter()
+            node.create_subscription(cls, row.topic, counters[row.topic], qos, raw=True)
+    executor.add_node(node)
+    begun = time.monotonic()
+    try:
+        while (done := time.monotonic() - begun) < duration_s + _BACKLOG_S:
+            progress(done)
+            executor.spin_once(timeout_sec=_POLL_S)
+    finally:
+        executor.remove_node(node)
+        executor.shutdown()
+    return [
+        Seen(
+            row.topic,
+            row.type,
+            row.publishers,
+            row.subscribers,
+            counters[row.topic].rate_hz if row.topic in counters else None,
+        )
+        for row in found
+    ]
+
+
+def _find(node: Node, name: str) -> Seen:
+    """The topic by its name, with or without the slash; waits for discovery."""
+    begun = time.monotonic()
+    while True:
+        rows = {row.topic: row for row in _listed(node, hidden=True)}
+        found = rows.get(name) or rows.get(f"/{name}")
+        if found is not None:
+            break
+        if time.monotonic() - begun > _DISCOVERY_S:
+            known = ", ".join(r for r in rows if r not in ("/parameter_events", "/rosout"))
+            raise TopicError(f"no topic {name} in the graph; there is {known or 'none'}")
+        time.sleep(_POLL_S)
+    if "," in found.type:
+        raise TopicError(f"topic {found.topic} has several types: {found.type}")
+    return found
+
+
+def listen(node: Node, name: str, timeout_s: float | None = None) -> Iterator[tuple[str, Any]]:
+    """Messages of a topic as they come, with a QoS that all its publishers can serve.
+
+    Parameters
+    ----------
+    node : Node
+    name : str
+        With or without the slash in front.
+    timeout_s : float, optional
+        Wall time without a message after which it is given up; None for never.
+
+    Yields
+    ------
+    str, message
+        Full name, message.
+
+    Raises
+    ------
+    TopicError
+        No such topic, a type that is not installed, or silence.
+    """
+    found = _find(node, name)
+    try:
+        cls = topics.message_class(found.type)
+    except LookupError as error:
+        raise TopicError(f"topic {found.topic}: {error}") from error
+    offered = [info.qos_profile for info in _infos(node, found.topic)[0]]
+    reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
+    latched = bool(offered) and all(
+        q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered
+    )
+    arrived: deque[Any] = deque()
+    qos = QoSProfile(
+        depth=_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+    executor = EventsExecutor()
+    node.create_subscription(cls, found.topic, lambda message: arrived.append(message), qos)
+    executor.add_node(node)
+    heard = time.monotonic()
+    try:
+        while True:
+            executor.spin_once(timeout_sec=_POLL_S)
+            if arrived:
+                heard = time.monotonic()
+            elif timeout_s is not None and time.monotonic() - heard > timeout_s:
+                raise TopicError(f"no message on {found.topic} in {timeout_s:g} s")
+            while arrived:
+                yield found.topic, arrived.popleft()
+    finally:
+        executor.remove_node(node)
+        executor.shutdown()

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recorder, `heli topics`, `heli echo` and `heli bag play` on a living graph."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.bag_reader import read_bag
+
+ROOT = Path(__file__).resolve().parents[2]
+HELI = [sys.executable, "-m", "heli_hover_test.cli"]
+
+
+@pytest.fixture
+def heli(ros_env):
+    """Run a command of `heli` in the test's graph; returns the finished process."""
+
+    def run(*words, code=0):
+        command = [*HELI, *map(str, words)]
+        done = subprocess.run(command, env=ros_env, capture_output=True, text=True, timeout=60)
+        assert done.returncode == code, done.stdout + done.stderr
+        return done
+
+    return run
+
+
+def holder_of(file):
+    """The process that has a file open."""
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        try:
+            if os.readlink(link) == str(file):
+                return int(link.parts[2])
+        except OSError:
+            continue
+    raise AssertionError(f"no process has {file} open")
+
+
+def wait_for(condition, limit_s):
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline
+        os.sched_yield()
+
+
+def interrupted(process):
+    """Exit code of a command that gets Ctrl-C; it has nothing to complain of."""
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=10)
+    assert "Traceback" not in err and "Error" not in err
+    return process.returncode
+
+
+def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living):
+    """Watch a flight, kill its recorder, repair the bag, report it, play it."""
+    flight = tmp_path / "flight"
+    command = [sys.executable, "-m", "heli_hover_test.hover_test", "--realtime", "--no-report"]
+    flying = subprocess.Popen(
+        [*command, "--gps", "rtk", "--out", str(flight)],
+        env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    recorded = flight / "bag" / "bag_0.mcap"
+    wait_for(lambda: recorded.is_file() and recorded.stat().st_size > 300_000, 120)
+    listed = {row["topic"]: row for row in json.loads(heli("topics", "--rate", "--json").stdout)}
+    odom = listed["/odom"]
+    assert (odom["type"], odom["publishers"]) == ("nav_msgs/msg/Odometry", 1)
+    assert odom["subscribers"] == 3
+    assert 70 < odom["rate_hz"] < 130 and 35 < listed["/imu/mag"]["rate_hz"] < 65
+    text = heli("echo", "odom", "--count", 2).stdout
+    assert text.count("---\n") == 2 and "child_frame_id: base_link\n" in text
+    status = json.loads(heli("echo", "/diagnostics", "--count", 1, "--json").stdout)
+    assert status["status"][0]["name"]
+    os.kill(holder_of(recorded), signal.SIGKILL)
+    out, err = flying.communicate(timeout=30)
+    assert flying.returncode == 1 and "recorder: killed by SIGKILL" in err, out + err
+
+    advice = heli("report", flight, code=2).stderr
+    assert f"'heli bag repair {flight / 'bag'}'" in advice and len(advice.splitlines()) == 1
+    said = heli("bag", "repair", flight / "bag", "--in-place").stdout
+    assert "bag_0.mcap is cut off" in said and str(flight / "bag_damaged") in said
+    restored = int(re.search(r"restored: (\d+) messages", said).group(1))
+    stamps = read_bag(flight / "bag").streams[topics.TRUTH_ODOM].stamp_ns
+    assert stamps.size > 300 and restored > 7 * stamps.size
+    assert np.all(np.diff(stamps) == topics.TICK_NS)
+    assert heli("report", flight).stdout == f"written: {flight / 'report.html'}\n"
+    assert living() == []
+
+
+def test_play_and_listen(tmp_path, ros_env, heli, hover_test, living):
+    """The bag's own topics, QoS and clock; echo hears a latched message that was sent before."""
+    assert hover_test("--out", tmp_path / "flight", "--duration", 2, "--gps", "rtk").returncode < 2
+    played = json.loads(
+        heli("bag", "play", tmp_path / "flight", "--rate", 20, "--start", 0.5, "--exclude",
+             "odom", "--json").stdout
+    )  # fmt: skip
+    assert played["/imu/data_raw"] == played["/clock"] == 150
+    assert played["/reference"] == 1 and "/odom" not in played
+    player = subprocess.Popen(
+        [*HELI, "bag", "play", str(tmp_path / "flight"), "--loop", "--exclude", "/clock"],
+        env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    way = json.loads(heli("echo", "reference", "--count", 1, "--json", "--timeout", 9).stdout)
+    assert way["points"]
+    clock = json.loads(heli("echo", "clock", "--count", 1, "--json", "--timeout", 9).stdout)
+    assert 1 <= clock["clock"]["sec"] <= 3
+    listener = subprocess.Popen(
+        [*HELI, "echo", "odom"],
+        env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert listener.stdout.readline() == "header:\n"
+    assert interrupted(listener) == 130
+    assert interrupted(player) == 130
+    said = heli("echo", "odom", "--timeout", 1, code=2).stderr
+    assert "no topic odom in the graph" in said and len(said.splitlines()) == 1
+    assert living() == []
+
+
+@pytest.mark.parametrize(
+    "seconds", [2, pytest.param(30, marks=pytest.mark.nightly)], ids=["short", "long"]
+)
+def test_nothing_is_lost_at_5000_messages_per_second(ros_env, seconds):
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "scripts/bench_recorder.py"), "--json", "--rate", "5000",
+         "--topics", "10", "--seconds", str(seconds)],
+        env=ros_env, capture_output=True, text=True, timeout=150,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(done.stdout)
+    assert found["sent"] == 5000 * seconds
+    assert (found["lost"], found["topics"], found["acknowledged"]) == (0, 10, True)
+
+
+def test_full_disk_in_flight(tmp_path, hover_test):
+    """The flight goes on and is scored by what was recorded; one line says why there is less."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)]
+    if subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("only root can mount a small disk")
+    try:
+        done = hover_test("--out", disk / "flight", "--duration", 20, "--gps", "rtk")
+        assert done.returncode in (0, 1), done.stdout + done.stderr
+        said = " ".join(done.stdout.split())
+        assert said.count("recording stopped: No space left on device") == 1, done.stdout
+        assert "20.00 s" not in done.stdout
+        bag = read_bag(disk / "flight" / "bag")
+        assert bag.streams[topics.TRUTH_ODOM].stamp_ns.size > 300
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
