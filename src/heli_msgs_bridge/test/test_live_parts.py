@@ -32,7 +32,7 @@ class TestToken:
         assert gate.refusal(token, "b", 0.0) == access.TAKEN
         assert gate.refusal(token, "a", 9.0) == ""
 
-    @pytest.mark.parametrize("wrong", [None, 7, [], {}, "", "\N{SNOWMAN}"])
+    @pytest.mark.parametrize("wrong", [None, 7, [], {}, "", "\N{SNOWMAN}", "\ud800"])
     def test_whatever_is_not_the_token_is_wrong(self, wrong):
         assert Access("token").refusal(wrong, "a", 0.0) == access.WRONG
 

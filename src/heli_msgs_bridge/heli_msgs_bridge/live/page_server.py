@@ -183,8 +183,11 @@ class PageServer:
         for browser in list(self._browsers):
             browser.news.set()
         await asyncio.sleep(0.05)
-        closing = [browser.socket.close(code=1001) for browser in list(self._browsers)]
-        await asyncio.wait_for(asyncio.gather(*closing, return_exceptions=True), _STOP_S)
+        browsers = list(self._browsers)
+        closing = [asyncio.ensure_future(b.socket.close(code=1001)) for b in browsers]
+        if closing:
+            # One that reads nothing does not say good-bye either.
+            await asyncio.wait(closing, timeout=_STOP_S)
         await runner.cleanup()
 
     @web.middleware
@@ -245,10 +248,10 @@ class PageServer:
     def _take(self, browser: _Browser, text: str) -> None:
         try:
             request = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             request = None
         number = request.get("id") if isinstance(request, dict) else None
-        number = number if isinstance(number, (int, float, str)) else None
+        number = number if isinstance(number, (int, str)) else None
 
         def reply(ok: bool, sentence: str) -> None:
             answer = {"type": "answer", "id": number, "ok": ok, "text": sentence}
