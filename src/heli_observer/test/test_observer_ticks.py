@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from heli_observer import layout as L
+from heli_observer.ins_ekf import predict
 from heli_observer.observer import ObserverStatus, status
 from heli_observer.synthetic import hover_path, synthesize, turning_path
 
@@ -132,6 +133,21 @@ def test_heading_in_hover_is_seen_by_the_magnetometer_only(parameters, run_obser
     assert np.all(np.diff(blind[1000::100, yaw]) > 0.0)  # it only grows
     # the tilt is seen by the GPS
     assert blind[-1, L.OUT_SIGMA_ATT] < 1.1 * seen[-1, L.OUT_SIGMA_ATT]
+
+
+def test_published_sigmas_are_the_covariance_carried_to_now(parameters, run_observer):
+    """Sent with the newest tick; P propagated over the horizon tick by tick; 1 %, 2 % early on."""
+    parameters |= {"ekf.imu.gyro_noise_density": 0.02, "ekf.imu.accel_noise_density": 0.1}
+    flight = synthesize(turning_path(0.35), parameters, 20.0, seed=1)
+    run = run_observer(parameters)
+    for ticks, tolerance in ((300, 0.02), (1700, 0.01)):
+        run.fly(flight.y[len(run.out) : len(run.out) + ticks])
+        P, x, k = run.state.P.copy(), run.state.nominal.copy(), run.kernel
+        size, now = len(run.state.imu), len(run.out) - 1
+        for tick in range(now - k.horizon_ticks, now):
+            predict(x, P, run.state.imu[tick % size], run.state.imu[(tick + 1) % size], k.ekf)
+        expected = np.sqrt(np.diag(P)[:9])
+        np.testing.assert_allclose(run.out[-1, 22:31], expected, rtol=tolerance)
 
 
 def test_gps_latency_is_compensated(parameters, run_observer):
