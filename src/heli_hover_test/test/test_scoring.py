@@ -9,7 +9,7 @@ import pytest
 from heli_hover_test.record import FlightRecord, euler_angles
 from heli_hover_test.result import EXIT_INSIDE, EXIT_OUTSIDE, Result
 from heli_hover_test.scenario import TABLE, Scenario
-from heli_hover_test.scoring import score
+from heli_hover_test.scoring import heading_frame, score
 from heli_math.rotations import euler_from_quat, quat_from_euler
 from heli_msgs_bridge.locate import config_folder
 from heli_msgs_bridge.parameters import load
@@ -101,3 +101,12 @@ def test_array_euler_angles_agree_with_the_kernel():
     q = rng.standard_normal((50, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
     np.testing.assert_allclose(euler_angles(q), [euler_from_quat(row) for row in q], atol=1e-12)
+
+
+def test_errors_turn_with_the_heading():
+    """Forward, right, down: north and east seen with the nose north, east, south, north-east."""
+    vectors = np.tile([1.0, 2.0, 3.0], (4, 1))
+    found = heading_frame(vectors, np.radians([0.0, 90.0, 180.0, 45.0]))
+    half = np.sqrt(0.5)
+    expected = [[1, 2, 3], [2, -1, 3], [-1, -2, 3], [3 * half, half, 3]]
+    assert found == pytest.approx(np.array(expected), abs=1e-12)
