@@ -213,7 +213,7 @@ def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
         process.kill()
     assert process.returncode in (0, 1), rest  # commanded about, it need not meet the paper's
     result = json.loads((out / "result.json").read_text())
-    assert any("4 commands were given" in note for note in result["notes"])
+    assert any("commands given in flight: 4" in note for note in result["notes"])
     assert "flight over after 13 s" in [event["text"] for event in watcher.events]
     secret = said["command token"].encode()
     assert not [path for path in out.rglob("*") if path.is_file() and secret in path.read_bytes()]

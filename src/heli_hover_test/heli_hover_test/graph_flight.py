@@ -262,7 +262,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
     """What nodes complained of at the end, and whether somebody commanded."""
     live = statuses.get(LIVE)
     commands = live.facts.get("commands", "0") if live is not None else "0"
-    commanded = [f"{commands} commands were given in flight: it is not the scenario alone"]
+    commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
     return (commanded if commands != "0" else []) + [
         f"{name}: {status.message}"
         for name, status in sorted(statuses.items())
