@@ -17,6 +17,7 @@ from heli_observer.identification import (
 )
 from heli_observer.identification.estimator import Problem, estimate
 from heli_observer.identification.spectra import spectra_of
+from heli_observer.identification.start import StartSearch
 from heli_observer.identification.structure import (
     DELAY,
     FLAPPING,
@@ -195,3 +196,18 @@ def test_trim_of_means_and_flapping_equilibrium(flight, identified):
     assert np.abs(residual).max() < 1e-12
     assert np.all(trim.x_sigma[:2] > 0.0)
     assert trim.x[7] == trim.x[8] == 0.0
+
+
+@pytest.mark.parametrize(("rate", "servo", "stiff"), [(8.3, 36.0, 0.75), (31.0, 60.0, 2.0)])
+def test_start_needs_no_hint_of_the_aircraft(rate, servo, stiff):
+    base = true_model()
+    A, B = base.A.copy(), base.B.copy()
+    A[2, 2] = A[3, 3] = -rate
+    A[0, 3], A[1, 2] = stiff * A[0, 3], stiff * A[1, 2]
+    B[2:4] *= rate / 3.4 * 0.7
+    model = replace(base, A=A, B=B, servo_radps=servo)
+    start = StartSearch(spectra_of(fly(Flight(seed=2, periods=4, model=model)))).best()
+    assert -start.A[2, 2] == pytest.approx(rate, rel=0.1)
+    assert start.servo_radps == pytest.approx(servo, rel=0.1)
+    assert start.A[0, 3] == pytest.approx(A[0, 3], rel=0.1)
+    assert start.A[1, 2] == pytest.approx(A[1, 2], rel=0.1)

@@ -5,7 +5,9 @@ Given servos, delay and the flapping matrix, every row of p', q', r' in eq. (10)
 rest: the unmeasured states follow from measured rates and commands, b_s = (s - M)^-1 (-p + ...) and
 d_int = (K_a d_ped - r)/s. So only the few numbers of servos, delay and flapping are searched for,
 from several places, and the others are solved for at each step (variable projection: Golub and
-Pereyra, SIAM J. Numer. Anal. 10, 1973). Equation error is biased by noise; it is a start.
+Pereyra, SIAM J. Numer. Anal. 10, 1973). Equation error is biased by noise; it is a start. Moments
+act through the disc, so p and q themselves are left out of their rows: A(p,p) and A(q,q) could
+hardly be told from the flapping rate here.
 """
 
 from dataclasses import dataclass
@@ -77,8 +79,8 @@ class StartSearch:
         by_b = [ba * lat, ba * lon, bb * lat, bb * lon]
         w = self.weight.T
         return (
-            _solve(s * p, [known_b, *(m / determinant for m in by_b), p, q, r, *gyro], w[0]),
-            _solve(s * q, [known_a, *(m / determinant for m in by_a), p, q, r, *gyro], w[1]),
+            _solve(s * p, [known_b, *(m / determinant for m in by_b), r, *gyro], w[0]),
+            _solve(s * q, [known_a, *(m / determinant for m in by_a), r, *gyro], w[1]),
             _solve(s * r, [r, *gyro], w[2]),
         )
 
@@ -111,8 +113,8 @@ class StartSearch:
         B[2, :2] = q[1:3] / q[0]
         B[3, :2] = p[3:5] / p[0]
         for row, c in ((0, p), (1, q)):
-            A[row, [0, 1, 4]] = c[5:8]
-            A[row, 5], B[row, 2:4], E[row, :3] = c[8], c[10:12], c[12:15]
+            A[row, 4], A[row, 5] = c[5], c[6]
+            B[row, 2:4], E[row, :3] = c[8:10], c[10:13]
         A[4, 4], A[4, 5], B[4, 2:4], E[4, :3] = r[0], r[1], r[3:5], r[5:8]
         B[5, 2] = r[2] / r[1]
         return FastModel(A, B, E, float(np.exp(x[0])), float(np.exp(x[1])), float(x[2]))
