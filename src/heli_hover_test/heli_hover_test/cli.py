@@ -58,7 +58,7 @@ def hover(context: typer.Context) -> int:
     """Fly the hover test or another scenario."""
     from heli_hover_test import hover_test
 
-    return hover_test.main(context.args, prog="heli hover")
+    return hover_test.command(context.args, prog="heli hover")
 
 
 @app.command(
@@ -196,9 +196,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code: 2 and one line on stderr for bad input."""
     try:
         code = app(args=argv, prog_name="heli", standalone_mode=False)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
     except TyperException as error:
         print(f"heli: {_one_line(error)}", file=sys.stderr)
         return EXIT_BAD_INPUT
@@ -207,6 +204,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"heli: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
+    if code == EXIT_INTERRUPTED:
+        # typer has turned the KeyboardInterrupt into this code.
+        print("interrupted", file=sys.stderr)
     return int(code or 0)
 
 

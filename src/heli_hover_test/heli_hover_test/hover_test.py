@@ -252,20 +252,26 @@ def fly(options: argparse.Namespace, console: Console) -> int:
     return code
 
 
-def main(argv: Sequence[str] | None = None, prog: str = "hover_test.sh") -> int:
-    """Entry point; returns the exit code."""
+def command(argv: Sequence[str] | None, prog: str) -> int:
+    """Parse, fly, say in one line what was wrong; returns the exit code. Ctrl-C passes through."""
     options = parser(prog).parse_args(argv)
     stream = sys.stderr if options.as_json else sys.stdout
     console = Console(stderr=options.as_json, width=None if stream.isatty() else 110)
     try:
         return fly(options, console)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
     except (ParameterError, MissingFileError, FlightError, ValueError) as error:
         print(f"hover_test: {error}", file=sys.stderr)
         broken = isinstance(error, FlightError) and not isinstance(error, StartError)
         return EXIT_OUTSIDE if broken else EXIT_BAD_INPUT
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ./hover_test.sh; returns the exit code."""
+    try:
+        return command(argv, "hover_test.sh")
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
 
 
 if __name__ == "__main__":

@@ -154,7 +154,9 @@ class RecorderNode(ManagedNode):
         self._drain()
         missing = self.bag.missing() if self.bag else []
         if missing:
-            self._trouble = self._trouble or f"messages lost on {', '.join(missing)}"
+            self._trouble = self._trouble or (
+                f"gaps on {', '.join(missing)}: messages were lost, or their node paused"
+            )
 
     def teardown(self) -> None:
         """Close the bag."""
