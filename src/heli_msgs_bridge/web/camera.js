@@ -93,8 +93,10 @@ export class View {
 
   // Angles under which the aircraft and its shadow both fit: the higher, the farther away.
   fitted(height, aspect) {
+    // On a phone the buttons take more of the picture.
+    const share = this.canvas.clientHeight < 400 ? 0.62 : 0.72;
     const field = (FIELD_DEG * Math.PI) / 180;
-    const apart = 0.72 * field;
+    const apart = share * field;
     const up = 0.14;
     const tangent = Math.tan(Math.atan(up) + apart);
     const distance = Math.max(4.6, height / (tangent - up), height * 0.5);

@@ -14,7 +14,7 @@ const angle = (index) => (row, shown) => row[shown]?.euler[index] ?? null;
 const CHARTS = [
   { title: "altitude error", unit: "m", bound: "altitude_m", least: 0.5, lines: [
     ["truth", "truth", error("truth", "altitude_m")], ["nav", "nav", error("nav", "altitude_m")]] },
-  { title: "v_z", unit: "m/s − reference", bound: "v_z_mps", least: 0.25, lines: [
+  { title: "v_z error", unit: "m/s", bound: "v_z_mps", least: 0.25, lines: [
     ["truth", "truth", error("truth", "v_z_mps")], ["nav", "nav", error("nav", "v_z_mps")]] },
   { title: "speed", unit: "m/s", bound: "v_x_mps", least: 0.4, lines: [
     ["v_x", "nav", (row, shown) => row[shown]?.error?.v_x_mps ?? null],

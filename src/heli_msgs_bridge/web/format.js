@@ -35,12 +35,12 @@ export function wrapped(degrees) {
 // "v_x" with its index set low.
 export function named(name) {
   const made = document.createElement("span");
-  const [base, index] = name.split("_");
+  const [, base, index, rest] = name.match(/^([^_]*)_?(\S*)(.*)$/);
   made.append(base);
   if (index) {
     const low = document.createElement("sub");
     low.textContent = index;
-    made.append(low);
+    made.append(low, rest);
   }
   return made;
 }

@@ -27,8 +27,21 @@ void main() {
   vec3 colour = mix(ground, grid, line);
   float mist = smoothstep(25.0, 190.0, far);
   gl_FragColor = vec4(mix(colour, haze, mist), 1.0);
-  #include <colorspace_fragment>
 }`;
+const SKY_VERTEX = `
+attribute vec3 tint;
+varying vec3 shade;
+void main() {
+  shade = tint;
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+const SKY_FRAGMENT = `
+varying vec3 shade;
+void main() { gl_FragColor = vec4(shade, 1.0); }`;
+
+// Ground and sky fill the picture: their colours are the screen's already, not converted pixel by pixel.
+const onScreen = (colour) => new THREE.Color(colour).convertLinearToSRGB();
+
 
 function ring(inner, outer, material) {
   const mesh = new THREE.Mesh(new THREE.RingGeometry(inner, outer, 48), material);
@@ -62,27 +75,29 @@ export class Ground {
 
   makeSky() {
     const geometry = new THREE.SphereGeometry(430, 24, 16).rotateX(Math.PI / 2);
-    geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(geometry.attributes.position.count * 3), 3));
-    const material = new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.BackSide, depthWrite: false });
+    geometry.setAttribute("tint", new THREE.BufferAttribute(new Float32Array(geometry.attributes.position.count * 3), 3));
+    const material = new THREE.ShaderMaterial({
+      vertexShader: SKY_VERTEX, fragmentShader: SKY_FRAGMENT, side: THREE.BackSide, depthWrite: false,
+    });
     const sky = new THREE.Mesh(geometry, material);
     sky.renderOrder = 10;
     return sky;
   }
 
   colour(colours) {
-    const haze = new THREE.Color(colours["scene-haze"]);
-    const zenith = new THREE.Color(colours["scene-sky"]);
-    this.uniforms.ground.value.set(colours["scene-ground"]);
-    this.uniforms.grid.value.set(colours["scene-grid"]);
+    const haze = onScreen(colours["scene-haze"]);
+    const zenith = onScreen(colours["scene-sky"]);
+    this.uniforms.ground.value.copy(onScreen(colours["scene-ground"]));
+    this.uniforms.grid.value.copy(onScreen(colours["scene-grid"]));
     this.uniforms.haze.value.copy(haze);
     this.mark.color.set(colours["scene-grid"]);
-    const { position, color } = this.sky.geometry.attributes;
+    const { position, tint } = this.sky.geometry.attributes;
     const mixed = new THREE.Color();
     for (let i = 0; i < position.count; i += 1) {
       mixed.lerpColors(haze, zenith, Math.min(1, Math.max(0, position.getZ(i) / 190)));
-      color.setXYZ(i, mixed.r, mixed.g, mixed.b);
+      tint.setXYZ(i, mixed.r, mixed.g, mixed.b);
     }
-    color.needsUpdate = true;
+    tint.needsUpdate = true;
   }
 
   follow(position, camera) {

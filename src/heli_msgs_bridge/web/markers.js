@@ -32,7 +32,8 @@ export class Label {
     this.element.hidden = !shown;
     if (!shown) return;
     const [x, y] = [(0.5 + 0.5 * p.x) * width, (0.5 - 0.5 * p.y) * height];
-    this.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(${this.left ? "calc(-100% - 9px)" : "9px"}, -50%)`;
+    const left = this.left || x > width - 92;
+    this.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(${left ? "calc(-100% - 9px)" : "9px"}, -50%)`;
   }
 
   projected = new THREE.Vector3();
