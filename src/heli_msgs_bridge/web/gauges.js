@@ -128,7 +128,7 @@ export class BoundsTable {
       const bound = flight.info?.bounds?.[key];
       let largest = null;
       for (const past of flight.rows) {
-        const value = past.t >= since && past[shown]?.error?.[key];
+        const value = past.t >= since && past.hover && past[shown]?.error?.[key];
         if (Number.isFinite(value)) largest = Math.max(largest ?? 0, Math.abs(value));
       }
       put(cells[0], signed(errors?.[key], 2));

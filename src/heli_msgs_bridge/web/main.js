@@ -100,7 +100,8 @@ function tellSource(state, shown) {
     input.disabled = Boolean(state) && !state[input.value];
     input.checked = input.value === shown;
   }
-  put(byId("bounds-of"), shown === "nav" ? "navigation, as measured in the paper" : "ground truth");
+  const source = shown === "nav" ? "navigation, as in the paper" : "ground truth";
+  put(byId("bounds-of"), state && !flight.settled(state) ? `${source}, once it hovers` : source);
 }
 
 let [lastFrame, lastWords, frames, fps, counted] = [performance.now(), 0, 0, 0, performance.now()];
