@@ -11,7 +11,7 @@ import numpy as np
 from heli_dynamics_sim.aircraft_file import find_aircraft
 from heli_dynamics_sim.linearize import linearize
 from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.trim import Trim, trim
+from heli_dynamics_sim.trim import trim
 from heli_hover_test.settings import Settings, resolve
 from heli_inner_hinf.analysis import LoopReport, analyse, model_of, three_loops
 from heli_inner_hinf.design import AttitudeConfig
@@ -28,24 +28,55 @@ LONGEST_DELAY_S = 0.2
 
 
 @dataclass(frozen=True)
+class Basis:
+    """What a design is made from: calculated from an aircraft file, or identified in flight.
+
+    Attributes
+    ----------
+    source : str
+        Where the numbers come from, for people.
+    A, B, E : (9, 9), (9, 3), (9, 3) arrays
+        Linear model about trim, eq. (9), SI and rad.
+    x_trim : (9,) array
+        Trim of the nine states; psi is 0.
+    u_trim : (4,) array
+        Trim of d_lat, d_lon, d_ped, d_col.
+    actuation : Actuation
+        Servo and transport delay.
+    outer : mapping
+        Parameters of the outer loop: mass, gravity, rotor.* of the thrust map.
+    plant : mapping
+        Parameters of the plant that belong to the aircraft; empty for one that is not simulated.
+    residual : float
+        Largest residual of the trim; nan where it was measured.
+    """
+
+    source: str
+    A: np.ndarray
+    B: np.ndarray
+    E: np.ndarray
+    x_trim: np.ndarray
+    u_trim: np.ndarray
+    actuation: Actuation
+    outer: Mapping[str, Any]
+    plant: Mapping[str, Any]
+    residual: float
+
+
+@dataclass(frozen=True)
 class Design:
     """A finished design.
 
     Attributes
     ----------
-    aircraft : HelicopterParameters
-    aircraft_file : str
-        As the plant shall load it.
-    trim : Trim
-        Hover in still air.
+    basis : Basis
+        Model, trim and actuation that it is made from.
     attitude : AttitudeConfig
         Judged inner loop: model, F, G, certificate.
     observer : Candidate
         The reduced-order observer (19) and its margins.
     pid : tuple of AxisGains
         The PID of the same aircraft, by its rule.
-    actuation : Actuation
-        Servo and delay of the aircraft.
     loops : tuple of Loop
         State feedback; with observer; as flown.
     reports : tuple of LoopReport
@@ -56,17 +87,19 @@ class Design:
         Node name to the parameters that the design decides.
     """
 
-    aircraft: HelicopterParameters
-    aircraft_file: str
-    trim: Trim
+    basis: Basis
     attitude: AttitudeConfig
     observer: Candidate
     pid: tuple[AxisGains, ...]
-    actuation: Actuation
     loops: tuple[Loop, Loop, Loop]
     reports: tuple[LoopReport, ...]
     further_delay_s: float
     values: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def actuation(self) -> Actuation:
+        """Servo and delay of the aircraft."""
+        return self.basis.actuation
 
     @property
     def model(self) -> Model:
@@ -103,20 +136,80 @@ def make_design(
     ParameterError, AircraftError, TrimError, SynthesisError
         Each with a sentence; the same as the nodes give.
     """
-    if gamma is not None and gamma_factor is not None:
-        raise ParameterError("--gamma and --gamma-factor: give one of them, not both")
     settings = resolve(params=params)
+    return design_of(aircraft_basis(settings, aircraft), settings, gamma, gamma_factor)
+
+
+def aircraft_basis(settings: Settings, aircraft: str | None = None) -> Basis:
+    """Trim and linearise an aircraft file; arguments and errors as in `make_design`."""
     plant = settings.nodes["plant"]
     file = aircraft or plant["aircraft_file"]
     helicopter = HelicopterParameters.from_yaml(file)
     if aircraft is not None and Path(file).is_file():
         file = str(find_aircraft(file).resolve())
     at = trim(helicopter)
+    linear = linearize(helicopter, at)
+    x_trim = linear.x_trim.copy()
+    x_trim[8] = 0.0
     delay_ticks = min(int(plant["delay_ticks"]), _MAX_DELAY_TICKS)
-    actuation = Actuation(
-        helicopter.servo_bandwidth_radps, helicopter.servo_damping, delay_ticks * TICK_S
+    return Basis(
+        source=f"aircraft {file}",
+        A=linear.A,
+        B=linear.B,
+        E=linear.E,
+        x_trim=x_trim,
+        u_trim=at.u,
+        actuation=Actuation(
+            helicopter.servo_bandwidth_radps, helicopter.servo_damping, delay_ticks * TICK_S
+        ),
+        outer={
+            "mass": helicopter.mass_kg,
+            "gravity": helicopter.gravity_mps2,
+            "rotor.rho": helicopter.air_density_kgpm3,
+            "rotor.omega": helicopter.main_speed_radps,
+            "rotor.radius": helicopter.main_radius_m,
+            "rotor.lift_slope": helicopter.main_lift_slope,
+            "rotor.blades": round(helicopter.main_blades),
+            "rotor.chord": helicopter.main_chord_m,
+            "rotor.K_col": helicopter.collective_gain_rad,
+        },
+        plant={"aircraft_file": file},
+        residual=float(at.residual),
     )
-    inner = _inner_values(settings, helicopter, at, actuation)
+
+
+def design_of(
+    basis: Basis,
+    settings: Settings,
+    gamma: float | None = None,
+    gamma_factor: float | None = None,
+) -> Design:
+    """Synthesise, choose the observer, tune the PID, analyse; no aircraft file is read.
+
+    Parameters
+    ----------
+    basis : Basis
+    settings : Settings
+        Weights, gamma and whatever else the inner loop's parameters hold.
+    gamma, gamma_factor : float, optional
+        As in `make_design`.
+
+    Raises
+    ------
+    ParameterError, SynthesisError
+    """
+    if gamma is not None and gamma_factor is not None:
+        raise ParameterError("--gamma and --gamma-factor: give one of them, not both")
+    actuation = basis.actuation
+    inner: dict[str, Any] = {
+        **settings.nodes["inner_loop"],
+        "model.A": basis.A,
+        "model.B": basis.B,
+        "model.E": basis.E,
+        "trim.x": basis.x_trim,
+        "trim.u": basis.u_trim,
+        "prediction_s": round(known_lag_s(actuation), 3),
+    }
     inner["gamma"] = _gamma(inner, gamma, gamma_factor)
     attitude = AttitudeConfig.from_parameters(inner)
     feed = observer_input(actuation)
@@ -126,25 +219,24 @@ def make_design(
     pid = tune_pid(plain, actuation)
     inner |= {f"pid.{name}": gains for name, gains in gains_of(pid).items()}
     loops = three_loops(model, best.K, attitude.prediction_s, feed, actuation)
+    values: dict[str, Mapping[str, Any]] = {
+        "inner_loop": {key: inner[key] for key in _INNER_KEYS},
+        "observer": _observer_values(inner, best, actuation),
+        "outer_loop": _outer_values(basis, attitude),
+    }
+    if basis.plant:
+        values["plant"] = dict(basis.plant)
     return Design(
-        aircraft=helicopter,
-        aircraft_file=file,
-        trim=at,
+        basis=basis,
         attitude=attitude,
         observer=best,
         pid=pid,
-        actuation=actuation,
         loops=loops,
         reports=tuple(analyse(loop) for loop in loops),
         further_delay_s=further_delay_s(
             model, best.K, attitude.prediction_s, feed, actuation, LONGEST_DELAY_S
         ),
-        values={
-            "inner_loop": {key: inner[key] for key in _INNER_KEYS},
-            "observer": _observer_values(inner, best, actuation),
-            "outer_loop": _outer_values(helicopter, at, attitude),
-            "plant": {"aircraft_file": file},
-        },
+        values=values,
     )
 
 
@@ -159,24 +251,6 @@ def observer_input(actuation: Actuation) -> ObserverInput:
     return ObserverInput(
         round(actuation.delay_s / TICK_S), actuation.servo_radps, actuation.servo_damping
     )
-
-
-def _inner_values(
-    settings: Settings, aircraft: HelicopterParameters, at: Trim, actuation: Actuation
-) -> dict[str, Any]:
-    """The inner loop's parameters with model, trim and lag of this aircraft."""
-    linear = linearize(aircraft, at)
-    x_trim = linear.x_trim.copy()
-    x_trim[8] = 0.0
-    return {
-        **settings.nodes["inner_loop"],
-        "model.A": linear.A,
-        "model.B": linear.B,
-        "model.E": linear.E,
-        "trim.x": x_trim,
-        "trim.u": at.u,
-        "prediction_s": round(known_lag_s(actuation), 3),
-    }
 
 
 def _gamma(inner: Mapping[str, Any], gamma: float | None, factor: float | None) -> float:
@@ -216,23 +290,15 @@ def attitude_lags_s(attitude: AttitudeConfig) -> np.ndarray:
     return np.array([lag[1, 1], lag[0, 0]])
 
 
-def _outer_values(
-    aircraft: HelicopterParameters, at: Trim, attitude: AttitudeConfig
-) -> dict[str, Any]:
+def _outer_values(basis: Basis, attitude: AttitudeConfig) -> dict[str, Any]:
     return {
-        "mass": aircraft.mass_kg,
-        "gravity": aircraft.gravity_mps2,
-        "trim.phi": float(attitude.x_trim[0]),
-        "trim.theta": float(attitude.x_trim[1]),
-        "trim.d_col": float(at.u[3]),
+        "mass": basis.outer["mass"],
+        "gravity": basis.outer["gravity"],
+        "trim.phi": float(basis.x_trim[0]),
+        "trim.theta": float(basis.x_trim[1]),
+        "trim.d_col": float(basis.u_trim[3]),
         "disturbance.attitude_lag_s": attitude_lags_s(attitude),
-        "rotor.rho": aircraft.air_density_kgpm3,
-        "rotor.omega": aircraft.main_speed_radps,
-        "rotor.radius": aircraft.main_radius_m,
-        "rotor.lift_slope": aircraft.main_lift_slope,
-        "rotor.blades": round(aircraft.main_blades),
-        "rotor.chord": aircraft.main_chord_m,
-        "rotor.K_col": aircraft.collective_gain_rad,
+        **{key: value for key, value in basis.outer.items() if key.startswith("rotor.")},
     }
 
 

@@ -18,12 +18,12 @@ from heli_inner_hinf.weights import INPUT_NAMES, MEASURED, STATE_NAMES
 def print_design(design: Design, out: Console) -> None:
     """Everything a control engineer asks first, in four tables."""
     s = design.attitude.synthesis
-    out.print(f"aircraft {design.aircraft_file}: {design.aircraft.mass_kg:g} kg")
-    x, u = design.attitude.x_trim, design.trim.u
+    out.print(f"{design.basis.source}: {design.basis.outer['mass']:g} kg")
+    x, u = design.attitude.x_trim, design.basis.u_trim
     out.print(
         f"trim of hover in still air: phi {np.degrees(x[0]):.3f} deg, theta {np.degrees(x[1]):.3f} "
         f"deg, d_lat {u[0]:.4f}, d_lon {u[1]:.4f}, d_ped {u[2]:.4f}, d_col {u[3]:.4f}; largest "
-        f"residual {design.trim.residual:.1e}"
+        f"residual {design.basis.residual:.1e}"
     )
     star = s.gamma_star
     out.print(
@@ -111,9 +111,9 @@ def as_dict(design: Design) -> dict[str, Any]:
     """For --json; infinities become None, as JSON has none."""
     s = design.attitude.synthesis
     return {
-        "aircraft": design.aircraft_file,
-        "trim": {"x": design.attitude.x_trim.tolist(), "u": design.trim.u.tolist(),
-                 "residual": design.trim.residual},
+        "aircraft": design.basis.plant.get("aircraft_file", ""),
+        "trim": {"x": design.attitude.x_trim.tolist(), "u": design.basis.u_trim.tolist(),
+                 "residual": _finite(design.basis.residual)},
         "gamma": s.gamma,
         "gamma_star": {"value": s.gamma_star.value, "lower": s.gamma_star.lower,
                        "upper": s.gamma_star.upper, "mechanism": s.gamma_star.mechanism.value},
