@@ -276,3 +276,15 @@ class TestCompareRobustness:
 
     def test_unknown_command(self, capsys):
         assert "No such command" in refused(capsys, "fly")
+
+
+def test_identify_refuses_bad_input_in_one_line(capsys, tmp_path):
+    out = tmp_path / "a"
+    code, _, err = heli(capsys, "identify", "--out", out, "--actuators", tmp_path / "no")
+    assert code == 2
+    assert err == "heli: --actuators and --gusts: give both bags, or none to fly them\n"
+    bags = ("--actuators", tmp_path / "no", "--gusts", tmp_path / "no")
+    code, _, err = heli(capsys, "identify", "--out", out, *bags)
+    assert code == 2
+    assert err == f"heli: {tmp_path / 'no'}: does not exist\n"
+    assert not out.exists()

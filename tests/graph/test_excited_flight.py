@@ -2,7 +2,12 @@
 """Excitation through the graph: what is added to actuators and wind is in the bag, and nothing else
 is."""
 
+import json
+import subprocess
+import sys
+
 import numpy as np
+import pytest
 
 from heli_hover_test.bag_record import flight_from_bag
 from heli_hover_test.closed_loop import simulate
@@ -67,3 +72,35 @@ def test_leaving_the_attitude_limit_ends_the_excitation_and_is_said(hover_test, 
     record = flight_from_bag(tmp_path / "a" / "bag", settings).record
     assert np.abs(record.excitation_u[200:300]).max() > 0.0
     np.testing.assert_array_equal(record.excitation_u[-100:], 0.0)
+
+
+@pytest.mark.nightly
+def test_heli_identify_flies_fits_designs_and_hovers(ros_env, tmp_path):
+    """The whole command through the graph, and once more from the bags that it left."""
+
+    def identify(*arguments):
+        command = [sys.executable, "-m", "heli_hover_test.cli", "identify", *map(str, arguments)]
+        return subprocess.run(command, env=ros_env, capture_output=True, text=True, timeout=600)
+
+    done = identify("--out", tmp_path / "a", "--seed", 2, "--hover")
+    assert done.returncode == 0, done.stdout + done.stderr
+    first = json.loads((tmp_path / "a" / "identification.json").read_text())
+    assert first["misses"] == []
+    assert json.loads((tmp_path / "a" / "hover" / "result.json").read_text())["exit_code"] == 0
+    bags = (
+        "--actuators",
+        tmp_path / "a" / "actuators",
+        "--gusts",
+        tmp_path / "a" / "gusts" / "bag",
+    )
+    done = identify("--out", tmp_path / "b", *bags, "--json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    again = json.loads(done.stdout)
+    assert again["compared_with"] is None
+    assert [e["identified"] for e in again["entries"] if e["group"] == "E"] == [
+        e["identified"] for e in first["entries"] if e["group"] == "E"
+    ]
+    swapped = identify("--out", tmp_path / "c", "--actuators", bags[3], "--gusts", bags[1])
+    assert swapped.returncode == 2
+    assert "no message on 'excitation/actuators'" in swapped.stderr
+    assert not (tmp_path / "c").exists()

@@ -127,7 +127,7 @@ def test_no_yaml_is_outside_these_tests():
     for node, (_, package) in TABLES.items():
         folder = ROOT / "src" / package / "config"
         known |= {folder / f"{node}.yaml", *folder.glob("gps_*.yaml"), *folder.glob("aircraft/*")}
-    for kind in ("scenarios", "designs"):
+    for kind in ("scenarios", "designs", "identify"):
         known |= set((ROOT / "src/heli_hover_test/config" / kind).glob("*.yaml"))
     assert set((ROOT / "src").glob("heli_*/config/**/*.yaml")) - known == set()
 

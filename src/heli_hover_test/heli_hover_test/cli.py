@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, campaign, design, compare, report, bag, echo, topics.
+"""The command `heli`: hover, campaign, design, identify, compare, report, bag, echo, topics.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -18,6 +18,7 @@ from heli_hover_test import completion
 from heli_hover_test.cli_bag import bag
 from heli_hover_test.cli_compare import compare
 from heli_hover_test.cli_graph import graph
+from heli_hover_test.cli_identify import EPILOG, identify
 from heli_hover_test.cli_options import (
     Aircraft,
     AnyGps,
@@ -35,7 +36,7 @@ EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
     name="heli",
-    help="Autonomous hover of a small helicopter: fly, design, compare, report.",
+    help="Autonomous hover of a small helicopter: fly, design, identify, compare, report.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -46,6 +47,7 @@ app = typer.Typer(
 app.add_typer(compare, name="compare")
 app.add_typer(bag, name="bag")
 app.add_typer(graph)
+app.command(epilog=EPILOG)(identify)
 
 
 @app.command(

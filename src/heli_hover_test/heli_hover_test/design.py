@@ -302,13 +302,14 @@ def _outer_values(basis: Basis, attitude: AttitudeConfig) -> dict[str, Any]:
     }
 
 
-def write_yaml(design: Design, path: Path) -> None:
-    """Write the rcl parameter file that plant, observer, inner and outer loop load."""
+def write_yaml(design: Design, path: Path, by: str = "heli design") -> None:
+    """Write the rcl parameter file that plant, observer, inner and outer loop load; `by`: who."""
     dump_all(design.values, path)
     s = design.attitude.synthesis
     flown = design.reports[-1]
+    plant = "plant, " if "plant" in design.values else ""
     head = (
-        "# Design by heli design: one file for plant, observer, inner_loop and outer_loop.\n"
+        f"# Design by {by}: one file for {plant}observer, inner_loop and outer_loop.\n"
         f"# gamma = {s.gamma:.8g}, gamma* = {s.gamma_star.value:.10g}, "
         f"norm wind -> h = {s.norm:.6g}\n"
         f"# as flown: disk margin {flown.disk_input.alpha:.3f} at the plant input, "

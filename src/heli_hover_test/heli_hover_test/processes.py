@@ -60,6 +60,24 @@ def start_server() -> None:
     forkserver.ensure_running()
 
 
+@contextlib.contextmanager
+def _main_left_out() -> Iterator[None]:
+    """Keep multiprocessing from running the caller's main file again in each node.
+
+    It does so for what only the main file defines, which no node needs; and the command `heli`, as
+    pip installs it, would then start itself once more.
+    """
+    main = sys.modules["__main__"]
+    kept = {
+        name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in vars(main)
+    }
+    try:
+        main.__spec__ = None
+        yield
+    finally:
+        main.__dict__.update(kept)
+
+
 class NodeProcess:
     """One running node with its log file.
 
@@ -85,7 +103,8 @@ class NodeProcess:
         context = multiprocessing.get_context("forkserver")
         work = (module, tuple(arguments), str(log.absolute()), dict(env))
         self._process = context.Process(target=_run_node, args=work, name=name, daemon=True)
-        self._process.start()
+        with _main_left_out():
+            self._process.start()
 
     @property
     def pid(self) -> int:

@@ -11,6 +11,7 @@ import heli_inner_hinf.parameter_table as inner_table
 import heli_observer.parameter_table as observer_table
 import heli_outer_pd.parameter_table as outer_table
 from heli_hover_test import scenario as scenario_table
+from heli_hover_test.identify_table import NODE_NAME as IDENTIFY
 from heli_msgs_bridge import recorder_table
 from heli_msgs_bridge.common_table import with_common
 from heli_msgs_bridge.locate import config_folder
@@ -130,7 +131,7 @@ def resolve(
         raise ParameterError(f"--gps {gps}: unknown preset; known: {', '.join(GPS_PRESETS)}")
     scenario_file = _scenario_file(scenario_name)
     user_files = [Path(path) for path in params]
-    others = [scenario_table.NODE_NAME, recorder_table.NODE_NAME, "live_view"]
+    others = [scenario_table.NODE_NAME, recorder_table.NODE_NAME, "live_view", IDENTIFY]
     known = [node.name for node in NODES] + others
     check_node_names([scenario_file, *user_files], known)
     common = [scenario_file, *user_files]

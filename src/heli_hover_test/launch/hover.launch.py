@@ -48,7 +48,9 @@ def _arguments():
     return [
         DeclareLaunchArgument("namespace", default_value="", description="Prefix of all names"),
         DeclareLaunchArgument(
-            "scenario", default_value="hover", choices=["hover", "attitude", "attitude_gusts"]
+            "scenario",
+            default_value="hover",
+            choices=["hover", "attitude", "attitude_gusts", "identify_actuators", "identify_gusts"],
         ),
         DeclareLaunchArgument(
             "gps", default_value="standalone", choices=["standalone", "rtk"], description=gps

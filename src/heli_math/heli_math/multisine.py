@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from heli_math.jit import njit
 
-_STARTS = 8
-_ROUNDS = 60
-_CLIP_AT = 0.85
+_STARTS = 20
+_ROUNDS = 200
+_CLIP = (0.75, 0.98)  # of the peak, first and last round
 _SAMPLES_PER_CYCLE = 8
 
 
@@ -100,7 +100,7 @@ def _samples(period_s: float, frequency_hz: NDArray[np.float64]) -> int:
 
 
 def zippered_lines(
-    period_s: float, bands_hz: ArrayLike, lines: ArrayLike
+    period_s: float, bands_hz: ArrayLike, lines: ArrayLike, odd: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Lines of several channels, spread evenly on a logarithmic scale, none used twice.
 
@@ -112,6 +112,9 @@ def zippered_lines(
         Lowest and highest frequency of each channel.
     lines : (c,) array of int
         How many lines each channel gets.
+    odd : bool
+        Odd multiples of 1/period only: whatever is even in the excitation (squares, products of
+        two channels, magnitudes) then falls between the lines.
 
     Returns
     -------
@@ -127,22 +130,30 @@ def zippered_lines(
     """
     bands = np.asarray(bands_hz, float).reshape(-1, 2)
     counts = np.asarray(lines, int).ravel()
-    taken: dict[int, int] = {}
+    slots = [
+        [
+            slot
+            for slot in range(1, math.floor(high * period_s + 1e-9) + 1)
+            if slot >= low * period_s - 1e-9 and (slot % 2 or not odd)
+        ]
+        for low, high in bands
+    ]
     wanted = []
-    for channel, ((low, high), count) in enumerate(zip(bands, counts, strict=True)):
+    for j, ((low, high), count) in enumerate(zip(bands, counts.tolist(), strict=True)):
         # Each channel's row is shifted by its share of a step, so that rows interleave.
-        place = (np.arange(count) + (channel + 0.5) / len(counts)) / count
-        wanted += [(low * (high / low) ** share, channel) for share in place]
-    for frequency, channel in sorted(wanted):
-        low, high = bands[channel] * period_s
-        slots = range(max(1, math.ceil(low - 1e-9)), math.floor(high + 1e-9) + 1)
-        free = [slot for slot in slots if slot not in taken]
-        if not free:
+        place = (np.arange(count) + (j + 0.5) / len(counts)) / max(count, 1)
+        # The most crowded band first: the others can still step aside.
+        room = len(slots[j]) / max(count, 1)
+        wanted += [(room, low * (high / low) ** share * period_s, j) for share in place.tolist()]
+    taken: dict[int, int] = {}
+    for _, cycles, j in sorted(wanted):
+        free = np.array([slot for slot in slots[j] if slot not in taken])
+        if not free.size:
             raise ValueError(
-                f"channel {channel}: fewer than {counts[channel]} free lines between "
-                f"{bands[channel, 0]:g} and {bands[channel, 1]:g} Hz at a period of {period_s:g} s"
+                f"channel {j}: fewer than {counts[j]} free lines between {bands[j, 0]:g} and "
+                f"{bands[j, 1]:g} Hz at a period of {period_s:g} s"
             )
-        taken[min(free, key=lambda slot: abs(slot / period_s - frequency))] = channel
+        taken[int(free[np.argmin(np.abs(free - cycles))])] = j
     slots_taken = sorted(taken)
     return np.array(slots_taken) / period_s, np.array([taken[slot] for slot in slots_taken])
 
@@ -175,12 +186,12 @@ def low_crest_phases(
     best, lowest = np.zeros(lines.size), math.inf
     for _ in range(_STARTS):
         phase = rng.uniform(-math.pi, math.pi, lines.size)
-        for _ in range(_ROUNDS):
+        for clip in np.linspace(*_CLIP, _ROUNDS):
             x = signal(phase)
             peak = float(np.abs(x).max())
             if peak < lowest:
                 best, lowest = phase, peak
-            clipped = np.clip(x, -_CLIP_AT * peak, _CLIP_AT * peak)
+            clipped = np.clip(x, -clip * peak, clip * peak)
             phase = np.angle(np.fft.rfft(clipped)[slots]) + 0.5 * math.pi
     return np.angle(np.exp(1j * best))
 

@@ -50,6 +50,8 @@ class Bag:
         In the order of their stamps.
     refused : dict
         Topic to number of messages that could not be used.
+    reasons : dict
+        Topic to why the first of them could not.
     foreign : list of str
         Topics that are not of the graph.
     """
@@ -58,6 +60,7 @@ class Bag:
     references: list[ReferencePoints] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     refused: dict[str, int] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
     foreign: list[str] = field(default_factory=list)
 
 
@@ -121,7 +124,8 @@ class _Collector:
                 row = decoder.decode(raw).copy()
                 self._stamps[name].append(decoder.stamp_ns)
                 self._rows[name].append(row)
-        except MessageError:
+        except MessageError as error:
+            self.bag.reasons.setdefault(name, str(error).removeprefix(f"{name}: "))
             self.bag.refused[name] = self.bag.refused.get(name, 0) + 1
 
     def finish(self) -> Bag:

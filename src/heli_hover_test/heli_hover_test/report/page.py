@@ -4,7 +4,8 @@
 import html
 import json
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 
 from plotly.offline import get_plotlyjs
@@ -48,16 +49,52 @@ def render(report: Report, charts: Sequence[Chart], design: Design | None) -> st
         f'<section id="{key}"><h2>{_TITLES[key]}</h2>\n{text}</section>\n'
         for key, text in present.items()
     )
-    mark, kind, verdict = _verdict(report)
     heading = f"{report.kind.capitalize()} test in wind"
+    head = Head(
+        kind="Flight report · simulation",
+        title=f"{heading}, seed {report.settings.seed}",
+        heading=heading,
+        verdict=_verdict(report),
+        facts=list(_facts(report)),
+        links={key: _TITLES[key] for key in present},
+    )
+    return filled(head, body, charts)
+
+
+@dataclass(frozen=True)
+class Head:
+    """What stands on top of a page; texts are HTML.
+
+    Attributes
+    ----------
+    kind, title, heading : str
+    verdict : tuple of str
+        Mark, class ("good", "bad" or "") and sentence.
+    facts : sequence of (str, str)
+    links : mapping
+        Anchor to title of each section.
+    """
+
+    kind: str
+    title: str
+    heading: str
+    verdict: tuple[str, str, str]
+    facts: Sequence[tuple[str, str]]
+    links: Mapping[str, str]
+
+
+def filled(head: Head, body: str, charts: Sequence[Chart]) -> str:
+    """The page's template with head, body and charts in it."""
+    mark, kind, verdict = head.verdict
     parts = {
-        "title": f"{heading}, seed {report.settings.seed}",
-        "heading": heading,
+        "kind": head.kind,
+        "title": head.title,
+        "heading": head.heading,
         "verdict_class": kind,
         "verdict_mark": mark,
         "verdict": verdict,
-        "facts": "".join(f"<div><dt>{k}</dt><dd>{v}</dd></div>" for k, v in _facts(report)),
-        "links": " ".join(f'<a href="#{key}">{_TITLES[key]}</a>' for key in present),
+        "facts": "".join(f"<div><dt>{k}</dt><dd>{v}</dd></div>" for k, v in head.facts),
+        "links": " ".join(f'<a href="#{key}">{title}</a>' for key, title in head.links.items()),
         "body": body,
         "footer": f"Written {time.strftime('%Y-%m-%d %H:%M')}. Charts: Plotly.js (MIT license).",
         "charts": _json([figure(chart) for chart in charts]),
@@ -123,7 +160,7 @@ def _sections(report: Report, charts: Sequence[Chart], design: Design | None) ->
     condition = html.escape(report.conditions)
     drawn = {key: "" for key in _TITLES}
     for chart in charts:
-        drawn[chart.section] += _figure(chart, condition)
+        drawn[chart.section] += figure_block(chart, condition)
     notes = [*report.result.notes, *report.missing]
     drawn["result"] = result_table(report) + "".join(
         f'<p class="note">{html.escape(note)}</p>' for note in notes
@@ -136,7 +173,8 @@ def _sections(report: Report, charts: Sequence[Chart], design: Design | None) ->
     return drawn
 
 
-def _figure(chart: Chart, condition: str) -> str:
+def figure_block(chart: Chart, condition: str) -> str:
+    """A chart's place on the page, with title, caption and links to its files."""
     origin = f"<span>redraws {chart.paper} of the paper</span>" if chart.paper else ""
     files = " ".join(
         f'<a href="figures/{chart.key}.{ending}">{ending.upper()}</a>' for ending in ("svg", "png")

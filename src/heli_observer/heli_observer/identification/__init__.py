@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identification of eq. (10) from flight data; pure mathematics, no ROS, no simulator."""
 
-from heli_observer.identification.actuators import IdentifiedAB, fit_actuators
+from heli_observer.identification.actuators import (
+    IdentifiedAB,
+    fit_actuators,
+    refit_actuators,
+)
 from heli_observer.identification.collective import (
     IdentifiedCollective,
     RotorGeometry,
     fit_collective,
+    relative_air_w,
 )
 from heli_observer.identification.errors import Cause, IdentificationError
 from heli_observer.identification.experiment import Experiment
@@ -34,5 +39,7 @@ __all__ = [
     "fit_gusts",
     "frequency_responses",
     "rate_response",
+    "refit_actuators",
+    "relative_air_w",
     "trim_of",
 ]

@@ -15,7 +15,7 @@ from heli_observer.identification.estimator import (
     summary,
 )
 from heli_observer.identification.experiment import ACTUATORS, RATES, Array, Experiment
-from heli_observer.identification.response import FastModel, transfer
+from heli_observer.identification.response import FAST, FastModel, transfer
 from heli_observer.identification.selection import select
 from heli_observer.identification.spectra import GUST, VEL, Spectra, Y, spectra_of
 from heli_observer.identification.start import StartSearch
@@ -212,6 +212,50 @@ def fit_actuators(
     return _identified(
         model, fitted, sigma | {DELAY: delay_sigma}, share,
         (float(attitude[0]), float(attitude[1])), (delay_s, delay_sigma, ticks), dropped, coherence,
+    )  # fmt: skip
+
+
+def refit_actuators(experiment: Experiment, identified: IdentifiedAB, E: Array) -> IdentifiedAB:
+    """Fit A, B and servos once more, with E as the flight with gusts shows it.
+
+    The flight with excited actuators hardly tells E, whose error then goes into entries that
+    resemble it, such as A(r,p): a roll is a side velocity soon after.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    identified : IdentifiedAB
+        From `fit_actuators` on the same experiment: which entries are free, delay, start.
+    E : (9, 3) array
+        E(r,w) as the mean of both sides of its kink.
+
+    Raises
+    ------
+    IdentificationError
+        As `fit_actuators`.
+    """
+    spectra = spectra_of(experiment)
+    wind = np.zeros_like(identified.fast.E)
+    wind[:, :3] = E[FAST]
+    base = replace(identified.fast, E=wind, delay_s=identified.delay_ticks * TICK_S)
+    known = ("E(", DELAY)
+    kept = tuple(n for n in identified.estimate.names if not n.startswith(known))
+    problem = Problem([spectra], kept, base, identified.estimate.distortion)
+    fitted = estimate(problem, values_of(kept, base))
+    model = problem.model(fitted.values)
+    _check_physical(model)
+    names = actuator_parameters(collective=bool(np.any(spectra.channel == 3)))
+    free = tuple(n for n in names if not n.startswith(known))
+    share = effect_shares(model, spectra, names)
+    small = {n for n in free if n not in ESSENTIAL and share[n] < SIGNIFICANT_SHARE}
+    prior = _row_prior(model, spectra, free, small, SIGNIFICANT_SHARE)
+    open_problem = Problem([spectra], free, model, fitted.distortion, prior)
+    spread = summary(open_problem, values_of(free, model)).sigma
+    sigma = dict(zip(free, spread.tolist(), strict=True))
+    delay = (identified.delay_s, identified.delay_s_sigma, identified.delay_ticks)
+    return _identified(
+        model, fitted, sigma, share, (identified.phi_rad, identified.theta_rad), delay,
+        identified.taken_for_zero, identified.coherence,
     )  # fmt: skip
 
 

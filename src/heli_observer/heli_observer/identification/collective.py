@@ -4,14 +4,17 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import expm
+from scipy.signal import lfilter
 
 from heli_observer.identification.actuators import IdentifiedAB
 from heli_observer.identification.errors import Cause, IdentificationError
-from heli_observer.identification.experiment import Experiment
+from heli_observer.identification.experiment import Array, Experiment
 from heli_observer.identification.response import transfer
 from heli_observer.identification.spectra import GUST, VEL, U, hann_amplitudes, spectra_of
+from heli_observer.layout import TICK_S
 
-_COL = 3
+_COL, _GUST_W = 3, 6
 _LEAST_LINES = 4
 _LARGEST_ERROR = 0.2
 
@@ -114,3 +117,49 @@ def fit_collective(
         K_col=float(-values[0] / per_pitch),
         K_col_sigma=float(sigma[0] / per_pitch),
     )
+
+
+def relative_air_w(
+    experiment: Experiment, identified: IdentifiedAB, collective: IdentifiedCollective
+) -> Array:
+    """Vertical air velocity relative to the aircraft (N,), m/s down, over the evaluated periods.
+
+    The rotor is an anemometer: what the accelerometer shows beyond the collective's part is thrust
+    by vertical air, turbulence included. The thrust per air velocity is found anew on the lines of
+    the gust; the mean is taken for zero.
+
+    Raises
+    ------
+    IdentificationError
+        NO_EXCITATION or TOO_FEW_LINES of the gust's w.
+    """
+    spectra = spectra_of(experiment)
+    own = spectra.channel == _GUST_W
+    if int(own.sum()) < _LEAST_LINES:
+        raise IdentificationError(
+            Cause.NO_EXCITATION if not own.any() else Cause.TOO_FEW_LINES,
+            f"gust_body_mps.w has {int(own.sum())} lines, at least {_LEAST_LINES} are needed",
+        )
+    steady = experiment.steady()
+    position = _servo(steady.u[:, _COL], identified)
+    rest = steady.accel_body_mps2[:, 2] - collective.force_per_collective * position
+    force = hann_amplitudes(rest[:, None])[:, 0][spectra.bins[own]]
+    wind = spectra.z[own, GUST.start + 2] - spectra.z[own, VEL.start + 2]
+    per_w = float(np.real(np.vdot(wind, force)) / np.real(np.vdot(wind, wind)))
+    return (rest - rest.mean()) / per_w
+
+
+def _servo(command: Array, identified: IdentifiedAB) -> Array:
+    """Servo positions (N,) of commands held over a tick after the delay; starts at rest."""
+    w, zeta = identified.servo_radps, identified.servo_damping
+    F = np.array([[0.0, 1.0], [-(w**2), -2.0 * zeta * w]])
+    block = np.zeros((3, 3))
+    block[:2, :2], block[1, 2] = F, w**2
+    e = expm(block * TICK_S)
+    # x(n + 1) = Phi x(n) + Gamma u(n), position = x_0, as a difference equation of second order
+    Phi, Gamma = e[:2, :2], e[:2, 2]
+    denominator = np.array([1.0, -np.trace(Phi), np.linalg.det(Phi)])
+    numerator = np.array([0.0, Gamma[0], Phi[0, 1] * Gamma[1] - Phi[1, 1] * Gamma[0]])
+    moved = command - command[0]
+    late = np.concatenate([np.zeros(identified.delay_ticks), moved])[: command.size]
+    return np.asarray(lfilter(numerator, denominator, late) + command[0])

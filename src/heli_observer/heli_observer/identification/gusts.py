@@ -16,7 +16,7 @@ from heli_observer.identification.spectra import GUST, Spectra, U, Y, spectra_of
 from heli_observer.identification.structure import gust_parameters, place_of, values_of
 
 _LEAST_LINES = 4
-_MOST_TURBULENCE_MPS = 1.5
+_MOST_TURBULENCE_MPS, _MOST_MEAN_MPS = 1.5, 0.5
 SIDES = {"descent": -1.0, "mean": 0.0, "climb": 1.0}
 
 
@@ -101,6 +101,7 @@ def fit_gusts(
     identified: IdentifiedAB,
     side: str = "descent",
     progress: Callable[[str], None] | None = None,
+    air_w_mps: Array | None = None,
 ) -> IdentifiedE:
     """Fit E, with A, B, servos and delay as identified.
 
@@ -108,7 +109,7 @@ def fit_gusts(
     to vertical air has a kink at w_a = 0, where hover is. |w| of the relative air velocity is
     therefore an input of its own of the row of r: E(r,w) is e - k for air that rises (descent) and
     e + k for air that sinks. Unknown turbulence rounds the kink; its standard deviation is fitted
-    with it (the cost as a function of it is minimised).
+    with it (the cost as a function of it is minimised), unless air_w_mps tells it tick by tick.
 
     Parameters
     ----------
@@ -119,6 +120,8 @@ def fit_gusts(
     side : {"descent", "climb", "mean"}
         Which E(r,w) the matrix holds.
     progress : callable, optional
+    air_w_mps : (N,) array, optional
+        From `collective.relative_air_w`; its mean, which that does not know, is fitted.
 
     Raises
     ------
@@ -129,14 +132,21 @@ def fit_gusts(
     """
     if side not in SIDES:
         raise ValueError(f"side {side!r} is not allowed; allowed: {', '.join(SIDES)}")
-    spectra = spectra_of(experiment)
+    spectra = spectra_of(experiment, air_w_mps=air_w_mps)
     coherence = _check_gusts(spectra, identified)
     names = gust_parameters()
     problem = Problem([spectra], names, identified.fast)
     start = values_of(names, identified.fast)
     first = estimate(problem, start, fine=False, joint=False, progress=progress)
-    turbulence = _turbulence(experiment, problem, first.values)
-    spectra = spectra_of(experiment, turbulence_w_mps=turbulence)
+    if air_w_mps is None:
+        turbulence = _turbulence(experiment, problem, first.values)
+        spectra = spectra_of(experiment, turbulence_w_mps=turbulence)
+    else:
+        air_w_mps = air_w_mps + _mean_air(experiment, problem, first.values, air_w_mps)
+        spectra = spectra_of(experiment, air_w_mps=air_w_mps)
+        steady = experiment.steady()
+        known = steady.gust_body_mps[:, 2] - steady.vel_body_mps[:, 2]
+        turbulence = float(np.std(air_w_mps - known))
     problem = Problem([spectra], names, identified.fast, first.distortion)
     fitted = estimate(problem, first.values, joint=False, progress=progress)
     model = problem.model(fitted.values)
@@ -167,23 +177,46 @@ def fit_gusts(
 
 
 def _turbulence(experiment: Experiment, problem: Problem, values: Array) -> float:
-    """Standard deviation of the vertical turbulence, m/s, with which the kink fits best.
+    """Standard deviation of the vertical turbulence, m/s, with which the kink fits best."""
+    return _best(
+        problem,
+        values,
+        lambda sigma: spectra_of(experiment, turbulence_w_mps=sigma),
+        (0.0, _MOST_TURBULENCE_MPS),
+    )
+
+
+def _mean_air(experiment: Experiment, problem: Problem, values: Array, air_w_mps: Array) -> float:
+    """Mean of the vertical air velocity, m/s, with which the kink fits best: where it lies."""
+    return _best(
+        problem,
+        values,
+        lambda mean: spectra_of(experiment, air_w_mps=air_w_mps + mean),
+        (-_MOST_MEAN_MPS, _MOST_MEAN_MPS),
+    )
+
+
+def _best(
+    problem: Problem,
+    values: Array,
+    spectra_with: Callable[[float], Spectra],
+    bounds: tuple[float, float],
+) -> float:
+    """Where in the bounds the cost of the fit is least.
 
     The model is linear in E, so each trial is one linear least-squares problem; the weights stay.
     """
     whiteners = problem.whiteners(values)
 
-    def cost(turbulence: float) -> float:
-        spectra = spectra_of(experiment, turbulence_w_mps=turbulence)
+    def cost(x: float) -> float:
+        spectra = spectra_with(x)
         trial = Problem([spectra], problem.names, problem.base, problem.distortion)
         residual = trial.residual(values, whiteners)
         J = trial.jacobian(values, whiteners)
         step = np.linalg.lstsq(J, -residual, rcond=None)[0]
         return float(np.sum((residual + J @ step) ** 2))
 
-    result = minimize_scalar(
-        cost, bounds=(0.0, _MOST_TURBULENCE_MPS), method="bounded", options={"xatol": 0.01}
-    )
+    result = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.01})
     return float(result.x)
 
 

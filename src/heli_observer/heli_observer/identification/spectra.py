@@ -150,12 +150,16 @@ def folded(w: Array, spread: float) -> Array:
 
 
 def spectra_of(
-    experiment: Experiment, highest_hz: float = 12.0, turbulence_w_mps: float = 0.0
+    experiment: Experiment,
+    highest_hz: float = 12.0,
+    turbulence_w_mps: float = 0.0,
+    air_w_mps: Array | None = None,
 ) -> Spectra:
     """Spectra of an experiment up to highest_hz.
 
     turbulence_w_mps: standard deviation of the unknown vertical air velocity, which rounds the kink
-    of |w|.
+    of |w|. air_w_mps (N,): vertical air velocity relative to the aircraft over the evaluated
+    periods, turbulence included, if it is known; default: gust minus velocity.
 
     Raises
     ------
@@ -165,6 +169,8 @@ def spectra_of(
     steady = experiment.steady()
     lines, channel = excited_lines(steady, highest_hz)
     relative_w = steady.gust_body_mps[:, 2:] - steady.vel_body_mps[:, 2:]
+    if air_w_mps is not None:
+        relative_w = air_w_mps.reshape(-1, 1)
     kink = folded(relative_w, turbulence_w_mps)
     signals = np.hstack(
         [steady.rate_body_radps, steady.u, steady.gust_body_mps, kink,

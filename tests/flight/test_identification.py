@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole identification in one process, against the linearised truth: A, B, servos and norms
+within 5 %, E within 10 %, and the hover test inside the paper's figures with what was found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from heli_hover_test import closed_loop
+from heli_hover_test.identify_command import YAML, Wanted, execute, settings_of, write
+from heli_hover_test.identify_compare import misses
+from heli_hover_test.identify_data import experiment_of_record
+from heli_hover_test.result import Result
+from heli_hover_test.scoring import score
+from heli_hover_test.settings import resolve
+from heli_math.rotations import quat_to_R_nb
+from heli_observer.identification import relative_air_w
+
+
+def identified(tmp_path, seed, **options):
+    outcome = execute(Wanted(seed=seed, one_process=True, **options), tmp_path / "found")
+    write(outcome, tmp_path / "found", "{}\n")
+    return outcome, tmp_path / "found" / YAML
+
+
+def told(rows):
+    return [f"{row.name}: {row.value:.5g} for {row.truth:.5g}" for row in rows]
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    return identified(tmp_path_factory.mktemp("identified"), 1)
+
+
+def test_a_b_servos_and_norms_are_within_their_targets(found):
+    outcome, _ = found
+    judged = [row for row in outcome.rows if row.met is not None]
+    assert len([row for row in judged if row.group in "AB"]) >= 15
+    assert told(row for row in misses(outcome.rows) if row.group != "E") == []
+    assert outcome.found.ab.delay_ticks == 1
+
+
+def test_every_entry_of_e_that_matters_is_within_its_target(found):
+    outcome, _ = found
+    assert told(row for row in misses(outcome.rows) if row.group == "E") == []
+
+
+def test_hover_test_flies_inside_the_papers_figures_with_identified_numbers(found):
+    _, file = found
+    settings = resolve(seed=2, params=[file])
+    for node, key in (("inner_loop", "model.A"), ("observer", "K"), ("outer_loop", "rotor.K_col")):
+        assert np.any(settings.nodes[node][key] != resolve().nodes[node][key])
+    flight = closed_loop.simulate(settings)
+    result = Result(score(flight.record, settings.scenario), flight.sentence, 60.0, 1.0)
+    assert result.exit_code("standalone") == 0, [s.as_dict() for s in result.outside]
+
+
+def test_no_number_comes_from_the_simulators_inside(found):
+    """The truth may be wrong in any way: what is written for the nodes stays the same."""
+    from heli_hover_test.identify import identify
+
+    outcome, _ = found
+    found_numbers = outcome.found
+    blind = replace(
+        outcome.settings,
+        nodes={
+            **outcome.settings.nodes,
+            "plant": {"aircraft_file": "none.yaml", "delay_ticks": 9},
+            "inner_loop": {
+                **outcome.settings.nodes["inner_loop"],
+                "model.A": np.zeros((9, 9)),
+                "model.B": np.zeros((9, 3)),
+                "model.E": np.zeros((9, 3)),
+            },
+        },
+    )
+    again = identify(found_numbers.actuators, found_numbers.gusts, found_numbers.given, blind)
+    np.testing.assert_array_equal(again.design.observer.K, found_numbers.design.observer.K)
+    for node, values in found_numbers.design.values.items():
+        assert "plant" not in node
+        for key, value in values.items():
+            np.testing.assert_array_equal(again.design.values[node][key], value)
+
+
+def test_the_rotor_tells_the_vertical_air_with_its_turbulence(found):
+    """Where the kink of the climb power lies: E(r,w) hangs on it."""
+    identification = found[0].found
+    settings = settings_of(Wanted(seed=1, one_process=True), "gusts")
+    record = closed_loop.simulate(settings).record
+    part = slice(3000, 19000)
+    relative = (record.wind_ned_mps - record.truth_vel_ned_mps)[part]
+    turned = [quat_to_R_nb(q).T @ v for q, v in zip(record.truth_q_nb[part], relative, strict=True)]
+    true = np.array(turned)[:, 2]
+    found_w = relative_air_w(
+        experiment_of_record(record, identification.given), identification.ab,
+        identification.collective,
+    )  # fmt: skip
+    assert (found_w - (true - true.mean())).std() < 0.1 < 0.4 < true.std()
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(2, 12))
+def test_other_seeds_meet_the_targets_too(tmp_path, seed):
+    """Within the target and the flight's own two sigma; seeds 1 to 20 miss the bare target once,
+    E(p,w) by 10.03 % on seed 9, of 27 numbers each."""
+    outcome, file = identified(tmp_path, seed)
+    beyond = [
+        row
+        for row in misses(outcome.rows)
+        if abs(row.deviation) > row.target + 2.0 * row.sigma / abs(row.truth) or np.isnan(row.sigma)
+    ]
+    assert told(beyond) == []
+    settings = resolve(seed=seed, params=[file])
+    flight = closed_loop.simulate(settings)
+    result = Result(score(flight.record, settings.scenario), flight.sentence, 60.0, 1.0)
+    assert result.exit_code("standalone") == 0
