@@ -32,9 +32,13 @@ SHORT = {
     "./heli compare attitude": "--seeds 1 --duration 6",
     "./heli compare robustness": "--n 1 --duration 6",
     "./heli design": "",
+    "./heli identify": "--one-process",
 }
 # Commands that take long or need ROS: begin of the command -> the test that runs them.
 COVERED = {
+    "./hover_test.sh --live": "tests/browser/test_browser_live_flight.py::"
+    "test_flight_is_shown_above_its_shadow_in_real_time",
+    "./heli report": "tests/commands/test_report_command.py::test_a_bag_gives_the_record_back",
     "./heli bag play": "tests/graph/test_bag_tools.py::test_play_and_listen",
     "./heli bag": "tests/commands/test_bag_command.py::"
     "test_repair_says_what_was_restored_and_what_was_lost",

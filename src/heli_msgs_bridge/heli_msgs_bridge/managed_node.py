@@ -360,6 +360,9 @@ def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as error:
+        if node is not None and not rclpy.ok():
+            # A signal ended ROS inside a callback: what it would have sent next failed.
+            return 0
         complain(name, f"failed in flight: {type(error).__name__}: {error}")
         return 1
     finally:
