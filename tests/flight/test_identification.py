@@ -152,5 +152,7 @@ def test_packaged_experiments_are_what_their_script_writes(tmp_path):
     script = Path(__file__).resolve().parents[2] / "scripts/write_identify_scenarios.py"
     subprocess.run([sys.executable, script, tmp_path], check=True, stdout=subprocess.DEVNULL)
     packaged = config_folder("heli_hover_test") / "scenarios"
-    for file in tmp_path.glob("*.yaml"):
+    written = sorted(tmp_path.glob("*.yaml"))
+    assert [f.name for f in written] == ["identify_actuators.yaml", "identify_gusts.yaml"]
+    for file in written:
         assert file.read_text() == (packaged / file.name).read_text(), file.name

@@ -86,7 +86,6 @@ async def vanish(url):
     """One browser breaks off without a word, another never reads what it is sent."""
     async with aiohttp.ClientSession() as session:
         connection = await session.ws_connect(f"{url}ws")
-        connection.get_extra_info("socket")
         connection._response.connection.transport.abort()
     place = urlsplit(url)
     deaf = socket.create_connection((place.hostname, place.port))

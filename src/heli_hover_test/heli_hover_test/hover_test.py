@@ -25,6 +25,7 @@ from heli_hover_test.result import (
     write_result,
 )
 from heli_hover_test.settings import GPS_PRESETS, Settings, resolve, scenario_names
+from heli_hover_test.terminal import new_folder
 from heli_inner_hinf.law_state import CONTROLLERS
 from heli_msgs_bridge.bag_reader import Remark
 from heli_msgs_bridge.locate import MissingFileError
@@ -111,13 +112,7 @@ def _new_folder(wanted: Path | None, scenario: str, gps: str, seed: int) -> Path
         while wanted.exists():
             count += 1
             wanted = base.with_name(f"{base.name}-{count}")
-    if wanted.exists():
-        raise ParameterError(f"--out {wanted}: exists already; name a new folder")
-    try:
-        wanted.mkdir(parents=True)
-    except OSError as error:
-        raise ParameterError(f"--out {wanted}: cannot be written: {error.strerror}") from None
-    return wanted
+    return new_folder(wanted)
 
 
 @contextlib.contextmanager
@@ -229,9 +224,10 @@ def fly(options: argparse.Namespace, console: Console) -> int:
             with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
                 result, extra, flight = fly_graph(settings, folder, progress, live, _say(console))
             record, remarks = flight.record, flight.remarks
-    except (ParameterError, MissingFileError, StartError, ValueError):
+    except (ParameterError, MissingFileError, StartError, ValueError) as error:
         # Nothing was flown: an empty folder would only look like a flight.
-        shutil.rmtree(folder, ignore_errors=True)
+        if not (isinstance(error, ValueError) and (folder / "bag").exists()):
+            shutil.rmtree(folder, ignore_errors=True)
         raise
     write_result(result, settings, folder, extra)
     print_table(result, settings, console)
@@ -259,7 +255,7 @@ def command(argv: Sequence[str] | None, prog: str) -> int:
     console = Console(stderr=options.as_json, width=None if stream.isatty() else 110)
     try:
         return fly(options, console)
-    except (ParameterError, MissingFileError, FlightError, ValueError) as error:
+    except (ParameterError, OSError, FlightError, ValueError) as error:
         print(f"hover_test: {error}", file=sys.stderr)
         broken = isinstance(error, FlightError) and not isinstance(error, StartError)
         return EXIT_OUTSIDE if broken else EXIT_BAD_INPUT

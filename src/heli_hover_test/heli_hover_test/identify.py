@@ -85,15 +85,15 @@ def identify(
     rotor = RotorGeometry(
         **{name: ground[f"rotor.{name}"] for name in RotorGeometry.__annotations__}
     )
-    progress("collective, trim")
+    progress("collective")
     collective = fit_collective(actuators, ab, ground["mass"], ground["gravity"], rotor)
-    trim = trim_of([actuators, gusts], ab)
     progress("E")
     air_w_mps = relative_air_w(gusts, ab, collective)
     wind = fit_gusts(gusts, ab, air_w_mps=air_w_mps)
     mean = wind.E.copy()
     mean[6, 2] = wind.E_rw["mean"]
     ab = refit_actuators(actuators, ab, mean)
+    trim = trim_of([actuators, gusts], ab)
     wind = fit_gusts(gusts, ab, air_w_mps=air_w_mps)
     progress("design")
     basis = basis_of(ab, wind, trim, collective, given)
@@ -109,14 +109,12 @@ def basis_of(
     given: Given,
 ) -> Basis:
     """What `design_of` starts from, in identified numbers."""
-    x_trim = trim.x.copy()
-    x_trim[8] = 0.0
     return Basis(
         source="identified in flight",
         A=ab.A,
         B=ab.B,
         E=wind.E,
-        x_trim=x_trim,
+        x_trim=trim.x,
         u_trim=trim.u,
         actuation=Actuation(ab.servo_radps, ab.servo_damping, ab.delay_ticks * TICK_S),
         outer={**given.ground, "rotor.K_col": collective.K_col},

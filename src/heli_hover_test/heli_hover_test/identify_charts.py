@@ -5,6 +5,7 @@ A response to one input is drawn from its own lines: what all other inputs do th
 taken off the measured rate first, as the loops answer every line with all actuators.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,7 @@ _GUSTS = (("p", 1), ("p", 2), ("q", 2), ("r", 1), ("r", 2))
 _KINKED = ("r", 2)
 _INPUTS = ("d_lat", "d_lon", "d_ped", "d_col")
 _AXES = ("u", "v", "w")
+_ROLES = ("nav", "truth", "green", "rival")
 _POINTS = 300
 _SIGMAS = 2.0
 
@@ -184,9 +186,13 @@ def _first_period(experiment: Experiment) -> tuple[Experiment, slice, np.ndarray
     return steady, part, np.arange(steady.period_ticks) * TICK_S + experiment.start_s
 
 
+def _traces(time_s: np.ndarray, values: np.ndarray, names: Sequence[str]) -> list[Trace]:
+    """One line per column."""
+    return [Trace(time_s, values[:, i], name, _ROLES[i]) for i, name in enumerate(names)]
+
+
 def _excitation(experiment: Experiment) -> Chart:
     steady, part, time_s = _first_period(experiment)
-    roles = ("nav", "truth", "green", "rival")
     rates = np.degrees(steady.rate_body_radps[part])
     angles = np.degrees(steady.attitude_rad[part])
     return Chart(
@@ -194,12 +200,9 @@ def _excitation(experiment: Experiment) -> Chart:
         "One period of the first experiment",
         "What was added to the actuators, and what the aircraft did.",
         [
-            Panel("added, 1", [Trace(time_s, steady.excitation_u[part, i], name, roles[i])
-                               for i, name in enumerate(_INPUTS)]),
-            Panel("rate, deg/s", [Trace(time_s, rates[:, i], name, roles[i])
-                                  for i, name in enumerate(RATES)]),
-            Panel("angle, deg", [Trace(time_s, angles[:, i], name, roles[i])
-                                 for i, name in enumerate(("phi", "theta"))]),
+            Panel("added, 1", _traces(time_s, steady.excitation_u[part], _INPUTS)),
+            Panel("rate, deg/s", _traces(time_s, rates, RATES)),
+            Panel("angle, deg", _traces(time_s, angles, ("phi", "theta"))),
         ],
         "experiments",
     )  # fmt: skip
@@ -207,17 +210,14 @@ def _excitation(experiment: Experiment) -> Chart:
 
 def _gust(experiment: Experiment) -> Chart:
     steady, part, time_s = _first_period(experiment)
-    roles = ("nav", "truth", "green")
     rates = np.degrees(steady.rate_body_radps[part])
     return Chart(
         "gust",
         "One period of the second experiment",
         "The gust that was injected, and what the aircraft did.",
         [
-            Panel("gust, m/s", [Trace(time_s, steady.gust_body_mps[part, i], name, roles[i])
-                                for i, name in enumerate(_AXES)]),
-            Panel("rate, deg/s", [Trace(time_s, rates[:, i], name, roles[i])
-                                  for i, name in enumerate(RATES)]),
+            Panel("gust, m/s", _traces(time_s, steady.gust_body_mps[part], _AXES)),
+            Panel("rate, deg/s", _traces(time_s, rates, RATES)),
         ],
         "experiments",
     )  # fmt: skip

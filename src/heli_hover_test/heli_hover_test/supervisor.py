@@ -17,12 +17,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from heli_hover_test.errors import FlightError
 from heli_hover_test.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.reference_message import ReferencePoints, encode_reference
 
 
-class BringUpError(Exception):
+class BringUpError(FlightError):
     """A node did not come up or fell silent; the message names it."""
 
 

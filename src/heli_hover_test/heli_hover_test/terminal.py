@@ -3,6 +3,7 @@
 
 import contextlib
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -124,10 +125,6 @@ def _plain(content: Any) -> Any:
         return {key: _plain(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
         return [_plain(value) for value in content]
-    if (
-        isinstance(content, float)
-        and content != content
-        or content in (float("inf"), -float("inf"))
-    ):
+    if isinstance(content, float) and not math.isfinite(content):
         return None
     return content

@@ -22,8 +22,8 @@ N_CHANNELS = 4
 # Layout of the state array (N_EXCITATION_STATE,).
 SENT = 0  # [0:4] what was added at the newest tick, actuator units
 SATURATED_S = 4  # how long an actuator has stood at its limit, s
-ENDED_S = 5  # flight time at which the excitation was given up, s; negative: it was not
-CAUSE = 6  # ExcitationStatus for which it was given up
+ENDED_S = 5  # flight time at which the excitation was given up, s
+CAUSE = 6  # ExcitationStatus for which it was given up; SILENT: it was not
 N_EXCITATION_STATE = 7
 
 
@@ -130,9 +130,7 @@ def excitation_kernel(values: Mapping[str, Any]) -> ExcitationKernel:
 
 def initial_excitation_state() -> np.ndarray:
     """State (N_EXCITATION_STATE,) before the flight."""
-    state = np.zeros(N_EXCITATION_STATE)
-    state[ENDED_S] = -1.0
-    return state
+    return np.zeros(N_EXCITATION_STATE)
 
 
 @njit
@@ -180,11 +178,11 @@ def excite(time_s, x9, k, state, law_state, u4):
         state[SENT + i] = 0.0
     share = fade_in_and_out(time_s - k.start_s, k.duration_s, k.fade_s)
     if not all_finite(x9):
-        if share > 0.0 and state[ENDED_S] < 0.0:
+        if share > 0.0 and state[CAUSE] == _SILENT:
             state[ENDED_S] = time_s - k.fade_s
             state[CAUSE] = _NOT_FINITE
         return int(state[CAUSE])
-    if state[ENDED_S] >= 0.0:
+    if state[CAUSE] != _SILENT:
         gone = (time_s - state[ENDED_S]) / max(k.fade_s, TICK_S)
         share *= 0.0 if gone >= 1.0 else 0.5 + 0.5 * math.cos(math.pi * gone)
     if share == 0.0:
@@ -197,6 +195,6 @@ def excite(time_s, x9, k, state, law_state, u4):
         u4[i] = total
     for i in range(3):
         law_state[LAST_U + i] = u4[i]
-    if state[ENDED_S] < 0.0:
+    if state[CAUSE] == _SILENT:
         _watch(time_s, x9, u4, k, state)
-    return _EXCITING if state[ENDED_S] < 0.0 else int(state[CAUSE])
+    return _EXCITING if state[CAUSE] == _SILENT else int(state[CAUSE])

@@ -97,6 +97,11 @@ def test_an_estimate_that_is_not_finite_ends_it_at_once():
     status, u = run(5.01)
     assert status is ExcitationStatus.NOT_FINITE
     np.testing.assert_array_equal(u, TRIM_U)
+    early = Run(kernel(start_s=0.0))
+    early(1.0, np.full(9, np.nan))
+    status, u = early(1.01)
+    assert status is ExcitationStatus.NOT_FINITE
+    np.testing.assert_array_equal(u, TRIM_U)
 
 
 def test_one_line_of_nothing_is_off():

@@ -149,7 +149,7 @@ class Player:
                 if clock is not None:
                     events = self._with_clock(events, clock, start_ns)
                 self._play(events, start_ns, end_ns)
-                if not self._choice.loop:
+                if not self._choice.loop or not self.played:
                     break
             self._finish()
         return self.played

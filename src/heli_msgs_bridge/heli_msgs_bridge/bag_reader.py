@@ -188,6 +188,5 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
                 if name is not None:
                     collector.take(name, raw)
     except (ReaderError, OSError, ValueError, KeyError, AssertionError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise BagError(f"{path}: not a readable bag: {reason}") from error
+        raise BagError(f"{path}: not a readable bag: {reason(error)}") from error
     return collector.finish()

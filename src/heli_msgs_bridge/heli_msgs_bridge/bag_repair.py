@@ -2,6 +2,7 @@
 """`heli bag repair`: a bag that was never closed, or cut off, into one that opens everywhere."""
 
 import re
+import shutil
 import sqlite3
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -159,7 +160,12 @@ def repair(
     result.notes = [note for state in survey.states for note in state.notes]
     storage = "sqlite3" if files[0].suffix == ".db3" else "mcap"
     form = Format(storage, storage == "mcap" and any(state.zstd for state in survey.states))
-    _copy(files, survey, target, form, result, progress)
+    try:
+        _copy(files, survey, target, form, result, progress)
+    except BagError:
+        if in_place and not target.exists():
+            source.rename(target)
+        raise
     return result
 
 
@@ -187,7 +193,8 @@ def _copy(
         new.close()
     except (OSError, sqlite3.Error) as error:
         new.abandon()
-        kept = f"{files[0].parent} is as it was"
+        shutil.rmtree(target, ignore_errors=True)
+        kept = "the damaged bag is as it was"
         raise BagError(f"{target}: cannot be written: {reason(error)}; {kept}") from error
     counts = new.counts()
     result.counts = {c.topic: counts[number] for c, number in survey.channels.items()}

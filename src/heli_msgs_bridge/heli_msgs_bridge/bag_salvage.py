@@ -181,7 +181,7 @@ class _Mcap:
                     if message is not None:
                         yield message
             elif op == _RECORD_CHUNK:
-                yield from self._whole_or_not(stream.read(size), cut)
+                yield from self._whole_or_not(stream.read(min(size, end)), cut)
                 if cut:
                     break
             at += _HEAD.size + size

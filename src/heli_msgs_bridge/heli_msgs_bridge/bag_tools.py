@@ -205,6 +205,8 @@ def write_csv(
                     table = tables[c.topic] = _Table(folder / name)
                 table.add(stamp_ns, flatten(reader.deserialize(raw, c.msgtype)))
                 progress(done, total)
+        except OSError as error:
+            raise BagError(f"{folder}: cannot be written: {reason(error)}") from error
         finally:
             for table in tables.values():
                 table.close()

@@ -281,13 +281,18 @@ class LiveViewNode(ManagedNode):
         if getattr(self, "page", None) is None:
             return
         # ROS may have ended already; the browsers are still to hear the end.
+        helpers = self.scene, self.commander
         self.scene = self.commander = None
         self._show()
-        self.page.stop()
-        self.page = None
-        if self.foxglove is not None:
-            self.foxglove.stop()
-            self.foxglove = None
+        self.scene, self.commander = helpers
+        self._close_ports()
+
+    def _close_ports(self) -> None:
+        for name in ("page", "foxglove"):
+            server = getattr(self, name, None)
+            if server is not None:
+                server.stop()
+            setattr(self, name, None)
 
     def _drop_entities(self) -> None:
         super()._drop_entities()
@@ -300,6 +305,8 @@ class LiveViewNode(ManagedNode):
             if helper is not None:
                 helper.close()
         self.scene = self.commander = None
+        # A set-up that failed half-way has bound them already.
+        self._close_ports()
 
 
 def main(args: Sequence[str] | None = None) -> int:

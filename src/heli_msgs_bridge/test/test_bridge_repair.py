@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -109,6 +110,11 @@ def test_cut_anywhere(whole, scratch, form, part):
     if form == "mcap":
         # The file's own bytes are the second opinion: every whole message in it is there.
         assert len(kept) == sum(raw in before for _, _, raw in SENT)
+    with open(file, "rb") as opened:
+        chunks = make_reader(opened).get_summary().chunk_indexes
+    inside = [c for c in chunks if c.chunk_start_offset + c.chunk_length <= size]
+    last_ns = max((c.message_end_time for c in inside), default=0)
+    assert len(kept) >= sum(stamp_ns < last_ns for _, stamp_ns, _ in SENT)
 
 
 @pytest.mark.parametrize("part", [0.05, 0.3, 0.5, 0.77, 0.9, 0.999])

@@ -132,6 +132,7 @@ class TestPlan:
             ({"amplitude_mps": True, "from_deg": 0, "duration_s": 2}, "amplitude_mps: True"),
             ({"amplitude_mps": 5, "from_deg": float("nan"), "duration_s": 2}, "from_deg: nan"),
             ({"amplitude_mps": 5, "from_deg": 0}, "duration_s: None"),
+            ({"amplitude_mps": 10**400, "from_deg": 0, "duration_s": 2}, "amplitude_mps: 1000"),
         ],
     )
     def test_gusts_are_judged(self, args, named):
@@ -195,12 +196,16 @@ def test_foxglove_layout_shows_topics_that_exist():
 
     assert sorted(leaves(layout["layout"])) == sorted(panels)
     known = {f"/{topic.name.lstrip('/')}" for topic in topics.TABLE}
-    row = {"truth": TestScene.BODY, "nav": TestScene.BODY, **LiveState(S, 1.0).row(0.0)}
+    ref = dict.fromkeys(("p", "v", "yaw_deg"))
+    row = LiveState(S, 1.0).row(0.0) | {"truth": TestScene.BODY, "nav": TestScene.BODY, "ref": ref}
     for name, panel in panels.items():
         for path in panel.get("paths", []):
             topic, *fields = re.split(r"\.", path["value"])
             if topic == "/live_state":
-                assert fields[0].split("[")[0] in row, path
+                part = row
+                for key in (field.split("[")[0] for field in fields):
+                    assert key in part, path
+                    part = part[key]
             else:
                 assert topic in known, path
         if name.startswith("3D"):

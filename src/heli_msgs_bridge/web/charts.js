@@ -173,15 +173,13 @@ export class Charts {
     });
   }
 
-  // One or two charts a call: the work is spread evenly over the frames.
-  update(flight, shown, count = 1) {
+  // One chart a call: the work is spread evenly over the frames.
+  update(flight, shown) {
     const end = flight.last?.t;
     if (!Number.isFinite(end)) return;
     const rows = flight.rows.filter((row) => row.t >= end - SHOWN_S);
     const warnings = flight.events.filter((e) => e.level > 0 && e.t >= end - SHOWN_S).map((e) => e.t);
-    for (let i = 0; i < count; i += 1) {
-      this.charts[this.turn].update(rows, shown, end, flight.info?.bounds ?? {}, warnings);
-      this.turn = (this.turn + 1) % this.charts.length;
-    }
+    this.charts[this.turn].update(rows, shown, end, flight.info?.bounds ?? {}, warnings);
+    this.turn = (this.turn + 1) % this.charts.length;
   }
 }

@@ -85,7 +85,7 @@ export class Flight {
     const other = JSON.stringify(message.flight) !== JSON.stringify(this.info?.flight);
     this.info = message;
     const history = message.history ?? [];
-    const behind = this.last && history.length && history.at(-1).t < this.last.t - 1;
+    const behind = this.last && !(history.at(-1)?.t >= this.last.t - 1);
     if (other || behind) this.clear();
     for (const row of history) if (!this.last || row.t > this.last.t) this.remember(row);
     if (message.events) this.events = [...message.events];

@@ -3,7 +3,7 @@
 
 import { Canvas2d, FONT, line } from "./canvas2d.js";
 import { errorsOf } from "./flight.js";
-import { bearing, clock, fixed, named, put, signed, UNKNOWN } from "./format.js";
+import { bearing, clock, fixed, named, put, signed, UNKNOWN, wrapped } from "./format.js";
 
 const RAD = Math.PI / 180;
 const NEAR_LIMIT = 0.95;
@@ -95,7 +95,7 @@ export class WindCompass {
     const to = bearing(wind[0], wind[1]);
     const comesFrom = (to + 180) % 360;
     put(from, `from ${fixed(comesFrom, 0)}° to ${fixed(to, 0)}°`);
-    const off = ((comesFrom - psi + 540) % 360) - 180;
+    const off = wrapped(comesFrom - psi);
     put(nose, Number.isFinite(psi) ? `${fixed(Math.abs(off), 0)}° ${off < 0 ? "left" : "right"} of the nose` : "");
     put(up, `vertical ${signed(wind[2], 1, "m/s")}`);
   }

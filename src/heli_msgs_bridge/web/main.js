@@ -136,7 +136,7 @@ function frame(now) {
   const shown = flight.shown(state);
   scene.draw(state, flight, shown, dt);
   horizon.draw(state?.[shown], state?.ref, state?.setpoint_deg);
-  charts.update(flight, shown, 1);
+  charts.update(flight, shown);
   if (now - lastWords >= WORDS_MS) {
     lastWords = now;
     track.draw(state, flight, shown);

@@ -54,7 +54,7 @@ export class Track {
     for (const row of rows) if (row[shown]) need = Math.max(need, 1.12 * far(row[shown].p));
     for (const source of ["truth", "nav"]) if (state[source]) need = Math.max(need, 1.12 * far(state[source].p));
     const wanted = REACHES_M.find((reach) => reach >= need) ?? Math.ceil(need);
-    if (wanted > this.reach || need < 0.8 * wanted || wanted === this.reach) this.reach = wanted;
+    if (wanted > this.reach || need < 0.8 * wanted) this.reach = wanted;
   }
 
   draw(state, flight, shown) {

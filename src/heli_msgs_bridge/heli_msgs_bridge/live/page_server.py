@@ -206,8 +206,12 @@ class PageServer:
         return response
 
     async def _on_file(self, request: web.Request) -> web.StreamResponse:
-        path = (self._folder / (request.match_info["path"] or "index.html")).resolve()
-        if not path.is_relative_to(self._folder) or not path.is_file():
+        try:
+            path = (self._folder / (request.match_info["path"] or "index.html")).resolve()
+            known = path.is_relative_to(self._folder) and path.is_file()
+        except (OSError, ValueError):  # a name that no file can have
+            known = False
+        if not known:
             return web.Response(status=404, text="no such file")
         kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0]
         content = await asyncio.to_thread(path.read_bytes)

@@ -116,17 +116,7 @@ def channel_coherence(spectra: Spectra) -> dict[str, float]:
     noise = spectra.noise_covariance()
     result = {}
     for i, (actuator, rate) in enumerate(zip(ACTUATORS[:3], RATES, strict=True)):
-        own = spectra.channel == i
-        count = int(own.sum())
-        if count == 0:
-            raise IdentificationError(
-                Cause.NO_EXCITATION, f"excitation_u.{actuator} holds no periodic excitation"
-            )
-        if count < _LEAST_LINES:
-            raise IdentificationError(
-                Cause.TOO_FEW_LINES,
-                f"excitation_u.{actuator} has {count} lines, at least {_LEAST_LINES} are needed",
-            )
+        own = spectra.own(i, _LEAST_LINES)
         power = np.abs(spectra.z[own, i]) ** 2
         scatter = noise[own, i, i].real * spectra.periods
         result[f"{rate}/{actuator}"] = median = float(np.median(power / (power + scatter)))

@@ -73,24 +73,14 @@ def _check_gusts(spectra: Spectra, identified: IdentifiedAB) -> dict[str, float]
     scatter = np.mean(np.abs(noise[spectra.neighbours]) ** 2, axis=1) * spectra.periods
     result = {}
     for i, axis in enumerate(WIND):
-        own = spectra.channel == 4 + i
-        count = int(own.sum())
-        if count == 0:
-            raise IdentificationError(
-                Cause.NO_EXCITATION, f"gust_body_mps.{axis} holds no periodic excitation"
-            )
-        if count < _LEAST_LINES:
-            raise IdentificationError(
-                Cause.TOO_FEW_LINES,
-                f"gust_body_mps.{axis} has {count} lines, at least {_LEAST_LINES} are needed",
-            )
+        own = spectra.own(4 + i, _LEAST_LINES)
         power = np.abs(left[own]) ** 2
         result[axis] = float(np.max(np.median(power / (power + scatter[own]), axis=0)))
-    weakest = max(result, key=lambda axis: result[axis])
-    if result[weakest] < LEAST_COHERENCE:
+    best = max(result.values())
+    if best < LEAST_COHERENCE:
         raise IdentificationError(
             Cause.LOW_COHERENCE,
-            f"no rate answers gust_body_mps with a median coherence above {result[weakest]:.2f}, "
+            f"no rate answers gust_body_mps with a median coherence above {best:.2f}, "
             f"at least {LEAST_COHERENCE:.2f} is needed: stronger gusts or more periods",
         )
     return result

@@ -33,6 +33,9 @@ _SMALLEST = 0.02  # of a channel's largest line: below, a line is rounding or ro
 _DRIFT = 0.05  # of the largest line: the excitation changes from period to period
 
 
+_DRIVES = tuple(f"excitation_u.{n}" for n in ACTUATORS) + tuple(f"gust_body_mps.{n}" for n in WIND)
+
+
 @dataclass(frozen=True)
 class Spectra:
     """Complex amplitudes at excited lines and at noise bins.
@@ -67,6 +70,21 @@ class Spectra:
     noise_z: ComplexArray
     neighbours: IntArray
     periods: int
+
+    def own(self, channel: int, least: int) -> NDArray[np.bool_]:
+        """Mask (L,) of a channel's lines; raises NO_EXCITATION or TOO_FEW_LINES below `least`."""
+        own: NDArray[np.bool_] = self.channel == channel
+        count = int(own.sum())
+        if count == 0:
+            raise IdentificationError(
+                Cause.NO_EXCITATION, f"{_DRIVES[channel]} holds no periodic excitation"
+            )
+        if count < least:
+            raise IdentificationError(
+                Cause.TOO_FEW_LINES,
+                f"{_DRIVES[channel]} has {count} lines, at least {least} are needed",
+            )
+        return own
 
     def noise_covariance(self) -> ComplexArray:
         """Covariance (L, N_SIGNAL, N_SIGNAL) of z, from the neighbouring noise bins."""
@@ -111,9 +129,8 @@ def excited_lines(steady: Experiment, highest_hz: float) -> tuple[IntArray, IntA
         raise IdentificationError(
             Cause.NO_EXCITATION, "excitation_u and gust_body_mps hold no periodic excitation"
         )
-    names = [f"excitation_u.{n}" for n in ACTUATORS] + [f"gust_body_mps.{n}" for n in WIND]
     change = np.abs(spectra - spectra.mean(axis=0)).max(axis=(0, 1))
-    for name, moved, peak in zip(names, change, largest, strict=True):
+    for name, moved, peak in zip(_DRIVES, change, largest, strict=True):
         if peak > _SMALLEST * largest.max() and moved > _DRIFT * peak:
             raise IdentificationError(
                 Cause.NOT_PERIODIC,
