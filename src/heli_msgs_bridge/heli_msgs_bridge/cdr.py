@@ -28,15 +28,22 @@ class Layout:
         Encapsulation header and fields so far.
     block_at, block_size : int
         Offset (bytes) and number of doubles of the block.
+    padding : list of int
+        Offsets of the bytes that only align what follows. Zero here; other serialisers leave in
+        them what was in memory.
     """
 
     def __init__(self) -> None:
         self.data = bytearray(_HEADER)
         self.block_at = 0
         self.block_size = 0
+        self.padding: list[int] = []
 
     def _align(self, size: int) -> None:
-        self.data += bytes(-(len(self.data) - len(_HEADER)) % size)
+        end = len(self.data)
+        gap = -(end - len(_HEADER)) % size
+        self.padding += range(end, end + gap)
+        self.data += bytes(gap)
 
     def put(self, kind: str, value: int) -> "Layout":
         """Append an integer; `kind` is its struct code (b, B, H, i, I)."""
@@ -78,7 +85,8 @@ class FixedMessage:
     layout : Layout
         With the stamp first and exactly one block of doubles.
     free : sequence of int
-        Offsets (bytes, outside stamp and block) that may differ from message to message.
+        Offsets (bytes, outside stamp and block) that may differ from message to message, as those
+        of the padding may.
 
     Attributes
     ----------
@@ -102,7 +110,8 @@ class FixedMessage:
         edges = [_STAMP_AT + _STAMP.size, layout.block_at, block_end, size]
         self._constant: list[tuple[slice, bytes]] = []
         for start, end in ((edges[0], edges[1]), (edges[2], edges[3])):
-            for cut in sorted(offset for offset in free if start <= offset < end):
+            cuts = {*free, *layout.padding}
+            for cut in sorted(offset for offset in cuts if start <= offset < end):
                 self._keep(layout, start, cut)
                 start = cut + 1
             self._keep(layout, start, end)

@@ -76,10 +76,6 @@ class TickAssembler:
         else:
             self._waived.discard(topic)
 
-    def is_waived(self, topic: str) -> bool:
-        """True if the topic is not waited for."""
-        return topic in self._waived
-
     def add(self, topic: str, stamp_tick: int, value: Any) -> bool:
         """Take a message; `value` None means that it came but cannot be used.
 
@@ -99,20 +95,24 @@ class TickAssembler:
         slot = self._slots.get(tick)
         if slot is None:
             slot = self._slots[tick] = {}
-            if first is None and len(self._slots) > self._window:
-                del self._slots[min(self._slots)]
-                self.counters.late += 1
         elif topic in slot:
             self.counters.duplicate += 1
             return False
         slot[topic] = value
+        if first is None and len(self._slots) > self._window:
+            oldest = min(self._slots)
+            self.counters.late += len(self._slots.pop(oldest))
+            return oldest != tick
         return True
 
     def start(self, tick: int) -> None:
-        """Set the first tick to be stepped; older messages are dropped."""
+        """Set the first tick to be stepped; what is outside of its window is dropped."""
         self.next_tick = tick
-        for old in [key for key in self._slots if key < tick]:
-            del self._slots[old]
+        for kept in list(self._slots):
+            if kept < tick:
+                self.counters.late += len(self._slots.pop(kept))
+            elif kept >= tick + self._window:
+                self.counters.ahead += len(self._slots.pop(kept))
 
     def earliest(self, topic: str) -> int | None:
         """Smallest tick for which a message of the topic is kept; None if there is none."""
@@ -120,7 +120,7 @@ class TickAssembler:
         return min(ticks) if ticks else None
 
     def missing(self) -> tuple[str, ...]:
-        """Topics that the next step still waits for; empty if it can be made."""
+        """Topics that the next step still waits for; all of them before the first tick is known."""
         tick = self.next_tick
         if tick is None:
             return tuple(self._demands)
@@ -132,7 +132,10 @@ class TickAssembler:
         )
 
     def complete(self) -> bool:
-        """True if everything that the next step demands has come."""
+        """True if everything that the next step demands has come, and at least one message.
+
+        So nothing steps on silence, though all topics be waived or none be due.
+        """
         tick = self.next_tick
         if tick is None:
             return False
@@ -140,12 +143,7 @@ class TickAssembler:
         if slot is None:
             return False
         for topic, demand in self._demands.items():
-            if (
-                topic not in slot
-                and tick % demand.every_ticks == 0
-                and tick >= demand.first_tick
-                and topic not in self._waived
-            ):
+            if topic not in slot and demand.due(tick) and topic not in self._waived:
                 return False
         return True
 
@@ -178,8 +176,3 @@ class TickAssembler:
     def newest(self, topic: str) -> tuple[int, Any] | None:
         """Stamp tick and value of the newest message of a topic."""
         return self._newest.get(topic)
-
-    def age_ticks(self, topic: str, tick: int) -> int | None:
-        """Age of the newest message of a topic at a tick; None if none has come."""
-        known = self._newest.get(topic)
-        return None if known is None else tick - known[0]

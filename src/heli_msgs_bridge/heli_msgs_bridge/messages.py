@@ -29,6 +29,10 @@ class MessageError(ValueError):
     """A message that cannot be used; the text names topic and reason."""
 
 
+class CutOffError(MessageError):
+    """A message that is too short to hold a stamp: nobody knows when it belongs."""
+
+
 def _headed(frame: str) -> Layout:
     return Layout().stamp().text(frame)
 
@@ -88,7 +92,7 @@ def _imu_block(message: Any, topic: str, block: NDArray) -> None:
 
 
 def _fix_block(message: Any, topic: str, block: NDArray) -> None:
-    if message.status.status == _STATUS_NO_FIX:
+    if message.status.status < _STATUS_FIX:
         raise MessageError(f"{topic}: {packing.REASONS[packing.NO_FIX]}")
     block[0:3] = message.latitude, message.longitude, message.altitude
     block[3:12] = message.position_covariance
@@ -278,7 +282,7 @@ class Decoder:
     array : ndarray
         The last decoded array (NED/FRD), overwritten by the next.
     stamp_ns : int
-        Stamp of the last message, also of a refused one.
+        Stamp of the last message, also of a refused one unless it was cut off.
     unusual : int
         How many messages had another layout and took the slow way.
     """
@@ -308,11 +312,14 @@ class Decoder:
         MessageError
             Not finite, not a unit quaternion, out of range, no fix, a joint missing, a frame that
             is not ENU/FLU, or not a message of this type.
+        CutOffError
+            Too short to hold a stamp; `stamp_ns` is still that of the message before.
         """
         message = self._message
         if message.decode(raw):
             self.stamp_ns = message.stamp_ns
-            if self._free and message.get_byte(self._free[0]) == _STATUS_NO_FIX & 0xFF:
+            # An int8: the upper half are negative, no fix or a status that is not known.
+            if self._free and message.get_byte(self._free[0]) > 0x7F:
                 raise MessageError(f"{self.topic}: {packing.REASONS[packing.NO_FIX]}")
         else:
             self._decode_slowly(raw)
@@ -327,7 +334,7 @@ class Decoder:
     def _decode_slowly(self, raw: bytes) -> None:
         self.unusual += 1
         if len(raw) < 12:
-            raise MessageError(f"{self.topic}: a message of {len(raw)} bytes is cut off")
+            raise CutOffError(f"{self.topic}: a message of {len(raw)} bytes is cut off")
         self.stamp_ns = stamp_of(raw)
         try:
             message = self._deserialize(raw)

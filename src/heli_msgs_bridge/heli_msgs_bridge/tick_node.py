@@ -16,7 +16,7 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.lockstep import Demand, TickAssembler
 from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.messages import Decoder, MessageError
+from heli_msgs_bridge.messages import CutOffError, Decoder, MessageError
 
 Arrived = Mapping[str, tuple[int, NDArray[np.float64] | None]]
 """Per topic: stamp tick, and the array or None if the message could not be used."""
@@ -86,6 +86,9 @@ class TickNode(ManagedNode):
         def receive(raw: bytes) -> None:
             try:
                 value = decode(raw).copy()
+            except CutOffError as error:
+                self._refuse(topic, str(error))
+                return
             except MessageError as error:
                 value = None
                 self._refuse(topic, str(error))
@@ -154,6 +157,7 @@ class TickNode(ManagedNode):
         self.assembler.reset()
         self.silent.clear()
         self._arrived.clear()
+        self._stepped = -1
 
     def _look_for_silence(self) -> None:
         """Bounded wait: after it, name the silent topics and go on without them."""
