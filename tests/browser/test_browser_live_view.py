@@ -18,15 +18,19 @@ BOUNDS = {
     "altitude_m": 0.4, "v_z_mps": 0.18, "v_x_mps": 0.3, "v_y_mps": 0.3, "lateral_m": 1.02,
     "longitudinal_m": 0.65, "attitude_deg": 1.7,
 }  # fmt: skip
+LIMITS = {
+    "altitude_min_m": 2.0, "altitude_max_m": 100.0, "distance_m": 100.0, "speed_mps": 2.0,
+    "climb_mps": 1.0, "turn_dps": 10.0, "gust_mps": 10.0, "gust_s": 20.0,
+}  # fmt: skip
 NODES = ("plant", "observer", "inner_loop", "outer_loop", "live_view")
 
 
-def hello(commands=False, history=()):
+def hello(commands=False, history=(), realtime=True):
     return {
         "type": "hello", "commands": commands,
-        "flight": {"scenario": "hover", "seed": 7, "duration_s": 60.0, "realtime": True},
+        "flight": {"scenario": "hover", "seed": 7, "duration_s": 60.0, "realtime": realtime},
         "aircraft": {"name": "HeLion", "rotor_radius_m": 0.705},
-        "bounds": BOUNDS, "foxglove_url": "ws://127.0.0.1:8765", "state_hz": 30,
+        "bounds": BOUNDS, "limits": LIMITS, "foxglove_url": "ws://127.0.0.1:8765", "state_hz": 30,
         "events": [{"type": "event", "t": 1.5, "level": 1, "source": "observer",
                     "text": "GPS <b>late</b> & wrong"}],
         "history": list(history),
@@ -67,8 +71,8 @@ def state(t, **changed):
 class Flight:
     """States at 30 Hz through the product's own server; `change` alters what comes next."""
 
-    def __init__(self, port=0, commands=False, start_s=40.0, history_s=35.0):
-        self.change, self.received = {}, []
+    def __init__(self, port=0, commands=False, start_s=40.0, history_s=35.0, realtime=True):
+        self.change, self.received, self._realtime = {}, [], realtime
         self._t, self._commands, self._history_s = start_s, commands, history_s
         access = Access(TOKEN if commands else "")
         self.server = PageServer(WEB, port, access, self._hello, self._on_command)
@@ -81,11 +85,11 @@ class Flight:
     def _hello(self):
         times = [self._t - 0.1 * k for k in range(round(10 * self._history_s), 0, -1)]
         rows = [state(t, nodes={}) for t in times]
-        return json.dumps(hello(self._commands, rows))
+        return json.dumps(hello(self._commands, rows, self._realtime))
 
     def _on_command(self, command):
         self.received.append((command.name, command.args))
-        command.reply(command.name != "mode", f"{command.name} taken")
+        command.reply(True, f"{command.name} taken")
 
     def _fly(self):
         while not self._stop.wait(1.0 / 30.0):
@@ -229,14 +233,15 @@ def test_view_says_when_it_is_old_over_or_cut_off_and_comes_back(page, flown):
     flight = flown()
     look(page, flight)
     flight.hush()
-    page.wait("document.getElementById('banner-text').innerText.startsWith('No state for')", 5)
+    page.wait("document.getElementById('banner-text').innerText.startsWith('No state comes')", 5)
     assert text(page, "#connection-text") == "stale"
-    flight.server.send_state(json.dumps(state(50.0, mode="over")))
+    over = {"kind": "over", "text": "flight over after 50 s"}
+    flight.server.send_state(json.dumps(state(50.0, mode="over", end=over)))
     page.wait("document.getElementById('connection').dataset.state === 'over'", 5)
-    assert text(page, "#banner-text").startswith("The flight is over.")
+    assert text(page, "#banner-text").startswith("The flight is over after 50.0 s.")
     flight.end()
     page.wait("!document.getElementById('retry').hidden", 5)
-    assert "its server has ended" in text(page, "#banner-text")
+    assert "Its server has ended" in text(page, "#banner-text")
     # The next flight at the same address begins earlier: what was drawn of the last one is gone.
     flown(port=flight.port, start_s=3.0, history_s=2.0)
     page.wait(LIVE, 12)
@@ -297,29 +302,45 @@ def test_view_only_page_has_nothing_to_press(page, flown):
     assert text(page, "#permission").startswith("View only.")
 
 
+def allowed(page, flight, **options):
+    """Look at a flight with the token shown: the commands can be pressed."""
+    look(page, flight, **options)
+    page.value(f"document.getElementById('token').value = '{TOKEN}'")
+    submit(page, "token")
+    answered(page, "allowed")
+    page.wait("document.querySelectorAll('#commands fieldset:disabled').length === 0", 5)
+
+
+def answered(page, word):
+    page.wait(f"document.getElementById('answer').innerText.includes({json.dumps(word)})", 5)
+
+
+def submit(page, form):
+    page.value(f"document.querySelector('#f-{form} button:not([type=button])').click()")
+
+
+def press(page, key):
+    for kind in ("keyDown", "keyUp"):
+        page.call("Input.dispatchKeyEvent", type=kind, key=key, code=key,
+                  windowsVirtualKeyCode={"Enter": 13, "Escape": 27, "Tab": 9}[key],
+                  text="\r" if key == "Enter" and kind == "keyDown" else "")  # fmt: skip
+
+
 def test_commands_need_the_token_and_tell_the_answer(page, flown):
     flight = flown(commands=True)
     look(page, flight)
     assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 3
-
-    def answered(word):
-        page.wait(f"document.getElementById('answer').innerText.includes({json.dumps(word)})", 5)
-
-    def submit(form):
-        page.value(f"document.querySelector('#f-{form} button:last-of-type').click()")
-
     page.value("document.getElementById('token').value = 'guess'")
-    submit("token")
-    answered("wrong token")
+    submit(page, "token")
+    answered(page, "wrong token")
     page.value(f"document.getElementById('token').value = '{TOKEN}'")
-    submit("token")
-    answered("allowed")
+    submit(page, "token")
+    answered(page, "allowed")
     assert page.value("document.getElementById('token').value") == ""
-    submit("gust")
-    answered("gust taken")
-    page.value("document.querySelector('#f-mode [value=attitude]').click()")
-    answered("mode taken")
-    assert page.value("document.getElementById('answer').dataset.ok") == "false"
+    page.wait("document.querySelectorAll('#commands fieldset:disabled').length === 0", 5)
+    submit(page, "gust")
+    answered(page, "gust taken")
+    assert page.value("document.getElementById('answer').dataset.ok") == "true"
     page.value("document.getElementById('pick').click()")
     x, y = page.value(
         "(() => { const r = document.getElementById('track').getBoundingClientRect();"
@@ -327,12 +348,197 @@ def test_commands_need_the_token_and_tell_the_answer(page, flown):
         " return [r.left + r.width / 2 + k, r.top + r.height / 2 - 0.5 * k]; })()"
     )
     page.drag((x, y), (x, y))
-    answered("1.0 m east, 0.5 m north picked")
-    submit("reference")
-    answered("reference taken")
+    answered(page, "1.0 m east, 0.5 m north picked")
+    submit(page, "reference")
+    answered(page, "reference taken")
     assert flight.received == [
         ("gust", {"amplitude_mps": 2, "from_deg": 45, "duration_s": 2}),
-        ("mode", {"mode": "attitude"}),
         ("reference", {"p": [1, 0.5, 10], "yaw_deg": 0}),
     ]
     assert page.errors == []
+
+
+def test_giving_up_the_hold_asks_first_and_is_no_success_when_done(page, flown):
+    flight = flown(commands=True)
+    allowed(page, flight)
+    told = text(page, "#tells-mode")
+    assert "nothing holds position and altitude" in told
+    attitude = "document.querySelector('#f-mode [value=attitude]')"
+    opened = "document.getElementById('ask').open"
+
+    # By keyboard: the question has the focus on Cancel; Enter and Escape mean no.
+    for key in ("Enter", "Escape"):
+        page.value(f"{attitude}.focus()")
+        press(page, "Enter")
+        page.wait(opened, 5)
+        assert page.value("document.activeElement.dataset.part") == "no"
+        asked = text(page, "#ask-text")
+        assert "hit the ground" in asked and " m high now" in asked
+        press(page, key)
+        page.wait(f"!{opened}", 5)
+        answered(page, "mode: not sent")
+    assert flight.received == []
+
+    page.value(f"{attitude}.click()")
+    page.wait(opened, 5)
+    press(page, "Tab")
+    assert page.value("document.activeElement.innerText") == "Give up the hold"
+    press(page, "Enter")
+    answered(page, "mode taken")
+    assert flight.received == [("mode", {"mode": "attitude"})]
+    assert page.value("document.getElementById('answer').dataset.ok") == "danger"
+    bad, good = page.value(
+        "['--bad', '--good'].map(name => { const p = document.createElement('p');"
+        " p.style.color = `var(${name})`; document.body.append(p);"
+        " const c = getComputedStyle(p).color; p.remove(); return c; })"
+    )
+    colour = page.value("getComputedStyle(document.getElementById('answer')).color")
+    assert colour == bad != good
+
+    # While nothing holds it, the page says so on top; back to hover needs no question.
+    flight.change = {"mode": "attitude"}
+    page.wait("document.getElementById('banner-text').innerText.startsWith('Attitude only')", 5)
+    assert page.value(f"{attitude}.disabled")
+    page.value("document.querySelector('#f-mode [value=hover]').click()")
+    answered(page, "mode taken")
+    assert flight.received[1:] == [("mode", {"mode": "hover"})]
+    assert not page.value(opened) and page.errors == []
+
+
+@pytest.mark.parametrize(
+    ("form", "values", "word"),
+    [
+        ("gust", {"amplitude_mps": 9}, "several metres"),
+        ("reference", {"u": 2.5}, "bring the helicopter to the ground"),
+    ],
+)
+def test_a_strong_gust_and_a_low_reference_ask_first(page, flown, form, values, word):
+    flight = flown(commands=True)
+    allowed(page, flight)
+    write(page, form, values)
+    submit(page, form)
+    page.wait("document.getElementById('ask').open", 5)
+    assert word in text(page, "#ask-text") and flight.received == []
+    page.value("document.querySelector('#ask [data-part=yes]').click()")
+    answered(page, f"{form} taken")
+    assert [name for name, _ in flight.received] == [form]
+    assert page.errors == []
+
+
+def write(page, form, values):
+    """Write into a form as a user does."""
+    for name, value in values.items():
+        page.value(
+            f"(() => {{ const f = document.getElementById('f-{form}').elements.{name};"
+            f" f.value = {value}; f.dispatchEvent(new Event('input', {{bubbles: true}})); }})()"
+        )
+
+
+def test_the_reference_form_follows_the_flight_until_it_is_edited(page, flown):
+    flight = flown(commands=True)
+    flight.change = {"ref": {"p": [1.0, -0.5, 20.0], "v": [0.0, 0.0, 0.0], "yaw_deg": 90.0}}
+    allowed(page, flight)
+    fields = (
+        "['e', 'n', 'u', 'yaw'].map(n => document.getElementById('f-reference').elements[n].value)"
+    )
+    page.wait(f"{fields}.join() === '1.0,-0.5,20.0,90'", 5)
+    assert text(page, "#tells-reference").startswith("The reference stays where it is.")
+    flight.change = {"ref": {"p": [0.0, 0.0, 12.0], "v": [0.0, 0.0, 0.0], "yaw_deg": -10.0}}
+    page.wait(f"{fields}.join() === '0.0,0.0,12.0,-10'", 5)
+
+    write(page, "reference", {"e": 3, "n": 4, "u": 15})
+    flight.change = {"ref": {"p": [0.0, 0.0, 11.0], "v": [0.0, 0.0, 0.0], "yaw_deg": 10.0}}
+    page.wait("heliView.flight.last.ref.p[2] === 11", 5)
+    expected = "5.0 m to the north-east, 4.0 m up, 20° to the left in 4 s"
+    page.wait(f"document.getElementById('tells-reference').innerText.includes('{expected}')", 5)
+    assert page.value(fields) == ["3", "4", "15", "-10"]
+    page.value("document.getElementById('follow').click()")
+    page.wait(f"{fields}.join() === '0.0,0.0,11.0,10'", 5)
+    assert flight.received == [] and page.errors == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "word", "sentence"),
+    [
+        ("lost", "lost", "LOST after "),
+        ("over", "flight over", "The flight is over after "),
+        ("interrupted", "interrupted", "Interrupted after "),
+        ("silent", "signal lost", "Signal lost after "),
+    ],
+)
+def test_the_end_and_its_cause_stand_on_top_and_nothing_can_be_sent(
+    page, flown, kind, word, sentence
+):
+    flight = flown(commands=True)
+    allowed(page, flight)
+    page.value("document.querySelector('#f-mode [value=attitude]').click()")
+    page.wait("document.getElementById('ask').open", 5)
+    cause = "The aircraft hit the ground: <too> fast."
+    flight.change = {"mode": "over", "end": {"kind": kind, "text": cause}}
+    page.wait(f"document.getElementById('connection').dataset.state === '{kind}'", 5)
+    # The question about a command that cannot be given any more is taken back.
+    page.wait("!document.getElementById('ask').open", 5)
+    assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 3
+    pressable = (
+        "[...document.querySelectorAll('#commands button')].filter(b => !b.matches(':disabled'))"
+    )
+    assert page.value(f"{pressable}.length") == 0
+    assert text(page, "#answer").startswith("The flight has ended")
+    assert flight.received == []
+    assert text(page, "#connection-text").lower() == word
+    told = text(page, "#banner-text")
+    assert told.startswith(sentence) and (cause in told) == (kind != "over")
+    top, bottom = page.value(
+        "(() => { const r = document.getElementById('banner').getBoundingClientRect();"
+        " return [r.top, r.bottom]; })()"
+    )
+    assert 0 <= top < bottom < 130
+    ground = page.value("getComputedStyle(document.getElementById('banner')).backgroundColor")
+    assert (ground == "rgb(176, 68, 0)") == (kind == "lost")
+    assert page.value("document.title").startswith("✖ LOST") == (kind == "lost")
+    assert page.errors == []
+
+
+def test_a_flight_in_lockstep_cannot_be_commanded(page, flown):
+    flight = flown(commands=True, realtime=False)
+    look(page, flight)
+    page.value(f"document.getElementById('token').value = '{TOKEN}'")
+    submit(page, "token")
+    answered(page, "lockstep")
+    assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 3
+
+
+def test_on_a_phone_the_question_and_the_loss_fit(page, flown, tmp_path):
+    flight = flown(commands=True)
+    page.prefer("dark")
+    allowed(page, flight, width=390, height=844, phone=True)
+    page.value("document.querySelector('#f-mode [value=attitude]').click()")
+    page.wait("document.getElementById('ask').open", 5)
+    left, right = page.value(
+        "(() => { const r = document.getElementById('ask').getBoundingClientRect();"
+        " return [r.left, r.right]; })()"
+    )
+    assert 0 <= left < right <= 390
+    flight.change = {"mode": "over", "end": {"kind": "lost", "text": "The aircraft rolled over."}}
+    page.wait("document.getElementById('connection').dataset.state === 'lost'", 5)
+    # It stays in sight further down, too.
+    page.value("window.scrollTo(0, document.body.scrollHeight)")
+    assert page.value("document.getElementById('banner').getBoundingClientRect().top") == 0
+    assert page.value("document.documentElement.scrollWidth") <= 390
+    assert page.errors == []
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1366, 768), (1120, 800), (900, 1100)])
+def test_commands_cover_nothing(page, flown, size):
+    flight = flown(commands=True)
+    allowed(page, flight, width=size[0], height=size[1])
+    write(page, "reference", {"e": 30, "n": -4, "u": 35})
+    flight.change = {"mode": "over", "end": {"kind": "lost", "text": "The aircraft flew away."}}
+    page.wait("document.getElementById('connection').dataset.state === 'lost'", 5)
+    bottom, top = page.value(
+        "[Math.max(...[...document.querySelectorAll('#commands *')].map("
+        "e => e.getBoundingClientRect().bottom)),"
+        " document.querySelector('footer').getBoundingClientRect().top]"
+    )
+    assert bottom <= top
+    assert page.value("document.documentElement.scrollWidth") <= size[0]

@@ -28,7 +28,13 @@ from heli_msgs_bridge.live.plan import Limits
 from heli_msgs_bridge.live.ros_commands import Commander
 from heli_msgs_bridge.live.scene_message import TF, TF_TYPE
 from heli_msgs_bridge.live.scene_sender import SceneSender
-from heli_msgs_bridge.live_view_table import BOUNDS, NODE_NAME, SHOWN_TO_THE_END, TABLE
+from heli_msgs_bridge.live_view_table import (
+    BOUNDS,
+    COMMAND_LIMITS,
+    NODE_NAME,
+    SHOWN_TO_THE_END,
+    TABLE,
+)
 from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
 from heli_msgs_bridge.messages import Decoder, MessageError
 from heli_msgs_bridge.reference_message import decode_reference
@@ -141,6 +147,7 @@ class LiveViewNode(ManagedNode):
                 "rotor_radius_m": v["aircraft.rotor_radius_m"],
             },
             "bounds": {name.partition(".")[2]: v[name] for name in BOUNDS},
+            "limits": {name.partition(".")[2]: v[name] for name in COMMAND_LIMITS},
             "foxglove_url": self.foxglove.url if self.foxglove is not None else None,
             "state_hz": STATE_HZ,
             "events": list(self._past_events),
@@ -229,6 +236,14 @@ class LiveViewNode(ManagedNode):
         self._take_newest(wall_s)
         if self.commander is not None:
             self.commander.poll()
+        row = self._send_row(wall_s)
+        if self.live.end and self._message != SHOWN_TO_THE_END:
+            self._say_what_is_shown()
+        if self.scene is not None:
+            self.scene.show(row, self.live.now_ns)
+
+    def _send_row(self, wall_s: float) -> dict[str, Any]:
+        """Give the present state to the browsers and to Foxglove; returns it."""
         row = self.live.row(wall_s)
         self._send_events()
         time_s = row["t"]
@@ -236,13 +251,10 @@ class LiveViewNode(ManagedNode):
             self.history.add(time_s, _text({**row, "nodes": {}, "alarms": []}))
         text = _text(row)
         self.page.send_state(text)
-        if self.live.over and self._message != SHOWN_TO_THE_END:
-            self._say_what_is_shown()
         if self.foxglove is not None and time_s is not None:
             self.foxglove.set_time(self.live.now_ns)
             self.foxglove.log_state(text)
-        if self.scene is not None:
-            self.scene.show(row, self.live.now_ns)
+        return row
 
     def _send_events(self) -> None:
         for event in self.live.take_events():
@@ -266,7 +278,7 @@ class LiveViewNode(ManagedNode):
             self.foxglove.log(self._full[topics.REFERENCE], self._last_reference)
 
     def _say_what_is_shown(self) -> None:
-        self.report(Level.OK, SHOWN_TO_THE_END if self.live.over else "showing the flight")
+        self.report(Level.OK, SHOWN_TO_THE_END if self.live.end else "showing the flight")
 
     def _begin_anew(self) -> None:
         """Another flight: forget the past one, here and in the browsers."""
@@ -277,14 +289,14 @@ class LiveViewNode(ManagedNode):
     # --- ends --------------------------------------------------------------------------------
 
     def teardown(self) -> None:
-        """Send what is left (that the flight is over), then close the ports."""
+        """Send what is left (how the flight has ended), then close the ports."""
         if getattr(self, "page", None) is None:
             return
         # ROS may have ended already; the browsers are still to hear the end.
-        helpers = self.scene, self.commander
-        self.scene = self.commander = None
-        self._show()
-        self.scene, self.commander = helpers
+        wall_s = time.monotonic()
+        self._take_newest(wall_s)
+        self.live.interrupt()
+        self._send_row(wall_s)
         self._close_ports()
 
     def _close_ports(self) -> None:

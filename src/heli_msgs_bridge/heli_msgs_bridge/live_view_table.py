@@ -60,3 +60,4 @@ TABLE: tuple[Parameter, ...] = (
     _limit("gust_s", "Longest commanded gust", "s", 0.1, 60.0),
 )  # fmt: skip
 BOUNDS = tuple(row.name for row in TABLE if row.name.startswith("bounds."))
+COMMAND_LIMITS = tuple(row.name for row in TABLE if row.name.startswith("command_limits."))

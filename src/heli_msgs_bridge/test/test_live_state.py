@@ -134,7 +134,48 @@ def test_the_end_stays_on_show(state):
     assert row["nodes"]["plant"] == {
         "state": "ended", "level": 0, "message": "flight over after 4 s"
     }  # fmt: skip
-    assert row["alarms"] == []
+    assert row["alarms"] == [] and row["end"] == {"kind": "over", "text": "flight over after 4 s"}
+
+
+def test_a_loss_is_told_with_its_cause(state):
+    fly(state, 100.0, 4.0)
+    state.row(100.0)
+    state.take_status("plant", 2, "The aircraft hit the ground.", {"over": "true"})
+    row = state.row(100.1)
+    assert row["end"] == {"kind": "lost", "text": "The aircraft hit the ground."}
+    assert row["mode"] == "over"
+    assert {"level": 2, "source": "plant", "text": "The aircraft hit the ground."} in row["alarms"]
+
+
+def test_a_loss_after_the_hold_was_given_up_says_so(state):
+    fly(state, 100.0, 4.0)
+    state.row(100.0)
+    state.forget(topics.ATTITUDE_SETPOINT)
+    row = state.row(100.1)
+    assert row["mode"] == "attitude" and row["end"] is None
+    assert [(a["level"], a["source"]) for a in row["alarms"]] == [(1, "mode")]
+    state.take_clock(START_NS + 23 * S, 119.0)
+    state.take_status("plant", 2, "The aircraft hit the ground.", {"over": "true"})
+    told = state.row(119.1)["end"]["text"]
+    assert told.endswith("Nothing had held position and altitude for 19 s.")
+    events = {event.text: event.level for event in state.take_events()}
+    assert events["mode: attitude"] == 1 and events["The aircraft hit the ground."] == 2
+
+
+def test_who_is_stopped_before_the_end_says_interrupted(state):
+    state.interrupt()
+    assert state.row(0.0)["end"] is None  # nothing had begun
+    fly(state, 100.0, 4.0)
+    state.interrupt()
+    row = state.row(100.1)
+    assert row["end"]["kind"] == "interrupted" and row["truth"] is not None
+
+
+def test_who_is_stopped_after_the_end_leaves_it_as_it_was(state):
+    fly(state, 100.0, 4.0)
+    state.take_status("plant", 2, "The aircraft rolled over.", {"over": "true"})
+    state.interrupt()
+    assert state.row(100.1)["end"]["kind"] == "lost"
 
 
 def test_a_plant_that_left_without_a_word_has_ended_the_flight(state):
@@ -143,14 +184,18 @@ def test_a_plant_that_left_without_a_word_has_ended_the_flight(state):
     state.take_presence(["observer"], 100.5)
     assert state.row(100.5)["mode"] != "over"  # it may only be late to be seen again
     state.take_presence(["observer"], 101.5)
-    assert state.row(101.5)["mode"] == "over" and state.row(101.5)["truth"] is not None
+    row = state.row(101.5)
+    assert row["mode"] == "over" and row["truth"] is not None
+    assert row["end"]["kind"] == "silent" and "without a word" in row["end"]["text"]
+    assert [event.level for event in state.take_events() if event.source == "plant"] == [2]
 
 
 def test_another_flight_begins_anew(state):
     fly(state, 100.0, 40.0)
     state.take_status("plant", 0, "flight over", {"over": "true"})
     assert state.take_clock(START_NS, 150.0)
-    assert state.over == "" and state.row(150.0)["truth"] is None
+    row = state.row(150.0)
+    assert row["end"] is None and row["truth"] is None
     assert not state.take_clock(START_NS + S // 100, 150.01)
 
 

@@ -133,8 +133,9 @@ export class Flight {
     while (this.rows.length && this.rows[0].t < state.t - KEPT_S) this.rows.shift();
   }
 
-  get over() {
-    return this.last?.mode === "over";
+  // How the flight ended: { kind, text }, or null while it goes on.
+  get end() {
+    return this.last?.end ?? null;
   }
 
   // Milliseconds without a message, and without a step of the simulation's clock.

@@ -17,6 +17,7 @@ const FRAME_MS = 1000 / 30;
 const WORDS_MS = 125;
 
 const byId = (id) => document.getElementById(id);
+const { title } = document;
 const theme = new Theme(byId("theme"));
 const flight = new Flight();
 const wish = new URLSearchParams(location.search).get("quality") ?? "auto";
@@ -36,7 +37,7 @@ const topLine = new TopLine({
   name: byId("flight-name"), mode: byId("mode"), time: byId("time"), rtf: byId("rtf"), gps: byId("gps"),
 });
 const alarms = new Alarms({ nodes: byId("nodes"), alarms: byId("alarms"), events: byId("events") });
-const commands = new Commands(byId("commands"), byId("permission"), (message) => connection.send(message), track);
+const commands = new Commands(byId("commands"), byId("permission"), byId("ask"), (message) => connection.send(message), track);
 const sources = [...document.querySelectorAll("input[name=source]")];
 for (const input of sources) {
   input.addEventListener("change", () => {
@@ -47,7 +48,7 @@ for (const input of sources) {
 function hello(message) {
   flight.hello(message);
   topLine.flight(message);
-  commands.permit(Boolean(message.commands));
+  commands.permit(message);
   scene.setRadius(message.aircraft?.rotor_radius_m || 0.7);
   put(byId("foxglove"), message.foxglove_url ? `All topics for Foxglove: ${message.foxglove_url}` : "");
 }
@@ -63,27 +64,41 @@ const connection = new Connection(`${scheme}://${location.host}/ws`, {
 byId("retry").addEventListener("click", () => connection.connect());
 connection.connect();
 
-// What the user must know about what is shown: [state of the chip, its text, sentence of the banner].
+// How each kind of end is called: its word in the chip, and the beginning of the sentence on top.
+const ENDS = {
+  lost: ["lost", (t) => `LOST after ${t}.`],
+  over: ["flight over", (t) => `The flight is over after ${t}.`],
+  interrupted: ["interrupted", (t) => `Interrupted after ${t}.`],
+  silent: ["signal lost", (t) => `Signal lost after ${t}.`],
+};
+const NOT_HELD = "Attitude only: nothing holds position and altitude. The helicopter drifts with the wind and sinks or climbs.";
+
+// What the user must know about what is shown: [state of the chip, its text, sentence of the banner, its countdown].
 function situation() {
   const { open, everOpen, retryAt } = connection;
-  if (!open) {
-    if (!everOpen && retryAt === null) return ["stale", "connecting", ""];
-    const pause = retryAt === null ? "trying now" : `next try in ${Math.max(0, Math.ceil((retryAt - performance.now()) / 1000))} s`;
-    const why = flight.over ? "The flight is over and its server has ended" : "No connection to the flight";
-    return [flight.over ? "over" : "lost", flight.over ? "flight over" : "no connection", `${why}. What is shown is the last that came (${pause}).`];
+  const { end } = flight;
+  const pause = retryAt === null ? "Trying now." : `Next try in ${Math.max(0, Math.ceil((retryAt - performance.now()) / 1000))} s.`;
+  if (end) {
+    const [word, sentence] = ENDS[end.kind];
+    const cause = end.kind === "over" ? "" : ` ${end.text}`;
+    const gone = open ? "" : " Its server has ended, too.";
+    return [end.kind, word, `${sentence(fixed(flight.last.t, 1, "s"))}${cause} What is shown is its end.${gone}`, open ? "" : pause];
   }
-  if (flight.over) return ["over", "flight over", "The flight is over. What is shown is its end."];
-  if (!flight.last) return ["stale", "waiting", "Connected. Waiting for the flight to begin."];
+  if (!open) {
+    if (!everOpen && retryAt === null) return ["stale", "connecting", "", ""];
+    return ["offline", "no connection", "No connection to the flight. What is shown is the last that came.", pause];
+  }
+  if (!flight.last) return ["stale", "waiting", "Connected. Waiting for the flight to begin.", ""];
   if (flight.stale) {
     const silent = flight.silentMs > 1500;
-    const since = fixed((silent ? flight.silentMs : flight.standingMs) / 1000, 0);
-    return ["stale", "stale", silent ? `No state for ${since} s. What is shown is old.` : `The flight's clock has stood still for ${since} s. What is shown is old.`];
+    const since = `For ${fixed((silent ? flight.silentMs : flight.standingMs) / 1000, 0)} s.`;
+    return ["stale", "stale", silent ? "No state comes. What is shown is old." : "The flight's clock stands still. What is shown is old.", since];
   }
-  return ["live", "live", ""];
+  return ["live", "live", flight.last.mode === "attitude" ? NOT_HELD : "", ""];
 }
 
 function tellConnection() {
-  const [state, word, sentence] = situation();
+  const [state, word, sentence, count] = situation();
   const chip = byId("connection");
   chip.dataset.state = state;
   put(byId("connection-text"), word);
@@ -91,8 +106,11 @@ function tellConnection() {
   banner.dataset.state = state;
   banner.hidden = !sentence;
   put(byId("banner-text"), sentence);
+  // By itself, so that a screen reader says the sentence once and does not count.
+  put(byId("banner-count"), count);
   byId("retry").hidden = connection.open || connection.retryAt === null;
-  document.body.dataset.live = String(state === "live" || state === "over");
+  document.body.dataset.live = String(state === "live" || Boolean(flight.end));
+  document.title = state === "lost" ? `✖ LOST · ${title}` : title;
 }
 
 function tellSource(state, shown) {
@@ -116,7 +134,7 @@ function words(state, shown) {
   bounds.update(state, flight, shown);
   actuators.update(state?.u);
   alarms.update(flight.last ?? flight.waiting, flight);
-  commands.suggest(state?.ref);
+  commands.update(flight.last, flight, connection.open);
   tellSource(state, shown);
   tellConnection();
   const drawing = scene.renderer ? `${scene.software ? "software 3-D" : "3-D"} at ${Math.round(100 * scene.renderer.getPixelRatio())} %` : "no 3-D";

@@ -31,6 +31,7 @@ _RATE_WINDOW_S = 2.0
 _GPS_LATE_S = 1.0
 _WARN, _ERROR, _GONE = 1, 2, 3
 _NO_TIME = -math.inf
+_NOT_HELD = "attitude only: nothing holds position and altitude"
 _POS_SIGMA = slice(22, 25)
 
 
@@ -97,6 +98,30 @@ class NodeNews:
     facts: Mapping[str, str] = field(default_factory=dict)
 
 
+LOST, OVER, INTERRUPTED, SILENT = "lost", "over", "interrupted", "silent"
+"""Kinds of an end: by the plant's word lost or flown to its end; stopped before; gone silent."""
+
+
+@dataclass(frozen=True)
+class End:
+    """How a flight ended.
+
+    Attributes
+    ----------
+    kind : str
+        LOST, OVER, INTERRUPTED or SILENT.
+    text : str
+        The cause, a sentence for people.
+    """
+
+    kind: str
+    text: str
+
+    def message(self) -> dict[str, str]:
+        """As sent to a browser."""
+        return {"kind": self.kind, "text": self.text}
+
+
 @dataclass(frozen=True)
 class Event:
     """One line of the timeline: flight time s (None before the clock), level 0 to 2, who, what."""
@@ -132,7 +157,7 @@ class LiveState:
     def reset(self) -> None:
         """Forget the flight."""
         self.now_ns = 0
-        self.over = ""
+        self.end: End | None = None
         self.reference: ReferencePoints | None = None
         self.home_ned_m: Array | None = None
         self.nodes: dict[str, NodeNews] = {name: NodeNews() for name in GRAPH_NODES}
@@ -143,7 +168,7 @@ class LiveState:
         self._fix_ns = 0
         self._pace: deque[tuple[float, int]] = deque()
         self._events: list[Event] = []
-        self._mode = "idle"
+        self._mode, self._mode_since_s = "idle", 0.0
 
     # --- what comes in -----------------------------------------------------------------------
 
@@ -197,7 +222,8 @@ class LiveState:
             self.tell(min(level, _ERROR), name, message)
         news.level, news.message, news.facts = level, message, dict(facts)
         if name == "plant":
-            self.over = message if facts.get("over") == "true" else ""
+            over = facts.get("over") == "true"
+            self.end = self._end_by_plant(level, message) if over else None
 
     def take_presence(self, names: Iterable[str], wall_s: float) -> None:
         """Take the names of the nodes that are in the graph now; without the plant it is over.
@@ -207,9 +233,24 @@ class LiveState:
         self._present = set(names)
         self._known |= self._present
         left = "plant" in self._known and "plant" not in self._present
-        if left and self.now_ns and not self.over and not self.is_fresh(topics.CLOCK, wall_s):
-            self.over = "the plant has left"
-            self.tell(0, "plant", self.over)
+        if left and self.now_ns and not self.end and not self.is_fresh(topics.CLOCK, wall_s):
+            self.end = End(SILENT, "The plant has left the graph without a word.")
+            self.tell(_ERROR, "plant", self.end.text)
+
+    def interrupt(self) -> None:
+        """Whoever shows the flight has been asked to end; before the flight's end: interrupted."""
+        if self.now_ns and not self.end:
+            self.end = End(INTERRUPTED, "The flight was stopped before its end.")
+            self.tell(_WARN, OWN_NAME, self.end.text)
+
+    def _end_by_plant(self, level: int, message: str) -> End:
+        """The end that the plant tells; a loss with what had been given up before."""
+        if level < _ERROR:
+            return End(OVER, message)
+        held_s = (self.time_s or 0.0) - self._mode_since_s
+        if self._mode == "attitude":
+            message += f" Nothing had held position and altitude for {held_s:.0f} s."
+        return End(LOST, message)
 
     def tell(self, level: int, source: str, text: str) -> None:
         """Put a line on the timeline."""
@@ -225,7 +266,7 @@ class LiveState:
     def is_fresh(self, topic: str, wall_s: float) -> bool:
         """True if the topic has come lately, or the flight is over and its end is being shown."""
         age_s = wall_s - self._arrived.get(topic, _NO_TIME)
-        return age_s <= self.stale_s or (bool(self.over) and topic in self._arrived)
+        return age_s <= self.stale_s or (self.end is not None and topic in self._arrived)
 
     def value(self, topic: str, wall_s: float) -> Array | None:
         """Newest array of a shown topic; None if it has not come or is stale."""
@@ -235,7 +276,7 @@ class LiveState:
 
     def mode(self, wall_s: float) -> str:
         """hover, attitude, idle or over, by who sends: an inactive node sends nothing."""
-        if self.over:
+        if self.end:
             return "over"
         if not self.is_fresh(topics.ACTUATORS, wall_s):
             return "idle"
@@ -253,8 +294,8 @@ class LiveState:
         factor, time_s = self.real_time_factor(), self.time_s
         mode = self.mode(wall_s)
         if mode != self._mode:
-            self.tell(0, OWN_NAME, f"mode: {mode}")
-            self._mode = mode
+            self.tell(_WARN if mode == "attitude" else 0, OWN_NAME, f"mode: {mode}")
+            self._mode, self._mode_since_s = mode, time_s or 0.0
         nodes = self._nodes(wall_s)
         nav = self.value(topics.ODOM, wall_s)
         return {
@@ -271,6 +312,7 @@ class LiveState:
             "wind_enu": self._shown(topics.TRUTH_WIND, wall_s, _enu),
             "sigma_p": None if nav is None else plain(nav[_POS_SIGMA][[1, 0, 2]]),
             "mode": mode,
+            "end": self.end.message() if self.end else None,
             "nodes": nodes,
             "alarms": self._alarms(nodes, wall_s),
             "gps": {"age_s": round(self._fix_age_s(), 3)} if self._fix_ns else None,
@@ -313,7 +355,7 @@ class LiveState:
         for name, news in self.nodes.items():
             sends = [t.name for t in topics.TABLE if name in t.source and t.every_ticks]
             level, message = news.level, news.message
-            if self.over:
+            if self.end:
                 state = "ended"
             elif any(self.is_fresh(topic, wall_s) for topic in sends):
                 state = "active"
@@ -332,9 +374,11 @@ class LiveState:
             for name, node in nodes.items()
             if node["level"] >= _WARN
         ]
-        flying = not self.over and self.is_fresh(topics.CLOCK, wall_s)
+        flying = not self.end and self.is_fresh(topics.CLOCK, wall_s)
         if flying and self._fix_ns and self._fix_age_s() > _GPS_LATE_S:
             alarms.append({"level": _WARN, "source": "gps", "text": "no fix for more than 1 s"})
+        if flying and self._mode == "attitude":
+            alarms.append({"level": _WARN, "source": "mode", "text": _NOT_HELD})
         if flying and topics.ODOM in self._arrived and not self.is_fresh(topics.ODOM, wall_s):
             alarms.append({"level": _ERROR, "source": "observer", "text": "no navigation"})
         return alarms

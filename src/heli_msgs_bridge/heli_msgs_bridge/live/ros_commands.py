@@ -141,7 +141,7 @@ class Commander:
         return dict(zip(keys, values[1:], strict=True))
 
     def _refuse_when_over(self) -> None:
-        if self._state.over or self._state.time_s is None:
+        if self._state.end or self._state.time_s is None:
             raise CommandError("no flight is under way")
 
     # --- commands ----------------------------------------------------------------------------
