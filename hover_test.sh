@@ -7,4 +7,4 @@ HELI_ROOT=$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")" && pwd
 # shellcheck source=scripts/setup_env.sh
 source "$HELI_ROOT/scripts/setup_env.sh"
 heli_setup_env
-exec "$HELI_PYTHON" -m heli_hover_test.hover_test "$@"
+exec "$HELI_PYTHON" -m heli_flight.cli.hover_test "$@"

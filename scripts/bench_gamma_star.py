@@ -23,7 +23,7 @@ from heli_inner_hinf.regular_form import checked_plant, regular_form
 from heli_inner_hinf.riccati import SplitProblem, split
 from heli_inner_hinf.synthesis import acceptance
 from heli_inner_hinf.weights import weights
-from heli_msgs_bridge.parameters import load
+from heli_parameters.parameters import load
 
 YAML = Path(__file__).resolve().parent.parent / "src/heli_inner_hinf/config/inner_loop.yaml"
 

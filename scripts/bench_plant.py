@@ -20,8 +20,8 @@ from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.state import N_STATE, STEP_S, TICK_S
 from heli_math.jit import njit
-from heli_msgs_bridge.locate import config_folder
-from heli_msgs_bridge.parameters import load
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import load
 
 STEP_BUDGET_US = 5.0
 _COLD = "import sys; sys.path[:0] = {path!r}; import runpy; runpy.run_path({me!r}, run_name='cold')"

@@ -109,7 +109,7 @@ def bench(
         f"/**/recorder:\n  ros__parameters:\n    bag: {bag}\n    topics: [{wanted}]\n"
         f"    storage: {storage}\n    compression: {compression}\n"
     )
-    command = [sys.executable, "-m", "heli_msgs_bridge.recorder_node", "--ros-args"]
+    command = [sys.executable, "-m", "heli_bags.node", "--ros-args"]
     recorder = subprocess.Popen(
         [*command, "--params-file", str(parameters)], stdout=subprocess.DEVNULL
     )

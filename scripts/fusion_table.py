@@ -15,10 +15,10 @@ import numpy as np
 
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_hover_test.campaign import parse_seeds, with_seed
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.record import rotation_between
-from heli_hover_test.settings import GPS_PRESETS, Settings, resolve
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.record import rotation_between
+from heli_flight.loop.settings import GPS_PRESETS, Settings, resolve
+from heli_flight.studies.campaign import parse_seeds, with_seed
 from heli_observer.consistency import CHECKS_S, SENSORS, bounds, collect, latency_errors
 from heli_observer.layout import N_ERROR
 from heli_observer.synthetic import hover_path

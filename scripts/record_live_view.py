@@ -27,11 +27,11 @@ from types import ModuleType
 import aiohttp
 from PIL import Image
 
-from heli_msgs_bridge.live.access import Access
-from heli_msgs_bridge.live.page_server import PageServer
+from heli_live_view.access import Access
+from heli_live_view.page_server import PageServer
 
 ROOT = Path(__file__).resolve().parent.parent
-WEB = ROOT / "src/heli_msgs_bridge/web"
+WEB = ROOT / "src/heli_live_view/web"
 SLOWER = 6.0
 FRAMES_HZ = 10
 LEAD_S = 1.5
@@ -59,7 +59,7 @@ async def listen(url: str) -> list[dict]:
 
 def fly(arguments: list[str], folder: Path) -> list[dict]:
     """Messages of a real-time flight, from its start to its end."""
-    command = [sys.executable, "-m", "heli_hover_test.hover_test", "--no-report", "--live"]
+    command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--live"]
     command += ["--live-port", "0", "--foxglove-port", "0", "--out", str(folder), *arguments]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=dict(os.environ)

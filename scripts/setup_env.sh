@@ -125,8 +125,8 @@ heli_colcon_build() {
 
 # Compiles the kernels into numba's cache, so that the first flight need not.
 heli_warm_up() {
-    [ -f "$HELI_ROOT/src/heli_hover_test/heli_hover_test/warm_up.py" ] || return 0
-    heli_run "$heli_venv/bin/python" -m heli_hover_test.warm_up ||
+    [ -f "$HELI_ROOT/src/heli_flight/heli_flight/graph/warm_up.py" ] || return 0
+    heli_run "$heli_venv/bin/python" -m heli_flight.graph.warm_up ||
         heli_fail "compiling the kernels: $(heli_last_line)"
 }
 

@@ -4,7 +4,7 @@
 Usage: python scripts/write_aircraft_designs.py [FOLDER]
 
 The paper's weights hold for all of them; what an aircraft needs otherwise stands in CHOICES. Fly
-one by `./hover_test.sh --params src/heli_hover_test/config/designs/xcell60.yaml`.
+one by `./hover_test.sh --params src/heli_flight/config/designs/xcell60.yaml`.
 """
 
 import sys
@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from heli_hover_test.design import Design, make_design, write_yaml
+from heli_flight.studies.design.make import Design, make_design, write_yaml
 
-FOLDER = Path(__file__).resolve().parent.parent / "src/heli_hover_test/config/designs"
+FOLDER = Path(__file__).resolve().parent.parent / "src/heli_flight/config/designs"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 
 Usage: python scripts/write_identify_scenarios.py [FOLDER]
 
-Why these numbers stands beside them here and in heli_hover_test's README.
+Why these numbers stands beside them here and in heli_flight's README.
 """
 
 import sys
@@ -16,7 +16,7 @@ import numpy as np
 from heli_inner_hinf.design_files import flow_array
 from heli_math.multisine import Multisine, design_multisine, zippered_lines
 
-FOLDER = Path(__file__).resolve().parent.parent / "src/heli_hover_test/config/scenarios"
+FOLDER = Path(__file__).resolve().parent.parent / "src/heli_flight/config/scenarios"
 PERIOD_S = 20.0
 START_S = 8.0
 FADE_S = 2.0

@@ -19,7 +19,7 @@ def flight(tmp_path):
     env = dict(os.environ)
     env["ROS_DOMAIN_ID"] = str(os.getpid() % 90 + 1)
     env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    command = [sys.executable, "-m", "heli_hover_test.hover_test", "--no-report", "--live"]
+    command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--live"]
     command += ["--live-port", "0", "--foxglove-port", "0", "--seed", "11", "--gps", "rtk"]
     command += ["--duration", str(FLOWN_S), "--out", str(tmp_path / "flight")]
     process = subprocess.Popen(

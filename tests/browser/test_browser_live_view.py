@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from heli_msgs_bridge.live.access import Access
-from heli_msgs_bridge.live.page_server import PageServer
+from heli_live_view.access import Access
+from heli_live_view.page_server import PageServer
 
-WEB = Path(__file__).resolve().parents[2] / "src/heli_msgs_bridge/web"
+WEB = Path(__file__).resolve().parents[2] / "src/heli_live_view/web"
 LIVE = "document.getElementById('connection').dataset.state === 'live'"
 TOKEN = "token-of-this-test"
 BOUNDS = {

@@ -6,11 +6,11 @@ import time
 
 import pytest
 
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.report import Event, write_report
-from heli_hover_test.result import Result
-from heli_hover_test.scoring import score
-from heli_hover_test.settings import resolve
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.result import Result
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
+from heli_flight.report import Event, write_report
 
 READY = "document.documentElement.dataset.ready === 'true'"
 EVENTS = (

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from heli_hover_test import cli
+from heli_bags.recorder import BagRecorder
+from heli_flight.cli import app as cli
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import CHANNELS, Encoder
-from heli_msgs_bridge.recorder import BagRecorder
 
 NAMES = (topics.ACTUATORS, topics.BARO, topics.TRUTH_WIND)
 TICKS = 200

@@ -10,11 +10,12 @@ import sys
 
 import pytest
 
-from heli_hover_test import cli, hover_test
-from heli_hover_test.settings import GPS_PRESETS, scenario_names
+from heli_flight.cli import app as cli
+from heli_flight.cli import hover_test
+from heli_flight.loop.settings import GPS_PRESETS, scenario_names
 from heli_inner_hinf.law_state import CONTROLLERS
 
-HELI = (sys.executable, "-m", "heli_hover_test.cli")
+HELI = (sys.executable, "-m", "heli_flight.cli.app")
 ESCAPE = re.compile(r"\x1b")
 
 
@@ -61,7 +62,7 @@ def test_every_option_of_hover_is_completed():
 
 def test_the_script_for_bash_is_one():
     """--show-completion, run by bash, prints a script that bash can read."""
-    ask = f"{HELI[0]} -m heli_hover_test.cli --show-completion; :"
+    ask = f"{HELI[0]} -m heli_flight.cli.app --show-completion; :"
     shown = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, timeout=60)
     script = shown.stdout
     assert "_HELI_COMPLETE=complete_bash" in script and "complete -o default" in script
@@ -91,7 +92,7 @@ class TestWithoutATerminal:
         assert re.search(r"(outside the paper's figures|lost): rtk, seed 1: ", out)
 
     def test_campaign_as_a_module_is_the_command(self):
-        words = ("-m", "heli_hover_test.campaign", "--seeds", "1..x")
+        words = ("-m", "heli_flight.studies.campaign", "--seeds", "1..x")
         done = subprocess.run([HELI[0], *words], capture_output=True, text=True, timeout=60)
         assert done.returncode == 2
         assert done.stderr == "heli: --seeds 1..x: write 1..20, 7 or 1,5,9\n"

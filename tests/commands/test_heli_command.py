@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 import typer
 
-from heli_hover_test import cli, compare_robustness, laws
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.scoring import score
-from heli_hover_test.settings import resolve
+from heli_flight.cli import app as cli
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
+from heli_flight.studies.compare import laws
+from heli_flight.studies.compare import robustness as compare_robustness
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.errors import InfeasibleGammaError
 
@@ -77,7 +79,7 @@ def test_help_does_not_import_what_flies(tmp_path):
     """Import lazily: help must not wait for numba, matplotlib or ROS."""
     code = (
         "import sys\n"
-        "from heli_hover_test import cli\n"
+        "from heli_flight.cli import app as cli\n"
         "cli.main(['design', '--help'])\n"
         "print('LOADED', [m for m in ('numpy', 'numba', 'matplotlib', 'scipy', 'rclpy')"
         " if m in sys.modules])"
@@ -91,7 +93,7 @@ def test_help_does_not_import_what_flies(tmp_path):
 def test_wrapper_is_a_program():
     wrapper = ROOT / "heli"
     assert os.access(wrapper, os.X_OK)
-    assert "heli_hover_test.cli" in wrapper.read_text()
+    assert "heli_flight.cli.app" in wrapper.read_text()
 
 
 class TestDesign:

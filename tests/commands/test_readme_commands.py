@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from heli_hover_test import cli
-from heli_msgs_bridge.locate import executable, share_folder
+from heli_flight.cli import app as cli
+from heli_parameters.locate import executable, share_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 READMES = ["README.md", "CONTRIBUTING.md"]

@@ -10,10 +10,10 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from heli_hover_test import cli
-from heli_hover_test.bag_record import flight_from_bag
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.settings import resolve
+from heli_flight.cli import app as cli
+from heli_flight.graph.bag_record import flight_from_bag
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.settings import resolve
 from heli_math.rotations import quat_to_R_nb
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder

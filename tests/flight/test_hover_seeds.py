@@ -8,10 +8,10 @@ rtk the ground truth. The gains were chosen by analysis and looked at on seeds 1
 import numpy as np
 import pytest
 
-from heli_hover_test.campaign import fly_seeds, parse_seeds, table, worst
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.settings import resolve
-from heli_msgs_bridge.parameters import ParameterError
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.settings import resolve
+from heli_flight.studies.campaign import fly_seeds, parse_seeds, table, worst
+from heli_parameters.parameters import ParameterError
 
 SEEDS = range(1, 21)
 

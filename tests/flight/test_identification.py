@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_hover_test import closed_loop
-from heli_hover_test.identify_command import (
+from heli_flight.loop import closed_loop
+from heli_flight.loop.result import Result
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
+from heli_flight.studies.identify.command import (
     YAML,
     Wanted,
     execute,
@@ -19,14 +22,11 @@ from heli_hover_test.identify_command import (
     settings_of,
     write,
 )
-from heli_hover_test.identify_compare import misses
-from heli_hover_test.identify_data import experiment_of_record
-from heli_hover_test.result import Result
-from heli_hover_test.scoring import score
-from heli_hover_test.settings import resolve
+from heli_flight.studies.identify.compare import misses
+from heli_flight.studies.identify.data import experiment_of_record
+from heli_identification import relative_air_w
 from heli_math.rotations import quat_to_R_nb
-from heli_msgs_bridge.locate import config_folder
-from heli_observer.identification import relative_air_w
+from heli_parameters.locate import config_folder
 
 
 def identified(tmp_path, seed, **options):
@@ -69,7 +69,7 @@ def test_hover_test_flies_inside_the_papers_figures_with_identified_numbers(foun
 
 def test_no_number_comes_from_the_simulators_inside(found):
     """The truth may be wrong in any way: what is written for the nodes stays the same."""
-    from heli_hover_test.identify import identify
+    from heli_flight.studies.identify.fit import identify
 
     outcome, _ = found
     found_numbers = outcome.found
@@ -151,7 +151,7 @@ def test_other_aircraft_are_identified_and_hover_with_it(tmp_path, name):
 def test_packaged_experiments_are_what_their_script_writes(tmp_path):
     script = Path(__file__).resolve().parents[2] / "scripts/write_identify_scenarios.py"
     subprocess.run([sys.executable, script, tmp_path], check=True, stdout=subprocess.DEVNULL)
-    packaged = config_folder("heli_hover_test") / "scenarios"
+    packaged = config_folder("heli_flight") / "scenarios"
     written = sorted(tmp_path.glob("*.yaml"))
     assert [f.name for f in written] == ["identify_actuators.yaml", "identify_gusts.yaml"]
     for file in written:

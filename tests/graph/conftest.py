@@ -60,7 +60,7 @@ def hover_test(ros_env):
     """Run the hover test's command; returns the finished process."""
 
     def run(*arguments, limit_s=150, env=None):
-        command = [sys.executable, "-m", "heli_hover_test.hover_test", "--no-report"]
+        command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report"]
         command += map(str, arguments)
         done = subprocess.run(
             command, env=ros_env | (env or {}), capture_output=True, text=True, timeout=limit_s

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from heli_msgs_bridge.bag_reader import read_bag
+from heli_bags.reader import read_bag
 
 
 def section(node, text):
@@ -74,9 +74,9 @@ def test_folder_that_exists_and_folder_that_cannot_be_written(hover_test, tmp_pa
 def test_missing_executable_is_named(hover_test, tmp_path):
     """Looked for as ros2 run does, in a prefix that lacks the observer."""
     code = (
-        "import heli_hover_test.graph_flight as g, sys\n"
-        "from heli_hover_test.hover_test import main\n"
-        "from heli_msgs_bridge import locate\n"
+        "import heli_flight.graph.flight as g, sys\n"
+        "from heli_flight.cli.hover_test import main\n"
+        "from heli_parameters import locate\n"
         "def without(package, name):\n"
         "    name = 'gone' if name == 'observer' else name\n"
         "    return locate.executable(package, name)\n"
@@ -112,7 +112,7 @@ def test_node_that_dies_at_start_is_named(hover_test, tmp_path, ros_env):
 
 def test_interrupt_ends_everything_and_the_bag_opens(tmp_path, ros_env, living):
     folder = tmp_path / "flight"
-    command = [sys.executable, "-m", "heli_hover_test.hover_test", "--realtime", "--out", folder]
+    command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--realtime", "--out", folder]
     process = subprocess.Popen(
         command, env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -127,7 +127,7 @@ def test_interrupt_ends_everything_and_the_bag_opens(tmp_path, ros_env, living):
 
 def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env, living):
     folder = tmp_path / "flight"
-    command = [sys.executable, "-m", "heli_hover_test.hover_test", "--realtime", "--out", folder]
+    command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--realtime", "--out", folder]
     process = subprocess.Popen(command, env=ros_env, stdout=subprocess.PIPE, text=True)
     assert "flown" in process.stdout.readline()
     process.kill()

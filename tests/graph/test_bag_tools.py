@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from heli_bags.reader import read_bag
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.bag_reader import read_bag
 
 ROOT = Path(__file__).resolve().parents[2]
-HELI = [sys.executable, "-m", "heli_hover_test.cli"]
+HELI = [sys.executable, "-m", "heli_flight.cli.app"]
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def interrupted(process):
 def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living):
     """Watch a flight, kill its recorder, repair the bag, report it, play it."""
     flight = tmp_path / "flight"
-    command = [sys.executable, "-m", "heli_hover_test.hover_test", "--realtime", "--no-report"]
+    command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--realtime", "--no-report"]
     flying = subprocess.Popen(
         [*command, "--gps", "rtk", "--out", str(flight)],
         env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -9,11 +9,11 @@ import sys
 import numpy as np
 import pytest
 
-from heli_hover_test.bag_record import flight_from_bag
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.settings import resolve
+from heli_bags.reader import read_bag
+from heli_flight.graph.bag_record import flight_from_bag
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.settings import resolve
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.bag_reader import read_bag
 
 EXCITED = """
 /**/inner_loop:
@@ -79,7 +79,7 @@ def test_heli_identify_flies_fits_designs_and_hovers(ros_env, tmp_path):
     """The whole command through the graph, and once more from the bags that it left."""
 
     def identify(*arguments):
-        command = [sys.executable, "-m", "heli_hover_test.cli", "identify", *map(str, arguments)]
+        command = [sys.executable, "-m", "heli_flight.cli.app", "identify", *map(str, arguments)]
         return subprocess.run(command, env=ros_env, capture_output=True, text=True, timeout=600)
 
     done = identify("--out", tmp_path / "a", "--seed", 2, "--hover")

@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from heli_hover_test.bag_record import flight_from_bag
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.settings import resolve
+from heli_bags.reader import read_bag
+from heli_flight.graph.bag_record import flight_from_bag
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.settings import resolve
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.bag_reader import read_bag
 
 
 def test_hover_test_flies_records_and_agrees_with_the_one_process_loop(hover_test, tmp_path):

@@ -12,7 +12,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from heli_hover_test.settings import resolve
+from heli_flight.loop.settings import resolve
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.errors import SynthesisError
 

@@ -15,7 +15,7 @@ import aiohttp
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from heli_msgs_bridge.locate import executable
+from heli_parameters.locate import executable
 
 LIMIT_S = 60.0
 
@@ -197,7 +197,7 @@ async def commands(watcher, url, token):
 def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
     out = tmp_path / "flight"
     process = subprocess.Popen(
-        [sys.executable, "-m", "heli_hover_test.hover_test", "--live", "--allow-commands",
+        [sys.executable, "-m", "heli_flight.cli.hover_test", "--live", "--allow-commands",
          "--live-port", "0", "--foxglove-port", "0", "--duration", "13", "--gps", "rtk",
          "--no-report", "--out", str(out)],
         env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -245,7 +245,7 @@ async def watch_in_lockstep(url, token, fly):
 
 
 def test_a_flight_in_lockstep_is_watched_only(tmp_path, ros_env, living):
-    program = executable("heli_msgs_bridge", "live_view")
+    program = executable("heli_live_view", "live_view")
     node = subprocess.Popen(
         [sys.executable, str(program), "--ros-args", "-p", "port:=0", "-p", "foxglove:=false",
          "-p", "allow_commands:=true"],
@@ -254,7 +254,7 @@ def test_a_flight_in_lockstep_is_watched_only(tmp_path, ros_env, living):
 
     def fly():
         return subprocess.Popen(
-            [sys.executable, "-m", "heli_hover_test.hover_test", "--no-report", "--duration", "20",
+            [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--duration", "20",
              "--out", str(tmp_path / "flight")],
             env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip

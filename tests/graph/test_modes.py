@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 import numpy as np
 from lifecycle_msgs.msg import Transition
-from heli_hover_test.bag_record import flight_from_bag
-from heli_hover_test.graph_flight import Graph
-from heli_hover_test.settings import resolve
+from heli_flight.graph.bag_record import flight_from_bag
+from heli_flight.graph.flight import Graph
+from heli_flight.loop.settings import resolve
 
 settings = resolve(gps="rtk", seed=3, duration_s=600.0, lockstep=False)
 graph = Graph(settings, Path(sys.argv[1]))

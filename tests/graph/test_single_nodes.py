@@ -4,14 +4,14 @@
 import subprocess
 import sys
 
-from heli_hover_test.settings import NODES
-from heli_msgs_bridge.locate import executable
+from heli_flight.loop.settings import NODES
+from heli_parameters.locate import executable
 
 
 def test_nodes_started_alone_find_each_other_and_fly(tmp_path, ros_env, living):
     """A namespace moves the whole graph; the plant ends by itself when the flight is over."""
     arguments = ["--ros-args", "-r", "__ns:=/heli1"]
-    others = [("heli_hover_test", "scenario")]
+    others = [("heli_flight", "scenario")]
     others += [(n.package, n.executable) for n in NODES if n.name != "plant"]
     started = []
     for package, name in others:

@@ -11,19 +11,19 @@ import pytest
 import yaml
 
 from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_msgs_bridge.common_table import with_common
-from heli_msgs_bridge.parameters import load
+from heli_parameters.common_table import with_common
+from heli_parameters.parameters import load
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMON = ROOT / "src/heli_msgs_bridge/config/common.yaml"
+COMMON = ROOT / "src/heli_parameters/config/common.yaml"
 # Node -> module with its table, folder of its defaults.
 TABLES = {
     "plant": ("heli_dynamics_sim.parameter_table", "heli_dynamics_sim"),
     "observer": ("heli_observer.parameter_table", "heli_observer"),
     "inner_loop": ("heli_inner_hinf.parameter_table", "heli_inner_hinf"),
     "outer_loop": ("heli_outer_pd.parameter_table", "heli_outer_pd"),
-    "recorder": ("heli_msgs_bridge.recorder_table", "heli_msgs_bridge"),
-    "live_view": ("heli_msgs_bridge.live_view_table", "heli_msgs_bridge"),
+    "recorder": ("heli_bags.parameter_table", "heli_bags"),
+    "live_view": ("heli_live_view.parameter_table", "heli_live_view"),
 }
 LAUNCH_FILES = sorted((ROOT / "src").glob("*/launch/*.launch.py"))
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}
@@ -76,7 +76,7 @@ def test_modules_keep_a_readable_size():
     def length(path):
         return len(path.read_text(encoding="utf-8").splitlines())
 
-    modules = (ROOT / "src").glob("heli_*/heli_*/*.py")
+    modules = (ROOT / "src").glob("heli_*/heli_*/**/*.py")
     assert {path.name: length(path) for path in modules if length(path) > 400} == {}
 
 
@@ -99,18 +99,18 @@ def test_presets_and_scenarios_fit_every_node(node):
     module, package = TABLES[node]
     table = with_common(importlib.import_module(module).TABLE)
     folder = ROOT / "src" / package / "config"
-    scenarios = sorted((ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml"))
+    scenarios = sorted((ROOT / "src/heli_flight/config/scenarios").glob("*.yaml"))
     assert len(scenarios) >= 2
-    designs = sorted((ROOT / "src/heli_hover_test/config/designs").glob("*.yaml"))
+    designs = sorted((ROOT / "src/heli_flight/config/designs").glob("*.yaml"))
     assert len(designs) >= 2
     for overlay in [*folder.glob("gps_*.yaml"), *scenarios, *designs]:
         load(table, [COMMON, folder / f"{node}.yaml", overlay], node)
 
 
 def test_scenarios_fill_the_scenario_table():
-    from heli_hover_test.scenario import NODE_NAME, TABLE
+    from heli_flight.loop.scenario import NODE_NAME, TABLE
 
-    for file in (ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml"):
+    for file in (ROOT / "src/heli_flight/config/scenarios").glob("*.yaml"):
         assert set(load(TABLE, [file], NODE_NAME)) == {row.name for row in TABLE}
 
 
@@ -128,7 +128,7 @@ def test_no_yaml_is_outside_these_tests():
         folder = ROOT / "src" / package / "config"
         known |= {folder / f"{node}.yaml", *folder.glob("gps_*.yaml"), *folder.glob("aircraft/*")}
     for kind in ("scenarios", "designs", "identify"):
-        known |= set((ROOT / "src/heli_hover_test/config" / kind).glob("*.yaml"))
+        known |= set((ROOT / "src/heli_flight/config" / kind).glob("*.yaml"))
     assert set((ROOT / "src").glob("heli_*/config/**/*.yaml")) - known == set()
 
 
@@ -191,7 +191,7 @@ class TestLaunchFile:
 
 
 def test_hover_launch_sets_parameters_that_exist():
-    tree = launch_tree(ROOT / "src/heli_hover_test/launch/hover.launch.py")
+    tree = launch_tree(ROOT / "src/heli_flight/launch/hover.launch.py")
     nodes = {call.args[1].value: call for call in called(tree, "_node")}
     assert set(nodes) == {*TABLES, "scenario"}
     for name, call in nodes.items():
@@ -204,7 +204,7 @@ def test_hover_launch_sets_parameters_that_exist():
 
 
 def test_hover_launch_defaults_are_those_of_the_yaml():
-    tree = launch_tree(ROOT / "src/heli_hover_test/launch/hover.launch.py")
+    tree = launch_tree(ROOT / "src/heli_flight/launch/hover.launch.py")
     keywords = {
         call.args[0].value: {k.arg: k.value for k in call.keywords}
         for call in called(tree, "DeclareLaunchArgument")
@@ -213,7 +213,7 @@ def test_hover_launch_defaults_are_those_of_the_yaml():
     plant = yaml.safe_load(file.read_text())["/**/plant"]["ros__parameters"]
     assert keywords["seed"]["default_value"].value == str(plant["seed"])
     assert keywords["lockstep"]["default_value"].value == str(plant["lockstep"]).lower()
-    scenarios = {f.stem for f in (ROOT / "src/heli_hover_test/config/scenarios").glob("*.yaml")}
+    scenarios = {f.stem for f in (ROOT / "src/heli_flight/config/scenarios").glob("*.yaml")}
     assert set(strings(keywords["scenario"]["choices"])) == scenarios
     presets = {f.stem[4:] for f in (ROOT / "src/heli_observer/config").glob("gps_*.yaml")}
     assert set(strings(keywords["gps"]["choices"])) == presets

@@ -16,8 +16,9 @@ EXECUTABLES = {
     "heli_observer": ["observer"],
     "heli_inner_hinf": ["inner_loop"],
     "heli_outer_pd": ["outer_loop"],
-    "heli_msgs_bridge": ["live_view", "recorder"],
-    "heli_hover_test": ["scenario"],
+    "heli_bags": ["recorder"],
+    "heli_live_view": ["live_view"],
+    "heli_flight": ["scenario"],
 }
 PYTHON_FOLDER = f"lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
 
@@ -122,7 +123,7 @@ def test_modules_are_complete(installed):
 
 
 def test_installed_package_finds_its_parameters(installed):
-    code = "from heli_msgs_bridge.locate import config_folder as f; print(f('heli_observer'))"
+    code = "from heli_parameters.locate import config_folder as f; print(f('heli_observer'))"
     env = {**os.environ, "PYTHONPATH": str(installed / PYTHON_FOLDER)}
     found = run(sys.executable, "-c", code, env=env, cwd=installed)
     assert Path(found.strip()) == installed / "share/heli_observer/config"

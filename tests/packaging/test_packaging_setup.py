@@ -212,8 +212,8 @@ def test_pip_failure_is_one_line_and_is_redone(checkout):
 
 def test_steps_are_done_once(checkout):
     add_command(checkout, "python3", RECORDING_PYTHON)
-    warm_up = checkout / "src/heli_hover_test/heli_hover_test/warm_up.py"
-    warm_up.parent.mkdir()
+    warm_up = checkout / "src/heli_flight/heli_flight/graph/warm_up.py"
+    warm_up.parent.mkdir(parents=True)
     warm_up.touch()
     assert start(checkout).returncode == 0
     asked = calls(checkout)
@@ -221,9 +221,9 @@ def test_steps_are_done_once(checkout):
     assert asked[1].startswith("-m pip install") and "constraints.txt" in asked[1]
     assert asked[1].endswith("requirements/ros.txt")
     assert asked[2] == f"{checkout}/scripts/link_ros_layout.py"
-    assert asked[3:] == ["-m heli_hover_test.warm_up", "-m heli_hover_test.hover_test"]
+    assert asked[3:] == ["-m heli_flight.graph.warm_up", "-m heli_flight.cli.hover_test"]
     assert start(checkout).returncode == 0
-    assert calls(checkout) == ["-m heli_hover_test.hover_test"]
+    assert calls(checkout) == ["-m heli_flight.cli.hover_test"]
 
 
 def test_new_executable_is_linked_without_a_new_environment(checkout):
@@ -236,7 +236,7 @@ def test_new_executable_is_linked_without_a_new_environment(checkout):
     start(checkout)
     asked = calls(checkout)
     assert asked[0].endswith("scripts/link_ros_layout.py")
-    assert asked[1:] == ["-m heli_hover_test.hover_test"]
+    assert asked[1:] == ["-m heli_flight.cli.hover_test"]
 
 
 def test_changed_pins_make_a_new_environment(checkout):
@@ -296,7 +296,7 @@ def test_sourced_jazzy_builds_with_colcon(checkout):
     assert asked[2] == "colcon build --symlink-install --base-paths src"
     assert not (checkout / ".venv").exists()
     start(checkout, ROS_DISTRO="jazzy")
-    assert calls(checkout) == ["-m heli_hover_test.hover_test"]
+    assert calls(checkout) == ["-m heli_flight.cli.hover_test"]
 
 
 def test_other_ros_is_kept_out(checkout):

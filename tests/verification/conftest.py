@@ -14,8 +14,8 @@ from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.state import N_STATE
 from heli_math.jit import njit
-from heli_msgs_bridge.locate import config_folder
-from heli_msgs_bridge.parameters import load
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import load
 
 
 @pytest.fixture(scope="session")

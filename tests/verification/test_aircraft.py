@@ -19,15 +19,15 @@ from heli_dynamics_sim.aircraft_kernel import lock_number
 from heli_dynamics_sim.linearize import linearize
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.scoring import score
-from heli_hover_test.settings import resolve
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
 from heli_inner_hinf.design import AttitudeConfig
 from heli_observer.observer import ObserverConfig
 from heli_outer_pd.config import outer_kernel
 
 ROOT = Path(__file__).resolve().parents[2]
-DESIGNS = ROOT / "src/heli_hover_test/config/designs"
+DESIGNS = ROOT / "src/heli_flight/config/designs"
 AIRCRAFT = ("helion", "xcell60", "logo600")
 # (aircraft, metric): worst of 20 seeds where the paper's figure is missed. The light disc of the
 # LOGO follows vertical gusts: v_z is 0.184 m/s in one of 20 flights, against 0.18.

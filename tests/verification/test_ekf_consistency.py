@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_msgs_bridge.locate import config_folder
-from heli_msgs_bridge.parameters import load
 from heli_observer import layout as L
 from heli_observer.consistency import Statistics, bounds, collect
 from heli_observer.parameter_table import NODE_NAME, TABLE
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import load
 
 CONFIG: Path = config_folder("heli_observer")
 ABSOLUTE = {"ekf.initial.gps_drift_fraction": 1.0}

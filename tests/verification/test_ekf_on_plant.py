@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from heli_dynamics_sim.plant import PlantConfig
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.record import rotation_between
-from heli_hover_test.settings import resolve
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.record import rotation_between
+from heli_flight.loop.settings import resolve
 
 SETTLED = slice(500, None)
 # The receiver's own error is about the true origin; by default the filter counts from home.

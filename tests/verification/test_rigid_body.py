@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipkinc
 
 from heli_dynamics_sim.state import make_state
-from heli_hover_test.closed_loop import simulate
-from heli_hover_test.settings import resolve
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.settings import resolve
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
 
 J = np.array([0.251, 0.548, 0.787])

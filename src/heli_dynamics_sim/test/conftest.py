@@ -13,7 +13,7 @@ from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.plant import PlantConfig
 from heli_dynamics_sim.state import N_STATE
-from heli_msgs_bridge.parameters import load
+from heli_parameters.parameters import load
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 

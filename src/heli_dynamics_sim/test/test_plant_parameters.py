@@ -13,7 +13,7 @@ from heli_dynamics_sim.helicopter import state_derivative
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import AircraftError, HelicopterParameters
 from heli_dynamics_sim.plant import PlantConfig, PlantConfigError
-from heli_msgs_bridge.parameters import load
+from heli_parameters.parameters import load
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 HELION = CONFIG / "aircraft" / "helion.yaml"

@@ -2,7 +2,7 @@
 """The inner loop's parameters; their values stand in config/inner_loop.yaml."""
 
 from heli_inner_hinf.law_state import CONTROLLERS
-from heli_msgs_bridge.parameters import Parameter
+from heli_parameters.parameters import Parameter
 
 NODE_NAME = "inner_loop"
 

@@ -10,7 +10,7 @@ import yaml
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_inner_hinf.weights import weights
-from heli_msgs_bridge.parameters import load
+from heli_parameters.parameters import load
 
 HERE = Path(__file__).parent
 YAML = HERE.parent / "config/inner_loop.yaml"

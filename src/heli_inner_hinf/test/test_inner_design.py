@@ -21,7 +21,7 @@ from heli_inner_hinf.errors import (
 from heli_inner_hinf.loops import Model
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_inner_hinf.pid_tuning import PEAK, gains_of, tune_pid
-from heli_msgs_bridge.parameters import load
+from heli_parameters.parameters import load
 
 YAML = Path(__file__).parent.parent / "config/inner_loop.yaml"
 

@@ -1,101 +1,160 @@
 # SPDX-License-Identifier: Apache-2.0
 """The one decorator for compiled kernels.
 
-numba's own file cache looks only at the file of the function itself: a changed callee in another
-file would leave a stale caller behind. So the cache folder is named after the content of every
-source file of the stack that holds a kernel; any change there starts an empty folder.
+numba's own file cache looks only at the file of the function itself: a changed callee, or a changed
+constant, in another file would leave a stale caller behind. So each module with kernels has a cache
+folder that is named after the content of all source files that it imports, directly or not: a
+change of any of them starts an empty folder, a change anywhere else leaves the kernels alone.
+
+A module takes part by using the decorator; there is no list of packages. Followed are imports of
+the module's own top-level package and of the packages of this stack (`heli_*`), in functions too.
 """
 
 import hashlib
 import os
+import re
+import sys
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-KERNEL_PACKAGES = (
-    "heli_math",
-    "heli_dynamics_sim",
-    "heli_inner_hinf",
-    "heli_observer",
-    "heli_outer_pd",
-    "heli_msgs_bridge",
-    "heli_hover_test",
+_STACK = "heli_"
+_KEPT_S = 30 * 86400.0
+_IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([^\n]+))",
+    re.MULTILINE,
 )
-_MOSTLY_UNCOMPILED = ("heli_hover_test", "heli_msgs_bridge")
-_KEPT_FOLDERS = 4
 
 
-def _bears_on_kernels(package: str, name: str, content: bytes) -> bool:
-    """Whether a change of the file could change compiled code (constants count, nodes do not)."""
-    if name.endswith(("node.py", "parameter_table.py")):
-        return False
-    return package not in _MOSTLY_UNCOMPILED or b"njit" in content
+def _file_of(module: str) -> Path | None:
+    """Source file of a module or package, without importing it; None if it is none."""
+    top, *rest = module.split(".")
+    spec = find_spec(top)
+    if spec is None or spec.origin is None:
+        return None
+    path = Path(spec.origin)
+    if path.name != "__init__.py":
+        return None if rest else path
+    for part in rest:
+        folder = path.parent / part
+        path = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+    return path if path.is_file() else None
 
 
-def _source_digest() -> str:
-    """Hash of every kernel-bearing source file of the stack (hex, 16 characters)."""
-    digest = hashlib.sha256()
-    for package in KERNEL_PACKAGES:
-        spec = find_spec(package)
-        if spec is None or spec.submodule_search_locations is None:
+def _imported(source: str, package: str) -> Iterator[str]:
+    """Names that a module's source may import; names of attributes are among them.
+
+    Parameters
+    ----------
+    source : str
+    package : str
+        Package of the module, for relative imports.
+    """
+    for origin, names, plain in _IMPORT.findall(source):
+        if plain:
+            yield from (part.split(" as ")[0].strip() for part in plain.split(","))
             continue
-        for folder in spec.submodule_search_locations:
-            for path in sorted(Path(folder).glob("*.py")):
-                content = path.read_bytes()
-                if _bears_on_kernels(package, path.name, content):
-                    digest.update(f"{package}/{path.name}\0{len(content)}\0".encode() + content)
+        level = len(origin) - len(origin.lstrip("."))
+        if level:
+            base = package.split(".")[: len(package.split(".")) - level + 1]
+            origin = ".".join([*base, origin[level:]]).rstrip(".")
+        yield origin
+        words = re.sub(r"#[^\n]*", "", names).strip("()").split(",")
+        yield from (f"{origin}.{word.split(' as ')[0].strip()}" for word in words)
+
+
+@cache
+def _imports_of(path: Path, package: str) -> tuple[bytes, tuple[str, ...]]:
+    content = path.read_bytes()
+    return content, tuple(_imported(content.decode(), package))
+
+
+def _sources(module: str, path: Path) -> dict[str, Path]:
+    """Files that a module's kernels may depend on: its own and all that it imports, by name."""
+    own = module.split(".")[0]
+    found = {module: path}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        file = found[name]
+        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+        for wanted in _imports_of(file, package)[1]:
+            top = wanted.split(".")[0]
+            if wanted in found or not (top == own or top.startswith(_STACK)):
+                continue
+            target = _file_of(wanted)
+            if target is not None:
+                found[wanted] = target
+                waiting.append(wanted)
+    return found
+
+
+@cache
+def source_digest(module: str, path: Path) -> str:
+    """Hash (hex, 16 characters) of all sources that bear on the kernels of a module."""
+    digest = hashlib.sha256(sys.version.encode())
+    for name, file in sorted(_sources(module, path).items()):
+        content = file.read_bytes()
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
     return digest.hexdigest()[:16]
 
 
-def _cache_root() -> Path:
+def _fallback_root() -> Path:
+    """The system's temporary folder, a place of one's own in it."""
+    return Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}" / "kernels"
+
+
+@cache
+def cache_root() -> Path:
     """First writable one of the user's cache folder and the system's temporary folder."""
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "heli_hover"
     try:
-        home.mkdir(parents=True, exist_ok=True)
-        if os.access(home, os.W_OK):
-            return home
-    except OSError:
-        return Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}"
-    return Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}"
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        root = Path(base) / "heli_hover" / "kernels"
+        root.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # read-only, or no home at all
+        return _fallback_root()
+    return root if os.access(root, os.W_OK) else _fallback_root()
 
 
-def _prune(root: Path, keep: Path) -> None:
-    """Drop all but the newest few cache folders of earlier sources."""
+def _prune(root: Path) -> None:
+    """Drop folders of sources that nobody has used for a month."""
     import shutil
 
-    folders = sorted(
-        (p for p in root.glob("kernels-*") if p != keep), key=lambda p: p.stat().st_mtime
-    )
-    for folder in folders[: max(0, len(folders) - (_KEPT_FOLDERS - 1))]:
-        shutil.rmtree(folder, ignore_errors=True)
+    oldest = time.time() - _KEPT_S
+    for folder in root.iterdir():
+        try:
+            if folder.stat().st_mtime < oldest:
+                shutil.rmtree(folder, ignore_errors=True)
+        except OSError:
+            continue
 
 
-def _configure_cache() -> None:
-    """Point numba at the folder that belongs to these sources, unless the user chose one."""
-    if os.environ.get("NUMBA_CACHE_DIR"):
-        return
-    root = _cache_root()
-    folder = root / f"kernels-{_source_digest()}"
-    if not folder.is_dir():
+@cache
+def cache_folder(module: str, path: Path) -> Path:
+    """Folder of a module's compiled kernels; made when it is missing."""
+    folder = cache_root() / f"{module}-{source_digest(module, path)}"
+    if folder.is_dir():
+        os.utime(folder)
+    else:
         folder.mkdir(parents=True, exist_ok=True)
-        _prune(root, folder)
-    # Not through the environment: a child process may run other sources than we do.
-    import numba
-
-    numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
-
-
-_configure_cache()
+        _prune(folder.parent)
+    return folder
 
 
 def njit(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel: nopython, cached on disk, IEEE division (x/0 is inf, not an exception).
 
     Deliberately without fastmath: the same inputs give the same bits in the one-process loop and in
-    the nodes, and NaN checks stay meaningful.
+    the nodes, and NaN checks stay meaningful. NUMBA_CACHE_DIR, if set, is left in charge.
     """
     import numba
 
+    path = Path(function.__code__.co_filename)
+    if path.is_file() and not os.environ.get("NUMBA_CACHE_DIR"):
+        # Not through the environment: a child process may run other sources than we do.
+        numba.config.CACHE_DIR = str(cache_folder(function.__module__, path))  # type: ignore[attr-defined]
     return numba.njit(cache=True, error_model="numpy")(function)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
-from heli_msgs_bridge.parameters import Parameter
+from heli_parameters.parameters import Parameter
 
 
 def descriptor(row: Parameter) -> ParameterDescriptor:

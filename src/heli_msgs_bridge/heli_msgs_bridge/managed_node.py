@@ -19,15 +19,16 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from heli_msgs_bridge import command_line, locate, topics
-from heli_msgs_bridge.common_table import with_common
+from heli_msgs_bridge import topics
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter
-from heli_msgs_bridge.parameters import Parameter, ParameterError, judge, load
+from heli_parameters import command_line, locate
+from heli_parameters.common_table import with_common
+from heli_parameters.parameters import Parameter, ParameterError, judge, load
 
 _POLL_S = 0.002
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
-_FILES = "heli_msgs_bridge"
+_FILES = "heli_parameters"
 
 
 class StartError(Exception):

@@ -9,14 +9,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.common_table import with_common
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.locate import config_folder
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import NodeSpec
 from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.parameters import load
 from heli_msgs_bridge.tick_node import Input, TickNode
+from heli_parameters.common_table import with_common
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import load
 
 LIMIT_S = 20.0
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -26,7 +26,7 @@ BARO, WIND, SETPOINT = topics.BARO, topics.TRUTH_WIND, topics.ATTITUDE_SETPOINT
 class Probe(TickNode):
     """Steps on a pressure per tick; wants a wind every second one, takes a setpoint as it comes."""
 
-    SPEC = NodeSpec("probe", "heli_msgs_bridge", (), "common.yaml")
+    SPEC = NodeSpec("probe", "heli_parameters", (), "common.yaml")
 
     def setup(self):
         self.ready = True
@@ -50,7 +50,7 @@ class Graph:
     """The node and who sends to it."""
 
     def __init__(self, context, **changes):
-        values = load(with_common(()), [config_folder("heli_msgs_bridge") / "common.yaml"], "probe")
+        values = load(with_common(()), [config_folder("heli_parameters") / "common.yaml"], "probe")
         values |= {"peers": [], "peer_timeout_s": 3600.0} | changes
         self.node = Probe(values, context=context)
         self._encoders = {name: Encoder(name) for name in (BARO, WIND, SETPOINT)}

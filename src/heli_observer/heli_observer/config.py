@@ -95,7 +95,7 @@ class ObserverConfig:
     Attributes
     ----------
     parameters : mapping
-        Name -> value of every row of parameter_table.TABLE, as heli_msgs_bridge.parameters.load
+        Name -> value of every row of parameter_table.TABLE, as heli_parameters.parameters.load
         gives it.
     model : ReducedOrderModel
         Continuous matrices of eq. (19), for analysis.

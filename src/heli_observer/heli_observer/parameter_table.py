@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from heli_msgs_bridge.parameters import Parameter
+from heli_parameters.parameters import Parameter
 
 NODE_NAME = "observer"
 

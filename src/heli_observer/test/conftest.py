@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_msgs_bridge.parameters import load
 from heli_observer.layout import N_NAV
 from heli_observer.observer import ObserverConfig, initial_state, observe
 from heli_observer.parameter_table import NODE_NAME, TABLE
+from heli_parameters.parameters import load
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-from heli_msgs_bridge.parameters import ParameterError, load
 from heli_observer.config import ObserverConfigError
 from heli_observer.observer import ObserverConfig
 from heli_observer.parameter_table import NODE_NAME, TABLE
+from heli_parameters.parameters import ParameterError, load
 
 
 def test_every_key_of_the_yaml_carries_a_comment(config_folder):

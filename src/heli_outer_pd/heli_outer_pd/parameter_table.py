@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The outer loop's parameters; their values stand in config/outer_loop.yaml."""
 
-from heli_msgs_bridge.parameters import Parameter
+from heli_parameters.parameters import Parameter
 
 NODE_NAME = "outer_loop"
 

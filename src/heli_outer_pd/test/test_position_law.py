@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from heli_math.rotations import quat_from_euler
-from heli_msgs_bridge.parameters import load
 from heli_outer_pd import config, position_law, reference, thrust_map
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.position_law import OuterStatus
+from heli_parameters.parameters import load
 
 YAML = Path(config.__file__).parents[1] / "config" / "outer_loop.yaml"
 

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The graph's serialised messages into a rosbag2 folder, without a ROS installation. No rclpy here.
+
+`flush` closes a chunk that is complete in itself: what was flushed before a power cut or a
+`kill -9` can be read again (`heli bag repair`).
+"""
+
+import sqlite3
+from collections.abc import Iterable
+from pathlib import Path
+
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+
+from heli_bags.definitions import Definitions, UnknownTypeError
+from heli_bags.folder import BagError, BagFolder, Channel, Format, reason
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.cdr import stamp_of
+
+__all__ = ["BagError", "BagRecorder", "Format", "row_of"]
+
+_FOREVER = QosTime(9223372036, 854775807)
+# A fix is stamped with its time of validity; in a bag it belongs where it arrived.
+_LATE = (topics.GPS_FIX, topics.GPS_VELOCITY)
+
+
+def row_of(wanted: str) -> topics.Topic:
+    """Row of a topic of the graph by its name, or of any other as `name:package/msg/Type`.
+
+    Raises
+    ------
+    BagError
+        The graph has no such topic and no type is given.
+    """
+    if wanted in topics.BY_NAME:
+        return topics.BY_NAME[wanted]
+    name, _, type_name = wanted.partition(":")
+    if not name or "/msg/" not in type_name:
+        raise BagError(
+            f"unknown topic '{wanted}'; known: {', '.join(topics.BY_NAME)}; "
+            "any other as name:package/msg/Type"
+        )
+    return topics.Topic(name, type_name, (), (), 0)
+
+
+def _qos(topic: topics.Topic) -> Qos:
+    durability = QosDurability.TRANSIENT_LOCAL if topic.latched else QosDurability.VOLATILE
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1 if topic.latched else topics.DEPTH,
+        QosReliability.RELIABLE,
+        durability,
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        False,
+    )
+
+
+class BagRecorder:
+    """Writes topics to a new bag.
+
+    Parameters
+    ----------
+    folder : path
+        rosbag2 folder to make; must not exist.
+    names : iterable of str
+        Topics of `topics.TABLE`, or others as `name:package/msg/Type`.
+    namespace : str
+        Put before relative names, "/" by default.
+    form : Format
+        Storage, compression, splitting.
+    start_ns : int
+        Stamp of foreign messages that come before the graph's first.
+
+    Raises
+    ------
+    BagError
+        The folder exists or cannot be written, or a topic's type is unknown.
+
+    Attributes
+    ----------
+    counts : dict
+        Messages written per topic.
+    rows : dict
+        Row of each topic.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        names: Iterable[str],
+        namespace: str = "/",
+        form: Format | None = None,
+        start_ns: int = 0,
+    ) -> None:
+        self.folder = Path(folder)
+        rows = [row_of(name) for name in names]
+        self.rows = {row.name: row for row in rows}
+        definitions, channels = Definitions(), []
+        for row in self.rows.values():
+            full = row.name if row.name.startswith("/") else f"{namespace.rstrip('/')}/{row.name}"
+            try:
+                text, digest = definitions.text_and_hash(row.type)
+            except UnknownTypeError as error:
+                raise BagError(f"topic {row.name}: {error}") from error
+            channels.append(Channel(full, row.type, text, digest, (_qos(row),)))
+        self._bag = BagFolder(self.folder, channels, form)
+        self._numbers = {name: number for number, name in enumerate(self.rows)}
+        self.counts = dict.fromkeys(self.rows, 0)
+        self._first: dict[str, int] = {}
+        self._last: dict[str, int] = {}
+        self._newest_ns = start_ns
+        self._failed = False
+
+    def write(self, name: str, raw: bytes) -> None:
+        """Write a serialised message, stamped in simulation time.
+
+        A foreign topic's message gets the graph's newest stamp: it need not carry one.
+
+        Raises
+        ------
+        BagError
+            The disk is full or gone; said once, later messages are dropped silently.
+        """
+        if self._failed:
+            return
+        if name not in topics.BY_NAME:
+            stamp_ns = self._newest_ns
+        else:
+            stamp_ns = stamp_of(raw)
+            if name in _LATE:
+                stamp_ns = max(stamp_ns, self._newest_ns)
+            elif stamp_ns > self._newest_ns:
+                self._newest_ns = stamp_ns
+        try:
+            self._bag.write(self._numbers[name], stamp_ns, raw)
+        except (OSError, sqlite3.Error) as error:
+            self._give_up(error)
+        self.counts[name] += 1
+        self._first.setdefault(name, stamp_ns)
+        self._last[name] = max(stamp_ns, self._last.get(name, 0))
+
+    def flush(self) -> None:
+        """Hand all messages to the operating system.
+
+        Raises
+        ------
+        BagError
+            As for `write`.
+        """
+        if self._failed:
+            return
+        try:
+            self._bag.flush()
+        except (OSError, sqlite3.Error) as error:
+            self._give_up(error)
+
+    def _give_up(self, error: Exception) -> None:
+        """Close the bag with what is safe; always raises BagError."""
+        self._failed = True
+        said = f"{self.folder}: recording stopped: {reason(error)}"
+        try:
+            lost = self._bag.give_up()
+        except (OSError, sqlite3.Error):
+            self._bag.abandon()
+            raise BagError(f"{said}; 'heli bag repair' restores what was written") from error
+        finally:
+            self.counts = dict(zip(self.rows, self._bag.counts(), strict=True))
+        raise BagError(
+            f"{said}; the bag holds {sum(self.counts.values())} messages, {lost} more are lost"
+        ) from error
+
+    def missing(self) -> list[str]:
+        """Topics with a fixed rate of which a message of the middle or of the end has not come."""
+        found = []
+        for name, last in self._last.items():
+            period_ns = self.rows[name].every_ticks * topics.TICK_NS
+            if not period_ns or self._failed:
+                continue
+            expected = (last - self._first[name]) // period_ns + 1
+            if self.counts[name] < expected or last <= self._newest_ns - period_ns:
+                found.append(name)
+        return found
+
+    def close(self) -> None:
+        """Write index and metadata; the bag opens everywhere then.
+
+        Raises
+        ------
+        BagError
+            They could not be written; the chunks that are on the disk stay readable.
+        """
+        if self._failed:
+            return
+        try:
+            self._bag.flush()
+            self._bag.close()
+        except (OSError, sqlite3.Error) as error:
+            self._give_up(error)

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of the recorder: independent readers, definitions and hashes, splitting, a full disk."""
+
+import json
+import re
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+
+from heli_bags.recorder import BagError, BagRecorder, Format
+from heli_bags.repair import repair
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import CHANNELS, Encoder
+from heli_parameters.locate import share_folder
+
+NAMES = (topics.IMU, topics.ODOM, topics.ACTUATORS)
+TICKS = 300
+FORMS = {
+    "mcap": Format(),
+    "zstd": Format(zstd=True),
+    "sqlite3": Format("sqlite3"),
+    "split by size": Format(split_bytes=100_000),
+    "split by time": Format("sqlite3", split_ns=1_000_000_000),
+}
+
+
+def stream(ticks=TICKS, names=NAMES):
+    """Tick by tick: topic, stamp (ns), message with the tick in its first number."""
+    encoders = {name: Encoder(name) for name in names}
+    for tick in range(ticks):
+        stamp_ns = 1_000_000_000 + tick * topics.TICK_NS
+        for name in names:
+            row = np.zeros(CHANNELS[name].size)
+            row[0] = tick
+            if name == topics.ODOM:
+                row[6] = 1.0
+            yield name, stamp_ns, encoders[name].encode(row, stamp_ns)
+
+
+def record(folder, form, ticks=TICKS, flush_every=50):
+    """A bag of the stream; returns what went in."""
+    recorder = BagRecorder(folder, NAMES, "/heli", form)
+    sent = []
+    for number, (name, stamp_ns, raw) in enumerate(stream(ticks)):
+        recorder.write(name, raw)
+        sent.append((f"/heli/{name}", stamp_ns, raw))
+        if number % flush_every == 0:
+            recorder.flush()
+    recorder.close()
+    return sent
+
+
+def by_rosbags(folder):
+    with Reader(folder) as reader:
+        return [(c.topic, stamp_ns, bytes(raw)) for c, stamp_ns, raw in reader.messages()]
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+def test_what_went_in_comes_out(tmp_path, form):
+    sent = record(tmp_path / "bag", form)
+    assert sorted(by_rosbags(tmp_path / "bag")) == sorted(sent)
+    suffix = ".db3" if form.storage == "sqlite3" else ".mcap"
+    assert {p.suffix for p in (tmp_path / "bag").iterdir()} == {suffix, ".yaml"}
+
+
+@pytest.mark.parametrize("form", [FORMS["mcap"], FORMS["zstd"]], ids=["plain", "zstd"])
+def test_second_reader_decodes_it_by_its_own_schemas(tmp_path, form):
+    """mcap-ros2-support builds its decoders from the schemas alone, as Foxglove and PlotJuggler."""
+    record(tmp_path / "bag", form)
+    with open(tmp_path / "bag" / "bag_0.mcap", "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        seen = dict.fromkeys(NAMES, 0)
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            name = channel.topic.removeprefix("/heli/")
+            assert schema.encoding == "ros2msg" and channel.message_encoding == "cdr"
+            stamp = decoded.header.stamp
+            assert message.log_time == stamp.sec * 10**9 + stamp.nanosec
+            if name == topics.ACTUATORS:
+                assert decoded.position[0] == seen[name]
+            seen[name] += 1
+        assert seen == dict.fromkeys(NAMES, TICKS)
+        summary = reader.get_summary()
+    assert summary.statistics.message_count == TICKS * len(NAMES)
+
+
+def test_definitions_and_hashes_are_those_of_ros(tmp_path):
+    """Against the hashes that ROS itself installs beside its messages."""
+    names = [topic.name for topic in topics.TABLE]
+    recorder = BagRecorder(tmp_path / "bag", names)
+    recorder.close()
+    with open(tmp_path / "bag" / "bag_0.mcap", "rb") as file:
+        summary = make_reader(file).get_summary()
+    metadata = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
+    listed = {
+        row["topic_metadata"]["type"]: row["topic_metadata"]["type_description_hash"]
+        for row in metadata["rosbag2_bagfile_information"]["topics_with_message_count"]
+    }
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        package, _, message = schema.name.partition("/")
+        described = share_folder(package) / f"{message}.json"
+        rows = json.loads(described.read_text())["type_hashes"]
+        official = {row["type_name"]: row["hash_string"] for row in rows}
+        assert channel.metadata["topic_type_hash"] == official[schema.name]
+        assert listed[schema.name] == official[schema.name]
+        defined = set(re.findall(r"^MSG: (\w+)/(?:msg/)?(\w+)$", schema.data.decode(), re.M))
+        needed = {tuple(name.split("/msg/")) for name in official if name != schema.name}
+        assert needed <= defined
+
+
+def test_metadata_is_what_rosbag2_expects(tmp_path):
+    """Keys of version 9, as `ros2 bag record` of Jazzy writes them; sums over the files agree."""
+    record(tmp_path / "bag", FORMS["split by size"])
+    content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
+    info = content["rosbag2_bagfile_information"]
+    assert set(info) == {
+        "version", "storage_identifier", "duration", "starting_time", "message_count",
+        "topics_with_message_count", "compression_format", "compression_mode",
+        "relative_file_paths", "files", "custom_data", "ros_distro",
+    }  # fmt: skip
+    assert (info["version"], info["storage_identifier"], info["ros_distro"]) == (9, "mcap", "jazzy")
+    assert info["starting_time"] == {"nanoseconds_since_epoch": 1_000_000_000}
+    assert info["duration"] == {"nanoseconds": (TICKS - 1) * topics.TICK_NS}
+    assert len(info["files"]) > 3
+    assert [file["path"] for file in info["files"]] == info["relative_file_paths"]
+    assert sum(file["message_count"] for file in info["files"]) == info["message_count"]
+    assert info["message_count"] == TICKS * len(NAMES)
+    for row in info["topics_with_message_count"]:
+        assert row["message_count"] == TICKS
+        (qos,) = row["topic_metadata"]["offered_qos_profiles"]
+        assert (qos["reliability"], qos["durability"]) == ("reliable", "volatile")
+        assert qos["lifespan"] == {"sec": 9223372036, "nsec": 854775807}
+
+
+def test_sqlite_is_readable_without_any_bag_library(tmp_path):
+    sent = record(tmp_path / "bag", FORMS["sqlite3"])
+    uri = f"file:{tmp_path}/bag/bag_0.db3?immutable=1"
+    with sqlite3.connect(uri, uri=True) as database:
+        rows = database.execute(
+            "SELECT topics.name, timestamp, data FROM messages "
+            "JOIN topics ON topics.id = topic_id ORDER BY messages.id"
+        ).fetchall()
+        assert database.execute("SELECT schema_version FROM schema").fetchone() == (4,)
+        kinds = database.execute("SELECT topic_type, encoding FROM message_definitions").fetchall()
+        (mode,) = database.execute("PRAGMA journal_mode").fetchone()
+    assert rows == sent
+    assert len(kinds) == 3 and {kind for _, kind in kinds} == {"ros2msg"}
+    assert mode != "wal"
+
+
+def test_files_are_split_where_they_should(tmp_path):
+    record(tmp_path / "bag", FORMS["split by time"])
+    parts = sorted((tmp_path / "bag").glob("*.db3"))
+    assert [p.name for p in parts] == ["bag_0.db3", "bag_1.db3", "bag_2.db3"]
+    for part in parts:
+        with Reader(part) as reader:
+            assert reader.duration == 990_000_001 and reader.message_count == 300
+
+
+def test_any_other_topic_by_its_type(tmp_path):
+    """Also a type that is not among the standard ones but installed with its .msg file."""
+    names = [topics.IMU, "/chat:std_msgs/msg/String"]
+    recorder = BagRecorder(tmp_path / "bag", names, "/heli")
+    recorder.write("/chat", b"\0\1\0\0\3\0\0\0hi\0\0")
+    recorder.close()
+    with AnyReader([tmp_path / "bag"]) as reader:
+        ((connection, _, raw),) = reader.messages()
+        assert connection.topic == "/chat"
+        assert reader.deserialize(raw, connection.msgtype).data == "hi"
+
+
+def test_installed_type_that_is_not_standard(tmp_path, monkeypatch):
+    folder = tmp_path / "prefix/share/own_msgs/msg"
+    folder.mkdir(parents=True)
+    (folder / "Leg.msg").write_text("geometry_msgs/Point end\nfloat64 load\n")
+    (folder / "Gear.msg").write_text("std_msgs/Header header\nLeg[2] legs\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
+    BagRecorder(tmp_path / "bag", ["gear:own_msgs/msg/Gear"]).close()
+    with open(tmp_path / "bag" / "bag_0.mcap", "rb") as file:
+        (schema,) = make_reader(file).get_summary().schemas.values()
+    text = schema.data.decode()
+    assert schema.name == "own_msgs/msg/Gear"
+    assert "MSG: own_msgs/Leg" in text.replace("/msg/", "/")
+    assert "MSG: geometry_msgs/Point" in text.replace("/msg/", "/")
+
+
+@pytest.mark.parametrize(
+    ("names", "form", "words"),
+    [
+        (["imu/data"], {}, ["imu/data", "imu/data_raw", "name:package/msg/Type"]),
+        (["x:no_msgs/msg/No"], {}, ["topic x", "no_msgs/msg/No", "not installed"]),
+        ([topics.IMU], {"storage": "hdf5"}, ["hdf5", "mcap", "sqlite3"]),
+        ([topics.IMU], {"storage": "sqlite3", "zstd": True}, ["zstd", "mcap"]),
+    ],
+)
+def test_bad_choices_are_one_sentence_and_leave_nothing(tmp_path, names, form, words):
+    with pytest.raises(BagError) as error:
+        BagRecorder(tmp_path / "bag", names, form=Format(**form))
+    assert all(word in str(error.value) for word in words)
+    assert not (tmp_path / "bag").exists()
+
+
+FULL_DISK = """
+import resource, signal, sys
+from test_recorder import NAMES, FORMS, stream
+from heli_bags.recorder import BagError, BagRecorder
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+recorder = BagRecorder(sys.argv[1], NAMES, "/heli", FORMS[sys.argv[2]])
+if int(sys.argv[3]):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
+said = []
+for number, (name, stamp_ns, raw) in enumerate(stream(6000)):
+    try:
+        recorder.write(name, raw)
+        if number % 20 == 0:
+            recorder.flush()
+    except BagError as error:
+        said.append(str(error))
+recorder.close()
+print(len(said), *said)
+"""
+
+
+def fill(folder, form, limit):
+    """Record until the disk is full; what the recorder said."""
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, folder, form, str(limit)],
+        cwd=Path(__file__).parent, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    times, said = done.stdout.split(" ", 1)
+    assert times == "1" and len(said.splitlines()) == 1, done.stdout
+    assert f"{folder}: recording stopped: " in said
+    return said
+
+
+def is_beginning(folder):
+    """Number of messages of a bag, which are exactly the first that were sent."""
+    kept = by_rosbags(folder)
+    sent = [(f"/heli/{name}", stamp_ns, raw) for name, stamp_ns, raw in stream(len(kept))]
+    assert sorted(kept) == sorted(sent[: len(kept)])
+    return len(kept)
+
+
+@pytest.mark.parametrize("form", ["mcap", "sqlite3"])
+def test_full_disk_ends_the_recording_and_the_bag_opens(small_disk, form):
+    said = fill(small_disk / "bag", form, 0)
+    assert "No space left" in said or "full" in said
+    count = is_beginning(small_disk / "bag")
+    assert f"the bag holds {count} messages" in said
+    assert count > 1500
+
+
+@pytest.mark.parametrize(
+    ("form", "limit"), [("mcap", 400_000), ("zstd", 60_000), ("sqlite3", 400_000)]
+)
+def test_disk_without_room_for_the_index_is_repaired(tmp_path, form, limit):
+    """Writes fail in the middle of a file and ever after (by the limit of a file's size)."""
+    said = fill(tmp_path / "bag", form, limit)
+    if "heli bag repair" in said:
+        assert repair(tmp_path / "bag", tmp_path / "new").messages > 300
+        assert is_beginning(tmp_path / "new") > 300
+    else:
+        assert is_beginning(tmp_path / "bag") > 300
+
+
+def test_no_room_at_all_is_said_before_anything_is_recorded(small_disk):
+    (small_disk / "other").write_bytes(bytes(3_000_000))
+    with pytest.raises(BagError, match="cannot be written: No space left"):
+        BagRecorder(small_disk / "bag", NAMES)
+    assert not (small_disk / "bag").exists()

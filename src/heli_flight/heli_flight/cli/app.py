@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `heli`: hover, campaign, design, identify, compare, report, bag, echo, topics.
+
+A sub-command imports what it needs when it runs, so that help and completion are quick.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer.exceptions import TyperException
+
+from heli_flight.cli import completion
+from heli_flight.cli.bag import bag
+from heli_flight.cli.compare import compare
+from heli_flight.cli.graph import graph
+from heli_flight.cli.identify import EPILOG, identify
+from heli_flight.cli.options import (
+    Aircraft,
+    AnyGps,
+    Duration,
+    Json,
+    Params,
+    RecordedGps,
+    RecordedScenario,
+    ScenarioName,
+    Seeds,
+)
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+app = typer.Typer(
+    name="heli",
+    help="Autonomous hover of a small helicopter: fly, design, identify, compare, report.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    epilog="heli COMMAND --help shows a command's options and an example.\n\n"
+    "exit code: 0 done, 1 a flight outside the paper's figures or lost, 2 bad input (one line), "
+    "130 interrupted",
+)
+app.add_typer(compare, name="compare")
+app.add_typer(bag, name="bag")
+app.add_typer(graph)
+app.command(epilog=EPILOG)(identify)
+
+
+@app.command(
+    cls=completion.HoverCommand,
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+    add_help_option=False,
+    epilog="\b\nexample:\n  heli hover --scenario attitude --controller pid --seed 3",
+)
+def hover(context: typer.Context) -> int:
+    """Fly the hover test or another scenario."""
+    from heli_flight.cli import hover_test
+
+    return hover_test.command(context.args, prog="heli hover")
+
+
+@app.command(
+    epilog="\b\nexample:\n  heli campaign --seeds 1..20 --gps rtk --json > campaign.json\n\n"
+    "exit code: 0 inside the paper's figures, 1 outside on a seed or helicopter lost, 2 bad input"
+)
+def campaign(
+    seeds: Seeds = "1..20",
+    scenario: ScenarioName = "hover",
+    gps: AnyGps = None,
+    duration: Duration = None,
+    params: Params = None,
+    as_json: Json = False,
+) -> int:
+    """Fly a scenario on many seeds in this process: largest value of each metric."""
+    from heli_flight.loop.settings import GPS_PRESETS, resolve
+    from heli_flight.studies import campaign as many
+    from heli_flight.terminal import console, json_text, steps
+
+    numbers, presets = many.parse_seeds(seeds), [gps] if gps else list(GPS_PRESETS)
+    settings = {
+        name: resolve(scenario, name, duration_s=duration, params=params or []) for name in presets
+    }
+    start, columns, done = time.monotonic(), {}, 0
+    with steps("flights", len(numbers) * len(presets)) as progress:
+        for name in presets:
+            columns[name] = many.fly_seeds(
+                settings[name], numbers, lambda n, done=done: progress(done + n)
+            )
+            done += len(numbers)
+    code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
+    if as_json:
+        content = {"scenario": scenario, "seeds": numbers, "exit_code": code}
+        print(json_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
+        return code
+    out = console()
+    out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
+    out.print(many.table(columns, settings[presets[0]].scenario.kind), soft_wrap=True)
+    for line in many.remarks(columns):
+        out.print(line, soft_wrap=True, markup=False)
+    out.print(f"{done} flights in {time.monotonic() - start:.1f} s")
+    return code
+
+
+@app.command(
+    epilog="\b\nexample:\n  heli design --params weights.yaml --gamma-factor 1.2 --out my_design\n"
+    "  heli hover --params my_design/design.yaml"
+)
+def design(
+    params: Params = None,
+    aircraft: Aircraft = None,
+    gamma: Annotated[
+        float | None, typer.Option(metavar="G", help="bound on the norm (default: the parameter)")
+    ] = None,
+    gamma_factor: Annotated[
+        float | None, typer.Option(metavar="K", help="bound as a multiple of gamma*, such as 1.2")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="folder for design.yaml and pictures; must not exist"),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Design the inner loop of an aircraft: certificate, margins, pictures, YAML."""
+    # The matrices are small: threads of the linear algebra only cost time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from heli_flight.studies.design.make import make_design, write_yaml
+    from heli_flight.studies.design.report import as_dict, print_design
+    from heli_flight.terminal import console, json_text, new_folder, refuse_existing, steps
+
+    refuse_existing(out)
+    with steps("design", 2 if out else 1) as progress:
+        made = make_design(params or [], aircraft, gamma, gamma_factor)
+        progress(1)
+        if out is not None:
+            from heli_flight.studies.design.pictures import draw_all
+
+            new_folder(out)
+            write_yaml(made, out / "design.yaml")
+            draw_all(made, out)
+            (out / "design.json").write_text(json_text(as_dict(made)), encoding="utf-8")
+            progress(2)
+    if as_json:
+        print(json_text(as_dict(made)), end="")
+        return 0
+    print_design(made, console())
+    if out is not None:
+        console().print(f"written: {out} (fly it: heli hover --params {out}/design.yaml)")
+    return 0
+
+
+@app.command(
+    epilog="\b\nexample:\n  heli report flights/my_flight\n"
+    "  heli report rosbag2_2026_11_21 --params my.yaml"
+)
+def report(
+    bag: Annotated[Path, typer.Argument(help="rosbag2 folder, or the folder of a flight")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="folder to write (default: beside the bag)")
+    ] = None,
+    scenario: RecordedScenario = None,
+    gps: RecordedGps = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="seed of the flight, for its conditions")
+    ] = None,
+    params: Params = None,
+    as_json: Json = False,
+) -> int:
+    """Write report.html and the paper's figures of a recorded flight."""
+    from heli_flight.report import STEPS, Choice, report_of_bag
+    from heli_flight.terminal import json_text, steps
+
+    choice = Choice(scenario, gps, seed, params or [])
+    with steps("report", STEPS) as progress:
+        page = report_of_bag(bag, choice, out, progress)
+    if as_json:
+        figures = sorted(str(path) for path in (page.parent / "figures").iterdir())
+        print(json_text({"report": str(page), "figures": figures}), end="")
+        return 0
+    print(f"written: {page}")
+    return 0
+
+
+def _refusals() -> tuple[type[Exception], ...]:
+    """What counts as bad input; all carry one sentence. Imported only when something is raised."""
+    from heli_bags.folder import BagError
+    from heli_dynamics_sim.trim import TrimError
+    from heli_flight.errors import FlightError
+    from heli_parameters.parameters import ParameterError
+
+    return (BagError, ParameterError, ValueError, TrimError, FlightError, OSError)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code: 2 and one line on stderr for bad input."""
+    try:
+        code = app(args=argv, prog_name="heli", standalone_mode=False)
+    except TyperException as error:
+        print(f"heli: {_one_line(error)}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except Exception as error:
+        if not isinstance(error, _refusals()):
+            raise
+        print(f"heli: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    if code == EXIT_INTERRUPTED:
+        # typer has turned the KeyboardInterrupt into this code.
+        print("interrupted", file=sys.stderr)
+    return int(code or 0)
+
+
+def _one_line(error: TyperException) -> str:
+    text = getattr(error, "format_message", lambda: str(error))()
+    return " ".join(text.split())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

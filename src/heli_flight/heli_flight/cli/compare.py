@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `heli compare`: attitude, robustness. A sub-command imports what it needs."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from heli_flight.cli.options import ALL_LAWS, Duration, Gps, Json, Laws, Params, Seeds
+
+compare = typer.Typer(
+    help="Fly H-infinity, LQR and PID against each other.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    epilog="\b\nexample:\n  heli compare attitude --seeds 1..20",
+)
+
+
+@compare.command(
+    "attitude",
+    epilog="\b\nexample:\n  heli compare attitude --seeds 1..20 --gusts --out attitude_gusts",
+)
+def compare_attitude(
+    seeds: Seeds = "1..20",
+    gusts: Annotated[bool, typer.Option("--gusts", help="with discrete gusts up to 8 m/s")] = False,
+    ideal: Annotated[
+        bool,
+        typer.Option(
+            "--ideal-navigation", help="also without the estimator's errors: the law alone"
+        ),
+    ] = False,
+    controllers: Laws = ALL_LAWS,
+    gps: Gps = "standalone",
+    duration: Duration = None,
+    params: Params = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="folder for attitude.png and .json; must not exist"),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Fly every law on the same seeds in the paper's attitude test (Fig. 3, 4)."""
+    from heli_flight.loop.settings import resolve
+    from heli_flight.studies.campaign import parse_seeds
+    from heli_flight.studies.compare import attitude
+    from heli_flight.studies.compare.laws import parse_laws
+    from heli_flight.terminal import console, json_text, new_folder, steps
+
+    laws, numbers = parse_laws(controllers), parse_seeds(seeds)
+    scenario = "attitude_gusts" if gusts else "attitude"
+    settings = resolve(scenario, gps, duration_s=duration, params=params or [])
+    if out is not None:
+        new_folder(out)
+    start = time.monotonic()
+    with steps("flights", len(numbers) * len(laws)) as progress:
+        result = attitude.compare(settings, laws, numbers, ideal, progress)
+    if out is not None:
+        from heli_flight.studies.compare.attitude_picture import draw
+
+        draw(result, out / "attitude.png")
+        (out / "attitude.json").write_text(json_text(result.as_dict()), encoding="utf-8")
+    if as_json:
+        print(json_text(result.as_dict()), end="")
+        return 0
+    attitude.print_comparison(result, console())
+    console().print(f"{len(numbers) * len(laws)} flights in {time.monotonic() - start:.1f} s")
+    if out is not None:
+        console().print(f"written: {out}")
+    return 0
+
+
+@compare.command(
+    "robustness", epilog="\b\nexample:\n  heli compare robustness --n 200 --json > robustness.json"
+)
+def compare_robustness(
+    n: Annotated[
+        int, typer.Option("--n", min=1, max=100000, metavar="N", help="perturbed aircraft")
+    ] = 200,
+    first_seed: Annotated[
+        int, typer.Option("--seed", min=0, metavar="N", help="seed of the first aircraft")
+    ] = 1,
+    calm: Annotated[bool, typer.Option("--no-gusts", help="without the discrete gusts")] = False,
+    controllers: Laws = ALL_LAWS,
+    gps: Gps = "standalone",
+    duration: Duration = None,
+    params: Params = None,
+    as_json: Json = False,
+) -> int:
+    """Fly the nominal aircraft's laws on N perturbed aircraft."""
+    from heli_flight.loop.settings import resolve
+    from heli_flight.studies.compare import robustness
+    from heli_flight.studies.compare.laws import parse_laws
+    from heli_flight.terminal import console, json_text, steps
+
+    laws = parse_laws(controllers)
+    scenario = "attitude" if calm else "attitude_gusts"
+    settings = resolve(scenario, gps, duration_s=duration, params=params or [])
+    total = sum(robustness.aircraft_of(p, n) for p in robustness.PERTURBATIONS)
+    start = time.monotonic()
+    with steps("aircraft", total) as progress:
+        outcomes = robustness.compare(settings, laws, n, first_seed, progress=progress)
+    if as_json:
+        print(json_text(robustness.as_dict(outcomes, settings, n)), end="")
+        return 0
+    robustness.print_outcomes(outcomes, laws, settings, console())
+    console().print(f"{total * len(laws)} flights in {time.monotonic() - start:.1f} s")
+    return 0

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the shell offers when the user presses Tab: names of scenarios, laws, presets, aircraft.
+
+Used by typer's completion (`heli --install-completion`). Imports wait until Tab is pressed. Where
+nothing is offered the shell offers files.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from typer.core import CompletionItem, TyperCommand
+
+
+def scenarios(incomplete: str) -> list[str]:
+    """Packaged scenarios."""
+    from heli_flight.loop.settings import scenario_names
+
+    return _beginning(incomplete, scenario_names())
+
+
+def gps_presets(incomplete: str) -> list[str]:
+    """Receivers."""
+    from heli_flight.loop.settings import GPS_PRESETS
+
+    return _beginning(incomplete, GPS_PRESETS)
+
+
+def controllers(incomplete: str) -> list[str]:
+    """Attitude laws."""
+    from heli_inner_hinf.law_state import CONTROLLERS
+
+    return _beginning(incomplete, CONTROLLERS)
+
+
+def compared_laws(incomplete: str) -> list[str]:
+    """Laws of a comparison, after those that stand before the last comma."""
+    from heli_flight.studies.compare.laws import LAWS
+
+    before, comma, last = incomplete.rpartition(",")
+    return [before + comma + name for name in _beginning(last, [law.key for law in LAWS])]
+
+
+def aircraft(incomplete: str) -> list[str]:
+    """Packaged aircraft."""
+    from heli_parameters.locate import config_folder
+
+    packaged = (config_folder("heli_dynamics_sim") / "aircraft").glob("*.yaml")
+    return _beginning(incomplete, sorted(path.name for path in packaged))
+
+
+VALUES: Mapping[str, Callable[[str], list[str]]] = {
+    "--scenario": scenarios,
+    "--gps": gps_presets,
+    "--controller": controllers,
+}
+
+
+class HoverCommand(TyperCommand):
+    """The command whose options `hover_test.parser` knows: completes what that parser takes."""
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[CompletionItem]:
+        """Names of options, or the values of the option before."""
+        from heli_flight.cli.hover_test import parser
+
+        before = ctx.args[-1] if ctx.args else ""
+        if before in VALUES and not incomplete.startswith("-"):
+            return [CompletionItem(name) for name in VALUES[before](incomplete)]
+        actions = [
+            a for a in parser()._actions if any(o.startswith("--") for o in a.option_strings)
+        ]
+        if any(a.nargs != 0 and before in a.option_strings for a in actions):
+            return []
+        return [
+            CompletionItem(option, help=action.help)
+            for action in actions
+            for option in action.option_strings
+            if option.startswith(incomplete or "--")
+        ]
+
+
+def _beginning(incomplete: str, names: Any) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command behind ./hover_test.sh: bring the graph up, fly, record, compare with the paper."""
+
+import argparse
+import contextlib
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from heli_bags.reader import Remark
+from heli_flight.errors import FlightError, StartError
+from heli_flight.graph.live import add_options, check_options, live_view
+from heli_flight.graph.processes import check_middleware, start_server
+from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.result import (
+    EXIT_BAD_INPUT,
+    EXIT_OUTSIDE,
+    RESULT,
+    Result,
+    print_table,
+    write_parameters,
+    write_result,
+)
+from heli_flight.loop.settings import GPS_PRESETS, Settings, resolve, scenario_names
+from heli_flight.terminal import new_folder
+from heli_inner_hinf.law_state import CONTROLLERS
+from heli_parameters.locate import MissingFileError
+from heli_parameters.parameters import ParameterError
+
+EXIT_INTERRUPTED = 130
+
+_EPILOG = """examples:
+  ./hover_test.sh                                  the paper's hover test, 60 s
+  ./hover_test.sh --gps rtk --seed 7               another GPS, another wind
+  ./hover_test.sh --scenario attitude              the paper's attitude test
+  ./hover_test.sh --scenario attitude --controller pid    another attitude law
+  ./hover_test.sh --params my_weights.yaml         any node's parameters, changed
+  ./hover_test.sh --live                           in real time, to be watched in a browser
+
+exit code: 0 inside the paper's figures, 1 outside or helicopter lost (named), 2 bad input
+"""
+
+
+def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
+    """Command line of the hover test."""
+    p = argparse.ArgumentParser(
+        prog=prog,
+        description="Fly the helicopter in wind and compare with the paper.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument(
+        "--scenario",
+        default="hover",
+        metavar="NAME",
+        help=f"what to fly: {' or '.join(scenario_names())} (default hover)",
+    )
+    p.add_argument(
+        "--controller",
+        metavar="LAW",
+        help=f"attitude law: {' or '.join(CONTROLLERS)} (default: the parameter of inner_loop)",
+    )
+    p.add_argument("--duration", type=float, metavar="S", help="length of the flight, s")
+    p.add_argument("--seed", type=int, metavar="N", help="seed of wind and sensors")
+    p.add_argument("--realtime", action="store_true", help="at the pace of the wall clock")
+    p.add_argument(
+        "--gps",
+        default="standalone",
+        metavar="PRESET",
+        help=f"receiver: {' or '.join(GPS_PRESETS)} (default standalone)",
+    )
+    p.add_argument("--out", type=Path, metavar="DIR", help="folder to write; must not exist")
+    p.add_argument(
+        "--params",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="parameter file that overrides any node's YAML; repeatable",
+    )
+    p.add_argument(
+        "--one-process",
+        action="store_true",
+        help="fly the same loop in this process, without ROS and without a bag",
+    )
+    p.add_argument(
+        "--json",
+        dest="as_json",
+        action="store_true",
+        help="print the flight's result.json to stdout, all else to stderr",
+    )
+    p.add_argument(
+        "--no-report",
+        dest="report",
+        action="store_false",
+        help="write no report.html and no figures",
+    )
+    add_options(p)
+    return p
+
+
+def _new_folder(wanted: Path | None, scenario: str, gps: str, seed: int) -> Path:
+    """Make the flight's folder; a folder that exists or cannot be written is bad input."""
+    if wanted is None:
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        base = Path("flights") / f"{stamp}-{scenario}-{gps}-seed{seed}"
+        wanted, count = base, 1
+        while wanted.exists():
+            count += 1
+            wanted = base.with_name(f"{base.name}-{count}")
+    return new_folder(wanted)
+
+
+@contextlib.contextmanager
+def _progress_bar(console: Console, duration_s: float) -> Iterator:
+    """A bar over simulation time; lines now and then where there is no terminal."""
+    if not console.is_terminal:
+        tenth = [0]
+
+        def plain(flight_s: float) -> None:
+            done = int(10.0 * flight_s / duration_s)
+            if done > tenth[0]:
+                tenth[0] = done
+                console.print(f"flown {flight_s:.0f} s of {duration_s:.0f} s", highlight=False)
+
+        yield plain
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f}/{task.total:.0f} s flown"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("flight", total=duration_s)
+        yield lambda flight_s: bar.update(task, completed=flight_s)
+
+
+def _fly_one_process(settings: Settings, console: Console) -> tuple[Result, FlightRecord]:
+    from heli_flight.loop import closed_loop
+    from heli_flight.loop.scoring import score
+
+    closed_loop.simulate(_shortened(settings))  # loads the compiled loop, so that flying is timed
+    start = time.monotonic()
+    with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
+        flight = closed_loop.simulate(settings, progress=progress)
+    wall = time.monotonic() - start
+    scores, flown_s = score(flight.record, settings.scenario), len(flight.record) / 100.0
+    return Result(scores, flight.sentence, flown_s, wall), flight.record
+
+
+def _report(
+    record: FlightRecord,
+    remarks: Sequence[Remark],
+    settings: Settings,
+    result: Result,
+    folder: Path,
+    mode: str,
+    console: Console,
+) -> None:
+    """Write report.html and figures; a disk that is full costs the report, not the flight."""
+    from heli_flight.report import events_of, write_report
+
+    how = mode if mode == "one process" else f"ROS 2 graph, {mode}"
+    try:
+        page = write_report(record, settings, result, folder, how, events_of(remarks, settings))
+    except OSError as error:
+        console.print(f"no report: {error}", highlight=False)
+        return
+    console.print(f"report: {page}", highlight=False, soft_wrap=True)
+
+
+def _say(console: Console) -> Callable[[str], None]:
+    """Prints a line as it is, for addresses that are to be clicked or copied."""
+    return lambda line: console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
+def _shortened(settings: Settings) -> Settings:
+    from dataclasses import replace
+
+    return replace(settings, scenario=replace(settings.scenario, n_ticks=4))
+
+
+def fly(options: argparse.Namespace, console: Console) -> int:
+    """Resolve, fly, score, write; returns the exit code.
+
+    Raises
+    ------
+    ParameterError, MissingFileError
+        Bad input.
+    StartError
+        The graph could not be brought up.
+    FlightError
+        The graph broke in flight; the bag so far is kept.
+    """
+    check_options(options)
+    settings = resolve(
+        options.scenario,
+        options.gps,
+        options.seed,
+        options.duration,
+        not (options.realtime or options.live),
+        options.params,
+        {"inner_loop": {"controller": options.controller}} if options.controller else None,
+    )
+    folder = _new_folder(options.out, options.scenario, options.gps, settings.seed)
+    try:
+        write_parameters(settings, folder / "params.yaml")
+        if options.one_process:
+            result, record = _fly_one_process(settings, console)
+            extra, remarks = {"mode": "one process"}, ()
+        else:
+            check_middleware()
+            start_server()
+            from heli_flight.graph.flight import fly_graph
+
+            live = live_view(options, settings)
+            with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
+                result, extra, flight = fly_graph(settings, folder, progress, live, _say(console))
+            record, remarks = flight.record, flight.remarks
+    except (ParameterError, MissingFileError, StartError, ValueError) as error:
+        # Nothing was flown: an empty folder would only look like a flight.
+        if not (isinstance(error, ValueError) and (folder / "bag").exists()):
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    write_result(result, settings, folder, extra)
+    print_table(result, settings, console)
+    if options.report:
+        _report(record, remarks, settings, result, folder, extra["mode"], console)
+    factor = result.flown_s / result.wall_s if result.wall_s > 0 else 0.0
+    console.print(
+        f"{result.flown_s:.2f} s flown in {result.wall_s:.2f} s ({factor:.2f} times real time)",
+        highlight=False,
+    )
+    console.print(f"written: {folder}", highlight=False, soft_wrap=True)
+    if options.as_json:
+        print((folder / RESULT).read_text(encoding="utf-8"), end="")
+    code = result.exit_code(settings.gps)
+    if code and not result.lost:
+        names = ", ".join(f"{s.metric.label} ({s.source})" for s in result.judged(settings.gps))
+        console.print(f"outside the paper's figures: {names}", highlight=False)
+    return code
+
+
+def command(argv: Sequence[str] | None, prog: str) -> int:
+    """Parse, fly, say in one line what was wrong; returns the exit code. Ctrl-C passes through."""
+    options = parser(prog).parse_args(argv)
+    stream = sys.stderr if options.as_json else sys.stdout
+    console = Console(stderr=options.as_json, width=None if stream.isatty() else 110)
+    try:
+        return fly(options, console)
+    except (ParameterError, OSError, FlightError, ValueError) as error:
+        print(f"hover_test: {error}", file=sys.stderr)
+        broken = isinstance(error, FlightError) and not isinstance(error, StartError)
+        return EXIT_OUTSIDE if broken else EXIT_BAD_INPUT
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ./hover_test.sh; returns the exit code."""
+    try:
+        return command(argv, "hover_test.sh")
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

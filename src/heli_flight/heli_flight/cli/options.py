@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options that several commands of `heli` have, each written once."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from heli_flight.cli import completion
+
+Params = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--params", metavar="FILE", help="parameter file over any node's YAML; repeatable"
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="print JSON instead of tables")]
+Gps = Annotated[
+    str,
+    typer.Option(
+        "--gps",
+        metavar="PRESET",
+        help="receiver: standalone or rtk",
+        autocompletion=completion.gps_presets,
+    ),
+]
+Laws = Annotated[
+    str,
+    typer.Option(
+        "--controllers",
+        metavar="LAWS",
+        help="hinf, hinf_offset_free, lqr, pid: any of them",
+        autocompletion=completion.compared_laws,
+    ),
+]
+Seeds = Annotated[str, typer.Option("--seeds", metavar="SEEDS", help="1..20, 7 or 1,5,9")]
+ALL_LAWS = "hinf,hinf_offset_free,lqr,pid"
+Duration = Annotated[
+    float | None, typer.Option(metavar="S", help="length of a flight (default: the scenario's)")
+]
+RecordedScenario = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="what was flown (default: as recorded)",
+        autocompletion=completion.scenarios,
+    ),
+]
+RecordedGps = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PRESET",
+        help="receiver (default: as recorded)",
+        autocompletion=completion.gps_presets,
+    ),
+]
+ScenarioName = Annotated[
+    str, typer.Option(metavar="NAME", help="what to fly", autocompletion=completion.scenarios)
+]
+AnyGps = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PRESET",
+        help="receiver: standalone or rtk (default: both)",
+        autocompletion=completion.gps_presets,
+    ),
+]
+Aircraft = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="aircraft file (default: the plant's)",
+        autocompletion=completion.aircraft,
+    ),
+]

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A flight's record out of its bag."""
+
+import bisect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_bags.reader import Bag, Remark, Stream, read_bag
+from heli_bags.recorder import BagError
+from heli_flight.errors import FlightError
+from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.settings import Settings
+from heli_math.rotations import quat_to_R_nb
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.packing import N_NAV
+from heli_outer_pd.reference import N_REFERENCE, reference_at
+
+
+def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: int) -> np.ndarray:
+    """Rows (N, size) at the ticks: the newest message at or before each; NaN before the first."""
+    rows = np.full((ticks.size, size), np.nan)
+    if stream is None or not stream.stamp_ns.size:
+        return rows
+    known = (stream.stamp_ns - start_ns) // topics.TICK_NS
+    index = np.searchsorted(known, ticks, side="right") - 1
+    rows[index >= 0] = stream.rows[index[index >= 0]]
+    return rows
+
+
+def _reference(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray:
+    """Reference rows (N, 7) at the ticks: of the trajectory last begun, the first one before it."""
+    rows = np.full((ticks.size, N_REFERENCE), np.nan)
+    if not bag.references:
+        return rows
+    ways = sorted(bag.references, key=lambda way: way.start_ns)
+    begun = [way.start_ns for way in ways]
+    for row, tick in zip(rows, ticks.tolist(), strict=True):
+        now_ns = start_ns + tick * topics.TICK_NS
+        way = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)]
+        reference_at(now_ns - way.start_ns, way.times_ns, way.points, row)
+    return rows
+
+
+@dataclass(frozen=True)
+class BagFlight:
+    """A bag as a flight: its record, NaN where a topic says nothing, and the nodes' health."""
+
+    record: FlightRecord
+    remarks: Sequence[Remark]
+
+
+def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -> BagFlight:
+    """Record and health of a flight, one row per tick of ground truth.
+
+    Parameters
+    ----------
+    path : Path
+        rosbag2 folder.
+    settings : Settings
+        Give the stamp of flight time 0.
+    truth_needed : bool
+        False: a bag without ground truth is taken too, one row per tick of `odom`.
+
+    Returns
+    -------
+    BagFlight
+
+    Raises
+    ------
+    FlightError
+        The bag cannot be read or holds no flight.
+    """
+    try:
+        bag = read_bag(path)
+    except BagError as error:
+        raise FlightError(str(error)) from error
+    start_ns = round(settings.nodes["plant"]["start_time_s"] * 1e9)
+    source = bag.streams.get(topics.TRUTH_ODOM)
+    if source is None or not source.stamp_ns.size:
+        if truth_needed:
+            raise FlightError(f"{path}: holds no {topics.TRUTH_ODOM}")
+        source = bag.streams.get(topics.ODOM)
+    if source is None or not source.stamp_ns.size:
+        raise FlightError(f"{path}: holds neither {topics.TRUTH_ODOM} nor {topics.ODOM}: no flight")
+    ticks = (source.stamp_ns - start_ns) // topics.TICK_NS
+    return BagFlight(_record(bag, ticks, start_ns), bag.remarks)
+
+
+def _excited(bag: Bag) -> bool:
+    return topics.EXCITATION_ACTUATORS in bag.streams or topics.EXCITATION_WIND in bag.streams
+
+
+def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
+    def at(name: str, size: int) -> np.ndarray:
+        return _at(bag.streams.get(name), ticks, start_ns, size)
+
+    excited = _excited(bag)
+
+    truth, nav = at(topics.TRUTH_ODOM, 13), at(topics.ODOM, N_NAV)
+    velocity = np.array([quat_to_R_nb(row[6:10]) @ row[3:6] for row in truth])
+    return FlightRecord(
+        time_s=ticks / 100.0,
+        truth_pos_ned_m=truth[:, 0:3],
+        truth_vel_ned_mps=velocity,
+        truth_rate_body_radps=truth[:, 10:13],
+        truth_q_nb=truth[:, 6:10],
+        truth_rotor=at(topics.TRUTH_ROTOR, 7)[:, 0:3],
+        wind_ned_mps=at(topics.TRUTH_WIND, 3),
+        nav_pos_ned_m=nav[:, 0:3],
+        nav_vel_ned_mps=nav[:, 3:6],
+        nav_rate_body_radps=nav[:, 10:13],
+        nav_q_nb=nav[:, 6:10],
+        nav_rotor=at(topics.ROTOR_STATE, 3),
+        reference=_reference(bag, ticks, start_ns),
+        setpoint=at(topics.ATTITUDE_SETPOINT, 3),
+        u=at(topics.ACTUATORS, 4),
+        nav_sigma_pos_m=nav[:, 22:25],
+        nav_sigma_vel_mps=nav[:, 25:28],
+        nav_sigma_att_rad=nav[:, 28:31],
+        excitation_u=at(topics.EXCITATION_ACTUATORS, 4) if excited else None,
+        gust_ned_mps=at(topics.EXCITATION_WIND, 3) if excited else None,
+        imu=at(topics.IMU, 6) if excited else None,
+    )

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A flight of the real graph: processes over DDS, brought up in order, recorded, scored."""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from lifecycle_msgs.msg import Transition
+from rclpy.signals import SignalHandlerOptions
+
+from heli_flight.errors import FlightError, StartError
+from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.graph.live import MODULE as LIVE_MODULE
+from heli_flight.graph.live import LiveView, addresses
+from heli_flight.graph.processes import NodeProcess, domain_reserved, stop
+from heli_flight.graph.ros_session import prepare_environment
+from heli_flight.graph.supervisor import BringUpError, Supervisor
+from heli_flight.loop.result import Result
+from heli_flight.loop.scenario import NODE_NAME as SCENARIO
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import NODES, Settings
+from heli_live_view.access import TOKEN_VARIABLE
+from heli_live_view.parameter_table import NODE_NAME as LIVE
+from heli_live_view.parameter_table import SHOWN_TO_THE_END
+from heli_parameters.locate import executable
+from heli_parameters.parameters import dump_all
+
+_APPEAR_LIMIT_S = 30.0
+_TRANSITION_LIMIT_S = 60.0
+# Wall time without any sign of life from the plant after which the flight is given up.
+_SILENCE_LIMIT_S = 30.0
+_TICKS_PER_S = 100
+_BAG_LIMIT_S = 10.0
+# How long the end of a flight waits for the live view to have shown it.
+_END_LIMIT_S = 2.0
+
+
+def _named(name: str, process: NodeProcess) -> str:
+    """Why a process ended, in its own last words, with its name in front."""
+    code = process.exit_code() or 0
+    if code < 0:
+        return f"{name}: killed by {signal.Signals(-code).name}"
+    reason = process.last_line() or f"exit code {code}"
+    return reason if reason.startswith(f"{name}: ") else f"{name}: {reason}"
+
+
+class Graph:
+    """The processes of one flight and the supervisor's node.
+
+    Parameters
+    ----------
+    settings : Settings
+    folder : Path
+        The flight's folder.
+    live : LiveView, optional
+        Brought up first, so that a port in use ends all before the flight.
+    say : callable
+        Takes a line for the user.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        folder: Path,
+        live: LiveView | None = None,
+        say: Callable[[str], None] = print,
+    ):
+        self.settings, self.folder, self.live, self._say = settings, folder, live, say
+        self.processes: dict[str, NodeProcess] = {}
+        self.supervisor: Supervisor | None = None
+        self.interrupted = False
+        self.watched = False
+
+    def on_interrupt(self, *_: Any) -> None:
+        """Signal handler: remember it; raised inside rclpy it would come out as something else."""
+        self.interrupted = True
+
+    def start(self) -> None:
+        """Start the recorder and the nodes.
+
+        Raises
+        ------
+        MissingFileError
+            An executable is not installed; nothing has been started then.
+        """
+        recorder = ("recorder", "heli_bags", "recorder", "heli_bags.node")
+        nodes = [(n.name, n.package, n.executable, f"{n.package}.node") for n in NODES]
+        watching = [(LIVE, "heli_live_view", LIVE, LIVE_MODULE)] if self.live else []
+        for _, package, program, _ in (recorder, *watching, *nodes):
+            executable(package, program)
+        logs = self.folder / "logs"
+        logs.mkdir()
+        prepare_environment()
+        env = dict(os.environ)
+        parameters = logs.parent / "graph.yaml"
+        dump_all(self._graph_parameters(), parameters)
+        arguments = ["--ros-args", "--params-file", str(parameters)]
+        self._join()
+        for name, _, _, module in (recorder, *watching, *nodes):
+            log = logs / f"{name}.log"
+            secret = {TOKEN_VARIABLE: self.live.token} if self.live and name == LIVE else {}
+            self.processes[name] = NodeProcess(name, module, arguments, log, env | secret)
+
+    def _join(self) -> None:
+        """Make the supervisor's node, before all others.
+
+        Fast DDS announces a participant at once only to the first few of a machine; who comes
+        later is heard after 3 s. The supervisor must hear all.
+        """
+        try:
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            names = [*(node.name for node in NODES), "recorder", *([LIVE] if self.live else [])]
+            self.supervisor = Supervisor(names)
+        except Exception as error:
+            first = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            raise StartError(f"ROS 2 cannot start: {first}") from error
+
+    def _graph_parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """What the processes get: the resolved parameters, and that a supervisor leads."""
+        peers = (*(node.name for node in NODES), "recorder", SCENARIO)
+        led: dict[str, Mapping[str, Any]] = {
+            name: {**values, "autostart": False, "peers": peers}
+            for name, values in self.settings.nodes.items()
+        }
+        led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
+        bag = str((self.folder / "bag").absolute())
+        led["recorder"] = {**self.settings.recorder, "bag": bag}
+        if self.live:
+            led[LIVE] = {**self.live.parameters, "autostart": False, "peers": peers}
+        return led
+
+    def check(self) -> None:
+        """Raise FlightError if a process has ended that should run, KeyboardInterrupt on Ctrl-C."""
+        if self.interrupted:
+            raise KeyboardInterrupt
+        for name, process in list(self.processes.items()):
+            if process.exit_code() is None:
+                continue
+            if name != LIVE or not self.watched:
+                raise FlightError(_named(name, process))
+            # A flight does not end because nobody can watch it any more.
+            del self.processes[name]
+            self._say(f"live view ended: {_named(name, process)}")
+
+    def bring_up(self) -> None:
+        """Configure all nodes, publish the reference, activate in order; the plant comes last.
+
+        Raises
+        ------
+        StartError
+            Names the node and what it said.
+        """
+        try:
+            self._bring_up()
+        except BringUpError as error:
+            raise StartError(self._with_reason(str(error))) from error
+        except FlightError as error:
+            raise StartError(str(error)) from error
+
+    def _bring_up(self) -> None:
+        up, limit = self.supervisor, _TRANSITION_LIMIT_S
+        assert up is not None
+        up.wait_for_services(_APPEAR_LIMIT_S, self.check)
+        up.refuse_doubles()
+        configure = Transition.TRANSITION_CONFIGURE
+        self._bring_up_live(up)
+        up.transition([node.name for node in NODES], configure, limit, self.check)
+        start_ns = round(self.settings.nodes["plant"]["start_time_s"] * 1e9)
+        up.publish_reference(self.settings.scenario, start_ns)
+        activate = Transition.TRANSITION_ACTIVATE
+        up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
+        up.transition(["plant"], activate, limit, self.check)
+
+    def _bring_up_live(self, up: Supervisor) -> None:
+        """Serve before anything flies, and say where."""
+        if self.live is None:
+            return
+        limit = _TRANSITION_LIMIT_S
+        for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+            up.transition([LIVE], step, limit, self.check)
+
+        def facts() -> Mapping[str, str]:
+            status = up.statuses.get(LIVE)
+            return status.facts if status else {}
+
+        if not up.wait_until(lambda: "page" in facts(), limit, self.check):
+            raise BringUpError(f"{LIVE}: has not said where the page is")
+        for line in addresses(facts(), self.live):
+            self._say(line)
+        self.watched = True
+
+    def _with_reason(self, sentence: str) -> str:
+        """The node's own words, where it has said why it refused."""
+        name = sentence.split(":", 1)[0].split(",", 1)[0]
+        status = self.supervisor.statuses.get(name) if self.supervisor else None
+        if status is not None and status.level > 0:
+            return f"{name}: {status.message}"
+        return sentence
+
+    def fly(self, progress: Callable[[float], None]) -> None:
+        """Wait until the plant has flown its last tick; raise FlightError on silence or death."""
+        up = self.supervisor
+        assert up is not None
+        start_s = self.settings.nodes["plant"]["start_time_s"]
+        seen, seen_at = -1.0, time.monotonic()
+
+        def over() -> bool:
+            nonlocal seen, seen_at
+            status = up.statuses.get("plant")
+            if status is not None and status.time_s != seen:
+                seen, seen_at = status.time_s, time.monotonic()
+                progress(max(0.0, seen - start_s))
+            return status is not None and status.facts.get("over") == "true"
+
+        def alive() -> None:
+            self.check()
+            if time.monotonic() - seen_at > _SILENCE_LIMIT_S:
+                raise FlightError(f"the plant has been silent for {_SILENCE_LIMIT_S:g} s")
+
+        while not up.wait_until(over, 1.0, alive):
+            continue
+        if LIVE in self.processes:
+            up.wait_until(
+                lambda: up.statuses[LIVE].message == SHOWN_TO_THE_END, _END_LIMIT_S, alive
+            )
+        # Whatever has reached the recorder is in the bag once it has confirmed.
+        up.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, _BAG_LIMIT_S, lambda: None)
+
+    def close(self) -> list[str]:
+        """End everything; returns the names of processes that had to be killed."""
+        nodes = [p for name, p in self.processes.items() if name != "recorder"]
+        killed = stop(nodes)
+        if "recorder" in self.processes:
+            # Last, so that it hears everything; it writes its index before it ends.
+            killed += stop([self.processes["recorder"]], limit_s=_BAG_LIMIT_S)
+        if self.supervisor is not None:
+            self.supervisor.close()
+            self.supervisor = None
+        if rclpy.ok():
+            rclpy.shutdown()
+        return killed
+
+
+@contextmanager
+def _graph(settings: Settings, folder: Path, *watching: Any) -> Iterator[Graph]:
+    with domain_reserved():
+        graph = Graph(settings, folder, *watching)
+        before = signal.signal(signal.SIGINT, graph.on_interrupt)
+        try:
+            yield graph
+        finally:
+            graph.close()
+            signal.signal(signal.SIGINT, before)
+
+
+def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
+    """What nodes complained of at the end, and whether somebody commanded."""
+    live = statuses.get(LIVE)
+    commands = live.facts.get("commands", "0") if live is not None else "0"
+    commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
+    return (commanded if commands != "0" else []) + [
+        f"{name}: {status.message}"
+        for name, status in sorted(statuses.items())
+        if status.level > 0 and name != "plant"
+    ]
+
+
+def fly_graph(
+    settings: Settings,
+    folder: Path,
+    progress: Callable[[float], None],
+    live: LiveView | None = None,
+    say: Callable[[str], None] = print,
+) -> tuple[Result, Mapping[str, Any], BagFlight]:
+    """Fly a scenario with the real graph.
+
+    Parameters
+    ----------
+    settings : Settings
+    folder : Path
+        The flight's folder; gets bag/, logs/ and graph.yaml.
+    progress : callable
+        Called with the flight time (s).
+    live : LiveView, optional
+        Shows the flight.
+    say : callable
+        Takes a line for the user.
+
+    Returns
+    -------
+    Result, dict, BagFlight
+        The outcome, what result.json holds beside it, and the bag's content.
+
+    Raises
+    ------
+    FlightError, MissingFileError
+        The graph could not be brought up or kept up.
+    """
+    begun = time.monotonic()
+    with _graph(settings, folder, live, say) as graph:
+        graph.start()
+        graph.bring_up()
+        up = time.monotonic()
+        graph.fly(progress)
+        statuses = dict(graph.supervisor.statuses) if graph.supervisor else {}
+        killed = graph.close()
+    flight = flight_from_bag(folder / "bag", settings)
+    record = flight.record
+    plant = statuses.get("plant")
+    # The plant's own clock: without start-up, and without the recorder's finishing.
+    wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
+    lost = plant.message if plant is not None and plant.level > 1 else ""
+    notes = [*_notes(statuses), *(f"{name} had to be killed" for name in killed)]
+    missing = settings.scenario.n_ticks - len(record)
+    if missing > 0 and not lost:
+        notes.append(f"the bag lacks {missing} ticks of ground truth")
+    result = Result(
+        score(record, settings.scenario), lost, len(record) / _TICKS_PER_S, wall, tuple(notes)
+    )
+    mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
+    return result, {"mode": mode, "start_up_s": round(up - begun, 3)}, flight

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The hover test's live view: its options, its parameters, its token."""
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_flight.loop.settings import Settings
+from heli_live_view.access import new_token
+from heli_live_view.parameter_table import NODE_NAME, TABLE
+from heli_parameters.common_table import with_common
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import ParameterError, load
+
+MODULE = "heli_live_view.node"
+
+
+@dataclass(frozen=True)
+class LiveView:
+    """A live view that a flight brings up.
+
+    Attributes
+    ----------
+    parameters : mapping
+        Of the node `live_view`.
+    token : str
+        Lets its holder command; empty: view only. Handed over by the environment of the process
+        alone, never by a file or a topic.
+    """
+
+    parameters: Mapping[str, Any]
+    token: str = ""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of the live view."""
+    group = parser.add_argument_group("live view")
+    group.add_argument(
+        "--live",
+        action="store_true",
+        help="show the flight in a browser and to Foxglove; in real time",
+    )
+    group.add_argument(
+        "--live-port", type=int, metavar="PORT", help="port of the page, 0: any (default 8080)"
+    )
+    group.add_argument(
+        "--foxglove-port", type=int, metavar="PORT", help="port for Foxglove, 0: any (default 8765)"
+    )
+    group.add_argument(
+        "--allow-commands",
+        action="store_true",
+        help="print a token that lets its holder command gusts, mode and reference",
+    )
+
+
+def check_options(options: argparse.Namespace) -> None:
+    """Raise ParameterError for options that do not go together."""
+    if options.live:
+        if options.one_process:
+            raise ParameterError("--live: shows the ROS graph; it does not go with --one-process")
+        return
+    given = {
+        "--live-port": options.live_port is not None,
+        "--foxglove-port": options.foxglove_port is not None,
+        "--allow-commands": options.allow_commands,
+    }
+    for name, is_given in given.items():
+        if is_given:
+            raise ParameterError(f"{name}: needs --live")
+
+
+def live_view(options: argparse.Namespace, settings: Settings) -> LiveView | None:
+    """The live view that the options ask for; None without --live.
+
+    Raises
+    ------
+    ParameterError
+        A value that is not allowed.
+    """
+    if not options.live:
+        return None
+    table = with_common(TABLE)
+    own = config_folder("heli_live_view") / f"{NODE_NAME}.yaml"
+    values = load(table, [own, *settings.files], NODE_NAME)
+    values |= _of_flight(settings)
+    rows = {row.name: row for row in table}
+    for name, option in (("port", "--live-port"), ("foxglove_port", "--foxglove-port")):
+        value = getattr(options, option.removeprefix("--").replace("-", "_"))
+        if value is not None:
+            values[name] = _checked(rows[name], value, option)
+    if options.allow_commands:
+        values["allow_commands"] = True
+    return LiveView(values, new_token() if values["allow_commands"] else "")
+
+
+def _checked(row: Any, value: int, option: str) -> int:
+    try:
+        return row.check(value)
+    except ParameterError as error:
+        raise ParameterError(f"{option}: {error}") from None
+
+
+def _of_flight(settings: Settings) -> dict[str, Any]:
+    """What the page says of the flight."""
+    plant = settings.nodes["plant"]
+    aircraft = plant["aircraft_file"]
+    return {
+        "lockstep": plant["lockstep"],
+        "start_time_s": plant["start_time_s"],
+        "flight.scenario": settings.scenario_name,
+        "flight.seed": settings.seed,
+        "flight.duration_s": plant["duration_s"],
+        "aircraft.name": Path(aircraft).stem,
+        "aircraft.rotor_radius_m": HelicopterParameters.from_yaml(aircraft).main_radius_m,
+    }
+
+
+def addresses(facts: Mapping[str, str], view: LiveView) -> list[str]:
+    """Lines for the terminal: where to look, and the token."""
+    lines = [f"live view: {facts['page']}"]
+    if "foxglove" in facts:
+        lines.append(f"Foxglove: {facts['foxglove']} (layout: {layout_file()})")
+    if view.token:
+        lines.append(f"command token: {view.token}")
+    return lines
+
+
+def layout_file() -> Path:
+    """The ready layout for Foxglove."""
+    return config_folder("heli_live_view") / "foxglove_layout.json"

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node processes of a flight: started together, watched, and never left behind."""
+
+import contextlib
+import ctypes
+import fcntl
+import importlib
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from multiprocessing import forkserver
+from pathlib import Path
+
+from heli_flight.errors import StartError
+
+_PR_SET_PDEATHSIG = 1
+# Set in the process that nodes are forked from, to its own id.
+SERVER_PID = "HELI_SERVER_PID"
+_STOP_LIMIT_S = 2.0
+_LOG_TAIL_BYTES = 4096
+# Above it Fast DDS runs out of port numbers.
+_MAX_DOMAIN = 232
+
+
+def die_with_parent() -> None:
+    """Have the kernel end this process when its parent ends (Linux; elsewhere a no-op)."""
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _run_node(module: str, arguments: Sequence[str], log: str, env: Mapping[str, str]) -> None:
+    """What a node's process does: own session, own log, then the executable's main()."""
+    # A session of its own: Ctrl-C reaches the supervisor only, which then ends the nodes.
+    os.setsid()
+    die_with_parent()
+    # The server may have died before the line above; then nobody would ever tell this process.
+    if os.environ.get(SERVER_PID, str(os.getppid())) != str(os.getppid()):
+        sys.exit(1)
+    os.environ.update(env)
+    with open(log, "ab", buffering=0) as stream, open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+        os.dup2(stream.fileno(), 1)
+        os.dup2(stream.fileno(), 2)
+    sys.argv = [module, *arguments]
+    sys.exit(importlib.import_module(module).main(list(arguments)))
+
+
+def start_server() -> None:
+    """Start the process that loads what all nodes need once, and of which each node is a fork.
+
+    Five interpreters that import NumPy, numba and rclpy and load the same compiled kernels would
+    take twice as long on two cores. Call it early: it loads while the caller goes on.
+    """
+    multiprocessing.set_forkserver_preload(["heli_flight.graph.preload"])
+    forkserver.ensure_running()
+
+
+@contextlib.contextmanager
+def _main_left_out() -> Iterator[None]:
+    """Keep multiprocessing from running the caller's main file again in each node.
+
+    It does so for what only the main file defines, which no node needs; and the command `heli`, as
+    pip installs it, would then start itself once more.
+    """
+    main = sys.modules["__main__"]
+    kept = {
+        name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in vars(main)
+    }
+    try:
+        main.__spec__ = None
+        yield
+    finally:
+        main.__dict__.update(kept)
+
+
+class NodeProcess:
+    """One running node with its log file.
+
+    Parameters
+    ----------
+    name : str
+    module : str
+        Python module whose `main(arguments)` is the node's executable.
+    arguments : sequence of str
+        Command line.
+    log : Path
+        Gets what the node writes.
+    env : mapping
+        Environment to set.
+    """
+
+    def __init__(
+        self, name: str, module: str, arguments: Sequence[str], log: Path, env: Mapping[str, str]
+    ):
+        self.name = name
+        self.log = log
+        log.touch()
+        context = multiprocessing.get_context("forkserver")
+        work = (module, tuple(arguments), str(log.absolute()), dict(env))
+        self._process = context.Process(target=_run_node, args=work, name=name, daemon=True)
+        with _main_left_out():
+            self._process.start()
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    def exit_code(self) -> int | None:
+        """Exit code, or None while it runs."""
+        return self._process.exitcode
+
+    def last_line(self) -> str:
+        """Last line that the process wrote, for one-line error messages."""
+        try:
+            with open(self.log, "rb") as stream:
+                stream.seek(0, os.SEEK_END)
+                stream.seek(max(0, stream.tell() - _LOG_TAIL_BYTES))
+                lines = stream.read().decode(errors="replace").strip().splitlines()
+        except OSError:
+            return ""
+        return lines[-1].strip() if lines else ""
+
+    def interrupt(self) -> None:
+        """Ask it to end (SIGINT)."""
+        with contextlib.suppress(ProcessLookupError):
+            if self._process.exitcode is None:
+                os.kill(self._process.pid, signal.SIGINT)
+
+    def wait(self, limit_s: float) -> bool:
+        """Wait until it has ended; False if it has not within limit_s."""
+        self._process.join(max(limit_s, 0.0))
+        return self._process.exitcode is not None
+
+    def kill(self) -> None:
+        """End it and whatever it started, now."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.join()
+
+
+def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> list[str]:
+    """End processes together; returns the names of those that had to be killed."""
+    for process in processes:
+        process.interrupt()
+    deadline = time.monotonic() + limit_s
+    killed = []
+    for process in processes:
+        if not process.wait(deadline - time.monotonic()):
+            process.kill()
+            killed.append(process.name)
+    return killed
+
+
+def check_middleware() -> None:
+    """Raise StartError for an environment in which rcl or Fast DDS would end the whole process.
+
+    RMW_IMPLEMENTATION is tried in another process; ROS_DOMAIN_ID must leave room for port numbers.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
+    if domain and not (domain.isdecimal() and int(domain) <= _MAX_DOMAIN):
+        raise StartError(
+            f"ROS 2 cannot start with ROS_DOMAIN_ID={domain}: allowed are 0 to {_MAX_DOMAIN}"
+        )
+    if not os.environ.get("RMW_IMPLEMENTATION"):
+        return
+    probe = "import rclpy; rclpy.init(); rclpy.create_node('probe'); rclpy.shutdown()"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True)
+    if done.returncode:
+        name = os.environ["RMW_IMPLEMENTATION"]
+        raise StartError(f"ROS 2 cannot start with RMW_IMPLEMENTATION={name}: not installed")
+
+
+@contextlib.contextmanager
+def domain_reserved() -> Iterator[None]:
+    """Hold the ROS domain for one flight on this machine.
+
+    Two graphs with the same names in one domain would command each other's nodes, and discovery is
+    too slow to notice in time.
+
+    Raises
+    ------
+    StartError
+        Another flight holds it.
+    """
+    domain = int(os.environ.get("ROS_DOMAIN_ID", "0").strip() or 0)
+    path = Path(tempfile.gettempdir()) / f"heli_hover-domain-{domain}-{os.getuid()}.lock"
+    with open(path, "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise StartError(
+                f"another hover test flies in ROS domain {domain}; set ROS_DOMAIN_ID to a free one"
+            ) from None
+        yield

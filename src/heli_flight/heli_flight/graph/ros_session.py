@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A short-lived ROS node for the commands that look at a graph or play into it."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+
+import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from heli_flight.errors import StartError
+from heli_flight.graph.processes import check_middleware
+from heli_parameters.locate import config_folder
+
+DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+
+
+def prepare_environment() -> None:
+    """Stay on this machine and announce participants often, unless the user chose otherwise."""
+    os.environ.setdefault(DISCOVERY, "LOCALHOST")
+    if not any(name in os.environ for name in PROFILES):
+        profiles = str(config_folder("heli_flight") / "fastdds.xml")
+        os.environ.update(dict.fromkeys(PROFILES, profiles))
+
+
+@contextlib.contextmanager
+def ros_node(name: str) -> Iterator[Node]:
+    """A node without parameters, services and log topic; Ctrl-C stays a KeyboardInterrupt.
+
+    Raises
+    ------
+    StartError
+        ROS cannot start: one line with the reason.
+    """
+    prepare_environment()
+    check_middleware()
+    try:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        node = Node(f"{name}_{os.getpid()}", enable_rosout=False, start_parameter_services=False)
+    except Exception as error:
+        first = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise StartError(f"ROS 2 cannot start: {first}") from error
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The supervisor: publishes the reference, brings the nodes up in order, watches the flight.
+
+It waits for events (a service that appears, a transition that is confirmed, the plant's final
+word), never for time; limits are only there to name who is silent.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from heli_flight.errors import FlightError
+from heli_flight.loop.scenario import NODE_NAME, Scenario
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.reference_message import ReferencePoints, encode_reference
+
+
+class BringUpError(FlightError):
+    """A node did not come up or fell silent; the message names it."""
+
+
+@dataclass(frozen=True)
+class NodeStatus:
+    """What a node last said in /diagnostics: level (0 OK to 2 ERROR), sentence, stamp, facts."""
+
+    level: int
+    message: str
+    time_s: float
+    facts: Mapping[str, str]
+
+
+class Supervisor(Node):
+    """Node `scenario`: latched reference, life cycle of the others, last diagnostics of each.
+
+    Parameters
+    ----------
+    managed : sequence of str
+        Names of the managed nodes, relative to this node's namespace.
+    """
+
+    def __init__(self, managed: Sequence[str], context: rclpy.Context | None = None):
+        super().__init__(NODE_NAME, context=context)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self)
+        self._change = {
+            name: self.create_client(ChangeState, f"{name}/change_state") for name in managed
+        }
+        self._reference = self.create_publisher(
+            MultiDOFJointTrajectory, topics.REFERENCE, topics.qos(topics.REFERENCE)
+        )
+        self.statuses: dict[str, NodeStatus] = {}
+        self.create_subscription(
+            DiagnosticArray,
+            topics.DIAGNOSTICS,
+            self._on_diagnostics,
+            topics.qos(topics.DIAGNOSTICS),
+        )
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        stamp = message.header.stamp
+        time_s = stamp.sec + 1e-9 * stamp.nanosec
+        for status in message.status:
+            name = status.name.rsplit("/", 1)[-1]
+            level = int.from_bytes(status.level, "little")
+            facts = {pair.key: pair.value for pair in status.values}
+            self.statuses[name] = NodeStatus(level, status.message, time_s, facts)
+
+    def wait_until(
+        self, event: Callable[[], bool], limit_s: float, check: Callable[[], None]
+    ) -> bool:
+        """Spin until event() holds; False when limit_s of wall time has gone. check() may raise."""
+        deadline = time.monotonic() + limit_s
+        while not event():
+            check()
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                return False
+            self._executor.spin_once(timeout_sec=min(left, 0.05))
+        return True
+
+    def wait_for_services(self, limit_s: float, check: Callable[[], None]) -> None:
+        """Wait until every managed node can be told to change its state.
+
+        Raises
+        ------
+        BringUpError
+            Names the nodes that did not appear.
+        """
+
+        def missing() -> list[str]:
+            return [n for n, client in self._change.items() if not client.service_is_ready()]
+
+        if not self.wait_until(lambda: not missing(), limit_s, check):
+            raise BringUpError(f"no life-cycle service of {', '.join(missing())} in {limit_s:g} s")
+
+    def refuse_doubles(self) -> None:
+        """Raise BringUpError if another graph with the same names flies in this ROS domain."""
+        names = [f"{ns.rstrip('/')}/{n}" for n, ns in self.get_node_names_and_namespaces()]
+        for name in sorted(set(names)):
+            own = name.rsplit("/", 1)[-1] in self._change
+            if own and names.count(name) > 1:
+                raise BringUpError(
+                    f"another node {name} is in this ROS domain; set ROS_DOMAIN_ID to a free one"
+                )
+
+    def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
+        """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""
+        way = scenario.reference
+        points = ReferencePoints(start_ns, way.times_ns, way.points)
+        self._reference.publish(encode_reference(points))
+
+    def transition(
+        self, names: Sequence[str], transition_id: int, limit_s: float, check: Callable[[], None]
+    ) -> None:
+        """Change the state of nodes together and wait for every confirmation.
+
+        Raises
+        ------
+        BringUpError
+            Names the node that refused or did not answer.
+        """
+        label = {
+            Transition.TRANSITION_CONFIGURE: "configure",
+            Transition.TRANSITION_ACTIVATE: "activate",
+            Transition.TRANSITION_DEACTIVATE: "deactivate",
+        }[transition_id]
+        request = ChangeState.Request()
+        request.transition.id = transition_id
+        futures = {name: self._change[name].call_async(request) for name in names}
+        if not self.wait_until(lambda: all(f.done() for f in futures.values()), limit_s, check):
+            silent = [name for name, f in futures.items() if not f.done()]
+            raise BringUpError(f"{', '.join(silent)}: no answer to '{label}' in {limit_s:g} s")
+        refused = [name for name, f in futures.items() if not f.result().success]
+        if refused:
+            raise BringUpError(f"{', '.join(refused)}: refused to {label}")
+
+    def spin(self) -> None:
+        """Serve until the process is asked to end."""
+        while rclpy.ok():
+            self._executor.spin_once(timeout_sec=0.5)
+
+    def close(self) -> None:
+        """Take the node out of the graph."""
+        self._executor.remove_node(self)
+        self._executor.shutdown(timeout_sec=0.5)
+        self.destroy_node()

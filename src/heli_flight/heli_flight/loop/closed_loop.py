@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole loop in one process, without ROS: the nodes' kernels, called in the graph's order.
+
+Tick n: the plant measures; the observer takes the measurements and the actuators of tick n-1; every
+`period_ticks` the outer loop gives attitude and collective; the inner loop gives the actuators; the
+plant integrates to n+1. The ROS graph calls the same kernels with the same numbers.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from heli_dynamics_sim import noise, plant
+from heli_dynamics_sim.wind import injected_gust
+from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.settings import Settings
+from heli_inner_hinf import attitude_law as inner
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.excitation import (
+    N_CHANNELS,
+    SENT,
+    ExcitationKernel,
+    excitation_kernel,
+    excite,
+    initial_excitation_state,
+)
+from heli_inner_hinf.law_state import initial_law_state
+from heli_math.jit import njit
+from heli_math.rotations import euler_from_quat, quat_to_R_nb
+from heli_observer import observer
+from heli_observer.layout import ObserverKernel
+from heli_outer_pd import position_law as outer
+from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.reference import N_REFERENCE, reference_at
+
+TICK_NS = 10_000_000
+TICK_S = 0.01
+N_TRUTH = 19  # pos 3, velocity NED 3, quaternion 4, rates 3, rotor 3, wind 3
+_CHUNK_TICKS = 6000
+
+
+class Loop(NamedTuple):
+    """Kernels' numbers and states of one aircraft in flight; states are changed in place."""
+
+    plant_k: plant.PlantKernel
+    plant_s: plant.PlantState
+    observer_k: ObserverKernel
+    observer_s: observer.ObserverState
+    inner_k: inner.AttitudeKernel
+    inner_s: np.ndarray
+    excitation_k: ExcitationKernel
+    excitation_s: np.ndarray
+    outer_k: outer.OuterKernel
+    outer_s: np.ndarray
+    period_ticks: int
+    true_navigation: int
+
+
+class Track(NamedTuple):
+    """What is recorded, one row per tick."""
+
+    truth: np.ndarray
+    nav: np.ndarray
+    reference: np.ndarray
+    setpoint: np.ndarray
+    u: np.ndarray
+    excitation: np.ndarray  # this and the next two have no rows unless something is excited
+    gust: np.ndarray
+    imu: np.ndarray
+
+
+@njit
+def _write_truth(s, y, out):
+    x = s.x
+    out[0:3] = x[0:3]
+    out[3:6] = quat_to_R_nb(x[6:10]) @ x[3:6]
+    out[6:10] = x[6:10]
+    out[10:16] = x[10:16]
+    out[16:19] = y[20:23]
+
+
+@njit
+def _replace_by_truth(truth, nav):
+    """Ideal navigation: what the sensors cannot spoil (for analysis, never for a score)."""
+    nav[0:16] = truth[0:16]
+
+
+@njit
+def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, track):
+    """Fly n_ticks from first_tick; returns (ticks flown, plant status).
+
+    Parameters
+    ----------
+    loop : Loop
+    first_tick, n_ticks : int
+    noise_rows : (n_ticks, N_NOISE) ndarray
+    times_ns, points : ndarray
+        Reference trajectory.
+    setpoint, u : (4,) ndarray
+        Last phi, theta, psi, d_col and last actuators; changed in place.
+    track : Track
+        Rows first_tick .. first_tick + n_ticks - 1 are written.
+    """
+    y = np.zeros(plant.N_MEAS)
+    nav = np.zeros(observer.N_NAV)
+    x9 = np.empty(9)
+    u3 = np.empty(3)
+    reference = np.empty(N_REFERENCE)
+    for i in range(n_ticks):
+        tick = first_tick + i
+        plant.measure(loop.plant_s, tick, noise_rows[i], loop.plant_k, y)
+        _write_truth(loop.plant_s, y, track.truth[tick])
+        observer.observe(loop.observer_s, tick, y, u, loop.observer_k, nav)
+        if loop.true_navigation:
+            _replace_by_truth(track.truth[tick], nav)
+        reference_at(tick * TICK_NS, times_ns, points, reference)
+        if tick % loop.period_ticks == 0:
+            outer.follow(
+                nav, tick * TICK_NS, times_ns, points, loop.outer_k, loop.outer_s, setpoint
+            )
+        x9[0], x9[1], x9[8] = euler_from_quat(nav[6:10])
+        x9[2], x9[3], x9[6] = nav[10], nav[11], nav[12]
+        x9[4], x9[5], x9[7] = nav[13], nav[14], nav[15]
+        inner.attitude_law(x9, setpoint[0:3], loop.inner_k, loop.inner_s, u3)
+        u[0:3] = u3
+        u[3] = setpoint[3]
+        if loop.excitation_k.on:
+            excite(tick * TICK_S, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
+        if track.imu.shape[0] > 0:
+            track.excitation[tick] = loop.excitation_s[SENT : SENT + N_CHANNELS]
+            track.imu[tick] = y[0:6]
+            injected_gust(loop.plant_s.x, tick * TICK_S, loop.plant_k.wind.sines, track.gust[tick])
+        track.nav[tick] = nav
+        track.reference[tick] = reference
+        track.setpoint[tick] = setpoint
+        track.u[tick] = u
+        status = plant.status(loop.plant_s, loop.plant_k)
+        if status != 0:
+            return i + 1, status
+        plant.advance(loop.plant_s, u, loop.plant_k)
+    return n_ticks, 0
+
+
+class Flight(NamedTuple):
+    """A flight of the one-process loop."""
+
+    record: FlightRecord
+    status: plant.PlantStatus
+    sentence: str
+
+
+def build(
+    settings: Settings,
+    true_navigation: bool = False,
+    plant_config: plant.PlantConfig | None = None,
+    law: inner.AttitudeKernel | None = None,
+) -> Loop:
+    """Kernels' numbers and fresh states for a flight.
+
+    Parameters
+    ----------
+    settings : Settings
+    true_navigation : bool
+        As in `simulate`.
+    plant_config : PlantConfig, optional
+        Another aircraft than that of the settings; the controllers do not know.
+    law : AttitudeKernel, optional
+        A law that is designed already.
+
+    Raises
+    ------
+    ParameterError, TrimError, InfeasibleGammaError
+        As the parts raise them, each with a sentence.
+    """
+    plant_config = plant_config or plant.PlantConfig.from_parameters(settings.nodes["plant"])
+    observer_config = observer.ObserverConfig(settings.nodes["observer"])
+    law = law or AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
+    outer_k = outer_kernel(settings.nodes["outer_loop"])
+    return Loop(
+        plant_config.kernel,
+        plant.initial_state(plant_config, settings.seed),
+        observer_config.kernel,
+        observer.initial_state(observer_config),
+        law,
+        initial_law_state(law),
+        excitation_kernel(settings.nodes["inner_loop"]),
+        initial_excitation_state(),
+        outer_k,
+        outer.initial_state(outer_k),
+        settings.nodes["outer_loop"]["period_ticks"],
+        int(true_navigation),
+    )
+
+
+def simulate(settings: Settings, true_navigation: bool = False, progress=None) -> Flight:
+    """Fly a scenario in this process.
+
+    Parameters
+    ----------
+    settings : Settings
+    true_navigation : bool
+        Give the controllers the truth instead of the observer's estimate (analysis only).
+    progress : callable, optional
+        Called with the flight time (s) now and then.
+
+    Returns
+    -------
+    Flight
+    """
+    return fly_loop(build(settings, true_navigation), settings, progress)
+
+
+def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
+    """Fly a loop that is built already; its states are used up.
+
+    Parameters
+    ----------
+    loop : Loop
+        From `build`, or with parts of its own (perturbed aircraft, another law).
+    settings : Settings
+        Seed and scenario.
+    progress : callable, optional
+        Called with the flight time (s) now and then.
+
+    Returns
+    -------
+    Flight
+    """
+    n = settings.scenario.n_ticks
+    track = Track(
+        np.zeros((n, N_TRUTH)),
+        np.zeros((n, observer.N_NAV)),
+        np.zeros((n, N_REFERENCE)),
+        np.zeros((n, 4)),
+        np.zeros((n, 4)),
+        *(np.zeros((n if _excited(loop) else 0, size)) for size in (N_CHANNELS, 3, 6)),
+    )
+    streams = noise.NoiseStreams(settings.seed)
+    reference = settings.scenario.reference
+    outer_trim = loop.outer_k.trim
+    setpoint = np.array([outer_trim[0], outer_trim[1], reference.points[0, 6], outer_trim[2]])
+    u = np.append(loop.inner_k.u_trim, outer_trim[2])
+    tick, status = 0, 0
+    while tick < n and status == 0:
+        count = min(_CHUNK_TICKS, n - tick)
+        flown, status = fly(
+            loop, tick, count, streams.rows(count),
+            reference.times_ns, reference.points, setpoint, u, track,
+        )  # fmt: skip
+        tick += flown
+        if progress is not None:
+            progress(tick / 100.0)
+    named = plant.PlantStatus(status)
+    return Flight(_as_record(track, tick), named, "" if status == 0 else named.sentence)
+
+
+def _excited(loop: Loop) -> bool:
+    return bool(loop.excitation_k.on or loop.plant_k.wind.sines.on)
+
+
+def _as_record(track: Track, n: int) -> FlightRecord:
+    truth, nav = track.truth[:n], track.nav[:n]
+    return FlightRecord(
+        time_s=np.arange(n) / 100.0,
+        truth_pos_ned_m=truth[:, 0:3],
+        truth_vel_ned_mps=truth[:, 3:6],
+        truth_rate_body_radps=truth[:, 10:13],
+        truth_q_nb=truth[:, 6:10],
+        truth_rotor=truth[:, 13:16],
+        wind_ned_mps=truth[:, 16:19],
+        nav_pos_ned_m=nav[:, 0:3],
+        nav_vel_ned_mps=nav[:, 3:6],
+        nav_rate_body_radps=nav[:, 10:13],
+        nav_q_nb=nav[:, 6:10],
+        nav_rotor=nav[:, 13:16],
+        reference=track.reference[:n],
+        setpoint=track.setpoint[:n, :3],
+        u=track.u[:n],
+        nav_sigma_pos_m=nav[:, 22:25],
+        nav_sigma_vel_mps=nav[:, 25:28],
+        nav_sigma_att_rad=nav[:, 28:31],
+        excitation_u=track.excitation[:n] if track.imu.size else None,
+        gust_ned_mps=track.gust[:n] if track.imu.size else None,
+        imu=track.imu[:n] if track.imu.size else None,
+    )

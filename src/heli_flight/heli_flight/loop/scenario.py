@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenarios: what is flown, from which reference, and which stretches of it are scored.
+
+A scenario is an rcl parameter file: the rows of the `scenario` node, and what it changes in the
+other nodes. So it is layered, checked and overridden like every other parameter.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from heli_outer_pd.reference import ReferenceTrajectory
+from heli_parameters.parameters import Parameter
+
+NODE_NAME = "scenario"
+TICK_NS = 10_000_000
+TICKS_PER_S = 100
+
+TABLE: tuple[Parameter, ...] = (
+    Parameter("kind", "string", "Which metrics are scored", choices=("hover", "attitude")),
+    Parameter("duration_s", "double", "Length of the flight", "s", lower=0.04, upper=86400.0),
+    Parameter(
+        "start_pos_ned_m", "double[]", "Where the flight starts, NED", "m", shape=(3,), upper=1e5
+    ),
+    Parameter(
+        "heading_deg", "double", "Heading to hold, 0 is north", "deg", lower=-180.0, upper=180.0
+    ),
+    Parameter("climb.start_s", "double", "Start of the climb", "s", lower=0.0),
+    Parameter("climb.end_s", "double", "End of the climb; as start: no climb", "s", lower=0.0),
+    Parameter("climb.speed_mps", "double", "Climb speed", "m/s", lower=-3.0, upper=5.0),
+    Parameter(
+        "score.windows_s",
+        "double[]",
+        "Pairs of flight times that are scored; a negative end means the end of the flight",
+        "s",
+        shape=(None, 2),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A flight to be flown and scored.
+
+    Attributes
+    ----------
+    kind : str
+        "hover" or "attitude": which metrics are scored.
+    n_ticks : int
+        Length in ticks of 10 ms.
+    reference : ReferenceTrajectory
+        For the outer loop, times from the start of the flight.
+    windows_s : (N, 2) ndarray
+        Scored stretches, s of flight time.
+    """
+
+    kind: str
+    n_ticks: int
+    reference: ReferenceTrajectory
+    windows_s: np.ndarray
+
+    @classmethod
+    def from_parameters(cls, p: Mapping[str, Any]) -> "Scenario":
+        """Scenario from checked parameters (`TABLE`)."""
+        n_ticks = round(p["duration_s"] * TICKS_PER_S)
+        windows = np.array(p["score.windows_s"], float).reshape(-1, 2)
+        windows[windows[:, 1] < 0.0, 1] = n_ticks / TICKS_PER_S
+        start, heading = np.asarray(p["start_pos_ned_m"], float), np.radians(p["heading_deg"])
+        if p["climb.end_s"] > p["climb.start_s"]:
+            reference = ReferenceTrajectory.hover_climb_hover(
+                start, heading, p["climb.start_s"], p["climb.end_s"], p["climb.speed_mps"]
+            )
+        else:
+            reference = ReferenceTrajectory.hover(start, heading)
+        return cls(p["kind"], n_ticks, reference, windows)
+
+    def scored(self, time_s: np.ndarray) -> np.ndarray:
+        """Mask (N,) of the samples at time_s (N,) in a scored stretch, its end excluded."""
+        mask = np.zeros(time_s.shape, bool)
+        for start, end in self.windows_s:
+            mask |= (time_s >= start) & (time_s < end)
+        return mask

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Singular values and margins of the design that flew."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from heli_dynamics_sim.plant import PlantConfig
+from heli_flight.loop.settings import Settings
+from heli_inner_hinf import analysis
+from heli_inner_hinf.analysis import LoopReport
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.loops import TICK_S, Actuation, ObserverInput
+
+_POINTS = 240
+
+
+@dataclass(frozen=True)
+class Design:
+    """The flown design's numbers.
+
+    Attributes
+    ----------
+    controller : str
+    gamma, gamma_star : float
+        The bound asked for and its infimum, eq. (14).
+    loops : sequence of LoopReport
+        State feedback; with the observer (19); as flown: sampled, with servos and delay.
+    omega : sequence of (m,) ndarray
+        Frequencies of each loop, rad/s.
+    wind_to_h, wind_to_u : sequence of (m, 3) ndarray
+        Singular values of each loop from wind (m/s).
+    """
+
+    controller: str
+    gamma: float
+    gamma_star: float
+    loops: list[LoopReport]
+    omega: list[np.ndarray]
+    wind_to_h: list[np.ndarray]
+    wind_to_u: list[np.ndarray]
+
+
+def flown_design(settings: Settings) -> Design | None:
+    """Analyse the inner loop of a flight; None for a law that is no state feedback (pid).
+
+    Raises
+    ------
+    ValueError
+        As the design's parts raise it, each with a sentence.
+    """
+    config = AttitudeConfig.from_parameters(settings.nodes["inner_loop"])
+    if config.controller == "pid":
+        return None
+    seen = settings.nodes["observer"]
+    plant = PlantConfig.from_parameters(settings.nodes["plant"])
+    aircraft = plant.helicopter
+    actuation = Actuation(
+        aircraft.servo_bandwidth_radps,
+        aircraft.servo_damping,
+        TICK_S * plant.delay_ticks,
+    )
+    feed = ObserverInput(
+        seen["u_delay_ticks"], seen["servo.frequency_radps"], seen["servo.damping"]
+    )
+    K = np.reshape(np.asarray(seen["K"], float), (3, 6))
+    model = analysis.model_of(config)
+    loops = analysis.three_loops(model, K, config.prediction_s, feed, actuation)
+    top = [0.999 * np.pi / loop.dt if loop.dt else 1e3 for loop in loops]
+    omega = [np.geomspace(1e-2, end, _POINTS) for end in top]
+    values = [analysis.singular_values(loop, w) for loop, w in zip(loops, omega, strict=True)]
+    return Design(
+        config.controller,
+        config.gamma,
+        config.synthesis.gamma_star.value,
+        [analysis.analyse(loop) for loop in loops],
+        omega,
+        [hv for hv, _ in values],
+        [uv for _, uv in values],
+    )

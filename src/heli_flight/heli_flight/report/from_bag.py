@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A report of a bag: of the graph's own recorder, or of `ros2 bag record`."""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.result import Result
+from heli_flight.loop.scenario import TICK_NS
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import Settings, resolve
+from heli_flight.report.data import events_of
+from heli_flight.report.write import write_report
+from heli_outer_pd.reference import N_REFERENCE, reference_at
+from heli_parameters.parameters import ParameterError
+
+STEPS = 2  # of a report: the bag read, the page and figures written
+_ERROR_LEVEL = 2
+_TICKS_PER_S = 100
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the user says of a bag's flight; what is None is looked for beside the bag."""
+
+    scenario: str | None = None
+    gps: str | None = None
+    seed: int | None = None
+    params: Sequence[Path] = ()
+
+
+def report_of_bag(
+    path: Path,
+    choice: Choice | None = None,
+    out: Path | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Path:
+    """Write the report of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        rosbag2 folder, or the folder of a flight that holds `bag/`.
+    choice : Choice, optional
+    out : Path, optional
+        Folder for report.html and figures/; default: the flight's folder, or <bag>_report.
+    progress : callable, optional
+        Told how many of the `STEPS` are done.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    ParameterError, FlightError, OSError
+        Each with one line that names the file.
+    """
+    choice = choice or Choice()
+    bag = path / "bag" if (path / "bag").is_dir() else path
+    beside = bag.resolve().parent
+    told = _result_beside(beside)
+    saved = beside / "params.yaml"
+    known = bool(choice.params) or saved.is_file()
+    settings = _settings(choice, told, saved)
+    flight = flight_from_bag(bag, settings, truth_needed=False)
+    record, missing = _completed(flight.record, settings)
+    if not known:
+        missing.insert(
+            0,
+            "No params.yaml beside the bag and none given: the packaged parameters of scenario "
+            f"{settings.scenario_name} were taken, so wind, seed, limits, scored phases and design "
+            "may not be those of this flight.",
+        )
+    folder = out or (beside if saved.is_file() else bag.with_name(f"{bag.name}_report"))
+    folder.mkdir(parents=True, exist_ok=True)
+    result = _result(record, settings, flight, told)
+    events = events_of(flight.remarks, settings)
+    how = f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag"
+    progress(1)
+    page = write_report(record, settings, result, folder, how, events, missing, assumed=not known)
+    progress(STEPS)
+    return page
+
+
+def _result_beside(folder: Path) -> dict[str, Any]:
+    """Content of result.json beside the bag, empty if there is none that can be read."""
+    try:
+        content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _settings(choice: Choice, told: dict[str, Any], saved: Path) -> Settings:
+    """Resolved parameters: the user's choice, else what lies beside the bag, else the packaged."""
+    files = [*([saved] if saved.is_file() else []), *choice.params]
+    scenario = choice.scenario or told.get("scenario", "hover")
+    gps = choice.gps or told.get("gps", "standalone")
+    try:
+        return resolve(scenario, gps, choice.seed, params=files)
+    except ParameterError:
+        if choice.scenario is None and choice.gps is None and told:
+            # A scenario that this installation does not know: its parameters are in the file.
+            return resolve("hover", "standalone", choice.seed, params=files)
+        raise
+
+
+def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, list[str]]:
+    """The record with the scenario's reference where none was recorded, and what is missing."""
+    missing = []
+    parts = (
+        (record.truth_pos_ned_m, "ground truth: no errors of the estimates, no scores from truth"),
+        (record.nav_pos_ned_m, "odom: nothing can be scored as the paper did"),
+        (record.wind_ned_mps, "wind: it is not shown"),
+        (record.u, "actuators: they are not shown"),
+        (record.setpoint, "attitude setpoint: attitude errors are not shown"),
+    )
+    for array, words in parts:
+        if not np.isfinite(array).any():
+            missing.append(f"The bag holds no {words}.")
+    if not np.isfinite(record.reference).any():
+        rows = np.empty((len(record), N_REFERENCE))
+        way = settings.scenario.reference
+        ticks = np.round(record.time_s * _TICKS_PER_S).astype(int).tolist()
+        for row, tick in zip(rows, ticks, strict=True):
+            reference_at(tick * TICK_NS, way.times_ns, way.points, row)
+        record = replace(record, reference=rows)
+        missing.append(
+            f"The bag holds no reference: that of scenario {settings.scenario_name} was taken."
+        )
+    return record, missing
+
+
+def _result(
+    record: FlightRecord, settings: Settings, flight: BagFlight, told: dict[str, Any]
+) -> Result:
+    scores = [s for s in score(record, settings.scenario) if math.isfinite(s.max)]
+    said = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
+    lost = told.get("lost", said[-1].message if said else "")
+    flown = float(record.time_s[-1] - record.time_s[0]) + 1.0 / _TICKS_PER_S
+    wall = told.get("wall_s")
+    wall_s = float(wall) if isinstance(wall, int | float) else math.nan
+    return Result(scores, str(lost), flown, wall_s, tuple(map(str, told.get("notes", ()))))

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes report.html and figures/ of a flight."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from heli_flight.loop import closed_loop
+from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.result import Result
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import Settings
+from heli_flight.report.data import Event, Report, Rival
+from heli_flight.report.design import flown_design
+from heli_flight.report.figures import write_figures
+from heli_flight.report.page import render
+from heli_flight.report.paper_charts import paper_charts
+from heli_flight.report.system_charts import design_charts, flight_charts, timeline_charts
+
+PAGE = "report.html"
+FIGURES = "figures"
+
+
+def write_report(
+    record: FlightRecord,
+    settings: Settings,
+    result: Result,
+    folder: Path,
+    how: str = "one process",
+    events: Sequence[Event] = (),
+    missing: Sequence[str] = (),
+    assumed: bool = False,
+) -> Path:
+    """Write report.html and figures/*.png, *.svg into a folder.
+
+    Parameters
+    ----------
+    record : FlightRecord
+        NaN stands for what was not recorded.
+    settings : Settings
+        Resolved parameters of the flight.
+    result : Result
+    folder : Path
+        Must exist.
+    how : str
+        How it was flown, a few words.
+    events : sequence of Event
+        Changes of the nodes' health.
+    missing : sequence of str
+        Sentences: what is not in the record, and what was taken instead.
+    assumed : bool
+        True if the settings are not known to be those of the flight.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written.
+    """
+    rival = _rival(settings) if settings.scenario.kind == "attitude" else None
+    report = Report(record, settings, result, how, events, rival, tuple(missing), assumed)
+    design = flown_design(settings)
+    charts = [*paper_charts(report), *flight_charts(report)]
+    if design is not None:
+        charts += design_charts(design)
+    charts += timeline_charts(report)
+    charts = [chart for chart in charts if chart.has_data]
+    page = folder / PAGE
+    page.write_text(render(report, charts, design), encoding="utf-8")
+    write_figures(charts, report.conditions, folder / FIGURES)
+    return page
+
+
+def _rival(settings: Settings) -> Rival:
+    """The same flight in one process under PID, or under H-infinity if PID has flown."""
+    inner = settings.nodes["inner_loop"]
+    law = "hinf" if inner["controller"] == "pid" else "pid"
+    nodes = {**settings.nodes, "inner_loop": {**inner, "controller": law}}
+    flight = closed_loop.simulate(replace(settings, nodes=nodes))
+    return Rival(law, flight.record, score(flight.record, settings.scenario), flight.sentence)

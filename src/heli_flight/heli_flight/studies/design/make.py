@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli design`: from aircraft and weights to every number that the nodes load, with its proof."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heli_dynamics_sim.aircraft_file import find_aircraft
+from heli_dynamics_sim.linearize import linearize
+from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_dynamics_sim.trim import trim
+from heli_flight.loop.settings import Settings, resolve
+from heli_inner_hinf.analysis import LoopReport, analyse, model_of, three_loops
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.loops import TICK_S, Actuation, Loop, Model, ObserverInput
+from heli_inner_hinf.margins import further_delay_s
+from heli_inner_hinf.observer_gain import Candidate, choose_observer_gain, known_lag_s
+from heli_inner_hinf.pid_tuning import AxisGains, gains_of, tune_pid
+from heli_inner_hinf.synthesis import gamma_star
+from heli_inner_hinf.weights import OUTPUTS, weights
+from heli_parameters.parameters import ParameterError, dump_all
+
+_MAX_DELAY_TICKS = 2
+LONGEST_DELAY_S = 0.2
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What a design is made from: calculated from an aircraft file, or identified in flight.
+
+    Attributes
+    ----------
+    source : str
+        Where the numbers come from, for people.
+    A, B, E : (9, 9), (9, 3), (9, 3) arrays
+        Linear model about trim, eq. (9), SI and rad.
+    x_trim : (9,) array
+        Trim of the nine states; psi is 0.
+    u_trim : (4,) array
+        Trim of d_lat, d_lon, d_ped, d_col.
+    actuation : Actuation
+        Servo and transport delay.
+    outer : mapping
+        Parameters of the outer loop: mass, gravity, rotor.* of the thrust map.
+    plant : mapping
+        Parameters of the plant that belong to the aircraft; empty for one that is not simulated.
+    residual : float
+        Largest residual of the trim; nan where it was measured.
+    """
+
+    source: str
+    A: np.ndarray
+    B: np.ndarray
+    E: np.ndarray
+    x_trim: np.ndarray
+    u_trim: np.ndarray
+    actuation: Actuation
+    outer: Mapping[str, Any]
+    plant: Mapping[str, Any]
+    residual: float
+
+
+@dataclass(frozen=True)
+class Design:
+    """A finished design.
+
+    Attributes
+    ----------
+    basis : Basis
+        Model, trim and actuation that it is made from.
+    attitude : AttitudeConfig
+        Judged inner loop: model, F, G, certificate.
+    observer : Candidate
+        The reduced-order observer (19) and its margins.
+    pid : tuple of AxisGains
+        The PID of the same aircraft, by its rule.
+    loops : tuple of Loop
+        State feedback; with observer; as flown.
+    reports : tuple of LoopReport
+        Of the three loops.
+    further_delay_s : float
+        What the loop as flown survives on top of its own delay.
+    values : dict
+        Node name to the parameters that the design decides.
+    """
+
+    basis: Basis
+    attitude: AttitudeConfig
+    observer: Candidate
+    pid: tuple[AxisGains, ...]
+    loops: tuple[Loop, Loop, Loop]
+    reports: tuple[LoopReport, ...]
+    further_delay_s: float
+    values: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def actuation(self) -> Actuation:
+        """Servo and delay of the aircraft."""
+        return self.basis.actuation
+
+    @property
+    def model(self) -> Model:
+        """The linear model with its state feedback."""
+        return model_of(self.attitude)
+
+    @property
+    def observer_input(self) -> ObserverInput:
+        """How the command enters the observer."""
+        return observer_input(self.actuation)
+
+
+def make_design(
+    params: Sequence[Path] = (),
+    aircraft: str | None = None,
+    gamma: float | None = None,
+    gamma_factor: float | None = None,
+) -> Design:
+    """Trim, linearise, synthesise, choose the observer, tune the PID, analyse.
+
+    Parameters
+    ----------
+    params : sequence of path
+        rcl parameter files with weights and whatever else shall differ from the packaged values.
+    aircraft : str, optional
+        An aircraft file, or the bare name of a packaged one; default: the plant's.
+    gamma : float, optional
+        Bound on the norm; default: the parameter.
+    gamma_factor : float, optional
+        Bound as a multiple of gamma*, instead.
+
+    Raises
+    ------
+    ParameterError, AircraftError, TrimError, SynthesisError
+        Each with a sentence; the same as the nodes give.
+    """
+    settings = resolve(params=params)
+    return design_of(aircraft_basis(settings, aircraft), settings, gamma, gamma_factor)
+
+
+def aircraft_basis(settings: Settings, aircraft: str | None = None) -> Basis:
+    """Trim and linearise an aircraft file; arguments and errors as in `make_design`."""
+    plant = settings.nodes["plant"]
+    file = aircraft or plant["aircraft_file"]
+    helicopter = HelicopterParameters.from_yaml(file)
+    if aircraft is not None and Path(file).is_file():
+        file = str(find_aircraft(file).resolve())
+    at = trim(helicopter)
+    linear = linearize(helicopter, at)
+    x_trim = linear.x_trim.copy()
+    x_trim[8] = 0.0
+    delay_ticks = min(int(plant["delay_ticks"]), _MAX_DELAY_TICKS)
+    return Basis(
+        source=f"aircraft {file}",
+        A=linear.A,
+        B=linear.B,
+        E=linear.E,
+        x_trim=x_trim,
+        u_trim=at.u,
+        actuation=Actuation(
+            helicopter.servo_bandwidth_radps, helicopter.servo_damping, delay_ticks * TICK_S
+        ),
+        outer={
+            "mass": helicopter.mass_kg,
+            "gravity": helicopter.gravity_mps2,
+            "rotor.rho": helicopter.air_density_kgpm3,
+            "rotor.omega": helicopter.main_speed_radps,
+            "rotor.radius": helicopter.main_radius_m,
+            "rotor.lift_slope": helicopter.main_lift_slope,
+            "rotor.blades": round(helicopter.main_blades),
+            "rotor.chord": helicopter.main_chord_m,
+            "rotor.K_col": helicopter.collective_gain_rad,
+        },
+        plant={"aircraft_file": file},
+        residual=float(at.residual),
+    )
+
+
+def design_of(
+    basis: Basis,
+    settings: Settings,
+    gamma: float | None = None,
+    gamma_factor: float | None = None,
+) -> Design:
+    """Synthesise, choose the observer, tune the PID, analyse; no aircraft file is read.
+
+    Parameters
+    ----------
+    basis : Basis
+    settings : Settings
+        Weights, gamma and whatever else the inner loop's parameters hold.
+    gamma, gamma_factor : float, optional
+        As in `make_design`.
+
+    Raises
+    ------
+    ParameterError, SynthesisError
+    """
+    if gamma is not None and gamma_factor is not None:
+        raise ParameterError("--gamma and --gamma-factor: give one of them, not both")
+    actuation = basis.actuation
+    inner: dict[str, Any] = {
+        **settings.nodes["inner_loop"],
+        "model.A": basis.A,
+        "model.B": basis.B,
+        "model.E": basis.E,
+        "trim.x": basis.x_trim,
+        "trim.u": basis.u_trim,
+        "prediction_s": round(known_lag_s(actuation), 3),
+    }
+    inner["gamma"] = _gamma(inner, gamma, gamma_factor)
+    attitude = AttitudeConfig.from_parameters(inner)
+    feed = observer_input(actuation)
+    model = model_of(attitude)
+    plain = replace(model, shift_rate=0.0)
+    best, _ = choose_observer_gain(plain, attitude.prediction_s, actuation, feed)
+    pid = tune_pid(plain, actuation)
+    inner |= {f"pid.{name}": gains for name, gains in gains_of(pid).items()}
+    loops = three_loops(model, best.K, attitude.prediction_s, feed, actuation)
+    values: dict[str, Mapping[str, Any]] = {
+        "inner_loop": {key: inner[key] for key in _INNER_KEYS},
+        "observer": _observer_values(inner, best, actuation),
+        "outer_loop": _outer_values(basis, attitude),
+    }
+    if basis.plant:
+        values["plant"] = dict(basis.plant)
+    return Design(
+        basis=basis,
+        attitude=attitude,
+        observer=best,
+        pid=pid,
+        loops=loops,
+        reports=tuple(analyse(loop) for loop in loops),
+        further_delay_s=further_delay_s(
+            model, best.K, attitude.prediction_s, feed, actuation, LONGEST_DELAY_S
+        ),
+        values=values,
+    )
+
+
+_INNER_KEYS = (
+    "gamma", "C11", "C22", "D11", "trim.x", "trim.u", "model.A", "model.B", "model.E",
+    "prediction_s", "pid.K_P", "pid.K_I", "pid.K_D",
+)  # fmt: skip
+
+
+def observer_input(actuation: Actuation) -> ObserverInput:
+    """The observer is fed the command as late as the aircraft, through a model of its servos."""
+    return ObserverInput(
+        round(actuation.delay_s / TICK_S), actuation.servo_radps, actuation.servo_damping
+    )
+
+
+def _gamma(inner: Mapping[str, Any], gamma: float | None, factor: float | None) -> float:
+    if gamma is not None:
+        return gamma
+    if factor is None:
+        return float(inner["gamma"])
+    C, D = weights(inner["C11"], inner["C22"], inner["D11"])
+    plant = (inner["model.A"], inner["model.B"], inner["model.E"])
+    return factor * gamma_star(*plant, C, D).value
+
+
+def _observer_values(
+    inner: Mapping[str, Any], best: Candidate, actuation: Actuation
+) -> dict[str, Any]:
+    return {
+        "model.A": inner["model.A"],
+        "model.B": inner["model.B"],
+        "trim.x": inner["trim.x"],
+        "trim.u": inner["trim.u"],
+        "K": best.K,
+        "u_delay_ticks": round(actuation.delay_s / TICK_S),
+        "servo.frequency_radps": actuation.servo_radps,
+        "servo.damping": actuation.servo_damping,
+    }
+
+
+def attitude_lags_s(attitude: AttitudeConfig) -> np.ndarray:
+    """Lag (2,), s, of pitch and roll behind their commands: -T'(0), T: command -> angle.
+
+    T(s) = C (s - A - BF)^-1 B G and T(0) = 1, so T'(0) = -C (A + BF)^-2 B G. The prediction stands
+    for the actuators' lag.
+    """
+    gains = attitude.lqr if attitude.controller == "lqr" else attitude.synthesis
+    inverse = np.linalg.inv(attitude.A + attitude.B @ gains.F)
+    lag = (inverse @ inverse @ attitude.B @ gains.G)[list(OUTPUTS)]
+    return np.array([lag[1, 1], lag[0, 0]])
+
+
+def _outer_values(basis: Basis, attitude: AttitudeConfig) -> dict[str, Any]:
+    return {
+        "mass": basis.outer["mass"],
+        "gravity": basis.outer["gravity"],
+        "trim.phi": float(basis.x_trim[0]),
+        "trim.theta": float(basis.x_trim[1]),
+        "trim.d_col": float(basis.u_trim[3]),
+        "disturbance.attitude_lag_s": attitude_lags_s(attitude),
+        **{key: value for key, value in basis.outer.items() if key.startswith("rotor.")},
+    }
+
+
+def write_yaml(design: Design, path: Path, by: str = "heli design") -> None:
+    """Write the rcl parameter file that plant, observer, inner and outer loop load; `by`: who."""
+    dump_all(design.values, path)
+    s = design.attitude.synthesis
+    flown = design.reports[-1]
+    plant = "plant, " if "plant" in design.values else ""
+    head = (
+        f"# Design by {by}: one file for {plant}observer, inner_loop and outer_loop.\n"
+        f"# gamma = {s.gamma:.8g}, gamma* = {s.gamma_star.value:.10g}, "
+        f"norm wind -> h = {s.norm:.6g}\n"
+        f"# as flown: disk margin {flown.disk_input.alpha:.3f} at the plant input, "
+        f"{flown.disk_output.alpha:.3f} at its output\n"
+        "# Arrays are flat, row by row; units and meaning: the packaged YAML of each node.\n"
+    )
+    path.write_text(head + path.read_text(encoding="utf-8"), encoding="utf-8")

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables, progress and output folders of the commands: for people at a terminal and for pipes."""
+
+import contextlib
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from heli_parameters.parameters import ParameterError
+
+_WIDTH_OF_PIPE = 250
+# Of more than so many steps only some move the bar: moving it costs more than many of them.
+_MANY, _EVERY = 1000, 100
+
+
+def console(stderr: bool = False) -> Console:
+    """A console that keeps whole lines where there is no terminal."""
+    stream = sys.stderr if stderr else sys.stdout
+    return Console(
+        stderr=stderr, width=None if stream.isatty() else _WIDTH_OF_PIPE, highlight=False
+    )
+
+
+def table(title: str, out: Console) -> Table:
+    """A table with frames at a terminal, in Markdown elsewhere."""
+    if out.is_terminal:
+        return Table(title=title, title_justify="left")
+    return Table(title=title, title_justify="left", box=box.MARKDOWN)
+
+
+@contextlib.contextmanager
+def steps(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Progress on stderr: gives a function that takes how many steps are done.
+
+    A bar at a terminal, elsewhere a line at every fifth.
+    """
+    out = console(stderr=True)
+    if not out.is_terminal:
+        told = [0]
+
+        def plain(done: int) -> None:
+            fifth = 5 * done // total
+            if fifth > told[0]:
+                told[0] = fifth
+                out.print(f"{what}: {done} of {total}")
+
+        yield plain
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=out) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+@contextlib.contextmanager
+def amount(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Progress on stderr of work that may be short: gives a function that takes done and total.
+
+    Nothing is shown in the first second; then a bar at a terminal, elsewhere a line at every fifth.
+    A total of 0 says that it is not known yet.
+    """
+    begun, shown = time.monotonic(), contextlib.ExitStack()
+    now: dict[int, Callable[[int], None]] = {}
+    told = [0]
+
+    def update(done: int, total: int) -> None:
+        if total > _MANY and done % _EVERY:
+            return
+        if done == told[0] or not total or time.monotonic() - begun < 1.0:
+            return
+        told[0] = done
+        if total not in now:
+            now[total] = shown.enter_context(steps(what, total))
+        now[total](done)
+
+    with shown:
+        yield update
+
+
+def refuse_existing(path: Path | None) -> None:
+    """Refuse a folder for --out that exists, before anything long is done.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if path is not None and path.exists():
+        raise ParameterError(f"--out {path}: exists already; name a new folder")
+
+
+def new_folder(path: Path) -> Path:
+    """Make the folder that --out names.
+
+    Raises
+    ------
+    ParameterError
+        It exists already, or cannot be written.
+    """
+    refuse_existing(path)
+    try:
+        path.mkdir(parents=True)
+    except OSError as error:
+        raise ParameterError(f"--out {path}: cannot be written: {error.strerror}") from None
+    return path
+
+
+def json_text(content: Any) -> str:
+    """Content as JSON: indented, None for what is not finite."""
+    return json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
+
+
+def _plain(content: Any) -> Any:
+    """The content with None for what is not finite: JSON has no such numbers."""
+    if isinstance(content, dict):
+        return {key: _plain(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_plain(value) for value in content]
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content

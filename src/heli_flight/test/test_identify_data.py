@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags that cannot be identified from: one line with the topic and the reason. Synthetic bags."""
+
+import math
+
+import numpy as np
+import pytest
+
+from heli_bags.recorder import BagRecorder
+from heli_flight.studies.identify.data import BagDataError, experiment_of_bag
+from heli_flight.studies.identify.parameter_table import Given, read_given
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import Encoder
+
+GIVEN = Given({}, period_s=0.5, start_s=1.0, periods=4, source="test")
+NEEDED = (topics.ODOM, topics.IMU, topics.ACTUATORS, topics.EXCITATION_ACTUATORS)
+TICKS = 320
+
+
+def rows_of(name, tick):
+    swing = math.sin(4.0 * math.pi * tick / 100.0)
+    if name == topics.ODOM:
+        row = np.zeros(28)
+        row[3], row[6] = 1.0 + swing, 1.0
+        return row
+    return {
+        topics.IMU: np.array([0.0, 0.0, -9.8, 0.1 * swing, 0.0, 0.0]),
+        topics.ACTUATORS: 0.2 * np.array([swing, swing, swing, swing]),
+        topics.EXCITATION_ACTUATORS: 0.1 * np.array([swing, swing, swing, swing]),
+    }[name]
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """bag(topics, change, ticks): a bag of the given topics; change(name, tick, row) edits rows,
+    None leaves the message out."""
+
+    def build(names=NEEDED, change=lambda name, tick, row: row, ticks=TICKS):
+        recorder = BagRecorder(tmp_path / "bag", names)
+        encoders = {name: Encoder(name) for name in names}
+        for tick in range(ticks):
+            for name in names:
+                row = change(name, tick, rows_of(name, tick))
+                if row is not None:
+                    recorder.write(name, encoders[name].encode(row, (100 + tick) * 10_000_000))
+        recorder.close()
+        return tmp_path / "bag"
+
+    return build
+
+
+def read(path, kind="actuators"):
+    return experiment_of_bag(path, kind, GIVEN, 1.0)
+
+
+def test_a_good_bag_gives_the_evaluated_ticks(bag):
+    experiment = read(bag())
+    np.testing.assert_allclose(experiment.time_s, 1.0 + np.arange(200) / 100.0)
+    swing = np.sin(4.0 * np.pi * experiment.time_s)
+    np.testing.assert_allclose(experiment.excitation_u[:, 2], 0.1 * swing, atol=1e-12)
+    np.testing.assert_allclose(experiment.rate_body_radps[:, 0], 0.1 * swing, atol=1e-12)
+    np.testing.assert_allclose(experiment.vel_body_mps[:, 0], 1.0 + swing, atol=1e-12)
+    np.testing.assert_array_equal(experiment.gust_body_mps, 0.0)
+
+
+@pytest.mark.parametrize("gone", NEEDED)
+def test_a_missing_topic_is_named(bag, gone):
+    with pytest.raises(BagDataError, match=f"no message on '{gone}'"):
+        read(bag([name for name in NEEDED if name != gone]))
+
+
+def test_gusts_need_their_own_topic(bag):
+    with pytest.raises(BagDataError, match=r"'excitation/wind' \(plant sends it only while"):
+        read(bag(), "gusts")
+
+
+def test_too_short(bag):
+    with pytest.raises(BagDataError, match=r"'odom' covers .* to 1.99 s, but 1 to 3 s are needed"):
+        read(bag(ticks=200))
+
+
+def test_a_gap(bag):
+    def drop(name, tick, row):
+        return None if name == topics.IMU and 150 <= tick < 153 else row
+
+    with pytest.raises(BagDataError, match=r"'imu/data_raw': 3 of 200 .* flight time 1.50 s"):
+        read(bag(change=drop))
+
+
+def test_not_a_number(bag):
+    def spoil(name, tick, row):
+        if name == topics.IMU and tick == 170:
+            row[3] = np.nan
+        return row
+
+    with pytest.raises(BagDataError, match="'imu/data_raw': 1 messages cannot be used.*not finite"):
+        read(bag(change=spoil))
+
+
+def test_a_channel_without_excitation(bag):
+    def silence(name, tick, row):
+        if name == topics.EXCITATION_ACTUATORS:
+            row[1] = 0.0
+        return row
+
+    with pytest.raises(BagDataError, match="'excitation/actuators': d_lon is not excited"):
+        read(bag(change=silence))
+
+
+def test_no_bag(tmp_path):
+    with pytest.raises(BagDataError, match="does not exist"):
+        read(tmp_path / "nothing")
+
+
+def test_given_constants_are_packaged_for_every_aircraft():
+    for name, mass in (("helion.yaml", 9.75), ("xcell60.yaml", 8.2), ("logo600.yaml", 3.6)):
+        given = read_given(name, [])
+        assert given.ground["mass"] == mass
+        assert given.source == name
+        assert given.end_s == 190.0

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No process is left behind: not one that ignores the interrupt, not when the parent is killed."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from heli_flight.errors import StartError
+from heli_flight.graph import processes
+
+MODULES = {
+    "obedient": "import signal\ndef main(a):\n    print('up', flush=True)\n    signal.pause()\n",
+    "deaf": (
+        "import signal\ndef main(a):\n    signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "    print('up', flush=True)\n    signal.sigwait([signal.SIGUSR2])\n"
+    ),
+    "failing": (
+        "def main(a):\n    print('first')\n    print('gamma', a[0], 'is infeasible')\n"
+        "    return 2\n"
+    ),
+}
+
+
+@pytest.fixture
+def start(tmp_path, monkeypatch):
+    """Start a node out of MODULES."""
+    for name, code in MODULES.items():
+        (tmp_path / f"{name}_node.py").write_text(code)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def run(name, *arguments):
+        log = tmp_path / f"{name}.log"
+        return processes.NodeProcess(name, f"{name}_node", arguments, log, dict(os.environ))
+
+    return run
+
+
+def wait_for_line(process, text, limit_s=60.0):
+    deadline = time.monotonic() + limit_s
+    while process.last_line() != text:
+        assert time.monotonic() < deadline, f"{process.last_line()!r}"
+        process.wait(0.01)
+
+
+def alive(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def test_interrupt_ends_a_process_that_obeys(start):
+    child = start("obedient")
+    wait_for_line(child, "up")
+    assert processes.stop([child], 5.0) == []
+    assert child.exit_code() is not None
+
+
+def test_one_that_ignores_the_interrupt_is_killed_and_named(start):
+    child = start("deaf")
+    wait_for_line(child, "up")
+    assert processes.stop([child], 0.5) == ["deaf"]
+    assert not alive(child.pid)
+
+
+def test_last_line_is_the_reason(start):
+    child = start("failing", "0.01")
+    assert child.wait(60.0)
+    assert child.exit_code() == 2
+    assert child.last_line() == "gamma 0.01 is infeasible"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="parent-death signal is Linux's")
+def test_children_die_with_a_killed_parent(start, tmp_path):
+    code = (
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        f"sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from heli_flight.graph.processes import NodeProcess, start_server\n"
+        "start_server()\n"
+        f"log = Path({str(tmp_path)!r}) / 'x'\n"
+        "child = NodeProcess('x', 'obedient_node', [], log, os.environ)\n"
+        "print(child.pid, flush=True)\n"
+        "signal.pause()\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    pid = int(parent.stdout.readline())
+    assert alive(pid)
+    parent.kill()
+    parent.wait()
+    deadline = time.monotonic() + 5.0
+    while alive(pid) and time.monotonic() < deadline:
+        os.sched_yield()
+    assert not alive(pid)
+    parent.stdout.close()
+
+
+def test_one_flight_per_domain(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "231")
+    with processes.domain_reserved():
+        with pytest.raises(StartError, match="ROS domain 231"), processes.domain_reserved():
+            raise AssertionError("two flights in one domain")
+        monkeypatch.setenv("ROS_DOMAIN_ID", "230")
+        with processes.domain_reserved():
+            monkeypatch.setenv("ROS_DOMAIN_ID", "231")
+    with processes.domain_reserved():
+        monkeypatch.undo()

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Charts: what thinning must keep, what Plotly reads, what a broken-off flight still shows."""
+
+import base64
+import math
+
+import numpy as np
+import pytest
+
+from heli_bags.reader import Remark
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.result import Result
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
+from heli_flight.report import Event, write_report
+from heli_flight.report.chart import MAX_POINTS, PALETTE, Trace, envelope, limits, thinned
+from heli_flight.report.data import Report, events_of
+from heli_flight.report.paper_charts import paper_charts
+from heli_flight.report.plotly_json import encoded, figure, with_indices
+from heli_flight.report.system_charts import flight_charts, timeline_charts
+
+
+@pytest.mark.parametrize("n", [1, 100, 2401, 60_000, 1_000_003])
+def test_thinning_keeps_the_envelope_and_both_ends(n):
+    rng = np.random.default_rng(n)
+    y = rng.normal(size=n).cumsum()
+    keep = envelope([y], 2400)
+    assert keep.size <= max(min(n, 2400), 1) * 1.01 + 2
+    assert np.all(np.diff(keep) > 0)
+    assert (keep[0], keep[-1]) == (0, n - 1)
+    assert (y[keep].max(), y[keep].min()) == (y.max(), y.min())
+
+
+def test_a_spike_of_one_sample_survives_in_every_column():
+    y, y2 = np.zeros(100_000), np.zeros(100_000)
+    y[31_415], y2[27_182] = 1.0, -1.0
+    keep = envelope([y, y2])
+    assert {31_415, 27_182} <= set(keep.tolist())
+
+
+def test_gaps_stay_gaps():
+    x = np.arange(50_000.0)
+    y = np.sin(x / 500.0)
+    y[20_000:30_000] = np.nan
+    y[40_000] = np.nan
+    thin = thinned(Trace(x, y, "", "nav"))
+    assert thin.x.size < 2 * MAX_POINTS
+    assert np.isnan(thin.y[(thin.x >= 20_020) & (thin.x < 29_980)]).all()
+    assert np.isnan(thin.y[thin.x == 40_000.0]).all()
+    assert np.isfinite(thin.y[(thin.x > 30_100) & (thin.x < 39_900)]).all()
+
+
+def test_a_track_keeps_its_extremes_on_both_axes():
+    turn = np.linspace(0.0, 2.0 * np.pi, 30_000)
+    track = Trace(3.0 * np.cos(turn), 2.0 * np.sin(turn), "", "nav")
+    thin = thinned(track, planar=True)
+    for name in ("x", "y"):
+        kept, full = getattr(thin, name), getattr(track, name)
+        assert (kept.min(), kept.max()) == (full.min(), full.max())
+
+
+def test_limits_are_drawn_on_both_sides():
+    bound = limits(np.array([0.0, 60.0]), 0.4, "paper")
+    assert sorted(set(bound.y[np.isfinite(bound.y)])) == [-0.4, 0.4]
+
+
+def test_numbers_arrive_as_they_are():
+    values = np.array([0.0, -1.5, math.nan, 3e4])
+    code = encoded(values)
+    back = np.frombuffer(base64.b64decode(code["bdata"]), "<f4")
+    np.testing.assert_array_equal(back, values.astype("<f4"))
+    # A day in seconds to 10 ms needs more than 32 bits.
+    late = np.array([86_399.98, 86_399.99])
+    wide = np.frombuffer(base64.b64decode(encoded(late, wide=True)["bdata"]), "<f8")
+    np.testing.assert_array_equal(wide, late)
+
+
+def test_symbols_get_their_indices():
+    assert with_indices("v_z, m/s") == "<i>v</i><sub>z</sub>, m/s"
+    assert with_indices("a < b_s") == "a &lt; <i>b</i><sub>s</sub>"
+
+
+def test_colours_differ_in_both_themes():
+    for theme in (0, 1):
+        used = [PALETTE[role][theme] for role in ("nav", "truth", "reference", "bound", "green")]
+        assert len(set(used)) == len(used)
+
+
+@pytest.fixture(scope="module")
+def hover():
+    settings = resolve(duration_s=30.0)
+    flight = simulate(settings)
+    scores = score(flight.record, settings.scenario)
+    return Report(flight.record, settings, Result(scores, "", 30.0, 1.0), "one process")
+
+
+def test_hover_charts_redraw_the_paper_with_its_bounds(hover):
+    charts = {chart.paper: chart for chart in paper_charts(hover)}
+    assert set(charts) == {"Fig. 5", "Fig. 6", "Fig. 7", "Fig. 8", "Fig. 9"}
+    for name, value in (("Fig. 5", 0.18), ("Fig. 6", 0.3), ("Fig. 7", 0.3)):
+        traces = charts[name].panels[-1].traces
+        (bound,) = [t for t in traces if t.role == "bound"]
+        assert np.nanmax(bound.y) == value
+    tube = next(t for t in charts["Fig. 8"].panels[1].traces if t.role == "bound")
+    assert (np.nanmin(tube.y), np.nanmax(tube.y)) == pytest.approx((9.6, 20.4))
+    box = next(t for t in charts["Fig. 9"].panels[0].traces if t.role == "bound")
+    assert (np.max(box.x), np.max(box.y)) == (1.02, 0.65)
+
+
+def test_what_is_drawn_is_what_was_scored(hover):
+    """The largest value drawn inside the shaded phases is the number of the table."""
+    chart = next(chart for chart in paper_charts(hover) if chart.paper == "Fig. 7")
+    line = next(t for t in chart.panels[0].traces if t.role == "nav")
+    shaded = np.zeros(line.x.shape, bool)
+    for start, end in chart.spans:
+        shaded |= (line.x >= start) & (line.x < end)
+    top = np.abs(line.y[shaded]).max()
+    assert top == pytest.approx(hover.score("v_y", "navigation").max, rel=1e-12)
+
+
+def test_charts_become_json(hover):
+    for chart in [*paper_charts(hover), *flight_charts(hover), *timeline_charts(hover)]:
+        drawn = figure(chart)
+        assert len(drawn["data"]) >= len([t for p in chart.panels for t in p.traces])
+        domains = [v["domain"] for k, v in drawn["layout"].items() if k.startswith("yaxis")]
+        assert domains[0][1] == 1.0
+        assert all(upper[0] > lower[1] for upper, lower in zip(domains, domains[1:], strict=False))
+
+
+def test_health_is_told_when_it_changes():
+    settings = resolve()
+
+    def said(second, level, message):
+        return Remark(1_000_000_000 * (1 + second), "observer", level, message, {})
+
+    events = events_of([said(0, 0, "ok"), said(1, 0, "ok"), said(2, 1, "late")], settings)
+    assert events == [Event(0.0, "observer", 0, "ok"), Event(2.0, "observer", 1, "late")]
+
+
+def test_a_flight_that_ends_at_once_still_gets_a_report(tmp_path):
+    settings = resolve(duration_s=0.1)
+    flight = simulate(settings)
+    lost = "the helicopter <hit> the ground"
+    page = write_report(flight.record, settings, Result([], lost, 0.1, 1.0), tmp_path)
+    text = page.read_text(encoding="utf-8")
+    assert "Lost after 0.10 s: the helicopter &lt;hit&gt; the ground" in text
+    assert (tmp_path / "figures" / "fig9_track.svg").stat().st_size > 0

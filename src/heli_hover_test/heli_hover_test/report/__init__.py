@@ -1,8 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""A flight's report: a page for the browser and figures for a paper."""
-
-from heli_hover_test.report.data import Event, events_of
-from heli_hover_test.report.from_bag import STEPS, Choice, report_of_bag
-from heli_hover_test.report.write import write_report
-
-__all__ = ["STEPS", "Choice", "Event", "events_of", "report_of_bag", "write_report"]

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identification of eq. (10) from flight data; pure mathematics, no ROS, no simulator."""
+
+from heli_identification.actuators import (
+    IdentifiedAB,
+    fit_actuators,
+    refit_actuators,
+)
+from heli_identification.collective import (
+    IdentifiedCollective,
+    RotorGeometry,
+    fit_collective,
+    relative_air_w,
+)
+from heli_identification.errors import Cause, IdentificationError
+from heli_identification.experiment import Experiment
+from heli_identification.frequency_responses import (
+    CHANNELS,
+    FrequencyResponses,
+    frequency_responses,
+    rate_response,
+)
+from heli_identification.gusts import IdentifiedE, fit_gusts
+from heli_identification.trim import IdentifiedTrim, trim_of
+
+__all__ = [
+    "CHANNELS",
+    "Cause",
+    "Experiment",
+    "FrequencyResponses",
+    "IdentificationError",
+    "IdentifiedAB",
+    "IdentifiedCollective",
+    "IdentifiedE",
+    "IdentifiedTrim",
+    "RotorGeometry",
+    "fit_actuators",
+    "fit_collective",
+    "fit_gusts",
+    "frequency_responses",
+    "rate_response",
+    "refit_actuators",
+    "relative_air_w",
+    "trim_of",
+]

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A linear helicopter in closed loop with a known truth, for the tests of the identification.
+
+Nine states of eq. (10), velocity over ground, servos, transport delay, a PD attitude law, a slow
+velocity law, coloured turbulence and sensor noise: everything is linear, so the fitted numbers must
+agree with the true ones within their own confidence.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import expm
+
+from heli_identification.experiment import Experiment
+from heli_identification.response import FastModel
+from heli_identification.structure import full_matrices
+
+G = 9.8
+TICK_S = 0.01
+TRIM = (0.039, 0.001)
+
+
+def true_model(delay_ticks: int = 1) -> FastModel:
+    """An aircraft of the class of HeLion, with numbers of its own."""
+    A = np.zeros((6, 6))
+    A[0] = [-0.05, 0.0, 0.0, 550.0, 10.0, -55.0]
+    A[1] = [0.0, -0.09, 250.0, 0.0, 0.0, 0.0]
+    A[2] = [0.0, -1.0, -3.4, 2.1, 0.0, 0.0]
+    A[3] = [-1.0, 0.0, 2.6, -3.4, 0.0, 0.0]
+    A[4] = [0.05, 0.0, 0.0, 0.0, -20.0, 110.0]
+    A[5] = [0.0, 0.0, 0.0, 0.0, -1.0, 0.0]
+    B = np.zeros((6, 4))
+    B[0, 2], B[4, 2], B[5, 2], B[4, 3] = 40.0, -80.0, -3.6, 3.0
+    B[2, :2], B[3, :2] = [0.22, 2.4], [2.7, -0.08]
+    E = np.zeros((6, 4))
+    E[0, 1], E[0, 2], E[1, 2], E[4, 1], E[4, 2] = 0.17, -0.045, 0.034, -0.34, 0.33
+    return FastModel(A, B, E, 35.0, 0.55, delay_ticks * TICK_S)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """How the linear aircraft is flown."""
+
+    seed: int = 1
+    period_s: float = 20.0
+    periods: int = 6
+    settle_s: float = 20.0
+    turbulence_mps: float = 0.4
+    rate_noise: float = 1e-3
+    velocity_noise: float = 0.02
+    u_amplitude: tuple[float, ...] = (0.012, 0.012, 0.02, 0.02)
+    gust_mps: tuple[float, ...] = (0.0, 0.0, 0.0)
+    highest_hz: float = 9.0
+    model: FastModel = field(default_factory=true_model)
+
+
+def zippered_lines(period_s: float, lowest_hz: float, highest_hz: float, count: int, channels: int):
+    """Odd harmonics, log-spaced, dealt out to the channels in turn: list of int arrays."""
+    wanted = np.geomspace(lowest_hz, highest_hz, count * channels) * period_s
+    used: list[int] = []
+    for value in wanted:
+        k = 2 * int(value // 2) + 1
+        used.append(max(k, used[-1] + 2) if used else k)
+    return [np.array(used[i::channels]) for i in range(channels)]
+
+
+def multisine(lines, amplitude, period_s: float, n: int, seed: int):
+    """(n,) samples of equal sines with phases drawn from the seed."""
+    t = np.arange(n) * TICK_S
+    phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, lines.size)
+    w = 2.0 * np.pi * lines / period_s
+    return amplitude * np.sin(np.outer(t, w) + phase).sum(axis=1)
+
+
+def _law():
+    """Gains (4, 12) on phi theta p q a_s b_s r d_int psi u v w, acting on measured ones only."""
+    K = np.zeros((4, 12))
+    K[0, [0, 2, 10]] = -0.35, -0.005, -0.05
+    K[1, [1, 3, 9]] = -0.35, -0.008, 0.05
+    K[2, [8, 6]] = 1.5, 0.05
+    K[3, 11] = 0.05
+    return K
+
+
+def _discrete(model: FastModel):
+    """Phi and inputs (u 4, wind 3) of x9, velocity 3, servos 8."""
+    A, _, E = full_matrices(model, *TRIM)
+    F, inputs = np.zeros((20, 20)), np.zeros((20, 7))
+    F[:9, :9] = A
+    F[2:8, 12:16] = model.B
+    F[:9, 9:12] = -E
+    F[9, 1], F[10, 0], F[11, 15] = -G, G, 8.0
+    F[9:12, 9:12] = -np.diag([0.05, 0.3, 0.6])
+    F[12:16, 16:20] = np.eye(4)
+    F[16:20, 12:16] = -(model.servo_radps**2) * np.eye(4)
+    F[16:20, 16:20] = -2.0 * model.servo_damping * model.servo_radps * np.eye(4)
+    inputs[16:20, :4] = model.servo_radps**2 * np.eye(4)
+    inputs[:9, 4:] = E
+    inputs[9:12, 4:] = np.diag([0.05, 0.3, 0.6])
+    block = np.zeros((27, 27))
+    block[:20, :20], block[:20, 20:] = F, inputs
+    e = expm(block * TICK_S)
+    return e[:20, :20], e[:20, 20:]
+
+
+def fly(flight: Flight) -> Experiment:
+    """Fly it and hand out what a recorder would have."""
+    n = round((flight.settle_s + flight.period_s * flight.periods) / TICK_S)
+    rng = np.random.default_rng(1000 + flight.seed)
+    lines = zippered_lines(flight.period_s, 0.15, flight.highest_hz, 20, 4)
+    gust_lines = zippered_lines(flight.period_s, 0.05, 2.0, 10, 3)
+    excite = np.column_stack(
+        [multisine(k, a, flight.period_s, n, 10 + i)
+         for i, (k, a) in enumerate(zip(lines, flight.u_amplitude, strict=True))]
+    )  # fmt: skip
+    gust = np.column_stack(
+        [multisine(k, a, flight.period_s, n, 20 + i)
+         for i, (k, a) in enumerate(zip(gust_lines, flight.gust_mps, strict=True))]
+    )  # fmt: skip
+    Phi, Gamma = _discrete(flight.model)
+    K = _law()
+    delay = round(flight.model.delay_s / TICK_S)
+    x, turbulence, queue = np.zeros(20), np.zeros(3), [np.zeros(4)] * delay
+    states, commands = np.empty((n, 12)), np.empty((n, 4))
+    rate_noise = flight.rate_noise * rng.standard_normal((n, 3))
+    velocity_noise = flight.velocity_noise * rng.standard_normal((n, 3))
+    drive = rng.standard_normal((n, 3))
+    decay = np.exp(-TICK_S / 5.0)
+    scale = flight.turbulence_mps * np.sqrt(1.0 - decay**2)
+    for i in range(n):
+        y = x[:12].copy()
+        y[[2, 3, 6]] += rate_noise[i]
+        y[9:12] += velocity_noise[i]
+        states[i] = y
+        commands[i] = K @ y + excite[i]
+        queue.append(commands[i])
+        turbulence = decay * turbulence + scale * drive[i]
+        x = Phi @ x + Gamma[:, :4] @ queue.pop(0) + Gamma[:, 4:] @ (turbulence + gust[i])
+    return Experiment(
+        time_s=np.arange(n, dtype=np.float64) * TICK_S,
+        u=commands,
+        excitation_u=excite,
+        attitude_rad=states[:, [0, 1, 8]] + [*TRIM, 0.0],
+        rate_body_radps=states[:, [2, 3, 6]],
+        vel_body_mps=states[:, 9:12],
+        accel_body_mps2=np.zeros((n, 3)),
+        gust_body_mps=gust,
+        period_s=flight.period_s,
+        start_s=flight.settle_s,
+        periods=flight.periods,
+    )

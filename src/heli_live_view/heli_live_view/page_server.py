@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page and its WebSocket on 127.0.0.1, served by a thread of its own. No ROS.
+
+Nothing here may hold up the flight: the callers only hand over texts. Each browser has a slot for
+the newest state (a slow one skips states) and a short queue for what must not be skipped.
+"""
+
+import asyncio
+import json
+import logging
+import mimetypes
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aiohttp import WSMsgType, web
+
+from heli_live_view.access import Access
+from heli_live_view.ports import LOOPBACK, listen
+
+_LOG = logging.getLogger(__name__)
+_HOSTS = (LOOPBACK, "localhost", "[::1]")
+_COOKIE = "heli_live_view"
+_MAX_REQUEST_BYTES = 4096
+_MAX_WAITING = 256
+_MAX_COMMANDS = 8
+_HEARTBEAT_S = 10.0
+_STOP_S = 1.0
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "font-src 'self'; connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+_TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm"}
+_NOT_JSON = "not understood: expected a JSON object with type, id and token"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of a browser that may command.
+
+    Attributes
+    ----------
+    name : str
+    args : dict
+        As received, not yet judged.
+    reply : callable
+        `(ok, sentence)`, from any thread, once.
+    """
+
+    name: str
+    args: dict[str, Any]
+    reply: Callable[[bool, str], None]
+
+
+class _Browser:
+    """One WebSocket and what waits to be sent to it."""
+
+    def __init__(self, socket: web.WebSocketResponse, identity: str) -> None:
+        self.socket, self.identity = socket, identity
+        self.state: str | None = None
+        self.waiting: deque[str] = deque(maxlen=_MAX_WAITING)
+        self.news = asyncio.Event()
+        self.running_commands = 0
+
+    async def send_all(self) -> None:
+        """Send what comes until the connection is gone."""
+        while not self.socket.closed:
+            await self.news.wait()
+            self.news.clear()
+            while self.waiting:
+                await self.socket.send_str(self.waiting.popleft())
+            if self.state is not None:
+                state, self.state = self.state, None
+                await self.socket.send_str(state)
+
+
+class PageServer:
+    """Serves a folder at `/` and the live data at `/ws`.
+
+    Parameters
+    ----------
+    folder : Path
+        The page's files.
+    port : int
+        On 127.0.0.1; 0 for any free one.
+    access : Access
+        Judges tokens.
+    hello : callable
+        Makes the first message (JSON text) of a connection; called in the server's thread.
+    on_command : callable
+        Takes an admitted `Command`; called in the server's thread.
+
+    Raises
+    ------
+    PortError
+        The port cannot be bound.
+
+    Attributes
+    ----------
+    url : str
+        Where the page is.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        port: int,
+        access: Access,
+        hello: Callable[[], str],
+        on_command: Callable[[Command], None],
+    ) -> None:
+        self._folder = folder.resolve()
+        self._access, self._hello, self._on_command = access, hello, on_command
+        self._socket = listen(port, "port", "--live-port")
+        self.port = self._socket.getsockname()[1]
+        self.url = f"http://{LOOPBACK}:{self.port}/"
+        self._browsers: set[_Browser] = set()
+        self._loop = asyncio.new_event_loop()
+        self._stopping = asyncio.Event()
+        self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
+
+    # --- from any thread ---------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Send what waits, say good-bye to the browsers, end the thread; harmless twice."""
+        if self._thread.is_alive():
+            self._call(self._stopping.set)
+            self._thread.join(2.0 * _STOP_S)
+        self._socket.close()
+
+    def send_state(self, text: str) -> None:
+        """Give a state to all browsers; one that has not taken the last one loses that."""
+        self._call(self._put_state, text)
+
+    def send(self, text: str) -> None:
+        """Give a message that is not to be skipped to all browsers."""
+        self._call(self._put, text)
+
+    def _call(self, function: Callable[..., None], *args: Any) -> None:
+        try:
+            self._loop.call_soon_threadsafe(function, *args)
+        except RuntimeError:
+            _LOG.debug("the page server has ended")
+
+    # --- in the server's thread --------------------------------------------------------------
+
+    def _put_state(self, text: str) -> None:
+        for browser in self._browsers:
+            browser.state = text
+            browser.news.set()
+
+    def _put(self, text: str) -> None:
+        for browser in self._browsers:
+            browser.waiting.append(text)
+            browser.news.set()
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        finally:
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        app = web.Application(middlewares=[self._guard])
+        app.router.add_get("/ws", self._on_socket)
+        app.router.add_get("/{path:.*}", self._on_file)
+        runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_STOP_S)
+        await runner.setup()
+        await web.SockSite(runner, self._socket).start()
+        await self._stopping.wait()
+        # Callbacks that were handed over before the stop have run; let the last texts go out.
+        for browser in list(self._browsers):
+            browser.news.set()
+        await asyncio.sleep(0.05)
+        browsers = list(self._browsers)
+        closing = [asyncio.ensure_future(b.socket.close(code=1001)) for b in browsers]
+        if closing:
+            # One that reads nothing does not say good-bye either.
+            await asyncio.wait(closing, timeout=_STOP_S)
+        await runner.cleanup()
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Any) -> web.StreamResponse:
+        """Refuse foreign hosts (DNS rebinding) and put the headers on every answer."""
+        host = request.headers.get("Host", "")
+        if host.rpartition(":")[0] not in _HOSTS and host not in _HOSTS:
+            response: web.StreamResponse = web.Response(status=403, text="not served to this host")
+        else:
+            try:
+                response = await handler(request)
+            except web.HTTPException as error:
+                response = error
+        if not response.prepared:
+            response.headers.update(_headers(host))
+        return response
+
+    async def _on_file(self, request: web.Request) -> web.StreamResponse:
+        try:
+            path = (self._folder / (request.match_info["path"] or "index.html")).resolve()
+            known = path.is_relative_to(self._folder) and path.is_file()
+        except (OSError, ValueError):  # a name that no file can have
+            known = False
+        if not known:
+            return web.Response(status=404, text="no such file")
+        kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0]
+        content = await asyncio.to_thread(path.read_bytes)
+        response = web.Response(body=content, content_type=kind or "application/octet-stream")
+        if kind and kind.startswith("text/"):
+            response.charset = "utf-8"
+        if _COOKIE not in request.cookies:
+            identity = secrets.token_urlsafe(16)
+            response.set_cookie(_COOKIE, identity, httponly=True, samesite="Strict", path="/")
+        return response
+
+    async def _on_socket(self, request: web.Request) -> web.StreamResponse:
+        origin = request.headers.get("Origin")
+        if origin is not None and origin != f"http://{request.headers.get('Host', '')}":
+            return web.Response(status=403, text="not served to this origin")
+        socket = web.WebSocketResponse(
+            heartbeat=_HEARTBEAT_S, compress=False, max_msg_size=_MAX_REQUEST_BYTES
+        )
+        await socket.prepare(request)
+        browser = _Browser(socket, request.cookies.get(_COOKIE) or secrets.token_urlsafe(16))
+        browser.waiting.append(self._hello())
+        browser.news.set()
+        self._browsers.add(browser)
+        sender = asyncio.ensure_future(browser.send_all())
+        try:
+            async for message in socket:
+                if message.type == WSMsgType.TEXT:
+                    self._take(browser, message.data)
+        finally:
+            self._browsers.discard(browser)
+            sender.cancel()
+            results = await asyncio.gather(sender, return_exceptions=True)
+            _LOG.debug("a browser went away: %s", results[0])
+        return socket
+
+    # --- requests ----------------------------------------------------------------------------
+
+    def _take(self, browser: _Browser, text: str) -> None:
+        try:
+            request = json.loads(text)
+        except (ValueError, RecursionError):
+            request = None
+        number = request.get("id") if isinstance(request, dict) else None
+        number = number if isinstance(number, (int, str)) else None
+
+        def reply(ok: bool, sentence: str) -> None:
+            answer = {"type": "answer", "id": number, "ok": ok, "text": sentence}
+            self._call(self._answer, browser, json.dumps(answer))
+
+        if not isinstance(request, dict) or request.get("type") not in ("auth", "command"):
+            reply(False, _NOT_JSON)
+            return
+        now_s = time.monotonic()
+        refusal = self._access.refusal(request.get("token"), browser.identity, now_s)
+        if refusal:
+            reply(False, refusal)
+        elif request["type"] == "auth":
+            reply(True, "commands are allowed in this browser")
+        else:
+            self._admit(browser, request, reply)
+
+    def _admit(
+        self, browser: _Browser, request: dict[str, Any], reply: Callable[[bool, str], None]
+    ) -> None:
+        name, args = request.get("name"), request.get("args", {})
+        if not isinstance(name, str) or not isinstance(args, dict):
+            reply(False, "not understood: expected a name and args")
+            return
+        if browser.running_commands >= _MAX_COMMANDS:
+            reply(False, "too many commands at once: wait for the answers")
+            return
+        browser.running_commands += 1
+
+        def done(ok: bool, sentence: str) -> None:
+            browser.running_commands -= 1
+            reply(ok, sentence)
+
+        self._on_command(Command(name, args, done))
+
+    def _answer(self, browser: _Browser, text: str) -> None:
+        browser.waiting.append(text)
+        browser.news.set()
+
+
+def _headers(host: str) -> dict[str, str]:
+    """Security headers of every answer to a request for this (already accepted) host."""
+    return {
+        "Content-Security-Policy": _POLICY.format(host=host if _is_plain(host) else LOOPBACK),
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "no-referrer",
+        "Cross-Origin-Opener-Policy": "same-origin",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Cache-Control": "no-store",
+        "Server": "heli-hover",
+    }
+
+
+def _is_plain(host: str) -> bool:
+    return host.replace(":", "").replace(".", "").replace("[", "").replace("]", "").isalnum()

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shapes of the scene as `visualization_msgs/MarkerArray` in the frame `map`, and the pose as tf.
+
+Marker objects are kept and only moved, because making them costs more than sending them.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from geometry_msgs.msg import Point
+from rclpy.serialization import serialize_message
+from rosbags.typesys import Stores, get_typestore
+from visualization_msgs.msg import Marker, MarkerArray
+
+from heli_live_view import scene
+from heli_msgs_bridge.messages import BASE, MAP
+
+TF, TF_TYPE = "/tf", "tf2_msgs/msg/TFMessage"
+_KINDS = {
+    scene.CUBE: Marker.CUBE,
+    scene.SPHERE: Marker.SPHERE,
+    scene.CYLINDER: Marker.CYLINDER,
+    scene.ARROW: Marker.ARROW,
+    scene.LINES: Marker.LINE_LIST,
+    scene.STRIP: Marker.LINE_STRIP,
+}
+
+
+class SceneMessages:
+    """Makes serialised marker arrays; one object per node."""
+
+    def __init__(self) -> None:
+        self._markers: dict[str, tuple[Any, tuple]] = {}
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+
+    def serialize(self, shapes: Sequence[scene.Shape], stamp_ns: int) -> bytes:
+        """Serialised MarkerArray of the shapes, stamped in ns."""
+        array = MarkerArray()
+        array.markers = [self._marker(shape, stamp_ns) for shape in shapes]
+        return serialize_message(array)
+
+    def _marker(self, shape: scene.Shape, stamp_ns: int) -> Any:
+        marker, points = self._markers.get(shape.name, (None, ()))
+        if marker is None:
+            marker = Marker()
+            marker.header.frame_id, marker.ns, marker.type = MAP, shape.name, _KINDS[shape.kind]
+            marker.action = Marker.ADD
+            c = marker.color
+            c.r, c.g, c.b, c.a = shape.rgba
+        stamp, pose, scale = marker.header.stamp, marker.pose, marker.scale
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        p, q = pose.position, pose.orientation
+        p.x, p.y, p.z = shape.position
+        q.x, q.y, q.z, q.w = shape.quaternion
+        scale.x, scale.y, scale.z = shape.size
+        if shape.points != points:
+            marker.points = [Point(x=x, y=y, z=z) for x, y, z in shape.points]
+        self._markers[shape.name] = marker, shape.points
+        return marker
+
+    def transform(self, body: dict[str, Any], stamp_ns: int) -> bytes:
+        """Serialised tf2_msgs/TFMessage map -> base_link (not among the wheels: by rosbags)."""
+        types = self._store.types
+        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+        header = types["std_msgs/msg/Header"](
+            stamp=types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec), frame_id=MAP
+        )
+        transform = types["geometry_msgs/msg/Transform"](
+            translation=types["geometry_msgs/msg/Vector3"](*body["p"]),
+            rotation=types["geometry_msgs/msg/Quaternion"](*body["q"]),
+        )
+        stamped = types["geometry_msgs/msg/TransformStamped"](
+            header=header, child_frame_id=BASE, transform=transform
+        )
+        message = types[TF_TYPE](transforms=[stamped])
+        return bytes(self._store.serialize_cdr(message, TF_TYPE))

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's server alone: who owns the token, who is slow, what is refused. No ROS."""
+
+import asyncio
+import json
+import socket
+import time
+from urllib.parse import urlsplit
+
+import aiohttp
+import pytest
+
+from heli_live_view.access import TAKEN, VIEW_ONLY, Access
+from heli_live_view.page_server import PageServer
+from heli_live_view.ports import PortError
+
+COMMAND = {"type": "command", "id": 7, "token": "secret", "name": "gust", "args": {"x": 1}}
+
+
+@pytest.fixture
+def serve(tmp_path):
+    (tmp_path / "index.html").write_text("<p>page</p>")
+    servers, commands = [], []
+
+    def start(token="secret", obey=True):
+        def on_command(command):
+            commands.append((command.name, command.args))
+            if obey:
+                command.reply(True, "done")
+
+        server = PageServer(tmp_path, 0, Access(token), lambda: '{"type":"hello"}', on_command)
+        server.start()
+        servers.append(server)
+        return server, commands
+
+    yield start
+    for server in servers:
+        server.stop()
+
+
+async def answer(connection, request):
+    text = request if isinstance(request, str) else json.dumps(request)
+    await connection.send_str(text)
+    while True:
+        message = json.loads((await connection.receive(10.0)).data)
+        if message["type"] == "answer":
+            return message
+
+
+def browser():
+    # Cookies of addresses, as browsers keep them.
+    return aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True))
+
+
+def test_the_first_browser_owns_the_token_over_reloads(serve):
+    server, commands = serve()
+
+    async def use():
+        async with browser() as first, browser() as second:
+            for session in (first, second):
+                await session.get(server.url)
+            async with first.ws_connect(f"{server.url}ws") as connection:
+                got = await answer(connection, COMMAND)
+                assert got == {"type": "answer", "id": 7, "ok": True, "text": "done"}
+            async with second.ws_connect(f"{server.url}ws") as connection:
+                assert (await answer(connection, COMMAND))["text"] == TAKEN
+            async with first.ws_connect(f"{server.url}ws") as connection:
+                assert (await answer(connection, {**COMMAND, "type": "auth"}))["ok"]
+
+    asyncio.run(use())
+    assert commands == [("gust", {"x": 1})]
+
+
+def test_view_only_refuses_every_command(serve):
+    server, commands = serve(token="")
+
+    async def use():
+        async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
+            assert (await answer(connection, COMMAND))["text"] == VIEW_ONLY
+
+    asyncio.run(use())
+    assert commands == []
+
+
+@pytest.mark.parametrize(
+    "text", ["", "gust", "[]", "null", '{"type":"state"}', "[" * 3000, '{"type":"command"}']
+)
+def test_what_is_not_understood_is_answered(serve, text):
+    server, commands = serve()
+
+    async def use():
+        async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
+            assert not (await answer(connection, text))["ok"]
+            assert (await answer(connection, COMMAND))["ok"]
+
+    asyncio.run(use())
+    assert len(commands) == 1
+
+
+def test_requests_are_bounded_in_size_and_number(serve):
+    server, commands = serve(obey=False)
+
+    async def use():
+        async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
+            for _ in range(9):
+                await connection.send_str(json.dumps(COMMAND))
+            assert "too many" in json.loads((await _second(connection)).data)["text"]
+            await connection.send_str("x" * 5000)
+            while (await connection.receive(10.0)).type == aiohttp.WSMsgType.TEXT:
+                continue
+            assert connection.close_code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
+
+    asyncio.run(use())
+    assert len(commands) == 8
+
+
+async def _second(connection):
+    await connection.receive(10.0)
+    return await connection.receive(10.0)
+
+
+def test_a_browser_that_reads_nothing_holds_up_nobody(serve):
+    server, _ = serve()
+    place = urlsplit(server.url)
+    deaf = socket.create_connection((place.hostname, place.port))
+    deaf.sendall(
+        f"GET /ws HTTP/1.1\r\nHost: {place.netloc}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n\r\n".encode()
+    )
+    state = json.dumps({"type": "state", "filling": "x" * 100_000})
+
+    async def use():
+        async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
+            await connection.receive(10.0)
+            for i in range(300):  # 30 MB, far more than sockets hold
+                server.send_state(state)
+                server.send(json.dumps({"type": "event", "text": i}))
+                while json.loads((await connection.receive(10.0)).data).get("text") != i:
+                    continue
+
+    begun = time.monotonic()
+    asyncio.run(use())
+    server.stop()
+    assert time.monotonic() - begun < 10.0
+    deaf.close()
+    server.send_state("{}")  # nobody is there any more: nothing happens
+
+
+def test_a_port_in_use_is_named(serve, tmp_path):
+    server, _ = serve()
+    with pytest.raises(PortError, match=rf"port: port {server.port} .* in use .* --live-port"):
+        PageServer(tmp_path, server.port, Access(""), str, print)

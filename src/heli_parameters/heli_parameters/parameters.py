@@ -1,0 +1,383 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter tables: from one row per parameter, files are checked and ROS parameters declared.
+
+A node package has `parameter_table.py` with `TABLE: tuple[Parameter, ...]`. The table holds no
+values: these stand in the packaged YAML of the node (`config/<node>.yaml`); later files override.
+Nothing here imports ROS.
+"""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heli_parameters.rcl_yaml import (
+    Entry,
+    ParameterError,
+    applicable,
+    check_node_names,
+    scalar,
+    value_of,
+)
+
+__all__ = [
+    "KINDS",
+    "Parameter",
+    "ParameterError",
+    "check_node_names",
+    "dump",
+    "dump_all",
+    "judge",
+    "load",
+]
+
+KINDS = ("bool", "int", "double", "string", "double[]", "string[]")
+_SCALAR_TYPES = {"bool": bool, "int": int, "double": float, "string": str}
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+_OF_ROS_PREFIX = ("qos_overrides.",)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of a parameter table.
+
+    Attributes
+    ----------
+    name : str
+        Dotted name, such as `wind.speed_mps`.
+    kind : str
+        One of `KINDS`.
+    description : str
+        What it means, one sentence.
+    unit : str
+        Unit, empty for none.
+    lower, upper : float or None
+        Bounds of a number or of every element of an array, inclusive.
+    lower_open, upper_open : bool
+        True where the bound itself is not allowed.
+    shape : tuple of (int or None), or None
+        Shape of an array, stored flat row by row; None as a dimension means any length.
+    choices : tuple or None
+        Allowed values (of every element of a string array).
+    read_only : bool
+        True if it cannot be changed while the node runs.
+    """
+
+    name: str
+    kind: str
+    description: str
+    unit: str = ""
+    lower: float | None = None
+    upper: float | None = None
+    shape: tuple[int | None, ...] | None = None
+    choices: tuple[Any, ...] | None = None
+    read_only: bool = False
+    lower_open: bool = False
+    upper_open: bool = False
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"parameter {self.name}: kind {self.kind!r} is not one of {KINDS}")
+        if self.shape is not None and not self.kind.endswith("[]"):
+            raise ValueError(f"parameter {self.name}: only an array has a shape")
+        if self.shape is not None and sum(size is None for size in self.shape) > 1:
+            raise ValueError(f"parameter {self.name}: at most one dimension may be open")
+
+    def allowed(self) -> str:
+        """What is allowed, in words: kind, length, bounds, choices, unit."""
+        if self.choices is not None:
+            return "one of " + ", ".join(str(choice) for choice in self.choices)
+        text = {"double": "a double", "int": "an integer", "bool": "true or false"}.get(self.kind)
+        if text is None:
+            element = {"string": "a text", "double[]": "doubles", "string[]": "texts"}[self.kind]
+            text = element if self.kind == "string" else f"{self._length()}{element}"
+        bounds = self._bounds()
+        text = f"{text} in {bounds}" if bounds else text
+        return f"{text} {self.unit}".rstrip() if self.unit not in ("", "-", "1") else text
+
+    def _length(self) -> str:
+        if self.shape is None:
+            return "any number of "
+        sizes = ["any number" if size is None else str(size) for size in self.shape]
+        if len(sizes) == 1:
+            return "any number of " if self.shape[0] is None else f"{sizes[0]} "
+        fixed = [size for size in self.shape if size is not None]
+        product = math.prod(fixed)
+        many = f"{product}" if None not in self.shape else f"a multiple of {product}"
+        return f"{many} ({' x '.join(sizes)}, row by row) "
+
+    def _bounds(self) -> str:
+        if self.lower is None and self.upper is None:
+            return ""
+        left = "(" if self.lower_open or self.lower is None else "["
+        right = ")" if self.upper_open or self.upper is None else "]"
+        low = "-inf" if self.lower is None else f"{self.lower:g}"
+        high = "inf" if self.upper is None else f"{self.upper:g}"
+        return f"{left}{low}, {high}{right}"
+
+    def check(self, value: Any) -> Any:
+        """The value in the form the cores use, if it is allowed.
+
+        Parameters
+        ----------
+        value : bool, int, float, str, list, tuple, array.array or ndarray
+            As rcl or a ROS parameter gives it.
+
+        Returns
+        -------
+        bool, int, float, str, ndarray of float64 (reshaped to `shape`) or tuple of str
+
+        Raises
+        ------
+        ParameterError
+            With value and what is allowed (the caller adds file and key).
+        """
+        if self.kind.endswith("[]"):
+            return self._check_array(value)
+        self._check_type(value, _SCALAR_TYPES[self.kind])
+        self._check_element(value)
+        return value
+
+    def _refuse(self, value: Any, reason: str = "") -> ParameterError:
+        shown = repr(value) if isinstance(value, str) else _plain(value)
+        because = f": {reason}" if reason else ""
+        return ParameterError(f"{shown} is not allowed{because}; allowed: {self.allowed()}")
+
+    def _check_type(self, value: Any, expected: type) -> None:
+        if type(value) is expected:
+            return
+        if expected is float and type(value) is int:
+            raise self._refuse(value, f"it is an integer, write {float(value)!r}")
+        raise self._refuse(value, f"it is a {_KIND_NAMES.get(type(value), type(value).__name__)}")
+
+    def _check_element(self, value: Any) -> None:
+        if isinstance(value, float) and not math.isfinite(value):
+            raise self._refuse(value, "it is not finite")
+        if self.choices is not None and value not in self.choices:
+            near = difflib.get_close_matches(str(value), [str(c) for c in self.choices], n=1)
+            raise self._refuse(value, f"did you mean {near[0]}?" if near else "")
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            low = self.lower is not None and (
+                value <= self.lower if self.lower_open else value < self.lower
+            )
+            high = self.upper is not None and (
+                value >= self.upper if self.upper_open else value > self.upper
+            )
+            if low or high:
+                raise self._refuse(value, "out of bounds")
+
+    def _check_array(self, value: Any) -> Any:
+        if isinstance(value, (bool, int, float, str, bytes)) or not hasattr(value, "__len__"):
+            raise self._refuse(value, "it is not an array")
+        items = np.asarray(value).ravel().tolist() if isinstance(value, np.ndarray) else list(value)
+        element = float if self.kind == "double[]" else str
+        for item in items:
+            self._check_type(item, element)
+            self._check_element(item)
+        if self.shape is not None:
+            fixed = math.prod(size for size in self.shape if size is not None)
+            count = len(items)
+            fits = count % max(fixed, 1) == 0 if None in self.shape else count == fixed
+            if not fits:
+                raise self._refuse(items, f"it has {count} elements")
+        if element is str:
+            return tuple(items)
+        flat = np.array(items, dtype=np.float64)
+        if self.shape is None:
+            return flat
+        return flat.reshape([-1 if size is None else size for size in self.shape])
+
+
+_KIND_NAMES = {bool: "boolean", int: "integer", float: "double", str: "text", list: "array"}
+
+
+def _plain(value: Any) -> str:
+    text = str(value.tolist() if isinstance(value, np.ndarray) else value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _unknown(table: Mapping[str, Parameter], key: str) -> str:
+    near = difflib.get_close_matches(key, table, n=1, cutoff=0.5)
+    if not near:
+        leaf = key.rsplit(".", 1)[-1]
+        near = [name for name in table if name.rsplit(".", 1)[-1] == leaf][:1]
+    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(table))}"
+    return f"unknown parameter; {hint}"
+
+
+def _index(table: Iterable[Parameter]) -> dict[str, Parameter]:
+    rows: dict[str, Parameter] = {}
+    for row in table:
+        if row.name in rows:
+            raise ValueError(f"parameter table names {row.name} twice")
+        rows[row.name] = row
+    return rows
+
+
+def _is_of_ros(key: str) -> bool:
+    return key in _OF_ROS or key.startswith(_OF_ROS_PREFIX)
+
+
+def _assignments(rules: Sequence[str], node_name: str) -> list[Entry]:
+    """Entries of `-p [node:]name:=value` rules that concern the node."""
+    import yaml
+
+    found = []
+    for rule in rules:
+        left, separator, text = rule.partition(":=")
+        where = f"-p {rule}"
+        if not separator:
+            raise ParameterError(f"{where}: expected name:=value")
+        node, _, key = left.rpartition(":")
+        if node and node.strip("/") not in (node_name.strip("/"), node_name.rsplit("/", 1)[-1]):
+            continue
+        try:
+            tree = yaml.compose(text, Loader=yaml.SafeLoader)
+        except yaml.YAMLError as error:
+            raise ParameterError(f"{where}: {key}: value is not valid YAML") from error
+        value = scalar("", True) if tree is None else value_of(tree, where, key)
+        found.append(Entry("", key, value, where))
+    return found
+
+
+def load(
+    table: Iterable[Parameter],
+    yaml_paths: Iterable[str | Path],
+    node_name: str,
+    rules: Sequence[str] = (),
+    ignore: Iterable[str] = (),
+) -> dict[str, Any]:
+    """Read and check the parameters of a node.
+
+    Parameters
+    ----------
+    table : iterable of Parameter
+        What the node knows.
+    yaml_paths : iterable of path
+        rcl parameter files; a later one overrides an earlier one. Within a file the more specific
+        node key wins (`/plant` over `/**/plant` over `/**`).
+    node_name : str
+        `plant`, or fully qualified `/heli1/plant`.
+    rules : sequence of str
+        Command-line assignments, `name:=value` or `node:name:=value`; the strongest.
+    ignore : iterable of str
+        Names that belong to somebody else and are passed over without a check.
+
+    Returns
+    -------
+    dict
+        Value per name in the table's order, see `Parameter.check`.
+
+    Raises
+    ------
+    ParameterError
+        One line with file and line, key, value and what is allowed.
+    """
+    rows = _index(table)
+    paths = [Path(path) for path in yaml_paths]
+    passed_over = frozenset(ignore)
+    values: dict[str, Any] = {}
+    found: list[Entry] = []
+    for path in paths:
+        found.extend(applicable(path, node_name))
+    found.extend(_assignments(rules, node_name))
+    for entry in found:
+        if _is_of_ros(entry.key) or entry.key in passed_over:
+            continue
+        row = rows.get(entry.key)
+        if row is None:
+            raise ParameterError(f"{entry.where}: {entry.key}: {_unknown(rows, entry.key)}")
+        try:
+            values[entry.key] = row.check(entry.value)
+        except ParameterError as error:
+            raise ParameterError(f"{entry.where}: {entry.key}: {error}") from None
+    for name, row in rows.items():
+        if name not in values:
+            files = ", ".join(str(path) for path in paths) or "no file given"
+            raise ParameterError(
+                f"{files}: {name}: no value for node '{node_name}'; allowed: {row.allowed()}"
+            )
+    return {name: values[name] for name in rows}
+
+
+def judge(table: Iterable[Parameter], name: str, value: Any) -> str:
+    """Reason why a run-time change is refused, as one sentence; empty if it is allowed.
+
+    Parameters
+    ----------
+    table : iterable of Parameter
+        What the node knows.
+    name : str
+        Parameter to be set.
+    value : object
+        New value, as a ROS parameter gives it.
+    """
+    rows = _index(table)
+    row = rows.get(name)
+    if row is None:
+        return "" if _is_of_ros(name) else f"{name}: {_unknown(rows, name)}"
+    if row.read_only:
+        return f"{name}: is fixed while the node runs; restart the node to change it"
+    try:
+        row.check(value)
+    except ParameterError as error:
+        return f"{name}: {error}"
+    return ""
+
+
+def _number(value: float) -> str:
+    """Shortest text that reads back as the same double, in YAML 1.1 and in rcl alike."""
+    text = repr(float(value))
+    if "e" in text and "." not in text:
+        mantissa, exponent = text.split("e")
+        text = f"{mantissa}.0e{exponent}"
+    if "e" in text and text.split("e")[1][0] not in "+-":
+        text = text.replace("e", "e+")
+    return text
+
+
+def _yaml_value(value: Any) -> str:
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, (float, np.floating)):
+        return _number(float(value))
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    items = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
+    return "[" + ", ".join(_yaml_value(item) for item in items) + "]"
+
+
+def dump(values: Mapping[str, Any], node_name: str, path: str | Path) -> None:
+    """Write one node's resolved parameters as a parameter file, see `dump_all`."""
+    dump_all({node_name: values}, path)
+
+
+def dump_all(values_by_node: Mapping[str, Mapping[str, Any]], path: str | Path) -> None:
+    """Write resolved parameters as one rcl parameter file that reads back bit for bit.
+
+    Parameters
+    ----------
+    values_by_node : mapping of node name to mapping of parameter name to value
+        As `load` returns them.
+    path : path
+        File to write.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be written.
+    """
+    lines: list[str] = []
+    for node_name, values in values_by_node.items():
+        lines += [f"/**/{node_name.strip('/')}:", "  ros__parameters:"]
+        lines += [f"    {name}: {_yaml_value(value)}" for name, value in values.items()]
+    try:
+        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot write parameters: {error.strerror}") from error
