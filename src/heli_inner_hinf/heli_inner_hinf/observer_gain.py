@@ -122,9 +122,8 @@ def choose_observer_gain(
     """K by the margins of the loop as flown.
 
     Among a grid of pole sets: of those that reach `wanted_disk` at input and output and survive
-    `wanted_delay_s`, the one whose worse disk margin times its square root of delay is not below 90
-    % of the best and which passes least noise; if none reaches them, the one with the largest disk
-    margin.
+    `wanted_delay_s`, and whose worse disk margin is not below 90 % of the best, the one that passes
+    least noise; if none reaches them, the one with the largest disk margin.
 
     Parameters
     ----------

@@ -282,10 +282,15 @@ class TestTargets:
     def test_gain_is_the_one_that_the_margins_choose(self, model, config):
         best, tried = choose_observer_gain(model, config.prediction_s)
         assert best.poles == POLES
-        assert len(tried) == 21
-        assert best.noise_gain <= min(
-            c.noise_gain for c in tried if c.worst_disk >= 0.9 * max(t.worst_disk for t in tried)
-        )
+        reached = [c for c in tried if c.worst_disk >= 0.5 and c.further_delay_s >= 0.02]
+        top = max(c.worst_disk for c in reached)
+        quiet = [c.noise_gain for c in reached if c.worst_disk >= 0.9 * top]
+        assert best in reached and best.noise_gain == min(quiet)
+        # A choice and no edge: slower ones leave less margin, faster ones pass more noise.
+        slower = [c for c in tried if c.poles[0] > best.poles[0]]
+        faster = [c for c in tried if c.poles[0] < best.poles[0]]
+        assert slower and all(c.worst_disk < best.worst_disk for c in slower)
+        assert faster and all(c.noise_gain > 1.2 * best.noise_gain for c in faster)
         slow = assess(model, (-3.0, -3.0, -5.0), config.prediction_s)
         assert slow.disk_output < best.disk_output
 

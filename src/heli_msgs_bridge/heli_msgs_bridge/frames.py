@@ -84,31 +84,6 @@ def quat_enu_flu_to_ned_frd(q_xyzw, q_nb):
     q_nb[3] = (w - z) * _SQRT_HALF
 
 
-@njit
-def rotate_covariance3(R, cov, out):
-    """R cov R' of a (3, 3) covariance, into `out` (not the input)."""
-    for i in range(3):
-        for j in range(3):
-            total = 0.0
-            for k in range(3):
-                for m in range(3):
-                    total += R[i, k] * cov[k, m] * R[j, m]
-            out[i, j] = total
-
-
-@njit
-def rotate_covariance6(R, cov, out):
-    """blkdiag(R, R) cov blkdiag(R, R)' of a (6, 6) covariance, into `out` (not the input).
-
-    Holds for pose (position, rotation) and twist (linear, angular) covariances alike: rotation
-    vectors turn as vectors do.
-    """
-    for a in range(2):
-        for b in range(2):
-            rows, columns = slice(3 * a, 3 * a + 3), slice(3 * b, 3 * b + 3)
-            rotate_covariance3(R, cov[rows, columns], out[rows, columns])
-
-
 class Datum(NamedTuple):
     """Origin of the local tangent plane, with what is computed once. Build it with `datum`."""
 

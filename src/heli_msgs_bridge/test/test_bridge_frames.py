@@ -84,22 +84,6 @@ def test_attitude_agrees_with_matrices_and_returns(phi, theta, psi):
     np.testing.assert_allclose(back, q_nb, rtol=0, atol=4e-16)
 
 
-def test_covariances():
-    rng = np.random.default_rng(1)
-    root = rng.normal(size=(6, 6))
-    cov = root @ root.T
-    R = quat_to_R_nb(quat_from_euler(0.3, -0.7, 2.0))
-    out3, out6 = np.empty((3, 3)), np.empty((6, 6))
-    frames.rotate_covariance3(R, cov[:3, :3].copy(), out3)
-    np.testing.assert_allclose(out3, R @ cov[:3, :3] @ R.T, atol=1e-13)
-    big = np.kron(np.eye(2), R)
-    frames.rotate_covariance6(R, cov, out6)
-    np.testing.assert_allclose(out6, big @ cov @ big.T, atol=1e-13)
-    np.testing.assert_allclose(np.linalg.eigvalsh(out6), np.linalg.eigvalsh(cov), rtol=1e-10)
-    frames.rotate_covariance3(frames.R_ENU_NED, np.diag([1.0, 4.0, 9.0]), out3)
-    np.testing.assert_array_equal(out3, np.diag([4.0, 1.0, 9.0]))
-
-
 SPECIFIC_FORCE_G = [
     # robot_localization's sign checks: attitude of the level, rolled and pitched aircraft at rest.
     # roll and pitch are rotations of the FLU body (REP-103): roll right, nose down positive.

@@ -1,29 +1,110 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exit codes of a node: what fails because a signal has ended ROS is no failure of the node."""
+"""How a node's process ends: exit code and what it says, in processes of their own."""
 
-from types import SimpleNamespace
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
-from heli_msgs_bridge import managed_node
+NODE = """
+import os, signal, sys
+from rclpy.clock import Clock, ClockType
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
 
-SAID = "publisher's context is invalid"
+class Short(ManagedNode):
+    SPEC = NodeSpec("short", "heli_msgs_bridge", (), "common.yaml")
+
+    def setup(self):
+        if "refuse" in sys.argv:
+            raise StartError("the box\\nis empty")
+        self.send = self.create_output(topics.TRUTH_WIND)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.timer = self.create_timer(0.01, self.work, clock=steady)
+
+    def work(self):
+        print("works", flush=True)
+        if "finish" in sys.argv:
+            self.finished = True
+        elif "fail" in sys.argv:
+            raise RuntimeError("divided by nought")
+        elif "signal" in sys.argv:
+            # As if it came from outside, in the middle of a callback: ROS ends under the node.
+            os.kill(os.getpid(), signal.SIGTERM)
+            while self.context.ok():
+                signal.sigtimedwait([], 0.01)
+            self.send(bytes(12))
+
+    def teardown(self):
+        print("torn down", flush=True)
+
+wrong = ["--ros-args", "-p", "peer_timeout_s:=x"]
+sys.exit(run(Short, wrong if "nonsense" in sys.argv else []))
+"""
 
 
-@pytest.mark.parametrize(("ros_lives", "code"), [(True, 1), (False, 0)])
-def test_a_send_after_the_signal_is_no_failure(monkeypatch, capsys, ros_lives, code):
-    ended = []
-    node = SimpleNamespace(teardown=lambda: ended.append("torn down"), destroy_node=ended.clear)
+@pytest.fixture
+def start():
+    """Start a node that ends in a certain way."""
+    started = []
 
-    def spin(_):
-        raise RuntimeError(SAID)
+    def begin(*how):
+        env = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+        env["ROS_DOMAIN_ID"] = str(101 + os.getpid() % 100)
+        command = [sys.executable, "-c", NODE, *how]
+        started.append(
+            subprocess.Popen(
+                command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+        )
+        return started[-1]
 
-    monkeypatch.setattr(managed_node, "_start", lambda *_: node)
-    monkeypatch.setattr(managed_node, "_spin", spin)
-    monkeypatch.setattr(managed_node.rclpy, "ok", lambda: ros_lives)
-    monkeypatch.setattr(managed_node.rclpy, "try_shutdown", lambda: None)
-    cls = SimpleNamespace(SPEC=SimpleNamespace(name="plant"))
-    assert managed_node.run(cls, []) == code
-    said = capsys.readouterr().err
-    assert said == ("" if code == 0 else f"plant: failed in flight: RuntimeError: {SAID}\n")
-    assert ended == ([] if ros_lives else ["torn down"])
+    yield begin
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def ended(process):
+    """Exit code, standard output, and what the node itself complained of."""
+    out, err = process.communicate(timeout=60)
+    assert "Traceback" not in out + err
+    return process.returncode, out, [line for line in err.splitlines() if line.startswith("short:")]
+
+
+def test_one_that_has_done_its_work_ends_with_0(start):
+    code, out, complaints = ended(start("finish"))
+    assert (code, complaints) == (0, []) and out.endswith("torn down\n")
+
+
+def test_one_that_fails_in_flight_ends_with_1_and_one_line(start):
+    code, out, complaints = ended(start("fail"))
+    assert (code, complaints) == (1, ["short: failed in flight: RuntimeError: divided by nought"])
+    assert out.endswith("torn down\n")
+
+
+def test_a_send_after_the_signal_is_no_failure(start):
+    code, out, complaints = ended(start("signal"))
+    assert (code, complaints) == (0, [])
+    assert out.endswith("torn down\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_one_that_is_asked_to_end_ends_with_0(start, number):
+    process = start()
+    assert process.stdout.readline() == "works\n"
+    asked = time.monotonic()
+    process.send_signal(number)
+    code, out, complaints = ended(process)
+    assert (code, complaints) == (0, []) and out.endswith("torn down\n")
+    assert time.monotonic() - asked < 5.0
+
+
+def test_one_that_cannot_start_ends_with_2_and_one_line(start):
+    code, _, complaints = ended(start("refuse"))
+    assert (code, complaints) == (2, ["short: the box is empty"])
+    code, _, complaints = ended(start("nonsense"))
+    assert code == 2 and len(complaints) == 1 and "peer_timeout_s" in complaints[0]
