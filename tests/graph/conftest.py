@@ -3,6 +3,7 @@
 
 import itertools
 import os
+import select
 import subprocess
 import sys
 import time
@@ -25,9 +26,9 @@ def ros_env():
 
 
 def processes_of(env):
-    """Command lines of living processes that the test started, directly or not."""
+    """Process ids and command lines of living processes that the test started, directly or not."""
     wanted = f"HELI_TEST_RUN={env['HELI_TEST_RUN']}".encode()
-    found = []
+    found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             environ = (folder / "environ").read_bytes().split(b"\0")
@@ -35,24 +36,39 @@ def processes_of(env):
         except OSError:
             continue
         if wanted in environ and command and int(folder.name) != os.getpid():
-            found.append(command)
+            found[int(folder.name)] = command
     return found
+
+
+def ends(pid, limit_s):
+    """Whether a process, no child of ours perhaps, ends within the limit."""
+    try:
+        watched = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return True
+    try:
+        return bool(select.select([watched], [], [], max(0.0, limit_s))[0])
+    finally:
+        os.close(watched)
 
 
 def gone(env, limit_s=2.0):
     """Whether all processes of the test end within the limit."""
     deadline = time.monotonic() + limit_s
-    while processes_of(env):
-        if time.monotonic() > deadline:
+    while pids := list(processes_of(env)):
+        if not all(ends(pid, deadline - time.monotonic()) for pid in pids):
             return False
-        os.sched_yield()
     return True
 
 
 @pytest.fixture
 def living(ros_env):
-    """Call it for the test's processes that do not end within 2 s."""
-    return lambda: [] if gone(ros_env) else processes_of(ros_env)
+    """Call it for the test's processes that do not end within a limit, 2 s."""
+
+    def still(limit_s=2.0):
+        return [] if gone(ros_env, limit_s) else list(processes_of(ros_env).values())
+
+    return still
 
 
 @pytest.fixture
