@@ -16,7 +16,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
 
 class Short(ManagedNode):
-    SPEC = NodeSpec("short", "heli_msgs_bridge", (), "common.yaml")
+    SPEC = NodeSpec("short", "heli_parameters", (), "common.yaml")
 
     def setup(self):
         if "refuse" in sys.argv:
