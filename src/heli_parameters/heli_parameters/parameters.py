@@ -9,30 +9,36 @@ Nothing here imports ROS.
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from heli_parameters.rcl_dump import dump_all
 from heli_parameters.rcl_yaml import (
     Entry,
     ParameterError,
+    ParameterFile,
     applicable,
     check_node_names,
+    opened,
     scalar,
     value_of,
 )
 
 __all__ = [
     "KINDS",
+    "Entry",
     "Parameter",
     "ParameterError",
+    "ParameterFile",
     "check_node_names",
-    "dump",
     "dump_all",
     "judge",
     "load",
+    "opened",
+    "stated",
 ]
 
 KINDS = ("bool", "int", "double", "string", "double[]", "string[]")
@@ -244,9 +250,49 @@ def _assignments(rules: Sequence[str], node_name: str) -> list[Entry]:
     return found
 
 
+def stated(
+    table: Iterable[Parameter],
+    files: Iterable[str | Path | ParameterFile],
+    node_name: str,
+    rules: Sequence[str] = (),
+    ignore: Iterable[str] = (),
+) -> dict[str, Entry]:
+    """What files and command line say of a node, checked; what they do not say is left out.
+
+    Parameters
+    ----------
+    table, files, node_name, rules, ignore
+        As for `load`.
+
+    Returns
+    -------
+    dict
+        Per parameter name the strongest assignment; its value is as `Parameter.check` returns it.
+
+    Raises
+    ------
+    ParameterError
+        One line with file and line, key, value and what is allowed.
+    """
+    rows, passed_over = _index(table), frozenset(ignore)
+    found = [entry for file in files for entry in applicable(file, node_name)]
+    strongest: dict[str, Entry] = {}
+    for entry in [*found, *_assignments(rules, node_name)]:
+        if _is_of_ros(entry.key) or entry.key in passed_over:
+            continue
+        row = rows.get(entry.key)
+        if row is None:
+            raise ParameterError(f"{entry.where}: {entry.key}: {_unknown(rows, entry.key)}")
+        try:
+            strongest[entry.key] = replace(entry, value=row.check(entry.value))
+        except ParameterError as error:
+            raise ParameterError(f"{entry.where}: {entry.key}: {error}") from None
+    return strongest
+
+
 def load(
     table: Iterable[Parameter],
-    yaml_paths: Iterable[str | Path],
+    files: Iterable[str | Path | ParameterFile],
     node_name: str,
     rules: Sequence[str] = (),
     ignore: Iterable[str] = (),
@@ -257,9 +303,10 @@ def load(
     ----------
     table : iterable of Parameter
         What the node knows.
-    yaml_paths : iterable of path
-        rcl parameter files; a later one overrides an earlier one. Within a file the more specific
-        node key wins (`/plant` over `/**/plant` over `/**`).
+    files : iterable of path or ParameterFile
+        rcl parameter files, or what has been read of them already; a later one overrides an
+        earlier one. Within a file the more specific node key wins (`/plant` over `/**/plant` over
+        `/**`).
     node_name : str
         `plant`, or fully qualified `/heli1/plant`.
     rules : sequence of str
@@ -277,31 +324,15 @@ def load(
     ParameterError
         One line with file and line, key, value and what is allowed.
     """
-    rows = _index(table)
-    paths = [Path(path) for path in yaml_paths]
-    passed_over = frozenset(ignore)
-    values: dict[str, Any] = {}
-    found: list[Entry] = []
-    for path in paths:
-        found.extend(applicable(path, node_name))
-    found.extend(_assignments(rules, node_name))
-    for entry in found:
-        if _is_of_ros(entry.key) or entry.key in passed_over:
-            continue
-        row = rows.get(entry.key)
-        if row is None:
-            raise ParameterError(f"{entry.where}: {entry.key}: {_unknown(rows, entry.key)}")
-        try:
-            values[entry.key] = row.check(entry.value)
-        except ParameterError as error:
-            raise ParameterError(f"{entry.where}: {entry.key}: {error}") from None
+    rows, layers = _index(table), [opened(file) for file in files]
+    found = stated(rows.values(), layers, node_name, rules, ignore)
     for name, row in rows.items():
-        if name not in values:
-            files = ", ".join(str(path) for path in paths) or "no file given"
+        if name not in found:
+            sought = ", ".join(str(layer.path) for layer in layers) or "no file given"
             raise ParameterError(
-                f"{files}: {name}: no value for node '{node_name}'; allowed: {row.allowed()}"
+                f"{sought}: {name}: no value for node '{node_name}'; allowed: {row.allowed()}"
             )
-    return {name: values[name] for name in rows}
+    return {name: found[name].value for name in rows}
 
 
 def judge(table: Iterable[Parameter], name: str, value: Any) -> str:
@@ -327,57 +358,3 @@ def judge(table: Iterable[Parameter], name: str, value: Any) -> str:
     except ParameterError as error:
         return f"{name}: {error}"
     return ""
-
-
-def _number(value: float) -> str:
-    """Shortest text that reads back as the same double, in YAML 1.1 and in rcl alike."""
-    text = repr(float(value))
-    if "e" in text and "." not in text:
-        mantissa, exponent = text.split("e")
-        text = f"{mantissa}.0e{exponent}"
-    if "e" in text and text.split("e")[1][0] not in "+-":
-        text = text.replace("e", "e+")
-    return text
-
-
-def _yaml_value(value: Any) -> str:
-    if isinstance(value, (bool, np.bool_)):
-        return "true" if value else "false"
-    if isinstance(value, (int, np.integer)):
-        return str(int(value))
-    if isinstance(value, (float, np.floating)):
-        return _number(float(value))
-    if isinstance(value, str):
-        return "'" + value.replace("'", "''") + "'"
-    items = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
-    return "[" + ", ".join(_yaml_value(item) for item in items) + "]"
-
-
-def dump(values: Mapping[str, Any], node_name: str, path: str | Path) -> None:
-    """Write one node's resolved parameters as a parameter file, see `dump_all`."""
-    dump_all({node_name: values}, path)
-
-
-def dump_all(values_by_node: Mapping[str, Mapping[str, Any]], path: str | Path) -> None:
-    """Write resolved parameters as one rcl parameter file that reads back bit for bit.
-
-    Parameters
-    ----------
-    values_by_node : mapping of node name to mapping of parameter name to value
-        As `load` returns them.
-    path : path
-        File to write.
-
-    Raises
-    ------
-    ParameterError
-        If the file cannot be written.
-    """
-    lines: list[str] = []
-    for node_name, values in values_by_node.items():
-        lines += [f"/**/{node_name.strip('/')}:", "  ros__parameters:"]
-        lines += [f"    {name}: {_yaml_value(value)}" for name, value in values.items()]
-    try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot write parameters: {error.strerror}") from error

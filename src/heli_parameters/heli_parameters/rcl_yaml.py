@@ -183,25 +183,26 @@ def _sections(
             )
 
 
-def sections(path: str | Path) -> list[tuple[str, str]]:
-    """Node patterns of a file with their places.
+@dataclass(frozen=True)
+class ParameterFile:
+    """What a parameter file says, read once.
 
-    Returns
-    -------
-    list of (pattern, where)
-        `pattern` has a leading slash, `where` is `file:line`.
-
-    Raises
-    ------
-    ParameterError
-        File missing, unreadable or not a parameter file.
+    Attributes
+    ----------
+    path : Path
+    sections : tuple of (pattern, where)
+        Node patterns with a leading slash, and their places, `file:line`.
+    entries : tuple of Entry
+        All assignments in the file's order.
     """
-    path = Path(path)
-    return [(pattern, where) for pattern, _, where in _sections(_root(path), path, "")]
+
+    path: Path
+    sections: tuple[tuple[str, str], ...]
+    entries: tuple[Entry, ...]
 
 
-def entries(path: str | Path) -> list[Entry]:
-    """All assignments of a parameter file, in the file's order.
+def read(path: str | Path) -> ParameterFile:
+    """Read a parameter file.
 
     Raises
     ------
@@ -209,10 +210,17 @@ def entries(path: str | Path) -> list[Entry]:
         File missing, unreadable, malformed, or with a construct that rcl refuses.
     """
     path = Path(path)
-    found: list[Entry] = []
-    for pattern, node, _ in _sections(_root(path), path, ""):
-        found.extend(_parameters(node, path, pattern, ""))
-    return found
+    sections: list[tuple[str, str]] = []
+    entries: list[Entry] = []
+    for pattern, node, where in _sections(_root(path), path, ""):
+        sections.append((pattern, where))
+        entries.extend(_parameters(node, path, pattern, ""))
+    return ParameterFile(path, tuple(sections), tuple(entries))
+
+
+def opened(file: str | Path | ParameterFile) -> ParameterFile:
+    """The file's content: what has been read already, or now."""
+    return file if isinstance(file, ParameterFile) else read(file)
 
 
 def matches(pattern: str, node_name: str) -> bool:
@@ -238,21 +246,22 @@ def specificity(pattern: str) -> tuple[int, int]:
     return len(parts) - wild, -wild
 
 
-def applicable(path: str | Path, node_name: str) -> list[Entry]:
+def applicable(file: str | Path | ParameterFile, node_name: str) -> list[Entry]:
     """Assignments of a file that concern a node; the last one of a key is the strongest."""
-    mine = [entry for entry in entries(path) if matches(entry.pattern, node_name)]
+    mine = [entry for entry in opened(file).entries if matches(entry.pattern, node_name)]
     return sorted(mine, key=lambda entry: specificity(entry.pattern))
 
 
-def check_node_names(yaml_paths: Iterable[str | Path], known_nodes: Iterable[str]) -> None:
+def check_node_names(
+    files: Iterable[str | Path | ParameterFile], known_nodes: Iterable[str]
+) -> None:
     """Refuse a parameter file that names a node which does not exist in the graph.
 
     rcl ignores such a section silently: a misspelt node name would leave every default in place.
 
     Parameters
     ----------
-    yaml_paths : iterable of path
-        Parameter files.
+    files : iterable of path or ParameterFile
     known_nodes : iterable of str
         Names of the graph's nodes, without namespace.
 
@@ -264,8 +273,8 @@ def check_node_names(yaml_paths: Iterable[str | Path], known_nodes: Iterable[str
     import difflib
 
     known = sorted(known_nodes)
-    for path in yaml_paths:
-        for pattern, where in sections(path):
+    for file in files:
+        for pattern, where in opened(file).sections:
             name = pattern.rsplit("/", 1)[-1]
             if name in known or name in ("*", "**"):
                 continue

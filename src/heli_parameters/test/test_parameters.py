@@ -8,14 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heli_parameters import rcl_yaml
+from heli_parameters import rcl_dump, rcl_yaml
 from heli_parameters.parameters import (
     Parameter,
     ParameterError,
     check_node_names,
-    dump,
+    dump_all,
     judge,
     load,
+    opened,
+    stated,
 )
 
 TABLE = (
@@ -214,21 +216,34 @@ def test_dump_reads_back(defaults, tmp_path):
     values["table"] = np.array([[1e22, -1e-300, 1.0 / 3.0]])
     values["topics"] = ("it's", "y", "1.0", "")
     path = tmp_path / "resolved.yaml"
-    dump(values, "plant", path)
+    dump_all({"plant": values}, path)
     again = load(TABLE, [path], "plant")
     for name, value in values.items():
         np.testing.assert_array_equal(again[name], value)
     with pytest.raises(ParameterError, match="cannot write"):
-        dump(values, "plant", tmp_path / "absent" / "x.yaml")
+        dump_all({"plant": values}, tmp_path / "absent" / "x.yaml")
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_every_double_survives_a_dump(value):
-    from heli_parameters.parameters import _number
-
-    again = rcl_yaml.scalar(_number(value), quoted=False)
+    again = rcl_yaml.scalar(rcl_dump.number(value), quoted=False)
     assert type(again) is float
     assert np.float64(again).tobytes() == np.float64(value).tobytes()
+
+
+def test_what_is_stated_is_known_with_its_place_and_nothing_else(defaults, tmp_path):
+    extra = override(tmp_path, section("mass_kg: 8.0"))
+    found = stated(TABLE, [extra], "plant")
+    assert {name: entry.value for name, entry in found.items()} == {"mass_kg": 8.0}
+    assert found["mass_kg"].where.startswith(f"{extra}:")
+    with pytest.raises(ParameterError, match="unknown parameter"):
+        stated(TABLE, [override(tmp_path, section("mas_kg: 8.0"))], "plant")
+
+
+def test_a_file_that_is_read_already_is_not_read_again(defaults):
+    file = opened(defaults)
+    defaults.unlink()
+    assert load(TABLE, [file], "plant")["mass_kg"] == 9.75
 
 
 SCALARS = [
