@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """House rules for files: licence header, no machine paths, sizes; YAML and launch files hold."""
 
-import ast
 import importlib
 import re
 import subprocess
 from pathlib import Path
 
 import pytest
-import yaml
 
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_parameters.common_table import with_common
@@ -25,7 +23,6 @@ TABLES = {
     "recorder": ("heli_bags.parameter_table", "heli_bags"),
     "live_view": ("heli_live_view.parameter_table", "heli_live_view"),
 }
-LAUNCH_FILES = sorted((ROOT / "src").glob("*/launch/*.launch.py"))
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}
 
 
@@ -152,68 +149,3 @@ def test_every_parameter_is_explained(node):
                 bare.append(line.strip())
             after_comment = False
     assert bare == []
-
-
-def launch_tree(path):
-    return ast.parse(path.read_text())
-
-
-def strings(node):
-    return [n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) is str]
-
-
-def called(tree, name):
-    found = [n for n in ast.walk(tree) if isinstance(n, ast.Call)]
-    return [n for n in found if isinstance(n.func, ast.Name) and n.func.id == name]
-
-
-@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
-class TestLaunchFile:
-    def test_describes_itself(self, path):
-        tree = launch_tree(path)
-        functions = [n.name for n in tree.body if isinstance(n, ast.FunctionDef)]
-        assert "generate_launch_description" in functions
-        assert ast.get_docstring(tree)
-
-    def test_every_argument_used_is_declared(self, path):
-        tree = launch_tree(path)
-        declared = {call.args[0].value for call in called(tree, "DeclareLaunchArgument")}
-        used = {call.args[0].value for call in called(tree, "LaunchConfiguration")}
-        assert used == declared
-
-    def test_packages_and_executables_exist(self, path):
-        words = set(strings(launch_tree(path)))
-        packages = {word for word in words if (ROOT / "src" / word / "package.xml").is_file()}
-        assert packages
-        scripts = {s.name for p in packages for s in (ROOT / "src" / p / "scripts").glob("*")}
-        own = path.name.removesuffix(".launch.py")
-        assert (scripts if own == "hover" else {own}) <= words & scripts
-
-
-def test_hover_launch_sets_parameters_that_exist():
-    tree = launch_tree(ROOT / "src/heli_flight/launch/hover.launch.py")
-    nodes = {call.args[1].value: call for call in called(tree, "_node")}
-    assert set(nodes) == {*TABLES, "scenario"}
-    for name, call in nodes.items():
-        wanted = {keyword.arg for keyword in call.keywords} - {"condition"}
-        if name in TABLES:
-            table = with_common(importlib.import_module(TABLES[name][0]).TABLE)
-            assert wanted <= {row.name for row in table}
-        else:
-            assert not wanted
-
-
-def test_hover_launch_defaults_are_those_of_the_yaml():
-    tree = launch_tree(ROOT / "src/heli_flight/launch/hover.launch.py")
-    keywords = {
-        call.args[0].value: {k.arg: k.value for k in call.keywords}
-        for call in called(tree, "DeclareLaunchArgument")
-    }
-    file = ROOT / "src/heli_dynamics_sim/config/plant.yaml"
-    plant = yaml.safe_load(file.read_text())["/**/plant"]["ros__parameters"]
-    assert keywords["seed"]["default_value"].value == str(plant["seed"])
-    assert keywords["lockstep"]["default_value"].value == str(plant["lockstep"]).lower()
-    scenarios = {f.stem for f in (ROOT / "src/heli_flight/config/scenarios").glob("*.yaml")}
-    assert set(strings(keywords["scenario"]["choices"])) == scenarios
-    presets = {f.stem[4:] for f in (ROOT / "src/heli_observer/config").glob("gps_*.yaml")}
-    assert set(strings(keywords["gps"]["choices"])) == presets

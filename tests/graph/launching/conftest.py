@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Launch files executed without launch: stand-ins for the few actions that ours use.
+
+`launch` and `launch_ros` are no wheels. The stand-ins do what the originals do with what our files
+ask of them (launch 3.4, launch_ros 0.26 of Jazzy): arguments are declared, defaulted and checked
+against their choices; substitutions are resolved; a node becomes the command line that launch_ros
+would run. An action or option that is not known here is an error. What only the real tool can
+show: event handling after the start (exit of a node, signals) and the `ros2 launch` command itself.
+"""
+
+import importlib.util
+import sys
+import types
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+import yaml
+
+from heli_parameters.locate import executable, share_folder
+
+
+class LaunchError(Exception):
+    """What `ros2 launch` would refuse, in its own way."""
+
+
+@dataclass
+class Context:
+    """Launch arguments by name, as the originals keep them."""
+
+    launch_configurations: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class DeclareLaunchArgument:
+    name: str
+    default_value: str | None = None
+    choices: list[str] | None = None
+    description: str = ""
+
+    def __post_init__(self):
+        assert self.default_value is None or isinstance(self.default_value, str)
+
+    def execute(self, context):
+        value = context.launch_configurations.get(self.name, self.default_value)
+        if value is None:
+            raise LaunchError(f"argument {self.name} is required")
+        if self.choices is not None and value not in self.choices:
+            raise LaunchError(f"argument {self.name}: {value} is none of {self.choices}")
+        context.launch_configurations[self.name] = value
+        return []
+
+
+@dataclass(frozen=True)
+class LaunchConfiguration:
+    name: str
+
+    def perform(self, context):
+        if self.name not in context.launch_configurations:
+            raise LaunchError(f"launch configuration '{self.name}' does not exist")
+        return context.launch_configurations[self.name]
+
+
+@dataclass(frozen=True)
+class OpaqueFunction:
+    function: object
+
+    def execute(self, context):
+        return self.function(context) or []
+
+
+def resolved(value, context):
+    """Text of a string or of a substitution."""
+    return value if isinstance(value, str) else value.perform(context)
+
+
+@dataclass(frozen=True)
+class Node:
+    """launch_ros's Node with the options that our files use."""
+
+    package: str
+    executable: str
+    name: str
+    namespace: object = ""
+    parameters: tuple = ()
+    output: str = "log"
+
+    def execute(self, context):
+        namespace = resolved(self.namespace, context)
+        full_name = f"/{namespace.strip('/')}/{self.name}".replace("//", "/")
+        layers = []
+        for layer in self.parameters:
+            if isinstance(layer, dict):
+                layers.append({full_name: {"ros__parameters": layer}})
+                continue
+            path = Path(resolved(layer, context))
+            if not path.is_file():
+                raise LaunchError(f"parameter file {path} does not exist")
+            layers.append(path)
+        return [Started(self.package, self.executable, self.name, namespace, tuple(layers))]
+
+
+@dataclass(frozen=True)
+class Started:
+    """A node that launch would start: parameter layers are files, or contents of temporary ones."""
+
+    package: str
+    executable: str
+    name: str
+    namespace: str
+    layers: tuple
+
+    @property
+    def full_name(self):
+        return f"/{self.namespace.strip('/')}/{self.name}".replace("//", "/")
+
+    def files(self, folder):
+        """The layers as files; inline ones are written into the folder."""
+        found = []
+        for number, layer in enumerate(self.layers):
+            if isinstance(layer, dict):
+                path = folder / f"{self.name}_{number}.yaml"
+                path.write_text(yaml.safe_dump(layer))
+                layer = path
+            found.append(layer)
+        return found
+
+    def command(self, folder):
+        """The command line that launch_ros runs."""
+        words = [sys.executable, str(executable(self.package, self.executable)), "--ros-args"]
+        words += ["-r", f"__node:={self.name}"]
+        if self.namespace:
+            words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
+        for path in self.files(folder):
+            words += ["--params-file", str(path)]
+        return words
+
+
+@dataclass(frozen=True)
+class LaunchDescription:
+    entities: list
+
+    def execute(self, context):
+        """Every node that would be started; all or none."""
+        started, waiting = [], list(self.entities)
+        while waiting:
+            entity = waiting.pop(0)
+            if isinstance(entity, Started):
+                started.append(entity)
+                continue
+            waiting[:0] = entity.execute(context)
+        return started
+
+
+def stand_ins():
+    """Modules by name, for sys.modules."""
+    contents = {
+        "launch": {"LaunchDescription": LaunchDescription},
+        "launch.actions": {
+            "DeclareLaunchArgument": DeclareLaunchArgument,
+            "OpaqueFunction": OpaqueFunction,
+        },
+        "launch.substitutions": {"LaunchConfiguration": LaunchConfiguration},
+        "launch_ros": {},
+        "launch_ros.actions": {"Node": Node},
+    }
+    found = {}
+    for name, content in contents.items():
+        found[name] = types.ModuleType(name)
+        vars(found[name]).update(content)
+    return found
+
+
+@pytest.fixture
+def describe(monkeypatch):
+    """Executes a package's launch file with the stand-ins; returns its LaunchDescription."""
+    for name, module in stand_ins().items():
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.delitem(sys.modules, "heli_msgs_bridge.launching", raising=False)
+
+    def run(package, name):
+        path = share_folder(package) / "launch" / name
+        spec = importlib.util.spec_from_file_location(path.stem.replace(".", "_"), path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module.generate_launch_description()
+
+    yield run
+    sys.modules.pop("heli_msgs_bridge.launching", None)
+
+
+@pytest.fixture
+def launch(describe):
+    """`launch(package, file, "name:=value", ...)` gives the nodes that would be started."""
+
+    def run(package, name, *arguments):
+        given = dict(argument.split(":=", 1) for argument in arguments)
+        description = describe(package, name)
+        declared = {e.name for e in description.entities if isinstance(e, DeclareLaunchArgument)}
+        unknown = set(given) - declared
+        if unknown:
+            raise LaunchError(f"arguments that the file does not declare: {sorted(unknown)}")
+        return description.execute(Context(given))
+
+    return run
