@@ -63,7 +63,9 @@ def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living):
     # Real time says a line every tenth of the flight: by then seconds of it are in the file.
     assert "flown" in flying.stdout.readline()
     assert recorded.stat().st_size > 300_000
-    listed = {row["topic"]: row for row in json.loads(heli("topics", "--rate", "--json").stdout)}
+    asked = heli("topics", "--rate", "--json")
+    assert "graph: nothing new for 1.5 s (--settle)" in asked.stderr
+    listed = {row["topic"]: row for row in json.loads(asked.stdout)}
     odom = listed["/odom"]
     assert (odom["type"], odom["publishers"]) == ("nav_msgs/msg/Odometry", 1)
     assert odom["subscribers"] == 3

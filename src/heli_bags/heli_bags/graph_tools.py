@@ -13,8 +13,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from heli_msgs_bridge import topics
 
-# Wall time in which a graph shows itself, and how long nothing new may have come for all of it.
-_DISCOVERY_S, _SETTLED_S, _POLL_S = 2.0, 0.5, 0.05
+# Three announcements of a node of ours (config/fastdds.xml): what was lost under load comes again.
+SETTLED_S = 1.5
+# An empty graph gets the first; one that changes all the time is taken as it is after the second.
+DISCOVERY_S, DISCOVERY_LIMIT_S, _POLL_S = 2.0, 10.0, 0.05
 _DEPTH = 1000
 # What came while the listeners were made arrives at once; it does not count.
 _BACKLOG_S = 0.3
@@ -44,36 +46,88 @@ def _infos(node: Node, name: str) -> tuple[list[Any], list[Any]]:
     )
 
 
-def _listed(node: Node, hidden: bool) -> list[Seen]:
+def _listed(node: Node) -> list[Seen]:
     found = []
     for name, types in sorted(node.get_topic_names_and_types()):
-        if not hidden and any(part.startswith("_") for part in name.split("/")):
-            continue
         publishers, subscribers = _infos(node, name)
         if publishers or subscribers:
             found.append(Seen(name, ", ".join(types), len(publishers), len(subscribers)))
     return found
 
 
-def list_topics(node: Node, hidden: bool = False) -> list[Seen]:
-    """Topics of the graph, as soon as discovery brings nothing new.
+class Discovery:
+    """Watches a graph until it stands still: nodes, publishers and subscribers.
+
+    Parameters
+    ----------
+    node : Node
+        What listens.
+    settle_s : float
+        For how long nothing may have changed; an empty graph gets DISCOVERY_S at least.
+    """
+
+    def __init__(self, node: Node, settle_s: float):
+        self._node, self._settle_s = node, settle_s
+        self._seen: tuple[Any, ...] | None = None
+        self._begun = self._changed = self._looked = time.monotonic()
+
+    def look(self) -> list[Seen]:
+        """All topics that are known by now."""
+        topics_seen = _listed(self._node)
+        now = (topics_seen, sorted(self._node.get_node_names_and_namespaces()))
+        self._looked = time.monotonic()
+        if now != self._seen:
+            self._seen, self._changed = now, self._looked
+        return topics_seen
+
+    @property
+    def waited_s(self) -> float:
+        """Wall time from the beginning to the last look."""
+        return self._looked - self._begun
+
+    @property
+    def still(self) -> bool:
+        """Whether the graph has stood still for long enough."""
+        shown = bool(self._seen and self._seen[0]) or self.waited_s > DISCOVERY_S
+        return shown and self._looked - self._changed > self._settle_s
+
+    @property
+    def over(self) -> bool:
+        """Whether to wait no longer: it is still, or the limit has passed."""
+        return self.still or self.waited_s > DISCOVERY_LIMIT_S + self._settle_s
+
+    def __str__(self) -> str:
+        if self.still:
+            return f"nothing new for {self._settle_s:g} s"
+        return f"still changing after {self.waited_s:.0f} s"
+
+
+def list_topics(
+    node: Node, hidden: bool = False, settle_s: float = SETTLED_S
+) -> tuple[list[Seen], Discovery]:
+    """Topics of the graph, as soon as discovery has stood still.
 
     Parameters
     ----------
     node : Node
     hidden : bool
         Also names with a part that begins with an underscore.
+    settle_s : float
+        Wall time in which nothing new may have come.
+
+    Returns
+    -------
+    list of Seen, Discovery
+        The second says whether the graph stood still or the limit was reached.
     """
-    begun = settled = time.monotonic()
-    seen: list[Seen] = []
-    while True:
-        now = _listed(node, hidden)
-        if now != seen:
-            seen, settled = now, time.monotonic()
-        quiet_s = time.monotonic() - settled
-        if (seen and quiet_s > _SETTLED_S) or time.monotonic() - begun > _DISCOVERY_S:
-            return seen
+    discovery = Discovery(node, settle_s)
+    rows = discovery.look()
+    while not discovery.over:
         time.sleep(_POLL_S)
+        rows = discovery.look()
+    if not hidden:
+        rows = [r for r in rows if not any(part.startswith("_") for part in r.topic.split("/"))]
+    return rows, discovery
 
 
 class _Counter:
@@ -138,24 +192,34 @@ def measure(
     ]
 
 
-def _find(node: Node, name: str) -> Seen:
-    """The topic by its name, with or without the slash; waits for discovery."""
-    begun = time.monotonic()
+def find(node: Node, name: str, settle_s: float) -> Seen:
+    """The topic by its name, with or without the slash.
+
+    Waits for its first publisher, whose QoS the listener needs, at most until the graph is still.
+
+    Raises
+    ------
+    TopicError
+        No such topic, or one of several types.
+    """
+    discovery = Discovery(node, settle_s)
     while True:
-        rows = {row.topic: row for row in _listed(node, hidden=True)}
+        rows = {row.topic: row for row in discovery.look()}
         found = rows.get(name) or rows.get(f"/{name}")
-        if found is not None:
+        if discovery.over or (found is not None and found.publishers):
             break
-        if time.monotonic() - begun > _DISCOVERY_S:
-            known = ", ".join(r for r in rows if r not in ("/parameter_events", "/rosout"))
-            raise TopicError(f"no topic {name} in the graph; there is {known or 'none'}")
         time.sleep(_POLL_S)
+    if found is None:
+        known = ", ".join(r for r in rows if r not in ("/parameter_events", "/rosout"))
+        raise TopicError(f"no topic {name} in the graph ({discovery}); there is {known or 'none'}")
     if "," in found.type:
         raise TopicError(f"topic {found.topic} has several types: {found.type}")
     return found
 
 
-def listen(node: Node, name: str, timeout_s: float | None = None) -> Iterator[tuple[str, Any]]:
+def listen(
+    node: Node, name: str, timeout_s: float | None = None, settle_s: float = SETTLED_S
+) -> Iterator[tuple[str, Any]]:
     """Messages of a topic as they come, with a QoS that all its publishers can serve.
 
     Parameters
@@ -165,6 +229,8 @@ def listen(node: Node, name: str, timeout_s: float | None = None) -> Iterator[tu
         With or without the slash in front.
     timeout_s : float, optional
         Wall time without a message after which it is given up; None for never.
+    settle_s : float
+        How long the graph must have stood still before the topic is said to be missing.
 
     Yields
     ------
@@ -176,7 +242,7 @@ def listen(node: Node, name: str, timeout_s: float | None = None) -> Iterator[tu
     TopicError
         No such topic, a type that is not installed, or silence.
     """
-    found = _find(node, name)
+    found = find(node, name, settle_s)
     try:
         cls = topics.message_class(found.type)
     except LookupError as error:

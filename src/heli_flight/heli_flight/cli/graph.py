@@ -9,6 +9,17 @@ import typer
 
 graph = typer.Typer(rich_markup_mode=None)
 
+_Settle = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        max=60.0,
+        metavar="S",
+        help="take the graph as known when nothing new has come for S, at most 10 s later; "
+        "1.5 s are three announcements of a node of ours",
+    ),
+]
+
 
 @graph.command(
     epilog="\b\nexample:\n  heli echo odom --count 1\n  heli echo /diagnostics --json > log.jsonl"
@@ -21,6 +32,7 @@ def echo(
     timeout: Annotated[
         float | None, typer.Option(min=0.0, metavar="S", help="give up after S without a message")
     ] = None,
+    settle: _Settle = 1.5,
     full: Annotated[bool, typer.Option("--full", help="do not shorten long arrays")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="one line of JSON per message")] = False,
 ) -> int:
@@ -32,7 +44,7 @@ def echo(
 
     with ros_node("heli_echo") as node:
         try:
-            for number, (_, message) in enumerate(listen(node, topic, timeout), 1):
+            for number, (_, message) in enumerate(listen(node, topic, timeout, settle), 1):
                 print(json_line(message) if as_json else as_yaml(message, full), flush=True)
                 if count is not None and number >= count:
                     break
@@ -47,6 +59,7 @@ def topics(
     seconds: Annotated[
         float, typer.Option(min=0.1, max=3600.0, metavar="S", help="wall time to measure for")
     ] = 2.0,
+    settle: _Settle = 1.5,
     hidden: Annotated[bool, typer.Option("--all", help="also hidden topics")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of a table")] = False,
 ) -> int:
@@ -56,12 +69,14 @@ def topics(
     from heli_flight.terminal import amount, console, table
 
     with ros_node("heli_topics") as node:
-        found = list_topics(node, hidden)
+        found, discovery = list_topics(node, hidden, settle)
         if rate:
             with amount("seconds") as progress:
                 found = measure(
                     node, found, seconds, lambda done: progress(int(done), int(seconds))
                 )
+    errors = console(stderr=True)
+    errors.print(f"graph: {discovery} (--settle)")
     if as_json:
         print(json.dumps([asdict(row) for row in found], indent=2))
         return 0
@@ -77,5 +92,5 @@ def topics(
         shown.add_row(*cells, *([measured] if rate else []))
     out.print(shown)
     if not any(row.publishers for row in found):
-        console(stderr=True).print("no topics: does a flight run in this ROS_DOMAIN_ID?")
+        errors.print("no topics: does a flight run in this ROS_DOMAIN_ID?")
     return 0
