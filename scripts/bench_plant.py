@@ -18,8 +18,10 @@ from heli_dynamics_sim import plant
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
-from heli_dynamics_sim.state import N_STATE, STEP_S, TICK_S
+from heli_dynamics_sim.state import STEP_S
 from heli_math.jit import njit
+from heli_math.rows import MEAS, PLANT
+from heli_math.ticks import TICK_S
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 
@@ -67,7 +69,7 @@ def _best_us(call, n, repeats=5):
 def warm_up():
     """Compile what a flight needs; seconds for initial_state, measure, advance and status."""
     config = default_config()
-    y = np.zeros(plant.N_MEAS)
+    y = np.zeros(MEAS.size)
     start = time.perf_counter()
     state = plant.initial_state(config, 1)
     plant.measure(state, 0, NoiseStreams(1).row(), config.kernel, y)
@@ -91,7 +93,7 @@ def main():
     config = default_config()
     state = plant.initial_state(config, 1)
     x0, u, wind = state.x.copy(), state.x[16:20].copy(), np.array([-2.0, -2.0, 0.2])
-    work, y = np.zeros((WORK_ROWS, N_STATE)), np.zeros(plant.N_MEAS)
+    work, y = np.zeros((WORK_ROWS, PLANT.size)), np.zeros(MEAS.size)
     rows = NoiseStreams(1).rows(20000)
     _steps(x0, u, wind, config.helicopter.kernel, work, 1)
     _ticks(state, x0, rows[:1], u, config.kernel, y)

@@ -15,14 +15,12 @@ from pathlib import Path
 import yaml
 
 from heli_dynamics_sim.linearize import (
-    INPUT_NAMES,
-    STATE_NAMES,
-    WIND_NAMES,
     LinearModel,
     linearize,
 )
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
+from heli_math.state_names import INPUT_NAMES, STATE_NAMES, WIND_NAMES
 
 DATA = Path(__file__).resolve().parent.parent / "tests/verification/data"
 COLUMNS = {"A": STATE_NAMES, "B": INPUT_NAMES, "E": WIND_NAMES}

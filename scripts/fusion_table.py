@@ -19,6 +19,7 @@ from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.record import rotation_between
 from heli_flight.loop.settings import GPS_PRESETS, Settings, resolve
 from heli_flight.studies.campaign import parse_seeds, with_seed
+from heli_math.rows import MEAS
 from heli_observer.consistency import CHECKS_S, SENSORS, bounds, collect, latency_errors
 from heli_observer.layout import N_ERROR
 from heli_observer.synthetic import hover_path
@@ -33,7 +34,7 @@ def receiver_error(settings: Settings) -> np.ndarray:
     config = plant.PlantConfig.from_parameters(settings.nodes["plant"])
     state = plant.initial_state(config, settings.seed)
     rows = NoiseStreams(settings.seed).rows(settings.scenario.n_ticks)
-    y, errors = np.zeros(plant.N_MEAS), []
+    y, errors = np.zeros(MEAS.size), []
     for tick, row in enumerate(rows):
         plant.measure(state, tick, row, config.kernel, y)
         if y[18] == 1.0 and y[19] >= SETTLED_TICK:

@@ -12,8 +12,8 @@ from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.state import N_STATE
 from heli_math.jit import njit
+from heli_math.rows import MEAS, PLANT
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 
@@ -57,7 +57,7 @@ def fly():
 
     def run(x, u, kernel, seconds, dt_s=0.002, wind=(0.0, 0.0, 0.0)):
         x = np.array(x)
-        work = np.zeros((WORK_ROWS, N_STATE))
+        work = np.zeros((WORK_ROWS, PLANT.size))
         command, air = np.array(u, dtype=float), np.array(wind, dtype=float)
         _integrate(x, command, air, kernel, dt_s, round(seconds / dt_s), work)
         return x
@@ -95,7 +95,7 @@ def record():
 
     def run(config, ticks, seed=1, velocity_ned=(0.0, 0.0, 0.0), state=None, kernel=None):
         state = plant.initial_state(config, seed) if state is None else state
-        streams, out = NoiseStreams(seed), np.zeros((ticks, plant.N_MEAS))
+        streams, out = NoiseStreams(seed), np.zeros((ticks, MEAS.size))
         velocity = np.array(velocity_ned)
         kernel = config.kernel if kernel is None else kernel
         for first in range(0, ticks, 50_000):

@@ -9,8 +9,8 @@ from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF
 from heli_dynamics_sim.helicopter import derivative_kernel
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.state import N_STATE
 from heli_dynamics_sim.trim import trim
+from heli_math.rows import PLANT
 
 WIND = np.array([-6.0, 1.0, 0.3])
 
@@ -28,7 +28,7 @@ def start():
 
 
 def rk4(x, u, kernel, seconds, dt_s):
-    x, work = x.copy(), np.zeros((WORK_ROWS, N_STATE))
+    x, work = x.copy(), np.zeros((WORK_ROWS, PLANT.size))
     for _ in range(round(seconds / dt_s)):
         rk4_step(x, u, WIND, kernel, dt_s, work)
     return x
@@ -36,7 +36,7 @@ def rk4(x, u, kernel, seconds, dt_s):
 
 def dop853(x, u, kernel, seconds):
     def rates(_, z):
-        out = np.empty(N_STATE)
+        out = np.empty(PLANT.size)
         derivative_kernel(z, u, WIND, kernel, out)
         return out
 
@@ -69,7 +69,7 @@ def test_two_milliseconds_agree_with_dop853_over_ten_seconds(start):
 def test_derivative_is_a_pure_function(start):
     """Called alone or after other states, in any order; the same bits."""
     params, x, u = start
-    a, b, out = np.empty(N_STATE), np.empty(N_STATE), np.empty(N_STATE)
+    a, b, out = np.empty(PLANT.size), np.empty(PLANT.size), np.empty(PLANT.size)
     derivative_kernel(x, u, WIND, params.kernel, a)
     for scale in (0.1, 5.0, -3.0):
         derivative_kernel(x * scale, u, WIND * scale, params.kernel, out)

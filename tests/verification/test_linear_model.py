@@ -17,9 +17,6 @@ import pytest
 import yaml
 
 from heli_dynamics_sim.linearize import (
-    INPUT_NAMES,
-    STATE_NAMES,
-    WIND_NAMES,
     ReducedModel,
     linearize,
     reduced_state,
@@ -27,6 +24,7 @@ from heli_dynamics_sim.linearize import (
 )
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
+from heli_math.state_names import INPUT_NAMES, STATE_NAMES, WIND_NAMES
 
 DATA = Path(__file__).parent / "data"
 RELATIVE, LAST_DIGIT = 0.006, 0.5e-4

@@ -18,8 +18,8 @@ from heli_dynamics_sim.sensors import (
     MagKernel,
     SensorKernel,
 )
-from heli_dynamics_sim.state import TICK_S
 from heli_dynamics_sim.wind import W20_ALTITUDE_M, SinesKernel, WindKernel, mean_speed
+from heli_math.ticks import TICK_S
 
 
 class PlantConfigError(ValueError):

@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_dynamics_sim.rigid_body import to_body, to_ned
+from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
 from heli_math.jit import njit
+from heli_math.rows import PLANT
 
 SLIP_SPEED_MPS = 0.02
 N_SKID_POINTS = 4
@@ -31,34 +33,27 @@ class GroundKernel(NamedTuple):
 @njit
 def _point_velocity_ned(x, px, py, pz):
     """NED velocity (m/s) of a body-fixed point."""
-    p, q, r = x[10], x[11], x[12]
-    return to_ned(
-        x[6],
-        x[7],
-        x[8],
-        x[9],
-        x[3] + q * pz - r * py,
-        x[4] + r * px - p * pz,
-        x[5] + p * py - q * px,
-    )
+    u, v, w = velocity_of(x)
+    p, q, r = rates_of(x)
+    return to_ned(attitude_of(x), u + q * pz - r * py, v + r * px - p * pz, w + p * py - q * px)
 
 
 @njit
 def ground_loads(x, k):
     """Force (N) and moment (N m) of the ground on the aircraft, body axes, as two 3-tuples."""
     fx, fy, fz, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    if x[2] + k.reach <= 0.0:
+    if x[PLANT.down] + k.reach <= 0.0:
         return (fx, fy, fz), (mx, my, mz)
-    qw, qx, qy, qz = x[6], x[7], x[8], x[9]
+    attitude = attitude_of(x)
     for i in range(k.points.shape[0]):
         px, py, pz = k.points[i, 0], k.points[i, 1], k.points[i, 2]
-        depth = x[2] + to_ned(qw, qx, qy, qz, px, py, pz)[2]
+        depth = x[PLANT.down] + to_ned(attitude, px, py, pz)[2]
         if depth <= 0.0:
             continue
         vn, ve, vd = _point_velocity_ned(x, px, py, pz)
         normal = max(0.0, k.stiffness * depth + k.damping * vd)
         drag = k.friction * normal / math.sqrt(vn * vn + ve * ve + SLIP_SPEED_MPS**2)
-        bx, by, bz = to_body(qw, qx, qy, qz, -drag * vn, -drag * ve, -normal)
+        bx, by, bz = to_body(attitude, -drag * vn, -drag * ve, -normal)
         fx += bx
         fy += by
         fz += bz
@@ -75,11 +70,11 @@ def ground_contact(x, k):
     The speed is 0 where nothing touches; it is what a hard impact is judged by.
     """
     speed, skids, structure = 0.0, False, False
-    if x[2] + k.reach <= 0.0:
+    if x[PLANT.down] + k.reach <= 0.0:
         return speed, skids, structure
     for i in range(k.points.shape[0]):
         px, py, pz = k.points[i, 0], k.points[i, 1], k.points[i, 2]
-        if x[2] + to_ned(x[6], x[7], x[8], x[9], px, py, pz)[2] <= 0.0:
+        if x[PLANT.down] + to_ned(attitude_of(x), px, py, pz)[2] <= 0.0:
             continue
         speed = max(speed, _point_velocity_ned(x, px, py, pz)[2])
         if i < N_SKID_POINTS:

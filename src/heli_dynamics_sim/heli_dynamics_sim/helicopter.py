@@ -17,16 +17,18 @@ from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.rigid_body import rigid_body_rates, to_body
 from heli_dynamics_sim.rotor import flapping_rates, main_rotor, tail_rotor
 from heli_dynamics_sim.servo import servo_rates
-from heli_dynamics_sim.state import N_COMMAND, N_STATE
+from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
 from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
 from heli_math.jit import njit
+from heli_math.rows import ACTUATOR, PLANT
 
 
 @njit
 def airspeed(x, wind):
     """Velocity of the c.g. relative to the air, body axes (3 floats), m/s."""
-    wx, wy, wz = to_body(x[6], x[7], x[8], x[9], wind[0], wind[1], wind[2])
-    return x[3] - wx, x[4] - wy, x[5] - wz
+    u, v, w = velocity_of(x)
+    wx, wy, wz = to_body(attitude_of(x), wind[0], wind[1], wind[2])
+    return u - wx, v - wy, w - wz
 
 
 @njit
@@ -51,8 +53,9 @@ def aerodynamic_loads(x, u_a, v_a, w_a, output, k):
 
     `output` is that of the yaw-rate gyro, rad; servo positions and flapping angles come from x.
     """
-    p, q, r, a_s, b_s = x[10], x[11], x[12], x[13], x[14]
-    thrust, v_i = main_rotor(u_a, v_a, w_a, a_s, b_s, x[19], k.rotor, k.main)
+    p, q, r = rates_of(x)
+    a_s, b_s = x[PLANT.a_s], x[PLANT.b_s]
+    thrust, v_i = main_rotor(u_a, v_a, w_a, a_s, b_s, x[PLANT.servo_col], k.rotor, k.main)
     drag = fuselage_force(u_a, v_a, w_a, v_i, k.fuselage)
     power = main_rotor_power(u_a, v_a, w_a, v_i, thrust, drag, k)
     sin_a, sin_b = math.sin(a_s), math.sin(b_s)
@@ -78,7 +81,7 @@ def derivative_kernel(x, u, wind, k, out):
     Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterKernel.
     """
     u_a, v_a, w_a = airspeed(x, wind)
-    d_int_rate, output = gyro(x[18], x[12], x[15], k.gyro)
+    d_int_rate, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
     force, moment = aerodynamic_loads(x, u_a, v_a, w_a, output, k)
     push, twist = ground_loads(x, k.ground)
     rigid_body_rates(
@@ -88,19 +91,22 @@ def derivative_kernel(x, u, wind, k, out):
         k.body,
         out,
     )
-    out[13], out[14] = flapping_rates(
-        x[13], x[14], x[10], x[11], u_a, v_a, x[16], x[17], k.flapping
+    p, q, _ = rates_of(x)
+    a_s, b_s, d_lat, d_lon = x[PLANT.a_s], x[PLANT.b_s], x[PLANT.servo_lat], x[PLANT.servo_lon]
+    out[PLANT.a_s], out[PLANT.b_s] = flapping_rates(
+        a_s, b_s, p, q, u_a, v_a, d_lat, d_lon, k.flapping
     )
-    out[15] = d_int_rate
-    for i in range(4):
-        out[16 + i], out[20 + i] = servo_rates(x[16 + i], x[20 + i], u[i], k.servo)
+    out[PLANT.d_int] = d_int_rate
+    for i in range(ACTUATOR.size):
+        at, rate = PLANT.servo.start + i, PLANT.servo_rate.start + i
+        out[at], out[rate] = servo_rates(x[at], x[rate], u[i], k.servo)
 
 
 @njit
 def specific_force(x, wind, k, out):
     """Specific force at the c.g., body, m/s2 (what ideal accelerometers read): fills out (3,)."""
     u_a, v_a, w_a = airspeed(x, wind)
-    _, output = gyro(x[18], x[12], x[15], k.gyro)
+    _, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
     force, _ = aerodynamic_loads(x, u_a, v_a, w_a, output, k)
     push, _ = ground_loads(x, k.ground)
     for i in range(3):
@@ -115,7 +121,7 @@ def state_derivative(
     Parameters
     ----------
     x : (24,) array
-        State, layout of `heli_dynamics_sim.state`.
+        State, places of `heli_math.rows.PLANT`.
     u : (4,) array
         Servo commands d_lat, d_lon, d_ped, d_col in (-1, 1).
     wind_ned_mps : (3,) array
@@ -133,14 +139,14 @@ def state_derivative(
     """
     arrays = []
     for name, value, size in (
-        ("x", x, N_STATE),
-        ("u", u, N_COMMAND),
+        ("x", x, PLANT.size),
+        ("u", u, ACTUATOR.size),
         ("wind_ned_mps", wind_ned_mps, 3),
     ):
         array = np.ascontiguousarray(value, dtype=np.float64)
         if array.shape != (size,):
             raise ValueError(f"{name} has shape {array.shape}, expected ({size},)")
         arrays.append(array)
-    out = np.empty(N_STATE)
+    out = np.empty(PLANT.size)
     derivative_kernel(*arrays, params.kernel, out)
     return out

@@ -3,7 +3,9 @@
 
 from heli_dynamics_sim.helicopter import derivative_kernel
 from heli_dynamics_sim.servo import apply_stops
+from heli_dynamics_sim.state import attitude_of
 from heli_math.jit import njit
+from heli_math.rows import PLANT
 
 WORK_ROWS = 5
 
@@ -16,7 +18,7 @@ def rk4_step(x, u, wind, k, dt_s, work):
     work is scratch, (5, 24).
     """
     n = x.shape[0]
-    k1, k2, k3, k4, stage = work[0], work[1], work[2], work[3], work[4]
+    k1, k2, k3, k4, stage = work
     derivative_kernel(x, u, wind, k, k1)
     for i in range(n):
         stage[i] = x[i] + 0.5 * dt_s * k1[i]
@@ -29,7 +31,8 @@ def rk4_step(x, u, wind, k, dt_s, work):
     derivative_kernel(stage, u, wind, k, k4)
     for i in range(n):
         x[i] += dt_s / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
-    norm = (x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9]) ** 0.5
-    for i in range(6, 10):
+    qw, qx, qy, qz = attitude_of(x)
+    norm = (qw * qw + qx * qx + qy * qy + qz * qz) ** 0.5
+    for i in range(PLANT.quat.start, PLANT.quat.stop):
         x[i] /= norm
     apply_stops(x, k.servo)

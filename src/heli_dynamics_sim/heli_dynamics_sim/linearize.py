@@ -19,16 +19,23 @@ from numpy.typing import NDArray
 from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF, CLIMB_POWER_ON
 from heli_dynamics_sim.helicopter import airspeed, derivative_kernel
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
-from heli_dynamics_sim.state import N_STATE
 from heli_dynamics_sim.trim import Trim
 from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
+from heli_math.rows import ACTUATOR, NINE, PLANT
+from heli_math.state_names import (
+    INPUT_NAMES,
+    INPUT_UNITS,
+    STATE_NAMES,
+    STATE_UNITS,
+    WIND_NAMES,
+    WIND_UNITS,
+)
 
-STATE_NAMES = ("phi", "theta", "p", "q", "a_s", "b_s", "r", "d_int", "psi")
-STATE_UNITS = ("rad", "rad", "rad/s", "rad/s", "rad", "rad", "rad/s", "rad", "rad")
-INPUT_NAMES = ("d_lat", "d_lon", "d_ped")
-WIND_NAMES = ("u", "v", "w")
+_ALTITUDE_M = 1000.0  # out of the ground's reach
 _AT_KINK_MPS = 1e-6
 _STEP = 1e-5
+# Where the arguments of the reduced model part: nine states, three inputs, three wind components.
+_PARTS = (len(STATE_NAMES), len(STATE_NAMES) + len(INPUT_NAMES))
 
 
 @dataclass(frozen=True)
@@ -55,15 +62,18 @@ class LinearModel:
     state_names: tuple[str, ...] = STATE_NAMES
     state_units: tuple[str, ...] = STATE_UNITS
     input_names: tuple[str, ...] = INPUT_NAMES
-    input_units: tuple[str, ...] = ("1", "1", "1")
+    input_units: tuple[str, ...] = INPUT_UNITS
     wind_names: tuple[str, ...] = WIND_NAMES
-    wind_units: tuple[str, ...] = ("m/s", "m/s", "m/s")
+    wind_units: tuple[str, ...] = WIND_UNITS
 
 
 def reduced_state(x: NDArray[np.float64]) -> NDArray[np.float64]:
     """The nine states of eq. (10) of a plant state (24,)."""
-    phi, theta, psi = euler_from_quat(x[6:10])
-    return np.array([phi, theta, x[10], x[11], x[13], x[14], x[12], x[15], psi])
+    nine = np.empty(len(NINE))
+    nine[NINE.phi], nine[NINE.theta], nine[NINE.psi] = euler_from_quat(x[PLANT.quat])
+    nine[NINE.p], nine[NINE.q], nine[NINE.r] = x[PLANT.rate]
+    nine[NINE.a_s], nine[NINE.b_s], nine[NINE.d_int] = x[PLANT.rotor]
+    return nine
 
 
 class ReducedModel:
@@ -72,29 +82,33 @@ class ReducedModel:
     def __init__(self, kernel: HelicopterKernel, trim: Trim) -> None:
         self.kernel = kernel
         self.trim = trim
-        self.out = np.empty(N_STATE)
-        self.z0 = np.concatenate([reduced_state(trim.x), trim.u[:3], np.zeros(3)])
-        self.velocity_ned = quat_to_R_nb(trim.x[6:10]) @ trim.x[3:6]
+        self.out = np.empty(PLANT.size)
+        u = trim.u[ACTUATOR.attitude]
+        self.z0 = np.concatenate([reduced_state(trim.x), u, np.zeros(len(WIND_NAMES))])
+        self.velocity_ned = quat_to_R_nb(trim.x[PLANT.quat]) @ trim.x[PLANT.vel]
 
     def __call__(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Derivative (9,) of the nine states at z (15,)."""
-        phi, theta, p, q, a_s, b_s, r, d_int, psi = z[:9]
+        nine, inputs, air = np.split(z, _PARTS)
+        phi, theta, p, q, a_s, b_s, r, d_int, psi = nine
         x = self.trim.x.copy()
-        x[2] = -1000.0  # out of the ground's reach
-        x[6:10] = quat_from_euler(phi, theta, psi)
-        R_nb = quat_to_R_nb(x[6:10])
-        x[3:6] = R_nb.T @ self.velocity_ned
-        x[10:16] = p, q, r, a_s, b_s, d_int
-        x[16:19] = z[9:12]
-        wind = self.trim.wind_ned_mps + R_nb @ z[12:15]
+        x[PLANT.down] = -_ALTITUDE_M
+        x[PLANT.quat] = quat_from_euler(phi, theta, psi)
+        R_nb = quat_to_R_nb(x[PLANT.quat])
+        x[PLANT.vel] = R_nb.T @ self.velocity_ned
+        x[PLANT.rate] = p, q, r
+        x[PLANT.rotor] = a_s, b_s, d_int
+        x[PLANT.servo][ACTUATOR.attitude] = inputs
+        wind = self.trim.wind_ned_mps + R_nb @ air
         derivative_kernel(x, self.trim.u, wind, self.kernel, self.out)
-        d = self.out
-        tan = np.tan(theta)
         turn = q * np.sin(phi) + r * np.cos(phi)
-        phi_rate = p + turn * tan
-        theta_rate = q * np.cos(phi) - r * np.sin(phi)
-        psi_rate = turn / np.cos(theta)
-        return np.array([phi_rate, theta_rate, d[10], d[11], d[13], d[14], d[12], d[15], psi_rate])
+        slope = np.empty(len(NINE))
+        slope[NINE.phi] = p + turn * np.tan(theta)
+        slope[NINE.theta] = q * np.cos(phi) - r * np.sin(phi)
+        slope[NINE.psi] = turn / np.cos(theta)
+        slope[NINE.p], slope[NINE.q], slope[NINE.r] = self.out[PLANT.rate]
+        slope[NINE.a_s], slope[NINE.b_s], slope[NINE.d_int] = self.out[PLANT.rotor]
+        return slope
 
 
 def _jacobian(f: ReducedModel, step: float) -> NDArray[np.float64]:
@@ -144,11 +158,6 @@ def linearize(
     if side not in ("descent", "climb"):
         raise ValueError(f"side {side!r} is not allowed; allowed: 'descent', 'climb'")
     model = ReducedModel(smooth_kernel(params, trim, side), trim)
-    jacobian = _jacobian(model, _STEP)
-    return LinearModel(
-        A=jacobian[:, :9],
-        B=jacobian[:, 9:12],
-        E=jacobian[:, 12:],
-        x_trim=model.z0[:9],
-        u_trim=model.z0[9:12],
-    )
+    A, B, E = np.split(_jacobian(model, _STEP), _PARTS, axis=1)
+    x_trim, u_trim, _ = np.split(model.z0, _PARTS)
+    return LinearModel(A=A, B=B, E=E, x_trim=x_trim, u_trim=u_trim)

@@ -11,19 +11,19 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 
 from heli_dynamics_sim import plant
-from heli_dynamics_sim.noise import NoiseStreams
+from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.wind import injected_gust
+from heli_math.rows import ACTUATOR, JOINTS, MEAS, PLANT
+from heli_math.ticks import TICK_S, seconds, ticks_in
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import NodeSpec, run
-from heli_msgs_bridge.messages import ClockEncoder, Encoder
+from heli_msgs_bridge.messages import CHANNELS, ClockEncoder, Encoder
 from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
 
-_TICKS_PER_S = 100
-_TICK_S = 0.01
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
 _CATCH_UP_TICKS = 10
 _ACKNOWLEDGE_S = 3.5
@@ -44,12 +44,12 @@ class PlantNode(TickNode):
         self.config = plant.PlantConfig.from_parameters(v)
         self.state = plant.initial_state(self.config, v["seed"])
         self._noise = NoiseStreams(v["seed"])
-        self._n_ticks = max(1, round(v["duration_s"] * _TICKS_PER_S))
-        self._y = np.zeros(plant.N_MEAS)
-        self._joints = np.zeros(7)
+        self._n_ticks = max(1, ticks_in(v["duration_s"]))
+        self._y = np.zeros(MEAS.size)
+        self._joints = np.zeros(JOINTS.size)
         self._gust = np.zeros(3)
         commands = self.state.commands
-        self._u = commands[-1].copy() if len(commands) else np.zeros(4)
+        self._u = commands[-1].copy() if len(commands) else np.zeros(ACTUATOR.size)
         self._over = ""
         self._make_outputs()
         self._warm_up()
@@ -59,8 +59,8 @@ class PlantNode(TickNode):
         v = self.values
         origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
         imu = (
-            v["sensors.imu.gyro_noise_density"] ** 2 / _TICK_S,
-            v["sensors.imu.accel_noise_density"] ** 2 / _TICK_S,
+            v["sensors.imu.gyro_noise_density"] ** 2 / TICK_S,
+            v["sensors.imu.accel_noise_density"] ** 2 / TICK_S,
         )
         fix = (v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2,)
         variances = {
@@ -85,15 +85,14 @@ class PlantNode(TickNode):
         """Load the compiled plant before the first tick, on a state of its own."""
         k = self.config.kernel
         spare = plant.initial_state(self.config, self.values["seed"])
-        plant.measure(spare, 0, np.zeros(plant.N_NOISE), k, self._y)
+        plant.measure(spare, 0, np.zeros(NOISE.size), k, self._y)
         injected_gust(spare.x, 0.0, k.wind.sines, self._gust)
         plant.status(spare, k)
         plant.advance(spare, self._u, k)
         for name, (encode, _) in self._channel.items():
-            size = {topics.TRUTH_ODOM: 13, topics.TRUTH_ROTOR: 7, topics.IMU: 6, topics.BARO: 1}
-            row = np.zeros(size.get(name, 3))
+            row = np.zeros(CHANNELS[name].size)
             if name == topics.TRUTH_ODOM:
-                row[6] = 1.0
+                row[PLANT.qw] = 1.0
             encode(row, self.start_ns)
 
     def engage(self) -> None:
@@ -103,7 +102,7 @@ class PlantNode(TickNode):
         self._real_timer = None
         if not self.lockstep:
             steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self._real_timer = self.create_timer(_TICK_S, self._keep_pace, clock=steady)
+            self._real_timer = self.create_timer(TICK_S, self._keep_pace, clock=steady)
         self.tick = 0
         self._send_tick()
 
@@ -126,7 +125,7 @@ class PlantNode(TickNode):
         if self._over:
             return
         if tick + 1 >= self._n_ticks:
-            self._end(Level.OK, f"flight over after {self._n_ticks / _TICKS_PER_S:g} s")
+            self._end(Level.OK, f"flight over after {seconds(self._n_ticks):g} s")
             return
         plant.advance(self.state, self._u, self.config.kernel)
         self.tick = tick + 1
@@ -137,24 +136,24 @@ class PlantNode(TickNode):
         k, y, tick = self.config.kernel, self._y, self.tick
         plant.measure(self.state, tick, self._noise.row(), k, y)
         stamp_ns = self.stamp_ns(tick)
-        if y[16]:
-            self._send(topics.MAG, y[6:9], stamp_ns)
-        if y[17]:
-            self._send(topics.BARO, y[9:10], stamp_ns)
-        if y[18]:
+        if y[MEAS.mag_valid]:
+            self._send(topics.MAG, y[MEAS.mag], stamp_ns)
+        if y[MEAS.baro_valid]:
+            self._send(topics.BARO, y[[MEAS.baro]], stamp_ns)
+        if y[MEAS.gps_valid]:
             # Stamped with its time of validity, which is earlier than now.
-            fix_ns = self.stamp_ns(int(y[19]))
-            self._send(topics.GPS_FIX, y[10:13], fix_ns)
-            self._send(topics.GPS_VELOCITY, y[13:16], fix_ns)
+            fix_ns = self.stamp_ns(int(y[MEAS.gps_tick]))
+            self._send(topics.GPS_FIX, y[MEAS.gps_pos], fix_ns)
+            self._send(topics.GPS_VELOCITY, y[MEAS.gps_vel], fix_ns)
         # Last of the sensors: in real time it triggers the observer, which then has the others.
-        self._send(topics.IMU, y[0:6], stamp_ns)
+        self._send(topics.IMU, y[MEAS.imu], stamp_ns)
         x = self.state.x
-        self._send(topics.TRUTH_ODOM, x[0:13], stamp_ns)
-        self._send(topics.TRUTH_WIND, y[20:23], stamp_ns)
+        self._send(topics.TRUTH_ODOM, x[PLANT.rigid], stamp_ns)
+        self._send(topics.TRUTH_WIND, y[MEAS.wind], stamp_ns)
         if k.wind.sines.on:
-            injected_gust(x, tick * _TICK_S, k.wind.sines, self._gust)
+            injected_gust(x, tick * TICK_S, k.wind.sines, self._gust)
             self._send(topics.EXCITATION_WIND, self._gust, stamp_ns)
-        self._joints[0:3], self._joints[3:7] = x[13:16], x[16:20]
+        self._joints[JOINTS.rotor], self._joints[JOINTS.servo] = x[PLANT.rotor], x[PLANT.servo]
         self._send(topics.TRUTH_ROTOR, self._joints, stamp_ns)
         self._clock_send(self._clock_encode(stamp_ns))
         status = plant.PlantStatus(plant.status(self.state, k))
@@ -170,7 +169,7 @@ class PlantNode(TickNode):
 
     def _facts_now(self) -> dict[str, Any]:
         elapsed = time.monotonic() - self._zero_s
-        flown = self.tick * _TICK_S
+        flown = self.tick * TICK_S
         factor = flown / elapsed if elapsed > 0.0 else 0.0
         return {
             "flown_s": f"{flown:.2f}",
@@ -217,7 +216,7 @@ class PlantNode(TickNode):
         waited_s = time.monotonic() - self._progress_s
         if waited_s < self.values["peer_timeout_s"] and not self.silent:
             return
-        if waited_s < _TICK_S:
+        if waited_s < TICK_S:
             return
         if not self.silent:
             self.get_logger().warning(_NO_COMMAND)
@@ -241,9 +240,9 @@ class PlantNode(TickNode):
         now = time.monotonic()
         if now - self._progress_s > _REAL_TIME_SILENCE_S:
             self.silent.add(topics.ACTUATORS)
-        due = int((now - self._zero_s) / _TICK_S)
+        due = int((now - self._zero_s) / TICK_S)
         if due - self.tick > _CATCH_UP_TICKS:
-            late_s = (due - self.tick) * _TICK_S
+            late_s = (due - self.tick) * TICK_S
             self.get_logger().warning(f"{late_s:.2f} s behind the wall clock: time is shifted")
             self._zero_s += late_s
             due = self.tick + 1

@@ -5,22 +5,32 @@ The njit kernels hold no generator: each tick takes one row. A source's stream d
 another source is switched off or draws more.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+
+class NoiseRow(NamedTuple):
+    """Standard normals of a tick (31,), source by source in the order of `_SOURCES`."""
+
+    wind: slice = slice(0, 5)  # along, across (2), down (2)
+    gyro: slice = slice(5, 8)  # white
+    accel: slice = slice(8, 11)  # white
+    gyro_walk: slice = slice(11, 14)
+    accel_walk: slice = slice(14, 17)
+    mag: slice = slice(17, 20)  # white
+    baro: int = 20  # white
+    baro_drift: int = 21
+    gps_pos: slice = slice(22, 25)  # white
+    gps_vel: slice = slice(25, 28)  # white
+    gps_drift: slice = slice(28, 31)
+    size: int = 31
+
+
+NOISE = NoiseRow()
 # name and numbers per tick, in the order of the row
 _SOURCES = (("wind", 5), ("imu", 12), ("mag", 3), ("baro", 2), ("gps", 9))
-# wind 0:5 along, across (2), down (2)
-WIND_AT = 0
-# imu 5:17 gyro white (3), accelerometer white (3), gyro walk (3), accelerometer walk (3)
-IMU_AT = 5
-# mag 17:20 white (3)
-MAG_AT = 17
-# baro 20:22 white, drift
-BARO_AT = 20
-# gps 22:31 position white (3), velocity white (3), drift (3)
-GPS_AT = 22
-N_NOISE = 31
 
 
 class NoiseStreams:
@@ -54,13 +64,13 @@ class NoiseStreams:
         return np.hstack(parts)
 
     def rows(self, n: int) -> NDArray[np.float64]:
-        """The next n rows (n, N_NOISE); n calls of `row` give exactly the same."""
+        """The next n rows (n, 31); n calls of `row` give exactly the same."""
         return self._draw(self._streams, n)
 
     def row(self) -> NDArray[np.float64]:
-        """The next row (N_NOISE,)."""
+        """The next row (31,)."""
         return self._draw(self._streams, 1)[0]
 
     def initial_rows(self, n: int) -> NDArray[np.float64]:
-        """n rows (n, N_NOISE) for the state before the first tick, from streams of their own."""
+        """n rows (n, 31) for the state before the first tick, from streams of their own."""
         return self._draw(self._initial, n)

@@ -15,16 +15,16 @@ import numpy as np
 from heli_dynamics_sim.config import PlantConfig, PlantConfigError, PlantKernel
 from heli_dynamics_sim.ground import ground_contact
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
-from heli_dynamics_sim.noise import BARO_AT, GPS_AT, IMU_AT, N_NOISE, WIND_AT, NoiseStreams
-from heli_dynamics_sim.sensors import GPS_FIX, SensorState, read_sensors, take_fix
-from heli_dynamics_sim.state import N_COMMAND, N_MEAS, N_STATE, STEP_S, SUBSTEPS, TICK_S
+from heli_dynamics_sim.noise import NOISE, NoiseStreams
+from heli_dynamics_sim.sensors import FIX, SensorState, read_sensors, take_fix
+from heli_dynamics_sim.state import STEP_S, SUBSTEPS, attitude_of
 from heli_dynamics_sim.trim import trim
-from heli_dynamics_sim.wind import N_FILTER, stationary_filter, step_turbulence, wind_at
+from heli_dynamics_sim.wind import FILTER, stationary_filter, step_turbulence, wind_at
 from heli_math.jit import njit
+from heli_math.rows import ACTUATOR, MEAS, PLANT
+from heli_math.ticks import TICK_S
 
 __all__ = [
-    "N_MEAS",
-    "N_NOISE",
     "PlantConfig",
     "PlantConfigError",
     "PlantKernel",
@@ -65,8 +65,8 @@ _OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in Plant
 class PlantState(NamedTuple):
     """State of the plant; the arrays are changed in place."""
 
-    x: np.ndarray  # (24,) aircraft, layout of `state`
-    wind_filter: np.ndarray  # (5,) turbulence filter, dimensionless
+    x: np.ndarray  # (24,) aircraft, places of `rows.PLANT`
+    wind_filter: np.ndarray  # (5,) turbulence filter, dimensionless, places of `wind.FILTER`
     wind_ned_mps: np.ndarray  # (3,) velocity of the air
     sensors: SensorState
     commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
@@ -102,22 +102,23 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
         gust_amplitude_mps=0.0 * k.wind.gust_amplitude_mps,
         sines=k.wind.sines._replace(on=False),
     )
-    at_start = np.zeros(N_STATE)
-    at_start[0:3] = config.pos_ned_m
+    at_start = np.zeros(PLANT.size)
+    at_start[PLANT.pos] = config.pos_ned_m
     mean_wind = np.zeros(3)
-    wind_at(np.zeros(N_FILTER), at_start, 0.0, calm, mean_wind)
+    wind_at(np.zeros(FILTER.size), at_start, 0.0, calm, mean_wind)
     hover = trim(config.helicopter, mean_wind, config.psi)
     x = hover.x.copy()
-    x[0:3] = config.pos_ned_m
+    x[PLANT.pos] = config.pos_ned_m
     first = rows[0]
-    wind_filter = np.zeros(N_FILTER)
-    stationary_filter(first[WIND_AT : WIND_AT + N_FILTER], wind_filter)
+    wind_filter = np.zeros(FILTER.size)
+    stationary_filter(first[NOISE.wind], wind_filter)
     imu = k.sensors.imu
     sensors = SensorState(
-        bias=np.repeat([imu.gyro_bias, imu.accel_bias], 3) * first[IMU_AT : IMU_AT + 6],
-        baro_drift=k.sensors.baro.drift * first[BARO_AT : BARO_AT + 1],
-        gps_drift=gps.drift_m * first[GPS_AT + 6 : GPS_AT + 9],
-        gps_queue=np.zeros((slots, GPS_FIX)),
+        gyro_bias=imu.gyro_bias * first[NOISE.gyro],
+        accel_bias=imu.accel_bias * first[NOISE.accel],
+        baro_drift=np.array([k.sensors.baro.drift * first[NOISE.baro]]),
+        gps_drift=gps.drift_m * first[NOISE.gps_drift],
+        gps_queue=np.zeros((slots, FIX.size)),
     )
     for i in range(slots):
         valid = i * gps.period - gps.latency
@@ -128,8 +129,8 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
         wind_filter,
         mean_wind,
         sensors,
-        np.tile(hover.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, N_COMMAND),
-        np.zeros((WORK_ROWS, N_STATE)),
+        np.tile(hover.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, ACTUATOR.size),
+        np.zeros((WORK_ROWS, PLANT.size)),
         np.zeros(1, dtype=np.int64),
     )
 
@@ -144,20 +145,22 @@ def measure(state, tick, noise_row, k, y):
         Changed in place.
     tick : int
         0, 1, 2, ... without gaps.
-    noise_row : (N_NOISE,) array
-        Standard normals of this tick.
+    noise_row : (31,) array
+        Standard normals of this tick, places of `noise.NOISE`.
     k : PlantKernel
-    y : (N_MEAS,) array
-        Filled; layout of `state`. What does not arrive at this tick is 0, its valid flag too.
+    y : (23,) array
+        Filled; places of `rows.MEAS`. What does not arrive at this tick is 0, its valid flag too.
     """
     if tick > 0 and k.wind.turbulence:
-        step_turbulence(state.wind_filter, -state.x[2], TICK_S, noise_row[WIND_AT:], k.wind)
+        altitude_m = -state.x[PLANT.down]
+        step_turbulence(state.wind_filter, altitude_m, TICK_S, noise_row[NOISE.wind], k.wind)
     wind_at(state.wind_filter, state.x, tick * TICK_S, k.wind, state.wind_ned_mps)
     read_sensors(
         state.sensors, tick, state.x, state.wind_ned_mps, noise_row, k.aircraft, k.sensors, y
     )
+    wind = y[MEAS.wind]
     for i in range(3):
-        y[20 + i] = state.wind_ned_mps[i]
+        wind[i] = state.wind_ned_mps[i]
 
 
 @njit
@@ -169,11 +172,12 @@ def _judge(x, k):
     sinking, _, structure = ground_contact(x, k.aircraft.ground)
     if structure or sinking > k.aircraft.ground.hard_impact:
         return _HIT_GROUND
-    if 1.0 - 2.0 * (x[7] * x[7] + x[8] * x[8]) < k.limits.cos_tilt:
+    _, qx, qy, _ = attitude_of(x)
+    if 1.0 - 2.0 * (qx * qx + qy * qy) < k.limits.cos_tilt:
         return _ROLLED_OVER
-    away = 0.0
+    away, pos = 0.0, x[PLANT.pos]
     for i in range(3):
-        away += (x[i] - k.limits.start_ned_m[i]) ** 2
+        away += (pos[i] - k.limits.start_ned_m[i]) ** 2
     if away > k.limits.distance_m**2:
         return _FLEW_AWAY
     return _OK
@@ -193,11 +197,11 @@ def advance(state, u_cmd, k):
     """
     if state.flags[0] == _NOT_FINITE:
         return
-    u = np.empty(4)
-    for i in range(4):
+    u = np.empty(ACTUATOR.size)
+    for i in range(ACTUATOR.size):
         u[i] = state.commands[0, i] if k.delay_ticks > 0 else u_cmd[i]
     for j in range(k.delay_ticks):
-        for i in range(4):
+        for i in range(ACTUATOR.size):
             last = j == k.delay_ticks - 1
             state.commands[j, i] = u_cmd[i] if last else state.commands[j + 1, i]
     for _ in range(SUBSTEPS):

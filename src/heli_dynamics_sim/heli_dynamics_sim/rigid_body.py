@@ -8,7 +8,9 @@ needs the body rates where the Euler angles are printed. J is diagonal.
 
 from typing import NamedTuple
 
+from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
 from heli_math.jit import njit
+from heli_math.rows import PLANT
 
 
 class BodyKernel(NamedTuple):
@@ -22,8 +24,9 @@ class BodyKernel(NamedTuple):
 
 
 @njit
-def to_body(w, x, y, z, n, e, d):
-    """Body components of the NED vector (n, e, d); (w, x, y, z) is the attitude quaternion."""
+def to_body(attitude, n, e, d):
+    """Body components of the NED vector (n, e, d); attitude is the quaternion, 4 floats."""
+    w, x, y, z = attitude
     b0 = (1.0 - 2.0 * (y * y + z * z)) * n + 2.0 * (x * y + w * z) * e + 2.0 * (x * z - w * y) * d
     b1 = 2.0 * (x * y - w * z) * n + (1.0 - 2.0 * (x * x + z * z)) * e + 2.0 * (y * z + w * x) * d
     b2 = 2.0 * (x * z + w * y) * n + 2.0 * (y * z - w * x) * e + (1.0 - 2.0 * (x * x + y * y)) * d
@@ -31,8 +34,9 @@ def to_body(w, x, y, z, n, e, d):
 
 
 @njit
-def to_ned(w, x, y, z, b0, b1, b2):
-    """NED components of the body vector (b0, b1, b2); (w, x, y, z) is the attitude quaternion."""
+def to_ned(attitude, b0, b1, b2):
+    """NED components of the body vector (b0, b1, b2); attitude is the quaternion, 4 floats."""
+    w, x, y, z = attitude
     n = (1.0 - 2.0 * (y * y + z * z)) * b0 + 2.0 * (x * y - w * z) * b1 + 2.0 * (x * z + w * y) * b2
     e = 2.0 * (x * y + w * z) * b0 + (1.0 - 2.0 * (x * x + z * z)) * b1 + 2.0 * (y * z - w * x) * b2
     d = 2.0 * (x * z - w * y) * b0 + 2.0 * (y * z + w * x) * b1 + (1.0 - 2.0 * (x * x + y * y)) * b2
@@ -46,7 +50,7 @@ def rigid_body_rates(x, force, moment, k, out):
     Parameters
     ----------
     x : (>= 13,) array
-        State, layout of `state`.
+        State, places of `PLANT`.
     force : 3 floats
         Force without gravity, body, N.
     moment : 3 floats
@@ -55,18 +59,19 @@ def rigid_body_rates(x, force, moment, k, out):
     out : (>= 13,) array
         Filled in its first 13 places.
     """
-    u, v, w = x[3], x[4], x[5]
-    qw, qx, qy, qz = x[6], x[7], x[8], x[9]
-    p, q, r = x[10], x[11], x[12]
-    out[0], out[1], out[2] = to_ned(qw, qx, qy, qz, u, v, w)
-    gx, gy, gz = to_body(qw, qx, qy, qz, 0.0, 0.0, k.gravity)
-    out[3] = force[0] / k.mass + gx + r * v - q * w
-    out[4] = force[1] / k.mass + gy + p * w - r * u
-    out[5] = force[2] / k.mass + gz + q * u - p * v
-    out[6] = -0.5 * (p * qx + q * qy + r * qz)
-    out[7] = 0.5 * (p * qw + r * qy - q * qz)
-    out[8] = 0.5 * (q * qw - r * qx + p * qz)
-    out[9] = 0.5 * (r * qw + q * qx - p * qy)
-    out[10] = (moment[0] + (k.j_yy - k.j_zz) * q * r) / k.j_xx
-    out[11] = (moment[1] + (k.j_zz - k.j_xx) * r * p) / k.j_yy
-    out[12] = (moment[2] + (k.j_xx - k.j_yy) * p * q) / k.j_zz
+    u, v, w = velocity_of(x)
+    attitude = attitude_of(x)
+    qw, qx, qy, qz = attitude
+    p, q, r = rates_of(x)
+    out[PLANT.north], out[PLANT.east], out[PLANT.down] = to_ned(attitude, u, v, w)
+    gx, gy, gz = to_body(attitude, 0.0, 0.0, k.gravity)
+    out[PLANT.u] = force[0] / k.mass + gx + r * v - q * w
+    out[PLANT.v] = force[1] / k.mass + gy + p * w - r * u
+    out[PLANT.w] = force[2] / k.mass + gz + q * u - p * v
+    out[PLANT.qw] = -0.5 * (p * qx + q * qy + r * qz)
+    out[PLANT.qx] = 0.5 * (p * qw + r * qy - q * qz)
+    out[PLANT.qy] = 0.5 * (q * qw - r * qx + p * qz)
+    out[PLANT.qz] = 0.5 * (r * qw + q * qx - p * qy)
+    out[PLANT.p] = (moment[0] + (k.j_yy - k.j_zz) * q * r) / k.j_xx
+    out[PLANT.q] = (moment[1] + (k.j_zz - k.j_xx) * r * p) / k.j_yy
+    out[PLANT.r] = (moment[2] + (k.j_xx - k.j_yy) * p * q) / k.j_zz

@@ -11,12 +11,24 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_dynamics_sim.helicopter import specific_force
-from heli_dynamics_sim.noise import BARO_AT, GPS_AT, IMU_AT, MAG_AT
+from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.rigid_body import to_body, to_ned
+from heli_dynamics_sim.state import attitude_of, velocity_of
 from heli_math.atmosphere import pressure_pa
 from heli_math.jit import njit
+from heli_math.rows import MEAS, PLANT
 
-GPS_FIX = 7  # position (3), velocity (3), tick of validity
+
+class FixRow(NamedTuple):
+    """A GPS fix under way (7,)."""
+
+    pos: slice = slice(0, 3)  # NED, m
+    vel: slice = slice(3, 6)  # NED, m/s
+    tick: int = 6  # of validity
+    size: int = 7
+
+
+FIX = FixRow()
 
 
 class ImuKernel(NamedTuple):
@@ -73,10 +85,11 @@ class SensorKernel(NamedTuple):
 class SensorState(NamedTuple):
     """What the sensors remember."""
 
-    bias: np.ndarray  # (6,) gyro rad/s, accelerometer m/s2
+    gyro_bias: np.ndarray  # (3,) rad/s
+    accel_bias: np.ndarray  # (3,) m/s2
     baro_drift: np.ndarray  # (1,) Pa
     gps_drift: np.ndarray  # (3,) NED, m
-    gps_queue: np.ndarray  # (slots, GPS_FIX) fixes under way
+    gps_queue: np.ndarray  # (slots, 7) fixes under way, a FixRow each
 
 
 @njit
@@ -87,84 +100,93 @@ def gauss_markov_step(x, decay, sigma, n):
 
 @njit
 def read_imu(sensors, tick, x, wind, noise, aircraft, k, y):
-    """Fill y[0:3] (specific force, m/s2) and y[3:6] (rates, rad/s); biases walk."""
-    specific_force(x, wind, aircraft, y)
+    """Fill specific force and rates of the measurement row y; biases walk."""
+    force, rate, true_rate = y[MEAS.force], y[MEAS.rate], x[PLANT.rate]
+    gyro, accel = noise[NOISE.gyro], noise[NOISE.accel]
+    gyro_walk, accel_walk = noise[NOISE.gyro_walk], noise[NOISE.accel_walk]
+    specific_force(x, wind, aircraft, force)
     for i in range(3):
         if tick > 0:
-            sensors.bias[i] += k.gyro_walk * noise[IMU_AT + 6 + i]
-            sensors.bias[3 + i] += k.accel_walk * noise[IMU_AT + 9 + i]
-        y[i] += sensors.bias[3 + i] + k.accel_white * noise[IMU_AT + 3 + i]
-        y[3 + i] = x[10 + i] + sensors.bias[i] + k.gyro_white * noise[IMU_AT + i]
+            sensors.gyro_bias[i] += k.gyro_walk * gyro_walk[i]
+            sensors.accel_bias[i] += k.accel_walk * accel_walk[i]
+        force[i] += sensors.accel_bias[i] + k.accel_white * accel[i]
+        rate[i] = true_rate[i] + sensors.gyro_bias[i] + k.gyro_white * gyro[i]
 
 
 @njit
 def read_mag(tick, x, noise, k, y):
-    """Fill y[6:9] (T) and y[16]; zeros between the periods."""
-    y[16] = 1.0 if tick % k.period == 0 else 0.0
-    if y[16] == 0.0:
-        y[6] = y[7] = y[8] = 0.0
+    """Fill the magnetometer's places of the row y; zeros between the periods."""
+    mag, white = y[MEAS.mag], noise[NOISE.mag]
+    y[MEAS.mag_valid] = 1.0 if tick % k.period == 0 else 0.0
+    if y[MEAS.mag_valid] == 0.0:
+        mag[0] = mag[1] = mag[2] = 0.0
         return
     f = k.field_ned_t
-    b0, b1, b2 = to_body(x[6], x[7], x[8], x[9], f[0], f[1], f[2])
+    b0, b1, b2 = to_body(attitude_of(x), f[0], f[1], f[2])
     for i in range(3):
-        y[6 + i] = k.soft_iron[i, 0] * b0 + k.soft_iron[i, 1] * b1 + k.soft_iron[i, 2] * b2
-        y[6 + i] += k.hard_iron_t[i] + k.white * noise[MAG_AT + i]
+        mag[i] = k.soft_iron[i, 0] * b0 + k.soft_iron[i, 1] * b1 + k.soft_iron[i, 2] * b2
+        mag[i] += k.hard_iron_t[i] + k.white * white[i]
 
 
 @njit
 def read_baro(sensors, tick, x, noise, k, y):
-    """Fill y[9] (Pa) and y[17]; zero between the periods."""
-    y[17] = 1.0 if tick % k.period == 0 else 0.0
-    if y[17] == 0.0:
-        y[9] = 0.0
+    """Fill the barometer's places of the row y; zero between the periods."""
+    y[MEAS.baro_valid] = 1.0 if tick % k.period == 0 else 0.0
+    if y[MEAS.baro_valid] == 0.0:
+        y[MEAS.baro] = 0.0
         return
     if tick > 0:
         sensors.baro_drift[0] = gauss_markov_step(
-            sensors.baro_drift[0], k.decay, k.drift, noise[BARO_AT + 1]
+            sensors.baro_drift[0], k.decay, k.drift, noise[NOISE.baro_drift]
         )
-    y[9] = pressure_pa(k.origin_altitude_m - x[2]) + sensors.baro_drift[0]
-    y[9] += k.white * noise[BARO_AT]
+    y[MEAS.baro] = pressure_pa(k.origin_altitude_m - x[PLANT.down]) + sensors.baro_drift[0]
+    y[MEAS.baro] += k.white * noise[NOISE.baro]
 
 
 @njit
 def take_fix(sensors, tick, x, noise, k):
     """Measure position and velocity at `tick` and send them on their way."""
     slot = ((tick + k.latency) // k.period) % sensors.gps_queue.shape[0]
-    v0, v1, v2 = to_ned(x[6], x[7], x[8], x[9], x[3], x[4], x[5])
+    u, v, w = velocity_of(x)
     fix = sensors.gps_queue[slot]
-    fix[3], fix[4], fix[5] = v0, v1, v2
+    pos, vel, true_pos = fix[FIX.pos], fix[FIX.vel], x[PLANT.pos]
+    white_pos, white_vel = noise[NOISE.gps_pos], noise[NOISE.gps_vel]
+    vel[0], vel[1], vel[2] = to_ned(attitude_of(x), u, v, w)
     for i in range(3):
-        fix[i] = x[i] + sensors.gps_drift[i] + k.white_m[i] * noise[GPS_AT + i]
-        fix[3 + i] += k.velocity_mps * noise[GPS_AT + 3 + i]
-    fix[6] = tick
+        pos[i] = true_pos[i] + sensors.gps_drift[i] + k.white_m[i] * white_pos[i]
+        vel[i] += k.velocity_mps * white_vel[i]
+    fix[FIX.tick] = tick
 
 
 @njit
 def read_gps(sensors, tick, x, noise, k, y):
-    """Fill y[10:16] (NED, m, m/s), y[18] and y[19] with the fix that arrives; zeros if none does.
+    """Fill the row y's places of GPS with the fix that arrives; zeros if none does.
 
     Fixes arrive at the multiples of the period and were valid `latency` ticks before.
     """
+    drift = noise[NOISE.gps_drift]
     if (tick + k.latency) % k.period == 0:
         for i in range(3):
             sensors.gps_drift[i] = gauss_markov_step(
-                sensors.gps_drift[i], k.decay, k.drift_m[i], noise[GPS_AT + 6 + i]
+                sensors.gps_drift[i], k.decay, k.drift_m[i], drift[i]
             )
         take_fix(sensors, tick, x, noise, k)
-    y[18] = 1.0 if tick % k.period == 0 else 0.0
-    y[19] = 0.0
-    for i in range(6):
-        y[10 + i] = 0.0
-    if y[18] == 1.0:
+    pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
+    y[MEAS.gps_valid] = 1.0 if tick % k.period == 0 else 0.0
+    y[MEAS.gps_tick] = 0.0
+    for i in range(3):
+        pos[i] = vel[i] = 0.0
+    if y[MEAS.gps_valid] == 1.0:
         fix = sensors.gps_queue[(tick // k.period) % sensors.gps_queue.shape[0]]
-        for i in range(6):
-            y[10 + i] = fix[i]
-        y[19] = fix[6]
+        fix_pos, fix_vel = fix[FIX.pos], fix[FIX.vel]
+        for i in range(3):
+            pos[i], vel[i] = fix_pos[i], fix_vel[i]
+        y[MEAS.gps_tick] = fix[FIX.tick]
 
 
 @njit
 def read_sensors(sensors, tick, x, wind, noise, aircraft, k, y):
-    """Fill y[0:20] at a tick; see `state` for the layout."""
+    """Fill what sensors say of the measurement row y at a tick."""
     read_imu(sensors, tick, x, wind, noise, aircraft, k.imu, y)
     read_mag(tick, x, noise, k.mag, y)
     read_baro(sensors, tick, x, noise, k.baro, y)

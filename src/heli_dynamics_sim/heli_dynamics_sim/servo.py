@@ -8,6 +8,7 @@ after every integration step, holds position and rate inside their limits.
 from typing import NamedTuple
 
 from heli_math.jit import njit
+from heli_math.rows import ACTUATOR, PLANT
 
 
 class ServoKernel(NamedTuple):
@@ -29,12 +30,13 @@ def servo_rates(position, rate, command, k):
 
 @njit
 def apply_stops(x, k):
-    """Hold servo positions x[16:20] and rates x[20:24] inside their limits, in place."""
-    for i in range(16, 20):
-        x[i + 4] = min(max(x[i + 4], -k.rate_limit), k.rate_limit)
-        if x[i] >= k.travel:
-            x[i] = k.travel
-            x[i + 4] = min(x[i + 4], 0.0)
-        elif x[i] <= -k.travel:
-            x[i] = -k.travel
-            x[i + 4] = max(x[i + 4], 0.0)
+    """Hold the servos' positions and rates of a plant state inside their limits, in place."""
+    for i in range(ACTUATOR.size):
+        at, rate = PLANT.servo.start + i, PLANT.servo_rate.start + i
+        x[rate] = min(max(x[rate], -k.rate_limit), k.rate_limit)
+        if x[at] >= k.travel:
+            x[at] = k.travel
+            x[rate] = min(x[rate], 0.0)
+        elif x[at] <= -k.travel:
+            x[at] = -k.travel
+            x[rate] = max(x[rate], 0.0)

@@ -2,31 +2,48 @@
 """Trim: hover over a point of the ground in steady wind, in equilibrium."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heli_dynamics_sim.helicopter import derivative_kernel
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
-from heli_dynamics_sim.state import N_STATE, make_state
+from heli_dynamics_sim.state import make_state
+from heli_math.rows import ACTUATOR, PLANT
 
 # A height at which the ground is out of reach; trim does not depend on it.
 _ALTITUDE_M = 1000.0
 _RESIDUAL_LIMIT = 1e-9
 _MAX_NEWTON = 40
-_UNKNOWNS = ("phi", "theta", "a_s", "b_s", "d_lat", "d_lon", "d_col", "d_int")
+
 # Rows of the state derivative that must vanish (the others vanish by construction).
-_ROWS = (3, 4, 5, 10, 11, 12, 13, 14)
-_ROW_NAMES = (
-    "u_dot (m/s2)",
-    "v_dot (m/s2)",
-    "w_dot (m/s2)",
-    "p_dot (rad/s2)",
-    "q_dot (rad/s2)",
-    "r_dot (rad/s2)",
-    "a_s_dot (rad/s)",
-    "b_s_dot (rad/s)",
-)
+_ROWS = {
+    PLANT.u: "u_dot (m/s2)",
+    PLANT.v: "v_dot (m/s2)",
+    PLANT.w: "w_dot (m/s2)",
+    PLANT.p: "p_dot (rad/s2)",
+    PLANT.q: "q_dot (rad/s2)",
+    PLANT.r: "r_dot (rad/s2)",
+    PLANT.a_s: "a_s_dot (rad/s)",
+    PLANT.b_s: "b_s_dot (rad/s)",
+}
+
+
+class _Unknowns(NamedTuple):
+    """What is solved for (8,)."""
+
+    phi: int = 0
+    theta: int = 1
+    a_s: int = 2
+    b_s: int = 3
+    d_lat: int = 4
+    d_lon: int = 5
+    d_col: int = 6
+    d_int: int = 7
+
+
+_Z = _Unknowns()
 
 
 class TrimError(RuntimeError):
@@ -40,7 +57,7 @@ class Trim:
     Attributes
     ----------
     x : (24,) array
-        Plant state at the origin, layout of `heli_dynamics_sim.state`.
+        Plant state at the origin, places of `heli_math.rows.PLANT`.
     u : (4,) array
         Commands that hold it.
     residual : float
@@ -57,10 +74,11 @@ class Trim:
 
 def _expand(z: NDArray[np.float64], psi: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """State and command for the eight unknowns."""
-    x = make_state((0.0, 0.0, -_ALTITUDE_M), z[0], z[1], psi)
-    x[13], x[14], x[15] = z[2], z[3], z[7]
-    u = np.array([z[4], z[5], 0.0, z[6]])
-    x[16:20] = u
+    x = make_state((0.0, 0.0, -_ALTITUDE_M), z[_Z.phi], z[_Z.theta], psi)
+    x[PLANT.rotor] = z[_Z.a_s], z[_Z.b_s], z[_Z.d_int]
+    u = np.zeros(ACTUATOR.size)
+    u[ACTUATOR.lat], u[ACTUATOR.lon], u[ACTUATOR.col] = z[_Z.d_lat], z[_Z.d_lon], z[_Z.d_col]
+    x[PLANT.servo] = u
     return x, u
 
 
@@ -72,7 +90,7 @@ class _Problem:
         self.k = k._replace(servo=k.servo._replace(travel=1e3))
         self.wind = wind
         self.psi = psi
-        self.out = np.empty(N_STATE)
+        self.out = np.empty(PLANT.size)
 
     def residual(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         x, u = _expand(z, self.psi)
@@ -115,7 +133,7 @@ def _refusal(f: NDArray[np.float64], wind: NDArray[np.float64], psi: float) -> T
     return TrimError(
         f"no trim in wind {np.round(wind, 3).tolist()} m/s (NED) at heading "
         f"{np.degrees(psi):.1f} deg: "
-        f"{_ROW_NAMES[worst]} stays at {f[worst]:.3g}, allowed: {_RESIDUAL_LIMIT:g}"
+        f"{list(_ROWS.values())[worst]} stays at {f[worst]:.3g}, allowed: {_RESIDUAL_LIMIT:g}"
     )
 
 
@@ -160,15 +178,15 @@ def trim(
         z, f = problem.newton(z)
     if not np.abs(f).max() <= _RESIDUAL_LIMIT:
         raise _refusal(f, wind, psi)
-    for i in (4, 5, 6):
+    for i in (_Z.d_lat, _Z.d_lon, _Z.d_col):
         if abs(z[i]) >= params.servo_travel:
             raise TrimError(
                 f"no trim in wind {np.round(wind, 3).tolist()} m/s (NED) at heading "
-                f"{np.degrees(psi):.1f} deg: {_UNKNOWNS[i]} would have to be {z[i]:.3f}, "
+                f"{np.degrees(psi):.1f} deg: {_Z._fields[i]} would have to be {z[i]:.3f}, "
                 f"allowed: inside +-{params.servo_travel:g}"
             )
     x, u = _expand(z, psi)
-    x[2] = 0.0
+    x[PLANT.down] = 0.0
     return Trim(x, u, float(np.abs(f).max()), wind)
 
 
@@ -181,7 +199,7 @@ def _first_guess(params: HelicopterParameters) -> NDArray[np.float64]:
     power = weight * v_i + k.main.profile_power * k.main.tip_speed**2
     tail = power / k.main.speed / k.tail_arm
     tail_pitch = (tail / k.tail.thrust_slope + np.sqrt(tail / k.tail.disc)) / k.tail.blade_speed
-    z = np.zeros(8)
-    z[6] = (pitch - k.main.pitch_offset) / k.main.pitch_gain
-    z[7] = (tail_pitch - k.gyro.pitch_offset) / (k.gyro.pitch_gain * k.gyro.integral)
+    z = np.zeros(len(_Z))
+    z[_Z.d_col] = (pitch - k.main.pitch_offset) / k.main.pitch_gain
+    z[_Z.d_int] = (tail_pitch - k.gyro.pitch_offset) / (k.gyro.pitch_gain * k.gyro.integral)
     return z

@@ -22,14 +22,29 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_dynamics_sim.rigid_body import to_ned
+from heli_dynamics_sim.state import attitude_of
 from heli_math.jit import njit
 from heli_math.multisine import fade_in_and_out, sines_at
+from heli_math.rows import PLANT
 
 FOOT_M = 0.3048
 W20_ALTITUDE_M = 20.0 * FOOT_M
-N_FILTER = 5
 _SQRT3 = math.sqrt(3.0)
 _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
+
+
+class FilterState(NamedTuple):
+    """State of the turbulence filters (5,), dimensionless: 1/(1 + s), and for H_vw 1/(1 + s)^2."""
+
+    along: int = 0
+    across: int = 1
+    across_twice: int = 2
+    down: int = 3
+    down_twice: int = 4
+    size: int = 5
+
+
+FILTER = FilterState()
 
 
 class SinesKernel(NamedTuple):
@@ -127,11 +142,11 @@ def second_order_output(x1, x2):
 @njit
 def stationary_filter(noise, out):
     """Draw the filter states out (5,) from their stationary distribution; noise (5,) normals."""
-    out[0] = noise[0]
+    out[FILTER.along] = noise[FILTER.along]
     # covariance of a pair: [[1/2, 1/4], [1/4, 1/4]]
-    for i in range(2):
-        out[1 + 2 * i] = math.sqrt(0.5) * noise[1 + 2 * i]
-        out[2 + 2 * i] = math.sqrt(0.125) * (noise[1 + 2 * i] + noise[2 + 2 * i])
+    for once, twice in ((FILTER.across, FILTER.across_twice), (FILTER.down, FILTER.down_twice)):
+        out[once] = math.sqrt(0.5) * noise[once]
+        out[twice] = math.sqrt(0.125) * (noise[once] + noise[twice])
 
 
 @njit
@@ -139,9 +154,15 @@ def step_turbulence(x, altitude_m, dt_s, noise, k):
     """Carry the filter states x (5,) over dt_s at an altitude (m); noise (>= 5,) normals."""
     _, _, length_h, length_w = dryden_scales(altitude_m, k.w20_mps)
     path = dt_s * max(mean_speed(altitude_m, k), k.airspeed_floor_mps)
-    x[0] = first_order_step(x[0], path / length_h, noise[0])
-    x[1], x[2] = second_order_step(x[1], x[2], path / length_h, noise[1], noise[2])
-    x[3], x[4] = second_order_step(x[3], x[4], path / length_w, noise[3], noise[4])
+    along, across, down = FILTER.along, FILTER.across, FILTER.down
+    across_twice, down_twice = FILTER.across_twice, FILTER.down_twice
+    x[along] = first_order_step(x[along], path / length_h, noise[along])
+    x[across], x[across_twice] = second_order_step(
+        x[across], x[across_twice], path / length_h, noise[across], noise[across_twice]
+    )
+    x[down], x[down_twice] = second_order_step(
+        x[down], x[down_twice], path / length_w, noise[down], noise[down_twice]
+    )
 
 
 @njit
@@ -169,7 +190,7 @@ def injected_gust(x, time_s, k, out):
     share = fade_in_and_out(time_s - k.start_s, k.duration_s, k.fade_s)
     g0, g1, g2 = share * out[0], share * out[1], share * out[2]
     if k.body:
-        g0, g1, g2 = to_ned(x[6], x[7], x[8], x[9], g0, g1, g2)
+        g0, g1, g2 = to_ned(attitude_of(x), g0, g1, g2)
     out[0], out[1], out[2] = g0, g1, g2
 
 
@@ -180,20 +201,21 @@ def wind_at(filter_state, x, time_s, k, out):
     Parameters
     ----------
     filter_state : (5,) array
-        Turbulence filter.
+        Turbulence filter, places of `FILTER`.
     x : (24,) array
         Plant state: altitude, and attitude for gusts in body axes.
     time_s : float
         Flight time.
     k : WindKernel
     """
-    altitude = -x[2]
+    altitude = -x[PLANT.down]
     along, across, down = mean_speed(altitude, k), 0.0, 0.0
     if k.turbulence:
         sigma_h, sigma_w, _, _ = dryden_scales(altitude, k.w20_mps)
-        along += sigma_h * filter_state[0]
-        across = sigma_h * second_order_output(filter_state[1], filter_state[2])
-        down = sigma_w * second_order_output(filter_state[3], filter_state[4])
+        f = filter_state
+        along += sigma_h * f[FILTER.along]
+        across = sigma_h * second_order_output(f[FILTER.across], f[FILTER.across_twice])
+        down = sigma_w * second_order_output(f[FILTER.down], f[FILTER.down_twice])
     c, s = math.cos(k.towards_rad), math.sin(k.towards_rad)
     out[0] = c * along - s * across
     out[1] = s * along + c * across
@@ -205,7 +227,7 @@ def wind_at(filter_state, x, time_s, k, out):
         g1 += shape * k.gust_amplitude_mps[i, 1]
         g2 += shape * k.gust_amplitude_mps[i, 2]
     if k.gust_body:
-        g0, g1, g2 = to_ned(x[6], x[7], x[8], x[9], g0, g1, g2)
+        g0, g1, g2 = to_ned(attitude_of(x), g0, g1, g2)
     out[0] += g0
     out[1] += g1
     out[2] += g2

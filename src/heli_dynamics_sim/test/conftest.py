@@ -12,7 +12,7 @@ from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.plant import PlantConfig
-from heli_dynamics_sim.state import N_STATE
+from heli_math.rows import PLANT
 from heli_parameters.parameters import load
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
@@ -36,7 +36,7 @@ def fly():
 
     def run(x, u, kernel, seconds, dt_s=0.002, wind=(0.0, 0.0, 0.0)):
         x = np.array(x)
-        work = np.zeros((WORK_ROWS, N_STATE))
+        work = np.zeros((WORK_ROWS, PLANT.size))
         command, air = np.array(u, dtype=float), np.array(wind, dtype=float)
         for _ in range(round(seconds / dt_s)):
             rk4_step(x, command, air, kernel, dt_s, work)

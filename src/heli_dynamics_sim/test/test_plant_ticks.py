@@ -6,7 +6,6 @@ import pytest
 
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.plant import (
-    N_MEAS,
     PlantStatus,
     advance,
     initial_state,
@@ -14,6 +13,7 @@ from heli_dynamics_sim.plant import (
     status,
 )
 from heli_math.rotations import quat_from_euler
+from heli_math.rows import MEAS
 
 UNIFORM = {"wind__turbulence": False, "wind__profile_speed_mps": [4.0, 4.0, 4.0]}
 
@@ -25,7 +25,7 @@ def fly(config, seed, ticks, command=None):
     streams = NoiseStreams(seed)
     xs, ys = [], []
     for tick in range(ticks):
-        y = np.zeros(N_MEAS)
+        y = np.zeros(MEAS.size)
         measure(state, tick, streams.row(), config.kernel, y)
         advance(state, hover if command is None else command(tick, hover), config.kernel)
         xs.append(state.x.copy())

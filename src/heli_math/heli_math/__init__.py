@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small mathematics that every package of the stack shares: compilation, rotations, atmosphere."""
+"""What every package of the stack shares: compilation, ticks, named rows, rotations, atmosphere."""

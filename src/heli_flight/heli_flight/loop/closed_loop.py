@@ -27,6 +27,7 @@ from heli_inner_hinf.excitation import (
 from heli_inner_hinf.law_state import initial_law_state
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, quat_to_R_nb
+from heli_math.rows import MEAS
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
@@ -101,7 +102,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     track : Track
         Rows first_tick .. first_tick + n_ticks - 1 are written.
     """
-    y = np.zeros(plant.N_MEAS)
+    y = np.zeros(MEAS.size)
     nav = np.zeros(observer.N_NAV)
     x9 = np.empty(9)
     u3 = np.empty(3)
