@@ -238,6 +238,16 @@ class TestCompareAttitude:
             assert rows["pid", source]["roll_wins_over_pid"] is None
         assert (out / "attitude.png").read_bytes()[:4] == b"\x89PNG"
 
+    def test_a_rotor_that_flaps_back_flies_as_in_the_study_of_robustness(self, capsys):
+        words = ("compare", "attitude", "--gusts", "--flap-back", "--seeds", "101")
+        code, out, _ = heli(capsys, *words, "--controllers", "pid", "--duration", "10", "--json")
+        found = json.loads(out)
+        assert (code, found["flap_back_radpmps"]) == (0, compare_robustness.FLAP_BACK_RADPMPS)
+        row = next(f for f in found["flights"] if f["source"] == "truth")
+        settings = resolve("attitude_gusts", duration_s=10.0)
+        campaign = compare_robustness.Campaign(settings, laws.parse_laws("pid"))
+        assert max(row["max_deg"]) == campaign.fly(("flap_back",), 101)["pid"]
+
     @pytest.mark.parametrize(
         ("words", "part"),
         [

@@ -30,6 +30,9 @@ def compare_attitude(
             "--ideal-navigation", help="also without the estimator's errors: the law alone"
         ),
     ] = False,
+    flap_back: Annotated[
+        bool, typer.Option("--flap-back", help="a rotor that flaps back; the laws do not know")
+    ] = False,
     controllers: Laws = ALL_LAWS,
     gps: Gps = "standalone",
     duration: Duration = None,
@@ -54,7 +57,7 @@ def compare_attitude(
         new_folder(out)
     start = time.monotonic()
     with steps("flights", len(numbers) * len(laws)) as progress:
-        result = attitude.compare(settings, laws, numbers, ideal, progress)
+        result = attitude.compare(settings, laws, numbers, ideal, flap_back, progress)
     if out is not None:
         from heli_flight.studies.compare.attitude_picture import draw
 

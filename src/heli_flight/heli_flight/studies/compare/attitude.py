@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from heli_flight.loop.closed_loop import Flight, simulate
+from heli_dynamics_sim import plant
+from heli_flight.loop.closed_loop import Flight, build, fly_loop
 from heli_flight.loop.result import conditions
 from heli_flight.loop.settings import Settings
 from heli_flight.studies.campaign import with_seed
 from heli_flight.studies.compare.laws import AXES, Law, attitude_errors_deg, largest, with_law
+from heli_flight.studies.compare.robustness import FLAP_BACK_RADPMPS, perturbed
 from heli_flight.terminal import table
 
 SOURCES = ("navigation", "truth", "ideal")
@@ -52,6 +54,7 @@ class Comparison:
     settings: Settings
     laws: tuple[Law, ...]
     seeds: list[int]
+    flap_back: bool = False
     flights: list[AttitudeFlight] = field(default_factory=list)
     shown: dict[str, Flight] = field(default_factory=dict)
 
@@ -97,6 +100,7 @@ class Comparison:
         return {
             "scenario": self.settings.scenario_name,
             "seeds": self.seeds,
+            "flap_back_radpmps": FLAP_BACK_RADPMPS if self.flap_back else 0.0,
             "conditions": conditions(self.settings).splitlines(),
             "paper_max_deg": PAPER_DEG,
             "summary": self.summary(),
@@ -109,6 +113,7 @@ def compare(
     laws: tuple[Law, ...],
     seeds: Sequence[int],
     ideal: bool = False,
+    flap_back: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Comparison:
     """Fly every law on every seed.
@@ -120,21 +125,25 @@ def compare(
     laws, seeds : sequence
     ideal : bool
         Also with ideal navigation, which shows the law without the estimator.
+    flap_back : bool
+        The rotor flaps back by FLAP_BACK_RADPMPS more than laws and observer know.
     progress : callable
         Told how many flights are done.
     """
-    result = Comparison(settings, laws, list(seeds))
+    result = Comparison(settings, laws, list(seeds), flap_back)
+    nominal = plant.PlantConfig.from_parameters(settings.nodes["plant"])
+    aircraft = perturbed(nominal, ("flap_back",) if flap_back else (), seed=0)
     done = 0
     for seed in seeds:
         for law in laws:
             flown = with_law(with_seed(settings, seed), law)
-            flight = simulate(flown)
+            flight = fly_loop(build(flown, plant_config=aircraft), flown)
             for source in SOURCES[:2]:
                 result.flights.append(scored(flight, flown, law, source))
             if seed == seeds[0]:
                 result.shown[law.key] = flight
             if ideal:
-                best = simulate(flown, true_navigation=True)
+                best = fly_loop(build(flown, true_navigation=True, plant_config=aircraft), flown)
                 result.flights.append(scored(best, flown, law, "ideal"))
             done += 1
             progress(done)
@@ -188,6 +197,8 @@ def print_comparison(result: Comparison, out: Console) -> None:
         rows.add_row(law.name, *cells, paper)
     out.print(rows)
     out.print(_without_seed(conditions(result.settings)))
+    if result.flap_back:
+        out.print(f"the rotor flaps back by {FLAP_BACK_RADPMPS:g} rad s/m, which no law knows")
     for flight in result.flights:
         if flight.lost and flight.source == "truth":
             out.print(f"LOST: {flight.law}, seed {flight.seed}: {flight.lost}")
