@@ -1,2 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every package of the stack shares: compilation, ticks, named rows, rotations, atmosphere."""
+"""Mathematics that every package of the stack shares: kernels, named rows, ticks, rotations."""
+
+from heli_math.faces import face
+
+__getattr__, __dir__, __all__ = face(
+    __name__,
+    {
+        "jit": ["njit"],
+        "multisine": ["Multisine", "design_multisine"],
+    },
+    modules=["atmosphere", "rotations", "rows", "ticks"],
+)

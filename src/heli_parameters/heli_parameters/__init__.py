@@ -1,2 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter tables, rcl YAML files, command lines, and where packages have their files; no ROS."""
+"""Parameter tables, rcl YAML, command lines, and where packages have their files; no ROS."""
+
+from heli_math.faces import face
+
+__getattr__, __dir__, __all__ = face(
+    __name__,
+    {
+        "parameters": ["Parameter", "judge", "load"],
+        "rcl_yaml": ["ParameterError"],
+        "common_table": ["with_common"],
+        "locate": ["MissingFileError", "config_folder", "executable", "share_folder"],
+    },
+    modules=["command_line"],
+)
