@@ -4,7 +4,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from heli_identification.actuators import IdentifiedAB
@@ -12,6 +11,7 @@ from heli_identification.errors import Cause, IdentificationError
 from heli_identification.experiment import Array, Experiment
 from heli_identification.response import transfer
 from heli_identification.spectra import GUST, VEL, U, hann_amplitudes, spectra_of
+from heli_math.linear_systems import held, with_servos
 from heli_observer.layout import TICK_S
 
 _COL, _GUST_W = 3, 6
@@ -151,13 +151,10 @@ def relative_air_w(
 
 def _servo(command: Array, identified: IdentifiedAB) -> Array:
     """Servo positions (N,) of commands held over a tick after the delay; starts at rest."""
-    w, zeta = identified.servo_radps, identified.servo_damping
-    F = np.array([[0.0, 1.0], [-(w**2), -2.0 * zeta * w]])
-    block = np.zeros((3, 3))
-    block[:2, :2], block[1, 2] = F, w**2
-    e = expm(block * TICK_S)
+    servo = (identified.servo_radps, identified.servo_damping)
+    Phi, column = held(*with_servos(np.zeros((0, 0)), np.zeros((0, 1)), *servo), TICK_S)
     # x(n + 1) = Phi x(n) + Gamma u(n), position = x_0, as a difference equation of second order
-    Phi, Gamma = e[:2, :2], e[:2, 2]
+    Gamma = column[:, 0]
     denominator = np.array([1.0, -np.trace(Phi), np.linalg.det(Phi)])
     numerator = np.array([0.0, Gamma[0], Phi[0, 1] * Gamma[1] - Phi[1, 1] * Gamma[0]])
     moved = command - command[0]

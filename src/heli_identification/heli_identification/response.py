@@ -10,14 +10,14 @@ length, injected gust held over a tick, velocity over ground linear between tick
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
 from heli_identification.experiment import Array
 from heli_identification.spectra import GUST, KINK, N_SIGNAL, VEL, ComplexArray, U
+from heli_math.linear_systems import held_and_linear, held_late, with_servos
 from heli_observer.layout import TICK_S
 
 FAST = slice(2, 8)  # p q a_s b_s r d_int within eq. (10)
-N_FAST, N_ACTUATOR, N_WIND, N_FULL = 6, 4, 4, 14
+N_FAST, N_ACTUATOR = 6, 4
 RATE_ROWS = (0, 1, 4)  # p, q, r within the fast states
 
 
@@ -46,31 +46,6 @@ class FastModel:
     delay_s: float
 
 
-def _continuous(model: FastModel) -> tuple[Array, Array]:
-    """F (14, 14) and inputs G (14, 8): four commands, four wind inputs."""
-    F = np.zeros((N_FULL, N_FULL))
-    F[:N_FAST, :N_FAST] = model.A
-    F[:N_FAST, 6:10] = model.B
-    F[6:10, 10:14] = np.eye(4)
-    F[10:14, 6:10] = -(model.servo_radps**2) * np.eye(4)
-    F[10:14, 10:14] = -2.0 * model.servo_damping * model.servo_radps * np.eye(4)
-    G = np.zeros((N_FULL, N_ACTUATOR + N_WIND))
-    G[10:14, :4] = model.servo_radps**2 * np.eye(4)
-    G[:N_FAST, 4:] = model.E
-    return F, G
-
-
-def _held(F: Array, G: Array, time_s: float) -> tuple[Array, Array, Array]:
-    """Phi, Gamma (input held) and Gamma_1 (input rising from 0 to 1) over time_s."""
-    n, m = G.shape
-    block = np.zeros((n + 2 * m, n + 2 * m))
-    block[:n, :n] = F * time_s
-    block[:n, n : n + m] = G * time_s
-    block[n : n + m, n + m :] = np.eye(m)
-    e = expm(block)[:n]
-    return e[:, :n], e[:, n : n + m], e[:, n + m :]
-
-
 def transfer(model: FastModel, omega_radps: Array, states: bool = False) -> ComplexArray:
     """Response (L, 3, N_SIGNAL - 3) of p, q, r to the signals of `Spectra` after its first three.
 
@@ -81,23 +56,19 @@ def transfer(model: FastModel, omega_radps: Array, states: bool = False) -> Comp
     states : bool
         Give all fast states and servo positions, (L, 10, N_SIGNAL - 3), instead.
     """
-    F, G = _continuous(model)
-    Phi, Gamma, Rise = _held(F, G, TICK_S)
+    F, G = with_servos(model.A, model.B, model.servo_radps, model.servo_damping)
+    E = np.vstack([model.E, np.zeros((2 * N_ACTUATOR, model.E.shape[1]))])
+    Phi, Gust, _, Rise = held_and_linear(F, E, E[:, :3], TICK_S)
     z = np.exp(1j * omega_radps * TICK_S)[:, None, None]
-    ticks = int(np.floor(model.delay_s / TICK_S + 1e-9))
-    rest_s = max(model.delay_s - ticks * TICK_S, 0.0)
-    command = np.broadcast_to(Gamma[:, :4], (z.size, N_FULL, 4)).astype(np.complex128)
-    if rest_s > 1e-9:
-        part = _held(F, G[:, :4], TICK_S - rest_s)
-        command = part[1] + (part[0] @ _held(F, G[:, :4], rest_s)[1]) / z
-    command = command * z**-ticks
+    late = held_late(F, G, TICK_S, model.delay_s)
+    command = (late.newer + late.older / z) * z**-late.ticks
     # the servos move by themselves and drive the six fast states: solve one after the other
     servos = _servo_response(Phi[6:, 6:], command[:, 6:], z)
     inputs = np.zeros((z.size, N_FAST, N_SIGNAL - 3), dtype=np.complex128)
     inputs[:, :, _after_rates(U)] = Phi[:6, 6:] @ servos + command[:, :6]
-    inputs[:, :, _after_rates(GUST)] = Gamma[:6, 4:7]
-    inputs[:, :, _after_rates(KINK)] = Gamma[:6, 7:8]
-    inputs[:, :, _after_rates(VEL)] = -(Gamma[:6, 4:7] + (z - 1.0) * Rise[:6, 4:7])
+    inputs[:, :, _after_rates(GUST)] = Gust[:6, :3]
+    inputs[:, :, _after_rates(KINK)] = Gust[:6, 3:4]
+    inputs[:, :, _after_rates(VEL)] = -(Gust[:6, :3] + (z - 1.0) * Rise[:6])
     fast = z * np.eye(N_FAST) - Phi[:6, :6]
     if not states:
         selector = np.zeros((N_FAST, 3))

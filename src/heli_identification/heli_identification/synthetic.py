@@ -9,11 +9,11 @@ agree with the true ones within their own confidence.
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import expm
 
 from heli_identification.experiment import Experiment
 from heli_identification.response import FastModel
 from heli_identification.structure import full_matrices
+from heli_math.linear_systems import held, with_servos
 
 G = 9.8
 TICK_S = 0.01
@@ -85,22 +85,15 @@ def _law():
 def _discrete(model: FastModel):
     """Phi and inputs (u 4, wind 3) of x9, velocity 3, servos 8."""
     A, _, E = full_matrices(model, *TRIM)
-    F, inputs = np.zeros((20, 20)), np.zeros((20, 7))
-    F[:9, :9] = A
-    F[2:8, 12:16] = model.B
+    F, B, wind = np.zeros((12, 12)), np.zeros((12, 4)), np.zeros((20, 3))
+    F[:9, :9], B[2:8] = A, model.B
     F[:9, 9:12] = -E
-    F[9, 1], F[10, 0], F[11, 15] = -G, G, 8.0
+    F[9, 1], F[10, 0], B[11, 3] = -G, G, 8.0
     F[9:12, 9:12] = -np.diag([0.05, 0.3, 0.6])
-    F[12:16, 16:20] = np.eye(4)
-    F[16:20, 12:16] = -(model.servo_radps**2) * np.eye(4)
-    F[16:20, 16:20] = -2.0 * model.servo_damping * model.servo_radps * np.eye(4)
-    inputs[16:20, :4] = model.servo_radps**2 * np.eye(4)
-    inputs[:9, 4:] = E
-    inputs[9:12, 4:] = np.diag([0.05, 0.3, 0.6])
-    block = np.zeros((27, 27))
-    block[:20, :20], block[:20, 20:] = F, inputs
-    e = expm(block * TICK_S)
-    return e[:20, :20], e[:20, 20:]
+    wind[:9] = E
+    wind[9:12] = np.diag([0.05, 0.3, 0.6])
+    F, B = with_servos(F, B, model.servo_radps, model.servo_damping)
+    return held(F, np.hstack([B, wind]), TICK_S)
 
 
 def fly(flight: Flight) -> Experiment:

@@ -16,6 +16,7 @@ from heli_identification import (
     trim_of,
 )
 from heli_identification.estimator import Problem, estimate
+from heli_identification.response import transfer
 from heli_identification.spectra import spectra_of
 from heli_identification.start import StartSearch
 from heli_identification.structure import (
@@ -27,6 +28,7 @@ from heli_identification.structure import (
     values_of,
 )
 from heli_identification.synthetic import TRIM, Flight, fly, true_model
+from heli_math.linear_systems import with_servos
 
 GUSTS = Flight(seed=7, u_amplitude=(0.0,) * 4, gust_mps=(0.35, 0.35, 0.35))
 
@@ -101,10 +103,8 @@ def test_fractional_delay_by_superposition(delay_s):
     """A delay of k + f ticks, played out finely in time, against the closed form."""
     fine, h = 10, 0.01
     model = replace(true_model(), delay_s=delay_s)
-    from heli_identification.response import _continuous, transfer
-
-    F, G = _continuous(model)
-    system = (F, G[:, :4], np.eye(14)[[0, 1, 4]], np.zeros((3, 4)))
+    F, G = with_servos(model.A, model.B, model.servo_radps, model.servo_damping)
+    system = (F, G, np.eye(14)[[0, 1, 4]], np.zeros((3, 4)))
     period, count = 200, 8
     t = np.arange(period * count) * h
     u = np.zeros((t.size, 4))

@@ -14,6 +14,14 @@ from numpy.typing import ArrayLike
 
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.weights import MEASURED, N_U, N_X, OUTPUTS, UNMEASURED, checked
+from heli_math.linear_systems import (
+    Observer,
+    held,
+    held_and_linear,
+    held_late,
+    reduced_order_observer,
+    with_servos,
+)
 
 TICK_S = 0.01
 N_Y, N_Z = len(MEASURED), len(UNMEASURED)
@@ -153,19 +161,10 @@ class Model:
     shift_rate: float = 0.0
 
 
-def observer_matrices(A: ArrayLike, B: ArrayLike, K: ArrayLike) -> tuple[Matrix, Matrix, Matrix]:
-    """A', B', H' of eq. (19): z' = A' z + B' y + H' u, x_u = z + K y.
-
-    Parameters
-    ----------
-    A, B : (9, 9), (9, 3) arrays
-    K : (3, 6) array
-    """
+def observer_of(A: ArrayLike, B: ArrayLike, K: ArrayLike) -> Observer:
+    """The reduced-order observer (19) of A (9, 9), B (9, 3) with the gain K (3, 6)."""
     A, B, K = checked("A", A, (9, 9)), checked("B", B, (9, 3)), checked("K", K, (3, 6))
-    u, m = list(UNMEASURED), list(MEASURED)
-    Auu, Aum, Amu, Amm = (A[np.ix_(i, j)] for i, j in ((u, u), (u, m), (m, u), (m, m)))
-    Az = Auu - K @ Amu
-    return Az, Aum - K @ Amm + Az @ K, B[u] - K @ B[m]
+    return reduced_order_observer(A, B, K, MEASURED, UNMEASURED)
 
 
 def state_feedback_loop(model: Model) -> Loop:
@@ -177,7 +176,7 @@ def state_feedback_loop(model: Model) -> Loop:
 def observer_loop(model: Model, K: ArrayLike) -> Loop:
     """Continuous loop with the reduced-order observer (19)."""
     K = checked("K", K, (N_Z, N_Y))
-    Az, By, Hu = observer_matrices(model.A, model.B, K)
+    Az, By, Hu = observer_of(model.A, model.B, K)
     Fm, Fu = model.F[:, MEASURED], model.F[:, UNMEASURED]
     Dk = Fm + Fu @ K
     controller = Linear(Az + Hu @ Fu, By + Hu @ Dk, Fu, Dk)
@@ -203,24 +202,20 @@ def flown_loop(
 def sampled_plant(model: Model, actuation: Actuation) -> Linear:
     """Plant, servos and transport delay, exactly discretised; commands and wind held over a
     tick."""
-    sA, sB = servo_matrices(actuation.servo_radps, actuation.servo_damping)
-    n, ns = N_X, sA.shape[0]
-    A = np.block([[model.A, model.B @ np.eye(N_U, ns)], [np.zeros((ns, n)), sA]])
-    B = np.vstack([np.zeros((n, N_U)), sB])
-    E = np.vstack([model.E, np.zeros((ns, N_U))])
-    whole = int(actuation.delay_s / TICK_S + 1e-9)
-    part = actuation.delay_s - whole * TICK_S
+    n = N_X
+    A, B = with_servos(model.A, model.B, actuation.servo_radps, actuation.servo_damping)
+    E = np.vstack([model.E, np.zeros((2 * N_U, N_U))])
     Phi, Gamma_w = held(A, E, TICK_S)
-    late, new_part = held(A, B, TICK_S - part)
-    old_part = late @ held(A, B, part)[1] if part > 1e-12 else np.zeros_like(B)
+    late = held_late(A, B, TICK_S, actuation.delay_s)
+    whole, split = late.ticks, bool(np.any(late.older))
     # delay line u_(n-1) .. u_(n-depth); over [n, n+1] first u_(n-whole-1), then u_(n-whole)
-    depth = whole + (1 if part > 1e-12 else 0)
-    N = n + ns
+    depth = whole + (1 if split else 0)
+    N = A.shape[0]
     size = N + N_U * depth
     Ad, Bd = np.zeros((size, size)), np.zeros((size, 2 * N_U))
     Ad[:N, :N] = Phi
     Bd[:N, N_U:] = Gamma_w
-    for lag, gain in ((whole, new_part), (whole + 1, old_part)):
+    for lag, gain in ((whole, late.newer), (whole + 1, late.older)):
         if lag == 0:
             Bd[:N, :N_U] = gain
         elif lag <= depth:
@@ -300,48 +295,11 @@ def observer_with_servo(
     model: Model, K: Matrix, feed: ObserverInput
 ) -> tuple[Matrix, Matrix, Matrix]:
     """A, B_y, B_u of (19), continuous, behind the servo model of `feed` if it has one."""
-    Az, By, Hu = observer_matrices(model.A, model.B, K)
+    Az, By, Hu = observer_of(model.A, model.B, K)
     if feed.servo_radps == 0.0:
         return Az, By, Hu
-    sA, sB = servo_matrices(feed.servo_radps, feed.servo_damping)
-    ns = sA.shape[0]
-    A = np.block([[Az, Hu @ np.eye(N_U, ns)], [np.zeros((ns, N_Z)), sA]])
-    return A, np.vstack([By, np.zeros((ns, N_Y))]), np.vstack([np.zeros((N_Z, N_U)), sB])
-
-
-def held_and_linear(
-    A: Matrix, B_held: Matrix, B_linear: Matrix, dt_s: float
-) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Phi, Gu, G0, G1 of w(n+1) = Phi w + Gu u + G0 y(n) + G1 y(n+1): u held, y linear over dt_s;
-    exact."""
-    from scipy.linalg import expm
-
-    n, m, k = A.shape[0], B_held.shape[1], B_linear.shape[1]
-    block = np.zeros((n + m + 2 * k, n + m + 2 * k))
-    block[:n] = np.hstack([A, B_held, B_linear, np.zeros((n, k))])
-    block[n + m : n + m + k, n + m + k :] = np.eye(k) / dt_s
-    e = expm(block * dt_s)[:n]
-    slope = e[:, n + m + k :]
-    return e[:, :n], e[:, n : n + m], e[:, n + m : n + m + k] - slope, slope
-
-
-def servo_matrices(natural_radps: float, damping: float) -> tuple[Matrix, Matrix]:
-    """A (6, 6), B (6, 3) of three servos; states: positions, then rates."""
-    w2 = natural_radps**2
-    eye = np.eye(N_U)
-    A = np.block([[np.zeros((N_U, N_U)), eye], [-w2 * eye, -2.0 * damping * natural_radps * eye]])
-    return A, np.vstack([np.zeros((N_U, N_U)), w2 * eye])
-
-
-def held(A: Matrix, B: Matrix, dt_s: float) -> tuple[Matrix, Matrix]:
-    """Exact Phi, Gamma of x' = A x + B u over dt_s with u held."""
-    from scipy.linalg import expm
-
-    n, m = B.shape
-    block = np.zeros((n + m, n + m))
-    block[:n, :n], block[:n, n:] = A, B
-    both = expm(block * dt_s)
-    return both[:n, :n], both[:n, n:]
+    A, B = with_servos(Az, Hu, feed.servo_radps, feed.servo_damping)
+    return A, np.vstack([By, np.zeros((2 * N_U, N_Y))]), B
 
 
 def _continuous_plant(model: Model, selector: Matrix) -> Linear:

@@ -26,6 +26,7 @@ from heli_inner_hinf.margins import disk_margin, further_delay_s
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.system_norm import peak_gain
 from heli_inner_hinf.weights import MEASURED, UNMEASURED, checked
+from heli_math.linear_systems import diagonal_observer_gain
 
 ROTOR_POLES = (3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
 GYRO_POLES = (5.0, 10.0, 20.0)
@@ -76,8 +77,7 @@ def diagonal_gain(A: ArrayLike, poles: Sequence[float]) -> Matrix:
         Of the errors of a_s, b_s, d_int; rad/s, negative.
     """
     A = checked("A", A, (9, 9))
-    u, m = list(UNMEASURED), list(MEASURED)
-    return (A[np.ix_(u, u)] - np.diag(poles)) @ np.linalg.pinv(A[np.ix_(m, u)])
+    return diagonal_observer_gain(A, tuple(poles), MEASURED, UNMEASURED)
 
 
 def known_lag_s(actuation: Actuation) -> float:

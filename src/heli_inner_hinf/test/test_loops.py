@@ -22,8 +22,7 @@ from heli_inner_hinf.loops import (
     Loop,
     ObserverInput,
     flown_loop,
-    held_and_linear,
-    observer_matrices,
+    observer_of,
     observer_with_servo,
     predicting_gains,
 )
@@ -42,6 +41,7 @@ from heli_inner_hinf.observer_gain import (
 )
 from heli_inner_hinf.system_norm import hinf_norm
 from heli_inner_hinf.weights import MEASURED, UNMEASURED
+from heli_math.linear_systems import held_and_linear
 
 POLES = (-10.0, -10.0, -5.0)
 
@@ -58,7 +58,7 @@ def K(config):
 
 def test_observer_matrices_make_the_error_decay(model, K):
     """Eq. (19): the error of x_u obeys e' = A' e whatever y, u are."""
-    Az, By, Hu = observer_matrices(model.A, model.B, K)
+    Az, By, Hu = observer_of(model.A, model.B, K)
     assert np.allclose(Az, np.diag(POLES), atol=1e-9)
     rng = np.random.default_rng(1)
     x, u, e = rng.standard_normal(9), rng.standard_normal(3), rng.standard_normal(3)
@@ -80,7 +80,7 @@ def test_sampled_loop_against_simulation(config, model, K, delay_s, lag):
     x0 = 0.02 * np.random.default_rng(3).standard_normal(9)
     n = loop.plant.A.shape[0]
     F, H = predicting_gains(model.A, model.B, model.F, config.prediction_s)
-    Az, By, Hu = observer_matrices(model.A, model.B, K)
+    Az, By, Hu = observer_of(model.A, model.B, K)
 
     def servo(s, rate, u):
         return 38.0**2 * (u - s) - 2 * 0.51 * 38.0 * rate

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from heli_math.jit import njit
+from heli_math.linear_systems import held_and_linear, reduced_order_observer, with_servos
 from heli_observer.arrays import copy_part
 from heli_observer.layout import (
     MEASURED_STATES,
@@ -65,21 +65,6 @@ def _finite(name: str, value: Matrix, shape: tuple[int, ...]) -> Matrix:
     return np.ascontiguousarray(array.reshape(shape))
 
 
-def partition(A: Matrix, B: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix, Matrix]:
-    """A_mm, A_mu, A_um, A_uu, B_m, B_u of A (9, 9) and B (9, 3), states ordered as in eq. (10)."""
-    A = _finite("model.A", A, (9, 9))
-    B = _finite("model.B", B, (9, 3))
-    m, u = list(MEASURED_STATES), list(ROTOR_STATES)
-    return (
-        A[np.ix_(m, m)],
-        A[np.ix_(m, u)],
-        A[np.ix_(u, m)],
-        A[np.ix_(u, u)],
-        B[m],
-        B[u],
-    )
-
-
 def reduced_order_model(A: Matrix, B: Matrix, K: Matrix) -> ReducedOrderModel:
     """Matrices of eq. (19).
 
@@ -96,53 +81,15 @@ def reduced_order_model(A: Matrix, B: Matrix, K: Matrix) -> ReducedOrderModel:
     ReducedOrderError
         Wrong size, an entry that is not finite, or an A' that is not stable.
     """
-    A_mm, A_mu, A_um, A_uu, B_m, B_u = partition(A, B)
+    A, B = _finite("model.A", A, (9, 9)), _finite("model.B", B, (9, 3))
     K = _finite("K", K, (N_UNMEASURED, N_OUTPUT))
-    A_prime = A_uu - K @ A_mu
-    poles = np.linalg.eigvals(A_prime)
+    observer = reduced_order_observer(A, B, K, MEASURED_STATES, ROTOR_STATES)
+    poles = np.linalg.eigvals(observer.A)
     if not np.all(poles.real < 0.0):
         raise ReducedOrderError(
             f"K makes the reduced-order observer unstable: poles {np.round(poles, 4).tolist()}"
         )
-    return ReducedOrderModel(
-        A_prime=A_prime,
-        B_prime=A_um - K @ A_mm + A_prime @ K,
-        H_prime=B_u - K @ B_m,
-        K=K,
-    )
-
-
-def observer_gain(A: Matrix, B: Matrix, poles: tuple[float, float, float]) -> Matrix:
-    """Gain K (3, 6) that gives A' = diag(poles), the smallest one that does.
-
-    Parameters
-    ----------
-    A, B : ndarray (9, 9), (9, 3)
-    poles : three floats
-        Wanted poles of the error of a_s, b_s, d_int (rad/s, negative), each on its own.
-
-    Raises
-    ------
-    ReducedOrderError
-        If the unmeasured states do not all act on the measured ones (A_mu without full column
-        rank); observer_gain_placed may still find a gain then.
-    """
-    _, A_mu, _, A_uu, _, _ = partition(A, B)
-    if np.linalg.matrix_rank(A_mu, tol=1e-9 * np.linalg.norm(A_mu)) < N_UNMEASURED:
-        raise ReducedOrderError("A_mu has no full column rank: a_s, b_s, d_int cannot be decoupled")
-    return (A_uu - np.diag(poles)) @ np.linalg.pinv(A_mu)
-
-
-def observer_gain_placed(A: Matrix, B: Matrix, poles: tuple[complex, complex, complex]) -> Matrix:
-    """Gain K (3, 6) by robust pole placement (Tits and Yang); complex pairs allowed, no repeats."""
-    from scipy.signal import place_poles  # 0.7 s to import, and no node places poles
-
-    _, A_mu, _, A_uu, _, _ = partition(A, B)
-    try:
-        placed = place_poles(A_uu.T, A_mu.T, np.asarray(poles))
-    except ValueError as error:
-        raise ReducedOrderError(f"pole placement failed: {error}") from error
-    return np.ascontiguousarray(placed.gain_matrix.T)
+    return ReducedOrderModel(observer.A, observer.B, observer.H, K)
 
 
 def continuous_system(
@@ -155,33 +102,12 @@ def continuous_system(
     F = np.zeros((N_ROTOR_W, N_ROTOR_W))
     G_u = np.zeros((N_ROTOR_W, N_INPUT))
     G_y = np.zeros((N_ROTOR_W, N_OUTPUT))
-    F[:3, :3] = model.A_prime
     G_y[:3] = model.B_prime
     if servo_frequency_radps == 0.0:
-        G_u[:3] = model.H_prime
+        F[:3, :3], G_u[:3] = model.A_prime, model.H_prime
         return F, G_u, G_y
-    F[:3, 3:6] = model.H_prime
-    F[3:6, 6:9] = np.eye(3)
-    F[6:9, 3:6] = -(servo_frequency_radps**2) * np.eye(3)
-    F[6:9, 6:9] = -2.0 * servo_damping * servo_frequency_radps * np.eye(3)
-    G_u[6:9] = servo_frequency_radps**2 * np.eye(3)
+    F, G_u = with_servos(model.A_prime, model.H_prime, servo_frequency_radps, servo_damping)
     return F, G_u, G_y
-
-
-def discretise(
-    F: Matrix, G_u: Matrix, G_y: Matrix, dt_s: float = TICK_S
-) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Phi, Gu, G0, G1 of w(n) = Phi w(n-1) + Gu u + G0 y(n-1) + G1 y(n): u held, y linear."""
-    n, m, p = F.shape[0], G_u.shape[1], G_y.shape[1]
-    size = n + m + 2 * p
-    block = np.zeros((size, size))
-    block[:n, :n] = F
-    block[:n, n : n + m] = G_u
-    block[:n, n + m : n + m + p] = G_y
-    block[n + m : n + m + p, n + m + p :] = np.eye(p) / dt_s
-    e = expm(block * dt_s)[:n]
-    slope = e[:, n + m + p :]
-    return e[:, :n], e[:, n : n + m], e[:, n + m : n + m + p] - slope, slope
 
 
 def rotor_kernel(
@@ -196,7 +122,7 @@ def rotor_kernel(
     x_trim = _finite("trim.x", x_trim, (9,))
     u_trim = _finite("trim.u", u_trim, (4,))
     system = continuous_system(model, servo_frequency_radps, servo_damping)
-    Phi, Gu, G0, G1 = (np.ascontiguousarray(part) for part in discretise(*system))
+    Phi, Gu, G0, G1 = (np.ascontiguousarray(m) for m in held_and_linear(*system, TICK_S))
     return RotorKernel(
         Phi=Phi,
         Gu=Gu,

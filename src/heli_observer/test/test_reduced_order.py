@@ -7,15 +7,12 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import lsim
 
-from heli_observer.layout import MEASURED_STATES, N_NAV, OUT_ROTOR, ROTOR_STATES
+from heli_math.linear_systems import diagonal_observer_gain, held_and_linear
+from heli_observer.layout import MEASURED_STATES, N_NAV, OUT_ROTOR, ROTOR_STATES, TICK_S
 from heli_observer.observer import ObserverConfig, initial_state, observe
 from heli_observer.reduced_order import (
     ReducedOrderError,
     continuous_system,
-    discretise,
-    observer_gain,
-    observer_gain_placed,
-    partition,
     reduced_order_model,
     rotor_kernel,
     rotor_output,
@@ -41,15 +38,6 @@ def model(parameters, plant):
 def command(t):
     """Three smooth commands."""
     return np.array([0.02 * np.sin(3.0 * t), 0.015 * np.cos(2.0 * t), 0.03 * np.sin(t + 0.4)])
-
-
-def test_partition_puts_every_entry_where_it_belongs():
-    A = np.arange(81.0).reshape(9, 9)
-    B = np.arange(27.0).reshape(9, 3)
-    A_mm, A_mu, A_um, A_uu, B_m, B_u = partition(A, B)
-    order = M + U
-    np.testing.assert_array_equal(np.block([[A_mm, A_mu], [A_um, A_uu]]), A[np.ix_(order, order)])
-    np.testing.assert_array_equal(np.vstack([B_m, B_u]), B[order])
 
 
 def test_error_obeys_a_prime_whatever_y_and_u_do(plant, model):
@@ -80,15 +68,6 @@ def test_whole_loop_has_the_plants_poles_and_those_of_a_prime(plant, model):
     np.testing.assert_allclose(error_form[9:, :9], 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("poles", [(-9.0, -19.0, -4.0), (-5.0, -6.0, -7.0)])
-def test_gain_gives_the_poles_asked_for(plant, poles):
-    A, B = plant
-    A_prime = reduced_order_model(A, B, observer_gain(A, B, poles)).A_prime
-    np.testing.assert_allclose(A_prime, np.diag(poles), atol=1e-9)
-    placed = reduced_order_model(A, B, observer_gain_placed(A, B, poles)).A_prime
-    np.testing.assert_allclose(np.sort(np.linalg.eigvals(placed).real), np.sort(poles), rtol=1e-6)
-
-
 def test_packaged_gain_has_the_poles_that_its_comment_names(model):
     """The comment above K in observer.yaml: -10, -10, -5 rad/s."""
     characteristic = np.poly(np.linalg.eigvals(model.A_prime))
@@ -98,7 +77,7 @@ def test_packaged_gain_has_the_poles_that_its_comment_names(model):
 def test_discretisation_equals_lsim_for_linear_outputs(model):
     """SciPy's lsim interpolates its input linearly: exact for y; u is constant here."""
     F, G_u, G_y = continuous_system(model, 38.0, 0.51)
-    Phi, Gu, G0, G1 = discretise(F, G_u, G_y)
+    Phi, Gu, G0, G1 = held_and_linear(F, G_u, G_y, TICK_S)
     rng = np.random.default_rng(1)
     y = rng.standard_normal((21, 6)).cumsum(axis=0) * 0.01
     u = np.array([0.1, -0.2, 0.05])
@@ -248,8 +227,4 @@ def test_wrong_matrices_are_refused_by_name(plant):
     with pytest.raises(ReducedOrderError, match="K has an entry that is not finite"):
         reduced_order_model(A, B, np.full((3, 6), np.nan))
     with pytest.raises(ReducedOrderError, match="unstable"):
-        reduced_order_model(A, B, -observer_gain(A, B, (-9.0, -19.0, -4.0)))
-    blind = A.copy()
-    blind[:, 7] = 0.0
-    with pytest.raises(ReducedOrderError, match="column rank"):
-        observer_gain(blind, B, (-9.0, -19.0, -4.0))
+        reduced_order_model(A, B, -diagonal_observer_gain(A, (-9.0, -19.0, -4.0), M, U))

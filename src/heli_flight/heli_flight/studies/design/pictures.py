@@ -9,9 +9,10 @@ import numpy as np
 from heli_flight.report.plot_style import BLUE, GREEN, GREY, ORANGE, RED, picture
 from heli_flight.studies.design.make import Design
 from heli_inner_hinf.analysis import singular_values
-from heli_inner_hinf.loops import TICK_S, Loop, flown_loop, held
+from heli_inner_hinf.loops import TICK_S, Loop, flown_loop
 from heli_inner_hinf.margins import mu_bounds
 from heli_inner_hinf.weights import OUTPUTS
+from heli_math.linear_systems import held
 
 WANTED_DISK = 0.5
 STEPS_DEG = (5.0, 5.0, 20.0)
