@@ -9,7 +9,7 @@ its write-ahead log. What a `flush` has confirmed outlives the process.
 import contextlib
 import sqlite3
 from collections import defaultdict
-from io import BytesIO
+from io import BufferedWriter, BytesIO
 from pathlib import Path
 from typing import Any, cast
 
@@ -105,7 +105,7 @@ class McapFile(McapWriter):
         self.bio.raw.close()
         with contextlib.suppress(OSError, ValueError):
             self.bio.close()
-        self.bio = open(self.path, "r+b")
+        self.bio = cast(BufferedWriter, open(self.path, "r+b"))
         self.bio.truncate(end)
         self.bio.seek(end)
         self.chunk = PendingChunk(_NEVER_NS, 0, BytesIO(), defaultdict(list))

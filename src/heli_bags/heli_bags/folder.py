@@ -99,6 +99,11 @@ class _Part:
         }
 
 
+def _profiles(connection: Connection) -> list[Any]:
+    """Offered QoS profiles; all connections of a rosbag2 have them."""
+    return list(getattr(connection.ext, "offered_qos_profiles", ()))
+
+
 class BagFolder:
     """Writes messages into a new rosbag2 folder.
 
@@ -163,7 +168,7 @@ class BagFolder:
             if connection.msgtype not in known:
                 file.add_msgtype(connection)
                 known.add(connection.msgtype)
-            profiles = dump_qos_v9(list(connection.ext.offered_qos_profiles))
+            profiles = dump_qos_v9(_profiles(connection))
             file.add_connection(connection, yaml.safe_dump(profiles, sort_keys=False).strip())
         # Definitions reach the disk before the first message.
         file.flush()
@@ -194,7 +199,8 @@ class BagFolder:
             return False
         if self.form.split_ns and stamp_ns - part.start_ns >= self.form.split_ns:
             return True
-        return bool(self.form.split_bytes) and self._file.size >= self.form.split_bytes
+        full = self.form.split_bytes
+        return bool(full) and self._file is not None and self._file.size >= full
 
     def split(self) -> None:
         """Finish the present file and begin the next."""
@@ -292,7 +298,7 @@ class BagFolder:
                         "name": c.topic,
                         "type": c.msgtype,
                         "serialization_format": "cdr",
-                        "offered_qos_profiles": dump_qos_v9(list(c.ext.offered_qos_profiles)),
+                        "offered_qos_profiles": dump_qos_v9(_profiles(c)),
                         "type_description_hash": c.digest,
                     },
                     "message_count": count,

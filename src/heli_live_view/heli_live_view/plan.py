@@ -68,7 +68,7 @@ class Gust:
 def _number(args: Mapping[str, Any], name: str, lower: float, upper: float, unit: str) -> float:
     value = args.get(name)
     known = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not known or not lower <= value <= upper:
+    if value is None or not known or not lower <= value <= upper:
         raise CommandError(
             f"{name}: {value!r} is not allowed; allowed: {lower:g} to {upper:g} {unit}"
         )

@@ -100,7 +100,7 @@ class FixedMessage:
         size = len(layout.data)
         # Shifted by four bytes, so that the doubles behind the 4-byte header are aligned in memory.
         self._memory = np.zeros((size + 4 + 7) // 8, dtype=np.float64)
-        self._view = memoryview(self._memory).cast("B")[4 : 4 + size]
+        self._view = memoryview(self._memory.data).cast("B")[4 : 4 + size]
         self._view[:] = layout.data
         self._size = size
         first = (layout.block_at + 4) // 8

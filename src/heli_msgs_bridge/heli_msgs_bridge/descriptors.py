@@ -16,13 +16,14 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
         additional_constraints=row.allowed(),
         read_only=row.read_only,
     )
-    closed = row.lower is not None and row.upper is not None
-    if closed and row.kind == "double":
-        limits = FloatingPointRange(from_value=float(row.lower), to_value=float(row.upper))
-        descriptor.floating_point_range = [limits]
-    elif closed and row.kind == "int":
-        limits = IntegerRange(from_value=int(row.lower), to_value=int(row.upper), step=1)
-        descriptor.integer_range = [limits]
+    if row.lower is None or row.upper is None:
+        return descriptor
+    if row.kind == "double":
+        reals = FloatingPointRange(from_value=float(row.lower), to_value=float(row.upper))
+        descriptor.floating_point_range = [reals]
+    elif row.kind == "int":
+        wholes = IntegerRange(from_value=int(row.lower), to_value=int(row.upper), step=1)
+        descriptor.integer_range = [wholes]
     return descriptor
 
 

@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing import forkserver
 from pathlib import Path
+from typing import Any
 
 from heli_flight.errors import StartError
 
@@ -68,7 +69,7 @@ def _main_left_out() -> Iterator[None]:
     pip installs it, would then start itself once more.
     """
     main = sys.modules["__main__"]
-    kept = {
+    kept: dict[str, Any] = {
         name: main.__dict__.pop(name) for name in ("__file__", "__spec__") if name in vars(main)
     }
     try:
@@ -109,7 +110,9 @@ class NodeProcess:
     @property
     def pid(self) -> int:
         """Process id."""
-        return self._process.pid
+        pid = self._process.pid
+        assert pid is not None, "started when it was made"
+        return pid
 
     def exit_code(self) -> int | None:
         """Exit code, or None while it runs."""
@@ -130,7 +133,7 @@ class NodeProcess:
         """Ask it to end (SIGINT)."""
         with contextlib.suppress(ProcessLookupError):
             if self._process.exitcode is None:
-                os.kill(self._process.pid, signal.SIGINT)
+                os.kill(self.pid, signal.SIGINT)
 
     def wait(self, limit_s: float) -> bool:
         """Wait until it has ended; False if it has not within limit_s."""
@@ -140,7 +143,7 @@ class NodeProcess:
     def kill(self) -> None:
         """End it and whatever it started, now."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+            os.killpg(self.pid, signal.SIGKILL)
         self._process.join()
 
 

@@ -5,9 +5,11 @@ import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -18,7 +20,7 @@ _PANEL_IN = 1.45
 _DPI = 160
 _POINTS = 1200
 _LEGEND_CHARACTERS = 118
-_STYLE = {
+_STYLE: Any = {
     "font.family": "serif",
     "font.serif": ["STIXGeneral", "DejaVu Serif"],
     "mathtext.fontset": "stix",
@@ -176,14 +178,14 @@ def _titles(figure: Figure, chart: Chart, axes, conditions: str, columns: int) -
     left, up = figure.subplotpars.left, 1.0 / figure.get_size_inches()[1]
     title = f"{chart.title} (as {chart.paper} of the paper)" if chart.paper else chart.title
     figure.text(left, 1.0 - 0.20 * up, title, fontsize=10, fontweight="bold", va="center")
-    handles: dict[str, object] = {}
+    handles: dict[str, Artist] = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             if not label.startswith("_"):
                 handles.setdefault(label, handle)
     if handles:
         legend = figure.legend(
-            handles.values(), handles.keys(), loc="upper left", ncols=columns,
+            list(handles.values()), list(handles), loc="upper left", ncols=columns,
             bbox_to_anchor=(left, 1.0 - 0.29 * up), frameon=False, fontsize=7.5, borderaxespad=0.0,
             handlelength=1.8, columnspacing=1.2, borderpad=0.0,
         )  # fmt: skip

@@ -156,7 +156,7 @@ def _zoom(report: Report) -> tuple[float, float, str]:
 
 def _track(report: Report) -> Chart:
     scored = report.settings.scenario.scored(report.record.time_s)
-    traces = []
+    traces: list[Trace] = []
     for source in report.sources():
         error = report.position_error(source)
         if not traces:

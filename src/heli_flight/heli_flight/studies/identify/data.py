@@ -92,7 +92,13 @@ def experiment_of_bag(path: Path, kind: str, given: Given, start_time_s: float) 
     gust = rows[excitation] if kind == "gusts" else none[1]
     both = np.hstack([nav[:, 3:6], nav[:, 6:10]])
     return _experiment(
-        ticks * _TICK_S, both, rows[topics.IMU], rows[topics.ACTUATORS], added, gust, given
+        np.asarray(ticks * _TICK_S, np.float64),
+        both,
+        rows[topics.IMU],
+        rows[topics.ACTUATORS],
+        added,
+        gust,
+        given,
     )
 
 
