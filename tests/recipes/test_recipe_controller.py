@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CONTRIBUTING, "To add a controller": the template's four steps, and the law flies."""
+
+import json
+
+PACKAGE = "src/heli_inner_hinf/heli_inner_hinf"
+
+
+def add_law(copy):
+    """Steps 1 to 3 of `law_template.py`; step 4 is not needed, the law uses the PID's gains."""
+    template = copy.path(f"{PACKAGE}/law_template.py").read_text()
+    copy.write(f"{PACKAGE}/my_law.py", template)
+    copy.replace(f"{PACKAGE}/law_state.py", '"pid": 2}', '"pid": 2, "mine": 3}')
+    dispatch = f"{PACKAGE}/attitude_law.py"
+    first = "from heli_inner_hinf.pid import"
+    copy.replace(dispatch, first, f"from heli_inner_hinf.my_law import user_law\n{first}")
+    branch = "        pid_law(x9, r3, k, state, u3)\n"
+    mine = "    elif k.controller == 3:\n        user_law(x9, r3, k, state, u3)\n"
+    copy.replace(dispatch, branch, branch + mine)
+
+
+def test_a_new_law_is_a_choice_and_holds_the_attitude(copy, tmp_path):
+    add_law(copy)
+    command = ["-m", "heli_flight.cli.hover_test", "--one-process", "--no-report", "--json"]
+    command += ["--scenario", "attitude", "--duration", "10", "--out", tmp_path / "flight"]
+    said = copy.run(*command, "--controller", "mine", code=None)
+    result = json.loads(said.stdout)
+    assert result["lost"] == ""
+    errors = {(m["key"], m["measured_from"]): m["max"] for m in result["metrics"]}
+    assert max(errors.values()) < 5.0
+    said = copy.run(*command[:-2], "--out", tmp_path / "other", "--controller", "nobody", code=2)
+    assert "mine" in said.stderr
