@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fly the same flights as other processors would, and say by how much they differ.
+
+Usage: python scripts/compare_cpu_types.py [--seeds 1..5] [--only NAME] [--out FILE] [--table FILE]
+
+Hover and attitude test, both receivers, one process, 60 s. Each combination of cpu_types.py is
+compared with this processor as it is. Then two environments that take the choice away: where
+qemu-x86_64 (Debian: qemu-user) is installed, an emulated older processor flies under each, and must
+give this processor's numbers under the same, bit for bit.
+
+--out writes the result file (docs/results/cpu_types.json), --table prints that of a result file.
+Exit code 0: done, and emulated processors agree; 1: one of them does not; 2: bad input.
+"""
+
+import argparse
+import json
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cpu_types import (
+    NATIVE,
+    SAME_ON_V2,
+    SAME_ON_V3,
+    Combination,
+    CpuTypeError,
+    chosen,
+    cpu_name,
+    effective,
+)
+from rich.console import Console
+
+ROOT = Path(__file__).resolve().parent.parent
+PROGRAMS = ("hover", "attitude")
+RECEIVERS = ("standalone", "rtk")
+# Environment, and the processor that qemu imitates for it.
+FIXED = {
+    "fixed to x86-64-v3": (SAME_ON_V3, "Haswell-v1"),
+    "fixed to x86-64-v2": (SAME_ON_V2, "Nehalem"),
+}
+_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite")
+_POSITION, _QUATERNION = "truth_pos_ned_m", "truth_q_nb"
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one combination changes.
+
+    Attributes
+    ----------
+    name, against : str
+        Combination, and the one it is compared with.
+    identical : bool
+        Every recorded number of every flight, bit for bit.
+    first_tick : int, optional
+        First tick at which anything differs.
+    position_m, position_end_m : float
+        Largest difference of the true position, in flight and at its end.
+    attitude_rad : float
+        Largest rotation between the true attitudes.
+    gain : float
+        Largest difference of the synthesised gains, relative to the largest of them.
+    why_not : str
+        Why it was not flown; empty if it was.
+    """
+
+    name: str
+    against: str
+    identical: bool | None = None
+    first_tick: int | None = None
+    position_m: float = 0.0
+    position_end_m: float = 0.0
+    attitude_rad: float = 0.0
+    gain: float = 0.0
+    why_not: str = ""
+
+
+def fly(seeds: Sequence[int], path: Path) -> None:
+    """Fly everything in this process and write what was recorded, with this processor's name."""
+    from heli_flight.loop.closed_loop import simulate
+    from heli_flight.loop.settings import resolve
+    from heli_inner_hinf.design import AttitudeConfig
+
+    arrays: dict[str, np.ndarray] = {}
+    for program in PROGRAMS:
+        for receiver in RECEIVERS:
+            for seed in seeds:
+                record = simulate(resolve(program, receiver, seed)).record
+                for item in fields(record):
+                    value = getattr(record, item.name)
+                    if value is not None:
+                        arrays[f"{program}/{receiver}/{seed}/{item.name}"] = np.asarray(value)
+    config = AttitudeConfig.from_parameters(resolve().nodes["inner_loop"])
+    np.savez(path, gain=config.synthesis.F, processor=np.array(cpu_name()), **arrays)
+
+
+def flown(combination: Combination, seeds: Sequence[int], path: Path, before: Sequence[str] = ()):
+    """The arrays of `fly` in a process of its own, under an emulator if `before` names one.
+
+    Raises
+    ------
+    CpuTypeError
+        It could not fly; the process's last line.
+    """
+    command = [*before, sys.executable, __file__, "--seeds", ",".join(map(str, seeds))]
+    done = subprocess.run(
+        [*command, "--fly", str(path)], env=combination.whole_env, capture_output=True, text=True
+    )
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or [f"code {done.returncode}"])[-1]
+        raise CpuTypeError(f"cannot fly: {last}")
+    with np.load(path) as content:
+        return dict(content)
+
+
+def compare(name: str, against: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Row:
+    """How far two sets of flights are apart."""
+    names = [key for key in one if "/" in key]
+    first, position, end, attitude = [], [0.0], [0.0], [0.0]
+    for key in names:
+        a, b = one[key], other[key]
+        differing = np.flatnonzero((a != b).reshape(len(a), -1).any(axis=1))
+        if differing.size:
+            first.append(int(differing[0]))
+        if key.endswith(_POSITION):
+            distance = np.linalg.norm(a - b, axis=1)
+            position.append(float(distance.max()))
+            end.append(float(distance[-1]))
+        elif key.endswith(_QUATERNION):
+            # |q_a - q_b| = 2 sin(angle / 4), and the angle is tiny.
+            attitude.append(2.0 * float(np.linalg.norm(a - b, axis=1).max()))
+    gain = np.abs(one["gain"] - other["gain"]).max() / np.abs(one["gain"]).max()
+    identical = not first and gain == 0.0
+    return Row(
+        name, against, identical, min(first, default=None), max(position), max(end), max(attitude),
+        float(gain),
+    )  # fmt: skip
+
+
+def emulated(name: str, seeds: Sequence[int], here: Mapping[str, Any], folder: Path) -> Row:
+    """An emulated processor against this one, both with the choice taken away."""
+    env, model = FIXED[name]
+    label = f"emulated {model.partition('-')[0]}, {name}"
+    qemu = shutil.which("qemu-x86_64")
+    if qemu is None:
+        return Row(label, name, why_not="needs qemu-x86_64 (Debian: qemu-user)")
+    # Compiled for any processor: compiling in the emulator takes minutes.
+    combination = Combination(name, {**env, "NUMBA_CPU_NAME": "generic"})
+    there = flown(combination, seeds, folder / "there.npz", [qemu, "-cpu", model])
+    if str(there["processor"]) == cpu_name():
+        raise CpuTypeError(f"{label}: this processor itself has flown")
+    return compare(label, name, here, there)
+
+
+def measure(wanted: Sequence[Combination], seeds: Sequence[int], say) -> list[Row]:
+    """All rows: every combination against native, then the emulated processors."""
+    rows = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        say(NATIVE)
+        native = flown(Combination(NATIVE), seeds, folder / "native.npz")
+        fixed = [Combination(key, env) for key, (env, _) in FIXED.items()]
+        for combination in [*(c for c in wanted if c.name != NATIVE), *fixed]:
+            say(combination.name)
+            try:
+                effective(combination)
+                arrays = flown(combination, seeds, folder / "one.npz")
+            except CpuTypeError as error:
+                rows.append(Row(combination.name, NATIVE, why_not=str(error)))
+                continue
+            rows.append(compare(combination.name, NATIVE, native, arrays))
+            if combination.name in FIXED:
+                say(f"emulated, {combination.name}")
+                few = seeds[:1]
+                rows.append(emulated(combination.name, few, _of_seeds(arrays, few), folder))
+    return rows
+
+
+def _of_seeds(arrays: Mapping[str, Any], seeds: Sequence[int]) -> dict[str, Any]:
+    return {
+        key: value
+        for key, value in arrays.items()
+        if "/" not in key or int(key.split("/")[2]) in seeds
+    }
+
+
+def table(content: Mapping[str, Any]) -> str:
+    """The rows of a result file as Markdown."""
+    lines = [
+        "| combination | compared with | same bits | differs from tick | position, m "
+        "| at the end, m | attitude, rad | gains, relative |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in map(lambda values: Row(**values), content["rows"]):
+        if row.why_not:
+            lines.append(f"| {row.name} | {row.against} | {row.why_not} | | | | | |")
+            continue
+        numbers = (row.position_m, row.position_end_m, row.attitude_rad, row.gain)
+        cells = [f"{number:.1g}" if number else "0" for number in numbers]
+        tick = "" if row.first_tick is None else str(row.first_tick)
+        same = "yes" if row.identical else "no"
+        lines.append(f"| {' | '.join((row.name, row.against, same, tick, *cells))} |")
+    return "\n".join(lines)
+
+
+def _seeds(text: str) -> list[int]:
+    first, dots, last = text.partition("..")
+    if dots:
+        return list(range(int(first), int(last) + 1))
+    return [int(word) for word in text.split(",")]
+
+
+def _commit() -> str:
+    done = subprocess.run(
+        ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=40"],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    return done.stdout.strip() or "unknown"
+
+
+def main() -> int:
+    """Measure; 0 done, 1 an emulated processor flew other numbers, 2 bad input."""
+    parser = argparse.ArgumentParser(description="Fly the same flights as other processors would.")
+    parser.add_argument("--seeds", type=_seeds, default=_seeds("1..5"), help="1..5 or 1,2")
+    parser.add_argument("--only", action="append", default=[], metavar="NAME", help="combination")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the result file")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="print a result file's table")
+    parser.add_argument("--fly", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    if options.fly:
+        fly(options.seeds, options.fly)
+        return 0
+    if options.table:
+        print(table(json.loads(options.table.read_text(encoding="utf-8"))))
+        return 0
+    try:
+        rows = measure(chosen(options.only), options.seeds, errors.print)
+    except CpuTypeError as error:
+        errors.print(str(error))
+        return 2
+    content = {
+        "command": "python scripts/compare_cpu_types.py --out docs/results/cpu_types.json",
+        "commit": _commit(),
+        "seeds": options.seeds,
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in _LIBRARIES},
+            "libc": " ".join(platform.libc_ver()),
+        },
+        "processor": cpu_name(),
+        "rows": [asdict(row) for row in rows],
+    }
+    if options.out:
+        options.out.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    print(table(content))
+    strangers = [row for row in rows if row.against in FIXED and row.identical is False]
+    return 1 if strangers else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
