@@ -233,18 +233,18 @@ def test_view_says_when_it_is_old_over_or_cut_off_and_comes_back(page, flown):
     flight = flown()
     look(page, flight)
     flight.hush()
-    page.wait("document.getElementById('banner-text').innerText.startsWith('No state comes')", 5)
+    page.wait("document.getElementById('banner-text').innerText.startsWith('No state comes')")
     assert text(page, "#connection-text") == "stale"
     over = {"kind": "over", "text": "flight over after 50 s"}
     flight.server.send_state(json.dumps(state(50.0, mode="over", end=over)))
-    page.wait("document.getElementById('connection').dataset.state === 'over'", 5)
+    page.wait("document.getElementById('connection').dataset.state === 'over'")
     assert text(page, "#banner-text").startswith("The flight is over after 50.0 s.")
     flight.end()
-    page.wait("!document.getElementById('retry').hidden", 5)
+    page.wait("!document.getElementById('retry').hidden")
     assert "Its server has ended" in text(page, "#banner-text")
     # The next flight at the same address begins earlier: what was drawn of the last one is gone.
     flown(port=flight.port, start_s=3.0, history_s=2.0)
-    page.wait(LIVE, 12)
+    page.wait(LIVE)
     page.wait("heliView.flight.last.t < 10 && heliView.flight.rows.at(-1).t < 10")
     assert page.value("document.getElementById('banner').hidden")
     refused = [error for error in page.errors if "ERR_CONNECTION_REFUSED" not in error]
@@ -308,11 +308,11 @@ def allowed(page, flight, **options):
     page.value(f"document.getElementById('token').value = '{TOKEN}'")
     submit(page, "token")
     answered(page, "allowed")
-    page.wait("document.querySelectorAll('#commands fieldset:disabled').length === 0", 5)
+    page.wait("document.querySelectorAll('#commands fieldset:disabled').length === 0")
 
 
 def answered(page, word):
-    page.wait(f"document.getElementById('answer').innerText.includes({json.dumps(word)})", 5)
+    page.wait(f"document.getElementById('answer').innerText.includes({json.dumps(word)})")
 
 
 def submit(page, form):
@@ -337,7 +337,7 @@ def test_commands_need_the_token_and_tell_the_answer(page, flown):
     submit(page, "token")
     answered(page, "allowed")
     assert page.value("document.getElementById('token').value") == ""
-    page.wait("document.querySelectorAll('#commands fieldset:disabled').length === 0", 5)
+    page.wait("document.querySelectorAll('#commands fieldset:disabled').length === 0")
     submit(page, "gust")
     answered(page, "gust taken")
     assert page.value("document.getElementById('answer').dataset.ok") == "true"
@@ -370,17 +370,17 @@ def test_giving_up_the_hold_asks_first_and_is_no_success_when_done(page, flown):
     for key in ("Enter", "Escape"):
         page.value(f"{attitude}.focus()")
         press(page, "Enter")
-        page.wait(opened, 5)
+        page.wait(opened)
         assert page.value("document.activeElement.dataset.part") == "no"
         asked = text(page, "#ask-text")
         assert "hit the ground" in asked and " m high now" in asked
         press(page, key)
-        page.wait(f"!{opened}", 5)
+        page.wait(f"!{opened}")
         answered(page, "mode: not sent")
     assert flight.received == []
 
     page.value(f"{attitude}.click()")
-    page.wait(opened, 5)
+    page.wait(opened)
     press(page, "Tab")
     assert page.value("document.activeElement.innerText") == "Give up the hold"
     press(page, "Enter")
@@ -397,7 +397,7 @@ def test_giving_up_the_hold_asks_first_and_is_no_success_when_done(page, flown):
 
     # While nothing holds it, the page says so on top; back to hover needs no question.
     flight.change = {"mode": "attitude"}
-    page.wait("document.getElementById('banner-text').innerText.startsWith('Attitude only')", 5)
+    page.wait("document.getElementById('banner-text').innerText.startsWith('Attitude only')")
     assert page.value(f"{attitude}.disabled")
     page.value("document.querySelector('#f-mode [value=hover]').click()")
     answered(page, "mode taken")
@@ -417,7 +417,7 @@ def test_a_strong_gust_and_a_low_reference_ask_first(page, flown, form, values, 
     allowed(page, flight)
     write(page, form, values)
     submit(page, form)
-    page.wait("document.getElementById('ask').open", 5)
+    page.wait("document.getElementById('ask').open")
     assert word in text(page, "#ask-text") and flight.received == []
     page.value("document.querySelector('#ask [data-part=yes]').click()")
     answered(page, f"{form} taken")
@@ -441,19 +441,19 @@ def test_the_reference_form_follows_the_flight_until_it_is_edited(page, flown):
     fields = (
         "['e', 'n', 'u', 'yaw'].map(n => document.getElementById('f-reference').elements[n].value)"
     )
-    page.wait(f"{fields}.join() === '1.0,-0.5,20.0,90'", 5)
+    page.wait(f"{fields}.join() === '1.0,-0.5,20.0,90'")
     assert text(page, "#tells-reference").startswith("The reference stays where it is.")
     flight.change = {"ref": {"p": [0.0, 0.0, 12.0], "v": [0.0, 0.0, 0.0], "yaw_deg": -10.0}}
-    page.wait(f"{fields}.join() === '0.0,0.0,12.0,-10'", 5)
+    page.wait(f"{fields}.join() === '0.0,0.0,12.0,-10'")
 
     write(page, "reference", {"e": 3, "n": 4, "u": 15})
     flight.change = {"ref": {"p": [0.0, 0.0, 11.0], "v": [0.0, 0.0, 0.0], "yaw_deg": 10.0}}
-    page.wait("heliView.flight.last.ref.p[2] === 11", 5)
+    page.wait("heliView.flight.last.ref.p[2] === 11")
     expected = "5.0 m to the north-east, 4.0 m up, 20° to the left in 4 s"
-    page.wait(f"document.getElementById('tells-reference').innerText.includes('{expected}')", 5)
+    page.wait(f"document.getElementById('tells-reference').innerText.includes('{expected}')")
     assert page.value(fields) == ["3", "4", "15", "-10"]
     page.value("document.getElementById('follow').click()")
-    page.wait(f"{fields}.join() === '0.0,0.0,11.0,10'", 5)
+    page.wait(f"{fields}.join() === '0.0,0.0,11.0,10'")
     assert flight.received == [] and page.errors == []
 
 
@@ -472,12 +472,12 @@ def test_the_end_and_its_cause_stand_on_top_and_nothing_can_be_sent(
     flight = flown(commands=True)
     allowed(page, flight)
     page.value("document.querySelector('#f-mode [value=attitude]').click()")
-    page.wait("document.getElementById('ask').open", 5)
+    page.wait("document.getElementById('ask').open")
     cause = "The aircraft hit the ground: <too> fast."
     flight.change = {"mode": "over", "end": {"kind": kind, "text": cause}}
-    page.wait(f"document.getElementById('connection').dataset.state === '{kind}'", 5)
+    page.wait(f"document.getElementById('connection').dataset.state === '{kind}'")
     # The question about a command that cannot be given any more is taken back.
-    page.wait("!document.getElementById('ask').open", 5)
+    page.wait("!document.getElementById('ask').open")
     assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 3
     pressable = (
         "[...document.querySelectorAll('#commands button')].filter(b => !b.matches(':disabled'))"
@@ -513,14 +513,14 @@ def test_on_a_phone_the_question_and_the_loss_fit(page, flown, tmp_path):
     page.prefer("dark")
     allowed(page, flight, width=390, height=844, phone=True)
     page.value("document.querySelector('#f-mode [value=attitude]').click()")
-    page.wait("document.getElementById('ask').open", 5)
+    page.wait("document.getElementById('ask').open")
     left, right = page.value(
         "(() => { const r = document.getElementById('ask').getBoundingClientRect();"
         " return [r.left, r.right]; })()"
     )
     assert 0 <= left < right <= 390
     flight.change = {"mode": "over", "end": {"kind": "lost", "text": "The aircraft rolled over."}}
-    page.wait("document.getElementById('connection').dataset.state === 'lost'", 5)
+    page.wait("document.getElementById('connection').dataset.state === 'lost'")
     # It stays in sight further down, too.
     page.value("window.scrollTo(0, document.body.scrollHeight)")
     assert page.value("document.getElementById('banner').getBoundingClientRect().top") == 0
@@ -534,7 +534,7 @@ def test_commands_cover_nothing(page, flown, size):
     allowed(page, flight, width=size[0], height=size[1])
     write(page, "reference", {"e": 30, "n": -4, "u": 35})
     flight.change = {"mode": "over", "end": {"kind": "lost", "text": "The aircraft flew away."}}
-    page.wait("document.getElementById('connection').dataset.state === 'lost'", 5)
+    page.wait("document.getElementById('connection').dataset.state === 'lost'")
     bottom, top = page.value(
         "[Math.max(...[...document.querySelectorAll('#commands *')].map("
         "e => e.getBoundingClientRect().bottom)),"

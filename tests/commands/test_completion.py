@@ -25,7 +25,7 @@ def complete(line):
     number = len(words) - (not line.endswith(" "))
     env = {**os.environ, "_HELI_COMPLETE": "complete_bash"}
     env |= {"COMP_WORDS": line, "COMP_CWORD": str(number)}
-    done = subprocess.run(HELI, env=env, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(HELI, env=env, capture_output=True, text=True, timeout=150, check=True)
     return done.stdout.split()
 
 
@@ -63,10 +63,10 @@ def test_every_option_of_hover_is_completed():
 def test_the_script_for_bash_is_one():
     """--show-completion, run by bash, prints a script that bash can read."""
     ask = f"{HELI[0]} -m heli_flight.cli.app --show-completion; :"
-    shown = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, timeout=60)
+    shown = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, timeout=150)
     script = shown.stdout
     assert "_HELI_COMPLETE=complete_bash" in script and "complete -o default" in script
-    subprocess.run(["bash", "-n"], input=script, text=True, check=True, timeout=10)
+    subprocess.run(["bash", "-n"], input=script, text=True, check=True, timeout=60)
 
 
 class TestWithoutATerminal:
@@ -93,7 +93,7 @@ class TestWithoutATerminal:
 
     def test_campaign_as_a_module_is_the_command(self):
         words = ("-m", "heli_flight.studies.campaign", "--seeds", "1..x")
-        done = subprocess.run([HELI[0], *words], capture_output=True, text=True, timeout=60)
+        done = subprocess.run([HELI[0], *words], capture_output=True, text=True, timeout=150)
         assert done.returncode == 2
         assert done.stderr == "heli: --seeds 1..x: write 1..20, 7 or 1,5,9\n"
 
@@ -109,7 +109,7 @@ class TestWithoutATerminal:
     def test_a_pipe_gets_plain_text(self, words):
         done = subprocess.run(
             [*HELI, *words.split(), "--duration", "6"],
-            capture_output=True, text=True, timeout=120,
+            capture_output=True, text=True, timeout=150,
         )  # fmt: skip
         assert done.returncode == 0
         assert not ESCAPE.search(done.stdout + done.stderr)
@@ -132,5 +132,5 @@ def test_a_terminal_gets_a_progress_bar():
             break
         text += part
     os.close(master)
-    assert child.wait(timeout=60) == 0
+    assert child.wait(timeout=150) == 0
     assert b"3/3" in text and "\u2501".encode() in text

@@ -85,7 +85,7 @@ def test_help_does_not_import_what_flies(tmp_path):
         " if m in sys.modules])"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=150, check=True
     )
     assert done.stdout.endswith("LOADED []\n")
 

@@ -55,7 +55,7 @@ def test_outer_loop_leaves_and_comes_back_in_flight(tmp_path, ros_env, living):
         env=os.environ | ros_env,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=240,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert living() == []

@@ -16,7 +16,7 @@ TOOLS = (
     "bash cat chmod cp cut dirname env flock grep mkdir mktemp mv readlink rm rmdir "
     "sha256sum sort tail"
 ).split()
-LINE_LIMIT_S = 60
+LINE_LIMIT_S = 150
 
 # Answers like a Python that works, and writes down what it was asked to do.
 RECORDING_PYTHON = """#!/usr/bin/env bash

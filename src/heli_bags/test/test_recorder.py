@@ -234,7 +234,7 @@ def fill(folder, form, limit):
     """Record until the disk is full; what the recorder said."""
     done = subprocess.run(
         [sys.executable, "-c", FULL_DISK, folder, form, str(limit)],
-        cwd=Path(__file__).parent, capture_output=True, text=True, timeout=60,
+        cwd=Path(__file__).parent, capture_output=True, text=True, timeout=150,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     times, said = done.stdout.split(" ", 1)

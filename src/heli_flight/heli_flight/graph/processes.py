@@ -22,7 +22,8 @@ from heli_flight.errors import StartError
 _PR_SET_PDEATHSIG = 1
 # Set in the process that nodes are forked from, to its own id.
 SERVER_PID = "HELI_SERVER_PID"
-_STOP_LIMIT_S = 2.0
+# Nodes end in a fraction of a second; seven of them at once on a loaded machine take longer.
+_STOP_LIMIT_S = 5.0
 _LOG_TAIL_BYTES = 4096
 # Above it Fast DDS runs out of port numbers.
 _MAX_DOMAIN = 232
