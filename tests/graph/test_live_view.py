@@ -17,7 +17,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from heli_parameters.locate import executable
 
-LIMIT_S = 60.0
+LIMIT_S = 120.0
+# Long enough for all that is asked and commanded, also on a loaded machine.
+WATCHED_S = 25
 
 
 class Watcher:
@@ -146,17 +148,21 @@ async def refusals(url):
 async def watch_flight(url, foxglove_url, token):
     async with watching(url) as watcher:
         assert watcher.hello["commands"] and watcher.hello["flight"]["realtime"]
-        assert watcher.hello["flight"]["duration_s"] == 13.0
-        await watcher.until_state(lambda s: (s["t"] or 0.0) > 1.0 and s["mode"] == "hover")
-        assert abs(watcher.last["truth"]["p"][2] - 10.0) < 1.0 and watcher.last["alarms"] == []
-        await commands(watcher, url, token)
-        deaf = await vanish(url)
-        await refusals(url)
+        assert watcher.hello["flight"]["duration_s"] == WATCHED_S
+        await watcher.until_state(
+            lambda s: (s["t"] or 0.0) > 1.0 and s["mode"] == "hover" and not s["alarms"]
+        )
+        assert abs(watcher.last["truth"]["p"][2] - 10.0) < 1.0
+        # Before anything is commanded: hover, gravity upwards.
         seen = await decode_foxglove(foxglove_url, {"/odom", "/imu/data_raw", "/scene", "/tf"})
-        assert abs(seen["/odom"].pose.pose.position.z - 10.5) < 2.0
-        assert 7.0 < seen["/imu/data_raw"].linear_acceleration.z < 13.0
+        assert abs(seen["/odom"].pose.pose.position.z - 10.0) < 1.0
+        assert 8.0 < seen["/imu/data_raw"].linear_acceleration.z < 12.0
         assert "rotor_disc" in {marker.ns for marker in seen["/scene"].markers}
         assert seen["/tf"].transforms[0].child_frame_id == "base_link"
+        deaf = await vanish(url)
+        await refusals(url)
+        # Who does not read loses states: catch up with the flight before they are counted.
+        await commands(watcher, url, token)
         before, begun = watcher.states, watcher.last["t"]
         await watcher.until_state(lambda s: s["t"] > begun + 2.0)
         assert 50 <= watcher.states - before <= 66, "30 states a second"
@@ -198,7 +204,7 @@ def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
     out = tmp_path / "flight"
     process = subprocess.Popen(
         [sys.executable, "-m", "heli_flight.cli.hover_test", "--live", "--allow-commands",
-         "--live-port", "0", "--foxglove-port", "0", "--duration", "13", "--gps", "rtk",
+         "--live-port", "0", "--foxglove-port", "0", "--duration", str(WATCHED_S), "--gps", "rtk",
          "--no-report", "--out", str(out)],
         env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
@@ -213,7 +219,7 @@ def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
     assert process.returncode in (0, 1), rest  # commanded about, it need not meet the paper's
     result = json.loads((out / "result.json").read_text())
     assert any("commands given in flight: 4" in note for note in result["notes"])
-    assert "flight over after 13 s" in [event["text"] for event in watcher.events]
+    assert f"flight over after {WATCHED_S} s" in [event["text"] for event in watcher.events]
     secret = said["command token"].encode()
     assert not [path for path in out.rglob("*") if path.is_file() and secret in path.read_bytes()]
     assert living() == []
@@ -254,7 +260,7 @@ def test_a_flight_in_lockstep_is_watched_only(tmp_path, ros_env, living):
 
     def fly():
         return subprocess.Popen(
-            [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--duration", "20",
+            [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--duration", "60",
              "--out", str(tmp_path / "flight")],
             env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
