@@ -10,7 +10,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -90,12 +90,7 @@ _AVX512 = ("avx512f", "avx512bw", "avx512dq", "avx512vl", "avx512cd")
 # Another processor with AVX2 and FMA (x86-64-v3) flies the same numbers under this environment.
 SAME_ON_V3 = {BLAS: "Haswell", LOOPS: " ".join(BEYOND_V2[1:])}
 # The same for everything down to x86-64-v2.
-SAME_ON_V2 = {
-    BLAS: "Nehalem",
-    COMPILER: "generic",
-    LIBM: WITHOUT_FMA,
-    LOOPS: " ".join(BEYOND_V2),
-}
+SAME_ON_V2 = {BLAS: "Nehalem", LIBM: WITHOUT_FMA, LOOPS: " ".join(BEYOND_V2)}
 
 
 def combinations() -> list[Combination]:
@@ -125,7 +120,7 @@ def combinations() -> list[Combination]:
     ]
 
 
-def chosen(names: Iterable[str]) -> list[Combination]:
+def chosen(names: Iterable[str], among: Sequence[Combination]) -> list[Combination]:
     """Combinations by name, all if there are no names.
 
     Raises
@@ -134,7 +129,7 @@ def chosen(names: Iterable[str]) -> list[Combination]:
         A name that is none of them.
     """
     wanted = list(names)
-    rows = {combination.name: combination for combination in combinations()}
+    rows = {combination.name: combination for combination in among}
     for name in wanted:
         if name not in rows:
             raise CpuTypeError(f"{name!r} is none of {', '.join(rows)}")

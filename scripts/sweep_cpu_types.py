@@ -18,12 +18,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from cpu_types import Combination, CpuTypeError, Effective, chosen, effective
+from cpu_types import Combination, CpuTypeError, Effective, chosen, combinations, effective
 from rich.console import Console
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -100,7 +100,9 @@ def run(combination: Combination, chose: Effective, words: Sequence[str]) -> Out
     return outcome
 
 
-def sweep(wanted: Sequence[Combination], words: Sequence[str], say) -> list[Outcome]:
+def sweep(
+    wanted: Sequence[Combination], words: Sequence[str], say: Callable[[str], None]
+) -> list[Outcome]:
     """Run all combinations, those that come out as another one only once."""
     outcomes: list[Outcome] = []
     run_before: dict[Effective, str] = {}
@@ -152,7 +154,7 @@ def main() -> int:
     options, words = parser.parse_known_args()
     errors = Console(stderr=True, highlight=False)
     try:
-        wanted = chosen(options.only)
+        wanted = chosen(options.only, combinations())
     except CpuTypeError as error:
         errors.print(f"--only: {error}", soft_wrap=True)
         return 2

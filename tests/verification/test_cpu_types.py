@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sweep over processor types finds what depends on them; flights differ by rounding only."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SWEEP = ROOT / "scripts/sweep_cpu_types.py"
+COMPARE = ROOT / "scripts/compare_cpu_types.py"
+
+# Passes on the BLAS kernels of every processor but one.
+DEPENDENT = """
+import numpy
+from threadpoolctl import threadpool_info
+
+def test_of_kernels():
+    assert "Nehalem" not in {row["architecture"] for row in threadpool_info()}
+
+def test_of_nothing():
+    pass
+"""
+
+
+def run(script, *words, limit_s=250):
+    return subprocess.run(
+        [sys.executable, str(script), *map(str, words)],
+        capture_output=True, text=True, timeout=limit_s,
+    )  # fmt: skip
+
+
+def sweep_of(folder, *names):
+    (folder / "test_dependent.py").write_text(DEPENDENT)
+    only = [word for name in names for word in ("--only", name)]
+    return run(SWEEP, *only, folder / "test_dependent.py", "--json")
+
+
+def test_a_test_that_depends_on_the_processor_is_named(tmp_path):
+    done = sweep_of(tmp_path, "native", "Nehalem")
+    assert done.returncode == 1, done.stdout + done.stderr
+    native, nehalem = json.loads(done.stdout)
+    assert (native["passed"], native["failed"]) == (2, [])
+    assert nehalem["chose"]["blas"] == "Nehalem" and nehalem["passed"] == 1
+    (name,) = nehalem["failed"]
+    assert name.endswith("::test_of_kernels")
+
+
+def test_what_was_chosen_before_is_not_run_again(tmp_path):
+    """The wheels know Zen by Haswell's kernels."""
+    done = sweep_of(tmp_path, "Haswell", "Zen")
+    assert done.returncode == 0, done.stdout + done.stderr
+    haswell, zen = json.loads(done.stdout)
+    if haswell["remark"]:
+        assert "this processor has no" in haswell["remark"]
+    else:
+        assert haswell["passed"] == 2
+        assert zen["passed"] == 2 or zen["remark"] == "not run: chooses what Haswell chose"
+
+
+def test_bad_input_is_one_line(tmp_path):
+    done = run(SWEEP, "--only", "Z80")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("--only: 'Z80' is none of native, ")
+    assert len(done.stderr.splitlines()) == 1
+    done = run(SWEEP, "--only", "native", tmp_path / "nothing.py")
+    assert done.returncode == 1 and "pytest ended with code 4" in done.stdout
+
+
+def test_flights_differ_by_rounding_only(tmp_path):
+    """One seed, the two factors that change most: far below anything that is measured."""
+    out = tmp_path / "cpu_types.json"
+    words = ("--seeds", "3", "--only", "Prescott", "--only", "NumPy baseline")
+    done = run(COMPARE, *words, "--out", out)
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = [row for row in json.loads(out.read_text())["rows"] if not row["why_not"]]
+    assert rows
+    for row in rows:
+        assert row["position_m"] < 1e-9 and row["attitude_rad"] < 1e-9, row
+        assert row["gain"] < 1e-11, row
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(3600)
+def test_numerical_tests_pass_on_every_processor():
+    done = run(SWEEP, "--quick", limit_s=3500)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif(shutil.which("qemu-x86_64") is None, reason="needs qemu-user")
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="of x86-64")
+def test_an_older_processor_flies_the_same_numbers(tmp_path):
+    """With the choice taken away, an emulated processor gives this one's bits."""
+    out = tmp_path / "cpu_types.json"
+    fixed = ("--only", "fixed to x86-64-v3", "--only", "fixed to x86-64-v2")
+    done = run(COMPARE, "--seeds", "2", *fixed, "--out", out, limit_s=1700)
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = {row["name"]: row for row in json.loads(out.read_text())["rows"]}
+    compared = [row for row in rows.values() if row["name"].startswith("emulated")]
+    assert len(compared) == 2 and all(row["identical"] for row in compared)
