@@ -16,9 +16,9 @@ import numpy as np
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.record import rotation_between
 from heli_flight.loop.settings import GPS_PRESETS, Settings, resolve
 from heli_flight.studies.campaign import parse_seeds, with_seed
+from heli_math.rotations import rotation_between
 from heli_math.rows import MEAS
 from heli_observer.consistency import CHECKS_S, SENSORS, bounds, collect, latency_errors
 from heli_observer.layout import N_ERROR

@@ -11,8 +11,8 @@ import pytest
 
 from heli_dynamics_sim.plant import PlantConfig
 from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.record import rotation_between
 from heli_flight.loop.settings import resolve
+from heli_math.rotations import rotation_between
 
 SETTLED = slice(500, None)
 # The receiver's own error is about the true origin; by default the filter counts from home.

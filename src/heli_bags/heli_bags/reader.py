@@ -12,10 +12,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from heli_bags.check import advice, listed_files, storage_files
 from heli_bags.folder import SUFFIXES, BagError, reason
+from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
-from heli_msgs_bridge.reference_message import ReferencePoints, decode_reference
+from heli_msgs_bridge.reference_message import decode_reference
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Bag:
     ----------
     streams : dict
         Topic name (relative, as in `topics.TABLE`) to its Stream.
-    references : list of ReferencePoints
+    references : list of Trajectory
     remarks : list of Remark
         In the order of their stamps.
     refused : dict
@@ -57,7 +58,7 @@ class Bag:
     """
 
     streams: dict[str, Stream] = field(default_factory=dict)
-    references: list[ReferencePoints] = field(default_factory=list)
+    references: list[Trajectory] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     refused: dict[str, int] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from heli_flight.loop.record import FlightRecord, euler_angles
+from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import EXIT_INSIDE, EXIT_OUTSIDE, Result
 from heli_flight.loop.scenario import TABLE, Scenario
 from heli_flight.loop.scoring import heading_frame, score
-from heli_math.rotations import euler_from_quat, quat_from_euler
+from heli_math.rotations import quat_from_euler
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 
@@ -94,13 +94,6 @@ def test_exit_codes_follow_the_record_that_the_paper_used():
     assert navigation.exit_code("standalone") == EXIT_OUTSIDE
     lost = Result(score(record(), scenario()), "hit the ground", 60.0, 1.0)
     assert lost.exit_code("standalone") == EXIT_OUTSIDE
-
-
-def test_array_euler_angles_agree_with_the_kernel():
-    rng = np.random.default_rng(5)
-    q = rng.standard_normal((50, 4))
-    q /= np.linalg.norm(q, axis=1)[:, None]
-    np.testing.assert_allclose(euler_angles(q), [euler_from_quat(row) for row in q], atol=1e-12)
 
 
 def test_errors_turn_with_the_heading():

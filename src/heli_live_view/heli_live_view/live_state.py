@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_math.rotations import euler_from_quat, quat_to_R_nb
+from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import frd_to_flu, ned_to_enu, quat_ned_frd_to_enu_flu
-from heli_msgs_bridge.reference_message import ReferencePoints
 
 Array = NDArray[np.float64]
 GRAPH_NODES = ("plant", "observer", "inner_loop", "outer_loop")
@@ -70,23 +70,6 @@ def body_row(pos_ned_m: Array, vel_ned_mps: Array, q_nb: Array, rate_body_radps:
         "euler_deg": plain(np.degrees(euler_from_quat(q_nb)), 3),
         "rates_dps": plain(np.degrees(rate_body_radps), 3),
     }
-
-
-def reference_at(reference: ReferencePoints, stamp_ns: int) -> Array:
-    """Reference (7,) at a time: position NED interpolated, velocity and heading of the last point.
-
-    Before the first and after the last point the helicopter hovers there.
-    """
-    times, points = reference.times_ns, reference.points
-    at_ns = stamp_ns - reference.start_ns
-    i = int(np.searchsorted(times, at_ns, side="right")) - 1
-    row = points[max(i, 0)].copy()
-    if i < 0 or i == len(times) - 1:
-        row[3:6] = 0.0
-        return row
-    share = (at_ns - times[i]) / (times[i + 1] - times[i])
-    row[0:3] += share * (points[i + 1, 0:3] - points[i, 0:3])
-    return row
 
 
 @dataclass
@@ -158,7 +141,7 @@ class LiveState:
         """Forget the flight."""
         self.now_ns = 0
         self.end: End | None = None
-        self.reference: ReferencePoints | None = None
+        self.reference: Trajectory | None = None
         self.home_ned_m: Array | None = None
         self.nodes: dict[str, NodeNews] = {name: NodeNews() for name in GRAPH_NODES}
         self._present: set[str] = set()
@@ -208,7 +191,7 @@ class LiveState:
         self._arrived.pop(topic, None)
         self._values.pop(topic, None)
 
-    def take_reference(self, reference: ReferencePoints) -> None:
+    def take_reference(self, reference: Trajectory) -> None:
         """Take a reference trajectory; the flight began where the first one does."""
         self.reference = reference
         if self.home_ned_m is None:
@@ -340,7 +323,7 @@ class LiveState:
     def _reference(self) -> dict[str, Any] | None:
         if self.reference is None:
             return None
-        row = reference_at(self.reference, self.now_ns or self.reference.start_ns)
+        row = self.reference.at(self.now_ns or self.reference.start_ns)
         return {
             "p": plain(_enu(row[0:3])),
             "v": plain(_enu(row[3:6])),

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_live_view.live_state import reference_at
 from heli_math.rotations import wrap_pi
+from heli_math.trajectory import Trajectory
 from heli_msgs_bridge.frames import enu_to_ned, ned_to_enu
-from heli_msgs_bridge.reference_message import ReferencePoints
 
 Array = NDArray[np.float64]
 MODES = ("hover", "attitude")
@@ -177,13 +176,13 @@ def judge_reference(args: Mapping[str, Any], limits: Limits, home_ned_m: Array) 
 
 
 def move(
-    before: ReferencePoints | None, start: Array, target: Array, now_ns: int, limits: Limits
-) -> tuple[ReferencePoints, float]:
+    before: Trajectory | None, start: Array, target: Array, now_ns: int, limits: Limits
+) -> tuple[Trajectory, float]:
     """A trajectory from the present reference to a point, straight, at safe speeds.
 
     Parameters
     ----------
-    before : ReferencePoints or None
+    before : Trajectory or None
         What is being followed: its last seconds stay in the new trajectory, so that the outer
         loop, which averages over the past, sees no jump. None: it begins at rest.
     start, target : (7,) array
@@ -194,7 +193,7 @@ def move(
 
     Returns
     -------
-    ReferencePoints, float
+    Trajectory, float
         The trajectory, stamped now, and its length, s.
     """
     step = target[0:3] - start[0:3]
@@ -220,17 +219,17 @@ def move(
     return _points(now_ns, rows), length_s
 
 
-def hold(point: Array, now_ns: int) -> ReferencePoints:
+def hold(point: Array, now_ns: int) -> Trajectory:
     """Stand at a reference row (7,) from now on."""
     row = point.copy()
     row[3:6] = 0.0
     return _points(now_ns, [(0, row)])
 
 
-def _past(before: ReferencePoints, now_ns: int) -> list[tuple[int, Array]]:
+def _past(before: Trajectory, now_ns: int) -> list[tuple[int, Array]]:
     """Rows of the last seconds of a trajectory, at (negative) times from now."""
     first_ns = now_ns - _PAST_NS
-    rows = [(-_PAST_NS, reference_at(before, first_ns))]
+    rows = [(-_PAST_NS, before.at(first_ns))]
     for time_ns, point in zip(before.times_ns.tolist(), before.points, strict=True):
         at_ns = before.start_ns + time_ns - now_ns
         if -_PAST_NS < at_ns < 0:
@@ -238,9 +237,9 @@ def _past(before: ReferencePoints, now_ns: int) -> list[tuple[int, Array]]:
     return rows
 
 
-def _points(start_ns: int, rows: list[tuple[int, Array]]) -> ReferencePoints:
+def _points(start_ns: int, rows: list[tuple[int, Array]]) -> Trajectory:
     times = np.array([time_ns for time_ns, _ in rows], dtype=np.int64)
-    return ReferencePoints(start_ns, times, np.array([row for _, row in rows]))
+    return Trajectory(start_ns, times, np.array([row for _, row in rows]))
 
 
 def in_words(row: Array) -> str:

@@ -20,13 +20,14 @@ from rclpy.parameter import parameter_value_to_python
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from heli_live_view import plan
-from heli_live_view.live_state import LiveState, reference_at
+from heli_live_view.live_state import LiveState
 from heli_live_view.page_server import Command
 from heli_live_view.plan import CommandError
 from heli_math.rotations import euler_from_quat
+from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.reference_message import ReferencePoints, encode_reference
+from heli_msgs_bridge.reference_message import encode_reference
 
 _ANSWER_S = 5.0
 _LOCKSTEP = (
@@ -199,7 +200,7 @@ class Commander:
         if self._state.mode(time.monotonic()) != "hover":
             raise CommandError("the position is not being held: switch to hover first")
         before, now_ns = self._state.reference, self._state.now_ns
-        start = self._here() if before is None else reference_at(before, now_ns)
+        start = self._here() if before is None else before.at(now_ns)
         points, length_s = plan.move(before, start, target, now_ns, self._limits)
         self._publish(points)
         return f"moving to {plan.in_words(target)}, in {length_s:.0f} s"
@@ -218,7 +219,7 @@ class Commander:
             MultiDOFJointTrajectory, topics.REFERENCE, topics.qos(topics.REFERENCE)
         )
 
-    def _publish(self, points: ReferencePoints) -> None:
+    def _publish(self, points: Trajectory) -> None:
         if self._reference is None:
             self._reference = self._create_reference()
         self._reference.publish(encode_reference(points))

@@ -10,7 +10,7 @@ import pytest
 
 from heli_live_view import access, plan, scene
 from heli_live_view.access import Access
-from heli_live_view.live_state import LiveState, body_row, reference_at
+from heli_live_view.live_state import LiveState, body_row
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
 from heli_msgs_bridge import topics
 
@@ -166,16 +166,14 @@ class TestPlan:
         first = plan.judge_reference({"p": [0, 20, 10], "yaw_deg": 170}, LIMITS, np.zeros(3))
         before, _ = plan.move(None, begin, first, 100 * S, LIMITS)
         now_ns = 105 * S
-        start = reference_at(before, now_ns)
+        start = before.at(now_ns)
         target = plan.judge_reference({"p": [6, 10, 16], "yaw_deg": -170}, LIMITS, np.zeros(3))
         points, length_s = plan.move(before, start, target, now_ns, LIMITS)
         for back_s in (4.9, 2.0, 0.01):
             stamp_ns = now_ns - round(back_s * S)
-            np.testing.assert_allclose(
-                reference_at(points, stamp_ns)[:3], reference_at(before, stamp_ns)[:3], atol=1e-9
-            )
+            np.testing.assert_allclose(points.at(stamp_ns)[:3], before.at(stamp_ns)[:3], atol=1e-9)
         stamps = now_ns + np.arange(0, round((length_s + 1.0) * 100)) * (S // 100)
-        rows = np.array([reference_at(points, int(stamp)) for stamp in stamps])
+        rows = np.array([points.at(int(stamp)) for stamp in stamps])
         speed = np.diff(rows[:, :3], axis=0) * 100.0
         assert np.hypot(speed[:, 0], speed[:, 1]).max() <= LIMITS.speed_mps + 1e-6
         assert np.abs(speed[:, 2]).max() <= LIMITS.climb_mps + 1e-6

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from heli_live_view.history import History
-from heli_live_view.live_state import LiveState, body_row, reference_at
+from heli_live_view.live_state import LiveState, body_row
 from heli_math.rotations import quat_from_euler
+from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.reference_message import ReferencePoints
 
 S = 1_000_000_000
 START_NS = S
@@ -218,10 +218,10 @@ def test_real_time_factor(state):
 def test_reference_between_way_points():
     points = np.zeros((2, 7))
     points[1, 2], points[0, 5], points[:, 6] = -10.0, -1.0, 0.5
-    way = ReferencePoints(2 * S, np.array([0, 10 * S]), points)
-    np.testing.assert_allclose(reference_at(way, 6 * S), [0, 0, -4, 0, 0, -1, 0.5])
-    np.testing.assert_allclose(reference_at(way, S), [0, 0, 0, 0, 0, 0, 0.5])
-    np.testing.assert_allclose(reference_at(way, 99 * S), [0, 0, -10, 0, 0, 0, 0.5])
+    way = Trajectory(2 * S, np.array([0, 10 * S]), points)
+    np.testing.assert_allclose(way.at(6 * S), [0, 0, -4, 0, 0, -1, 0.5])
+    np.testing.assert_allclose(way.at(S), [0, 0, 0, 0, 0, 0, 0.5])
+    np.testing.assert_allclose(way.at(99 * S), [0, 0, -10, 0, 0, 0, 0.5])
 
 
 def test_history_is_thin_and_bounded_and_whole():

@@ -21,19 +21,6 @@ def wrap_pi(angle):
 
 
 @njit
-def skew(v):
-    """Cross-product matrix (3, 3) of v (3,): skew(v) @ b == cross(v, b)."""
-    m = np.zeros((3, 3))
-    m[0, 1] = -v[2]
-    m[0, 2] = v[1]
-    m[1, 0] = v[2]
-    m[1, 2] = -v[0]
-    m[2, 0] = -v[1]
-    m[2, 1] = v[0]
-    return m
-
-
-@njit
 def quat_to_R_nb(q):
     """Rotation matrix (3, 3), body -> NED, of the unit quaternion q (4,)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -58,17 +45,6 @@ def quat_multiply(a, b):
     out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
     out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
     out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
-    return out
-
-
-@njit
-def quat_conjugate(q):
-    """Inverse rotation (4,) of the unit quaternion q (4,)."""
-    out = np.empty(4)
-    out[0] = q[0]
-    out[1] = -q[1]
-    out[2] = -q[2]
-    out[3] = -q[3]
     return out
 
 
@@ -129,3 +105,34 @@ def euler_from_quat(q):
     theta = math.asin(s)
     psi = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return phi, theta, psi
+
+
+def euler_angles(q_nb: np.ndarray) -> np.ndarray:
+    """3-2-1 Euler angles (N, 3) phi, theta, psi, rad, of quaternions (N, 4) body -> NED."""
+    w, x, y, z = np.asarray(q_nb).T
+    return np.column_stack(
+        (
+            np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
+            np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+        )
+    )
+
+
+def rotation_between(q_from: np.ndarray, q_to: np.ndarray) -> np.ndarray:
+    """Rotation vectors (N, 3), rad, NED axes, that turn attitudes q_from (N, 4) into q_to (N, 4).
+
+    Quaternions body -> NED; at most half a turn.
+    """
+    w0, x0, y0, z0 = np.asarray(q_from).T
+    w1, x1, y1, z1 = np.asarray(q_to).T
+    w = w1 * w0 + x1 * x0 + y1 * y0 + z1 * z0
+    x = -w1 * x0 + x1 * w0 - y1 * z0 + z1 * y0
+    y = -w1 * y0 + x1 * z0 + y1 * w0 - z1 * x0
+    z = -w1 * z0 - x1 * y0 + y1 * x0 + z1 * w0
+    vector = np.column_stack((x, y, z)) * np.where(w < 0.0, -1.0, 1.0)[:, None]
+    sine = np.linalg.norm(vector, axis=1)
+    angle = 2.0 * np.arctan2(sine, np.abs(w))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = np.where(sine > 1e-12, angle / sine, 2.0)
+    return vector * scale[:, None]

@@ -70,9 +70,32 @@ def test_wrap_crosses_plus_minus_180_degrees():
     assert rotations.wrap_pi(math.pi) == -math.pi
 
 
-def test_skew_is_the_cross_product():
-    a, b = np.array([1.0, -2.0, 3.0]), np.array([0.5, 4.0, -1.0])
-    np.testing.assert_allclose(rotations.skew(a) @ b, np.cross(a, b))
+def test_array_euler_angles_agree_with_the_kernel():
+    rng = np.random.default_rng(5)
+    q = rng.standard_normal((50, 4))
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    np.testing.assert_allclose(
+        rotations.euler_angles(q), [rotations.euler_from_quat(row) for row in q], atol=1e-12
+    )
+
+
+def test_rotation_between_is_scipys():
+    """Random attitudes, either sign of the quaternion, nearly equal ones; SciPy; 1e-12."""
+    rng = np.random.default_rng(3)
+    first = Rotation.random(50, random_state=4)
+    turn = Rotation.from_rotvec(rng.normal(size=(50, 3)) * np.geomspace(1e-9, 1.0, 50)[:, None])
+    second = turn * first
+    sign = rng.choice([-1.0, 1.0], (50, 1))
+    found = rotations.rotation_between(
+        np.roll(first.as_quat(), 1, axis=1), sign * np.roll(second.as_quat(), 1, axis=1)
+    )
+    assert found == pytest.approx(turn.as_rotvec(), abs=1e-12)
+
+
+def test_equal_attitudes_and_missing_ones():
+    q = np.array([[0.5, 0.5, -0.5, 0.5], [np.nan] * 4])
+    found = rotations.rotation_between(q, q)
+    assert found[0] == pytest.approx(np.zeros(3), abs=1e-15) and np.isnan(found[1]).all()
 
 
 def test_standard_atmosphere_table():

@@ -5,14 +5,12 @@
 header's frame (ENU). It is sent once per change, latched, so message objects are fast enough.
 """
 
-import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heli_math.rotations import euler_from_quat, quat_from_euler
+from heli_math.trajectory import Trajectory, TrajectoryError
 from heli_msgs_bridge import frames, topics
 from heli_msgs_bridge.messages import MAP, MessageError
 
@@ -20,27 +18,8 @@ JOINT = "base_link"
 _S = 1_000_000_000
 
 
-@dataclass(frozen=True)
-class ReferencePoints:
-    """A reference as arrays.
-
-    Attributes
-    ----------
-    start_ns : int
-        Stamp from which `times_ns` count.
-    times_ns : (N,) int64 ndarray
-        Time of each point, ns.
-    points : (N, 7) float64 ndarray
-        Position NED m, velocity NED m/s, heading rad (0 is north).
-    """
-
-    start_ns: int
-    times_ns: NDArray[np.int64]
-    points: NDArray[np.float64]
-
-
-def encode_reference(reference: ReferencePoints) -> Any:
-    """Message object of a reference (imports ROS messages)."""
+def encode_reference(reference: Trajectory) -> Any:
+    """Message object of a trajectory (imports ROS messages)."""
     from geometry_msgs.msg import Transform, Twist
     from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
@@ -83,8 +62,8 @@ def _row(point: Any, index: int) -> list[float]:
     return [*pos.tolist(), *vel.tolist(), euler_from_quat(q)[2]]
 
 
-def decode_reference(message: Any) -> ReferencePoints:
-    """Arrays of a reference message (object of rclpy or of rosbags).
+def decode_reference(message: Any) -> Trajectory:
+    """The trajectory of a reference message (object of rclpy or of rosbags).
 
     Raises
     ------
@@ -97,12 +76,10 @@ def decode_reference(message: Any) -> ReferencePoints:
     if not message.points:
         raise MessageError(f"{name}: holds no points")
     times = [p.time_from_start.sec * _S + p.time_from_start.nanosec for p in message.points]
-    if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
-        raise MessageError(f"{name}: times of the points do not increase")
     rows = [_row(point, index) for index, point in enumerate(message.points)]
-    for index, row in enumerate(rows):
-        if not all(math.isfinite(value) for value in row):
-            raise MessageError(f"{name}: point {index} is not finite")
     stamp = message.header.stamp
     start_ns = stamp.sec * _S + stamp.nanosec
-    return ReferencePoints(start_ns, np.array(times, dtype=np.int64), np.array(rows))
+    try:
+        return Trajectory(start_ns, np.array(times, dtype=np.int64), np.array(rows))
+    except TrajectoryError as error:
+        raise MessageError(f"{name}: {error}") from error

@@ -14,11 +14,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState, NavSatFix
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
+from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.messages import CHANNELS, CutOffError, Decoder, Encoder, MessageError
 from heli_msgs_bridge.reference_message import (
-    ReferencePoints,
     decode_reference,
     encode_reference,
 )
@@ -242,7 +242,7 @@ HEADING = st.floats(-3.14, 3.14)
 def test_a_reference_comes_back(start_ns, gaps_ns, data):
     """Positions, velocities bit for bit (only axes change); heading to rounding."""
     rows = [[data.draw(COORDINATE) for _ in range(6)] + [data.draw(HEADING)] for _ in gaps_ns]
-    sent = ReferencePoints(start_ns, np.cumsum(gaps_ns), np.array(rows))
+    sent = Trajectory(start_ns, np.cumsum(gaps_ns), np.array(rows))
     raw = serialize_message(encode_reference(sent))
     got = decode_reference(deserialize_message(raw, MultiDOFJointTrajectory))
     assert got.start_ns == start_ns and got.times_ns.tolist() == np.cumsum(gaps_ns).tolist()
@@ -285,8 +285,8 @@ def fast(value):
 REFERENCES = {
     "frame": (reference(point(0), frame="map_ned"), "frame 'map_ned' says NED"),
     "empty": (reference(), "holds no points"),
-    "same time": (reference(point(1), point(1)), "times of the points do not increase"),
-    "back in time": (reference(point(2), point(1)), "times of the points do not increase"),
+    "same time": (reference(point(1), point(1)), "time of point 1 does not increase"),
+    "back in time": (reference(point(2), point(1)), "time of point 1 does not increase"),
     "no pose": (reference(point(0, transforms=[])), "point 0 has 0 transforms and 1 velocities"),
     "two poses": (
         reference(point(0), point(1, transforms=poses() * 2)),

@@ -8,7 +8,6 @@ __getattr__, __dir__, __all__ = face(
     {
         "config": ["outer_kernel"],
         "position_law": ["OuterKernel", "OuterStatus"],
-        "reference": ["ReferenceTrajectory", "TrajectoryError"],
         "thrust_map": ["RotorMap"],
     },
     modules=["position_law"],

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from heli_math.rotations import euler_from_quat
+from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
@@ -25,9 +26,8 @@ from heli_outer_pd.position_law import (
     follow,
     initial_state,
 )
-from heli_outer_pd.reference import ReferenceTrajectory, TrajectoryError
 
-_NOWHERE = ReferenceTrajectory.hover(np.zeros(3), 0.0)
+_NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
 
 
 class OuterLoopNode(TickNode):
@@ -45,8 +45,7 @@ class OuterLoopNode(TickNode):
         self._send_collective = self.create_output(topics.COLLECTIVE)
         self._out = np.zeros(N_OUTPUT)
         self._nav = np.full(N_NAV, np.nan)
-        self.trajectory: ReferenceTrajectory | None = None
-        self._reference_start_ns = self.start_ns
+        self.trajectory: Trajectory | None = None
         self._given = False
         self._warm_up()
         topic = topics.REFERENCE
@@ -58,19 +57,17 @@ class OuterLoopNode(TickNode):
 
     def _warm_up(self) -> None:
         """Load the compiled law before the first tick."""
-        hover = ReferenceTrajectory.hover(np.zeros(3), 0.0)
+        hover = Trajectory.hover(np.zeros(3), 0.0)
         state = initial_state(self.kernel)
         follow(self._nav, 0, hover.times_ns, hover.points, self.kernel, state, self._out)
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
     def _on_reference(self, message: Any) -> None:
         try:
-            points = decode_reference(message)
-            self.trajectory = ReferenceTrajectory(points.times_ns, points.points)
-        except (MessageError, TrajectoryError) as error:
+            self.trajectory = decode_reference(message)
+        except MessageError as error:
             self._refuse(topics.REFERENCE, str(error))
             return
-        self._reference_start_ns = points.start_ns
         self._given = True
         self.resume()
 
@@ -108,7 +105,7 @@ class OuterLoopNode(TickNode):
             self._nav[:] = nav
         if self.trajectory is None and nav is not None:
             psi = euler_from_quat(nav[6:10])[2]
-            self.trajectory = ReferenceTrajectory.hover(nav[0:3], psi)
+            self.trajectory = Trajectory.hover(nav[0:3], psi)
         stamp_ns = self.stamp_ns(tick)
         if self.trajectory is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
@@ -118,7 +115,7 @@ class OuterLoopNode(TickNode):
             way = self.trajectory
         code = follow(
             self._nav,
-            stamp_ns - self._reference_start_ns,
+            stamp_ns - way.start_ns,
             way.times_ns,
             way.points,
             self.kernel,

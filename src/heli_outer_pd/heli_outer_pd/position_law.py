@@ -22,7 +22,8 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
-from heli_outer_pd.reference import N_SHAPED, shaped_reference_at
+from heli_math.rows import SHAPED
+from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust, thrust_for_collective
 
 # Indices of the output vector (4,): attitude set-point rad and collective in (-1, 1).
@@ -231,7 +232,7 @@ def position_law(nav, ref, k, state, out):
     int
         An OuterStatus. On anything but OK the last good output is repeated.
     """
-    if not _all_finite(nav, 10) or not _all_finite(ref, N_SHAPED):
+    if not _all_finite(nav, 10) or not _all_finite(ref, SHAPED.size):
         for i in range(N_OUTPUT):
             out[i] = state[_LAST + i]
         if not _all_finite(nav, 10):
@@ -266,13 +267,13 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     time_ns : int
         Time since the trajectory's own start.
     times_ns, points : ndarray
-        See `heli_outer_pd.reference.ReferenceTrajectory`.
+        See `heli_math.trajectory.Trajectory`.
 
     Returns
     -------
     int
         An OuterStatus.
     """
-    ref = np.empty(N_SHAPED)
+    ref = np.empty(SHAPED.size)
     shaped_reference_at(time_ns, k.shaping_ns, times_ns, points, ref)
     return position_law(nav, ref, k, state, out)

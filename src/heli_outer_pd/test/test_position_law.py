@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from heli_math.rotations import quat_from_euler
+from heli_math.trajectory import Trajectory
 from heli_outer_pd import config, position_law, reference, thrust_map
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.position_law import OuterStatus
@@ -179,18 +180,6 @@ def test_nan_never_leaves(index):
     assert OuterStatus.BAD_REFERENCE.sentence
 
 
-def test_reference_of_the_hover_test():
-    trajectory = reference.ReferenceTrajectory.hover_climb_hover(
-        np.array([1.0, 2.0, -10.0]), 0.5, 18.0, 22.0, 2.5
-    )
-    out = np.empty(7)
-    for t_s, z, v_z in ((0, -10, 0), (17.99, -10, 0), (18, -10, -2.5), (20, -15, -2.5),
-                        (22, -20, 0), (59, -20, 0), (-1, -10, 0)):  # fmt: skip
-        time_ns = round(t_s * 1e9)
-        reference.reference_at(time_ns, trajectory.times_ns, trajectory.points, out)
-        np.testing.assert_allclose(out, [1, 2, z, 0, 0, v_z, 0.5], atol=1e-9)
-
-
 def shaped(trajectory, t_s, window_s):
     out = np.empty(10)
     reference.shaped_reference_at(
@@ -201,7 +190,7 @@ def shaped(trajectory, t_s, window_s):
 
 def test_shaped_reference_is_consistent_and_arrives_exactly():
     """Position integrates velocity, velocity acceleration; the climb ends at its height."""
-    climb = reference.ReferenceTrajectory.hover_climb_hover(np.zeros(3), 0.1, 18.0, 22.0, 2.5)
+    climb = Trajectory.hover_climb_hover(np.zeros(3), 0.1, 18.0, 22.0, 2.5)
     t = np.arange(17.0, 25.0, 0.001)
     path = np.array([shaped(climb, s, 1.5) for s in t])
     np.testing.assert_allclose(np.gradient(path[:, 2], t)[5:-5], path[5:-5, 5], atol=0.06)
@@ -213,17 +202,3 @@ def test_shaped_reference_is_consistent_and_arrives_exactly():
     assert (path[t < 18.0][:, :9] == 0.0).all()
     assert path[:, 2].min() >= -10.0  # no overshoot
     np.testing.assert_array_equal(shaped(climb, 20.0, 0.0)[:6], [0, 0, -5, 0, 0, -2.5])
-
-
-@pytest.mark.parametrize(
-    ("times", "points", "word"),
-    [
-        ([0, 0], np.zeros((2, 7)), "does not increase"),
-        ([0], np.full((1, 7), np.nan), "not finite"),
-        ([0], np.zeros((1, 6)), "shape"),
-        ([], np.zeros((0, 7)), "0 points"),
-    ],
-)
-def test_bad_references_say_why(times, points, word):
-    with pytest.raises(reference.TrajectoryError, match=word):
-        reference.ReferenceTrajectory(np.array(times), points)

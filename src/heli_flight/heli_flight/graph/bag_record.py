@@ -15,9 +15,9 @@ from heli_flight.errors import FlightError
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
 from heli_math.rotations import quat_to_R_nb
+from heli_math.rows import REFERENCE
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.packing import N_NAV
-from heli_outer_pd.reference import N_REFERENCE, reference_at
 
 
 def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: int) -> np.ndarray:
@@ -33,15 +33,15 @@ def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: in
 
 def _reference(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray:
     """Reference rows (N, 7) at the ticks: of the trajectory last begun, the first one before it."""
-    rows = np.full((ticks.size, N_REFERENCE), np.nan)
+    rows = np.full((ticks.size, REFERENCE.size), np.nan)
     if not bag.references:
         return rows
     ways = sorted(bag.references, key=lambda way: way.start_ns)
     begun = [way.start_ns for way in ways]
-    for row, tick in zip(rows, ticks.tolist(), strict=True):
+    for i, tick in enumerate(ticks.tolist()):
         now_ns = start_ns + tick * topics.TICK_NS
         way = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)]
-        reference_at(now_ns - way.start_ns, way.times_ns, way.points, row)
+        rows[i] = way.at(now_ns)
     return rows
 
 

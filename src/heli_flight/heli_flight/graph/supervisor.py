@@ -7,7 +7,7 @@ word), never for time; limits are only there to name who is silent.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,7 +20,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from heli_flight.errors import FlightError
 from heli_flight.loop.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.reference_message import ReferencePoints, encode_reference
+from heli_msgs_bridge.reference_message import encode_reference
 
 
 class BringUpError(FlightError):
@@ -113,9 +113,8 @@ class Supervisor(Node):
 
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
         """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""
-        way = scenario.reference
-        points = ReferencePoints(start_ns, way.times_ns, way.points)
-        self._reference.publish(encode_reference(points))
+        way = replace(scenario.reference, start_ns=start_ns)
+        self._reference.publish(encode_reference(way))
 
     def transition(
         self, names: Sequence[str], transition_id: int, limit_s: float, check: Callable[[], None]

@@ -27,12 +27,12 @@ from heli_inner_hinf.excitation import (
 from heli_inner_hinf.law_state import initial_law_state
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, quat_to_R_nb
-from heli_math.rows import MEAS
+from heli_math.rows import MEAS, REFERENCE
+from heli_math.trajectory import reference_at
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
 from heli_outer_pd.config import outer_kernel
-from heli_outer_pd.reference import N_REFERENCE, reference_at
 
 TICK_NS = 10_000_000
 TICK_S = 0.01
@@ -106,7 +106,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     nav = np.zeros(observer.N_NAV)
     x9 = np.empty(9)
     u3 = np.empty(3)
-    reference = np.empty(N_REFERENCE)
+    reference = np.empty(REFERENCE.size)
     for i in range(n_ticks):
         tick = first_tick + i
         plant.measure(loop.plant_s, tick, noise_rows[i], loop.plant_k, y)
@@ -231,7 +231,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     track = Track(
         np.zeros((n, N_TRUTH)),
         np.zeros((n, observer.N_NAV)),
-        np.zeros((n, N_REFERENCE)),
+        np.zeros((n, REFERENCE.size)),
         np.zeros((n, 4)),
         np.zeros((n, 4)),
         *(np.zeros((n if _excited(loop) else 0, size)) for size in (N_CHANNELS, 3, 6)),

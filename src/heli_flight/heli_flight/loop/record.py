@@ -68,34 +68,3 @@ class FlightRecord:
 
     def __len__(self) -> int:
         return self.time_s.size
-
-
-def euler_angles(q_nb: np.ndarray) -> np.ndarray:
-    """3-2-1 Euler angles (N, 3) phi, theta, psi, rad, of quaternions (N, 4) body -> NED."""
-    w, x, y, z = np.asarray(q_nb).T
-    return np.column_stack(
-        (
-            np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-            np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
-            np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-        )
-    )
-
-
-def rotation_between(q_from: np.ndarray, q_to: np.ndarray) -> np.ndarray:
-    """Rotation vectors (N, 3), rad, NED axes, that turn attitudes q_from (N, 4) into q_to (N, 4).
-
-    Quaternions body -> NED; at most half a turn.
-    """
-    w0, x0, y0, z0 = np.asarray(q_from).T
-    w1, x1, y1, z1 = np.asarray(q_to).T
-    w = w1 * w0 + x1 * x0 + y1 * y0 + z1 * z0
-    x = -w1 * x0 + x1 * w0 - y1 * z0 + z1 * y0
-    y = -w1 * y0 + x1 * z0 + y1 * w0 - z1 * x0
-    z = -w1 * z0 - x1 * y0 + y1 * x0 + z1 * w0
-    vector = np.column_stack((x, y, z)) * np.where(w < 0.0, -1.0, 1.0)[:, None]
-    sine = np.linalg.norm(vector, axis=1)
-    angle = 2.0 * np.arctan2(sine, np.abs(w))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        scale = np.where(sine > 1e-12, angle / sine, 2.0)
-    return vector * scale[:, None]

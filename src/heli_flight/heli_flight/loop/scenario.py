@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from heli_outer_pd.reference import ReferenceTrajectory
+from heli_math.trajectory import Trajectory
 from heli_parameters.parameters import Parameter
 
 NODE_NAME = "scenario"
@@ -50,7 +50,7 @@ class Scenario:
         "hover" or "attitude": which metrics are scored.
     n_ticks : int
         Length in ticks of 10 ms.
-    reference : ReferenceTrajectory
+    reference : Trajectory
         For the outer loop, times from the start of the flight.
     windows_s : (N, 2) ndarray
         Scored stretches, s of flight time.
@@ -58,7 +58,7 @@ class Scenario:
 
     kind: str
     n_ticks: int
-    reference: ReferenceTrajectory
+    reference: Trajectory
     windows_s: np.ndarray
 
     @classmethod
@@ -69,11 +69,11 @@ class Scenario:
         windows[windows[:, 1] < 0.0, 1] = n_ticks / TICKS_PER_S
         start, heading = np.asarray(p["start_pos_ned_m"], float), np.radians(p["heading_deg"])
         if p["climb.end_s"] > p["climb.start_s"]:
-            reference = ReferenceTrajectory.hover_climb_hover(
+            reference = Trajectory.hover_climb_hover(
                 start, heading, p["climb.start_s"], p["climb.end_s"], p["climb.speed_mps"]
             )
         else:
-            reference = ReferenceTrajectory.hover(start, heading)
+            reference = Trajectory.hover(start, heading)
         return cls(p["kind"], n_ticks, reference, windows)
 
     def scored(self, time_s: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from heli_flight.loop.record import FlightRecord, euler_angles
+from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.scenario import Scenario
+from heli_math.rotations import euler_angles
 
 SOURCES = ("navigation", "truth")
 

@@ -8,10 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from heli_bags.reader import Remark
-from heli_flight.loop.record import FlightRecord, euler_angles
+from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, conditions
 from heli_flight.loop.scoring import Score, heading_frame
 from heli_flight.loop.settings import Settings
+from heli_math.rotations import euler_angles
 
 LEVELS = ("OK", "WARN", "ERROR", "STALE")
 

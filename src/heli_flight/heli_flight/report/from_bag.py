@@ -18,7 +18,6 @@ from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.report.data import events_of
 from heli_flight.report.write import write_report
-from heli_outer_pd.reference import N_REFERENCE, reference_at
 from heli_parameters.parameters import ParameterError
 
 STEPS = 2  # of a report: the bag read, the page and figures written
@@ -128,12 +127,10 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
         if not np.isfinite(array).any():
             missing.append(f"The bag holds no {words}.")
     if not np.isfinite(record.reference).any():
-        rows = np.empty((len(record), N_REFERENCE))
         way = settings.scenario.reference
         ticks = np.round(record.time_s * _TICKS_PER_S).astype(int).tolist()
-        for row, tick in zip(rows, ticks, strict=True):
-            reference_at(tick * TICK_NS, way.times_ns, way.points, row)
-        record = replace(record, reference=rows)
+        rows = [way.at(tick * TICK_NS) for tick in ticks]
+        record = replace(record, reference=np.array(rows))
         missing.append(
             f"The bag holds no reference: that of scenario {settings.scenario_name} was taken."
         )

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from heli_flight.loop.record import rotation_between
 from heli_flight.loop.scoring import heading_frame
 from heli_flight.report.chart import Chart, Panel, Trace, largest, level, limits
 from heli_flight.report.data import LEVELS, Report
 from heli_flight.report.design import Design
+from heli_math.rotations import rotation_between
 
 _ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
 _ACTUATOR_ROLES = ("nav", "truth", "green", "rival")

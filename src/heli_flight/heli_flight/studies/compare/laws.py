@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from heli_flight.loop.record import FlightRecord, euler_angles
+from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
+from heli_math.rotations import euler_angles
 from heli_parameters.parameters import ParameterError
 
 OFFSET_FREE_RADPS = 0.5

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from heli_bags.reader import Bag, Stream, read_bag
 from heli_bags.recorder import BagError
-from heli_flight.loop.record import FlightRecord, euler_angles
+from heli_flight.loop.record import FlightRecord
 from heli_flight.studies.identify.parameter_table import Given
 from heli_identification import Experiment
-from heli_math.rotations import quat_to_R_nb
+from heli_math.rotations import euler_angles, quat_to_R_nb
 from heli_msgs_bridge import topics
 
 EXCITATION = {"actuators": topics.EXCITATION_ACTUATORS, "gusts": topics.EXCITATION_WIND}
