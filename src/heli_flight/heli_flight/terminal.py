@@ -12,8 +12,8 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.table import Table
 
+from heli_flight.text_table import FittingTable
 from heli_parameters.parameters import ParameterError
 
 _WIDTH_OF_PIPE = 250
@@ -29,11 +29,10 @@ def console(stderr: bool = False) -> Console:
     )
 
 
-def table(title: str, out: Console) -> Table:
-    """A table with frames at a terminal, in Markdown elsewhere."""
-    if out.is_terminal:
-        return Table(title=title, title_justify="left")
-    return Table(title=title, title_justify="left", box=box.MARKDOWN)
+def table(title: str, out: Console) -> FittingTable:
+    """A table that cuts no number; with frames at a terminal, in Markdown elsewhere."""
+    frame = box.HEAVY_HEAD if out.is_terminal else box.MARKDOWN
+    return FittingTable(title=title, title_justify="left", box=frame)
 
 
 @contextlib.contextmanager

@@ -98,7 +98,7 @@ def campaign(
         return code
     out = console()
     out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
-    out.print(many.table(columns, settings[presets[0]].scenario.kind), soft_wrap=True)
+    out.print(many.table(columns, settings[presets[0]].scenario.kind, out))
     for line in many.remarks(columns):
         out.print(line, soft_wrap=True, markup=False)
     out.print(f"{done} flights in {time.monotonic() - start:.1f} s")

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from heli_flight.loop.scenario import NODE_NAME
 from heli_flight.loop.scoring import METRICS, SOURCES, Score
 from heli_flight.loop.settings import Settings
+from heli_flight.terminal import table
 from heli_parameters.parameters import dump_all
 
 RESULT = "result.json"
@@ -86,17 +86,26 @@ def conditions(settings: Settings) -> str:
     )
 
 
+_LEGEND = "! outside the paper's figure. "
+_DECIDES = {
+    "standalone": (
+        "The navigation record decides, as in the paper: ground truth holds the drift of the "
+        "standalone receiver, too, which no instrument on board can see."
+    ),
+    "rtk": "The navigation record and, as an RTK receiver knows it, ground truth decide.",
+}
+
+
 def print_table(result: Result, settings: Settings, console: Console) -> None:
     """Metric, this flight from navigation and from truth, the paper."""
     kind = settings.scenario.kind
     title = {"hover": "Hover test", "attitude": "Attitude test"}[kind]
     if result.scores:
-        table = Table(title=f"{title}: largest magnitude (rms) in the scored phases")
-        table.add_column("metric")
-        table.add_column("navigation record", justify="right")
-        table.add_column("ground truth", justify="right")
-        table.add_column("paper", justify="right")
-        table.add_column("")
+        rows = table(f"{title}: largest magnitude (rms) in the scored phases", console)
+        rows.add_column("metric")
+        for name in ("navigation record", "ground truth", "paper"):
+            rows.add_column(name, justify="right")
+        rows.add_column("verdict")
         by_key = {(s.metric.key, s.source): s for s in result.scores}
         judged = result.judged(settings.gps)
         for metric in METRICS[kind]:
@@ -106,13 +115,15 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
                 mark = "" if s.inside else " !"
                 cells.append(f"{s.max:.2f} ({s.rms:.2f}) {metric.unit}{mark}")
             bad = any(s.metric is metric for s in judged)
-            table.add_row(
+            rows.add_row(
                 metric.label,
                 *cells,
                 f"{metric.paper:g} {metric.unit}",
                 "OUTSIDE" if bad else "inside",
             )
-        console.print(table)
+        console.print(rows)
+        if result.outside:
+            console.print(_LEGEND + _DECIDES[settings.gps], highlight=False)
     else:
         console.print("not scored: the flight ended before the first scored phase")
     console.print(conditions(settings), highlight=False)

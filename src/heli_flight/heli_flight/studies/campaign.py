@@ -9,10 +9,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rich.console import Console
+
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.result import Result, conditions
 from heli_flight.loop.scoring import METRICS, SOURCES, Score, score
 from heli_flight.loop.settings import Settings
+from heli_flight.terminal import table as text_table
+from heli_flight.text_table import FittingTable
 from heli_parameters.parameters import ParameterError
 
 
@@ -80,17 +84,18 @@ def parse_seeds(text: str) -> list[int]:
     return seeds
 
 
-def table(columns: Mapping[str, Sequence[FlownSeed]], kind: str) -> str:
-    """Markdown table: largest magnitude over seeds per metric, per GPS preset and source."""
-    names = [f"{gps}, {source}" for gps in columns for source in SOURCES]
-    lines = ["| metric | paper | " + " | ".join(names) + " |", "|---" * (2 + len(names)) + "|"]
+def table(columns: Mapping[str, Sequence[FlownSeed]], kind: str, out: Console) -> FittingTable:
+    """Largest magnitude over seeds per metric, per GPS preset and source."""
+    rows = text_table("", out)
+    rows.add_column("metric")
+    for name in ("paper", *(f"{gps}, {source}" for gps in columns for source in SOURCES)):
+        rows.add_column(name, justify="right")
     extremes: dict[str, Any] = {gps: worst(flown) for gps, flown in columns.items()}
     for metric in METRICS[kind]:
         found = [extremes[gps].get((metric.key, s)) for gps in columns for s in SOURCES]
         cells = ["-" if s is None else f"{s.max:.2f}" for s in found]
-        paper = f"{metric.paper:g} {metric.unit}"
-        lines.append(f"| {metric.label} | {paper} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.add_row(metric.label, f"{metric.paper:g} {metric.unit}", *cells)
+    return rows
 
 
 def remarks(columns: Mapping[str, Sequence[FlownSeed]]) -> list[str]:
