@@ -32,6 +32,37 @@ _WAIT = """new Promise((yes, no) => {
 })"""
 
 
+# Every way by which a script may send something, and the directive that forbids it.
+_SENDING = """(() => {
+  const [to, seen] = ["https://example.org/upload", []];
+  document.addEventListener("securitypolicyviolation", (e) => seen.push(e.effectiveDirective));
+  const load = (tag, name) => {
+    const made = document.createElement(tag);
+    if (tag === "link") made.rel = "stylesheet";
+    made[name] = to;
+    document.body.append(made);
+  };
+  fetch(to, { method: "POST", body: "flight" }).catch(() => {});
+  navigator.sendBeacon(to, "flight");
+  new WebSocket(to.replace("https", "wss"));
+  new EventSource(to);
+  for (const [tag, name] of [["img", "src"], ["script", "src"], ["iframe", "src"], ["link", "href"],
+    ["object", "data"], ["video", "src"]]) load(tag, name);
+  const form = document.createElement("form");
+  [form.action, form.method, form.target] = [to, "post", "_self"];
+  document.body.append(form);
+  form.submit();
+  const inline = document.createElement("script");
+  inline.textContent = "window.ranForeign = true";
+  document.body.append(inline);
+  window.forbidden = seen;
+})()"""
+_FORBIDDEN = {
+    "connect-src", "img-src", "script-src-elem", "frame-src", "style-src-elem", "object-src",
+    "media-src", "form-action",
+}  # fmt: skip
+
+
 class Page:
     """One tab; collects what goes wrong in it and what it asks of the network."""
 
@@ -55,13 +86,18 @@ class Page:
             os.close(descriptor)
         self._buffer, self._count, self._session = b"", 0, None
         self.errors: list[str] = []
-        self.requests: list[str] = []
+        self._asked: dict[str, str] = {}
         targets = self.call("Target.getTargets")["targetInfos"]
         page = next(target for target in targets if target["type"] == "page")
         attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
+
+    @property
+    def requests(self) -> list[str]:
+        """Addresses that were asked of the network."""
+        return list(self._asked.values())
 
     def call(self, method: str, **parameters):
         """Send a command, return its result; events that come before it are noted."""
@@ -100,7 +136,25 @@ class Page:
             if "GL Driver Message" not in text:
                 self.errors.append(text)
         elif method == "Network.requestWillBeSent":
-            self.requests.append(event["request"]["url"])
+            self._asked[event["requestId"]] = event["request"]["url"]
+        elif method == "Network.loadingFailed" and event.get("blockedReason") == "csp":
+            # What the page's own policy has stopped never left the browser.
+            self._asked.pop(event["requestId"], None)
+
+    def try_to_send(self) -> None:
+        """Try every way to send something; the page's policy must forbid each."""
+        self.value(_SENDING)
+        wanted = json.dumps(sorted(_FORBIDDEN))
+        self.wait(f"{wanted}.every(name => window.forbidden.includes(name))", 10.0)
+        # fetch, beacon, WebSocket and EventSource; twice where a header forbids it, too
+        tried = "window.forbidden.filter(name => name === 'connect-src').length"
+        self.wait(f"{tried} >= 4", 10.0)
+        assert self.value("window.ranForeign === undefined")
+
+    def tabs(self) -> list[str]:
+        """Addresses of all open tabs."""
+        targets = self.call("Target.getTargets")["targetInfos"]
+        return [target["url"] for target in targets if target["type"] == "page"]
 
     def size(self, width: int, height: int, phone: bool = False) -> None:
         """Size of the window in CSS pixels; as a phone also its touch and its scale."""

@@ -131,7 +131,7 @@ def look(page, flight, width=1440, height=900, phone=False, **options):
 
 def off_origin(page, flight):
     own = (flight.url, flight.url.replace("http", "ws"))
-    return [url for url in page.requests if not url.startswith((*own, "blob:"))]
+    return [url for url in page.requests if not url.startswith((*own, "blob:", "data:"))]
 
 
 def test_page_draws_everything_offline(page, flown):
@@ -167,6 +167,17 @@ def test_page_draws_everything_offline(page, flown):
     assert off_origin(page, flight) == []
     fps = page.value("heliView.fps")
     print(f"{fps:.0f} frames/s, {page.value('heliView.workMs'):.1f} ms of script per frame")
+
+
+def test_the_page_can_send_to_its_own_server_only(page, flown):
+    flight = flown(commands=True)
+    look(page, flight)
+    page.try_to_send()
+    assert off_origin(page, flight) == []
+    assert [url.rstrip("/") for url in page.tabs()] == [flight.url.rstrip("/")]
+    # Its own connection has lived on.
+    before = page.value("heliView.flight.last.t")
+    page.wait(f"heliView.flight.last.t > {before}", 5)
 
 
 def test_errors_beside_the_paper_are_those_of_the_source(page, flown):

@@ -4,6 +4,7 @@
 import base64
 import math
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -13,10 +14,20 @@ from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import resolve
 from heli_flight.report import Event, write_report
-from heli_flight.report.chart import MAX_POINTS, PALETTE, Trace, envelope, limits, thinned
+from heli_flight.report.chart import (
+    MAX_POINTS,
+    PALETTE,
+    Chart,
+    Panel,
+    Trace,
+    envelope,
+    limits,
+    thinned,
+)
 from heli_flight.report.data import Report, events_of
+from heli_flight.report.figures import draw
 from heli_flight.report.paper_charts import paper_charts
-from heli_flight.report.plotly_json import encoded, figure, with_indices
+from heli_flight.report.plotly_json import figure, with_indices
 from heli_flight.report.system_charts import flight_charts, timeline_charts
 
 
@@ -64,15 +75,44 @@ def test_limits_are_drawn_on_both_sides():
     assert sorted(set(bound.y[np.isfinite(bound.y)])) == [-0.4, 0.4]
 
 
+def drawn_numbers(trace, time=True):
+    """x and y of a trace as the page gets them."""
+    chart = Chart("key", "title", "", [Panel("y", [trace])], "flight", time=time)
+    (made,) = figure(chart)["data"]
+    return [np.frombuffer(base64.b64decode(made[k]["bdata"]), f"<{made[k]['dtype']}") for k in "xy"]
+
+
 def test_numbers_arrive_as_they_are():
     values = np.array([0.0, -1.5, math.nan, 3e4])
-    code = encoded(values)
-    back = np.frombuffer(base64.b64decode(code["bdata"]), "<f4")
-    np.testing.assert_array_equal(back, values.astype("<f4"))
+    _, y = drawn_numbers(Trace(np.arange(4.0), values, "", "nav"))
+    np.testing.assert_array_equal(y, values.astype("<f4"))
     # A day in seconds to 10 ms needs more than 32 bits.
     late = np.array([86_399.98, 86_399.99])
-    wide = np.frombuffer(base64.b64decode(encoded(late, wide=True)["bdata"]), "<f8")
-    np.testing.assert_array_equal(wide, late)
+    x, _ = drawn_numbers(Trace(late, np.zeros(2), "", "nav"))
+    np.testing.assert_array_equal(x, late)
+
+
+@pytest.mark.parametrize(("last", "axis"), [(9.0, "tickformat"), (1000.0, "dtick")])
+def test_a_short_logarithmic_axis_has_ticks_between_the_powers(last, axis):
+    trace = Trace(np.array([2.0, last]), np.array([0.3, 20.0]), "", "nav", "points")
+    chart = Chart("key", "title", "", [Panel("y", [trace])], "flight", time=False, log_x=True)
+    drawn = figure(chart)["layout"]["xaxis"]
+    assert drawn["type"] == "log" and {"tickformat", "dtick"} & set(drawn) == {axis}
+
+
+def test_a_short_logarithmic_axis_of_a_figure_is_labelled_with_numbers(tmp_path):
+    trace = Trace(np.array([2.1, 8.4]), np.array([0.4, 20.0]), "", "nav")
+    panels = [Panel("y", [trace], log_y=True)] * 2
+    chart = Chart("key", "title", "", panels, "flight", time=False, log_x=True)
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        drawn = draw(chart, "")
+        drawn.savefig(tmp_path / "key.svg")
+    upper, lower = (
+        [t.get_text() for t in ax.get_xticklabels(which="both") if t.get_visible() and t.get_text()]
+        for ax in drawn.axes
+    )
+    assert {"3", "4", "5", "6", "7", "8"} <= set(lower) and upper == []
+    assert {"0.5", "1", "2", "5", "10"} <= {t.get_text() for t in drawn.axes[0].get_yticklabels()}
 
 
 def test_symbols_get_their_indices():
@@ -118,6 +158,10 @@ def test_what_is_drawn_is_what_was_scored(hover):
     assert top == pytest.approx(hover.score("v_y", "navigation").max, rel=1e-12)
 
 
+def axis(drawn, i):
+    return drawn["layout"]["xaxis" + (str(i + 1) if i else "")]
+
+
 def test_charts_become_json(hover):
     for chart in [*paper_charts(hover), *flight_charts(hover), *timeline_charts(hover)]:
         drawn = figure(chart)
@@ -125,6 +169,15 @@ def test_charts_become_json(hover):
         domains = [v["domain"] for k, v in drawn["layout"].items() if k.startswith("yaxis")]
         assert domains[0][1] == 1.0
         assert all(upper[0] > lower[1] for upper, lower in zip(domains, domains[1:], strict=False))
+        gaps = [upper[0] - lower[1] for upper, lower in zip(domains, domains[1:], strict=False)]
+        heights = [top - bottom for bottom, top in domains]
+        assert np.ptp(gaps or [0.0]) < 1e-9
+        share = np.array([panel.height for panel in chart.panels]) / heights
+        assert np.ptp(share) < 1e-9 * share[0]
+        common = [axis(drawn, i) for i, p in enumerate(chart.panels) if p.x_range is None]
+        assert all(a.get("matches", "x") == "x" for a in common)
+        spans = [s for s in drawn["layout"].get("shapes", ()) if s["type"] == "rect"]
+        assert len(spans) == len(chart.spans) * len(common)
 
 
 def test_health_is_told_when_it_changes():

@@ -3,8 +3,10 @@
 
 import asyncio
 import json
+import re
 import socket
 import time
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import aiohttp
@@ -150,3 +152,43 @@ def test_a_port_in_use_is_named(serve, tmp_path):
     server, _ = serve()
     with pytest.raises(PortError, match=rf"port: port {server.port} .* in use .* --live-port"):
         PageServer(tmp_path, server.port, Access(""), str, print)
+
+
+WEB = Path(__file__).resolve().parents[1] / "web"
+
+
+def policy_of(text):
+    parts = [part.split() for part in text.split(";") if part.strip()]
+    return {name: sources for name, *sources in parts}
+
+
+def test_every_answer_forbids_to_send_elsewhere(serve):
+    server, _ = serve()
+    host = urlsplit(server.url).netloc
+
+    async def use():
+        async with browser() as session:
+            for path in ("", "no_such_file"):
+                async with session.get(f"{server.url}{path}") as answered:
+                    policy = policy_of(answered.headers["Content-Security-Policy"])
+                    assert policy["connect-src"] == ["'self'", f"ws://{host}"]
+                    assert policy["script-src"] == policy["style-src"] == ["'self'"]
+                    for name in ("default-src", "form-action", "base-uri", "frame-ancestors"):
+                        assert policy[name] == ["'none'"], name
+                    assert answered.headers["Referrer-Policy"] == "no-referrer"
+
+    asyncio.run(use())
+
+
+def test_the_page_itself_forbids_it_too_and_loads_nothing_foreign():
+    text = (WEB / "index.html").read_text(encoding="utf-8")
+    (said,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)
+    policy = policy_of(said)
+    assert policy["default-src"] == policy["form-action"] == policy["base-uri"] == ["'none'"]
+    assert policy["connect-src"] == policy["script-src"] == policy["style-src"] == ["'self'"]
+    assert "unsafe" not in said and not re.search(r"\son\w+=|<style|style=", text)
+    addresses = re.findall(r'(?:src|href|action)="([^"]+)"', text)
+    assert addresses and all((WEB / address).is_file() for address in addresses)
+    for script in WEB.glob("*.js"):
+        code = script.read_text(encoding="utf-8")
+        assert not re.search(r"https?://|fetch\(|sendBeacon|XMLHttpRequest|window\.open", code)

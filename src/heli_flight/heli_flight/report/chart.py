@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MAX_POINTS = 2400
+MAX_POINTS = 1600
 """Points per trace on the page; beyond that the envelope is kept."""
 
 # Role: colour on white, colour on black.
@@ -130,6 +130,17 @@ class Chart:
         traces = [trace for panel in self.panels for trace in panel.traces]
         drawn = [trace for trace in traces if trace.role not in ("bound", "reference")]
         return any(bool(np.isfinite(trace.y).any()) for trace in drawn)
+
+
+FEW_DECADES = 2.0
+"""A logarithmic axis over at most so many decades has ticks between the powers of ten."""
+
+
+def decades(values: Sequence[np.ndarray]) -> float:
+    """Decades from the smallest to the largest positive value; 0 if there is none."""
+    flat = np.concatenate([np.ravel(v) for v in values]) if values else np.empty(0)
+    positive = flat[np.isfinite(flat) & (flat > 0.0)]
+    return float(np.log10(positive.max() / positive.min())) if positive.size else 0.0
 
 
 def largest(values: np.ndarray) -> float:

@@ -12,8 +12,17 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
-from heli_flight.report.chart import PALETTE, Chart, Panel, Trace, thinned
+from heli_flight.report.chart import (
+    FEW_DECADES,
+    PALETTE,
+    Chart,
+    Panel,
+    Trace,
+    decades,
+    thinned,
+)
 
 _WIDTH_IN = 6.3
 _PANEL_IN = 1.45
@@ -61,7 +70,7 @@ def write_figures(charts: Sequence[Chart], conditions: str, folder: Path) -> lis
     written = []
     with matplotlib.rc_context(_STYLE):
         for chart in charts:
-            drawn = _draw(chart, conditions)
+            drawn = draw(chart, conditions)
             for ending, extra in (("png", {"Software": None}), ("svg", {"Date": None})):
                 path = folder / f"{chart.key}.{ending}"
                 drawn.savefig(path, dpi=_DPI, metadata=extra)
@@ -69,7 +78,8 @@ def write_figures(charts: Sequence[Chart], conditions: str, folder: Path) -> lis
     return written
 
 
-def _draw(chart: Chart, conditions: str) -> Figure:
+def draw(chart: Chart, conditions: str) -> Figure:
+    """A chart as a figure for a paper; `conditions` stands under it."""
     heights = [panel.height for panel in chart.panels]
     columns, rows = _legend_shape(chart)
     plot_in = 4.6 if chart.square else _PANEL_IN * sum(heights) + 0.42 * (len(heights) - 1)
@@ -90,7 +100,7 @@ def _draw(chart: Chart, conditions: str) -> Figure:
     for i, (ax, panel) in enumerate(zip(axes, chart.panels, strict=True)):
         _panel(ax, chart, panel, span)
         if shared and i in shared and i != shared[-1]:
-            ax.tick_params(labelbottom=False)
+            ax.tick_params(which="both", labelbottom=False)
         else:
             ax.set_xlabel(chart.x_label, labelpad=2)
     _titles(figure, chart, axes, conditions, columns)
@@ -120,8 +130,11 @@ def _panel(ax, chart: Chart, panel: Panel, span: tuple[float, float] | None) -> 
     ax.grid(True)
     if chart.log_x:
         ax.set_xscale("log")
+        _log_ticks(ax.xaxis, [t.x for p in chart.panels for t in p.traces])
     if panel.log_y:
         ax.set_yscale("log")
+        ends = panel.y_range
+        _log_ticks(ax.yaxis, [np.array(ends)] if ends else [t.y for t in panel.traces])
     for start, end in chart.spans if panel.x_range is None else ():
         ax.axvspan(start, end, color="#000000", alpha=0.045, linewidth=0)
     for trace in panel.traces:
@@ -137,10 +150,21 @@ def _panel(ax, chart: Chart, panel: Panel, span: tuple[float, float] | None) -> 
         ax.grid(False)
     if chart.square:
         ax.set_aspect("equal")
-        ax.xaxis.set_major_locator(matplotlib.ticker.MultipleLocator(1.0))
-        ax.yaxis.set_major_locator(matplotlib.ticker.MultipleLocator(1.0))
+        ax.xaxis.set_major_locator(MultipleLocator(1.0))
+        ax.yaxis.set_major_locator(MultipleLocator(1.0))
     if panel.note:
         ax.set_title(panel.note, loc="right", fontsize=7.5, color="#555555", pad=2.5)
+
+
+def _log_ticks(axis, values: Sequence[np.ndarray]) -> None:
+    """Over few decades also what lies between the powers of ten, as plain numbers."""
+    span = decades(values)
+    if span > FEW_DECADES:
+        return
+    between = (1.0, 2.0, 5.0) if span > 1.0 else np.arange(1.0, 10.0)
+    axis.set_major_locator(LogLocator(subs=between))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _with_indices(text: str) -> str:

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report's page: one HTML file that needs no network."""
+"""Pages that need no network: one HTML file each, made from the templates in `page/`."""
 
-import html
+import base64
+import hashlib
 import json
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
+from pathlib import Path
+from typing import Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from heli_flight.loop.result import versions
@@ -31,39 +35,20 @@ _TITLES = {
     "scope": "What is simulated, and what is not",
     "parameters": "Parameters, seed, versions",
 }
-
-
-def render(report: Report, charts: Sequence[Chart], design: Design | None) -> str:
-    """The page as text.
-
-    Parameters
-    ----------
-    report : Report
-    charts : sequence of Chart
-    design : Design, optional
-        None if the flown law has no such analysis.
-    """
-    sections = _sections(report, charts, design)
-    present = {key: body for key, body in sections.items() if body}
-    body = "".join(
-        f'<section id="{key}"><h2>{_TITLES[key]}</h2>\n{text}</section>\n'
-        for key, text in present.items()
-    )
-    heading = f"{report.kind.capitalize()} test in wind"
-    head = Head(
-        kind="Flight report · simulation",
-        title=f"{heading}, seed {report.settings.seed}",
-        heading=heading,
-        verdict=_verdict(report),
-        facts=list(_facts(report)),
-        links={key: _TITLES[key] for key in present},
-    )
-    return filled(head, body, charts)
+_FOLDER = Path(__file__).with_name("page")
+_TEMPLATES = Environment(
+    loader=FileSystemLoader(_FOLDER),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+_TEMPLATES.filters["with_indices"] = lambda text: Markup(with_indices(text))
 
 
 @dataclass(frozen=True)
 class Head:
-    """What stands on top of a page; texts are HTML.
+    """What stands on top of a page.
 
     Attributes
     ----------
@@ -83,51 +68,87 @@ class Head:
     links: Mapping[str, str]
 
 
-def filled(head: Head, body: str, charts: Sequence[Chart]) -> str:
-    """The page's template with head, body and charts in it."""
-    mark, kind, verdict = head.verdict
-    parts = {
-        "kind": head.kind,
-        "title": head.title,
-        "heading": head.heading,
-        "verdict_class": kind,
-        "verdict_mark": mark,
-        "verdict": verdict,
-        "facts": "".join(f"<div><dt>{k}</dt><dd>{v}</dd></div>" for k, v in head.facts),
-        "links": " ".join(f'<a href="#{key}">{title}</a>' for key, title in head.links.items()),
-        "body": body,
-        "footer": f"Written {time.strftime('%Y-%m-%d %H:%M')}. Charts: Plotly.js (MIT license).",
-        "charts": _json([figure(chart) for chart in charts]),
-        "palette": _json(PALETTE),
-        "plotly": get_plotlyjs().replace("</script", "<\\/script"),
-        "css": _asset("report.css"),
-        "script": _asset("report.js"),
-    }
-    # The template's names stand between at-signs: every second piece.
-    pieces = _asset("report.html").split("@")
-    return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))
+def render(report: Report, charts: Sequence[Chart], design: Design | None) -> str:
+    """The flight's page as text.
+
+    Parameters
+    ----------
+    report : Report
+    charts : sequence of Chart
+    design : Design, optional
+        None if the flown law has no such analysis.
+    """
+    drawn = {chart.section for chart in charts}
+    always = {"result", "scope", "parameters"}
+    events, margins = event_table(report), margin_table(design) if design else None
+    told = {"timeline": events, "design": margins}
+    heading = f"{report.kind.capitalize()} test in wind"
+    head = Head(
+        kind="Flight report · simulation",
+        title=f"{heading}, seed {report.settings.seed}",
+        heading=heading,
+        verdict=_verdict(report),
+        facts=_facts(report),
+        links={k: v for k, v in _TITLES.items() if k in drawn | always or told.get(k)},
+    )
+    return filled(
+        "flight.html",
+        head,
+        charts,
+        result=result_table(report),
+        conditions=report.conditions,
+        notes=[*report.result.notes, *report.missing],
+        margins=margins,
+        events=events,
+        scope={"Simulated": SIMULATED, "Not simulated": NOT_SIMULATED},
+        seed=report.settings.seed,
+        parameters=_parameters(report),
+    )
 
 
-def _asset(name: str) -> str:
-    folder = resources.files("heli_flight.report") / "page"
-    return (folder / name).read_text(encoding="utf-8")
+def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -> str:
+    """A template with head, charts and content in it.
+
+    The page may run its own two scripts and nothing else, load nothing and send nothing: its
+    security policy names the scripts by their hashes.
+    """
+    plotly = get_plotlyjs().replace("</script", "<\\/script")
+    script = (_FOLDER / "report.js").read_text(encoding="utf-8")
+    return _TEMPLATES.get_template(template).render(
+        head=head,
+        charts=charts,
+        versions=versions(),
+        written=time.strftime("%Y-%m-%d %H:%M"),
+        data=_json([figure(chart) for chart in charts]),
+        palette=_json(PALETTE),
+        css=Markup((_FOLDER / "report.css").read_text(encoding="utf-8")),
+        plotly=Markup(plotly),
+        script=Markup(script),
+        hashes=[_hash(plotly), _hash(script)],
+        **content,
+    )
 
 
-def _json(value: object) -> str:
-    return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
+def _hash(script: str) -> str:
+    """A script's name in a content security policy."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
+
+
+def _json(value: object) -> Markup:
+    return Markup(json.dumps(value, separators=(",", ":")).replace("</", "<\\/"))
 
 
 def _verdict(report: Report) -> tuple[str, str, str]:
     """Mark, class and sentence."""
     result = report.result
     if result.lost:
-        return "✗", "bad", f"Lost after {result.flown_s:.2f} s: {html.escape(result.lost)}"
+        return "✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}"
     judged = result.judged(report.settings.gps)
     if not result.scores:
         return "–", "", "Not scored: nothing was recorded in a scored phase."
     if judged:
         names = ", ".join(f"{s.metric.label} ({s.source})" for s in judged)
-        return "✗", "bad", f"Outside the paper's figures: {html.escape(names)}."
+        return "✗", "bad", f"Outside the paper's figures: {names}."
     words = "Inside the paper's figures, measured as in the paper from the navigation record"
     beyond = [s.metric.label for s in result.outside]
     if beyond:
@@ -137,73 +158,28 @@ def _verdict(report: Report) -> tuple[str, str, str]:
         )
     elif report.has_truth:
         words += ", and by ground truth"
-    return "✓", "good", html.escape(words) + "."
+    return "✓", "good", f"{words}."
 
 
-def _facts(report: Report) -> Iterable[tuple[str, str]]:
+def _facts(report: Report) -> list[tuple[str, str]]:
     settings, plant = report.settings, report.settings.nodes["plant"]
     speeds = [float(v) for v in plant["wind.profile_speed_mps"]]
     low, high = min(speeds), max(speeds)
     wind = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
     more = "Dryden turbulence" if plant["wind.turbulence"] else "no turbulence"
     return [
-        ("Scenario", html.escape(settings.scenario_name)),
-        ("Flown", f"{report.result.flown_s:.2f} s, {html.escape(report.how)}"),
-        ("Attitude law", LAWS.get(report.controller, html.escape(report.controller))),
+        ("Scenario", settings.scenario_name),
+        ("Flown", f"{report.result.flown_s:.2f} s, {report.how}"),
+        ("Attitude law", LAWS.get(report.controller, report.controller)),
         ("Wind", f"{wind}, {more}"),
-        ("GPS", html.escape(settings.gps)),
+        ("GPS", settings.gps),
         ("Seed", "not recorded" if report.assumed else str(settings.seed)),
     ]
 
 
-def _sections(report: Report, charts: Sequence[Chart], design: Design | None) -> dict[str, str]:
-    condition = html.escape(report.conditions)
-    drawn = {key: "" for key in _TITLES}
-    for chart in charts:
-        drawn[chart.section] += figure_block(chart, condition)
-    notes = [*report.result.notes, *report.missing]
-    drawn["result"] = result_table(report) + "".join(
-        f'<p class="note">{html.escape(note)}</p>' for note in notes
-    )
-    if design is not None:
-        drawn["design"] = margin_table(design) + drawn["design"]
-    drawn["timeline"] += event_table(report)
-    drawn["scope"] = _scope()
-    drawn["parameters"] = _parameters(report)
-    return drawn
-
-
-def figure_block(chart: Chart, condition: str) -> str:
-    """A chart's place on the page, with title, caption and links to its files."""
-    origin = f"<span>redraws {chart.paper} of the paper</span>" if chart.paper else ""
-    files = " ".join(
-        f'<a href="figures/{chart.key}.{ending}">{ending.upper()}</a>' for ending in ("svg", "png")
-    )
-    compared = f'<p class="conditions">{condition}</p>' if chart.section == "paper" else ""
-    return (
-        f'<figure id="{chart.key}"><figcaption><div class="head"><h3>{html.escape(chart.title)}'
-        f"</h3>{origin}<span>{files}</span></div><p>{with_indices(chart.caption)}</p></figcaption>"
-        f'<div class="chart" id="chart-{chart.key}" role="img" '
-        f'aria-label="{html.escape(chart.title)}"></div>{compared}</figure>\n'
-    )
-
-
-def _scope() -> str:
-    columns = (("Simulated", SIMULATED), ("Not simulated", NOT_SIMULATED))
-    return '<div class="columns">' + "".join(
-        f"<div><h3>{title}</h3><ul>{''.join(f'<li>{html.escape(x)}</li>' for x in rows)}</ul></div>"
-        for title, rows in columns
-    ) + "</div>"  # fmt: skip
-
-
-def _parameters(report: Report) -> str:
+def _parameters(report: Report) -> Iterable[tuple[str, Any]]:
+    """Name and table of each node's parameters."""
     settings = report.settings
-    used = ", ".join(html.escape(f"{name} {version}") for name, version in versions().items())
     groups = [(node.name, node.table, settings.nodes[node.name]) for node in NODES]
     groups.append((NODE_NAME, TABLE, settings.scenario_parameters))
-    blocks = "".join(
-        f"<details><summary>{html.escape(name)}: {len(values)} parameters</summary>"
-        f"{parameter_table(rows, values)}</details>"
-        for name, rows, values in groups
-    )
-    return f"<p>Seed {settings.seed}. Versions: {used}</p>{blocks}"
+    return [(name, parameter_table(rows, values)) for name, rows, values in groups]

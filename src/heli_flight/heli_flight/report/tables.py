@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report's tables: the flight beside others, and the margins of its design."""
 
-import html
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from heli_flight.loop.scoring import METRICS, SOURCES, Score
 from heli_flight.report.data import LEVELS, Report
@@ -31,45 +32,50 @@ _NONE = "–"
 _COLUMNS = {"navigation": "navigation record", "truth": "ground truth"}
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
-    """An HTML table; cells are HTML already, head and caption are text."""
-    told = f'<p class="told">{html.escape(caption)}</p>' if caption else ""
-    heads = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in head)
-    body = "".join(
-        f'<tr><th scope="row">{row[0]}</th>' + "".join(f"<td>{c}</td>" for c in row[1:]) + "</tr>"
-        for row in rows
-    )
-    return (
-        f'{told}<div class="scroll" tabindex="0"><table>'
-        f"<thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
-    )
+@dataclass(frozen=True)
+class Table:
+    """A table for the page's templates.
+
+    Attributes
+    ----------
+    head : sequence of str
+    rows : sequence of sequences of str
+        Text, or `Markup` where a cell holds more than text; the first cell names the row.
+    caption : str
+        A sentence above it.
+    words : bool
+        True if the cells are sentences rather than numbers.
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    words: bool = False
 
 
-def result_table(report: Report) -> str:
-    """This flight beside the paper, and the conditions under it."""
+def result_table(report: Report) -> Table:
+    """This flight beside the paper; without rows if nothing was scored."""
     make = _attitude_rows if report.kind == "attitude" else _hover_rows
     head, rows = make(report)
     caption = (
         "Largest magnitude (rms) in the scored phases. ✓ inside, ✗ outside the paper's figure. "
         "The paper measured from its navigation record; only a simulation knows the truth."
     )
-    condition = f'<p class="conditions">{html.escape(report.conditions)}</p>'
-    if not rows:
-        return f"<p>Not scored: nothing was recorded in a scored phase.</p>{condition}"
-    return table(head, rows, caption) + condition
+    return Table(head, rows, caption)
 
 
-def _cell(largest: float, rms: float, bound: float | None) -> str:
-    value = f"{largest:.2f} <small>({rms:.2f})</small>"
-    if bound is None:
-        return value
-    inside = largest <= bound
-    return f"{value} {mark(inside)}"
+def _cell(largest: float, rms: float, bound: float | None) -> Markup:
+    value = Markup("{:.2f} <small>({:.2f})</small>").format(largest, rms)
+    return value if bound is None else value + " " + mark(largest <= bound)
 
 
-def mark(inside: bool) -> str:
+def mark(inside: bool) -> Markup:
     """A tick or a cross that needs no colour."""
-    return '<span class="in">✓</span>' if inside else '<span class="out">✗</span>'
+    return Markup('<span class="{}">{}</span>').format(*(("in", "✓") if inside else ("out", "✗")))
+
+
+def _of_paper(value: str, source: str) -> Markup:
+    return Markup("{} <small>{}</small>").format(value, source)
 
 
 def _scored(report: Report, scores: Sequence[Score], key: str, source: str, bound: float) -> str:
@@ -91,9 +97,9 @@ def _hover_rows(report: Report) -> tuple[list[str], list[list[str]]]:
         ]
         rows.append(
             [
-                f"{html.escape(metric.label)}, {metric.unit}",
+                f"{metric.label}, {metric.unit}",
                 *cells,
-                f"{metric.paper:.2f} <small>{metric.source}</small>",
+                _of_paper(f"{metric.paper:.2f}", metric.source),
                 f"{PD_PID_M:.2f}" if place else _NONE,
                 f"{NONLINEAR_M:.2f}" if place else _NONE,
                 f"{ads:.2f}" if ads is not None else _NONE,
@@ -128,28 +134,28 @@ def _attitude_rows(report: Report) -> tuple[list[str], list[list[str]]]:
         bound, source = (PID_DEG, "Fig. 3") if law == "pid" else (HINF_DEG, "Fig. 4")
         for metric in METRICS["attitude"] if scores else ():
             cells = [_scored(report, scores, metric.key, s, bound) for s in SOURCES]
-            label = f"{html.escape(metric.label)} under {LAWS.get(law, law)}, °"
+            label = f"{metric.label} under {LAWS.get(law, law)}, °"
             if lost:
                 label += " (lost)"
-            rows.append([label, *cells, f"{bound:.1f} <small>{source}</small>"])
+            rows.append([label, *cells, _of_paper(f"{bound:.1f}", source)])
     return head, rows
 
 
-def event_table(report: Report) -> str:
-    """What the nodes said, when it changed."""
+def event_table(report: Report) -> Table | None:
+    """What the nodes said, when it changed; None if nobody said anything."""
     if not report.events:
-        return ""
+        return None
     rows = [
-        [f"{event.time_s:.2f}", *map(html.escape, (event.node, LEVELS[event.level], event.message))]
+        [f"{event.time_s:.2f}", event.node, LEVELS[event.level], event.message]
         for event in report.events[:_MOST_EVENTS]
     ]
     left = len(report.events) - len(rows)
     more = f" The first {len(rows)}; {left} more are in the bag." if left else ""
-    told = table(("flight time, s", "node", "health", "message"), rows, f"Changes of health.{more}")
-    return told.replace("<table>", '<table class="words">')
+    head = ("flight time, s", "node", "health", "message")
+    return Table(head, rows, f"Changes of health.{more}", words=True)
 
 
-def margin_table(design: Design) -> str:
+def margin_table(design: Design) -> Table:
     """Norm and margins of the three loops."""
     head = ["", *(loop.name for loop in design.loops)]
     loops = design.loops
@@ -158,7 +164,7 @@ def margin_table(design: Design) -> str:
         return [label, *values]
 
     rows = [
-        row("‖wind → h‖<sub>∞</sub>", [f"{loop.norm:.4f}" for loop in loops]),
+        row(Markup("‖wind → h‖<sub>∞</sub>"), [f"{loop.norm:.4f}" for loop in loops]),
         row("its frequency, rad/s", [f"{loop.norm_frequency:.2f}" for loop in loops]),
         row("slowest mode, rad/s", [f"{loop.stability:.3f}" for loop in loops]),
     ]
@@ -167,7 +173,7 @@ def margin_table(design: Design) -> str:
         name = f"disk margin, all channels, plant {where}"
         rows.append(row(name, [f"{m.alpha:.2f}" for m in margins]))
         words = [f"±{m.gain_db:.1f} dB, {m.phase_deg:.0f}°" for m in margins]
-        rows.append(row("<small>guarantees together</small>", words))
+        rows.append(row(Markup("<small>guarantees together</small>"), words))
     for i, channel in enumerate(("lateral", "longitudinal", "pedal")):
         values = [loop.channels_input[i] for loop in loops]
         words = [
@@ -181,7 +187,7 @@ def margin_table(design: Design) -> str:
         f"infimum γ* = {design.gamma_star:.4f}. As flown: sampled at 100 Hz, with observer, "
         "prediction, servos and transport delay."
     )
-    return table(head, rows, caption)
+    return Table(head, rows, caption)
 
 
 def _db(value: float) -> str:
@@ -192,22 +198,20 @@ def _limited(value: float, unit: str, digits: int) -> str:
     return f"{value:.{digits}f}{unit}" if np.isfinite(value) else "∞"
 
 
-def parameter_table(rows: Sequence[Parameter], values: Mapping[str, Any]) -> str:
+def parameter_table(rows: Sequence[Parameter], values: Mapping[str, Any]) -> Table:
     """Resolved parameters of one node with unit and meaning."""
     known = {row.name: row for row in rows}
     lines = []
     for name, value in values.items():
         row = known.get(name)
         unit, meaning = (row.unit, row.description) if row else ("", "")
-        cells = (_value(value), html.escape(unit), html.escape(meaning))
-        lines.append([f"<code>{html.escape(name)}</code>", *cells])
-    head = ("parameter", "value", "unit", "meaning")
-    return table(head, lines, "").replace("<table>", '<table class="words">')
+        lines.append([Markup("<code>{}</code>").format(name), _value(value), unit, meaning])
+    return Table(("parameter", "value", "unit", "meaning"), lines, words=True)
 
 
 def _value(value: Any) -> str:
     if isinstance(value, bool | str):
-        return html.escape(str(value).lower() if isinstance(value, bool) else value)
+        return str(value).lower() if isinstance(value, bool) else value
     if isinstance(value, int | float):
         return f"{value:.10g}"
     items = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)

@@ -9,6 +9,8 @@
   const coarse = window.matchMedia("(pointer: coarse)").matches;
   const font = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
   const drawn = new Map();
+  // No policy of a page can forbid windows of other sites: this one opens none.
+  window.open = () => null;
   let narrow = false;
   let following = false;
   let chosen = null;
@@ -62,7 +64,7 @@
       };
       if (zoom && zoom[name]) layout[name].range = zoom[name];
     }
-    layout.shapes = figure.layout.shapes.map((shape) => ({ ...shape, fillcolor: dark() ? "rgba(255,255,255,0.06)" : "rgba(0,0,0,0.045)" }));
+    layout.shapes = (figure.layout.shapes ?? []).map((shape) => ({ ...shape, fillcolor: dark() ? "rgba(255,255,255,0.06)" : "rgba(0,0,0,0.045)" }));
     return layout;
   }
 
@@ -70,6 +72,7 @@
     return {
       responsive: false, displaylogo: false, scrollZoom: false,
       displayModeBar: coarse ? false : "hover",
+      showSendToCloud: false, plotlyServerURL: "", showLink: false,
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
       toImageButtonOptions: { format: "svg", filename: figure.key },
     };

@@ -231,7 +231,7 @@ def print_outcome(outcome: Outcome, out: Console) -> None:
         cells = [row.name, f"{row.value:.5g}", _two_sigma(row)]
         if known:
             mark = {True: "met", False: "MISSED", None: ""}[row.met]
-            cells += [f"{row.truth:.5g}", f"{100.0 * row.deviation:+.1f} %", mark]
+            cells += [f"{row.truth:.5g}", row.deviation_text, mark]
         rows.add_row(*cells)
     out.print(rows)
     if outcome.zeros:

@@ -72,6 +72,15 @@ class Row:
         return (self.value - self.truth) / abs(self.truth)
 
     @property
+    def deviation_text(self) -> str:
+        """The deviation for people; empty without truth."""
+        if np.isnan(self.truth):
+            return ""
+        if self.truth == 0.0:
+            return "truth is 0"
+        return f"{100.0 * self.deviation:+.1f} %"
+
+    @property
     def met(self) -> bool | None:
         """Whether the target is met; None if there is none to meet."""
         if not self.significant or np.isnan(self.target) or np.isnan(self.truth):

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """report.html and figures of an identification, with the flight report's look."""
 
-import html
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
-from heli_flight.loop.result import versions
 from heli_flight.report.chart import Chart
 from heli_flight.report.figures import write_figures
-from heli_flight.report.page import Head, figure_block, filled
-from heli_flight.report.tables import table
+from heli_flight.report.page import Head, filled
+from heli_flight.report.tables import Table
 from heli_flight.report.words import NOT_SIMULATED
 from heli_flight.studies.identify.charts import charts, lines_of
 from heli_flight.studies.identify.command import Outcome
@@ -56,17 +55,6 @@ def write_page(outcome: Outcome, folder: Path) -> Path:
 
 def render(outcome: Outcome, drawn: Sequence[Chart]) -> str:
     """The page as text."""
-    sections = dict.fromkeys(_TITLES, "")
-    for chart in drawn:
-        sections[chart.section] += figure_block(chart, "")
-    sections["result"] = _result(outcome)
-    sections["ground"] = _ground(outcome)
-    items = "".join(f"<li>{html.escape(item)}</li>" for item in NOT_SIMULATED)
-    sections["scope"] = f"<ul>{items}</ul>"
-    body = "".join(
-        f'<section id="{key}"><h2>{_TITLES[key]}</h2>\n{text}</section>\n'
-        for key, text in sections.items()
-    )
     head = Head(
         kind="Identification report · simulation",
         title="Identification of the hover model",
@@ -75,7 +63,17 @@ def render(outcome: Outcome, drawn: Sequence[Chart]) -> str:
         facts=_facts(outcome),
         links=_TITLES,
     )
-    return filled(head, body, drawn)
+    groups = {title: _group(outcome, group) for group, title in _GROUPS.items()}
+    return filled(
+        "identification.html",
+        head,
+        drawn,
+        definition=_DEFINITION,
+        groups={title: table for title, table in groups.items() if table.rows},
+        zeros=outcome.zeros,
+        ground=_ground(outcome),
+        not_simulated=NOT_SIMULATED,
+    )
 
 
 def _verdict(outcome: Outcome) -> tuple[str, str, str]:
@@ -84,7 +82,7 @@ def _verdict(outcome: Outcome) -> tuple[str, str, str]:
     if outcome.truth is None:
         return "–", "", "No aircraft file to compare with: see the standard deviations."
     if missed:
-        names = html.escape(", ".join(row.name for row in missed))
+        names = ", ".join(row.name for row in missed)
         return (
             "✗",
             "bad",
@@ -108,9 +106,9 @@ def _facts(outcome: Outcome) -> list[tuple[str, str]]:
     given = found.given
     return [
         ("Experiments", f"2, {given.periods} periods of {given.period_s:g} s each"),
-        ("Lines", html.escape(f"{lines_of(found.actuators)}; {lines_of(found.gusts)}")),
-        ("Compared with", html.escape(outcome.truth.basis.source if outcome.truth else "nothing")),
-        ("GPS", html.escape(settings.gps)),
+        ("Lines", f"{lines_of(found.actuators)}; {lines_of(found.gusts)}"),
+        ("Compared with", outcome.truth.basis.source if outcome.truth else "nothing"),
+        ("GPS", settings.gps),
         ("Seed", str(settings.seed)),
         ("gamma", f"{found.design.attitude.gamma:.4g}"),
     ]
@@ -130,41 +128,29 @@ def _number(value: float, digits: int = 5) -> str:
 
 def _cells(row: Row, known: bool) -> list[str]:
     marks = {True: "✓", False: "✗", None: ""}
-    name = html.escape(row.name)
     dull = row.met is None and not row.significant
+    name = Markup('<span class="dull">{}</span>').format(row.name) if dull else row.name
     spread = _number(2.0 * row.sigma, 2) if row.sigma > 0.0 else "–"
-    cells = [f'<span class="dull">{name}</span>' if dull else name, _number(row.value), spread]
+    cells = [name, _number(row.value), spread]
     if known:
-        deviation = row.deviation
-        percent = "–" if not np.isfinite(deviation) else f"{100.0 * deviation:+.1f} %"
-        cells += [_number(row.truth), percent.replace("-", "−")]
+        cells += [_number(row.truth), row.deviation_text.replace("-", "−") or "–"]
     share = "" if np.isnan(row.share) else f"{100.0 * row.share:.3g} %"
     return [*cells, share, *([marks[row.met]] if known else [])]
 
 
-def _result(outcome: Outcome) -> str:
+def _group(outcome: Outcome, group: str) -> Table:
+    """The identified numbers of one group."""
     known = outcome.truth is not None
     head = ["", "identified", "± 2σ", *(["truth", "deviation"] if known else []), "effect in row"]
-    head += [""] if known else []
-    parts = [f"<p>{html.escape(_DEFINITION)}</p>"]
-    for group, title in _GROUPS.items():
-        rows = [_cells(row, known) for row in outcome.rows if row.group == group]
-        if rows:
-            parts.append(f"<h3>{title}</h3>" + table(head, rows, ""))
-    zero = outcome.zeros
-    if zero:
-        names = html.escape(", ".join(zero))
-        parts.append(f'<p class="note">Not told from zero, and taken for zero: {names}.</p>')
-    return "".join(parts)
+    rows = [_cells(row, known) for row in outcome.rows if row.group == group]
+    return Table(head + ([""] if known else []), rows)
 
 
-def _ground(outcome: Outcome) -> str:
+def _ground(outcome: Outcome) -> Table:
     given = outcome.found.given
-    rows = [[html.escape(name), _number(float(value))] for name, value in given.ground.items()]
-    used = ", ".join(html.escape(f"{name} {version}") for name, version in versions().items())
-    return (
-        table(["constant", "value, SI"], rows, "By scale, ruler, rpm counter, or from a table "
-              f"({given.source}); all else comes from the two flights.")
-        + "<p>PID law and position loop of another design held the aircraft in the experiments. "
-        f"Versions: {used}</p>"
-    )  # fmt: skip
+    return Table(
+        ["constant", "value, SI"],
+        [[name, _number(float(value))] for name, value in given.ground.items()],
+        "By scale, ruler, rpm counter, or from a table "
+        f"({given.source}); all else comes from the two flights.",
+    )
