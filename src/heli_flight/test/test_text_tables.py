@@ -3,7 +3,6 @@
 
 import io
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -130,7 +129,7 @@ def test_the_comparisons_tables(width):
         for i, law in enumerate(laws)
         for source in ("navigation", "truth", "ideal")
     ]
-    result = Comparison(replace(settings), laws, [1], flights)
+    result = Comparison(settings, laws, [1], flights=flights)
     text = printed(width, lambda out: print_comparison(result, out))
     assert " ".join(text.split()).count("1.46 (0.03)") == 3 * len(laws)
     outcomes = [Outcome(PERTURBATIONS[0].key, law.key, 7, 40, 3, 1.234, 5.678) for law in laws]
