@@ -12,7 +12,14 @@ import numpy as np
 
 from heli_inner_hinf.attitude_law import swap_bumpless
 from heli_inner_hinf.errors import ShapeError, SynthesisError
-from heli_inner_hinf.law_state import CONTROLLERS, TICK_S, AttitudeKernel, initial_law_state
+from heli_inner_hinf.law_state import (
+    CONTROLLERS,
+    LAST_R,
+    LAST_X,
+    TICK_S,
+    AttitudeKernel,
+    initial_law_state,
+)
 from heli_inner_hinf.loops import predicting_gains
 from heli_inner_hinf.lqr import Lqr, lqr
 from heli_inner_hinf.regular_form import Matrix
@@ -158,55 +165,54 @@ class AttitudeConfig:
 
 
 class LiveDesign:
-    """The design in flight and how it changes: judged first, swapped in between two ticks,
-    bumplessly.
+    """The design in flight: changed between two ticks, and begun in flight, without a jump.
 
-    `propose` raises and leaves everything as it was, or keeps the judged design until `take` is
-    called at the start of the next tick. The law's state array belongs to this object.
+    Parameters
+    ----------
+    config : AttitudeConfig
+        What is flown first, from trim.
+
+    Attributes
+    ----------
+    config : AttitudeConfig
+        What is flown.
+    state : (N_LAW_STATE,) array
+        State of the law; it belongs to this object.
     """
 
-    def __init__(self, parameters: Mapping[str, Any]) -> None:
-        self._parameters = dict(parameters)
-        self.config = AttitudeConfig.from_parameters(self._parameters)
-        self._pending: tuple[dict[str, Any], AttitudeConfig] | None = None
-        self.state = initial_law_state(self.config.kernel)
+    def __init__(self, config: AttitudeConfig) -> None:
+        self.config = config
+        self.state = initial_law_state(config.kernel)
+        self._coming: AttitudeConfig | None = None
 
-    @property
-    def pending(self) -> bool:
-        """Whether a judged change waits for the next tick."""
-        return self._pending is not None
-
-    def propose(self, changes: Mapping[str, Any]) -> AttitudeConfig:
-        """Judge the parameters with `changes` (dotted names) put in; later proposals build on
-        pending ones.
-
-        Raises
-        ------
-        SynthesisError
-            Its subclass and sentence say why; nothing has changed then.
-        """
-        base = self._pending[0] if self._pending else self._parameters
-        merged = {**base, **changes}
-        config = AttitudeConfig.from_parameters(merged)
-        _ = config.kernel
-        self._pending = (merged, config)
-        return config
-
-    def withdraw(self) -> None:
-        """Forget a pending change."""
-        self._pending = None
+    def adopt(self, config: AttitudeConfig) -> None:
+        """Fly this design from the next `take` on."""
+        self._coming = config
 
     def take(self) -> AttitudeKernel:
-        """Kernel for the coming tick; a pending design is swapped in here."""
-        if self._pending is not None:
-            self._parameters, self.config = self._pending
-            self._pending = None
+        """Kernel for the coming tick; an adopted design is swapped in here."""
+        if self._coming is not None:
+            self.config, self._coming = self._coming, None
             swap_bumpless(self.state, self.config.kernel)
         return self.config.kernel
 
-    def engage(self, u_flown: np.ndarray) -> None:
-        """Start from the actuators (3 or 4,) that are flown now: no jump on activation."""
-        swap_bumpless(self.state, self.config.kernel, np.asarray(u_flown, float)[:3])
+    def start(self) -> None:
+        """Begin a flight: the trim has been flown so far."""
+        self.state[:] = initial_law_state(self.config.kernel)
+
+    def engage(self, x9: Matrix, r3: Matrix, u_flown: Matrix) -> None:
+        """Begin in flight: the first command is the one that is flown.
+
+        Parameters
+        ----------
+        x9, r3 : (9,), (3,) arrays
+            Estimate and setpoint now, rad and rad/s, finite.
+        u_flown : (3,) array
+            d_lat, d_lon, d_ped as flown, -1..1.
+        """
+        self.start()
+        self.state[LAST_X : LAST_X + 9], self.state[LAST_R : LAST_R + 3] = x9, r3
+        swap_bumpless(self.state, self.config.kernel, u_flown)
 
 
 def shaped(name: str, value: Any, shape: tuple[int, ...]) -> Matrix:

@@ -3,16 +3,18 @@
 
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law
-from heli_inner_hinf.design import LiveDesign
+from heli_inner_hinf.design import AttitudeConfig, LiveDesign
 from heli_inner_hinf.excitation import (
     N_CHANNELS,
     SENT,
+    ExcitationKernel,
     ExcitationStatus,
     excitation_kernel,
     excite,
@@ -25,101 +27,195 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import NodeSpec, run
-from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
+from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
 _TICKS_PER_S = 100
 
 
-class InnerLoopNode(TickNode):
+@dataclass
+class Exciter:
+    """Excitation for identification; its topic exists only while one is configured."""
+
+    kernel: ExcitationKernel
+    send: Send
+    state: np.ndarray
+    status: ExcitationStatus = ExcitationStatus.SILENT
+
+
+class MarginWatch:
+    """Disk margin of the state feedback at the plant input, for /diagnostics.
+
+    Computed in a thread: the first one imports an optimiser, which would hold the flight up.
+    """
+
+    def __init__(self) -> None:
+        self._asked: AttitudeConfig | None = None
+        self._known: tuple[AttitudeConfig | None, str] = (None, "")
+
+    def of(self, config: AttitudeConfig) -> str:
+        """The margin in words; the first call for a design begins to compute it."""
+        if config.controller == "pid":
+            return "none: pid is no state feedback"
+        known_for, margin = self._known
+        if known_for is config:
+            return margin
+        if self._asked is not config:
+            self._asked = config
+            threading.Thread(target=self._compute, args=(config,), daemon=True).start()
+        return "being computed"
+
+    def _compute(self, config: AttitudeConfig) -> None:
+        from heli_inner_hinf.analysis import model_of
+        from heli_inner_hinf.loops import state_feedback_loop
+        from heli_inner_hinf.margins import disk_margin
+
+        margin = disk_margin(state_feedback_loop(model_of(config)), "input")
+        self._known = (config, f"{margin.alpha:.3f}")
+
+
+@dataclass(kw_only=True)
+class Loop(TickCore):
+    """What the inner loop has while it is configured.
+
+    Attributes
+    ----------
+    design : LiveDesign
+        Law and its state.
+    exciter : Exciter or None
+    collective : float
+        As the outer loop sent it last; before that, the trim's.
+    flown_tick : int or None
+        Tick of the last command that was sent.
+    x9, u3 : arrays
+        Estimate and output of the law.
+    total : (4,) array
+        Last command that was sent.
+    """
+
+    design: LiveDesign
+    send: Send
+    exciter: Exciter | None
+    collective: float
+    flown_tick: int | None = None
+    x9: np.ndarray = field(default_factory=lambda: np.full(9, np.nan))
+    u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    total: np.ndarray = field(default_factory=lambda: np.zeros(N_CHANNELS))
+    margin: MarginWatch = field(default_factory=MarginWatch)
+
+
+@dataclass
+class Holding:
+    """What the inner loop has while it is active.
+
+    Attributes
+    ----------
+    r3 : (3,) array
+        Setpoint, rad; at first the trim attitude and the heading that will be found.
+    setpoint_tick : int or None
+        Stamp of the setpoint; None: nobody has sent one.
+    first : bool
+        True until a step has been made.
+    resumes : bool
+        True while the flight is to be taken over from the command that is flown.
+    """
+
+    r3: np.ndarray
+    setpoint_tick: int | None = None
+    first: bool = True
+    resumes: bool = False
+
+
+class InnerLoopNode(TickNode[Loop, Holding]):
     """Active means: attitude is held. The collective is passed through, in one message."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_inner_hinf", TABLE, f"{NODE_NAME}.yaml")
 
-    def setup(self) -> None:
+    def configure(self) -> Loop:
         """Synthesise the controller; an infeasible design is refused here."""
-        self.design = LiveDesign(self.values)
-        self._margin: tuple[Any, str] = (None, "")
-        self._measuring: Any = None
-        self._encode = Encoder(topics.ACTUATORS).encode
-        self._send = self.create_output(topics.ACTUATORS)
-        self._prepare_excitation()
-        self._x9, self._u3, self._u = np.full(9, np.nan), np.zeros(3), np.zeros(4)
-        self._forget_setpoint()
-        self._warm_up()
+        config = AttitudeConfig.from_parameters(self.values)
         outer = Demand(self.values["outer_period_ticks"])
-        self.listen(
-            (
-                Input(topics.ODOM, Demand()),
-                Input(topics.ROTOR_STATE, Demand()),
-                Input(topics.ATTITUDE_SETPOINT, outer, off_tick=True),
-                Input(topics.COLLECTIVE, outer, off_tick=True),
-            )
+        inputs = (
+            Input(topics.ODOM, Demand()),
+            Input(topics.ROTOR_STATE, Demand()),
+            Input(topics.ATTITUDE_SETPOINT, outer, off_tick=True),
+            Input(topics.COLLECTIVE, outer, off_tick=True),
         )
-        self._expect_outer(self.values["expects_outer"])
+        core = Loop(
+            design=LiveDesign(config),
+            send=self.create_sender(topics.ACTUATORS),
+            exciter=self._make_exciter(),
+            collective=config.u_trim[3],
+            pace=self.listen(inputs),
+        )
+        self._warm_up(core)
+        return core
 
-    def _forget_setpoint(self) -> None:
-        """Hold the trim attitude, and the heading that will be found."""
-        config = self.design.config
-        self._r3 = np.array([config.x_trim[0], config.x_trim[1], np.nan])
-        self._u[:] = config.u_trim
-        self._setpoint_tick: int | None = None
+    def _make_exciter(self) -> Exciter | None:
+        kernel = excitation_kernel(self.values)
+        if not kernel.on:
+            return None
+        send = self.create_sender(topics.EXCITATION_ACTUATORS)
+        return Exciter(kernel, send, initial_excitation_state())
 
-    def _warm_up(self) -> None:
+    def _warm_up(self, core: Loop) -> None:
         """Load the compiled law before the first tick."""
-        kernel = self.design.config.kernel
-        attitude_law(self._x9, self._r3, kernel, initial_law_state(kernel), self._u3)
+        kernel = core.design.config.kernel
+        attitude_law(core.x9, core.x9[:3], kernel, initial_law_state(kernel), core.u3)
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
-        if self._excitation.on:
-            spare = initial_law_state(kernel)
-            excite(-1.0, spare[9:18], self._excitation, self._excitation_state, spare, self._total)
+        if core.exciter is not None:
+            law, own = initial_law_state(kernel), initial_excitation_state()
+            excite(-1.0, core.x9, core.exciter.kernel, own, law, core.total)
 
-    def _expect_outer(self, expected: bool) -> None:
-        for topic in _OUTER:
-            self.assembler.waive(topic, not expected)
+    def engage(self) -> Holding:
+        """Begin to hold attitude: from trim, or in flight from what is flown."""
+        self.core.pace.expect(_OUTER, self.values["expects_outer"])
+        trim = self.core.design.config.x_trim
+        return Holding(np.array([trim[0], trim[1], np.nan]))
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick: newest setpoint, law, actuators."""
+        core, run = self.core, self.run
+        if run.first:
+            self._begin_flight(tick)
         self._take_navigation(arrived)
         self._take_setpoint(arrived)
         stale = self._setpoint_is_stale(tick)
-        r3 = self._trim_attitude(self._r3) if stale else self._r3
-        kernel = self.design.take()
-        code = attitude_law(self._x9, r3, kernel, self.design.state, self._u3)
+        r3 = self._trim_attitude() if stale else run.r3
+        if run.resumes and np.isfinite(core.x9).all() and np.isfinite(r3).all():
+            core.design.engage(core.x9, r3, core.total[:3])
+            run.resumes = False
+        kernel = core.design.take()
+        code = attitude_law(core.x9, r3, kernel, core.design.state, core.u3)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
-        self._total[:3], self._total[3] = self._u3, self._u[3]
-        self._u[:3] = self._u3
-        if self._excitation.on:
-            self._excite(tick)
-        self._send(self._encode(self._total, self.stamp_ns(tick)))
+        core.total[:3], core.total[3] = core.u3, core.collective
+        if core.exciter is not None:
+            self._excite(core.exciter, tick)
+        core.send(core.total, self.stamp_ns(tick))
+        core.flown_tick = tick
         self._tell(code, stale)
 
-    def _prepare_excitation(self) -> None:
-        """Excitation for identification; its topic exists only while one is configured."""
-        self._excitation = excitation_kernel(self.values)
-        self._excitation_state = initial_excitation_state()
-        self._excited = ExcitationStatus.SILENT
-        self._total = np.zeros(N_CHANNELS)
-        if self._excitation.on:
-            self._encode_excitation = Encoder(topics.EXCITATION_ACTUATORS).encode
-            self._send_excitation = self.create_output(topics.EXCITATION_ACTUATORS)
+    def _begin_flight(self, tick: int) -> None:
+        """The first step since activation: of a new flight, or of one that was left in the air."""
+        core, run = self.core, self.run
+        run.first = False
+        run.resumes = core.flown_tick is not None and tick > core.flown_tick
+        if not run.resumes:
+            core.design.start()
+            core.collective = core.design.config.u_trim[3]
 
-    def _excite(self, tick: int) -> None:
+    def _excite(self, exciter: Exciter, tick: int) -> None:
         """Add the excitation to the actuators of this tick and publish it."""
-        state = self._excitation_state
-        code = excite(
-            tick * TICK_S, self._x9, self._excitation, state, self.design.state, self._total
-        )
-        self._excited = ExcitationStatus(code)
-        sent = state[SENT : SENT + N_CHANNELS]
-        self._send_excitation(self._encode_excitation(sent, self.stamp_ns(tick)))
+        core, state = self.core, exciter.state
+        code = excite(tick * TICK_S, core.x9, exciter.kernel, state, core.design.state, core.total)
+        exciter.status = ExcitationStatus(code)
+        exciter.send(state[SENT : SENT + N_CHANNELS], self.stamp_ns(tick))
 
     def _take_navigation(self, arrived: Arrived) -> None:
-        x9 = self._x9
+        x9, r3 = self.core.x9, self.run.r3
         _, nav = arrived.get(topics.ODOM, (0, None))
         _, rotor = arrived.get(topics.ROTOR_STATE, (0, None))
-        if nav is None or (rotor is None and self.lockstep):
+        if nav is None or (rotor is None and self.values["lockstep"]):
             # Not a number: the law repeats its last command and says so.
             x9[:] = np.nan
             return
@@ -128,96 +224,71 @@ class InnerLoopNode(TickNode):
         if rotor is not None:
             x9[4], x9[5], x9[7] = rotor
         elif not np.isfinite(x9[4]):
-            x9[4], x9[5], x9[7] = self.design.config.x_trim[[4, 5, 7]]
-        if np.isnan(self._r3[2]):
-            self._r3[2] = x9[8]
+            x9[4], x9[5], x9[7] = self.core.design.config.x_trim[[4, 5, 7]]
+        if np.isnan(r3[2]):
+            r3[2] = x9[8]
 
     def _take_setpoint(self, arrived: Arrived) -> None:
         stamp, attitude = arrived.get(topics.ATTITUDE_SETPOINT, (0, None))
         if attitude is not None:
-            self._r3[:] = attitude
-            self._setpoint_tick = stamp
+            self.run.r3[:] = attitude
+            self.run.setpoint_tick = stamp
         _, collective = arrived.get(topics.COLLECTIVE, (0, None))
         if collective is not None:
-            self._u[3] = collective[0]
+            self.core.collective = collective[0]
 
     def _setpoint_is_stale(self, tick: int) -> bool:
-        if self._setpoint_tick is None:
+        stamp = self.run.setpoint_tick
+        if stamp is None:
             return False
-        return tick - self._setpoint_tick > self.values["setpoint_timeout_s"] * _TICKS_PER_S
+        return tick - stamp > self.values["setpoint_timeout_s"] * _TICKS_PER_S
 
-    def _trim_attitude(self, r3: np.ndarray) -> np.ndarray:
-        """Trim attitude with the heading of r3."""
-        trim = self.design.config.x_trim
-        return np.array([trim[0], trim[1], r3[2]])
+    def _trim_attitude(self) -> np.ndarray:
+        """Trim attitude with the heading of the setpoint."""
+        trim = self.core.design.config.x_trim
+        return np.array([trim[0], trim[1], self.run.r3[2]])
 
     def _tell(self, code: int, stale: bool) -> None:
+        exciter = self.core.exciter
+        excited = ExcitationStatus.SILENT if exciter is None else exciter.status
         level, message = Level.OK, AttitudeStatus(code).sentence
         if code == AttitudeStatus.NOT_FINITE:
             level = Level.ERROR
         elif stale:
             level, message = Level.WARN, "the attitude setpoint is too old: trim attitude is held"
-        elif self._excited > ExcitationStatus.EXCITING:
-            level, message = Level.WARN, self._excited.sentence
-        elif self._excited == ExcitationStatus.EXCITING and code == AttitudeStatus.OK:
-            message = self._excited.sentence
-        if self.tick % _TICKS_PER_S == 0 or message != self._message:
+        elif excited > ExcitationStatus.EXCITING:
+            level, message = Level.WARN, excited.sentence
+        elif excited == ExcitationStatus.EXCITING and code == AttitudeStatus.OK:
+            message = excited.sentence
+        if self.tick % _TICKS_PER_S == 0 or message != self.health.message:
             self.warn_or_ok(level, message, self._facts_now())
 
-    def _measure_margin(self) -> None:
-        """Disk margin of the state feedback at the plant input, for /diagnostics.
-
-        In a thread: the first one imports an optimiser, which would hold the flight up.
-        """
-        config = self.design.config
-
-        def work() -> None:
-            from heli_inner_hinf.analysis import model_of
-            from heli_inner_hinf.loops import state_feedback_loop
-            from heli_inner_hinf.margins import disk_margin
-
-            margin = disk_margin(state_feedback_loop(model_of(config)), "input")
-            self._margin = (config, f"{margin.alpha:.3f}")
-
-        if config.controller == "pid":
-            self._margin = (config, "none: pid is no state feedback")
-        else:
-            threading.Thread(target=work, daemon=True).start()
-
     def _facts_now(self) -> dict[str, Any]:
-        facts = dict(self.design.config.summary())
-        known_for, margin = self._margin
-        if known_for is not self.design.config:
-            if self._measuring is not self.design.config:
-                self._measuring = self.design.config
-                self._measure_margin()
-            margin = "being computed"
-        facts["disk_margin_input"] = margin
-        if self._excitation.on:
-            facts["excitation"] = self._excited.sentence
-        facts["setpoint_tick"] = "none" if self._setpoint_tick is None else self._setpoint_tick
+        core, stamp = self.core, self.run.setpoint_tick
+        facts = dict(core.design.config.summary())
+        facts["disk_margin_input"] = core.margin.of(core.design.config)
+        if core.exciter is not None:
+            facts["excitation"] = core.exciter.status.sentence
+        facts["setpoint_tick"] = "none" if stamp is None else stamp
         return facts
 
-    def disengage(self) -> None:
-        """Forget the flown setpoint."""
-        super().disengage()
-        self._forget_setpoint()
-
-    def engage(self) -> None:
-        """Begin to hold attitude, from what was flown last."""
-        self._expect_outer(self.values["expects_outer"])
-        super().engage()
-
-    def judge_change(self, changes: Mapping[str, Any]) -> None:
+    def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> AttitudeConfig | None:
         """Synthesise the changed design; infeasible ones raise."""
-        design = {key: value for key, value in changes.items() if key != "expects_outer"}
-        if design and hasattr(self, "design"):
-            self.design.propose(design)
+        if not self.configured or set(changed) == {"expects_outer"}:
+            return None
+        config = AttitudeConfig.from_parameters(values)
+        # Computed here, so that no tick has to.
+        _ = config.kernel
+        return config
 
-    def apply_change(self, changes: Mapping[str, Any]) -> None:
-        """The judged design is swapped in at the next tick; here only what the node itself uses."""
-        if "expects_outer" in changes and hasattr(self, "assembler"):
-            self._expect_outer(changes["expects_outer"])
+    def adopt(self, judged: AttitudeConfig | None, changed: Collection[str]) -> None:
+        """The judged design is swapped in at the next tick."""
+        if not self.configured:
+            return
+        if judged is not None:
+            self.core.design.adopt(judged)
+        if "expects_outer" in changed:
+            self.core.pace.expect(_OUTER, self.values["expects_outer"])
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which messages belong to a tick, and whether all of them have come. No ROS.
-
-In lockstep a node acts when the set that the schedule demands for its next tick is complete; in
-real time it takes the newest of each topic and knows its age.
-"""
+"""Which messages belong to a tick, and whether all of them have come. No ROS."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -58,14 +54,12 @@ class TickAssembler:
         self._waived: set[str] = set()
         self._window = window_ticks
         self._slots: dict[int, dict[str, Any]] = {}
-        self._newest: dict[str, tuple[int, Any]] = {}
         self.next_tick: int | None = None
         self.counters = Counters()
 
     def reset(self) -> None:
         """Forget everything but the demands."""
         self._slots.clear()
-        self._newest.clear()
         self.next_tick = None
         self._waived.clear()
 
@@ -160,19 +154,3 @@ class TickAssembler:
         slot = self._slots.pop(self.next_tick, {})
         self.next_tick += 1
         return slot
-
-    def keep_newest(self, topic: str, stamp_tick: int, value: Any) -> bool:
-        """Real time: keep a value if it is not older than the one at hand; returns whether kept."""
-        known = self._newest.get(topic)
-        if known is not None and stamp_tick < known[0]:
-            self.counters.late += 1
-            return False
-        if known is not None and stamp_tick == known[0]:
-            self.counters.duplicate += 1
-            return False
-        self._newest[topic] = (stamp_tick, value)
-        return True
-
-    def newest(self, topic: str) -> tuple[int, Any] | None:
-        """Stamp tick and value of the newest message of a topic."""
-        return self._newest.get(topic)

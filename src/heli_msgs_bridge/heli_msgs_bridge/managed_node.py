@@ -8,13 +8,16 @@ could not start (bad parameter, missing peer, no DDS). Every failure is one line
 import gc
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -24,11 +27,17 @@ from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter
 from heli_parameters import command_line, locate
 from heli_parameters.common_table import with_common
-from heli_parameters.parameters import Parameter, ParameterError, judge, load
+from heli_parameters.parameters import Parameter, ParameterError, load
+from heli_parameters.parameters import judge as why_refused
 
 _POLL_S = 0.002
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 _FILES = "heli_parameters"
+
+Core = TypeVar("Core")
+"""Data of a node while it is configured."""
+Run = TypeVar("Run")
+"""Data of a node while it is active."""
 
 
 class StartError(Exception):
@@ -77,22 +86,44 @@ class NodeSpec:
         return load(self.full_table(), files, name or self.name, rules)
 
 
-class ManagedNode(LifecycleNode):
+@dataclass
+class Health:
+    """What a node says of itself in /diagnostics."""
+
+    level: Level = Level.OK
+    message: str = "unconfigured"
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
     """A lifecycle node that declares its table and reports failures in sentences.
 
-    Sub-classes set `SPEC` and override the hooks `setup`, `engage`, `disengage`, `teardown`,
-    `judge_change` and `apply_change`.
+    Its life has three stages, each with data of its own:
+
+    - built: `values`, until the process ends;
+    - configured: `core`, made by `configure`, given back by `release`;
+    - active: `run`, made by `engage`, gone after `disengage`.
+
+    Sub-classes set `SPEC`, implement `configure`, and of the other hooks what they need.
+    Publishers, subscriptions and timers made by `create_output`, `hear` and `repeat` end with the
+    stage in which they were made, as does whatever is handed to `at_end`.
 
     Attributes
     ----------
     values : dict
         Present parameter values, in the cores' form.
+    start_ns : int
+        Message stamp of tick 0.
+    tick : int
+        Present tick, for the stamps of /diagnostics.
+    health : Health
+        What was reported last.
     failure : str
         Why the last transition failed; empty if it did not.
-    active : bool
-        True between activation and deactivation.
     finished : bool
         Set by a node whose work is done; the process then ends with code 0.
+    crash : Exception or None
+        What a callback raised; the process then ends with code 1.
     """
 
     SPEC: ClassVar[NodeSpec]
@@ -100,14 +131,22 @@ class ManagedNode(LifecycleNode):
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(self.SPEC.name, **options)
         self.values = dict(values)
-        self.failure, self.active, self.finished = "", False, False
-        self._table = self.SPEC.full_table()
-        rows = [(row.name, ros_value(values[row.name]), descriptor(row)) for row in self._table]
-        self.declare_parameters("", rows, ignore_override=True)
-        self.add_on_set_parameters_callback(self._judge_set)
-        self.add_post_set_parameters_callback(self._apply_set)
         self.start_ns = round(self.values["start_time_s"] * 1e9) // topics.TICK_NS * topics.TICK_NS
         self.tick = 0
+        self.health = Health()
+        self.failure, self.finished = "", False
+        self.crash: Exception | None = None
+        self.outputs: dict[str, Any] = {}
+        self._core: Core | None = None
+        self._run: Run | None = None
+        self._active = False
+        self._ends: list[ExitStack] = []
+        self._judged: Any = None
+        self._table = {row.name: row for row in self.SPEC.full_table()}
+        rows = [(n, ros_value(values[n]), descriptor(row)) for n, row in self._table.items()]
+        self.declare_parameters("", rows, ignore_override=True)
+        self.add_on_set_parameters_callback(self._judge_set)
+        self.add_post_set_parameters_callback(self._adopt_set)
         self._reporter = Reporter(
             self.create_publisher(
                 topics.message_class(topics.BY_NAME[topics.DIAGNOSTICS].type),
@@ -116,43 +155,131 @@ class ManagedNode(LifecycleNode):
             ),
             self.get_fully_qualified_name().lstrip("/"),
         )
-        self._level, self._message, self._facts = Level.OK, "unconfigured", dict[str, Any]()
-        self.outputs: dict[str, Any] = {}
 
-    # --- hooks -------------------------------------------------------------------------------
+    # --- for sub-classes to implement ----------------------------------------------------------
 
-    def setup(self) -> None:
-        """Build the core and the publishers and subscriptions from `values`; may raise."""
+    @abstractmethod
+    def configure(self) -> Core:
+        """Build the core, publishers and subscriptions from `values`; may raise."""
 
-    def engage(self) -> None:
-        """Called on activation, when all peers are connected; may raise."""
+    def engage(self) -> Run:
+        """Make the data of the active stage, when all peers are connected; may raise."""
+        return cast(Run, None)
+
+    def begin(self) -> None:
+        """First action of the active stage, whose data are there now; may raise."""
 
     def disengage(self) -> None:
-        """Called on deactivation."""
+        """Last action of the active stage."""
 
-    def teardown(self) -> None:
-        """Called on clean-up: forget what `setup` built."""
+    def release(self) -> None:
+        """Last action of the configured stage, also when the process ends in it."""
 
-    def judge_change(self, changes: Mapping[str, Any]) -> None:
-        """Raise ValueError, with a sentence, if the core refuses these values."""
+    def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> Any:
+        """What changed parameters would make of the node; nothing may change here.
 
-    def apply_change(self, changes: Mapping[str, Any]) -> None:
-        """Take over judged values; called between two ticks."""
+        Parameters
+        ----------
+        values : mapping
+            All values, the changed ones put in.
+        changed : collection of str
+            Names of the changed ones.
 
-    # --- publishers and peers ----------------------------------------------------------------
+        Returns
+        -------
+        object
+            Handed to `adopt` if the change comes about.
 
-    def create_output(self, topic: str) -> Callable[[bytes], None]:
-        """Lifecycle publisher of a graph topic; returns its publish function (bytes or message)."""
-        cls = topics.message_class(topics.BY_NAME[topic].type)
-        publisher = self.create_lifecycle_publisher(cls, topic, topics.qos(topic))
-        self.outputs[topic] = publisher
-        return publisher.publish
+        Raises
+        ------
+        ValueError
+            With a sentence, if the values do not fit together.
+        """
+        return None
+
+    def adopt(self, judged: Any, changed: Collection[str]) -> None:
+        """Take over what `judge` made; `values` are the new ones. Called between two ticks."""
 
     def expected_listeners(self, topic: str) -> set[str]:
         """Nodes that must listen to a topic before the flight starts."""
         peers = set(self.values["peers"]) - {self.SPEC.name}
         expected = peers.intersection(topics.BY_NAME[topic].sinks)
         return expected | (peers & {"recorder"})
+
+    # --- stages --------------------------------------------------------------------------------
+
+    @property
+    def configured(self) -> bool:
+        """True from configuration to clean-up."""
+        return self._core is not None
+
+    @property
+    def active(self) -> bool:
+        """True between activation and deactivation."""
+        return self._active
+
+    @property
+    def core(self) -> Core:
+        """Data of the configured stage; RuntimeError outside of it."""
+        if self._core is None:
+            raise RuntimeError(f"{self.SPEC.name} is not configured")
+        return self._core
+
+    @property
+    def run(self) -> Run:
+        """Data of the active stage; RuntimeError outside of it."""
+        if not self._active:
+            raise RuntimeError(f"{self.SPEC.name} is not active")
+        return cast(Run, self._run)
+
+    def at_end(self, action: Callable[[], Any]) -> None:
+        """Call this when the present stage ends, in the reverse order; also if it fails to begin.
+
+        It is also called at the end of the process, when ROS may have ended.
+        """
+        self._ends[-1].callback(action)
+
+    # --- publishers, subscriptions, timers, peers ----------------------------------------------
+
+    def create_output(self, topic: str) -> Callable[[bytes], None]:
+        """Lifecycle publisher of a graph topic; returns its publish function (bytes or message)."""
+        cls = topics.message_class(topics.BY_NAME[topic].type)
+        publisher = self.create_lifecycle_publisher(cls, topic, topics.qos(topic))
+        self.outputs[topic] = publisher
+
+        def end() -> None:
+            del self.outputs[topic]
+            self.destroy_publisher(publisher)
+
+        self.at_end(end)
+        return publisher.publish
+
+    def hear(
+        self, topic: str, callback: Callable[[Any], None], qos: Any = None, raw: bool = False
+    ) -> None:
+        """Subscribe to a graph topic; `raw` for the serialised messages."""
+        cls = topics.message_class(topics.BY_NAME[topic].type)
+        qos = topics.qos(topic) if qos is None else qos
+        subscription = self.create_subscription(cls, topic, self.guarded(callback), qos, raw=raw)
+        self.at_end(lambda: self.destroy_subscription(subscription))
+
+    def repeat(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Call this every so many seconds of wall time."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = self.create_timer(period_s, self.guarded(callback), clock=steady)
+        self.at_end(lambda: self.destroy_timer(timer))
+
+    def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """The callback, whose exception ends the process in one line instead of a trace."""
+
+        def call(*args: Any) -> None:
+            if self.crash is None:
+                try:
+                    callback(*args)
+                except Exception as error:
+                    self.crash = error
+
+        return call
 
     def _absent(self) -> tuple[str, set[str]] | None:
         """First output that lacks listeners, and their names; None if all are connected."""
@@ -190,10 +317,10 @@ class ManagedNode(LifecycleNode):
 
     def report(self, level: Level, message: str, facts: Mapping[str, Any] | None = None) -> None:
         """Say how the node is; sent at once if it changed, else once per simulated second."""
-        changed = (level, message) != (self._level, self._message)
-        self._level, self._message = level, message
+        changed = (level, message) != (self.health.level, self.health.message)
+        self.health.level, self.health.message = level, message
         if facts is not None:
-            self._facts = dict(facts)
+            self.health.facts = dict(facts)
         if changed:
             # rclpy ties a severity to the calling line: two lines are needed.
             if level == Level.OK:
@@ -204,9 +331,10 @@ class ManagedNode(LifecycleNode):
 
     def send_report(self, force: bool = False) -> None:
         """Publish the status if it is due."""
-        if force or self._reporter.is_due(self.tick, self._level, self._message):
+        level, message = self.health.level, self.health.message
+        if force or self._reporter.is_due(self.tick, level, message):
             stamp_ns = self.start_ns + self.tick * topics.TICK_NS
-            self._reporter.publish(stamp_ns, self.tick, self._level, self._message, self._facts)
+            self._reporter.publish(stamp_ns, self.tick, level, message, self.health.facts)
 
     # --- lifecycle ---------------------------------------------------------------------------
 
@@ -231,70 +359,97 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: build everything from the present parameters."""
-        result = self._transition(self.setup, "configured")
+
+        def action() -> None:
+            self._ends.append(ExitStack())
+            self._core = self.configure()
+
+        result = self._transition(action, "configured")
         if result != _SUCCESS:
-            self._drop_entities()
+            self._leave_configured()
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: wait for peers, then take part."""
 
         def action() -> None:
+            self._ends.append(ExitStack())
             self.wait_for_peers()
             LifecycleNode.on_activate(self, state)
-            self.active = True
-            self.engage()
+            self._run = self.engage()
+            self._active = True
+            self.begin()
 
         result = self._transition(action, "active")
-        self.active = result == _SUCCESS
+        if result != _SUCCESS:
+            self._leave_active()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: stop sending."""
-        self.active = False
         result = self._transition(self.disengage, "inactive")
+        self._leave_active()
         LifecycleNode.on_deactivate(self, state)
         return result
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: forget what was built."""
-        result = self._transition(self.teardown, "unconfigured")
-        self._drop_entities()
+        result = self._transition(self.release, "unconfigured")
+        self._leave_configured()
         return result
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: the process ends."""
-        self.active = False
         self.finished = True
         return _SUCCESS
 
-    def _drop_entities(self) -> None:
-        for publisher in self.outputs.values():
-            self.destroy_publisher(publisher)
-        self.outputs.clear()
+    def _leave_active(self) -> None:
+        self._active, self._run = False, None
+        self._ends.pop().close()
+
+    def _leave_configured(self) -> None:
+        self._core = None
+        self._ends.pop().close()
+
+    def end(self) -> None:
+        """The process ends, in whatever stage: last words, and everything is given back."""
+        try:
+            if self.configured:
+                self.release()
+        finally:
+            self._active, self._run = False, None
+            while self._ends:
+                self._ends.pop().close()
+            self._core = None
 
     # --- parameters at run time --------------------------------------------------------------
 
+    def _changes(self, parameters: Iterable[Any]) -> dict[str, Any]:
+        """Values of the table's parameters, in the cores' form."""
+        known = [p for p in parameters if p.name in self._table]
+        return {p.name: self._table[p.name].check(p.value) for p in known}
+
     def _judge_set(self, parameters: list[Any]) -> SetParametersResult:
-        rows = {row.name: row for row in self._table}
-        changes: dict[str, Any] = {}
+        """Answer of the node to a change that is asked for; the change itself is `_adopt_set`."""
         for parameter in parameters:
-            reason = judge(self._table, parameter.name, parameter.value)
+            reason = why_refused(self._table.values(), parameter.name, parameter.value)
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
-            if parameter.name in rows:
-                changes[parameter.name] = rows[parameter.name].check(parameter.value)
+        changes = self._changes(parameters)
+        if not changes:
+            return SetParametersResult(successful=True)
         try:
-            self.judge_change(changes)
+            # Kept for `_adopt_set`, which rclpy calls next, if at all: the node is as it was.
+            self._judged = self.judge({**self.values, **changes}, changes.keys())
         except ValueError as error:
             return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
         return SetParametersResult(successful=True)
 
-    def _apply_set(self, parameters: list[Any]) -> None:
-        rows = {row.name: row for row in self._table}
-        changes = {p.name: rows[p.name].check(p.value) for p in parameters if p.name in rows}
-        self.values.update(changes)
-        self.apply_change(changes)
+    def _adopt_set(self, parameters: list[Any]) -> None:
+        changes = self._changes(parameters)
+        if changes:
+            self.values.update(changes)
+            self.adopt(self._judged, changes.keys())
 
 
 def complain(name: str, sentence: str) -> None:
@@ -329,8 +484,10 @@ def _spin(node: ManagedNode) -> int:
                 return 2
     gc.collect()
     gc.freeze()
-    while rclpy.ok() and not node.finished:
+    while rclpy.ok() and not node.finished and node.crash is None:
         executor.spin_once(timeout_sec=0.5)
+    if node.crash is not None:
+        raise node.crash
     return 0
 
 
@@ -374,7 +531,7 @@ def _end(node: ManagedNode | None) -> None:
     """Last words and clean-up, whatever the state is in."""
     try:
         if node is not None:
-            node.teardown()
+            node.end()
             if rclpy.ok():
                 node.destroy_node()
         rclpy.try_shutdown()

@@ -44,7 +44,6 @@ class Assembling(RuleBasedStateMachine):
         self.kept = {}
         self.next = None
         self.waived = set()
-        self.newest = {}
         self.counted = {"duplicate": 0, "late": 0, "ahead": 0}
         self.serial = 0
 
@@ -123,19 +122,7 @@ class Assembling(RuleBasedStateMachine):
     @rule()
     def forget(self):
         self.real.reset()
-        self.kept, self.next, self.waived, self.newest = {}, None, set(), {}
-
-    @rule(topic=st.sampled_from(TOPICS), stamp=st.integers(-5, 20))
-    def newest_message(self, topic, stamp):
-        """Real time: only what is newer than the value at hand replaces it."""
-        self.serial += 1
-        known, _ = self.newest.get(topic, (None, None))
-        kept = self.real.keep_newest(topic, stamp, self.serial)
-        assert kept == (known is None or stamp > known)
-        if kept:
-            self.newest[topic] = stamp, self.serial
-        else:
-            self.counted["duplicate" if stamp == known else "late"] += 1
+        self.kept, self.next, self.waived = {}, None, set()
 
     # --- what must be true afterwards --------------------------------------------------------
 
@@ -158,7 +145,6 @@ class Assembling(RuleBasedStateMachine):
         for topic in TOPICS:
             first = min((at for at, name in self.kept if name == topic), default=None)
             assert self.real.earliest(topic) == first
-            assert self.real.newest(topic) == self.newest.get(topic)
         if self.next is None:
             assert set(self.real.missing()) == set(TOPICS) and not self.real.complete()
             return
@@ -210,7 +196,6 @@ def test_a_flood_does_not_grow(started):
             assembler.start(0)
         for number in range(messages):
             assembler.add("ab"[number % 2], number * 1_000_003 % 20_011, 0)
-            assembler.keep_newest("ab"[number % 2], number * 1_000_003 % 20_011, 0)
         return len(pickle.dumps(vars(assembler)))
 
     assert size_after(10_000) <= size_after(100) + 100

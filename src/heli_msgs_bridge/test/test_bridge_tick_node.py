@@ -2,6 +2,7 @@
 """`TickNode`: a real node, fed by the callbacks of its own subscriptions, message by message."""
 
 import time
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import NodeSpec
 from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.tick_node import Input, TickNode
+from heli_msgs_bridge.tick_node import Input, TickCore, TickNode
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
@@ -23,27 +24,30 @@ SUCCESS = TransitionCallbackReturn.SUCCESS
 BARO, WIND, SETPOINT = topics.BARO, topics.TRUTH_WIND, topics.ATTITUDE_SETPOINT
 
 
-class Probe(TickNode):
+@dataclass(kw_only=True)
+class ProbeCore(TickCore):
+    steps: list = field(default_factory=list)
+    ready: bool = True
+
+
+class Probe(TickNode[ProbeCore, None]):
     """Steps on a pressure per tick; wants a wind every second one, takes a setpoint as it comes."""
 
     SPEC = NodeSpec("probe", "heli_parameters", (), "common.yaml")
 
-    def setup(self):
-        self.ready = True
-        self.steps = []
-        self.listen(
-            (
-                Input(BARO, Demand()),
-                Input(WIND, Demand(every_ticks=2, first_tick=2)),
-                Input(SETPOINT, Demand(every_ticks=1_000_000, first_tick=1), off_tick=True),
-            )
+    def configure(self):
+        inputs = (
+            Input(BARO, Demand()),
+            Input(WIND, Demand(every_ticks=2, first_tick=2)),
+            Input(SETPOINT, Demand(every_ticks=1_000_000, first_tick=1), off_tick=True),
         )
+        return ProbeCore(pace=self.listen(inputs))
 
     def is_ready(self):
-        return self.ready
+        return self.core.ready
 
     def step(self, tick, arrived):
-        self.steps.append((tick, {name: value for name, value in arrived.items()}))
+        self.core.steps.append((tick, dict(arrived)))
 
 
 class Graph:
@@ -70,8 +74,13 @@ class Graph:
         assert self.node.trigger_activate() == SUCCESS
 
     @property
+    def steps(self):
+        assert self.node.crash is None
+        return self.node.core.steps
+
+    @property
     def ticks(self):
-        return [tick for tick, _ in self.node.steps]
+        return [tick for tick, _ in self.steps]
 
 
 @pytest.fixture
@@ -105,7 +114,7 @@ def test_steps_are_made_in_order_with_what_belongs_to_them(graph):
     g.send(BARO, 3, 103.0)
     g.send(BARO, 4, 104.0)
     assert g.ticks == [0, 1, 2, 3, 4]
-    for tick, arrived in g.node.steps:
+    for tick, arrived in g.steps:
         stamp, pressure = arrived[BARO]
         assert (stamp, pressure[0]) == (tick, 100.0 + tick)
         assert (WIND in arrived) == (tick in (2, 4))
@@ -119,7 +128,7 @@ def test_a_value_is_not_changed_by_the_next_message(graph):
     g = graph()
     g.send(BARO, 0, 1.0)
     g.send(BARO, 1, 2.0)
-    assert [arrived[BARO][1][0] for _, arrived in g.node.steps] == [1.0, 2.0]
+    assert [arrived[BARO][1][0] for _, arrived in g.steps] == [1.0, 2.0]
 
 
 def test_the_first_trigger_is_the_first_tick(graph):
@@ -131,7 +140,7 @@ def test_the_first_trigger_is_the_first_tick(graph):
     g.send(BARO, 7)
     g.send(BARO, 8)
     assert g.ticks == [7, 8]
-    assert WIND in g.node.steps[1][1]
+    assert WIND in g.steps[1][1]
 
 
 def test_a_trigger_of_a_later_tick_ends_the_waiting(graph):
@@ -142,7 +151,7 @@ def test_a_trigger_of_a_later_tick_ends_the_waiting(graph):
     assert g.ticks == [1]
     g.send(BARO, 5)
     assert g.ticks == [1, 2, 3, 4, 5]
-    assert [sorted(arrived) for _, arrived in g.node.steps] == [[BARO], [BARO], [], [], [BARO]]
+    assert [sorted(arrived) for _, arrived in g.steps] == [[BARO], [BARO], [], [], [BARO]]
     assert g.node.silence() == ""
 
 
@@ -157,7 +166,7 @@ def test_duplicates_and_late_messages_change_nothing(graph):
     g.send(BARO, 3, 3.0)
     g.send(BARO, 3, 9.0)
     assert g.ticks == [2, 3]
-    assert [arrived[BARO][1][0] for _, arrived in g.node.steps] == [1.0, 3.0]
+    assert [arrived[BARO][1][0] for _, arrived in g.steps] == [1.0, 3.0]
 
 
 def test_a_message_of_a_far_tick_is_refused(graph):
@@ -172,12 +181,12 @@ def test_a_message_of_a_far_tick_is_refused(graph):
 def test_a_stamp_between_two_ticks_is_refused_unless_the_topic_may(graph):
     g = graph()
     g.send(BARO, 0, late_ns=1)
-    assert g.ticks == [] and "not on a tick" in g.node.refused[BARO]
+    assert g.ticks == [] and "not on a tick" in g.node.core.refused[BARO]
     g.send(SETPOINT, 3, late_ns=topics.TICK_NS - 1)
     g.send(BARO, 3)
     assert g.ticks == [3]
-    assert g.node.steps[0][1][SETPOINT][0] == 3
-    assert SETPOINT not in g.node.refused
+    assert g.steps[0][1][SETPOINT][0] == 3
+    assert SETPOINT not in g.node.core.refused
 
 
 def test_a_message_that_cannot_be_used_came_nevertheless(graph):
@@ -185,10 +194,10 @@ def test_a_message_that_cannot_be_used_came_nevertheless(graph):
     g = graph()
     g.send(BARO, 0, np.nan)
     assert g.ticks == [0]
-    assert g.node.steps[0][1][BARO] == (0, None)
-    assert "not finite" in g.node.refused[BARO]
+    assert g.steps[0][1][BARO] == (0, None)
+    assert "not finite" in g.node.core.refused[BARO]
     g.send(BARO, 1, 5.0)
-    assert g.node.steps[1][1][BARO][1][0] == 5.0
+    assert g.steps[1][1][BARO][1][0] == 5.0
 
 
 def test_a_message_without_a_stamp_is_nobodys(graph):
@@ -197,9 +206,9 @@ def test_a_message_without_a_stamp_is_nobodys(graph):
     g.send(BARO, 1)
     g.send(BARO, 2)
     g.receive(WIND, b"\x00\x01\x00\x00")
-    assert g.ticks == [1] and "cut off" in g.node.refused[WIND]
+    assert g.ticks == [1] and "cut off" in g.node.core.refused[WIND]
     g.send(WIND, 2, 0.2)
-    assert g.ticks == [1, 2] and g.node.steps[1][1][WIND][1] is not None
+    assert g.ticks == [1, 2] and g.steps[1][1][WIND][1] is not None
 
 
 def test_a_cut_off_trigger_before_the_flight_begins_nothing(graph):
@@ -238,7 +247,7 @@ def test_deactivation_forgets(graph):
     g.send(BARO, 20)
     g.send(WIND, 20)
     assert g.ticks == [0, 1, 20]
-    assert sorted(g.node.steps[-1][1]) == [BARO, WIND]
+    assert sorted(g.steps[-1][1]) == [BARO, WIND]
 
 
 @pytest.mark.parametrize("lockstep", [True, False])
@@ -270,12 +279,12 @@ def test_clean_up_leaves_nothing_and_the_node_can_begin_again(graph):
 def test_a_node_that_is_not_ready_waits_and_resumes(graph):
     """As the outer loop does for its reference."""
     g = graph()
-    g.node.ready = False
+    g.node.core.ready = False
     for tick in (0, 1, 3):
         g.send(BARO, tick)
     assert g.ticks == []
-    g.node.ready = True
-    g.node.resume()
+    g.node.core.ready = True
+    g.node.core.pace.resume()
     assert g.ticks == [0, 1]
 
 
@@ -302,7 +311,7 @@ def test_a_silent_peer_is_waited_for_so_long_and_no_longer(graph):
     spin_until(g, lambda: g.ticks != [1])
     assert time.monotonic() - begun >= 0.3
     assert g.ticks == [1, 2]
-    assert WIND not in g.node.steps[1][1]
+    assert WIND not in g.steps[1][1]
     assert g.node.silence() == f"no message on '{WIND}' from plant: going on without"
     g.send(BARO, 3)
     g.send(BARO, 4)
@@ -323,7 +332,7 @@ def test_a_silent_peer_that_returns_is_waited_for_again(graph):
     g.send(BARO, 5)
     g.send(BARO, 6)
     assert g.ticks == [1, 2, 3, 4, 5, 6]
-    assert [WIND in arrived for _, arrived in g.node.steps] == [False] * 3 + [True, False, True]
+    assert [WIND in arrived for _, arrived in g.steps] == [False] * 3 + [True, False, True]
 
 
 def test_nobody_is_called_silent_while_the_trigger_is(graph):
@@ -342,11 +351,19 @@ def test_silence_is_told_unless_something_worse_is(graph):
     g.send(BARO, 1)
     g.send(BARO, 2)
     spin_until(g, lambda: g.node.silence() != "")
-    said = []
-    g.node.report = lambda level, message, facts=None: said.append((level, message))
     g.node.warn_or_ok(Level.OK, "all is well", {})
+    assert (g.node.health.level, g.node.health.message) == (Level.WARN, g.node.silence())
     g.node.warn_or_ok(Level.ERROR, "not finite", {})
-    assert said == [(Level.WARN, g.node.silence()), (Level.ERROR, "not finite")]
+    assert (g.node.health.level, g.node.health.message) == (Level.ERROR, "not finite")
+
+
+def test_what_was_not_used_is_told(graph):
+    g = graph()
+    for tick in (1, 0, 1, 100_000):
+        g.send(BARO, tick)
+    g.node.warn_or_ok(Level.WARN, "look", {"own": 1})
+    late = {"own": 1, "messages_late": 2, "messages_ahead": 1}
+    assert g.node.health.facts == late
 
 
 # --- real time -----------------------------------------------------------------------------------
@@ -361,8 +378,8 @@ def test_real_time_steps_on_the_trigger_with_what_came_since(graph):
     g.send(BARO, 2)
     g.send(BARO, 5)
     assert g.ticks == [2, 5]
-    assert np.all(np.abs(g.node.steps[0][1][WIND][1]) == 0.2)
-    assert sorted(g.node.steps[1][1]) == [BARO]
+    assert np.all(np.abs(g.steps[0][1][WIND][1]) == 0.2)
+    assert sorted(g.steps[1][1]) == [BARO]
 
 
 def test_real_time_drops_what_is_older_than_what_it_has(graph):
@@ -374,7 +391,7 @@ def test_real_time_drops_what_is_older_than_what_it_has(graph):
     g.send(WIND, 4, 0.4)
     g.send(BARO, 6, 2.0)
     assert g.ticks == [5, 6]
-    assert np.all(np.abs(g.node.steps[1][1][WIND][1]) == 0.6)
+    assert np.all(np.abs(g.steps[1][1][WIND][1]) == 0.6)
 
 
 def test_real_time_collects_nothing_before_activation_and_forgets_at_its_end(graph):
@@ -383,9 +400,9 @@ def test_real_time_collects_nothing_before_activation_and_forgets_at_its_end(gra
     g.send(WIND, 0)
     assert g.node.trigger_activate() == SUCCESS
     g.send(BARO, 0)
-    assert sorted(g.node.steps[0][1]) == [BARO]
+    assert sorted(g.steps[0][1]) == [BARO]
     g.send(WIND, 2)
     assert g.node.trigger_deactivate() == SUCCESS
     assert g.node.trigger_activate() == SUCCESS
     g.send(BARO, 3)
-    assert sorted(g.node.steps[1][1]) == [BARO]
+    assert sorted(g.steps[1][1]) == [BARO]

@@ -3,6 +3,7 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,75 +12,82 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import NodeSpec, run
-from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
+from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_observer import layout as L
+from heli_observer.layout import ObserverState
 from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
 from heli_observer.parameter_table import NODE_NAME, TABLE
 
 _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
 
 
-class ObserverNode(TickNode):
+@dataclass(kw_only=True)
+class Navigation(TickCore):
+    """What the observer has while it is configured: numbers, state, rows in and out, outputs."""
+
+    config: ObserverConfig
+    state: ObserverState
+    send_odom: Send
+    send_rotor: Send
+    y: np.ndarray = field(default_factory=lambda: np.zeros(L.N_MEAS))
+    u: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
+    out: np.ndarray = field(default_factory=lambda: np.zeros(L.N_NAV))
+
+
+class ObserverNode(TickNode[Navigation, None]):
     """Active means: the navigation solution is published."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_observer", TABLE, f"{NODE_NAME}.yaml")
 
-    def setup(self) -> None:
+    def configure(self) -> Navigation:
         """Build the filter, its outputs and inputs."""
         v = self.values
-        self.config = ObserverConfig.from_parameters(v)
-        self._y, self._out = np.zeros(L.N_MEAS), np.zeros(L.N_NAV)
-        self._u = np.full(4, np.nan)
-        self._encode_odom = Encoder(topics.ODOM).encode
-        self._encode_rotor = Encoder(topics.ROTOR_STATE).encode
-        self._send_odom = self.create_output(topics.ODOM)
-        self._send_rotor = self.create_output(topics.ROTOR_STATE)
-        self._warm_up()
-        self.state = initial_state(self.config)
+        config = ObserverConfig.from_parameters(v)
         gps = Demand(v["schedule.gps_period_ticks"], v["schedule.gps_latency_ticks"])
-        origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
-        self.listen(
-            (
-                Input(topics.IMU, Demand(v["schedule.imu_period_ticks"])),
-                Input(topics.MAG, Demand(v["schedule.mag_period_ticks"])),
-                Input(topics.BARO, Demand(v["schedule.baro_period_ticks"])),
-                Input(topics.GPS_FIX, gps),
-                Input(topics.GPS_VELOCITY, gps),
-                Input(topics.ACTUATORS, Demand(lag_ticks=1, first_tick=1)),
-            ),
-            origin,
+        inputs = (
+            Input(topics.IMU, Demand(v["schedule.imu_period_ticks"])),
+            Input(topics.MAG, Demand(v["schedule.mag_period_ticks"])),
+            Input(topics.BARO, Demand(v["schedule.baro_period_ticks"])),
+            Input(topics.GPS_FIX, gps),
+            Input(topics.GPS_VELOCITY, gps),
+            Input(topics.ACTUATORS, Demand(lag_ticks=1, first_tick=1)),
         )
+        origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
+        core = Navigation(
+            config=config,
+            state=initial_state(config),
+            send_odom=self.create_sender(topics.ODOM),
+            send_rotor=self.create_sender(topics.ROTOR_STATE),
+            pace=self.listen(inputs, origin),
+        )
+        self._warm_up(core)
+        return core
 
-    def _warm_up(self) -> None:
+    def _warm_up(self, core: Navigation) -> None:
         """Load the compiled filter before the first tick, on a state of its own."""
-        state = initial_state(self.config)
-        self._y[:] = np.nan
-        observe(state, 0, self._y, self._u, self.config.kernel, self._out)
-        status(state, self.config.kernel)
+        state = initial_state(core.config)
+        core.y[:] = np.nan
+        observe(state, 0, core.y, core.u, core.config.kernel, core.out)
+        status(state, core.config.kernel)
 
     def engage(self) -> None:
         """Begin with a new alignment."""
-        self.state = initial_state(self.config)
-        super().engage()
+        self.core.state = initial_state(self.core.config)
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the filter."""
-        self._fill_measurements(arrived)
+        core = self.core
+        self._fill_measurements(core.y, arrived)
         _, u = arrived.get(topics.ACTUATORS, (0, None))
-        if u is None:
-            # Not a number: the reduced-order observer goes on with the command before.
-            self._u[:] = np.nan
-        else:
-            self._u[:] = u
-        observe(self.state, tick, self._y, self._u, self.config.kernel, self._out)
+        # Not a number: the reduced-order observer goes on with the command before.
+        core.u[:] = np.nan if u is None else u
+        observe(core.state, tick, core.y, core.u, core.config.kernel, core.out)
         stamp_ns = self.stamp_ns(tick)
-        self._send_odom(self._encode_odom(self._out, stamp_ns))
-        self._send_rotor(self._encode_rotor(self._out[13:16], stamp_ns))
+        core.send_odom(core.out, stamp_ns)
+        core.send_rotor(core.out[13:16], stamp_ns)
         self._tell()
 
-    def _fill_measurements(self, arrived: Arrived) -> None:
-        y = self._y
+    def _fill_measurements(self, y: np.ndarray, arrived: Arrived) -> None:
         y[:] = 0.0
         _, imu = arrived.get(topics.IMU, (0, None))
         y[0:6] = np.nan if imu is None else imu
@@ -97,14 +105,15 @@ class ObserverNode(TickNode):
             y[18], y[19] = 1.0, stamp
 
     def _tell(self) -> None:
-        named = ObserverStatus(status(self.state, self.config.kernel))
-        if self.tick % 100 == 0 or named.sentence != self._message:
+        core = self.core
+        named = ObserverStatus(status(core.state, core.config.kernel))
+        if self.tick % 100 == 0 or named.sentence != self.health.message:
             facts = {
                 "status": named.name,
-                "sigma_position_m": np.round(self._out[22:25], 3).tolist(),
-                "sigma_velocity_mps": np.round(self._out[25:28], 3).tolist(),
-                "sigma_attitude_deg": np.round(np.degrees(self._out[28:31]), 3).tolist(),
-                "refused_messages": len(self.refused),
+                "sigma_position_m": np.round(core.out[22:25], 3).tolist(),
+                "sigma_velocity_mps": np.round(core.out[25:28], 3).tolist(),
+                "sigma_attitude_deg": np.round(np.degrees(core.out[28:31]), 3).tolist(),
+                "refused_messages": len(core.refused),
             }
             self.warn_or_ok(_LEVELS.get(named, Level.WARN), named.sentence, facts)
 

@@ -3,7 +3,8 @@
 
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,15 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import NodeSpec, run
-from heli_msgs_bridge.messages import Encoder, MessageError
+from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.packing import N_NAV
 from heli_msgs_bridge.reference_message import decode_reference
-from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
+from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.position_law import (
     N_OUTPUT,
+    OuterKernel,
     OuterStatus,
     follow,
     initial_state,
@@ -30,130 +32,145 @@ from heli_outer_pd.position_law import (
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
 
 
-class OuterLoopNode(TickNode):
+@dataclass(kw_only=True)
+class Law(TickCore):
+    """What the outer loop has while it is configured.
+
+    Attributes
+    ----------
+    kernel : OuterKernel
+        Numbers of the law; swapped when parameters change.
+    state : array
+        State of the law.
+    given : Trajectory or None
+        The reference, once it has come.
+    nav, out : arrays
+        Navigation row of this tick and what the law makes of it.
+    """
+
+    kernel: OuterKernel
+    state: np.ndarray
+    send_attitude: Send
+    send_collective: Send
+    given: Trajectory | None = None
+    nav: np.ndarray = field(default_factory=lambda: np.full(N_NAV, np.nan))
+    out: np.ndarray = field(default_factory=lambda: np.zeros(N_OUTPUT))
+
+
+@dataclass
+class Following:
+    """What the outer loop has while it is active.
+
+    Attributes
+    ----------
+    begun_s : float
+        Wall time of the activation.
+    awaits_reference : bool
+        In lockstep: no step is made before a reference has come.
+    held : Trajectory or None
+        The position of activation, held while there is no reference.
+    """
+
+    begun_s: float
+    awaits_reference: bool
+    held: Trajectory | None = None
+
+
+class OuterLoopNode(TickNode[Law, Following]):
     """Active means: the reference is followed; without one, the position of activation is held."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_outer_pd", TABLE, f"{NODE_NAME}.yaml")
 
-    def setup(self) -> None:
+    def configure(self) -> Law:
         """Build the law, its outputs and inputs."""
-        self.kernel = outer_kernel(self.values)
-        self.state = initial_state(self.kernel)
-        self._encode_attitude = Encoder(topics.ATTITUDE_SETPOINT).encode
-        self._encode_collective = Encoder(topics.COLLECTIVE).encode
-        self._send_attitude = self.create_output(topics.ATTITUDE_SETPOINT)
-        self._send_collective = self.create_output(topics.COLLECTIVE)
-        self._out = np.zeros(N_OUTPUT)
-        self._nav = np.full(N_NAV, np.nan)
-        self.trajectory: Trajectory | None = None
-        self._given = False
-        self._warm_up()
-        topic = topics.REFERENCE
-        cls = topics.message_class(topics.BY_NAME[topic].type)
-        self._reference_subscription = self.create_subscription(
-            cls, topic, self._on_reference, topics.qos(topic)
+        kernel = outer_kernel(self.values)
+        core = Law(
+            kernel=kernel,
+            state=initial_state(kernel),
+            send_attitude=self.create_sender(topics.ATTITUDE_SETPOINT),
+            send_collective=self.create_sender(topics.COLLECTIVE),
+            pace=self.listen((Input(topics.ODOM, Demand()),)),
         )
-        self.listen((Input(topics.ODOM, Demand()),))
+        self._warm_up(core)
+        self.hear(topics.REFERENCE, self._on_reference)
+        return core
 
-    def _warm_up(self) -> None:
+    def _warm_up(self, core: Law) -> None:
         """Load the compiled law before the first tick."""
-        hover = Trajectory.hover(np.zeros(3), 0.0)
-        state = initial_state(self.kernel)
-        follow(self._nav, 0, hover.times_ns, hover.points, self.kernel, state, self._out)
+        state = initial_state(core.kernel)
+        follow(core.nav, 0, _NOWHERE.times_ns, _NOWHERE.points, core.kernel, state, core.out)
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
     def _on_reference(self, message: Any) -> None:
         try:
-            self.trajectory = decode_reference(message)
+            self.core.given = decode_reference(message)
         except MessageError as error:
-            self._refuse(topics.REFERENCE, str(error))
+            self.refuse(topics.REFERENCE, str(error))
             return
-        self._given = True
-        self.resume()
+        self.core.pace.resume()
 
     def is_ready(self) -> bool:
         """In lockstep a flight with a reference does not begin before it has come."""
-        if self._given or self._reference_waived or not self.active:
+        run = self.run
+        if not run.awaits_reference or self.core.given is not None:
             return True
-        if time.monotonic() - self._engaged_s > self.values["peer_timeout_s"]:
-            self._reference_waived = True
+        if time.monotonic() - run.begun_s > self.values["peer_timeout_s"]:
+            run.awaits_reference = False
             self.get_logger().warning("no reference has come: the present position is held")
-        return self._reference_waived
+        return not run.awaits_reference
 
-    def engage(self) -> None:
+    def engage(self) -> Following:
         """Begin; wait for the reference only if somebody is there to send it."""
-        self._engaged_s = time.monotonic()
+        self.core.state = initial_state(self.core.kernel)
         awaited = "scenario" in self.values["peers"] or self.count_publishers(topics.REFERENCE) > 0
-        self._reference_waived = not awaited
-        self.state = initial_state(self.kernel)
-        super().engage()
-
-    def disengage(self) -> None:
-        """Forget a position that was only held; a given reference stays."""
-        super().disengage()
-        if not self._given:
-            self.trajectory = None
+        return Following(time.monotonic(), awaited)
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
         if tick % self.values["period_ticks"]:
             return
+        core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
         _, nav = arrived.get(topics.ODOM, (0, None))
-        if nav is None:
-            self._nav[:] = np.nan
-        else:
-            self._nav[:] = nav
-        if self.trajectory is None and nav is not None:
-            psi = euler_from_quat(nav[6:10])[2]
-            self.trajectory = Trajectory.hover(nav[0:3], psi)
-        stamp_ns = self.stamp_ns(tick)
-        if self.trajectory is None:
+        core.nav[:] = np.nan if nav is None else nav
+        if core.given is None and run.held is None and nav is not None:
+            run.held = Trajectory.hover(nav[0:3], euler_from_quat(nav[6:10])[2])
+        way = core.given or run.held
+        if way is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
-            self._nav[:] = np.nan
+            core.nav[:] = np.nan
             way = _NOWHERE
-        else:
-            way = self.trajectory
         code = follow(
-            self._nav,
+            core.nav,
             stamp_ns - way.start_ns,
             way.times_ns,
             way.points,
-            self.kernel,
-            self.state,
-            self._out,
+            core.kernel,
+            core.state,
+            core.out,
         )
-        self._send_attitude(self._encode_attitude(self._out[:3], stamp_ns))
-        self._send_collective(self._encode_collective(self._out[3:], stamp_ns))
+        core.send_attitude(core.out[:3], stamp_ns)
+        core.send_collective(core.out[3:], stamp_ns)
         self._tell(code)
 
     def _tell(self, code: int) -> None:
-        status = OuterStatus(code)
+        status, core = OuterStatus(code), self.core
         level = Level.OK if status == OuterStatus.OK else Level.ERROR
-        if self.tick % 100 == 0 or status.sentence != self._message:
+        if self.tick % 100 == 0 or status.sentence != self.health.message:
             facts = {
-                "reference": "given" if self._given else "held position",
+                "reference": "held position" if core.given is None else "given",
                 "wind_compensation": bool(self.values["wind_compensation"]),
-                "disturbance_ned_mps2": np.round(self.state[3:6], 4).tolist(),
+                "disturbance_ned_mps2": np.round(core.state[3:6], 4).tolist(),
             }
             self.warn_or_ok(level, status.sentence, facts)
 
-    def judge_change(self, changes: Mapping[str, Any]) -> None:
-        """Build the changed law; what does not fit together raises."""
-        outer_kernel({**self.values, **changes})
+    def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> OuterKernel:
+        """The changed law; what does not fit together raises."""
+        return outer_kernel(values)
 
-    def apply_change(self, changes: Mapping[str, Any]) -> None:
+    def adopt(self, judged: OuterKernel, changed: Collection[str]) -> None:
         """Swap the law between two ticks; its state goes on."""
-        self.kernel = outer_kernel(self.values)
-
-    def teardown(self) -> None:
-        """Forget the reference."""
-        self.trajectory, self._given = None, False
-
-    def _drop_entities(self) -> None:
-        super()._drop_entities()
-        if getattr(self, "_reference_subscription", None) is not None:
-            self.destroy_subscription(self._reference_subscription)
-            self._reference_subscription = None
+        if self.configured:
+            self.core.kernel = judged
 
 
 def main(args: Sequence[str] | None = None) -> int:

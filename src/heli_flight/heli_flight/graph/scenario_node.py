@@ -6,53 +6,50 @@ every node configures and activates itself.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
-import rclpy
-from rclpy.executors import ExternalShutdownException
-
-from heli_flight.graph.supervisor import Supervisor
 from heli_flight.loop.scenario import NODE_NAME, TABLE, Scenario
-from heli_parameters import command_line
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import MissingFileError, config_folder
-from heli_parameters.parameters import ParameterError, load
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, run
+from heli_msgs_bridge.reference_message import ReferencePoints, encode_reference
+
+_FIXED = tuple(replace(row, read_only=True) for row in TABLE)
 
 
-def _parameters(argv: Sequence[str]) -> dict:
-    line = command_line.parse(argv, NODE_NAME)
-    defaults = [
-        config_folder("heli_parameters") / "common.yaml",
-        config_folder("heli_flight") / "scenarios" / "hover.yaml",
-    ]
-    return load(with_common(TABLE), [*defaults, *line.params_files], line.full_name, line.rules)
+@dataclass
+class Script:
+    """What the node has while it is configured: the scenario, and what sends its reference."""
+
+    scenario: Scenario
+    send: Callable[[Any], None]
+
+
+class ScenarioNode(ManagedNode[Script, None]):
+    """Active means: the reference has been published; late listeners get it, too."""
+
+    SPEC = NodeSpec(NODE_NAME, "heli_flight", _FIXED, "scenarios/hover.yaml")
+
+    def configure(self) -> Script:
+        """Make the reference and its publisher."""
+        return Script(Scenario.from_parameters(self.values), self.create_output(topics.REFERENCE))
+
+    def expected_listeners(self, topic: str) -> set[str]:
+        """Nobody is waited for: the reference is latched."""
+        return set()
+
+    def begin(self) -> None:
+        """Publish the reference."""
+        way = self.core.scenario.reference
+        points = ReferencePoints(self.start_ns, way.times_ns, way.points)
+        self.core.send(encode_reference(points))
+        self.get_logger().info(f"reference published: {self.core.scenario.kind}")
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of `ros2 run heli_flight scenario`; returns the exit code."""
-    argv = list(sys.argv[1:] if args is None else args)
-    try:
-        parameters = _parameters(argv)
-        scenario = Scenario.from_parameters(parameters)
-    except (ParameterError, MissingFileError, ValueError) as error:
-        print(f"{NODE_NAME}: {error}", file=sys.stderr)
-        return 2
-    try:
-        rclpy.init(args=[NODE_NAME, *argv])
-        node = Supervisor(())
-    except Exception as error:
-        print(f"{NODE_NAME}: ROS 2 cannot start: {error}", file=sys.stderr)
-        return 2
-    try:
-        node.publish_reference(scenario, round(parameters["start_time_s"] * 1e9))
-        node.get_logger().info(f"reference published: {scenario.kind}")
-        node.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    finally:
-        node.close()
-        rclpy.try_shutdown()
-    return 0
+    return run(ScenarioNode, args)
 
 
 if __name__ == "__main__":

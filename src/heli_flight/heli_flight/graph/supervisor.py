@@ -141,11 +141,6 @@ class Supervisor(Node):
         if refused:
             raise BringUpError(f"{', '.join(refused)}: refused to {label}")
 
-    def spin(self) -> None:
-        """Serve until the process is asked to end."""
-        while rclpy.ok():
-            self._executor.spin_once(timeout_sec=0.5)
-
     def close(self) -> None:
         """Take the node out of the graph."""
         self._executor.remove_node(self)

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a node steps, decided by the stamps of what arrives. No ROS.
+
+`Lockstep` steps when all that the schedule demands for a tick has come, `RealTime` when the trigger
+comes. Both are built when a node is configured, and step between `start` and `stop`.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from heli_msgs_bridge.lockstep import Counters, Demand, TickAssembler
+
+Arrived = Mapping[str, tuple[int, Any]]
+"""Per topic: stamp tick, and the array or None if the message could not be used."""
+Step = Callable[[int, Arrived], None]
+
+
+class Lockstep:
+    """Steps in order, each with the messages of its tick, and waits for a silent peer so long.
+
+    The trigger's message begins a tick. One of a later tick means that its sender has gone on: then
+    nothing more will come for this one. What comes before `start` is kept for it, what comes after
+    `stop` is not.
+
+    Parameters
+    ----------
+    demands : mapping of topic to Demand
+        The first topic is the trigger.
+    step : callable
+        Gets the tick and what has arrived for it; topics that did not come are absent.
+    peer_timeout_s : float
+        Wall time without a step after which missing topics are called silent.
+    ready : callable, optional
+        Whether steps may be made at all.
+    told : callable, optional
+        Called when topics have become silent.
+    leads : bool
+        True for the node that makes time: it begins at tick 0, and goes on, one step per `look`,
+        when even its trigger is silent.
+    now_s : callable, optional
+        Wall time, s.
+
+    Attributes
+    ----------
+    silent : set of str
+        Topics that are not waited for until they come again.
+    """
+
+    def __init__(
+        self,
+        demands: Mapping[str, Demand],
+        step: Step,
+        peer_timeout_s: float,
+        ready: Callable[[], bool] = lambda: True,
+        told: Callable[[], None] = lambda: None,
+        leads: bool = False,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._assembler = TickAssembler(demands)
+        self._trigger = next(iter(demands))
+        self._step, self._ready, self._told, self._now_s = step, ready, told, now_s
+        self._peer_timeout_s, self._leads = peer_timeout_s, leads
+        self._collecting, self._stepping = True, False
+        self._progress_s = 0.0
+        self.silent: set[str] = set()
+
+    @property
+    def counters(self) -> Counters:
+        """What was not used so far."""
+        return self._assembler.counters
+
+    def expect(self, topics: Iterable[str], expected: bool) -> None:
+        """Do (not) wait for these topics; what comes of them is used nevertheless."""
+        for topic in topics:
+            self._assembler.waive(topic, not expected)
+
+    def start(self) -> None:
+        """Begin to step, with what came while the node was getting ready."""
+        self._stepping, self._progress_s = True, self._now_s()
+        first = 0 if self._leads else self._assembler.earliest(self._trigger)
+        if first is not None:
+            self._assembler.start(first)
+            self.resume()
+
+    def stop(self) -> None:
+        """Cease to step and forget what has been collected."""
+        self._collecting = self._stepping = False
+        self._assembler.reset()
+        self.silent.clear()
+
+    def take(self, topic: str, tick: int, value: Any) -> None:
+        """A message stamped with a tick; None if it cannot be used."""
+        if not (self._collecting or self._stepping):
+            return
+        assembler = self._assembler
+        if topic in self.silent:
+            self.silent.discard(topic)
+            assembler.waive(topic, False)
+        if not assembler.add(topic, tick, (tick, value)) or not self._stepping:
+            return
+        if topic == self._trigger:
+            if assembler.next_tick is None:
+                assembler.start(tick)
+            while self._lags(tick) and not assembler.complete() and self._ready():
+                self._make_step()
+        self.resume()
+
+    def resume(self) -> None:
+        """Make the steps whose messages are all there."""
+        while self._stepping and self._assembler.complete() and self._ready():
+            self._make_step()
+
+    def look(self) -> None:
+        """To be called now and then: after the bounded wait, go on without those who are silent."""
+        if not self._stepping or self._assembler.next_tick is None:
+            return
+        self.resume()
+        if self._trigger in self.silent:
+            self._make_step()
+            return
+        missing = self._assembler.missing()
+        waits = self._trigger in missing and not self._leads
+        if not missing or waits or self._now_s() - self._progress_s < self._peer_timeout_s:
+            return
+        self.silent.update(missing)
+        self.expect(missing, False)
+        self._told()
+        if self._trigger in missing:
+            self._make_step()
+        self.resume()
+
+    def _lags(self, tick: int) -> bool:
+        """Whether the next step is one of before this tick."""
+        following = self._assembler.next_tick
+        return self._stepping and following is not None and following < tick
+
+    def _make_step(self) -> None:
+        tick = self._assembler.next_tick
+        assert tick is not None
+        self._progress_s = self._now_s()
+        self._step(tick, self._assembler.take())
+
+
+class RealTime:
+    """Steps when the trigger comes, with the newest of each topic since the last step.
+
+    Parameters
+    ----------
+    trigger : str or None
+        None: it never steps by itself, `collect` is called by who keeps time.
+    step : callable
+        Gets the tick and what has arrived since the last one.
+
+    Attributes
+    ----------
+    counters : Counters
+        What was not used so far.
+    silent : set of str
+        Nobody is waited for: filled and emptied by who looks at the messages' age.
+    """
+
+    def __init__(self, trigger: str | None, step: Step) -> None:
+        self._trigger, self._step = trigger, step
+        self._stepping = False
+        self._newest: dict[str, int] = {}
+        self._arrived: dict[str, tuple[int, Any]] = {}
+        self.counters = Counters()
+        self.silent: set[str] = set()
+
+    def expect(self, topics: Iterable[str], expected: bool) -> None:
+        """Nothing is waited for, so there is nothing to change."""
+
+    def start(self) -> None:
+        """Begin to step."""
+        self._stepping = True
+
+    def stop(self) -> None:
+        """Cease to step and forget what has been collected."""
+        self._stepping = False
+        self._newest.clear()
+        self._arrived.clear()
+        self.silent.clear()
+
+    def take(self, topic: str, tick: int, value: Any) -> None:
+        """A message stamped with a tick; dropped if it is not newer than the one before."""
+        if not self._stepping:
+            return
+        known = self._newest.get(topic)
+        if known is not None and tick <= known:
+            if tick == known:
+                self.counters.duplicate += 1
+            else:
+                self.counters.late += 1
+            return
+        self._newest[topic] = tick
+        self._arrived[topic] = (tick, value)
+        # Before tick 0 there is no flight.
+        if topic == self._trigger and tick >= 0:
+            self._step(tick, self.collect())
+
+    def collect(self) -> Arrived:
+        """What has arrived since the last call."""
+        arrived, self._arrived = self._arrived, {}
+        return arrived
+
+    def resume(self) -> None:
+        """No step ever waits here, so there is none to resume."""
+
+    def look(self) -> None:
+        """Nobody is waited for here, so nobody falls silent."""
+
+
+Pace = Lockstep | RealTime
