@@ -14,7 +14,9 @@ from heli_bags.parameter_table import NODE_NAME, TABLE
 from heli_bags.recorder import BagError, BagRecorder, Format, row_of
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
+from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.node_spec import NodeSpec, StartError
 
 # Deep enough for a pause of seconds at ten times real time.
 _DEPTH = 10_000

@@ -20,8 +20,9 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.managed_node import NodeSpec, run
 from heli_msgs_bridge.messages import ClockEncoder
+from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.

@@ -26,7 +26,8 @@ from heli_math.rotations import euler_from_quat
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.managed_node import NodeSpec, run
+from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)

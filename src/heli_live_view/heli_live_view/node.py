@@ -35,8 +35,10 @@ from heli_live_view.scene_sender import SceneSender
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
+from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.messages import Decoder, MessageError
+from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.reference_message import decode_reference
 from heli_parameters import locate
 

@@ -8,8 +8,10 @@ __getattr__, __dir__, __all__ = face(
     {
         "messages": ["ClockEncoder", "Decoder", "Encoder", "MessageError"],
         "lockstep": ["Demand", "TickAssembler"],
-        "managed_node": ["ManagedNode", "NodeSpec"],
-        "tick_node": ["TickNode"],
+        "stepping": ["Lockstep", "RealTime"],
+        "managed_node": ["ManagedNode"],
+        "node_spec": ["NodeSpec", "StartError"],
+        "tick_node": ["Input", "TickCore", "TickNode"],
         "reference_message": ["decode_reference", "encode_reference"],
     },
     modules=["frames", "topics"],

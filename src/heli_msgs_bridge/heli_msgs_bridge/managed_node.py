@@ -1,89 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base of the graph's nodes: parameters from tables, lifecycle, peers, diagnostics, clean endings.
+"""Base of the graph's nodes: the stages of their life, parameters, peers, diagnostics."""
 
-Exit codes of a node: 0 it was asked to end or its flight is over, 1 it failed while running, 2 it
-could not start (bad parameter, missing peer, no DDS). Every failure is one line on stderr.
-"""
-
-import gc
-import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-import rclpy
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter
-from heli_parameters import command_line, locate
-from heli_parameters.common_table import with_common
-from heli_parameters.parameters import Parameter, ParameterError, load
+from heli_msgs_bridge.node_spec import NodeSpec, StartError
+from heli_parameters.parameters import ParameterError
 from heli_parameters.parameters import judge as why_refused
 
 _POLL_S = 0.002
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
-_FILES = "heli_parameters"
 
 Core = TypeVar("Core")
 """Data of a node while it is configured."""
 Run = TypeVar("Run")
 """Data of a node while it is active."""
-
-
-class StartError(Exception):
-    """A node cannot start; the message is one line for the user."""
-
-
-@dataclass(frozen=True)
-class NodeSpec:
-    """What a node is.
-
-    Attributes
-    ----------
-    name : str
-        Node name.
-    package : str
-        Package whose `config/` holds the default values.
-    table : tuple of Parameter
-        Its own parameters.
-    config : str
-        File name of the defaults.
-    """
-
-    name: str
-    package: str
-    table: tuple[Parameter, ...]
-    config: str
-
-    def full_table(self) -> tuple[Parameter, ...]:
-        """Own and common parameters."""
-        return with_common(self.table)
-
-    def default_files(self) -> list[Path]:
-        """Packaged YAML files, weakest first; `StartError` if the installation lacks them."""
-        try:
-            own = locate.config_folder(self.package) / self.config
-            return [locate.config_folder(_FILES) / "common.yaml", own]
-        except locate.MissingFileError as error:
-            raise StartError(str(error)) from error
-
-    def resolve(
-        self, params_files: Sequence[str] = (), rules: Sequence[str] = (), name: str = ""
-    ) -> dict[str, Any]:
-        """Values of all parameters; raises `ParameterError` or `StartError`."""
-        files = [*self.default_files(), *params_files]
-        # An override file may also speak of common parameters that the defaults do not repeat.
-        return load(self.full_table(), files, name or self.name, rules)
 
 
 @dataclass
@@ -450,90 +393,3 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         if changes:
             self.values.update(changes)
             self.adopt(self._judged, changes.keys())
-
-
-def complain(name: str, sentence: str) -> None:
-    """One line on stderr."""
-    sys.stderr.write(f"{name}: {' '.join(sentence.split())}\n")
-    sys.stderr.flush()
-
-
-def _start(cls: type[ManagedNode], argv: Sequence[str], args: Sequence[str]) -> ManagedNode:
-    """Check parameters, start ROS, make the node; raises StartError or ParameterError."""
-    line = command_line.parse(argv, cls.SPEC.name)
-    values = cls.SPEC.resolve(line.params_files, line.rules, line.full_name)
-    try:
-        rclpy.init(args=list(args))
-        return cls(values)
-    except (StartError, ParameterError):
-        raise
-    except Exception as error:
-        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise StartError(f"ROS 2 cannot start: {first}") from error
-
-
-def _spin(node: ManagedNode) -> int:
-    executor = EventsExecutor()
-    executor.add_node(node)
-    if node.values["autostart"]:
-        for transition in (node.trigger_configure, node.trigger_activate):
-            if transition() != _SUCCESS:
-                if not rclpy.ok():
-                    return 0
-                complain(node.SPEC.name, node.failure)
-                return 2
-    gc.collect()
-    gc.freeze()
-    while rclpy.ok() and not node.finished and node.crash is None:
-        executor.spin_once(timeout_sec=0.5)
-    if node.crash is not None:
-        raise node.crash
-    return 0
-
-
-def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
-    """Run a node until it is asked to end.
-
-    Parameters
-    ----------
-    cls : ManagedNode sub-class
-    args : sequence of str, optional
-        Command line without the program name; by default the process's.
-
-    Returns
-    -------
-    int
-        Exit code: 0 ended cleanly (also by SIGINT or SIGTERM), 1 failed in flight, 2 could not
-        start.
-    """
-    argv = list(sys.argv[1:] if args is None else args)
-    name = cls.SPEC.name
-    node = None
-    try:
-        node = _start(cls, argv, [name, *argv])
-        return _spin(node)
-    except (StartError, ParameterError) as error:
-        complain(name, str(error))
-        return 2
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    except Exception as error:
-        if node is not None and not rclpy.ok():
-            # A signal ended ROS inside a callback: what it would have sent next failed.
-            return 0
-        complain(name, f"failed in flight: {type(error).__name__}: {error}")
-        return 1
-    finally:
-        _end(node)
-
-
-def _end(node: ManagedNode | None) -> None:
-    """Last words and clean-up, whatever the state is in."""
-    try:
-        if node is not None:
-            node.end()
-            if rclpy.ok():
-                node.destroy_node()
-        rclpy.try_shutdown()
-    except (KeyboardInterrupt, Exception) as error:
-        complain("shutdown", f"{type(error).__name__}: {error}")

@@ -12,7 +12,9 @@ import pytest
 NODE = """
 import os, signal, sys
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, StartError, run
+from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.node_spec import NodeSpec, StartError
 
 class Short(ManagedNode):
     SPEC = NodeSpec("short", "heli_parameters", (), "common.yaml")

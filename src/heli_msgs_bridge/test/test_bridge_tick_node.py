@@ -12,8 +12,8 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.managed_node import NodeSpec
 from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Input, TickCore, TickNode
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder

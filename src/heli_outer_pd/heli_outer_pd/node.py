@@ -14,8 +14,9 @@ from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.managed_node import NodeSpec, run
 from heli_msgs_bridge.messages import MessageError
+from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.packing import N_NAV
 from heli_msgs_bridge.reference_message import decode_reference
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode

@@ -12,7 +12,9 @@ from typing import Any
 
 from heli_flight.loop.scenario import NODE_NAME, TABLE, Scenario
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.managed_node import ManagedNode, NodeSpec, run
+from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.reference_message import ReferencePoints, encode_reference
 
 _FIXED = tuple(replace(row, read_only=True) for row in TABLE)

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The process of a node: from the command line to the exit code.
+
+0: it was asked to end or its flight is over, 1: it failed while running, 2: it could not start (bad
+parameter, missing peer, no DDS). Every failure is one line on stderr.
+"""
+
+import gc
+import sys
+from collections.abc import Sequence
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+
+from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.node_spec import StartError
+from heli_parameters import command_line
+from heli_parameters.parameters import ParameterError
+
+_SUCCESS = TransitionCallbackReturn.SUCCESS
+
+
+def complain(name: str, sentence: str) -> None:
+    """One line on stderr."""
+    sys.stderr.write(f"{name}: {' '.join(sentence.split())}\n")
+    sys.stderr.flush()
+
+
+def _start(cls: type[ManagedNode], argv: Sequence[str], args: Sequence[str]) -> ManagedNode:
+    """Check parameters, start ROS, make the node; raises StartError or ParameterError."""
+    line = command_line.parse(argv, cls.SPEC.name)
+    values = cls.SPEC.resolve(line.params_files, line.rules, line.full_name)
+    try:
+        rclpy.init(args=list(args))
+        return cls(values)
+    except (StartError, ParameterError):
+        raise
+    except Exception as error:
+        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise StartError(f"ROS 2 cannot start: {first}") from error
+
+
+def _spin(node: ManagedNode) -> int:
+    executor = EventsExecutor()
+    executor.add_node(node)
+    if node.values["autostart"]:
+        for transition in (node.trigger_configure, node.trigger_activate):
+            if transition() != _SUCCESS:
+                if not rclpy.ok():
+                    return 0
+                complain(node.SPEC.name, node.failure)
+                return 2
+    gc.collect()
+    gc.freeze()
+    while rclpy.ok() and not node.finished and node.crash is None:
+        executor.spin_once(timeout_sec=0.5)
+    if node.crash is not None:
+        raise node.crash
+    return 0
+
+
+def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
+    """Run a node until it is asked to end.
+
+    Parameters
+    ----------
+    cls : ManagedNode sub-class
+    args : sequence of str, optional
+        Command line without the program name; by default the process's.
+
+    Returns
+    -------
+    int
+        Exit code: 0 ended cleanly (also by SIGINT or SIGTERM), 1 failed in flight, 2 could not
+        start.
+    """
+    argv = list(sys.argv[1:] if args is None else args)
+    name = cls.SPEC.name
+    node = None
+    try:
+        node = _start(cls, argv, [name, *argv])
+        return _spin(node)
+    except (StartError, ParameterError) as error:
+        complain(name, str(error))
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except Exception as error:
+        if node is not None and not rclpy.ok():
+            # A signal ended ROS inside a callback: what it would have sent next failed.
+            return 0
+        complain(name, f"failed in flight: {type(error).__name__}: {error}")
+        return 1
+    finally:
+        _end(node)
+
+
+def _end(node: ManagedNode | None) -> None:
+    """Last words and clean-up, whatever the state is in."""
+    try:
+        if node is not None:
+            node.end()
+            if rclpy.ok():
+                node.destroy_node()
+        rclpy.try_shutdown()
+    except (KeyboardInterrupt, Exception) as error:
+        complain("shutdown", f"{type(error).__name__}: {error}")
