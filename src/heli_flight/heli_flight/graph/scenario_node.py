@@ -15,7 +15,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
-from heli_msgs_bridge.reference_message import ReferencePoints, encode_reference
+from heli_msgs_bridge.reference_message import encode_reference
 
 _FIXED = tuple(replace(row, read_only=True) for row in TABLE)
 
@@ -43,9 +43,8 @@ class ScenarioNode(ManagedNode[Script, None]):
 
     def begin(self) -> None:
         """Publish the reference."""
-        way = self.core.scenario.reference
-        points = ReferencePoints(self.start_ns, way.times_ns, way.points)
-        self.core.send(encode_reference(points))
+        way = replace(self.core.scenario.reference, start_ns=self.start_ns)
+        self.core.send(encode_reference(way))
         self.get_logger().info(f"reference published: {self.core.scenario.kind}")
 
 
