@@ -16,7 +16,8 @@ import numpy as np
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import GPS_PRESETS, Settings, resolve
+from heli_flight.loop.layers import GPS_PRESETS
+from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.campaign import parse_seeds, with_seed
 from heli_math.rotations import rotation_between
 from heli_math.rows import MEAS

@@ -12,7 +12,7 @@ import pytest
 
 from heli_flight.cli import app as cli
 from heli_flight.cli import hover_test
-from heli_flight.loop.settings import GPS_PRESETS, scenario_names
+from heli_flight.loop.layers import GPS_PRESETS, scenario_names
 from heli_inner_hinf.law_state import CONTROLLERS
 
 HELI = (sys.executable, "-m", "heli_flight.cli.app")

@@ -15,7 +15,7 @@ from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.graph.flight import Graph
 from heli_flight.loop.settings import resolve
 
-settings = resolve(gps="rtk", seed=3, duration_s=600.0, lockstep=False)
+settings = resolve(gps="rtk", seed=3, duration_s=600.0, mode="real time")
 graph = Graph(settings, Path(sys.argv[1]))
 try:
     graph.start()

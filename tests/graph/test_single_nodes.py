@@ -4,7 +4,7 @@
 import subprocess
 import sys
 
-from heli_flight.loop.settings import NODES
+from heli_flight.loop.layers import NODES
 from heli_parameters.locate import executable
 
 

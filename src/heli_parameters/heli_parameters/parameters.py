@@ -9,7 +9,7 @@ Nothing here imports ROS.
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -284,9 +284,10 @@ def stated(
         if row is None:
             raise ParameterError(f"{entry.where}: {entry.key}: {_unknown(rows, entry.key)}")
         try:
-            strongest[entry.key] = replace(entry, value=row.check(entry.value))
+            value = row.check(entry.value)
         except ParameterError as error:
             raise ParameterError(f"{entry.where}: {entry.key}: {error}") from None
+        strongest[entry.key] = Entry(entry.pattern, entry.key, value, entry.where)
     return strongest
 
 

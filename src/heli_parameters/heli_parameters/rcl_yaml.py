@@ -248,7 +248,9 @@ def specificity(pattern: str) -> tuple[int, int]:
 
 def applicable(file: str | Path | ParameterFile, node_name: str) -> list[Entry]:
     """Assignments of a file that concern a node; the last one of a key is the strongest."""
-    mine = [entry for entry in opened(file).entries if matches(entry.pattern, node_name)]
+    content = opened(file)
+    mean = {pattern for pattern, _ in content.sections if matches(pattern, node_name)}
+    mine = [entry for entry in content.entries if entry.pattern in mean]
     return sorted(mine, key=lambda entry: specificity(entry.pattern))
 
 

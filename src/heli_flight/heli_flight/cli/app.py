@@ -69,21 +69,26 @@ def hover(context: typer.Context) -> int:
 )
 def campaign(
     seeds: Seeds = "1..20",
-    scenario: ScenarioName = "hover",
+    scenario: ScenarioName = None,
     gps: AnyGps = None,
     duration: Duration = None,
     params: Params = None,
     as_json: Json = False,
 ) -> int:
     """Fly a scenario on many seeds in this process: largest value of each metric."""
-    from heli_flight.loop.settings import GPS_PRESETS, resolve
+    from heli_flight.loop.flight_section import flown
+    from heli_flight.loop.layers import GPS_PRESETS
+    from heli_flight.loop.settings import resolve
     from heli_flight.studies import campaign as many
     from heli_flight.terminal import console, json_text, steps
 
-    numbers, presets = many.parse_seeds(seeds), [gps] if gps else list(GPS_PRESETS)
+    numbers, files = many.parse_seeds(seeds), params or []
+    gps = gps or flown(files).get("gps")
+    presets = [gps] if gps else list(GPS_PRESETS)
     settings = {
-        name: resolve(scenario, name, duration_s=duration, params=params or []) for name in presets
+        name: resolve(scenario, name, duration_s=duration, params=files) for name in presets
     }
+    scenario = settings[presets[0]].scenario_name
     start, columns, done = time.monotonic(), {}, 0
     with steps("flights", len(numbers) * len(presets)) as progress:
         for name in presets:

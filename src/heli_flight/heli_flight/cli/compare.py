@@ -34,7 +34,7 @@ def compare_attitude(
         bool, typer.Option("--flap-back", help="a rotor that flaps back; the laws do not know")
     ] = False,
     controllers: Laws = ALL_LAWS,
-    gps: Gps = "standalone",
+    gps: Gps = None,
     duration: Duration = None,
     params: Params = None,
     out: Annotated[
@@ -85,7 +85,7 @@ def compare_robustness(
     ] = 1,
     calm: Annotated[bool, typer.Option("--no-gusts", help="without the discrete gusts")] = False,
     controllers: Laws = ALL_LAWS,
-    gps: Gps = "standalone",
+    gps: Gps = None,
     duration: Duration = None,
     params: Params = None,
     as_json: Json = False,

@@ -13,14 +13,14 @@ from typer.core import CompletionItem, TyperCommand
 
 def scenarios(incomplete: str) -> list[str]:
     """Packaged scenarios."""
-    from heli_flight.loop.settings import scenario_names
+    from heli_flight.loop.layers import scenario_names
 
     return _beginning(incomplete, scenario_names())
 
 
 def gps_presets(incomplete: str) -> list[str]:
     """Receivers."""
-    from heli_flight.loop.settings import GPS_PRESETS
+    from heli_flight.loop.layers import GPS_PRESETS
 
     return _beginning(incomplete, GPS_PRESETS)
 

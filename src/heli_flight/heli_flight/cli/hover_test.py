@@ -15,6 +15,9 @@ from heli_bags.reader import Remark
 from heli_flight.errors import FlightError, StartError
 from heli_flight.graph.live import add_options, check_options, live_view
 from heli_flight.graph.processes import check_middleware, start_server
+from heli_flight.loop.flight_file import NAME, write_parameters
+from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS, REAL_TIME
+from heli_flight.loop.layers import GPS_PRESETS, scenario_names
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import (
     EXIT_BAD_INPUT,
@@ -22,10 +25,9 @@ from heli_flight.loop.result import (
     RESULT,
     Result,
     print_table,
-    write_parameters,
     write_result,
 )
-from heli_flight.loop.settings import GPS_PRESETS, Settings, resolve, scenario_names
+from heli_flight.loop.settings import Settings, resolve
 from heli_flight.terminal import new_folder
 from heli_inner_hinf.law_state import CONTROLLERS
 from heli_parameters.locate import MissingFileError
@@ -55,9 +57,9 @@ def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--scenario",
-        default="hover",
         metavar="NAME",
-        help=f"what to fly: {' or '.join(scenario_names())} (default hover)",
+        help=f"what to fly: {' or '.join(scenario_names())} (default: the parameter file's, "
+        "else hover)",
     )
     p.add_argument(
         "--controller",
@@ -68,10 +70,15 @@ def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, metavar="N", help="seed of wind and sensors")
     p.add_argument("--realtime", action="store_true", help="at the pace of the wall clock")
     p.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="as fast as the machine allows (default, unless the parameter file says otherwise)",
+    )
+    p.add_argument(
         "--gps",
-        default="standalone",
         metavar="PRESET",
-        help=f"receiver: {' or '.join(GPS_PRESETS)} (default standalone)",
+        help=f"receiver: {' or '.join(GPS_PRESETS)} (default: the parameter file's, "
+        "else standalone)",
     )
     p.add_argument("--out", type=Path, metavar="DIR", help="folder to write; must not exist")
     p.add_argument(
@@ -167,7 +174,7 @@ def _report(
     """Write report.html and figures; a disk that is full costs the report, not the flight."""
     from heli_flight.report import events_of, write_report
 
-    how = mode if mode == "one process" else f"ROS 2 graph, {mode}"
+    how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
     try:
         page = write_report(record, settings, result, folder, how, events_of(remarks, settings))
     except OSError as error:
@@ -185,6 +192,26 @@ def _shortened(settings: Settings) -> Settings:
     from dataclasses import replace
 
     return replace(settings, scenario=replace(settings.scenario, n_ticks=4))
+
+
+def _mode(options: argparse.Namespace) -> str | None:
+    """The mode that the options ask for, None for the parameter file's.
+
+    Raises
+    ------
+    ParameterError
+        They ask for two.
+    """
+    asked = {
+        "--realtime": (options.realtime, REAL_TIME),
+        "--live": (options.live, REAL_TIME),
+        "--lockstep": (options.lockstep, LOCKSTEP),
+        "--one-process": (options.one_process, ONE_PROCESS),
+    }
+    given = {name: mode for name, (is_given, mode) in asked.items() if is_given}
+    if len(set(given.values())) > 1:
+        raise ParameterError(f"{' and '.join(given)}: do not go together; give one of them")
+    return next(iter(given.values()), None)
 
 
 def fly(options: argparse.Namespace, console: Console) -> int:
@@ -205,16 +232,18 @@ def fly(options: argparse.Namespace, console: Console) -> int:
         options.gps,
         options.seed,
         options.duration,
-        not (options.realtime or options.live),
+        _mode(options),
         options.params,
-        {"inner_loop": {"controller": options.controller}} if options.controller else None,
+        controller=options.controller,
     )
-    folder = _new_folder(options.out, options.scenario, options.gps, settings.seed)
+    for remark in settings.remarks:
+        _say(console)(remark)
+    folder = _new_folder(options.out, settings.scenario_name, settings.gps, settings.seed)
     try:
-        write_parameters(settings, folder / "params.yaml")
-        if options.one_process:
+        write_parameters(settings, folder / NAME)
+        if settings.mode == ONE_PROCESS:
             result, record = _fly_one_process(settings, console)
-            extra, remarks = {"mode": "one process"}, ()
+            extra, remarks = {"mode": ONE_PROCESS}, ()
         else:
             check_middleware()
             start_server()

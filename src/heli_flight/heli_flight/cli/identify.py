@@ -29,7 +29,7 @@ def identify(
     ] = None,
     aircraft: Aircraft = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")] = None,
-    gps: Gps = "standalone",
+    gps: Gps = None,
     gamma_factor: Annotated[
         float | None,
         typer.Option(metavar="K", help="bound on the norm as a multiple of gamma*, such as 1.2"),

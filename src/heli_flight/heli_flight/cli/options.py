@@ -16,11 +16,11 @@ Params = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="print JSON instead of tables")]
 Gps = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--gps",
         metavar="PRESET",
-        help="receiver: standalone or rtk",
+        help="receiver: standalone or rtk (default: the parameter file's, else standalone)",
         autocompletion=completion.gps_presets,
     ),
 ]
@@ -55,13 +55,18 @@ RecordedGps = Annotated[
     ),
 ]
 ScenarioName = Annotated[
-    str, typer.Option(metavar="NAME", help="what to fly", autocompletion=completion.scenarios)
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="what to fly (default: the parameter file's, else hover)",
+        autocompletion=completion.scenarios,
+    ),
 ]
 AnyGps = Annotated[
     str | None,
     typer.Option(
         metavar="PRESET",
-        help="receiver: standalone or rtk (default: both)",
+        help="receiver: standalone or rtk (default: the parameter file's, else both)",
         autocompletion=completion.gps_presets,
     ),
 ]

@@ -20,10 +20,11 @@ from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.processes import NodeProcess, domain_reserved, stop
 from heli_flight.graph.ros_session import prepare_environment
 from heli_flight.graph.supervisor import BringUpError, Supervisor
+from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import Result
 from heli_flight.loop.scenario import NODE_NAME as SCENARIO
 from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import NODES, Settings
+from heli_flight.loop.settings import Settings
 from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_live_view.parameter_table import SHOWN_TO_THE_END

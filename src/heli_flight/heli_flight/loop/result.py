@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from heli_flight.loop.scenario import NODE_NAME
+from heli_flight.loop.flight_file import changes, identity
 from heli_flight.loop.scoring import METRICS, SOURCES, Score
 from heli_flight.loop.settings import Settings
 from heli_flight.terminal import table
-from heli_parameters.parameters import dump_all
 
 RESULT = "result.json"
 EXIT_INSIDE = 0
@@ -144,19 +143,12 @@ def versions() -> dict[str, str]:
     return found
 
 
-def write_parameters(settings: Settings, path: Path) -> None:
-    """Resolved parameters of all nodes and the scenario: one file that flies the same flight."""
-    dump_all({**settings.nodes, NODE_NAME: settings.scenario_parameters}, path)
-
-
 def write_result(
     result: Result, settings: Settings, folder: Path, extra: Mapping[str, Any]
 ) -> None:
     """Write result.json into the flight's folder."""
     content = {
-        "scenario": settings.scenario_name,
-        "gps": settings.gps,
-        "seed": settings.seed,
+        **identity(settings, changes(settings)),
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,
         "outside": [f"{s.metric.key} ({s.source})" for s in result.judged(settings.gps)],

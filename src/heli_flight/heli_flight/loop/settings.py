@@ -1,41 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layers of a flight's parameters: packaged defaults < GPS preset < scenario < the user's files."""
+"""A flight's resolved parameters: its layers, what the command line says over them, agreement."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import heli_dynamics_sim.parameter_table as plant_table
-import heli_inner_hinf.parameter_table as inner_table
-import heli_observer.parameter_table as observer_table
-import heli_outer_pd.parameter_table as outer_table
 from heli_bags import parameter_table as recorder_table
+from heli_flight.loop import flight_section
 from heli_flight.loop import scenario as scenario_table
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import Parameter, ParameterError, check_node_names, load
-
-GPS_PRESETS = ("standalone", "rtk")
-
-
-@dataclass(frozen=True)
-class NodeKind:
-    """One node of the graph: where it comes from and what it can be told."""
-
-    name: str
-    package: str
-    executable: str
-    table: tuple[Parameter, ...]
-
-
-NODES = (
-    NodeKind("plant", "heli_dynamics_sim", "plant", with_common(plant_table.TABLE)),
-    NodeKind("observer", "heli_observer", "observer", with_common(observer_table.TABLE)),
-    NodeKind("inner_loop", "heli_inner_hinf", "inner_loop", with_common(inner_table.TABLE)),
-    NodeKind("outer_loop", "heli_outer_pd", "outer_loop", with_common(outer_table.TABLE)),
+from heli_flight.loop.commit import is_another, sources_commit
+from heli_flight.loop.flight_section import MODES, REAL_TIME, Told
+from heli_flight.loop.layers import (
+    GPS_PRESETS,
+    NODES,
+    PACKAGE,
+    TABLES,
+    Layered,
+    Reader,
+    layered,
+    scenario_file,
 )
-SCENARIO_PACKAGE = "heli_flight"
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import ParameterError, ParameterFile, check_node_names
+
+_SECTIONS = (*TABLES, flight_section.NODE_NAME, "live_view", "identify")
 
 
 @dataclass(frozen=True)
@@ -48,11 +37,16 @@ class Settings:
         Node name to its parameters (dotted name to value).
     scenario : Scenario
     scenario_name, gps : str
+    mode : str
+        One of `flight_section.MODES`.
     seed : int
     files : tuple of Path
         Every file that was read, weakest first.
     recorder : dict
         The recorder's parameters; they change nothing in the flight.
+    remarks : tuple of str
+        Sentences: where the command line was stronger than a file of the user's, and what to
+        know of such a file.
     """
 
     nodes: Mapping[str, Mapping[str, Any]]
@@ -60,62 +54,95 @@ class Settings:
     scenario_parameters: Mapping[str, Any]
     scenario_name: str
     gps: str
+    mode: str
     seed: int
     files: tuple[Path, ...]
     recorder: Mapping[str, Any] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
-def scenario_names() -> list[str]:
-    """Names of the packaged scenarios."""
-    folder = config_folder(SCENARIO_PACKAGE) / "scenarios"
-    return sorted(path.stem for path in folder.glob("*.yaml"))
+class _CommandLine:
+    """What options say over what the user's files say, remembering where they differ."""
 
+    def __init__(self, read: Reader, user: Sequence[Told]):
+        self._user = user
+        self._packaged = flight_section.told_by(read(config_folder(PACKAGE) / "flight.yaml"))
+        self._won: list[str] = []
 
-def _scenario_file(name: str) -> Path:
-    path = config_folder(SCENARIO_PACKAGE) / "scenarios" / f"{name}.yaml"
-    if not path.is_file():
-        raise ParameterError(
-            f"--scenario {name}: unknown scenario; known: {', '.join(scenario_names())}"
-        )
-    return path
+    def choose(self, name: str, option: str | None) -> str:
+        """Scenario, receiver or mode: option, else files, else packaged."""
+        said = flight_section.said_by(self._user, name)
+        if option is None:
+            said = said or self._packaged.said[name]
+            if name == "scenario":
+                scenario_file(said.value, f"{said.where}: flight: scenario:")
+            return said.value
+        self._compare(name, option, said)
+        return option
 
+    def put(
+        self,
+        files: Sequence[ParameterFile],
+        values: Mapping[str, dict[str, Any]],
+        name: str,
+        option: Any,
+    ) -> None:
+        """Seed, controller or duration: checked, over what the files gave."""
+        if option is None:
+            return
+        section, key = flight_section.SHORT_FOR[name]
+        word = name.removesuffix("_s")
+        _set(section, values[section], key, option, f"--{word}")
+        self._compare(word, option, flight_section.assigned(files, section, key))
 
-def _initial_state_rules(p: Mapping[str, Any]) -> dict[str, Any]:
-    """What the scenario decides for the plant: where, how long."""
-    return {
-        "initial.pos_ned_m": p["start_pos_ned_m"],
-        "initial.psi_deg": p["heading_deg"],
-        "duration_s": p["duration_s"],
-    }
+    def _compare(self, word: str, option: Any, said: Any) -> None:
+        if said is not None and said.value != option:
+            self._won.append(f"{word} {option}, not {said.value} ({said.where})")
+
+    def remarks(self) -> tuple[str, ...]:
+        """One line about all options that differ from the files; one per file of other sources."""
+        lines = [f"the command line wins: {'; '.join(self._won)}"] if self._won else []
+        for told in self._user:
+            commit = told.said["commit"].value if "commit" in told.said else ""
+            if is_another(commit):
+                lines.append(
+                    f"{told.file.path} was flown by the sources of commit {commit[:12]}, "
+                    f"these are of {sources_commit()[:12]}"
+                )
+        return tuple(lines)
 
 
 def resolve(
-    scenario_name: str = "hover",
-    gps: str = "standalone",
+    scenario_name: str | None = None,
+    gps: str | None = None,
     seed: int | None = None,
     duration_s: float | None = None,
-    lockstep: bool = True,
+    mode: str | None = None,
     params: Sequence[str | Path] = (),
     overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    controller: str | None = None,
 ) -> Settings:
     """Read, layer and check the parameters of a flight.
 
     Parameters
     ----------
-    scenario_name : str
-        A packaged scenario.
-    gps : str
-        One of GPS_PRESETS.
+    scenario_name : str, optional
+        A packaged scenario; default: the files', else hover.
+    gps : str, optional
+        One of GPS_PRESETS; default: the files', else standalone.
     seed : int, optional
         Overrides the plant's seed.
     duration_s : float, optional
         Overrides the scenario's length.
-    lockstep : bool
-        False for real time.
+    mode : str, optional
+        One of `flight_section.MODES`; default: the files', else lockstep.
     params : sequence of path
-        The user's rcl parameter files; a later one overrides an earlier one.
+        The user's rcl parameter files; a later one overrides an earlier one. A section `flight`
+        in them says what the options before say, and is weaker than those.
     overrides : mapping of node name to mapping of parameter name to value, optional
         Strongest layer, for campaigns and tests; checked like a file.
+    controller : str, optional
+        Overrides the inner loop's attitude law.
 
     Returns
     -------
@@ -126,59 +153,72 @@ def resolve(
     ParameterError
         One line that names the file or option, the key, its value and what is allowed.
     """
-    if gps not in GPS_PRESETS:
-        raise ParameterError(f"--gps {gps}: unknown preset; known: {', '.join(GPS_PRESETS)}")
-    scenario_file = _scenario_file(scenario_name)
-    user_files = [Path(path) for path in params]
-    others = [scenario_table.NODE_NAME, recorder_table.NODE_NAME, "live_view", "identify"]
-    known = [node.name for node in NODES] + others
-    check_node_names([scenario_file, *user_files], known)
-    common = [scenario_file, *user_files]
-    scenario_parameters = load(scenario_table.TABLE, common, scenario_table.NODE_NAME)
-    strongest = {name: dict(values) for name, values in (overrides or {}).items()}
-    if duration_s is not None:
-        _set(scenario_table.TABLE, scenario_parameters, "duration_s", duration_s, "--duration")
-    scenario_parameters |= strongest.pop(scenario_table.NODE_NAME, {})
-    nodes: dict[str, dict[str, Any]] = {}
-    files: list[Path] = []
+    _check_options(scenario_name, gps, mode)
+    options = {"duration_s": duration_s, "controller": controller, "seed": seed}
+    read = Reader()
+    given = [read(path) for path in params]
+    check_node_names(given, _SECTIONS)
+    user = [flight_section.told_by(file) for file in given]
+    line = _CommandLine(read, user)
+    name = line.choose("scenario", scenario_name)
+    receiver, mode = line.choose("gps", gps), line.choose("mode", mode)
+    fitting = [flight_section.fitted(told, read, name, receiver) for told in user]
+    layers = layered(read, name, receiver, fitting)
+    values = _over(layers, fitting, line, options, overrides or {})
     for node in NODES:
-        folder = config_folder(node.package)
-        layers = [config_folder("heli_parameters") / "common.yaml", folder / f"{node.name}.yaml"]
-        preset = folder / f"gps_{gps}.yaml"
-        if preset.is_file():
-            layers.append(preset)
-        files += layers
-        values = load(node.table, [*layers, *common], node.name)
-        for key, value in strongest.pop(node.name, {}).items():
-            _set(node.table, values, key, value, f"override of {node.name}")
-        values["lockstep"] = lockstep
-        nodes[node.name] = values
-    _check_agreement(nodes)
-    if strongest:
-        raise ParameterError(f"override of unknown node {next(iter(strongest))}")
-    plant = nodes["plant"]
-    for key, value in _initial_state_rules(scenario_parameters).items():
-        plant[key] = value
-    if seed is not None:
-        _set(NODES[0].table, plant, "seed", seed, "--seed")
+        values[node.name]["lockstep"] = mode != REAL_TIME
     return Settings(
-        nodes,
-        scenario_table.Scenario.from_parameters(scenario_parameters),
-        scenario_parameters,
-        scenario_name,
-        gps,
-        plant["seed"],
-        (*files, *common),
-        _recorder(common),
+        {node.name: values[node.name] for node in NODES},
+        scenario_table.Scenario.from_parameters(values[scenario_table.NODE_NAME]),
+        values[scenario_table.NODE_NAME],
+        name,
+        receiver,
+        mode,
+        values["plant"]["seed"],
+        layers.files,
+        values[recorder_table.NODE_NAME],
+        line.remarks(),
     )
 
 
-def _recorder(files: Sequence[Path]) -> dict[str, Any]:
-    """The recorder's parameters: the packaged ones and what the files say of it."""
-    common = config_folder("heli_parameters") / "common.yaml"
-    own = config_folder("heli_bags") / f"{recorder_table.NODE_NAME}.yaml"
-    layers = [common, own, *files]
-    return load(with_common(recorder_table.TABLE), layers, recorder_table.NODE_NAME)
+def _check_options(scenario_name: str | None, gps: str | None, mode: str | None) -> None:
+    if gps is not None and gps not in GPS_PRESETS:
+        raise ParameterError(f"--gps {gps}: unknown preset; known: {', '.join(GPS_PRESETS)}")
+    if mode is not None and mode not in MODES:
+        raise ParameterError(f"mode {mode}: unknown; known: {', '.join(MODES)}")
+    if scenario_name is not None:
+        scenario_file(scenario_name)
+
+
+def _over(
+    layers: Layered,
+    files: Sequence[ParameterFile],
+    line: _CommandLine,
+    options: Mapping[str, Any],
+    overrides: Mapping[str, Mapping[str, Any]],
+) -> Mapping[str, dict[str, Any]]:
+    """Parameters by section with options and overrides put in."""
+    values = layers.values
+    for name in ("duration_s", "controller"):
+        line.put(files, values, name, options[name])
+    for section, changes in overrides.items():
+        if section not in TABLES:
+            raise ParameterError(f"override of unknown node {section}")
+        for key, value in changes.items():
+            _set(section, values[section], key, value, f"override of {section}")
+    _check_agreement(values)
+    values["plant"] |= _initial_state(values[scenario_table.NODE_NAME])
+    line.put(files, values, "seed", options["seed"])
+    return values
+
+
+def _initial_state(scenario: Mapping[str, Any]) -> dict[str, Any]:
+    """What the scenario decides for the plant: where, how long."""
+    return {
+        "initial.pos_ned_m": scenario["start_pos_ned_m"],
+        "initial.psi_deg": scenario["heading_deg"],
+        "duration_s": scenario["duration_s"],
+    }
 
 
 # Pairs that two nodes must agree on: what one sends is what the other waits for.
@@ -208,11 +248,9 @@ def _check_agreement(nodes: Mapping[str, Mapping[str, Any]]) -> None:
             )
 
 
-def _set(
-    table: Sequence[Parameter], values: dict[str, Any], key: str, value: Any, where: str
-) -> None:
+def _set(section: str, values: dict[str, Any], key: str, value: Any, where: str) -> None:
     """Put one checked value over a loaded one."""
-    row = next((row for row in table if row.name == key), None)
+    row = next((row for row in TABLES[section] if row.name == key), None)
     if row is None:
         raise ParameterError(f"{where}: unknown parameter {key}")
     try:

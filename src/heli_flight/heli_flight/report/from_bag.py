@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.loop.flight_file import NAME
+from heli_flight.loop.flight_section import flown
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result
 from heli_flight.loop.scenario import TICK_NS
@@ -67,7 +69,7 @@ def report_of_bag(
     bag = path / "bag" if (path / "bag").is_dir() else path
     beside = bag.resolve().parent
     told = _result_beside(beside)
-    saved = beside / "params.yaml"
+    saved = beside / NAME
     known = bool(choice.params) or saved.is_file()
     settings = _settings(choice, told, saved)
     flight = flight_from_bag(bag, settings, truth_needed=False)
@@ -102,8 +104,10 @@ def _result_beside(folder: Path) -> dict[str, Any]:
 def _settings(choice: Choice, told: dict[str, Any], saved: Path) -> Settings:
     """Resolved parameters: the user's choice, else what lies beside the bag, else the packaged."""
     files = [*([saved] if saved.is_file() else []), *choice.params]
-    scenario = choice.scenario or told.get("scenario", "hover")
-    gps = choice.gps or told.get("gps", "standalone")
+    # A file written before it said what was flown has the flight's result beside it.
+    known = flown(files)
+    scenario = choice.scenario or (None if "scenario" in known else told.get("scenario"))
+    gps = choice.gps or (None if "gps" in known else told.get("gps"))
     try:
         return resolve(scenario, gps, choice.seed, params=files)
     except ParameterError:

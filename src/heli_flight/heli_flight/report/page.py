@@ -14,9 +14,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import versions
 from heli_flight.loop.scenario import NODE_NAME, TABLE
-from heli_flight.loop.settings import NODES
 from heli_flight.report.chart import PALETTE, Chart
 from heli_flight.report.data import Report
 from heli_flight.report.design import Design

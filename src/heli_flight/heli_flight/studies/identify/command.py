@@ -11,7 +11,9 @@ import numpy as np
 from rich.console import Console
 
 from heli_flight.errors import FlightError
-from heli_flight.loop.result import versions, write_parameters
+from heli_flight.loop.flight_file import NAME, write_parameters
+from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
+from heli_flight.loop.result import versions
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.identify.compare import Row, Truth, misses, table, truth_of
 from heli_flight.studies.identify.data import (
@@ -43,7 +45,7 @@ class Wanted:
         Aircraft file that is flown and compared with.
     params : sequence of Path
     seed : int or None
-    gps : str
+    gps : str or None
     gamma_factor : float or None
     one_process : bool
     """
@@ -53,7 +55,7 @@ class Wanted:
     aircraft: str | None = None
     params: Sequence[Path] = ()
     seed: int | None = None
-    gps: str = "standalone"
+    gps: str | None = None
     gamma_factor: float | None = None
     one_process: bool = False
 
@@ -105,9 +107,8 @@ def layers(wanted: Wanted) -> list[Path]:
 def settings_of(wanted: Wanted, kind: str) -> Settings:
     """Parameters of an experiment."""
     overrides = {"plant": {"aircraft_file": wanted.aircraft}} if wanted.aircraft else None
-    return resolve(
-        SCENARIOS[kind], wanted.gps, wanted.seed, params=layers(wanted), overrides=overrides
-    )
+    mode = ONE_PROCESS if wanted.one_process else LOCKSTEP
+    return resolve(SCENARIOS[kind], wanted.gps, wanted.seed, None, mode, layers(wanted), overrides)
 
 
 def run(wanted: Wanted, folder: Path | None) -> Outcome:
@@ -180,7 +181,7 @@ def _fly_graph(settings: Settings, folder: Path, progress: Any) -> None:
     from heli_flight.graph.flight import fly_graph
 
     folder.mkdir()
-    write_parameters(settings, folder / "params.yaml")
+    write_parameters(settings, folder / NAME)
     result, _, _ = fly_graph(settings, folder, progress)
     if result.lost:
         raise FlightError(f"{settings.scenario_name}: {result.lost}")
@@ -255,7 +256,9 @@ def fly_hover(wanted: Wanted, folder: Path, out: Console) -> int:
     """The hover test with what was identified; exit code of the hover test."""
     from heli_flight.cli import hover_test
 
-    arguments = ["--out", str(folder / HOVER), "--gps", wanted.gps]
+    arguments = ["--out", str(folder / HOVER), "--scenario", "hover"]
+    if wanted.gps is not None:
+        arguments += ["--gps", wanted.gps]
     if wanted.seed is not None:
         arguments += ["--seed", str(wanted.seed)]
     if wanted.one_process:

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The params.yaml of a flight: what it was, every parameter of it, and how to fly it again."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heli_bags.parameter_table import NODE_NAME as RECORDER
+from heli_flight.loop.commit import sources_commit
+from heli_flight.loop.flight_section import NODE_NAME, SHORT_FOR
+from heli_flight.loop.layers import Reader, layered
+from heli_flight.loop.scenario import NODE_NAME as SCENARIO
+from heli_flight.loop.settings import Settings
+from heli_parameters.parameters import dump_all
+
+NAME = "params.yaml"
+_LONGEST = 60
+# Decided by the flight itself, or by the scenario: no change of its own.
+_DERIVED = {*SHORT_FOR.values(), ("plant", "duration_s")}
+_DERIVED |= {("plant", "initial.pos_ned_m"), ("plant", "initial.psi_deg")}
+
+
+@dataclass(frozen=True)
+class Change:
+    """A parameter unlike the packaged one of the flight's scenario and receiver."""
+
+    section: str
+    key: str
+    value: Any
+    packaged: Any
+
+    @property
+    def name(self) -> str:
+        """Section and key in one word."""
+        return f"{self.section}.{self.key}"
+
+    def __str__(self) -> str:
+        return (
+            f"{self.section}: {self.key}: {_short(self.value)} (packaged: {_short(self.packaged)})"
+        )
+
+
+def _short(value: Any) -> str:
+    text = str(value.tolist() if isinstance(value, np.ndarray) else value)
+    return text if len(text) <= _LONGEST else f"{np.size(value)} numbers"
+
+
+def sections(settings: Settings) -> dict[str, Mapping[str, Any]]:
+    """Parameters by section: the nodes, scenario, recorder."""
+    return {
+        **settings.nodes,
+        SCENARIO: settings.scenario_parameters,
+        RECORDER: settings.recorder,
+    }
+
+
+def changes(settings: Settings) -> list[Change]:
+    """What the flight has changed; seed, law, length and mode are told apart from it."""
+    packaged = layered(Reader(), settings.scenario_name, settings.gps).values
+    return [
+        Change(section, key, value, packaged[section][key])
+        for section, values in sections(settings).items()
+        for key, value in values.items()
+        if key != "lockstep"
+        and (section, key) not in _DERIVED
+        and not np.array_equal(value, packaged[section][key])
+    ]
+
+
+def identity(settings: Settings, changed: Sequence[Change]) -> dict[str, Any]:
+    """The section `flight`: what makes this flight this one; `changed` as of `changes`."""
+    return {
+        "scenario": settings.scenario_name,
+        "gps": settings.gps,
+        "mode": settings.mode,
+        "seed": settings.seed,
+        "controller": settings.nodes["inner_loop"]["controller"],
+        "duration_s": settings.scenario_parameters["duration_s"],
+        "commit": sources_commit(),
+        "changed": tuple(change.name for change in changed),
+    }
+
+
+def write_parameters(settings: Settings, path: Path) -> None:
+    """Write the file that flies the same flight again.
+
+    Raises
+    ------
+    ParameterError
+        The file cannot be written.
+    """
+    changed = changes(settings)
+    flight = identity(settings, changed)
+    kind = f"{settings.scenario_name}, {settings.gps} GPS"
+    packaged = f"the packaged parameters of {kind}"
+    head = [
+        "A flight, all of its parameters; flown again by: ./hover_test.sh --params <this file>",
+        f"{kind}, seed {settings.seed}, {flight['controller']}, {flight['duration_s']:g} s, "
+        f"{settings.mode}",
+        f"sources: commit {flight['commit']}",
+        f"changed from {packaged}:" if changed else f"nothing was changed from {packaged}",
+        *(f"  {change}" for change in changed),
+    ]
+    # rcl does not take an empty array.
+    flight["changed"] = flight["changed"] or ("none",)
+    dump_all({NODE_NAME: flight, **sections(settings)}, path, head)

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The section `flight` of a parameter file: scenario, receiver, mode, seed, controller, duration.
+
+It makes a parameter file a flight. A file that was written by one flight and is taken for another
+(`heli hover --scenario attitude --params flights/x/params.yaml`) brings along what its user had
+changed, and leaves behind what its own scenario and receiver had packaged.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heli_flight.loop import scenario as scenario_table
+from heli_flight.loop.layers import (
+    GPS_PRESETS,
+    TABLES,
+    Layered,
+    Reader,
+    layered,
+    scenario_names,
+)
+from heli_parameters.parameters import Entry, Parameter, ParameterError, ParameterFile, stated
+from heli_parameters.rcl_yaml import applicable
+
+NODE_NAME = "flight"
+LOCKSTEP, REAL_TIME, ONE_PROCESS = "lockstep", "real time", "one process"
+MODES = (LOCKSTEP, REAL_TIME, ONE_PROCESS)
+"""Through the graph as fast as it goes; through the graph by the wall clock; without the graph."""
+
+SHORT_FOR: Mapping[str, tuple[str, str]] = {
+    "seed": ("plant", "seed"),
+    "controller": ("inner_loop", "controller"),
+    "duration_s": (scenario_table.NODE_NAME, "duration_s"),
+}
+"""Names of the section that stand for a parameter of another one."""
+
+
+def _same_as(name: str) -> Parameter:
+    section, key = SHORT_FOR[name]
+    return replace(next(row for row in TABLES[section] if row.name == key), name=name)
+
+
+TABLE: tuple[Parameter, ...] = (
+    Parameter("scenario", "string", "Packaged scenario"),
+    Parameter("gps", "string", "Receiver", choices=GPS_PRESETS),
+    Parameter("mode", "string", "How it is flown", choices=MODES),
+    *(_same_as(name) for name in SHORT_FOR),
+    Parameter("commit", "string", "Commit of the sources that flew, for the reader"),
+    Parameter("changed", "string[]", "Parameters unlike the packaged ones, for the reader"),
+)
+
+
+@dataclass(frozen=True)
+class Told:
+    """A parameter file and what its section `flight` says.
+
+    Attributes
+    ----------
+    file : ParameterFile
+        What was short for parameters of other sections stands there, too.
+    said : mapping of name to Entry
+    """
+
+    file: ParameterFile
+    said: Mapping[str, Entry]
+
+
+def told_by(file: ParameterFile) -> Told:
+    """Read the section of a file.
+
+    Raises
+    ------
+    ParameterError
+        Something unknown or not allowed, or the file contradicts itself.
+    """
+    said = stated(TABLE, [file], NODE_NAME)
+    moved = []
+    for name, (section, key) in SHORT_FOR.items():
+        if name not in said:
+            continue
+        here = said[name]
+        there = assigned([file], section, key)
+        if there is not None and not _equal(there.value, here.value):
+            raise ParameterError(
+                f"{here.where}: flight: {name}: {here.value} does not agree with {section}: {key}: "
+                f"{there.value} at {there.where}; change both together"
+            )
+        moved.append(Entry(f"/**/{section}", key, here.value, here.where))
+    sections = (*file.sections, *((entry.pattern, entry.where) for entry in moved))
+    return Told(replace(file, sections=sections, entries=(*file.entries, *moved)), said)
+
+
+def assigned(files: Sequence[ParameterFile], section: str, key: str) -> Entry | None:
+    """The strongest assignment of a parameter in files, None if there is none."""
+    found = [e for file in files for e in applicable(file, section) if e.key == key]
+    return found[-1] if found else None
+
+
+def said_by(files: Sequence[Told], name: str) -> Entry | None:
+    """What the last file that says it says of scenario, receiver or mode."""
+    return next((told.said[name] for told in reversed(files) if name in told.said), None)
+
+
+def fitted(told: Told, read: Reader, scenario: str, gps: str) -> ParameterFile:
+    """The file for a flight of this scenario and receiver.
+
+    If it was made for others, what equals their packaged values is left out: it belongs to them.
+    """
+    of = {name: entry.value for name, entry in told.said.items()}
+    own = of.get("scenario", scenario), of.get("gps", gps)
+    if own == (scenario, gps) or own[0] not in scenario_names():
+        return told.file
+    packaged = layered(read, *own)
+    kept = [entry for entry in told.file.entries if not _is_packaged(entry, packaged)]
+    return replace(told.file, entries=tuple(kept))
+
+
+def _is_packaged(entry: Entry, packaged: Layered) -> bool:
+    values = packaged.values.get(entry.pattern.rsplit("/", 1)[-1], {})
+    return entry.key in values and _equal(entry.value, values[entry.key])
+
+
+def _equal(a: Any, b: Any) -> bool:
+    """Equal as parameters: arrays flat, as files have them."""
+    return np.array_equal(np.ravel(np.asarray(a)), np.ravel(np.asarray(b)))
+
+
+def flown(paths: Sequence[Path]) -> Mapping[str, Any]:
+    """What the section `flight` of parameter files says, by name; empty without one.
+
+    Raises
+    ------
+    ParameterError
+    """
+    read = Reader()
+    told = [told_by(read(path)) for path in paths]
+    return {name: entry.value for each in told for name, entry in each.said.items()}

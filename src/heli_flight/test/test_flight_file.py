@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""params.yaml: flies the same flight again; where command line or another file contradict it."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from heli_flight.cli import app
+from heli_flight.loop import commit
+from heli_flight.loop.flight_file import write_parameters
+from heli_flight.loop.layers import NODES
+from heli_flight.loop.settings import resolve
+from heli_parameters.parameters import ParameterError, load
+
+# What two runs of one flight may differ in: the machine's doing, and where its file lay.
+_OF_THE_RUN = ("wall_s", "real_time_factor", "parameter_files")
+
+
+def section(node, *lines):
+    body = "".join(f"    {line}\n" for line in lines)
+    return f"/**/{node}:\n  ros__parameters:\n{body}"
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Write a parameter file."""
+
+    def write(text, name="mine.yaml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def fly(folder, *words):
+    """Exit code and result.json of a flight in one process."""
+    code = app.main(["hover", "--no-report", "--out", str(folder), *map(str, words)])
+    return code, json.loads((folder / "result.json").read_text())
+
+
+def without_run(result):
+    return {key: value for key, value in result.items() if key not in _OF_THE_RUN}
+
+
+class TestTheSameFlightAgain:
+    @pytest.mark.parametrize(
+        "words",
+        [
+            ("--seed", 3, "--duration", 12),
+            ("--gps", "rtk", "--seed", 7, "--duration", 12),
+            ("--scenario", "attitude", "--controller", "pid", "--duration", 9, "--gps", "rtk"),
+            ("--scenario", "attitude_gusts", "--controller", "lqr", "--seed", 2, "--duration", 9),
+        ],
+        ids=["standalone", "rtk", "attitude pid rtk", "gusts lqr"],
+    )
+    def test_options(self, tmp_path, words):
+        code, first = fly(tmp_path / "a", "--one-process", *words)
+        again, second = fly(tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
+        assert again == code
+        assert without_run(second) == without_run(first)
+        files = [(tmp_path / name / "params.yaml").read_bytes() for name in "ab"]
+        assert files[0] == files[1]
+
+    def test_a_flight_that_only_truth_calls_outside(self, tmp_path, written):
+        """With RTK the truth is judged: the receiver, not the name of an option, decides the code.
+
+        A receiver that drifts by 2 m: the navigation record follows it and stays inside.
+        """
+        mine = written(section("plant", "sensors.gps.drift_m: 2.0"))
+        code, first = fly(
+            tmp_path / "a", "--one-process", "--gps", "rtk", "--params", mine, "--duration", 18
+        )
+        assert code == 1
+        assert first["outside"] and all("(truth)" in name for name in first["outside"])
+        again, second = fly(tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
+        assert (again, without_run(second)) == (code, without_run(first))
+        assert "plant.sensors.gps.drift_m" in second["changed"]
+
+    def test_changed_weights(self, tmp_path, written):
+        mine = written(
+            section("inner_loop", "gamma: 0.07")
+            + section("plant", "wind.w20_mps: 6.0")
+            + section("scenario", "climb.speed_mps: 1.0")
+            + section("recorder", "storage: sqlite3")
+        )
+        code, first = fly(tmp_path / "a", "--one-process", "--duration", 8, "--params", mine)
+        again, second = fly(tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
+        assert (again, without_run(second)) == (code, without_run(first))
+        assert sorted(first["changed"]) == [
+            "inner_loop.gamma", "plant.wind.w20_mps", "recorder.storage",
+            "scenario.climb.speed_mps",
+        ]  # fmt: skip
+        text = (tmp_path / "a" / "params.yaml").read_text()
+        assert "#   inner_loop: gamma: 0.07 (packaged: 0.056)\n" in text
+
+    def test_the_file_says_what_was_flown(self, tmp_path):
+        fly(tmp_path / "a", "--one-process", "--gps", "rtk", "--seed", 7, "--duration", 2)
+        text = (tmp_path / "a" / "params.yaml").read_text()
+        said = yaml.safe_load(text)["/**/flight"]["ros__parameters"]
+        assert said == {
+            "scenario": "hover", "gps": "rtk", "mode": "one process", "seed": 7,
+            "controller": "hinf", "duration_s": 2.0, "commit": commit.sources_commit(),
+            "changed": ["none"],
+        }  # fmt: skip
+        assert "nothing was changed" in text.split("/**/flight")[0]
+
+    def test_real_time(self, tmp_path):
+        path = tmp_path / "params.yaml"
+        write_parameters(resolve(mode="real time"), path)
+        again = resolve(params=[path])
+        assert again.mode == "real time"
+        assert not any(again.nodes[node.name]["lockstep"] for node in NODES)
+        assert resolve(params=[path], mode="lockstep").nodes["plant"]["lockstep"]
+
+
+class TestContradictions:
+    @pytest.fixture
+    def flown(self, tmp_path, written):
+        """params.yaml of an RTK attitude flight with a weight of its own."""
+        mine = written(section("inner_loop", "gamma: 0.07"))
+        settings = resolve("attitude", "rtk", 7, 9.0, params=[mine], controller="pid")
+        write_parameters(settings, tmp_path / "params.yaml")
+        return tmp_path / "params.yaml"
+
+    def test_the_command_line_wins_in_full_and_says_so_in_one_line(self, flown):
+        """Not the label alone: scenario and receiver are those asked for; the change stays."""
+        found = resolve("hover", "standalone", 8, 10.0, params=[flown], controller="hinf")
+        wanted = resolve("hover", "standalone", 8, 10.0, overrides={"inner_loop": {"gamma": 0.07}})
+        for node, values in wanted.nodes.items():
+            for key, value in values.items():
+                np.testing.assert_array_equal(found.nodes[node][key], value, f"{node}: {key}")
+        assert found.scenario_parameters.keys() == wanted.scenario_parameters.keys()
+        for key, value in wanted.scenario_parameters.items():
+            np.testing.assert_array_equal(found.scenario_parameters[key], value, key)
+        (line,) = found.remarks
+        pairs = ("scenario hover, not attitude", "gps standalone, not rtk", "seed 8, not 7",
+                 "duration 10.0, not 9.0", "controller hinf, not pid")  # fmt: skip
+        assert all(pair in line for pair in pairs) and line.count(f"({flown}:") == len(pairs)
+
+    def test_the_same_said_twice_is_no_contradiction(self, flown):
+        assert resolve("attitude", "rtk", 7, 9.0, params=[flown], controller="pid").remarks == ()
+        assert resolve(params=[flown]).remarks == ()
+
+    def test_an_option_over_a_plain_parameter_is_told_too(self, written):
+        mine = written(section("plant", "seed: 4"))
+        assert resolve(params=[mine]).seed == 4
+        (line,) = resolve(params=[mine], seed=5).remarks
+        assert line == f"the command line wins: seed 5, not 4 ({mine}:3)"
+
+    def test_it_is_printed_by_the_command(self, flown, tmp_path, capsys):
+        fly(tmp_path / "b", "--params", flown, "--one-process", "--seed", 8)
+        lines = [ln for ln in capsys.readouterr().out.splitlines() if "command line wins" in ln]
+        assert len(lines) == 1 and "seed 8, not 7" in lines[0]
+
+    def test_a_later_file_wins_over_an_earlier_one(self, flown, written):
+        over = written(section("flight", "gps: standalone", "seed: 9"), "over.yaml")
+        found = resolve(params=[flown, over])
+        assert (found.scenario_name, found.gps, found.seed) == ("attitude", "standalone", 9)
+        packaged = resolve("attitude", "standalone").nodes
+        for node in ("plant", "observer"):
+            for key, value in packaged[node].items():
+                if "gps" in key:
+                    assert found.nodes[node][key] == value
+        assert found.nodes["inner_loop"]["gamma"] == 0.07
+
+    def test_the_section_alone_is_a_flight(self, written):
+        mine = written(
+            section("flight", "scenario: attitude", "gps: rtk", "seed: 5", "controller: lqr",
+                    "duration_s: 7.0", "mode: one process")
+        )  # fmt: skip
+        found, wanted = resolve(params=[mine]), resolve("attitude", "rtk", 5, 7.0, controller="lqr")
+        assert (found.gps, found.mode, found.scenario.n_ticks) == ("rtk", "one process", 700)
+        for node, values in wanted.nodes.items():
+            for key, value in values.items():
+                np.testing.assert_array_equal(found.nodes[node][key], value)
+
+    @pytest.mark.parametrize(
+        ("lines", "words"),
+        [
+            (["gps: galileo"], ["gps", "galileo", "standalone, rtk"]),
+            (["scenario: moon"], ["scenario: moon", "unknown scenario", "attitude"]),
+            (["mode: slow"], ["mode", "slow", "real time"]),
+            (["seed: -1"], ["seed", "-1"]),
+            (["duration_s: 5"], ["duration_s", "write 5.0"]),
+            (["recever: rtk"], ["recever", "unknown parameter"]),
+        ],
+    )
+    def test_bad_values_are_one_line_with_their_place(self, written, lines, words):
+        mine = written(section("flight", *lines))
+        with pytest.raises(ParameterError) as error:
+            resolve(params=[mine])
+        said = str(error.value)
+        assert said.startswith(f"{mine}:3: ") and "\n" not in said
+        assert all(word in said for word in words)
+
+    def test_a_file_must_agree_with_itself(self, written):
+        mine = written(section("flight", "seed: 8") + section("plant", "seed: 7"))
+        with pytest.raises(ParameterError, match=r"seed: 8 does not agree with plant: seed: 7 at"):
+            resolve(params=[mine])
+
+
+class TestOtherReaders:
+    def test_nodes_pass_the_section_over(self, tmp_path):
+        """By the nodes' own reader, and by rcl itself."""
+        from rclpy.context import Context
+
+        path = tmp_path / "params.yaml"
+        write_parameters(resolve("attitude", "rtk", 7, 9.0), path)
+        for node in NODES:
+            assert load(node.table, [path], node.name)["lockstep"] is True
+        context = Context()
+        context.init(args=["--ros-args", "--params-file", str(path)])
+        context.try_shutdown()
+
+    def test_a_campaign_takes_scenario_and_receiver_from_it(self, tmp_path, capsys):
+        path = tmp_path / "params.yaml"
+        write_parameters(resolve("attitude", "rtk", 7, 6.0), path)
+        assert app.main(["campaign", "--seeds", "1", "--params", str(path), "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["scenario"] == "attitude" and list(found["receivers"]) == ["rtk"]
+
+
+class TestCommit:
+    def test_of_these_sources(self):
+        root = Path(__file__).resolve().parents[3]
+        done = subprocess.run(
+            ["git", "-C", str(root), "rev-parse", "HEAD"], capture_output=True, text=True
+        )
+        if done.returncode:
+            assert commit.sources_commit() == "unknown"
+        else:
+            assert commit.sources_commit().startswith(done.stdout.strip())
+
+    def test_without_git(self, monkeypatch, tmp_path):
+        monkeypatch.setenv("PATH", str(tmp_path))
+        assert commit.sources_commit.__wrapped__() == "unknown"
+
+    def test_in_somebody_elses_repository(self, monkeypatch, tmp_path):
+        """An environment inside another project: its commit is not that of these sources."""
+        subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+        copy = tmp_path / "commit.py"
+        copy.write_text("")
+        monkeypatch.setattr(commit, "__file__", str(copy))
+        assert commit.sources_commit.__wrapped__() == "unknown"
+
+    def test_another_one_is_told(self, tmp_path):
+        path = tmp_path / "params.yaml"
+        write_parameters(resolve(), path)
+        text = path.read_text()
+        path.write_text(text.replace(commit.sources_commit(), 40 * "f"))
+        found = resolve(params=[path])
+        if commit.sources_commit() == "unknown":
+            assert found.remarks == ()
+        else:
+            assert f"{path} was flown by the sources of commit ffffffffffff" in found.remarks[0]
