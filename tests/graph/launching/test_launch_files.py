@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from heli_flight.loop.settings import GPS_PRESETS, scenario_names
+from heli_flight.loop.layers import GPS_PRESETS, scenario_names
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder, executable
 from heli_parameters.parameters import load
