@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Print A, B, E of the linearised default aircraft beside the published ones, entry by entry.
 
-Usage: python scripts/deviation_table.py [--all]
+Usage: python scripts/deviation_table.py [--all] [--json]
 
 Entries that are zero in both are left out, and without --all those of pure kinematics too (they are
 exact). A deviation beyond 0.6 % and half a unit of the last published digit is explained; the tests
@@ -9,6 +9,7 @@ exact). A deviation beyond 0.6 % and half a unit of the last published digit is 
 """
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
@@ -61,12 +62,17 @@ def main() -> int:
     """Print the table as Markdown; 0 if every deviation beyond the bound is explained."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--all", action="store_true", help="with the rows of pure kinematics")
-    every = parser.parse_args().all
+    parser.add_argument("--json", action="store_true", help="print JSON instead of Markdown")
+    options = parser.parse_args()
     aircraft = HelicopterParameters.from_yaml("helion.yaml")
-    table = rows(linearize(aircraft, trim(aircraft)), every)
-    print("| entry | published | ours | deviation | remark |\n|---|---|---|---|---|")
-    for entry, theirs, ours, share, remark in table:
-        print(f"| {entry} | {theirs:.4f} | {ours:.4f} | {share} | {remark} |")
+    table = rows(linearize(aircraft, trim(aircraft)), options.all)
+    if options.json:
+        keys = ("entry", "published", "ours", "deviation", "remark")
+        print(json.dumps({"rows": [dict(zip(keys, row, strict=True)) for row in table]}))
+    else:
+        print("| entry | published | ours | deviation | remark |\n|---|---|---|---|---|")
+        for entry, theirs, ours, share, remark in table:
+            print(f"| {entry} | {theirs:.4f} | {ours:.4f} | {share} | {remark} |")
     return int(any(row[4] == "UNEXPLAINED" for row in table))
 
 

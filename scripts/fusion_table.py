@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Print how good the navigation is: errors on the aircraft, consistency, latency, as Markdown.
+"""Print how good the navigation is: errors on the aircraft, consistency, latency.
 
-Usage: python scripts/fusion_table.py [--seeds 1..20]
+Usage: python scripts/fusion_table.py [--seeds 1..20] [--json]
 
 On the aircraft: the hover test, loop closed, rms from 5 s over all seeds, with absolute position
 (observer parameter ekf.initial.gps_drift_fraction 1.0: the receiver's error is about the true
@@ -9,7 +9,9 @@ origin). Consistency and latency: synthetic flights, see heli_observer.consisten
 """
 
 import argparse
+import json
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +19,10 @@ from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.layers import GPS_PRESETS
+from heli_flight.loop.result import conditions
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.campaign import parse_seeds, with_seed
+from heli_flight.studies.results.tables_of_parts import fusion_tables
 from heli_math.rotations import rotation_between
 from heli_math.rows import MEAS
 from heli_observer.consistency import CHECKS_S, SENSORS, bounds, collect, latency_errors
@@ -48,8 +52,8 @@ def rms(error: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.square(error), axis=0))
 
 
-def on_the_aircraft(gps: str, seeds: list[int]) -> str:
-    """One row: attitude, velocity, position, the receiver's own error."""
+def on_the_aircraft(gps: str, seeds: list[int]) -> dict[str, Any]:
+    """Rms of attitude, velocity, position, and of the receiver's own error; three axes each."""
     errors: dict[str, list[np.ndarray]] = {"a": [], "v": [], "p": [], "gps": []}
     for seed in seeds:
         settings = with_seed(resolve("hover", gps, overrides=ABSOLUTE), seed)
@@ -60,67 +64,60 @@ def on_the_aircraft(gps: str, seeds: list[int]) -> str:
         errors["p"].append((record.nav_pos_ned_m - record.truth_pos_ned_m)[settled])
         errors["gps"].append(receiver_error(settings))
     a, v, p, own = (rms(np.concatenate(errors[key])) for key in ("a", "v", "p", "gps"))
-    degrees = np.degrees(a)
-    cells = (
-        f"{np.linalg.norm(degrees):.2f} ({three(degrees, 2)})",
-        three(v, 3),
-        three(p, 3),
-        three(own, 3),
-    )
-    return f"| {gps} | " + " | ".join(cells) + " |"
+    return {
+        "gps": gps,
+        "conditions": conditions(settings).splitlines(),
+        "attitude_ned_deg": np.degrees(a).tolist(),
+        "velocity_ned_mps": v.tolist(),
+        "position_ned_m": p.tolist(),
+        "receiver_ned_m": own.tolist(),
+    }
 
 
-def three(values: np.ndarray, digits: int) -> str:
-    """Three numbers in a cell."""
-    return ", ".join(f"{value:.{digits}f}" for value in values)
-
-
-def consistency(gps: str, seeds: list[int]) -> list[str]:
+def consistency(gps: str, seeds: list[int]) -> list[dict[str, Any]]:
     """Rows: NEES at its lowest and highest of the checked times and NIS, over their degrees."""
     s = collect(resolve("hover", gps).nodes["observer"], seeds)
     found = [
-        ("NEES, all 20 states", s.nees, N_ERROR * s.runs),
+        (f"NEES, all {N_ERROR} states", s.nees, N_ERROR * s.runs),
         ("NEES, position, velocity, attitude", s.nees_navigation, 9 * s.runs),
         *((f"NIS, {SENSORS[i]}", s.nis[i : i + 1], int(s.dof[i])) for i in range(4)),
     ]
     return [
-        f"| {gps} | {name} | {span(values / dof)} | {span(np.array(bounds(dof)) / dof)} | {dof} |"
+        {
+            "gps": gps,
+            "name": name,
+            "over_degrees": [float(np.min(values) / dof), float(np.max(values) / dof)],
+            "bounds": [float(bound / dof) for bound in bounds(dof)],
+            "degrees": dof,
+        }
         for name, values, dof in found
     ]
 
 
-def span(values: np.ndarray) -> str:
-    """One number, or the lowest and the highest."""
-    low, high = values.min(), values.max()
-    return f"{low:.3f}" if values.size == 1 else f"{low:.3f} to {high:.3f}"
-
-
-TABLES = (
-    "| GPS | attitude, deg: all (north, east, down) | velocity NED, m/s | position NED, m "
-    "| the receiver's own error NED, m |\n|---|---|---|---|---|",
-    "\n| GPS | normalised error squared | over its degrees of freedom "
-    f"(NEES: at {len(CHECKS_S)} times) | bounds 0.999 | degrees |\n|---|---|---|---|---|",
-    "\n| GPS | latency 0.15 s | position, m | velocity, m/s |\n|---|---|---|---|",
-)
+def latency(gps: str, seeds: list[int]) -> list[dict[str, Any]]:
+    """Rows: horizontal rms errors with the fixes' latency compensated and ignored."""
+    observer = resolve("hover", gps).nodes["observer"]
+    errors = latency_errors(observer, seeds, hover_path(amplitude_m=HOVER_M))
+    return [
+        {"gps": gps, "latency": words, "position_m": float(row[0]), "velocity_mps": float(row[1])}
+        for words, row in zip(("compensated", "ignored"), errors, strict=True)
+    ]
 
 
 def main() -> int:
     """Print all tables; 0."""
-    p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    p = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     p.add_argument("--seeds", default="1..20")
-    seeds = parse_seeds(p.parse_args().seeds)
-    print(TABLES[0])
-    for gps in GPS_PRESETS:
-        print(on_the_aircraft(gps, seeds), flush=True)
-    print(TABLES[1])
-    for gps in GPS_PRESETS:
-        print("\n".join(consistency(gps, seeds)), flush=True)
-    print(TABLES[2])
-    for gps in GPS_PRESETS:
-        observer = resolve("hover", gps).nodes["observer"]
-        errors = latency_errors(observer, seeds, hover_path(amplitude_m=HOVER_M))
-        for words, row in zip(("compensated", "ignored"), errors, strict=True):
-            print(f"| {gps} | {words} | {row[0]:.3f} | {row[1]:.3f} |", flush=True)
+    p.add_argument("--json", action="store_true", help="print JSON instead of Markdown")
+    options = p.parse_args()
+    seeds = parse_seeds(options.seeds)
+    found = {
+        "times": len(CHECKS_S),
+        "aircraft": [on_the_aircraft(gps, seeds) for gps in GPS_PRESETS],
+        "consistency": [row for gps in GPS_PRESETS for row in consistency(gps, seeds)],
+        "latency": [row for gps in GPS_PRESETS for row in latency(gps, seeds)],
+    }
+    print(json.dumps(found) if options.json else fusion_tables(found))
     return 0
 
 

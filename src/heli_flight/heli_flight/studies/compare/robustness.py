@@ -200,7 +200,8 @@ def _outcome(perturbation: Perturbation, law: Law, errors: list[float]) -> Outco
 
 def as_dict(outcomes: Sequence[Outcome], settings: Settings, n: int) -> dict[str, Any]:
     """For --json."""
-    rows = [{**asdict(o), "fraction": o.fraction} for o in outcomes]
+    names = {p.key: p.name for p in PERTURBATIONS}
+    rows = [{"name": names[o.perturbation], **asdict(o), "fraction": o.fraction} for o in outcomes]
     for row in rows:
         row["median_deg"] = row["median_deg"] if np.isfinite(row["median_deg"]) else None
         row["worst_deg"] = row["worst_deg"] if np.isfinite(row["worst_deg"]) else None

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Print what the packaged design is worth: gamma*, norms, margins, observer gains, PID, as JSON.
+
+Usage: python scripts/loop_table.py
+
+The loops are those of `heli design`, and besides: as flown without prediction, by LQR, and with an
+offset-free target. Nothing is flown.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from heli_flight.loop.settings import resolve
+from heli_flight.studies.design.make import LONGEST_DELAY_S, Design, make_design
+from heli_inner_hinf.analysis import LoopReport, analyse, model_of
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.loops import Model, flown_loop
+from heli_inner_hinf.margins import further_delay_s
+from heli_inner_hinf.observer_gain import choose_observer_gain
+from heli_inner_hinf.synthesis import gamma_star
+from heli_inner_hinf.weights import INPUT_NAMES
+
+PUBLISHED = Path(__file__).resolve().parent.parent / (
+    "tests/verification/data/nus_linear_model.yaml"
+)
+OFFSET_FREE_RADPS = (0.5, 1.0)
+# Rotor pole and gyro pole, rad/s, of the observers that are shown.
+SHOWN_POLES = ((-3.0, -5.0), (-10.0, -5.0), (-20.0, -5.0), (-40.0, -5.0))
+
+
+def finite(value: float) -> float | None:
+    """The value, None for infinity: JSON has none."""
+    return float(value) if np.isfinite(value) else None
+
+
+def loop_row(name: str, report: LoopReport, delay_s: float | None = None) -> dict[str, Any]:
+    """Norm and margins of a loop; `delay_s`: what it survives on top of its own."""
+    return {
+        "loop": name,
+        "norm": finite(report.norm),
+        "disk_input": report.disk_input.alpha,
+        "disk_output": report.disk_output.alpha,
+        "channels": {
+            channel: {"gain_db": finite(m.gain_up_db), "phase_deg": finite(m.phase_deg)}
+            for channel, m in zip(INPUT_NAMES, report.channels_input, strict=True)
+        },
+        "further_delay_s": delay_s,
+    }
+
+
+def loops(design: Design, parameters: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The three loops of the design, then variants of the loop as flown."""
+    K, feed, actuation = design.observer.K, design.observer_input, design.actuation
+
+    def flown(name: str, model: Model, prediction_s: float) -> dict[str, Any]:
+        loop = flown_loop(model, K, prediction_s, feed, actuation)
+        delay = further_delay_s(model, K, prediction_s, feed, actuation, LONGEST_DELAY_S)
+        return loop_row(name, analyse(loop), delay)
+
+    def model_with(**changes: Any) -> Model:
+        return model_of(AttitudeConfig.from_parameters({**parameters, **changes}))
+
+    ahead, model = design.attitude.prediction_s, design.model
+    rows = [loop_row(report.name, report) for report in design.reports[:2]]
+    return [
+        *rows,
+        flown("as flown", model, ahead),
+        flown("as flown, no prediction", model, 0.0),
+        flown("as flown, LQR", model_with(controller="lqr"), ahead),
+        *(
+            flown(
+                f"as flown, offset-free {rate:g} rad/s", model_with(offset_free_radps=rate), ahead
+            )
+            for rate in OFFSET_FREE_RADPS
+        ),
+    ]
+
+
+def observers(design: Design) -> list[dict[str, Any]]:
+    """Pole sets of the observer and their price, the loop as flown; the chosen one is marked."""
+    plain = replace(design.model, shift_rate=0.0)
+    best, tried = choose_observer_gain(
+        plain, design.attitude.prediction_s, design.actuation, design.observer_input
+    )
+    return [
+        {
+            "rotor_radps": c.poles[0],
+            "gyro_radps": c.poles[2],
+            "disk_input": c.disk_input,
+            "disk_output": c.disk_output,
+            "norm": finite(c.norm),
+            "noise_gain": finite(c.noise_gain),
+            "further_delay_s": c.further_delay_s,
+            "chosen": c.poles == best.poles,
+        }
+        for c in tried
+        if (c.poles[0], c.poles[2]) in SHOWN_POLES or c.poles == best.poles
+    ]
+
+
+def published_gamma_star(design: Design) -> float:
+    """gamma* of the published A, B, E with the packaged weights."""
+    model = yaml.safe_load(PUBLISHED.read_text(encoding="utf-8"))
+    plant = (np.array(model[name], float) for name in ("A", "B", "E"))
+    return gamma_star(*plant, design.attitude.C, design.attitude.D).value
+
+
+def main() -> int:
+    """Print everything; 0."""
+    design = make_design()
+    star = design.attitude.synthesis.gamma_star
+    found = {
+        "gamma": design.attitude.gamma,
+        "gamma_star": star.value,
+        "gamma_over_gamma_star": design.attitude.gamma / star.value,
+        "mechanism": star.mechanism.value,
+        "frequency_radps": star.frequency,
+        "published_gamma_star": published_gamma_star(design),
+        "servo_radps": design.actuation.servo_radps,
+        "servo_damping": design.actuation.servo_damping,
+        "delay_s": design.actuation.delay_s,
+        "prediction_s": design.attitude.prediction_s,
+        "loops": loops(design, resolve().nodes["inner_loop"]),
+        "observers": observers(design),
+        "pid": [
+            {
+                "axis": axis.axis,
+                "crossover_radps": axis.crossover_radps,
+                "phase_margin_deg": axis.phase_margin_deg,
+                "peak_sensitivity": axis.peak,
+            }
+            for axis in design.pid
+        ],
+    }
+    print(json.dumps(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

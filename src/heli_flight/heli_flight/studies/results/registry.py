@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which command makes which result file, and how closely another machine must repeat it."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from heli_parameters.parameters import ParameterError
+
+TWENTY = tuple(range(1, 21))
+FLIGHT = 1e-6
+"""Relative tolerance of what a flight gives on another processor or with other libraries: rounding
+differs there, and the closed loop keeps the difference small (docs/reproducibility.md)."""
+MARGIN = 1e-3
+"""The same of margins and norms, which are sought on grids."""
+FIT = 1e-3
+"""The same of what is fitted to flights: an optimiser ends within its own tolerance."""
+_NOT_COMPARED = math.inf
+
+
+@dataclass(frozen=True)
+class Producer:
+    """One result file and what makes it.
+
+    Attributes
+    ----------
+    name : str
+        docs/results/<name>.json.
+    command : str
+        What is run in the top folder of the checkout; prints JSON to stdout. Exit code 0 or 1: a
+        flight outside the paper's figures is a result.
+    what : str
+        One sentence.
+    seeds : tuple of int
+        Of wind and sensors; empty if nothing is random.
+    relative : float
+        Largest relative difference between a file and a fresh run on another kind of processor or
+        with other versions. With the same ones every number must be the same, bit for bit.
+    loose : mapping of str to float
+        Keys of what depends on the machine's load, with the relative difference allowed in any
+        case; inf: has to be there, is not compared.
+    """
+
+    name: str
+    command: str
+    what: str
+    seeds: tuple[int, ...] = ()
+    relative: float = FLIGHT
+    loose: Mapping[str, float] = field(default_factory=dict)
+
+
+_ATTITUDE = "./heli compare attitude --seeds 1..20 --ideal-navigation --json"
+PRODUCERS = (
+    Producer(
+        "hover",
+        "./heli campaign --scenario hover --seeds 1..20 --json",
+        "The hover test with both receivers.",
+        TWENTY,
+    ),
+    Producer(
+        "attitude",
+        "./heli campaign --scenario attitude --seeds 1..20 --json",
+        "The attitude test with both receivers.",
+        TWENTY,
+    ),
+    Producer("laws", _ATTITUDE, "The laws in the attitude test.", TWENTY),
+    Producer(
+        "laws_gusts",
+        f"{_ATTITUDE} --gusts",
+        "The laws in the attitude test with gusts.",
+        TWENTY,
+    ),
+    Producer(
+        "laws_flap_back",
+        f"{_ATTITUDE} --gusts --flap-back",
+        "The same on a rotor that flaps back.",
+        TWENTY,
+    ),
+    Producer(
+        "robustness",
+        "./heli compare robustness --n 200 --json",
+        "The nominal aircraft's laws on aircraft that differ from it.",
+        tuple(range(1, 201)),
+    ),
+    Producer(
+        "identification",
+        "python scripts/identify_seeds.py --seeds 1..20",
+        "The default aircraft identified from flight, then flown with what was found.",
+        TWENTY,
+        FIT,
+    ),
+    Producer(
+        "identification_others",
+        "python scripts/identify_seeds.py --seeds 1 --aircraft xcell60.yaml,logo600.yaml",
+        "Two other aircraft identified from flight, then flown with what was found.",
+        (1,),
+        FIT,
+    ),
+    Producer(
+        "loops",
+        "python scripts/loop_table.py",
+        "Norms and margins of the packaged design, its observer and its PID.",
+        relative=MARGIN,
+    ),
+    Producer(
+        "fusion",
+        "python scripts/fusion_table.py --seeds 1..20 --json",
+        "Errors and consistency of the navigation.",
+        TWENTY,
+    ),
+    Producer(
+        "deviations",
+        "python scripts/deviation_table.py --json",
+        "A, B, E of the linearised aircraft beside the published ones.",
+    ),
+    Producer(
+        "recorder",
+        "python scripts/recorder_table.py",
+        "Losses and load of the recorder, sizes of bags.",
+        loose={
+            "rate_hz": _NOT_COMPARED,
+            "recorder_cpu": _NOT_COMPARED,
+            "messages": 0.05,
+            "size_mb": 0.1,
+        },
+    ),
+    Producer(
+        "speed",
+        "python scripts/bench_plant.py --json",
+        "Times of the plant and of the whole loop in one process.",
+        loose={
+            key: _NOT_COMPARED
+            for key in (
+                "step_us",
+                "tick_us",
+                "noise_row_us",
+                "loop_times_real_time",
+                "first_compilation_s",
+            )
+        },
+    ),
+)
+_BY_NAME = {producer.name: producer for producer in PRODUCERS}
+
+
+def chosen(names: Iterable[str]) -> list[Producer]:
+    """Producers by name, all if there are no names.
+
+    Raises
+    ------
+    ParameterError
+        A name that is none of them.
+    """
+    wanted = list(names)
+    for name in wanted:
+        if name not in _BY_NAME:
+            raise ParameterError(f"results: {name!r} is none of {', '.join(_BY_NAME)}")
+    return [_BY_NAME[name] for name in wanted] or list(PRODUCERS)

@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every table that a Markdown file can hold between `results` markers."""
+
+from collections.abc import Callable, Mapping
+
+from heli_flight.studies.results import tables_of_flights as flights
+from heli_flight.studies.results import tables_of_parts as parts
+from heli_flight.studies.results.files import Results
+
+TABLES: Mapping[str, Callable[[Results], str]] = {
+    "paper": flights.paper,
+    "laws": flights.laws,
+    "laws_in_full": flights.laws_in_full,
+    "robustness": flights.robustness,
+    "identification": flights.identification,
+    "loops": parts.loops,
+    "observer_gains": parts.observer_gains,
+    "pid_axes": parts.pid_axes,
+    "fusion": parts.fusion,
+    "deviations": parts.deviations,
+    "recorder": parts.recorder,
+}

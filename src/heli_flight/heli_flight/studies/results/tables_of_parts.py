@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of parts: linear loops, navigation, linear model, recorder."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from heli_flight.studies.results.files import Results
+from heli_flight.studies.results.grid import grid, three, world
+
+_CHANNELS = ("d_lat", "d_lon", "d_ped")
+
+
+def loops(results: Results) -> str:
+    """Norms and margins of the packaged design."""
+    found = results["loops"]
+    head = ["loop", "norm wind -> h", "disk margin, input", "disk margin, output"]
+    head += [f"gain / phase margin {channel}" for channel in _CHANNELS]
+    rows = [
+        [
+            row["loop"],
+            f"{row['norm']:.4f}",
+            f"{row['disk_input']:.2f}",
+            f"{row['disk_output']:.2f}",
+            *(_margin(row["channels"][channel]) for channel in _CHANNELS),
+            "" if row["further_delay_s"] is None else f"{1e3 * row['further_delay_s']:.0f} ms",
+        ]
+        for row in found["loops"]
+    ]
+    return (
+        f"{grid([*head, 'further delay survived'], rows)}\n\n"
+        f"gamma = {found['gamma']:g} = {found['gamma_over_gamma_star']:.2f} gamma*, "
+        f"gamma* = {found['gamma_star']:.6f} ({found['mechanism']}, at "
+        f"{found['frequency_radps']:.1f} rad/s; of the published A, B, E: "
+        f"{found['published_gamma_star']:.6f}). As flown: servos of {found['servo_radps']:g} rad/s "
+        f"(damping {found['servo_damping']:g}), {1e3 * found['delay_s']:g} ms of delay, 100 Hz, "
+        f"prediction {1e3 * found['prediction_s']:g} ms."
+    )
+
+
+def _margin(channel: Mapping[str, Any]) -> str:
+    gain = "inf" if channel["gain_db"] is None else f"{channel['gain_db']:.1f} dB"
+    return f"{gain} / {channel['phase_deg']:.0f} deg"
+
+
+def observer_gains(results: Results) -> str:
+    """What the observer's poles buy and cost."""
+    rows = [
+        [
+            f"{row['rotor_radps']:g} / {row['gyro_radps']:g}" + " (chosen)" * row["chosen"],
+            f"{row['disk_input']:.2f} / {row['disk_output']:.2f}",
+            f"{row['norm']:.4f}",
+            f"{row['noise_gain']:.3f}",
+        ]
+        for row in results["loops"]["observers"]
+    ]
+    head = ["poles, rotor / gyro, rad/s", "disk margin, input / output", "norm wind -> h"]
+    return grid([*head, "actuator rms per gyro rms, 1/(rad/s)"], rows)
+
+
+def pid_axes(results: Results) -> str:
+    """The PID's loops."""
+    rows = [
+        [
+            axis["axis"],
+            f"{axis['crossover_radps']:.1f} rad/s",
+            f"{axis['phase_margin_deg']:.0f} deg",
+            f"{axis['peak_sensitivity']:.2f}",
+        ]
+        for axis in results["loops"]["pid"]
+    ]
+    return grid(["PID, axis", "crossover", "phase margin", "max abs(S)"], rows)
+
+
+def fusion(results: Results) -> str:
+    """How good the navigation is."""
+    found = results["fusion"]
+    flown = {"Hover test": [row["conditions"] for row in found["aircraft"]]}
+    return (
+        f"{fusion_tables(found)}\n\nRms over {results.seeds('fusion')}. First table: hover test, "
+        f"loop closed, from 5 s on. The others: synthetic flights. {world(flown)}"
+    )
+
+
+def fusion_tables(found: Mapping[str, Any]) -> str:
+    """The three tables of what scripts/fusion_table.py has found."""
+    aircraft = [
+        [
+            row["gps"],
+            three(row["attitude_ned_deg"], 2),
+            three(row["velocity_ned_mps"], 3),
+            three(row["position_ned_m"], 3),
+            three(row["receiver_ned_m"], 3),
+        ]
+        for row in found["aircraft"]
+    ]
+    consistency = [
+        [
+            row["gps"],
+            row["name"],
+            " to ".join(dict.fromkeys(f"{value:.3f}" for value in row["over_degrees"])),
+            " to ".join(f"{bound:.3f}" for bound in row["bounds"]),
+            str(row["degrees"]),
+        ]
+        for row in found["consistency"]
+    ]
+    latency = [
+        [row["gps"], row["latency"], f"{row['position_m']:.3f}", f"{row['velocity_mps']:.3f}"]
+        for row in found["latency"]
+    ]
+    axes = "north, east, down"
+    errors = [f"attitude, deg: {axes}", f"velocity, m/s: {axes}", f"position, m: {axes}"]
+    normalised = f"over its degrees of freedom (NEES: at {found['times']} times)"
+    return "\n\n".join(
+        (
+            grid(["GPS", *errors, "the receiver's own error, m"], aircraft),
+            grid(
+                ["GPS", "normalised error squared", normalised, "bounds 0.999", "degrees"],
+                consistency,
+            ),
+            grid(["GPS", "latency 0.15 s", "horizontal position, m", "velocity, m/s"], latency),
+        )
+    )
+
+
+def deviations(results: Results) -> str:
+    """Entries of A, B, E that are not the published ones."""
+    rows = results["deviations"]["rows"]
+    explained = [
+        [row["entry"], f"{row['published']:.4f}", f"{row['ours']:.4f}", row["remark"]]
+        for row in rows
+        if row["remark"]
+    ]
+    return (
+        f"{grid(['entry', 'published', 'ours', 'why'], explained)}\n\nThe other "
+        f"{len(rows) - len(explained)} of {len(rows)} entries that are not zero or pure kinematics "
+        "are within 0.6 % of the published ones or half a unit of their last digit."
+    )
+
+
+def recorder(results: Results) -> str:
+    """Losses and processor time of the recorder, sizes of bags."""
+    found = results["recorder"]
+    rates = [
+        [
+            f"{row['rate_hz']:.0f}",
+            str(row["sent"]),
+            str(row["lost"]),
+            f"{100.0 * row['recorder_cpu']:.0f} %",
+        ]
+        for row in found["rates"]
+    ]
+    bags = [
+        [
+            row["storage"] + ("" if row["compression"] == "none" else f", {row['compression']}"),
+            f"{row['flight_s']} s",
+            str(row["messages"]),
+            f"{row['size_mb']:.1f} MB",
+        ]
+        for row in found["bags"]
+    ]
+    made = results.read["recorder"]
+    return (
+        f"{grid(['messages/s, 10 topics, MCAP', 'sent', 'lost', 'of a core'], rates)}\n\n"
+        f"{grid(['bag of a flight', 'flight', 'messages', 'size'], bags)}\n\n"
+        f"On a machine with other work (load {made['load']:g} on "
+        f"{made['processor']['cores']} cores)."
+    )
