@@ -30,7 +30,7 @@ from heli_identification.structure import (
     place_of,
     values_of,
 )
-from heli_observer.layout import TICK_S
+from heli_math.ticks import TICK_S
 
 LEAST_COHERENCE = 0.6
 SIGNIFICANT_SHARE = 0.01

@@ -12,7 +12,7 @@ from heli_identification.experiment import Array, Experiment
 from heli_identification.response import transfer
 from heli_identification.spectra import GUST, VEL, U, hann_amplitudes, spectra_of
 from heli_math.linear_systems import held, with_servos
-from heli_observer.layout import TICK_S
+from heli_math.ticks import TICK_S
 
 _COL, _GUST_W = 3, 6
 _LEAST_LINES = 4

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_identification.errors import Cause, IdentificationError
-from heli_observer.layout import TICK_S
+from heli_math.ticks import TICK_S
 
 Array = NDArray[np.float64]
 

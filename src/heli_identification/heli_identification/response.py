@@ -14,7 +14,7 @@ import numpy as np
 from heli_identification.experiment import Array
 from heli_identification.spectra import GUST, KINK, N_SIGNAL, VEL, ComplexArray, U
 from heli_math.linear_systems import held_and_linear, held_late, with_servos
-from heli_observer.layout import TICK_S
+from heli_math.ticks import TICK_S
 
 FAST = slice(2, 8)  # p q a_s b_s r d_int within eq. (10)
 N_FAST, N_ACTUATOR = 6, 4

@@ -17,7 +17,7 @@ from scipy.special import erf
 
 from heli_identification.errors import Cause, IdentificationError
 from heli_identification.experiment import ACTUATORS, WIND, Array, Experiment
-from heli_observer.layout import TICK_S
+from heli_math.ticks import TICK_S
 
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.int64]

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from heli_identification.experiment import Array
 from heli_identification.response import FastModel
 from heli_identification.spectra import GUST, VEL, ComplexArray, Spectra, U, Y
-from heli_observer.layout import TICK_S
+from heli_math.ticks import TICK_S
 
 _SERVOS_RADPS = (20.0, 45.0, 90.0)
 _FLAPPING_1PS = (2.0, 6.0, 20.0)

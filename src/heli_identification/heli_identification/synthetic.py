@@ -14,9 +14,9 @@ from heli_identification.experiment import Experiment
 from heli_identification.response import FastModel
 from heli_identification.structure import full_matrices
 from heli_math.linear_systems import held, with_servos
+from heli_math.ticks import TICK_S
 
 G = 9.8
-TICK_S = 0.01
 TRIM = (0.039, 0.001)
 
 

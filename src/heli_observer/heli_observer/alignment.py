@@ -14,11 +14,13 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_math.rows import IMU
 from heli_observer.arrays import copy_part, fill, fill_matrix
 from heli_observer.ins_ekf import field_plausible, heading_derivatives, start_scalar
 from heli_observer.layout import (
-    AID_GPS,
+    AID_GPS_POS,
     AID_GPS_VALID,
+    AID_GPS_VEL,
     AID_MAG,
     AID_MAG_VALID,
     C_ALIGNED,
@@ -133,17 +135,19 @@ def align(state, tick, horizon_ticks, k):
     mag_tick = newest_aid(aid, AID_MAG_VALID, tick, horizon_ticks)
     if fix_tick == NO_TICK or mag_tick == NO_TICK:
         return False
-    fix = aid[fix_tick % size, AID_GPS : AID_GPS + 6]
+    fix = aid[fix_tick % size]
+    pos, vel = fix[AID_GPS_POS : AID_GPS_POS + 3], fix[AID_GPS_VEL : AID_GPS_VEL + 3]
     finite = True
-    for i in range(6):
-        finite = finite and math.isfinite(fix[i])
+    for i in range(3):
+        finite = finite and math.isfinite(pos[i]) and math.isfinite(vel[i])
     mag = aid[mag_tick % size, AID_MAG : AID_MAG + 3]
     if not (finite and field_plausible(mag, k.field_ned_t, k.field_tolerance)):
         return False
     force = np.zeros(3)
     for back in range(horizon_ticks + 1):
         for i in range(3):
-            force[i] += state.imu[(tick - back) % size, i] / (horizon_ticks + 1.0)
+            sample = state.imu[(tick - back) % size, IMU.force.start + i]
+            force[i] += sample / (horizon_ticks + 1.0)
     strength = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2) / k.gravity_mps2
     if not abs(strength - 1.0) <= FORCE_TOLERANCE:
         return False
@@ -152,8 +156,8 @@ def align(state, tick, horizon_ticks, k):
     fill(x, 0.0)
     age_s = (fix_tick - (tick - horizon_ticks)) * k.dt_s
     for i in range(3):
-        x[X_VEL + i] = fix[3 + i]
-        x[X_POS + i] = fix[i] - age_s * fix[3 + i]
+        x[X_VEL + i] = vel[i]
+        x[X_POS + i] = pos[i] - age_s * vel[i]
     psi = heading_from_mag(phi, theta, mag, k.field_ned_t)
     copy_part(x, X_QUAT, quat_from_euler(phi, theta, psi), 0, 4)
     _start_covariance(state.P, x[X_QUAT : X_QUAT + 4], age_s, k)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincinv
 
+from heli_math.ticks import TICK_S, ticks_in
 from heli_observer.layout import (
     E_ACCEL_BIAS,
     E_ATT,
@@ -16,7 +17,6 @@ from heli_observer.layout import (
     E_MAG_ERROR,
     MAX_U_DELAY_TICKS,
     N_ERROR,
-    TICK_S,
     EkfKernel,
     ObserverKernel,
     RotorKernel,
@@ -84,8 +84,8 @@ def _ekf_kernel(v: Mapping[str, Any]) -> EkfKernel:
     )
 
 
-def _ticks(seconds: float) -> int:
-    return max(1, round(seconds / TICK_S))
+def _ticks(time_s: float) -> int:
+    return max(1, ticks_in(time_s))
 
 
 @dataclass(frozen=True)

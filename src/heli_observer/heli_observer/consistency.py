@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from heli_math.rows import MEAS, NAV
+from heli_math.ticks import seconds, ticks_in
 from heli_observer import layout as L
 from heli_observer.observer import ObserverConfig, initial_state, observe
 from heli_observer.synthetic import Flight, Path, hover_path, synthesize
@@ -28,6 +30,7 @@ _FUSED = [L.C_GPS_FUSED, L.C_GPS_FUSED, L.C_MAG_FUSED, L.C_BARO_FUSED]
 _NIS = [L.D_NIS_POS, L.D_NIS_VEL, L.D_NIS_MAG, L.D_NIS_BARO]
 _REJECTED = [L.C_MAG_REJECTED, L.C_BARO_REJECTED, L.C_GPS_POS_REJECTED, L.C_GPS_VEL_REJECTED]
 _DOF = [3, 3, 1, 1]
+_NAVIGATION = slice(L.E_POS, L.E_ATT + 3)  # position, velocity and attitude stand first
 
 
 def rotation(q: Array) -> Rotation:
@@ -37,18 +40,27 @@ def rotation(q: Array) -> Rotation:
 
 def error_state(flight: Flight, tick: int, x: Array) -> Array:
     """Truth minus nominal state x (21,) at a tick, in the filter's error coordinates (20,)."""
-    attitude = (rotation(flight.q[tick]) * rotation(x[6:10]).inv()).as_rotvec()
-    return np.concatenate(
-        [
-            flight.pos[tick] - x[0:3],
-            flight.vel[tick] - x[3:6],
-            attitude,
-            flight.gyro_bias[tick] - x[10:13],
-            flight.accel_bias[tick] - x[13:16],
-            flight.drift[tick] - x[16:19],
-            [flight.baro_bias[tick] - x[19], flight.mag_error[tick] - x[20]],
-        ]
-    )
+    e = np.empty(L.N_ERROR)
+    for at, true, nominal in (
+        (L.E_POS, flight.pos, L.X_POS),
+        (L.E_VEL, flight.vel, L.X_VEL),
+        (L.E_GYRO_BIAS, flight.gyro_bias, L.X_GYRO_BIAS),
+        (L.E_ACCEL_BIAS, flight.accel_bias, L.X_ACCEL_BIAS),
+        (L.E_DRIFT, flight.drift, L.X_DRIFT),
+    ):
+        e[at : at + 3] = true[tick] - x[nominal : nominal + 3]
+    turn = rotation(flight.q[tick]) * rotation(x[L.X_QUAT : L.X_QUAT + 4]).inv()
+    e[L.E_ATT : L.E_ATT + 3] = turn.as_rotvec()
+    e[L.E_BARO_BIAS] = flight.baro_bias[tick] - x[L.X_BARO_BIAS]
+    e[L.E_MAG_ERROR] = flight.mag_error[tick] - x[L.X_MAG_ERROR]
+    return e
+
+
+def sent_errors(flight: Flight, tick: int, nav: Array) -> Array:
+    """Errors (3, 3) of position, velocity and attitude as sent, over the deviations sent."""
+    turn = rotation(flight.q[tick]) * rotation(nav[NAV.quat]).inv()
+    errors = flight.pos[tick] - nav[NAV.pos], flight.vel[tick] - nav[NAV.vel], turn.as_rotvec()
+    return np.array(errors) / [nav[NAV.sigma_pos], nav[NAV.sigma_vel], nav[NAV.sigma_att]]
 
 
 @dataclass
@@ -102,7 +114,7 @@ def collect(
 
 
 def _add_flight(total: Statistics, flight: Flight, config: ObserverConfig, u: Array) -> None:
-    k, out, state = config.kernel, np.empty(L.N_NAV), initial_state(config)
+    k, out, state = config.kernel, np.empty(NAV.size), initial_state(config)
     before = state.count[_FUSED].copy()
     for tick in range(len(flight.y)):
         observe(state, tick, flight.y[tick], u, k, out)
@@ -111,14 +123,13 @@ def _add_flight(total: Statistics, flight: Flight, config: ObserverConfig, u: Ar
         if tick > 0:
             total.nis += fused * state.diag[_NIS]
             total.dof += fused * _DOF
-        if tick % 100 == 0 and tick // 100 in CHECKS_S:
-            i = CHECKS_S.index(tick // 100)
+        if seconds(tick) in CHECKS_S:
+            i = CHECKS_S.index(seconds(tick))
             e = error_state(flight, tick - k.horizon_ticks, state.nominal)
             total.nees[i] += e @ np.linalg.solve(state.P, e)
-            total.nees_navigation[i] += e[:9] @ np.linalg.solve(state.P[:9, :9], e[:9])
-            sent = error_state(flight, tick, np.concatenate([out[:10], np.zeros(11)]))[:9]
-            scaled = sent / out[L.OUT_SIGMA_POS : L.OUT_SIGMA_ATT + 3]
-            total.output[i] += (scaled**2).reshape(3, 3).sum(axis=1)
+            own, P = e[_NAVIGATION], state.P[_NAVIGATION, _NAVIGATION]
+            total.nees_navigation[i] += own @ np.linalg.solve(P, own)
+            total.output[i] += (sent_errors(flight, tick, out) ** 2).sum(axis=1)
     total.rejected += int(state.count[_REJECTED].sum())
     total.runs += 1
 
@@ -140,14 +151,15 @@ def latency_errors(
     sums, count, u = np.zeros((2, 2)), 0, np.array(parameters["trim.u"])
     for seed in seeds:
         flight = synthesize(path, parameters, 40.0, seed)
+        truth = ((NAV.pos, flight.pos), (NAV.vel, flight.vel))
         arrival = flight.y.copy()
-        arrival[:, L.Y_GPS_STAMP] = np.arange(len(arrival))
-        for row, rows in enumerate((flight.y, arrival)):
-            state, out = initial_state(config), np.empty(L.N_NAV)
-            for tick, y in enumerate(rows):
+        arrival[:, MEAS.gps_tick] = np.arange(len(arrival))
+        for row, measured in enumerate((flight.y, arrival)):
+            state, out = initial_state(config), np.empty(NAV.size)
+            for tick, y in enumerate(measured):
                 observe(state, tick, y, u, config.kernel, out)
-                if tick >= 100 * start_s:
-                    sums[row, 0] += ((out[0:2] - flight.pos[tick, 0:2]) ** 2).sum()
-                    sums[row, 1] += ((out[3:5] - flight.vel[tick, 0:2]) ** 2).sum()
-        count += 2 * (len(flight.y) - round(100 * start_s))
+                if tick >= ticks_in(start_s):
+                    for i, (place, true) in enumerate(truth):
+                        sums[row, i] += ((out[place] - true[tick])[:2] ** 2).sum()
+        count += 2 * (len(flight.y) - ticks_in(start_s))
     return np.sqrt(sums / count)

@@ -34,7 +34,8 @@ from heli_math.rotations import (
 from heli_observer.arrays import copy_matrix, copy_part, fill
 from heli_observer.layout import (
     AID_BARO,
-    AID_GPS,
+    AID_GPS_POS,
+    AID_GPS_VEL,
     AID_MAG,
     D_DOF_POS,
     D_DOF_VEL,
@@ -236,12 +237,12 @@ def fuse_gps(x, P, trial, dx, diag, aid, k):
     (int, int)
         1 fused, 0 refused by the gate, -1 nothing finite; for position and for velocity.
     """
-    z = aid[AID_GPS : AID_GPS + 3]
+    z = aid[AID_GPS_POS : AID_GPS_POS + 3]
     var_h, var_v = k.var_gps_pos_horizontal, k.var_gps_pos_vertical
     nis, dof, ok = _fuse_triple(x, P, trial, dx, z, X_POS, E_POS, 1.0, var_h, var_v, k.gates)
     diag[D_NIS_POS], diag[D_DOF_POS] = nis, dof
     position = -1 if dof == 0 else int(ok)
-    z = aid[AID_GPS + 3 : AID_GPS + 6]
+    z = aid[AID_GPS_VEL : AID_GPS_VEL + 3]
     var_h, var_v = k.var_gps_vel_horizontal, k.var_gps_vel_vertical
     nis, dof, ok = _fuse_triple(x, P, trial, dx, z, X_VEL, E_VEL, 0.0, var_h, var_v, k.gates)
     diag[D_NIS_VEL], diag[D_DOF_VEL] = nis, dof

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layout of every array of the observer, its status values and what they mean, in one place."""
+"""Layout of the observer's own arrays, its status values and what they mean, in one place.
+
+What it takes and gives (measurement and navigation row) is laid out in `heli_math.rows`. Here a
+name is where a part begins, as the filter's loops count through vectors and matrices from there.
+"""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -7,26 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-TICK_S = 0.01
-"""One tick (s); time itself is the integer tick."""
-
-# --- measurement row y (first N_MEAS entries; what follows in the plant's row is truth, never read)
-Y_SPECIFIC_FORCE = 0  # 3, body, m/s2
-Y_RATE = 3  # 3, body, rad/s
-Y_MAG = 6  # 3, body, T
-Y_BARO = 9  # Pa
-Y_GPS_POS = 10  # 3, NED, m
-Y_GPS_VEL = 13  # 3, NED, m/s
-Y_MAG_VALID = 16
-Y_BARO_VALID = 17
-Y_GPS_VALID = 18
-Y_GPS_STAMP = 19  # tick at which the fix was true
-N_MEAS = 20
-
-# --- navigation output row
-N_NAV = 31
-OUT_POS, OUT_VEL, OUT_QUAT, OUT_RATE, OUT_ROTOR = 0, 3, 6, 10, 13
-OUT_GYRO_BIAS, OUT_ACCEL_BIAS, OUT_SIGMA_POS, OUT_SIGMA_VEL, OUT_SIGMA_ATT = 16, 19, 22, 25, 28
+from heli_math.state_names import INPUT_NAMES, MEASURED, UNMEASURED
 
 # --- nominal state of the filter
 X_POS, X_VEL, X_QUAT, X_GYRO_BIAS, X_ACCEL_BIAS = 0, 3, 6, 10, 13
@@ -38,10 +23,9 @@ E_POS, E_VEL, E_ATT, E_GYRO_BIAS, E_ACCEL_BIAS = 0, 3, 6, 9, 12
 E_DRIFT, E_BARO_BIAS, E_MAG_ERROR = 15, 18, 19
 N_ERROR = 20
 
-# --- ring buffer columns
-IMU_F, IMU_W, N_IMU = 0, 3, 6
+# --- ring buffer columns beside those of the IMU (`heli_math.rows.IMU`)
 AID_MAG_VALID, AID_MAG, AID_BARO_VALID, AID_BARO = 0, 1, 4, 5
-AID_GPS_VALID, AID_GPS = 6, 7
+AID_GPS_VALID, AID_GPS_POS, AID_GPS_VEL = 6, 7, 10
 N_AID = 13
 
 # --- integer record `count`
@@ -85,10 +69,11 @@ D_NIS_POS, D_NIS_VEL, D_NIS_MAG, D_NIS_BARO, D_DOF_POS, D_DOF_VEL = 0, 1, 2, 3, 
 D_HEADING_INNOVATION = 6  # rad
 N_DIAG = 7
 
-# --- reduced-order observer: w = [z (3), servo positions (3), servo rates (3)], y = 6 outputs
-N_UNMEASURED, N_OUTPUT, N_INPUT, N_ROTOR_W = 3, 6, 3, 9
-ROTOR_STATES = (4, 5, 7)  # a_s, b_s, d_int among the nine states of eq. (10)
-MEASURED_STATES = (0, 1, 2, 3, 6, 8)  # phi, theta, p, q, r, psi
+# --- reduced-order observer: w = [z, servo positions, servo rates]; outputs y; past commands
+N_UNMEASURED, N_OUTPUT, N_INPUT = len(UNMEASURED), len(MEASURED), len(INPUT_NAMES)
+W_SERVO, W_SERVO_RATE = N_UNMEASURED, N_UNMEASURED + N_INPUT
+N_ROTOR_W = W_SERVO_RATE + N_INPUT
+M_PHI, M_THETA, M_RATE, M_PSI = 0, 1, 2, 5  # within y
 MAX_U_DELAY_TICKS = 2
 
 

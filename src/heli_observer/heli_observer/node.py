@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from heli_math.rows import ACTUATOR, MEAS, NAV
+from heli_math.ticks import TICKS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
@@ -14,7 +16,6 @@ from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
-from heli_observer import layout as L
 from heli_observer.layout import ObserverState
 from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
 from heli_observer.parameter_table import NODE_NAME, TABLE
@@ -30,9 +31,9 @@ class Navigation(TickCore):
     state: ObserverState
     send_odom: Send
     send_rotor: Send
-    y: np.ndarray = field(default_factory=lambda: np.zeros(L.N_MEAS))
-    u: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
-    out: np.ndarray = field(default_factory=lambda: np.zeros(L.N_NAV))
+    y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.sensed))
+    u: np.ndarray = field(default_factory=lambda: np.full(ACTUATOR.size, np.nan))
+    out: np.ndarray = field(default_factory=lambda: np.zeros(NAV.size))
 
 
 class ObserverNode(TickNode[Navigation, None]):
@@ -85,35 +86,35 @@ class ObserverNode(TickNode[Navigation, None]):
         observe(core.state, tick, core.y, core.u, core.config.kernel, core.out)
         stamp_ns = self.stamp_ns(tick)
         core.send_odom(core.out, stamp_ns)
-        core.send_rotor(core.out[13:16], stamp_ns)
+        core.send_rotor(core.out[NAV.rotor], stamp_ns)
         self._tell()
 
     def _fill_measurements(self, y: np.ndarray, arrived: Arrived) -> None:
         y[:] = 0.0
         _, imu = arrived.get(topics.IMU, (0, None))
-        y[0:6] = np.nan if imu is None else imu
+        y[MEAS.imu] = np.nan if imu is None else imu
         _, mag = arrived.get(topics.MAG, (0, None))
         if mag is not None:
-            y[6:9], y[16] = mag, 1.0
+            y[MEAS.mag], y[MEAS.mag_valid] = mag, 1.0
         _, baro = arrived.get(topics.BARO, (0, None))
         if baro is not None:
-            y[9], y[17] = baro[0], 1.0
+            y[MEAS.baro], y[MEAS.baro_valid] = baro[0], 1.0
         stamp, fix = arrived.get(topics.GPS_FIX, (0, None))
         if fix is not None:
             _, velocity = arrived.get(topics.GPS_VELOCITY, (0, None))
-            y[10:13] = fix
-            y[13:16] = np.nan if velocity is None else velocity
-            y[18], y[19] = 1.0, stamp
+            y[MEAS.gps_pos] = fix
+            y[MEAS.gps_vel] = np.nan if velocity is None else velocity
+            y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, stamp
 
     def _tell(self) -> None:
         core = self.core
         named = ObserverStatus(status(core.state, core.config.kernel))
-        if self.tick % 100 == 0 or named.sentence != self.health.message:
+        if self.tick % TICKS_PER_S == 0 or named.sentence != self.health.message:
             facts = {
                 "status": named.name,
-                "sigma_position_m": np.round(core.out[22:25], 3).tolist(),
-                "sigma_velocity_mps": np.round(core.out[25:28], 3).tolist(),
-                "sigma_attitude_deg": np.round(np.degrees(core.out[28:31]), 3).tolist(),
+                "sigma_position_m": np.round(core.out[NAV.sigma_pos], 3).tolist(),
+                "sigma_velocity_mps": np.round(core.out[NAV.sigma_vel], 3).tolist(),
+                "sigma_attitude_deg": np.round(np.degrees(core.out[NAV.sigma_att]), 3).tolist(),
                 "refused_messages": len(core.refused),
             }
             self.warn_or_ok(_LEVELS.get(named, Level.WARN), named.sentence, facts)

@@ -13,18 +13,19 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, wrap_pi
+from heli_math.rows import ACTUATOR, IMU, NAV
 from heli_observer import layout as L
 from heli_observer.alignment import align
 from heli_observer.arrays import copy_part, fill
 from heli_observer.buffers import store_gps, store_mag_baro, take_tick
 from heli_observer.config import ObserverConfig
 from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict, start_baro
-from heli_observer.layout import N_NAV, ObserverState, ObserverStatus
+from heli_observer.layout import ObserverState, ObserverStatus
 from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
 from heli_observer.strapdown import strapdown
 
-__all__ = ["N_NAV", "ObserverConfig", "ObserverState", "ObserverStatus"]
-__all__ += ["initial_state", "observe", "status"]
+__all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state", "observe"]
+__all__ += ["status"]
 
 _OK = int(ObserverStatus.OK)
 _ALIGNING = int(ObserverStatus.ALIGNING)
@@ -49,12 +50,12 @@ def initial_state(config: ObserverConfig) -> ObserverState:
         P=np.zeros((L.N_ERROR, L.N_ERROR)),
         trial=np.zeros((L.N_ERROR, L.N_ERROR)),
         dx=np.zeros((2, L.N_ERROR)),
-        imu=np.zeros((slots, L.N_IMU)),
+        imu=np.zeros((slots, IMU.size)),
         aid=np.zeros((slots, L.N_AID)),
         now=np.zeros(L.N_NOMINAL),
         rotor=np.zeros(L.N_ROTOR_W),
         y=np.zeros((2, L.N_OUTPUT)),
-        u=np.tile(config.kernel.rotor.u_trim, (3, 1)),
+        u=np.tile(config.kernel.rotor.u_trim, (L.MAX_U_DELAY_TICKS + 1, 1)),
         diag=np.zeros(L.N_DIAG),
         count=count,
     )
@@ -128,30 +129,31 @@ def _sigma_now(P, R, a_ned, lead_s, k, out):
     accelerometer bias, position error by the velocity error, both by the accelerometer's noise;
     attitude error (rotation vector, NED axes) by the gyro's bias and noise.
     """
-    row = np.zeros(6)  # velocity error rate by attitude and accelerometer bias
+    by_att, by_bias = np.zeros(3), np.zeros(3)  # velocity error rate by attitude, by force bias
     pg = np.zeros(L.N_ERROR)
+    sigma_pos, sigma_vel, sigma_att = out[NAV.sigma_pos], out[NAV.sigma_vel], out[NAV.sigma_att]
     noise = k.var_vel_step / k.dt_s
     for i in range(3):
         after, before = (i + 1) % 3, (i + 2) % 3
-        row[i], row[after], row[before] = 0.0, a_ned[before], -a_ned[after]
+        by_att[i], by_att[after], by_att[before] = 0.0, a_ned[before], -a_ned[after]
         for j in range(3):
-            row[3 + j] = -R[i, j]
+            by_bias[j] = -R[i, j]
         for n in range(L.N_ERROR):
             pg[n] = 0.0
             for j in range(3):
-                pg[n] += row[j] * P[n, L.E_ATT + j] + row[3 + j] * P[n, L.E_ACCEL_BIAS + j]
+                pg[n] += by_att[j] * P[n, L.E_ATT + j] + by_bias[j] * P[n, L.E_ACCEL_BIAS + j]
         var_force = 0.0
         for j in range(3):
-            var_force += row[j] * pg[L.E_ATT + j] + row[3 + j] * pg[L.E_ACCEL_BIAS + j]
+            var_force += by_att[j] * pg[L.E_ATT + j] + by_bias[j] * pg[L.E_ACCEL_BIAS + j]
         var_v, cov_pv = P[L.E_VEL + i, L.E_VEL + i], P[L.E_POS + i, L.E_VEL + i]
         t, h = lead_s, 0.5 * lead_s * lead_s
         velocity = var_v + 2.0 * t * pg[L.E_VEL + i] + t * t * var_force + noise * t
         position = P[L.E_POS + i, L.E_POS + i] + t * t * var_v + h * h * var_force
         position += 2.0 * (t * cov_pv + h * pg[L.E_POS + i] + t * h * pg[L.E_VEL + i])
         position += noise * t * t * t / 3.0
-        out[L.OUT_SIGMA_POS + i] = math.sqrt(max(position, 0.0))
-        out[L.OUT_SIGMA_VEL + i] = math.sqrt(max(velocity, 0.0))
-        out[L.OUT_SIGMA_ATT + i] = math.sqrt(max(_attitude_variance(P, R, i, lead_s, k), 0.0))
+        sigma_pos[i] = math.sqrt(max(position, 0.0))
+        sigma_vel[i] = math.sqrt(max(velocity, 0.0))
+        sigma_att[i] = math.sqrt(max(_attitude_variance(P, R, i, lead_s, k), 0.0))
 
 
 @njit
@@ -165,34 +167,38 @@ def _navigation_output(state, tick, k, out):
     for t in range(tick - k.horizon_ticks, tick):
         imu0, imu1 = state.imu[t % size], state.imu[(t + 1) % size]
         strapdown(now, imu0, imu1, k.ekf.gravity_mps2, k.ekf.dt_s, a_ned, R)
-    copy_part(out, 0, now, 0, L.OUT_RATE)
+    copy_part(out[NAV.pos], 0, now, L.X_POS, 3)
+    copy_part(out[NAV.vel], 0, now, L.X_VEL, 3)
+    copy_part(out[NAV.quat], 0, now, L.X_QUAT, 4)
+    copy_part(out[NAV.gyro_bias], 0, now, L.X_GYRO_BIAS, 3)
+    copy_part(out[NAV.accel_bias], 0, now, L.X_ACCEL_BIAS, 3)
+    rate, measured = out[NAV.rate], state.imu[tick % size, IMU.rate]
     for i in range(3):
-        out[L.OUT_RATE + i] = state.imu[tick % size, 3 + i] - now[L.X_GYRO_BIAS + i]
-        out[L.OUT_GYRO_BIAS + i] = now[L.X_GYRO_BIAS + i]
-        out[L.OUT_ACCEL_BIAS + i] = now[L.X_ACCEL_BIAS + i]
+        rate[i] = measured[i] - now[L.X_GYRO_BIAS + i]
     _sigma_now(state.P, R, a_ned, k.horizon_ticks * k.ekf.dt_s, k.ekf, out)
 
 
 @njit
 def _outputs_from_trim(y, psi_before, out, k):
     """phi theta p q r psi of out, minus trim, into y (6,); psi goes on from psi_before."""
-    phi, theta, psi = euler_from_quat(out[L.OUT_QUAT : L.OUT_QUAT + 4])
-    y[0], y[1] = phi - k.y_trim[0], theta - k.y_trim[1]
+    phi, theta, psi = euler_from_quat(out[NAV.quat])
+    y[L.M_PHI], y[L.M_THETA] = phi - k.y_trim[L.M_PHI], theta - k.y_trim[L.M_THETA]
+    rate = out[NAV.rate]
     for i in range(3):
-        y[2 + i] = out[L.OUT_RATE + i] - k.y_trim[2 + i]
-    y[5] = psi_before + wrap_pi(psi - k.y_trim[5] - psi_before)
+        y[L.M_RATE + i] = rate[i] - k.y_trim[L.M_RATE + i]
+    y[L.M_PSI] = psi_before + wrap_pi(psi - k.y_trim[L.M_PSI] - psi_before)
 
 
 @njit
 def _rotor_update(state, ticks, u_prev, started, k, out):
     """Advance the reduced-order observer by `ticks`, or start it, and write its states into out."""
     u = state.u
-    for i in range(4):
+    for i in range(ACTUATOR.size):
         if not math.isfinite(u_prev[i]):
             state.count[L.C_ACTUATOR_DROPPED] += 1
     before, after = state.y[1], state.y[0]
     if not started:
-        for i in range(4):
+        for i in range(ACTUATOR.size):
             if math.isfinite(u_prev[i]):
                 u[0, i] = u[1, i] = u[2, i] = u_prev[i]
         _outputs_from_trim(after, 0.0, out, k)
@@ -201,11 +207,11 @@ def _rotor_update(state, ticks, u_prev, started, k, out):
         start = np.empty(L.N_OUTPUT)
         copy_part(start, 0, after, 0, L.N_OUTPUT)
         end = np.empty(L.N_OUTPUT)
-        _outputs_from_trim(end, start[5], out, k)
+        _outputs_from_trim(end, start[L.M_PSI], out, k)
         for n in range(ticks):
-            copy_part(u[2], 0, u[1], 0, 4)
-            copy_part(u[1], 0, u[0], 0, 4)
-            for i in range(4):
+            copy_part(u[2], 0, u[1], 0, ACTUATOR.size)
+            copy_part(u[1], 0, u[0], 0, ACTUATOR.size)
+            for i in range(ACTUATOR.size):
                 if math.isfinite(u_prev[i]):
                     u[0, i] = u_prev[i]
             copy_part(before, 0, after, 0, L.N_OUTPUT)
@@ -213,7 +219,7 @@ def _rotor_update(state, ticks, u_prev, started, k, out):
             for i in range(L.N_OUTPUT):
                 after[i] = start[i] + part * (end[i] - start[i])
             rotor_step(state.rotor, before, after, u[k.u_delay_ticks], k)
-    rotor_output(state.rotor, after, k, out[L.OUT_ROTOR : L.OUT_ROTOR + 3])
+    rotor_output(state.rotor, after, k, out[NAV.rotor])
 
 
 @njit
@@ -242,14 +248,13 @@ def observe(state, tick, y, u_prev, k, out):
     tick : int
         The tick that y belongs to. Ticks may be missing (held), not come twice.
     y : ndarray (>= 20,)
-        Measurement row: [0:3] specific force body m/s2, [3:6] rate body rad/s, [6:9] field body T,
-        9 pressure Pa, [10:13] GPS position NED m, [13:16] GPS velocity NED m/s, 16..18 valid flags
-        of magnetometer, barometer, GPS, 19 tick at which the fix was true.
+        Measurement row, places of `heli_math.rows.MEAS`; nothing behind what is sensed is read.
     u_prev : ndarray (4,)
         Actuators computed at tick - 1: lateral, longitudinal, pedal, collective.
     k : ObserverKernel
     out : ndarray (31,)
-        Navigation output (see the README); NaN while the observer is aligning or not finite.
+        Navigation row, places of `heli_math.rows.NAV`; NaN while the observer is aligning or not
+        finite.
     """
     ticks = take_tick(state, tick, y, k)
     fill(out, math.nan)
@@ -271,7 +276,7 @@ def observe(state, tick, y, u_prev, k, out):
     if ticks > 0 or not started:
         _rotor_update(state, ticks, u_prev, started, k.rotor, out)
     else:
-        rotor_output(state.rotor, state.y[0], k.rotor, out[L.OUT_ROTOR : L.OUT_ROTOR + 3])
+        rotor_output(state.rotor, state.y[0], k.rotor, out[NAV.rotor])
     if not _finite(state):
         count[L.C_NOT_FINITE] = 1
         fill(out, math.nan)

@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 
 from heli_math.jit import njit
 from heli_math.linear_systems import held_and_linear, reduced_order_observer, with_servos
+from heli_math.state_names import MEASURED, UNMEASURED
+from heli_math.ticks import TICK_S
 from heli_observer.arrays import copy_part
 from heli_observer.layout import (
-    MEASURED_STATES,
     N_INPUT,
     N_OUTPUT,
     N_ROTOR_W,
     N_UNMEASURED,
-    ROTOR_STATES,
-    TICK_S,
+    W_SERVO,
+    W_SERVO_RATE,
     RotorKernel,
 )
 
@@ -83,7 +84,7 @@ def reduced_order_model(A: Matrix, B: Matrix, K: Matrix) -> ReducedOrderModel:
     """
     A, B = _finite("model.A", A, (9, 9)), _finite("model.B", B, (9, 3))
     K = _finite("K", K, (N_UNMEASURED, N_OUTPUT))
-    observer = reduced_order_observer(A, B, K, MEASURED_STATES, ROTOR_STATES)
+    observer = reduced_order_observer(A, B, K, MEASURED, UNMEASURED)
     poles = np.linalg.eigvals(observer.A)
     if not np.all(poles.real < 0.0):
         raise ReducedOrderError(
@@ -129,8 +130,8 @@ def rotor_kernel(
         G0=G0,
         G1=G1,
         K=model.K,
-        y_trim=x_trim[list(MEASURED_STATES)],
-        x_u_trim=x_trim[list(ROTOR_STATES)],
+        y_trim=x_trim[list(MEASURED)],
+        x_u_trim=x_trim[list(UNMEASURED)],
         u_trim=u_trim,
         u_delay_ticks=int(u_delay_ticks),
         with_servo=int(servo_frequency_radps > 0.0),
@@ -147,8 +148,8 @@ def rotor_start(w, y, u, k):
         w[i] = 0.0
         for j in range(N_OUTPUT):
             w[i] -= k.K[i, j] * y[j]
-        w[3 + i] = (u[i] - k.u_trim[i]) * k.with_servo
-        w[6 + i] = 0.0
+        w[W_SERVO + i] = (u[i] - k.u_trim[i]) * k.with_servo
+        w[W_SERVO_RATE + i] = 0.0
 
 
 @njit

@@ -5,8 +5,9 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rotations import quat_from_rotvec, quat_multiply, quat_normalize, quat_to_R_nb
+from heli_math.rows import IMU
 from heli_observer.arrays import copy_part
-from heli_observer.layout import X_ACCEL_BIAS, X_POS, X_QUAT, X_VEL
+from heli_observer.layout import X_ACCEL_BIAS, X_GYRO_BIAS, X_POS, X_QUAT, X_VEL
 
 
 @njit
@@ -18,17 +19,17 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
     x : ndarray (21,)
         Nominal state, indices X_*.
     imu0, imu1 : ndarray (6,)
-        Specific force (m/s2) and rate (rad/s), body, at the beginning and the end of the tick. The
-        rate is taken to vary linearly between (with the coning term dt^2/12 w0 x w1), and so is the
-        acceleration in NED axes.
+        Rows `IMU` at the beginning and the end of the tick. The rate is taken to vary linearly
+        between (with the coning term dt^2/12 w0 x w1), and so is the acceleration in NED axes.
     gravity_mps2, dt_s : float
     a_ned : ndarray (3,)
         Out: mean specific force in NED axes (m/s2), for the covariance.
     R_mid : ndarray (3, 3)
         Out: R_nb, mean of both ends, for the covariance.
     """
-    w0x, w0y, w0z = imu0[3] - x[10], imu0[4] - x[11], imu0[5] - x[12]
-    w1x, w1y, w1z = imu1[3] - x[10], imu1[4] - x[11], imu1[5] - x[12]
+    w0, w1, bias = imu0[IMU.rate], imu1[IMU.rate], x[X_GYRO_BIAS : X_GYRO_BIAS + 3]
+    w0x, w0y, w0z = w0[0] - bias[0], w0[1] - bias[1], w0[2] - bias[2]
+    w1x, w1y, w1z = w1[0] - bias[0], w1[1] - bias[1], w1[2] - bias[2]
     coning = dt_s * dt_s / 12.0
     rotvec = np.empty(3)
     rotvec[0] = 0.5 * dt_s * (w0x + w1x) + coning * (w0y * w1z - w0z * w1y)
@@ -38,13 +39,13 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
     R0 = quat_to_R_nb(q0)
     q1 = quat_normalize(quat_multiply(q0, quat_from_rotvec(rotvec)))
     R1 = quat_to_R_nb(q1)
+    f0, f1, bias = imu0[IMU.force], imu1[IMU.force], x[X_ACCEL_BIAS : X_ACCEL_BIAS + 3]
     for i in range(3):
         a0 = 0.0
         a1 = 0.0
         for j in range(3):
-            bias = x[X_ACCEL_BIAS + j]
-            a0 += R0[i, j] * (imu0[j] - bias)
-            a1 += R1[i, j] * (imu1[j] - bias)
+            a0 += R0[i, j] * (f0[j] - bias[j])
+            a1 += R1[i, j] * (f1[j] - bias[j])
         g = gravity_mps2 if i == 2 else 0.0
         a_ned[i] = 0.5 * (a0 + a1)
         x[X_POS + i] += dt_s * x[X_VEL + i] + dt_s * dt_s * (a0 / 3.0 + a1 / 6.0 + 0.5 * g)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_math.atmosphere import pressure_pa
-from heli_observer.layout import N_MEAS, TICK_S
+from heli_math.rows import MEAS
+from heli_math.ticks import TICK_S, ticks_in
 
 Array = NDArray[np.float64]
 _STEP_S = 1e-3
@@ -179,7 +180,7 @@ def synthesize(
     v = parameters
     rng = np.random.default_rng(seed)
     lead = v["schedule.gps_latency_ticks"]
-    n = round(seconds / TICK_S) + 1
+    n = ticks_in(seconds) + 1
     tick = np.arange(-lead, n)
     t = tick * TICK_S
     euler = path.euler(t)
@@ -200,26 +201,30 @@ def synthesize(
     mag_sigma = np.array([v["ekf.mag.heading_error_rad"]])
     tau = v["ekf.mag.heading_error_time_constant_s"]
     me = noise * _gauss_markov(rng, m, mag_sigma, tau)[:, 0]
-    white = noise * rng.standard_normal((m, 16))
+    # white errors in the places of what they spoil
+    white = noise * rng.standard_normal((m, MEAS.mag_valid))
     per_tick = 1.0 / np.sqrt(TICK_S)
-    y = np.zeros((m, N_MEAS))
+    y = np.zeros((m, MEAS.sensed))
     force = (Rt @ (acc - np.array([0.0, 0.0, v["ekf.gravity_mps2"]]))[:, :, None])[:, :, 0]
-    y[:, 0:3] = force + ba + v[imu + "accel_noise_density"] * per_tick * white[:, 0:3]
-    y[:, 3:6] = rate + bg + v[imu + "gyro_noise_density"] * per_tick * white[:, 3:6]
+    density = v[imu + "accel_noise_density"] * per_tick
+    y[:, MEAS.force] = force + ba + density * white[:, MEAS.force]
+    density = v[imu + "gyro_noise_density"] * per_tick
+    y[:, MEAS.rate] = rate + bg + density * white[:, MEAS.rate]
     north, east, down = v["ekf.mag.field_ned_t"]
     c, s = np.cos(-me), np.sin(-me)
     field = np.column_stack([c * north - s * east, s * north + c * east, np.full(m, down)])
-    y[:, 6:9] = (Rt @ field[:, :, None])[:, :, 0] + v["ekf.mag.noise_t"] * white[:, 6:9]
+    turned = (Rt @ field[:, :, None])[:, :, 0]
+    y[:, MEAS.mag] = turned + v["ekf.mag.noise_t"] * white[:, MEAS.mag]
     pressure = np.array([pressure_pa(v["ekf.origin_altitude_m"] - p) for p in pos[:, 2]])
-    y[:, 9] = pressure + bb + v["ekf.baro.noise_pa"] * white[:, 9]
+    y[:, MEAS.baro] = pressure + bb + v["ekf.baro.noise_pa"] * white[:, MEAS.baro]
     wide, high = v[gps + "position_horizontal_m"], v[gps + "position_vertical_m"]
-    fix_pos = pos + drift + white[:, 10:13] * [wide, wide, high]
+    fix_pos = pos + drift + white[:, MEAS.gps_pos] * [wide, wide, high]
     wide, high = v[gps + "velocity_horizontal_mps"], v[gps + "velocity_vertical_mps"]
-    fix_vel = vel + white[:, 13:16] * [wide, wide, high]
-    y[lead:, 10:13], y[lead:, 13:16] = fix_pos[: m - lead], fix_vel[: m - lead]
-    y[:, 16] = tick % v["schedule.mag_period_ticks"] == 0
-    y[:, 17] = tick % v["schedule.baro_period_ticks"] == 0
-    y[:, 18] = tick % v["schedule.gps_period_ticks"] == 0
-    y[:, 19] = tick - lead
+    fix_vel = vel + white[:, MEAS.gps_vel] * [wide, wide, high]
+    y[lead:, MEAS.gps_pos], y[lead:, MEAS.gps_vel] = fix_pos[: m - lead], fix_vel[: m - lead]
+    y[:, MEAS.mag_valid] = tick % v["schedule.mag_period_ticks"] == 0
+    y[:, MEAS.baro_valid] = tick % v["schedule.baro_period_ticks"] == 0
+    y[:, MEAS.gps_valid] = tick % v["schedule.gps_period_ticks"] == 0
+    y[:, MEAS.gps_tick] = tick - lead
     parts = (y, pos, vel, _quaternions(euler), rate, bg, ba, drift, bb, me)
     return Flight(*(np.ascontiguousarray(part[lead:]) for part in parts))

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_observer.layout import N_NAV
+from heli_math.rows import NAV
 from heli_observer.observer import ObserverConfig, initial_state, observe
 from heli_observer.parameter_table import NODE_NAME, TABLE
 from heli_parameters.parameters import load
@@ -33,10 +33,10 @@ class Run:
         self.kernel = self.config.kernel
         self.state = initial_state(self.config)
         self.u = np.array(parameters["trim.u"], dtype=float)
-        self.out = np.zeros((0, N_NAV))
+        self.out = np.zeros((0, NAV.size))
 
     def step(self, tick, y, u=None):
-        out = np.empty(N_NAV)
+        out = np.empty(NAV.size)
         command = self.u if u is None else np.asarray(u, dtype=float)
         observe(self.state, tick, np.ascontiguousarray(y), command, self.kernel, out)
         return out

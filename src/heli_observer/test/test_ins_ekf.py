@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from heli_math.atmosphere import pressure_pa
 from heli_math.rotations import quat_from_euler, quat_from_rotvec, quat_multiply
+from heli_math.rows import MEAS
 from heli_observer import ins_ekf
 from heli_observer import layout as L
 from heli_observer.observer import ObserverConfig
@@ -222,7 +223,7 @@ def test_covariance_stays_positive_over_ten_minutes(parameters, run_observer):
     """Ten minutes at rest, every update on: symmetric and positive definite to the end."""
     run = run_observer(parameters)
     field = np.array(parameters["ekf.mag.field_ned_t"])
-    y = np.zeros(L.N_MEAS)
+    y = np.zeros(MEAS.sensed)
     y[2], y[6:9], y[9] = -GRAVITY, field, pressure_pa(60.0)
     for tick in range(60_000):
         y[16:19] = [tick % 2 == 0, tick % 5 == 0, tick % 20 == 0]

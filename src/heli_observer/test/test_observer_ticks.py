@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from heli_math.rows import NAV
 from heli_observer import layout as L
 from heli_observer.ins_ekf import predict
 from heli_observer.observer import ObserverStatus, status
@@ -127,12 +128,12 @@ def test_heading_in_hover_is_seen_by_the_magnetometer_only(parameters, run_obser
     rows = flight.y.copy()
     rows[100:, 16] = 0.0
     seen, blind = (run_observer(parameters).fly(y).out for y in (flight.y, rows))
-    yaw = L.OUT_SIGMA_ATT + 2
+    roll, yaw = NAV.sigma_att.start, NAV.sigma_att.stop - 1
     assert np.degrees(seen[-1, yaw]) < 0.5
     assert blind[-1, yaw] > 3.0 * seen[-1, yaw]
     assert np.all(np.diff(blind[1000::100, yaw]) > 0.0)  # it only grows
     # the tilt is seen by the GPS
-    assert blind[-1, L.OUT_SIGMA_ATT] < 1.1 * seen[-1, L.OUT_SIGMA_ATT]
+    assert blind[-1, roll] < 1.1 * seen[-1, roll]
 
 
 def test_published_sigmas_are_the_covariance_carried_to_now(parameters, run_observer):
@@ -300,7 +301,7 @@ def test_an_unsure_heading_does_not_let_a_fault_in(parameters, run_observer):
     rows[6500:, 6:9] = turn.apply(rows[6500:, 6:9])
     run = run_observer(parameters).fly(rows[:6500])
     before = attitude_error(flight, run.out, [6499])[0, 2]
-    sigma = run.out[-1, L.OUT_SIGMA_ATT + 2]
+    sigma = run.out[-1, NAV.sigma_att][2]
     assert abs(np.radians(40.0) + abs(before)) < 3.8 * sigma  # inside the 0.9999 gate
     run.fly(rows[6500:])
     assert health(run) is ObserverStatus.MAG_REJECTED

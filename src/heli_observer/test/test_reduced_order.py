@@ -8,7 +8,9 @@ from scipy.linalg import expm
 from scipy.signal import lsim
 
 from heli_math.linear_systems import diagonal_observer_gain, held_and_linear
-from heli_observer.layout import MEASURED_STATES, N_NAV, OUT_ROTOR, ROTOR_STATES, TICK_S
+from heli_math.rows import NAV
+from heli_math.state_names import MEASURED, UNMEASURED
+from heli_math.ticks import TICK_S
 from heli_observer.observer import ObserverConfig, initial_state, observe
 from heli_observer.reduced_order import (
     ReducedOrderError,
@@ -21,7 +23,7 @@ from heli_observer.reduced_order import (
 )
 from heli_observer.synthetic import synthesize, turning_path
 
-M, U = list(MEASURED_STATES), list(ROTOR_STATES)
+M, U = list(MEASURED), list(UNMEASURED)
 TRIM_X, TRIM_U = np.zeros(9), np.zeros(4)
 
 
@@ -190,12 +192,12 @@ def test_heading_through_180_degrees_leaves_no_jump(parameters):
     state = initial_state(config)
     flight = synthesize(turning_path(0.6), parameters, 25.0, seed=0, noise=0.0)
     u = np.array(parameters["trim.u"])
-    out = np.empty((len(flight.y), N_NAV))
+    out = np.empty((len(flight.y), NAV.size))
     for n, row in enumerate(flight.y):
         observe(state, n, row, u, config.kernel, out[n])
     turned = state.y[0, 5] - 0.3
     assert turned == pytest.approx(0.6 * 25.0, abs=0.3)
-    jumps = np.abs(np.diff(out[500:, OUT_ROTOR : OUT_ROTOR + 3], axis=0))
+    jumps = np.abs(np.diff(out[500:, NAV.rotor], axis=0))
     assert np.max(jumps) < 2e-3
 
 
@@ -212,9 +214,9 @@ def test_u_delay_takes_the_command_of_that_many_ticks_before(parameters):
             for n, row in enumerate(flight.y):
                 u = np.array(parameters["trim.u"])
                 u[0] += pulse * (n == 20)
-                out = np.empty(N_NAV)
+                out = np.empty(NAV.size)
                 observe(state, n, row, u, config.kernel, out)
-                rows.append(out[OUT_ROTOR : OUT_ROTOR + 3].copy())
+                rows.append(out[NAV.rotor].copy())
             runs.append(np.array(rows))
         first[delay] = int(np.flatnonzero(np.any(runs[0] != runs[1], axis=1))[0])
     assert first == {0: 20, 1: 21, 2: 22}

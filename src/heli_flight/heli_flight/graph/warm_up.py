@@ -25,13 +25,13 @@ def load_kernels() -> None:
     from heli_flight.loop.closed_loop import build
     from heli_flight.loop.settings import resolve
     from heli_inner_hinf import attitude_law
-    from heli_math.rows import MEAS
+    from heli_math.rows import MEAS, NAV
     from heli_observer import observer
     from heli_outer_pd import position_law
 
     settings = resolve()
     loop = build(settings)
-    y, nav, out = np.zeros(MEAS.size), np.zeros(observer.N_NAV), np.zeros(4)
+    y, nav, out = np.zeros(MEAS.size), np.zeros(NAV.size), np.zeros(4)
     u = np.zeros(4)
     plant.measure(loop.plant_s, 0, noise.NoiseStreams(0).row(), loop.plant_k, y)
     observer.observe(loop.observer_s, 0, y, u, loop.observer_k, nav)

@@ -27,7 +27,7 @@ from heli_inner_hinf.excitation import (
 from heli_inner_hinf.law_state import initial_law_state
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, quat_to_R_nb
-from heli_math.rows import MEAS, REFERENCE
+from heli_math.rows import MEAS, NAV, REFERENCE
 from heli_math.trajectory import reference_at
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
@@ -103,7 +103,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
         Rows first_tick .. first_tick + n_ticks - 1 are written.
     """
     y = np.zeros(MEAS.size)
-    nav = np.zeros(observer.N_NAV)
+    nav = np.zeros(NAV.size)
     x9 = np.empty(9)
     u3 = np.empty(3)
     reference = np.empty(REFERENCE.size)
@@ -230,7 +230,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     n = settings.scenario.n_ticks
     track = Track(
         np.zeros((n, N_TRUTH)),
-        np.zeros((n, observer.N_NAV)),
+        np.zeros((n, NAV.size)),
         np.zeros((n, REFERENCE.size)),
         np.zeros((n, 4)),
         np.zeros((n, 4)),

@@ -17,7 +17,7 @@ from heli_identification import Experiment
 from heli_identification.experiment import RATES
 from heli_identification.response import FAST, FastModel, transfer
 from heli_identification.spectra import GUST, Spectra, U, spectra_of
-from heli_observer.layout import TICK_S
+from heli_math.ticks import TICK_S
 
 _SHOWN = (
     # rate, channel, role of the channel, unit
