@@ -155,7 +155,6 @@ class ShapedReferenceRow(NamedTuple):
 
     pos: slice = slice(0, 3)  # NED, m
     vel: slice = slice(3, 6)  # NED, m/s
-    path: slice = slice(0, 6)  # both
     down_vel: int = 5
     acc: slice = slice(6, 9)  # NED, m/s2
     psi: int = 9  # heading, rad

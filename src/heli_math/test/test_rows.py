@@ -30,7 +30,7 @@ PARTS = {
     "gps_vel": "vn ve vd", "gyro_bias": "bp bq br", "accel_bias": "bx by bz",
     "sigma_pos": "sn se sd", "sigma_vel": "svn sve svd", "sigma_att": "srn sre srd",
     "servo": "lat lon ped col", "servo_rate": "lat' lon' ped' col'", "acc": "an ae ad",
-    "flapping": "a_s b_s", "imu": "fx fy fz p q r", "path": "n e d vn ve vd",
+    "flapping": "a_s b_s", "imu": "fx fy fz p q r",
     "down_vel": "vd", "down": "d", "north": "n", "east": "e", "mag_valid": "mag?",
     "baro_valid": "baro?", "gps_valid": "gps?", "gps_tick": "tick", "servo_lat": "lat",
     "servo_lon": "lon", "servo_ped": "ped", "servo_col": "col",

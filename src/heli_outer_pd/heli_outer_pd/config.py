@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from heli_math.rows import SETPOINT
+from heli_math.ticks import TICK_S
 from heli_outer_pd.position_law import OuterKernel
 from heli_outer_pd.thrust_map import RotorMap
 
-TICK_S = 0.01
 # Damping of the disturbance observer's error dynamics.
 _OBSERVER_DAMPING = 0.8
 
@@ -29,7 +30,9 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
     """
     p = parameters
     bandwidth = np.asarray(p["disturbance.bandwidth_radps"], float)
-    trim = np.array([p["trim.phi"], p["trim.theta"], p["trim.d_col"]])
+    trim = np.zeros(SETPOINT.size)
+    trim[SETPOINT.phi], trim[SETPOINT.theta] = p["trim.phi"], p["trim.theta"]
+    trim[SETPOINT.col] = p["trim.d_col"]
     rotor = RotorMap(
         rho=p["rotor.rho"],
         omega=p["rotor.omega"],

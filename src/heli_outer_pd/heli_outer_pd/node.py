@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from heli_math.rotations import euler_from_quat
+from heli_math.rows import NAV, SETPOINT
+from heli_math.ticks import TICKS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
@@ -17,13 +19,12 @@ from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
-from heli_msgs_bridge.packing import N_NAV
 from heli_msgs_bridge.reference_message import decode_reference
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.position_law import (
-    N_OUTPUT,
+    MEMORY,
     OuterKernel,
     OuterStatus,
     follow,
@@ -54,8 +55,8 @@ class Law(TickCore):
     send_attitude: Send
     send_collective: Send
     given: Trajectory | None = None
-    nav: np.ndarray = field(default_factory=lambda: np.full(N_NAV, np.nan))
-    out: np.ndarray = field(default_factory=lambda: np.zeros(N_OUTPUT))
+    nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
+    out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
 
 
 @dataclass
@@ -134,7 +135,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         _, nav = arrived.get(topics.ODOM, (0, None))
         core.nav[:] = np.nan if nav is None else nav
         if core.given is None and run.held is None and nav is not None:
-            run.held = Trajectory.hover(nav[0:3], euler_from_quat(nav[6:10])[2])
+            run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
         way = core.given or run.held
         if way is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
@@ -149,18 +150,18 @@ class OuterLoopNode(TickNode[Law, Following]):
             core.state,
             core.out,
         )
-        core.send_attitude(core.out[:3], stamp_ns)
-        core.send_collective(core.out[3:], stamp_ns)
+        core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
+        core.send_collective(core.out[[SETPOINT.col]], stamp_ns)
         self._tell(code)
 
     def _tell(self, code: int) -> None:
         status, core = OuterStatus(code), self.core
         level = Level.OK if status == OuterStatus.OK else Level.ERROR
-        if self.tick % 100 == 0 or status.sentence != self.health.message:
+        if self.tick % TICKS_PER_S == 0 or status.sentence != self.health.message:
             facts = {
                 "reference": "held position" if core.given is None else "given",
                 "wind_compensation": bool(self.values["wind_compensation"]),
-                "disturbance_ned_mps2": np.round(core.state[3:6], 4).tolist(),
+                "disturbance_ned_mps2": np.round(core.state[MEMORY.disturbance], 4).tolist(),
             }
             self.warn_or_ok(level, status.sentence, facts)
 

@@ -22,19 +22,23 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
-from heli_math.rows import SHAPED
+from heli_math.rows import NAV, SETPOINT, SHAPED
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust, thrust_for_collective
 
-# Indices of the output vector (4,): attitude set-point rad and collective in (-1, 1).
-N_OUTPUT = 4
-# Controller state: [0:3] velocity estimate NED m/s, [3:6] disturbance estimate NED m/s2,
-# [6] engaged, [7:11] last output, [11:13] commanded horizontal acceleration behind the attitude
-# loop's lag, heading frame m/s2.
-N_STATE = 13
-_ENGAGED = 6
-_LAST = 7
-_LAGGED = 11
+
+class Memory(NamedTuple):
+    """State of the law (13,)."""
+
+    vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
+    disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
+    engaged: int = 6  # 1.0 once the observer of the disturbance has begun
+    command: slice = slice(7, 11)  # last output, a SetpointRow
+    lagged: slice = slice(11, 13)  # commanded acceleration behind the attitude loop's lag, m/s2
+    size: int = 13
+
+
+MEMORY = Memory()
 _COLLECTIVE_LIMIT = 0.98
 # Below this cos(phi) cos(theta) lift compensation no longer helps: the thrust points sideways.
 _MIN_LIFT_FRACTION = 0.5
@@ -78,7 +82,7 @@ class OuterKernel(NamedTuple):
     mass: float  # kg
     g: float  # m/s2
     thrust_limits: np.ndarray  # (2,) fractions of m g
-    trim: np.ndarray  # (3,) phi rad, theta rad, d_col
+    trim: np.ndarray  # (4,) a SetpointRow: phi, theta rad, d_col; its heading is not used
     rotor: RotorMap
     shaping_ns: int  # window of the reference shaping
     attitude_lag: np.ndarray  # (2,) s, forward and right: time constants of the attitude loop
@@ -86,10 +90,9 @@ class OuterKernel(NamedTuple):
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (N_STATE,) of a law that is not engaged yet; its last command is the trim."""
-    state = np.zeros(N_STATE)
-    state[_LAST : _LAST + 2] = k.trim[:2]
-    state[_LAST + 3] = k.trim[2]
+    """State (13,) of a law that is not engaged yet; its last command is the trim."""
+    state = np.zeros(MEMORY.size)
+    state[MEMORY.command] = k.trim
     return state
 
 
@@ -112,14 +115,14 @@ def _to_ned(v, c, s, out):
 @njit
 def _trim_thrust(k):
     """Thrust (N) of still-air hover."""
-    return k.mass * k.g / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
+    return k.mass * k.g / (math.cos(k.trim[SETPOINT.phi]) * math.cos(k.trim[SETPOINT.theta]))
 
 
 @njit
 def _flown_acceleration(phi, theta, k, out):
     """Horizontal acceleration (2,) m/s2, heading frame, that the attitude explains in still air."""
-    out[0] = -k.g * math.sin(theta - k.trim[1])
-    out[1] = k.g * math.sin(phi - k.trim[0])
+    out[0] = -k.g * math.sin(theta - k.trim[SETPOINT.theta])
+    out[1] = k.g * math.sin(phi - k.trim[SETPOINT.phi])
 
 
 @njit
@@ -130,22 +133,30 @@ def _modelled_acceleration(phi, theta, v_down, k, state, out):
     standing counts as disturbance and is trimmed out with it. Vertically the thrust of the last
     collective at the present speed, so that the rotor's own damping is no disturbance.
     """
-    commanded = np.empty(2)
-    _flown_acceleration(state[_LAST], state[_LAST + 1], k, commanded)
+    commanded, lagged, last = np.empty(2), state[MEMORY.lagged], state[MEMORY.command]
+    _flown_acceleration(last[SETPOINT.phi], last[SETPOINT.theta], k, commanded)
     for i in range(2):
         keep = math.exp(-k.dt_s / k.attitude_lag[i])
-        state[_LAGGED + i] = keep * state[_LAGGED + i] + (1.0 - keep) * commanded[i]
-        out[i] = state[_LAGGED + i]
-    thrust = thrust_for_collective(state[_LAST + 3], v_down, _trim_thrust(k), k.trim[2], k.rotor)
+        lagged[i] = keep * lagged[i] + (1.0 - keep) * commanded[i]
+        out[i] = lagged[i]
+    d_col, d_col_trim = last[SETPOINT.col], k.trim[SETPOINT.col]
+    thrust = thrust_for_collective(d_col, v_down, _trim_thrust(k), d_col_trim, k.rotor)
     out[2] = k.g - thrust * math.cos(phi) * math.cos(theta) / k.mass
 
 
 @njit
-def _all_finite(v, n):
-    for i in range(n):
-        if not math.isfinite(v[i]):
+def _all_finite(values):
+    for value in values:
+        if not math.isfinite(value):
             return False
     return True
+
+
+@njit
+def _flyable(nav):
+    """Whether what the law reads of the navigation row is finite."""
+    pos, vel, attitude = nav[NAV.pos], nav[NAV.vel], nav[NAV.quat]
+    return _all_finite(pos) and _all_finite(vel) and _all_finite(attitude)
 
 
 @njit
@@ -161,27 +172,28 @@ def _estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
     wind stands still there while the nose turns. Writes the estimate to d_h (3,), heading frame.
     """
     v_hat = np.empty(3)
-    _to_heading(state[0:3], c, s, v_hat)
-    _to_heading(state[3:6], c, s, d_h)
+    _to_heading(state[MEMORY.vel], c, s, v_hat)
+    _to_heading(state[MEMORY.disturbance], c, s, d_h)
     for i in range(3):
         innovation = vel_h[i] - v_hat[i]
         v_hat[i] += k.dt_s * (a_h[i] + d_h[i] + k.observer_l1[i] * innovation)
         d_h[i] = _clip(d_h[i] + k.dt_s * k.observer_l2[i] * innovation, k.disturbance_limit[i])
-    _to_ned(v_hat, c, s, state[0:3])
-    _to_ned(d_h, c, s, state[3:6])
+    _to_ned(v_hat, c, s, state[MEMORY.vel])
+    _to_ned(d_h, c, s, state[MEMORY.disturbance])
 
 
 @njit
 def _engage(nav, phi, theta, k, state, c, s, d_h):
     """Bumpless start: what is flown is taken for equilibrium and so is the first command."""
+    vel, estimate, lagged = nav[NAV.vel], state[MEMORY.vel], state[MEMORY.lagged]
     for i in range(3):
-        state[i] = nav[3 + i]
-    _flown_acceleration(phi, theta, k, state[_LAGGED : _LAGGED + 2])
-    d_h[0] = _clip(-state[_LAGGED], k.disturbance_limit[0])
-    d_h[1] = _clip(-state[_LAGGED + 1], k.disturbance_limit[1])
+        estimate[i] = vel[i]
+    _flown_acceleration(phi, theta, k, lagged)
+    d_h[0] = _clip(-lagged[0], k.disturbance_limit[0])
+    d_h[1] = _clip(-lagged[1], k.disturbance_limit[1])
     d_h[2] = 0.0  # what collective is flown is not known here: trim is assumed
-    _to_ned(d_h, c, s, state[3:6])
-    state[_ENGAGED] = 1.0
+    _to_ned(d_h, c, s, state[MEMORY.disturbance])
+    state[MEMORY.engaged] = 1.0
 
 
 @njit
@@ -189,25 +201,27 @@ def _command(nav, ref, d_h, c, s, lift, k, state, out):
     """PD action, lift compensation and the inversions of (20) and (21); writes out (4,)."""
     pos_error_h = np.empty(3)
     vel_error_h = np.empty(3)
-    _to_heading(ref[0:3] - nav[0:3], c, s, pos_error_h)
-    _to_heading(ref[3:6] - nav[3:6], c, s, vel_error_h)
+    _to_heading(ref[SHAPED.pos] - nav[NAV.pos], c, s, pos_error_h)
+    _to_heading(ref[SHAPED.vel] - nav[NAV.vel], c, s, vel_error_h)
     a = np.empty(3)
-    _to_heading(ref[6:9], c, s, a)
+    _to_heading(ref[SHAPED.acc], c, s, a)
     a += k.K_P * pos_error_h + k.K_D * vel_error_h - d_h
     sine_limit = math.sin(k.tilt_limit)
     if k.hold_horizontal > 0.5:
-        out[0] = k.trim[0] + math.asin(_clip(a[1] / k.g, sine_limit))
-        out[1] = k.trim[1] - math.asin(_clip(a[0] / k.g, sine_limit))
+        out[SETPOINT.phi] = k.trim[SETPOINT.phi] + math.asin(_clip(a[1] / k.g, sine_limit))
+        out[SETPOINT.theta] = k.trim[SETPOINT.theta] - math.asin(_clip(a[0] / k.g, sine_limit))
     else:
-        out[0] = k.level_phi_theta[0]
-        out[1] = k.level_phi_theta[1]
-    out[2] = ref[9]
+        out[SETPOINT.phi] = k.level_phi_theta[0]
+        out[SETPOINT.theta] = k.level_phi_theta[1]
+    out[SETPOINT.psi] = ref[SHAPED.psi]
     weight = k.mass * k.g
     thrust = k.mass * (k.g - a[2]) / max(lift, _MIN_LIFT_FRACTION)
     thrust = min(max(thrust, k.thrust_limits[0] * weight), k.thrust_limits[1] * weight)
-    # ref[5] is the reference's speed down: the inflow of the climb it asks for is fed forward.
-    d_col = collective_for_thrust(thrust, ref[5], _trim_thrust(k), k.trim[2], k.rotor)
-    out[3] = min(max(d_col, -_COLLECTIVE_LIMIT), _COLLECTIVE_LIMIT)
+    # The inflow of the climb that the reference asks for is fed forward.
+    d_col = collective_for_thrust(
+        thrust, ref[SHAPED.down_vel], _trim_thrust(k), k.trim[SETPOINT.col], k.rotor
+    )
+    out[SETPOINT.col] = min(max(d_col, -_COLLECTIVE_LIMIT), _COLLECTIVE_LIMIT)
 
 
 @njit
@@ -217,42 +231,43 @@ def position_law(nav, ref, k, state, out):
     Parameters
     ----------
     nav : (>= 10,) ndarray
-        Position NED m, velocity NED m/s, quaternion body -> NED (w, x, y, z).
+        Navigation row; position, velocity and attitude are used.
     ref : (10,) ndarray
-        Reference position NED m, velocity NED m/s, acceleration NED m/s2, heading rad.
+        Shaped reference, places of `heli_math.rows.SHAPED`.
     k : OuterKernel
         Gains and limits.
-    state : (N_STATE,) ndarray
-        Updated in place.
+    state : (13,) ndarray
+        Updated in place; places of `MEMORY`.
     out : (4,) ndarray
-        Written: phi_ref, theta_ref, psi_ref rad (absolute), d_col in (-1, 1).
+        Written: places of `heli_math.rows.SETPOINT`, absolute.
 
     Returns
     -------
     int
         An OuterStatus. On anything but OK the last good output is repeated.
     """
-    if not _all_finite(nav, 10) or not _all_finite(ref, SHAPED.size):
-        for i in range(N_OUTPUT):
-            out[i] = state[_LAST + i]
-        if not _all_finite(nav, 10):
+    last = state[MEMORY.command]
+    if not _flyable(nav) or not _all_finite(ref):
+        for i in range(SETPOINT.size):
+            out[i] = last[i]
+        if not _flyable(nav):
             return _BAD_NAVIGATION
         return _BAD_REFERENCE
-    phi, theta, psi = euler_from_quat(nav[6:10])
+    phi, theta, psi = euler_from_quat(nav[NAV.quat])
     c, s = math.cos(psi), math.sin(psi)
     vel_h = np.empty(3)
     a_h = np.empty(3)
     d_h = np.zeros(3)
-    _to_heading(nav[3:6], c, s, vel_h)
+    _to_heading(nav[NAV.vel], c, s, vel_h)
     if k.wind_compensation > 0.5:
-        if state[_ENGAGED] < 0.5:
+        if state[MEMORY.engaged] < 0.5:
             _engage(nav, phi, theta, k, state, c, s, d_h)
         else:
-            _modelled_acceleration(phi, theta, nav[5], k, state, a_h)
+            _modelled_acceleration(phi, theta, nav[NAV.down_vel], k, state, a_h)
             _estimate_disturbance(vel_h, a_h, k, state, c, s, d_h)
     _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), k, state, out)
-    for i in range(N_OUTPUT):
-        state[_LAST + i] = out[i]
+    for i in range(SETPOINT.size):
+        last[i] = out[i]
     return _OK
 
 

@@ -28,7 +28,7 @@ def shaped_reference_at(time_ns, window_ns, times_ns, points, out):
     """
     now = np.empty(REFERENCE.size)
     reference_at(time_ns, times_ns, points, now)
-    out[SHAPED.path] = now[0:6]
+    out[SHAPED.pos], out[SHAPED.vel] = now[REFERENCE.pos], now[REFERENCE.vel]
     out[SHAPED.acc] = 0.0
     out[SHAPED.psi] = now[REFERENCE.psi]
     if window_ns <= 0:
@@ -36,9 +36,12 @@ def shaped_reference_at(time_ns, window_ns, times_ns, points, out):
     window_s = window_ns * 1e-9
     before = np.empty(REFERENCE.size)
     reference_at(time_ns - window_ns, times_ns, points, before)
+    pos, vel, acc = out[SHAPED.pos], out[SHAPED.vel], out[SHAPED.acc]
+    pos_now, pos_before = now[REFERENCE.pos], before[REFERENCE.pos]
+    vel_now, vel_before = now[REFERENCE.vel], before[REFERENCE.vel]
     for j in range(3):
-        out[SHAPED.vel.start + j] = (now[j] - before[j]) / window_s
-        out[SHAPED.acc.start + j] = (now[3 + j] - before[3 + j]) / window_s
+        vel[j] = (pos_now[j] - pos_before[j]) / window_s
+        acc[j] = (vel_now[j] - vel_before[j]) / window_s
     # Mid-point rule: exact where the reference is linear, second order over a corner.
     sample = np.empty(REFERENCE.size)
     total = np.zeros(3)
@@ -47,4 +50,4 @@ def shaped_reference_at(time_ns, window_ns, times_ns, points, out):
         reference_at(time_ns - back_ns, times_ns, points, sample)
         total += sample[REFERENCE.pos]
     for j in range(3):
-        out[j] = total[j] / _SHAPING_SAMPLES
+        pos[j] = total[j] / _SHAPING_SAMPLES

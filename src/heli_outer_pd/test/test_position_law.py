@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from heli_math.rotations import quat_from_euler
+from heli_math.rows import SETPOINT
 from heli_math.trajectory import Trajectory
 from heli_outer_pd import config, position_law, reference, thrust_map
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
@@ -43,7 +44,7 @@ def test_trim_at_reference_commands_the_trim():
     k = kernel()
     status, out, _ = step(k, navigation(k), REF)
     assert status is OuterStatus.OK
-    np.testing.assert_allclose(out, [k.trim[0], k.trim[1], 0.0, k.trim[2]], atol=1e-12)
+    np.testing.assert_allclose(out, [k.trim[0], k.trim[1], 0.0, k.trim[SETPOINT.col]], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +83,9 @@ def test_equation_20_gives_the_thrust_it_asks_for():
     _, out, _ = step(k, navigation(k, pos=(0, 0, -9.5), phi=phi, theta=0.0), REF)
     thrust = k.mass * (k.g + k.K_P[2] * 0.5) / math.cos(phi)
     trim_thrust = k.mass * k.g / (math.cos(k.trim[0]) * math.cos(k.trim[1]))
-    pitch = thrust_map.blade_pitch(trim_thrust, 0.0, k.rotor) + k.rotor.K_col * (out[3] - k.trim[2])
+    pitch = thrust_map.blade_pitch(trim_thrust, 0.0, k.rotor) + k.rotor.K_col * (
+        out[3] - k.trim[SETPOINT.col]
+    )
     r = k.rotor
     v_i = math.sqrt(thrust / (2 * r.rho * math.pi * r.radius**2))
     lift = r.rho * r.omega * r.radius**2 * r.lift_slope * r.blades * r.chord / 4
@@ -124,7 +127,11 @@ def test_tilt_and_thrust_are_limited():
 
 def simulate(k, disturbance_mps2, seconds=60.0):
     """A point mass behind a lag of the attitude, against a steady disturbance (NED, m/s2)."""
-    pos, vel, out = np.array([0.0, 0, -10]), np.zeros(3), np.r_[k.trim[:2], 0.0, k.trim[2]]
+    pos, vel, out = (
+        np.array([0.0, 0, -10]),
+        np.zeros(3),
+        np.r_[k.trim[:2], 0.0, k.trim[SETPOINT.col]],
+    )
     state, psi = position_law.initial_state(k), 0.6
     attitude, trim_thrust = k.trim[:2].copy(), k.mass * k.g / math.cos(k.trim[0])
     c, s = math.cos(psi), math.sin(psi)
@@ -137,7 +144,9 @@ def simulate(k, disturbance_mps2, seconds=60.0):
         fwd = -k.g * math.sin(attitude[1] - k.trim[1])
         right = k.g * math.sin(attitude[0] - k.trim[0])
         acc = np.array([c * fwd - s * right, s * fwd + c * right, 0.0]) + disturbance_mps2
-        thrust = thrust_map.thrust_for_collective(out[3], vel[2], trim_thrust, k.trim[2], k.rotor)
+        thrust = thrust_map.thrust_for_collective(
+            out[3], vel[2], trim_thrust, k.trim[SETPOINT.col], k.rotor
+        )
         acc[2] += k.g - thrust * math.cos(attitude[0]) * math.cos(attitude[1]) / k.mass
         vel = vel + k.dt_s * acc
         pos = pos + k.dt_s * vel

@@ -27,7 +27,7 @@ from heli_inner_hinf.excitation import (
 from heli_inner_hinf.law_state import initial_law_state
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, quat_to_R_nb
-from heli_math.rows import MEAS, NAV, REFERENCE
+from heli_math.rows import MEAS, NAV, REFERENCE, SETPOINT
 from heli_math.trajectory import reference_at
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
@@ -238,9 +238,9 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     )
     streams = noise.NoiseStreams(settings.seed)
     reference = settings.scenario.reference
-    outer_trim = loop.outer_k.trim
-    setpoint = np.array([outer_trim[0], outer_trim[1], reference.points[0, 6], outer_trim[2]])
-    u = np.append(loop.inner_k.u_trim, outer_trim[2])
+    setpoint = loop.outer_k.trim.copy()
+    setpoint[SETPOINT.psi] = reference.points[0, REFERENCE.psi]
+    u = np.append(loop.inner_k.u_trim, setpoint[SETPOINT.col])
     tick, status = 0, 0
     while tick < n and status == 0:
         count = min(_CHUNK_TICKS, n - tick)
