@@ -4,6 +4,7 @@
 import asyncio
 import contextlib
 import json
+import signal
 import socket
 import struct
 import subprocess
@@ -171,6 +172,7 @@ async def watch_flight(url, foxglove_url, token):
             assert times[0] < 1.0 and len(times) > 5.0 * times[-1]
             assert min(b - a for a, b in zip(times, times[1:], strict=False)) > 0.09
         await watcher.until_state(lambda s: s["mode"] == "over")
+        assert watcher.last["end"]["kind"] == "over"
         deaf.close()
         return watcher
 
@@ -194,7 +196,10 @@ async def commands(watcher, url, token):
     await watcher.until_state(lambda s: s["ref"]["p"] == [1.0, 0.5, 11.0])
     await watcher.until_state(lambda s: abs(s["nav"]["p"][2] - 11.0) < 0.3)
     assert (await watcher.command(token, "mode", mode="attitude"))["ok"]
-    await watcher.until_state(lambda s: s["mode"] == "attitude")
+    await watcher.until_state(lambda s: s["mode"] == "attitude" and s["alarms"])
+    assert watcher.last["end"] is None
+    assert [a["source"] for a in watcher.last["alarms"] if "nothing holds" in a["text"]] == ["mode"]
+    assert {e["level"] for e in watcher.events if "nothing holds position" in e["text"]} == {1}
     assert not (await watcher.command(token, "reference", p=[0, 0, 10], yaw_deg=0))["ok"]
     assert (await watcher.command(token, "mode", mode="hover"))["ok"]
     await watcher.until_state(lambda s: s["mode"] == "hover")
@@ -222,6 +227,41 @@ def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
     assert f"flight over after {WATCHED_S} s" in [event["text"] for event in watcher.events]
     secret = said["command token"].encode()
     assert not [path for path in out.rglob("*") if path.is_file() and secret in path.read_bytes()]
+    assert living() == []
+
+
+async def watch_until_the_end(url, process, how):
+    async with watching(url) as watcher:
+        await watcher.until_state(lambda s: (s["t"] or 0.0) > 1.0)
+        how(process)
+        return (await watcher.until_state(lambda s: s["mode"] == "over"))["end"]
+
+
+@pytest.mark.parametrize("kind", ["lost", "interrupted"])
+def test_the_end_is_told_by_its_cause(tmp_path, ros_env, living, kind):
+    """A flight that leaves the allowed distance is lost; one that gets Ctrl-C is interrupted."""
+    file = tmp_path / "narrow.yaml"
+    file.write_text(
+        "/**/plant: {ros__parameters: {limits: {distance_m: 1.0}}}\n"
+        "/**/scenario: {ros__parameters: {climb: {start_s: 2.0, end_s: 6.0}}}\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "heli_flight.cli.hover_test", "--live", "--live-port", "0",
+         "--foxglove-port", "0", "--gps", "rtk", "--no-report", "--out", str(tmp_path / "flight"),
+         *(["--params", str(file)] if kind == "lost" else [])],
+        env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    stop = {"lost": lambda p: None, "interrupted": lambda p: p.send_signal(signal.SIGINT)}[kind]
+    try:
+        said = read_until(process.stdout, ["live view"])
+        end = asyncio.run(watch_until_the_end(said["live view"], process, stop))
+        rest, _ = process.communicate(timeout=30.0)
+    finally:
+        process.kill()
+    assert end["kind"] == kind, rest
+    cause = {"lost": "flew away", "interrupted": "was stopped before its end"}[kind]
+    assert cause in end["text"]
+    assert process.returncode == {"lost": 1, "interrupted": 130}[kind], rest
     assert living() == []
 
 

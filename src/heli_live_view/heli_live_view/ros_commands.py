@@ -33,6 +33,7 @@ _ANSWER_S = 5.0
 _LOCKSTEP = (
     "this flight is in lockstep, not at the pace of the clock: commands need one in real time"
 )
+_GIVEN_UP = "attitude is held; nothing holds position and altitude until hover is commanded"
 _GUST = tuple(f"wind.gust.{name}" for name in ("start_s", "duration_s", "amplitude_mps", "frame"))
 Steps = Generator[Any, Any, str]
 
@@ -118,7 +119,8 @@ class Commander:
         assert self._running is not None
         command, self._running = self._running[0], None
         self.obeyed += ok
-        self._state.tell(0 if ok else 1, "command", f"{command.name}: {sentence}")
+        level = 0 if ok and sentence != _GIVEN_UP else 1
+        self._state.tell(level, "command", f"{command.name}: {sentence}")
         command.reply(ok, sentence)
 
     # --- the graph's services ----------------------------------------------------------------
@@ -180,7 +182,7 @@ class Commander:
             raise CommandError(f"outer_loop refused to switch to {wanted}")
         if wanted == "attitude":
             self._state.forget(topics.ATTITUDE_SETPOINT)
-            return "attitude is held; nothing holds position and altitude until hover is commanded"
+            return _GIVEN_UP
         return "hover: the reference returns from where the helicopter is"
 
     def _return_gently(self) -> None:

@@ -88,8 +88,8 @@ export class Commands {
   }
 
   obstacle(state, flight, open) {
-    if (!open) return "No connection: nothing can be sent.";
     if (flight.end) return "The flight has ended: nothing can be commanded any more.";
+    if (!open) return "No connection: nothing can be sent.";
     if (!this.token) return LOCKED;
     if (this.info?.flight?.realtime === false) return LOCKSTEP;
     return state ? "" : "The flight has not begun.";

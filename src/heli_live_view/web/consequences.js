@@ -43,7 +43,7 @@ export function ofMode(mode, state) {
     text,
     danger: {
       title: "Give up position and altitude hold?", yes: "Give up the hold",
-      text: `${text}${now} The helicopter drifts with the wind and sinks or climbs; it can hit the ground within seconds. Hover takes it back.`,
+      text: `${text}${now} The helicopter drifts with the wind and sinks or climbs, until Hover is sent or it hits the ground.`,
     },
   };
 }
