@@ -2,7 +2,7 @@
 """gamma* by the level-set / Newton method against bisection to the same accuracy: times and their
 ratio.
 
-Usage: python scripts/bench_gamma_star.py [REPEATS]
+Usage: ./heli python scripts/bench_gamma_star.py [REPEATS]
 
 Bisection uses the same split of the Riccati equation and, at every step, the acceptance rule but
 for ||T_hw|| < gamma, which rounding blurs within 1e-5 of gamma*.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the plant: integration step, tick and compile time; and the whole loop in one process.
 
-Run it from the repository: `python scripts/bench_plant.py [--json]`. One core; the budget of a step
-of 2 ms (four derivative evaluations) is 5 us.
+Run it by `./heli python scripts/bench_plant.py [--json]`. One core; the budget of a step of 2 ms
+(four derivative evaluations) is 5 us.
 """
 
 import json

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Throughput and loss of the recorder: a process that publishes, the recorder, a count in the bag.
 
-    .venv/bin/python scripts/bench_recorder.py --rate 5000 --topics 10 --seconds 10
+    ./heli python scripts/bench_recorder.py --rate 5000 --topics 10 --seconds 10
 
 Every message carries its number; a message counts as recorded only if its number is in the bag.
 """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Print A, B, E of the linearised default aircraft beside the published ones, entry by entry.
 
-Usage: python scripts/deviation_table.py [--all] [--json]
+Usage: ./heli python scripts/deviation_table.py [--all] [--json]
 
 Entries that are zero in both are left out, and without --all those of pure kinematics too (they are
 exact). A deviation beyond 0.6 % and half a unit of the last published digit is explained; the tests

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Print how good the navigation is: errors on the aircraft, consistency, latency.
 
-Usage: python scripts/fusion_table.py [--seeds 1..20] [--json]
+Usage: ./heli python scripts/fusion_table.py [--seeds 1..20] [--json]
 
 On the aircraft: the hover test, loop closed, rms from 5 s over all seeds, with absolute position
 (observer parameter ekf.initial.gps_drift_fraction 1.0: the receiver's error is about the true

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make docs/live_view.webp and docs/live_view.png: the live view of a real flight of the graph.
 
-    .venv/bin/python scripts/record_live_view.py
+    ./heli python scripts/record_live_view.py
 
 It flies the hover test in real time, keeps what the live view sends to browsers, shows that again
 to a headless Chromium at a sixth of the speed (so that every frame can be taken, also where the

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write the designs of the further aircraft: what plant, observer, inner and outer loop load.
 
-Usage: python scripts/write_aircraft_designs.py [FOLDER]
+Usage: ./heli python scripts/write_aircraft_designs.py [FOLDER]
 
 The paper's weights hold for all of them; what an aircraft needs otherwise stands in CHOICES. Fly
 one by `./hover_test.sh --params src/heli_flight/config/designs/xcell60.yaml`.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write the two scenarios of `heli identify`: which lines, how strong, for how long.
 
-Usage: python scripts/write_identify_scenarios.py [FOLDER]
+Usage: ./heli python scripts/write_identify_scenarios.py [FOLDER]
 
 Why these numbers stands beside them here and in heli_flight's README.
 """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trim and linearise an aircraft and write model, trim and PID gains into an inner-loop YAML.
 
-Usage: python scripts/write_inner_loop_yaml.py [AIRCRAFT.yaml] [INNER_LOOP.yaml]
+Usage: ./heli python scripts/write_inner_loop_yaml.py [AIRCRAFT.yaml] [INNER_LOOP.yaml]
 
 Only those numbers change; comments and everything else in the file stay. Prints the observer gain K
 that the margins of the loop as flown choose, for the observer's YAML.

@@ -41,6 +41,8 @@ def complete(line):
         ("heli compare attitude --controllers hinf,p", ["hinf,pid"]),
         ("heli design --aircraft ", ["helion.yaml", "logo600.yaml", "xcell60.yaml"]),
         ("heli report bag --gps r", ["rtk"]),
+        ("heli run heli_o", ["heli_observer", "heli_outer_pd"]),
+        ("heli run heli_observer ", ["observer"]),
     ],
 )
 def test_names_are_completed(line, offered):

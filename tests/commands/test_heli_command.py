@@ -96,6 +96,33 @@ def test_wrapper_is_a_program():
     assert "heli_flight.cli.app" in wrapper.read_text()
 
 
+class TestPrograms:
+    """heli run and heli python, as another program sees them."""
+
+    def run(self, *words, text=""):
+        command = [sys.executable, "-m", "heli_flight.cli.app", *words]
+        return subprocess.run(command, input=text, capture_output=True, text=True, timeout=60)
+
+    def test_python_is_this_environments_and_gets_every_word(self):
+        """Options, too, and --help; the exit code is the program's."""
+        code = "import sys, heli_flight; print(sys.executable, sys.argv[1:]); sys.exit(7)"
+        done = self.run("python", "-c", code, "--help", "-x", "a b")
+        assert done.returncode == 7
+        assert done.stdout == f"{sys.executable} ['--help', '-x', 'a b']\n"
+        assert self.run("python", "-", text="print(1 + 1)").stdout == "2\n"
+
+    def test_a_node_gets_every_word(self):
+        done = self.run("run", "heli_observer", "observer", "--help")
+        assert done.returncode == 2
+        assert done.stderr.startswith("observer: unknown argument '--help'")
+
+    def test_a_node_that_is_not_there_is_bad_input(self):
+        done = self.run("run", "heli_observer", "obsever")
+        assert done.returncode == 2
+        assert done.stderr.startswith("heli: no executable lib/heli_observer/obsever in ")
+        assert len(done.stderr.splitlines()) == 1
+
+
 class TestDesign:
     def test_writes_pictures_and_yaml(self, designed):
         names = {path.name for path in designed.iterdir()}

@@ -45,7 +45,7 @@ COVERED = {
     "./heli echo": "tests/graph/test_bag_tools.py::test_recorder_killed_in_flight",
     "./heli topics": "tests/graph/test_bag_tools.py::test_recorder_killed_in_flight",
     "./run_tests.sh": "tests/packaging/test_packaging_setup.py::test_tests_add_their_tools_once",
-    "ros2 run": "tests/graph/test_single_nodes.py::"
+    "./heli run": "tests/graph/test_single_nodes.py::"
     "test_nodes_started_alone_find_each_other_and_fly",
 }
 ROS_TOOLS = ("ros2 topic", "ros2 bag", "ros2 param", "ros2 service", "ros2 lifecycle", "rosdep")

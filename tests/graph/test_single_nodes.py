@@ -1,28 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes started one by one, as `ros2 run` does: they configure and activate themselves and fly."""
+"""Nodes started one by one by `heli run`: they configure and activate themselves and fly."""
 
 import subprocess
 import sys
 
+from heli_flight.loop.flight_file import write_parameters
 from heli_flight.loop.layers import NODES
-from heli_parameters.locate import executable
+from heli_flight.loop.settings import resolve
+
+RUN = [sys.executable, "-m", "heli_flight.cli.app", "run"]
 
 
 def test_nodes_started_alone_find_each_other_and_fly(tmp_path, ros_env, living):
-    """A namespace moves the whole graph; the plant ends by itself when the flight is over."""
+    """A namespace moves the whole graph; the plant ends by itself when the flight is over.
+
+    They are given a flight's params.yaml: each takes its section, and passes the others over.
+    """
+    write_parameters(resolve(duration_s=3.0), tmp_path / "params.yaml")
     arguments = ["--ros-args", "-r", "__ns:=/heli1"]
+    arguments += ["--params-file", str(tmp_path / "params.yaml")]
     others = [("heli_flight", "scenario")]
     others += [(n.package, n.executable) for n in NODES if n.name != "plant"]
     started = []
     for package, name in others:
         with open(tmp_path / f"{name}.log", "wb") as log:
-            command = [sys.executable, str(executable(package, name)), *arguments]
+            command = [*RUN, package, name, *arguments]
             started.append(
                 subprocess.Popen(command, env=ros_env, stdout=log, stderr=subprocess.STDOUT)
             )
     plant = subprocess.run(
-        [sys.executable, str(executable("heli_dynamics_sim", "plant")), *arguments,
-         "-p", "duration_s:=3.0"],
+        [*RUN, "heli_dynamics_sim", "plant", *arguments],
         env=ros_env, capture_output=True, text=True, timeout=240,
     )  # fmt: skip
     for process in started:

@@ -44,6 +44,12 @@ def config_folder(package: str) -> Path:
     return folder
 
 
+def _prefixes() -> list[Path]:
+    """Where programs may be installed: as `ros2 run` looks, then this environment."""
+    named = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return list(dict.fromkeys([*(Path(p) for p in named if p), Path(sys.prefix)]))
+
+
 def executable(package: str, name: str) -> Path:
     """Executable of the package, sought as `ros2 run` seeks it: <prefix>/lib/<package>/<name>.
 
@@ -52,11 +58,21 @@ def executable(package: str, name: str) -> Path:
     MissingFileError
         Names every prefix that was looked into.
     """
-    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    prefixes.append(Path(sys.prefix))
-    for prefix in prefixes:
+    for prefix in _prefixes():
         path = prefix / "lib" / package / name
         if path.is_file() and os.access(path, os.X_OK):
             return path
-    sought = ", ".join(str(prefix) for prefix in dict.fromkeys(prefixes))
+    sought = ", ".join(str(prefix) for prefix in _prefixes())
     raise MissingFileError(f"no executable lib/{package}/{name} in {sought}")
+
+
+def executables(beginning: str) -> list[tuple[str, str]]:
+    """Package and name of every executable of the packages whose names begin so."""
+    folders = [prefix / "lib" for prefix in _prefixes()]
+    found = {
+        (path.parent.name, path.name)
+        for folder in folders
+        for path in folder.glob(f"{beginning}*/*")
+        if path.is_file() and os.access(path, os.X_OK)
+    }
+    return sorted(found)

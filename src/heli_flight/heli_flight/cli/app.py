@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `heli`: hover, campaign, design, identify, compare, report, bag, echo, topics,
-results.
+results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -31,6 +31,7 @@ from heli_flight.cli.options import (
     ScenarioName,
     Seeds,
 )
+from heli_flight.cli.programs import programs
 from heli_flight.cli.results import results
 
 EXIT_BAD_INPUT = 2
@@ -49,6 +50,7 @@ app = typer.Typer(
 app.add_typer(compare, name="compare")
 app.add_typer(bag, name="bag")
 app.add_typer(graph)
+app.add_typer(programs)
 app.add_typer(results, name="results")
 app.command(epilog=EPILOG)(identify)
 

@@ -8,6 +8,7 @@ nothing is offered the shell offers files.
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from typer import Context
 from typer.core import CompletionItem, TyperCommand
 
 
@@ -46,6 +47,24 @@ def aircraft(incomplete: str) -> list[str]:
 
     packaged = (config_folder("heli_dynamics_sim") / "aircraft").glob("*.yaml")
     return _beginning(incomplete, sorted(path.name for path in packaged))
+
+
+def node_packages(incomplete: str) -> list[str]:
+    """Packages that hold a node."""
+    return _beginning(incomplete, sorted({package for package, _ in _executables()}))
+
+
+def nodes(context: Context, incomplete: str) -> list[str]:
+    """Nodes of the package that stands before."""
+    mine = [name for package, name in _executables() if package == context.params["package"]]
+    return _beginning(incomplete, sorted(mine))
+
+
+def _executables() -> list[tuple[str, str]]:
+    """Package and name of what `heli run` can start."""
+    from heli_parameters.locate import executables
+
+    return executables("heli_")
 
 
 VALUES: Mapping[str, Callable[[str], list[str]]] = {
