@@ -132,10 +132,10 @@ def make(root: Path, producer: Producer) -> dict[str, Any]:
 
 def _argv(root: Path, command: str) -> list[str]:
     """The command with this environment's Python: no set-up in between."""
-    program, *words = shlex.split(command)
-    if program == "./heli":
-        return [sys.executable, "-m", "heli_flight.cli.app", *words]
-    return [sys.executable, str(root / words[0]), *words[1:]]
+    _, *words = shlex.split(command)
+    if words[0] == "python":
+        return [sys.executable, str(root / words[1]), *words[2:]]
+    return [sys.executable, "-m", "heli_flight.cli.app", *words]
 
 
 def commit(root: Path) -> str:

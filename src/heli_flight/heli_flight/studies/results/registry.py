@@ -84,38 +84,38 @@ PRODUCERS = (
     ),
     Producer(
         "identification",
-        "python scripts/identify_seeds.py --seeds 1..20",
+        "./heli python scripts/identify_seeds.py --seeds 1..20",
         "The default aircraft identified from flight, then flown with what was found.",
         TWENTY,
         FIT,
     ),
     Producer(
         "identification_others",
-        "python scripts/identify_seeds.py --seeds 1 --aircraft xcell60.yaml,logo600.yaml",
+        "./heli python scripts/identify_seeds.py --seeds 1 --aircraft xcell60.yaml,logo600.yaml",
         "Two other aircraft identified from flight, then flown with what was found.",
         (1,),
         FIT,
     ),
     Producer(
         "loops",
-        "python scripts/loop_table.py",
+        "./heli python scripts/loop_table.py",
         "Norms and margins of the packaged design, its observer and its PID.",
         relative=MARGIN,
     ),
     Producer(
         "fusion",
-        "python scripts/fusion_table.py --seeds 1..20 --json",
+        "./heli python scripts/fusion_table.py --seeds 1..20 --json",
         "Errors and consistency of the navigation.",
         TWENTY,
     ),
     Producer(
         "deviations",
-        "python scripts/deviation_table.py --json",
+        "./heli python scripts/deviation_table.py --json",
         "A, B, E of the linearised aircraft beside the published ones.",
     ),
     Producer(
         "recorder",
-        "python scripts/recorder_table.py",
+        "./heli python scripts/recorder_table.py",
         "Losses and load of the recorder, sizes of bags.",
         loose={
             "rate_hz": _NOT_COMPARED,
@@ -126,7 +126,7 @@ PRODUCERS = (
     ),
     Producer(
         "speed",
-        "python scripts/bench_plant.py --json",
+        "./heli python scripts/bench_plant.py --json",
         "Times of the plant and of the whole loop in one process.",
         loose={
             key: _NOT_COMPARED
