@@ -6,7 +6,9 @@ parameter, missing peer, no DDS). Every failure is one line on stderr.
 """
 
 import gc
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 
 import rclpy
@@ -32,14 +34,20 @@ def _start(cls: type[ManagedNode], argv: Sequence[str], args: Sequence[str]) -> 
     """Check parameters, start ROS, make the node; raises StartError or ParameterError."""
     line = command_line.parse(argv, cls.SPEC.name)
     values = cls.SPEC.resolve(line.params_files, line.rules, line.full_name)
+    interrupted = threading.Event()
+    # From here on Ctrl-C ends ROS, as SIGTERM does; Python would raise it wherever it is just now.
+    signal.signal(signal.SIGINT, lambda number, frame: interrupted.set())
     try:
         rclpy.init(args=list(args))
-        return cls(values)
+        node = cls(values)
     except (StartError, ParameterError):
         raise
     except Exception as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise StartError(f"ROS 2 cannot start: {first}") from error
+    if interrupted.is_set():
+        raise ExternalShutdownException
+    return node
 
 
 def _spin(node: ManagedNode) -> int:
@@ -107,3 +115,5 @@ def _end(node: ManagedNode | None) -> None:
         rclpy.try_shutdown()
     except (KeyboardInterrupt, Exception) as error:
         complain("shutdown", f"{type(error).__name__}: {error}")
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
