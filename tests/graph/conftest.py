@@ -1,37 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each test that opens a graph has a ROS domain of its own and leaves no process behind."""
 
-import fcntl
-import itertools
 import os
 import select
 import subprocess
 import sys
-import tempfile
 import time
 import uuid
 from pathlib import Path
 
 import pytest
 
-_DOMAINS = itertools.count((os.getpid() * 7) % 90)
 # Limits bound how long a failure takes; a loaded machine must not meet them.
 END_LIMIT_S = 15.0
-
-
-@pytest.fixture
-def own_domain():
-    """A ROS domain that no other test run on this machine uses meanwhile."""
-    while True:
-        domain = next(_DOMAINS) % 100 + 1
-        path = Path(tempfile.gettempdir()) / f"heli_hover-test-domain-{domain}-{os.getuid()}.lock"
-        with open(path, "w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            yield domain
-            return
 
 
 @pytest.fixture

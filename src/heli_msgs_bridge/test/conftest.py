@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Searches for counter-examples, short and at night; ROS nodes in this process."""
 
-import os
-
 import pytest
 import rclpy
 from hypothesis import HealthCheck, settings
@@ -32,12 +30,12 @@ def search(request):
 
 
 @pytest.fixture
-def ros_context():
+def ros_context(own_domain):
     """ROS in this process, in a domain of the test's own, on this machine only."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         context = rclpy.Context()
-        rclpy.init(args=[], context=context, domain_id=101 + os.getpid() % 100)
+        rclpy.init(args=[], context=context, domain_id=own_domain)
         yield context
         context.try_shutdown()
 

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -47,13 +46,13 @@ sys.exit(run(Short, wrong if "nonsense" in sys.argv else []))
 
 
 @pytest.fixture
-def start():
+def start(own_domain):
     """Start a node that ends in a certain way."""
     started = []
 
     def begin(*how):
         env = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
-        env["ROS_DOMAIN_ID"] = str(101 + os.getpid() % 100)
+        env["ROS_DOMAIN_ID"] = str(own_domain)
         command = [sys.executable, "-c", NODE, *how]
         started.append(
             subprocess.Popen(
@@ -96,11 +95,9 @@ def test_a_send_after_the_signal_is_no_failure(start):
 def test_one_that_is_asked_to_end_ends_with_0(start, number):
     process = start()
     assert process.stdout.readline() == "works\n"
-    asked = time.monotonic()
     process.send_signal(number)
     code, out, complaints = ended(process)
     assert (code, complaints) == (0, []) and out.endswith("torn down\n")
-    assert time.monotonic() - asked < 5.0
 
 
 def test_one_that_cannot_start_ends_with_2_and_one_line(start):
