@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The attitude law at 100 Hz: H-infinity and LQR by eq. (17), or PID, behind one interface.
 
-`attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10), in order phi theta
-p q a_s b_s r d_int psi (rad, rad/s), and the absolute commands phi, theta, psi (rad), and writes
-the absolute actuators d_lat, d_lon, d_ped. An own law goes into a branch here; `law_template` shows
-one.
+`attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10) (places `NINE`, rad,
+rad/s) and the absolute commands phi, theta, psi (places `SETPOINT`, rad), and writes the absolute
+actuators d_lat, d_lon, d_ped. An own law goes into a branch here; `law_template` shows one.
 """
 
 import numpy as np
@@ -18,7 +17,6 @@ from heli_inner_hinf.law_state import (
     PID,
     RUN,
     SHIFT_LIMIT_RAD,
-    TICK_S,
     AttitudeKernel,
     AttitudeStatus,
     all_finite,
@@ -27,6 +25,8 @@ from heli_inner_hinf.law_state import (
 from heli_inner_hinf.pid import pid_law, pid_terms
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
+from heli_math.rows import NINE, SETPOINT
+from heli_math.ticks import TICK_S
 
 __all__ = [
     "AttitudeKernel",
@@ -51,16 +51,18 @@ def linear_law(x9, r3, k, state, u3):
     pure integrator of the model, so that the psi column of G is minus that of F (eq. (15)) and the
     law does not depend on which way is north. s is the shift of `shift_target`, zero by default.
     """
-    psi_error = wrap_pi(x9[8] - r3[2]) - state[INTEGRAL + 2]
-    phi_command = r3[0] - k.x_trim[0] + state[INTEGRAL]
-    theta_command = r3[1] - k.x_trim[1] + state[INTEGRAL + 1]
+    shift = state[INTEGRAL : INTEGRAL + 3]
+    psi_error = wrap_pi(x9[NINE.psi] - r3[SETPOINT.psi]) - shift[SETPOINT.psi]
+    phi_command = r3[SETPOINT.phi] - k.x_trim[NINE.phi] + shift[SETPOINT.phi]
+    theta_command = r3[SETPOINT.theta] - k.x_trim[NINE.theta] + shift[SETPOINT.theta]
     for i in range(3):
-        total = k.u_trim[i] + k.F[i, 8] * psi_error
-        for j in range(8):
+        total = k.u_trim[i] + k.F[i, NINE.psi] * psi_error
+        for j in range(NINE.psi):
             total += k.F[i, j] * (x9[j] - k.x_trim[j])
         for j in range(3):
             total += k.H[i, j] * (state[LAST_U + j] - k.u_trim[j])
-        u3[i] = total + k.G[i, 0] * phi_command + k.G[i, 1] * theta_command
+        total += k.G[i, SETPOINT.phi] * phi_command
+        u3[i] = total + k.G[i, SETPOINT.theta] * theta_command
 
 
 @njit
@@ -72,10 +74,13 @@ def shift_target(x9, r3, k, state):
     loop through s is that of an integrator with crossover `shift_rate`, far below the attitude
     loop's bandwidth.
     """
+    shift = state[INTEGRAL : INTEGRAL + 3]
+    step = TICK_S * k.shift_rate
+    shift[SETPOINT.phi] += step * (r3[SETPOINT.phi] - x9[NINE.phi])
+    shift[SETPOINT.theta] += step * (r3[SETPOINT.theta] - x9[NINE.theta])
+    shift[SETPOINT.psi] += step * wrap_pi(r3[SETPOINT.psi] - x9[NINE.psi])
     for i in range(3):
-        error = wrap_pi(r3[2] - x9[8]) if i == 2 else r3[i] - x9[i]
-        shift = state[INTEGRAL + i] + TICK_S * k.shift_rate * error
-        state[INTEGRAL + i] = min(max(shift, -SHIFT_LIMIT_RAD), SHIFT_LIMIT_RAD)
+        shift[i] = min(max(shift[i], -SHIFT_LIMIT_RAD), SHIFT_LIMIT_RAD)
 
 
 @njit
@@ -85,7 +90,7 @@ def attitude_law(x9, r3, k, state, u3):
     Parameters
     ----------
     x9 : (9,) array
-        Absolute states phi theta p q a_s b_s r d_int psi, rad and rad/s.
+        Absolute states, places of `NINE`, rad and rad/s.
     r3 : (3,) array
         Commanded phi, theta, psi, absolute, rad.
     k : AttitudeKernel

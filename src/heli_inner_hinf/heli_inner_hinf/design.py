@@ -16,7 +16,6 @@ from heli_inner_hinf.law_state import (
     CONTROLLERS,
     LAST_R,
     LAST_X,
-    TICK_S,
     AttitudeKernel,
     initial_law_state,
 )
@@ -25,6 +24,8 @@ from heli_inner_hinf.lqr import Lqr, lqr
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.synthesis import Synthesis, synthesize
 from heli_inner_hinf.weights import checked, output_selector, weights
+from heli_math.rows import ACTUATOR
+from heli_math.ticks import TICK_S
 
 
 class UnknownControllerError(SynthesisError):
@@ -142,7 +143,7 @@ class AttitudeConfig:
             H=np.ascontiguousarray(H),
             G=np.ascontiguousarray(gains.G),
             x_trim=self.x_trim,
-            u_trim=self.u_trim[:3].copy(),
+            u_trim=self.u_trim[ACTUATOR.attitude].copy(),
             limit=self.actuator_limit,
             K_P=self.K_P,
             K_I=self.K_I,

@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from heli_inner_hinf.errors import ShapeError
-from heli_inner_hinf.law_state import LAST_U, TICK_S, all_finite
+from heli_inner_hinf.law_state import LAST_U, all_finite
 from heli_math.jit import njit
 from heli_math.multisine import fade_in_and_out, sines_at
+from heli_math.rows import ACTUATOR, NINE
+from heli_math.ticks import TICK_S
 
-N_CHANNELS = 4
-# Layout of the state array (N_EXCITATION_STATE,).
-SENT = 0  # [0:4] what was added at the newest tick, actuator units
+# Layout of the state array (N_EXCITATION_STATE,): where a part begins.
+SENT = 0  # (4) what was added at the newest tick, an ActuatorRow
 SATURATED_S = 4  # how long an actuator has stood at its limit, s
 ENDED_S = 5  # flight time at which the excitation was given up, s
 CAUSE = 6  # ExcitationStatus for which it was given up; SILENT: it was not
@@ -98,7 +99,7 @@ def excitation_kernel(values: Mapping[str, Any]) -> ExcitationKernel:
     lines = np.array(values["excitation.frequency_hz"], float).ravel()
     tables = []
     for name in ("amplitude", "phase_rad"):
-        table = np.array(values[f"excitation.{name}"], float).reshape(-1, N_CHANNELS)
+        table = np.array(values[f"excitation.{name}"], float).reshape(-1, ACTUATOR.size)
         if table.shape[0] != lines.size:
             raise ShapeError(
                 f"excitation.{name}",
@@ -121,7 +122,7 @@ def excitation_kernel(values: Mapping[str, Any]) -> ExcitationKernel:
         start_s=values["excitation.start_s"],
         duration_s=duration,
         fade_s=fade,
-        trim_rad=np.array(values["trim.x"], float).ravel()[:2].copy(),
+        trim_rad=np.array(values["trim.x"], float).ravel()[[NINE.phi, NINE.theta]],
         limit_rad=math.radians(values["excitation.attitude_limit_deg"]),
         saturation_s=values["excitation.saturation_s"],
         actuator_limit=values["actuator_limit"],
@@ -138,14 +139,14 @@ def _watch(time_s, x9, u4, k, state):
     """Give the excitation up if it has become unsafe; u4 is what was flown."""
     cause = _SILENT
     at_limit = False
-    for i in range(4):
+    for i in range(ACTUATOR.size):
         at_limit = at_limit or abs(u4[i]) >= k.actuator_limit
     state[SATURATED_S] = state[SATURATED_S] + TICK_S if at_limit else 0.0
     if state[SATURATED_S] > k.saturation_s:
         cause = _SATURATED
-    for i in range(2):
-        if abs(x9[i] - k.trim_rad[i]) > k.limit_rad:
-            cause = _ATTITUDE
+    roll, pitch = x9[NINE.phi] - k.trim_rad[0], x9[NINE.theta] - k.trim_rad[1]
+    if abs(roll) > k.limit_rad or abs(pitch) > k.limit_rad:
+        cause = _ATTITUDE
     if cause != _SILENT:
         state[ENDED_S] = time_s
         state[CAUSE] = cause
@@ -174,8 +175,9 @@ def excite(time_s, x9, k, state, law_state, u4):
     int
         `ExcitationStatus`.
     """
-    for i in range(4):
-        state[SENT + i] = 0.0
+    sent = state[SENT : SENT + ACTUATOR.size]
+    for i in range(ACTUATOR.size):
+        sent[i] = 0.0
     share = fade_in_and_out(time_s - k.start_s, k.duration_s, k.fade_s)
     if not all_finite(x9):
         if share > 0.0 and state[CAUSE] == _SILENT:
@@ -187,11 +189,11 @@ def excite(time_s, x9, k, state, law_state, u4):
         share *= 0.0 if gone >= 1.0 else 0.5 + 0.5 * math.cos(math.pi * gone)
     if share == 0.0:
         return int(state[CAUSE])
-    sines_at(time_s - k.start_s, k.frequency_hz, k.amplitude, k.phase_rad, state[SENT : SENT + 4])
-    for i in range(4):
-        total = u4[i] + share * state[SENT + i]
+    sines_at(time_s - k.start_s, k.frequency_hz, k.amplitude, k.phase_rad, sent)
+    for i in range(ACTUATOR.size):
+        total = u4[i] + share * sent[i]
         total = min(max(total, -k.actuator_limit), k.actuator_limit)
-        state[SENT + i] = total - u4[i]
+        sent[i] = total - u4[i]
         u4[i] = total
     for i in range(3):
         law_state[LAST_U + i] = u4[i]

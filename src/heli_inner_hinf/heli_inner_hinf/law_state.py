@@ -7,19 +7,20 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_math.jit import njit
+from heli_math.rotations import euler_from_quat
+from heli_math.rows import NAV, NINE, ROTOR, SETPOINT
 
-TICK_S = 0.01
 CONTROLLERS = {"hinf": 0, "lqr": 1, "pid": 2}
 """Names in the YAML and the int by which the kernel chooses its law."""
 
 HINF, LQR, PID = 0, 1, 2
 
-# Layout of the state array (N_LAW_STATE,).
-LAST_U = 0  # [0:3] last output, -1..1
-INTEGRAL = 3  # [3:6] PID: integrators, actuator units; linear laws: shift of the target, rad
-OFFSET = 6  # [6:9] bumpless offset, actuator units, fading
-LAST_X = 9  # [9:18] newest finite x9
-LAST_R = 18  # [18:21] newest finite r3
+# Layout of the state array (N_LAW_STATE,): where a part begins.
+LAST_U = 0  # (3) last output, -1..1
+INTEGRAL = 3  # (3) PID: integrators, actuator units; linear laws: shift of the target, rad
+OFFSET = 6  # (3) bumpless offset, actuator units, fading
+LAST_X = 9  # (9) newest finite x9
+LAST_R = 18  # (3) newest finite r3
 RUN = 21  # 1.0 once the law has run
 N_LAW_STATE = 22
 
@@ -86,10 +87,19 @@ def initial_law_state(k: AttitudeKernel) -> np.ndarray:
     state = np.zeros(N_LAW_STATE)
     state[LAST_U : LAST_U + 3] = np.clip(k.u_trim, -k.limit, k.limit)
     state[LAST_X : LAST_X + 9] = k.x_trim
-    state[LAST_R] = k.x_trim[0]
-    state[LAST_R + 1] = k.x_trim[1]
-    state[LAST_R + 2] = k.x_trim[8]
+    state[LAST_R + SETPOINT.phi] = k.x_trim[NINE.phi]
+    state[LAST_R + SETPOINT.theta] = k.x_trim[NINE.theta]
+    state[LAST_R + SETPOINT.psi] = k.x_trim[NINE.psi]
     return state
+
+
+@njit
+def nine_states(nav, rotor, x9):
+    """Nine states of eq. (10) of a navigation row and a row of rotor states, into x9 (9,)."""
+    x9[NINE.phi], x9[NINE.theta], x9[NINE.psi] = euler_from_quat(nav[NAV.quat])
+    x9[NINE.p], x9[NINE.q], x9[NINE.r] = nav[NAV.p], nav[NAV.q], nav[NAV.r]
+    x9[NINE.a_s], x9[NINE.b_s] = rotor[ROTOR.a_s], rotor[ROTOR.b_s]
+    x9[NINE.d_int] = rotor[ROTOR.d_int]
 
 
 @njit

@@ -16,6 +16,7 @@ The example is a law that works: angles by proportional gain, rates by damping, 
 
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
+from heli_math.rows import NINE, SETPOINT
 
 
 @njit
@@ -25,9 +26,9 @@ def user_law(x9, r3, k, state, u3):
     Parameters
     ----------
     x9 : (9,) array
-        Absolute phi theta p q a_s b_s r d_int psi, rad and rad/s; finite.
+        Absolute phi theta p q a_s b_s r d_int psi, rad and rad/s, places of `NINE`; finite.
     r3 : (3,) array
-        Commanded phi, theta, psi, absolute, rad; finite.
+        Commanded phi, theta, psi, absolute, rad, places of `SETPOINT`; finite.
     k : AttitudeKernel
         Numbers of the law; here K_P, K_D and u_trim.
     state : (N_LAW_STATE,) array
@@ -35,6 +36,9 @@ def user_law(x9, r3, k, state, u3):
     u3 : (3,) array
         Out: d_lat, d_lon, d_ped, absolute.
     """
-    u3[0] = k.u_trim[0] + k.K_P[0] * (r3[0] - x9[0]) - k.K_D[0] * x9[2]
-    u3[1] = k.u_trim[1] + k.K_P[1] * (r3[1] - x9[1]) - k.K_D[1] * x9[3]
-    u3[2] = k.u_trim[2] + k.K_P[2] * wrap_pi(r3[2] - x9[8]) - k.K_D[2] * x9[6]
+    roll = r3[SETPOINT.phi] - x9[NINE.phi]
+    pitch = r3[SETPOINT.theta] - x9[NINE.theta]
+    turn = wrap_pi(r3[SETPOINT.psi] - x9[NINE.psi])
+    u3[0] = k.u_trim[0] + k.K_P[0] * roll - k.K_D[0] * x9[NINE.p]
+    u3[1] = k.u_trim[1] + k.K_P[1] * pitch - k.K_D[1] * x9[NINE.q]
+    u3[2] = k.u_trim[2] + k.K_P[2] * turn - k.K_D[2] * x9[NINE.r]

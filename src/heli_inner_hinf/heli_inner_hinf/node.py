@@ -12,7 +12,6 @@ import numpy as np
 from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign
 from heli_inner_hinf.excitation import (
-    N_CHANNELS,
     SENT,
     ExcitationKernel,
     ExcitationStatus,
@@ -20,9 +19,11 @@ from heli_inner_hinf.excitation import (
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.law_state import TICK_S, initial_law_state
+from heli_inner_hinf.law_state import initial_law_state, nine_states
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
-from heli_math.rotations import euler_from_quat
+from heli_math.rows import ACTUATOR, NAV, NINE, SETPOINT
+from heli_math.state_names import UNMEASURED
+from heli_math.ticks import TICK_S, TICKS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
@@ -31,7 +32,6 @@ from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
-_TICKS_PER_S = 100
 
 
 @dataclass
@@ -99,9 +99,9 @@ class Loop(TickCore):
     exciter: Exciter | None
     collective: float
     flown_tick: int | None = None
-    x9: np.ndarray = field(default_factory=lambda: np.full(9, np.nan))
+    x9: np.ndarray = field(default_factory=lambda: np.full(len(NINE), np.nan))
     u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    total: np.ndarray = field(default_factory=lambda: np.zeros(N_CHANNELS))
+    total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
     margin: MarginWatch = field(default_factory=MarginWatch)
 
 
@@ -146,7 +146,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             design=LiveDesign(config),
             send=self.create_sender(topics.ACTUATORS),
             exciter=self._make_exciter(),
-            collective=config.u_trim[3],
+            collective=config.u_trim[ACTUATOR.col],
             pace=self.listen(inputs),
         )
         self._warm_up(core)
@@ -163,7 +163,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         """Load the compiled law before the first tick."""
         kernel = core.design.config.kernel
         attitude_law(core.x9, core.x9[:3], kernel, initial_law_state(kernel), core.u3)
-        euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
+        nav = np.full(NAV.size, np.nan)
+        nine_states(nav, nav[NAV.rotor], core.x9)
         if core.exciter is not None:
             law, own = initial_law_state(kernel), initial_excitation_state()
             excite(-1.0, core.x9, core.exciter.kernel, own, law, core.total)
@@ -171,8 +172,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def engage(self) -> Holding:
         """Begin to hold attitude: from trim, or in flight from what is flown."""
         self.core.pace.expect(_OUTER, self.values["expects_outer"])
-        trim = self.core.design.config.x_trim
-        return Holding(np.array([trim[0], trim[1], np.nan]))
+        return Holding(self._trim_attitude(np.nan))
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick: newest setpoint, law, actuators."""
@@ -182,14 +182,14 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         self._take_navigation(arrived)
         self._take_setpoint(arrived)
         stale = self._setpoint_is_stale(tick)
-        r3 = self._trim_attitude() if stale else run.r3
+        r3 = self._trim_attitude(run.r3[SETPOINT.psi]) if stale else run.r3
         if run.resumes and np.isfinite(core.x9).all() and np.isfinite(r3).all():
-            core.design.engage(core.x9, r3, core.total[:3])
+            core.design.engage(core.x9, r3, core.total[ACTUATOR.attitude])
             run.resumes = False
         kernel = core.design.take()
         code = attitude_law(core.x9, r3, kernel, core.design.state, core.u3)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
-        core.total[:3], core.total[3] = core.u3, core.collective
+        core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, core.collective
         if core.exciter is not None:
             self._excite(core.exciter, tick)
         core.send(core.total, self.stamp_ns(tick))
@@ -203,14 +203,14 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         run.resumes = core.flown_tick is not None and tick > core.flown_tick
         if not run.resumes:
             core.design.start()
-            core.collective = core.design.config.u_trim[3]
+            core.collective = core.design.config.u_trim[ACTUATOR.col]
 
     def _excite(self, exciter: Exciter, tick: int) -> None:
         """Add the excitation to the actuators of this tick and publish it."""
         core, state = self.core, exciter.state
         code = excite(tick * TICK_S, core.x9, exciter.kernel, state, core.design.state, core.total)
         exciter.status = ExcitationStatus(code)
-        exciter.send(state[SENT : SENT + N_CHANNELS], self.stamp_ns(tick))
+        exciter.send(state[SENT : SENT + ACTUATOR.size], self.stamp_ns(tick))
 
     def _take_navigation(self, arrived: Arrived) -> None:
         x9, r3 = self.core.x9, self.run.r3
@@ -220,14 +220,13 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             # Not a number: the law repeats its last command and says so.
             x9[:] = np.nan
             return
-        x9[0], x9[1], x9[8] = euler_from_quat(nav[6:10])
-        x9[2], x9[3], x9[6] = nav[10], nav[11], nav[12]
-        if rotor is not None:
-            x9[4], x9[5], x9[7] = rotor
-        elif not np.isfinite(x9[4]):
-            x9[4], x9[5], x9[7] = self.core.design.config.x_trim[[4, 5, 7]]
-        if np.isnan(r3[2]):
-            r3[2] = x9[8]
+        if rotor is None:
+            # Real time: as they were known last; at first, the trim's.
+            known = x9 if np.isfinite(x9[NINE.a_s]) else self.core.design.config.x_trim
+            rotor = known[list(UNMEASURED)]
+        nine_states(nav, rotor, x9)
+        if np.isnan(r3[SETPOINT.psi]):
+            r3[SETPOINT.psi] = x9[NINE.psi]
 
     def _take_setpoint(self, arrived: Arrived) -> None:
         stamp, attitude = arrived.get(topics.ATTITUDE_SETPOINT, (0, None))
@@ -242,12 +241,12 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         stamp = self.run.setpoint_tick
         if stamp is None:
             return False
-        return tick - stamp > self.values["setpoint_timeout_s"] * _TICKS_PER_S
+        return tick - stamp > self.values["setpoint_timeout_s"] * TICKS_PER_S
 
-    def _trim_attitude(self) -> np.ndarray:
-        """Trim attitude with the heading of the setpoint."""
+    def _trim_attitude(self, psi: float) -> np.ndarray:
+        """Trim attitude with a heading, rad."""
         trim = self.core.design.config.x_trim
-        return np.array([trim[0], trim[1], self.run.r3[2]])
+        return np.array([trim[NINE.phi], trim[NINE.theta], psi])
 
     def _tell(self, code: int, stale: bool) -> None:
         exciter = self.core.exciter
@@ -261,7 +260,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             level, message = Level.WARN, excited.sentence
         elif excited == ExcitationStatus.EXCITING and code == AttitudeStatus.OK:
             message = excited.sentence
-        if self.tick % _TICKS_PER_S == 0 or message != self.health.message:
+        if self.tick % TICKS_PER_S == 0 or message != self.health.message:
             self.warn_or_ok(level, message, self._facts_now())
 
     def _facts_now(self) -> dict[str, Any]:

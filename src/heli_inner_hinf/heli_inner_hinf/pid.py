@@ -7,21 +7,23 @@ derivative on measurement, clamping anti-windup. The gains are found by `pid_tun
 
 import numpy as np
 
-from heli_inner_hinf.law_state import INTEGRAL, OFFSET, TICK_S
+from heli_inner_hinf.law_state import INTEGRAL, OFFSET
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
+from heli_math.rows import NINE, SETPOINT
+from heli_math.ticks import TICK_S
 
 
 @njit
 def pid_terms(x9, r3, k, error, held):
     """Tracking error (3,) into `error`, proportional and derivative part plus trim (3,) into
     `held`."""
-    error[0] = r3[0] - x9[0]
-    error[1] = r3[1] - x9[1]
-    error[2] = wrap_pi(r3[2] - x9[8])
-    held[0] = k.u_trim[0] + k.K_P[0] * error[0] - k.K_D[0] * x9[2]
-    held[1] = k.u_trim[1] + k.K_P[1] * error[1] - k.K_D[1] * x9[3]
-    held[2] = k.u_trim[2] + k.K_P[2] * error[2] - k.K_D[2] * x9[6]
+    error[0] = r3[SETPOINT.phi] - x9[NINE.phi]
+    error[1] = r3[SETPOINT.theta] - x9[NINE.theta]
+    error[2] = wrap_pi(r3[SETPOINT.psi] - x9[NINE.psi])
+    held[0] = k.u_trim[0] + k.K_P[0] * error[0] - k.K_D[0] * x9[NINE.p]
+    held[1] = k.u_trim[1] + k.K_P[1] * error[1] - k.K_D[1] * x9[NINE.q]
+    held[2] = k.u_trim[2] + k.K_P[2] * error[2] - k.K_D[2] * x9[NINE.r]
 
 
 @njit

@@ -17,26 +17,33 @@ from heli_flight.loop.settings import Settings
 from heli_inner_hinf import attitude_law as inner
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.excitation import (
-    N_CHANNELS,
     SENT,
     ExcitationKernel,
     excitation_kernel,
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.law_state import initial_law_state
+from heli_inner_hinf.law_state import initial_law_state, nine_states
 from heli_math.jit import njit
-from heli_math.rotations import euler_from_quat, quat_to_R_nb
-from heli_math.rows import MEAS, NAV, REFERENCE, SETPOINT
+from heli_math.rotations import quat_to_R_nb
+from heli_math.rows import (
+    ACTUATOR,
+    IMU,
+    MEAS,
+    NAV,
+    NINE,
+    PLANT,
+    REFERENCE,
+    SETPOINT,
+    TRUTH,
+)
+from heli_math.ticks import TICK_NS, TICK_S, seconds
 from heli_math.trajectory import reference_at
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
 from heli_outer_pd.config import outer_kernel
 
-TICK_NS = 10_000_000
-TICK_S = 0.01
-N_TRUTH = 19  # pos 3, velocity NED 3, quaternion 4, rates 3, rotor 3, wind 3
 _CHUNK_TICKS = 6000
 
 
@@ -58,32 +65,34 @@ class Loop(NamedTuple):
 
 
 class Track(NamedTuple):
-    """What is recorded, one row per tick."""
+    """What is recorded, one row per tick; places of `heli_math.rows`."""
 
-    truth: np.ndarray
-    nav: np.ndarray
-    reference: np.ndarray
-    setpoint: np.ndarray
-    u: np.ndarray
-    excitation: np.ndarray  # this and the next two have no rows unless something is excited
-    gust: np.ndarray
-    imu: np.ndarray
+    truth: np.ndarray  # (n, 19) TRUTH
+    nav: np.ndarray  # (n, 31) NAV
+    reference: np.ndarray  # (n, 7) REFERENCE
+    setpoint: np.ndarray  # (n, 4) SETPOINT
+    u: np.ndarray  # (n, 4) ACTUATOR
+    # no rows unless something is excited:
+    excitation: np.ndarray  # (n, 4) ACTUATOR, what was added to u
+    gust: np.ndarray  # (n, 3) NED, m/s
+    imu: np.ndarray  # (n, 6) IMU
 
 
 @njit
 def _write_truth(s, y, out):
     x = s.x
-    out[0:3] = x[0:3]
-    out[3:6] = quat_to_R_nb(x[6:10]) @ x[3:6]
-    out[6:10] = x[6:10]
-    out[10:16] = x[10:16]
-    out[16:19] = y[20:23]
+    out[TRUTH.pos] = x[PLANT.pos]
+    out[TRUTH.vel] = quat_to_R_nb(x[PLANT.quat]) @ x[PLANT.vel]
+    out[TRUTH.quat] = x[PLANT.quat]
+    out[TRUTH.rate] = x[PLANT.rate]
+    out[TRUTH.rotor] = x[PLANT.rotor]
+    out[TRUTH.wind] = y[MEAS.wind]
 
 
 @njit
 def _replace_by_truth(truth, nav):
     """Ideal navigation: what the sensors cannot spoil (for analysis, never for a score)."""
-    nav[0:16] = truth[0:16]
+    nav[NAV.motion] = truth[TRUTH.motion]
 
 
 @njit
@@ -94,7 +103,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     ----------
     loop : Loop
     first_tick, n_ticks : int
-    noise_rows : (n_ticks, N_NOISE) ndarray
+    noise_rows : (n_ticks, 31) ndarray
     times_ns, points : ndarray
         Reference trajectory.
     setpoint, u : (4,) ndarray
@@ -104,7 +113,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     """
     y = np.zeros(MEAS.size)
     nav = np.zeros(NAV.size)
-    x9 = np.empty(9)
+    x9 = np.empty(len(NINE))
     u3 = np.empty(3)
     reference = np.empty(REFERENCE.size)
     for i in range(n_ticks):
@@ -119,17 +128,15 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
             outer.follow(
                 nav, tick * TICK_NS, times_ns, points, loop.outer_k, loop.outer_s, setpoint
             )
-        x9[0], x9[1], x9[8] = euler_from_quat(nav[6:10])
-        x9[2], x9[3], x9[6] = nav[10], nav[11], nav[12]
-        x9[4], x9[5], x9[7] = nav[13], nav[14], nav[15]
-        inner.attitude_law(x9, setpoint[0:3], loop.inner_k, loop.inner_s, u3)
-        u[0:3] = u3
-        u[3] = setpoint[3]
+        nine_states(nav, nav[NAV.rotor], x9)
+        inner.attitude_law(x9, setpoint[SETPOINT.attitude], loop.inner_k, loop.inner_s, u3)
+        u[ACTUATOR.attitude] = u3
+        u[ACTUATOR.col] = setpoint[SETPOINT.col]
         if loop.excitation_k.on:
             excite(tick * TICK_S, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
         if track.imu.shape[0] > 0:
-            track.excitation[tick] = loop.excitation_s[SENT : SENT + N_CHANNELS]
-            track.imu[tick] = y[0:6]
+            track.excitation[tick] = loop.excitation_s[SENT : SENT + ACTUATOR.size]
+            track.imu[tick] = y[MEAS.imu]
             injected_gust(loop.plant_s.x, tick * TICK_S, loop.plant_k.wind.sines, track.gust[tick])
         track.nav[tick] = nav
         track.reference[tick] = reference
@@ -229,12 +236,12 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     """
     n = settings.scenario.n_ticks
     track = Track(
-        np.zeros((n, N_TRUTH)),
+        np.zeros((n, TRUTH.size)),
         np.zeros((n, NAV.size)),
         np.zeros((n, REFERENCE.size)),
-        np.zeros((n, 4)),
-        np.zeros((n, 4)),
-        *(np.zeros((n if _excited(loop) else 0, size)) for size in (N_CHANNELS, 3, 6)),
+        np.zeros((n, SETPOINT.size)),
+        np.zeros((n, ACTUATOR.size)),
+        *(np.zeros((n if _excited(loop) else 0, size)) for size in (ACTUATOR.size, 3, IMU.size)),
     )
     streams = noise.NoiseStreams(settings.seed)
     reference = settings.scenario.reference
@@ -250,7 +257,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
         )  # fmt: skip
         tick += flown
         if progress is not None:
-            progress(tick / 100.0)
+            progress(seconds(tick))
     named = plant.PlantStatus(status)
     return Flight(_as_record(track, tick), named, "" if status == 0 else named.sentence)
 
@@ -262,24 +269,24 @@ def _excited(loop: Loop) -> bool:
 def _as_record(track: Track, n: int) -> FlightRecord:
     truth, nav = track.truth[:n], track.nav[:n]
     return FlightRecord(
-        time_s=np.arange(n) / 100.0,
-        truth_pos_ned_m=truth[:, 0:3],
-        truth_vel_ned_mps=truth[:, 3:6],
-        truth_rate_body_radps=truth[:, 10:13],
-        truth_q_nb=truth[:, 6:10],
-        truth_rotor=truth[:, 13:16],
-        wind_ned_mps=truth[:, 16:19],
-        nav_pos_ned_m=nav[:, 0:3],
-        nav_vel_ned_mps=nav[:, 3:6],
-        nav_rate_body_radps=nav[:, 10:13],
-        nav_q_nb=nav[:, 6:10],
-        nav_rotor=nav[:, 13:16],
+        time_s=seconds(np.arange(n)),
+        truth_pos_ned_m=truth[:, TRUTH.pos],
+        truth_vel_ned_mps=truth[:, TRUTH.vel],
+        truth_rate_body_radps=truth[:, TRUTH.rate],
+        truth_q_nb=truth[:, TRUTH.quat],
+        truth_rotor=truth[:, TRUTH.rotor],
+        wind_ned_mps=truth[:, TRUTH.wind],
+        nav_pos_ned_m=nav[:, NAV.pos],
+        nav_vel_ned_mps=nav[:, NAV.vel],
+        nav_rate_body_radps=nav[:, NAV.rate],
+        nav_q_nb=nav[:, NAV.quat],
+        nav_rotor=nav[:, NAV.rotor],
         reference=track.reference[:n],
-        setpoint=track.setpoint[:n, :3],
+        setpoint=track.setpoint[:n, SETPOINT.attitude],
         u=track.u[:n],
-        nav_sigma_pos_m=nav[:, 22:25],
-        nav_sigma_vel_mps=nav[:, 25:28],
-        nav_sigma_att_rad=nav[:, 28:31],
+        nav_sigma_pos_m=nav[:, NAV.sigma_pos],
+        nav_sigma_vel_mps=nav[:, NAV.sigma_vel],
+        nav_sigma_att_rad=nav[:, NAV.sigma_att],
         excitation_u=track.excitation[:n] if track.imu.size else None,
         gust_ned_mps=track.gust[:n] if track.imu.size else None,
         imu=track.imu[:n] if track.imu.size else None,
