@@ -11,6 +11,7 @@ import yaml
 
 from heli_bags.recorder import BagRecorder
 from heli_flight.cli import app as cli
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import CHANNELS, Encoder
 
@@ -52,7 +53,7 @@ def flight(tmp_path_factory):
     recorder = BagRecorder(folder / "bag", [*NAMES, CHAT])
     encoders = {name: Encoder(name) for name in NAMES}
     for tick in range(TICKS):
-        stamp_ns = 10**9 + tick * topics.TICK_NS
+        stamp_ns = 10**9 + tick * TICK_NS
         for name in NAMES:
             if topics.due(name, tick):
                 row = np.ascontiguousarray(values(name, tick), dtype=float)
@@ -90,12 +91,12 @@ def test_echo_is_yaml_and_json(capsys, flight):
     texts = done(capsys, "bag", "echo", flight, "actuators", "--count", 2).split("---\n")
     assert texts[2] == ""
     message = yaml.safe_load(texts[1])
-    assert message["header"]["stamp"] == {"sec": 1, "nanosec": topics.TICK_NS}
+    assert message["header"]["stamp"] == {"sec": 1, "nanosec": TICK_NS}
     assert message["position"] == [1.0, 2.0, 3.0, 4.0]
     lines = done(capsys, "bag", "echo", flight, "/actuators", "--json").splitlines()
     assert len(lines) == TICKS
     last = json.loads(lines[-1])
-    assert last["stamp_ns"] == 10**9 + (TICKS - 1) * topics.TICK_NS
+    assert last["stamp_ns"] == 10**9 + (TICKS - 1) * TICK_NS
     assert last["position"] == [TICKS - 1.0, TICKS, TICKS + 1.0, TICKS + 2.0]
 
 
@@ -105,7 +106,7 @@ def test_csv_holds_every_field(capsys, flight, tmp_path):
     with open(tmp_path / "tables" / "ground_truth__wind.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == TICKS
-    assert rows[7]["stamp_ns"] == str(10**9 + 7 * topics.TICK_NS)
+    assert rows[7]["stamp_ns"] == str(10**9 + 7 * TICK_NS)
     # North, east, down in the core; east, north, up on the topic.
     assert [float(rows[7][f"vector.{axis}"]) for axis in "xyz"] == [8.0, 7.0, -9.0]
     with open(tmp_path / "tables" / "chat.csv", newline="") as stream:

@@ -15,9 +15,10 @@ from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
 from heli_math.rotations import quat_to_R_nb
+from heli_math.rows import NAV
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.packing import N_NAV
 
 DURATION_S = 8.0
 START_NS = 1_000_000_000
@@ -45,7 +46,7 @@ def record():
 def rows(record):
     """What each topic would carry, per tick."""
     n = len(record)
-    nav, truth = np.zeros((n, N_NAV)), np.zeros((n, 13))
+    nav, truth = np.zeros((n, NAV.size)), np.zeros((n, 13))
     nav[:, 0:3], nav[:, 3:6], nav[:, 6:10] = (
         record.nav_pos_ned_m, record.nav_vel_ned_mps, record.nav_q_nb,
     )  # fmt: skip
@@ -74,7 +75,7 @@ def write_bag(folder, record, names, prefix="/heli/"):
             connection = writer.add_connection(prefix + name, kind, typestore=store)
             encoder = Encoder(name)
             for tick, row in enumerate(streams[name]):
-                stamp = START_NS + tick * topics.TICK_NS
+                stamp = START_NS + tick * TICK_NS
                 writer.write(connection, stamp, encoder.encode(np.ascontiguousarray(row), stamp))
     return folder
 

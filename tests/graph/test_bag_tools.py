@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,7 +86,7 @@ def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living):
     restored = int(re.search(r"restored: (\d+) messages", said).group(1))
     stamps = read_bag(flight / "bag").streams[topics.TRUTH_ODOM].stamp_ns
     assert stamps.size > 300 and restored > 7 * stamps.size
-    assert np.all(np.diff(stamps) == topics.TICK_NS)
+    assert np.all(np.diff(stamps) == TICK_NS)
     assert heli("report", flight).stdout == f"written: {flight / 'report.html'}\n"
     assert living() == []
 

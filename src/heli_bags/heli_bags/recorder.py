@@ -20,6 +20,7 @@ from rosbags.interfaces import (
 
 from heli_bags.definitions import Definitions, UnknownTypeError
 from heli_bags.folder import BagError, BagFolder, Channel, Format, reason
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 
@@ -182,7 +183,7 @@ class BagRecorder:
         """Topics with a fixed rate of which a message of the middle or of the end has not come."""
         found = []
         for name, last in self._last.items():
-            period_ns = self.rows[name].every_ticks * topics.TICK_NS
+            period_ns = self.rows[name].every_ticks * TICK_NS
             if not period_ns or self._failed:
                 continue
             expected = (last - self._first[name]) // period_ns + 1

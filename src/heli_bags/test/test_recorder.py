@@ -18,6 +18,7 @@ from rosbags.rosbag2 import Reader
 
 from heli_bags.recorder import BagError, BagRecorder, Format
 from heli_bags.repair import repair
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import CHANNELS, Encoder
 from heli_parameters.locate import share_folder
@@ -37,7 +38,7 @@ def stream(ticks=TICKS, names=NAMES):
     """Tick by tick: topic, stamp (ns), message with the tick in its first number."""
     encoders = {name: Encoder(name) for name in names}
     for tick in range(ticks):
-        stamp_ns = 1_000_000_000 + tick * topics.TICK_NS
+        stamp_ns = 1_000_000_000 + tick * TICK_NS
         for name in names:
             row = np.zeros(CHANNELS[name].size)
             row[0] = tick
@@ -129,7 +130,7 @@ def test_metadata_is_what_rosbag2_expects(tmp_path):
     }  # fmt: skip
     assert (info["version"], info["storage_identifier"], info["ros_distro"]) == (9, "mcap", "jazzy")
     assert info["starting_time"] == {"nanoseconds_since_epoch": 1_000_000_000}
-    assert info["duration"] == {"nanoseconds": (TICKS - 1) * topics.TICK_NS}
+    assert info["duration"] == {"nanoseconds": (TICKS - 1) * TICK_NS}
     assert len(info["files"]) > 3
     assert [file["path"] for file in info["files"]] == info["relative_file_paths"]
     assert sum(file["message_count"] for file in info["files"]) == info["message_count"]

@@ -16,6 +16,7 @@ from heli_bags.reader import read_bag
 from heli_bags.recorder import BagError, BagRecorder, Format
 from heli_bags.repair import repair
 from heli_bags.tools import bag_info
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import CHANNELS, Encoder
 
@@ -28,7 +29,7 @@ def stream():
     encoders = {name: Encoder(name) for name in NAMES}
     numbers = np.random.default_rng(5)
     for tick in range(TICKS):
-        stamp_ns = 1_000_000_000 + tick * topics.TICK_NS
+        stamp_ns = 1_000_000_000 + tick * TICK_NS
         for name in NAMES:
             row = numbers.normal(size=CHANNELS[name].size)
             yield name, stamp_ns, encoders[name].encode(row, stamp_ns)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_math.rotations import euler_from_quat, quat_to_R_nb
+from heli_math.ticks import TICK_NS
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import frd_to_flu, ned_to_enu, quat_ned_frd_to_enu_flu
@@ -162,7 +163,7 @@ class LiveState:
 
     def take_clock(self, stamp_ns: int, wall_s: float) -> bool:
         """Take the simulation time; True if it went back: another flight has begun."""
-        restarted = stamp_ns < self.now_ns - topics.TICK_NS * 100
+        restarted = stamp_ns < self.now_ns - TICK_NS * 100
         if restarted:
             reference = self.reference
             self.reset()

@@ -32,6 +32,7 @@ from heli_live_view.plan import Limits
 from heli_live_view.ros_commands import Commander
 from heli_live_view.scene_message import TF, TF_TYPE
 from heli_live_view.scene_sender import SceneSender
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
@@ -343,7 +344,7 @@ class LiveViewNode(ManagedNode[View, None]):
         nodes = self.get_node_names_and_namespaces()
         present = (name for name, namespace in nodes if namespace == own)
         live.take_presence(present, time.monotonic())
-        self.tick = max(0, live.now_ns - self.start_ns) // topics.TICK_NS
+        self.tick = max(0, live.now_ns - self.start_ns) // TICK_NS
         if commander is not None:
             core.facts["commands"] = commander.obeyed
         self._say_what_is_shown()

@@ -14,6 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from heli_math.ticks import NS_PER_S
+
 _HEADER = b"\x00\x01\x00\x00"
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
@@ -122,7 +124,7 @@ class FixedMessage:
 
     def encode(self, stamp_ns: int) -> bytes:
         """The message with the present `block`, stamped (ns, not negative)."""
-        _STAMP.pack_into(self._view, _STAMP_AT, *divmod(stamp_ns, 1_000_000_000))
+        _STAMP.pack_into(self._view, _STAMP_AT, *divmod(stamp_ns, NS_PER_S))
         return self._view.tobytes()
 
     def decode(self, raw: bytes) -> bool:
@@ -134,7 +136,7 @@ class FixedMessage:
                 return False
         self._view[:] = raw
         sec, nanosec = _STAMP.unpack_from(raw, _STAMP_AT)
-        self.stamp_ns = sec * 1_000_000_000 + nanosec
+        self.stamp_ns = sec * NS_PER_S + nanosec
         return True
 
     def get_byte(self, offset: int) -> int:
@@ -149,4 +151,4 @@ class FixedMessage:
 def stamp_of(raw: bytes) -> int:
     """Stamp (ns) of any serialised message that begins with a stamp, header or bare time."""
     sec, nanosec = _STAMP.unpack_from(raw, _STAMP_AT)
-    return sec * 1_000_000_000 + nanosec
+    return sec * NS_PER_S + nanosec

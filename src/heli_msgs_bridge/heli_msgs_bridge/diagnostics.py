@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
+from heli_math.ticks import NS_PER_S, TICKS_PER_S
+
 
 class Level(IntEnum):
     """Levels of diagnostic_msgs/DiagnosticStatus."""
@@ -13,9 +15,6 @@ class Level(IntEnum):
     WARN = 1
     ERROR = 2
     STALE = 3
-
-
-PERIOD_TICKS = 100
 
 
 class Reporter:
@@ -47,9 +46,9 @@ class Reporter:
     ) -> None:
         """Send a status, stamped in simulation time."""
         self._said = (level, message)
-        self._due_tick = (tick // PERIOD_TICKS + 1) * PERIOD_TICKS
+        self._due_tick = (tick // TICKS_PER_S + 1) * TICKS_PER_S
         stamp = self._array.header.stamp
-        stamp.sec, stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, NS_PER_S)
         self._status.level = bytes([int(level)])
         self._status.message = message
         self._status.values = [

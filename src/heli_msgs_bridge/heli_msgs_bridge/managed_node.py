@@ -13,6 +13,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter
@@ -74,7 +75,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(self.SPEC.name, **options)
         self.values = dict(values)
-        self.start_ns = round(self.values["start_time_s"] * 1e9) // topics.TICK_NS * topics.TICK_NS
+        self.start_ns = round(self.values["start_time_s"] * 1e9) // TICK_NS * TICK_NS
         self.tick = 0
         self.health = Health()
         self.failure, self.finished = "", False
@@ -276,7 +277,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         """Publish the status if it is due."""
         level, message = self.health.level, self.health.message
         if force or self._reporter.is_due(self.tick, level, message):
-            stamp_ns = self.start_ns + self.tick * topics.TICK_NS
+            stamp_ns = self.start_ns + self.tick * TICK_NS
             self._reporter.publish(stamp_ns, self.tick, level, message, self.health.facts)
 
     # --- lifecycle ---------------------------------------------------------------------------

@@ -15,7 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_math import rows
+from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge import packing, topics
+from heli_msgs_bridge.blocks import (
+    FIELD,
+    FIX,
+    IMU,
+    ODOMETRY,
+    PRESSURE,
+    QUATERNION,
+    TWIST,
+    VECTOR,
+)
 from heli_msgs_bridge.cdr import FixedMessage, Layout, stamp_of
 from heli_msgs_bridge.frames import Datum
 
@@ -43,11 +55,11 @@ def _joints(names: tuple[str, ...], frame: str = BASE) -> Layout:
 
 
 def _odometry(frame: str) -> Layout:
-    return _headed(frame).text(BASE).doubles(packing.ODOM_BLOCK)
+    return _headed(frame).text(BASE).doubles(ODOMETRY.size)
 
 
 def _fix() -> Layout:
-    layout = _headed("gps_link").put("b", _STATUS_FIX).put("H", _SERVICE_GPS).doubles(12)
+    layout = _headed("gps_link").put("b", _STATUS_FIX).put("H", _SERVICE_GPS).doubles(FIX.size)
     return layout.put("B", _COVARIANCE_DIAGONAL_KNOWN)
 
 
@@ -76,48 +88,48 @@ def _xyzw(q: Any) -> list[float]:
 
 def _odometry_block(message: Any, topic: str, block: NDArray) -> None:
     pose, twist = message.pose, message.twist
-    block[0:7] = _xyz(pose.pose.position) + _xyzw(pose.pose.orientation)
-    block[7:43] = pose.covariance
-    block[43:49] = _xyz(twist.twist.linear) + _xyz(twist.twist.angular)
-    block[49:85] = twist.covariance
+    block[ODOMETRY.pose] = _xyz(pose.pose.position) + _xyzw(pose.pose.orientation)
+    block[ODOMETRY.pose_cov] = pose.covariance
+    block[ODOMETRY.twist] = _xyz(twist.twist.linear) + _xyz(twist.twist.angular)
+    block[ODOMETRY.twist_cov] = twist.covariance
 
 
 def _imu_block(message: Any, topic: str, block: NDArray) -> None:
-    block[0:4] = _xyzw(message.orientation)
-    block[4:13] = message.orientation_covariance
-    block[13:16] = _xyz(message.angular_velocity)
-    block[16:25] = message.angular_velocity_covariance
-    block[25:28] = _xyz(message.linear_acceleration)
-    block[28:37] = message.linear_acceleration_covariance
+    block[IMU.quat] = _xyzw(message.orientation)
+    block[IMU.quat_cov] = message.orientation_covariance
+    block[IMU.rate] = _xyz(message.angular_velocity)
+    block[IMU.rate_cov] = message.angular_velocity_covariance
+    block[IMU.accel] = _xyz(message.linear_acceleration)
+    block[IMU.accel_cov] = message.linear_acceleration_covariance
 
 
 def _fix_block(message: Any, topic: str, block: NDArray) -> None:
     if message.status.status < _STATUS_FIX:
         raise MessageError(f"{topic}: {packing.REASONS[packing.NO_FIX]}")
-    block[0:3] = message.latitude, message.longitude, message.altitude
-    block[3:12] = message.position_covariance
+    block[FIX.geodetic] = message.latitude, message.longitude, message.altitude
+    block[FIX.cov] = message.position_covariance
 
 
 def _mag_block(message: Any, topic: str, block: NDArray) -> None:
-    block[0:3] = _xyz(message.magnetic_field)
-    block[3:12] = message.magnetic_field_covariance
+    block[FIELD.field] = _xyz(message.magnetic_field)
+    block[FIELD.cov] = message.magnetic_field_covariance
 
 
 def _twist_block(message: Any, topic: str, block: NDArray) -> None:
-    block[0:6] = _xyz(message.twist.twist.linear) + _xyz(message.twist.twist.angular)
-    block[6:42] = message.twist.covariance
+    block[TWIST.twist] = _xyz(message.twist.twist.linear) + _xyz(message.twist.twist.angular)
+    block[TWIST.cov] = message.twist.covariance
 
 
 def _pressure_block(message: Any, topic: str, block: NDArray) -> None:
-    block[0:2] = message.fluid_pressure, message.variance
+    block[PRESSURE.pressure], block[PRESSURE.variance] = message.fluid_pressure, message.variance
 
 
 def _quaternion_block(message: Any, topic: str, block: NDArray) -> None:
-    block[0:4] = _xyzw(message.quaternion)
+    block[QUATERNION.xyzw] = _xyzw(message.quaternion)
 
 
 def _vector_block(message: Any, topic: str, block: NDArray) -> None:
-    block[0:3] = _xyz(message.vector)
+    block[VECTOR.xyz] = _xyz(message.vector)
 
 
 @dataclass(frozen=True)
@@ -158,33 +170,33 @@ def _status_offset(layout: Layout) -> tuple[int, ...]:
 _P = packing
 CHANNELS: dict[str, Channel] = {
     topics.IMU: Channel(
-        6, lambda: _headed("imu_link").doubles(_P.IMU_BLOCK), _P.pack_imu, _P.unpack_imu,
-        _imu_block, ((16, 3), (28, 3)),
+        rows.IMU.size, lambda: _headed("imu_link").doubles(IMU.size), _P.pack_imu, _P.unpack_imu,
+        _imu_block, ((IMU.rate_cov.start, 3), (IMU.accel_cov.start, 3)),
     ),
     topics.MAG: Channel(
-        3, lambda: _headed("imu_link").doubles(12), _P.pack_body_vector, _P.unpack_body_vector,
-        _mag_block, ((3, 3),),
+        3, lambda: _headed("imu_link").doubles(FIELD.size), _P.pack_body_vector,
+        _P.unpack_body_vector, _mag_block, ((FIELD.cov.start, 3),),
     ),
     topics.GPS_FIX: Channel(
-        3, _fix, _P.pack_fix, _P.unpack_fix, _fix_block, ((3, 3),), _status_offset
+        3, _fix, _P.pack_fix, _P.unpack_fix, _fix_block, ((FIX.cov.start, 3),), _status_offset
     ),
     topics.GPS_VELOCITY: Channel(
-        3, lambda: _headed(MAP).doubles(42), _P.pack_world_vector, _P.unpack_world_vector,
-        _twist_block, ((6, 6),),
+        3, lambda: _headed(MAP).doubles(TWIST.size), _P.pack_world_vector, _P.unpack_world_vector,
+        _twist_block, ((TWIST.cov.start, 6),),
     ),
     topics.BARO: Channel(
-        1, lambda: _headed(BASE).doubles(2), _P.pack_values, _P.unpack_values, _pressure_block,
-        ((1, 1),),
+        1, lambda: _headed(BASE).doubles(PRESSURE.size), _P.pack_values, _P.unpack_values,
+        _pressure_block, ((PRESSURE.variance, 1),),
     ),
     topics.ODOM: Channel(
-        _P.N_NAV, lambda: _odometry("odom"), _P.pack_nav, _P.unpack_nav, _odometry_block
+        rows.NAV.size, lambda: _odometry("odom"), _P.pack_nav, _P.unpack_nav, _odometry_block
     ),
     topics.ROTOR_STATE: Channel(
-        3, lambda: _joints(topics.ROTOR_NAMES), _P.pack_values, _P.unpack_values,
+        rows.ROTOR.size, lambda: _joints(topics.ROTOR_NAMES), _P.pack_values, _P.unpack_values,
         _joint_block(topics.ROTOR_NAMES),
     ),
     topics.ATTITUDE_SETPOINT: Channel(
-        3, lambda: _headed("odom").doubles(4), _P.pack_attitude, _P.unpack_attitude,
+        3, lambda: _headed("odom").doubles(QUATERNION.size), _P.pack_attitude, _P.unpack_attitude,
         _quaternion_block,
     ),
     topics.COLLECTIVE: Channel(
@@ -192,26 +204,27 @@ CHANNELS: dict[str, Channel] = {
         _joint_block(topics.COLLECTIVE_NAMES),
     ),
     topics.ACTUATORS: Channel(
-        4, lambda: _joints(topics.ACTUATOR_NAMES), _P.pack_values, _P.unpack_normalised,
-        _joint_block(topics.ACTUATOR_NAMES),
+        rows.ACTUATOR.size, lambda: _joints(topics.ACTUATOR_NAMES), _P.pack_values,
+        _P.unpack_normalised, _joint_block(topics.ACTUATOR_NAMES),
     ),
     topics.TRUTH_ODOM: Channel(
-        _P.N_TRUTH, lambda: _odometry(MAP), _P.pack_truth, _P.unpack_truth, _odometry_block
+        rows.PLANT.rigid.stop, lambda: _odometry(MAP), _P.pack_truth, _P.unpack_truth,
+        _odometry_block,
     ),
     topics.TRUTH_WIND: Channel(
-        3, lambda: _headed(MAP).doubles(3), _P.pack_world_vector, _P.unpack_world_vector,
+        3, lambda: _headed(MAP).doubles(VECTOR.size), _P.pack_world_vector, _P.unpack_world_vector,
         _vector_block,
     ),
     topics.TRUTH_ROTOR: Channel(
-        7, lambda: _joints(topics.TRUTH_ROTOR_NAMES), _P.pack_values, _P.unpack_values,
-        _joint_block(topics.TRUTH_ROTOR_NAMES),
+        rows.JOINTS.size, lambda: _joints(topics.TRUTH_ROTOR_NAMES), _P.pack_values,
+        _P.unpack_values, _joint_block(topics.TRUTH_ROTOR_NAMES),
     ),
     topics.EXCITATION_ACTUATORS: Channel(
-        4, lambda: _joints(topics.ACTUATOR_NAMES), _P.pack_values, _P.unpack_values,
-        _joint_block(topics.ACTUATOR_NAMES),
+        rows.ACTUATOR.size, lambda: _joints(topics.ACTUATOR_NAMES), _P.pack_values,
+        _P.unpack_values, _joint_block(topics.ACTUATOR_NAMES),
     ),
     topics.EXCITATION_WIND: Channel(
-        3, lambda: _headed(MAP).doubles(3), _P.pack_world_vector, _P.unpack_world_vector,
+        3, lambda: _headed(MAP).doubles(VECTOR.size), _P.pack_world_vector, _P.unpack_world_vector,
         _vector_block,
     ),
 }  # fmt: skip
@@ -241,7 +254,8 @@ class Encoder:
         if topic == topics.GPS_FIX and datum is None:
             raise ValueError(f"{topic}: needs a datum")
         if topic == topics.IMU:
-            self._block[4] = -1.0  # no orientation is given (message definition; REP-145)
+            # No orientation is given (message definition; REP-145).
+            self._block[IMU.quat_cov.start] = -1.0
         for (start, width), variance in zip(channel.variance_at, variances, strict=False):
             for i in range(min(width, 3)):
                 self._block[start + i * (width + 1)] = variance
@@ -252,7 +266,7 @@ class Encoder:
             self._pack(array, self._block)
             return self._message.encode(stamp_ns)
         self._pack(array, self._datum, self._block)
-        lost = self._block[0] != self._block[0]
+        lost = self._block[FIX.latitude] != self._block[FIX.latitude]
         self._message.set_byte(self._free[0], _STATUS_NO_FIX & 0xFF if lost else _STATUS_FIX)
         return self._message.encode(stamp_ns)
 
@@ -341,7 +355,7 @@ class Decoder:
         except Exception as error:
             raise MessageError(f"{self.topic}: cannot be deserialised: {error}") from error
         stamp = message.header.stamp
-        self.stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        self.stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
         _refuse_frame(self.topic, message)
         self._channel.read(message, self.topic, self._message.block)
 
@@ -363,5 +377,5 @@ class ClockEncoder:
 
     def encode(self, stamp_ns: int) -> bytes:
         """Serialised clock message of a time in ns."""
-        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+        sec, nanosec = divmod(stamp_ns, NS_PER_S)
         return bytes(Layout().put("i", sec).put("I", nanosec).data)

@@ -2,17 +2,20 @@
 """Between the cores' arrays (NED, FRD) and the double blocks of messages (ENU, FLU), compiled.
 
 `pack_*(array, block)` fills a message's doubles, `unpack_*(block, array)` reads them and returns 0
-or the code of what is wrong (`REASONS`). Block layouts follow the message definitions field by
-field.
+or the code of what is wrong (`REASONS`). Places: `heli_math.rows` and `blocks`.
 """
 
 import math
 
 import numpy as np
 
+from heli_math import rows
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
+from heli_math.rows import NAV, PLANT, SETPOINT
+from heli_msgs_bridge.blocks import FIX, IMU, ODOMETRY, QUATERNION, VECTOR
 from heli_msgs_bridge.frames import (
+    R_ENU_NED,
     Datum,
     enu_to_ned,
     flu_to_frd,
@@ -31,16 +34,8 @@ REASONS = {
     OUT_OF_RANGE: "holds a value outside of its range",
     NO_FIX: "says that there is no fix",
 }
-N_NAV = 31
-N_TRUTH = 13
-# nav_msgs/Odometry: position 3, quaternion 4, covariance 36, linear 3, angular 3, covariance 36
-ODOM_BLOCK = 85
-_POSE_COV, _LINEAR, _ANGULAR, _TWIST_COV = 7, 43, 46, 49
-_ROTATION_COV = _POSE_COV + 3 * 6 + 3  # lower right 3x3 of the pose's 6x6
-# sensor_msgs/Imu: quaternion 4, covariance 9, rate 3, covariance 9, acceleration 3, covariance 9
-IMU_BLOCK = 37
-_IMU_RATE, _IMU_ACCEL = 13, 25
 _UNIT_TOLERANCE = 1e-3
+_COLUMNS = 6  # of the covariances in an Odometry
 
 
 @njit
@@ -67,7 +62,7 @@ def _diagonal_to_block(R, sigma, block):
             total = 0.0
             for k in range(3):
                 total += R[i, k] * sigma[k] * sigma[k] * R[j, k]
-            block[6 * i + j] = total
+            block[_COLUMNS * i + j] = total
 
 
 @njit
@@ -77,7 +72,7 @@ def _block_to_sigma(R, block, sigma):
         total = 0.0
         for i in range(3):
             for j in range(3):
-                total += R[i, k] * block[6 * i + j] * R[j, k]
+                total += R[i, k] * block[_COLUMNS * i + j] * R[j, k]
         sigma[k] = math.sqrt(max(total, 0.0))
 
 
@@ -94,15 +89,6 @@ def _R_flu_ned(q_nb):
 
 
 @njit
-def _R_enu_ned():
-    """Rotation matrix (3, 3) NED -> ENU."""
-    R = np.zeros((3, 3))
-    R[0, 1] = R[1, 0] = 1.0
-    R[2, 2] = -1.0
-    return R
-
-
-@njit
 def pack_nav(nav, block):
     """Navigation row (31,) into an Odometry block (85,), twist in the child frame.
 
@@ -110,15 +96,15 @@ def pack_nav(nav, block):
     velocity (FLU); that of the rate, which the row does not carry, is zero.
     """
     block[:] = 0.0
-    ned_to_enu(nav[0:3], block[0:3])
-    quat_ned_frd_to_enu_flu(nav[6:10], block[3:7])
-    R = _R_flu_ned(nav[6:10])
+    ned_to_enu(nav[NAV.pos], block[ODOMETRY.pos])
+    quat_ned_frd_to_enu_flu(nav[NAV.quat], block[ODOMETRY.quat])
+    R, vel, linear = _R_flu_ned(nav[NAV.quat]), nav[NAV.vel], block[ODOMETRY.linear]
     for i in range(3):
-        block[_LINEAR + i] = R[i, 0] * nav[3] + R[i, 1] * nav[4] + R[i, 2] * nav[5]
-    frd_to_flu(nav[10:13], block[_ANGULAR : _ANGULAR + 3])
-    _diagonal_to_block(_R_enu_ned(), nav[22:25], block[_POSE_COV : _POSE_COV + 36])
-    _diagonal_to_block(_R_enu_ned(), nav[28:31], block[_ROTATION_COV : _ROTATION_COV + 15])
-    _diagonal_to_block(R, nav[25:28], block[_TWIST_COV : _TWIST_COV + 36])
+        linear[i] = R[i, 0] * vel[0] + R[i, 1] * vel[1] + R[i, 2] * vel[2]
+    frd_to_flu(nav[NAV.rate], block[ODOMETRY.angular])
+    _diagonal_to_block(R_ENU_NED, nav[NAV.sigma_pos], block[ODOMETRY.pose_cov])
+    _diagonal_to_block(R_ENU_NED, nav[NAV.sigma_att], block[ODOMETRY.rotation_cov])
+    _diagonal_to_block(R, nav[NAV.sigma_vel], block[ODOMETRY.twist_cov])
 
 
 @njit
@@ -127,83 +113,82 @@ def unpack_nav(block, nav):
     nav[:] = 0.0
     if not _finite(block):
         return NOT_FINITE
-    if not _unit(block[3:7]):
+    if not _unit(block[ODOMETRY.quat]):
         return NOT_UNIT
-    enu_to_ned(block[0:3], nav[0:3])
-    quat_enu_flu_to_ned_frd(block[3:7], nav[6:10])
-    R = _R_flu_ned(nav[6:10])
-    linear = block[_LINEAR : _LINEAR + 3]
+    enu_to_ned(block[ODOMETRY.pos], nav[NAV.pos])
+    quat_enu_flu_to_ned_frd(block[ODOMETRY.quat], nav[NAV.quat])
+    R, vel, linear = _R_flu_ned(nav[NAV.quat]), nav[NAV.vel], block[ODOMETRY.linear]
     for j in range(3):
-        nav[3 + j] = R[0, j] * linear[0] + R[1, j] * linear[1] + R[2, j] * linear[2]
-    flu_to_frd(block[_ANGULAR : _ANGULAR + 3], nav[10:13])
-    _block_to_sigma(_R_enu_ned(), block[_POSE_COV : _POSE_COV + 36], nav[22:25])
-    _block_to_sigma(_R_enu_ned(), block[_ROTATION_COV : _ROTATION_COV + 15], nav[28:31])
-    _block_to_sigma(R, block[_TWIST_COV : _TWIST_COV + 36], nav[25:28])
+        vel[j] = R[0, j] * linear[0] + R[1, j] * linear[1] + R[2, j] * linear[2]
+    flu_to_frd(block[ODOMETRY.angular], nav[NAV.rate])
+    _block_to_sigma(R_ENU_NED, block[ODOMETRY.pose_cov], nav[NAV.sigma_pos])
+    _block_to_sigma(R_ENU_NED, block[ODOMETRY.rotation_cov], nav[NAV.sigma_att])
+    _block_to_sigma(R, block[ODOMETRY.twist_cov], nav[NAV.sigma_vel])
     return OK
 
 
 @njit
 def pack_truth(x, block):
-    """Position NED, velocity FRD, quaternion, rates of the plant (13,) into an Odometry block."""
+    """Rigid part of a plant state (13,), velocity in FRD, into an Odometry block (85,)."""
     block[:] = 0.0
-    ned_to_enu(x[0:3], block[0:3])
-    quat_ned_frd_to_enu_flu(x[6:10], block[3:7])
-    frd_to_flu(x[3:6], block[_LINEAR : _LINEAR + 3])
-    frd_to_flu(x[10:13], block[_ANGULAR : _ANGULAR + 3])
+    ned_to_enu(x[PLANT.pos], block[ODOMETRY.pos])
+    quat_ned_frd_to_enu_flu(x[PLANT.quat], block[ODOMETRY.quat])
+    frd_to_flu(x[PLANT.vel], block[ODOMETRY.linear])
+    frd_to_flu(x[PLANT.rate], block[ODOMETRY.angular])
 
 
 @njit
 def unpack_truth(block, x):
-    """Odometry block (85,) into position NED, velocity FRD, quaternion, rates (13,)."""
+    """Odometry block (85,) into the rigid part of a plant state (13,)."""
     if not _finite(block):
         return NOT_FINITE
-    if not _unit(block[3:7]):
+    if not _unit(block[ODOMETRY.quat]):
         return NOT_UNIT
-    enu_to_ned(block[0:3], x[0:3])
-    quat_enu_flu_to_ned_frd(block[3:7], x[6:10])
-    flu_to_frd(block[_LINEAR : _LINEAR + 3], x[3:6])
-    flu_to_frd(block[_ANGULAR : _ANGULAR + 3], x[10:13])
+    enu_to_ned(block[ODOMETRY.pos], x[PLANT.pos])
+    quat_enu_flu_to_ned_frd(block[ODOMETRY.quat], x[PLANT.quat])
+    flu_to_frd(block[ODOMETRY.linear], x[PLANT.vel])
+    flu_to_frd(block[ODOMETRY.angular], x[PLANT.rate])
     return OK
 
 
 @njit
 def pack_imu(imu, block):
     """Specific force (m/s2) and rate (rad/s), body FRD (6,), into an Imu block (37,)."""
-    frd_to_flu(imu[0:3], block[_IMU_ACCEL : _IMU_ACCEL + 3])
-    frd_to_flu(imu[3:6], block[_IMU_RATE : _IMU_RATE + 3])
+    frd_to_flu(imu[rows.IMU.force], block[IMU.accel])
+    frd_to_flu(imu[rows.IMU.rate], block[IMU.rate])
 
 
 @njit
 def unpack_imu(block, imu):
     """Imu block (37,) into specific force and rate, body FRD (6,)."""
-    flu_to_frd(block[_IMU_ACCEL : _IMU_ACCEL + 3], imu[0:3])
-    flu_to_frd(block[_IMU_RATE : _IMU_RATE + 3], imu[3:6])
+    flu_to_frd(block[IMU.accel], imu[rows.IMU.force])
+    flu_to_frd(block[IMU.rate], imu[rows.IMU.rate])
     return OK if _finite(imu) else NOT_FINITE
 
 
 @njit
 def pack_body_vector(v, block):
     """Body vector FRD (3,) into the first three doubles, FLU."""
-    frd_to_flu(v, block[0:3])
+    frd_to_flu(v, block[VECTOR.xyz])
 
 
 @njit
 def unpack_body_vector(block, v):
     """First three doubles, FLU, into a body vector FRD (3,)."""
-    flu_to_frd(block[0:3], v)
+    flu_to_frd(block[VECTOR.xyz], v)
     return OK if _finite(v) else NOT_FINITE
 
 
 @njit
 def pack_world_vector(v, block):
     """World vector NED (3,) into the first three doubles, ENU."""
-    ned_to_enu(v, block[0:3])
+    ned_to_enu(v, block[VECTOR.xyz])
 
 
 @njit
 def unpack_world_vector(block, v):
     """First three doubles, ENU, into a world vector NED (3,)."""
-    enu_to_ned(block[0:3], v)
+    enu_to_ned(block[VECTOR.xyz], v)
     return OK if _finite(v) else NOT_FINITE
 
 
@@ -236,20 +221,21 @@ def unpack_normalised(block, values):
 
 @njit
 def pack_attitude(euler, block):
-    """phi, theta, psi (3,), rad, NED/FRD, into a quaternion block (4,) x, y, z, w, ENU/FLU."""
-    quat_ned_frd_to_enu_flu(quat_from_euler(euler[0], euler[1], euler[2]), block[0:4])
+    """phi, theta, psi (3,), rad, NED/FRD, into a quaternion block (4,), ENU/FLU."""
+    phi, theta, psi = euler[SETPOINT.phi], euler[SETPOINT.theta], euler[SETPOINT.psi]
+    quat_ned_frd_to_enu_flu(quat_from_euler(phi, theta, psi), block)
 
 
 @njit
 def unpack_attitude(block, euler):
     """Quaternion block (4,) into phi, theta, psi (3,), rad."""
-    if not _finite(block[0:4]):
+    if not _finite(block):
         return NOT_FINITE
-    if not _unit(block[0:4]):
+    if not _unit(block):
         return NOT_UNIT
-    q_nb = np.empty(4)
-    quat_enu_flu_to_ned_frd(block[0:4], q_nb)
-    euler[0], euler[1], euler[2] = euler_from_quat(q_nb)
+    q_nb = np.empty(QUATERNION.size)
+    quat_enu_flu_to_ned_frd(block, q_nb)
+    euler[SETPOINT.phi], euler[SETPOINT.theta], euler[SETPOINT.psi] = euler_from_quat(q_nb)
     return OK
 
 
@@ -257,17 +243,17 @@ def unpack_attitude(block, euler):
 def pack_fix(pos_ned_m, datum: Datum, block):
     """Position NED (3,), m, into latitude, longitude (deg) and altitude (m); NaN stays NaN."""
     if _finite(pos_ned_m):
-        ned_to_geodetic(pos_ned_m, datum, block[0:3])
+        ned_to_geodetic(pos_ned_m, datum, block[FIX.geodetic])
     else:
-        block[0:3] = math.nan
+        block[FIX.geodetic] = math.nan
 
 
 @njit
 def unpack_fix(block, datum: Datum, pos_ned_m):
     """Latitude, longitude, altitude into position NED (3,), m."""
-    if not _finite(block[0:3]):
+    if not _finite(block[FIX.geodetic]):
         return NOT_FINITE
-    if abs(block[0]) > 90.0 or abs(block[1]) > 180.0:
+    if abs(block[FIX.latitude]) > 90.0 or abs(block[FIX.longitude]) > 180.0:
         return OUT_OF_RANGE
-    geodetic_to_ned(block[0:3], datum, pos_ned_m)
+    geodetic_to_ned(block[FIX.geodetic], datum, pos_ned_m)
     return OK

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from heli_math.rotations import euler_from_quat, quat_from_euler
+from heli_math.rows import REFERENCE
+from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory, TrajectoryError
 from heli_msgs_bridge import frames, topics
 from heli_msgs_bridge.messages import MAP, MessageError
 
 JOINT = "base_link"
-_S = 1_000_000_000
 
 
 def encode_reference(reference: Trajectory) -> Any:
@@ -25,25 +26,25 @@ def encode_reference(reference: Trajectory) -> Any:
 
     message = MultiDOFJointTrajectory()
     message.header.frame_id = MAP
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(reference.start_ns, _S)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(reference.start_ns, NS_PER_S)
     message.joint_names = [JOINT]
     enu, q = np.empty(3), np.empty(4)
     for time_ns, point in zip(reference.times_ns.tolist(), reference.points, strict=True):
         pose, twist, row = Transform(), Twist(), MultiDOFJointTrajectoryPoint()
-        frames.ned_to_enu(point[0:3], enu)
+        frames.ned_to_enu(point[REFERENCE.pos], enu)
         pose.translation.x, pose.translation.y, pose.translation.z = enu.tolist()
-        frames.ned_to_enu(point[3:6], enu)
+        frames.ned_to_enu(point[REFERENCE.vel], enu)
         twist.linear.x, twist.linear.y, twist.linear.z = enu.tolist()
-        frames.quat_ned_frd_to_enu_flu(quat_from_euler(0.0, 0.0, point[6]), q)
+        frames.quat_ned_frd_to_enu_flu(quat_from_euler(0.0, 0.0, point[REFERENCE.psi]), q)
         rotation = pose.rotation
         rotation.x, rotation.y, rotation.z, rotation.w = q.tolist()
-        row.time_from_start.sec, row.time_from_start.nanosec = divmod(time_ns, _S)
+        row.time_from_start.sec, row.time_from_start.nanosec = divmod(time_ns, NS_PER_S)
         row.transforms, row.velocities = [pose], [twist]
         message.points.append(row)
     return message
 
 
-def _row(point: Any, index: int) -> list[float]:
+def _row(point: Any, index: int) -> np.ndarray:
     if len(point.transforms) != 1 or len(point.velocities) > 1:
         raise MessageError(
             f"{topics.REFERENCE}: point {index} has {len(point.transforms)} transforms and "
@@ -51,15 +52,16 @@ def _row(point: Any, index: int) -> list[float]:
         )
     t, r = point.transforms[0].translation, point.transforms[0].rotation
     v = point.velocities[0].linear if point.velocities else None
-    pos, vel, q = np.empty(3), np.zeros(3), np.empty(4)
-    frames.enu_to_ned(np.array([t.x, t.y, t.z]), pos)
+    row, q = np.zeros(REFERENCE.size), np.empty(4)
+    frames.enu_to_ned(np.array([t.x, t.y, t.z]), row[REFERENCE.pos])
     if v is not None:
-        frames.enu_to_ned(np.array([v.x, v.y, v.z]), vel)
+        frames.enu_to_ned(np.array([v.x, v.y, v.z]), row[REFERENCE.vel])
     quaternion = np.array([r.x, r.y, r.z, r.w])
     if not abs(np.linalg.norm(quaternion) - 1.0) < 1e-3:
         raise MessageError(f"{topics.REFERENCE}: point {index}: not a unit quaternion")
     frames.quat_enu_flu_to_ned_frd(quaternion, q)
-    return [*pos.tolist(), *vel.tolist(), euler_from_quat(q)[2]]
+    _, _, row[REFERENCE.psi] = euler_from_quat(q)
+    return row
 
 
 def decode_reference(message: Any) -> Trajectory:
@@ -75,10 +77,10 @@ def decode_reference(message: Any) -> Trajectory:
         raise MessageError(f"{name}: frame '{message.header.frame_id}' says NED; expected ENU")
     if not message.points:
         raise MessageError(f"{name}: holds no points")
-    times = [p.time_from_start.sec * _S + p.time_from_start.nanosec for p in message.points]
+    times = [p.time_from_start.sec * NS_PER_S + p.time_from_start.nanosec for p in message.points]
     rows = [_row(point, index) for index, point in enumerate(message.points)]
     stamp = message.header.stamp
-    start_ns = stamp.sec * _S + stamp.nanosec
+    start_ns = stamp.sec * NS_PER_S + stamp.nanosec
     try:
         return Trajectory(start_ns, np.array(times, dtype=np.int64), np.array(rows))
     except TrajectoryError as error:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_math.ticks import TICK_NS, TICKS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import Datum
@@ -138,14 +139,15 @@ class TickNode(ManagedNode[Core, Run]):
 
     def stamp_ns(self, tick: int) -> int:
         """Message stamp of a tick."""
-        return self.start_ns + tick * topics.TICK_NS
+        return self.start_ns + tick * TICK_NS
 
     def warn_or_ok(self, level: Level, message: str, facts: Mapping[str, Any]) -> None:
         """Report the core's state, or the silence of a peer if that is worse."""
         silence = self.silence()
         if silence and level < Level.WARN:
             level, message = Level.WARN, silence
-        if (level, message) != (self.health.level, self.health.message) or self.tick % 100 == 0:
+        changed = (level, message) != (self.health.level, self.health.message)
+        if changed or self.tick % TICKS_PER_S == 0:
             unused = {f"messages_{k}": n for k, n in asdict(self.core.pace.counters).items() if n}
             self.report(level, message, {**facts, **unused})
 
@@ -167,7 +169,7 @@ class TickNode(ManagedNode[Core, Run]):
     def _receiver(self, item: Input, decoder: Decoder, pace: Pace) -> Callable[[bytes], None]:
         """Callback for the serialised messages of a topic."""
         topic, off_tick, start_ns = item.topic, item.off_tick, self.start_ns
-        decode, tick_ns, refuse = decoder.decode, topics.TICK_NS, partial(self.refuse, item.topic)
+        decode, tick_ns, refuse = decoder.decode, TICK_NS, partial(self.refuse, item.topic)
 
         def receive(raw: bytes) -> None:
             try:

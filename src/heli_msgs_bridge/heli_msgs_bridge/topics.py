@@ -8,8 +8,8 @@ Names are relative, so that a namespace or a remap moves the whole graph; `/cloc
 from dataclasses import dataclass
 from typing import Any
 
-TICK_NS = 10_000_000
-"""Length of a tick, ns."""
+from heli_math.ticks import TICKS_PER_S
+
 DEPTH = 2000
 """History depth of every stream. A sender can repeat what a listener's full shared-memory queue did
 not take (512 messages of all topics together) only while the message is in its history."""
@@ -84,7 +84,7 @@ class Topic:
     @property
     def rate_hz(self) -> float:
         """Messages per simulated second; 0 for "on change"."""
-        return 0.0 if self.every_ticks == 0 else 1e9 / (TICK_NS * self.every_ticks)
+        return 0.0 if self.every_ticks == 0 else TICKS_PER_S / self.every_ticks
 
 
 _PLANT, _OBSERVER, _INNER, _OUTER = ("plant",), ("observer",), ("inner_loop",), ("outer_loop",)

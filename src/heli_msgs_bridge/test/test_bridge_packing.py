@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from heli_math.rows import NAV
 from heli_msgs_bridge import packing
+from heli_msgs_bridge.blocks import ODOMETRY
 
 R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 R_FRD_FLU = np.diag([1.0, -1.0, -1.0])
@@ -14,7 +16,7 @@ R_FRD_FLU = np.diag([1.0, -1.0, -1.0])
 @pytest.fixture
 def nav():
     """A row with values that are all different; rotor states and biases are not sent."""
-    row = np.zeros(packing.N_NAV)
+    row = np.zeros(NAV.size)
     row[0:3], row[3:6] = [10.0, -4.0, -12.0], [1.0, -2.0, 0.5]
     q = Rotation.from_euler("ZYX", [2.0, -0.3, 0.2]).as_quat()
     row[6:10] = q[3], q[0], q[1], q[2]
@@ -25,7 +27,7 @@ def nav():
 
 def test_navigation_comes_back(nav):
     """Packed and unpacked; 1e-12."""
-    block, back = np.zeros(packing.ODOM_BLOCK), np.zeros(packing.N_NAV)
+    block, back = np.zeros(ODOMETRY.size), np.zeros(NAV.size)
     packing.pack_nav(nav, block)
     assert packing.unpack_nav(block, back) == packing.OK
     assert back == pytest.approx(nav, abs=1e-12)
@@ -36,7 +38,7 @@ def test_covariances_are_in_the_frames_of_the_message(nav):
 
     nav_msgs/Odometry, geometry_msgs/PoseWithCovariance; by matrix products; 1e-12.
     """
-    block = np.zeros(packing.ODOM_BLOCK)
+    block = np.zeros(ODOMETRY.size)
     packing.pack_nav(nav, block)
     pose, twist = block[7:43].reshape(6, 6), block[49:85].reshape(6, 6)
     R_nb = Rotation.from_quat(np.roll(nav[6:10], -1)).as_matrix()
@@ -50,7 +52,7 @@ def test_covariances_are_in_the_frames_of_the_message(nav):
 
 def test_an_odometry_without_covariance_is_taken(nav):
     """Another publisher may leave them zero."""
-    block, back = np.zeros(packing.ODOM_BLOCK), np.zeros(packing.N_NAV)
+    block, back = np.zeros(ODOMETRY.size), np.zeros(NAV.size)
     packing.pack_nav(nav, block)
     block[7:43] = block[49:85] = 0.0
     assert packing.unpack_nav(block, back) == packing.OK

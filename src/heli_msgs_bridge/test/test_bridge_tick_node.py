@@ -9,6 +9,7 @@ import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
@@ -66,7 +67,7 @@ class Graph:
 
     def send(self, topic, tick, value=0.0, late_ns=0):
         row = np.full(self.sizes[topic], value)
-        stamp_ns = self.node.start_ns + tick * topics.TICK_NS + late_ns
+        stamp_ns = self.node.start_ns + tick * TICK_NS + late_ns
         self.receive(topic, self._encoders[topic].encode(row, stamp_ns))
 
     def fly(self):
@@ -182,7 +183,7 @@ def test_a_stamp_between_two_ticks_is_refused_unless_the_topic_may(graph):
     g = graph()
     g.send(BARO, 0, late_ns=1)
     assert g.ticks == [] and "not on a tick" in g.node.core.refused[BARO]
-    g.send(SETPOINT, 3, late_ns=topics.TICK_NS - 1)
+    g.send(SETPOINT, 3, late_ns=TICK_NS - 1)
     g.send(BARO, 3)
     assert g.ticks == [3]
     assert g.steps[0][1][SETPOINT][0] == 3

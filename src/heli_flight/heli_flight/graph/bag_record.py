@@ -15,9 +15,9 @@ from heli_flight.errors import FlightError
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
 from heli_math.rotations import quat_to_R_nb
-from heli_math.rows import REFERENCE
+from heli_math.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
+from heli_math.ticks import TICK_NS, seconds
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.packing import N_NAV
 
 
 def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: int) -> np.ndarray:
@@ -25,7 +25,7 @@ def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: in
     rows = np.full((ticks.size, size), np.nan)
     if stream is None or not stream.stamp_ns.size:
         return rows
-    known = (stream.stamp_ns - start_ns) // topics.TICK_NS
+    known = (stream.stamp_ns - start_ns) // TICK_NS
     index = np.searchsorted(known, ticks, side="right") - 1
     rows[index >= 0] = stream.rows[index[index >= 0]]
     return rows
@@ -39,7 +39,7 @@ def _reference(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray:
     ways = sorted(bag.references, key=lambda way: way.start_ns)
     begun = [way.start_ns for way in ways]
     for i, tick in enumerate(ticks.tolist()):
-        now_ns = start_ns + tick * topics.TICK_NS
+        now_ns = start_ns + tick * TICK_NS
         way = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)]
         rows[i] = way.at(now_ns)
     return rows
@@ -86,7 +86,7 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         source = bag.streams.get(topics.ODOM)
     if source is None or not source.stamp_ns.size:
         raise FlightError(f"{path}: holds neither {topics.TRUTH_ODOM} nor {topics.ODOM}: no flight")
-    ticks = (source.stamp_ns - start_ns) // topics.TICK_NS
+    ticks = (source.stamp_ns - start_ns) // TICK_NS
     return BagFlight(_record(bag, ticks, start_ns), bag.remarks)
 
 
@@ -100,28 +100,28 @@ def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
 
     excited = _excited(bag)
 
-    truth, nav = at(topics.TRUTH_ODOM, 13), at(topics.ODOM, N_NAV)
-    velocity = np.array([quat_to_R_nb(row[6:10]) @ row[3:6] for row in truth])
+    truth, nav = at(topics.TRUTH_ODOM, PLANT.rigid.stop), at(topics.ODOM, NAV.size)
+    velocity = np.array([quat_to_R_nb(row[PLANT.quat]) @ row[PLANT.vel] for row in truth])
     return FlightRecord(
-        time_s=ticks / 100.0,
-        truth_pos_ned_m=truth[:, 0:3],
+        time_s=seconds(ticks),
+        truth_pos_ned_m=truth[:, PLANT.pos],
         truth_vel_ned_mps=velocity,
-        truth_rate_body_radps=truth[:, 10:13],
-        truth_q_nb=truth[:, 6:10],
-        truth_rotor=at(topics.TRUTH_ROTOR, 7)[:, 0:3],
+        truth_rate_body_radps=truth[:, PLANT.rate],
+        truth_q_nb=truth[:, PLANT.quat],
+        truth_rotor=at(topics.TRUTH_ROTOR, JOINTS.size)[:, JOINTS.rotor],
         wind_ned_mps=at(topics.TRUTH_WIND, 3),
-        nav_pos_ned_m=nav[:, 0:3],
-        nav_vel_ned_mps=nav[:, 3:6],
-        nav_rate_body_radps=nav[:, 10:13],
-        nav_q_nb=nav[:, 6:10],
-        nav_rotor=at(topics.ROTOR_STATE, 3),
+        nav_pos_ned_m=nav[:, NAV.pos],
+        nav_vel_ned_mps=nav[:, NAV.vel],
+        nav_rate_body_radps=nav[:, NAV.rate],
+        nav_q_nb=nav[:, NAV.quat],
+        nav_rotor=at(topics.ROTOR_STATE, ROTOR.size),
         reference=_reference(bag, ticks, start_ns),
         setpoint=at(topics.ATTITUDE_SETPOINT, 3),
-        u=at(topics.ACTUATORS, 4),
-        nav_sigma_pos_m=nav[:, 22:25],
-        nav_sigma_vel_mps=nav[:, 25:28],
-        nav_sigma_att_rad=nav[:, 28:31],
-        excitation_u=at(topics.EXCITATION_ACTUATORS, 4) if excited else None,
+        u=at(topics.ACTUATORS, ACTUATOR.size),
+        nav_sigma_pos_m=nav[:, NAV.sigma_pos],
+        nav_sigma_vel_mps=nav[:, NAV.sigma_vel],
+        nav_sigma_att_rad=nav[:, NAV.sigma_att],
+        excitation_u=at(topics.EXCITATION_ACTUATORS, ACTUATOR.size) if excited else None,
         gust_ned_mps=at(topics.EXCITATION_WIND, 3) if excited else None,
-        imu=at(topics.IMU, 6) if excited else None,
+        imu=at(topics.IMU, IMU.size) if excited else None,
     )

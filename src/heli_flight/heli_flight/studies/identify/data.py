@@ -16,6 +16,7 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.studies.identify.parameter_table import Given
 from heli_identification import Experiment
 from heli_math.rotations import euler_angles, quat_to_R_nb
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 
 EXCITATION = {"actuators": topics.EXCITATION_ACTUATORS, "gusts": topics.EXCITATION_WIND}
@@ -29,7 +30,7 @@ _SENDERS = {
     "actuators": "inner_loop sends it only while its excitation.* is configured",
     "gusts": "plant sends it only while its wind.sines.* is configured",
 }
-_TICK_S = topics.TICK_NS / 1e9
+_TICK_S = TICK_NS / 1e9
 _SMALLEST = 1e-9
 
 
@@ -134,7 +135,7 @@ def _rows(
 
 
 def _ticks_of(stream: Stream, name: str, path: Path, start_ns: int) -> NDArray[np.int64]:
-    ticks, rest = np.divmod(stream.stamp_ns - start_ns, topics.TICK_NS)
+    ticks, rest = np.divmod(stream.stamp_ns - start_ns, TICK_NS)
     if np.any(rest != 0):
         raise BagDataError(
             f"{path}: '{name}': stamps are not whole multiples of 10 ms after start_time_s = "
