@@ -297,7 +297,8 @@ def salvage(path: Path, state: State) -> Iterator[Message]:
     BagError
         The file is neither, or cannot be read at all.
     """
-    reader = {".mcap": _Mcap, ".db3": _Sqlite}.get(path.suffix)
+    readers: dict[str, type[_Mcap | _Sqlite]] = {".mcap": _Mcap, ".db3": _Sqlite}
+    reader = readers.get(path.suffix)
     if reader is None:
         raise BagError(f"{path}: neither an .mcap nor a .db3 file")
     try:

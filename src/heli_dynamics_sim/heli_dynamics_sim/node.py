@@ -23,6 +23,7 @@ from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import ClockEncoder
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
+from heli_msgs_bridge.stepping import RealTime
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
@@ -239,6 +240,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
 
     def _take_command(self, now_s: float) -> None:
         core, run = self.core, self.run
+        assert isinstance(core.pace, RealTime)
         _, u = core.pace.collect().get(topics.ACTUATORS, (0, None))
         if u is not None:
             core.u[:] = u

@@ -87,7 +87,9 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         self._ends: list[ExitStack] = []
         self._judged: Any = None
         self._table = {row.name: row for row in self.SPEC.full_table()}
-        rows = [(n, ros_value(values[n]), descriptor(row)) for n, row in self._table.items()]
+        rows: list[Any] = [
+            (n, ros_value(values[n]), descriptor(row)) for n, row in self._table.items()
+        ]
         self.declare_parameters("", rows, ignore_override=True)
         self.add_on_set_parameters_callback(self._judge_set)
         self.add_post_set_parameters_callback(self._adopt_set)

@@ -54,6 +54,6 @@ class NodeSpec:
         self, params_files: Sequence[str] = (), rules: Sequence[str] = (), name: str = ""
     ) -> dict[str, Any]:
         """Values of all parameters; raises `ParameterError` or `StartError`."""
-        files = [*self.default_files(), *params_files]
+        files: list[str | Path] = [*self.default_files(), *params_files]
         # An override file may also speak of common parameters that the defaults do not repeat.
         return load(self.full_table(), files, name or self.name, rules)

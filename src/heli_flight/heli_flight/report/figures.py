@@ -161,7 +161,7 @@ def _log_ticks(axis, values: Sequence[np.ndarray]) -> None:
     span = decades(values)
     if span > FEW_DECADES:
         return
-    between = (1.0, 2.0, 5.0) if span > 1.0 else np.arange(1.0, 10.0)
+    between = [1.0, 2.0, 5.0] if span > 1.0 else list(np.arange(1.0, 10.0))
     axis.set_major_locator(LogLocator(subs=between))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
