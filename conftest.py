@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fixtures that tests of packages and of the graph share."""
+"""Fixtures that tests of packages and of the graph share. ROS is imported where it is used."""
 
 import fcntl
 import itertools
 import os
 import subprocess
 import tempfile
+import time
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -38,3 +40,121 @@ def small_disk(tmp_path):
         pytest.skip("a file system of a size of its own needs the right to mount")
     yield disk
     subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.fixture
+def ros_context(own_domain):
+    """ROS in this process, in a domain of the test's own, on this machine only."""
+    import rclpy
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        context = rclpy.Context()
+        rclpy.init(args=[], context=context, domain_id=own_domain)
+        yield context
+        context.try_shutdown()
+
+
+class Bench:
+    """A node alone, fed by the callbacks of its subscriptions; what it sends is kept.
+
+    Attributes
+    ----------
+    node : TickNode
+    sent : dict of list
+        Per topic the rows (NED/FRD) that were sent.
+    """
+
+    def __init__(self, kind, context, values):
+        from heli_msgs_bridge.frames import datum
+
+        bench, self.sent = self, defaultdict(list)
+
+        class Observed(kind):
+            def create_output(self, topic):
+                send = super().create_output(topic)
+
+                def observed(raw):
+                    bench.sent[topic].append(bench.decoded(topic, raw))
+                    send(raw)
+
+                return observed
+
+        self._origin = datum(*(values[f"origin.{n}"] for n in _ORIGIN))
+        self._coders = {}
+        self.node = Observed(values, context=context)
+
+    def _coder(self, kind, topic):
+        from heli_msgs_bridge import topics
+
+        if (kind, topic) not in self._coders:
+            place = self._origin if topic == topics.GPS_FIX else None
+            self._coders[kind, topic] = kind(topic, datum=place)
+        return self._coders[kind, topic]
+
+    def decoded(self, topic, raw):
+        from heli_msgs_bridge.messages import CHANNELS, Decoder
+
+        return self._coder(Decoder, topic).decode(raw).copy() if topic in CHANNELS else raw
+
+    def receive(self, topic, message):
+        """Hand a message to the node, serialised if it is heard so."""
+        (subscription,) = (s for s in self.node.subscriptions if s.topic_name == f"/{topic}")
+        subscription.callback(message)
+        if self.node.crash is not None:
+            raise self.node.crash
+
+    def send(self, topic, tick, row):
+        """A row (NED/FRD) stamped with a tick."""
+        from heli_msgs_bridge.messages import Encoder
+
+        stamp_ns = self.node.stamp_ns(tick)
+        self.receive(topic, self._coder(Encoder, topic).encode(row, stamp_ns))
+
+    def fly(self):
+        """Configure and activate."""
+        from rclpy.lifecycle import TransitionCallbackReturn
+
+        for transition in (self.node.trigger_configure, self.node.trigger_activate):
+            assert transition() == TransitionCallbackReturn.SUCCESS, self.node.failure
+
+    def again(self):
+        """Deactivate and activate."""
+        from rclpy.lifecycle import TransitionCallbackReturn
+
+        for transition in (self.node.trigger_deactivate, self.node.trigger_activate):
+            assert transition() == TransitionCallbackReturn.SUCCESS, self.node.failure
+
+    def spin_until(self, condition, limit_s=30.0):
+        """Let the node's timers run until the condition holds."""
+        from rclpy.executors import SingleThreadedExecutor
+
+        executor = SingleThreadedExecutor(context=self.node.context)
+        executor.add_node(self.node)
+        deadline = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < deadline
+            executor.spin_once(timeout_sec=1.0)
+        executor.remove_node(self.node)
+        executor.shutdown()
+
+
+_ORIGIN = ("latitude_deg", "longitude_deg", "altitude_m")
+
+
+@pytest.fixture
+def bench(ros_context):
+    """Make a node of a class, with its packaged parameters but for the changes, on a `Bench`."""
+    made = []
+
+    def make(kind, **changes):
+        values = kind.SPEC.resolve() | {"peers": [], "peer_timeout_s": 3600.0}
+        given = {name.replace("__", "."): value for name, value in changes.items()}
+        assert set(given) <= set(values)
+        made.append(Bench(kind, ros_context, values | given))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.node.end()
+        one.node.destroy_node()

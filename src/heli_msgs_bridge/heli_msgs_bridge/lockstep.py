@@ -108,10 +108,9 @@ class TickAssembler:
             elif kept >= tick + self._window:
                 self.counters.ahead += len(self._slots.pop(kept))
 
-    def earliest(self, topic: str) -> int | None:
-        """Smallest tick for which a message of the topic is kept; None if there is none."""
-        ticks = [tick for tick, slot in self._slots.items() if topic in slot]
-        return min(ticks) if ticks else None
+    def kept(self, topic: str) -> list[int]:
+        """Ticks for which a message of the topic is kept, ascending."""
+        return sorted(tick for tick, slot in self._slots.items() if topic in slot)
 
     def missing(self) -> tuple[str, ...]:
         """Topics that the next step still waits for; all of them before the first tick is known."""

@@ -62,6 +62,7 @@ class Lockstep:
         self._step, self._ready, self._told, self._now_s = step, ready, told, now_s
         self._peer_timeout_s, self._leads = peer_timeout_s, leads
         self._collecting, self._stepping = True, False
+        self._newest_trigger: int | None = None
         self._progress_s = 0.0
         self.silent: set[str] = set()
 
@@ -78,15 +79,17 @@ class Lockstep:
     def start(self) -> None:
         """Begin to step, with what came while the node was getting ready."""
         self._stepping, self._progress_s = True, self._now_s()
-        first = 0 if self._leads else self._assembler.earliest(self._trigger)
-        if first is not None:
-            self._assembler.start(first)
+        waiting = self._assembler.kept(self._trigger)
+        if self._leads or waiting:
+            self._assembler.start(0 if self._leads else waiting[0])
+            self._newest_trigger = max(self._assembler.kept(self._trigger), default=None)
             self.resume()
 
     def stop(self) -> None:
         """Cease to step and forget what has been collected."""
         self._collecting = self._stepping = False
         self._assembler.reset()
+        self._newest_trigger = None
         self.silent.clear()
 
     def take(self, topic: str, tick: int, value: Any) -> None:
@@ -102,13 +105,15 @@ class Lockstep:
         if topic == self._trigger:
             if assembler.next_tick is None:
                 assembler.start(tick)
-            while self._lags(tick) and not assembler.complete() and self._ready():
-                self._make_step()
+            newest = self._newest_trigger
+            self._newest_trigger = tick if newest is None else max(tick, newest)
         self.resume()
 
     def resume(self) -> None:
-        """Make the steps whose messages are all there."""
-        while self._stepping and self._assembler.complete() and self._ready():
+        """Make the steps that nothing more can come for."""
+        while self._stepping and (self._assembler.complete() or self._is_passed()):
+            if not self._ready():
+                return
             self._make_step()
 
     def look(self) -> None:
@@ -130,10 +135,10 @@ class Lockstep:
             self._make_step()
         self.resume()
 
-    def _lags(self, tick: int) -> bool:
-        """Whether the next step is one of before this tick."""
-        following = self._assembler.next_tick
-        return self._stepping and following is not None and following < tick
+    def _is_passed(self) -> bool:
+        """Whether the trigger's sender has gone on to a later tick than that of the next step."""
+        tick, newest = self._assembler.next_tick, self._newest_trigger
+        return tick is not None and newest is not None and tick < newest
 
     def _make_step(self) -> None:
         tick = self._assembler.next_tick

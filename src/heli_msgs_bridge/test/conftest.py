@@ -30,17 +30,6 @@ def search(request):
 
 
 @pytest.fixture
-def ros_context(own_domain):
-    """ROS in this process, in a domain of the test's own, on this machine only."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        context = rclpy.Context()
-        rclpy.init(args=[], context=context, domain_id=own_domain)
-        yield context
-        context.try_shutdown()
-
-
-@pytest.fixture
 def two_nodes(ros_context):
     """Two nodes, and what spins the second for a time (s) or until something has come."""
     nodes = [rclpy.create_node(name, context=ros_context) for name in ("sender", "listener")]

@@ -143,8 +143,7 @@ class Assembling(RuleBasedStateMachine):
         assert self.real.next_tick == self.next
         assert vars(self.real.counters) == self.counted
         for topic in TOPICS:
-            first = min((at for at, name in self.kept if name == topic), default=None)
-            assert self.real.earliest(topic) == first
+            assert self.real.kept(topic) == sorted(at for at, name in self.kept if name == topic)
         if self.next is None:
             assert set(self.real.missing()) == set(TOPICS) and not self.real.complete()
             return

@@ -286,7 +286,8 @@ def test_a_node_that_is_not_ready_waits_and_resumes(graph):
     assert g.ticks == []
     g.node.core.ready = True
     g.node.core.pace.resume()
-    assert g.ticks == [0, 1]
+    assert g.ticks == [0, 1, 2, 3]
+    assert g.steps[2] == (2, {}), "its trigger's sender had gone on"
 
 
 # --- silence -------------------------------------------------------------------------------------

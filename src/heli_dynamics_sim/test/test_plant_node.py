@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `plant` alone: time goes on by commands, and for a while without; it ends; winds change."""
+
+import numpy as np
+import pytest
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
+
+from heli_dynamics_sim.node import PlantNode
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import Level
+
+SUCCESS = TransitionCallbackReturn.SUCCESS
+U = np.array([0.01, -0.02, 0.03, -0.1])
+SILENT = "no message on 'actuators' from inner_loop: going on with the last command"
+
+
+def positions(plant):
+    return [row[:3].tolist() for row in plant.sent[topics.TRUTH_ODOM]]
+
+
+def test_a_tick_per_command_and_no_more(bench):
+    plant = bench(PlantNode)
+    plant.fly()
+    assert plant.node.tick == 0 and len(plant.sent[topics.CLOCK]) == 1
+    for tick in range(5):
+        plant.send(topics.ACTUATORS, tick, U)
+        plant.send(topics.ACTUATORS, tick, -U)
+        plant.send(topics.ACTUATORS, tick - 1, -U)
+        assert plant.node.tick == tick + 1
+    assert len(plant.sent[topics.TRUTH_ODOM]) == 6
+
+
+def test_the_flight_is_a_function_of_its_commands(bench):
+    """A command that comes twice, late or much too early leaves no trace in it."""
+    clean, noisy = bench(PlantNode), bench(PlantNode)
+    for plant in (clean, noisy):
+        plant.fly()
+    for tick in range(30):
+        clean.send(topics.ACTUATORS, tick, U)
+        noisy.send(topics.ACTUATORS, tick + 5000, -U)
+        noisy.send(topics.ACTUATORS, tick, U)
+        noisy.send(topics.ACTUATORS, tick, -U)
+    assert positions(clean) == positions(noisy)
+
+
+def test_a_silent_inner_loop_is_waited_for_then_flown_without_and_heard_again(bench):
+    plant = bench(PlantNode, peer_timeout_s=0.2)
+    plant.fly()
+    plant.send(topics.ACTUATORS, 0, U)
+    plant.spin_until(lambda: plant.node.tick >= 4)
+    assert (plant.node.health.level, plant.node.health.message) == (Level.WARN, SILENT)
+    here = plant.node.tick
+    plant.send(topics.ACTUATORS, here, U)
+    assert plant.node.tick == here + 1 and plant.node.silence() == ""
+    plant.send(topics.ACTUATORS, here + 1, U)
+    assert plant.node.tick == here + 2
+    assert plant.node.health.message == "flying"
+    assert len(positions(plant)) == here + 3, "every tick was sent, once"
+
+
+def test_the_flight_ends_at_its_length(bench):
+    plant = bench(PlantNode, duration_s=0.05)
+    plant.fly()
+    for tick in range(20):
+        plant.send(topics.ACTUATORS, tick, U)
+    assert plant.node.tick == 4 and len(positions(plant)) == 5
+    assert plant.node.health.message == "flight over after 0.05 s"
+    assert plant.node.health.facts["over"] == "true" and plant.node.finished
+
+
+def test_real_time_begins_and_ends_with_activation(bench):
+    plant = bench(PlantNode, lockstep=False)
+    assert plant.node.trigger_configure() == SUCCESS
+    before = len(list(plant.node.timers))
+    assert plant.node.trigger_activate() == SUCCESS
+    plant.send(topics.ACTUATORS, 0, U)
+    plant.spin_until(lambda: plant.node.tick >= 5)
+    assert plant.node.core.u.tolist() == U.tolist()
+    assert plant.node.trigger_deactivate() == SUCCESS
+    assert len(list(plant.node.timers)) == before
+
+
+def test_real_time_names_a_silent_inner_loop(bench):
+    plant = bench(PlantNode, lockstep=False)
+    plant.fly()
+    plant.spin_until(lambda: plant.node.health.message == SILENT)
+    flown = plant.node.tick
+    assert flown > 10
+    plant.send(topics.ACTUATORS, flown, U)
+    plant.spin_until(lambda: plant.node.health.message == "flying")
+
+
+def test_gusts_change_in_flight_and_refused_ones_change_nothing(bench):
+    plant = bench(PlantNode)
+    plant.fly()
+    config = plant.node.core.config
+
+    def ask(**values):
+        return plant.node.set_parameters_atomically(
+            [Parameter(f"wind.gust.{name}", value=value) for name, value in values.items()]
+        )
+
+    refused = ask(start_s=[1.0, 2.0])
+    assert not refused.successful and "gust" in refused.reason
+    assert plant.node.core.config is config
+    assert ask(
+        start_s=[0.0], duration_s=[2.0], amplitude_mps=[1.0, 0.0, 0.0], frame="ned"
+    ).successful
+    changed = plant.node.core.config
+    assert changed.wind is not config.wind and changed.helicopter is config.helicopter
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_clean_up_leaves_nothing_behind(bench, lockstep):
+    plant = bench(PlantNode, lockstep=lockstep)
+
+    def entities():
+        node = plant.node
+        return [len(list(kind)) for kind in (node.publishers, node.subscriptions, node.timers)]
+
+    before = entities()
+    for _ in range(2):
+        plant.fly()
+        assert sum(entities()) > sum(before) + 8
+        assert plant.node.trigger_deactivate() == SUCCESS
+        assert plant.node.trigger_cleanup() == SUCCESS
+        assert entities() == before

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `inner_loop` alone: left and taken up in the air, a new flight, changes while it flies."""
+
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+
+from heli_inner_hinf.node import InnerLoopNode
+from heli_math.rotations import quat_from_euler
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import CHANNELS
+
+
+@pytest.fixture
+def inner(bench):
+    made = bench(InnerLoopNode)
+    made.fly()
+    return made
+
+
+def tick_of(inner, tick, phi=0.02, collective=-0.1):
+    """One tick of lockstep: a banked aircraft that turns; every fourth tick the outer loop."""
+    nav = np.zeros(CHANNELS[topics.ODOM].size)
+    nav[6:10], nav[10:13] = quat_from_euler(phi, -0.03, 0.4), (0.05, -0.02, 0.1)
+    if tick % 4 == 0:
+        inner.send(topics.ATTITUDE_SETPOINT, tick, np.array([0.0, 0.01, 0.5]))
+        inner.send(topics.COLLECTIVE, tick, np.array([collective]))
+    inner.send(topics.ROTOR_STATE, tick, np.array([0.001, 0.002, 0.0]))
+    inner.send(topics.ODOM, tick, nav)
+    return inner.sent[topics.ACTUATORS][-1]
+
+
+def test_left_in_the_air_it_goes_on_from_what_is_flown(inner):
+    """No jump of any actuator, though the aircraft has rolled meanwhile and nobody commands yet."""
+    for tick in range(50):
+        flown = tick_of(inner, tick)
+    assert np.abs(flown[:3]).max() > 0.01 and flown[3] == -0.1
+    inner.again()
+    # Without the outer loop's message of this tick: step 61 is none of its ticks.
+    first = tick_of(inner, 61, phi=0.12)
+    assert first == pytest.approx(flown, abs=1e-12)
+    later = [tick_of(inner, tick, phi=0.12) for tick in range(62, 200)]
+    assert np.abs(np.diff([first, *later], axis=0))[:, :3].max() < 0.05
+    # In the end it flies as a law that was never left.
+    other = [tick_of(inner, tick, phi=0.12) for tick in range(200, 1500)][-1]
+    assert np.abs(other - first)[0] > 0.01
+
+
+def test_a_new_flight_begins_as_the_first_one_did(inner):
+    """The plant was started again: nothing of the old flight is left."""
+    first = [tick_of(inner, tick) for tick in range(30)]
+    inner.again()
+    second = [tick_of(inner, tick) for tick in range(30)]
+    assert np.array_equal(first, second)
+
+
+def set_gamma(inner, value):
+    return inner.node.set_parameters_atomically([Parameter("gamma", value=value)])
+
+
+def test_judging_changes_nothing(inner):
+    before = tick_of(inner, 0)
+    node = inner.node
+    config = node.core.design.config
+    judged = node.judge({**node.values, "gamma": 0.08}, {"gamma"})
+    assert judged.gamma == 0.08
+    assert not set_gamma(inner, 0.03).successful
+    assert node.core.design.config is config and node.values["gamma"] == config.gamma
+    tick_of(inner, 1)
+    assert node.core.design.config is config
+    assert before.tolist() == inner.sent[topics.ACTUATORS][0].tolist()
+
+
+def test_an_accepted_change_is_flown_from_the_next_tick_without_a_jump(inner):
+    for tick in range(40):
+        flown = tick_of(inner, tick)
+    assert set_gamma(inner, 0.08).successful
+    assert inner.node.core.design.config.gamma == 0.0632
+    first = tick_of(inner, 40)
+    assert inner.node.core.design.config.gamma == 0.08 and inner.node.values["gamma"] == 0.08
+    assert first == pytest.approx(flown, abs=1e-9)
+
+
+def test_a_change_of_an_unconfigured_node_counts_when_it_is_configured(bench):
+    made = bench(InnerLoopNode)
+    assert set_gamma(made, 0.08).successful
+    made.fly()
+    assert made.node.core.design.config.gamma == 0.08

@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a node steps: `Lockstep` and `RealTime` against plain specifications, over any history.
+
+Lockstep in one sentence: a step is made as soon as it is its turn and either all that it waits for
+has come, or its trigger's sender has gone on to a later tick, or it has been waited for so long.
+"""
+
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+
+from heli_msgs_bridge.lockstep import Demand
+from heli_msgs_bridge.stepping import Lockstep, RealTime
+
+WINDOW = 64
+TIMEOUT_S = 10.0
+TOPICS = ("odom", "rotor", "setpoint")
+DEMANDS = {
+    "odom": Demand(),
+    "rotor": Demand(lag_ticks=1, first_tick=1),
+    "setpoint": Demand(every_ticks=4),
+}
+
+
+class LockstepMachine(RuleBasedStateMachine):
+    """A node that is started and stopped; messages of any tick; time that passes; a closed gate."""
+
+    leads = False
+
+    @initialize()
+    def build(self):
+        self.time_s, self.open, self.told = 0.0, True, 0
+        self.made = []
+        self.real = Lockstep(
+            DEMANDS,
+            lambda tick, arrived: self.made.append((tick, dict(arrived))),
+            TIMEOUT_S,
+            ready=lambda: self.open,
+            told=self.hear_of_silence,
+            leads=self.leads,
+            now_s=lambda: self.time_s,
+        )
+        self.serial, self.begun, self.collecting, self.stepping = 0, [], True, False
+        self.expected = []
+        self.expected_told = 0
+        self.forget()
+
+    def hear_of_silence(self):
+        self.told += 1
+        assert self.real.silent
+
+    def forget(self):
+        self.kept, self.next, self.passed, self.silent = {}, None, None, set()
+
+    # --- the specification -----------------------------------------------------------------------
+
+    def here(self):
+        return {name: value for (tick, name), value in self.kept.items() if tick == self.next}
+
+    def lacks(self):
+        """What the next step waits for."""
+        return {
+            name
+            for name, demand in DEMANDS.items()
+            if self.next >= demand.first_tick
+            and self.next % demand.every_ticks == 0
+            and name not in self.silent
+            and name not in self.here()
+        }
+
+    def step(self):
+        here = self.here()
+        self.expected.append((self.next, here))
+        for name in here:
+            del self.kept[self.next, name]
+        self.next += 1
+        self.since_s = self.time_s
+
+    def make_what_can_be_made(self):
+        while self.stepping and self.next is not None and self.open:
+            passed = self.passed is not None and self.next < self.passed
+            if not passed and (self.lacks() or not self.here()):
+                return
+            self.step()
+
+    def begin_at(self, tick):
+        self.next = tick
+        inside = range(tick, tick + WINDOW)
+        self.kept = {key: value for key, value in self.kept.items() if key[0] in inside}
+
+    # --- what happens ----------------------------------------------------------------------------
+
+    @rule(name=st.sampled_from(TOPICS), offset=st.integers(-3, 6), far=st.booleans())
+    def message(self, name, offset, far):
+        self.serial += 1
+        around = self.next if self.next is not None else 0
+        tick = around + offset + (WINDOW if far and offset > 3 else 0)
+        stamp = tick - DEMANDS[name].lag_ticks
+        value = self.serial if self.serial % 5 else None
+        self.real.take(name, stamp, value)
+        if not (self.collecting or self.stepping):
+            return
+        self.silent.discard(name)
+        known = (tick, name) in self.kept
+        outside = self.next is not None and not self.next <= tick < self.next + WINDOW
+        if known or outside:
+            return
+        self.kept[tick, name] = (stamp, value)
+        if not self.stepping:
+            return
+        if name == "odom":
+            if self.next is None:
+                self.begin_at(tick)
+            self.passed = tick if self.passed is None else max(tick, self.passed)
+        self.make_what_can_be_made()
+
+    @precondition(lambda self: self.stepping and self.next is not None)
+    @rule()
+    def a_whole_tick(self):
+        """All that the next step waits for, the trigger first, as in a flight."""
+        for name in sorted(self.lacks()):
+            self.message(name, 0, False)
+
+    @precondition(lambda self: not self.stepping)
+    @rule()
+    def start(self):
+        self.real.start()
+        self.stepping, self.since_s = True, self.time_s
+        first = min((tick for tick, name in self.kept if name == "odom"), default=None)
+        if self.leads:
+            first = 0
+        if first is not None:
+            self.begin_at(first)
+            self.passed = max((tick for tick, name in self.kept if name == "odom"), default=None)
+            self.make_what_can_be_made()
+
+    @precondition(lambda self: self.stepping)
+    @rule()
+    def stop(self):
+        self.real.stop()
+        self.stepping = self.collecting = False
+        self.forget()
+
+    @rule(seconds=st.sampled_from([0.05, 4.0, TIMEOUT_S]))
+    def time_passes(self, seconds):
+        self.time_s += seconds
+        self.real.look()
+        if not self.stepping or self.next is None:
+            return
+        self.make_what_can_be_made()
+        if "odom" in self.silent:
+            self.step()
+            return
+        lacks = self.lacks()
+        stands = "odom" in lacks and not self.leads
+        if lacks and not stands and self.time_s - self.since_s >= TIMEOUT_S:
+            self.silent |= lacks
+            self.expected_told += 1
+            if "odom" in lacks:
+                self.step()
+            self.make_what_can_be_made()
+
+    @rule(is_open=st.booleans())
+    def gate(self, is_open):
+        self.open = is_open
+        if is_open:
+            self.real.resume()
+            self.make_what_can_be_made()
+
+    # --- what must be true afterwards ------------------------------------------------------------
+
+    @invariant()
+    def the_same_steps_were_made(self):
+        assert self.made == self.expected
+        assert self.real.silent == self.silent
+        assert self.told == self.expected_told
+
+
+class LeaderMachine(LockstepMachine):
+    """The node that makes time: it begins at tick 0 and goes on without its trigger."""
+
+    leads = True
+
+
+def test_any_history_of_a_node(search):
+    run_state_machine_as_test(LockstepMachine, settings=search)
+
+
+def test_any_history_of_the_node_that_leads(search):
+    run_state_machine_as_test(LeaderMachine, settings=search)
+
+
+def test_no_step_waits_once_the_trigger_has_gone_on():
+    """Ticks 1 and 3 lack something, 2 does not; a node that was not ready makes them all."""
+    ticks, ready = [], []
+    pace = Lockstep(
+        {"a": Demand(), "b": Demand()},
+        lambda tick, _: ticks.append(tick),
+        TIMEOUT_S,
+        ready=lambda: bool(ready),
+    )
+    pace.start()
+    for name, tick in (("a", 1), ("a", 2), ("b", 2), ("a", 3), ("a", 5)):
+        pace.take(name, tick, 0)
+    assert ticks == []
+    ready.append(True)
+    pace.resume()
+    assert ticks == [1, 2, 3, 4]
+    pace.take("b", 5, 0)
+    assert ticks == [1, 2, 3, 4, 5]
+
+
+def test_a_step_that_stops_the_node_is_the_last():
+    """As the plant does at the end of the flight, though more messages wait."""
+    ticks = []
+
+    def step(tick, arrived):
+        ticks.append(tick)
+        if tick == 3:
+            pace.stop()
+
+    pace = Lockstep({"a": Demand(), "b": Demand()}, step, TIMEOUT_S, leads=True)
+    pace.start()
+    for tick in range(3):
+        pace.take("a", tick, 0)
+        pace.take("b", tick, 0)
+    pace.take("a", 9, 0)
+    pace.look()
+    pace.take("a", 10, 0)
+    assert ticks == [0, 1, 2, 3]
+
+
+class RealTimeMachine(RuleBasedStateMachine):
+    """Newest values: none older than one that was known, each handed out once."""
+
+    trigger = "odom"
+
+    @initialize()
+    def build(self):
+        self.made = []
+        self.real = RealTime(
+            self.trigger, lambda tick, arrived: self.made.append((tick, dict(arrived)))
+        )
+        self.history, self.handed, self.expected = [], {}, []
+        self.serial, self.stepping = 0, False
+
+    def newest(self, name):
+        """The newest message of a topic since the start, by its stamp."""
+        stamps = [tick for tick, topic, _ in self.history if topic == name]
+        return max(stamps, default=None)
+
+    def fresh(self):
+        """Newest messages that have not been handed out."""
+        found = {}
+        for tick, name, value in self.history:
+            if tick == self.newest(name) and self.handed.get(name) != tick:
+                found.setdefault(name, (tick, value))
+        return found
+
+    @rule(name=st.sampled_from(TOPICS), tick=st.integers(-2, 12))
+    def message(self, name, tick):
+        self.serial += 1
+        self.real.take(name, tick, self.serial)
+        if not self.stepping:
+            return
+        newest = self.newest(name)
+        self.history.append((tick, name, self.serial))
+        if name == self.trigger and tick >= 0 and (newest is None or tick > newest):
+            self.expected.append((tick, self.fresh()))
+            self.handed |= {topic: stamp for topic, (stamp, _) in self.fresh().items()}
+
+    @rule()
+    def collect(self):
+        """Who keeps time himself takes what there is."""
+        fresh = self.fresh()
+        assert self.real.collect() == fresh
+        self.handed |= {topic: stamp for topic, (stamp, _) in fresh.items()}
+
+    @rule()
+    def start(self):
+        self.real.start()
+        self.stepping = True
+
+    @rule()
+    def stop(self):
+        self.real.stop()
+        self.stepping = False
+        self.history, self.handed = [], {}
+
+    @invariant()
+    def the_same_steps_were_made(self):
+        self.real.look()
+        self.real.resume()
+        assert self.made == self.expected and self.real.silent == set()
+
+
+class PulledMachine(RealTimeMachine):
+    """Without a trigger no message makes a step."""
+
+    trigger = None
+
+
+def test_any_history_in_real_time(search):
+    run_state_machine_as_test(RealTimeMachine, settings=search)
+
+
+def test_any_history_of_who_keeps_time_himself(search):
+    run_state_machine_as_test(PulledMachine, settings=search)

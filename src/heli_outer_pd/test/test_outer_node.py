@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `outer_loop` alone: waits for a reference if somebody sends one, else holds the position."""
+
+import numpy as np
+import pytest
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
+
+from heli_math.trajectory import Trajectory
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import CHANNELS
+from heli_msgs_bridge.reference_message import encode_reference
+from heli_outer_pd.node import OuterLoopNode
+
+SUCCESS = TransitionCallbackReturn.SUCCESS
+
+
+def nav_at(position):
+    nav = np.zeros(CHANNELS[topics.ODOM].size)
+    nav[0:3], nav[6] = position, 1.0
+    return nav
+
+
+def fly_ticks(outer, ticks, position=(0.0, 0.0, -10.0)):
+    for tick in ticks:
+        outer.send(topics.ODOM, tick, nav_at(position))
+
+
+def held(outer):
+    return outer.node.run.held.points[0, :3].tolist()
+
+
+def test_every_fourth_tick_has_a_setpoint_and_a_collective(bench):
+    outer = bench(OuterLoopNode)
+    outer.fly()
+    fly_ticks(outer, range(9))
+    assert len(outer.sent[topics.ATTITUDE_SETPOINT]) == len(outer.sent[topics.COLLECTIVE]) == 3
+
+
+def test_without_a_reference_the_position_of_activation_is_held(bench):
+    outer = bench(OuterLoopNode)
+    outer.fly()
+    fly_ticks(outer, [0], (3.0, -4.0, -10.0))
+    fly_ticks(outer, range(1, 200), (3.5, -4.0, -10.0))
+    assert held(outer) == [3.0, -4.0, -10.0]
+    # It leans back to where it was: north of it, nose up.
+    assert outer.sent[topics.ATTITUDE_SETPOINT][-1][1] > outer.sent[topics.ATTITUDE_SETPOINT][0][1]
+    outer.again()
+    fly_ticks(outer, [300], (7.0, 0.0, -12.0))
+    assert held(outer) == [7.0, 0.0, -12.0]
+
+
+def test_a_reference_that_is_announced_is_waited_for(bench):
+    outer = bench(OuterLoopNode, peers=["scenario"])
+    outer.fly()
+    fly_ticks(outer, range(3))
+    assert outer.sent[topics.COLLECTIVE] == []
+    way = Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.3)
+    outer.receive(topics.REFERENCE, encode_reference(way))
+    assert len(outer.sent[topics.COLLECTIVE]) == 1
+    assert outer.node.core.given.points == pytest.approx(way.points)
+    outer.again()
+    fly_ticks(outer, [400])
+    assert len(outer.sent[topics.COLLECTIVE]) == 2, "a given reference stays"
+
+
+def test_it_is_waited_for_so_long_and_no_longer(bench):
+    outer = bench(OuterLoopNode, peers=["scenario"], peer_timeout_s=0.2)
+    outer.fly()
+    fly_ticks(outer, range(3))
+    assert outer.sent[topics.COLLECTIVE] == []
+    outer.spin_until(lambda: outer.sent[topics.COLLECTIVE])
+    assert outer.node.run.held is not None
+
+
+def test_a_bad_reference_is_refused_and_the_old_one_flown(bench):
+    outer = bench(OuterLoopNode)
+    outer.fly()
+    good = encode_reference(Trajectory.hover(np.array([1.0, 2.0, -10.0]), 0.0))
+    outer.receive(topics.REFERENCE, good)
+    given = outer.node.core.given
+    good.points[0].transforms[0].translation.x = float("nan")
+    outer.receive(topics.REFERENCE, good)
+    assert outer.node.core.given is given
+    assert "not finite" in outer.node.core.refused[topics.REFERENCE]
+
+
+def test_gains_change_between_two_ticks_and_refused_ones_change_nothing(bench):
+    outer = bench(OuterLoopNode)
+    outer.fly()
+    fly_ticks(outer, range(8))
+    kernel, state = outer.node.core.kernel, outer.node.core.state
+
+    def ask(name, value):
+        return outer.node.set_parameters_atomically([Parameter(name, value=value)])
+
+    assert not ask("K_P", [0.1, 0.2]).successful
+    assert outer.node.core.kernel is kernel
+    changed = [1.1 * k for k in np.ravel(outer.node.values["K_P"]).tolist()]
+    assert ask("K_P", changed).successful
+    assert outer.node.core.kernel is not kernel and outer.node.core.state is state
+
+
+@pytest.mark.parametrize("name", ["core", "run"])
+def test_a_stage_that_is_over_has_no_data(bench, name):
+    outer = bench(OuterLoopNode)
+    with pytest.raises(RuntimeError, match="outer_loop is not"):
+        getattr(outer.node, name)
+    outer.fly()
+    assert getattr(outer.node, name) is not None
+    assert outer.node.trigger_deactivate() == SUCCESS
+    assert outer.node.trigger_cleanup() == SUCCESS
+    with pytest.raises(RuntimeError, match="outer_loop is not"):
+        getattr(outer.node, name)
