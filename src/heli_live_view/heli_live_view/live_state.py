@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_math.rotations import euler_from_quat, quat_to_R_nb
-from heli_math.ticks import TICK_NS
+from heli_math.rows import NAV, PLANT, REFERENCE, ROTOR
+from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import frd_to_flu, ned_to_enu, quat_ned_frd_to_enu_flu
@@ -33,7 +34,6 @@ _GPS_LATE_S = 1.0
 _WARN, _ERROR, _GONE = 1, 2, 3
 _NO_TIME = -math.inf
 _NOT_HELD = "attitude only: nothing holds position and altitude"
-_POS_SIGMA = slice(22, 25)
 
 
 def plain(values: Iterable[float], digits: int = 4) -> list[float]:
@@ -163,7 +163,7 @@ class LiveState:
 
     def take_clock(self, stamp_ns: int, wall_s: float) -> bool:
         """Take the simulation time; True if it went back: another flight has begun."""
-        restarted = stamp_ns < self.now_ns - TICK_NS * 100
+        restarted = stamp_ns < self.now_ns - NS_PER_S
         if restarted:
             reference = self.reference
             self.reset()
@@ -196,7 +196,7 @@ class LiveState:
         """Take a reference trajectory; the flight began where the first one does."""
         self.reference = reference
         if self.home_ned_m is None:
-            self.home_ned_m = reference.points[0, 0:3].copy()
+            self.home_ned_m = reference.points[0, REFERENCE.pos].copy()
 
     def take_status(self, name: str, level: int, message: str, facts: Mapping[str, str]) -> None:
         """Take a node's diagnostics; a change becomes an event."""
@@ -282,19 +282,22 @@ class LiveState:
             self._mode, self._mode_since_s = mode, time_s or 0.0
         nodes = self._nodes(wall_s)
         nav = self.value(topics.ODOM, wall_s)
+        shown = None
+        if nav is not None:
+            shown = body_row(nav[NAV.pos], nav[NAV.vel], nav[NAV.quat], nav[NAV.rate])
         return {
             "type": "state",
             "t": None if time_s is None else round(time_s, 3),
             "rtf": None if factor is None else round(factor, 3),
             "truth": self._truth(wall_s),
-            "nav": None if nav is None else body_row(nav[0:3], nav[3:6], nav[6:10], nav[10:13]),
+            "nav": shown,
             "ref": self._reference(),
             "setpoint_deg": self._shown(topics.ATTITUDE_SETPOINT, wall_s, np.degrees),
             "u": self._shown(topics.ACTUATORS, wall_s),
             "rotor": self._rotor(topics.ROTOR_STATE, wall_s),
             "rotor_truth": self._rotor(topics.TRUTH_ROTOR, wall_s),
             "wind_enu": self._shown(topics.TRUTH_WIND, wall_s, _enu),
-            "sigma_p": None if nav is None else plain(nav[_POS_SIGMA][[1, 0, 2]]),
+            "sigma_p": None if nav is None else plain(nav[NAV.sigma_pos][[1, 0, 2]]),
             "mode": mode,
             "end": self.end.message() if self.end else None,
             "nodes": nodes,
@@ -312,23 +315,24 @@ class LiveState:
         x = self.value(topics.TRUTH_ODOM, wall_s)
         if x is None:
             return None
-        return body_row(x[0:3], quat_to_R_nb(x[6:10]) @ x[3:6], x[6:10], x[10:13])
+        velocity = quat_to_R_nb(x[PLANT.quat]) @ x[PLANT.vel]
+        return body_row(x[PLANT.pos], velocity, x[PLANT.quat], x[PLANT.rate])
 
     def _rotor(self, topic: str, wall_s: float) -> dict[str, float] | None:
         value = self.value(topic, wall_s)
         if value is None:
             return None
-        a_s, b_s = plain(np.degrees(value[0:2]))
-        return {"a_s_deg": a_s, "b_s_deg": b_s, "d_int": plain(value[2:3], 5)[0]}
+        a_s, b_s = plain(np.degrees(value[ROTOR.flapping]))
+        return {"a_s_deg": a_s, "b_s_deg": b_s, "d_int": plain(value[[ROTOR.d_int]], 5)[0]}
 
     def _reference(self) -> dict[str, Any] | None:
         if self.reference is None:
             return None
         row = self.reference.at(self.now_ns or self.reference.start_ns)
         return {
-            "p": plain(_enu(row[0:3])),
-            "v": plain(_enu(row[3:6])),
-            "yaw_deg": round(math.degrees(row[6]), 3),
+            "p": plain(_enu(row[REFERENCE.pos])),
+            "v": plain(_enu(row[REFERENCE.vel])),
+            "yaw_deg": round(math.degrees(row[REFERENCE.psi]), 3),
         }
 
     def _fix_age_s(self) -> float:

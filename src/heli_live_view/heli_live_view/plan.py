@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_math.rotations import wrap_pi
+from heli_math.rows import REFERENCE
+from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge.frames import enu_to_ned, ned_to_enu
 
 Array = NDArray[np.float64]
 MODES = ("hover", "attitude")
-_S = 1_000_000_000
+
 # What is kept of the way flown so far: longer than any window over which the outer loop averages.
-_PAST_NS = 5 * _S
-_TURN_STEP_NS = _S // 10
+_PAST_NS = 5 * NS_PER_S
+_TURN_STEP_NS = NS_PER_S // 10
 _SHORTEST_MOVE_S = 0.1
 # Time for a gust's parameters to reach the plant before the gust begins.
 _GUST_LEAD_S = 0.2
@@ -164,14 +166,14 @@ def judge_reference(args: Mapping[str, Any], limits: Limits, home_ned_m: Array) 
     east, north = (_number(named, axis, -1e6, 1e6, "m") for axis in ("east", "north"))
     up = _number(named, "altitude", limits.altitude_min_m, limits.altitude_max_m, "m")
     heading = math.radians(_number(args, "yaw_deg", -360.0, 360.0, "deg"))
-    row = np.zeros(7)
-    enu_to_ned(np.array([east, north, up]), row[0:3])
-    away = float(np.hypot(*(row[0:2] - home_ned_m[0:2])))
+    row = np.zeros(REFERENCE.size)
+    enu_to_ned(np.array([east, north, up]), row[REFERENCE.pos])
+    away = float(np.hypot(*(row[REFERENCE.pos] - home_ned_m)[:2]))
     if away > limits.distance_m:
         raise CommandError(
             f"p: {away:.0f} m from where the flight began; allowed: at most {limits.distance_m:g} m"
         )
-    row[6] = wrap_pi(heading)
+    row[REFERENCE.psi] = wrap_pi(heading)
     return row
 
 
@@ -186,7 +188,7 @@ def move(
         What is being followed: its last seconds stay in the new trajectory, so that the outer
         loop, which averages over the past, sees no jump. None: it begins at rest.
     start, target : (7,) array
-        Reference rows: position NED m, velocity, heading rad.
+        Rows `REFERENCE`.
     now_ns : int
         Stamp of the beginning.
     limits : Limits
@@ -196,25 +198,25 @@ def move(
     Trajectory, float
         The trajectory, stamped now, and its length, s.
     """
-    step = target[0:3] - start[0:3]
-    turn = float(wrap_pi(target[6] - start[6]))
+    step = target[REFERENCE.pos] - start[REFERENCE.pos]
+    turn = float(wrap_pi(target[REFERENCE.psi] - start[REFERENCE.psi]))
     length_s = max(
         float(np.hypot(step[0], step[1])) / limits.speed_mps,
         abs(float(step[2])) / limits.climb_mps,
         abs(math.degrees(turn)) / limits.turn_dps,
         _SHORTEST_MOVE_S,
     )
-    length_ns = round(length_s * _S)
+    length_ns = round(length_s * NS_PER_S)
     times = {0, length_ns}
     if turn:
         times |= set(range(0, length_ns, _TURN_STEP_NS))
     rows = [] if before is None else _past(before, now_ns)
     for time_ns in sorted(times):
         share = time_ns / length_ns
-        row = np.zeros(7)
-        row[0:3] = start[0:3] + share * step
-        row[3:6] = step / length_s if share < 1.0 else 0.0
-        row[6] = wrap_pi(start[6] + share * turn)
+        row = np.zeros(REFERENCE.size)
+        row[REFERENCE.pos] = start[REFERENCE.pos] + share * step
+        row[REFERENCE.vel] = step / length_s if share < 1.0 else 0.0
+        row[REFERENCE.psi] = wrap_pi(start[REFERENCE.psi] + share * turn)
         rows.append((time_ns, row))
     return _points(now_ns, rows), length_s
 
@@ -222,7 +224,7 @@ def move(
 def hold(point: Array, now_ns: int) -> Trajectory:
     """Stand at a reference row (7,) from now on."""
     row = point.copy()
-    row[3:6] = 0.0
+    row[REFERENCE.vel] = 0.0
     return _points(now_ns, [(0, row)])
 
 
@@ -245,6 +247,6 @@ def _points(start_ns: int, rows: list[tuple[int, Array]]) -> Trajectory:
 def in_words(row: Array) -> str:
     """A reference row for people."""
     p = np.empty(3)
-    ned_to_enu(row[0:3], p)
-    heading = math.degrees(row[6]) % 360.0
+    ned_to_enu(row[REFERENCE.pos], p)
+    heading = math.degrees(row[REFERENCE.psi]) % 360.0
     return f"{p[0]:.1f} m east, {p[1]:.1f} m north, {p[2]:.1f} m high, heading {heading:.0f} deg"

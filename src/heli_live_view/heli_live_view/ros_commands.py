@@ -24,6 +24,7 @@ from heli_live_view.live_state import LiveState
 from heli_live_view.page_server import Command
 from heli_live_view.plan import CommandError
 from heli_math.rotations import euler_from_quat
+from heli_math.rows import NAV, REFERENCE
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.managed_node import ManagedNode
@@ -212,8 +213,9 @@ class Commander:
         nav = self._state.value(topics.ODOM, time.monotonic())
         if nav is None:
             raise CommandError("no navigation: where the helicopter is, is not known")
-        row = np.zeros(7)
-        row[0:3], row[6] = nav[0:3], euler_from_quat(nav[6:10])[2]
+        row = np.zeros(REFERENCE.size)
+        row[REFERENCE.pos] = nav[NAV.pos]
+        _, _, row[REFERENCE.psi] = euler_from_quat(nav[NAV.quat])
         return row
 
     def _create_reference(self) -> Any:

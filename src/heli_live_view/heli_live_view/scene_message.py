@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from visualization_msgs.msg import Marker, MarkerArray
 
 from heli_live_view import scene
+from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge.messages import BASE, MAP
 
 TF, TF_TYPE = "/tf", "tf2_msgs/msg/TFMessage"
@@ -48,7 +49,7 @@ class SceneMessages:
             c = marker.color
             c.r, c.g, c.b, c.a = shape.rgba
         stamp, pose, scale = marker.header.stamp, marker.pose, marker.scale
-        stamp.sec, stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, NS_PER_S)
         p, q = pose.position, pose.orientation
         p.x, p.y, p.z = shape.position
         q.x, q.y, q.z, q.w = shape.quaternion
@@ -61,7 +62,7 @@ class SceneMessages:
     def transform(self, body: dict[str, Any], stamp_ns: int) -> bytes:
         """Serialised tf2_msgs/TFMessage map -> base_link (not among the wheels: by rosbags)."""
         types = self._store.types
-        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+        sec, nanosec = divmod(stamp_ns, NS_PER_S)
         header = types["std_msgs/msg/Header"](
             stamp=types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec), frame_id=MAP
         )
