@@ -25,6 +25,7 @@ from heli_flight.loop.settings import resolve
 from heli_math.jit import njit
 from heli_math.rows import MEAS, PLANT
 from heli_math.ticks import TICK_S
+from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 
@@ -34,7 +35,11 @@ _COLD = "import sys; sys.path[:0] = {path!r}; import runpy; runpy.run_path({me!r
 
 def default_config():
     """PlantConfig of the packaged parameters."""
-    values = load(TABLE, [config_folder("heli_dynamics_sim") / "plant.yaml"], "plant")
+    files = [
+        config_folder("heli_parameters") / "common.yaml",
+        config_folder("heli_dynamics_sim") / "plant.yaml",
+    ]
+    values = load(with_common(TABLE), files, "plant")
     return plant.PlantConfig.from_parameters(values)
 
 

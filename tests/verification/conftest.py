@@ -14,6 +14,7 @@ from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_math.jit import njit
 from heli_math.rows import MEAS, PLANT
+from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 
@@ -68,7 +69,11 @@ def fly():
 @pytest.fixture(scope="session")
 def plant_config():
     """plant_config(**changes): a PlantConfig from the packaged values; `__` stands for a dot."""
-    values = load(TABLE, [config_folder("heli_dynamics_sim") / "plant.yaml"], "plant")
+    files = [
+        config_folder("heli_parameters") / "common.yaml",
+        config_folder("heli_dynamics_sim") / "plant.yaml",
+    ]
+    values = load(with_common(TABLE), files, "plant")
 
     def build(**changes):
         named = {key.replace("__", "."): value for key, value in changes.items()}

@@ -3,6 +3,7 @@
 
 from typing import Any
 
+from heli_math.ticks import TICK_S
 from heli_parameters.parameters import Parameter
 
 NODE_NAME = "plant"
@@ -26,29 +27,11 @@ _NODE = (
     _row("aircraft_file", "string", "Aircraft: a path, or a bare name in config/aircraft"),
     _row("seed", "int", "Seed of wind and sensors", lower=0, upper=2**31 - 1),
     _row("lockstep", "bool", "Wait for each command (true) or follow the wall clock (false)"),
-    _row("start_time_s", "double", "Stamp of tick 0", "s", lower=0.01, upper=1e9),
-    _row("duration_s", "double", "Length of the flight", "s", lower=0.01, upper=86400.0),
+    _row("duration_s", "double", "Length of the flight", "s", lower=TICK_S, upper=86400.0),
     _ticks("delay_ticks", "Transport delay of the commands", 0, 50),
 )
 
 _SCENE = (
-    _row(
-        "origin.latitude_deg",
-        "double",
-        "Latitude of the NED origin",
-        "deg",
-        lower=-89.0,
-        upper=89.0,
-    ),
-    _row(
-        "origin.longitude_deg",
-        "double",
-        "Longitude of the NED origin",
-        "deg",
-        lower=-180.0,
-        upper=180.0,
-    ),
-    _row("origin.altitude_m", "double", "Altitude of the ground", "m", lower=-400.0, upper=5000.0),
     _row(
         "initial.pos_ned_m",
         "double[]",
@@ -136,7 +119,7 @@ _WIND = (
         "Length of each gust",
         "s",
         shape=(None,),
-        lower=0.01,
+        lower=TICK_S,
         upper=1e4,
     ),
     _row(

@@ -13,6 +13,8 @@ from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.plant import PlantConfig
 from heli_math.rows import PLANT
+from heli_parameters.common_table import with_common
+from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
@@ -48,7 +50,8 @@ def fly():
 @pytest.fixture(scope="session")
 def parameters():
     """parameters(**changes): the packaged values of the plant, `__` in a name stands for a dot."""
-    values = load(TABLE, [CONFIG / "plant.yaml"], "plant")
+    files = [config_folder("heli_parameters") / "common.yaml", CONFIG / "plant.yaml"]
+    values = load(with_common(TABLE), files, "plant")
 
     def build(**changes):
         named = {key.replace("__", "."): value for key, value in changes.items()}

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_math.jit import njit
+from heli_math.origin import LATITUDE_DEG, LONGITUDE_DEG
 
 WGS84_A_M = 6378137.0
 WGS84_F = 1.0 / 298.257223563
@@ -101,19 +102,20 @@ def datum(lat_deg: float, lon_deg: float, alt_m: float) -> Datum:
     Parameters
     ----------
     lat_deg, lon_deg : float
-        WGS84 latitude in [-85, 85] and longitude in [-180, 180], deg.
+        WGS84, deg; bounds in `heli_math.origin`.
     alt_m : float
         Height above the WGS84 ellipsoid, m.
 
     Raises
     ------
     ValueError
-        Outside of these bounds (near a pole east and north have no meaning).
+        Outside of these bounds.
     """
-    if not (abs(lat_deg) <= 85.0 and abs(lon_deg) <= 180.0 and math.isfinite(alt_m)):
+    inside = abs(lat_deg) <= LATITUDE_DEG and abs(lon_deg) <= LONGITUDE_DEG
+    if not (inside and math.isfinite(alt_m)):
         raise ValueError(
-            f"datum ({lat_deg}, {lon_deg}, {alt_m}) is not allowed: "
-            "latitude in [-85, 85] deg, longitude in [-180, 180] deg, finite altitude"
+            f"datum ({lat_deg}, {lon_deg}, {alt_m}) is not allowed: latitude within "
+            f"{LATITUDE_DEG:g} deg, longitude within {LONGITUDE_DEG:g} deg, finite altitude"
         )
     sin_lat = math.sin(math.radians(lat_deg))
     cos_lat = math.cos(math.radians(lat_deg))

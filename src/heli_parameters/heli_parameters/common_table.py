@@ -3,6 +3,7 @@
 
 from collections.abc import Iterable
 
+from heli_math.origin import LATITUDE_DEG, LONGITUDE_DEG
 from heli_parameters.parameters import Parameter
 
 
@@ -48,8 +49,8 @@ COMMON_TABLE: tuple[Parameter, ...] = (
         upper=3600.0,
         read_only=True,
     ),
-    _origin("latitude_deg", "Latitude of the NED origin", "deg", -85.0, 85.0),
-    _origin("longitude_deg", "Longitude of the NED origin", "deg", -180.0, 180.0),
+    _origin("latitude_deg", "Latitude of the NED origin", "deg", -LATITUDE_DEG, LATITUDE_DEG),
+    _origin("longitude_deg", "Longitude of the NED origin", "deg", -LONGITUDE_DEG, LONGITUDE_DEG),
     _origin("altitude_m", "Altitude of the NED origin", "m", -500.0, 9000.0),
 )
 
