@@ -29,16 +29,6 @@ _NEVER_NS = 2**63 - 1
 _WAL_PAGES = 256
 
 
-class _Named:
-    """A file's path in the form that the writers of `rosbags` ask for: folder and name."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self.name = path, path.stem
-
-    def __truediv__(self, _: str) -> Path:
-        return self._path
-
-
 class McapFile(McapWriter):
     """One MCAP file, whole after every `flush` up to its index.
 
@@ -52,7 +42,9 @@ class McapFile(McapWriter):
 
     def __init__(self, path: Path, zstd: bool = False) -> None:
         mode = CompressionMode.STORAGE if zstd else CompressionMode.NONE
-        super().__init__(cast(Path, _Named(path)), mode)
+        # rosbags names the file after its folder; the parts of a split bag have names of their own.
+        super().__init__(path.parent, mode)
+        self.path = self.path.rename(path)
         self._safe: tuple[int, int, int, int, dict[int, int]] = (0, 0, _NEVER_NS, 0, {})
 
     @property
@@ -131,7 +123,12 @@ class SqliteFile(Sqlite3Writer):
     """
 
     def __init__(self, path: Path) -> None:
-        super().__init__(cast(Path, _Named(path)), CompressionMode.NONE)
+        # As in the writer's own, which would name the file after its folder: an open database
+        # cannot be renamed.
+        self.path = path
+        self.conn = sqlite3.connect(f"file:{path}", uri=True)
+        self.conn.executescript(self.SQLITE_SCHEMA)
+        self.cursor = self.conn.cursor()
         self.conn.execute("PRAGMA journal_mode=WAL")
         self.conn.execute("PRAGMA synchronous=NORMAL")
         self.conn.execute(f"PRAGMA wal_autocheckpoint={_WAL_PAGES}")
