@@ -41,7 +41,8 @@ def main() -> int:
     x_trim[8] = 0.0
     write_model_yaml(target, linear.A, linear.B, linear.E, x_trim, u_trim)
     config = AttitudeConfig.from_parameters(load(TABLE, [target], NODE_NAME))
-    model = Model(config.A, config.B, config.E, config.C, config.D, config.synthesis.F)
+    gains = config.synthesis
+    model = Model(config.A, config.B, config.E, config.C, config.D, gains.F, gains.G)
     axes = tune_pid(model)
     write_model_yaml(target, linear.A, linear.B, linear.E, x_trim, u_trim, gains_of(axes))
     best, _ = choose_observer_gain(model, config.prediction_s)

@@ -17,7 +17,11 @@ PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xm
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 VERSION = PROJECT["project"]["version"]
 # Python import -> rosdep key, where the two differ from python3-<import>.
-ROSDEP_KEYS = {"yaml": "python3-yaml", "rosbags": "python3-rosbags-pip"}
+ROSDEP_KEYS = {
+    "yaml": "python3-yaml",
+    "rosbags": "python3-rosbags-pip",
+    "control": "python-control-pip",
+}
 DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk"}
 # Not in rosdep's list: set-up installs it, and the live view does without where it is missing.
 NO_ROSDEP_KEY = {"foxglove"}

@@ -71,11 +71,16 @@ def test_trim_without_wind(params, hover):
     assert hover.u == pytest.approx([0.0075, -0.0060, 0.0, -0.1793], abs=0.005)
 
 
-def test_names_and_units(model):
-    assert model.state_names == ("phi", "theta", "p", "q", "a_s", "b_s", "r", "d_int", "psi")
-    assert model.input_names == ("d_lat", "d_lon", "d_ped")
-    assert model.wind_names == ("u", "v", "w")
-    assert len(model.state_units) == 9 and len(model.input_units) == 3
+def test_names(model):
+    """The model as a system of python-control: every entry under its name."""
+    system = model.system
+    nine = ["phi", "theta", "p", "q", "a_s", "b_s", "r", "d_int", "psi"]
+    assert system.state_labels == system.output_labels == nine
+    assert system.input_labels == ["d_lat", "d_lon", "d_ped", "wind_u", "wind_v", "wind_w"]
+    assert np.array_equal(system.A, model.A)
+    assert np.array_equal(system.B, np.hstack([model.B, model.E]))
+    rates = system["r", "d_ped"](1e3j) * 1e3j  # far above all modes only the input itself is left
+    assert rates == pytest.approx(model.B[6, 2], rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["A", "B", "E"])

@@ -10,8 +10,10 @@ that rises (descent, no climb power) and another for air that sinks. `side` choo
 published E has that of the descent.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +24,10 @@ from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
 from heli_dynamics_sim.trim import Trim
 from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
 from heli_math.rows import ACTUATOR, NINE, PLANT
-from heli_math.state_names import (
-    INPUT_NAMES,
-    INPUT_UNITS,
-    STATE_NAMES,
-    STATE_UNITS,
-    WIND_NAMES,
-    WIND_UNITS,
-)
+from heli_math.state_names import INPUT_NAMES, STATE_NAMES, WIND_NAMES
+
+if TYPE_CHECKING:
+    import control
 
 _ALTITUDE_M = 1000.0  # out of the ground's reach
 _AT_KINK_MPS = 1e-6
@@ -42,12 +40,13 @@ _PARTS = (len(STATE_NAMES), len(STATE_NAMES) + len(INPUT_NAMES))
 class LinearModel:
     """`x' = A x + B u + E w`, deviations from trim, SI units and rad.
 
+    States, inputs and wind have the names and units of `heli_math.state_names`.
+
     Attributes
     ----------
     A : (9, 9) array
     B : (9, 3) array
     E : (9, 3) array
-    state_names, state_units, input_names, input_units, wind_names, wind_units : tuple of str
     x_trim : (9,) array
         Trim values of the nine states.
     u_trim : (3,) array
@@ -59,12 +58,13 @@ class LinearModel:
     E: NDArray[np.float64]
     x_trim: NDArray[np.float64]
     u_trim: NDArray[np.float64]
-    state_names: tuple[str, ...] = STATE_NAMES
-    state_units: tuple[str, ...] = STATE_UNITS
-    input_names: tuple[str, ...] = INPUT_NAMES
-    input_units: tuple[str, ...] = INPUT_UNITS
-    wind_names: tuple[str, ...] = WIND_NAMES
-    wind_units: tuple[str, ...] = WIND_UNITS
+
+    @property
+    def system(self) -> control.StateSpace:
+        """As a system of python-control with named signals, see `heli_math.state_space`."""
+        from heli_math.state_space import hover_system  # takes seconds to import
+
+        return hover_system(self.A, self.B, self.E, "linearised")
 
 
 def reduced_state(x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,31 +14,25 @@ from heli_identification.collective import (
 )
 from heli_identification.errors import Cause, IdentificationError
 from heli_identification.experiment import Experiment
-from heli_identification.frequency_responses import (
-    CHANNELS,
-    FrequencyResponses,
-    frequency_responses,
-    rate_response,
-)
 from heli_identification.gusts import IdentifiedE, fit_gusts
+from heli_identification.measured import CHANNELS, MeasuredResponse, measured_response
 from heli_identification.trim import IdentifiedTrim, trim_of
 
 __all__ = [
     "CHANNELS",
     "Cause",
     "Experiment",
-    "FrequencyResponses",
     "IdentificationError",
     "IdentifiedAB",
     "IdentifiedCollective",
     "IdentifiedE",
     "IdentifiedTrim",
+    "MeasuredResponse",
     "RotorGeometry",
     "fit_actuators",
     "fit_collective",
     "fit_gusts",
-    "frequency_responses",
-    "rate_response",
+    "measured_response",
     "refit_actuators",
     "relative_air_w",
     "trim_of",

@@ -58,8 +58,6 @@ class IdentifiedAB:
         Transport delay as fitted.
     delay_ticks : int
         Rounded; A and B belong to it.
-    E_rough : (9, 3) array
-        Effect of the relative air velocity as far as this experiment shows it; for A and B's sake.
     share : dict of str to float
         Effect of each entry over the largest effect in its row, RMS over the excited lines.
     estimate : Estimate
@@ -88,7 +86,6 @@ class IdentifiedAB:
     delay_s: float
     delay_s_sigma: float
     delay_ticks: int
-    E_rough: Array
     share: dict[str, float]
     estimate: Estimate
     sigma: dict[str, float]
@@ -97,10 +94,6 @@ class IdentifiedAB:
     phi_rad: float
     theta_rad: float
     fast: FastModel
-
-    def significant(self, name: str) -> bool:
-        """Whether an entry has at least 1 % of the effect in its row."""
-        return self.share.get(name, 0.0) >= SIGNIFICANT_SHARE
 
 
 def channel_coherence(spectra: Spectra) -> dict[str, float]:
@@ -160,7 +153,7 @@ def fit_actuators(
     """
     spectra = spectra_of(experiment)
     coherence = channel_coherence(spectra)
-    names = actuator_parameters(collective=bool(np.any(spectra.channel == 3)))
+    names = _names(spectra)
     if 2 * spectra.omega_radps.size * 3 < 2 * len(names):
         raise IdentificationError(
             Cause.TOO_FEW_LINES,
@@ -192,13 +185,7 @@ def fit_actuators(
         model = problem.model(fitted.values)
     _check_physical(model)
     attitude = experiment.steady().attitude_rad[:, :2].mean(axis=0)
-    share = effect_shares(model, spectra, names)
-    free = tuple(name for name in names if name != DELAY)
-    small = {n for n in free if n not in ESSENTIAL and share[n] < SIGNIFICANT_SHARE}
-    prior = _row_prior(model, spectra, free, small, SIGNIFICANT_SHARE)
-    open_problem = Problem([spectra], free, model, fitted.distortion, prior)
-    spread = summary(open_problem, values_of(free, model)).sigma
-    sigma = dict(zip(free, spread.tolist(), strict=True))
+    share, sigma = _share_and_sigma(model, spectra, fitted.distortion, (DELAY,))
     return _identified(
         model, fitted, sigma | {DELAY: delay_sigma}, share,
         (float(attitude[0]), float(attitude[1])), (delay_s, delay_sigma, ticks), dropped, coherence,
@@ -234,14 +221,7 @@ def refit_actuators(experiment: Experiment, identified: IdentifiedAB, E: Array) 
     fitted = estimate(problem, values_of(kept, base))
     model = problem.model(fitted.values)
     _check_physical(model)
-    names = actuator_parameters(collective=bool(np.any(spectra.channel == 3)))
-    free = tuple(n for n in names if not n.startswith(known))
-    share = effect_shares(model, spectra, names)
-    small = {n for n in free if n not in ESSENTIAL and share[n] < SIGNIFICANT_SHARE}
-    prior = _row_prior(model, spectra, free, small, SIGNIFICANT_SHARE)
-    open_problem = Problem([spectra], free, model, fitted.distortion, prior)
-    spread = summary(open_problem, values_of(free, model)).sigma
-    sigma = dict(zip(free, spread.tolist(), strict=True))
+    share, sigma = _share_and_sigma(model, spectra, fitted.distortion, known)
     delay = (identified.delay_s, identified.delay_s_sigma, identified.delay_ticks)
     return _identified(
         model, fitted, sigma, share, (identified.phi_rad, identified.theta_rad), delay,
@@ -249,16 +229,30 @@ def refit_actuators(experiment: Experiment, identified: IdentifiedAB, E: Array) 
     )  # fmt: skip
 
 
-def _row_prior(
-    model: FastModel, spectra: Spectra, names: tuple[str, ...], small: set[str], share: float
-) -> Array:
-    """Prior standard deviations: effects of `small` lie anywhere within +- share of their row.
+def _names(spectra: Spectra) -> tuple[str, ...]:
+    """Parameters that this excitation can tell."""
+    return actuator_parameters(collective=bool(np.any(spectra.channel == ACTUATORS.index("col"))))
 
-    Equal chance everywhere within +- share has a standard deviation of share / sqrt(3).
+
+def _share_and_sigma(
+    model: FastModel, spectra: Spectra, distortion: float, known: tuple[str, ...]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Share of every entry in its row; standard deviations with all entries free but the known.
+
+    known: how the names begin whose values are not this fit's. A small entry lies anywhere within
+    +- `SIGNIFICANT_SHARE` of its row; equal chance everywhere there has a standard deviation of
+    that over sqrt(3).
     """
-    of_one = effect_shares(model, spectra, names, dict.fromkeys(names, 1.0))
-    sigma = [share / np.sqrt(3.0) / max(of_one[n], 1e-12) if n in small else np.inf for n in names]
-    return np.array(sigma)
+    names = _names(spectra)
+    share = effect_shares(model, spectra, names)
+    free = tuple(name for name in names if not name.startswith(known))
+    of_one = effect_shares(model, spectra, free, dict.fromkeys(free, 1.0))
+    small = {n for n in free if n not in ESSENTIAL and share[n] < SIGNIFICANT_SHARE}
+    width = SIGNIFICANT_SHARE / np.sqrt(3.0)
+    prior = np.array([width / max(of_one[n], 1e-12) if n in small else np.inf for n in free])
+    problem = Problem([spectra], free, model, distortion, prior)
+    spread = summary(problem, values_of(free, model)).sigma
+    return share, dict(zip(free, spread.tolist(), strict=True))
 
 
 def _check_physical(model: FastModel) -> None:
@@ -319,7 +313,7 @@ def _identified(
     dropped: tuple[str, ...],
     coherence: dict[str, float],
 ) -> IdentifiedAB:
-    A, B, E = full_matrices(model, *attitude)
+    A, B, _ = full_matrices(model, *attitude)
     A_sigma, B_sigma = np.zeros((9, 9)), np.zeros((9, 3))
     for name, value in sigma.items():
         place = place_of(name)
@@ -344,7 +338,6 @@ def _identified(
         delay_s=delay[0],
         delay_s_sigma=delay[1],
         delay_ticks=delay[2],
-        E_rough=E,
         share=share,
         estimate=fitted,
         sigma=sigma,

@@ -53,10 +53,6 @@ class IdentifiedE:
     estimate: Estimate
     coherence: dict[str, float]
 
-    def significant(self, name: str, least: float = 0.01) -> bool:
-        """Whether an entry has at least this part of the effect in its row."""
-        return self.share.get(name, 0.0) >= least
-
 
 def _check_gusts(spectra: Spectra, identified: IdentifiedAB) -> dict[str, float]:
     """Coherence per wind axis.

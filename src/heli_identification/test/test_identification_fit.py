@@ -11,13 +11,12 @@ from scipy.signal import cont2discrete, dlsim
 from heli_identification import (
     fit_actuators,
     fit_gusts,
-    frequency_responses,
-    rate_response,
+    measured_response,
     trim_of,
 )
 from heli_identification.estimator import Problem, estimate
 from heli_identification.response import transfer
-from heli_identification.spectra import spectra_of
+from heli_identification.spectra import GUST, U, spectra_of
 from heli_identification.start import StartSearch
 from heli_identification.structure import (
     DELAY,
@@ -28,6 +27,7 @@ from heli_identification.structure import (
     values_of,
 )
 from heli_identification.synthetic import TRIM, Flight, fly, true_model
+from heli_identification.system import sampled_rates
 from heli_math.linear_systems import with_servos
 
 GUSTS = Flight(seed=7, u_amplitude=(0.0,) * 4, gust_mps=(0.35, 0.35, 0.35))
@@ -120,6 +120,18 @@ def test_fractional_delay_by_superposition(delay_s):
     assert np.abs(measured - expected).max() < 2e-3 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("delay_s", [0.0, 0.013, 0.02])
+def test_responses_of_the_fit_are_those_of_python_control(delay_s):
+    """The estimator's own closed form against the sampled system with its delay line."""
+    model = replace(true_model(), delay_s=delay_s)
+    omega = np.array([0.5, 3.0, 20.0, 60.0])
+    system = sampled_rates(model)
+    theirs = system(np.exp(1j * omega * system.dt))
+    inputs = [*range(U.start - 3, U.stop - 3), *range(GUST.start - 3, GUST.stop - 3)]
+    ours = np.moveaxis(transfer(model, omega)[:, :, inputs], 0, 2)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-13)
+
+
 def test_confidence_over_seeds_and_periods():
     """Errors over sigma have unit variance; four times the periods halve the errors."""
     true = true_model()
@@ -146,19 +158,21 @@ def test_confidence_over_seeds_and_periods():
     assert 1.4 < ratio < 3.2
 
 
-def test_frequency_responses_agree_with_the_model(flight):
-    measured = frequency_responses(flight)
-    model = rate_response(true_model(), measured.frequency_hz)
-    for channel, (name, rate) in enumerate((("lat", 0), ("lon", 1), ("ped", 2))):
-        own = measured.channel == channel
-        frequency, H, sigma, coherence = measured.of(name)
-        assert frequency.size == own.sum() == 20
-        error = np.abs(H[:, rate] - model[own, rate, channel])
-        strong = (frequency > 0.5) & (frequency < 7.0)  # noise is below 1 % there
-        assert np.all(error[strong] < 0.02 * np.abs(model[own, rate, channel])[strong])
-        # 1 %: interpolation of what the feedback adds, beside the flapping resonance
-        assert np.all(error < 6.0 * sigma[:, rate] + 0.01 * np.abs(H[:, rate]))
-        assert np.median(coherence[:, rate]) > 0.99
+@pytest.mark.parametrize(("channel", "rate"), [("lat", "p"), ("lon", "q"), ("ped", "r")])
+def test_measured_responses_are_those_of_the_true_model(flight, channel, rate):
+    """At every line within its own confidence; the delay is in it."""
+    true = true_model()
+    measured = measured_response(spectra_of(flight), true, rate, channel)
+    assert measured.value.size == 20
+    system = sampled_rates(true)
+    expected = system[rate, f"d_{channel}"](np.exp(1j * measured.omega_radps * system.dt))
+    error = np.abs(measured.value - expected)
+    # |H - H_true| has two parts of the standard deviation of |H|
+    z_squared = (error / measured.sigma) ** 2
+    assert np.all(z_squared < 30.0) and 0.8 < np.mean(z_squared) < 4.0
+    strong = (measured.omega_radps > 3.0) & (measured.omega_radps < 44.0)  # noise is below 1 %
+    assert np.all(error[strong] < 0.02 * np.abs(expected)[strong])
+    assert np.median(measured.coherence) > 0.99
 
 
 def test_yaw_agrees_with_output_error_in_the_time_domain(flight, identified):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_inner_hinf.actuation import predicting_gains
 from heli_inner_hinf.attitude_law import swap_bumpless
 from heli_inner_hinf.errors import ShapeError, SynthesisError
 from heli_inner_hinf.law_state import (
@@ -19,7 +20,6 @@ from heli_inner_hinf.law_state import (
     AttitudeKernel,
     initial_law_state,
 )
-from heli_inner_hinf.loops import predicting_gains
 from heli_inner_hinf.lqr import Lqr, lqr
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.synthesis import Synthesis, synthesize

@@ -1,50 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stability margins of a loop: disk margins with all channels at once, and one channel at a
-time."""
+"""Stability margins of a loop: with all channels at once, one at a time, and of delay."""
 
 from dataclasses import dataclass, replace
 
+import control
 import numpy as np
 
-from heli_inner_hinf.loops import (
-    TICK_S,
-    Actuation,
-    Loop,
-    Model,
-    ObserverInput,
-    flown_loop,
-    sampled_plant,
-)
-
-
-@dataclass(frozen=True)
-class DiskMargin:
-    """Balanced (skew 0) disk margin, Seiler, Packard, Gahinet (2020).
-
-    Attributes
-    ----------
-    alpha : float
-        The loop survives every diagonal complex factor (1 + d/2) / (1 - d/2), |d| < alpha, in all
-        channels at once; 0 if the loop itself is unstable. For up to three channels exact,
-        otherwise a guaranteed lower bound.
-    frequency : float
-        Where it is smallest, rad/s.
-    """
-
-    alpha: float
-    frequency: float
-
-    @property
-    def gain_db(self) -> float:
-        """Gain margin that it guarantees, dB (inf from alpha = 2 on)."""
-        if self.alpha >= 2.0:
-            return np.inf
-        return float(20.0 * np.log10((2.0 + self.alpha) / (2.0 - self.alpha)))
-
-    @property
-    def phase_deg(self) -> float:
-        """Phase margin that it guarantees, deg."""
-        return float(np.degrees(2.0 * np.arctan(self.alpha / 2.0)))
+from heli_inner_hinf.actuation import Actuation, ObserverInput
+from heli_inner_hinf.disk_margin import DiskMargin, smallest
+from heli_inner_hinf.frequency import grid, top
+from heli_inner_hinf.loops import Loop, Model, flown_loop, sampled_plant
+from heli_math.ticks import TICK_S
 
 
 @dataclass(frozen=True)
@@ -67,16 +33,9 @@ class ChannelMargin:
     delay_s: float
 
 
-def frequency_grid(loop: Loop, points: int = 400) -> np.ndarray:
-    """Frequencies (m,), rad/s: 0.01 to 1000 or the Nyquist frequency, denser at the loop's
-    modes."""
-    top = 0.9999 * np.pi / loop.dt if loop.dt else 1e3
-    modes = np.linalg.eigvals(loop.closed().A)
-    if loop.dt:
-        modes = np.log(np.where(np.abs(modes) > 1e-9, modes, 1e-9).astype(complex)) / loop.dt
-    near = np.abs(modes)[:, None] * np.linspace(0.9, 1.1, 9)
-    grid = np.concatenate([np.geomspace(1e-2, top, points), near.ravel()])
-    return np.unique(np.clip(grid, 1e-2, top))
+def frequency_grid(loop: Loop) -> np.ndarray:
+    """Frequencies (m,), rad/s: 0.01 to 1000 or Nyquist's, denser at the loop's modes."""
+    return grid(loop.closed, 1e-2, top(loop.closed, 1e3), 400)
 
 
 def disk_margin(loop: Loop, where: str, omega: np.ndarray | None = None) -> DiskMargin:
@@ -84,81 +43,28 @@ def disk_margin(loop: Loop, where: str, omega: np.ndarray | None = None) -> Disk
     if loop.stability() >= 0.0:
         return DiskMargin(0.0, 0.0)
     omega = frequency_grid(loop) if omega is None else omega
-    L = loop.at_input(omega) if where == "input" else loop.at_output(omega)
-    M = np.linalg.inv(np.eye(L.shape[1]) + L) - 0.5 * np.eye(L.shape[1])
-    bounds = mu_bounds(M)
-    peak = int(np.argmax(bounds))
-    return DiskMargin(float(1.0 / bounds[peak]), float(omega[peak]))
+    return smallest(loop.at_input(omega) if where == "input" else loop.at_output(omega), omega)
 
 
-def mu_bounds(M: np.ndarray) -> np.ndarray:
-    """Upper bound (m,) of the structured singular value of each M (m, n, n) for diagonal complex
-    blocks.
-
-    min over D of the largest singular value of D M D^-1: Osborne scaling everywhere, then the
-    convex minimisation over log D at the frequencies that can still be the worst.
-    """
-    d = np.ones(M.shape[:2])
-    size = np.abs(M)
-    n = M.shape[1]
-    off = size * (1.0 - np.eye(n))
-    for _ in range(30):
-        scaled = d[:, :, None] * off / d[:, None, :]
-        row, column = np.linalg.norm(scaled, axis=2), np.linalg.norm(scaled, axis=1)
-        ratio = np.where((row > 0.0) & (column > 0.0), column / np.where(row > 0.0, row, 1.0), 1.0)
-        d = d * np.where(ratio > 0.0, ratio, 1.0) ** 0.25
-    bounds = np.linalg.svd(d[:, :, None] * M / d[:, None, :], compute_uv=False)[:, 0]
-    floor = np.max(np.abs(np.linalg.eigvals(M)), axis=1)
-    settled = float(np.max(floor))
-    for i in np.argsort(-bounds):
-        if bounds[i] <= settled * (1.0 + 1e-6):
-            break
-        bounds[i] = min(bounds[i], _minimised(M[i], d[i]))
-        settled = max(settled, bounds[i])
-    return bounds
-
-
-def _minimised(M: np.ndarray, d: np.ndarray) -> float:
-    from scipy.optimize import minimize
-
-    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
-        scale = np.exp(np.concatenate([[0.0], x]))
-        u, sigma, vh = np.linalg.svd(scale[:, None] * M / scale[None, :])
-        slope = sigma[0] * (np.abs(u[:, 0]) ** 2 - np.abs(vh[0]) ** 2)
-        return float(sigma[0]), slope[1:]
-
-    start = np.log(d[1:] / d[0])
-    return float(minimize(cost, start, jac=True, method="BFGS", options={"maxiter": 60}).fun)
-
-
-def channel_margins(loop: Loop, where: str = "input") -> list[ChannelMargin]:
-    """Gain, phase and delay margin of each channel at `where`, one at a time, the others closed."""
-    omega = frequency_grid(loop, 4000)
-    L = loop.at_input(omega) if where == "input" else loop.at_output(omega)
+def channel_margins(loop: Loop) -> list[ChannelMargin]:
+    """Margins of each actuator's channel, one at a time, the others closed."""
+    omega = frequency_grid(loop)
+    L = loop.at_input(omega)
     S = np.linalg.inv(np.eye(L.shape[1]) + L)
     return [channel_margin(1.0 / S[:, i, i] - 1.0, omega) for i in range(L.shape[1])]
 
 
 def channel_margin(single: np.ndarray, omega: np.ndarray) -> ChannelMargin:
-    """Margins of a scalar open loop (m,) by linear interpolation between grid points."""
-    imag, real = single.imag, single.real
-    flips = np.nonzero(np.sign(imag[1:]) != np.sign(imag[:-1]))[0]
-    share = imag[flips] / (imag[flips] - imag[flips + 1])
-    crossing = real[flips] + share * (real[flips + 1] - real[flips])
-    negative = -crossing[crossing < -1e-9]
-    up = -20.0 * np.log10(np.max(negative[negative < 1.0])) if np.any(negative < 1.0) else np.inf
-    down = -20.0 * np.log10(np.min(negative[negative > 1.0])) if np.any(negative > 1.0) else -np.inf
-    size = np.log(np.abs(single))
-    hits = np.nonzero(np.sign(size[1:]) != np.sign(size[:-1]))[0]
-    if hits.size == 0:
-        return ChannelMargin(float(up), float(down), np.inf, np.inf)
-    share = size[hits] / (size[hits] - size[hits + 1])
-    at = omega[hits] + share * (omega[hits + 1] - omega[hits])
-    value = single[hits] + share * (single[hits + 1] - single[hits])
-    lag = np.mod(np.angle(value) + np.pi, 2.0 * np.pi)
-    both = np.minimum(lag, 2.0 * np.pi - lag)
+    """Margins of a scalar open loop (m,) at omega (m,), rad/s, by python-control."""
+    measured = control.frd(single, omega, smooth=True)
+    gain, phase_deg, _, _, crossover, _ = control.stability_margins(measured, returnall=True)
+    up, down = gain[gain > 1.0], gain[gain < 1.0]
+    lag_rad = np.radians(np.mod(phase_deg, 360.0))
     return ChannelMargin(
-        float(up), float(down), float(np.degrees(np.min(both))), float(np.min(lag / at))
+        gain_up_db=float(20.0 * np.log10(np.min(up, initial=np.inf))),
+        gain_down_db=float(20.0 * np.log10(np.max(down))) if down.size else -np.inf,
+        phase_deg=float(np.min(np.abs(phase_deg), initial=np.inf)),
+        delay_s=float(np.min(lag_rad / crossover, initial=np.inf)),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign
+from heli_inner_hinf.disk_margin import of_state_feedback
 from heli_inner_hinf.excitation import (
     SENT,
     ExcitationKernel,
@@ -67,11 +68,8 @@ class MarginWatch:
         return "being computed"
 
     def _compute(self, config: AttitudeConfig) -> None:
-        from heli_inner_hinf.analysis import model_of
-        from heli_inner_hinf.loops import state_feedback_loop
-        from heli_inner_hinf.margins import disk_margin
-
-        margin = disk_margin(state_feedback_loop(model_of(config)), "input")
+        gains = config.lqr if config.controller == "lqr" else config.synthesis
+        margin = of_state_feedback(config.A, config.B, gains.F)
         self._known = (config, f"{margin.alpha:.3f}")
 
 

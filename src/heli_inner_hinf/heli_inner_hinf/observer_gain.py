@@ -10,23 +10,18 @@ loop, not by the speed of the observer's error.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import control
 import numpy as np
 from numpy.typing import ArrayLike
 
-from heli_inner_hinf.loops import (
-    TICK_S,
-    Actuation,
-    Linear,
-    Model,
-    ObserverInput,
-    flown_loop,
-    sampled_controller,
-)
+from heli_inner_hinf.actuation import Actuation, ObserverInput
+from heli_inner_hinf.frequency import peak_gain
+from heli_inner_hinf.loops import Model, flown_loop, sampled_controller
 from heli_inner_hinf.margins import disk_margin, further_delay_s
 from heli_inner_hinf.regular_form import Matrix
-from heli_inner_hinf.system_norm import peak_gain
-from heli_inner_hinf.weights import MEASURED, UNMEASURED, checked
+from heli_inner_hinf.weights import checked
 from heli_math.linear_systems import diagonal_observer_gain
+from heli_math.state_names import INPUT_NAMES, MEASURED, UNMEASURED
 
 ROTOR_POLES = (3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
 GYRO_POLES = (5.0, 10.0, 20.0)
@@ -80,11 +75,6 @@ def diagonal_gain(A: ArrayLike, poles: Sequence[float]) -> Matrix:
     return diagonal_observer_gain(A, tuple(poles), MEASURED, UNMEASURED)
 
 
-def known_lag_s(actuation: Actuation) -> float:
-    """Transport delay, half a tick of hold and the servo's low-frequency lag 2 zeta / w, s."""
-    return actuation.delay_s + 0.5 * TICK_S + 2.0 * actuation.servo_damping / actuation.servo_radps
-
-
 def assess(
     model: Model,
     poles: tuple[float, float, float],
@@ -97,8 +87,6 @@ def assess(
     loop = flown_loop(model, K, prediction_s, feed, actuation)
     omega = np.unique(np.concatenate([np.geomspace(0.1, 300.0, 80), np.linspace(10.0, 60.0, 60)]))
     stable = loop.stability() < 0.0
-    closed = loop.closed()
-    h = Linear(closed.A, closed.B, closed.C[:9], closed.D[:9], closed.dt)
     return Candidate(
         poles=poles,
         K=K,
@@ -106,7 +94,7 @@ def assess(
         disk_input=disk_margin(loop, "input", omega).alpha,
         disk_output=disk_margin(loop, "output", omega).alpha,
         further_delay_s=further_delay_s(model, K, prediction_s, feed, actuation),
-        norm=peak_gain(h)[0] if stable else np.inf,
+        norm=peak_gain(loop.wind_to_h)[0] if stable else np.inf,
         noise_gain=_noise_gain(sampled_controller(model, K, prediction_s, feed or ObserverInput())),
     )
 
@@ -129,7 +117,7 @@ def choose_observer_gain(
     ----------
     model : Model
     prediction_s : float, optional
-        Prediction time; default: the lag that is known (`known_lag_s`).
+        Prediction time; default: the lag that is known (`Actuation.known_lag_s`).
     actuation, feed : optional
         Servo and delay; how u enters the observer.
     wanted_disk, wanted_delay_s : float
@@ -142,7 +130,7 @@ def choose_observer_gain(
         The trade-off.
     """
     actuation = actuation or Actuation()
-    prediction_s = known_lag_s(actuation) if prediction_s is None else prediction_s
+    prediction_s = actuation.known_lag_s if prediction_s is None else prediction_s
     tried = [
         assess(model, (-rotor, -rotor, -gyro), prediction_s, feed, actuation)
         for rotor in ROTOR_POLES
@@ -155,14 +143,11 @@ def choose_observer_gain(
     return min((c for c in good if c.worst_disk >= 0.9 * top), key=lambda c: c.noise_gain), tried
 
 
-def _noise_gain(controller: Linear) -> float:
+def _noise_gain(controller: control.StateSpace) -> float:
     """Largest actuator RMS per RMS of white noise on p, q, r; inf if the controller is unstable."""
-    from scipy.linalg import solve_discrete_lyapunov
-
-    rates = [MEASURED.index(i) for i in (2, 3, 6)]
-    B, D = controller.B[:, rates], controller.D[:, rates]
-    if np.max(np.abs(np.linalg.eigvals(controller.A))) >= 1.0:
+    noisy = controller[list(INPUT_NAMES), ["p", "q", "r"]]
+    if np.max(np.abs(noisy.poles())) >= 1.0:
         return np.inf
-    spread = solve_discrete_lyapunov(controller.A, B @ B.T)
-    power = controller.C @ spread @ controller.C.T + D @ D.T
+    spread = control.dlyap(noisy.A, noisy.B @ noisy.B.T)
+    power = noisy.C @ spread @ noisy.C.T + noisy.D @ noisy.D.T
     return float(np.sqrt(np.max(np.diag(power))))

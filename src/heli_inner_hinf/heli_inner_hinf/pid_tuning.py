@@ -16,16 +16,21 @@ import math
 from dataclasses import dataclass
 from itertools import product
 
+import control
 import numpy as np
 
-from heli_inner_hinf.loops import TICK_S, Actuation, Linear, Model, sampled_plant
-from heli_inner_hinf.weights import MEASURED, N_U
+from heli_inner_hinf.actuation import Actuation
+from heli_inner_hinf.frequency import response
+from heli_inner_hinf.loops import Model, sampled_plant
+from heli_inner_hinf.weights import N_U
+from heli_math.state_names import INPUT_NAMES
+from heli_math.ticks import TICK_S
 
 PEAK = 1.7
 """Largest |S| of each axis: a modulus margin of 0.59."""
 AXES = ("roll", "pitch", "yaw")
-_ANGLE = (0, 1, 8)
-_RATE = (2, 3, 6)
+_ANGLE = ("phi", "theta", "psi")
+_RATE = ("p", "q", "r")
 _INTEGRAL_SHARES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 
 
@@ -51,7 +56,7 @@ def tune_pid(
     Parameters
     ----------
     model : Model
-        Its F, C, D do not matter.
+        Its F, G, C, D do not matter.
     actuation : Actuation, optional
     peak : float
         Bound on max |S| of each axis.
@@ -75,29 +80,13 @@ def gains_of(axes: tuple[AxisGains, ...]) -> dict[str, np.ndarray]:
     }
 
 
-def pid_controller(K_P: np.ndarray, K_I: np.ndarray, K_D: np.ndarray) -> Linear:
-    """The three PIDs as one sampled controller y -> u, y = phi theta p q r psi (deviations, r =
-    0)."""
-    angle = np.zeros((N_U, len(MEASURED)))
-    rate = np.zeros_like(angle)
-    for i in range(N_U):
-        angle[i, MEASURED.index(_ANGLE[i])] = -1.0
-        rate[i, MEASURED.index(_RATE[i])] = -1.0
-    kp, ki, kd = np.diag(K_P), np.diag(K_I), np.diag(K_D)
-    D = kp @ angle + kd @ rate + TICK_S * ki @ angle
-    return Linear(np.eye(N_U), TICK_S * ki @ angle, np.eye(N_U), D, TICK_S)
-
-
-def _tune_axis(plant: Linear, axis: int, peak: float) -> AxisGains:
-    angle, rate = MEASURED.index(_ANGLE[axis]), MEASURED.index(_RATE[axis])
-    single = Linear(plant.A, plant.B[:, [axis]], plant.C[[angle, rate]], plant.D[[angle, rate]][:,
-    [axis]],
-                    plant.dt)  # fmt: skip
+def _tune_axis(plant: control.StateSpace, axis: int, peak: float) -> AxisGains:
+    single = plant[[_ANGLE[axis], _RATE[axis]], [INPUT_NAMES[axis]]]
     grid = np.geomspace(0.05, 0.999 * np.pi / TICK_S, 1500)
-    over_grid = single.response(grid)[:, :, 0]
+    over_grid = response(single, grid)[:, :, 0]
     best: AxisGains | None = None
     for crossover in np.geomspace(0.3, 30.0, 140):
-        at = single.response(np.array([crossover]))[0, :, 0]
+        at = response(single, np.array([crossover]))[0, :, 0]
         trials = product(np.arange(35.0, 86.0, 5.0), _INTEGRAL_SHARES)
         for margin, share in trials:
             gains = _pair(at, crossover, margin, share)
@@ -131,14 +120,12 @@ def _pair(
     return float(K_P), float(share * crossover * K_P), float(K_D)
 
 
-def _open_loop(
-    response: np.ndarray, omega: np.ndarray, K_P: float, K_I: float, K_D: float
-) -> np.ndarray:
+def _open_loop(at: np.ndarray, omega: np.ndarray, K_P: float, K_I: float, K_D: float) -> np.ndarray:
     step = TICK_S / (1.0 - np.exp(-1j * omega * TICK_S))
-    return response[:, 0] * (K_P + K_I * step) + response[:, 1] * K_D
+    return at[:, 0] * (K_P + K_I * step) + at[:, 1] * K_D
 
 
-def _stable(single: Linear, K_P: float, K_I: float, K_D: float) -> bool:
+def _stable(single: control.StateSpace, K_P: float, K_I: float, K_D: float) -> bool:
     """Whether the axis is stable with this PID, apart from modes that it does not reach."""
     row = (K_P + TICK_S * K_I) * single.C[0] + K_D * single.C[1]
     n = single.A.shape[0]

@@ -1,17 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """H-infinity norm of a stable, strictly proper system, with its frequency."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.riccati import balanced_hamiltonian
-
-if TYPE_CHECKING:
-    from heli_inner_hinf.loops import Linear
 
 REL_TOL = 1e-11
 
@@ -60,37 +53,3 @@ def hinf_norm(A: Matrix, B: Matrix, C: Matrix) -> tuple[float, float]:
         if best <= level:
             break
     return float(best), float(where)
-
-
-def peak_gain(system: Linear, points: int = 300) -> tuple[float, float]:
-    """Largest singular value of a stable system's response, sampled or continuous, and its
-    frequency.
-
-    By a grid that is denser at the system's modes, then a bounded search about the best point;
-    relative accuracy 1e-6 or better for modes with a damping above 1e-3.
-    """
-    from scipy.optimize import minimize_scalar
-
-    top = np.pi / system.dt if system.dt else 1e4
-    modes = np.linalg.eigvals(system.A)
-    if system.dt:
-        modes = np.log(np.where(np.abs(modes) > 1e-9, modes, 1e-9).astype(complex)) / system.dt
-    near = np.abs(modes)[:, None] * np.linspace(0.8, 1.2, 21)
-    omega = np.concatenate([[1e-6], np.geomspace(1e-3, top, points), near.ravel()])
-    omega = np.unique(np.clip(omega, 1e-6, top))
-
-    def gain(w: np.ndarray) -> np.ndarray:
-        return np.linalg.svd(system.response(w), compute_uv=False)[:, 0]
-
-    values = gain(omega)
-    i = int(np.argmax(values))
-    low, high = omega[max(i - 1, 0)], omega[min(i + 1, omega.size - 1)]
-    found = minimize_scalar(
-        lambda w: -float(gain(np.array([w]))[0]),
-        bounds=(low, high),
-        method="bounded",
-        options={"xatol": 1e-9 * high},
-    )
-    if -found.fun > values[i]:
-        return float(-found.fun), float(found.x)
-    return float(values[i]), float(omega[i])

@@ -9,18 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heli_inner_hinf.errors import ShapeError
+from heli_math.state_names import ATTITUDE
 
-STATE_NAMES = ("phi", "theta", "p", "q", "a_s", "b_s", "r", "d_int", "psi")
-STATE_UNITS = ("rad", "rad", "rad/s", "rad/s", "rad", "rad", "rad/s", "rad", "rad")
-INPUT_NAMES = ("d_lat", "d_lon", "d_ped")
-WIND_NAMES = ("u", "v", "w")
-N_X, N_U, N_W, N_H = 9, 3, 3, 9
-MEASURED = (0, 1, 2, 3, 6, 8)
-"""Indices of y = phi theta p q r psi in x, eq. (10)."""
-UNMEASURED = (4, 5, 7)
-"""Indices of a_s b_s d_int in x: what the reduced-order observer (19) estimates."""
-OUTPUTS = (0, 1, 8)
-"""Indices of phi theta psi in x: the rows of C_out in eq. (15)."""
+N_X, N_U, N_H = 9, 3, 9
 
 
 def checked(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
@@ -81,5 +72,5 @@ def weights(
 def output_selector() -> NDArray[np.float64]:
     """C_out (3, 9): selects phi, theta, psi from x, eq. (15)."""
     selector = np.zeros((3, N_X))
-    selector[range(3), OUTPUTS] = 1.0
+    selector[range(3), ATTITUDE] = 1.0
     return selector

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from heli_inner_hinf.actuation import Actuation
 from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law, swap_bumpless
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.law_state import (
@@ -16,7 +17,7 @@ from heli_inner_hinf.law_state import (
     initial_law_state,
 )
 from heli_inner_hinf.law_template import user_law
-from heli_inner_hinf.loops import Actuation, Model, sampled_plant
+from heli_inner_hinf.loops import Model, sampled_plant
 
 NAMES = tuple(CONTROLLERS)
 
@@ -169,12 +170,13 @@ def test_engaging_starts_from_what_is_flown(kernel_of):
 def test_closed_loop_settles_at_the_command(kernel_of, config, controller):
     """The compiled law, all states measured, on the sampled linear plant with servo and delay."""
     k = kernel_of(controller)
-    plant = sampled_plant(Model(config.A, config.B, config.E, config.C, config.D, k.F), Actuation())
+    model = Model(config.A, config.B, config.E, config.C, config.D, k.F, k.G)
+    plant = sampled_plant(model, Actuation())
     x, state = np.zeros(plant.A.shape[0]), initial_law_state(k)
     step = np.array([0.06, -0.05, 0.3])
     for _ in range(2500):
         _, u3 = fly(k, state, k.x_trim + x[:9], commanded_trim(k) + step)
-        x = plant.A @ x + plant.B[:, :3] @ (u3 - k.u_trim)
+        x = plant.A @ x + plant.B[:, -3:] @ (u3 - k.u_trim)
     assert np.allclose(x[[0, 1, 8]], step, atol=1e-4)
 
 

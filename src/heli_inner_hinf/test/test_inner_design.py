@@ -42,7 +42,8 @@ def test_packaged_model_is_close_to_the_published_one(config, published):
 
 
 def test_packaged_pid_gains_are_those_of_the_rule(config):
-    model = Model(config.A, config.B, config.E, config.C, config.D, config.synthesis.F)
+    gains = config.synthesis
+    model = Model(config.A, config.B, config.E, config.C, config.D, gains.F, gains.G)
     axes = tune_pid(model)
     for name, gains in gains_of(axes).items():
         assert np.allclose(getattr(config, name), gains, rtol=1e-6)

@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.analysis import model_of
 from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law, swap_bumpless
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.law_state import INTEGRAL, SHIFT_LIMIT_RAD, initial_law_state
-from heli_inner_hinf.loops import Actuation, ObserverInput, flown_loop, sampled_plant
+from heli_inner_hinf.loops import flown_loop, sampled_plant
 from heli_inner_hinf.margins import disk_margin
 from heli_inner_hinf.observer_gain import diagonal_gain
-from heli_inner_hinf.weights import MEASURED
+from heli_math.state_names import MEASURED
 
 RATE = 0.5
 MOMENT = np.array([0.0, 0.0, 0.5, -0.8, 0.0, 0.0, 0.2, 0.0, 0.0])  # rad/s2 on p, q, r
@@ -38,7 +39,7 @@ def settled(config, ticks=3000):
     x, state, u3 = np.zeros(plant.A.shape[0]), initial_law_state(k), np.zeros(3)
     for _ in range(ticks):
         attitude_law(k.x_trim + x[:9], command(k), k, state, u3)
-        x = plant.A @ x + plant.B @ np.append(u3 - k.u_trim, [1.0, 0.0, 0.0])
+        x = plant.A @ x + plant.B @ np.r_[1.0, np.zeros(5), u3 - k.u_trim]
     return x[[0, 1, 8]]
 
 
@@ -100,16 +101,16 @@ def test_analysed_controller_is_the_flown_law(parameters, u_delay_ticks):
     feed = ObserverInput(u_delay_ticks=u_delay_ticks)
     analysed = flown_loop(model_of(config), K, config.prediction_s, feed).controller
     law = flown_loop(model_of(bare), K, config.prediction_s, feed).controller
-    outputs = np.random.default_rng(5).standard_normal((30, 6)) * 0.01
+    inputs = np.random.default_rng(5).standard_normal((30, 9)) * 0.01  # y, then the command
     at = [MEASURED.index(i) for i in (0, 1, 8)]
     w, v, shift = np.zeros(analysed.A.shape[0]), np.zeros(law.A.shape[0]), np.zeros(3)
     extra = analysed.A[: law.A.shape[0], law.A.shape[0] :]
-    for y in outputs:
+    for y in inputs:
         u = law.C @ v + law.D @ y + config.synthesis.G @ shift
         assert np.allclose(analysed.C @ w + analysed.D @ y, u, atol=1e-13)
         w = analysed.A @ w + analysed.B @ y
         v = law.A @ v + law.B @ y + extra @ shift
-        shift = shift - 0.01 * RATE * y[at]
+        shift = shift + 0.01 * RATE * (y[6:] - y[at])
     # what the shift adds to the command is what the observer and the delay line are told
     servos = 9
     assert np.allclose(extra[servos : servos + 3], config.synthesis.G)

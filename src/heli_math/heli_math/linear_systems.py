@@ -75,6 +75,26 @@ def held_late(A: Matrix, B: Matrix, dt_s: float, delay_s: float) -> Delayed:
     return Delayed(rest @ first, ticks, newer, rest @ older)
 
 
+def with_delay_line(late: Delayed) -> tuple[Matrix, Matrix]:
+    """A (n + m k, n + m k), B (n + m k, m) of a late system with its past inputs as states.
+
+    States: x(n), then u(n-1) ... u(n-k), as far back as the delay needs.
+    """
+    n, m = late.newer.shape
+    depth = late.ticks + (1 if np.any(late.older) else 0)
+    A, B = np.zeros((n + m * depth, n + m * depth)), np.zeros((n + m * depth, m))
+    A[:n, :n] = late.Phi
+    for lag, gain in ((late.ticks, late.newer), (late.ticks + 1, late.older)):
+        if lag == 0:
+            B[:n] = gain
+        elif lag <= depth:
+            A[:n, n + m * (lag - 1) : n + m * lag] = gain
+    if depth:
+        B[n : n + m] = np.eye(m)
+        A[n + m :, n : n + m * (depth - 1)] = np.eye(m * (depth - 1))
+    return A, B
+
+
 def with_servos(
     A: Matrix, B: Matrix, natural_radps: float, damping: float
 ) -> tuple[Matrix, Matrix]:

@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Singular values and margins of the design that flew."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from heli_dynamics_sim.plant import PlantConfig
 from heli_flight.loop.settings import Settings
-from heli_inner_hinf import analysis
-from heli_inner_hinf.analysis import LoopReport
+from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.loops import TICK_S, Actuation, ObserverInput
+from heli_math.ticks import TICK_S
+
+if TYPE_CHECKING:
+    from heli_inner_hinf.analysis import LoopReport
 
 _POINTS = 240
 
@@ -49,6 +54,9 @@ def flown_design(settings: Settings) -> Design | None:
     ValueError
         As the design's parts raise it, each with a sentence.
     """
+    # python-control takes seconds to import: not before it is needed
+    from heli_inner_hinf import analysis
+
     config = AttitudeConfig.from_parameters(settings.nodes["inner_loop"])
     if config.controller == "pid":
         return None

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import control
 import numpy as np
 
 from heli_dynamics_sim.aircraft_file import find_aircraft
@@ -13,14 +14,17 @@ from heli_dynamics_sim.linearize import linearize
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
 from heli_flight.loop.settings import Settings, resolve
+from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.analysis import LoopReport, analyse, model_of, three_loops
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.loops import TICK_S, Actuation, Loop, Model, ObserverInput
+from heli_inner_hinf.loops import Loop, Model
 from heli_inner_hinf.margins import further_delay_s
-from heli_inner_hinf.observer_gain import Candidate, choose_observer_gain, known_lag_s
+from heli_inner_hinf.observer_gain import Candidate, choose_observer_gain
 from heli_inner_hinf.pid_tuning import AxisGains, gains_of, tune_pid
 from heli_inner_hinf.synthesis import gamma_star
-from heli_inner_hinf.weights import OUTPUTS, weights
+from heli_inner_hinf.weights import weights
+from heli_math.state_names import ATTITUDE, INPUT_NAMES
+from heli_math.ticks import TICK_S
 from heli_parameters.parameters import ParameterError, dump_all
 
 _MAX_DELAY_TICKS = 2
@@ -35,8 +39,8 @@ class Basis:
     ----------
     source : str
         Where the numbers come from, for people.
-    A, B, E : (9, 9), (9, 3), (9, 3) arrays
-        Linear model about trim, eq. (9), SI and rad.
+    system : control.StateSpace
+        Linear model about trim, eq. (9), SI and rad, as `heli_math.state_space.hover_system`.
     x_trim : (9,) array
         Trim of the nine states; psi is 0.
     u_trim : (4,) array
@@ -52,15 +56,28 @@ class Basis:
     """
 
     source: str
-    A: np.ndarray
-    B: np.ndarray
-    E: np.ndarray
+    system: control.StateSpace
     x_trim: np.ndarray
     u_trim: np.ndarray
     actuation: Actuation
     outer: Mapping[str, Any]
     plant: Mapping[str, Any]
     residual: float
+
+    @property
+    def A(self) -> np.ndarray:
+        """(9, 9), see `system`."""
+        return self.system.A
+
+    @property
+    def B(self) -> np.ndarray:
+        """(9, 3): effect of d_lat d_lon d_ped."""
+        return self.system.B[:, : len(INPUT_NAMES)]
+
+    @property
+    def E(self) -> np.ndarray:
+        """(9, 3): effect of the wind."""
+        return self.system.B[:, len(INPUT_NAMES) :]
 
 
 @dataclass(frozen=True)
@@ -154,9 +171,7 @@ def aircraft_basis(settings: Settings, aircraft: str | None = None) -> Basis:
     delay_ticks = min(int(plant["delay_ticks"]), _MAX_DELAY_TICKS)
     return Basis(
         source=f"aircraft {file}",
-        A=linear.A,
-        B=linear.B,
-        E=linear.E,
+        system=linear.system,
         x_trim=x_trim,
         u_trim=at.u,
         actuation=Actuation(
@@ -208,7 +223,7 @@ def design_of(
         "model.E": basis.E,
         "trim.x": basis.x_trim,
         "trim.u": basis.u_trim,
-        "prediction_s": round(known_lag_s(actuation), 3),
+        "prediction_s": round(actuation.known_lag_s, 3),
     }
     inner["gamma"] = _gamma(inner, gamma, gamma_factor)
     attitude = AttitudeConfig.from_parameters(inner)
@@ -286,7 +301,7 @@ def attitude_lags_s(attitude: AttitudeConfig) -> np.ndarray:
     """
     gains = attitude.lqr if attitude.controller == "lqr" else attitude.synthesis
     inverse = np.linalg.inv(attitude.A + attitude.B @ gains.F)
-    lag = (inverse @ inverse @ attitude.B @ gains.G)[list(OUTPUTS)]
+    lag = (inverse @ inverse @ attitude.B @ gains.G)[list(ATTITUDE)]
     return np.array([lag[1, 1], lag[0, 0]])
 
 

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of a design: singular values, margins, attitude steps."""
 
-from dataclasses import replace
 from pathlib import Path
 
+import control
 import numpy as np
 
 from heli_flight.report.plot_style import BLUE, GREEN, GREY, ORANGE, RED, picture
 from heli_flight.studies.design.make import Design
 from heli_inner_hinf.analysis import singular_values
-from heli_inner_hinf.loops import TICK_S, Loop, flown_loop
-from heli_inner_hinf.margins import mu_bounds
-from heli_inner_hinf.weights import OUTPUTS
-from heli_math.linear_systems import held
+from heli_inner_hinf.disk_margin import disk_margins
+from heli_inner_hinf.loops import COMMANDS, POSITIONS, Loop
+from heli_math.state_names import ATTITUDE
+from heli_math.ticks import TICK_S
 
 WANTED_DISK = 0.5
 STEPS_DEG = (5.0, 5.0, 20.0)
@@ -69,7 +69,8 @@ def draw_margins(design: Design, path: Path) -> None:
         for axis, where in zip(axes[0], ("input", "output"), strict=True):
             for loop, (colour, style) in zip(design.loops, _LOOKS, strict=True):
                 omega = _frequencies(loop)
-                alpha = disk_margins(loop, where, omega)
+                L = loop.at_input(omega) if where == "input" else loop.at_output(omega)
+                alpha = disk_margins(L)
                 axis.loglog(omega, alpha, color=colour, ls=style, label=loop.name)
                 if loop is design.loops[-1]:
                     worst = int(np.argmin(alpha))
@@ -94,13 +95,6 @@ def draw_margins(design: Design, path: Path) -> None:
         axes[0, 0].legend(loc=(0.62, 0.36))
 
 
-def disk_margins(loop: Loop, where: str, omega: np.ndarray) -> np.ndarray:
-    """Disk margin (m,) at each frequency, in all channels at once; the smallest is the loop's."""
-    L = loop.at_input(omega) if where == "input" else loop.at_output(omega)
-    eye = np.eye(L.shape[1])
-    return 1.0 / mu_bounds(np.linalg.inv(eye + L) - 0.5 * eye)
-
-
 def draw_steps(design: Design, path: Path) -> None:
     """Steps of roll, pitch and heading: angles above, actuators below."""
     time_s = np.arange(round(STEP_LENGTH_S / TICK_S)) * TICK_S
@@ -109,8 +103,8 @@ def draw_steps(design: Design, path: Path) -> None:
         for i, (name, size) in enumerate(zip(names, STEPS_DEG, strict=True)):
             r = np.zeros(3)
             r[i] = np.radians(size)
-            ideal = np.degrees(state_feedback_step(design, r, time_s.size))
-            flown, u = flown_step(design, r, time_s.size)
+            ideal = np.degrees(step(design.loops[0], r, time_s)[0])
+            flown, u = step(design.loops[-1], r, time_s)
             top, bottom = axes[0, i], axes[1, i]
             top.plot(
                 time_s, r[i] * 180.0 / np.pi + 0.0 * time_s, color=RED, lw=0.8, label="command"
@@ -132,45 +126,18 @@ def draw_steps(design: Design, path: Path) -> None:
         axes[1, 0].legend(loc="upper right", ncols=3, columnspacing=0.8, handlelength=1.2)
 
 
-def state_feedback_step(design: Design, r: np.ndarray, n: int) -> np.ndarray:
-    """Angles (n, 3), rad, from trim, of the continuous state feedback after a step r (3,)."""
-    a = design.attitude
-    gains = a.lqr if a.controller == "lqr" else a.synthesis
-    Phi, Gamma = held(a.A + a.B @ gains.F, a.B @ gains.G, TICK_S)
-    x, out = np.zeros(Phi.shape[0]), np.empty((n, 3))
-    for i in range(n):
-        out[i] = x[list(OUTPUTS)]
-        x = Phi @ x + Gamma @ r
-    return out
+def step(loop: Loop, size_rad: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles (n, 3), rad, and actuators' positions (n, 3) from trim after a step of the command.
 
-
-def flown_step(design: Design, r: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Angles (n, 3), rad, and commands (n, 3), from trim, of the loop as flown after a step r (3,).
-
-    The command enters the law where a shift of the target does, so that the law with a shifted
-    target tells how.
+    Parameters
+    ----------
+    loop : Loop
+    size_rad : (3,) array
+        Of the commanded phi, theta, psi.
+    time_s : (n,) array
+        On the loop's ticks if it is sampled.
     """
-    loop = design.loops[-1]
-    law, plant = loop.controller, loop.plant
-    shifting = replace(design.model, shift_rate=1.0)
-    as_shift = flown_loop(
-        shifting,
-        design.observer.K,
-        design.attitude.prediction_s,
-        design.observer_input,
-        design.actuation,
-    ).controller
-    size = as_shift.A.shape[0] - 3
-    B_r = np.zeros((law.A.shape[0], 3))
-    B_r[:size] = as_shift.A[:size, size:]
-    B_r[size:] = TICK_S * design.model.shift_rate * np.eye(law.A.shape[0] - size, 3)
-    D_r = as_shift.C[:, size:]
-    x, w = np.zeros(plant.A.shape[0]), np.zeros(law.A.shape[0])
-    angles, commands = np.empty((n, 3)), np.empty((n, 3))
-    for i in range(n):
-        y = plant.C[: loop.n_y] @ x
-        u = law.C @ w + law.D @ y + D_r @ r
-        angles[i], commands[i] = x[list(OUTPUTS)], u
-        w = law.A @ w + law.B @ y + B_r @ r
-        x = plant.A @ x + plant.B[:, :3] @ u
-    return angles, commands
+    closed = loop.closed[list(POSITIONS), list(COMMANDS)]
+    inputs = np.repeat(size_rad[:, None], time_s.size, axis=1)
+    found = control.forced_response(closed, timepts=time_s, inputs=inputs)
+    return found.states[list(ATTITUDE)].T, found.outputs.T

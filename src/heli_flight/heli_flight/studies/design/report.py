@@ -12,7 +12,7 @@ from rich.table import Table
 from heli_flight.studies.design.make import LONGEST_DELAY_S, Design
 from heli_flight.terminal import table
 from heli_inner_hinf.margins import ChannelMargin, DiskMargin
-from heli_inner_hinf.weights import INPUT_NAMES, MEASURED, STATE_NAMES
+from heli_math.state_names import INPUT_NAMES, MEASURED, STATE_NAMES
 
 
 def print_design(design: Design, out: Console) -> None:

@@ -1,12 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charts of an identification: Bode plots of data, fit and truth, residuals, excitation.
-
-A response to one input is drawn from its own lines: what all other inputs do there, by the fit, is
-taken off the measured rate first, as the loops answer every line with all actuators.
-"""
+"""Charts of an identification: Bode plots of data, fit and truth, residuals, excitation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,8 +10,11 @@ from heli_flight.studies.identify.compare import Truth, fast_of
 from heli_flight.studies.identify.fit import Identification
 from heli_identification import Experiment
 from heli_identification.experiment import RATES
-from heli_identification.response import FAST, FastModel, transfer
-from heli_identification.spectra import GUST, Spectra, U, spectra_of
+from heli_identification.measured import CHANNELS, measured_response
+from heli_identification.response import FAST, FastModel
+from heli_identification.spectra import Spectra, spectra_of
+from heli_identification.system import COMMANDS, sampled_rates
+from heli_math.state_space import WIND
 from heli_math.ticks import TICK_S
 
 _SHOWN = (
@@ -26,49 +24,10 @@ _SHOWN = (
 _GUSTS = (("p", 1), ("p", 2), ("q", 2), ("r", 1), ("r", 2))
 # Linear on each side of w = 0 only: the lines show the mean of both, which no linearisation has.
 _KINKED = ("r", 2)
-_INPUTS = ("d_lat", "d_lon", "d_ped", "d_col")
 _AXES = ("u", "v", "w")
 _ROLES = ("nav", "truth", "green", "rival")
 _POINTS = 300
 _SIGMAS = 2.0
-
-
-@dataclass(frozen=True)
-class Response:
-    """Measured response of a rate to one input at the input's lines.
-
-    Attributes
-    ----------
-    omega_radps : (L,) array
-    value : (L,) complex array
-    sigma : (L,) array
-        Standard deviation of |value|.
-    coherence : (L,) array
-        Share of the periodic part in the power of one period.
-    """
-
-    omega_radps: np.ndarray
-    value: np.ndarray
-    sigma: np.ndarray
-    coherence: np.ndarray
-
-
-def measured(spectra: Spectra, model: FastModel, row: int, signal: int, channel: int) -> Response:
-    """Response of rate `row` to `signal` (index in Spectra) at the lines of `channel`."""
-    own = spectra.channel == channel
-    z = spectra.z[own]
-    others = transfer(model, spectra.omega_radps[own])[:, row]
-    others[:, signal - 3] = 0.0
-    left = z[:, row] - np.einsum("ls,ls->l", others, z[:, 3:])
-    drive = z[:, signal]
-    noise = spectra.noise_covariance()[own][:, row, row].real
-    power = np.abs(left) ** 2
-    return Response(
-        omega_radps=spectra.omega_radps[own],
-        value=left / drive,
-        sigma=np.sqrt(0.5 * noise) / np.abs(drive),
-        coherence=power / (power + noise * spectra.periods),
-    )
 
 
 def charts(found: Identification, truth: Truth | None) -> list[Chart]:
@@ -77,13 +36,13 @@ def charts(found: Identification, truth: Truth | None) -> list[Chart]:
     ab_spectra, gust_spectra = spectra_of(found.actuators), spectra_of(found.gusts)
     wind_model = _with_wind(found)
     bode = [
-        _bode(ab_spectra, found.ab.fast, true if channel < 3 else None, rate, U.start + channel,
-              channel, _INPUTS[channel], "rad/s")
+        _bode(ab_spectra, found.ab.fast, true if channel < 3 else None, rate, channel,
+              COMMANDS[channel], "rad/s")
         for rate, channel in _SHOWN if np.any(ab_spectra.channel == channel)
     ]  # fmt: skip
     bode += [
         _bode(gust_spectra, wind_model, None if (rate, axis) == _KINKED else true, rate,
-              GUST.start + axis, 4 + axis, _AXES[axis], "rad/s per m/s")
+              len(COMMANDS) + axis, _AXES[axis], "rad/s per m/s")
         for rate, axis in _GUSTS
     ]  # fmt: skip
     rest = [_residuals(found), _excitation(found.actuators), _gust(found.gusts)]
@@ -104,16 +63,15 @@ def _bode(
     model: FastModel,
     true: FastModel | None,
     rate: str,
-    signal: int,
     channel: int,
     name: str,
     unit: str,
 ) -> Chart:
     """Magnitude, phase and coherence of one response."""
-    row = RATES.index(rate)
-    data = measured(spectra, model, row, signal, channel)
+    data = measured_response(spectra, model, rate, CHANNELS[channel])
     hz = data.omega_radps / (2.0 * np.pi)
     grid = np.geomspace(hz.min(), hz.max(), _POINTS)
+    source = (*COMMANDS, *WIND)[channel]
     curves = [("fit", "nav", "line", model)]
     if true is not None:
         curves.append(("truth by linearisation (comparison only)", "truth", "dash", true))
@@ -121,7 +79,7 @@ def _bode(
     gains = [Trace(hz, magnitude, "data", "reference", "points"), _bars(hz, magnitude, data.sigma)]
     turns = [Trace(hz, phase, "data", "reference", "points")]
     for label, role, kind, fast in curves:
-        response = transfer(fast, 2.0 * np.pi * grid)[:, row, signal - 3]
+        response = sampled_rates(fast)[rate, source](np.exp(2j * np.pi * grid * TICK_S))
         angle = np.degrees(np.unwrap(np.angle(response)))
         angle += 360.0 * np.round((phase[0] - angle[0]) / 360.0)
         gains.append(Trace(grid, np.abs(response), label, role, kind))
@@ -200,7 +158,7 @@ def _excitation(experiment: Experiment) -> Chart:
         "One period of the first experiment",
         "What was added to the actuators, and what the aircraft did.",
         [
-            Panel("added, 1", _traces(time_s, steady.excitation_u[part], _INPUTS)),
+            Panel("added, 1", _traces(time_s, steady.excitation_u[part], COMMANDS)),
             Panel("rate, deg/s", _traces(time_s, rates, RATES)),
             Panel("angle, deg", _traces(time_s, angles, ("phi", "theta"))),
         ],
@@ -226,6 +184,6 @@ def _gust(experiment: Experiment) -> Chart:
 def lines_of(experiment: Experiment) -> str:
     """How many lines each channel has, in words."""
     spectra = spectra_of(experiment)
-    names = [*_INPUTS, *_AXES]
+    names = [*COMMANDS, *_AXES]
     counts = [(names[i], int(np.sum(spectra.channel == i))) for i in range(len(names))]
     return ", ".join(f"{count} of {name}" for name, count in counts if count)

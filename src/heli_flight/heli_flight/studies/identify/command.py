@@ -3,7 +3,7 @@
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -200,6 +200,11 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         "taken_for_zero": list(outcome.zeros),
         "delay_ticks": found.ab.delay_ticks,
         "E_rw": dict(found.wind.E_rw),
+        "collective": asdict(found.collective),
+        "fits": {name: {"cost": fit.cost, "expected_cost": fit.expected_cost,
+                        "cost_sigma": fit.cost_sigma}
+                 for name, fit in (("actuators", found.ab.estimate),
+                                   ("gusts", found.wind.estimate))},
         "entries": [row.as_dict() for row in outcome.rows],
         "compared_with": outcome.truth.basis.source if outcome.truth else None,
         "misses": [row.name for row in missed],

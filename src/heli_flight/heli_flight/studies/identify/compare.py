@@ -15,15 +15,13 @@ import numpy as np
 from heli_flight.loop.settings import Settings
 from heli_flight.studies.design.make import Basis, Design, aircraft_basis, design_of
 from heli_flight.studies.identify.fit import Identification
-from heli_identification.actuators import effect_shares
+from heli_identification.actuators import SIGNIFICANT_SHARE, effect_shares
 from heli_identification.response import FAST, FastModel
 from heli_identification.spectra import spectra_of
-from heli_inner_hinf.analysis import model_of, wind_to_h
-from heli_inner_hinf.loops import Loop, sampled_controller, sampled_plant
-from heli_inner_hinf.system_norm import peak_gain
-from heli_inner_hinf.weights import INPUT_NAMES, STATE_NAMES
+from heli_inner_hinf.frequency import peak_gain
+from heli_inner_hinf.loops import Loop, sampled_plant
+from heli_math.state_names import INPUT_NAMES, STATE_NAMES
 
-SIGNIFICANT = 0.01
 TARGETS = {"A": 0.05, "B": 0.05, "E": 0.10, "": 0.05, "norm": 0.05}
 WIND_NAMES = ("u", "v", "w")
 _DYNAMIC = range(2, 8)
@@ -62,7 +60,7 @@ class Row:
     @property
     def significant(self) -> bool:
         """Whether the number counts (1 % rule); what has no share always does."""
-        return not self.share < SIGNIFICANT
+        return not self.share < SIGNIFICANT_SHARE
 
     @property
     def deviation(self) -> float:
@@ -209,7 +207,7 @@ def _norm_rows(design: Design, truth: Truth) -> list[Row]:
         Row("norm", f"norm, {mine.name}", mine.norm, nan, theirs.norm, nan, TARGETS["norm"])
         for mine, theirs in zip(design.reports, truth.design.reports, strict=True)
     ]
-    flown = peak_gain(wind_to_h(flown_on(design, truth.basis)))[0]
+    flown = peak_gain(flown_on(design, truth.basis).wind_to_h)[0]
     return [
         *rows,
         Row("norm", "norm, identified law on the true aircraft, as flown", float(flown), nan,
@@ -218,18 +216,9 @@ def _norm_rows(design: Design, truth: Truth) -> list[Row]:
 
 
 def flown_on(design: Design, basis: Basis) -> Loop:
-    """The design's controller, sampled, with the plant of another basis."""
-    plant_design = design_plant(design, basis)
-    controller = sampled_controller(
-        design.model, design.observer.K, design.attitude.prediction_s, design.observer_input
-    )
-    return Loop("on another aircraft", plant_design, controller, 6)
-
-
-def design_plant(design: Design, basis: Basis) -> Any:
-    """Sampled plant of a basis, judged by the design's C and D."""
-    model = replace(model_of(design.attitude), A=basis.A, B=basis.B, E=basis.E)
-    return sampled_plant(model, basis.actuation)
+    """The design's loop as flown with the plant of another basis, judged by the same C and D."""
+    model = replace(design.model, A=basis.A, B=basis.B, E=basis.E)
+    return replace(design.loops[-1], plant=sampled_plant(model, basis.actuation))
 
 
 def misses(rows: Sequence[Row]) -> list[Row]:

@@ -25,7 +25,9 @@ from heli_identification import (
     relative_air_w,
     trim_of,
 )
-from heli_inner_hinf.loops import TICK_S, Actuation
+from heli_identification.system import identified_system
+from heli_inner_hinf.actuation import Actuation
+from heli_math.ticks import TICK_S
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,7 @@ def basis_of(
     """What `design_of` starts from, in identified numbers."""
     return Basis(
         source="identified in flight",
-        A=ab.A,
-        B=ab.B,
-        E=wind.E,
+        system=identified_system(ab, wind),
         x_trim=trim.x,
         u_trim=trim.u,
         actuation=Actuation(ab.servo_radps, ab.servo_damping, ab.delay_ticks * TICK_S),
