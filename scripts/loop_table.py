@@ -25,7 +25,7 @@ from heli_inner_hinf.loops import Model, flown_loop
 from heli_inner_hinf.margins import further_delay_s
 from heli_inner_hinf.observer_gain import choose_observer_gain
 from heli_inner_hinf.synthesis import gamma_star
-from heli_inner_hinf.weights import INPUT_NAMES
+from heli_math.state_names import INPUT_NAMES
 
 PUBLISHED = Path(__file__).resolve().parent.parent / (
     "tests/verification/data/nus_linear_model.yaml"
