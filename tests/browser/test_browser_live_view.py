@@ -6,18 +6,18 @@ import math
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from heli_live_view.access import Access
 from heli_live_view.page_server import PageServer
+from heli_live_view.parameter_table import BOUNDS as METRIC_OF
+from heli_live_view.vehicle import bounds, error_row
 
 WEB = Path(__file__).resolve().parents[2] / "src/heli_live_view/web"
 LIVE = "document.getElementById('connection').dataset.state === 'live'"
 TOKEN = "token-of-this-test"
-BOUNDS = {
-    "altitude_m": 0.4, "v_z_mps": 0.18, "v_x_mps": 0.3, "v_y_mps": 0.3, "lateral_m": 1.02,
-    "longitudinal_m": 0.65, "attitude_deg": 1.7,
-}  # fmt: skip
+BOUNDS = bounds({f"bounds.{name}": -1.0 for name in METRIC_OF})
 LIMITS = {
     "altitude_min_m": 2.0, "altitude_max_m": 100.0, "distance_m": 100.0, "speed_mps": 2.0,
     "climb_mps": 1.0, "turn_dps": 10.0, "gust_mps": 10.0, "gust_s": 20.0,
@@ -56,7 +56,7 @@ def body(t, shift):
 
 def state(t, **changed):
     nodes = {name: {"state": "active", "level": 0, "message": ""} for name in NODES}
-    return {
+    made = {
         "type": "state", "t": round(t, 3), "rtf": 1.0, "truth": body(t, 0.0), "nav": body(t, 0.4),
         "ref": {"p": [0.0, 0.0, 10.0], "v": [0.0, 0.0, 0.0], "yaw_deg": 0.0},
         "setpoint_deg": [4.0, 0.0, 0.0],
@@ -66,6 +66,18 @@ def state(t, **changed):
         "wind_enu": [-2.5, -2.5, 0.2], "sigma_p": [0.2, 0.25, 0.3], "mode": "hover",
         "nodes": nodes, "alarms": [], "gps": {"age_s": 0.12}, **changed,
     }  # fmt: skip
+    return made | {source: with_error(made[source], made["ref"]) for source in ("truth", "nav")}
+
+
+def with_error(vehicle, ref):
+    """The vehicle with its errors from the reference, as the live view's node gives them."""
+    if vehicle is None or ref is None:
+        return vehicle
+    ned = [
+        np.array([n, e, -up]) for e, n, up in (vehicle["p"], vehicle["v_enu"], ref["p"], ref["v"])
+    ]
+    reference = np.hstack([*ned[2:], math.radians(ref["yaw_deg"])])
+    return vehicle | {"error": error_row(*ned[:2], reference)}
 
 
 class Flight:

@@ -9,7 +9,8 @@ import pytest
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import EXIT_INSIDE, EXIT_OUTSIDE, Result
 from heli_flight.loop.scenario import TABLE, Scenario
-from heli_flight.loop.scoring import heading_frame, score
+from heli_flight.loop.scoring import score
+from heli_math.paper_metrics import heading_frame
 from heli_math.rotations import quat_from_euler
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load

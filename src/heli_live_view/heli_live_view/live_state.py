@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.rotations import euler_from_quat, quat_to_R_nb
+from heli_live_view.vehicle import body_row, enu, plain, reference_row
+from heli_math.rotations import quat_to_R_nb
 from heli_math.rows import NAV, PLANT, REFERENCE, ROTOR
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.frames import frd_to_flu, ned_to_enu, quat_ned_frd_to_enu_flu
 
 Array = NDArray[np.float64]
 GRAPH_NODES = ("plant", "observer", "inner_loop", "outer_loop")
@@ -34,43 +34,6 @@ _GPS_LATE_S = 1.0
 _WARN, _ERROR, _GONE = 1, 2, 3
 _NO_TIME = -math.inf
 _NOT_HELD = "attitude only: nothing holds position and altitude"
-
-
-def plain(values: Iterable[float], digits: int = 4) -> list[float]:
-    """Finite values as short floats for JSON, without a negative zero."""
-    return [round(float(v), digits) + 0.0 for v in values]
-
-
-def body_row(pos_ned_m: Array, vel_ned_mps: Array, q_nb: Array, rate_body_radps: Array) -> dict:
-    """A vehicle for the page.
-
-    Parameters
-    ----------
-    pos_ned_m, vel_ned_mps : (3,) array
-    q_nb : (4,) array
-        FRD -> NED, w x y z.
-    rate_body_radps : (3,) array
-        FRD.
-
-    Returns
-    -------
-    dict
-        p, v_enu (ENU), q (x, y, z, w; FLU -> ENU), v_body (forward, left, up), euler_deg
-        (phi, theta, psi) and rates_dps (p, q, r) in NED/FRD.
-    """
-    p, v_enu, v_flu, q = np.empty(3), np.empty(3), np.empty(3), np.empty(4)
-    ned_to_enu(pos_ned_m, p)
-    ned_to_enu(vel_ned_mps, v_enu)
-    frd_to_flu(quat_to_R_nb(q_nb).T @ vel_ned_mps, v_flu)
-    quat_ned_frd_to_enu_flu(q_nb, q)
-    return {
-        "p": plain(p),
-        "q": plain(q, 6),
-        "v_body": plain(v_flu),
-        "v_enu": plain(v_enu),
-        "euler_deg": plain(np.degrees(euler_from_quat(q_nb)), 3),
-        "rates_dps": plain(np.degrees(rate_body_radps), 3),
-    }
 
 
 @dataclass
@@ -281,22 +244,22 @@ class LiveState:
             self.tell(_WARN if mode == "attitude" else 0, OWN_NAME, f"mode: {mode}")
             self._mode, self._mode_since_s = mode, time_s or 0.0
         nodes = self._nodes(wall_s)
-        nav = self.value(topics.ODOM, wall_s)
+        nav, reference = self.value(topics.ODOM, wall_s), self._reference_row()
         shown = None
         if nav is not None:
-            shown = body_row(nav[NAV.pos], nav[NAV.vel], nav[NAV.quat], nav[NAV.rate])
+            shown = body_row(nav[NAV.pos], nav[NAV.vel], nav[NAV.quat], nav[NAV.rate], reference)
         return {
             "type": "state",
             "t": None if time_s is None else round(time_s, 3),
             "rtf": None if factor is None else round(factor, 3),
-            "truth": self._truth(wall_s),
+            "truth": self._truth(wall_s, reference),
             "nav": shown,
-            "ref": self._reference(),
+            "ref": None if reference is None else reference_row(reference),
             "setpoint_deg": self._shown(topics.ATTITUDE_SETPOINT, wall_s, np.degrees),
             "u": self._shown(topics.ACTUATORS, wall_s),
             "rotor": self._rotor(topics.ROTOR_STATE, wall_s),
             "rotor_truth": self._rotor(topics.TRUTH_ROTOR, wall_s),
-            "wind_enu": self._shown(topics.TRUTH_WIND, wall_s, _enu),
+            "wind_enu": self._shown(topics.TRUTH_WIND, wall_s, enu),
             "sigma_p": None if nav is None else plain(nav[NAV.sigma_pos][[1, 0, 2]]),
             "mode": mode,
             "end": self.end.message() if self.end else None,
@@ -311,12 +274,12 @@ class LiveState:
             return None
         return plain(value if convert is None else convert(value))
 
-    def _truth(self, wall_s: float) -> dict[str, Any] | None:
+    def _truth(self, wall_s: float, reference: Array | None) -> dict[str, Any] | None:
         x = self.value(topics.TRUTH_ODOM, wall_s)
         if x is None:
             return None
         velocity = quat_to_R_nb(x[PLANT.quat]) @ x[PLANT.vel]
-        return body_row(x[PLANT.pos], velocity, x[PLANT.quat], x[PLANT.rate])
+        return body_row(x[PLANT.pos], velocity, x[PLANT.quat], x[PLANT.rate], reference)
 
     def _rotor(self, topic: str, wall_s: float) -> dict[str, float] | None:
         value = self.value(topic, wall_s)
@@ -325,15 +288,10 @@ class LiveState:
         a_s, b_s = plain(np.degrees(value[ROTOR.flapping]))
         return {"a_s_deg": a_s, "b_s_deg": b_s, "d_int": plain(value[[ROTOR.d_int]], 5)[0]}
 
-    def _reference(self) -> dict[str, Any] | None:
+    def _reference_row(self) -> Array | None:
         if self.reference is None:
             return None
-        row = self.reference.at(self.now_ns or self.reference.start_ns)
-        return {
-            "p": plain(_enu(row[REFERENCE.pos])),
-            "v": plain(_enu(row[REFERENCE.vel])),
-            "yaw_deg": round(math.degrees(row[REFERENCE.psi]), 3),
-        }
+        return self.reference.at(self.now_ns or self.reference.start_ns)
 
     def _fix_age_s(self) -> float:
         return max(0.0, (self.now_ns - self._fix_ns) * 1e-9)
@@ -370,9 +328,3 @@ class LiveState:
         if flying and topics.ODOM in self._arrived and not self.is_fresh(topics.ODOM, wall_s):
             alarms.append({"level": _ERROR, "source": "observer", "text": "no navigation"})
         return alarms
-
-
-def _enu(v_ned: Array) -> Array:
-    v_enu = np.empty(3)
-    ned_to_enu(v_ned, v_enu)
-    return v_enu

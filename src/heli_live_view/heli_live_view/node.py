@@ -22,7 +22,6 @@ from heli_live_view.history import History
 from heli_live_view.live_state import SHOWN, LiveState
 from heli_live_view.page_server import Command, PageServer
 from heli_live_view.parameter_table import (
-    BOUNDS,
     COMMAND_LIMITS,
     NODE_NAME,
     SHOWN_TO_THE_END,
@@ -32,6 +31,7 @@ from heli_live_view.plan import Limits
 from heli_live_view.ros_commands import Commander
 from heli_live_view.scene_message import TF, TF_TYPE
 from heli_live_view.scene_sender import SceneSender
+from heli_live_view.vehicle import bounds
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
@@ -104,7 +104,7 @@ class Screen:
                 "name": v["aircraft.name"],
                 "rotor_radius_m": v["aircraft.rotor_radius_m"],
             },
-            "bounds": {name.partition(".")[2]: v[name] for name in BOUNDS},
+            "bounds": bounds(v),
             "limits": {name.partition(".")[2]: v[name] for name in COMMAND_LIMITS},
             "foxglove_url": self.foxglove_url,
             "state_hz": STATE_HZ,

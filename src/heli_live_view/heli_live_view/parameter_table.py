@@ -19,7 +19,10 @@ def _port(name: str, description: str) -> Parameter:
 
 
 def _bound(name: str, description: str, unit: str) -> Parameter:
-    return _row(f"bounds.{name}", "double", description, unit, lower=0.0, upper=1e3)
+    return _row(
+        f"bounds.{name}", "double", f"{description}; negative: the paper's", unit, lower=-1.0,
+        upper=1e3,
+    )  # fmt: skip
 
 
 def _limit(name: str, description: str, unit: str, lower: float, upper: float) -> Parameter:
@@ -59,5 +62,14 @@ TABLE: tuple[Parameter, ...] = (
     _limit("gust_mps", "Strongest commanded gust", "m/s", 0.0, 15.0),
     _limit("gust_s", "Longest commanded gust", "s", 0.1, 60.0),
 )  # fmt: skip
-BOUNDS = tuple(row.name for row in TABLE if row.name.startswith("bounds."))
+BOUNDS = {
+    "altitude_m": "altitude",
+    "v_z_mps": "v_z",
+    "v_x_mps": "v_x",
+    "v_y_mps": "v_y",
+    "lateral_m": "lateral",
+    "longitudinal_m": "longitudinal",
+    "attitude_deg": "roll",
+}
+"""Bounds, as `bounds.<name>` and on the page, and the paper's metrics that they are of."""
 COMMAND_LIMITS = tuple(row.name for row in TABLE if row.name.startswith("command_limits."))

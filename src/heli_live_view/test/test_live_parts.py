@@ -10,7 +10,8 @@ import pytest
 
 from heli_live_view import access, plan, scene
 from heli_live_view.access import Access
-from heli_live_view.live_state import LiveState, body_row
+from heli_live_view.live_state import LiveState
+from heli_live_view.vehicle import body_row
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
 from heli_msgs_bridge import topics
 

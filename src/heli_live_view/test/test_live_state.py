@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 
 from heli_live_view.history import History
-from heli_live_view.live_state import LiveState, body_row
+from heli_live_view.live_state import LiveState
+from heli_live_view.parameter_table import BOUNDS, NODE_NAME, TABLE
+from heli_live_view.vehicle import body_row, bounds
+from heli_math.paper_metrics import BY_KEY, hover_errors
 from heli_math.rotations import quat_from_euler
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_parameters.common_table import with_common
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import load
 
 S = 1_000_000_000
 START_NS = S
@@ -50,6 +56,32 @@ def test_world_and_body_vectors():
     assert row["rates_dps"] == [1.0, 2.0, 3.0]
     sideways = body_row(np.zeros(3), np.array([1.0, 0.0, 0.0]), attitude(psi=90), rates)
     assert sideways["v_body"] == [0.0, 1.0, 0.0]  # north is to the left of a nose to the east
+
+
+def test_errors_are_the_papers_seen_from_the_reference():
+    """A reference to the east: right is south. Upwards is positive on the page."""
+    reference = np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0, math.radians(90.0)])
+    pos, vel = np.array([-0.2, 0.3, -10.1]), np.array([0.22, 0.11, 0.15])
+    row = body_row(pos, vel, attitude(), np.zeros(3), reference)
+    assert row["error"] == {
+        "altitude_m": 0.1, "v_z_mps": -0.15, "v_x_mps": 0.11, "v_y_mps": -0.22, "lateral_m": 0.2,
+        "longitudinal_m": 0.3,
+    }  # fmt: skip
+    scored = hover_errors(pos[None], vel[None], reference[None])
+    for name, error in row["error"].items():
+        assert abs(error) == pytest.approx(abs(scored[BOUNDS[name]][0]), abs=1e-4)
+    assert body_row(pos, vel, attitude(), np.zeros(3))["error"] is None
+
+
+def test_bounds_are_the_papers_unless_given():
+    """The packaged parameters name none: the numbers stand in one place."""
+    packaged = config_folder("heli_live_view") / "live_view.yaml"
+    common = config_folder("heli_parameters") / "common.yaml"
+    values = load(with_common(TABLE), [common, packaged], NODE_NAME)
+    shown = bounds(values)
+    assert shown == {name: BY_KEY[key].paper for name, key in BOUNDS.items()}
+    assert {f"bounds.{name}" for name in shown} == {n for n in values if n.startswith("bounds.")}
+    assert bounds(values | {"bounds.lateral_m": 0.5}) == shown | {"lateral_m": 0.5}
 
 
 def test_rolled_right_and_nose_up():

@@ -14,6 +14,8 @@ const JUMP_M = 0.05;
 
 const lerp = (a, b, f) => a + (b - a) * f;
 const lerps = (a, b, f) => (a && b ? a.map((x, i) => lerp(x, b[i], f)) : (b ?? a));
+const lerpEach = (a, b, f) =>
+  a && b ? Object.fromEntries(Object.entries(b).map(([key, y]) => [key, lerp(a[key] ?? y, y, f)])) : (b ?? null);
 
 // Quaternions of neighbouring states are close: linear, on the same side, normalised.
 function turned(a, b, f) {
@@ -32,6 +34,7 @@ function between(a, b, f) {
     v_body: b.v_body,
     rates_dps: b.rates_dps,
     euler_deg: a.euler_deg.map((x, i) => x + f * wrapped(b.euler_deg[i] - x)),
+    error: lerpEach(a.error, b.error, f),
   };
 }
 
@@ -43,24 +46,6 @@ function rotorBetween(a, b, f) {
 // Compass heading of the reference, rad.
 export function referenceHeading(ref) {
   return (ref.yaw_deg * Math.PI) / 180;
-}
-
-// Errors in the frame of the reference's heading (forward, right), as the paper's figures have them.
-export function errorsOf(body, ref) {
-  if (!body || !ref) return null;
-  const psi = referenceHeading(ref);
-  const s = Math.sin(psi);
-  const c = Math.cos(psi);
-  const [e, n, up] = body.p.map((x, i) => x - ref.p[i]);
-  const [ve, vn, vu] = body.v_enu.map((x, i) => x - (ref.v?.[i] ?? 0));
-  return {
-    altitude_m: up,
-    v_z_mps: vu,
-    v_x_mps: s * ve + c * vn,
-    v_y_mps: c * ve - s * vn,
-    lateral_m: c * e - s * n,
-    longitudinal_m: s * e + c * n,
-  };
 }
 
 export class Flight {
@@ -126,7 +111,7 @@ export class Flight {
     this.last = state;
     const newest = this.rows.at(-1);
     if (newest && state.t - newest.t < ROW_STEP_S - 1e-6) return;
-    const of = (body) => body && { p: body.p, euler: body.euler_deg, error: errorsOf(body, state.ref) };
+    const of = (body) => body && { p: body.p, euler: body.euler_deg, error: body.error };
     this.rows.push({
       t: state.t, hover: this.settled(state), truth: of(state.truth), nav: of(state.nav), set: state.setpoint_deg, u: state.u,
     });

@@ -2,7 +2,6 @@
 // Wind compass, comparison with the paper's bounds, actuator bars, the numbers of the top line.
 
 import { Canvas2d, FONT, line } from "./canvas2d.js";
-import { errorsOf } from "./flight.js";
 import { bearing, clock, fixed, named, put, signed, UNKNOWN, wrapped } from "./format.js";
 
 const RAD = Math.PI / 180;
@@ -122,7 +121,7 @@ export class BoundsTable {
   }
 
   update(state, flight, shown) {
-    const errors = state && errorsOf(state[shown], state.ref);
+    const errors = state?.[shown]?.error;
     const since = (state?.t ?? 0) - 30;
     for (const { key, row, cells, now, peak } of this.rows) {
       const bound = flight.info?.bounds?.[key];

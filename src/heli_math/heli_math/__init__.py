@@ -9,5 +9,5 @@ __getattr__, __dir__, __all__ = face(
         "jit": ["njit"],
         "multisine": ["Multisine", "design_multisine"],
     },
-    modules=["atmosphere", "rotations", "rows", "ticks"],
+    modules=["atmosphere", "paper_metrics", "rotations", "rows", "ticks"],
 )

@@ -10,7 +10,7 @@ import numpy as np
 from heli_bags.reader import Remark
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, conditions
-from heli_flight.loop.scoring import Score, heading_frame
+from heli_flight.loop.scoring import Score, errors
 from heli_flight.loop.settings import Settings
 from heli_math.rotations import euler_angles
 
@@ -138,17 +138,9 @@ class Report:
         found = [source for source, array in known.items() if np.isfinite(array).any()]
         return found or ["navigation"]
 
-    def position_error(self, source: str) -> np.ndarray:
-        """Position minus reference (N, 3) in the heading frame: forward, right, down; m."""
-        r = self.record
-        pos = r.nav_pos_ned_m if source == "navigation" else r.truth_pos_ned_m
-        return heading_frame(pos - r.reference[:, :3], r.reference[:, 6])
-
-    def velocity_error(self, source: str) -> np.ndarray:
-        """Velocity minus reference (N, 3) in the heading frame: forward, right, down; m/s."""
-        r = self.record
-        vel = r.nav_vel_ned_mps if source == "navigation" else r.truth_vel_ned_mps
-        return heading_frame(vel - r.reference[:, 3:6], r.reference[:, 6])
+    def error(self, key: str, source: str) -> np.ndarray:
+        """Error (N,) of a metric of hover, in its unit."""
+        return errors(self.record, source, "hover")[key]
 
     def euler_deg(self, source: str, record: FlightRecord | None = None) -> np.ndarray:
         """phi, theta, psi (N, 3), deg."""

@@ -4,14 +4,11 @@
 import numpy as np
 
 from heli_flight.loop.record import FlightRecord
-from heli_flight.loop.scoring import METRICS
+from heli_flight.loop.scoring import errors
 from heli_flight.report.chart import Chart, Panel, Trace, largest, limits
 from heli_flight.report.data import Report
+from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY
 
-PID_DEG = 4.8
-"""Largest roll and pitch angle under PID, paper, Fig. 3."""
-HINF_DEG = 1.7
-"""Largest roll and pitch angle under H-infinity, paper, Fig. 4."""
 PD_PID_M = 1.2
 """Hover position error of a PD-PID controller, the paper's reference [8]."""
 NONLINEAR_M = 1.33
@@ -28,7 +25,6 @@ _ROLES = {"navigation": "nav", "truth": "truth"}
 _ZOOM_S = 5.0
 _V_X = "Speed ahead in the heading frame"
 _V_Y = "Speed to the right in the heading frame"
-_PAPER = {metric.key: metric for row in METRICS.values() for metric in row}
 
 
 def paper_charts(report: Report) -> list[Chart]:
@@ -64,8 +60,8 @@ def _largest(report: Report, *keys: str) -> str:
 
 
 def _velocity(report: Report, key: str, axis: int, title: str, y_label: str, what: str) -> Chart:
-    metric = _PAPER[key]
-    lines = [_line(report, s, report.velocity_error(s)[:, axis]) for s in report.sources()]
+    metric = BY_KEY[key]
+    lines = [_line(report, s, report.error(key, s)) for s in report.sources()]
     bound = limits(report.record.time_s, metric.paper, f"paper: ±{metric.paper:g} m/s")
     return Chart(
         f"{metric.source.lower().replace('. ', '')}_{key}",
@@ -80,11 +76,11 @@ def _velocity(report: Report, key: str, axis: int, title: str, y_label: str, wha
 
 def _vertical_speed(report: Report) -> Chart:
     """Fig. 5: v_z with its reference, and what is left of it, enlarged to the paper's bound."""
-    r, metric = report.record, _PAPER["v_z"]
+    r, metric = report.record, BY_KEY["v_z"]
     speeds = {"navigation": r.nav_vel_ned_mps[:, 2], "truth": r.truth_vel_ned_mps[:, 2]}
     sources = list(reversed(report.sources()))
     target = Trace(r.time_s, r.reference[:, 5], "reference", "reference", "dash", width=1.2)
-    errors = [_line(report, s, report.velocity_error(s)[:, 2]) for s in sources]
+    errors = [_line(report, s, report.error("v_z", s)) for s in sources]
     bound = limits(r.time_s, metric.paper, f"paper: ±{metric.paper:g} m/s")
     reach = 2.2 * metric.paper
     return Chart(
@@ -103,7 +99,7 @@ def _vertical_speed(report: Report) -> Chart:
 
 
 def _altitude(report: Report) -> Chart:
-    r, metric = report.record, _PAPER["altitude"]
+    r, metric = report.record, BY_KEY["altitude"]
     reference = -r.reference[:, 2]
     heights = {"navigation": -r.nav_pos_ned_m[:, 2], "truth": -r.truth_pos_ned_m[:, 2]}
     lines = [_line(report, s, heights[s]) for s in reversed(report.sources())]
@@ -141,7 +137,7 @@ def _zoom(report: Report) -> tuple[float, float, str]:
     r = report.record
     scored = report.settings.scenario.scored(r.time_s)
     source = report.sources()[0]
-    error = np.abs(report.position_error(source)[:, 2])
+    error = np.abs(report.error("altitude", source))
     if scored.any():
         error = np.where(scored, error, 0.0)
     error = np.nan_to_num(error)
@@ -158,13 +154,13 @@ def _track(report: Report) -> Chart:
     scored = report.settings.scenario.scored(report.record.time_s)
     traces: list[Trace] = []
     for source in report.sources():
-        error = report.position_error(source)
+        right, ahead = report.error("lateral", source), report.error("longitudinal", source)
         if not traces:
             words = f"whole flight ({NAMES[source]})"
-            traces.append(Trace(error[:, 1], error[:, 0], words, "muted", width=0.8))
-        inside = np.where(scored[:, None], error, np.nan)
-        traces.append(Trace(inside[:, 1], inside[:, 0], NAMES[source], _ROLES[source], width=1.4))
-    x, y = _PAPER["lateral"].paper, _PAPER["longitudinal"].paper
+            traces.append(Trace(right, ahead, words, "muted", width=0.8))
+        right, ahead = (np.where(scored, error, np.nan) for error in (right, ahead))
+        traces.append(Trace(right, ahead, NAMES[source], _ROLES[source], width=1.4))
+    x, y = BY_KEY["lateral"].paper, BY_KEY["longitudinal"].paper
     box = np.array([-1.0, 1.0, 1.0, -1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0, -1.0])
     turn = np.linspace(0.0, 2.0 * np.pi, 121)
     ads = ADS33_HORIZONTAL_M
@@ -206,46 +202,45 @@ def _attitude_charts(report: Report) -> list[Chart]:
     return [_attitude(report, law, record, origin, scale) for law, record, origin in own]
 
 
-def _attitude_error_deg(report: Report, record: FlightRecord, source: str) -> np.ndarray:
-    angles = report.euler_deg(source, record)[:, :2]
-    return angles - np.degrees(record.setpoint[:, :2])
+def _attitude_error_deg(record: FlightRecord, source: str) -> np.ndarray:
+    return np.column_stack(list(errors(record, source, "attitude").values()))
 
 
 def _reach(report: Report, record: FlightRecord) -> float:
     """Common scale of Fig. 3 and Fig. 4, deg, so that they can be compared by eye."""
-    worst = max(largest(_attitude_error_deg(report, record, s)) for s in report.sources())
-    return float(np.clip(1.08 * worst, 1.15 * PID_DEG, 30.0))
+    worst = max(largest(_attitude_error_deg(record, s)) for s in report.sources())
+    return float(np.clip(1.08 * worst, 1.15 * ATTITUDE_DEG["pid"][0], 30.0))
 
 
 def _scored_reach(report: Report, record: FlightRecord) -> float:
     """Scale of the enlargement: the largest scored error of the navigation record, deg."""
     scored = report.settings.scenario.scored(record.time_s)
-    error = _attitude_error_deg(report, record, report.sources()[0])[scored]
+    error = _attitude_error_deg(record, report.sources()[0])[scored]
     return max(0.05, 1.15 * largest(error))
 
 
 def _attitude(
     report: Report, law: str, record: FlightRecord, origin: str, scale: tuple[float, float]
 ) -> Chart:
-    paper, figure = (PID_DEG, "Fig. 3") if law == "pid" else (HINF_DEG, "Fig. 4")
+    paper, figure = ATTITUDE_DEG.get(law, ATTITUDE_DEG["hinf"])
     t = record.time_s
     panels = []
     for axis, name in enumerate(("roll", "pitch")):
         lines = [
-            Trace(t, _attitude_error_deg(report, record, s)[:, axis], NAMES[s], _ROLES[s])
+            Trace(t, _attitude_error_deg(record, s)[:, axis], NAMES[s], _ROLES[s])
             for s in reversed(report.sources())
         ]
         bound = limits(t, paper, f"paper, {'PID' if law == 'pid' else 'H-infinity'}: ±{paper:g}°")
         panels.append(Panel(f"{name} error, °", [*lines, bound], y_range=(-scale[0], scale[0])))
     source = report.sources()[0]
-    error = _attitude_error_deg(report, record, source)
+    error = _attitude_error_deg(record, source)
     close = [Trace(t, error[:, 0], "roll", "green"), Trace(t, error[:, 1], "pitch", "purple")]
     note = f"enlarged: {NAMES[source]}"
     panels.append(Panel("error, °", close, y_range=(-scale[1], scale[1]), note=note))
     scored = report.settings.scenario.scored(t)
     parts = []
     for source in report.sources():
-        error = np.abs(_attitude_error_deg(report, record, source)[scored])
+        error = np.abs(_attitude_error_deg(record, source)[scored])
         if error.size and np.isfinite(error).all():
             roll, pitch = error.max(axis=0)
             parts.append(f"roll {roll:.2f}°, pitch {pitch:.2f}° ({NAMES[source]})")

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from heli_flight.loop.scoring import heading_frame
 from heli_flight.report.chart import Chart, Panel, Trace, largest, level, limits
 from heli_flight.report.data import LEVELS, Report
 from heli_flight.report.design import Design
+from heli_math.paper_metrics import heading_frame
 from heli_math.rotations import rotation_between
 
 _ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")

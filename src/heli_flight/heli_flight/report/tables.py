@@ -14,12 +14,11 @@ from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import (
     ADS33_HORIZONTAL_M,
     ADS33_VERTICAL_M,
-    HINF_DEG,
     LAWS,
     NONLINEAR_M,
     PD_PID_M,
-    PID_DEG,
 )
+from heli_math.paper_metrics import ATTITUDE_DEG
 from heli_parameters.parameters import Parameter
 
 _ADS33 = {
@@ -114,7 +113,7 @@ def _distance_row(report: Report) -> list[str]:
     scored = report.settings.scenario.scored(report.record.time_s)
     cells = []
     for source in SOURCES:
-        error = np.hypot(*report.position_error(source)[scored, :2].T)
+        error = np.hypot(*(report.error(k, source)[scored] for k in ("longitudinal", "lateral")))
         if not np.isfinite(error).any():
             cells.append(_NONE)
             continue
@@ -131,7 +130,7 @@ def _attitude_rows(report: Report) -> tuple[list[str], list[list[str]]]:
         flights.append((report.rival.controller, report.rival.scores, report.rival.lost))
     rows = []
     for law, scores, lost in flights:
-        bound, source = (PID_DEG, "Fig. 3") if law == "pid" else (HINF_DEG, "Fig. 4")
+        bound, source = ATTITUDE_DEG.get(law, ATTITUDE_DEG["hinf"])
         for metric in METRICS["attitude"] if scores else ():
             cells = [_scored(report, scores, metric.key, s, bound) for s in SOURCES]
             label = f"{metric.label} under {LAWS.get(law, law)}, °"

@@ -16,10 +16,11 @@ from heli_flight.studies.campaign import with_seed
 from heli_flight.studies.compare.laws import AXES, Law, attitude_errors_deg, largest, with_law
 from heli_flight.studies.compare.robustness import FLAP_BACK_RADPMPS, perturbed
 from heli_flight.terminal import table
+from heli_math.paper_metrics import ATTITUDE_DEG
 
 SOURCES = ("navigation", "truth", "ideal")
 """On-board record, ground truth, and ground truth of a flight with ideal navigation."""
-PAPER_DEG = {"hinf": 1.7, "pid": 4.8}
+PAPER_DEG = {law: bound for law, (bound, _) in ATTITUDE_DEG.items()}
 RIVAL = "pid"
 
 

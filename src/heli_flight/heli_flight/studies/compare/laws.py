@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.scoring import errors
 from heli_flight.loop.settings import Settings
-from heli_math.rotations import euler_angles
 from heli_parameters.parameters import ParameterError
 
 OFFSET_FREE_RADPS = 0.5
@@ -61,8 +61,8 @@ def with_law(settings: Settings, law: Law) -> Settings:
 
 def attitude_errors_deg(record: FlightRecord, source: str) -> np.ndarray:
     """Roll and pitch error (N, 2), deg, from the "navigation" record or ground "truth"."""
-    q_nb = record.nav_q_nb if source == "navigation" else record.truth_q_nb
-    return np.degrees(euler_angles(q_nb)[:, :2] - record.setpoint[:, :2])
+    found = errors(record, source, "attitude")
+    return np.column_stack([found[axis] for axis in AXES])
 
 
 def largest(values: Sequence[float]) -> float:
