@@ -6,5 +6,6 @@ set -euo pipefail
 HELI_ROOT=$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")" && pwd)
 # shellcheck source=scripts/setup_env.sh
 source "$HELI_ROOT/scripts/setup_env.sh"
+trap 'echo interrupted >&2; exit 130' INT  # not before: while a file is read, bash mistakes a trap's text for part of it
 heli_setup_env
-exec "$HELI_PYTHON" -m heli_flight.cli.hover_test "$@"
+heli_start hover_test "$@"

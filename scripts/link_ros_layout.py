@@ -6,7 +6,8 @@ Nothing is copied: a changed Python or YAML file counts at once, and compiled ke
 path of their source, stay valid. The links are what `ros2 run`, `ros2 launch` and ament_index seek:
 
     <prefix>/lib/<package>/<executable>
-    <prefix>/share/<package>/{package.xml,config,launch,web}
+    <prefix>/share/<package>/{package.xml,config,web}
+    <prefix>/share/<package>/launch/<file>
     <prefix>/share/ament_index/resource_index/packages/<package>
 
 a .pth file puts the Python packages on the path, and the commands of pyproject.toml's
@@ -58,9 +59,12 @@ def link_package(package: Path, prefix: Path) -> None:
     """Link one package's executables, share folder and index marker under prefix."""
     share = prefix / "share" / package.name
     _fresh_folder(share)
-    for name in ("package.xml", "config", "launch", "web"):
+    for name in ("package.xml", "config", "web"):
         if (package / name).exists():
             _link(share / name, package / name)
+    # File by file: `ros2 launch` looks for a launch file without following links to folders.
+    for file in sorted((package / "launch").glob("*.launch.py")):
+        _link(share / "launch" / file.name, file)
     executables = sorted((package / "scripts").glob("*"))
     if executables:
         _fresh_folder(prefix / "lib" / package.name)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# Sourced by hover_test.sh and run_tests.sh, which set HELI_ROOT (top of the repository) first.
+# Sourced by hover_test.sh, heli and run_tests.sh, which set HELI_ROOT (top of the repository) and trap INT first.
 #
 # heli_setup_env [test]   makes what is missing, then points PATH and HELI_PYTHON at it; "test" adds the test tools.
 #
@@ -8,10 +8,13 @@
 #   ROS_DISTRO=jazzy        colcon build --symlink-install against that ROS; what apt's ROS lacks comes from .venv-ros,
 #                           which sees the system's packages and keeps numpy below 2 (apt's messages are compiled so)
 #
-# PYTHON     interpreter to make the environment with; default: the first suitable one of HELI_PYTHONS
+# PYTHON     interpreter to make the environment with; default: that of the environment that stands, or the first
+#            suitable one of HELI_PYTHONS. Another one than the environment's makes a new environment.
 # HELI_VENV  folder of the environment, if it shall not stand in the repository
 #
-# An environment counts only when its stamp was written, last of all; an interrupted one is thrown away and made anew.
+# The wheels are installed by uv (the one on PATH, or one brought by pip into the environment's folder); by pip where
+# uv cannot be had. An environment counts only when its stamp was written, last of all; an interrupted one is thrown
+# away and made anew.
 
 HELI_PYTHONS="python3.13 python3.12 python3.11 python3"
 
@@ -36,6 +39,7 @@ print("%d.%d" % sys.version_info[:2])' 2>/dev/null
 heli_find_python() {
     local candidates candidate code without_venv=""
     read -ra candidates <<<"$HELI_PYTHONS"
+    candidates=("$(heli_recorded_python)" "${candidates[@]}")
     [ -z "${PYTHON:-}" ] || candidates=("$PYTHON")
     for candidate in "${candidates[@]}"; do
         command -v "$candidate" >/dev/null 2>&1 || continue
@@ -49,7 +53,17 @@ heli_find_python() {
     done
     [ -z "$without_venv" ] ||
         heli_fail "$without_venv has no venv module; install it (Debian, Ubuntu: apt install python3-venv) or name another interpreter with PYTHON=/path/to/python3"
-    heli_fail "no Python 3.11 or newer found (looked for ${candidates[*]}); install one or name it with PYTHON=/path/to/python3"
+    heli_fail "no Python 3.11 or newer found (looked for ${PYTHON:-$HELI_PYTHONS}); install one or name it with PYTHON=/path/to/python3"
+}
+
+# The interpreter that the environment was made with.
+heli_recorded_python() {
+    if [ -f "$heli_venv/heli_python" ]; then cat -- "$heli_venv/heli_python"; fi
+}
+
+# The file behind a command's name.
+heli_real_path() {
+    readlink -f -- "$(command -v "$1" || true)" || true
 }
 
 # Runs a command in its own process group, output to the log, so that a signal ends it and all its children at once.
@@ -68,14 +82,58 @@ heli_last_line() {
     grep -v '^[[:space:]]*$' "$heli_log" | tail -n 1
 }
 
-# pip in the environment; a failure becomes one line.
-heli_pip_install() {
-    heli_run "$heli_venv/bin/python" -m pip install --no-input --no-user --no-compile --retries 3 \
-        --disable-pip-version-check --no-warn-script-location "$@" && return 0
-    if grep -qE 'ConnectionError|ConnectTimeout|ReadTimeout|NameResolution|ProxyError|connection broken' "$heli_log"; then
-        heli_fail "the Python package index cannot be reached (no network?), and set-up needs it once; pip's output: $heli_log"
+heli_fail_without_network() {
+    if grep -qE 'ConnectionError|ConnectTimeout|ReadTimeout|NameResolution|ProxyError|connection broken|error sending request|dns error' "$heli_log"; then
+        heli_fail "the Python package index cannot be reached (no network?), and set-up needs it once; its output: $heli_log"
     fi
+}
+
+# pip with what set-up always wants of it: heli_pip PYTHON ARGUMENT...
+heli_pip() {
+    local python=$1
+    shift
+    heli_run env PIP_REQUIRE_VIRTUALENV=0 "$python" -m pip install --no-input --no-user --no-compile --retries 3 \
+        --disable-pip-version-check --no-warn-script-location "$@"
+}
+
+# Sets heli_uv; 1: it cannot be had.
+heli_find_uv() {
+    local python
+    heli_uv=$(command -v uv) && "$heli_uv" --version >/dev/null 2>&1 && return 0
+    heli_uv=$heli_venv/heli_uv/bin/uv
+    [ ! -x "$heli_uv" ] || return 0
+    python=$heli_base_python
+    "$python" -m pip --version >/dev/null 2>&1 || {
+        python=$heli_venv/bin/python
+        heli_run "$python" -m ensurepip || return 1
+    }
+    heli_pip "$python" -c "$HELI_ROOT/requirements/constraints.txt" --target "$heli_venv/heli_uv" uv &&
+        [ -x "$heli_uv" ] && heli_mark uv
+}
+
+heli_install_with_uv() {
+    heli_find_uv || return 1
+    heli_run "$heli_base_python" "$HELI_ROOT/scripts/uv_install.py" "$heli_uv" --python "$heli_venv/bin/python" "$@"
+}
+
+heli_install_with_pip() {
+    local python=$heli_venv/bin/python
+    "$python" -m pip --version >/dev/null 2>&1 || heli_run "$python" -m ensurepip ||
+        heli_fail "$python -m ensurepip: $(heli_last_line)"
+    heli_pip "$python" "$@" && return 0
+    heli_fail_without_network
     heli_fail "pip: $(grep -E '^ *ERROR' "$heli_log" | tail -n 1 | grep . || heli_last_line); all of its output: $heli_log"
+}
+
+# Installs what the arguments of pip say; a failure becomes one line.
+heli_install() {
+    # The system's packages that a ROS environment shows are packages to pip, but not to uv.
+    if [ "$heli_mode" = wheels ]; then
+        heli_install_with_uv "$@" && return 0
+        heli_fail_without_network
+        printf 'uv cannot do it (%s); going on with pip, which takes longer ...\n' "$(heli_last_line)" >&2
+    fi
+    heli_install_with_pip "$@"
 }
 
 # Moved away first: an interrupted removal never leaves half an environment in its place.
@@ -87,6 +145,8 @@ heli_discard_environment() {
 
 # At the end of set-up, however it came: no child goes on, nothing half-made stays.
 heli_leave_setup() {
+    local code=$?
+    [ "$code" -lt 128 ] || rm -f -- "$heli_log" "$heli_log.pins"
     if [ -n "$heli_child" ]; then
         kill -KILL -- "-$heli_child" 2>/dev/null || true
         wait "$heli_child" 2>/dev/null || true
@@ -96,7 +156,13 @@ heli_leave_setup() {
     fi
 }
 
-# Makes the environment $heli_venv with the given option of venv (or ""), installs what the further arguments of pip say.
+# Notes what the time since the last mark was spent on.
+heli_mark() {
+    heli_split+="${heli_split:+, }$1 $((SECONDS - heli_marked_s)) s"
+    heli_marked_s=$SECONDS
+}
+
+# Makes the environment $heli_venv with the given option of venv, installs what the further arguments of pip say.
 heli_make_environment() {
     local option=$1
     shift
@@ -105,12 +171,15 @@ heli_make_environment() {
     if [ -e "$heli_venv" ] && [ ! -e "$heli_venv/heli_made_here" ]; then
         heli_fail "$heli_venv exists but was not made by this set-up; move it away, or choose another folder with HELI_VENV=/path"
     fi
-    printf 'Setting up %s with Python %s, once, about a minute ...\n' "$heli_venv" "$heli_base_version" >&2
+    printf 'Setting up %s with Python %s, once, less than a minute ...\n' "$heli_venv" "$heli_base_version" >&2
     heli_discard_environment
     { mkdir -p -- "$heli_venv" && : >"$heli_venv/heli_made_here"; } 2>/dev/null || heli_fail "cannot write $heli_venv"
-    heli_run "$heli_base_python" -m venv ${option:+"$option"} "$heli_venv" ||
+    printf '%s\n' "$heli_base_python" >"$heli_venv/heli_python"
+    heli_run "$heli_base_python" -m venv "$option" "$heli_venv" ||
         heli_fail "$heli_base_python -m venv: $(heli_last_line)"
-    heli_pip_install "$@"
+    heli_mark environment
+    heli_install "$@"
+    heli_mark wheels
 }
 
 heli_link_layout() {
@@ -152,8 +221,8 @@ heli_choose_mode() {
 # Drops what another ROS, or a parent started by the wheels, left in the environment.
 heli_clean_environment() {
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME
-    # pip installs without byte code (quicker); what a flight imports is compiled once, when it is first
-    # imported. Without writing it each start would compile it anew, which takes two seconds.
+    # Wheels are installed without byte code: a flight imports a fifth of their modules, and those are compiled once,
+    # when they are first imported. Without writing it each start would compile them anew, which takes two seconds.
     unset PYTHONDONTWRITEBYTECODE
     [ "$heli_mode" = wheels ] || return 0
     [ -z "${ROS_DISTRO:-}" ] || unset LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION
@@ -176,8 +245,13 @@ heli_source_workspace() {
     set -u
 }
 
+# Without PYTHON any interpreter will do.
+heli_python_is_wanted() {
+    [ -z "${PYTHON:-}" ] || [ "$(heli_real_path "$PYTHON")" = "$(heli_real_path "$(heli_recorded_python)")" ]
+}
+
 heli_environment_stands() {
-    heli_stamp_is "$heli_venv/heli_stamp" "$heli_want_env" && [ -x "$heli_venv/bin/python" ]
+    heli_stamp_is "$heli_venv/heli_stamp" "$heli_want_env" && [ -x "$heli_venv/bin/python" ] && heli_python_is_wanted
 }
 
 heli_layout_stands() {
@@ -193,7 +267,9 @@ heli_all_stands() {
 # Makes what is missing; each stamp is written when its part is complete.
 heli_make_missing() {
     local requirements=$HELI_ROOT/requirements pins=$HELI_ROOT/requirements/constraints.txt
-    local packages=(-r "$requirements/python.txt") option=""
+    local packages=(-r "$requirements/python.txt") option=--without-pip
+    heli_split="" heli_marked_s=$SECONDS
+    local begun_s=$SECONDS
     if [ "$heli_mode" = ros ]; then
         heli_check_ros
         pins=$heli_log.pins
@@ -201,21 +277,26 @@ heli_make_missing() {
         echo 'numpy<2' >>"$pins"
         option=--system-site-packages
     else
-        packages+=(-r "$requirements/ros.txt")
+        packages+=(-r "$requirements/ros.txt" pip)
     fi
     heli_environment_stands || heli_make_environment "$option" -c "$pins" "${packages[@]}"
     if ! heli_layout_stands; then
         if [ "$heli_mode" = ros ]; then heli_colcon_build; else heli_link_layout; fi
+        heli_mark packages
         heli_source_workspace
         heli_warm_up
+        heli_mark kernels
         printf '%s\n' "$heli_want_layout" >"$heli_venv/heli_layout_stamp"
     fi
     printf '%s\n' "$heli_want_env" >"$heli_venv/heli_stamp"
     if [ "$1" = test ]; then
         printf 'Adding the test tools, once ...\n' >&2
-        heli_pip_install -c "$pins" -r "$requirements/test.txt"
+        heli_base_python=$heli_venv/bin/python
+        heli_install -c "$pins" -r "$requirements/test.txt"
         printf '%s\n' "$heli_want_env" >"$heli_venv/heli_test_stamp"
+        heli_mark "test tools"
     fi
+    printf 'Set up in %d s: %s.\n' "$((SECONDS - begun_s))" "$heli_split" >&2
 }
 
 # One set-up at a time; whoever waited looks again at what is missing.
@@ -230,10 +311,9 @@ heli_make_missing_alone() {
     fi
     if ! heli_all_stands "$1"; then
         trap heli_leave_setup EXIT
-        trap 'exit 130' INT
         trap 'exit 143' TERM HUP
         heli_make_missing "$1"
-        trap - EXIT INT TERM HUP
+        trap - EXIT TERM HUP
     fi
     exec 9>&-
     rm -f -- "$heli_log" "$heli_log.pins"
@@ -242,9 +322,9 @@ heli_make_missing_alone() {
 heli_setup_env() {
     heli_choose_mode
     heli_clean_environment
-    heli_want_env="$(cat "$HELI_ROOT"/requirements/*.txt | heli_digest) $heli_venv${PYTHON:+ $(command -v "$PYTHON" || true)}"
+    heli_want_env="$(cat "$HELI_ROOT"/requirements/*.txt | heli_digest) $heli_venv"
     heli_want_layout=$({
-        printf '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,launch,config,scripts/*}
+        printf '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,config,web,launch/*,scripts/*}
         cat "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/setup.py
     } | heli_digest)
     heli_all_stands "${1:-}" || heli_make_missing_alone "${1:-}"
@@ -253,4 +333,12 @@ heli_setup_env() {
     export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
     # shellcheck disable=SC2034  # the caller runs it
     HELI_PYTHON=$heli_venv/bin/python
+}
+
+# Becomes the command of that name. Ctrl-C is held back until Python can take it: an interpreter that is still
+# starting would answer with a traceback.
+heli_start() {
+    local held_back=(env --block-signal=INT)
+    "${held_back[@]}" true 2>/dev/null || held_back=()
+    exec "${held_back[@]}" "$HELI_PYTHON" -m heli_flight.start "$@"
 }

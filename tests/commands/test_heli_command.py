@@ -93,7 +93,7 @@ def test_help_does_not_import_what_flies(tmp_path):
 def test_wrapper_is_a_program():
     wrapper = ROOT / "heli"
     assert os.access(wrapper, os.X_OK)
-    assert "heli_flight.cli.app" in wrapper.read_text()
+    assert "heli_start heli " in wrapper.read_text()
 
 
 class TestPrograms:

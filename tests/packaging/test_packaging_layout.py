@@ -72,6 +72,15 @@ def prefix(request):
     return request.getfixturevalue(request.param)
 
 
+@pytest.mark.parametrize("package", PACKAGES)
+def test_ros2_launch_finds_every_launch_file(prefix, package):
+    """As ros2launch does: by the file's name, links to folders not followed."""
+    wanted = {path.name for path in (ROOT / "src" / package / "launch").glob("*.launch.py")}
+    assert wanted or package != "heli_flight"
+    found = [name for _, _, names in os.walk(prefix / "share" / package) for name in names]
+    assert wanted <= set(found)
+
+
 def files_below(folder: Path) -> set[str]:
     """Files under folder, links followed, without byte code and the tools' hidden files."""
     found = set()

@@ -4,15 +4,18 @@
 import contextlib
 import json
 import math
+import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich import box
 from rich.console import Console
 
+from heli_flight import interrupts
 from heli_flight.text_table import FittingTable
 from heli_parameters.parameters import ParameterError
 
@@ -111,6 +114,43 @@ def new_folder(path: Path) -> Path:
     except OSError as error:
         raise ParameterError(f"--out {path}: cannot be written: {error.strerror}") from None
     return path
+
+
+@dataclass
+class NewFolder:
+    """A folder that is being filled; it goes if that fails, unless `stays` has been set."""
+
+    path: Path
+    stays: bool = False
+
+
+@contextlib.contextmanager
+def being_filled(path: Path) -> Iterator[NewFolder]:
+    """Make the folder that --out names; take it away again if what fills it fails.
+
+    Raises
+    ------
+    ParameterError
+        It exists already, or cannot be written.
+    """
+    folder = NewFolder(path)
+    missing = [parent for parent in path.parents if not parent.exists()]
+    with contextlib.ExitStack() as undo:
+        with interrupts.held_back():
+            new_folder(path)
+            undo.callback(_discard, folder, missing)
+        yield folder
+        folder.stays = True
+
+
+def _discard(folder: NewFolder, parents: Sequence[Path]) -> None:
+    """Remove the folder, and of the parents that were made with it those that are empty."""
+    if folder.stays:
+        return
+    shutil.rmtree(folder.path, ignore_errors=True)
+    with contextlib.suppress(OSError):
+        for parent in parents:
+            parent.rmdir()
 
 
 def json_text(content: Any) -> str:

@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
+from heli_flight import interrupts
 from heli_flight.cli import completion
 from heli_flight.cli.bag import bag
 from heli_flight.cli.compare import compare
@@ -35,7 +36,6 @@ from heli_flight.cli.programs import programs
 from heli_flight.cli.results import results
 
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
     name="heli",
@@ -216,9 +216,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"heli: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    if code == EXIT_INTERRUPTED:
+    if code == interrupts.EXIT_CODE:
         # typer has turned the KeyboardInterrupt into this code.
-        print("interrupted", file=sys.stderr)
+        print(interrupts.LINE, file=sys.stderr)
     return int(code or 0)
 
 

@@ -6,12 +6,14 @@ import contextlib
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
 from heli_bags.reader import Remark
+from heli_flight import interrupts
 from heli_flight.errors import FlightError, StartError
 from heli_flight.graph.live import add_options, check_options, live_view
 from heli_flight.graph.processes import check_middleware, start_server
@@ -28,12 +30,9 @@ from heli_flight.loop.result import (
     write_result,
 )
 from heli_flight.loop.settings import Settings, resolve
-from heli_flight.terminal import new_folder
+from heli_flight.terminal import NewFolder, being_filled
 from heli_inner_hinf.law_state import CONTROLLERS
-from heli_parameters.locate import MissingFileError
 from heli_parameters.parameters import ParameterError
-
-EXIT_INTERRUPTED = 130
 
 _EPILOG = """examples:
   ./hover_test.sh                                  the paper's hover test, 60 s
@@ -110,16 +109,15 @@ def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
     return p
 
 
-def _new_folder(wanted: Path | None, scenario: str, gps: str, seed: int) -> Path:
-    """Make the flight's folder; a folder that exists or cannot be written is bad input."""
-    if wanted is None:
-        stamp = time.strftime("%Y%m%d-%H%M%S")
-        base = Path("flights") / f"{stamp}-{scenario}-{gps}-seed{seed}"
-        wanted, count = base, 1
-        while wanted.exists():
-            count += 1
-            wanted = base.with_name(f"{base.name}-{count}")
-    return new_folder(wanted)
+def _free_name(scenario: str, gps: str, seed: int) -> Path:
+    """Name of the folder of a flight that is not told where to write."""
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    base = Path("flights") / f"{stamp}-{scenario}-{gps}-seed{seed}"
+    wanted, count = base, 1
+    while wanted.exists():
+        count += 1
+        wanted = base.with_name(f"{base.name}-{count}")
+    return wanted
 
 
 @contextlib.contextmanager
@@ -172,7 +170,7 @@ def _report(
     console: Console,
 ) -> None:
     """Write report.html and figures; a disk that is full costs the report, not the flight."""
-    from heli_flight.report import events_of, write_report
+    from heli_flight.report import FIGURES, PAGE, events_of, write_report
 
     how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
     try:
@@ -180,6 +178,10 @@ def _report(
     except OSError as error:
         console.print(f"no report: {error}", highlight=False)
         return
+    except KeyboardInterrupt:
+        (folder / PAGE).unlink(missing_ok=True)
+        shutil.rmtree(folder / FIGURES, ignore_errors=True)
+        raise
     console.print(f"report: {page}", highlight=False, soft_wrap=True)
 
 
@@ -214,6 +216,40 @@ def _mode(options: argparse.Namespace) -> str | None:
     return next(iter(given.values()), None)
 
 
+def _noted(folder: NewFolder, progress: Callable[[float], None]) -> Callable[[float], None]:
+    """Progress that notes that there is something to keep once the helicopter flies."""
+
+    def note(flight_s: float) -> None:
+        folder.stays = folder.stays or flight_s > 0.0
+        progress(flight_s)
+
+    return note
+
+
+def _flown(
+    options: argparse.Namespace, settings: Settings, folder: NewFolder, console: Console
+) -> tuple[Result, Mapping[str, Any], FlightRecord, Sequence[Remark]]:
+    """Fly as the options say: the outcome, what result.json holds beside it, record, remarks."""
+    write_parameters(settings, folder.path / NAME)
+    if settings.mode == ONE_PROCESS:
+        result, record = _fly_one_process(settings, console)
+        return result, {"mode": ONE_PROCESS}, record, ()
+    check_middleware()
+    start_server()
+    from heli_flight.graph.flight import fly_graph
+
+    interrupts.check()
+    live = live_view(options, settings)
+    with _progress_bar(console, settings.scenario.n_ticks / 100.0) as bar:
+        progress = _noted(folder, bar)
+        try:
+            result, extra, flight = fly_graph(settings, folder.path, progress, live, _say(console))
+        except FlightError as error:
+            folder.stays |= not isinstance(error, StartError)
+            raise
+    return result, extra, flight.record, flight.remarks
+
+
 def fly(options: argparse.Namespace, console: Console) -> int:
     """Resolve, fly, score, write; returns the exit code.
 
@@ -224,7 +260,7 @@ def fly(options: argparse.Namespace, console: Console) -> int:
     StartError
         The graph could not be brought up.
     FlightError
-        The graph broke in flight; the bag so far is kept.
+        The graph broke in flight; the bag so far is kept, as it is when Ctrl-C ends a flight.
     """
     check_options(options)
     settings = resolve(
@@ -238,27 +274,12 @@ def fly(options: argparse.Namespace, console: Console) -> int:
     )
     for remark in settings.remarks:
         _say(console)(remark)
-    folder = _new_folder(options.out, settings.scenario_name, settings.gps, settings.seed)
-    try:
-        write_parameters(settings, folder / NAME)
-        if settings.mode == ONE_PROCESS:
-            result, record = _fly_one_process(settings, console)
-            extra, remarks = {"mode": ONE_PROCESS}, ()
-        else:
-            check_middleware()
-            start_server()
-            from heli_flight.graph.flight import fly_graph
-
-            live = live_view(options, settings)
-            with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
-                result, extra, flight = fly_graph(settings, folder, progress, live, _say(console))
-            record, remarks = flight.record, flight.remarks
-    except (ParameterError, MissingFileError, StartError, ValueError) as error:
-        # Nothing was flown: an empty folder would only look like a flight.
-        if not (isinstance(error, ValueError) and (folder / "bag").exists()):
-            shutil.rmtree(folder, ignore_errors=True)
-        raise
-    write_result(result, settings, folder, extra)
+    folder = options.out or _free_name(settings.scenario_name, settings.gps, settings.seed)
+    with being_filled(folder) as new:
+        result, extra, record, remarks = _flown(options, settings, new, console)
+        with interrupts.held_back():
+            write_result(result, settings, folder, extra)
+            new.stays = True
     print_table(result, settings, console)
     if options.report:
         _report(record, remarks, settings, result, folder, extra["mode"], console)
@@ -295,8 +316,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return command(argv, "hover_test.sh")
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
+        print(interrupts.LINE, file=sys.stderr)
+        return interrupts.EXIT_CODE
 
 
 if __name__ == "__main__":

@@ -256,7 +256,9 @@ def _graph(settings: Settings, folder: Path, *watching: Any) -> Iterator[Graph]:
             yield graph
         finally:
             graph.close()
-            signal.signal(signal.SIGINT, before)
+            signal.signal(signal.SIGINT, signal.SIG_IGN if graph.interrupted else before)
+    if graph.interrupted:
+        raise KeyboardInterrupt
 
 
 def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:

@@ -5,14 +5,9 @@ Imports only, and compiled kernels: no ROS context exists here, and no thread is
 """
 
 import contextlib
-import os
 
 import heli_outer_pd.node  # noqa: F401
-from heli_flight.graph.processes import SERVER_PID, die_with_parent
 from heli_flight.graph.warm_up import load_kernels
-
-die_with_parent()
-os.environ[SERVER_PID] = str(os.getpid())
 
 # A bad default parameter is the node's to report, in its own words.
 with contextlib.suppress(Exception):

@@ -13,15 +13,17 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 from typing import Any
 
+from heli_flight import interrupts
 from heli_flight.errors import StartError
 
 _PR_SET_PDEATHSIG = 1
-# Set in the process that nodes are forked from, to its own id.
+# Set in the process that nodes are forked from, to its own id; and to that of its parent.
 SERVER_PID = "HELI_SERVER_PID"
+STARTER_PID = "HELI_STARTER_PID"
 # Nodes end in a fraction of a second; seven of them at once on a loaded machine take longer.
 _STOP_LIMIT_S = 5.0
 _LOG_TAIL_BYTES = 4096
@@ -29,25 +31,31 @@ _LOG_TAIL_BYTES = 4096
 _MAX_DOMAIN = 232
 
 
-def die_with_parent() -> None:
-    """Have the kernel end this process when its parent ends (Linux; elsewhere a no-op)."""
+def die_with_parent(parent: str) -> None:
+    """Have the kernel end this process when its parent ends (Linux); end if it has already.
+
+    Parameters
+    ----------
+    parent : str
+        Name of the environment variable that holds the parent's process id.
+    """
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.environ.get(parent, str(os.getppid())) != str(os.getppid()):
+        sys.exit(1)
 
 
 def _run_node(module: str, arguments: Sequence[str], log: str, env: Mapping[str, str]) -> None:
     """What a node's process does: own session, own log, then the executable's main()."""
     # A session of its own: Ctrl-C reaches the supervisor only, which then ends the nodes.
     os.setsid()
-    die_with_parent()
-    # The server may have died before the line above; then nobody would ever tell this process.
-    if os.environ.get(SERVER_PID, str(os.getppid())) != str(os.getppid()):
-        sys.exit(1)
+    die_with_parent(SERVER_PID)
     os.environ.update(env)
     with open(log, "ab", buffering=0) as stream, open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), 0)
         os.dup2(stream.fileno(), 1)
         os.dup2(stream.fileno(), 2)
+    interrupts.take()
     sys.argv = [module, *arguments]
     sys.exit(importlib.import_module(module).main(list(arguments)))
 
@@ -58,8 +66,13 @@ def start_server() -> None:
     Five interpreters that import NumPy, numba and rclpy and load the same compiled kernels would
     take twice as long on two cores. Call it early: it loads while the caller goes on.
     """
-    multiprocessing.set_forkserver_preload(["heli_flight.graph.preload"])
-    forkserver.ensure_running()
+    multiprocessing.set_forkserver_preload(["heli_flight.graph.bound", "heli_flight.graph.preload"])
+    os.environ[STARTER_PID] = str(os.getpid())
+    # The tracker, which the server needs, lets signals through when it has been started.
+    resource_tracker.ensure_running()
+    # A terminal's Ctrl-C goes to the server, too; its nodes take it up when they have their logs.
+    with interrupts.held_back():
+        forkserver.ensure_running()
 
 
 @contextlib.contextmanager

@@ -1,58 +1,72 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compile every kernel once, so that the first flight starts at once (part of the set-up).
+"""Compile every kernel that the nodes call, so that the first flight starts at once (set-up).
 
-Two processes: the one-process loop, and what the nodes call one by one.
+Four parts that share few kernels are compiled side by side, one process per core. They are forks of
+one process that has imported everything, so that byte code is made and modules are loaded once.
+The kernel of the one-process loop is not among them: who uses that loop first compiles it.
 """
 
 import contextlib
-import subprocess
+import gc
+import multiprocessing
+import os
 import sys
-import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+
+from heli_dynamics_sim import plant
+from heli_dynamics_sim.noise import NoiseStreams
+from heli_dynamics_sim.wind import injected_gust
+from heli_flight.loop.settings import Settings, resolve
+from heli_inner_hinf.attitude_law import attitude_law
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.law_state import initial_law_state
+from heli_math.rotations import euler_from_quat
+from heli_math.rows import MEAS, NAV
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.frames import datum
+from heli_msgs_bridge.messages import CHANNELS, Decoder, Encoder, MessageError
+from heli_observer import observer
+from heli_outer_pd import position_law
+from heli_outer_pd.config import outer_kernel
+
+# numba makes many objects that live long: looking for garbage as often as usual costs an eighth.
+_GARBAGE_THRESHOLD = 100_000
 
 
-def _loop() -> None:
-    from heli_flight.loop import closed_loop
-    from heli_flight.loop.settings import resolve
-
-    closed_loop.simulate(resolve(duration_s=0.04))
-
-
-def load_kernels() -> None:
-    """Compile, or load from the cache, what the nodes call one by one."""
-    import numpy as np
-
-    from heli_dynamics_sim import noise, plant
-    from heli_flight.loop.closed_loop import build
-    from heli_flight.loop.settings import resolve
-    from heli_inner_hinf import attitude_law
-    from heli_math.rows import MEAS, NAV
-    from heli_observer import observer
-    from heli_outer_pd import position_law
-
-    settings = resolve()
-    loop = build(settings)
-    y, nav, out = np.zeros(MEAS.size), np.zeros(NAV.size), np.zeros(4)
-    u = np.zeros(4)
-    plant.measure(loop.plant_s, 0, noise.NoiseStreams(0).row(), loop.plant_k, y)
-    observer.observe(loop.observer_s, 0, y, u, loop.observer_k, nav)
-    way = settings.scenario.reference
-    position_law.follow(nav, 0, way.times_ns, way.points, loop.outer_k, loop.outer_s, out)
-    attitude_law.attitude_law(np.zeros(9), out[:3].copy(), loop.inner_k, loop.inner_s, np.zeros(3))
-    _messages()
-    plant.status(loop.plant_s, loop.plant_k)
-    observer.status(loop.observer_s, loop.observer_k)
-    plant.advance(loop.plant_s, u, loop.plant_k)
+def _observer(settings: Settings) -> None:
+    config = observer.ObserverConfig.from_parameters(settings.nodes["observer"])
+    state = observer.initial_state(config)
+    y, u, nav = np.zeros(MEAS.size), np.zeros(4), np.zeros(NAV.size)
+    observer.observe(state, 0, y, u, config.kernel, nav)
+    observer.status(state, config.kernel)
 
 
-def _messages() -> None:
+def _plant(settings: Settings) -> None:
+    config = plant.PlantConfig.from_parameters(settings.nodes["plant"])
+    state, k = plant.initial_state(config, settings.seed), config.kernel
+    plant.measure(state, 0, NoiseStreams(0).row(), k, np.zeros(MEAS.size))
+    injected_gust(state.x, 0.0, k.wind.sines, np.zeros(3))
+    plant.status(state, k)
+    plant.advance(state, np.zeros(4), k)
+
+
+def _laws(settings: Settings) -> None:
+    outer, way = outer_kernel(settings.nodes["outer_loop"]), settings.scenario.reference
+    state, out = position_law.initial_state(outer), np.zeros(4)
+    nav = np.zeros(NAV.size)
+    position_law.follow(nav, 0, way.times_ns, way.points, outer, state, out)
+    inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
+    attitude_law(np.zeros(9), np.zeros(3), inner, initial_law_state(inner), np.zeros(3))
+    euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def _messages(settings: Settings) -> None:
     """The conversions between arrays and messages."""
-    import numpy as np
-
-    from heli_msgs_bridge import topics
-    from heli_msgs_bridge.frames import datum
-    from heli_msgs_bridge.messages import CHANNELS, Decoder, Encoder, MessageError
-
-    origin = datum(0.0, 0.0, 0.0)
+    v = settings.nodes["plant"]
+    origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
     for name, channel in CHANNELS.items():
         place = origin if name == topics.GPS_FIX else None
         row = np.zeros(channel.size)
@@ -60,18 +74,27 @@ def _messages() -> None:
             Decoder(name, place).decode(Encoder(name, (), place).encode(row, 1_000_000_000))
 
 
+# The longest first, so that the processes end at about the same time.
+_PARTS: tuple[Callable[[Settings], None], ...] = (_observer, _plant, _laws, _messages)
+
+
+def load_kernels() -> None:
+    """Compile, or load from the cache, what the nodes call."""
+    settings = resolve()
+    for part in _PARTS:
+        part(settings)
+
+
 def main() -> int:
-    """Compile; returns 0, or 1 with the failing half's own message on stderr."""
-    start = time.monotonic()
-    nodes = subprocess.Popen([sys.executable, "-m", "heli_flight.graph.warm_up", "nodes"])
-    _loop()
-    failed = nodes.wait() != 0
-    print(f"kernels compiled in {time.monotonic() - start:.0f} s")
-    return int(failed)
+    """Compile with all cores; returns the exit code."""
+    settings = resolve()
+    gc.set_threshold(_GARBAGE_THRESHOLD, 100, 100)
+    workers = min(len(_PARTS), len(os.sched_getaffinity(0)))
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as pool:
+        for done in [pool.submit(part, settings) for part in _PARTS]:
+            done.result()
+    return 0
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["nodes"]:
-        load_kernels()
-        sys.exit(0)
     sys.exit(main())

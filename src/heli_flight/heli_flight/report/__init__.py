@@ -3,6 +3,15 @@
 
 from heli_flight.report.data import Event, events_of
 from heli_flight.report.from_bag import STEPS, Choice, report_of_bag
-from heli_flight.report.write import write_report
+from heli_flight.report.write import FIGURES, PAGE, write_report
 
-__all__ = ["STEPS", "Choice", "Event", "events_of", "report_of_bag", "write_report"]
+__all__ = [
+    "FIGURES",
+    "PAGE",
+    "STEPS",
+    "Choice",
+    "Event",
+    "events_of",
+    "report_of_bag",
+    "write_report",
+]

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C: at any time one line, exit code 130, nothing half-made.
+
+`hover_test.sh` and `heli` start Python with the signal held back, as an interpreter that is still
+starting answers with a traceback. Then it is taken in one of three ways:
+
+- while a command's modules are loaded nothing has been made: the process ends on the spot;
+- while it works: KeyboardInterrupt, once, so that what is half-made can be undone in peace;
+- once the command has ended the result stands: too late.
+"""
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+EXIT_CODE = 130
+LINE = "interrupted"
+_SOON_S = 0.01
+
+_seen = False
+
+
+def _end(signum: int, frame: FrameType | None) -> None:
+    """Nothing has been made yet: end now, whatever is being imported."""
+    os.write(2, f"{LINE}\n".encode())
+    os._exit(EXIT_CODE)
+
+
+def _raise(signum: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt; a second Ctrl-C shall not disturb the clearing up."""
+    global _seen
+    _seen = True
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _not_lost(unraisable: Any) -> None:
+    """Raise an interrupt anew that fell into a destructor, where Python drops exceptions."""
+    if isinstance(unraisable.exc_value, KeyboardInterrupt):
+        signal.signal(signal.SIGALRM, _raise)
+        signal.setitimer(signal.ITIMER_REAL, _SOON_S)
+    else:
+        sys.__unraisablehook__(unraisable)
+
+
+def check() -> None:
+    """Raise KeyboardInterrupt if there was one: for between two steps, should it be swallowed."""
+    if _seen:
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Let Ctrl-C wait for the end of a step that must be done as a whole."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def take() -> None:
+    """Take Ctrl-C if it was held back when this process was started."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def run(load: Callable[[], Callable[[], int]]) -> int:
+    """Run a command; returns its exit code.
+
+    Parameters
+    ----------
+    load : callable
+        Imports the command and gives the function that runs it.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell
+        take()
+        return load()()
+    signal.signal(signal.SIGINT, _end)
+    take()
+    command = load()
+    sys.unraisablehook = _not_lost
+    try:
+        signal.signal(signal.SIGINT, _raise)
+        return command()
+    except KeyboardInterrupt:
+        print(LINE, file=sys.stderr)
+        return EXIT_CODE
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # If the exception has passed through an exec(), Python would end by the signal, not with
+        # the code; the next exec() makes it forget.
+        exec("")

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C at any time: exit code 130, one line, nothing left behind.
+
+Each run is interrupted as a terminal does it, the whole process group at once, at a time drawn
+between its start and the end of an undisturbed run.
+"""
+
+import hashlib
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from heli_bags.reader import read_bag
+
+ROOT = Path(__file__).resolve().parents[2]
+LIMIT_S = 120.0
+GRAPH = (ROOT / "hover_test.sh", "--duration", "4")
+ONE_PROCESS = (ROOT / "heli", "hover", "--one-process", "--duration", "4")
+DESIGN = (ROOT / "heli", "design", "--out", "design")
+# Runs a command where /dev/shm is its own, and writes down what it leaves there.
+OWN_SHARED_MEMORY = """
+mount -t tmpfs tmpfs /dev/shm || exit 77
+trap : INT
+"$@"
+code=$?
+ls /dev/shm >left_in_shm
+exit "$code"
+"""
+
+
+@pytest.fixture(autouse=True)
+def environment_stands():
+    """The commands make a stale environment anew, and these tests run in it."""
+    wanted = b"".join(path.read_bytes() for path in sorted((ROOT / "requirements").glob("*.txt")))
+    stamp = (Path(sys.prefix) / "heli_stamp").read_text().split()[0]
+    assert stamp == hashlib.sha256(wanted).hexdigest(), "stale environment: ./run_tests.sh first"
+
+
+@pytest.fixture
+def start(tmp_path, ros_env):
+    """Start a command in a folder of its own, as the leader of a process group."""
+    folders = ("work", "tmp")
+
+    def run(command):
+        for name in folders:
+            (tmp_path / name).mkdir(exist_ok=True)
+        return subprocess.Popen(
+            command,
+            env=ros_env | {"TMPDIR": str(tmp_path / "tmp")},
+            cwd=tmp_path / "work",
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            # A test run started with `&` ignores SIGINT, and so would what it starts.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
+
+    return run
+
+
+def half_made(folder):
+    """What is neither a finished flight or design nor a flight whose bag opens."""
+    found = []
+    for made in [*folder.glob("flights/*"), *folder.glob("design")]:
+        if (made / "bag").exists():
+            read_bag(made / "bag")
+        elif not ((made / "result.json").exists() or (made / "design.json").exists()):
+            found.append(made)
+        page = made / "report.html"
+        if page.exists() and not page.read_text().rstrip().endswith("</html>"):
+            found.append(page)
+    if (folder / "flights").exists() and not any(folder.glob("flights/*")):
+        found.append(folder / "flights")
+    return found
+
+
+def check_interrupted(process, folder, living, when):
+    out, err = process.communicate(timeout=LIMIT_S)
+    assert living() == [], when
+    assert half_made(folder / "work") == [], when
+    left = [path.name for path in (folder / "tmp").iterdir()]
+    assert [name for name in left if not re.match(r"heli_hover-domain-\d+-\d+\.lock$", name)] == []
+    if process.returncode == -signal.SIGINT:
+        # The first line of the script had not run. A shell calls that 130, too.
+        assert out == err == "", when
+    elif process.returncode in (0, 1):
+        assert re.search("^written: ", out, re.MULTILINE), when  # it had ended before
+        assert err == "", when
+    else:
+        assert (process.returncode, err) == (130, "interrupted\n"), f"{when}\n{out}\n{err}"
+
+
+def interrupt_at_random(start, command, folder, living, count, seed):
+    begun = time.monotonic()
+    whole = start(command)
+    _, err = whole.communicate(timeout=LIMIT_S)
+    assert whole.returncode in (0, 1) and err == "", err
+    duration_s = time.monotonic() - begun
+    draw = random.Random(seed)
+    for i in range(count):
+        when_s = draw.uniform(0.0, duration_s)
+        process = start(command)
+        try:
+            process.wait(when_s)
+        except subprocess.TimeoutExpired:
+            signal_group(process)
+        check_interrupted(process, folder, living, f"interrupt {i} after {when_s:.3f} s")
+
+
+def signal_group(process):
+    # It has not been waited for, so the group cannot be somebody else's.
+    os.killpg(process.pid, signal.SIGINT)
+
+
+@pytest.mark.parametrize("command", [GRAPH, ONE_PROCESS], ids=["graph", "one process"])
+def test_interrupted_at_some_time(start, command, tmp_path, living):
+    interrupt_at_random(start, command, tmp_path, living, 5, seed=1)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(
+    "command", [GRAPH, ONE_PROCESS, DESIGN], ids=["graph", "one process", "design"]
+)
+def test_interrupted_at_any_time(start, command, tmp_path, living):
+    interrupt_at_random(start, command, tmp_path, living, 50, seed=2)
+
+
+@pytest.mark.parametrize("command", [GRAPH, ONE_PROCESS], ids=["graph", "one process"])
+def test_interrupted_at_once(start, command, tmp_path, living):
+    """In the first moments, where an interpreter starts."""
+    for when_s in (0.0, 0.01, 0.03, 0.1, 0.2):
+        process = start(command)
+        try:
+            process.wait(when_s)
+        except subprocess.TimeoutExpired:
+            signal_group(process)
+        check_interrupted(process, tmp_path, living, f"after {when_s} s")
+
+
+@pytest.mark.parametrize("interrupted", [False, True], ids=["flown", "interrupted"])
+def test_no_shared_memory_stays(start, tmp_path, interrupted, living):
+    """Fast DDS takes its segments away only if every participant is destroyed."""
+    command = (ROOT / "hover_test.sh", "--duration", "20", "--no-report")
+    alone = ("unshare", "--mount", "--map-root-user", "bash", "-c", OWN_SHARED_MEMORY, "bash")
+    process = start((*alone, *command))
+    first = process.stdout.readline()
+    if not first and process.wait(LIMIT_S) in (1, 77):
+        pytest.skip("a file system of one's own needs the right to mount")
+    assert "flown" in first
+    if interrupted:
+        signal_group(process)
+    process.communicate(timeout=LIMIT_S)
+    assert process.returncode == (130 if interrupted else 0)
+    assert living() == []
+    left = (tmp_path / "work/left_in_shm").read_text().splitlines()
+    assert [name for name in left if "fastrtps" in name] == []

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+""".ci/run: keeps the tests' exit code, and is not silent about tests that it could not run."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PYTEST_SAYS = "==== 812 passed, 3 skipped in 500.00s ===="
+TESTS = f"""#!/usr/bin/env bash
+echo "{PYTEST_SAYS}"
+exit "$TESTS_CODE"
+"""
+APT = """#!/usr/bin/env bash
+echo "apt-get $1" >>"$CALLS"
+case "$1" in
+    update) echo "E: Failed to fetch"; exit "$UPDATE_CODE" ;;
+    install) echo "E: Unable to locate package chromium" >&2; exit "$INSTALL_CODE" ;;
+esac
+"""
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Run a copy of .ci/run among fakes; gives the finished process and what apt-get was asked."""
+    (tmp_path / ".ci").mkdir()
+    shutil.copy2(ROOT / ".ci/run", tmp_path / ".ci/run")
+    bin_folder = tmp_path / "bin"
+    bin_folder.mkdir()
+    for tool in ("bash", "dirname", "env", "mktemp", "rm", "tail"):
+        (bin_folder / tool).symlink_to(shutil.which(tool))
+
+    def add(path, text):
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def start(*commands, tests=0, update=0, install=0, user=0):
+        for name in commands:
+            add(bin_folder / name, APT if name == "apt-get" else "#!/usr/bin/env bash\n")
+        add(bin_folder / "id", f"#!/usr/bin/env bash\necho {user}\n")
+        add(tmp_path / "run_tests.sh", TESTS)
+        codes = {"TESTS_CODE": tests, "UPDATE_CODE": update, "INSTALL_CODE": install}
+        settings = {name: str(code) for name, code in codes.items()}
+        folders = {
+            "PATH": str(bin_folder),
+            "TMPDIR": str(tmp_path),
+            "CALLS": str(tmp_path / "calls"),
+        }
+        done = subprocess.run(
+            ["bash", tmp_path / ".ci/run"],
+            env=settings | folders,
+            cwd=os.sep,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        log = tmp_path / "calls"
+        return done, log.read_text().splitlines() if log.exists() else []
+
+    return start
+
+
+@pytest.mark.parametrize("name", ["chromium", "google-chrome-stable"])
+def test_with_a_browser_the_tests_have_the_last_word(run, name):
+    done, asked = run(name, "apt-get")
+    assert (done.returncode, done.stdout) == (0, f"{PYTEST_SAYS}\n")
+    assert asked == []
+
+
+def test_a_missing_browser_is_installed(run):
+    done, asked = run("apt-get")
+    assert asked == ["apt-get update", "apt-get install"]
+    assert (done.returncode, done.stdout) == (0, f"{PYTEST_SAYS}\n")
+
+
+@pytest.mark.parametrize("tests_code", [0, 1, 5])
+def test_packages_out_of_reach_are_told_after_the_tests(run, tests_code):
+    done, asked = run("apt-get", update=100, tests=tests_code)
+    assert asked == ["apt-get update"]
+    lines = done.stdout.splitlines()
+    assert lines[0] == PYTEST_SAYS and len(lines) == 2
+    assert "browser tests were skipped" in lines[1] and "E: Failed to fetch" in lines[1]
+    assert done.returncode == tests_code
+
+
+@pytest.mark.parametrize("how", [{"user": 1000}, {}], ids=["no root", "no apt-get"])
+def test_no_right_to_install_is_told_after_the_tests(run, how):
+    done, asked = run(*(["apt-get"] if how else []), **how)
+    assert asked == []
+    assert done.returncode == 0
+    assert "browser tests were skipped" in done.stdout.splitlines()[-1]
+
+
+def test_packages_in_reach_without_the_browser_are_a_failure(run):
+    done, _ = run("apt-get", install=100)
+    assert done.returncode == 1
+    assert "chromium cannot be installed" in done.stderr
+    assert "E: Unable to locate package chromium" in done.stderr
+
+
+@pytest.mark.parametrize("tests_code", [1, 2, 5])
+def test_the_exit_code_is_that_of_the_tests(run, tests_code):
+    """5 is pytest's word for: no test has run."""
+    assert run("chromium", tests=tests_code)[0].returncode == tests_code
+
+
+def test_nothing_stays_behind(run, tmp_path):
+    run("apt-get")
+    kept = {".ci", "bin", "calls", "run_tests.sh"}
+    assert {path.name for path in tmp_path.iterdir()} == kept
