@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # Runs every check: lint, format, types, tests. Arguments go to pytest (./run_tests.sh src/heli_observer -k bias).
 set -euo pipefail
-
-HELI_ROOT=$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")" && pwd)
+shopt -s lastpipe
+trap 'echo interrupted >&2; exit 130' INT
+readlink -f -- "${BASH_SOURCE[0]}" | read -r self
+HELI_ROOT=${self%/*}
 # shellcheck source=scripts/setup_env.sh
 source "$HELI_ROOT/scripts/setup_env.sh"
-trap 'echo interrupted >&2; exit 130' INT  # not before: while a file is read, bash mistakes a trap's text for part of it
 heli_setup_env test
 
 [ $# -gt 0 ] || cd -- "$HELI_ROOT"

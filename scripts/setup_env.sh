@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# Sourced by hover_test.sh, heli and run_tests.sh, which set HELI_ROOT (top of the repository) and trap INT first.
+# Sourced by hover_test.sh, heli and run_tests.sh, which set HELI_ROOT (top of the repository) and lastpipe first.
 #
 # heli_setup_env [test]   makes what is missing, then points PATH and HELI_PYTHON at it; "test" adds the test tools.
 #
@@ -15,6 +15,10 @@
 # The wheels are installed by uv (the one on PATH, or one brought by pip into the environment's folder); by pip where
 # uv cannot be had. An environment counts only when its stamp was written, last of all; an interrupted one is thrown
 # away and made anew.
+
+# Should Ctrl-C come while bash reads functions or $(...), bash takes the trap's text for a part of them and fails. So
+# there is no trap while this file is read, and what runs at every start reads variables from pipes instead.
+trap - INT
 
 HELI_PYTHONS="python3.13 python3.12 python3.11 python3"
 
@@ -59,11 +63,6 @@ heli_find_python() {
 # The interpreter that the environment was made with.
 heli_recorded_python() {
     if [ -f "$heli_venv/heli_python" ]; then cat -- "$heli_venv/heli_python"; fi
-}
-
-# The file behind a command's name.
-heli_real_path() {
-    readlink -f -- "$(command -v "$1" || true)" || true
 }
 
 # Runs a command in its own process group, output to the log, so that a signal ends it and all its children at once.
@@ -199,12 +198,9 @@ heli_warm_up() {
         heli_fail "compiling the kernels: $(heli_last_line)"
 }
 
-heli_digest() {
-    sha256sum | cut -d ' ' -f 1
-}
-
 heli_stamp_is() {
-    [ -f "$1" ] && [ "$(<"$1")" = "$2" ]
+    local stamp=""
+    [ -f "$1" ] && read -r stamp <"$1" && [ "$stamp" = "$2" ]
 }
 
 # Sets heli_mode and heli_venv.
@@ -247,7 +243,11 @@ heli_source_workspace() {
 
 # Without PYTHON any interpreter will do.
 heli_python_is_wanted() {
-    [ -z "${PYTHON:-}" ] || [ "$(heli_real_path "$PYTHON")" = "$(heli_real_path "$(heli_recorded_python)")" ]
+    local wanted="" recorded=""
+    [ -n "${PYTHON:-}" ] || return 0
+    command -v "$PYTHON" | read -r wanted || return 1
+    read -r recorded <"$heli_venv/heli_python" || return 1
+    [ "$wanted" -ef "$recorded" ]
 }
 
 heli_environment_stands() {
@@ -322,11 +322,12 @@ heli_make_missing_alone() {
 heli_setup_env() {
     heli_choose_mode
     heli_clean_environment
-    heli_want_env="$(cat "$HELI_ROOT"/requirements/*.txt | heli_digest) $heli_venv"
-    heli_want_layout=$({
+    cat "$HELI_ROOT"/requirements/*.txt | sha256sum | read -r heli_want_env _
+    heli_want_env+=" $heli_venv"
+    {
         printf '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,config,web,launch/*,scripts/*}
         cat "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/setup.py
-    } | heli_digest)
+    } | sha256sum | read -r heli_want_layout _
     heli_all_stands "${1:-}" || heli_make_missing_alone "${1:-}"
     export VIRTUAL_ENV="$heli_venv" PATH="$heli_venv/bin:$PATH"
     heli_source_workspace
@@ -342,3 +343,5 @@ heli_start() {
     "${held_back[@]}" true 2>/dev/null || held_back=()
     exec "${held_back[@]}" "$HELI_PYTHON" -m heli_flight.start "$@"
 }
+
+trap 'echo interrupted >&2; exit 130' INT

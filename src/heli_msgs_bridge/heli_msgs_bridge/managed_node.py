@@ -366,6 +366,8 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
             self._active, self._run = False, None
             while self._ends:
                 self._ends.pop().close()
+            # rclpy forgets it, and it holds the node: Fast DDS would leave its shared memory.
+            self._state_machine.destroy_when_not_in_use()
             self._core = None
 
     # --- parameters at run time --------------------------------------------------------------

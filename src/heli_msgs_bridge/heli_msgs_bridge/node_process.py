@@ -53,6 +53,14 @@ def _start(cls: type[ManagedNode], argv: Sequence[str], args: Sequence[str]) -> 
 def _spin(node: ManagedNode) -> int:
     executor = EventsExecutor()
     executor.add_node(node)
+    try:
+        return _serve(node, executor)
+    finally:
+        # It holds the node's parts, which could not be destroyed then.
+        executor.shutdown()
+
+
+def _serve(node: ManagedNode, executor: EventsExecutor) -> int:
     if node.values["autostart"]:
         for transition in (node.trigger_configure, node.trigger_activate):
             if transition() != _SUCCESS:
@@ -110,8 +118,7 @@ def _end(node: ManagedNode | None) -> None:
     try:
         if node is not None:
             node.end()
-            if rclpy.ok():
-                node.destroy_node()
+            node.destroy_node()
         rclpy.try_shutdown()
     except (KeyboardInterrupt, Exception) as error:
         complain("shutdown", f"{type(error).__name__}: {error}")
