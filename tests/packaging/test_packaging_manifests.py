@@ -23,8 +23,9 @@ ROSDEP_KEYS = {
     "control": "python-control-pip",
 }
 DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk"}
-# Not in rosdep's list: set-up installs it, and the live view does without where it is missing.
-NO_ROSDEP_KEY = {"foxglove"}
+# Not in rosdep's list: set-up installs them. The live view does without Foxglove where it is
+# missing; mcap and zstandard are for repairing bags, not for nodes.
+NO_ROSDEP_KEY = {"foxglove", "mcap", "zstandard"}
 
 
 def manifest(package):

@@ -4,10 +4,9 @@
 from pathlib import Path
 
 import yaml
+from mcap.writer import MCAP0_MAGIC
 
 from heli_bags.folder import METADATA, SUFFIXES
-
-_MAGIC = b"\x89MCAP0\r\n"
 
 
 def storage_files(bag: Path) -> list[Path]:
@@ -28,11 +27,11 @@ def listed_files(bag: Path) -> list[str]:
 def _file_trouble(path: Path) -> str:
     if path.suffix == ".mcap":
         with open(path, "rb") as stream:
-            if stream.read(len(_MAGIC)) != _MAGIC:
+            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                 return f"{path.name} is no MCAP file"
             size = path.stat().st_size
-            stream.seek(max(0, size - len(_MAGIC)))
-            whole = size > 2 * len(_MAGIC) and stream.read() == _MAGIC
+            stream.seek(max(0, size - len(MCAP0_MAGIC)))
+            whole = size > 2 * len(MCAP0_MAGIC) and stream.read() == MCAP0_MAGIC
         return "" if whole else f"{path.name} is cut off"
     for tail in ("-wal", "-journal"):
         log = path.with_name(path.name + tail)

@@ -14,23 +14,29 @@ import struct
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
-from zlib import crc32
 
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError, UnsupportedCompressionError
+from mcap.opcode import Opcode
+from mcap.records import McapRecord
+from mcap.stream_reader import get_chunk_data_stream
+from mcap.writer import MCAP0_MAGIC
 from rosbags.rosbag2.metadata import parse_qos
-from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, zstd
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from heli_bags.folder import BagError, Channel, reason
 
-MAGIC = b"\x89MCAP0\r\n"
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+# Every record begins with its opcode and length. Framed here, because the library's reader stops
+# with an exception where a file is cut off, and we go on with what there is.
 _HEAD = struct.Struct("<BQ")
-_CHUNK = struct.Struct("<QQQI")
-_MESSAGE = struct.Struct("<HIQQ")
-_SCHEMA, _CHANNEL, _RECORD_MESSAGE, _RECORD_CHUNK, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x02
-
+_READERS = {Opcode.SCHEMA: records.Schema.read, Opcode.CHANNEL: records.Channel.read}
+_COMPRESSIONS = ("", "lz4", "zstd")
+_DAMAGED = (McapError, ValueError, RuntimeError, struct.error, zstandard.ZstdError)
 _ROWS = "SELECT id, topic_id, timestamp, data FROM messages"
 
 Message = tuple[Channel, int, bytes]
@@ -47,7 +53,7 @@ class State:
     lost_bytes : int
         Bytes at the end, or on damaged pages, that no message could be read from.
     damaged_chunks : int
-        Chunks whose checksum or compression is wrong.
+        Chunks, or compressed messages, whose checksum or compression is wrong.
     zstd : bool
         The chunks are compressed.
     """
@@ -70,14 +76,30 @@ def type_hash(type_name: str, definition: str) -> str:
         return ""
 
 
-def _texts(data: bytes, start: int, count: int) -> tuple[list[bytes], int]:
-    """Length-prefixed texts from an offset on; raises struct.error where they are cut."""
-    found = []
-    for _ in range(count):
-        (size,) = struct.unpack_from("<I", data, start)
-        found.append(data[start + 4 : start + 4 + size])
-        start += 4 + size
-    return found, start
+def _record(opcode: int, data: bytes) -> McapRecord | None:
+    """The record with this content, if it is of a kind that messages are restored from."""
+    stream = ReadDataStream(BytesIO(data))
+    if opcode == Opcode.MESSAGE:
+        return records.Message.read(stream, len(data))
+    reader = _READERS.get(opcode)
+    return None if reader is None else reader(stream)
+
+
+def _expanded(data: bytes) -> bytes:
+    """What a zstd stream holds, as far as it goes."""
+    return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+
+
+def _content(chunk: records.Chunk, cut: bool) -> bytes:
+    """Uncompressed content of a chunk, as much of it as there is if the chunk is cut off."""
+    if chunk.compression not in _COMPRESSIONS:
+        raise UnsupportedCompressionError(chunk.compression)
+    if not cut:
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        return stream.read(size)
+    if chunk.compression == "zstd":
+        return _expanded(chunk.data)
+    return b"" if chunk.compression else chunk.data
 
 
 class _Mcap:
@@ -85,81 +107,60 @@ class _Mcap:
 
     def __init__(self, path: Path, state: State) -> None:
         self.path, self.state = path, state
-        self._schemas: dict[int, tuple[str, str, str]] = {}
+        self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, Channel] = {}
 
-    def _schema(self, data: bytes) -> None:
-        (number,) = struct.unpack_from("<H", data)
-        (name, encoding, text), _ = _texts(data, 2, 3)
-        self._schemas[number] = (name.decode(), encoding.decode(), text.decode())
-
-    def _channel(self, data: bytes) -> None:
-        number, schema = struct.unpack_from("<HH", data)
-        if number in self._channels:
+    def _add(self, channel: records.Channel) -> None:
+        if channel.id in self._channels:
             return
-        (topic, _), at = _texts(data, 4, 2)
-        (size,) = struct.unpack_from("<I", data, at)
-        metadata, at, end = {}, at + 4, at + 4 + size
-        while at < end:
-            (key, value), at = _texts(data, at, 2)
-            metadata[key.decode()] = value.decode()
-        name, encoding, text = self._schemas.get(schema, ("", "", ""))
-        qos = parse_qos(metadata.get("offered_qos_profiles", ""))
-        known = metadata.get("topic_type_hash", "") or type_hash(name, text)
-        self._channels[number] = Channel(
-            topic.decode(), name, text, known, tuple(qos), encoding == "ros2idl"
+        schema = self._schemas.get(channel.schema_id)
+        name, text = (schema.name, schema.data.decode()) if schema else ("", "")
+        self._channels[channel.id] = Channel(
+            channel.topic,
+            name,
+            text,
+            channel.metadata.get("topic_type_hash", "") or type_hash(name, text),
+            tuple(parse_qos(channel.metadata.get("offered_qos_profiles", ""))),
+            schema is not None and schema.encoding == "ros2idl",
         )
 
-    def _take(self, op: int, data: bytes) -> Message | None:
+    def _take(self, opcode: int, data: bytes) -> Message | None:
         """One record that is no chunk."""
-        if op == _SCHEMA:
-            self._schema(data)
-        elif op == _CHANNEL:
-            self._channel(data)
-        elif op == _RECORD_MESSAGE:
-            number, _, stamp_ns, _ = _MESSAGE.unpack_from(data)
-            if number in self._channels:
-                return self._channels[number], stamp_ns, data[_MESSAGE.size :]
+        record = _record(opcode, data)
+        if isinstance(record, records.Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, records.Channel):
+            self._add(record)
+        elif isinstance(record, records.Message) and record.channel_id in self._channels:
+            return self._channels[record.channel_id], record.log_time, record.data
         return None
 
     def _records(self, data: bytes) -> Iterator[Message]:
         """Messages of a chunk's content, also of one that is cut off."""
         at = 0
         while at + _HEAD.size <= len(data):
-            op, size = _HEAD.unpack_from(data, at)
+            opcode, size = _HEAD.unpack_from(data, at)
             at += _HEAD.size
             if at + size > len(data):
                 return
-            message = self._take(op, data[at : at + size])
+            message = self._take(opcode, data[at : at + size])
             if message is not None:
                 yield message
             at += size
 
     def _chunk(self, data: bytes, cut: bool) -> Iterator[Message]:
-        _, _, size, crc = _CHUNK.unpack_from(data)
-        (name,), at = _texts(data, _CHUNK.size, 1)
-        compression, content = name.decode(), data[at + 8 :]
-        self.state.zstd |= compression == "zstd"
-        if cut and compression == "zstd":
-            content = zstd.ZstdDecompressor().decompress(content)
-        elif cut and compression:
-            return
-        elif not cut:
-            content = DECOMPRESSORS[compression](content, size)
-            if crc and crc32(content) != crc:
-                raise ValueError("checksum")
-        yield from self._records(content)
-
-    def _whole_or_not(self, data: bytes, cut: bool) -> Iterator[Message]:
+        """Messages of a chunk; a damaged one, or one cut off too early, has none."""
         try:
-            yield from self._chunk(data, cut)
-        except (KeyError, ValueError, RuntimeError, EOFError, struct.error, zstd.ZstdError):
+            chunk = records.Chunk.read(ReadDataStream(BytesIO(data)))
+            self.state.zstd |= chunk.compression == "zstd"
+            yield from self._records(_content(chunk, cut))
+        except _DAMAGED:
             if not cut:
                 self.state.damaged_chunks += 1
 
     def messages(self) -> Iterator[Message]:
         with open(self.path, "rb") as stream:
-            if stream.read(len(MAGIC)) != MAGIC:
+            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                 raise BagError(f"{self.path}: not an MCAP file")
             yield from self._from(stream, self.path.stat().st_size)
 
@@ -167,23 +168,23 @@ class _Mcap:
         at = stream.tell()
         while True:
             head = stream.read(_HEAD.size)
-            op, size = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
+            opcode, size = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
             cut = at + _HEAD.size + size > end
-            if op == 0 or (cut and op != _RECORD_CHUNK):
+            if opcode == 0 or (cut and opcode != Opcode.CHUNK):
                 break
-            if op == _FOOTER:
+            if opcode == Opcode.FOOTER:
                 stream.seek(size, 1)
-                self.state.whole = stream.read() == MAGIC
+                self.state.whole = stream.read() == MCAP0_MAGIC
                 return
-            if op in (_SCHEMA, _CHANNEL, _RECORD_MESSAGE):
-                with contextlib.suppress(struct.error, ValueError, KeyError):
-                    message = self._take(op, stream.read(size))
-                    if message is not None:
-                        yield message
-            elif op == _RECORD_CHUNK:
-                yield from self._whole_or_not(stream.read(min(size, end)), cut)
+            if opcode == Opcode.CHUNK:
+                yield from self._chunk(stream.read(min(size, end)), cut)
                 if cut:
                     break
+            elif opcode == Opcode.MESSAGE or opcode in _READERS:
+                with contextlib.suppress(*_DAMAGED):
+                    message = self._take(opcode, stream.read(size))
+                    if message is not None:
+                        yield message
             at += _HEAD.size + size
             stream.seek(at)
         self.state.lost_bytes = end - at
@@ -304,7 +305,11 @@ def salvage(path: Path, state: State) -> Iterator[Message]:
     try:
         for channel, stamp_ns, raw in reader(path, state).messages():
             # rosbag2 may have compressed every message by itself; CDR never begins like that.
-            plain = zstd.decompress(raw) if raw[:4] == _ZSTD_MAGIC else raw
+            try:
+                plain = _expanded(raw) if raw[:4] == zstandard.FRAME_HEADER else raw
+            except zstandard.ZstdError:
+                state.damaged_chunks += 1
+                continue
             yield channel, stamp_ns, plain
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {reason(error)}") from error

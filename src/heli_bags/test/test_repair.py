@@ -2,13 +2,20 @@
 """`heli bag repair`: bags cut off anywhere give back exactly their complete messages."""
 
 import shutil
+import sqlite3
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    Reader,
+    StoragePlugin,
+    Writer,
+)
 from rosbags.typesys import Stores, get_typestore
 
 from heli_bags.check import trouble
@@ -201,6 +208,25 @@ def test_damaged_chunk_is_left_out(whole, tmp_path):
     found = repair(tmp_path / "bag")
     assert found.damaged_chunks == 1
     assert len(SENT) - 60 <= found.messages < len(SENT)
+
+
+def test_messages_that_were_compressed_one_by_one(tmp_path):
+    """As `ros2 bag record --compression-mode message` does; one that is damaged is left out."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    writer = Writer(tmp_path / "bag", version=9)
+    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/imu", topics.BY_NAME[topics.IMU].type, typestore=store)
+        for _, stamp_ns, raw in SENT[::2]:
+            writer.write(connection, stamp_ns, raw)
+    with sqlite3.connect(data_file(tmp_path / "bag")) as database:
+        (raw,) = database.execute("SELECT data FROM messages WHERE id = 7").fetchone()
+        damaged = raw[:20] + bytes(len(raw) - 20)
+        database.execute("UPDATE messages SET data = ? WHERE id = 7", (damaged,))
+    found = repair(tmp_path / "bag", tmp_path / "new")
+    assert (found.damaged_chunks, found.messages) == (1, TICKS - 1)
+    whole = [raw for _, _, raw in SENT[::2]]
+    assert [raw for _, _, raw in content(tmp_path / "new")] == whole[:6] + whole[7:]
 
 
 def test_whole_bag_is_left_alone(whole, tmp_path):
