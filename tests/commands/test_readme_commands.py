@@ -1,56 +1,55 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every command of the READMEs is run, in a short form, or by another test that is named here.
+"""Every code block of every README is run: from a bare shell, in a folder that looks like a clone.
 
-Code blocks are followed from top to bottom in a folder of their own, as a reader would. A command
-in running text is checked against the program's own help.
+Nothing is activated: PATH has no environment of ours. Long commands get an option that makes them
+short (`SHORTER`); none is left out. The `ros2` command is no wheel, so a `ros2` line is checked by
+what it would look up (`check_ros2`), and a form that is not known there fails. Not to be shown
+here: `rosdep`, which needs its list of keys from a server.
 """
 
-import importlib.util
 import os
 import re
 import shlex
+import shutil
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+import yaml
 
 from heli_flight.cli import app as cli
-from heli_parameters.locate import executable, share_folder
+from heli_flight.loop.settings import NODES
+from heli_msgs_bridge import topics
+from heli_parameters.locate import executable
+from heli_parameters.parameters import ParameterError
 
 ROOT = Path(__file__).resolve().parents[2]
 READMES = ["README.md", "CONTRIBUTING.md"]
 READMES += sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("src/*/README.md"))
+READMES += sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("docs/**/*.md"))
 
-# What is appended to a command to make it short; the last of two equal options counts.
-_FLIGHT = "--one-process --no-report --duration 6"
-SHORT = {
-    "./hover_test.sh": _FLIGHT,
-    "./heli hover": _FLIGHT,
+# Begin of a command -> what is appended to make it short; the last of two equal options counts.
+SHORTER = {
+    "./hover_test.sh": "--duration 6",
+    "./hover_test.sh --live": "--duration 2 --no-report --live-port 0 --foxglove-port 0",
+    "./heli hover": "--duration 6",
     "./heli campaign": "--seeds 1 --duration 6",
     "./heli compare attitude": "--seeds 1 --duration 6",
     "./heli compare robustness": "--n 1 --duration 6",
-    "./heli design": "",
     "./heli identify": "--one-process",
+    "./run_tests.sh": "--collect-only -q",
 }
-# Commands that take long or need ROS: begin of the command -> the test that runs them.
-COVERED = {
-    "./hover_test.sh --live": "tests/browser/test_browser_live_flight.py::"
-    "test_flight_is_shown_above_its_shadow_in_real_time",
-    "./heli report": "tests/commands/test_report_command.py::test_a_bag_gives_the_record_back",
-    "./heli bag play": "tests/graph/test_bag_tools.py::test_play_and_listen",
-    "./heli bag": "tests/commands/test_bag_command.py::"
-    "test_repair_says_what_was_restored_and_what_was_lost",
-    "./heli echo": "tests/graph/test_bag_tools.py::test_recorder_killed_in_flight",
-    "./heli topics": "tests/graph/test_bag_tools.py::test_recorder_killed_in_flight",
-    "./run_tests.sh": "tests/packaging/test_packaging_setup.py::test_tests_add_their_tools_once",
-    "./heli run": "tests/graph/test_single_nodes.py::"
-    "test_nodes_started_alone_find_each_other_and_fly",
-}
-ROS_TOOLS = ("ros2 topic", "ros2 bag", "ros2 param", "ros2 service", "ros2 lifecycle", "rosdep")
+# Commands that look at a running graph: one flies in real time beside them.
+NEED_A_GRAPH = ("./heli topics", "./heli echo")
+# Commands that run until they are interrupted: their first words are waited for.
+ENDLESS = ("./heli run",)
 PROGRAMS = ("./", "heli ", "ros2 ", "rosdep ", "python ", "colcon ")
-_NOT_OURS = ("mermaid", "yaml", "json", "text")
+NOT_SHELL = ("mermaid", "yaml", "json", "text")
+LIMIT_S = 280
 
 
 @dataclass(frozen=True)
@@ -81,13 +80,13 @@ def blocks(text):
             kept.append(line[4:])
         else:
             flush("")
-    return [block for block in found if block.language not in _NOT_OURS]
+    return [block for block in found if block.language not in NOT_SHELL]
 
 
 def commands(block):
     """Commands of a block, comments off; a here-document belongs to its command."""
-    if re.match(r"(from|import) \w", block.text):
-        return [f"python - <<'END'\n{block.text}\nEND"]
+    if block.language == "python" or re.match(r"(from|import) \w", block.text):
+        return [f"./heli python - <<'END'\n{block.text}\nEND"]
     found, lines = [], iter(block.text.splitlines())
     for line in lines:
         document = re.search(r"<<'?(\w+)'?", line)
@@ -112,116 +111,206 @@ def inline(text):
     return [c for c in re.findall(r"`([^`\n]+)`", plain) if c.startswith(PROGRAMS)]
 
 
-def beginning(command, table):
-    """The longest key that a command begins with, or None."""
-    keys = [key for key in table if command == key or command.startswith(key + " ")]
-    return max(keys, key=len, default=None)
+def shortened(command):
+    """The command with what makes it short."""
+    keys = [key for key in SHORTER if command == key or command.startswith(key + " ")]
+    return f"{command} {SHORTER[max(keys, key=len)]}" if keys else command
+
+
+# --- where and how commands run ------------------------------------------------------------------
 
 
 @pytest.fixture
-def folder(tmp_path):
-    """A reader's folder: the checkout's programs, and an aircraft file made as the README says."""
-    for name in ("hover_test.sh", "run_tests.sh", "heli", "src", "scripts"):
-        (tmp_path / name).symlink_to(ROOT / name)
+def clone(tmp_path):
+    """A folder with everything of the checkout, by links, in which a reader's files may be made."""
+    for path in ROOT.iterdir():
+        if path.name not in ("flights", ".git"):
+            (tmp_path / path.name).symlink_to(path)
     packaged = ROOT / "src/heli_dynamics_sim/config/aircraft/helion.yaml"
-    (tmp_path / "my_aircraft.yaml").write_text(packaged.read_text())
+    shutil.copy(packaged, tmp_path / "my_aircraft.yaml")
     return tmp_path
 
 
-def run(command, folder):
-    """Run a command in bash with this environment's Python; exit code 0 is expected."""
-    python = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+@pytest.fixture
+def bare_env():
+    """What a new terminal has: no environment of ours on the PATH, no ROS variables."""
+    kept = {"HOME", "USER", "LANG", "TMPDIR", "HELI_VENV", "PYTHON"}
+    kept |= {"XDG_CACHE_HOME", "PIP_CACHE_DIR", "UV_CACHE_DIR"}
+    env = {key: value for key, value in os.environ.items() if key in kept}
+    ours = str(Path(sys.executable).parent)
+    paths = [p for p in os.environ["PATH"].split(os.pathsep) if p != ours]
+    return {**env, "PATH": os.pathsep.join(paths), "ROS_DOMAIN_ID": str(os.getpid() % 90 + 101)}
+
+
+def run(command, folder, env):
+    """Run a command in bash; exit code 0 is expected."""
     done = subprocess.run(
-        ["bash", "-c", command], cwd=folder, env={**os.environ, "PATH": python},
-        capture_output=True, text=True, timeout=240,
+        ["bash", "-c", command], cwd=folder, env=env, capture_output=True, text=True,
+        timeout=LIMIT_S,
     )  # fmt: skip
     assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
 
 
-def check_ros_command(command):
-    """`ros2 run` and `ros2 launch` name what is there."""
-    words = command.split()
-    if words[1] == "run":
-        assert executable(words[2], words[3]).is_file()
-    if words[1] == "launch":
-        file = share_folder(words[2]) / "launch" / words[3]
-        compile(file.read_text(), str(file), "exec")
+@pytest.fixture
+def beside_a_flight(clone, bare_env):
+    """Run a command while a graph flies; the flight is interrupted afterwards."""
+
+    def beside(command):
+        flight = subprocess.Popen(
+            ["./hover_test.sh", "--realtime", "--no-report", "--duration", "600"], cwd=clone,
+            env=bare_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            flying = "until ./heli topics | grep -q odom; do :; done"
+            run(f"timeout 120 bash -c {shlex.quote(flying)}", clone, bare_env)
+            run(f"timeout 120 {command}", clone, bare_env)
+        finally:
+            os.killpg(flight.pid, signal.SIGINT)
+            flight.communicate(timeout=60)
+
+    return beside
 
 
-def follow(command, folder):
-    """Run a command or see that another test does; False if neither."""
-    if command.startswith("heli "):
-        command = f"./{command}"
-    if command.startswith("ros2 launch "):
-        check_ros_command(command)
-        return True
-    other = beginning(command, COVERED)
-    if other is not None:
-        if command.startswith("ros2 "):
-            check_ros_command(command)
-        path, name = COVERED[other].split("::")
-        return f"def {name}(" in (ROOT / path).read_text()
-    if command.startswith(("cat ", "python ")):
-        run(command, folder)
-        return True
-    short = beginning(command, SHORT)
-    if short is None:
-        return command.startswith(ROS_TOOLS)
-    run(f"{command} {SHORT[short]}", folder)
-    return True
+def run_until_it_speaks(command, folder, env):
+    """Start a command, wait for its first line, press Ctrl-C; it ends as asked."""
+    process = subprocess.Popen(
+        shlex.split(command), cwd=folder, env=env, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        first = process.stdout.readline()
+        os.killpg(process.pid, signal.SIGINT)
+        rest, _ = process.communicate(timeout=60)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode in (0, 130), f"{command}\n{first}{rest}"
+    assert "Traceback" not in first + rest
+
+
+# --- the ros2 command, by what it looks up -------------------------------------------------------
+
+
+def table_of(node_name):
+    """Parameter table of the node, by name without namespace."""
+    packages = {node.name: node.package for node in NODES}
+    packages |= {"recorder": "heli_bags", "live_view": "heli_live_view"}
+    node = node_name.strip("/").split("/")[-1]
+    assert node in packages, f"no node {node_name}"
+    return {row.name: row for row in import_module(f"{packages[node]}.parameter_table").TABLE}
+
+
+def check_run(words, launch):
+    assert executable(words[0], words[1]).is_file()
+    assert not words[2:] or words[2] == "--ros-args"
+
+
+def check_launch(words, launch):
+    assert launch(words[0], words[1], *words[2:])
+
+
+def check_param(words, launch):
+    verb, node, name, *value = words
+    assert verb in ("get", "set", "describe")
+    row = table_of(node)[name]
+    if verb == "set":
+        assert not row.read_only
+        row.check(yaml.safe_load(value[0]))
+
+
+def check_topic(words, launch):
+    verb, name, *rest = words
+    assert verb in ("echo", "hz", "info", "pub", "delay")
+    known = {topic.strip("/"): row for topic, row in topics.BY_NAME.items()}
+    assert name.strip("/") in known
+    if verb == "pub":
+        assert rest[0] == known[name.strip("/")].type
+
+
+def check_bag(words, launch):
+    assert words[0] == "record"
+    known = {topic.strip("/") for topic in topics.BY_NAME}
+    for name in (word for word in words[1:] if not word.startswith("-")):
+        assert name.strip("/") in known
+
+
+ROS2 = {
+    "run": check_run,
+    "launch": check_launch,
+    "param": check_param,
+    "topic": check_topic,
+    "bag": check_bag,
+}
+
+
+def check_ros2(command, launch):
+    """Fail unless the `ros2` command would find all that it names."""
+    words = shlex.split(command)[1:]
+    assert words[0] in ROS2, f"{command}: nobody knows what this looks up"
+    ROS2[words[0]](words[1:], launch)
 
 
 @pytest.mark.parametrize("readme", READMES)
-def test_commands_of_the_code_blocks(readme, folder):
+def test_commands_of_the_code_blocks(readme, clone, bare_env, beside_a_flight, launch):
+    """From top to bottom, as a reader would."""
     text = (ROOT / readme).read_text(encoding="utf-8")
     for block in blocks(text):
         for command in commands(block):
-            assert follow(command, folder), (
-                f"{readme}: '{command}' is neither run nor mapped; "
-                f"add it to SHORT or COVERED in {Path(__file__).name}"
-            )
+            if command.startswith("ros2 "):
+                check_ros2(command, launch)
+            elif command.startswith(NEED_A_GRAPH):
+                beside_a_flight(command)
+            elif command.startswith(ENDLESS):
+                run_until_it_speaks(command, clone, bare_env)
+            else:
+                run(shortened(command), clone, bare_env)
+
+
+# --- commands in running text --------------------------------------------------------------------
+
+
+def asked(words):
+    """Exit code of heli, however it ends."""
+    try:
+        return cli.main(words)
+    except SystemExit as stop:
+        return stop.code
 
 
 def help_of(capsys, words):
     """Help of a command of heli; sub-commands are taken as long as they are known."""
     known = []
     for word in words:
-        try:
-            code = cli.main([*known, word, "--help"]) if re.match(r"[a-z]+$", word) else 2
-        except SystemExit as stop:  # of argparse
-            code = stop.code
+        code = asked([*known, word, "--help"]) if re.match(r"[a-z]+$", word) else 2
         capsys.readouterr()
         if code:
             break
         known.append(word)
-    try:
-        assert cli.main([*known, "--help"]) == 0
-    except SystemExit as stop:
-        assert stop.code == 0
+    assert asked([*known, "--help"]) == 0
     return capsys.readouterr().out
 
 
 @pytest.mark.parametrize("readme", READMES)
-def test_commands_in_running_text(readme, capsys):
-    """Options, modules, scripts and executables that are named exist."""
+def test_commands_in_running_text(readme, capsys, launch):
+    """Options, scripts and executables that are named exist; nothing needs an activated shell."""
     for command in inline((ROOT / readme).read_text(encoding="utf-8")):
         words = shlex.split(command.replace("[", " ").replace("]", " "))
-        if words[0] in ("./heli", "heli", "./hover_test.sh"):
+        if words[0] in ("./heli", "./hover_test.sh"):
             said = help_of(capsys, ["hover"] if words[0] == "./hover_test.sh" else words[1:])
             for option in (word.split("=")[0] for word in words if word.startswith("--")):
                 assert re.search(rf"{option}\b", said), f"{readme}: {command}: {option}"
-        elif words[0] == "python" and words[1] == "-m":
-            assert importlib.util.find_spec(words[2]) is not None, f"{readme}: {command}"
-        elif words[0] == "python":
-            assert (ROOT / words[1]).is_file(), f"{readme}: {command}"
-        elif words[0] == "ros2" and len(words) > 3:
-            check_ros_command(command)
+        elif words[0] == "ros2":
+            if len(words) > 3:
+                check_ros2(command, launch)
         elif words[0].startswith("./"):
             assert os.access(ROOT / words[0], os.X_OK), f"{readme}: {command}"
+        else:
+            assert words[0] in ("colcon", "rosdep", "heli"), f"{readme}: {command}: from where?"
 
 
 class TestItself:
-    """The extraction sees what is written; a command nobody runs is refused."""
+    """The extraction sees what is written; a command that cannot be is refused."""
 
     TEXT = (
         "a\n\n    ./heli design --gamma 1   # why\n    ros2 run a b            ros2 run c d\n\n"
@@ -236,11 +325,26 @@ class TestItself:
         ]  # fmt: skip
         assert inline("use `./heli design` and\n\n    ./heli report x\n") == ["./heli design"]
 
-    def test_an_unknown_command_is_not_followed(self, tmp_path):
-        assert not follow("./heli juggle", tmp_path)
-        assert not follow("make install", tmp_path)
+    @pytest.mark.parametrize("command", ["./heli juggle", "make install", "heli hover"])
+    def test_a_command_that_fails_is_seen(self, clone, bare_env, command):
+        with pytest.raises(AssertionError, match=command):
+            run(command, clone, bare_env)
 
-    @pytest.mark.parametrize("target", COVERED.values())
-    def test_the_tests_that_are_named_exist(self, target):
-        path, name = target.split("::")
-        assert f"def {name}(" in (ROOT / path).read_text()
+    @pytest.mark.parametrize(
+        "command",
+        [
+            "ros2 run heli_flight juggle",
+            "ros2 launch heli_flight hover.launch.py gps:=none",
+            "ros2 launch heli_flight hover.launch.py sead:=1",
+            "ros2 param set /inner_loop gama 0.056",
+            "ros2 param set /inner_loop gamma -1.0",
+            "ros2 param set /juggler gamma 0.056",
+            "ros2 topic echo /no/such/topic",
+            "ros2 topic pub /odom std_msgs/msg/String hello",
+            "ros2 bag record /no/such/topic",
+            "ros2 juggle",
+        ],
+    )
+    def test_a_ros2_command_that_finds_nothing_is_refused(self, command, launch):
+        with pytest.raises((AssertionError, KeyError, OSError, ParameterError, RuntimeError)):
+            check_ros2(command, launch)

@@ -20,7 +20,7 @@ import yaml
 from heli_parameters.locate import executable, share_folder
 
 
-class LaunchError(Exception):
+class LaunchError(RuntimeError):
     """What `ros2 launch` would refuse, in its own way."""
 
 
