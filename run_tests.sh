@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs every check: lint, format, types, tests. Arguments go to pytest (./run_tests.sh src/heli_observer -k bias).
+# Runs every check: lint, format, types, import contracts, tests. Arguments go to pytest (./run_tests.sh src/heli_observer -k bias).
 set -euo pipefail
 shopt -s lastpipe
 trap 'echo interrupted >&2; exit 130' INT
@@ -14,4 +14,5 @@ heli_setup_env test
 "$HELI_PYTHON" -m ruff check "$HELI_ROOT"
 "$HELI_PYTHON" -m ruff format --check "$HELI_ROOT"
 (cd -- "$HELI_ROOT" && "$HELI_PYTHON" -m mypy)
+(cd -- "$HELI_ROOT" && "$HELI_PYTHON" -c "from importlinter.cli import lint_imports_command; lint_imports_command()" --no-logo --no-cache)
 exec "$HELI_PYTHON" -m pytest --rootdir="$HELI_ROOT" --config-file="$HELI_ROOT/pyproject.toml" "$@"

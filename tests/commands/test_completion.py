@@ -93,12 +93,6 @@ class TestWithoutATerminal:
         out, _ = capsys.readouterr()
         assert re.search(r"(outside the paper's figures|lost): rtk, seed 1: ", out)
 
-    def test_campaign_as_a_module_is_the_command(self):
-        words = ("-m", "heli_flight.studies.campaign", "--seeds", "1..x")
-        done = subprocess.run([HELI[0], *words], capture_output=True, text=True, timeout=150)
-        assert done.returncode == 2
-        assert done.stderr == "heli: --seeds 1..x: write 1..20, 7 or 1,5,9\n"
-
     def test_hover_json_is_the_flights_result(self, capsys, tmp_path):
         out = tmp_path / "flight"
         words = ["hover", "--one-process", "--no-report", "--duration", "8", "--out", str(out)]

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+# What run_tests.sh asks Python for with -m; the import contracts are asked for with -c.
+CHECKS = ["ruff", "ruff", "mypy", "pytest"]
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = (
     "bash cat chmod cp cut dirname env flock grep mkdir mktemp mv readlink rm rmdir "
@@ -396,9 +398,9 @@ def test_tests_add_their_tools_once(checkout):
     asked = calls(checkout)
     assert "/.venv/heli_uv/bin/uv --python" in asked[0]
     assert asked[0].endswith("requirements/test.txt")
-    assert [line.split()[1] for line in asked[1:]] == ["ruff", "ruff", "mypy", "pytest"]
+    assert [line.split()[1] for line in asked[1:]] == CHECKS
     start(checkout, "run_tests.sh")
-    assert [line.split()[1] for line in calls(checkout)] == ["ruff", "ruff", "mypy", "pytest"]
+    assert [line.split()[1] for line in calls(checkout)] == CHECKS
 
 
 def test_sourced_jazzy_without_rclpy(checkout):

@@ -65,6 +65,33 @@ def steps(what: str, total: int) -> Iterator[Callable[[int], None]]:
 
 
 @contextlib.contextmanager
+def flight_time(out: Console, duration_s: float) -> Iterator[Callable[[float], None]]:
+    """A bar over simulation time; lines now and then where there is no terminal."""
+    if not out.is_terminal:
+        tenth = [0]
+
+        def plain(flight_s: float) -> None:
+            done = int(10.0 * flight_s / duration_s)
+            if done > tenth[0]:
+                tenth[0] = done
+                out.print(f"flown {flight_s:.0f} s of {duration_s:.0f} s", highlight=False)
+
+        yield plain
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f}/{task.total:.0f} s flown"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=out) as bar:
+        task = bar.add_task("flight", total=duration_s)
+        yield lambda flight_s: bar.update(task, completed=flight_s)
+
+
+@contextlib.contextmanager
 def amount(what: str) -> Iterator[Callable[[int, int], None]]:
     """Progress on stderr of work that may be short: gives a function that takes done and total.
 

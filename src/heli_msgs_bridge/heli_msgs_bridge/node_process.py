@@ -12,7 +12,7 @@ import threading
 from collections.abc import Sequence
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 
@@ -60,7 +60,7 @@ def _spin(node: ManagedNode) -> int:
         executor.shutdown()
 
 
-def _serve(node: ManagedNode, executor: EventsExecutor) -> int:
+def _serve(node: ManagedNode, executor: Executor) -> int:
     if node.values["autostart"]:
         for transition in (node.trigger_configure, node.trigger_activate):
             if transition() != _SUCCESS:

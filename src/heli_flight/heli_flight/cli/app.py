@@ -8,7 +8,8 @@ A sub-command imports what it needs when it runs, so that help and completion ar
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -68,6 +69,10 @@ def hover(context: typer.Context) -> int:
     return hover_test.command(context.args, prog="heli hover")
 
 
+def _told(progress: Callable[[int], None], first: int, count: int) -> None:
+    progress(first + count)
+
+
 @app.command(
     epilog="\b\nexample:\n  heli campaign --seeds 1..20 --gps rtk --json > campaign.json\n\n"
     "exit code: 0 inside the paper's figures, 1 outside on a seed or helicopter lost, 2 bad input"
@@ -97,9 +102,8 @@ def campaign(
     start, columns, done = time.monotonic(), {}, 0
     with steps("flights", len(numbers) * len(presets)) as progress:
         for name in presets:
-            columns[name] = many.fly_seeds(
-                settings[name], numbers, lambda n, done=done: progress(done + n)
-            )
+            told = partial(_told, progress, done)
+            columns[name] = many.fly_seeds(settings[name], numbers, told)
             done += len(numbers)
     code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
     if as_json:

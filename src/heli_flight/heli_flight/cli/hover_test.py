@@ -2,35 +2,23 @@
 """The command behind ./hover_test.sh: bring the graph up, fly, record, compare with the paper."""
 
 import argparse
-import contextlib
-import shutil
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from heli_bags.reader import Remark
 from heli_flight import interrupts
 from heli_flight.errors import FlightError, StartError
-from heli_flight.graph.live import add_options, check_options, live_view
-from heli_flight.graph.processes import check_middleware, start_server
-from heli_flight.loop.flight_file import NAME, write_parameters
+from heli_flight.graph.live import LiveOrder
 from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS, REAL_TIME
 from heli_flight.loop.layers import GPS_PRESETS, scenario_names
-from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import (
     EXIT_BAD_INPUT,
     EXIT_OUTSIDE,
     RESULT,
-    Result,
-    print_table,
-    write_result,
 )
-from heli_flight.loop.settings import Settings, resolve
-from heli_flight.terminal import NewFolder, being_filled
+from heli_flight.studies.flight import FlightOrder, fly_and_write
 from heli_inner_hinf.law_state import CONTROLLERS
 from heli_parameters.parameters import ParameterError
 
@@ -105,95 +93,29 @@ def parser(prog: str = "hover_test.sh") -> argparse.ArgumentParser:
         action="store_false",
         help="write no report.html and no figures",
     )
-    add_options(p)
+    _add_live_options(p)
     return p
 
 
-def _free_name(scenario: str, gps: str, seed: int) -> Path:
-    """Name of the folder of a flight that is not told where to write."""
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    base = Path("flights") / f"{stamp}-{scenario}-{gps}-seed{seed}"
-    wanted, count = base, 1
-    while wanted.exists():
-        count += 1
-        wanted = base.with_name(f"{base.name}-{count}")
-    return wanted
-
-
-@contextlib.contextmanager
-def _progress_bar(console: Console, duration_s: float) -> Iterator:
-    """A bar over simulation time; lines now and then where there is no terminal."""
-    if not console.is_terminal:
-        tenth = [0]
-
-        def plain(flight_s: float) -> None:
-            done = int(10.0 * flight_s / duration_s)
-            if done > tenth[0]:
-                tenth[0] = done
-                console.print(f"flown {flight_s:.0f} s of {duration_s:.0f} s", highlight=False)
-
-        yield plain
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.1f}/{task.total:.0f} s flown"),
-        TimeElapsedColumn(),
+def _add_live_options(parser: argparse.ArgumentParser) -> None:
+    """Options of the live view."""
+    group = parser.add_argument_group("live view")
+    group.add_argument(
+        "--live",
+        action="store_true",
+        help="show the flight in a browser and to Foxglove; in real time",
     )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("flight", total=duration_s)
-        yield lambda flight_s: bar.update(task, completed=flight_s)
-
-
-def _fly_one_process(settings: Settings, console: Console) -> tuple[Result, FlightRecord]:
-    from heli_flight.loop import closed_loop
-    from heli_flight.loop.scoring import score
-
-    closed_loop.simulate(_shortened(settings))  # loads the compiled loop, so that flying is timed
-    start = time.monotonic()
-    with _progress_bar(console, settings.scenario.n_ticks / 100.0) as progress:
-        flight = closed_loop.simulate(settings, progress=progress)
-    wall = time.monotonic() - start
-    scores, flown_s = score(flight.record, settings.scenario), len(flight.record) / 100.0
-    return Result(scores, flight.sentence, flown_s, wall), flight.record
-
-
-def _report(
-    record: FlightRecord,
-    remarks: Sequence[Remark],
-    settings: Settings,
-    result: Result,
-    folder: Path,
-    mode: str,
-    console: Console,
-) -> None:
-    """Write report.html and figures; a disk that is full costs the report, not the flight."""
-    from heli_flight.report import FIGURES, PAGE, events_of, write_report
-
-    how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
-    try:
-        page = write_report(record, settings, result, folder, how, events_of(remarks, settings))
-    except OSError as error:
-        console.print(f"no report: {error}", highlight=False)
-        return
-    except KeyboardInterrupt:
-        (folder / PAGE).unlink(missing_ok=True)
-        shutil.rmtree(folder / FIGURES, ignore_errors=True)
-        raise
-    console.print(f"report: {page}", highlight=False, soft_wrap=True)
-
-
-def _say(console: Console) -> Callable[[str], None]:
-    """Prints a line as it is, for addresses that are to be clicked or copied."""
-    return lambda line: console.print(line, highlight=False, soft_wrap=True, markup=False)
-
-
-def _shortened(settings: Settings) -> Settings:
-    from dataclasses import replace
-
-    return replace(settings, scenario=replace(settings.scenario, n_ticks=4))
+    group.add_argument(
+        "--live-port", type=int, metavar="PORT", help="port of the page, 0: any (default 8080)"
+    )
+    group.add_argument(
+        "--foxglove-port", type=int, metavar="PORT", help="port for Foxglove, 0: any (default 8765)"
+    )
+    group.add_argument(
+        "--allow-commands",
+        action="store_true",
+        help="print a token that lets its holder command gusts, mode and reference",
+    )
 
 
 def _mode(options: argparse.Namespace) -> str | None:
@@ -216,86 +138,21 @@ def _mode(options: argparse.Namespace) -> str | None:
     return next(iter(given.values()), None)
 
 
-def _noted(folder: NewFolder, progress: Callable[[float], None]) -> Callable[[float], None]:
-    """Progress that notes that there is something to keep once the helicopter flies."""
-
-    def note(flight_s: float) -> None:
-        folder.stays = folder.stays or flight_s > 0.0
-        progress(flight_s)
-
-    return note
-
-
-def _flown(
-    options: argparse.Namespace, settings: Settings, folder: NewFolder, console: Console
-) -> tuple[Result, Mapping[str, Any], FlightRecord, Sequence[Remark]]:
-    """Fly as the options say: the outcome, what result.json holds beside it, record, remarks."""
-    write_parameters(settings, folder.path / NAME)
-    if settings.mode == ONE_PROCESS:
-        result, record = _fly_one_process(settings, console)
-        return result, {"mode": ONE_PROCESS}, record, ()
-    check_middleware()
-    start_server()
-    from heli_flight.graph.flight import fly_graph
-
-    interrupts.check()
-    live = live_view(options, settings)
-    with _progress_bar(console, settings.scenario.n_ticks / 100.0) as bar:
-        progress = _noted(folder, bar)
-        try:
-            result, extra, flight = fly_graph(settings, folder.path, progress, live, _say(console))
-        except FlightError as error:
-            folder.stays |= not isinstance(error, StartError)
-            raise
-    return result, extra, flight.record, flight.remarks
-
-
-def fly(options: argparse.Namespace, console: Console) -> int:
-    """Resolve, fly, score, write; returns the exit code.
-
-    Raises
-    ------
-    ParameterError, MissingFileError
-        Bad input.
-    StartError
-        The graph could not be brought up.
-    FlightError
-        The graph broke in flight; the bag so far is kept, as it is when Ctrl-C ends a flight.
-    """
-    check_options(options)
-    settings = resolve(
-        options.scenario,
-        options.gps,
-        options.seed,
-        options.duration,
-        _mode(options),
-        options.params,
+def _order(options: argparse.Namespace) -> FlightOrder:
+    """The order that the options give; raises ParameterError."""
+    live = LiveOrder(options.live, options.live_port, options.foxglove_port, options.allow_commands)
+    return FlightOrder(
+        scenario=options.scenario,
+        gps=options.gps,
         controller=options.controller,
+        seed=options.seed,
+        duration_s=options.duration,
+        mode=_mode(options),
+        params=options.params,
+        out=options.out,
+        report=options.report,
+        live=live,
     )
-    for remark in settings.remarks:
-        _say(console)(remark)
-    folder = options.out or _free_name(settings.scenario_name, settings.gps, settings.seed)
-    with being_filled(folder) as new:
-        result, extra, record, remarks = _flown(options, settings, new, console)
-        with interrupts.held_back():
-            write_result(result, settings, folder, extra)
-            new.stays = True
-    print_table(result, settings, console)
-    if options.report:
-        _report(record, remarks, settings, result, folder, extra["mode"], console)
-    factor = result.flown_s / result.wall_s if result.wall_s > 0 else 0.0
-    console.print(
-        f"{result.flown_s:.2f} s flown in {result.wall_s:.2f} s ({factor:.2f} times real time)",
-        highlight=False,
-    )
-    console.print(f"written: {folder}", highlight=False, soft_wrap=True)
-    if options.as_json:
-        print((folder / RESULT).read_text(encoding="utf-8"), end="")
-    code = result.exit_code(settings.gps)
-    if code and not result.lost:
-        names = ", ".join(f"{s.metric.label} ({s.source})" for s in result.judged(settings.gps))
-        console.print(f"outside the paper's figures: {names}", highlight=False)
-    return code
 
 
 def command(argv: Sequence[str] | None, prog: str) -> int:
@@ -304,7 +161,10 @@ def command(argv: Sequence[str] | None, prog: str) -> int:
     stream = sys.stderr if options.as_json else sys.stdout
     console = Console(stderr=options.as_json, width=None if stream.isatty() else 110)
     try:
-        return fly(options, console)
+        outcome = fly_and_write(_order(options), console)
+        if options.as_json:
+            print((outcome.folder / RESULT).read_text(encoding="utf-8"), end="")
+        return outcome.code
     except (ParameterError, OSError, FlightError, ValueError) as error:
         print(f"hover_test: {error}", file=sys.stderr)
         broken = isinstance(error, FlightError) and not isinstance(error, StartError)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hover test's live view: its options, its parameters, its token."""
 
-import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,63 +34,53 @@ class LiveView:
     token: str = ""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options of the live view."""
-    group = parser.add_argument_group("live view")
-    group.add_argument(
-        "--live",
-        action="store_true",
-        help="show the flight in a browser and to Foxglove; in real time",
-    )
-    group.add_argument(
-        "--live-port", type=int, metavar="PORT", help="port of the page, 0: any (default 8080)"
-    )
-    group.add_argument(
-        "--foxglove-port", type=int, metavar="PORT", help="port for Foxglove, 0: any (default 8765)"
-    )
-    group.add_argument(
-        "--allow-commands",
-        action="store_true",
-        help="print a token that lets its holder command gusts, mode and reference",
-    )
+@dataclass(frozen=True)
+class LiveOrder:
+    """What the options ask of the live view; None where the parameter files decide."""
+
+    on: bool = False
+    port: int | None = None
+    foxglove_port: int | None = None
+    allow_commands: bool = False
 
 
-def check_options(options: argparse.Namespace) -> None:
+def check_options(order: LiveOrder, one_process: bool) -> None:
     """Raise ParameterError for options that do not go together."""
-    if options.live:
-        if options.one_process:
+    if order.on:
+        if one_process:
             raise ParameterError("--live: shows the ROS graph; it does not go with --one-process")
         return
     given = {
-        "--live-port": options.live_port is not None,
-        "--foxglove-port": options.foxglove_port is not None,
-        "--allow-commands": options.allow_commands,
+        "--live-port": order.port is not None,
+        "--foxglove-port": order.foxglove_port is not None,
+        "--allow-commands": order.allow_commands,
     }
     for name, is_given in given.items():
         if is_given:
             raise ParameterError(f"{name}: needs --live")
 
 
-def live_view(options: argparse.Namespace, settings: Settings) -> LiveView | None:
-    """The live view that the options ask for; None without --live.
+def live_view(order: LiveOrder, settings: Settings) -> LiveView | None:
+    """The live view that is asked for; None without --live.
 
     Raises
     ------
     ParameterError
         A value that is not allowed.
     """
-    if not options.live:
+    if not order.on:
         return None
     table = with_common(TABLE)
     own = config_folder("heli_live_view") / f"{NODE_NAME}.yaml"
     values = load(table, [own, *settings.files], NODE_NAME)
     values |= _of_flight(settings)
     rows = {row.name: row for row in table}
-    for name, option in (("port", "--live-port"), ("foxglove_port", "--foxglove-port")):
-        value = getattr(options, option.removeprefix("--").replace("-", "_"))
+    asked = (("port", "--live-port", order.port),
+             ("foxglove_port", "--foxglove-port", order.foxglove_port))  # fmt: skip
+    for name, option, value in asked:
         if value is not None:
             values[name] = _checked(rows[name], value, option)
-    if options.allow_commands:
+    if order.allow_commands:
         values["allow_commands"] = True
     return LiveView(values, new_token() if values["allow_commands"] else "")
 

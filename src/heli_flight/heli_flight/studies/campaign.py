@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many flights of a scenario in one process: largest value over seeds per metric, beside the paper.
 
-`heli campaign`, or `python -m heli_flight.studies.campaign` with the same options.
+The command is `heli campaign`.
 """
 
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -135,9 +134,3 @@ def as_dict(
             "flights": flights,
         }
     return content
-
-
-if __name__ == "__main__":
-    from heli_flight.cli.app import main
-
-    sys.exit(main(["campaign", *sys.argv[1:]]))

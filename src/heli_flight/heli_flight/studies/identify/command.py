@@ -15,6 +15,7 @@ from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
 from heli_flight.loop.result import versions
 from heli_flight.loop.settings import Settings, resolve
+from heli_flight.studies.flight import FlightOrder, fly_and_write
 from heli_flight.studies.identify.compare import Row, Truth, misses, table, truth_of
 from heli_flight.studies.identify.data import (
     experiment_of_bag,
@@ -259,19 +260,15 @@ def _two_sigma(row: Row) -> str:
 
 def fly_hover(wanted: Wanted, folder: Path, out: Console) -> int:
     """The hover test with what was identified; exit code of the hover test."""
-    from heli_flight.cli import hover_test
-
-    arguments = ["--out", str(folder / HOVER), "--scenario", "hover"]
-    if wanted.gps is not None:
-        arguments += ["--gps", wanted.gps]
-    if wanted.seed is not None:
-        arguments += ["--seed", str(wanted.seed)]
-    if wanted.one_process:
-        arguments.append("--one-process")
-    for file in (*layers(wanted), folder / YAML):
-        arguments += ["--params", str(file)]
-    options = hover_test.parser("heli identify").parse_args(arguments)
-    return hover_test.fly(options, out)
+    order = FlightOrder(
+        scenario="hover",
+        gps=wanted.gps,
+        seed=wanted.seed,
+        mode=ONE_PROCESS if wanted.one_process else None,
+        params=[*layers(wanted), folder / YAML],
+        out=folder / HOVER,
+    )
+    return fly_and_write(order, out).code
 
 
 def execute(wanted: Wanted, folder: Path) -> Outcome:
