@@ -12,7 +12,7 @@ import shutil
 import sqlite3
 import struct
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -34,7 +34,10 @@ from heli_bags.folder import BagError, Channel, reason
 # Every record begins with its opcode and length. Framed here, because the library's reader stops
 # with an exception where a file is cut off, and we go on with what there is.
 _HEAD = struct.Struct("<BQ")
-_READERS = {Opcode.SCHEMA: records.Schema.read, Opcode.CHANNEL: records.Channel.read}
+_READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    Opcode.SCHEMA: records.Schema.read,
+    Opcode.CHANNEL: records.Channel.read,
+}
 _COMPRESSIONS = ("", "lz4", "zstd")
 _DAMAGED = (McapError, ValueError, RuntimeError, struct.error, zstandard.ZstdError)
 _ROWS = "SELECT id, topic_id, timestamp, data FROM messages"
