@@ -13,9 +13,9 @@ from heli_identification.collective import (
     relative_air_w,
 )
 from heli_identification.errors import Cause, IdentificationError
-from heli_identification.experiment import Experiment
+from heli_identification.experiment import CHANNELS, Experiment
 from heli_identification.gusts import IdentifiedE, fit_gusts
-from heli_identification.measured import CHANNELS, MeasuredResponse, measured_response
+from heli_identification.measured import MeasuredResponse, measured_response
 from heli_identification.trim import IdentifiedTrim, trim_of
 
 __all__ = [

@@ -15,9 +15,11 @@ from heli_identification.estimator import (
     summary,
 )
 from heli_identification.experiment import ACTUATORS, RATES, Array, Experiment
-from heli_identification.response import FAST, FastModel, transfer
+from heli_identification.places import AIR, FAST, STATE
+from heli_identification.places import RATES as RATE_STATES
+from heli_identification.response import FAST_STATES, SERVOS, FastModel, transfer
 from heli_identification.selection import select
-from heli_identification.spectra import GUST, VEL, Spectra, Y, spectra_of
+from heli_identification.spectra import GUST, INPUTS, VEL, Spectra, Y, spectra_of
 from heli_identification.start import StartSearch
 from heli_identification.structure import (
     DAMPING,
@@ -30,6 +32,7 @@ from heli_identification.structure import (
     place_of,
     values_of,
 )
+from heli_math.rows import ACTUATOR, NINE
 from heli_math.ticks import TICK_S
 
 LEAST_COHERENCE = 0.6
@@ -108,7 +111,7 @@ def channel_coherence(spectra: Spectra) -> dict[str, float]:
     """
     noise = spectra.noise_covariance()
     result = {}
-    for i, (actuator, rate) in enumerate(zip(ACTUATORS[:3], RATES, strict=True)):
+    for i, (actuator, rate) in enumerate(zip(ACTUATORS[ACTUATOR.attitude], RATES, strict=True)):
         own = spectra.own(i, _LEAST_LINES)
         power = np.abs(spectra.z[own, i]) ** 2
         scatter = noise[own, i, i].real * spectra.periods
@@ -213,7 +216,7 @@ def refit_actuators(experiment: Experiment, identified: IdentifiedAB, E: Array) 
     """
     spectra = spectra_of(experiment)
     wind = np.zeros_like(identified.fast.E)
-    wind[:, :3] = E[FAST]
+    wind[:, AIR.velocity] = E[FAST]
     base = replace(identified.fast, E=wind, delay_s=identified.delay_ticks * TICK_S)
     known = ("E(", DELAY)
     kept = tuple(n for n in identified.estimate.names if not n.startswith(known))
@@ -283,15 +286,15 @@ def effect_shares(
     values: entries to take in place of the model's, the largest in the row still being the model's.
     """
     response = transfer(model, spectra.omega_radps, states=True)
-    states = (response @ spectra.z[:, 3:, None])[:, :, 0]
-    states[:, [0, 1, 4]] = spectra.z[:, Y]
+    states = (response @ spectra.z[:, INPUTS, None])[:, :, 0]
+    states[:, RATE_STATES] = spectra.z[:, Y]
     wind = spectra.z[:, GUST] - spectra.z[:, VEL]
-    columns = {"A": states[:, :6], "B": states[:, 6:10], "E": wind}
+    columns = {"A": states[:, FAST_STATES], "B": states[:, SERVOS], "E": wind}
     rms = {key: np.sqrt(np.mean(np.abs(c) ** 2, axis=0)) for key, c in columns.items()}
-    matrix = {"A": model.A, "B": model.B, "E": model.E[:, :3]}
+    matrix = {"A": model.A, "B": model.B, "E": model.E[:, AIR.velocity]}
     largest = np.max(np.hstack([np.abs(matrix[key]) * rms[key] for key in rms]), axis=1)
     shares = {}
-    for i, name in ((2, "A(a_s,a_s)"), (3, "A(b_s,b_s)")):
+    for i, name in ((STATE.a_s, "A(a_s,a_s)"), (STATE.b_s, "A(b_s,b_s)")):
         shares[name] = float(abs(model.A[i, i]) * rms["A"][i] / max(largest[i], 1e-300))
     for name in names:
         place = place_of(name)
@@ -318,13 +321,13 @@ def _identified(
     for name, value in sigma.items():
         place = place_of(name)
         if name == FLAPPING:
-            A_sigma[4, 4] = A_sigma[5, 5] = value
+            A_sigma[NINE.a_s, NINE.a_s] = A_sigma[NINE.b_s, NINE.b_s] = value
         if place is not None and place.matrix == "A":
-            A_sigma[place.row + 2, place.column + 2] = value
-        if place is not None and place.matrix == "B" and place.column < 3:
-            B_sigma[place.row + 2, place.column] = value
-    B_col = np.zeros(9)
-    B_col[2:8] = model.B[:, 3]
+            A_sigma[FAST, FAST][place.row, place.column] = value
+        if place is not None and place.matrix == "B" and place.column < ACTUATOR.col:
+            B_sigma[FAST][place.row, place.column] = value
+    B_col = np.zeros(len(NINE))
+    B_col[FAST] = model.B[:, ACTUATOR.col]
     return IdentifiedAB(
         A=A,
         B=B,

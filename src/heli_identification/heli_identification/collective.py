@@ -8,13 +8,15 @@ from scipy.signal import lfilter
 
 from heli_identification.actuators import IdentifiedAB
 from heli_identification.errors import Cause, IdentificationError
-from heli_identification.experiment import Array, Experiment
-from heli_identification.response import transfer
-from heli_identification.spectra import GUST, VEL, U, hann_amplitudes, spectra_of
+from heli_identification.experiment import CHANNELS, Array, Experiment
+from heli_identification.places import AIR
+from heli_identification.response import SERVOS, transfer
+from heli_identification.spectra import GUST, INPUTS, VEL, U, hann_amplitudes, spectra_of
 from heli_math.linear_systems import held, with_servos
+from heli_math.rows import ACTUATOR
 from heli_math.ticks import TICK_S
 
-_COL, _GUST_W = 3, 6
+_COL, _GUST_W = CHANNELS.index("col"), CHANNELS.index("w")
 _LEAST_LINES = 4
 _LARGEST_ERROR = 0.2
 
@@ -91,9 +93,10 @@ def fit_collective(
             cause, f"excitation_u.col has {count} lines, at least {_LEAST_LINES} are needed"
         )
     force = hann_amplitudes(experiment.steady().accel_body_mps2[:, 2:])[:, 0]
-    servo = transfer(identified.fast, spectra.omega_radps, states=True)[:, 6 + _COL]
-    position = servo[:, U.start - 3 + _COL] * spectra.z[:, U.start + _COL]
-    wind = spectra.z[:, GUST.start + 2] - spectra.z[:, VEL.start + 2]
+    servo = transfer(identified.fast, spectra.omega_radps, states=True)[:, SERVOS][:, ACTUATOR.col]
+    command = U.start + ACTUATOR.col
+    position = servo[:, command - INPUTS.start] * spectra.z[:, command]
+    wind = (spectra.z[:, GUST] - spectra.z[:, VEL])[:, AIR.w]
     scatter = np.mean(np.abs(force[spectra.noise_bins][spectra.neighbours]) ** 2, axis=1)
     weight = 1.0 / np.sqrt(scatter[own])
     M = np.column_stack([position[own], wind[own]]) * weight[:, None]
@@ -141,10 +144,10 @@ def relative_air_w(
             f"gust_body_mps.w has {int(own.sum())} lines, at least {_LEAST_LINES} are needed",
         )
     steady = experiment.steady()
-    position = _servo(steady.u[:, _COL], identified)
+    position = _servo(steady.u[:, ACTUATOR.col], identified)
     rest = steady.accel_body_mps2[:, 2] - collective.force_per_collective * position
     force = hann_amplitudes(rest[:, None])[:, 0][spectra.bins[own]]
-    wind = spectra.z[own, GUST.start + 2] - spectra.z[own, VEL.start + 2]
+    wind = (spectra.z[own, GUST] - spectra.z[own, VEL])[:, AIR.w]
     per_w = float(np.real(np.vdot(wind, force)) / np.real(np.vdot(wind, wind)))
     return (rest - rest.mean()) / per_w
 

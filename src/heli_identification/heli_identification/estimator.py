@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from heli_identification.errors import Cause, IdentificationError
 from heli_identification.experiment import Array
 from heli_identification.response import FastModel, transfer
-from heli_identification.spectra import ComplexArray, Spectra
+from heli_identification.spectra import INPUTS, ComplexArray, Spectra, Y
 from heli_identification.structure import DAMPING, DELAY, SERVO, assemble, place_of
 
 N_RATE = 3
@@ -155,12 +155,12 @@ class Problem:
 
 
 def _error(model: FastModel, omega: Array, z: ComplexArray) -> ComplexArray:
-    return z[:, :3] - (transfer(model, omega) @ z[:, 3:, None])[:, :, 0]
+    return z[:, Y] - (transfer(model, omega) @ z[:, INPUTS, None])[:, :, 0]
 
 
 def _local_power(spectra: Spectra) -> Array:
     """Mean squared response (L, 3) over the lines around each: distortion spreads between lines."""
-    power = np.abs(spectra.z[:, :3]) ** 2
+    power = np.abs(spectra.z[:, Y]) ** 2
     width = min(2 * _AROUND + 1, power.shape[0])
     first = np.clip(np.arange(power.shape[0]) - _AROUND, 0, power.shape[0] - width)
     return np.asarray(power[first[:, None] + np.arange(width)].mean(axis=1))

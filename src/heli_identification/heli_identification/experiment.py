@@ -7,13 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_identification.errors import Cause, IdentificationError
-from heli_math.ticks import TICK_S
+from heli_math.ticks import TICK_S, ticks_in
 
 Array = NDArray[np.float64]
 
 RATES = ("p", "q", "r")
 ACTUATORS = ("lat", "lon", "ped", "col")
 WIND = ("u", "v", "w")
+CHANNELS = (*ACTUATORS, *WIND)
+"""What can be excited: actuators as sent, gusts in body axes (m/s)."""
 LEAST_PERIODS = 4
 _WIDTH = {
     "time_s": 0,
@@ -88,7 +90,7 @@ class Experiment:
     @property
     def period_ticks(self) -> int:
         """Ticks of one period."""
-        return round(self.period_s / TICK_S)
+        return ticks_in(self.period_s)
 
     def steady(self) -> "Experiment":
         """The evaluated periods alone, checked.

@@ -11,9 +11,11 @@ from heli_identification.actuators import LEAST_COHERENCE, IdentifiedAB
 from heli_identification.errors import Cause, IdentificationError
 from heli_identification.estimator import Estimate, Problem, estimate
 from heli_identification.experiment import WIND, Array, Experiment
+from heli_identification.places import AIR, FAST, STATE
 from heli_identification.response import transfer
 from heli_identification.spectra import GUST, Spectra, U, Y, spectra_of
 from heli_identification.structure import gust_parameters, place_of, values_of
+from heli_math.rows import NINE
 
 _LEAST_LINES = 4
 _MOST_TURBULENCE_MPS, _MOST_MEAN_MPS = 1.5, 0.5
@@ -137,19 +139,19 @@ def fit_gusts(
     fitted = estimate(problem, first.values, joint=False, progress=progress)
     model = problem.model(fitted.values)
     E, sigma = np.zeros((9, 3)), np.zeros((9, 3))
-    E[2:8] = model.E[:, :3]
+    E[FAST] = model.E[:, AIR.velocity]
     for name, value in zip(names, fitted.sigma, strict=True):
         place = place_of(name)
         assert place is not None
-        if place.column < 3:
-            sigma[place.row + 2, place.column] = value
-    kink = float(model.E[4, 3])
-    E_rw = {name: float(E[6, 2] + sign * kink) for name, sign in SIDES.items()}
-    E[6, 2] = E_rw[side]
+        if place.column != AIR.kink:
+            sigma[FAST][place.row, place.column] = value
+    kink = float(model.E[STATE.r, AIR.kink])
+    E_rw = {name: float(E[NINE.r, AIR.w] + sign * kink) for name, sign in SIDES.items()}
+    E[NINE.r, AIR.w] = E_rw[side]
     i, j = names.index("E(r,w)"), names.index("E(r,|w|)")
     mix = np.zeros(len(names))
     mix[i], mix[j] = 1.0, SIDES[side]
-    sigma[6, 2] = float(np.sqrt(mix @ fitted.covariance @ mix))
+    sigma[NINE.r, AIR.w] = float(np.sqrt(mix @ fitted.covariance @ mix))
     return IdentifiedE(
         E=E,
         E_sigma=sigma,
@@ -210,7 +212,7 @@ def _shares(E: Array, spectra: Spectra) -> dict[str, float]:
     """Effect of each entry of E per row for gusts as strong as those flown."""
     rms = np.sqrt(np.mean(np.abs(spectra.z[:, GUST]) ** 2, axis=0))
     shares = {}
-    for name, row in (("p", 2), ("q", 3), ("r", 6)):
+    for name, row in (("p", NINE.p), ("q", NINE.q), ("r", NINE.r)):
         effect = np.abs(E[row]) * rms
         for axis, value in zip(WIND, effect, strict=True):
             shares[f"E({name},{axis})"] = float(value / max(effect.max(), 1e-300))

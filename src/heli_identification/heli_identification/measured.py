@@ -9,12 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from heli_identification.experiment import ACTUATORS, RATES, WIND, Array
+from heli_identification.experiment import CHANNELS, RATES, Array
 from heli_identification.response import FastModel, transfer
 from heli_identification.spectra import ComplexArray, Spectra, U
-
-CHANNELS = (*ACTUATORS, *WIND)
-"""What can be excited: actuators as sent, gusts in body axes (m/s)."""
 
 
 @dataclass(frozen=True)

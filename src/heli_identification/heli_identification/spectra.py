@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from heli_identification.errors import Cause, IdentificationError
-from heli_identification.experiment import ACTUATORS, WIND, Array, Experiment
+from heli_identification.experiment import ACTUATORS, CHANNELS, WIND, Array, Experiment
 from heli_math.ticks import TICK_S
 
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.int64]
 
 Y, U, GUST, KINK, VEL = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 11), slice(11, 14)
-N_SIGNAL = 14
-KINK_LINE = 7
+INPUTS = slice(3, 14)
+"""All signals behind the rates."""
+KINK_LINE = len(CHANNELS)
 _KINK = 0.1  # of the largest line of |w|: the kink's lines that are used
 _NOISE_BINS = 24  # per line
 _LEAST_BINS = 12
@@ -50,11 +51,11 @@ class Spectra:
     omega_radps : (L,) array
     channel : (L,) array of int
         Which channel drives the line: 0..3 actuators, 4..6 gust, KINK_LINE the |w| of the gust.
-    z : (L, N_SIGNAL) complex array
+    z : (L, 14) complex array
         Amplitudes at the lines.
     noise_bins : (M,) array of int
     noise_omega_radps : (M,) array
-    noise_z : (M, N_SIGNAL) complex array
+    noise_z : (M, 14) complex array
         Amplitudes at the noise bins.
     neighbours : (L, K) array of int
         Noise bins next to each line.
@@ -87,7 +88,7 @@ class Spectra:
         return own
 
     def noise_covariance(self) -> ComplexArray:
-        """Covariance (L, N_SIGNAL, N_SIGNAL) of z, from the neighbouring noise bins."""
+        """Covariance (L, 14, 14) of z, from the neighbouring noise bins."""
         near = self.noise_z[self.neighbours]
         return np.einsum("lki,lkj->lij", near, near.conj()) / near.shape[1]
 

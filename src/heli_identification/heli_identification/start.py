@@ -11,18 +11,60 @@ hardly be told from the flapping rate here.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from heli_identification.experiment import Array
+from heli_identification.places import AIR, STATE
 from heli_identification.response import FastModel
 from heli_identification.spectra import GUST, VEL, ComplexArray, Spectra, U, Y
+from heli_identification.structure import empty_matrices
+from heli_math.rows import ACTUATOR
 from heli_math.ticks import TICK_S
 
 _SERVOS_RADPS = (20.0, 45.0, 90.0)
 _FLAPPING_1PS = (2.0, 6.0, 20.0)
+_CYCLIC, _DIRECT = slice(ACTUATOR.lat, ACTUATOR.ped), slice(ACTUATOR.ped, ACTUATOR.size)
 _LOWEST_RADPS = 1.0  # below, turbulence and drift weigh more than they tell
+
+
+class _Search(NamedTuple):
+    """What is searched for (6,)."""
+
+    servo: int = 0  # log of rad/s
+    damping: int = 1  # log
+    delay: int = 2  # s
+    flapping: int = 3  # A(a_s,a_s) and A(b_s,b_s)
+    a_by_b: int = 4  # A(a_s,b_s)
+    b_by_a: int = 5  # A(b_s,a_s)
+
+
+class _TiltRow(NamedTuple):
+    """Coefficients of the rows of p and of q (13,)."""
+
+    disc: int = 0  # the disc as it follows from measured rates
+    by_a: slice = slice(1, 3)  # d_lat, d_lon through a_s
+    by_b: slice = slice(3, 5)  # and through b_s
+    r: int = 5
+    d_int: int = 6
+    pedal: int = 7  # through d_int
+    direct: slice = slice(8, 10)  # d_ped, d_col
+    air: slice = slice(10, 13)  # u, v, w
+
+
+class _YawRow(NamedTuple):
+    """Coefficients of the row of r (8,): those of `_TiltRow` from r on."""
+
+    r: int = 0
+    d_int: int = 1
+    pedal: int = 2
+    direct: slice = slice(3, 5)
+    air: slice = slice(5, 8)
+
+
+_X, _TILT, _YAW = _Search(), _TiltRow(), _YawRow()
 
 
 @dataclass(frozen=True)
@@ -63,11 +105,11 @@ class StartSearch:
         return np.asarray(self.u * (np.exp(-s * delay_s) * hold * lag)[:, None])
 
     def rows(self, x: Array) -> tuple[_Row, _Row, _Row]:
-        """Solved rows p, q, r for x = log servo, log damping, delay, flapping (3)."""
-        u = self.inputs(np.exp(x[0]), np.exp(x[1]), x[2])
+        """Solved rows p, q, r for x, places of `_Search`."""
+        u = self.inputs(np.exp(x[_X.servo]), np.exp(x[_X.damping]), x[_X.delay])
         p, q, r = self.y.T
         s = self.s
-        a, b, c, d = x[3], x[4], x[5], x[3]
+        a, b, c, d = x[_X.flapping], x[_X.a_by_b], x[_X.b_by_a], x[_X.flapping]
         determinant = (s - a) * (s - d) - b * c
         # (s - M)^-1 by rows
         aa, ab, ba, bb = (s - d), b, c, (s - a)
@@ -106,15 +148,16 @@ class StartSearch:
     def model(self, x: Array) -> FastModel:
         """The fast model of the solved rows."""
         p, q, r = (row.coefficients for row in self.rows(x))
-        A, B, E = np.zeros((6, 6)), np.zeros((6, 4)), np.zeros((6, 4))
-        A[2, 1] = A[3, 0] = A[5, 4] = -1.0
-        A[2, 2], A[2, 3], A[3, 2], A[3, 3] = x[3], x[4], x[5], x[3]
-        A[0, 3], A[1, 2] = p[0], q[0]
-        B[2, :2] = q[1:3] / q[0]
-        B[3, :2] = p[3:5] / p[0]
-        for row, c in ((0, p), (1, q)):
-            A[row, 4], A[row, 5] = c[5], c[6]
-            B[row, 2:4], E[row, :3] = c[8:10], c[10:13]
-        A[4, 4], A[4, 5], B[4, 2:4], E[4, :3] = r[0], r[1], r[3:5], r[5:8]
-        B[5, 2] = r[2] / r[1]
-        return FastModel(A, B, E, float(np.exp(x[0])), float(np.exp(x[1])), float(x[2]))
+        A, B, E = empty_matrices()
+        a_s, b_s = STATE.a_s, STATE.b_s
+        A[a_s, a_s] = A[b_s, b_s] = x[_X.flapping]
+        A[a_s, b_s], A[b_s, a_s] = x[_X.a_by_b], x[_X.b_by_a]
+        A[STATE.p, b_s], A[STATE.q, a_s] = p[_TILT.disc], q[_TILT.disc]
+        B[a_s, _CYCLIC] = q[_TILT.by_a] / q[_TILT.disc]
+        B[b_s, _CYCLIC] = p[_TILT.by_b] / p[_TILT.disc]
+        for row, c, at in ((STATE.p, p, _TILT), (STATE.q, q, _TILT), (STATE.r, r, _YAW)):
+            A[row, STATE.r], A[row, STATE.d_int] = c[at.r], c[at.d_int]
+            B[row, _DIRECT], E[row, AIR.velocity] = c[at.direct], c[at.air]
+        B[STATE.d_int, ACTUATOR.ped] = r[_YAW.pedal] / r[_YAW.d_int]
+        servo, damping = np.exp(x[_X.servo]), np.exp(x[_X.damping])
+        return FastModel(A, B, E, float(servo), float(damping), float(x[_X.delay]))

@@ -16,13 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from heli_identification.experiment import Array
-from heli_identification.response import FAST, FastModel
+from heli_identification.places import AIR, FAST, N_FAST, STATE
+from heli_identification.response import FastModel
+from heli_math.rows import ACTUATOR, NINE
+from heli_math.state_names import ACTUATOR_NAMES
+from heli_math.state_names import WIND_NAMES as VELOCITY_NAMES
 
-FAST_NAMES = ("p", "q", "a_s", "b_s", "r", "d_int")
-STATE_NAMES = ("phi", "theta", "p", "q", "a_s", "b_s", "r", "d_int", "psi")
-INPUT_NAMES = ("d_lat", "d_lon", "d_ped", "d_col")
-WIND_NAMES = ("u", "v", "w", "|w|")
-_COLUMNS = {"A": FAST_NAMES, "B": INPUT_NAMES, "E": WIND_NAMES}
+FAST_NAMES = STATE._fields
+WIND_NAMES = (*VELOCITY_NAMES, "|w|")
+_COLUMNS = {"A": FAST_NAMES, "B": ACTUATOR_NAMES, "E": WIND_NAMES}
 SERVO, DAMPING, DELAY = "servo.frequency_radps", "servo.damping", "delay_s"
 FLAPPING = "flapping.rate_1ps"  # 1/tau of eq. (6): -A(a_s,a_s) and -A(b_s,b_s)
 _SCALARS = (SERVO, DAMPING, DELAY, FLAPPING)
@@ -72,21 +74,27 @@ def actuator_parameters(collective: bool) -> tuple[str, ...]:
     names += [f"B({row},d_ped)" for row in (*rates, "d_int")]
     if collective:
         names += [f"B({row},d_col)" for row in rates]
-    names += [f"E({row},{column})" for row in rates for column in WIND_NAMES[:3]]
+    names += [f"E({row},{column})" for row in rates for column in VELOCITY_NAMES]
     return (*names, *_SCALARS)
 
 
 def gust_parameters() -> tuple[str, ...]:
     """Names of the free parameters of the fit to injected gusts: E, and the kink of yaw."""
-    return (*(f"E({r},{c})" for r in ("p", "q", "r") for c in WIND_NAMES[:3]), "E(r,|w|)")
+    return (*(f"E({r},{c})" for r in ("p", "q", "r") for c in VELOCITY_NAMES), "E(r,|w|)")
+
+
+def empty_matrices() -> tuple[Array, Array, Array]:
+    """A (6, 6), B (6, 4), E (6, 4) with nothing but what gives a_s, b_s and d_int their scale."""
+    A = np.zeros((N_FAST, N_FAST))
+    A[STATE.a_s, STATE.q] = A[STATE.b_s, STATE.p] = A[STATE.d_int, STATE.r] = -1.0
+    return A, np.zeros((N_FAST, ACTUATOR.size)), np.zeros((N_FAST, AIR.size))
 
 
 def assemble(names: Sequence[str], values: Array, base: FastModel | None = None) -> FastModel:
     """Model with the named entries at `values`; other entries from `base`, or zero."""
     if base is None:
-        A = np.zeros((6, 6))
-        A[2, 1] = A[3, 0] = A[5, 4] = -1.0
-        matrices = {"A": A, "B": np.zeros((6, 4)), "E": np.zeros((6, 4))}
+        A, B, E = empty_matrices()
+        matrices = {"A": A, "B": B, "E": E}
         scalars = {SERVO: 40.0, DAMPING: 0.7, DELAY: 0.0}
     else:
         matrices = {"A": base.A.copy(), "B": base.B.copy(), "E": base.E.copy()}
@@ -94,7 +102,8 @@ def assemble(names: Sequence[str], values: Array, base: FastModel | None = None)
     for name, value in zip(names, values, strict=True):
         place = place_of(name)
         if name == FLAPPING:
-            matrices["A"][2, 2] = matrices["A"][3, 3] = -value
+            for angle in (STATE.a_s, STATE.b_s):
+                matrices["A"][angle, angle] = -value
         elif place is None:
             scalars[name] = float(value)
         else:
@@ -112,7 +121,8 @@ def assemble(names: Sequence[str], values: Array, base: FastModel | None = None)
 def values_of(names: Sequence[str], model: FastModel) -> Array:
     """The named entries of a model, the inverse of `assemble`."""
     scalars = {SERVO: model.servo_radps, DAMPING: model.servo_damping, DELAY: model.delay_s}
-    scalars[FLAPPING] = -0.5 * (model.A[2, 2] + model.A[3, 3])
+    own = np.diag(model.A)
+    scalars[FLAPPING] = float(-0.5 * (own[STATE.a_s] + own[STATE.b_s]))
     matrices = {"A": model.A, "B": model.B, "E": model.E}
     values = []
     for name in names:
@@ -131,10 +141,11 @@ def full_matrices(model: FastModel, phi: float, theta: float) -> tuple[Array, Ar
     """
     A, B, E = np.zeros((9, 9)), np.zeros((9, 3)), np.zeros((9, 3))
     A[FAST, FAST] = model.A
-    B[FAST] = model.B[:, :3]
-    E[FAST] = model.E[:, :3]
+    B[FAST] = model.B[:, ACTUATOR.attitude]
+    E[FAST] = model.E[:, AIR.velocity]
     s, c = np.sin(phi), np.cos(phi)
-    A[0, 2], A[0, 3], A[0, 6] = 1.0, s * np.tan(theta), c * np.tan(theta)
-    A[1, 3], A[1, 6] = c, -s
-    A[8, 3], A[8, 6] = s / np.cos(theta), c / np.cos(theta)
+    rates = [NINE.p, NINE.q, NINE.r]
+    A[NINE.phi, rates] = 1.0, s * np.tan(theta), c * np.tan(theta)
+    A[NINE.theta, rates] = 0.0, c, -s
+    A[NINE.psi, rates] = 0.0, s / np.cos(theta), c / np.cos(theta)
     return A, B, E

@@ -7,33 +7,64 @@ agree with the true ones within their own confidence.
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from heli_identification.experiment import Experiment
+from heli_identification.experiment import WIND, Experiment
+from heli_identification.places import AIR, FAST, N_FAST, STATE
 from heli_identification.response import FastModel
 from heli_identification.structure import full_matrices
 from heli_math.linear_systems import held, with_servos
+from heli_math.rows import ACTUATOR, NINE
+from heli_math.state_names import ATTITUDE
 from heli_math.ticks import TICK_S
 
 G = 9.8
 TRIM = (0.039, 0.001)
+_RATES = [NINE.p, NINE.q, NINE.r]
+
+
+class _State(NamedTuple):
+    """State without the servos (12,)."""
+
+    nine: slice = slice(0, 9)  # of eq. (10)
+    vel: slice = slice(9, 12)  # velocity over ground, body, m/s
+    u: int = 9
+    v: int = 10
+    w: int = 11
+    size: int = 12
+
+
+_X = _State()
 
 
 def true_model(delay_ticks: int = 1) -> FastModel:
     """An aircraft of the class of HeLion, with numbers of its own."""
-    A = np.zeros((6, 6))
-    A[0] = [-0.05, 0.0, 0.0, 550.0, 10.0, -55.0]
-    A[1] = [0.0, -0.09, 250.0, 0.0, 0.0, 0.0]
-    A[2] = [0.0, -1.0, -3.4, 2.1, 0.0, 0.0]
-    A[3] = [-1.0, 0.0, 2.6, -3.4, 0.0, 0.0]
-    A[4] = [0.05, 0.0, 0.0, 0.0, -20.0, 110.0]
-    A[5] = [0.0, 0.0, 0.0, 0.0, -1.0, 0.0]
-    B = np.zeros((6, 4))
-    B[0, 2], B[4, 2], B[5, 2], B[4, 3] = 40.0, -80.0, -3.6, 3.0
-    B[2, :2], B[3, :2] = [0.22, 2.4], [2.7, -0.08]
-    E = np.zeros((6, 4))
-    E[0, 1], E[0, 2], E[1, 2], E[4, 1], E[4, 2] = 0.17, -0.045, 0.034, -0.34, 0.33
+    A = np.array(
+        [
+            [-0.05, 0.0, 0.0, 550.0, 10.0, -55.0],
+            [0.0, -0.09, 250.0, 0.0, 0.0, 0.0],
+            [0.0, -1.0, -3.4, 2.1, 0.0, 0.0],
+            [-1.0, 0.0, 2.6, -3.4, 0.0, 0.0],
+            [0.05, 0.0, 0.0, 0.0, -20.0, 110.0],
+            [0.0, 0.0, 0.0, 0.0, -1.0, 0.0],
+        ]
+    )
+    B = np.array(
+        [
+            [0.0, 0.0, 40.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0],
+            [0.22, 2.4, 0.0, 0.0],
+            [2.7, -0.08, 0.0, 0.0],
+            [0.0, 0.0, -80.0, 3.0],
+            [0.0, 0.0, -3.6, 0.0],
+        ]
+    )
+    E = np.zeros((N_FAST, AIR.size))
+    E[STATE.p, AIR.velocity] = 0.0, 0.17, -0.045
+    E[STATE.q, AIR.velocity] = 0.0, 0.0, 0.034
+    E[STATE.r, AIR.velocity] = 0.0, -0.34, 0.33
     return FastModel(A, B, E, 35.0, 0.55, delay_ticks * TICK_S)
 
 
@@ -74,25 +105,26 @@ def multisine(lines, amplitude, period_s: float, n: int, seed: int):
 
 def _law():
     """Gains (4, 12) on phi theta p q a_s b_s r d_int psi u v w, acting on measured ones only."""
-    K = np.zeros((4, 12))
-    K[0, [0, 2, 10]] = -0.35, -0.005, -0.05
-    K[1, [1, 3, 9]] = -0.35, -0.008, 0.05
-    K[2, [8, 6]] = 1.5, 0.05
-    K[3, 11] = 0.05
+    K = np.zeros((ACTUATOR.size, _X.size))
+    K[ACTUATOR.lat, [NINE.phi, NINE.p, _X.v]] = -0.35, -0.005, -0.05
+    K[ACTUATOR.lon, [NINE.theta, NINE.q, _X.u]] = -0.35, -0.008, 0.05
+    K[ACTUATOR.ped, [NINE.psi, NINE.r]] = 1.5, 0.05
+    K[ACTUATOR.col, _X.w] = 0.05
     return K
 
 
 def _discrete(model: FastModel):
     """Phi and inputs (u 4, wind 3) of x9, velocity 3, servos 8."""
     A, _, E = full_matrices(model, *TRIM)
-    F, B, wind = np.zeros((12, 12)), np.zeros((12, 4)), np.zeros((20, 3))
-    F[:9, :9], B[2:8] = A, model.B
-    F[:9, 9:12] = -E
-    F[9, 1], F[10, 0], B[11, 3] = -G, G, 8.0
-    F[9:12, 9:12] = -np.diag([0.05, 0.3, 0.6])
-    wind[:9] = E
-    wind[9:12] = np.diag([0.05, 0.3, 0.6])
+    drag = np.diag([0.05, 0.3, 0.6])
+    F, B = np.zeros((_X.size, _X.size)), np.zeros((_X.size, ACTUATOR.size))
+    F[_X.nine, _X.nine], B[_X.nine][FAST] = A, model.B
+    F[_X.nine, _X.vel] = -E
+    F[_X.u, NINE.theta], F[_X.v, NINE.phi], B[_X.w, ACTUATOR.col] = -G, G, 8.0
+    F[_X.vel, _X.vel] = -drag
     F, B = with_servos(F, B, model.servo_radps, model.servo_damping)
+    wind = np.zeros((F.shape[0], len(WIND)))
+    wind[_X.nine], wind[_X.vel] = E, drag
     return held(F, np.hstack([B, wind]), TICK_S)
 
 
@@ -111,31 +143,33 @@ def fly(flight: Flight) -> Experiment:
          for i, (k, a) in enumerate(zip(gust_lines, flight.gust_mps, strict=True))]
     )  # fmt: skip
     Phi, Gamma = _discrete(flight.model)
+    by_command, by_wind = np.split(Gamma, [ACTUATOR.size], axis=1)
     K = _law()
     delay = round(flight.model.delay_s / TICK_S)
-    x, turbulence, queue = np.zeros(20), np.zeros(3), [np.zeros(4)] * delay
-    states, commands = np.empty((n, 12)), np.empty((n, 4))
+    no_command = np.zeros(ACTUATOR.size)
+    x, turbulence, queue = np.zeros(Phi.shape[0]), np.zeros(len(WIND)), [no_command] * delay
+    states, commands = np.empty((n, _X.size)), np.empty((n, ACTUATOR.size))
     rate_noise = flight.rate_noise * rng.standard_normal((n, 3))
     velocity_noise = flight.velocity_noise * rng.standard_normal((n, 3))
     drive = rng.standard_normal((n, 3))
     decay = np.exp(-TICK_S / 5.0)
     scale = flight.turbulence_mps * np.sqrt(1.0 - decay**2)
     for i in range(n):
-        y = x[:12].copy()
-        y[[2, 3, 6]] += rate_noise[i]
-        y[9:12] += velocity_noise[i]
+        y = x[: _X.size].copy()
+        y[_RATES] += rate_noise[i]
+        y[_X.vel] += velocity_noise[i]
         states[i] = y
         commands[i] = K @ y + excite[i]
         queue.append(commands[i])
         turbulence = decay * turbulence + scale * drive[i]
-        x = Phi @ x + Gamma[:, :4] @ queue.pop(0) + Gamma[:, 4:] @ (turbulence + gust[i])
+        x = Phi @ x + by_command @ queue.pop(0) + by_wind @ (turbulence + gust[i])
     return Experiment(
         time_s=np.arange(n, dtype=np.float64) * TICK_S,
         u=commands,
         excitation_u=excite,
-        attitude_rad=states[:, [0, 1, 8]] + [*TRIM, 0.0],
-        rate_body_radps=states[:, [2, 3, 6]],
-        vel_body_mps=states[:, 9:12],
+        attitude_rad=states[:, list(ATTITUDE)] + [*TRIM, 0.0],
+        rate_body_radps=states[:, _RATES],
+        vel_body_mps=states[:, _X.vel],
         accel_body_mps2=np.zeros((n, 3)),
         gust_body_mps=gust,
         period_s=flight.period_s,

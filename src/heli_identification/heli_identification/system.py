@@ -11,7 +11,9 @@ import numpy as np
 from heli_identification.actuators import IdentifiedAB
 from heli_identification.experiment import ACTUATORS, RATES
 from heli_identification.gusts import IdentifiedE
-from heli_identification.response import RATE_ROWS, FastModel
+from heli_identification.places import AIR
+from heli_identification.places import RATES as RATE_STATES
+from heli_identification.response import FastModel
 from heli_math.linear_systems import held, held_late, with_delay_line, with_servos
 from heli_math.state_space import WIND, hover_system
 from heli_math.ticks import TICK_S
@@ -39,13 +41,13 @@ def sampled_rates(model: FastModel) -> control.StateSpace:
     F, G = with_servos(model.A, model.B, model.servo_radps, model.servo_damping)
     A, B = with_delay_line(held_late(F, G, TICK_S, model.delay_s))
     E = np.zeros((F.shape[0], len(WIND)))
-    E[: model.E.shape[0]] = model.E[:, : len(WIND)]
+    E[: model.E.shape[0]] = model.E[:, AIR.velocity]
     B_wind = np.zeros((A.shape[0], len(WIND)))
     B_wind[: F.shape[0]] = held(F, E, TICK_S)[1]
     return control.ss(
         A,
         np.hstack([B, B_wind]),
-        np.eye(A.shape[0])[list(RATE_ROWS)],
+        np.eye(A.shape[0])[RATE_STATES],
         np.zeros((len(RATES), len(COMMANDS) + len(WIND))),
         TICK_S,
         inputs=[*COMMANDS, *WIND],

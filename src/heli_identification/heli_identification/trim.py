@@ -8,8 +8,12 @@ import numpy as np
 
 from heli_identification.actuators import IdentifiedAB
 from heli_identification.experiment import Array, Experiment
+from heli_identification.places import ROTOR
+from heli_math.rows import ACTUATOR, NINE
 
-_A_S, _B_S = 2, 3  # within the fast states
+_ATTITUDE = slice(NINE.phi, NINE.p)  # roll and pitch
+_CYCLIC = slice(ACTUATOR.lat, ACTUATOR.ped)
+_FLAPPING = slice(NINE.a_s, NINE.r)
 
 
 @dataclass(frozen=True)
@@ -52,17 +56,16 @@ def trim_of(experiments: Experiment | Sequence[Experiment], model: IdentifiedAB)
     for flight in flights:
         steady = flight.steady()
         shape = (steady.periods, steady.period_ticks, -1)
-        attitude.append(steady.attitude_rad[:, :2].reshape(shape).mean(axis=1))
+        attitude.append(steady.attitude_rad[:, _ATTITUDE].reshape(shape).mean(axis=1))
         command.append(steady.u.reshape(shape).mean(axis=1))
     angles, u = np.vstack(attitude), np.vstack(command)
-    x, x_sigma = np.zeros(9), np.zeros(9)
-    x[:2] = angles.mean(axis=0)
-    x_sigma[:2] = _sigma_of_mean(attitude)
-    rotor = slice(_A_S, _B_S + 1)
-    gain = -np.linalg.solve(model.fast.A[rotor, rotor], model.fast.B[rotor, :2])
+    x, x_sigma = np.zeros(len(NINE)), np.zeros(len(NINE))
+    x[_ATTITUDE] = angles.mean(axis=0)
+    x_sigma[_ATTITUDE] = _sigma_of_mean(attitude)
+    gain = -np.linalg.solve(model.fast.A[ROTOR, ROTOR], model.fast.B[ROTOR, _CYCLIC])
     u_mean, u_sigma = u.mean(axis=0), _sigma_of_mean(command)
-    x[4:6] = gain @ u_mean[:2]
-    x_sigma[4:6] = np.sqrt(gain**2 @ u_sigma[:2] ** 2)
+    x[_FLAPPING] = gain @ u_mean[_CYCLIC]
+    x_sigma[_FLAPPING] = np.sqrt(gain**2 @ u_sigma[_CYCLIC] ** 2)
     return IdentifiedTrim(x, u_mean, x_sigma, u_sigma)
 
 
