@@ -17,6 +17,7 @@ from rosbags.interfaces import Connection, QosDurability, QosReliability
 
 from heli_bags.folder import BagError
 from heli_bags.tools import chosen, opened
+from heli_math.ticks import NS_PER_S, TICKS_PER_S
 from heli_msgs_bridge import topics
 
 _CLOCK = struct.Struct("<4siI")
@@ -57,7 +58,7 @@ class Choice:
     topics: Sequence[str] = ()
     exclude: Sequence[str] = ()
     loop: bool = False
-    clock_hz: float = 100.0
+    clock_hz: float = float(TICKS_PER_S)
 
 
 def qos_of(connection: Connection) -> QoSProfile:
@@ -183,7 +184,7 @@ class Player:
         self, events: Iterable[Event], clock: Publisher, start_ns: int
     ) -> Iterator[Event]:
         """The events with a clock in front of each that is due."""
-        period_ns, now_ns = round(1e9 / self._choice.clock_hz), start_ns
+        period_ns, now_ns = round(NS_PER_S / self._choice.clock_hz), start_ns
         for event in events:
             while now_ns <= event[0]:
                 yield now_ns, clock, _CLOCK.pack(_CDR, *divmod(now_ns, 10**9))

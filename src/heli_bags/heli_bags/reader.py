@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from heli_bags.check import advice, listed_files, storage_files
 from heli_bags.folder import SUFFIXES, BagError, reason
+from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import Datum
@@ -77,7 +78,7 @@ def _graph_name(recorded: str, msgtype: str) -> str | None:
 
 
 def _remarks(message: Any) -> list[Remark]:
-    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    stamp_ns = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
     return [
         Remark(
             stamp_ns,

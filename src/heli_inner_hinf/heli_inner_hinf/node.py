@@ -160,7 +160,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def _warm_up(self, core: Loop) -> None:
         """Load the compiled law before the first tick."""
         kernel = core.design.config.kernel
-        attitude_law(core.x9, core.x9[:3], kernel, initial_law_state(kernel), core.u3)
+        attitude_law(core.x9, np.zeros(3), kernel, initial_law_state(kernel), core.u3)
         nav = np.full(NAV.size, np.nan)
         nine_states(nav, nav[NAV.rotor], core.x9)
         if core.exciter is not None:

@@ -265,9 +265,9 @@ def acceptance(
     fine = form.A - form.B @ PB.T
     closed = np.asarray(fine, dtype=np.float64)
     worst = np.asarray(fine + mu * form.E @ PE.T, dtype=np.float64)
-    terms = [form.A.T @ P, PB @ PB.T, mu * PE @ PE.T, Q]
-    total = terms[0] + terms[0].T - terms[1] + terms[2] + terms[3]
-    scale = max(sum(norm_of(t) for t in terms), np.finfo(float).tiny)
+    PA, effort, wind = form.A.T @ P, PB @ PB.T, mu * PE @ PE.T
+    total = PA + PA.T - effort + wind + Q
+    scale = max(sum(norm_of(t) for t in (PA, effort, wind, Q)), np.finfo(float).tiny)
     residual = norm_of(total) / scale
     closed_re, worst_re = spectral_abscissa(closed), spectral_abscissa(worst)
     norm, frequency = np.inf, 0.0

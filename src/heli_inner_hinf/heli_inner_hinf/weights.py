@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heli_inner_hinf.errors import ShapeError
-from heli_math.state_names import ATTITUDE
+from heli_math.rows import NINE
+from heli_math.state_names import ATTITUDE, INPUT_NAMES, STATE_NAMES
 
-N_X, N_U, N_H = 9, 3, 9
+N_X, N_U, N_H = len(STATE_NAMES), len(INPUT_NAMES), 9
+# Parts of h: actuators, then attitude and its rates, then rotor and yaw.
+_H_ACTUATORS, _H_ATTITUDE, _H_ROTOR = slice(0, 3), slice(3, 7), slice(7, 9)
 
 
 def checked(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
@@ -62,10 +65,10 @@ def weights(
     if np.linalg.matrix_rank(d11) < N_U:
         raise ShapeError("D11", "D11 must be invertible: every actuator needs a weight")
     C = np.zeros((N_H, N_X))
-    C[3:7, 0:4] = c11
-    C[7:9, 4:9] = c22
+    C[_H_ATTITUDE, NINE.phi : NINE.a_s] = c11
+    C[_H_ROTOR, NINE.a_s :] = c22
     D = np.zeros((N_H, N_U))
-    D[0:3, :] = d11
+    D[_H_ACTUATORS] = d11
     return C, D
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_math.rotations import euler_angles
-from heli_math.rows import REFERENCE
+from heli_math.rows import REFERENCE, SETPOINT
 
 Array = NDArray[np.float64]
+_ROLL_PITCH = slice(SETPOINT.phi, SETPOINT.psi)
 
 
 @dataclass(frozen=True)
@@ -93,5 +94,5 @@ def attitude_errors(q_nb: Array, setpoint: Array) -> dict[str, Array]:
     setpoint : (N, >= 2) ndarray
         Commanded phi, theta, rad.
     """
-    error = np.degrees(euler_angles(q_nb)[:, :2] - setpoint[:, :2])
+    error = np.degrees(euler_angles(q_nb)[:, _ROLL_PITCH] - setpoint[:, _ROLL_PITCH])
     return {"roll": error[:, 0], "pitch": error[:, 1]}

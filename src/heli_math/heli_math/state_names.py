@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """States, inputs and wind of the linear model of eq. (10): names, units, and which are measured."""
 
-from heli_math.rows import NINE
+from heli_math.rows import ACTUATOR, NINE
 
 STATE_NAMES = NINE._fields
 """phi theta p q a_s b_s r d_int psi: the order of every A, B, E of the stack."""
 STATE_UNITS = ("rad", "rad", "rad/s", "rad/s", "rad", "rad", "rad/s", "rad", "rad")
 ACTUATOR_NAMES = ("d_lat", "d_lon", "d_ped", "d_col")
-INPUT_NAMES = ACTUATOR_NAMES[:3]
+INPUT_NAMES = ACTUATOR_NAMES[ACTUATOR.attitude]
 """The three inputs of B; the collective belongs to the altitude law."""
 INPUT_UNITS = ("1", "1", "1")
 WIND_NAMES = ("u", "v", "w")

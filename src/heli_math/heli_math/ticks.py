@@ -23,6 +23,11 @@ def ticks_in(time_s: float) -> int:
     return round(time_s * TICKS_PER_S)
 
 
+def stamp_at(time_s: float) -> int:
+    """Stamp (ns) of the tick at a time (s): of the last one that is not later."""
+    return round(time_s * NS_PER_S) // TICK_NS * TICK_NS
+
+
 @overload
 def seconds(ticks: int) -> float: ...
 @overload

@@ -18,7 +18,8 @@ from heli_math.ticks import NS_PER_S
 
 _HEADER = b"\x00\x01\x00\x00"
 _STAMP = struct.Struct("<iI")
-_STAMP_AT = 4
+_STAMP_AT = len(_HEADER)
+_SHIFT = 4
 
 
 class Layout:
@@ -100,18 +101,17 @@ class FixedMessage:
 
     def __init__(self, layout: Layout, free: Sequence[int] = ()) -> None:
         size = len(layout.data)
-        # Shifted by four bytes, so that the doubles behind the 4-byte header are aligned in memory.
-        self._memory = np.zeros((size + 4 + 7) // 8, dtype=np.float64)
-        self._view = memoryview(self._memory.data).cast("B")[4 : 4 + size]
+        # Shifted, so that the doubles behind the 4-byte header are aligned in memory.
+        self._memory = np.zeros((size + _SHIFT + 7) // 8, dtype=np.float64)
+        self._view = memoryview(self._memory.data).cast("B")[_SHIFT : _SHIFT + size]
         self._view[:] = layout.data
         self._size = size
-        first = (layout.block_at + 4) // 8
+        first = (layout.block_at + _SHIFT) // 8
         self.block = self._memory[first : first + layout.block_size]
         self.stamp_ns = 0
         block_end = layout.block_at + 8 * layout.block_size
-        edges = [_STAMP_AT + _STAMP.size, layout.block_at, block_end, size]
         self._constant: list[tuple[slice, bytes]] = []
-        for start, end in ((edges[0], edges[1]), (edges[2], edges[3])):
+        for start, end in ((_STAMP_AT + _STAMP.size, layout.block_at), (block_end, size)):
             cuts = {*free, *layout.padding}
             for cut in sorted(offset for offset in cuts if start <= offset < end):
                 self._keep(layout, start, cut)
@@ -129,7 +129,7 @@ class FixedMessage:
 
     def decode(self, raw: bytes) -> bool:
         """Take over a received message; False if it is not of this layout."""
-        if len(raw) != self._size or raw[:4] != _HEADER:
+        if len(raw) != self._size or not raw.startswith(_HEADER):
             return False
         for where, expected in self._constant:
             if raw[where] != expected:

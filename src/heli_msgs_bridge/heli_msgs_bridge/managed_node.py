@@ -13,7 +13,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from heli_math.ticks import TICK_NS
+from heli_math.ticks import TICK_NS, stamp_at
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter
@@ -75,7 +75,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(self.SPEC.name, **options)
         self.values = dict(values)
-        self.start_ns = round(self.values["start_time_s"] * 1e9) // TICK_NS * TICK_NS
+        self.start_ns = stamp_at(self.values["start_time_s"])
         self.tick = 0
         self.health = Health()
         self.failure, self.finished = "", False

@@ -100,12 +100,13 @@ def continuous_system(
 
     servo_frequency_radps = 0 leaves the servos out: then u drives z directly.
     """
+    z = slice(0, N_UNMEASURED)
     F = np.zeros((N_ROTOR_W, N_ROTOR_W))
     G_u = np.zeros((N_ROTOR_W, N_INPUT))
     G_y = np.zeros((N_ROTOR_W, N_OUTPUT))
-    G_y[:3] = model.B_prime
+    G_y[z] = model.B_prime
     if servo_frequency_radps == 0.0:
-        F[:3, :3], G_u[:3] = model.A_prime, model.H_prime
+        F[z, z], G_u[z] = model.A_prime, model.H_prime
         return F, G_u, G_y
     F, G_u = with_servos(model.A_prime, model.H_prime, servo_frequency_radps, servo_damping)
     return F, G_u, G_y

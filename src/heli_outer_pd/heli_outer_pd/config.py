@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from heli_math.rows import SETPOINT
-from heli_math.ticks import TICK_S
+from heli_math.ticks import NS_PER_S, TICK_S
 from heli_outer_pd.position_law import OuterKernel
 from heli_outer_pd.thrust_map import RotorMap
 
@@ -57,7 +57,7 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
         thrust_limits=np.asarray(p["thrust_limits"], float),
         trim=trim,
         rotor=rotor,
-        shaping_ns=round(p["reference_shaping_s"] * 1e9),
+        shaping_ns=round(p["reference_shaping_s"] * NS_PER_S),
         attitude_lag=np.asarray(p["disturbance.attitude_lag_s"], float),
         dt_s=p["period_ticks"] * TICK_S,
     )

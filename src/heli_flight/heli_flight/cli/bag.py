@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from heli_flight.cli.options import Json
+from heli_math.ticks import TICKS_PER_S
 
 bag = typer.Typer(
     help="Look into a recorded bag, play it, repair it.",
@@ -107,7 +108,7 @@ def play(
             metavar="HZ",
             help="rate of /clock if the bag holds none; 0: no clock",
         ),
-    ] = 100.0,
+    ] = float(TICKS_PER_S),
     as_json: Json = False,
 ) -> int:
     """Publish a bag's messages as they were recorded, with /clock."""

@@ -16,7 +16,7 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
 from heli_math.rotations import quat_to_R_nb
 from heli_math.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
-from heli_math.ticks import TICK_NS, seconds
+from heli_math.ticks import TICK_NS, seconds, stamp_at
 from heli_msgs_bridge import topics
 
 
@@ -78,7 +78,7 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         bag = read_bag(path)
     except BagError as error:
         raise FlightError(str(error)) from error
-    start_ns = round(settings.nodes["plant"]["start_time_s"] * 1e9)
+    start_ns = stamp_at(settings.nodes["plant"]["start_time_s"])
     source = bag.streams.get(topics.TRUTH_ODOM)
     if source is None or not source.stamp_ns.size:
         if truth_needed:

@@ -28,6 +28,7 @@ from heli_flight.loop.settings import Settings
 from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_live_view.parameter_table import SHOWN_TO_THE_END
+from heli_math.ticks import seconds, stamp_at
 from heli_parameters.locate import executable
 from heli_parameters.parameters import dump_all
 
@@ -35,7 +36,6 @@ _APPEAR_LIMIT_S = 30.0
 _TRANSITION_LIMIT_S = 60.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
-_TICKS_PER_S = 100
 _BAG_LIMIT_S = 10.0
 # How long the end of a flight waits for the live view to have shown it.
 _END_LIMIT_S = 10.0
@@ -171,7 +171,7 @@ class Graph:
         configure = Transition.TRANSITION_CONFIGURE
         self._bring_up_live(up)
         up.transition([node.name for node in NODES], configure, limit, self.check)
-        start_ns = round(self.settings.nodes["plant"]["start_time_s"] * 1e9)
+        start_ns = stamp_at(self.settings.nodes["plant"]["start_time_s"])
         up.publish_reference(self.settings.scenario, start_ns)
         activate = Transition.TRANSITION_ACTIVATE
         up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
@@ -323,7 +323,7 @@ def fly_graph(
     if missing > 0 and not lost:
         notes.append(f"the bag lacks {missing} ticks of ground truth")
     result = Result(
-        score(record, settings.scenario), lost, len(record) / _TICKS_PER_S, wall, tuple(notes)
+        score(record, settings.scenario), lost, seconds(len(record)), wall, tuple(notes)
     )
     mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
     return result, {"mode": mode, "start_up_s": round(up - begun, 3)}, flight

@@ -22,9 +22,10 @@ from heli_dynamics_sim.wind import injected_gust
 from heli_flight.loop.settings import Settings, resolve
 from heli_inner_hinf.attitude_law import attitude_law
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.law_state import initial_law_state
+from heli_inner_hinf.law_state import initial_law_state, nine_states
 from heli_math.rotations import euler_from_quat
-from heli_math.rows import MEAS, NAV
+from heli_math.rows import ACTUATOR, MEAS, NAV, NINE, SETPOINT
+from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.messages import CHANNELS, Decoder, Encoder, MessageError
@@ -39,7 +40,7 @@ _GARBAGE_THRESHOLD = 100_000
 def _observer(settings: Settings) -> None:
     config = observer.ObserverConfig.from_parameters(settings.nodes["observer"])
     state = observer.initial_state(config)
-    y, u, nav = np.zeros(MEAS.size), np.zeros(4), np.zeros(NAV.size)
+    y, u, nav = np.zeros(MEAS.sensed), np.zeros(ACTUATOR.size), np.zeros(NAV.size)
     observer.observe(state, 0, y, u, config.kernel, nav)
     observer.status(state, config.kernel)
 
@@ -50,16 +51,18 @@ def _plant(settings: Settings) -> None:
     plant.measure(state, 0, NoiseStreams(0).row(), k, np.zeros(MEAS.size))
     injected_gust(state.x, 0.0, k.wind.sines, np.zeros(3))
     plant.status(state, k)
-    plant.advance(state, np.zeros(4), k)
+    plant.advance(state, np.zeros(ACTUATOR.size), k)
 
 
 def _laws(settings: Settings) -> None:
     outer, way = outer_kernel(settings.nodes["outer_loop"]), settings.scenario.reference
-    state, out = position_law.initial_state(outer), np.zeros(4)
+    state, out = position_law.initial_state(outer), np.zeros(SETPOINT.size)
     nav = np.zeros(NAV.size)
     position_law.follow(nav, 0, way.times_ns, way.points, outer, state, out)
     inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
-    attitude_law(np.zeros(9), np.zeros(3), inner, initial_law_state(inner), np.zeros(3))
+    x9 = np.zeros(len(NINE))
+    nine_states(nav, nav[NAV.rotor], x9)
+    attitude_law(x9, np.zeros(3), inner, initial_law_state(inner), np.zeros(3))
     euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
 
@@ -71,7 +74,7 @@ def _messages(settings: Settings) -> None:
         place = origin if name == topics.GPS_FIX else None
         row = np.zeros(channel.size)
         with contextlib.suppress(MessageError):
-            Decoder(name, place).decode(Encoder(name, (), place).encode(row, 1_000_000_000))
+            Decoder(name, place).decode(Encoder(name, (), place).encode(row, NS_PER_S))
 
 
 # The longest first, so that the processes end at about the same time.

@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from heli_math.ticks import seconds, ticks_in
 from heli_math.trajectory import Trajectory
 from heli_parameters.parameters import Parameter
 
 NODE_NAME = "scenario"
-TICK_NS = 10_000_000
-TICKS_PER_S = 100
 
 TABLE: tuple[Parameter, ...] = (
     Parameter("kind", "string", "Which metrics are scored", choices=("hover", "attitude")),
@@ -64,9 +63,9 @@ class Scenario:
     @classmethod
     def from_parameters(cls, p: Mapping[str, Any]) -> "Scenario":
         """Scenario from checked parameters (`TABLE`)."""
-        n_ticks = round(p["duration_s"] * TICKS_PER_S)
+        n_ticks = ticks_in(p["duration_s"])
         windows = np.array(p["score.windows_s"], float).reshape(-1, 2)
-        windows[windows[:, 1] < 0.0, 1] = n_ticks / TICKS_PER_S
+        windows[windows[:, 1] < 0.0, 1] = seconds(n_ticks)
         start, heading = np.asarray(p["start_pos_ned_m"], float), np.radians(p["heading_deg"])
         if p["climb.end_s"] > p["climb.start_s"]:
             reference = Trajectory.hover_climb_hover(

@@ -15,16 +15,15 @@ from heli_flight.loop.flight_file import NAME
 from heli_flight.loop.flight_section import flown
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result
-from heli_flight.loop.scenario import TICK_NS
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.report.data import events_of
 from heli_flight.report.write import write_report
+from heli_math.ticks import TICK_NS, TICK_S, TICKS_PER_S
 from heli_parameters.parameters import ParameterError
 
 STEPS = 2  # of a report: the bag read, the page and figures written
 _ERROR_LEVEL = 2
-_TICKS_PER_S = 100
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
             missing.append(f"The bag holds no {words}.")
     if not np.isfinite(record.reference).any():
         way = settings.scenario.reference
-        ticks = np.round(record.time_s * _TICKS_PER_S).astype(int).tolist()
+        ticks = np.round(record.time_s * TICKS_PER_S).astype(int).tolist()
         rows = [way.at(tick * TICK_NS) for tick in ticks]
         record = replace(record, reference=np.array(rows))
         missing.append(
@@ -147,7 +146,7 @@ def _result(
     scores = [s for s in score(record, settings.scenario) if math.isfinite(s.max)]
     said = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
     lost = told.get("lost", said[-1].message if said else "")
-    flown = float(record.time_s[-1] - record.time_s[0]) + 1.0 / _TICKS_PER_S
+    flown = float(record.time_s[-1] - record.time_s[0]) + TICK_S
     wall = told.get("wall_s")
     wall_s = float(wall) if isinstance(wall, int | float) else math.nan
     return Result(scores, str(lost), flown, wall_s, tuple(map(str, told.get("notes", ()))))

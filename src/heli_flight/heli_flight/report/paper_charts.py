@@ -8,6 +8,7 @@ from heli_flight.loop.scoring import errors
 from heli_flight.report.chart import Chart, Panel, Trace, largest, limits
 from heli_flight.report.data import Report
 from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY
+from heli_math.rows import REFERENCE
 
 PD_PID_M = 1.2
 """Hover position error of a PD-PID controller, the paper's reference [8]."""
@@ -79,7 +80,9 @@ def _vertical_speed(report: Report) -> Chart:
     r, metric = report.record, BY_KEY["v_z"]
     speeds = {"navigation": r.nav_vel_ned_mps[:, 2], "truth": r.truth_vel_ned_mps[:, 2]}
     sources = list(reversed(report.sources()))
-    target = Trace(r.time_s, r.reference[:, 5], "reference", "reference", "dash", width=1.2)
+    target = Trace(
+        r.time_s, r.reference[:, REFERENCE.down_vel], "reference", "reference", "dash", width=1.2
+    )
     errors = [_line(report, s, report.error("v_z", s)) for s in sources]
     bound = limits(r.time_s, metric.paper, f"paper: ±{metric.paper:g} m/s")
     reach = 2.2 * metric.paper
@@ -100,7 +103,7 @@ def _vertical_speed(report: Report) -> Chart:
 
 def _altitude(report: Report) -> Chart:
     r, metric = report.record, BY_KEY["altitude"]
-    reference = -r.reference[:, 2]
+    reference = -r.reference[:, REFERENCE.pos][:, 2]
     heights = {"navigation": -r.nav_pos_ned_m[:, 2], "truth": -r.truth_pos_ned_m[:, 2]}
     lines = [_line(report, s, heights[s]) for s in reversed(report.sources())]
     target = Trace(r.time_s, reference, "reference", "reference", "dash", width=1.2)

@@ -10,6 +10,7 @@ from heli_flight.report.data import LEVELS, Report
 from heli_flight.report.design import Design
 from heli_math.paper_metrics import heading_frame
 from heli_math.rotations import rotation_between
+from heli_math.rows import ACTUATOR, REFERENCE
 
 _ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
 _ACTUATOR_ROLES = ("nav", "truth", "green", "rival")
@@ -39,7 +40,7 @@ def flight_charts(report: Report) -> list[Chart]:
 
 def _wind(report: Report) -> Chart:
     r, plant = report.record, report.settings.nodes["plant"]
-    ahead, right, down = heading_frame(r.wind_ned_mps, r.reference[:, 6]).T
+    ahead, right, down = heading_frame(r.wind_ned_mps, r.reference[:, REFERENCE.psi]).T
     height = -r.truth_pos_ned_m[:, 2] if report.has_truth else -r.nav_pos_ned_m[:, 2]
     mean = np.interp(height, plant["wind.profile_altitude_m"], plant["wind.profile_speed_mps"])
     t = r.time_s
@@ -85,8 +86,10 @@ def _actuators(report: Report) -> Chart:
         f"enlarged. Largest: {used:.2f}, that is {100.0 * used / limit:.0f} % of the limit.",
         [
             Panel("command", [*traces, bound], y_range=(-1.05, 1.05), note="whole range"),
-            Panel("command", traces[:3], note="enlarged: lateral, longitudinal, pedal"),
-            Panel("command", traces[3:], note="enlarged: collective"),
+            Panel(
+                "command", traces[ACTUATOR.attitude], note="enlarged: lateral, longitudinal, pedal"
+            ),
+            Panel("command", [traces[ACTUATOR.col]], note="enlarged: collective"),
         ],
         "flight",
         spans=report.spans,
@@ -262,7 +265,7 @@ def timeline_charts(report: Report) -> list[Chart]:
         traces.append(Trace(x, y, "" if label in named else label, role, "bar", width=13.0))
         named.add(label)
 
-    climbing = np.abs(report.record.reference[:, 5]) > 1e-6
+    climbing = np.abs(report.record.reference[:, REFERENCE.down_vel]) > 1e-6
     add("reference", _stretches(report, ~climbing), "hover", "nav")
     add("reference", _stretches(report, climbing), "climb", "muted")
     add("scored", report.spans, "scored", "purple")

@@ -21,6 +21,7 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, print_table, write_result
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.terminal import NewFolder, being_filled, flight_time
+from heli_math.ticks import seconds
 
 
 @dataclass(frozen=True)
@@ -82,10 +83,10 @@ def _fly_one_process(settings: Settings, console: Console) -> tuple[Result, Flig
 
     closed_loop.simulate(_shortened(settings))  # loads the compiled loop, so that flying is timed
     start = time.monotonic()
-    with flight_time(console, settings.scenario.n_ticks / 100.0) as progress:
+    with flight_time(console, seconds(settings.scenario.n_ticks)) as progress:
         flight = closed_loop.simulate(settings, progress=progress)
     wall = time.monotonic() - start
-    scores, flown_s = score(flight.record, settings.scenario), len(flight.record) / 100.0
+    scores, flown_s = score(flight.record, settings.scenario), seconds(len(flight.record))
     return Result(scores, flight.sentence, flown_s, wall), flight.record
 
 
@@ -149,7 +150,7 @@ def _flown(
 
     interrupts.check()
     live = live_view(order.live, settings)
-    with flight_time(console, settings.scenario.n_ticks / 100.0) as bar:
+    with flight_time(console, seconds(settings.scenario.n_ticks)) as bar:
         progress = _noted(folder, bar)
         try:
             result, extra, flight = fly_graph(settings, folder.path, progress, live, _say(console))

@@ -23,8 +23,9 @@ from heli_inner_hinf.observer_gain import Candidate, choose_observer_gain
 from heli_inner_hinf.pid_tuning import AxisGains, gains_of, tune_pid
 from heli_inner_hinf.synthesis import gamma_star
 from heli_inner_hinf.weights import weights
+from heli_math.rows import ACTUATOR, NINE
 from heli_math.state_names import ATTITUDE, INPUT_NAMES
-from heli_math.ticks import TICK_S
+from heli_math.ticks import TICK_S, ticks_in
 from heli_parameters.parameters import ParameterError, dump_all
 
 _MAX_DELAY_TICKS = 2
@@ -167,7 +168,7 @@ def aircraft_basis(settings: Settings, aircraft: str | None = None) -> Basis:
     at = trim(helicopter)
     linear = linearize(helicopter, at)
     x_trim = linear.x_trim.copy()
-    x_trim[8] = 0.0
+    x_trim[NINE.psi] = 0.0
     delay_ticks = min(int(plant["delay_ticks"]), _MAX_DELAY_TICKS)
     return Basis(
         source=f"aircraft {file}",
@@ -264,7 +265,7 @@ _INNER_KEYS = (
 def observer_input(actuation: Actuation) -> ObserverInput:
     """The observer is fed the command as late as the aircraft, through a model of its servos."""
     return ObserverInput(
-        round(actuation.delay_s / TICK_S), actuation.servo_radps, actuation.servo_damping
+        ticks_in(actuation.delay_s), actuation.servo_radps, actuation.servo_damping
     )
 
 
@@ -287,7 +288,7 @@ def _observer_values(
         "trim.x": inner["trim.x"],
         "trim.u": inner["trim.u"],
         "K": best.K,
-        "u_delay_ticks": round(actuation.delay_s / TICK_S),
+        "u_delay_ticks": ticks_in(actuation.delay_s),
         "servo.frequency_radps": actuation.servo_radps,
         "servo.damping": actuation.servo_damping,
     }
@@ -309,9 +310,9 @@ def _outer_values(basis: Basis, attitude: AttitudeConfig) -> dict[str, Any]:
     return {
         "mass": basis.outer["mass"],
         "gravity": basis.outer["gravity"],
-        "trim.phi": float(basis.x_trim[0]),
-        "trim.theta": float(basis.x_trim[1]),
-        "trim.d_col": float(basis.u_trim[3]),
+        "trim.phi": float(basis.x_trim[NINE.phi]),
+        "trim.theta": float(basis.x_trim[NINE.theta]),
+        "trim.d_col": float(basis.u_trim[ACTUATOR.col]),
         "disturbance.attitude_lag_s": attitude_lags_s(attitude),
         **{key: value for key, value in basis.outer.items() if key.startswith("rotor.")},
     }

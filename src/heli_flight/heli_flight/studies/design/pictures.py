@@ -12,7 +12,7 @@ from heli_inner_hinf.analysis import singular_values
 from heli_inner_hinf.disk_margin import disk_margins
 from heli_inner_hinf.loops import COMMANDS, POSITIONS, Loop
 from heli_math.state_names import ATTITUDE
-from heli_math.ticks import TICK_S
+from heli_math.ticks import TICK_S, ticks_in
 
 WANTED_DISK = 0.5
 STEPS_DEG = (5.0, 5.0, 20.0)
@@ -97,7 +97,7 @@ def draw_margins(design: Design, path: Path) -> None:
 
 def draw_steps(design: Design, path: Path) -> None:
     """Steps of roll, pitch and heading: angles above, actuators below."""
-    time_s = np.arange(round(STEP_LENGTH_S / TICK_S)) * TICK_S
+    time_s = np.arange(ticks_in(STEP_LENGTH_S)) * TICK_S
     names = ("roll", "pitch", "heading")
     with picture(path, 2, 3, (7.6, 4.2), sharex=True) as (_, axes):
         for i, (name, size) in enumerate(zip(names, STEPS_DEG, strict=True)):

@@ -12,7 +12,8 @@ from rich.table import Table
 from heli_flight.studies.design.make import LONGEST_DELAY_S, Design
 from heli_flight.terminal import table
 from heli_inner_hinf.margins import ChannelMargin, DiskMargin
-from heli_math.state_names import INPUT_NAMES, MEASURED, STATE_NAMES
+from heli_math.rows import NINE
+from heli_math.state_names import ACTUATOR_NAMES, INPUT_NAMES, MEASURED, STATE_NAMES
 
 
 def print_design(design: Design, out: Console) -> None:
@@ -20,9 +21,10 @@ def print_design(design: Design, out: Console) -> None:
     s = design.attitude.synthesis
     out.print(f"{design.basis.source}: {design.basis.outer['mass']:g} kg")
     x, u = design.attitude.x_trim, design.basis.u_trim
+    commands = ", ".join(f"{n} {v:.4f}" for n, v in zip(ACTUATOR_NAMES, u, strict=True))
     out.print(
-        f"trim of hover in still air: phi {np.degrees(x[0]):.3f} deg, theta {np.degrees(x[1]):.3f} "
-        f"deg, d_lat {u[0]:.4f}, d_lon {u[1]:.4f}, d_ped {u[2]:.4f}, d_col {u[3]:.4f}; largest "
+        f"trim of hover in still air: phi {np.degrees(x[NINE.phi]):.3f} deg, "
+        f"theta {np.degrees(x[NINE.theta]):.3f} deg, {commands}; largest "
         f"residual {design.basis.residual:.1e}"
     )
     star = s.gamma_star

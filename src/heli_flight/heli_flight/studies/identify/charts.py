@@ -11,7 +11,8 @@ from heli_flight.studies.identify.fit import Identification
 from heli_identification import Experiment
 from heli_identification.experiment import RATES
 from heli_identification.measured import CHANNELS, measured_response
-from heli_identification.response import FAST, FastModel
+from heli_identification.places import AIR, FAST, N_FAST, STATE
+from heli_identification.response import FastModel
 from heli_identification.spectra import Spectra, spectra_of
 from heli_identification.system import COMMANDS, sampled_rates
 from heli_math.state_space import WIND
@@ -51,10 +52,10 @@ def charts(found: Identification, truth: Truth | None) -> list[Chart]:
 
 def _with_wind(found: Identification) -> FastModel:
     fast = found.ab.fast
-    E = np.zeros((6, 4))
-    E[:, :3] = found.wind.E[FAST]
+    E = np.zeros((N_FAST, AIR.size))
+    E[:, AIR.velocity] = found.wind.E[FAST]
     # The excitation swings through the kink: the lines show the mean slope of both sides.
-    E[4, 2] = found.wind.E_rw["mean"]
+    E[STATE.r, AIR.w] = found.wind.E_rw["mean"]
     return FastModel(fast.A, fast.B, E, fast.servo_radps, fast.servo_damping, fast.delay_s)
 
 
@@ -84,7 +85,7 @@ def _bode(
         angle += 360.0 * np.round((phase[0] - angle[0]) / 360.0)
         gains.append(Trace(grid, np.abs(response), label, role, kind))
         turns.append(Trace(grid, angle, label, role, kind))
-    kind = "actuators" if channel < 4 else "gusts"
+    kind = "actuators" if channel < len(COMMANDS) else "gusts"
     return Chart(
         f"bode_{rate}_{name}",
         f"{rate} from {name}",

@@ -26,6 +26,7 @@ from heli_flight.studies.identify.parameter_table import Given, read_given
 from heli_flight.terminal import new_folder, steps
 from heli_flight.terminal import table as text_table
 from heli_identification import Experiment
+from heli_math.ticks import seconds
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import ParameterError
 
@@ -156,7 +157,7 @@ def _experiment(wanted: Wanted, kind: str, given: Given, folder: Path | None) ->
     bag = wanted.actuators if kind == "actuators" else wanted.gusts
     if bag is not None:
         return experiment_of_bag(bag, kind, given, start_time_s)
-    length_s = settings.scenario.n_ticks / 100.0
+    length_s = seconds(settings.scenario.n_ticks)
     if length_s < given.end_s:
         raise ParameterError(
             f"identify: periods: {given.periods} of {given.period_s:g} s from {given.start_s:g} s "

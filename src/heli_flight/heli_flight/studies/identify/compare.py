@@ -16,10 +16,12 @@ from heli_flight.loop.settings import Settings
 from heli_flight.studies.design.make import Basis, Design, aircraft_basis, design_of
 from heli_flight.studies.identify.fit import Identification
 from heli_identification.actuators import SIGNIFICANT_SHARE, effect_shares
-from heli_identification.response import FAST, FastModel
+from heli_identification.places import AIR, FAST, N_FAST
+from heli_identification.response import FastModel
 from heli_identification.spectra import spectra_of
 from heli_inner_hinf.frequency import peak_gain
 from heli_inner_hinf.loops import Loop, sampled_plant
+from heli_math.rows import ACTUATOR
 from heli_math.state_names import INPUT_NAMES, STATE_NAMES
 
 TARGETS = {"A": 0.05, "B": 0.05, "E": 0.10, "": 0.05, "norm": 0.05}
@@ -145,8 +147,8 @@ def _matrix_rows(found: Identification, truth: Truth | None) -> list[Row]:
 
 def fast_of(basis: Basis) -> FastModel:
     """A basis as the fits describe an aircraft (no kink, no collective)."""
-    B, E = np.zeros((6, 4)), np.zeros((6, 4))
-    B[:, :3], E[:, :3] = basis.B[FAST], basis.E[FAST]
+    B, E = np.zeros((N_FAST, ACTUATOR.size)), np.zeros((N_FAST, AIR.size))
+    B[:, ACTUATOR.attitude], E[:, AIR.velocity] = basis.B[FAST], basis.E[FAST]
     at = basis.actuation
     return FastModel(basis.A[FAST, FAST], B, E, at.servo_radps, at.servo_damping, at.delay_s)
 

@@ -16,21 +16,22 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.studies.identify.parameter_table import Given
 from heli_identification import Experiment
 from heli_math.rotations import euler_angles, quat_to_R_nb
-from heli_math.ticks import TICK_NS
+from heli_math.rows import ACTUATOR, IMU, NAV
+from heli_math.state_names import ACTUATOR_NAMES, WIND_NAMES
+from heli_math.ticks import NS_PER_S, TICK_NS, TICK_S, stamp_at, ticks_in
 from heli_msgs_bridge import topics
 
 EXCITATION = {"actuators": topics.EXCITATION_ACTUATORS, "gusts": topics.EXCITATION_WIND}
 """Topic that makes a bag one of an experiment."""
 _COMMON = (topics.ODOM, topics.IMU, topics.ACTUATORS)
 _CHANNELS = {
-    "actuators": ("d_lat", "d_lon", "d_ped", "d_col"),
-    "gusts": ("u", "v", "w"),
+    "actuators": ACTUATOR_NAMES,
+    "gusts": WIND_NAMES,
 }
 _SENDERS = {
     "actuators": "inner_loop sends it only while its excitation.* is configured",
     "gusts": "plant sends it only while its wind.sines.* is configured",
 }
-_TICK_S = TICK_NS / 1e9
 _SMALLEST = 1e-9
 
 
@@ -82,19 +83,18 @@ def experiment_of_bag(path: Path, kind: str, given: Given, start_time_s: float) 
         raise BagDataError(str(error)) from error
     excitation = EXCITATION[kind]
     needed = (*_COMMON, excitation)
-    start_ns = round(start_time_s * 1e9)
-    first, count = round(given.start_s / _TICK_S), round(given.periods * given.period_s / _TICK_S)
+    start_ns = stamp_at(start_time_s)
+    first, count = ticks_in(given.start_s), ticks_in(given.periods * given.period_s)
     ticks = np.arange(first, first + count)
     rows = {name: _rows(bag, name, kind, path, start_ns, ticks) for name in needed}
     _refuse_silence(rows[excitation], kind, path, bag)
     nav = rows[topics.ODOM]
-    none = np.zeros((count, 4)), np.zeros((count, 3))
-    added = rows[excitation] if kind == "actuators" else none[0]
-    gust = rows[excitation] if kind == "gusts" else none[1]
-    both = np.hstack([nav[:, 3:6], nav[:, 6:10]])
+    added = rows[excitation] if kind == "actuators" else np.zeros((count, ACTUATOR.size))
+    gust = rows[excitation] if kind == "gusts" else np.zeros((count, 3))
     return _experiment(
-        np.asarray(ticks * _TICK_S, np.float64),
-        both,
+        np.asarray(ticks * TICK_S, np.float64),
+        nav[:, NAV.vel],
+        nav[:, NAV.quat],
         rows[topics.IMU],
         rows[topics.ACTUATORS],
         added,
@@ -117,11 +117,11 @@ def _rows(
         hint = f" ({_SENDERS[kind]})" if name == EXCITATION[kind] else ""
         raise BagDataError(f"{path}: no message on '{name}'{hint}")
     known = _ticks_of(stream, name, path, start_ns)
-    end_s = (ticks[-1] + 1) * _TICK_S
+    end_s = (ticks[-1] + 1) * TICK_S
     if known[0] > ticks[0] or known[-1] < ticks[-1]:
         raise BagDataError(
-            f"{path}: '{name}' covers flight time {known[0] * _TICK_S:g} to "
-            f"{known[-1] * _TICK_S:g} s, but {ticks[0] * _TICK_S:g} to {end_s:g} s are needed: "
+            f"{path}: '{name}' covers flight time {known[0] * TICK_S:g} to "
+            f"{known[-1] * TICK_S:g} s, but {ticks[0] * TICK_S:g} to {end_s:g} s are needed: "
             "too short"
         )
     at = np.searchsorted(known, ticks)
@@ -129,7 +129,7 @@ def _rows(
     if gone.any():
         raise BagDataError(
             f"{path}: '{name}': {int(gone.sum())} of {ticks.size} messages are missing, the first "
-            f"at flight time {ticks[int(np.argmax(gone))] * _TICK_S:.2f} s"
+            f"at flight time {ticks[int(np.argmax(gone))] * TICK_S:.2f} s"
         )
     return stream.rows[at]
 
@@ -139,7 +139,7 @@ def _ticks_of(stream: Stream, name: str, path: Path, start_ns: int) -> NDArray[n
     if np.any(rest != 0):
         raise BagDataError(
             f"{path}: '{name}': stamps are not whole multiples of 10 ms after start_time_s = "
-            f"{start_ns / 1e9:g} s"
+            f"{start_ns / NS_PER_S:g} s"
         )
     return ticks
 
@@ -157,25 +157,26 @@ def _refuse_silence(rows: NDArray[np.float64], kind: str, path: Path, bag: Bag) 
 
 def _experiment(
     time_s: NDArray[np.float64],
-    nav: NDArray[np.float64],
+    vel_ned_mps: NDArray[np.float64],
+    q_nb: NDArray[np.float64],
     imu: NDArray[np.float64],
     u: NDArray[np.float64],
     excitation_u: NDArray[np.float64],
     gust_ned_mps: NDArray[np.float64],
     given: Given,
 ) -> Experiment:
-    """Velocities into body axes of the navigation's own attitude; nav: velocity NED 3, q_nb 4."""
-    R_nb = np.array([quat_to_R_nb(np.ascontiguousarray(q)) for q in nav[:, 3:7]])
-    attitude = euler_angles(nav[:, 3:7])
+    """Velocities into body axes of the navigation's own attitude."""
+    R_nb = np.array([quat_to_R_nb(np.ascontiguousarray(q)) for q in q_nb])
+    attitude = euler_angles(q_nb)
     attitude[:, 2] = np.unwrap(attitude[:, 2])
     return Experiment(
         time_s=time_s,
         u=u,
         excitation_u=excitation_u,
         attitude_rad=attitude,
-        rate_body_radps=imu[:, 3:6],
-        vel_body_mps=np.einsum("nji,nj->ni", R_nb, nav[:, 0:3]),
-        accel_body_mps2=imu[:, 0:3],
+        rate_body_radps=imu[:, IMU.rate],
+        vel_body_mps=np.einsum("nji,nj->ni", R_nb, vel_ned_mps),
+        accel_body_mps2=imu[:, IMU.force],
         gust_body_mps=np.einsum("nji,nj->ni", R_nb, gust_ned_mps),
         period_s=given.period_s,
         start_s=given.start_s,

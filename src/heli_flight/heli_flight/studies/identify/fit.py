@@ -25,8 +25,10 @@ from heli_identification import (
     relative_air_w,
     trim_of,
 )
+from heli_identification.places import AIR
 from heli_identification.system import identified_system
 from heli_inner_hinf.actuation import Actuation
+from heli_math.rows import NINE
 from heli_math.ticks import TICK_S
 
 
@@ -93,7 +95,7 @@ def identify(
     air_w_mps = relative_air_w(gusts, ab, collective)
     wind = fit_gusts(gusts, ab, air_w_mps=air_w_mps)
     mean = wind.E.copy()
-    mean[6, 2] = wind.E_rw["mean"]
+    mean[NINE.r, AIR.w] = wind.E_rw["mean"]
     ab = refit_actuators(actuators, ab, mean)
     trim = trim_of([actuators, gusts], ab)
     wind = fit_gusts(gusts, ab, air_w_mps=air_w_mps)

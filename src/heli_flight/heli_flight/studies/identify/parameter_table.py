@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from heli_math.ticks import TICK_S, TICKS_PER_S
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import Parameter, ParameterError, load
 
@@ -79,11 +80,11 @@ def read_given(aircraft: str, params: Sequence[Path]) -> Given:
     if not file.is_file():
         file = folder / "helion.yaml"
     values = load(TABLE, [file, *params], NODE_NAME)
-    ticks = values["period_s"] * 100.0
+    ticks = values["period_s"] * TICKS_PER_S
     if abs(ticks - round(ticks)) > 1e-6:
         raise ParameterError(
             f"identify: period_s: {values['period_s']:g} is not allowed; allowed: a multiple of "
-            "0.01 s, the tick"
+            f"{TICK_S:g} s, the tick"
         )
     ground = {name: values[name] for name in MEASURED}
     return Given(ground, values["period_s"], values["start_s"], values["periods"], file.name)
