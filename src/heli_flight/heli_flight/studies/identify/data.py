@@ -51,9 +51,15 @@ def experiment_of_record(record: FlightRecord, given: Given) -> Experiment:
         raise BagDataError(
             "the flight was not excited: neither excitation.* nor wind.sines.* is on"
         )
-    nav = np.hstack([record.nav_vel_ned_mps, record.nav_q_nb])
     return _experiment(
-        record.time_s, nav, record.imu, record.u, record.excitation_u, record.gust_ned_mps, given
+        record.time_s,
+        record.nav_vel_ned_mps,
+        record.nav_q_nb,
+        record.imu,
+        record.u,
+        record.excitation_u,
+        record.gust_ned_mps,
+        given,
     )
 
 
