@@ -251,6 +251,7 @@ def check_ros2(command, launch):
     ROS2[words[0]](words[1:], launch)
 
 
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("readme", READMES)
 def test_commands_of_the_code_blocks(readme, clone, bare_env, beside_a_flight, launch):
     """From top to bottom, as a reader would."""
