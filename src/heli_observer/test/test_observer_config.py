@@ -75,7 +75,10 @@ def test_values_that_do_not_fit_together_are_refused(parameters, change, words):
 
 def test_defaults_agree_with_the_plants_sensors(parameters):
     """The observer's picture of sensors, schedule and servos is that of the packaged plant."""
-    plant_yaml = Path(__file__).resolve().parents[2] / "heli_dynamics_sim/config/plant.yaml"
+    packages = Path(__file__).resolve().parents[2]
+    plant_yaml = packages / "heli_dynamics_sim/config/plant.yaml"
+    common_yaml = packages / "heli_parameters/config/common.yaml"
+    common = yaml.safe_load(common_yaml.read_text())["/**"]["ros__parameters"]
     plant = yaml.safe_load(plant_yaml.read_text())["/**/plant"]["ros__parameters"]
     sensors, v = plant["sensors"], parameters
     imu, gps, baro = sensors["imu"], sensors["gps"], sensors["baro"]
@@ -98,5 +101,5 @@ def test_defaults_agree_with_the_plants_sensors(parameters):
     for sensor in ("mag", "baro", "gps"):
         assert v[f"schedule.{sensor}_period_ticks"] == sensors[sensor]["period_ticks"]
     assert v["schedule.gps_latency_ticks"] == gps["latency_ticks"]
-    assert v["ekf.origin_altitude_m"] == plant["origin"]["altitude_m"]
+    assert v["ekf.origin_altitude_m"] == common["origin"]["altitude_m"]
     assert v["u_delay_ticks"] == plant["delay_ticks"]
