@@ -220,6 +220,8 @@ heli_clean_environment() {
     # Wheels are installed without byte code: a flight imports a fifth of their modules, and those are compiled once,
     # when they are first imported. Without writing it each start would compile them anew, which takes two seconds.
     unset PYTHONDONTWRITEBYTECODE
+    # Without a home that can be written to, matplotlib would complain at every start.
+    [ -w "${HOME:-/nowhere}/." ] || export MPLCONFIGDIR="${MPLCONFIGDIR:-${TMPDIR:-/tmp}/heli_hover-$UID/matplotlib}"
     [ "$heli_mode" = wheels ] || return 0
     [ -z "${ROS_DISTRO:-}" ] || unset LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION
     unset PYTHONPATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH

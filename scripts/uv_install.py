@@ -82,6 +82,8 @@ def main() -> int:
     command = [sys.executable, "-m", "pip", "config", "list"]
     listed = subprocess.run(command, capture_output=True, text=True)
     options = pip_options(listed.stdout) if listed.returncode == 0 else {}
+    if "UV_INDEX_URL" in os.environ:  # uv's older name of the same
+        options.pop("index-url", None)
     environment = uv_variables(options) | cache_variables(os.environ) | dict(os.environ)
     try:
         os.execve(uv, [uv, "pip", "install", *uv_arguments(options), *arguments], environment)

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input: one line that names it, exit code 2, nothing half-started, no process left behind."""
 
+import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -134,3 +136,17 @@ def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env,
     assert living(30.0) == []
     process.stdout.close()
     assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500
+
+
+@pytest.mark.parametrize("home", ["/dev/null", None], ids=["not to be written", "unset"])
+def test_a_flight_needs_no_home(hover_test, tmp_path, ros_env, home):
+    """ROS keeps its log, and the kernels their cache, in the temporary folder then."""
+    cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    env = {"XDG_CACHE_HOME": cache, "TMPDIR": str(tmp_path)}
+    if home is None:
+        del ros_env["HOME"]
+    else:
+        env["HOME"] = home
+    done = hover_test("--duration", "1", "--out", tmp_path / "f", env=env)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [path.name for path in tmp_path.glob("heli_hover-*/*")] == ["ros_log"]

@@ -8,7 +8,6 @@ import importlib
 import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -177,20 +176,23 @@ def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> li
 def check_middleware() -> None:
     """Raise StartError for an environment in which rcl or Fast DDS would end the whole process.
 
-    RMW_IMPLEMENTATION is tried in another process; ROS_DOMAIN_ID must leave room for port numbers.
+    The library that RMW_IMPLEMENTATION names must be there; ROS_DOMAIN_ID must leave room for port
+    numbers.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
     if domain and not (domain.isdecimal() and int(domain) <= _MAX_DOMAIN):
         raise StartError(
             f"ROS 2 cannot start with ROS_DOMAIN_ID={domain}: allowed are 0 to {_MAX_DOMAIN}"
         )
-    if not os.environ.get("RMW_IMPLEMENTATION"):
+    name = os.environ.get("RMW_IMPLEMENTATION")
+    if not name:
         return
-    probe = "import rclpy; rclpy.init(); rclpy.create_node('probe'); rclpy.shutdown()"
-    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True)
-    if done.returncode:
-        name = os.environ["RMW_IMPLEMENTATION"]
-        raise StartError(f"ROS 2 cannot start with RMW_IMPLEMENTATION={name}: not installed")
+    try:
+        ctypes.CDLL(f"lib{name}.so")
+    except OSError:
+        raise StartError(
+            f"ROS 2 cannot start with RMW_IMPLEMENTATION={name}: not installed"
+        ) from None
 
 
 @contextlib.contextmanager

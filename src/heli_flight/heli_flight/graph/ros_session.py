@@ -3,7 +3,9 @@
 
 import contextlib
 import os
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 import rclpy
 from rclpy.node import Node
@@ -17,8 +19,22 @@ DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
 
+def _keep_log() -> None:
+    """Have ROS log to the temporary folder where there is no home that can be written to."""
+    if "ROS_LOG_DIR" in os.environ or "ROS_HOME" in os.environ:
+        return
+    try:
+        log = Path(os.environ["HOME"]) / ".ros" / "log"
+        log.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=log).close()
+    except (OSError, KeyError):
+        own = Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}" / "ros_log"
+        os.environ["ROS_LOG_DIR"] = str(own)
+
+
 def prepare_environment() -> None:
     """Stay on this machine and announce participants often, unless the user chose otherwise."""
+    _keep_log()
     os.environ.setdefault(DISCOVERY, "LOCALHOST")
     if not any(name in os.environ for name in PROFILES):
         profiles = str(config_folder("heli_flight") / "fastdds.xml")
