@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fly the same flights as other processors would, and say by how much they differ.
 
-Usage: python scripts/compare_cpu_types.py [--seeds 1..5] [--only NAME] [--out FILE] [--table FILE]
+Usage: python scripts/compare_cpu_types.py [--seeds 1..5] [--only NAME] [--json]
 
 Hover and attitude test, both receivers, one process, 60 s. Each combination of cpu_types.py is
 compared with this processor as it is. Then two environments that take the choice away: where
 qemu-x86_64 (Debian: qemu-user) is installed, an emulated older processor flies under each, and must
 give this processor's numbers under the same, bit for bit.
 
---out writes the result file (docs/results/cpu_types.json), --table prints that of a result file.
 Exit code 0: done, and emulated processors agree; 1: one of them does not; 2: bad input.
 """
 
@@ -21,7 +20,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +45,6 @@ FIXED = {
     "fixed to x86-64-v3": (SAME_ON_V3, "Haswell-v1"),
     "fixed to x86-64-v2": (SAME_ON_V2, "Nehalem"),
 }
-_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite")
 _POSITION, _QUATERNION = "truth_pos_ned_m", "truth_q_nb"
 
 
@@ -59,10 +56,10 @@ class Row:
     ----------
     name, against : str
         Combination, and the one it is compared with.
-    identical : bool
-        Every recorded number of every flight, bit for bit.
-    first_tick : int, optional
-        First tick at which anything differs.
+    differing : int
+        How many of the recorded numbers of all flights differ in any bit.
+    same_ticks : int
+        For how long no flight has a number that differs.
     position_m, position_end_m : float
         Largest difference of the true position, in flight and at its end.
     attitude_rad : float
@@ -75,8 +72,8 @@ class Row:
 
     name: str
     against: str
-    identical: bool | None = None
-    first_tick: int | None = None
+    differing: int = 0
+    same_ticks: int = 0
     position_m: float = 0.0
     position_end_m: float = 0.0
     attitude_rad: float = 0.0
@@ -124,13 +121,12 @@ def flown(combination: Combination, seeds: Sequence[int], path: Path, before: Se
 
 def compare(name: str, against: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Row:
     """How far two sets of flights are apart."""
-    names = [key for key in one if "/" in key]
-    first, position, end, attitude = [], [0.0], [0.0], [0.0]
-    for key in names:
+    differing, same, position, end, attitude = 0, [], [0.0], [0.0], [0.0]
+    for key in (key for key in one if "/" in key):
         a, b = one[key], other[key]
-        differing = np.flatnonzero((a != b).reshape(len(a), -1).any(axis=1))
-        if differing.size:
-            first.append(int(differing[0]))
+        unequal = (a != b).reshape(len(a), -1)
+        differing += int(unequal.sum())
+        same.append(int(np.append(np.flatnonzero(unequal.any(axis=1)), len(a))[0]))
         if key.endswith(_POSITION):
             distance = np.linalg.norm(a - b, axis=1)
             position.append(float(distance.max()))
@@ -139,11 +135,9 @@ def compare(name: str, against: str, one: Mapping[str, Any], other: Mapping[str,
             # |q_a - q_b| = 2 sin(angle / 4), and the angle is tiny.
             attitude.append(2.0 * float(np.linalg.norm(a - b, axis=1).max()))
     gain = np.abs(one["gain"] - other["gain"]).max() / np.abs(one["gain"]).max()
-    identical = not first and gain == 0.0
     return Row(
-        name, against, identical, min(first, default=None), max(position), max(end), max(attitude),
-        float(gain),
-    )  # fmt: skip
+        name, against, differing, min(same), max(position), max(end), max(attitude), float(gain)
+    )
 
 
 def emulated(name: str, seeds: Sequence[int], here: Mapping[str, Any], folder: Path) -> Row:
@@ -195,23 +189,17 @@ def _of_seeds(arrays: Mapping[str, Any], seeds: Sequence[int]) -> dict[str, Any]
     }
 
 
-def table(content: Mapping[str, Any]) -> str:
-    """The rows of a result file as Markdown."""
-    lines = [
-        "| combination | compared with | same bits | differs from tick | position, m "
-        "| at the end, m | attitude, rad | gains, relative |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for row in map(lambda values: Row(**values), content["rows"]):
+def print_table(rows: Sequence[Row]) -> None:
+    """The rows as Markdown."""
+    print("| combination | compared with | numbers that differ | same for, ticks | position, m "
+          "| at the end, m | attitude, rad | gains, relative |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|")
+    for row in rows:
+        sizes = (row.position_m, row.position_end_m, row.attitude_rad, row.gain)
+        cells = [str(row.differing), str(row.same_ticks), *(f"{size:.1g}" for size in sizes)]
         if row.why_not:
-            lines.append(f"| {row.name} | {row.against} | {row.why_not} | | | | | |")
-            continue
-        numbers = (row.position_m, row.position_end_m, row.attitude_rad, row.gain)
-        cells = [f"{number:.1g}" if number else "0" for number in numbers]
-        tick = "" if row.first_tick is None else str(row.first_tick)
-        same = "yes" if row.identical else "no"
-        lines.append(f"| {' | '.join((row.name, row.against, same, tick, *cells))} |")
-    return "\n".join(lines)
+            cells = [row.why_not, *[""] * 5]
+        print(f"| {' | '.join((row.name, row.against, *cells))} |")
 
 
 def _seeds(text: str) -> list[int]:
@@ -221,29 +209,17 @@ def _seeds(text: str) -> list[int]:
     return [int(word) for word in text.split(",")]
 
 
-def _commit() -> str:
-    done = subprocess.run(
-        ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=40"],
-        capture_output=True, text=True,
-    )  # fmt: skip
-    return done.stdout.strip() or "unknown"
-
-
 def main() -> int:
     """Measure; 0 done, 1 an emulated processor flew other numbers, 2 bad input."""
     parser = argparse.ArgumentParser(description="Fly the same flights as other processors would.")
     parser.add_argument("--seeds", type=_seeds, default=_seeds("1..5"), help="1..5 or 1,2")
     parser.add_argument("--only", action="append", default=[], metavar="NAME", help="combination")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the result file")
-    parser.add_argument("--table", type=Path, metavar="FILE", help="print a result file's table")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--fly", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     errors = Console(stderr=True, highlight=False, soft_wrap=True)
     if options.fly:
         fly(options.seeds, options.fly)
-        return 0
-    if options.table:
-        print(table(json.loads(options.table.read_text(encoding="utf-8"))))
         return 0
     every = [*combinations(), *(Combination(name, env) for name, (env, _) in FIXED.items())]
     try:
@@ -251,23 +227,13 @@ def main() -> int:
     except CpuTypeError as error:
         errors.print(str(error))
         return 2
-    content = {
-        "command": "python scripts/compare_cpu_types.py --out docs/results/cpu_types.json",
-        "commit": _commit(),
-        "seeds": options.seeds,
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in _LIBRARIES},
-            "libc": " ".join(platform.libc_ver()),
-        },
-        "processor": cpu_name(),
-        "rows": [asdict(row) for row in rows],
-    }
-    if options.out:
-        options.out.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    print(table(content))
-    strangers = [row for row in rows if row.against in FIXED and row.identical is False]
-    return 1 if strangers else 0
+    if options.json:
+        fixed = {name: env for name, (env, _) in FIXED.items()}
+        libc = " ".join(platform.libc_ver())
+        print(json.dumps({"libc": libc, "fixed": fixed, "rows": [asdict(row) for row in rows]}))
+    else:
+        print_table(rows)
+    return int(any(row.against in FIXED and row.differing for row in rows))
 
 
 if __name__ == "__main__":
