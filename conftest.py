@@ -4,6 +4,7 @@
 import fcntl
 import itertools
 import os
+import signal
 import subprocess
 import tempfile
 import time
@@ -28,6 +29,12 @@ def own_domain():
                 continue
             yield domain
             return
+
+
+def pytest_configure():
+    # A test run started with `&` ignores SIGINT, and so would everything that it starts.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
