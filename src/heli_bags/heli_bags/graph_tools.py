@@ -192,10 +192,11 @@ def measure(
     ]
 
 
-def find(node: Node, name: str, settle_s: float) -> Seen:
+def find(node: Node, name: str, settle_s: float, wait_s: float = 0.0) -> Seen:
     """The topic by its name, with or without the slash.
 
-    Waits for its first publisher, whose QoS the listener needs, at most until the graph is still.
+    Waits for its first publisher, whose QoS the listener needs, at most until the graph is still
+    and wait_s have passed.
 
     Raises
     ------
@@ -206,7 +207,9 @@ def find(node: Node, name: str, settle_s: float) -> Seen:
     while True:
         rows = {row.topic: row for row in discovery.look()}
         found = rows.get(name) or rows.get(f"/{name}")
-        if discovery.over or (found is not None and found.publishers):
+        if found is not None and found.publishers:
+            break
+        if discovery.over and discovery.waited_s >= wait_s:
             break
         time.sleep(_POLL_S)
     if found is None:
@@ -228,7 +231,8 @@ def listen(
     name : str
         With or without the slash in front.
     timeout_s : float, optional
-        Wall time without a message after which it is given up; None for never.
+        Wall time without a message after which it is given up, also without a publisher; None
+        for never, unless there is no such topic.
     settle_s : float
         How long the graph must have stood still before the topic is said to be missing.
 
@@ -242,7 +246,7 @@ def listen(
     TopicError
         No such topic, a type that is not installed, or silence.
     """
-    found = find(node, name, settle_s)
+    found = find(node, name, settle_s, timeout_s or 0.0)
     try:
         cls = topics.message_class(found.type)
     except LookupError as error:

@@ -3,11 +3,10 @@
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from heli_bags.parameter_table import NODE_NAME, TABLE
@@ -124,12 +123,11 @@ class RecorderNode(ManagedNode[Recording, None]):
         self.core.trouble = str(error)
         self.report(Level.ERROR, self.core.trouble)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle callback: drain; what is wrong with the bag stays the last word."""
-        result = super().on_deactivate(state)
-        if self.core.trouble:
-            self.report(Level.ERROR, self.core.trouble)
-        return result
+    def report(self, level: Level, message: str, facts: Mapping[str, Any] | None = None) -> None:
+        """Say how the node is; what is wrong with the bag stays the last word."""
+        if self.configured and self.core.trouble and level < Level.ERROR:
+            level, message = Level.ERROR, self.core.trouble
+        super().report(level, message, facts)
 
     def _write(self, name: str, raw: bytes) -> None:
         try:

@@ -102,6 +102,9 @@ def test_the_listener_waits_for_the_publisher_whose_qos_it_needs(graph):
     assert (found.topic, found.publishers) == ("/reference", 1)
     silent = graph((0.1, "subscriber", "/reference"))
     assert graph_tools.find(silent, "/reference", graph_tools.SETTLED_S).publishers == 0
+    late = graph((0.1, "subscriber", "/reference"), (20.0, "publisher", "/reference"))
+    assert graph_tools.find(late, "reference", 1.5, wait_s=30.0).publishers == 1
+    assert 20.0 <= late.now < 20.1
     with pytest.raises(graph_tools.TopicError) as caught:
         graph_tools.find(graph((0.1, "publisher", "/odom")), "imu", graph_tools.SETTLED_S)
     assert str(caught.value) == (

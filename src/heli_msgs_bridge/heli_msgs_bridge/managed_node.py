@@ -22,6 +22,8 @@ from heli_parameters.parameters import ParameterError
 from heli_parameters.parameters import judge as why_refused
 
 _POLL_S = 0.002
+INACTIVE = "inactive"
+"""What a node says when it has been deactivated."""
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 Core = TypeVar("Core")
@@ -333,7 +335,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: stop sending."""
-        result = self._transition(self.disengage, "inactive")
+        result = self._transition(self.disengage, INACTIVE)
         self._leave_active()
         LifecycleNode.on_deactivate(self, state)
         return result

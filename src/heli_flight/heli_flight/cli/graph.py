@@ -30,7 +30,8 @@ def echo(
         int | None, typer.Option(min=1, metavar="N", help="stop after N messages")
     ] = None,
     timeout: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="give up after S without a message")
+        float | None,
+        typer.Option(min=0.0, metavar="S", help="give up after S without a message or a sender"),
     ] = None,
     settle: _Settle = 1.5,
     full: Annotated[bool, typer.Option("--full", help="do not shorten long arrays")] = False,

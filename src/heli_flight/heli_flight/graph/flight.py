@@ -19,7 +19,7 @@ from heli_flight.graph.live import MODULE as LIVE_MODULE
 from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.processes import NodeProcess, domain_reserved, stop
 from heli_flight.graph.ros_session import prepare_environment
-from heli_flight.graph.supervisor import BringUpError, Supervisor
+from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import Result
 from heli_flight.loop.scenario import NODE_NAME as SCENARIO
@@ -29,6 +29,7 @@ from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_live_view.parameter_table import SHOWN_TO_THE_END
 from heli_math.ticks import seconds, stamp_at
+from heli_msgs_bridge.managed_node import INACTIVE
 from heli_parameters.locate import executable
 from heli_parameters.parameters import dump_all
 
@@ -37,7 +38,7 @@ _TRANSITION_LIMIT_S = 60.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
 _BAG_LIMIT_S = 10.0
-# How long the end of a flight waits for the live view to have shown it.
+# How long the end of a flight waits for the live view to have shown it, and for last words.
 _END_LIMIT_S = 10.0
 
 
@@ -231,6 +232,8 @@ class Graph:
             )
         # Whatever has reached the recorder is in the bag once it has confirmed.
         up.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, _BAG_LIMIT_S, lambda: None)
+        # Its last word, of gaps perhaps, comes by another way than the confirmation.
+        up.wait_until(lambda: _last_word(up.statuses.get("recorder")), _END_LIMIT_S, lambda: None)
 
     def close(self) -> list[str]:
         """End everything; returns the names of processes that had to be killed."""
@@ -259,6 +262,11 @@ def _graph(settings: Settings, folder: Path, *watching: Any) -> Iterator[Graph]:
             signal.signal(signal.SIGINT, signal.SIG_IGN if graph.interrupted else before)
     if graph.interrupted:
         raise KeyboardInterrupt
+
+
+def _last_word(recorder: NodeStatus | None) -> bool:
+    """Whether the recorder has said how the bag is."""
+    return recorder is not None and (recorder.level > 0 or recorder.message == INACTIVE)
 
 
 def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
