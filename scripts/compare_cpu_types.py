@@ -37,6 +37,8 @@ from cpu_types import (
 )
 from rich.console import Console
 
+from heli_math.ticks import TICK_S
+
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAMS = ("hover", "attitude")
 RECEIVERS = ("standalone", "rtk")
@@ -56,28 +58,26 @@ class Row:
     ----------
     name, against : str
         Combination, and the one it is compared with.
-    differing : int
-        How many of the recorded numbers of all flights differ in any bit.
+    numbers, differing : int
+        How many numbers were recorded, of all flights, and how many of them differ in any bit.
     same_ticks : int
         For how long no flight has a number that differs.
     position_m, position_end_m : float
         Largest difference of the true position, in flight and at its end.
     attitude_rad : float
         Largest rotation between the true attitudes.
-    gain : float
-        Largest difference of the synthesised gains, relative to the largest of them.
     why_not : str
         Why it was not flown; empty if it was.
     """
 
     name: str
     against: str
+    numbers: int = 0
     differing: int = 0
     same_ticks: int = 0
     position_m: float = 0.0
     position_end_m: float = 0.0
     attitude_rad: float = 0.0
-    gain: float = 0.0
     why_not: str = ""
 
 
@@ -85,7 +85,6 @@ def fly(seeds: Sequence[int], path: Path) -> None:
     """Fly everything in this process and write what was recorded, with this processor's name."""
     from heli_flight.loop.closed_loop import simulate
     from heli_flight.loop.settings import resolve
-    from heli_inner_hinf.design import AttitudeConfig
 
     arrays: dict[str, np.ndarray] = {}
     for program in PROGRAMS:
@@ -96,8 +95,7 @@ def fly(seeds: Sequence[int], path: Path) -> None:
                     value = getattr(record, item.name)
                     if value is not None:
                         arrays[f"{program}/{receiver}/{seed}/{item.name}"] = np.asarray(value)
-    config = AttitudeConfig.from_parameters(resolve().nodes["inner_loop"])
-    np.savez(path, gain=config.synthesis.F, processor=np.array(cpu_name()), **arrays)
+    np.savez(path, processor=np.array(cpu_name()), **arrays)
 
 
 def flown(combination: Combination, seeds: Sequence[int], path: Path, before: Sequence[str] = ()):
@@ -121,9 +119,10 @@ def flown(combination: Combination, seeds: Sequence[int], path: Path, before: Se
 
 def compare(name: str, against: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Row:
     """How far two sets of flights are apart."""
-    differing, same, position, end, attitude = 0, [], [0.0], [0.0], [0.0]
+    numbers, differing, same, position, end, attitude = 0, 0, [], [0.0], [0.0], [0.0]
     for key in (key for key in one if "/" in key):
         a, b = one[key], other[key]
+        numbers += a.size
         unequal = (a != b).reshape(len(a), -1)
         differing += int(unequal.sum())
         same.append(int(np.append(np.flatnonzero(unequal.any(axis=1)), len(a))[0]))
@@ -134,10 +133,8 @@ def compare(name: str, against: str, one: Mapping[str, Any], other: Mapping[str,
         elif key.endswith(_QUATERNION):
             # |q_a - q_b| = 2 sin(angle / 4), and the angle is tiny.
             attitude.append(2.0 * float(np.linalg.norm(a - b, axis=1).max()))
-    gain = np.abs(one["gain"] - other["gain"]).max() / np.abs(one["gain"]).max()
-    return Row(
-        name, against, differing, min(same), max(position), max(end), max(attitude), float(gain)
-    )
+    sizes = max(position), max(end), max(attitude)
+    return Row(name, against, numbers, differing, min(same), *sizes)
 
 
 def emulated(name: str, seeds: Sequence[int], here: Mapping[str, Any], folder: Path) -> Row:
@@ -192,13 +189,14 @@ def _of_seeds(arrays: Mapping[str, Any], seeds: Sequence[int]) -> dict[str, Any]
 def print_table(rows: Sequence[Row]) -> None:
     """The rows as Markdown."""
     print("| combination | compared with | numbers that differ | same for, ticks | position, m "
-          "| at the end, m | attitude, rad | gains, relative |")  # fmt: skip
-    print("|---|---|---|---|---|---|---|---|")
+          "| at the end, m | attitude, rad |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|")
     for row in rows:
-        sizes = (row.position_m, row.position_end_m, row.attitude_rad, row.gain)
-        cells = [str(row.differing), str(row.same_ticks), *(f"{size:.1g}" for size in sizes)]
+        sizes = (row.position_m, row.position_end_m, row.attitude_rad)
+        cells = [f"{row.differing} of {row.numbers}", str(row.same_ticks)]
+        cells += [f"{size:.1g}" for size in sizes]
         if row.why_not:
-            cells = [row.why_not, *[""] * 5]
+            cells = [row.why_not, *[""] * 4]
         print(f"| {' | '.join((row.name, row.against, *cells))} |")
 
 
@@ -230,7 +228,8 @@ def main() -> int:
     if options.json:
         fixed = {name: env for name, (env, _) in FIXED.items()}
         libc = " ".join(platform.libc_ver())
-        print(json.dumps({"libc": libc, "fixed": fixed, "rows": [asdict(row) for row in rows]}))
+        content = {"libc": libc, "tick_s": TICK_S, "fixed": fixed}
+        print(json.dumps({**content, "rows": [asdict(row) for row in rows]}))
     else:
         print_table(rows)
     return int(any(row.against in FIXED and row.differing for row in rows))

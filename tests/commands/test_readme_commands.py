@@ -42,6 +42,8 @@ SHORTER = {
     "./heli compare robustness": "--n 1 --duration 6",
     "./heli identify": "--one-process",
     "./run_tests.sh": "--collect-only -q",
+    "./heli python scripts/sweep_cpu_types.py": "--only native --collect-only",
+    "./heli python scripts/compare_cpu_types.py": "--seeds 1 --only Nehalem",
 }
 # Commands that look at a running graph: one flies in real time beside them.
 NEED_A_GRAPH = ("./heli topics", "./heli echo")

@@ -114,6 +114,23 @@ PRODUCERS = (
         "A, B, E of the linearised aircraft beside the published ones.",
     ),
     Producer(
+        "cpu_types",
+        "./heli python scripts/compare_cpu_types.py --seeds 1..5 --json",
+        "The same flights as other processors fly them.",
+        tuple(range(1, 6)),
+        # What rounding makes of rounding: a number of each kind of processor.
+        loose={
+            key: _NOT_COMPARED
+            for key in (
+                "differing",
+                "same_ticks",
+                "position_m",
+                "position_end_m",
+                "attitude_rad",
+            )
+        },
+    ),
+    Producer(
         "recorder",
         "./heli python scripts/recorder_table.py",
         "Losses and load of the recorder, sizes of bags.",

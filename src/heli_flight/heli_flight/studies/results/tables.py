@@ -18,5 +18,6 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "pid_axes": parts.pid_axes,
     "fusion": parts.fusion,
     "deviations": parts.deviations,
+    "cpu_types": parts.cpu_types,
     "recorder": parts.recorder,
 }

@@ -137,6 +137,32 @@ def deviations(results: Results) -> str:
     )
 
 
+def cpu_types(results: Results) -> str:
+    """How far the same flights of two processors are apart."""
+    found = results["cpu_types"]
+    rows = []
+    for row in found["rows"]:
+        if row["why_not"]:
+            rows.append([row["name"], row["against"], row["why_not"], "", "", "", ""])
+            continue
+        sizes = (row["position_m"], row["position_end_m"], row["attitude_rad"])
+        rows.append(
+            [
+                row["name"],
+                row["against"],
+                f"{row['differing']} of {row['numbers']}",
+                f"{row['same_ticks'] * found['tick_s']:g} s",
+                *(f"{size:.0e}" if size else "0" for size in sizes),
+            ]
+        )
+    head = ["changed", "compared with", "recorded numbers that differ", "none differs for"]
+    head += ["position, m, largest", "at the end", "attitude, rad"]
+    return (
+        f"{grid(head, rows)}\n\nHover and attitude test, both receivers, 60 s, one process, "
+        f"{results.seeds('cpu_types')} (emulated: the first); {found['libc']}."
+    )
+
+
 def recorder(results: Results) -> str:
     """Losses and processor time of the recorder, sizes of bags."""
     found = results["recorder"]
