@@ -25,7 +25,7 @@ from heli_flight.studies.identify.command import (
 from heli_flight.studies.identify.compare import misses
 from heli_flight.studies.identify.data import experiment_of_record
 from heli_identification import relative_air_w
-from heli_math.rotations import quat_to_R_nb
+from heli_math.rotations import euler_angles, quat_to_R_nb
 from heli_parameters.locate import config_folder
 
 
@@ -65,6 +65,20 @@ def test_hover_test_flies_inside_the_papers_figures_with_identified_numbers(foun
     flight = closed_loop.simulate(settings)
     result = Result(score(flight.record, settings.scenario), flight.sentence, 60.0, 1.0)
     assert result.exit_code("standalone") == 0, [s.as_dict() for s in result.outside]
+
+
+@pytest.mark.parametrize("kind", ["actuators", "gusts"])
+def test_the_excited_aircraft_stays_near_trim_and_reference(kind):
+    """What heli_flight's README promises of the experiments: 5 deg, 0.5 m."""
+    settings = settings_of(Wanted(seed=1, one_process=True), kind)
+    record = closed_loop.simulate(settings).record
+    excited = slice(800, None)  # 8 s: start of the sines in both scenarios
+    phi, theta = euler_angles(record.truth_q_nb)[excited, :2].T
+    trim = settings.nodes["inner_loop"]["trim.x"]
+    for angle, at in ((phi, trim[0]), (theta, trim[1])):
+        assert 0.2 < np.degrees(np.abs(angle - at).max()) < 5.0
+    error = (record.nav_pos_ned_m - record.reference[:, :3])[excited]
+    assert 0.05 < np.linalg.norm(error, axis=1).max() < 0.5
 
 
 def test_no_number_comes_from_the_simulators_inside(found):

@@ -125,6 +125,18 @@ def test_roll_by_vertical_gusts_deviates_as_the_trim_does(params, hover, model, 
     assert at(0.0042) / np.sin(0.0042) == pytest.approx(ratio, rel=1e-3)
 
 
+def test_half_a_metre_per_second_of_side_wind_shifts_the_model(params, model):
+    """What heli_identification's README says of the mean of turbulence."""
+    windy = [linearize(params, trim(params, (0.0, v, 0.0))) for v in (-0.5, 0.5)]
+    r, p, v = STATE_NAMES.index("r"), STATE_NAMES.index("p"), WIND_NAMES.index("v")
+    side = [abs(w.E[r, v] / model.E[r, v] - 1.0) for w in windy]
+    roll = [abs(w.A[r, p] / model.A[r, p] - 1.0) for w in windy]
+    assert max(side) == pytest.approx(0.13, abs=0.005)
+    assert max(roll) == pytest.approx(0.045, abs=0.002)
+    tilts = [np.degrees(abs(w.x_trim[0] - model.x_trim[0])) for w in windy]
+    assert tilts == pytest.approx([0.85, 0.85], abs=0.01)
+
+
 def test_deviation_table_explains_every_deviation():
     """`scripts/deviation_table.py`: exit 0, a row per entry, the known ones with their reason."""
     script = Path(__file__).resolve().parents[2] / "scripts" / "deviation_table.py"

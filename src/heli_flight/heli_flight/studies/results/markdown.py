@@ -17,7 +17,7 @@ from heli_flight.studies.results.files import Results, path_of, read
 from heli_flight.studies.results.tables import TABLES
 
 _BLOCK = re.compile(r"(<!-- results: (\S+) -->\n).*?(<!-- end -->)", re.S)
-_VALUE = re.compile(r"(<!-- value: (\S+) (\S+) (\S+) -->).*?(<!-- end -->)", re.S)
+_VALUE = re.compile(r"(<!-- value: (\S+) (\S+) (\S+) -->)[^`\n]*?(<!-- end -->)")
 
 
 def markdown_files(root: Path) -> list[Path]:

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers that the READMEs publish are those of the result files, and these are true (nightly)."""
+
+import json
+import re
+import shutil
+
+import pytest
+
+from heli_flight.cli import app as cli
+from heli_flight.errors import FlightError
+from heli_flight.studies.results import files
+from heli_flight.studies.results.markdown import markdown_files, rendered
+from heli_flight.studies.results.registry import PRODUCERS, Producer
+
+ROOT = files.checkout()
+MARKDOWN = {str(path.relative_to(ROOT)): path for path in markdown_files(ROOT)}
+NOT_MADE = re.search(
+    r"(?m)^\*\*Not made yet\*\*.*$", (ROOT / files.FOLDER / "README.md").read_text(encoding="utf-8")
+)
+MADE = [p for p in PRODUCERS if files.path_of(ROOT, p.name).is_file()]
+NAMES = [producer.name for producer in MADE]
+# First lines of tables that hold no measurement: what exists, how often, what is allowed.
+DESCRIPTIVE = {
+    "| topic | type | direction | rate |",
+    "| command | what it does | exit code |",
+    "| module | what it holds |",
+    "| file | what | how sure |",
+    "| name | args | what happens |",
+    "| call | gives |",
+    "| package | what lives there |",
+    "| step | what happens | where |",
+    "| it is about | it belongs to |",
+}
+
+
+@pytest.mark.parametrize("name", MARKDOWN)
+def test_what_stands_between_markers_is_what_the_files_give(name):
+    """If not: ./heli results render"""
+    text = MARKDOWN[name].read_text(encoding="utf-8")
+    assert text == rendered(text, MARKDOWN[name], ROOT)
+
+
+@pytest.mark.parametrize("name", MARKDOWN)
+def test_every_table_with_numbers_is_rendered(name):
+    text = MARKDOWN[name].read_text(encoding="utf-8")
+    by_hand = re.sub(r"(?s)<!-- results: .*?<!-- end -->", "", text)
+    tables = re.findall(r"(?m)^\|.*(?:\n\|.*)+", by_hand)
+    heads = [table.splitlines()[0] for table in tables if re.search(r"\d", table)]
+    assert set(heads) - DESCRIPTIVE == set()
+
+
+def test_what_has_no_file_is_said():
+    said = set(re.findall(r"`(\w+)`", NOT_MADE[0] if NOT_MADE else ""))
+    assert said == {producer.name for producer in PRODUCERS} - set(NAMES)
+
+
+def test_every_file_is_published():
+    read = set()
+    for path in MARKDOWN.values():
+        text = path.read_text(encoding="utf-8")
+        read |= set(re.findall(r"<!-- value: (\S+) ", text))
+        read |= set(re.findall(r"\(\S*results/(\w+)\.json\)", text))
+    assert read - {"FILE"} == set(NAMES)
+
+
+@pytest.mark.parametrize("producer", MADE, ids=NAMES)
+def test_a_file_says_what_made_it(producer):
+    content = files.read(ROOT, producer.name)
+    assert content["command"] == producer.command
+    assert content["seeds"] == list(producer.seeds)
+    assert re.fullmatch(r"[0-9a-f]{40}", content["commit"])
+    assert {"python", "numpy", "scipy", "numba"} <= set(content["versions"])
+    assert content["processor"]["name"] and content["processor"]["compiled_for"]
+
+
+def test_what_the_readmes_say_of_the_laws_is_so():
+    """The sentences below the tables: who is better in what, on how many of twenty seeds."""
+
+    def wins(file, source, law="hinf"):
+        rows = files.read(ROOT, file)["found"]["summary"]
+        row = next(row for row in rows if (row["law"], row["source"]) == (law, source))
+        return row["roll_wins_over_pid"], row["pitch_wins_over_pid"]
+
+    for file in ("laws", "laws_gusts"):
+        for source in ("truth", "ideal"):
+            assert wins(file, source)[0] >= 18  # better in roll
+    assert wins("laws_gusts", "ideal")[1] == 0  # the PID in pitch, on every seed
+    assert 6 <= wins("laws_gusts", "truth")[1] <= 14  # on about half
+    assert max(wins("laws_flap_back", "truth")) <= 2  # the PID in both
+
+    rows = files.read(ROOT, "laws_flap_back")["found"]["summary"]
+    worst = {r["law"]: r["pitch_max_deg"] for r in rows if r["source"] == "truth"}
+    gap = worst["hinf"] - worst["pid"]
+    assert worst["hinf"] - worst["hinf_offset_free"] > 0.5 * gap  # wins most of that back
+    assert abs(worst["hinf"] - worst["lqr"]) < 0.1 * gap  # hardly differ
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("producer", MADE, ids=NAMES)
+def test_a_command_says_again_what_its_file_says(producer):
+    stored, made = files.read(ROOT, producer.name), files.make(ROOT, producer)
+    assert files.differences(stored, made, producer) == []
+
+
+def test_the_command_checks_a_file(capsys):
+    assert cli.main(["results", "check", "deviations"]) == 0
+    assert capsys.readouterr().out == "deviations: as published\n"
+    assert cli.main(["results", "check", "weather"]) == 2
+    assert "'weather' is none of hover, attitude" in capsys.readouterr().err
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """A checkout with a README and the result files of the deviations."""
+    (tmp_path / files.FOLDER).mkdir(parents=True)
+    shutil.copy(files.path_of(ROOT, "deviations"), files.path_of(tmp_path, "deviations"))
+    file = tmp_path / "README.md"
+    text = "a\n<!-- results: deviations -->\n<!-- end -->\n"
+    text += "<!-- value: deviations rows.0.ours .3f -->?<!-- end --> b\n"
+    file.write_text(rendered(text, file, tmp_path))
+    return file
+
+
+def says(file):
+    """Whether a file says what its results give."""
+    text = file.read_text()
+    return text == rendered(text, file, file.parent)
+
+
+def test_a_cell_changed_by_hand_is_found(copy):
+    text = copy.read_text()
+    assert says(copy) and text.startswith("a\n") and text.endswith("b\n")
+    number = re.search(r"\| (-?\d+\.\d{4}) \|", text)[1]
+    copy.write_text(text.replace(number, number[:-1] + ("1" if number[-1] != "1" else "2")))
+    assert not says(copy)
+    copy.write_text(re.sub(r"(rows.0.ours .3f -->)[^<]*", r"\g<1>7", text))
+    assert not says(copy)
+
+
+def test_a_file_changed_without_rendering_is_found(copy):
+    path = files.path_of(copy.parent, "deviations")
+    content = json.loads(path.read_text())
+    content["found"]["rows"][0]["ours"] += 0.01
+    files.write(copy.parent, "deviations", content)
+    assert json.loads(path.read_text()) == content
+    assert not says(copy)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("<!-- results: weather -->\n<!-- end -->", "no such table"),
+        ("<!-- value: weather a .3f --><!-- end -->", "weather.json is missing"),
+        ("<!-- value: deviations rows.0.theirs .3f --><!-- end -->", "KeyError('theirs')"),
+        ("<!-- value: deviations rows.9999.ours .3f --><!-- end -->", "IndexError"),
+        ("<!-- value: deviations rows.0.entry .3f --><!-- end -->", "ValueError"),
+    ],
+)
+def test_a_marker_of_nothing_is_named(copy, text, words):
+    with pytest.raises(FlightError, match=re.escape(words)):
+        rendered(text, copy, copy.parent)
+
+
+class TestDifferences:
+    PRODUCER = Producer("a", "./heli b", "c", relative=1e-6, loose={"s": float("inf"), "n": 0.1})
+    HERE = {"processor": {"name": "x"}, "versions": {"numpy": "2"}}
+    FOUND = {"rows": [{"v": 1.0, "k": 3, "t": "x", "s": 9.0, "n": 100}]}
+
+    def differing(self, machine, **changes):
+        row = {**self.FOUND["rows"][0], **changes}
+        made = {**self.HERE, **machine, "found": {"rows": [row]}}
+        return files.differences({**self.HERE, "found": self.FOUND}, made, self.PRODUCER)
+
+    def test_the_same_machine_must_give_the_same_bits(self):
+        assert self.differing({}) == []
+        assert self.differing({}, v=1.0 + 2e-16) == [
+            "rows[0].v: 1.0 in the file, 1.0000000000000002 anew"
+        ]
+
+    @pytest.mark.parametrize("machine", [{"processor": {"name": "y"}}, {"versions": {}}])
+    def test_another_machine_has_its_tolerance(self, machine):
+        assert self.differing(machine, v=1.0 + 5e-7) == []
+        assert len(self.differing(machine, v=1.0 + 5e-6)) == 1
+        assert len(self.differing(machine, k=4)) == 1
+        assert len(self.differing(machine, t="y")) == 1
+        assert len(self.differing(machine, v=None)) == 1
+
+    def test_what_depends_on_the_load_is_not_held_to_bits(self):
+        assert self.differing({}, s=4.0, n=105) == []
+        assert len(self.differing({}, n=120)) == 1
+        assert len(self.differing({}, more=1)) == 1
+
+
+class TestMake:
+    def test_a_command_that_fails_is_named(self, capfd):
+        with pytest.raises(FlightError, match="exit code 2"):
+            files.make(ROOT, Producer("a", "./heli compare attitude --seeds x --json", "b"))
+        assert "write 1..20" in capfd.readouterr().err
+
+    def test_output_that_is_no_json_is_named(self):
+        with pytest.raises(FlightError, match="printed no JSON"):
+            files.make(ROOT, Producer("a", "./heli results list", "b"))
