@@ -11,7 +11,6 @@ import sys
 import pytest
 
 from heli_flight.cli import app as cli
-from heli_flight.cli import hover_test
 from heli_flight.loop.layers import GPS_PRESETS, scenario_names
 from heli_inner_hinf.law_state import CONTROLLERS
 
@@ -55,11 +54,30 @@ def test_files_are_left_to_the_shell(line):
     assert complete(line) == []
 
 
+def help_of(*words):
+    """What a command says under --help, without line breaks."""
+    done = subprocess.run([*words, "--help"], capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0
+    return done.stdout
+
+
 def test_every_option_of_hover_is_completed():
-    """The options stand in hover_test.py only; completion takes them from there."""
-    wanted = re.findall(r"^ +(?:-h, )?(--[a-z-]+)", hover_test.parser().format_help(), re.M)
+    """And ./hover_test.sh has the same ones with the same words."""
+    said = help_of(*HELI, "hover")
+    wanted = re.findall(r"^ +(--[a-z-]+)", said, re.M)
     assert len(wanted) > 10
     assert set(complete("heli hover --")) == set(wanted)
+    alone = help_of(HELI[0], "-m", "heli_flight.cli.hover_test")
+    assert alone.startswith("Usage: hover_test.sh [OPTIONS]")
+    plain = [text.partition("Options:")[2].partition("examples:") for text in (said, alone)]
+    assert plain[0][0] == plain[1][0]
+    assert plain[0][2].replace("heli hover", "./hover_test.sh").split() == plain[1][2].split()
+
+
+def test_help_names_every_choice():
+    said = help_of(*HELI, "hover")
+    for name in (*scenario_names(), *GPS_PRESETS, *CONTROLLERS):
+        assert re.search(rf"\b{name}\b", said), name
 
 
 def test_the_script_for_bash_is_one():

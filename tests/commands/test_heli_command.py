@@ -37,10 +37,7 @@ COMMANDS = list(commands_of(typer.main.get_command(cli.app)))
 
 def heli(capsys, *words):
     """Exit code, stdout, stderr of a command."""
-    try:
-        code = cli.main([str(word) for word in words])
-    except SystemExit as stop:  # argparse's own end, of `hover`
-        code = stop.code
+    code = cli.main([str(word) for word in words])
     out, err = capsys.readouterr()
     return code, out, err
 
@@ -67,6 +64,33 @@ def test_the_commands_are_known():
     assert {"hover", "campaign", "design", "report", "compare"} <= {words[0] for words in COMMANDS}
 
 
+def test_help_says_what_exit_code_0_means(capsys):
+    """Exactly: of which record, of which stretches, and what is not judged."""
+    for command in ("hover", "campaign"):
+        said = " ".join(heli(capsys, command, "--help")[1].split())
+        for part in (
+            "Judged are the scored phases alone", "the navigation record",
+            "with an RTK receiver ground truth, too", "ends before the first of them is not judged",
+        ):  # fmt: skip
+            assert part in said
+
+
+@pytest.mark.parametrize(
+    ("words", "judged"),
+    [
+        (("--duration", "30"), "judged: navigation record, 5 to 18 s and 25 to 30 s"),
+        (("--duration", "6", "--gps", "rtk"),
+         "judged: navigation record and ground truth, 5 to 6 s"),
+    ],
+)  # fmt: skip
+def test_a_flight_says_what_is_judged(capsys, tmp_path, words, judged):
+    flight = ("hover", "--one-process", "--no-report", "--out", tmp_path / "f", *words)
+    _, out, _ = heli(capsys, *flight)
+    assert judged in out
+    found = json.loads((tmp_path / "f" / "result.json").read_text())
+    assert f"judged: {found['judged']}" == judged
+
+
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_help_has_an_example(capsys, command):
     code, out, _ = heli(capsys, *command, "--help")
@@ -80,7 +104,10 @@ def test_help_does_not_import_what_flies(tmp_path):
     code = (
         "import sys\n"
         "from heli_flight.cli import app as cli\n"
-        "cli.main(['design', '--help'])\n"
+        "from heli_flight.cli import hover_test\n"
+        "for words in (['design', '--help'], ['hover', '--help'], ['python', '--help']):\n"
+        "    cli.main(words)\n"
+        "hover_test.main(['--help'])\n"
         "print('LOADED', [m for m in ('numpy', 'numba', 'matplotlib', 'scipy', 'rclpy')"
         " if m in sys.modules])"
     )

@@ -8,3 +8,7 @@ class FlightError(Exception):
 
 class StartError(FlightError):
     """The graph could not be brought up; nothing was flown."""
+
+
+class BrokenFlightError(FlightError):
+    """The graph broke in flight; what was recorded until then is kept."""

@@ -38,57 +38,64 @@ def table(title: str, out: Console) -> FittingTable:
     return FittingTable(title=title, title_justify="left", box=frame)
 
 
-@contextlib.contextmanager
-def steps(what: str, total: int) -> Iterator[Callable[[int], None]]:
+def silent() -> Console:
+    """A console that nobody sees."""
+    return Console(quiet=True, force_terminal=False)
+
+
+def steps(what: str, total: int) -> contextlib.AbstractContextManager[Callable[[float], None]]:
     """Progress on stderr: gives a function that takes how many steps are done.
 
     A bar at a terminal, elsewhere a line at every fifth.
     """
-    out = console(stderr=True)
-    if not out.is_terminal:
-        told = [0]
+    counted = "{task.completed:.0f}/{task.total:.0f}"
+    return _progress(
+        console(stderr=True), what, total, counted, 5, lambda done: f"{what}: {done} of {total}"
+    )
 
-        def plain(done: int) -> None:
-            fifth = 5 * done // total
-            if fifth > told[0]:
-                told[0] = fifth
-                out.print(f"{what}: {done} of {total}")
 
-        yield plain
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+def flight_time(
+    out: Console, duration_s: float
+) -> contextlib.AbstractContextManager[Callable[[float], None]]:
+    """Progress of a flight: gives a function that takes the flight time, s.
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=out) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda done: bar.update(task, completed=done)
+    A bar at a terminal, elsewhere a line at every tenth.
+    """
+    counted = "{task.completed:.1f}/{task.total:.0f} s flown"
+
+    def line(done_s: float) -> str:
+        return f"flown {done_s:.0f} s of {duration_s:.0f} s"
+
+    return _progress(out, "flight", duration_s, counted, 10, line)
 
 
 @contextlib.contextmanager
-def flight_time(out: Console, duration_s: float) -> Iterator[Callable[[float], None]]:
-    """A bar over simulation time; lines now and then where there is no terminal."""
+def _progress(
+    out: Console,
+    what: str,
+    total: float,
+    counted: str,
+    parts: int,
+    line: Callable[[float], str],
+) -> Iterator[Callable[[float], None]]:
+    """A bar that says `counted`, or without a terminal a `line` at each of so many parts."""
     if not out.is_terminal:
-        tenth = [0]
+        told = [0]
 
-        def plain(flight_s: float) -> None:
-            done = int(10.0 * flight_s / duration_s)
-            if done > tenth[0]:
-                tenth[0] = done
-                out.print(f"flown {flight_s:.0f} s of {duration_s:.0f} s", highlight=False)
+        def plain(done: float) -> None:
+            part = int(parts * done / total)
+            if part > told[0]:
+                told[0] = part
+                out.print(line(done), highlight=False)
 
         yield plain
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.1f}/{task.total:.0f} s flown"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=out) as bar:
-        task = bar.add_task("flight", total=duration_s)
-        yield lambda flight_s: bar.update(task, completed=flight_s)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn(counted))
+    with Progress(*columns, TimeElapsedColumn(), console=out) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)
 
 
 @contextlib.contextmanager

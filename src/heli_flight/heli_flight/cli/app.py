@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from typer.exceptions import TyperException
 
-from heli_flight import interrupts
-from heli_flight.cli import completion
 from heli_flight.cli.bag import bag
 from heli_flight.cli.compare import compare
 from heli_flight.cli.graph import graph
+from heli_flight.cli.hover import epilog, hover
 from heli_flight.cli.identify import EPILOG, identify
 from heli_flight.cli.options import (
+    EXIT_OF_FLIGHTS,
     Aircraft,
     AnyGps,
     Duration,
@@ -35,8 +34,7 @@ from heli_flight.cli.options import (
 )
 from heli_flight.cli.programs import programs
 from heli_flight.cli.results import results
-
-EXIT_BAD_INPUT = 2
+from heli_flight.cli.run import run
 
 app = typer.Typer(
     name="heli",
@@ -54,19 +52,7 @@ app.add_typer(graph)
 app.add_typer(programs)
 app.add_typer(results, name="results")
 app.command(epilog=EPILOG)(identify)
-
-
-@app.command(
-    cls=completion.HoverCommand,
-    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
-    add_help_option=False,
-    epilog="\b\nexample:\n  heli hover --scenario attitude --controller pid --seed 3",
-)
-def hover(context: typer.Context) -> int:
-    """Fly the hover test or another scenario."""
-    from heli_flight.cli import hover_test
-
-    return hover_test.command(context.args, prog="heli hover")
+app.command(epilog=epilog("heli hover"))(hover)
 
 
 def _told(progress: Callable[[int], None], first: int, count: int) -> None:
@@ -75,7 +61,7 @@ def _told(progress: Callable[[int], None], first: int, count: int) -> None:
 
 @app.command(
     epilog="\b\nexample:\n  heli campaign --seeds 1..20 --gps rtk --json > campaign.json\n\n"
-    "exit code: 0 inside the paper's figures, 1 outside on a seed or helicopter lost, 2 bad input"
+    + EXIT_OF_FLIGHTS
 )
 def campaign(
     seeds: Seeds = "1..20",
@@ -88,6 +74,7 @@ def campaign(
     """Fly a scenario on many seeds in this process: largest value of each metric."""
     from heli_flight.loop.flight_section import flown
     from heli_flight.loop.layers import GPS_PRESETS
+    from heli_flight.loop.result import judged_by
     from heli_flight.loop.settings import resolve
     from heli_flight.studies import campaign as many
     from heli_flight.terminal import console, json_text, steps
@@ -113,7 +100,9 @@ def campaign(
     out = console()
     out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
     out.print(many.table(columns, settings[presets[0]].scenario.kind, out))
-    for line in many.remarks(columns):
+    for name in presets:
+        out.print(f"judged, {name}: {judged_by(settings[name])}", soft_wrap=True)
+    for line in [*settings[presets[0]].remarks, *many.remarks(columns)]:
         out.print(line, soft_wrap=True, markup=False)
     out.print(f"{done} flights in {time.monotonic() - start:.1f} s")
     return code
@@ -198,37 +187,9 @@ def report(
     return 0
 
 
-def _refusals() -> tuple[type[Exception], ...]:
-    """What counts as bad input; all carry one sentence. Imported only when something is raised."""
-    from heli_bags.folder import BagError
-    from heli_dynamics_sim.trim import TrimError
-    from heli_flight.errors import FlightError
-    from heli_parameters.parameters import ParameterError
-
-    return (BagError, ParameterError, ValueError, TrimError, FlightError, OSError)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code: 2 and one line on stderr for bad input."""
-    try:
-        code = app(args=argv, prog_name="heli", standalone_mode=False)
-    except TyperException as error:
-        print(f"heli: {_one_line(error)}", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except Exception as error:
-        if not isinstance(error, _refusals()):
-            raise
-        print(f"heli: {error}", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    if code == interrupts.EXIT_CODE:
-        # typer has turned the KeyboardInterrupt into this code.
-        print(interrupts.LINE, file=sys.stderr)
-    return int(code or 0)
-
-
-def _one_line(error: TyperException) -> str:
-    text = getattr(error, "format_message", lambda: str(error))()
-    return " ".join(text.split())
+    return run(app, argv, "heli")
 
 
 if __name__ == "__main__":

@@ -5,11 +5,9 @@ Used by typer's completion (`heli --install-completion`). Imports wait until Tab
 nothing is offered the shell offers files.
 """
 
-from collections.abc import Callable, Mapping
 from typing import Any
 
 from typer import Context
-from typer.core import CompletionItem, TyperCommand
 
 
 def scenarios(incomplete: str) -> list[str]:
@@ -65,36 +63,6 @@ def _executables() -> list[tuple[str, str]]:
     from heli_parameters.locate import executables
 
     return executables("heli_")
-
-
-VALUES: Mapping[str, Callable[[str], list[str]]] = {
-    "--scenario": scenarios,
-    "--gps": gps_presets,
-    "--controller": controllers,
-}
-
-
-class HoverCommand(TyperCommand):
-    """The command whose options `hover_test.parser` knows: completes what that parser takes."""
-
-    def shell_complete(self, ctx: Any, incomplete: str) -> list[CompletionItem]:
-        """Names of options, or the values of the option before."""
-        from heli_flight.cli.hover_test import parser
-
-        before = ctx.args[-1] if ctx.args else ""
-        if before in VALUES and not incomplete.startswith("-"):
-            return [CompletionItem(name) for name in VALUES[before](incomplete)]
-        actions = [
-            a for a in parser()._actions if any(o.startswith("--") for o in a.option_strings)
-        ]
-        if any(a.nargs != 0 and before in a.option_strings for a in actions):
-            return []
-        return [
-            CompletionItem(option, help=action.help)
-            for action in actions
-            for option in action.option_strings
-            if option.startswith(incomplete or "--")
-        ]
 
 
 def _beginning(incomplete: str, names: Any) -> list[str]:

@@ -8,6 +8,11 @@ import typer
 
 from heli_flight.cli import completion
 
+EXIT_OF_FLIGHTS = (
+    "exit code: 0 inside the paper's figures, 1 outside or helicopter lost (named), 2 bad input, "
+    "130 interrupted. Judged are the scored phases alone: the navigation record, with an RTK "
+    "receiver ground truth, too. A flight that ends before the first of them is not judged (0)."
+)
 Params = Annotated[
     list[Path] | None,
     typer.Option(
@@ -36,7 +41,10 @@ Laws = Annotated[
 Seeds = Annotated[str, typer.Option("--seeds", metavar="SEEDS", help="1..20, 7 or 1,5,9")]
 ALL_LAWS = "hinf,hinf_offset_free,lqr,pid"
 Duration = Annotated[
-    float | None, typer.Option(metavar="S", help="length of a flight (default: the scenario's)")
+    float | None,
+    typer.Option(
+        metavar="S", help="length of a flight (default: the parameter file's, else the scenario's)"
+    ),
 ]
 RecordedScenario = Annotated[
     str | None,
@@ -58,7 +66,8 @@ ScenarioName = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="what to fly (default: the parameter file's, else hover)",
+        help="what to fly: hover, attitude, attitude_gusts, identify_actuators or identify_gusts "
+        "(default: the parameter file's, else hover)",
         autocompletion=completion.scenarios,
     ),
 ]

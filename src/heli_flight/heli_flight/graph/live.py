@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hover test's live view: its options, its parameters, its token."""
+"""A flight's live view: its parameters, its token, where to look."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -36,48 +36,36 @@ class LiveView:
 
 @dataclass(frozen=True)
 class LiveOrder:
-    """What the options ask of the live view; None where the parameter files decide."""
+    """That a flight is to be shown; None: the parameter's value.
 
-    on: bool = False
+    Attributes
+    ----------
+    port, foxglove_port : int, optional
+        0: any free one.
+    allow_commands : bool
+        Whether a token is made that lets its holder command.
+    """
+
     port: int | None = None
     foxglove_port: int | None = None
     allow_commands: bool = False
 
 
-def check_options(order: LiveOrder, one_process: bool) -> None:
-    """Raise ParameterError for options that do not go together."""
-    if order.on:
-        if one_process:
-            raise ParameterError("--live: shows the ROS graph; it does not go with --one-process")
-        return
-    given = {
-        "--live-port": order.port is not None,
-        "--foxglove-port": order.foxglove_port is not None,
-        "--allow-commands": order.allow_commands,
-    }
-    for name, is_given in given.items():
-        if is_given:
-            raise ParameterError(f"{name}: needs --live")
-
-
-def live_view(order: LiveOrder, settings: Settings) -> LiveView | None:
-    """The live view that is asked for; None without --live.
+def live_view(order: LiveOrder, settings: Settings) -> LiveView:
+    """The live view of a flight.
 
     Raises
     ------
     ParameterError
         A value that is not allowed.
     """
-    if not order.on:
-        return None
     table = with_common(TABLE)
     own = config_folder("heli_live_view") / f"{NODE_NAME}.yaml"
     values = load(table, [own, *settings.files], NODE_NAME)
     values |= _of_flight(settings)
     rows = {row.name: row for row in table}
-    asked = (("port", "--live-port", order.port),
-             ("foxglove_port", "--foxglove-port", order.foxglove_port))  # fmt: skip
-    for name, option, value in asked:
+    for name, option in (("port", "--live-port"), ("foxglove_port", "--foxglove-port")):
+        value = getattr(order, name)
         if value is not None:
             values[name] = _checked(rows[name], value, option)
     if order.allow_commands:

@@ -16,6 +16,7 @@ from heli_flight.loop.flight_file import changes, identity
 from heli_flight.loop.scoring import METRICS, SOURCES, Score
 from heli_flight.loop.settings import Settings
 from heli_flight.terminal import table
+from heli_math.ticks import seconds
 
 RESULT = "result.json"
 EXIT_INSIDE = 0
@@ -62,7 +63,7 @@ class Result:
         return [s for s in self.outside if s.source == "navigation" or gps == "rtk"]
 
     def exit_code(self, gps: str) -> int:
-        """0: inside the paper's figures; 1: outside, or lost."""
+        """0: nothing that is judged is outside the paper's figures; 1: outside, or lost."""
         return EXIT_OUTSIDE if self.lost or self.judged(gps) else EXIT_INSIDE
 
 
@@ -83,6 +84,15 @@ def conditions(settings: Settings) -> str:
         f"{p['sensors.gps.drift_m']:g} m, velocity {p['sensors.gps.velocity_mps']:g} m/s; "
         "the paper's numbers are from flight"
     )
+
+
+def judged_by(settings: Settings) -> str:
+    """What is held against the paper's figures and decides the exit code, in words."""
+    who = "navigation record and ground truth" if settings.gps == "rtk" else "navigation record"
+    end_s = seconds(settings.scenario.n_ticks)
+    windows = [(a, min(b, end_s)) for a, b in settings.scenario.windows_s if a < min(b, end_s)]
+    when = " and ".join(f"{a:g} to {b:g} s" for a, b in windows) or "nothing: too short a flight"
+    return f"{who}, {when}"
 
 
 _LEGEND = "! outside the paper's figure. "
@@ -121,6 +131,7 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
                 "OUTSIDE" if bad else "inside",
             )
         console.print(rows)
+        console.print(f"judged: {judged_by(settings)}", highlight=False)
         if result.outside:
             console.print(_LEGEND + _DECIDES[settings.gps], highlight=False)
     else:
@@ -151,6 +162,7 @@ def write_result(
         **identity(settings, changes(settings)),
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,
+        "judged": judged_by(settings),
         "outside": [f"{s.metric.key} ({s.source})" for s in result.judged(settings.gps)],
         "flown_s": result.flown_s,
         "wall_s": round(result.wall_s, 3),

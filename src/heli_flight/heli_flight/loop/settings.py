@@ -126,23 +126,16 @@ def resolve(
 
     Parameters
     ----------
-    scenario_name : str, optional
-        A packaged scenario; default: the files', else hover.
-    gps : str, optional
-        One of GPS_PRESETS; default: the files', else standalone.
-    seed : int, optional
-        Overrides the plant's seed.
-    duration_s : float, optional
-        Overrides the scenario's length.
-    mode : str, optional
-        One of `flight_section.MODES`; default: the files', else lockstep.
+    scenario_name, gps, mode : str, optional
+        A packaged scenario, one of GPS_PRESETS, one of `flight_section.MODES`; default: the
+        files', else hover, standalone, lockstep.
+    seed, duration_s, controller : optional
+        Override parameters of plant, scenario and inner loop.
     params : sequence of path
         The user's rcl parameter files; a later one overrides an earlier one. A section `flight`
-        in them says what the options before say, and is weaker than those.
+        in them says what these options say, and is weaker.
     overrides : mapping of node name to mapping of parameter name to value, optional
         Strongest layer, for campaigns and tests; checked like a file.
-    controller : str, optional
-        Overrides the inner loop's attitude law.
 
     Returns
     -------

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many flights of a scenario in one process: largest value over seeds per metric, beside the paper.
-
-The command is `heli campaign`.
-"""
+"""Many flights of a scenario in one process: the largest value per metric beside the paper."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +25,7 @@ class FlownSeed:
     lost: str
 
     def exit_code(self, gps: str) -> int:
-        """As the hover test's: 0 inside the paper's figures, 1 outside or lost."""
+        """As the hover test's, `Result.exit_code`."""
         return Result(self.scores, self.lost, 0.0, 0.0).exit_code(gps)
 
 

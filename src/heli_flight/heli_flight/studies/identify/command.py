@@ -265,11 +265,11 @@ def fly_hover(wanted: Wanted, folder: Path, out: Console) -> int:
         scenario="hover",
         gps=wanted.gps,
         seed=wanted.seed,
-        mode=ONE_PROCESS if wanted.one_process else None,
-        params=[*layers(wanted), folder / YAML],
+        mode=ONE_PROCESS if wanted.one_process else LOCKSTEP,
+        params=(*layers(wanted), folder / YAML),
         out=folder / HOVER,
     )
-    return fly_and_write(order, out).code
+    return fly_and_write(order, out).exit_code
 
 
 def execute(wanted: Wanted, folder: Path) -> Outcome:

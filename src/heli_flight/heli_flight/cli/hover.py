@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `heli hover`, which `./hover_test.sh` is, too."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from heli_flight.cli import completion
+from heli_flight.cli.options import EXIT_OF_FLIGHTS, Duration, Gps, Params, ScenarioName
+
+
+def epilog(prog: str) -> str:
+    """Examples under the help, as the user has to type them."""
+    lines = (
+        ("", "the paper's hover test, 60 s"),
+        ("--gps rtk --seed 7", "another receiver, another wind"),
+        ("--scenario attitude --controller pid", "the attitude test under another law"),
+        ("--params my_weights.yaml", "any node's parameters, changed"),
+        ("--params flights/a/params.yaml", "a flight again"),
+        ("--live", "in real time, to be watched in a browser"),
+    )
+    width = max(len(options) for options, _ in lines)
+    shown = "\n".join(f"  {prog} {options:<{width}}  {what}" for options, what in lines)
+    return f"\b\nexamples:\n{shown}\n\n{EXIT_OF_FLIGHTS}"
+
+
+Law = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LAW",
+        help="attitude law: hinf, lqr or pid (default: the parameter of inner_loop)",
+        autocompletion=completion.controllers,
+    ),
+]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")]
+Lockstep = Annotated[
+    bool,
+    typer.Option(
+        "--lockstep",
+        help="as fast as the machine allows (default, unless the parameter file says else)",
+    ),
+]
+Realtime = Annotated[bool, typer.Option("--realtime", help="at the pace of the wall clock")]
+OneProcess = Annotated[
+    bool,
+    typer.Option(
+        "--one-process", help="the same loop in this process, without ROS and without a bag"
+    ),
+]
+Out = Annotated[Path | None, typer.Option(metavar="DIR", help="folder to write; must not exist")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="write no report.html and no figures")]
+ResultJson = Annotated[
+    bool,
+    typer.Option("--json", help="print the flight's result.json to stdout, all else to stderr"),
+]
+Live = Annotated[
+    bool,
+    typer.Option("--live", help="show the flight in a browser and to Foxglove; in real time"),
+]
+LivePort = Annotated[
+    int | None,
+    typer.Option(metavar="PORT", help="with --live: port of the page, 0: any (default 8080)"),
+]
+FoxglovePort = Annotated[
+    int | None,
+    typer.Option(metavar="PORT", help="with --live: port for Foxglove, 0: any (default 8765)"),
+]
+AllowCommands = Annotated[
+    bool,
+    typer.Option(
+        "--allow-commands",
+        help="with --live: print a token that lets its holder command gusts, mode, reference",
+    ),
+]
+
+
+def hover(
+    scenario: ScenarioName = None,
+    gps: Gps = None,
+    controller: Law = None,
+    seed: Seed = None,
+    duration: Duration = None,
+    params: Params = None,
+    lockstep: Lockstep = False,
+    realtime: Realtime = False,
+    one_process: OneProcess = False,
+    out: Out = None,
+    no_report: NoReport = False,
+    as_json: ResultJson = False,
+    live: Live = False,
+    live_port: LivePort = None,
+    foxglove_port: FoxglovePort = None,
+    allow_commands: AllowCommands = False,
+) -> int:
+    """Fly the helicopter in wind, by itself, and compare with the paper."""
+    from heli_flight.loop.result import RESULT
+    from heli_flight.studies.flight import FlightOrder, fly_and_write
+    from heli_flight.terminal import console
+
+    modes = {"--realtime": realtime, "--live": live, "--lockstep": lockstep}
+    modes["--one-process"] = one_process
+    order = FlightOrder(
+        scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
+        _live(live, live_port, foxglove_port, allow_commands),
+    )  # fmt: skip
+    outcome = fly_and_write(order, console(stderr=as_json))
+    if as_json:
+        print((outcome.folder / RESULT).read_text(encoding="utf-8"), end="")
+    return outcome.exit_code
+
+
+def _mode(asked: dict[str, bool]) -> str | None:
+    """The mode that options ask for, None for the parameter file's.
+
+    Raises
+    ------
+    ParameterError
+        They ask for two.
+    """
+    from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS, REAL_TIME
+    from heli_parameters.parameters import ParameterError
+
+    meant = {"--realtime": REAL_TIME, "--live": REAL_TIME, "--lockstep": LOCKSTEP}
+    meant["--one-process"] = ONE_PROCESS
+    given = [name for name, is_given in asked.items() if is_given]
+    if asked["--live"] and asked["--one-process"]:
+        raise ParameterError("--live: shows the ROS graph; it does not go with --one-process")
+    if len({meant[name] for name in given}) > 1:
+        raise ParameterError(f"{' and '.join(given)}: do not go together; give one of them")
+    return meant[given[0]] if given else None
+
+
+def _live(live: bool, port: int | None, foxglove_port: int | None, allow_commands: bool) -> Any:
+    """The live view that is asked for, None for none; its options need --live."""
+    from heli_flight.graph.live import LiveOrder
+    from heli_parameters.parameters import ParameterError
+
+    given = {
+        "--live-port": port is not None,
+        "--foxglove-port": foxglove_port is not None,
+        "--allow-commands": allow_commands,
+    }
+    for name, is_given in given.items():
+        if is_given and not live:
+            raise ParameterError(f"{name}: needs --live")
+    return LiveOrder(port, foxglove_port, allow_commands) if live else None
