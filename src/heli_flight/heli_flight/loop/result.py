@@ -21,7 +21,6 @@ from heli_math.ticks import seconds
 RESULT = "result.json"
 EXIT_INSIDE = 0
 EXIT_OUTSIDE = 1
-EXIT_BAD_INPUT = 2
 
 _VERSIONED = ("numpy", "scipy", "numba", "rosbags", "ros-rclpy", "heli-hover")
 
