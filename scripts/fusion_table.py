@@ -5,7 +5,7 @@ Usage: ./heli python scripts/fusion_table.py [--seeds 1..20] [--json]
 
 On the aircraft: the hover test, loop closed, rms from 5 s over all seeds, with absolute position
 (observer parameter ekf.initial.gps_drift_fraction 1.0: the receiver's error is about the true
-origin). Consistency and latency: synthetic flights, see heli_observer.consistency.
+origin). Consistency and latency: synthetic flights, see heli_observer.testing.consistency.
 """
 
 import argparse
@@ -25,9 +25,9 @@ from heli_flight.studies.campaign import parse_seeds, with_seed
 from heli_flight.studies.results.tables_of_parts import fusion_tables
 from heli_math.rotations import rotation_between
 from heli_math.rows import MEAS
-from heli_observer.consistency import CHECKS_S, SENSORS, bounds, collect, latency_errors
 from heli_observer.layout import N_ERROR
-from heli_observer.synthetic import hover_path
+from heli_observer.testing.consistency import CHECKS_S, SENSORS, bounds, collect, latency_errors
+from heli_observer.testing.synthetic import hover_path
 
 SETTLED_TICK = 500
 HOVER_M = 0.3  # amplitude of the motion: about 0.5 m/s at the most

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from heli_observer import layout as L
-from heli_observer.consistency import Statistics, bounds, collect
 from heli_observer.parameter_table import NODE_NAME, TABLE
+from heli_observer.testing.consistency import Statistics, bounds, collect
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 

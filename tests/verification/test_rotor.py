@@ -14,7 +14,6 @@ from heli_dynamics_sim.helicopter import main_rotor_power
 from heli_dynamics_sim.rotor import (
     MAX_ITERATIONS,
     flapping_rates,
-    inflow_residual,
     main_rotor,
     ring_term,
     solve_inflow,
@@ -27,6 +26,12 @@ COLLECTIVE = np.linspace(-1.0, 1.0, 9)
 
 def blade_flow(k, w_r, d_col):
     return w_r + k.rotor.blade_speed * (k.main.pitch_gain * d_col + k.main.pitch_offset)
+
+
+def inflow_residual(v_i, w_r, w_bl, mu_sq, kappa):
+    """g(v_i), m2/s2, of the text of `rotor`, with the fast-descent term."""
+    flow = np.sqrt(mu_sq + ring_term(w_r, w_bl, kappa) + (w_r - v_i) ** 2)
+    return v_i * flow - kappa * (w_bl - v_i)
 
 
 def grid(k):

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _ALTITUDE_M = 1000.0  # out of the ground's reach
 _AT_KINK_MPS = 1e-6
 _STEP = 1e-5
+_DAMPING_STEP_MPS = 1e-3
 # Where the arguments of the reduced model part: nine states, three inputs, three wind components.
 _PARTS = (len(STATE_NAMES), len(STATE_NAMES) + len(INPUT_NAMES))
 
@@ -161,3 +162,24 @@ def linearize(
     A, B, E = np.split(_jacobian(model, _STEP), _PARTS, axis=1)
     x_trim, u_trim, _ = np.split(model.z0, _PARTS)
     return LinearModel(A=A, B=B, E=E, x_trim=x_trim, u_trim=u_trim)
+
+
+def air_damping_per_s(params: HelicopterParameters, trim: Trim) -> NDArray[np.float64]:
+    """Acceleration (3,) along each body axis per velocity of the air along it, 1/s, at a trim.
+
+    Controls, attitude and flapping stay those of the trim. Where the trim has w_a = 0, the vertical
+    one is the mean of both sides of the kink.
+    """
+    x = trim.x.copy()
+    x[PLANT.down] = -_ALTITUDE_M
+    R_nb = quat_to_R_nb(x[PLANT.quat])
+
+    def acceleration(wind_body_mps: NDArray[np.float64]) -> NDArray[np.float64]:
+        out = np.empty(PLANT.size)
+        wind = trim.wind_ned_mps + R_nb @ wind_body_mps
+        derivative_kernel(x, trim.u, wind, params.kernel, out)
+        return out[PLANT.vel]
+
+    steps = _DAMPING_STEP_MPS * np.eye(3)
+    slopes = [acceleration(step) - acceleration(-step) for step in steps]
+    return np.diag(slopes) / (2.0 * _DAMPING_STEP_MPS)

@@ -74,13 +74,6 @@ def ring_term(w_r, w_bl, kappa):
 
 
 @njit
-def inflow_residual(v_i, w_r, w_bl, mu_sq, kappa):
-    """g(v_i), m2/s2, of the module's text, with the fast-descent term."""
-    flow = math.sqrt(mu_sq + ring_term(w_r, w_bl, kappa) + (w_r - v_i) * (w_r - v_i))
-    return v_i * flow - kappa * (w_bl - v_i)
-
-
-@njit
 def solve_inflow(w_r, w_bl, mu_sq, rotor):
     """Induced velocity and thrust of a rotor, together.
 

@@ -15,7 +15,7 @@ from heli_identification import (
     fit_gusts,
 )
 from heli_identification.actuators import _check_physical
-from heli_identification.synthetic import Flight, fly, true_model
+from heli_identification.testing.synthetic import Flight, fly, true_model
 
 ROTOR = RotorGeometry(1.29, 193.73, 0.705, 5.52, 2.0, 0.062)
 

@@ -26,8 +26,8 @@ from heli_identification.structure import (
     place_of,
     values_of,
 )
-from heli_identification.synthetic import TRIM, Flight, fly, true_model
 from heli_identification.system import sampled_rates
+from heli_identification.testing.synthetic import TRIM, Flight, fly, true_model
 from heli_math.linear_systems import with_servos
 
 GUSTS = Flight(seed=7, u_amplitude=(0.0,) * 4, gust_mps=(0.35, 0.35, 0.35))

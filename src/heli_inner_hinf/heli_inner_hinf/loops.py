@@ -72,10 +72,11 @@ class Loop:
 
     @cached_property
     def closed(self) -> control.StateSpace:
-        """`WIND`, `COMMANDS` -> `H`, `POSITIONS`."""
+        """`WIND`, `COMMANDS` -> `H`, `POSITIONS`; states of the plant, then of the law."""
         joined = self.plant.lft(self.controller)
+        law = [f"law_{i}" for i in range(self.controller.nstates)]
         signals = {"inputs": [*WIND, *COMMANDS], "outputs": [*H, *POSITIONS]}
-        return control.ss(joined, name=self.name, **signals)
+        return control.ss(joined, states=[*self.plant.state_labels, *law], **signals)
 
     @property
     def wind_to_h(self) -> control.StateSpace:

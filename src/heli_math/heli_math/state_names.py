@@ -4,15 +4,12 @@
 from heli_math.rows import ACTUATOR, NINE
 
 STATE_NAMES = NINE._fields
-"""phi theta p q a_s b_s r d_int psi: the order of every A, B, E of the stack."""
-STATE_UNITS = ("rad", "rad", "rad/s", "rad/s", "rad", "rad", "rad/s", "rad", "rad")
+"""phi theta p q a_s b_s r d_int psi: the order of every A, B, E of the stack; rad, p q r rad/s."""
 ACTUATOR_NAMES = ("d_lat", "d_lon", "d_ped", "d_col")
 INPUT_NAMES = ACTUATOR_NAMES[ACTUATOR.attitude]
-"""The three inputs of B; the collective belongs to the altitude law."""
-INPUT_UNITS = ("1", "1", "1")
+"""The three inputs of B, -1..1; the collective belongs to the altitude law."""
 WIND_NAMES = ("u", "v", "w")
-"""The three inputs of E: velocity of the air in body axes."""
-WIND_UNITS = ("m/s", "m/s", "m/s")
+"""The three inputs of E: velocity of the air in body axes, m/s."""
 
 MEASURED = (NINE.phi, NINE.theta, NINE.p, NINE.q, NINE.r, NINE.psi)
 """Places of y in x, eq. (10)."""

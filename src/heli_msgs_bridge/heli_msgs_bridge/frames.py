@@ -23,8 +23,6 @@ _SQRT_HALF = math.sqrt(0.5)
 
 R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Rotation matrix NED -> ENU; its own inverse."""
-R_FLU_FRD = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-"""Rotation matrix FRD -> FLU; its own inverse."""
 
 
 @njit

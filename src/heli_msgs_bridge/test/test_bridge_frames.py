@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
 from heli_msgs_bridge import frames
 
+# Forward, right, down to forward, left, up; its own inverse.
+R_FLU_FRD = np.diag([1.0, -1.0, -1.0])
 ANGLES = st.floats(-math.pi, math.pi)
 PITCHES = st.floats(-1.5, 1.5)
 
@@ -46,7 +48,7 @@ def test_vectors_convert_in_place_and_agree_with_the_matrices():
     v = np.array([0.1, -0.2, 0.3])
     for convert, R in (
         (frames.ned_to_enu, frames.R_ENU_NED),
-        (frames.frd_to_flu, frames.R_FLU_FRD),
+        (frames.frd_to_flu, R_FLU_FRD),
     ):
         w = v.copy()
         convert(w, w)
@@ -79,7 +81,7 @@ def test_attitude_agrees_with_matrices_and_returns(phi, theta, psi):
     q, back = np.empty(4), np.empty(4)
     frames.quat_ned_frd_to_enu_flu(q_nb, q)
     R = quat_to_R_nb(np.array([q[3], q[0], q[1], q[2]]))
-    expected = frames.R_ENU_NED @ quat_to_R_nb(q_nb) @ frames.R_FLU_FRD
+    expected = frames.R_ENU_NED @ quat_to_R_nb(q_nb) @ R_FLU_FRD
     np.testing.assert_allclose(R, expected, atol=1e-15 * 10)
     frames.quat_enu_flu_to_ned_frd(q, back)
     np.testing.assert_allclose(back, q_nb, rtol=0, atol=4e-16)

@@ -10,7 +10,7 @@ from heli_math.rows import NAV
 from heli_observer import layout as L
 from heli_observer.ins_ekf import predict
 from heli_observer.observer import ObserverStatus, status
-from heli_observer.synthetic import hover_path, synthesize, turning_path
+from heli_observer.testing.synthetic import hover_path, synthesize, turning_path
 
 
 def rotation(q):

@@ -21,7 +21,7 @@ from heli_observer.reduced_order import (
     rotor_start,
     rotor_step,
 )
-from heli_observer.synthetic import synthesize, turning_path
+from heli_observer.testing.synthetic import synthesize, turning_path
 
 M, U = list(MEASURED), list(UNMEASURED)
 TRIM_X, TRIM_U = np.zeros(9), np.zeros(4)

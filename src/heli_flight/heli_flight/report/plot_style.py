@@ -17,7 +17,6 @@ from matplotlib import pyplot as plt  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
-PURPLE = "#CC79A7"
 
 _RC: Any = {
     "font.family": "serif",

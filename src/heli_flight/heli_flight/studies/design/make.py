@@ -14,6 +14,7 @@ from heli_dynamics_sim.linearize import linearize
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
 from heli_flight.loop.settings import Settings, resolve
+from heli_flight.studies.design.outer import outer_reports
 from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.analysis import LoopReport, analyse, model_of, three_loops
 from heli_inner_hinf.design import AttitudeConfig
@@ -26,6 +27,7 @@ from heli_inner_hinf.weights import weights
 from heli_math.rows import ACTUATOR, NINE
 from heli_math.state_names import ATTITUDE, INPUT_NAMES
 from heli_math.ticks import TICK_S, ticks_in
+from heli_outer_pd.axis_analysis import AxisReport
 from heli_parameters.parameters import ParameterError, dump_all
 
 _MAX_DELAY_TICKS = 2
@@ -101,6 +103,9 @@ class Design:
         Of the three loops.
     further_delay_s : float
         What the loop as flown survives on top of its own delay.
+    outer : tuple of AxisReport
+        The position loop with its present gains, forward, right, down; empty for an identified
+        aircraft.
     values : dict
         Node name to the parameters that the design decides.
     """
@@ -112,6 +117,7 @@ class Design:
     loops: tuple[Loop, Loop, Loop]
     reports: tuple[LoopReport, ...]
     further_delay_s: float
+    outer: tuple[AxisReport, ...]
     values: Mapping[str, Mapping[str, Any]]
 
     @property
@@ -137,6 +143,8 @@ def make_design(
     gamma_factor: float | None = None,
 ) -> Design:
     """Trim, linearise, synthesise, choose the observer, tune the PID, analyse.
+
+    The position loop is not designed: its gains stay those of the parameters, and are analysed.
 
     Parameters
     ----------
@@ -240,8 +248,15 @@ def design_of(
         "observer": _observer_values(inner, best, actuation),
         "outer_loop": _outer_values(basis, attitude),
     }
+    outer: tuple[AxisReport, ...] = ()
     if basis.plant:
         values["plant"] = dict(basis.plant)
+        outer = outer_reports(
+            {**settings.nodes["plant"], **basis.plant},
+            {**settings.nodes["outer_loop"], **values["outer_loop"]},
+            loops[1],
+            actuation,
+        )
     return Design(
         basis=basis,
         attitude=attitude,
@@ -252,6 +267,7 @@ def design_of(
         further_delay_s=further_delay_s(
             model, best.K, attitude.prediction_s, feed, actuation, LONGEST_DELAY_S
         ),
+        outer=outer,
         values=values,
     )
 

@@ -3,13 +3,16 @@
 JSON."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
+import control
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from heli_flight.studies.design.make import LONGEST_DELAY_S, Design
+from heli_flight.studies.design.outer import NAMES
 from heli_flight.terminal import table
 from heli_inner_hinf.margins import ChannelMargin, DiskMargin
 from heli_math.rows import NINE
@@ -17,7 +20,7 @@ from heli_math.state_names import ACTUATOR_NAMES, INPUT_NAMES, MEASURED, STATE_N
 
 
 def print_design(design: Design, out: Console) -> None:
-    """Everything a control engineer asks first, in four tables."""
+    """Everything a control engineer asks first, in tables."""
     s = design.attitude.synthesis
     out.print(f"{design.basis.source}: {design.basis.outer['mass']:g} kg")
     x, u = design.attitude.x_trim, design.basis.u_trim
@@ -27,6 +30,7 @@ def print_design(design: Design, out: Console) -> None:
         f"theta {np.degrees(x[NINE.theta]):.3f} deg, {commands}; largest "
         f"residual {design.basis.residual:.1e}"
     )
+    out.print(f"modes of the aircraft without control, rad/s: {_modes(design)}")
     star = s.gamma_star
     out.print(
         f"gamma* = {star.value:.10g} in [{star.lower:.10g}, {star.upper:.10g}] "
@@ -54,6 +58,47 @@ def print_design(design: Design, out: Console) -> None:
             out,
         )
     )
+    if design.outer:
+        out.print(_outer(design, out))
+
+
+def _modes(design: Design) -> str:
+    """Poles of the linear model in words, fastest first; oscillations with their damping."""
+    with np.errstate(invalid="ignore"):  # a pole at 0 has no damping
+        frequencies, dampings, poles = control.damp(design.basis.system, doprint=False)
+    words = []
+    for i in np.argsort(-frequencies):
+        pole, damping = poles[i], dampings[i]
+        if pole.imag > 0.0:
+            words.append(f"{pole.real:.3g} +- {pole.imag:.3g}i (damping {damping:.3f})")
+        elif pole.imag == 0.0:
+            words.append(f"{pole.real:.3g}" if abs(pole) > 1e-9 else "0")
+    return ", ".join(words)
+
+
+def _outer(design: Design, out: Console) -> Table:
+    rows = table(
+        "Position loop with the gains of the parameters (not chosen here), gain and phase margin "
+        "of either sign; rms in the turbulence at the start, exact navigation",
+        out,
+    )
+    rows.add_column("axis")
+    for name in ("crossover", "gain margin", "phase margin", "modulus margin", "position", "speed"):
+        rows.add_column(name, justify="right")
+    for name, report in zip(NAMES, design.outer, strict=True):
+        if not report.stable:
+            rows.add_row(name, "unstable", *([""] * 5))
+            continue
+        rows.add_row(
+            name,
+            f"{report.crossover_radps:.2f} rad/s",
+            f"{report.gain_margin_db:.1f} dB",
+            f"{report.phase_margin_deg:.0f} deg",
+            f"{report.modulus_margin:.2f}",
+            f"{report.position_rms_m:.3f} m",
+            f"{report.speed_rms_mps:.3f} m/s",
+        )
+    return rows
 
 
 def _certificate(design: Design, out: Console) -> Table:
@@ -134,6 +179,7 @@ def as_dict(design: Design) -> dict[str, Any]:
                 "disk_output": report.disk_output.alpha,
                 "channels_input": {
                     name: {"gain_db": _finite(m.gain_up_db), "phase_deg": _finite(m.phase_deg),
+                           "gain_down_db": _finite(m.gain_down_db),
                            "delay_s": _finite(m.delay_s)}
                     for name, m in zip(INPUT_NAMES, report.channels_input, strict=True)
                 },
@@ -141,6 +187,10 @@ def as_dict(design: Design) -> dict[str, Any]:
             for report in design.reports
         ],
         "further_delay_s": design.further_delay_s,
+        "position_loop": {
+            name: {key: _finite(value) for key, value in asdict(report).items()}
+            for name, report in zip(NAMES, design.outer, strict=False)
+        },
         "F": s.F.tolist(),
         "G": s.G.tolist(),
         "K": design.observer.K.tolist(),

@@ -20,7 +20,7 @@ from heli_math.rows import MEAS, NAV
 from heli_math.ticks import seconds, ticks_in
 from heli_observer import layout as L
 from heli_observer.observer import ObserverConfig, initial_state, observe
-from heli_observer.synthetic import Flight, Path, hover_path, synthesize
+from heli_observer.testing.synthetic import Flight, Path, hover_path, synthesize
 
 Array = NDArray[np.float64]
 SECONDS = 60.0
