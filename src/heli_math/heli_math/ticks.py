@@ -4,10 +4,13 @@
 A flight's time is made from its tick anew each time; nothing adds up floats.
 """
 
-from typing import overload
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, overload
+
+if TYPE_CHECKING:  # the command line counts ticks, too, and its help shall not wait for numpy
+    import numpy as np
+    from numpy.typing import NDArray
 
 NS_PER_S = 1_000_000_000
 TICK_NS = 10_000_000
