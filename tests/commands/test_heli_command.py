@@ -139,9 +139,14 @@ class TestPrograms:
         assert self.run("python", "-", text="print(1 + 1)").stdout == "2\n"
 
     def test_a_node_gets_every_word(self):
-        done = self.run("run", "heli_observer", "observer", "--help")
+        done = self.run("run", "heli_observer", "observer", "--quickly")
         assert done.returncode == 2
-        assert done.stderr.startswith("observer: unknown argument '--help'")
+        assert done.stderr.startswith("observer: unknown argument '--quickly'")
+
+    def test_a_nodes_help_is_its_own(self):
+        done = self.run("run", "heli_observer", "observer", "--help")
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.startswith("usage: ros2 run heli_observer observer ")
 
     def test_a_node_that_is_not_there_is_bad_input(self):
         done = self.run("run", "heli_observer", "obsever")

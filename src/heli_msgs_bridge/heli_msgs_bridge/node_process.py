@@ -18,6 +18,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_spec import StartError
+from heli_msgs_bridge.usage import asks_for_help, usage
 from heli_parameters import command_line
 from heli_parameters.parameters import ParameterError
 
@@ -96,6 +97,9 @@ def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
     name = cls.SPEC.name
     node = None
     try:
+        if asks_for_help(argv):
+            sys.stdout.write(usage(cls.SPEC, cls.__doc__ or ""))
+            return 0
         node = _start(cls, argv, [name, *argv])
         return _spin(node)
     except (StartError, ParameterError) as error:

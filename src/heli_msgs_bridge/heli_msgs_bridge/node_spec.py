@@ -8,7 +8,7 @@ from typing import Any
 
 from heli_parameters import locate
 from heli_parameters.common_table import with_common
-from heli_parameters.parameters import Parameter, load
+from heli_parameters.parameters import Parameter, load, stated
 
 _FILES = "heli_parameters"
 
@@ -53,7 +53,11 @@ class NodeSpec:
     def resolve(
         self, params_files: Sequence[str] = (), rules: Sequence[str] = (), name: str = ""
     ) -> dict[str, Any]:
-        """Values of all parameters; raises `ParameterError` or `StartError`."""
-        files: list[str | Path] = [*self.default_files(), *params_files]
-        # An override file may also speak of common parameters that the defaults do not repeat.
-        return load(self.full_table(), files, name or self.name, rules)
+        """Values of all parameters; raises `ParameterError` or `StartError`.
+
+        Packaged files speak of the node by its own name, the user's by the one that it was given.
+        """
+        table = self.full_table()
+        values = load(table, self.default_files(), self.name)
+        given = stated(table, params_files, name or self.name, rules)
+        return values | {key: entry.value for key, entry in given.items()}
