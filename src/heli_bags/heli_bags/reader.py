@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag of the graph as arrays (NED/FRD), without ROS; also bags that `ros2 bag record` made."""
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ class Bag:
         Topic name (relative, as in `topics.TABLE`) to its Stream.
     references : list of Trajectory
     remarks : list of Remark
-        In the order of their stamps.
+        In the order of their stamps; of the bag's aircraft, though /diagnostics carries others.
     refused : dict
         Topic to number of messages that could not be used.
     reasons : dict
@@ -77,18 +78,25 @@ def _graph_name(recorded: str, msgtype: str) -> str | None:
     return max(fitting, key=len, default=None)
 
 
-def _remarks(message: Any) -> list[Remark]:
+def _namespaces(names: Mapping[str, str | None]) -> frozenset[str]:
+    """Namespaces of the aircraft in a bag: those of its topics, by recorded and relative name."""
+    return frozenset(
+        recorded.removesuffix(name).strip("/")
+        for recorded, name in names.items()
+        if name is not None and not name.startswith("/")
+    )
+
+
+def _remarks(message: Any, namespaces: Collection[str]) -> list[Remark]:
+    """What nodes of these namespaces say; without any, what all say."""
     stamp_ns = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
-    return [
-        Remark(
-            stamp_ns,
-            status.name.rsplit("/", 1)[-1],
-            int(status.level),
-            status.message,
-            {pair.key: pair.value for pair in status.values},
-        )
-        for status in message.status
-    ]
+    found = []
+    for status in message.status:
+        namespace, _, node = status.name.rpartition("/")
+        if not namespaces or namespace.strip("/") in namespaces:
+            facts = {pair.key: pair.value for pair in status.values}
+            found.append(Remark(stamp_ns, node, int(status.level), status.message, facts))
+    return found
 
 
 class _Collector:
@@ -96,6 +104,7 @@ class _Collector:
 
     def __init__(self, datum: Datum | None) -> None:
         self.bag = Bag()
+        self.namespaces: frozenset[str] = frozenset()
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._datum = datum
         self._decoders: dict[str, Decoder] = {}
@@ -120,7 +129,9 @@ class _Collector:
                 message = self._store.deserialize_cdr(raw, type_name)
                 self.bag.references.append(decode_reference(message))
             elif name == topics.DIAGNOSTICS:
-                self.bag.remarks += _remarks(self._store.deserialize_cdr(raw, type_name))
+                self.bag.remarks += _remarks(
+                    self._store.deserialize_cdr(raw, type_name), self.namespaces
+                )
             elif name in CHANNELS and (name != topics.GPS_FIX or self._datum is not None):
                 decoder = self._decoder(name)
                 row = decoder.decode(raw).copy()
@@ -182,6 +193,7 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
     try:
         with Reader(path) as reader:
             names = {c.id: _graph_name(c.topic, c.msgtype) for c in reader.connections}
+            collector.namespaces = _namespaces({c.topic: names[c.id] for c in reader.connections})
             collector.bag.foreign = sorted(
                 c.topic for c in reader.connections if names[c.id] is None
             )

@@ -65,10 +65,14 @@ class Supervisor(Node):
         )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Keep what nodes of this aircraft say; /diagnostics is shared by all of a ROS domain."""
         stamp = message.header.stamp
         time_s = stamp.sec + 1e-9 * stamp.nanosec
+        own = self.get_namespace().strip("/")
         for status in message.status:
-            name = status.name.rsplit("/", 1)[-1]
+            namespace, _, name = status.name.rpartition("/")
+            if namespace.strip("/") != own:
+                continue
             level = int.from_bytes(status.level, "little")
             facts = {pair.key: pair.value for pair in status.values}
             self.statuses[name] = NodeStatus(level, status.message, time_s, facts)
@@ -104,9 +108,9 @@ class Supervisor(Node):
     def refuse_doubles(self) -> None:
         """Raise BringUpError if another graph with the same names flies in this ROS domain."""
         names = [f"{ns.rstrip('/')}/{n}" for n, ns in self.get_node_names_and_namespaces()]
-        for name in sorted(set(names)):
-            own = name.rsplit("/", 1)[-1] in self._change
-            if own and names.count(name) > 1:
+        own = {f"{self.get_namespace().rstrip('/')}/{name}" for name in self._change}
+        for name in sorted(own):
+            if names.count(name) > 1:
                 raise BringUpError(
                     f"another node {name} is in this ROS domain; set ROS_DOMAIN_ID to a free one"
                 )

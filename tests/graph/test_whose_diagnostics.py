@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""/diagnostics is shared by all aircraft of a ROS domain: whose message it is decides."""
+
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import serialize_message
+
+from heli_bags.reader import read_bag
+from heli_bags.recorder import BagRecorder
+from heli_flight.graph.supervisor import Supervisor
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import Encoder
+
+LIMIT_S = 20.0
+OTHERS = ("heli2/plant", "/heli2/plant", "a/b/plant", "plant/plant", "heli2/")
+OVER = "The aircraft hit the ground"
+
+
+def diagnostics(name, message=OVER, stamp_s=1):
+    """What a plant says at the end of its flight."""
+    status = DiagnosticStatus(name=name, hardware_id=name, message=message, level=b"\2")
+    status.values = [KeyValue(key="over", value="true")]
+    array = DiagnosticArray(status=[status])
+    array.header.stamp.sec = stamp_s
+    return array
+
+
+@pytest.fixture
+def supervisor(ros_context):
+    made = Supervisor(["plant"], context=ros_context)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def say(ros_context):
+    """Publish to /diagnostics from a node of another aircraft."""
+    import rclpy
+
+    node = rclpy.create_node("stranger", namespace="/heli2", context=ros_context)
+    publisher = node.create_publisher(
+        DiagnosticArray, topics.DIAGNOSTICS, topics.qos(topics.DIAGNOSTICS)
+    )
+    executor = SingleThreadedExecutor(context=ros_context)
+    executor.add_node(node)
+    deadline = time.monotonic() + LIMIT_S
+    while not publisher.get_subscription_count():
+        assert time.monotonic() < deadline
+        executor.spin_once(timeout_sec=0.05)
+    yield publisher.publish
+    executor.shutdown()
+    node.destroy_node()
+
+
+def test_the_supervisor_hears_its_own_aircraft_only(supervisor, say):
+    """The plant of another one crashes: its status is nobody's here, the own plant's counts."""
+    for name in OTHERS:
+        say(diagnostics(name))
+    say(diagnostics("plant", "flying"))
+    heard = lambda: "plant" in supervisor.statuses  # noqa: E731
+    assert supervisor.wait_until(heard, LIMIT_S, lambda: None)
+    assert {name: s.message for name, s in supervisor.statuses.items()} == {"plant": "flying"}
+    say(diagnostics("/plant", "landed"))
+    landed = lambda: supervisor.statuses["plant"].message == "landed"  # noqa: E731
+    assert supervisor.wait_until(landed, LIMIT_S, lambda: None)
+
+
+@pytest.mark.parametrize("namespace", ["", "heli1", "fleet/heli1"])
+def test_a_bag_tells_what_its_own_aircraft_said(tmp_path, namespace):
+    """The recorder writes all of /diagnostics; the report is about the aircraft that was flown."""
+    recorder = BagRecorder(tmp_path / "bag", [topics.IMU, topics.DIAGNOSTICS], f"/{namespace}")
+    recorder.write(topics.IMU, Encoder(topics.IMU).encode(np.zeros(6), 1_000_000_000))
+    own = f"{namespace}/plant".lstrip("/")
+    for name in (*OTHERS, own):
+        said = "own" if name == own else OVER
+        recorder.write(topics.DIAGNOSTICS, serialize_message(diagnostics(name, said)))
+    recorder.close()
+    remarks = read_bag(tmp_path / "bag").remarks
+    assert [(remark.node, remark.message) for remark in remarks] == [("plant", "own")]
