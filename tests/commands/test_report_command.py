@@ -65,8 +65,8 @@ def rows(record):
     }  # fmt: skip
 
 
-def write_bag(folder, record, names, prefix="/heli/"):
-    """A bag of the graph in a namespace, as `ros2 bag record` would write it."""
+def write_bag(folder, record, names, prefix="/heli/", other=None):
+    """A bag of the graph in a namespace, as `ros2 bag record` would write it, and another topic."""
     store = get_typestore(Stores.ROS2_JAZZY)
     streams = rows(record)
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -77,12 +77,16 @@ def write_bag(folder, record, names, prefix="/heli/"):
             for tick, row in enumerate(streams[name]):
                 stamp = START_NS + tick * TICK_NS
                 writer.write(connection, stamp, encoder.encode(np.ascontiguousarray(row), stamp))
+        if other:
+            connection = writer.add_connection(other, "std_msgs/msg/Empty", typestore=store)
+            writer.write(connection, START_NS, b"\x00\x01\x00\x00\x00")
     return folder
 
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory, record):
-    return write_bag(tmp_path_factory.mktemp("full") / "rosbag2_flight", record, FULL)
+    folder = tmp_path_factory.mktemp("full") / "rosbag2_flight"
+    return write_bag(folder, record, FULL, other="/camera/shutter")
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +122,7 @@ def test_foreign_bag_gets_a_report_that_says_what_was_assumed(capsys, full):
     assert "No params.yaml beside the bag" in text
     assert "The bag holds no reference" in text
     assert "assumed, not recorded with the flight" in text
+    assert "Not of the graph, so not shown: /camera/shutter." in text
     assert "no ground truth" not in text
     assert (page.parent / "figures" / "estimate_position.png").is_file()
     assert re.search(r"Attitude: estimate minus truth; (9\d|100)\.\d % of it inside 3", text)
@@ -129,6 +134,7 @@ def test_bag_without_truth_reports_what_can_be(capsys, bare, tmp_path):
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "The bag holds no ground truth" in text
     assert "The bag holds no wind" in text
+    assert "Not of the graph" not in text
     figures = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}
     assert {"fig6_v_x", "fig9_track", "actuators", "rotor"} <= figures
     assert not {"wind", "estimate_position", "estimate_velocity", "estimate_attitude"} & figures
@@ -152,8 +158,9 @@ def test_cut_off_bag_is_refused(capsys, full, tmp_path):
 
 
 def test_bag_with_foreign_topics_only_is_refused(capsys, tmp_path, record):
-    bag = write_bag(tmp_path / "foreign", record, (topics.ACTUATORS,))
-    assert "holds neither ground_truth/odom nor odom" in refused(capsys, bag)
+    bag = write_bag(tmp_path / "foreign", record, (topics.ACTUATORS,), other="/lidar")
+    said = "holds neither ground_truth/odom nor odom: no flight; of other kinds: /lidar"
+    assert said in refused(capsys, bag)
 
 
 def test_unknown_scenario_is_refused(capsys, full):

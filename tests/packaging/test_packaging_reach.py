@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every module serves something that a user can start, and what must start fast imports little."""
+"""Every module and every name serves something that a user can start; what must start fast imports
+little.
+"""
 
 import ast
+import importlib
 import os
 import subprocess
 import sys
@@ -9,10 +12,42 @@ import tomllib
 from functools import cache
 from pathlib import Path
 
+import pytest
+from vulture import Vulture
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml"))
 # Copied by whoever writes a law of his own (CONTRIBUTING.md); tests/recipes does so.
 COPIED = {"heli_inner_hinf.law_template"}
+CALLED_BY_OTHERS = {
+    "generate_launch_description": "by launch",
+    "on_configure": "by rclpy", "on_cleanup": "by rclpy", "on_shutdown": "by rclpy",
+    "heli": "by the command of pyproject.toml",
+    "user_law": "by whoever copies law_template",
+    "signum": "of a signal handler's arguments, which Python gives",
+    "setup_package": "by src/*/setup.py",
+}  # fmt: skip
+SET_FOR_OTHERS = {
+    "__spec__": "runpy", "unraisablehook": "sys", "CACHE_DIR": "numba.config",
+    "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
+    "_context": "keeps Foxglove's context alive",
+    "markers": "a message", "joint_names": "a message", "hardware_id": "a message",
+    "floating_point_range": "a message", "integer_range": "a message",
+}  # fmt: skip
+READ_BY_FIELD = {
+    "duplicate": "Counters, told by asdict",
+    "force_per_collective_sigma": "IdentifiedCollective, written by asdict",
+    "force_per_w": "IdentifiedCollective, written by asdict",
+    "force_per_w_sigma": "IdentifiedCollective, written by asdict",
+    "truth_rate_body_radps": "FlightRecord, compared by fields (scripts/compare_cpu_types.py)",
+    "nav_rate_body_radps": "FlightRecord, compared by fields (scripts/compare_cpu_types.py)",
+}
+NUMBERED = {
+    "HINF": "place in law_state.CONTROLLERS", "LQR": "place in law_state.CONTROLLERS",
+    "STALE": "a level that others send (heli_flight.report.data.LEVELS)",
+}  # fmt: skip
+"""Names that the search for dead code does not see used, and what uses them."""
+KNOWN = CALLED_BY_OTHERS | SET_FOR_OTHERS | READ_BY_FIELD | NUMBERED
 
 
 @cache
@@ -45,17 +80,21 @@ def named_in(file):
     return found
 
 
-def starts():
-    """Files that a user starts: commands, nodes, launch files, scripts."""
+def commands():
+    """Modules in which the commands of pyproject.toml begin."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    commands = [modules()[entry.split(":")[0]] for entry in project["project"]["scripts"].values()]
+    return {entry.split(":")[0] for entry in project["project"]["scripts"].values()}
+
+
+def started():
+    """Files outside of the packages' code that a user starts: nodes, launch files, scripts."""
     packaged = [*(ROOT / "src").glob("*/scripts/*"), *(ROOT / "src").glob("*/launch/*.py")]
-    return [*commands, *packaged, *(ROOT / "scripts").glob("*.py")]
+    return [*packaged, *(ROOT / "scripts").glob("*.py")]
 
 
 def reached():
     """Modules that are imported, directly or not, by what a user starts."""
-    seen, waiting = set(), set().union(*map(named_in, starts()))
+    seen, waiting = set(), commands().union(*map(named_in, started()))
     while waiting:
         seen |= waiting
         waiting = set().union(*(named_in(modules()[name]) for name in waiting)) - seen
@@ -70,6 +109,52 @@ def test_no_module_is_for_tests_only():
     """Code that only tests use stands in a `testing` folder of its package, or goes."""
     left = set(modules()) - reached() - COPIED
     assert {name for name in left if not is_testing(name)} == set()
+
+
+@cache
+def public_names():
+    """What packages offer to their users: `__all__` of each."""
+    return {name for package in PACKAGES for name in importlib.import_module(package).__all__}
+
+
+def unused(files, known):
+    """file:line: kind name of what is defined and never used, tests left out of account."""
+    search = Vulture(ignore_names=sorted(known), ignore_decorators=["@*.command*", "@*.callback*"])
+    search.scavenge(list(files))
+    return [f"{i.filename}:{i.first_lineno}: {i.typ} {i.name}" for i in search.get_unused_code()]
+
+
+def product():
+    """Files of what a user can start or import."""
+    own = [file for name, file in modules().items() if not is_testing(name)]
+    return [*own, *started()]
+
+
+def test_no_name_is_for_tests_only():
+    """Functions, methods, attributes, fields and constants that only tests use go, too."""
+    assert unused(product(), public_names() | set(KNOWN)) == []
+
+
+def test_every_exception_is_needed():
+    found = {line.rsplit(" ", 1)[1] for line in unused(product(), public_names())}
+    assert found == set(KNOWN)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("class C:\n    def __init__(self):\n        self.unusual = 0\nC()", "unusual"),
+        ("class C:\n    def turn(self):\n        return 1\nC()", "turn"),
+        ("class C:\n    foreign: list = []\nC(foreign=[])", "foreign"),
+        ("class C:\n    @property\n    def active(self):\n        return 1\nC()", "active"),
+        ("def fly():\n    return 1", "fly"),
+        ("LIMIT = 3", "LIMIT"),
+    ],
+)
+def test_the_search_finds(tmp_path, text, name):
+    (tmp_path / "some.py").write_text(text)
+    (line,) = unused([tmp_path / "some.py"], set())
+    assert line.endswith(f" {name}")
 
 
 def test_nothing_that_flies_imports_what_is_for_tests():

@@ -8,6 +8,7 @@ __getattr__, __dir__, __all__ = face(
     {
         "parameters": ["HelicopterParameters"],
         "aircraft_file": ["AircraftError", "find_aircraft"],
+        "helicopter": ["state_derivative"],
         "config": ["PlantConfig", "PlantConfigError"],
         "plant": ["PlantStatus"],
         "noise": ["NoiseStreams"],

@@ -162,11 +162,6 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         return self._core is not None
 
     @property
-    def active(self) -> bool:
-        """True between activation and deactivation."""
-        return self._active
-
-    @property
     def core(self) -> Core:
         """Data of the configured stage; RuntimeError outside of it."""
         if self._core is None:

@@ -297,8 +297,6 @@ class Decoder:
         The last decoded array (NED/FRD), overwritten by the next.
     stamp_ns : int
         Stamp of the last message, also of a refused one unless it was cut off.
-    unusual : int
-        How many messages had another layout and took the slow way.
     """
 
     def __init__(
@@ -316,7 +314,7 @@ class Decoder:
             raise ValueError(f"{topic}: needs a datum")
         self._deserialize = deserialize or rclpy_deserializer(topic)
         self.topic, self.array = topic, np.zeros(channel.size)
-        self.stamp_ns, self.unusual = 0, 0
+        self.stamp_ns = 0
 
     def decode(self, raw: bytes) -> NDArray[np.float64]:
         """Array (NED/FRD) of a serialised message; its stamp is in `stamp_ns`.
@@ -346,7 +344,6 @@ class Decoder:
         return self.array
 
     def _decode_slowly(self, raw: bytes) -> None:
-        self.unusual += 1
         if len(raw) < 12:
             raise CutOffError(f"{self.topic}: a message of {len(raw)} bytes is cut off")
         self.stamp_ns = stamp_of(raw)

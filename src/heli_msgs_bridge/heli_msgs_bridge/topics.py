@@ -69,8 +69,6 @@ class Topic:
         Period in ticks; 0 for "on change".
     latched : bool
         True if a late listener gets the last message (transient local).
-    optional : bool
-        True if it is sent only while its sender is configured for it.
     """
 
     name: str
@@ -79,7 +77,6 @@ class Topic:
     sinks: tuple[str, ...]
     every_ticks: int
     latched: bool = False
-    optional: bool = False
 
     @property
     def rate_hz(self) -> float:
@@ -115,8 +112,9 @@ TABLE: tuple[Topic, ...] = (
     Topic(TRUTH_ODOM, _ODOMETRY, _PLANT, (), 1),
     Topic(TRUTH_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1),
     Topic(TRUTH_ROTOR, _JOINTS, _PLANT, (), 1),
-    Topic(EXCITATION_ACTUATORS, _JOINTS, _INNER, (), 1, optional=True),
-    Topic(EXCITATION_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1, optional=True),
+    # These two only while their senders are configured for it.
+    Topic(EXCITATION_ACTUATORS, _JOINTS, _INNER, (), 1),
+    Topic(EXCITATION_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1),
     Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", _ALL, (), 0),
 )
 

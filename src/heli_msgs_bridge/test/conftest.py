@@ -39,3 +39,14 @@ def two_nodes(ros_context):
     executor.shutdown()
     for node in nodes:
         node.destroy_node()
+
+
+@pytest.fixture
+def fast_decoder():
+    """Make a Decoder that reads messages of the usual layout and refuses all others."""
+    from heli_msgs_bridge.messages import Decoder
+
+    def slowly(raw):
+        raise AssertionError("not the usual layout: it takes the ordinary decoder")
+
+    return lambda topic, datum=None: Decoder(topic, datum, slowly)

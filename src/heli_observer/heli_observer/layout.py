@@ -96,11 +96,6 @@ class ObserverStatus(IntEnum):
         """One sentence for a log or a diagnostic message."""
         return _SENTENCES[self]
 
-    @property
-    def usable(self) -> bool:
-        """Whether the navigation output may be flown on, at least for the moment."""
-        return self not in (ObserverStatus.ALIGNING, ObserverStatus.NOT_FINITE)
-
 
 _SENTENCES = {
     ObserverStatus.OK: "navigation is aligned and every sensor is being fused",

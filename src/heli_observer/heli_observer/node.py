@@ -16,7 +16,7 @@ from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
-from heli_observer.layout import ObserverState
+from heli_observer.layout import COUNTER_NAMES, ObserverState
 from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
 from heli_observer.parameter_table import NODE_NAME, TABLE
 
@@ -116,8 +116,15 @@ class ObserverNode(TickNode[Navigation, None]):
                 "sigma_velocity_mps": np.round(core.out[NAV.sigma_vel], 3).tolist(),
                 "sigma_attitude_deg": np.round(np.degrees(core.out[NAV.sigma_att]), 3).tolist(),
                 "refused_messages": len(core.refused),
+                **_events(core.state),
             }
             self.warn_or_ok(_LEVELS.get(named, Level.WARN), named.sentence, facts)
+
+
+def _events(state: ObserverState) -> dict[str, int]:
+    """What has been fused, rejected and dropped since the alignment began, and how often."""
+    counts = {name: int(state.count[place]) for name, place in COUNTER_NAMES.items()}
+    return {name: count for name, count in counts.items() if count}
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -47,10 +47,21 @@ def _reference(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BagFlight:
-    """A bag as a flight: its record, NaN where a topic says nothing, and the nodes' health."""
+    """A bag as a flight.
+
+    Attributes
+    ----------
+    record : FlightRecord
+        NaN where a topic says nothing.
+    remarks : sequence of Remark
+        The nodes' health.
+    foreign : sequence of str
+        Recorded topics that are not of the graph.
+    """
 
     record: FlightRecord
     remarks: Sequence[Remark]
+    foreign: Sequence[str]
 
 
 def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -> BagFlight:
@@ -85,9 +96,12 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
             raise FlightError(f"{path}: holds no {topics.TRUTH_ODOM}")
         source = bag.streams.get(topics.ODOM)
     if source is None or not source.stamp_ns.size:
-        raise FlightError(f"{path}: holds neither {topics.TRUTH_ODOM} nor {topics.ODOM}: no flight")
+        other = f"; of other kinds: {', '.join(bag.foreign)}" if bag.foreign else ""
+        raise FlightError(
+            f"{path}: holds neither {topics.TRUTH_ODOM} nor {topics.ODOM}: no flight{other}"
+        )
     ticks = (source.stamp_ns - start_ns) // TICK_NS
-    return BagFlight(_record(bag, ticks, start_ns), bag.remarks)
+    return BagFlight(_record(bag, ticks, start_ns), bag.remarks, bag.foreign)
 
 
 def _excited(bag: Bag) -> bool:

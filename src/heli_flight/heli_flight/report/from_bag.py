@@ -73,6 +73,8 @@ def report_of_bag(
     settings = _settings(choice, told, saved)
     flight = flight_from_bag(bag, settings, truth_needed=False)
     record, missing = _completed(flight.record, settings)
+    if flight.foreign:
+        missing.append(f"Not of the graph, so not shown: {', '.join(flight.foreign)}.")
     if not known:
         missing.insert(
             0,

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `observer` alone: what it says of its sensors."""
+
+import numpy as np
+import pytest
+
+from heli_math.rows import MEAS
+from heli_msgs_bridge import topics
+from heli_observer.layout import C_MAG_REJECTED
+from heli_observer.node import ObserverNode
+from heli_observer.testing.synthetic import hover_path, synthesize
+
+FIELD_OF_A_MAGNET = 3.0
+
+
+@pytest.fixture
+def observer(bench):
+    made = bench(ObserverNode)
+    made.fly()
+    return made
+
+
+def tick_of(observer, tick, y, magnet=1.0):
+    """Measurements of one tick as messages; the magnetometer beside a magnet, if so wanted."""
+    if y[MEAS.mag_valid]:
+        observer.send(topics.MAG, tick, magnet * y[MEAS.mag])
+    if y[MEAS.baro_valid]:
+        observer.send(topics.BARO, tick, y[[MEAS.baro]])
+    if y[MEAS.gps_valid]:
+        stamp = int(y[MEAS.gps_tick])
+        observer.send(topics.GPS_FIX, stamp, y[MEAS.gps_pos])
+        observer.send(topics.GPS_VELOCITY, stamp, y[MEAS.gps_vel])
+    if tick:
+        observer.send(topics.ACTUATORS, tick - 1, np.zeros(4))
+    observer.send(topics.IMU, tick, y[MEAS.imu])
+
+
+def test_diagnostics_count_what_was_fused_and_what_was_rejected(observer):
+    """A sensor that the filter does not follow is named with its count; what never was, is not."""
+    y = np.ascontiguousarray(synthesize(hover_path(), observer.node.values, 4.0, seed=8).y)
+    for tick in range(301):
+        tick_of(observer, tick, y[tick], FIELD_OF_A_MAGNET if tick >= 100 else 1.0)
+    facts, horizon = observer.node.health.facts, observer.node.values["ekf.horizon_ticks"]
+    # One sample in two ticks, judged when the filter, which runs behind, has come to it.
+    assert facts["mag_rejected"] == pytest.approx((301 - 100) / 2, abs=horizon)
+    assert facts["mag_fused"] == pytest.approx(100 / 2, abs=horizon)
+    assert facts["mag_rejected"] == observer.node.core.state.count[C_MAG_REJECTED]
+    assert facts["gps_fused"] > 10 and facts["baro_fused"] > 40
+    assert "gps_position_rejected" not in facts and "tick_gaps" not in facts
