@@ -133,6 +133,12 @@ class PlantNode(TickNode[Aircraft, Flight]):
         plant.status(spare, k)
         plant.advance(spare, core.u, k)
 
+    def awaited_links(self) -> dict[str, set[str]]:
+        """The whole graph: once time runs, lockstep does not wait long for who still compiles."""
+        peers = set(self.values["peers"])
+        rows = [row for row in topics.TABLE if peers.intersection(row.source) and not row.optional]
+        return {row.name: peers.intersection(row.sinks).difference(row.source) for row in rows}
+
     def engage(self) -> Flight:
         """Time begins."""
         now_s = time.monotonic()

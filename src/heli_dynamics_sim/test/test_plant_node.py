@@ -126,3 +126,16 @@ def test_clean_up_leaves_nothing_behind(bench, lockstep):
         assert plant.node.trigger_deactivate() == SUCCESS
         assert plant.node.trigger_cleanup() == SUCCESS
         assert entities() == before
+
+
+def test_the_plant_waits_for_every_link_of_a_flight():
+    """Time does not begin while anybody still gets ready, whoever hears the plant itself."""
+
+    class Named:
+        values = PlantNode.SPEC.resolve()
+
+    links = PlantNode.awaited_links(Named)
+    assert links[topics.ODOM] == {"inner_loop", "outer_loop"}
+    assert links[topics.ACTUATORS] == {"plant", "observer"}
+    assert links[topics.ATTITUDE_SETPOINT] == {"inner_loop"}
+    assert topics.REFERENCE not in links and topics.EXCITATION_WIND not in links

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Base of the graph's nodes: the stages of their life, parameters, peers, diagnostics."""
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack
@@ -18,10 +17,10 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
+from heli_msgs_bridge.peers import wait_for_peers
 from heli_parameters.parameters import ParameterError
 from heli_parameters.parameters import judge as why_refused
 
-_POLL_S = 0.002
 INACTIVE = "inactive"
 """What a node says when it has been deactivated."""
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -87,6 +86,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         self._run: Run | None = None
         self._active = False
         self._ends: list[ExitStack] = []
+        self._unheard: list[Callable[[], None]] = []
         self._judged: Any = None
         self._table = {row.name: row for row in self.SPEC.full_table()}
         rows: list[Any] = [
@@ -154,6 +154,10 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         expected = peers.intersection(topics.BY_NAME[topic].sinks)
         return expected | (peers & {"recorder"})
 
+    def awaited_links(self) -> Mapping[str, Collection[str]]:
+        """Topics of others whose listeners must be ready, too, before the flight starts."""
+        return {}
+
     # --- stages --------------------------------------------------------------------------------
 
     @property
@@ -200,11 +204,21 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
     def hear(
         self, topic: str, callback: Callable[[Any], None], qos: Any = None, raw: bool = False
     ) -> None:
-        """Subscribe to a graph topic; `raw` for the serialised messages."""
+        """Subscribe to a graph topic; `raw` for the serialised messages.
+
+        What `configure` asks for is done when it has succeeded: who listens is ready.
+        """
         cls = topics.message_class(topics.BY_NAME[topic].type)
         qos = topics.qos(topic) if qos is None else qos
-        subscription = self.create_subscription(cls, topic, self.guarded(callback), qos, raw=raw)
-        self.at_end(lambda: self.destroy_subscription(subscription))
+
+        def listen() -> None:
+            given = self.create_subscription(cls, topic, self.guarded(callback), qos, raw=raw)
+            self.at_end(lambda: self.destroy_subscription(given))
+
+        if self.configured:
+            listen()
+        else:
+            self._unheard.append(listen)
 
     def repeat(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call this every so many seconds of wall time."""
@@ -223,38 +237,6 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
                     self.crash = error
 
         return call
-
-    def _absent(self) -> tuple[str, set[str]] | None:
-        """First output that lacks listeners, and their names; None if all are connected."""
-        for topic, publisher in self.outputs.items():
-            expected = self.expected_listeners(topic)
-            if not expected:
-                continue
-            infos = self.get_subscriptions_info_by_topic(publisher.topic_name)
-            missing = expected - {info.node_name for info in infos}
-            if missing or publisher.get_subscription_count() < len(expected):
-                return topic, missing or expected
-        return None
-
-    def wait_for_peers(self) -> None:
-        """Block until every expected listener is connected.
-
-        Raises
-        ------
-        StartError
-            Naming topic and missing nodes, after `connect_timeout_s` of wall time.
-        """
-        limit_s = self.values["connect_timeout_s"]
-        deadline = time.monotonic() + limit_s
-        while (absent := self._absent()) is not None:
-            if not self.context.ok():
-                raise ExternalShutdownException
-            if time.monotonic() > deadline:
-                names = ", ".join(sorted(absent[1]))
-                raise StartError(
-                    f"nobody listens to '{absent[0]}' after {limit_s:g} s: missing {names}"
-                )
-            time.sleep(_POLL_S)
 
     # --- health ------------------------------------------------------------------------------
 
@@ -305,7 +287,10 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
 
         def action() -> None:
             self._ends.append(ExitStack())
+            self._unheard.clear()
             self._core = self.configure()
+            for listen in self._unheard:
+                listen()
 
         result = self._transition(action, "configured")
         if result != _SUCCESS:
@@ -317,7 +302,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
 
         def action() -> None:
             self._ends.append(ExitStack())
-            self.wait_for_peers()
+            wait_for_peers(self)
             LifecycleNode.on_activate(self, state)
             self._run = self.engage()
             self._active = True

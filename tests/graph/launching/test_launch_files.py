@@ -133,26 +133,49 @@ def test_bad_arguments_start_nothing(launch, argument):
         launch(*HOVER, argument)
 
 
-def test_the_graph_of_the_launch_file_flies(launch, tmp_path, ros_env, living):
-    """The commands that launch would run, run: the flight ends, and the nodes with it."""
-    file = tmp_path / "short.yaml"
-    file.write_text("/**/plant:\n  ros__parameters:\n    duration_s: 2.0\n")
-    arguments = [f"params_file:={file}", "namespace:=heli1", "record:=false", "seed:=3"]
-    started = by_name(launch(*HOVER, *arguments))
-    with contextlib.ExitStack() as ending:
-        for name, node in started.items():
-            if name != "plant":
-                log = ending.enter_context(open(tmp_path / f"{name}.log", "wb"))
-                command = node.command(tmp_path)
-                process = subprocess.Popen(
-                    command, env=ros_env, stdout=log, stderr=subprocess.STDOUT
-                )
-                ending.callback(process.terminate)
-        plant = subprocess.run(
-            started["plant"].command(tmp_path), env=ros_env, capture_output=True, text=True,
-            timeout=240,
-        )  # fmt: skip
-    logs = "".join(path.read_text() for path in tmp_path.glob("*.log"))
-    assert plant.returncode == 0, plant.stdout + plant.stderr + logs
+@pytest.fixture
+def fly_launched(launch, tmp_path, ros_env, living):
+    """Run the commands that launch would run, 2 s long: the plant's process, and all logs."""
+
+    def fly(*arguments, limit_s=240, env=None):
+        file = tmp_path / "short.yaml"
+        file.write_text("/**/plant:\n  ros__parameters:\n    duration_s: 2.0\n")
+        started = by_name(launch(*HOVER, f"params_file:={file}", *arguments))
+        env = ros_env | (env or {})
+        with contextlib.ExitStack() as ending:
+            for name, node in started.items():
+                if name != "plant":
+                    log = ending.enter_context(open(tmp_path / f"{name}.log", "wb"))
+                    command = node.command(tmp_path)
+                    process = subprocess.Popen(
+                        command, env=env, stdout=log, stderr=subprocess.STDOUT
+                    )
+                    ending.callback(process.terminate)
+            plant = subprocess.run(
+                started["plant"].command(tmp_path), env=env, capture_output=True, text=True,
+                timeout=limit_s,
+            )  # fmt: skip
+        assert living() == []
+        logs = "".join(path.read_text() for path in tmp_path.glob("*.log"))
+        return plant, plant.stdout + plant.stderr + logs
+
+    return fly
+
+
+def test_the_graph_of_the_launch_file_flies(fly_launched):
+    """The flight ends, and the nodes with it."""
+    plant, said = fly_launched("namespace:=heli1", "record:=false", "seed:=3")
+    assert plant.returncode == 0, said
     assert "flight over after 2 s" in plant.stdout + plant.stderr
-    assert living() == []
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(900)
+def test_the_first_launch_compiles_and_flies(fly_launched, tmp_path):
+    """As after `colcon build`: no kernel is in the cache; who is ready waits for who is not."""
+    cold = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_NUM_THREADS": "1"}
+    plant, said = fly_launched("record:=false", limit_s=800, env=cold)
+    assert plant.returncode == 0, said
+    assert "to get ready" in said
+    assert "going on" not in said and "missing" not in said
+    assert "flight over after 2 s" in plant.stdout + plant.stderr

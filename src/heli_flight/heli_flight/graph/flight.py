@@ -30,11 +30,14 @@ from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_live_view.parameter_table import SHOWN_TO_THE_END
 from heli_math.ticks import seconds, stamp_at
 from heli_msgs_bridge.managed_node import INACTIVE
+from heli_msgs_bridge.peers import READY_LIMIT_S
 from heli_parameters.locate import executable
 from heli_parameters.parameters import dump_all
 
 _APPEAR_LIMIT_S = 30.0
 _TRANSITION_LIMIT_S = 60.0
+# Configuration that takes longer is said to compile.
+_TELL_AFTER_S = 10.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
 _BAG_LIMIT_S = 10.0
@@ -169,14 +172,26 @@ class Graph:
         assert up is not None
         up.wait_for_services(_APPEAR_LIMIT_S, self.check)
         up.refuse_doubles()
-        configure = Transition.TRANSITION_CONFIGURE
         self._bring_up_live(up)
-        up.transition([node.name for node in NODES], configure, limit, self.check)
+        self._configure(up, [node.name for node in NODES])
         start_ns = stamp_at(self.settings.nodes["plant"]["start_time_s"])
         up.publish_reference(self.settings.scenario, start_ns)
         activate = Transition.TRANSITION_ACTIVATE
         up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
         up.transition(["plant"], activate, limit, self.check)
+
+    def _configure(self, up: Supervisor, names: Sequence[str]) -> None:
+        """Configure nodes; where the kernels are not in the cache, they compile for minutes."""
+        begun_s, told = time.monotonic(), False
+
+        def check() -> None:
+            nonlocal told
+            self.check()
+            if not told and time.monotonic() - begun_s > _TELL_AFTER_S:
+                told = True
+                self._say("the nodes compile their kernels: once, a minute or two ...")
+
+        up.transition(names, Transition.TRANSITION_CONFIGURE, READY_LIMIT_S, check)
 
     def _bring_up_live(self, up: Supervisor) -> None:
         """Serve before anything flies, and say where."""
