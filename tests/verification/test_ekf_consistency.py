@@ -15,7 +15,7 @@ import pytest
 
 from heli_observer import layout as L
 from heli_observer.parameter_table import NODE_NAME, TABLE
-from heli_observer.testing.consistency import Statistics, bounds, collect
+from heli_observer.testing.consistency import DOF, Statistics, bounds, collect
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 
@@ -42,7 +42,7 @@ def judge(s: Statistics) -> None:
     # the three axes of each are all but independent; 0.999 is for all the bounds together
     each = 1.0 - 0.001 / s.output.size
     assert np.all(inside(s.output, 3 * runs, each)), s.output / (3 * runs)
-    samples = s.dof @ [1 / 3, 1 / 3, 1, 1]
+    samples = (s.dof / DOF).sum()
     assert s.rejected < 10 * 1e-4 * samples
 
 

@@ -28,9 +28,24 @@ class NoiseRow(NamedTuple):
     size: int = 31
 
 
+class Source(NamedTuple):
+    """What a source draws, and from which children of the seed's sequence."""
+
+    size: int  # numbers per tick
+    stream: int  # child for the ticks
+    start: int  # child for the state before the first tick
+
+
 NOISE = NoiseRow()
-# name and numbers per tick, in the order of the row
-_SOURCES = (("wind", 5), ("imu", 12), ("mag", 3), ("baro", 2), ("gps", 9))
+# In the order of the row. A new source takes the next two children: all others keep their numbers,
+# and with them every flight that has been flown.
+_SOURCES = (
+    Source(5, 0, 5),  # wind
+    Source(12, 1, 6),  # IMU
+    Source(3, 2, 7),  # magnetometer
+    Source(2, 3, 8),  # barometer
+    Source(9, 4, 9),  # GPS
+)
 
 
 class NoiseStreams:
@@ -51,15 +66,14 @@ class NoiseStreams:
         if seed < 0:
             raise ValueError(f"seed {seed} is not allowed; allowed: an integer >= 0")
         children = np.random.SeedSequence(seed).spawn(2 * len(_SOURCES))
-        half = len(_SOURCES)
-        self._streams = [np.random.default_rng(child) for child in children[:half]]
-        self._initial = [np.random.default_rng(child) for child in children[half:]]
+        self._streams = [np.random.default_rng(children[s.stream]) for s in _SOURCES]
+        self._initial = [np.random.default_rng(children[s.start]) for s in _SOURCES]
 
     @staticmethod
     def _draw(streams: list[np.random.Generator], n: int) -> NDArray[np.float64]:
         parts = [
-            stream.standard_normal((n, size))
-            for stream, (_, size) in zip(streams, _SOURCES, strict=True)
+            stream.standard_normal((n, source.size))
+            for stream, source in zip(streams, _SOURCES, strict=True)
         ]
         return np.hstack(parts)
 

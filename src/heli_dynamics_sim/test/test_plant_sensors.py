@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from heli_dynamics_sim import noise
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.plant import initial_state, measure
 from heli_math.atmosphere import altitude_m
@@ -53,6 +54,20 @@ def test_streams_are_independent_white_and_differ_by_seed():
     assert (rows[1:] * rows[:-1]).mean(axis=0) == pytest.approx(np.zeros(NOISE.size), abs=0.025)
     assert not (NoiseStreams(4).rows(1) == rows[0]).any()
     assert not (NoiseStreams(3).initial_rows(1) == rows[0]).any()
+
+
+def test_a_new_source_changes_no_other(monkeypatch):
+    before = NoiseStreams(3).rows(5), NoiseStreams(3).initial_rows(2)
+    monkeypatch.setattr(noise, "_SOURCES", (*noise._SOURCES, noise.Source(2, 10, 11)))
+    after = NoiseStreams(3).rows(5), NoiseStreams(3).initial_rows(2)
+    for old, new in zip(before, after, strict=True):
+        assert new.shape[1] == NOISE.size + 2
+        assert (new[:, : NOISE.size] == old).all()
+
+
+def test_children_of_the_seed_are_drawn_from_once():
+    children = [child for source in noise._SOURCES for child in (source.stream, source.start)]
+    assert sorted(children) == list(range(2 * len(noise._SOURCES)))
 
 
 def test_negative_seed_is_refused():

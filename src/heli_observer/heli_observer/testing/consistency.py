@@ -29,7 +29,7 @@ SENSORS = ("GPS position", "GPS velocity", "magnetometer", "barometer")
 _FUSED = [L.C_GPS_FUSED, L.C_GPS_FUSED, L.C_MAG_FUSED, L.C_BARO_FUSED]
 _NIS = [L.D_NIS_POS, L.D_NIS_VEL, L.D_NIS_MAG, L.D_NIS_BARO]
 _REJECTED = [L.C_MAG_REJECTED, L.C_BARO_REJECTED, L.C_GPS_POS_REJECTED, L.C_GPS_VEL_REJECTED]
-_DOF = [3, 3, 1, 1]
+DOF = np.array([3, 3, 1, 1])
 _NAVIGATION = slice(L.E_POS, L.E_ATT + 3)  # position, velocity and attitude stand first
 
 
@@ -75,7 +75,7 @@ class Statistics:
         Of the whole error state; of position, velocity and attitude only.
     output : (checks, 3) ndarray
         Of position, velocity, attitude as sent, over the standard deviations sent with them.
-    nis, dof : (4,) ndarray
+    nis, dof : (sensors,) ndarray
         Innovations of `SENSORS`, and their degrees of freedom.
     rejected : int
         Samples that a gate refused.
@@ -85,8 +85,8 @@ class Statistics:
     nees: Array = field(default_factory=lambda: np.zeros(len(CHECKS_S)))
     nees_navigation: Array = field(default_factory=lambda: np.zeros(len(CHECKS_S)))
     output: Array = field(default_factory=lambda: np.zeros((len(CHECKS_S), 3)))
-    nis: Array = field(default_factory=lambda: np.zeros(4))
-    dof: Array = field(default_factory=lambda: np.zeros(4))
+    nis: Array = field(default_factory=lambda: np.zeros(len(SENSORS)))
+    dof: Array = field(default_factory=lambda: np.zeros(len(SENSORS)))
     rejected: int = 0
 
 
@@ -122,7 +122,7 @@ def _add_flight(total: Statistics, flight: Flight, config: ObserverConfig, u: Ar
         before = state.count[_FUSED].copy()
         if tick > 0:
             total.nis += fused * state.diag[_NIS]
-            total.dof += fused * _DOF
+            total.dof += fused * DOF
         if seconds(tick) in CHECKS_S:
             i = CHECKS_S.index(seconds(tick))
             e = error_state(flight, tick - k.horizon_ticks, state.nominal)
