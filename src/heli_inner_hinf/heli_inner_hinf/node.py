@@ -30,6 +30,7 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
+from heli_msgs_bridge.stamps import AHEAD_TICKS
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
@@ -239,7 +240,9 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         stamp = self.run.setpoint_tick
         if stamp is None:
             return False
-        return tick - stamp > self.values["setpoint_timeout_s"] * TICKS_PER_S
+        # One of a later moment than now belongs to another time, however young it looks.
+        age = tick - stamp
+        return age < -AHEAD_TICKS or age > self.values["setpoint_timeout_s"] * TICKS_PER_S
 
     def _trim_attitude(self, psi: float) -> np.ndarray:
         """Trim attitude with a heading, rad."""

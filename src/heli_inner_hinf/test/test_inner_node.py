@@ -8,6 +8,7 @@ from rclpy.parameter import Parameter
 from heli_inner_hinf.node import InnerLoopNode
 from heli_math.rotations import quat_from_euler
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.messages import CHANNELS
 
 
@@ -86,3 +87,18 @@ def test_a_change_of_an_unconfigured_node_counts_when_it_is_configured(bench):
     assert set_gamma(made, 0.08).successful
     made.fly()
     assert made.node.core.design.config.gamma == 0.08
+
+
+def test_a_setpoint_of_a_later_moment_is_not_fresh(bench):
+    """The clock was set back: a setpoint with a negative age would never become too old."""
+    inner = bench(InnerLoopNode, lockstep=False)
+    inner.fly()
+    tick_of(inner, 1_000_000)
+    assert "too old" not in inner.node.health.message
+    for tick in (5, 6, 7):
+        inner.send(
+            topics.ODOM, tick, np.where(np.arange(CHANNELS[topics.ODOM].size) == 6, 1.0, 0.0)
+        )
+    assert inner.node.tick == 7
+    said = "the attitude setpoint is too old: trim attitude is held"
+    assert (inner.node.health.level, inner.node.health.message) == (Level.WARN, said)

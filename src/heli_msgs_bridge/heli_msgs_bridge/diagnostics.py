@@ -39,7 +39,9 @@ class Reporter:
 
     def is_due(self, tick: int, level: Level, message: str) -> bool:
         """True if the status changed or a simulated second has passed."""
-        return tick >= self._due_tick or (level, message) != self._said
+        # A due tick of another second than the next: time was set back.
+        due = not self._due_tick - TICKS_PER_S <= tick < self._due_tick
+        return due or (level, message) != self._said
 
     def publish(
         self, stamp_ns: int, tick: int, level: Level, message: str, values: Mapping[str, Any]

@@ -9,7 +9,9 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from heli_math.ticks import TICKS_PER_S
 from heli_msgs_bridge.lockstep import Counters, Demand, TickAssembler
+from heli_msgs_bridge.stamps import AHEAD_TICKS, Refused, Setting
 
 Arrived = Mapping[str, tuple[int, Any]]
 """Per topic: stamp tick, and the array or None if the message could not be used."""
@@ -40,6 +42,8 @@ class Lockstep:
         when even its trigger is silent.
     now_s : callable, optional
         Wall time, s.
+    refused : callable, optional
+        Told of stamps too far from the clock, which is the next step or the trigger's newest.
 
     Attributes
     ----------
@@ -56,9 +60,14 @@ class Lockstep:
         told: Callable[[], None] = lambda: None,
         leads: bool = False,
         now_s: Callable[[], float] = time.monotonic,
+        refused: Refused = lambda topic, tick, clock_tick: None,
     ) -> None:
         self._assembler = TickAssembler(demands)
         self._trigger = next(iter(demands))
+        self._lags = {topic: demand.lag_ticks for topic, demand in demands.items()}
+        # A trigger that comes every so many ticks is ahead by as many.
+        self._most_ticks = AHEAD_TICKS - 1 + demands[self._trigger].every_ticks
+        self._setting, self._refused = Setting(), refused
         self._step, self._ready, self._told, self._now_s = step, ready, told, now_s
         self._peer_timeout_s, self._leads = peer_timeout_s, leads
         self._collecting, self._stepping = True, False
@@ -82,21 +91,60 @@ class Lockstep:
         waiting = self._assembler.kept(self._trigger)
         if self._leads or waiting:
             self._assembler.start(0 if self._leads else waiting[0])
-            self._newest_trigger = max(self._assembler.kept(self._trigger), default=None)
+            self._newest_trigger = self._newest_in_a_row()
             self.resume()
+
+    def _newest_in_a_row(self) -> int | None:
+        """Newest trigger that is kept, of those that follow one another without a long gap."""
+        newest = None
+        for tick in self._assembler.kept(self._trigger):
+            if newest is not None and tick - newest > self._most_ticks:
+                break
+            newest = tick
+        return newest
 
     def stop(self) -> None:
         """Cease to step and forget what has been collected."""
         self._collecting = self._stepping = False
         self._assembler.reset()
         self._newest_trigger = None
+        self._setting.fits()
         self.silent.clear()
+
+    def _fits(self, topic: str, tick: int) -> bool:
+        """Whether a message may be used now or soon; a trigger that does not fit may set the clock.
+
+        What is late is left to the assembler. The node that makes time has its own clock.
+        """
+        first = self._assembler.next_tick
+        if first is None:
+            return True
+        newest, step = self._newest_trigger, tick + self._lags[topic]
+        now = first if newest is None else max(first, newest)
+        sets = topic == self._trigger and not self._leads
+        ahead = step > now + self._most_ticks
+        if not ahead and not (sets and step < first - self._most_ticks):
+            if sets:
+                self._setting.fits()
+            return True
+        if sets and self._setting.sets_clock(step, self._most_ticks):
+            self._assembler.start(step)
+            self._newest_trigger = None
+            return True
+        self._refused(topic, tick, now)
+        if ahead:
+            self.counters.ahead += 1
+        else:
+            self.counters.late += 1
+        return False
 
     def take(self, topic: str, tick: int, value: Any) -> None:
         """A message stamped with a tick; None if it cannot be used."""
         if not (self._collecting or self._stepping):
             return
         assembler = self._assembler
+        if not self._fits(topic, tick):
+            return
         if topic in self.silent:
             self.silent.discard(topic)
             assembler.waive(topic, False)
@@ -150,12 +198,20 @@ class Lockstep:
 class RealTime:
     """Steps when the trigger comes, with the newest of each topic since the last step.
 
+    Its clock is the trigger's newest tick and the wall time that has gone since.
+
     Parameters
     ----------
     trigger : str or None
         None: it never steps by itself, `collect` is called by who keeps time.
     step : callable
         Gets the tick and what has arrived since the last one.
+    own_tick : callable, optional
+        The clock of who keeps time.
+    now_s : callable, optional
+        Wall time, s.
+    refused : callable, optional
+        Told of stamps too far from the clock.
 
     Attributes
     ----------
@@ -165,9 +221,19 @@ class RealTime:
         Nobody is waited for: filled and emptied by who looks at the messages' age.
     """
 
-    def __init__(self, trigger: str | None, step: Step) -> None:
+    def __init__(
+        self,
+        trigger: str | None,
+        step: Step,
+        own_tick: Callable[[], int] | None = None,
+        now_s: Callable[[], float] = time.monotonic,
+        refused: Refused = lambda topic, tick, clock_tick: None,
+    ) -> None:
         self._trigger, self._step = trigger, step
+        self._own_tick, self._now_s, self._refused = own_tick, now_s, refused
         self._stepping = False
+        self._anchor: tuple[int, float] | None = None
+        self._setting = Setting()
         self._newest: dict[str, int] = {}
         self._arrived: dict[str, tuple[int, Any]] = {}
         self.counters = Counters()
@@ -183,13 +249,53 @@ class RealTime:
     def stop(self) -> None:
         """Cease to step and forget what has been collected."""
         self._stepping = False
+        self._anchor = None
+        self._setting.fits()
         self._newest.clear()
         self._arrived.clear()
         self.silent.clear()
 
+    def _now_tick(self) -> int | None:
+        """The clock; None before the trigger has come."""
+        if self._own_tick is not None:
+            return self._own_tick()
+        if self._anchor is None:
+            return None
+        tick, at_s = self._anchor
+        return tick + int((self._now_s() - at_s) * TICKS_PER_S)
+
+    def _fits(self, topic: str, tick: int, now: int | None) -> bool:
+        """Whether a message is not ahead of the clock; a trigger that does not fit may set it."""
+        if now is None:
+            return True
+        sets = topic == self._trigger
+        known = self._newest.get(topic, tick)
+        if tick <= now + AHEAD_TICKS and not (sets and tick < known - AHEAD_TICKS):
+            if sets:
+                self._setting.fits()
+            return True
+        if sets and self._setting.sets_clock(tick, AHEAD_TICKS):
+            self._forget_from(tick)
+            return True
+        self._refused(topic, tick, now)
+        if tick > now:
+            self.counters.ahead += 1
+        else:
+            self.counters.late += 1
+        return False
+
+    def _forget_from(self, tick: int) -> None:
+        """Forget what is stamped with this tick or a later one."""
+        for topic in [name for name, known in self._newest.items() if known >= tick]:
+            del self._newest[topic]
+            self._arrived.pop(topic, None)
+
     def take(self, topic: str, tick: int, value: Any) -> None:
         """A message stamped with a tick; dropped if it is not newer than the one before."""
         if not self._stepping:
+            return
+        now = self._now_tick()
+        if not self._fits(topic, tick, now):
             return
         known = self._newest.get(topic)
         if known is not None and tick <= known:
@@ -198,7 +304,14 @@ class RealTime:
             else:
                 self.counters.late += 1
             return
-        self._newest[topic] = tick
+        if topic == self._trigger:
+            self._newest[topic] = tick
+            if self._anchor is None:
+                self._forget_from(tick + AHEAD_TICKS + 1)
+            self._anchor = (tick, self._now_s())
+        else:
+            # A stamp a little ahead must not make the next one late.
+            self._newest[topic] = tick if now is None else min(tick, now)
         self._arrived[topic] = (tick, value)
         # Before tick 0 there is no flight.
         if topic == self._trigger and tick >= 0:

@@ -17,6 +17,7 @@ from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import ManagedNode, Run
 from heli_msgs_bridge.messages import CHANNELS, CutOffError, Decoder, Encoder, MessageError
+from heli_msgs_bridge.stamps import in_words
 from heli_msgs_bridge.stepping import Arrived, Lockstep, Pace, RealTime
 
 __all__ = ["Arrived", "Input", "Send", "TickCore", "TickNode"]
@@ -53,10 +54,22 @@ class TickCore:
         When it steps; made by `TickNode.listen`.
     refused : dict of str
         Per topic, why its last refused message was refused.
+    odd_stamps : dict of OddStamps
+        Per topic, the messages whose stamps did not fit to the clock.
     """
 
     pace: Pace
     refused: dict[str, str] = field(default_factory=dict)
+    odd_stamps: dict[str, "OddStamps"] = field(default_factory=dict)
+
+
+@dataclass
+class OddStamps:
+    """Messages of a topic that were refused by their stamps: how many, why, tick of the last."""
+
+    count: int = 0
+    why: str = ""
+    tick: int = 0
 
 
 Core = TypeVar("Core", bound=TickCore)
@@ -100,6 +113,7 @@ class TickNode(ManagedNode[Core, Run]):
             True for the node that makes time; in real time it steps by a timer of its own.
         """
         pace: Pace
+        refused = self._refuse_stamp
         if self.values["lockstep"]:
             pace = Lockstep(
                 {i.topic: i.demand for i in inputs},
@@ -108,10 +122,12 @@ class TickNode(ManagedNode[Core, Run]):
                 self.is_ready,
                 lambda: self.get_logger().warning(self.silence()),
                 leads,
+                refused=refused,
             )
             self.repeat(_WATCH_PERIOD_S, pace.look)
         else:
-            pace = RealTime(None if leads else inputs[0].topic, self._make_step)
+            trigger, own_tick = (None, lambda: self.tick) if leads else (inputs[0].topic, None)
+            pace = RealTime(trigger, self._make_step, own_tick, refused=refused)
         for item in inputs:
             decoder = Decoder(item.topic, datum if item.topic == topics.GPS_FIX else None)
             self.hear(item.topic, self._receiver(item, decoder, pace), raw=True)
@@ -137,19 +153,37 @@ class TickNode(ManagedNode[Core, Run]):
             self.get_logger().warning(f"message refused: {reason}")
         refused[topic] = reason
 
+    def _refuse_stamp(self, topic: str, tick: int, clock_tick: int) -> None:
+        """Say, once a second, that a message was refused because of its stamp."""
+        odd = self.core.odd_stamps.setdefault(topic, OddStamps())
+        odd.count, odd.tick = odd.count + 1, self.tick
+        odd.why = in_words(topic, self.stamp_ns(tick), self.stamp_ns(clock_tick), self.start_ns)
+        self.get_logger().warning(f"message refused: {odd.why}", throttle_duration_sec=1.0)
+
+    def odd_stamp(self) -> str:
+        """Sentence about a message of the last second whose stamp did not fit; else empty."""
+        if not self.configured:
+            return ""
+        recent = (o for o in self.core.odd_stamps.values() if 0 <= self.tick - o.tick < TICKS_PER_S)
+        newest = max(recent, key=lambda o: o.tick, default=None)
+        return f"message refused: {newest.why}" if newest is not None else ""
+
     def stamp_ns(self, tick: int) -> int:
         """Message stamp of a tick."""
         return self.start_ns + tick * TICK_NS
 
     def warn_or_ok(self, level: Level, message: str, facts: Mapping[str, Any]) -> None:
-        """Report the core's state, or the silence of a peer if that is worse."""
-        silence = self.silence()
-        if silence and level < Level.WARN:
-            level, message = Level.WARN, silence
+        """Report the core's state, or what peers do wrong if that is worse."""
+        wrong = self.silence() or self.odd_stamp()
+        if wrong and level < Level.WARN:
+            level, message = Level.WARN, wrong
         changed = (level, message) != (self.health.level, self.health.message)
         if changed or self.tick % TICKS_PER_S == 0:
             unused = {f"messages_{k}": n for k, n in asdict(self.core.pace.counters).items() if n}
-            self.report(level, message, {**facts, **unused})
+            odd = {
+                f"odd_stamps.{k}": f"{o.count}; {o.why}" for k, o in self.core.odd_stamps.items()
+            }
+            self.report(level, message, {**facts, **unused, **odd})
 
     # --- life ----------------------------------------------------------------------------------
 
@@ -169,6 +203,7 @@ class TickNode(ManagedNode[Core, Run]):
     def _receiver(self, item: Input, decoder: Decoder, pace: Pace) -> Callable[[bytes], None]:
         """Callback for the serialised messages of a topic."""
         topic, off_tick, start_ns = item.topic, item.off_tick, self.start_ns
+        earliest = -item.demand.lag_ticks
         decode, tick_ns, refuse = decoder.decode, TICK_NS, partial(self.refuse, item.topic)
 
         def receive(raw: bytes) -> None:
@@ -181,7 +216,9 @@ class TickNode(ManagedNode[Core, Run]):
                 value = None
                 refuse(str(error))
             tick, rest = divmod(decoder.stamp_ns - start_ns, tick_ns)
-            if rest and not off_tick:
+            if tick < earliest:
+                self._refuse_stamp(topic, tick, self.tick)
+            elif rest and not off_tick:
                 refuse(f"{topic}: stamp {decoder.stamp_ns} ns is not on a tick")
             else:
                 pace.take(topic, tick, value)

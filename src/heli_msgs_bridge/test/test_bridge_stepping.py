@@ -3,6 +3,9 @@
 
 Lockstep in one sentence: a step is made as soon as it is its turn and either all that it waits for
 has come, or its trigger's sender has gone on to a later tick, or it has been waited for so long.
+
+Stamps in one sentence: what is more than `AHEAD_TICKS` ahead of the clock is not taken, and neither
+is a trigger that is as far behind it, unless it follows upon another such one.
 """
 
 from hypothesis import strategies as st
@@ -16,6 +19,7 @@ from hypothesis.stateful import (
 )
 
 from heli_msgs_bridge.lockstep import Demand
+from heli_msgs_bridge.stamps import AHEAD_TICKS
 from heli_msgs_bridge.stepping import Lockstep, RealTime
 
 WINDOW = 64
@@ -45,7 +49,9 @@ class LockstepMachine(RuleBasedStateMachine):
             told=self.hear_of_silence,
             leads=self.leads,
             now_s=lambda: self.time_s,
+            refused=lambda *odd: self.refused.append(odd),
         )
+        self.refused, self.expected_refused = [], []
         self.serial, self.begun, self.collecting, self.stepping = 0, [], True, False
         self.expected = []
         self.expected_told = 0
@@ -57,6 +63,7 @@ class LockstepMachine(RuleBasedStateMachine):
 
     def forget(self):
         self.kept, self.next, self.passed, self.silent = {}, None, None, set()
+        self.doubted = None
 
     # --- the specification -----------------------------------------------------------------------
 
@@ -94,17 +101,51 @@ class LockstepMachine(RuleBasedStateMachine):
         inside = range(tick, tick + WINDOW)
         self.kept = {key: value for key, value in self.kept.items() if key[0] in inside}
 
+    def admitted(self, name, tick):
+        """Whether a stamp fits to the clock, or sets it."""
+        if self.next is None:
+            return True
+        sets = name == "odom" and not self.leads
+        clock = self.next if self.passed is None else max(self.next, self.passed)
+        ahead = tick - clock > AHEAD_TICKS
+        if not ahead and not (sets and self.next - tick > AHEAD_TICKS):
+            self.doubted = None if sets else self.doubted
+            return True
+        if sets:
+            before, self.doubted = self.doubted, tick
+            if before is not None and before < tick <= before + AHEAD_TICKS:
+                self.begin_at(tick)
+                self.passed = self.doubted = None
+                return True
+        self.expected_refused.append((name, tick - DEMANDS[name].lag_ticks, clock))
+        return False
+
     # --- what happens ----------------------------------------------------------------------------
 
-    @rule(name=st.sampled_from(TOPICS), offset=st.integers(-3, 6), far=st.booleans())
+    @rule(
+        name=st.sampled_from(TOPICS),
+        offset=st.integers(-3, 6),
+        far=st.sampled_from([0, 0, WINDOW, 100_000, -300]),
+    )
     def message(self, name, offset, far):
+        self.arrives(name, (self.next if self.next is not None else 0) + offset + far)
+
+    @precondition(lambda self: self.next is not None)
+    @rule(first=st.integers(-500, 500), gap=st.integers(0, 6), then=st.sampled_from(TOPICS))
+    def another_time(self, first, gap, then):
+        """The trigger twice in a row from somewhere else, and what belongs to it."""
+        first += self.next
+        self.arrives("odom", first)
+        self.arrives("odom", first + gap)
+        self.arrives(then, first + gap)
+
+    def arrives(self, name, tick):
+        """A message for the step of a tick."""
         self.serial += 1
-        around = self.next if self.next is not None else 0
-        tick = around + offset + (WINDOW if far and offset > 3 else 0)
         stamp = tick - DEMANDS[name].lag_ticks
         value = self.serial if self.serial % 5 else None
         self.real.take(name, stamp, value)
-        if not (self.collecting or self.stepping):
+        if not (self.collecting or self.stepping) or not self.admitted(name, tick):
             return
         self.silent.discard(name)
         known = (tick, name) in self.kept
@@ -125,7 +166,7 @@ class LockstepMachine(RuleBasedStateMachine):
     def a_whole_tick(self):
         """All that the next step waits for, the trigger first, as in a flight."""
         for name in sorted(self.lacks()):
-            self.message(name, 0, False)
+            self.message(name, 0, 0)
 
     @precondition(lambda self: not self.stepping)
     @rule()
@@ -137,7 +178,10 @@ class LockstepMachine(RuleBasedStateMachine):
             first = 0
         if first is not None:
             self.begin_at(first)
-            self.passed = max((tick for tick, name in self.kept if name == "odom"), default=None)
+            self.passed = None
+            for tick in sorted(tick for tick, name in self.kept if name == "odom"):
+                if self.passed is None or tick <= self.passed + AHEAD_TICKS:
+                    self.passed = tick
             self.make_what_can_be_made()
 
     @precondition(lambda self: self.stepping)
@@ -178,6 +222,7 @@ class LockstepMachine(RuleBasedStateMachine):
     @invariant()
     def the_same_steps_were_made(self):
         assert self.made == self.expected
+        assert self.refused == self.expected_refused
         assert self.real.silent == self.silent
         assert self.told == self.expected_told
 
@@ -230,57 +275,136 @@ def test_a_step_that_stops_the_node_is_the_last():
     for tick in range(3):
         pace.take("a", tick, 0)
         pace.take("b", tick, 0)
-    pace.take("a", 9, 0)
+    pace.take("a", 6, 0)
     pace.look()
-    pace.take("a", 10, 0)
+    pace.take("a", 7, 0)
     assert ticks == [0, 1, 2, 3]
 
 
+def test_a_message_of_another_time_costs_no_tick():
+    """Lockstep, the trigger itself: what follows is stepped as if it had not come."""
+    ticks, odd = [], []
+    pace = Lockstep(
+        {"a": Demand()},
+        lambda tick, _: ticks.append(tick),
+        TIMEOUT_S,
+        refused=lambda *what: odd.append(what),
+    )
+    pace.start()
+    for tick in (7, 8, 100_000, 9, 40, 10, 3, 11):
+        pace.take("a", tick, 0)
+    assert ticks == [7, 8, 9, 10, 11]
+    assert odd == [("a", 100_000, 9), ("a", 40, 10), ("a", 3, 11)]
+
+
 class RealTimeMachine(RuleBasedStateMachine):
-    """Newest values: none older than one that was known, each handed out once."""
+    """Newest values: none older than one that was known, none of the future, each handed out once.
+
+    The specification keeps one flat list of what was admitted: the tick that it counts for, topic,
+    stamp, value, and whether it was handed out.
+    """
 
     trigger = "odom"
 
     @initialize()
     def build(self):
-        self.made = []
+        self.made, self.refused, self.expected_refused = [], [], 0
+        self.time_s, self.own = 0.0, 0
         self.real = RealTime(
-            self.trigger, lambda tick, arrived: self.made.append((tick, dict(arrived)))
+            self.trigger,
+            lambda tick, arrived: self.made.append((tick, dict(arrived))),
+            None if self.trigger else lambda: self.own,
+            now_s=lambda: self.time_s,
+            refused=lambda *odd: self.refused.append(odd),
         )
-        self.history, self.handed, self.expected = [], {}, []
-        self.serial, self.stepping = 0, False
+        self.expected, self.serial, self.stepping = [], 0, False
+        self.forget()
+
+    def forget(self):
+        self.history, self.anchor, self.doubted = [], None, None
+
+    def clock(self):
+        if not self.trigger:
+            return self.own
+        if self.anchor is None:
+            return None
+        tick, at_s = self.anchor
+        return tick + int((self.time_s - at_s) * 100)
 
     def newest(self, name):
-        """The newest message of a topic since the start, by its stamp."""
-        stamps = [tick for tick, topic, _ in self.history if topic == name]
-        return max(stamps, default=None)
+        return max((counts for counts, topic, *_ in self.history if topic == name), default=None)
 
-    def fresh(self):
-        """Newest messages that have not been handed out."""
+    def drop_topics_from(self, tick):
+        """Topics whose newest message counts for this tick or a later one are as never heard."""
+        gone = {name for name in TOPICS if (self.newest(name) or -99) >= tick}
+        self.history = [entry for entry in self.history if entry[1] not in gone]
+
+    def hand_out(self):
+        """The newest of each topic, if nobody has had it."""
         found = {}
-        for tick, name, value in self.history:
-            if tick == self.newest(name) and self.handed.get(name) != tick:
-                found.setdefault(name, (tick, value))
+        for entry in self.history:
+            if entry[0] == self.newest(entry[1]) and not entry[4]:
+                found[entry[1]] = (entry[2], entry[3])
+            entry[4] = True
         return found
 
-    @rule(name=st.sampled_from(TOPICS), tick=st.integers(-2, 12))
-    def message(self, name, tick):
+    def admitted(self, name, tick):
+        now, newest = self.clock(), self.newest(name)
+        if now is None:
+            return True
+        sets = name == self.trigger
+        if tick <= now + AHEAD_TICKS and (not sets or tick >= newest - AHEAD_TICKS):
+            self.doubted = None if sets else self.doubted
+            return True
+        if sets:
+            before, self.doubted = self.doubted, tick
+            if before is not None and before < tick <= before + AHEAD_TICKS:
+                self.doubted = None
+                self.drop_topics_from(tick)
+                return True
+        self.expected_refused += 1
+        return False
+
+    @rule(
+        name=st.sampled_from(TOPICS),
+        offset=st.integers(-8, 12),
+        far=st.sampled_from([0, 0, 0, 1000, -40]),
+    )
+    def message(self, name, offset, far):
+        self.arrives(name, (self.clock() or 0) + offset + far)
+
+    @rule(first=st.integers(-300, 300), gap=st.integers(0, 6))
+    def another_time(self, first, gap):
+        """The trigger twice in a row from somewhere else."""
+        for tick in (first, first + gap):
+            self.arrives("odom", tick)
+
+    def arrives(self, name, tick):
         self.serial += 1
         self.real.take(name, tick, self.serial)
-        if not self.stepping:
+        if not self.stepping or not self.admitted(name, tick):
             return
-        newest = self.newest(name)
-        self.history.append((tick, name, self.serial))
-        if name == self.trigger and tick >= 0 and (newest is None or tick > newest):
-            self.expected.append((tick, self.fresh()))
-            self.handed |= {topic: stamp for topic, (stamp, _) in self.fresh().items()}
+        now, newest = self.clock(), self.newest(name)
+        if newest is not None and tick <= newest:
+            return
+        counts = tick if name == self.trigger or now is None else min(tick, now)
+        if name == self.trigger and self.anchor is None:
+            self.drop_topics_from(tick + AHEAD_TICKS + 1)
+        self.history.append([counts, name, tick, self.serial, False])
+        if name == self.trigger:
+            self.anchor = tick, self.time_s
+            if tick >= 0:
+                self.expected.append((tick, self.hand_out()))
+
+    @rule(ticks=st.integers(1, 30))
+    def time_passes(self, ticks):
+        self.time_s += ticks / 100 + 0.001
+        self.own += ticks
 
     @rule()
     def collect(self):
         """Who keeps time himself takes what there is."""
-        fresh = self.fresh()
-        assert self.real.collect() == fresh
-        self.handed |= {topic: stamp for topic, (stamp, _) in fresh.items()}
+        assert self.real.collect() == self.hand_out()
 
     @rule()
     def start(self):
@@ -291,17 +415,18 @@ class RealTimeMachine(RuleBasedStateMachine):
     def stop(self):
         self.real.stop()
         self.stepping = False
-        self.history, self.handed = [], {}
+        self.forget()
 
     @invariant()
     def the_same_steps_were_made(self):
         self.real.look()
         self.real.resume()
         assert self.made == self.expected and self.real.silent == set()
+        assert len(self.refused) == self.expected_refused
 
 
 class PulledMachine(RealTimeMachine):
-    """Without a trigger no message makes a step."""
+    """Without a trigger no message makes a step; the clock is one's own."""
 
     trigger = None
 
@@ -312,3 +437,30 @@ def test_any_history_in_real_time(search):
 
 def test_any_history_of_who_keeps_time_himself(search):
     run_state_machine_as_test(PulledMachine, settings=search)
+
+
+def test_the_trigger_of_another_time_twice_in_a_row_sets_the_clock():
+    """The first message that was heard had a stamp of the future: the true ones are not late."""
+    for make in (
+        lambda step: Lockstep({"a": Demand()}, step, TIMEOUT_S),
+        lambda step: RealTime("a", step),
+    ):
+        ticks = []
+        pace = make(lambda tick, _, ticks=ticks: ticks.append(tick))
+        pace.start()
+        for tick in (179_530_000, 5, 6, 7):
+            pace.take("a", tick, 0)
+        assert ticks == [179_530_000, 6, 7]
+
+
+def test_a_setpoint_a_little_ahead_does_not_make_the_next_one_late():
+    """Within the bound it is taken, and counts as one of now."""
+    taken = []
+    pace = RealTime("odom", lambda tick, arrived: taken.append(arrived.get("setpoint")))
+    pace.start()
+    pace.take("odom", 8, 0)
+    pace.take("setpoint", 8 + AHEAD_TICKS, "ahead")
+    pace.take("odom", 9, 0)
+    pace.take("setpoint", 9, "true")
+    pace.take("odom", 10, 0)
+    assert taken == [None, (8 + AHEAD_TICKS, "ahead"), (9, "true")]

@@ -3,6 +3,7 @@
 
 import time
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -365,7 +366,51 @@ def test_what_was_not_used_is_told(graph):
         g.send(BARO, tick)
     g.node.warn_or_ok(Level.WARN, "look", {"own": 1})
     late = {"own": 1, "messages_late": 2, "messages_ahead": 1}
-    assert g.node.health.facts == late
+    odd = "1; baro: stamped 1001.00 s, ahead of this node's clock, 1.02 s"
+    assert g.node.health.facts == late | {"odd_stamps.baro": odd}
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+@pytest.mark.parametrize(
+    ("tick", "why"),
+    [
+        (179_530_000, "ahead of this node's clock"),
+        (-100, "the stamp is zero"),
+        (-101, "before the flight's first moment"),
+        (-2_000_000, "before the flight's first moment"),
+    ],
+)
+def test_a_stamp_of_another_clock_is_refused_aloud_for_a_second(graph, lockstep, tick, why):
+    """It is said with topic, stamp and clock; the stream goes on with its next message."""
+    g = graph(lockstep=lockstep)
+    g.send(BARO, 3)
+    g.send(SETPOINT, tick, 0.5)
+    g.send(BARO, tick)
+    assert g.ticks == [3]
+    g.node.warn_or_ok(Level.OK, "all is well", {})
+    health = g.node.health
+    assert health.level == Level.WARN and why in health.message
+    assert health.facts.keys() >= {f"odd_stamps.{BARO}", f"odd_stamps.{SETPOINT}"}
+    g.send(SETPOINT, 4, 0.1)
+    g.send(BARO, 4)
+    g.send(BARO, 5)
+    assert g.ticks == [3, 4, 5]
+    assert g.steps[1][1][SETPOINT][0] == 4
+    g.node.tick += 101
+    g.node.warn_or_ok(Level.OK, "all is well", {})
+    assert (g.node.health.level, g.node.health.message) == (Level.OK, "all is well")
+
+
+def test_diagnostics_go_on_when_time_is_set_back(graph):
+    """The first message had a stamp of another clock; the flight's own set the clock right."""
+    g, said = graph(lockstep=False), []
+    g.node._reporter._publisher = SimpleNamespace(
+        publish=lambda array: said.append(array.header.stamp.sec)
+    )
+    for tick in (179_530_000, 5, *range(6, 207)):
+        g.send(BARO, tick)
+    assert g.ticks[:2] == [179_530_000, 6]
+    assert said == [1_795_301, 1, 2, 3]
 
 
 # --- real time -----------------------------------------------------------------------------------

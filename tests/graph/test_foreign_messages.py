@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages from outside the graph, as a user's `ros2 topic pub` sends them, in a flight."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import rclpy
+
+from heli_bags.reader import read_bag
+from heli_flight.graph.bag_record import flight_from_bag
+from heli_flight.loop.settings import resolve
+from heli_math.rows import NAV, REFERENCE
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.frames import datum
+from heli_msgs_bridge.messages import CHANNELS, Encoder
+
+HOVER_TEST = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report"]
+NODES = {"plant", "observer", "inner_loop", "outer_loop"}
+INPUTS = [t.name for t in topics.TABLE if t.name in CHANNELS and NODES & set(t.sinks)]
+LATE_2026_NS = 1_795_299_400_000_000_000
+
+
+def a_message(name, stamp_ns):
+    """Serialised message with values that would do harm."""
+    row = np.full(CHANNELS[name].size, 0.3)
+    if name == topics.ODOM:
+        row[:] = 20.0
+        row[NAV.quat] = 1.0, 0.0, 0.0, 0.0
+    place = datum(1.0, 2.0, 3.0) if name == topics.GPS_FIX else None
+    return Encoder(name, datum=place).encode(row, stamp_ns)
+
+
+class Foreigner:
+    """A node that is none of the graph's; its context is the test's."""
+
+    def __init__(self, env):
+        self.context = rclpy.Context()
+        rclpy.init(args=[], context=self.context, domain_id=int(env["ROS_DOMAIN_ID"]))
+        self.node = rclpy.create_node("pilot", context=self.context)
+        self.publishers = {}
+
+    def join(self, names):
+        for name in names:
+            cls = topics.message_class(topics.BY_NAME[name].type)
+            self.publishers[name] = self.node.create_publisher(cls, name, 10)
+
+    def close(self):
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def foreigner(ros_env, monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    made = Foreigner(ros_env)
+    yield made
+    made.close()
+
+
+def fly_with(foreigner, env, folder, act, *options):
+    """A flight during which `act` is called once, when it has flown a tenth; its result."""
+    flying = subprocess.Popen(
+        [*HOVER_TEST, "--out", str(folder), *map(str, options)],
+        env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert "flown" in flying.stdout.readline()
+    act()
+    out, err = flying.communicate(timeout=200)
+    assert flying.returncode == 0, out + err
+    return json.loads((folder / "result.json").read_text())
+
+
+def facts_of(folder):
+    """All that nodes said in /diagnostics: per node the sentences, and facts by key."""
+    said, facts = {}, {}
+    for remark in read_bag(folder / "bag").remarks:
+        said.setdefault(remark.node, set()).add(remark.message)
+        facts.setdefault(remark.node, {}).update(remark.facts)
+    return said, facts
+
+
+def assert_held(folder):
+    """By ground truth the helicopter stayed by its reference.
+
+    The drift of its GPS is in it, and the shaping by which it follows a climb 2 m behind.
+    """
+    record = flight_from_bag(folder / "bag", resolve()).record
+    away_m = np.abs(record.truth_pos_ned_m - record.reference[:, REFERENCE.pos]).max(axis=0)
+    assert away_m.max() < 4.0, away_m
+
+
+@pytest.mark.parametrize(
+    "options", [[], ["--realtime", "--duration", 25]], ids=["lockstep", "real"]
+)
+def test_a_message_of_the_future_on_each_input_leaves_the_flight_inside(
+    foreigner, ros_env, tmp_path, options
+):
+    """One `topic pub --once` per input, stamped 2026: refused aloud, the flight goes on."""
+    foreigner.join(INPUTS)
+
+    def act():
+        for name, publisher in foreigner.publishers.items():
+            assert publisher.get_subscription_count() >= 2, name
+            publisher.publish(a_message(name, LATE_2026_NS))
+
+    result = fly_with(foreigner, ros_env, tmp_path / "f", act, *options)
+    assert result["exit_code"] == 0
+    assert_held(tmp_path / "f")
+    _, facts = facts_of(tmp_path / "f")
+    for name in INPUTS:
+        for node in NODES.intersection(topics.BY_NAME[name].sinks):
+            assert "1795299400.00 s" in facts[node][f"odd_stamps.{name}"], (node, name)
+
+
+def test_a_lockstep_flight_with_messages_of_the_future_is_the_same_flight(
+    foreigner, ros_env, tmp_path
+):
+    """Ground truth, number for number."""
+    foreigner.join(INPUTS)
+
+    def act():
+        for name, publisher in foreigner.publishers.items():
+            publisher.publish(a_message(name, LATE_2026_NS))
+
+    flights = []
+    for name, what in (("with", act), ("without", lambda: None)):
+        fly_with(foreigner, ros_env, tmp_path / name, what, "--duration", 12, "--seed", 5)
+        flights.append(flight_from_bag(tmp_path / name / "bag", resolve(seed=5)).record)
+    first, second = flights
+    np.testing.assert_array_equal(first.truth_pos_ned_m, second.truth_pos_ned_m)
+    np.testing.assert_array_equal(first.u, second.u)
