@@ -139,6 +139,15 @@ def test_a_cell_changed_by_hand_is_found(copy):
     assert not says(copy)
 
 
+def test_a_table_without_its_file_says_how_to_make_it(copy):
+    copy.write_text("a\n<!-- results: cpu_types -->\n1 2\n<!-- end -->\nb\n")
+    said = "Not measured yet: `./heli results make cpu_types` does it."
+    new = rendered(copy.read_text(), copy, copy.parent)
+    assert new == f"a\n<!-- results: cpu_types -->\n\n{said}\n\n<!-- end -->\nb\n"
+    copy.write_text(new)
+    assert says(copy)
+
+
 def test_a_file_changed_without_rendering_is_found(copy):
     path = files.path_of(copy.parent, "deviations")
     content = json.loads(path.read_text())

@@ -293,6 +293,7 @@ def fly(copy, *words, code=0):
     return copy.run(*command, "--no-report", *words, code=code)
 
 
+@pytest.mark.timeout(600)
 def test_a_new_sensor_is_flown_recorded_and_fused(copy, tmp_path, own_domain, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

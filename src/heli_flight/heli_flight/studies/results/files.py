@@ -38,6 +38,20 @@ def checkout() -> Path:
     raise FlightError("results are made and rendered in a checkout of the repository only")
 
 
+class NotMadeError(FlightError):
+    """A result file does not exist; the message says how to make it.
+
+    Attributes
+    ----------
+    name : str
+        Of its producer.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"{FOLDER}/{name}.json is missing; make it: ./heli results make {name}")
+        self.name = name
+
+
 def path_of(root: Path, name: str) -> Path:
     """Result file of a producer."""
     return root / FOLDER / f"{name}.json"
@@ -48,12 +62,12 @@ def read(root: Path, name: str) -> dict[str, Any]:
 
     Raises
     ------
-    FlightError
+    NotMadeError
         There is none.
     """
     path = path_of(root, name)
     if not path.is_file():
-        raise FlightError(f"{FOLDER}/{name}.json is missing; make it: ./heli results make {name}")
+        raise NotMadeError(name)
     content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return content
 

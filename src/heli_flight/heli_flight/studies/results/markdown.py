@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from heli_flight.errors import FlightError
-from heli_flight.studies.results.files import Results, path_of, read
+from heli_flight.studies.results.files import NotMadeError, Results, path_of, read
 from heli_flight.studies.results.tables import TABLES
 
 _BLOCK = re.compile(r"(<!-- results: (\S+) -->\n).*?(<!-- end -->)", re.S)
@@ -40,8 +40,11 @@ def rendered(text: str, file: Path, root: Path) -> str:
         if name not in TABLES:
             raise FlightError(f"{file.name}: {match[1].strip()}: no such table")
         results = Results(root)
-        body = TABLES[name](results)
-        return f"{match[1]}\n{body}\n\n{_made_by(results, file)}\n\n{match[3]}"
+        try:
+            body = f"{TABLES[name](results)}\n\n{_made_by(results, file)}"
+        except NotMadeError as error:
+            body = f"Not measured yet: `./heli results make {error.name}` does it."
+        return f"{match[1]}\n{body}\n\n{match[3]}"
 
     def value(match: re.Match[str]) -> str:
         found: Any = read(root, match[2])["found"]

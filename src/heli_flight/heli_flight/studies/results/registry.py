@@ -156,6 +156,18 @@ PRODUCERS = (
             )
         },
     ),
+    Producer(
+        "setup",
+        "./heli python scripts/setup_time.py",
+        "Set-up of a fresh clone with empty caches, to the end of its first flight.",
+        loose={
+            "installed_mb": 0.1,
+            **{
+                key: _NOT_COMPARED
+                for key in ("split_s", "setup_s", "start_up_s", "flight_s", "total_s")
+            },
+        },
+    ),
 )
 _BY_NAME = {producer.name: producer for producer in PRODUCERS}
 

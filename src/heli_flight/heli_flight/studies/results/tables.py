@@ -20,4 +20,5 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "deviations": parts.deviations,
     "cpu_types": parts.cpu_types,
     "recorder": parts.recorder,
+    "setup": parts.setup,
 }

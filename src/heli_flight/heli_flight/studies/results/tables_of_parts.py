@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of parts: linear loops, navigation, linear model, recorder."""
+"""Tables of parts: linear loops, navigation, linear model, recorder, set-up."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -190,4 +190,18 @@ def recorder(results: Results) -> str:
         f"{grid(['bag of a flight', 'flight', 'messages', 'size'], bags)}\n\n"
         f"On a machine with other work (load {made['load']:g} on "
         f"{made['processor']['cores']} cores)."
+    )
+
+
+def setup(results: Results) -> str:
+    """What the first call of a command costs."""
+    found, made = results["setup"], results.read["setup"]
+    split = ", ".join(f"{name} {seconds} s" for name, seconds in found["split_s"].items())
+    return (
+        "From a fresh clone with empty caches `./hover_test.sh` ends after "
+        f"{found['total_s']:.0f} s on {made['processor']['cores']} cores (load {made['load']:g}): "
+        f"{found['setup_s']} s of "
+        f"set-up ({split}), {found['start_up_s']:.0f} s until all nodes are up, "
+        f"{found['flown_s']:g} s flown in {found['flight_s']:.1f} s, then the report. "
+        f"The environment takes {found['installed_mb']} MB."
     )
