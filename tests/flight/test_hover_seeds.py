@@ -2,7 +2,7 @@
 """The paper's tests, flown with seeds 1..20: inside the paper's figures on every one.
 
 With a standalone receiver the paper's own yardstick counts, the on-board navigation record; with
-rtk the ground truth. The gains were chosen by analysis and looked at on seeds 101..140.
+rtk the ground truth.
 """
 
 import io

@@ -3,6 +3,7 @@
 
 import importlib
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +42,46 @@ def test_a_name_means_the_same_before_and_after_its_module_is_loaded(package):
     assert (done.stdout.strip(), done.returncode) == ("[]", 0), done.stderr
 
 
+def section(package, title):
+    """Text under a heading of a package's README; empty if there is none of this name."""
+    text = (ROOT / "src" / package / "README.md").read_text(encoding="utf-8")
+    found = re.search(rf"^## {title}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+    return found[1] if found else ""
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_readme_names_the_face(package):
+    """Section "Public names": all of them and no other, each between backticks."""
+    named = re.findall(r"`(\w+)`", section(package, "Public names"))
+    assert named == sorted(named, key=str.casefold)
+    assert set(named) == set(importlib.import_module(package).__all__)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_readme_describes_what_is_there(package):
+    """What a bullet of "Design", or a row of its table of modules, begins with, is there."""
+    top = ROOT / "src" / package / package
+    there = {path.stem for path in top.rglob("*") if "__pycache__" not in path.parts}
+    there |= set(importlib.import_module(package).__all__)
+    design = section(package, "Design")
+    bullets = re.findall(r"^- ((?:`[^`]+`(?:, | and )?)+)", design, re.MULTILINE)
+    for table in re.findall(r"^\| (?:module|call) \|.*\n(?:\|.*\n)+", design, re.MULTILINE):
+        bullets += [row.split("|")[1] for row in table.splitlines()[2:]]
+    named = {re.split(r"[.(/]", name)[0] for name in re.findall(r"`([^`]+)`", " ".join(bullets))}
+    assert named - there == set()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_examples_import_from_the_face(package):
+    """Python in a README imports what the package offers."""
+    text = (ROOT / "src" / package / "README.md").read_text(encoding="utf-8")
+    for module, names in re.findall(r"^ {4}from ([\w.]+) import ([\w, ]+)", text, re.MULTILINE):
+        top, *inside = module.split(".")
+        face = importlib.import_module(top).__all__
+        for name in names.split(", "):
+            assert (inside and inside[0] in face) or name in face, f"{module} {name}"
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_an_unknown_name_is_an_attribute_error(package):
     with pytest.raises(AttributeError, match="juggle"):
@@ -48,8 +89,7 @@ def test_an_unknown_name_is_an_attribute_error(package):
 
 
 def test_importing_packages_loads_nothing_heavy():
-    light = [package for package in PACKAGES if package != "heli_identification"]
-    code = f"import sys, {', '.join(light)}\n"
+    code = f"import sys, {', '.join(PACKAGES)}\n"
     code += (
         "print([m for m in ('numpy', 'numba', 'scipy', 'rclpy', 'control') if m in sys.modules])"
     )

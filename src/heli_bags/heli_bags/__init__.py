@@ -7,11 +7,11 @@ __getattr__, __dir__, __all__ = face(
     __name__,
     {
         "folder": ["BagError", "Format"],
-        "reader": ["Bag", "read_bag"],
+        "reader": ["Bag", "Remark", "Stream", "read_bag"],
         "recorder": ["BagRecorder"],
         "player": ["Player"],
         "tools": ["bag_info", "bag_messages", "write_csv"],
-        "graph_tools": ["list_topics", "listen", "measure"],
+        "graph_tools": ["TopicError", "list_topics", "listen", "measure"],
     },
     modules=["repair"],
 )

@@ -15,5 +15,5 @@ __getattr__, __dir__, __all__ = face(
         "linearize": ["LinearModel", "ReducedModel"],
         "trim": ["Trim", "TrimError"],
     },
-    modules=["linearize", "plant", "trim", "wind"],
+    modules=["linearize", "plant", "sensors", "state", "trim", "wind"],
 )

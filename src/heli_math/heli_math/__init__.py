@@ -8,6 +8,17 @@ __getattr__, __dir__, __all__ = face(
     {
         "jit": ["njit"],
         "multisine": ["Multisine", "design_multisine"],
+        "state_space": ["hover_system"],
+        "trajectory": ["Trajectory", "TrajectoryError"],
     },
-    modules=["atmosphere", "paper_metrics", "rotations", "rows", "ticks"],
+    modules=[
+        "atmosphere",
+        "linear_systems",
+        "paper_metrics",
+        "rotations",
+        "rows",
+        "state_names",
+        "ticks",
+        "trajectory",
+    ],
 )

@@ -10,5 +10,5 @@ __getattr__, __dir__, __all__ = face(
         "reduced_order": ["ReducedOrderError", "ReducedOrderModel", "reduced_order_model"],
         "layout": ["ObserverStatus"],
     },
-    modules=["observer"],
+    modules=["layout", "observer"],
 )

@@ -6,9 +6,10 @@ from heli_math.faces import face
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
+        "axis_analysis": ["AxisReport"],
         "config": ["outer_kernel"],
         "position_law": ["OuterKernel", "OuterStatus"],
         "thrust_map": ["RotorMap"],
     },
-    modules=["position_law"],
+    modules=["axis_analysis", "position_law", "reference", "thrust_map"],
 )

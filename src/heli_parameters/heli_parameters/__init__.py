@@ -8,8 +8,9 @@ __getattr__, __dir__, __all__ = face(
     {
         "parameters": ["Parameter", "judge", "load"],
         "rcl_yaml": ["ParameterError"],
+        "rcl_dump": ["dump_all"],
         "common_table": ["with_common"],
         "locate": ["MissingFileError", "config_folder", "executable", "share_folder"],
     },
-    modules=["command_line"],
+    modules=["command_line", "rcl_yaml"],
 )

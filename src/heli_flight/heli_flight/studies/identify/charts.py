@@ -8,8 +8,7 @@ import numpy as np
 from heli_flight.report.chart import Chart, Panel, Trace
 from heli_flight.studies.identify.compare import Truth, fast_of
 from heli_flight.studies.identify.fit import Identification
-from heli_identification import Experiment
-from heli_identification.experiment import RATES
+from heli_identification.experiment import RATES, Experiment
 from heli_identification.measured import CHANNELS, measured_response
 from heli_identification.places import AIR, FAST, N_FAST, STATE
 from heli_identification.response import FastModel

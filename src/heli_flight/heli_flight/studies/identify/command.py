@@ -25,7 +25,7 @@ from heli_flight.studies.identify.fit import Identification, identify
 from heli_flight.studies.identify.parameter_table import Given, read_given
 from heli_flight.terminal import new_folder, steps
 from heli_flight.terminal import table as text_table
-from heli_identification import Experiment
+from heli_identification.experiment import Experiment
 from heli_math.ticks import seconds
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import ParameterError

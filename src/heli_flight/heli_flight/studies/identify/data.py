@@ -14,7 +14,7 @@ from heli_bags.reader import Bag, Stream, read_bag
 from heli_bags.recorder import BagError
 from heli_flight.loop.record import FlightRecord
 from heli_flight.studies.identify.parameter_table import Given
-from heli_identification import Experiment
+from heli_identification.experiment import Experiment
 from heli_math.rotations import euler_angles, quat_to_R_nb
 from heli_math.rows import ACTUATOR, IMU, NAV
 from heli_math.state_names import ACTUATOR_NAMES, WIND_NAMES

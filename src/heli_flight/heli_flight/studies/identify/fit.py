@@ -11,22 +11,18 @@ from dataclasses import dataclass
 from heli_flight.loop.settings import Settings
 from heli_flight.studies.design.make import Basis, Design, design_of
 from heli_flight.studies.identify.parameter_table import Given
-from heli_identification import (
-    Experiment,
-    IdentifiedAB,
+from heli_identification.actuators import IdentifiedAB, fit_actuators, refit_actuators
+from heli_identification.collective import (
     IdentifiedCollective,
-    IdentifiedE,
-    IdentifiedTrim,
     RotorGeometry,
-    fit_actuators,
     fit_collective,
-    fit_gusts,
-    refit_actuators,
     relative_air_w,
-    trim_of,
 )
+from heli_identification.experiment import Experiment
+from heli_identification.gusts import IdentifiedE, fit_gusts
 from heli_identification.places import AIR
 from heli_identification.system import identified_system
+from heli_identification.trim import IdentifiedTrim, trim_of
 from heli_inner_hinf.actuation import Actuation
 from heli_math.rows import NINE
 from heli_math.ticks import TICK_S
