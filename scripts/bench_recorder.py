@@ -30,11 +30,12 @@ def topic_names(count: int) -> list[str]:
 
 def publish(names: list[str], rate: float, seconds: float, sent: multiprocessing.Queue) -> None:
     """Publish numbered messages in bursts of 10 ms, wait until they are acknowledged."""
+    import numpy as np
     import rclpy
     from rclpy.duration import Duration
 
     from heli_msgs_bridge import topics
-    from heli_msgs_bridge.messages import Encoder
+    from heli_msgs_bridge.messages import CHANNELS, Encoder
 
     rclpy.init(args=[])
     node = rclpy.create_node("bench_publisher")
@@ -46,7 +47,7 @@ def publish(names: list[str], rate: float, seconds: float, sent: multiprocessing
             sent.put({"error": "the recorder did not subscribe"})
             return
         time.sleep(0.01)
-    raw = bytearray(Encoder(topics.IMU).encode([0.0] * 10, 0))
+    raw = bytearray(Encoder(topics.IMU).encode(np.zeros(CHANNELS[topics.IMU].size), 0))
     numbers, begun, slices = [0] * len(names), time.monotonic(), round(seconds * 100)
     total = 0
     for step in range(1, slices + 1):

@@ -51,3 +51,9 @@ def test_every_package_and_wing_is_in_the_picture_and_in_the_contracts():
     assert wings == set(chain)
     order = next(c["layers"] for c in CONTRACTS["contracts"] if "wings" in c["name"])
     assert order[: len(chain)] == chain
+
+
+def test_every_testing_folder_is_in_the_table():
+    folders = {f"{p.parent.name}/testing" for p in ROOT.glob("src/*/heli_*/testing")}
+    assert folders
+    assert set(re.findall(r"`(\w+/testing)`", ARCHITECTURE)) == folders

@@ -10,7 +10,7 @@ from heli_bags.recorder import BagRecorder
 from heli_flight.studies.identify.data import BagDataError, experiment_of_bag
 from heli_flight.studies.identify.parameter_table import Given, read_given
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.messages import CHANNELS, Encoder
 
 GIVEN = Given({}, period_s=0.5, start_s=1.0, periods=4, source="test")
 NEEDED = (topics.ODOM, topics.IMU, topics.ACTUATORS, topics.EXCITATION_ACTUATORS)
@@ -20,7 +20,7 @@ TICKS = 320
 def rows_of(name, tick):
     swing = math.sin(4.0 * math.pi * tick / 100.0)
     if name == topics.ODOM:
-        row = np.zeros(28)
+        row = np.zeros(CHANNELS[name].size)
         row[3], row[6] = 1.0 + swing, 1.0
         return row
     return {

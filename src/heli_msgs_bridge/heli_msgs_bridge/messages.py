@@ -251,6 +251,7 @@ class Encoder:
         self._free = channel.free(layout)
         self._message = FixedMessage(layout, self._free)
         self._block, self._pack, self._datum = self._message.block, channel.pack, datum
+        self._topic, self._size = topic, channel.size
         if topic == topics.GPS_FIX and datum is None:
             raise ValueError(f"{topic}: needs a datum")
         if topic == topics.IMU:
@@ -261,7 +262,16 @@ class Encoder:
                 self._block[start + i * (width + 1)] = variance
 
     def encode(self, array: NDArray[np.float64], stamp_ns: int) -> bytes:
-        """Serialised message of the array (NED/FRD), stamped in ns."""
+        """Serialised message of the array (NED/FRD), stamped in ns.
+
+        Raises
+        ------
+        ValueError
+            The array is shorter than the topic's row (`Channel.size`).
+        """
+        if array.size < self._size:
+            # The kernels do not check: they would send what is in memory behind it.
+            raise ValueError(f"{self._topic}: {array.size} numbers, expected {self._size}")
         if self._datum is None:
             self._pack(array, self._block)
             return self._message.encode(stamp_ns)

@@ -149,6 +149,14 @@ def test_a_place_that_is_not_on_the_earth(latitude, longitude):
     refused(topics.GPS_FIX, message, "outside of its range")
 
 
+@pytest.mark.parametrize("topic", STREAMS)
+def test_a_row_that_is_too_short_is_not_sent(topic):
+    """The compiled conversion would read behind its end."""
+    encoder = Encoder(topic, (), place(topic))
+    with pytest.raises(ValueError, match=f"{topic}: {len(good_row(topic)) - 1} numbers, expected"):
+        encoder.encode(good_row(topic)[:-1], STAMP_NS)
+
+
 @pytest.mark.parametrize("usual", [True, False])
 @pytest.mark.parametrize("status", [-1, -2, -128])
 def test_a_receiver_without_a_fix(status, usual):
