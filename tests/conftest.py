@@ -3,9 +3,10 @@
 
 `launch` and `launch_ros` are no wheels. The stand-ins do what the originals do with what our files
 ask of them (launch 3.4, launch_ros 0.26 of Jazzy): arguments are declared, defaulted and checked
-against their choices; substitutions are resolved; a node becomes the command line that launch_ros
-would run. An action or option that is not known here is an error. What only the real tool can
-show: event handling after the start (exit of a node, signals) and the `ros2 launch` command itself.
+against their choices; a node becomes the command line that launch_ros would run; its end goes to
+its handler. An action or option that is not known here is an error. What only the real tool can
+show: signals and the `ros2 launch` command (where a user has upstream's launch,
+tests/graph/launching/test_upstream_launch.py runs it).
 """
 
 import importlib.util
@@ -29,6 +30,7 @@ class Context:
     """Launch arguments by name, as the originals keep them."""
 
     launch_configurations: dict[str, str] = field(default_factory=dict)
+    is_shutdown: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,13 +54,18 @@ class DeclareLaunchArgument:
 
 
 @dataclass(frozen=True)
-class LaunchConfiguration:
-    name: str
+class Shutdown:
+    """Ends all that was started."""
 
-    def perform(self, context):
-        if self.name not in context.launch_configurations:
-            raise LaunchError(f"launch configuration '{self.name}' does not exist")
-        return context.launch_configurations[self.name]
+    reason: str = "reason not given"
+
+
+@dataclass(frozen=True)
+class Exit:
+    """What a handler of on_exit gets: launch's event ProcessExited."""
+
+    process_name: str
+    returncode: int
 
 
 @dataclass(frozen=True)
@@ -69,11 +76,6 @@ class OpaqueFunction:
         return self.function(context) or []
 
 
-def resolved(value, context):
-    """Text of a string or of a substitution."""
-    return value if isinstance(value, str) else value.perform(context)
-
-
 @dataclass(frozen=True)
 class Node:
     """launch_ros's Node with the options that our files use."""
@@ -81,23 +83,29 @@ class Node:
     package: str
     executable: str
     name: str
-    namespace: object = ""
+    namespace: str = ""
     parameters: tuple = ()
+    ros_arguments: tuple = ()
     output: str = "log"
+    on_exit: object = None
 
     def execute(self, context):
-        namespace = resolved(self.namespace, context)
+        namespace = self.namespace
         full_name = f"/{namespace.strip('/')}/{self.name}".replace("//", "/")
         layers = []
         for layer in self.parameters:
             if isinstance(layer, dict):
                 layers.append({full_name: {"ros__parameters": layer}})
                 continue
-            path = Path(resolved(layer, context))
-            if not path.is_file():
-                raise LaunchError(f"parameter file {path} does not exist")
-            layers.append(path)
-        return [Started(self.package, self.executable, self.name, namespace, tuple(layers))]
+            # A file that is not there is passed over with a warning.
+            layers += [Path(layer)] if Path(layer).is_file() else []
+        words = tuple(self.ros_arguments)
+        return [
+            Started(
+                self.package, self.executable, self.name, namespace, tuple(layers), words,
+                self.on_exit,
+            )
+        ]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -109,6 +117,20 @@ class Started:
     name: str
     namespace: str
     layers: tuple
+    ros_arguments: tuple = ()
+    on_exit: object = None
+
+    def ended(self, returncode, shutting_down=False):
+        """What launch does when the node's process has ended: its exit code, None if it goes on.
+
+        As upstream does: an exception of a handler ends the launch with 1, Shutdown with 0.
+        """
+        context = Context(is_shutdown=shutting_down)
+        try:
+            actions = self.on_exit(Exit(f"{self.name}-1", returncode), context)
+        except Exception:
+            return 1
+        return 0 if any(isinstance(action, Shutdown) for action in actions or ()) else None
 
     @property
     def full_name(self):
@@ -128,7 +150,7 @@ class Started:
     def command(self, folder):
         """The command line that launch_ros runs."""
         words = [sys.executable, str(executable(self.package, self.executable)), "--ros-args"]
-        words += ["-r", f"__node:={self.name}"]
+        words += [*self.ros_arguments, "--ros-args", "-r", f"__node:={self.name}"]
         if self.namespace:
             words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
         for path in self.files(folder):
@@ -159,8 +181,8 @@ def stand_ins():
         "launch.actions": {
             "DeclareLaunchArgument": DeclareLaunchArgument,
             "OpaqueFunction": OpaqueFunction,
+            "Shutdown": Shutdown,
         },
-        "launch.substitutions": {"LaunchConfiguration": LaunchConfiguration},
         "launch_ros": {},
         "launch_ros.actions": {"Node": Node},
     }

@@ -18,7 +18,7 @@ EXECUTABLES = {
     "heli_outer_pd": ["outer_loop"],
     "heli_bags": ["recorder"],
     "heli_live_view": ["live_view"],
-    "heli_flight": ["scenario"],
+    "heli_flight": ["heli", "hover_test", "scenario", "warm_up"],
 }
 PYTHON_FOLDER = f"lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
 
@@ -116,6 +116,14 @@ def test_executables_as_ros2_run_finds_them(prefix, package):
     folder = prefix / "lib" / package
     found = [path.name for path in folder.glob("*") if os.access(path, os.X_OK) and path.is_file()]
     assert sorted(found) == EXECUTABLES.get(package, [])
+
+
+@pytest.mark.parametrize("name", ["hover_test", "heli"])
+def test_commands_run_as_executables_of_the_package(prefix, name):
+    """`ros2 run heli_flight hover_test` starts <prefix>/lib/heli_flight/hover_test."""
+    env = {**os.environ, "PYTHONPATH": str(prefix / PYTHON_FOLDER)}
+    help_text = run(sys.executable, prefix / "lib/heli_flight" / name, "--help", env=env)
+    assert "fly" in help_text.lower() and "exit code" in help_text
 
 
 def test_command_runs(prefix):

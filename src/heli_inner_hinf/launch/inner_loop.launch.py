@@ -8,5 +8,5 @@ from heli_msgs_bridge.launching import single_node
 
 
 def generate_launch_description():
-    """Argument params_file: a parameter file over the packaged values."""
+    """Arguments namespace, params_file and log_level."""
     return single_node("heli_inner_hinf", "inner_loop")

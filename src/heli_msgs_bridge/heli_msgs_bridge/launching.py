@@ -1,36 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The launch description of one node, which every package's launch file asks for."""
+"""What the launch files of all packages share: arguments, nodes, and how a launch ends."""
 
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
 
+class Argument(NamedTuple):
+    """A launch argument; empty means that it was not given."""
+
+    name: str
+    default: str
+    choices: list[str] | None
+    text: str
+
+
+LOG_LEVELS = ["debug", "info", "warn", "error", "fatal"]
+COMMON = (
+    Argument("namespace", "", None, "Prefix of all names"),
+    Argument("params_file", "", None, "Parameter file over the packaged values"),
+    Argument("log_level", "info", LOG_LEVELS, "Least severe of what nodes say"),
+)
+
+
+def declare(arguments: Sequence[Argument]) -> list[DeclareLaunchArgument]:
+    """The actions that declare them."""
+    return [
+        DeclareLaunchArgument(
+            a.name, default_value=a.default, choices=a.choices, description=a.text
+        )
+        for a in arguments
+    ]
+
+
+def users_files(given: Mapping[str, str]) -> list[str]:
+    """The user's parameter file, if given; ValueError if there is none: launch would go on."""
+    path = given["params_file"]
+    if path and not Path(path).is_file():
+        raise ValueError(f"params_file:={path}: is not a file")
+    return [path] if path else []
+
+
+def _when_one_ends(event: Any, context: Any) -> list[Shutdown]:
+    """End the others, too. A failure is launch's own: what is raised makes its exit code 1."""
+    if context.is_shutdown:
+        return []
+    if event.returncode:
+        raise RuntimeError(f"{event.process_name} ended with exit code {event.returncode}")
+    return [Shutdown(reason=f"{event.process_name} is done")]
+
+
+def node(package: str, name: str, given: Mapping[str, str], layers: Sequence[Any]) -> Node:
+    """A node with its parameter layers, the weakest first; its end ends the launch."""
+    return Node(
+        package=package,
+        executable=name,
+        name=name,
+        namespace=given["namespace"],
+        parameters=[layer for layer in layers if layer],
+        ros_arguments=["--log-level", given["log_level"]],
+        output="screen",
+        on_exit=_when_one_ends,
+    )
+
+
+def _only(package: str, name: str, context: Any) -> list[Node]:
+    given = context.launch_configurations
+    return [node(package, name, given, users_files(given))]
+
+
 def single_node(package: str, name: str) -> LaunchDescription:
-    """Launch arguments namespace and params_file, and the node of this name.
+    """Arguments as in COMMON, and the node of this name.
 
     The node configures and activates itself unless its parameter autostart is false.
     """
-    packaged = Path(get_package_share_directory(package)) / "config" / f"{name}.yaml"
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("namespace", default_value="", description="Prefix of all names"),
-            DeclareLaunchArgument(
-                "params_file",
-                default_value=str(packaged),
-                description="Parameter file over the packaged values",
-            ),
-            Node(
-                package=package,
-                executable=name,
-                name=name,
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[LaunchConfiguration("params_file")],
-                output="screen",
-            ),
-        ]
-    )
+    function = OpaqueFunction(function=partial(_only, package, name))
+    return LaunchDescription([*declare(COMMON), function])

@@ -76,7 +76,7 @@ def waits(sender):
         try:
             wait_for_peers(sender)
         except Exception as error:
-            failure.append(error)
+            failure.append(str(error) or type(error).__name__)
 
     thread = threading.Thread(target=wait)
     thread.start()
@@ -84,7 +84,7 @@ def waits(sender):
     def ended():
         thread.join(30.0)
         assert not thread.is_alive()
-        return str(failure[0]) if failure else ""
+        return failure[0] if failure else ""
 
     return ended
 
@@ -138,6 +138,14 @@ def test_links_between_others_are_waited_for(sender, peer):
     hear(inner, topics.ODOM)
     assert ended() == ""
     assert sender.health.message == "waiting for inner_loop to get ready"
+
+
+def test_one_that_is_asked_to_end_ceases_to_wait(sender, peer, ros_context):
+    peer("observer")
+    ended = waits(sender)
+    assert sender.said.acquire(timeout=30.0)
+    ros_context.try_shutdown()
+    assert ended() == "ExternalShutdownException"
 
 
 def test_who_is_not_configured_does_not_listen(sender):

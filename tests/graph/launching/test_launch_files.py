@@ -8,7 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from heli_bags.reader import read_bag
 from heli_flight.loop.layers import GPS_PRESETS, scenario_names
+from heli_inner_hinf.law_state import CONTROLLERS
+from heli_math.ticks import NS_PER_S
+from heli_msgs_bridge import topics
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder, executable
 from heli_parameters.parameters import load
@@ -82,13 +86,73 @@ def test_argument_lockstep(launch, tmp_path, given):
             assert values(node, tmp_path)["lockstep"] is (given == "true"), name
 
 
-def test_argument_seed_wins_over_the_users_file(launch, tmp_path):
+# Argument, node, parameter, value by the argument, value by the user's file.
+WINNING = [
+    ("seed:=7", "plant", "seed", 7, "5"),
+    ("duration:=3.5", "plant", "duration_s", 3.5, "4.0"),
+    ("controller:=pid", "inner_loop", "controller", "pid", "lqr"),
+    ("bag:=by_argument", "recorder", "bag", "by_argument", "by_file"),
+    *(("lockstep:=false", name, "lockstep", False, "true") for name in (*FLYING, "live_view")),
+]
+
+
+@pytest.mark.parametrize(("argument", "node", "key", "value", "in_file"), WINNING)
+def test_an_argument_wins_over_the_users_file_and_that_over_defaults(
+    launch, tmp_path, argument, node, key, value, in_file
+):
+    def found(*arguments):
+        return values(by_name(launch(*HOVER, "live:=true", *arguments))[node], tmp_path)[key]
+
     file = tmp_path / "my.yaml"
-    file.write_text("/**/plant:\n  ros__parameters:\n    seed: 5\n")
-    plant = by_name(launch(*HOVER, f"params_file:={file}"))["plant"]
-    assert values(plant, tmp_path)["seed"] == 5
-    plant = by_name(launch(*HOVER, f"params_file:={file}", "seed:=7"))["plant"]
-    assert values(plant, tmp_path)["seed"] == 7
+    file.write_text(f"/**/{node}:\n  ros__parameters:\n    {key}: {in_file}\n")
+    assert str(found(f"params_file:={file}")).lower() == in_file
+    assert found(f"params_file:={file}", argument) == value
+    assert found(argument) == value
+    if key != "lockstep":
+        assert found() not in (value, in_file)
+
+
+def test_every_argument_has_a_test(describe):
+    """In this file: an argument that is added is added here."""
+    tested = {argument.split(":=")[0] for argument, *_ in WINNING}
+    tested |= {"namespace", "params_file", "log_level", "scenario", "gps", "record", "live"}
+    for package, name in LAUNCH_FILES:
+        entities = describe(package, name).entities
+        declared = {entity.name for entity in entities if hasattr(entity, "default_value")}
+        expected = tested if name == HOVER[1] else {"namespace", "params_file", "log_level"}
+        assert declared == expected, name
+
+
+def test_the_laws_are_those_that_there_are(describe):
+    (law,) = [e for e in describe(*HOVER).entities if getattr(e, "name", "") == "controller"]
+    assert set(law.choices) == {"", *CONTROLLERS}
+
+
+@pytest.mark.parametrize(("package", "name"), LAUNCH_FILES)
+def test_argument_log_level(launch, tmp_path, package, name):
+    for node in launch(package, name, "log_level:=debug"):
+        words = node.command(tmp_path)
+        assert words[words.index("--log-level") + 1] == "debug"
+        assert "--ros-args" in words[: words.index("--log-level")]
+    with pytest.raises(Exception, match="log_level"):
+        launch(package, name, "log_level:=loud")
+
+
+@pytest.mark.parametrize(("package", "name"), LAUNCH_FILES)
+def test_a_users_file_that_is_not_there_starts_nothing(launch, package, name):
+    """launch itself would warn and fly with the defaults."""
+    with pytest.raises(ValueError, match="params_file:=/nowhere.yaml: is not a file"):
+        launch(package, name, "params_file:=/nowhere.yaml")
+
+
+@pytest.mark.parametrize(("package", "name"), LAUNCH_FILES)
+def test_the_end_of_any_node_ends_the_launch(launch, package, name):
+    """With 0 if its work is done, with 1 if it failed; while launch ends all, nothing more."""
+    for node in launch(package, name):
+        assert node.ended(0) == 0
+        assert node.ended(2) == node.ended(1) == node.ended(-11) == 1
+        assert node.ended(0, shutting_down=True) is None
+        assert node.ended(-2, shutting_down=True) is None
 
 
 def test_argument_params_file_wins_over_scenario_and_preset(launch, tmp_path):
@@ -115,6 +179,11 @@ def test_argument_scenario(launch, tmp_path, scenario):
         values(started[name], tmp_path)
 
 
+def test_a_bag_needs_a_recorder(launch):
+    with pytest.raises(ValueError, match="bag:=b: does not go with record:=false"):
+        launch(*HOVER, "bag:=b", "record:=false")
+
+
 def test_arguments_record_and_live(launch):
     assert "recorder" not in by_name(launch(*HOVER, "record:=false"))
     assert "live_view" in by_name(launch(*HOVER, "live:=true"))
@@ -126,8 +195,10 @@ def test_argument_namespace(launch):
 
 
 @pytest.mark.parametrize(
-    "argument", ["seed:=x", "seed:=-1", "seed:=1.5", "gps:=none", "lockstep:=yes", "sead:=1"]
-)
+    "argument",
+    ["seed:=x", "seed:=-1", "seed:=1.5", "gps:=none", "lockstep:=yes", "sead:=1", "duration:=0",
+     "duration:=nan", "duration:=long", "controller:=lqg", "live:=1", "record:=no"],
+)  # fmt: skip
 def test_bad_arguments_start_nothing(launch, argument):
     with pytest.raises(Exception, match=argument.split(":=")[0]):
         launch(*HOVER, argument)
@@ -138,9 +209,7 @@ def fly_launched(launch, tmp_path, ros_env, living):
     """Run the commands that launch would run, 2 s long: the plant's process, and all logs."""
 
     def fly(*arguments, limit_s=240, env=None):
-        file = tmp_path / "short.yaml"
-        file.write_text("/**/plant:\n  ros__parameters:\n    duration_s: 2.0\n")
-        started = by_name(launch(*HOVER, f"params_file:={file}", *arguments))
+        started = by_name(launch(*HOVER, "duration:=2", *arguments))
         env = ros_env | (env or {})
         with contextlib.ExitStack() as ending:
             for name, node in started.items():
@@ -162,11 +231,14 @@ def fly_launched(launch, tmp_path, ros_env, living):
     return fly
 
 
-def test_the_graph_of_the_launch_file_flies(fly_launched):
+def test_the_graph_of_the_launch_file_flies(fly_launched, tmp_path):
     """The flight ends, and the nodes with it."""
-    plant, said = fly_launched("namespace:=heli1", "record:=false", "seed:=3")
+    plant, said = fly_launched("namespace:=heli1", f"bag:={tmp_path / 'bag'}", "seed:=3")
     assert plant.returncode == 0, said
     assert "flight over after 2 s" in plant.stdout + plant.stderr
+    stamps_ns = read_bag(tmp_path / "bag").streams[topics.TRUTH_ODOM].stamp_ns
+    # From the first tick on.
+    assert stamps_ns[0] == NS_PER_S and len(stamps_ns) == 200
 
 
 @pytest.mark.nightly
