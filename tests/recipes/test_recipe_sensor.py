@@ -129,14 +129,14 @@ def add_to_bridge(r):
     r.before(f"{BRIDGE}/topics.py", "    Topic(ODOM, ",
              '    Topic(DOPPLER, "geometry_msgs/msg/TwistWithCovarianceStamped", _PLANT, '
              "_OBSERVER, 10),\n")  # fmt: skip
-    r.before(f"{BRIDGE}/messages.py", "    topics.ODOM: Channel(\n",
+    r.before(f"{BRIDGE}/channels.py", "    topics.ODOM: Channel(\n",
              "    topics.DOPPLER: Channel(\n"
-             "        3, lambda: _headed(BASE).doubles(TWIST.size), _P.pack_body_vector,\n"
-             "        _P.unpack_body_vector, _twist_block, ((TWIST.cov.start, 6),),\n    ),\n"
+             "        3, _BODY, _doubles(TWIST.size), _P.pack_body_vector,\n"
+             "        _P.unpack_body_vector, _twist_block, _TWIST_AT,\n    ),\n"
              )  # fmt: skip
     node = f"{SIM}/node.py"
-    r.after(node, '            topics.GPS_VELOCITY: (v["sensors.gps.velocity_mps"] ** 2,),\n',
-            '            topics.DOPPLER: (v["sensors.doppler.white_mps"] ** 2,),\n')  # fmt: skip
+    r.after(node, '        topics.GPS_VELOCITY: (v["sensors.gps.velocity_mps"] ** 2,),\n',
+            '        topics.DOPPLER: (v["sensors.doppler.white_mps"] ** 2,),\n')  # fmt: skip
     r.before(node, "        # Last of the sensors: in real time",
              "        if y[MEAS.doppler_valid]:\n"
              "            send[topics.DOPPLER](y[MEAS.doppler], stamp_ns)\n")  # fmt: skip
@@ -155,7 +155,8 @@ def add_to_tests(r):
             '    "doppler": lambda b, stamp_ns: twist(b, stamp_ns, "base_link"),\n')  # fmt: skip
     r.before(BYTES, "    elif topic == topics.BARO:\n",
              "    elif topic == topics.DOPPLER:\n        block = np.zeros(42)\n"
-             "        block[0:3], block[[6, 13, 20]] = flu(row), 0.25\n")  # fmt: skip
+             "        block[0:3], block[[6, 13, 20]] = flu(row), 0.25\n"
+             "        block[[27, 34, 41]] = 4.0\n")  # fmt: skip
 
 
 def add_to_observer(r):

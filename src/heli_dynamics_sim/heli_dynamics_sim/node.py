@@ -20,7 +20,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.messages import ClockEncoder
+from heli_msgs_bridge.messages import FIX_STATUS, ClockEncoder, Variance
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.stepping import RealTime
@@ -33,6 +33,19 @@ _ACKNOWLEDGE_S = 3.5
 _REAL_TIME_SILENCE_S = 0.5
 _NO_COMMAND = "no message on 'actuators' from inner_loop: going on with the last command"
 _ENCODE_CLOCK = ClockEncoder().encode
+
+
+def _variances(v: Mapping[str, Any]) -> dict[str, Sequence[Variance]]:
+    """What the sensors' messages say of their errors, from the parameters: per group, SI^2."""
+    gyro, accel = v["sensors.imu.gyro_noise_density"], v["sensors.imu.accel_noise_density"]
+    level = v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2
+    return {
+        topics.IMU: (gyro**2 / TICK_S, accel**2 / TICK_S),
+        topics.MAG: (v["sensors.mag.white_t"] ** 2,),
+        topics.BARO: (v["sensors.baro.white_pa"] ** 2,),
+        topics.GPS_FIX: ((level, level, level * v["sensors.gps.vertical_factor"] ** 2),),
+        topics.GPS_VELOCITY: (v["sensors.gps.velocity_mps"] ** 2,),
+    }
 
 
 @dataclass(kw_only=True)
@@ -102,24 +115,14 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def _make_senders(self, config: plant.PlantConfig) -> dict[str, Send]:
         v = self.values
         origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
-        imu = (
-            v["sensors.imu.gyro_noise_density"] ** 2 / TICK_S,
-            v["sensors.imu.accel_noise_density"] ** 2 / TICK_S,
-        )
-        fix = (v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2,)
-        variances = {
-            topics.IMU: imu,
-            topics.MAG: (v["sensors.mag.white_t"] ** 2,),
-            topics.BARO: (v["sensors.baro.white_pa"] ** 2,),
-            topics.GPS_FIX: fix,
-            topics.GPS_VELOCITY: (v["sensors.gps.velocity_mps"] ** 2,),
-        }
+        variances = _variances(v)
+        status = FIX_STATUS[v["sensors.gps.augmentation"]]
         names = [*variances, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR]
         if config.wind.sines.on:
             names.append(topics.EXCITATION_WIND)
         return {
             name: self.create_sender(
-                name, variances.get(name, ()), origin if name == topics.GPS_FIX else None
+                name, variances.get(name, ()), origin if name == topics.GPS_FIX else None, status
             )
             for name in names
         }

@@ -236,6 +236,12 @@ _SENSORS = (
     _sigma("sensors.gps.velocity_mps", "White velocity error per axis", "m/s", 10.0),
     _ticks("sensors.gps.period_ticks", "Period of the fixes", 1, 1000),
     _ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),
+    _row(
+        "sensors.gps.augmentation",
+        "string",
+        "What corrects the fixes, for the status in their messages",
+        choices=("none", "satellite", "ground"),
+    ),
 )
 
 TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _WIND + _SENSORS

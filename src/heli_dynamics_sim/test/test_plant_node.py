@@ -5,10 +5,13 @@ import numpy as np
 import pytest
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu, NavSatFix
 
 from heli_dynamics_sim.node import PlantNode
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
+from heli_parameters import locate
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 U = np.array([0.01, -0.02, 0.03, -0.1])
@@ -139,3 +142,34 @@ def test_the_plant_waits_for_every_link_of_a_flight():
     assert links[topics.ACTUATORS] == {"plant", "observer"}
     assert links[topics.ATTITUDE_SETPOINT] == {"inner_loop"}
     assert topics.REFERENCE not in links and topics.EXCITATION_WIND not in links
+
+
+def test_messages_say_what_the_parameters_say_of_the_sensors(bench):
+    """RTK sets the status of the fixes; variances are those of the simulated errors."""
+    raw = {}
+
+    class Heard(PlantNode):
+        def create_output(self, topic):
+            send = super().create_output(topic)
+
+            def heard(message):
+                raw[topic] = message
+                send(message)
+
+            return heard
+
+    preset = locate.config_folder("heli_dynamics_sim") / "gps_rtk.yaml"
+    rtk = PlantNode.SPEC.resolve([str(preset)])
+    gps = {n.replace(".", "__"): v for n, v in rtk.items() if n.startswith("sensors.gps.")}
+    plant = bench(Heard, **gps)
+    plant.fly()
+    for tick in range(40):
+        plant.send(topics.ACTUATORS, tick, U)
+    fix = deserialize_message(raw[topics.GPS_FIX], NavSatFix)
+    assert fix.status.status == fix.status.STATUS_GBAS_FIX
+    level = 0.015**2 + 0.01**2
+    wanted = np.diag([level, level, level * 1.5**2]).ravel()
+    assert fix.position_covariance == pytest.approx(wanted)
+    imu = deserialize_message(raw[topics.IMU], Imu)
+    assert imu.angular_velocity_covariance[0] == pytest.approx(1e-4**2 / 0.01)
+    assert imu.orientation_covariance[0] == -1.0

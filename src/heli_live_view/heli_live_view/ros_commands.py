@@ -226,7 +226,7 @@ class Commander:
     def _publish(self, points: Trajectory) -> None:
         if self._reference is None:
             self._reference = self._create_reference()
-        self._reference.publish(encode_reference(points))
+        self._reference.publish(encode_reference(points, self._node.get_namespace()))
 
 
 def _messages(values: Mapping[str, Any]) -> list[Parameter]:

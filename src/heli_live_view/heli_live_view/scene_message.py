@@ -14,7 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from heli_live_view import scene
 from heli_math.ticks import NS_PER_S
-from heli_msgs_bridge.messages import BASE, MAP
+from heli_msgs_bridge.frame_ids import BASE, MAP
 
 TF, TF_TYPE = "/tf", "tf2_msgs/msg/TFMessage"
 _KINDS = {

@@ -34,6 +34,8 @@ class Layout:
     padding : list of int
         Offsets of the bytes that only align what follows. Zero here; other serialisers leave in
         them what was in memory.
+    free : list of int
+        Offsets of the bytes that may differ from message to message.
     """
 
     def __init__(self) -> None:
@@ -41,6 +43,7 @@ class Layout:
         self.block_at = 0
         self.block_size = 0
         self.padding: list[int] = []
+        self.free: list[int] = []
 
     def _align(self, size: int) -> None:
         end = len(self.data)
@@ -48,9 +51,12 @@ class Layout:
         self.padding += range(end, end + gap)
         self.data += bytes(gap)
 
-    def put(self, kind: str, value: int) -> "Layout":
-        """Append an integer; `kind` is its struct code (b, B, H, i, I)."""
-        self._align(struct.calcsize(kind))
+    def put(self, kind: str, value: int, free: bool = False) -> "Layout":
+        """Append an integer; `kind` is its struct code (b, B, H, i, I), `free` one that varies."""
+        size = struct.calcsize(kind)
+        self._align(size)
+        if free:
+            self.free += range(len(self.data), len(self.data) + size)
         self.data += struct.pack(f"<{kind}", value)
         return self
 
@@ -86,10 +92,8 @@ class FixedMessage:
     Parameters
     ----------
     layout : Layout
-        With the stamp first and exactly one block of doubles.
-    free : sequence of int
-        Offsets (bytes, outside stamp and block) that may differ from message to message, as those
-        of the padding may.
+        With the stamp first and exactly one block of doubles; what is free in it, and the padding,
+        may differ from message to message.
 
     Attributes
     ----------
@@ -99,7 +103,7 @@ class FixedMessage:
         Stamp of the decoded message.
     """
 
-    def __init__(self, layout: Layout, free: Sequence[int] = ()) -> None:
+    def __init__(self, layout: Layout) -> None:
         size = len(layout.data)
         # Shifted, so that the doubles behind the 4-byte header are aligned in memory.
         self._memory = np.zeros((size + _SHIFT + 7) // 8, dtype=np.float64)
@@ -112,7 +116,7 @@ class FixedMessage:
         block_end = layout.block_at + 8 * layout.block_size
         self._constant: list[tuple[slice, bytes]] = []
         for start, end in ((_STAMP_AT + _STAMP.size, layout.block_at), (block_end, size)):
-            cuts = {*free, *layout.padding}
+            cuts = {*layout.free, *layout.padding}
             for cut in sorted(offset for offset in cuts if start <= offset < end):
                 self._keep(layout, start, cut)
                 start = cut + 1

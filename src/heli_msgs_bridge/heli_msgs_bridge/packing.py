@@ -93,9 +93,8 @@ def pack_nav(nav, block):
     """Navigation row (31,) into an Odometry block (85,), twist in the child frame.
 
     Covariances from the standard deviations: position and rotation about the fixed axes (ENU),
-    velocity (FLU); that of the rate, which the row does not carry, is zero.
+    velocity (FLU); that of the rate, which the row does not carry, stays as it is in the block.
     """
-    block[:] = 0.0
     ned_to_enu(nav[NAV.pos], block[ODOMETRY.pos])
     quat_ned_frd_to_enu_flu(nav[NAV.quat], block[ODOMETRY.quat])
     R, vel, linear = _R_flu_ned(nav[NAV.quat]), nav[NAV.vel], block[ODOMETRY.linear]
@@ -129,8 +128,10 @@ def unpack_nav(block, nav):
 
 @njit
 def pack_truth(x, block):
-    """Rigid part of a plant state (13,), velocity in FRD, into an Odometry block (85,)."""
-    block[:] = 0.0
+    """Rigid part of a plant state (13,), velocity in FRD, into an Odometry block (85,).
+
+    The covariances stay as they are in the block.
+    """
     ned_to_enu(x[PLANT.pos], block[ODOMETRY.pos])
     quat_ned_frd_to_enu_flu(x[PLANT.quat], block[ODOMETRY.quat])
     frd_to_flu(x[PLANT.vel], block[ODOMETRY.linear])

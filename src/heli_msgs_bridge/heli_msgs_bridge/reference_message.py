@@ -14,20 +14,19 @@ from heli_math.rows import REFERENCE
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory, TrajectoryError
 from heli_msgs_bridge import frames, topics
-from heli_msgs_bridge.messages import MAP, MessageError
+from heli_msgs_bridge.frame_ids import BASE, MAP, in_namespace
+from heli_msgs_bridge.messages import MessageError
 
-JOINT = "base_link"
 
-
-def encode_reference(reference: Trajectory) -> Any:
-    """Message object of a trajectory (imports ROS messages)."""
+def encode_reference(reference: Trajectory, namespace: str = "") -> Any:
+    """Message object of a trajectory for the aircraft in a namespace (imports ROS messages)."""
     from geometry_msgs.msg import Transform, Twist
     from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
     message = MultiDOFJointTrajectory()
     message.header.frame_id = MAP
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(reference.start_ns, NS_PER_S)
-    message.joint_names = [JOINT]
+    message.joint_names = [in_namespace(BASE, namespace)]
     enu, q = np.empty(3), np.empty(4)
     for time_ns, point in zip(reference.times_ns.tolist(), reference.points, strict=True):
         pose, twist, row = Transform(), Twist(), MultiDOFJointTrajectoryPoint()

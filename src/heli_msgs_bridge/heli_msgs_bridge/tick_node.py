@@ -2,7 +2,7 @@
 """A managed node that steps once per tick on the messages of that tick."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any, TypeVar
@@ -16,7 +16,14 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import ManagedNode, Run
-from heli_msgs_bridge.messages import CHANNELS, CutOffError, Decoder, Encoder, MessageError
+from heli_msgs_bridge.messages import (
+    CHANNELS,
+    CutOffError,
+    Decoder,
+    Encoder,
+    MessageError,
+    Variance,
+)
 from heli_msgs_bridge.stamps import in_words
 from heli_msgs_bridge.stepping import Arrived, Lockstep, Pace, RealTime
 
@@ -134,10 +141,15 @@ class TickNode(ManagedNode[Core, Run]):
         return pace
 
     def create_sender(
-        self, topic: str, variances: tuple[float, ...] = (), datum: Datum | None = None
+        self,
+        topic: str,
+        variances: Sequence[Variance] = (),
+        datum: Datum | None = None,
+        fix_status: int = 0,
     ) -> Send:
         """Lifecycle publisher of a stream; returns what sends a row of the core (`Encoder`)."""
-        encode, publish = Encoder(topic, variances, datum).encode, self.create_output(topic)
+        encoder = Encoder(topic, variances, datum, self.get_namespace(), fix_status)
+        encode, publish = encoder.encode, self.create_output(topic)
         # So that the compiled conversion is loaded before the first tick.
         encode(np.zeros(CHANNELS[topic].size), self.start_ns)
 

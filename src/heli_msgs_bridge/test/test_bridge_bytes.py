@@ -33,6 +33,7 @@ from std_msgs.msg import Header
 
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import FixedMessage, Layout, stamp_of
+from heli_msgs_bridge.channels import EXACT_VARIANCE
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.messages import (
     CHANNELS,
@@ -149,7 +150,7 @@ def joints(*names):
 
 
 def quaternion(b, stamp_ns):
-    return QuaternionStamped(header=header(stamp_ns, "odom"), quaternion=xyzw(b))
+    return QuaternionStamped(header=header(stamp_ns, "map"), quaternion=xyzw(b))
 
 
 def vector(b, stamp_ns):
@@ -165,7 +166,7 @@ MESSAGES = {
     "gps/fix": fix,
     "gps/fix_velocity": twist,
     "baro": pressure,
-    "odom": odometry("odom"),
+    "odom": odometry("map"),
     "rotor_state": joints(*ROTOR),
     "attitude_setpoint": quaternion,
     "collective": joints("collective"),
@@ -293,7 +294,7 @@ def simple_block(topic, row):
         block[0:3], block[[3, 7, 11]] = flu(row), 0.25
     elif topic == topics.GPS_VELOCITY:
         block = np.zeros(42)
-        block[0:3], block[[6, 13, 20]] = enu(row), 0.25
+        block[0:3], block[[6, 13, 20]], block[[27, 34, 41]] = enu(row), 0.25, 4.0
     elif topic == topics.BARO:
         block = np.array([row[0], 0.25])
     elif topic in (topics.TRUTH_WIND, topics.EXCITATION_WIND):
@@ -360,7 +361,7 @@ def same_attitude(message, expected):
 
 def test_navigation_is_the_odometry_of_its_attitude(search, fast_decoder):
     """Position ENU, twist in FLU, covariances turned; rotations by scipy."""
-    encoder, decoder = Encoder(topics.ODOM), fast_decoder(topics.ODOM)
+    encoder, decoder = Encoder(topics.ODOM, (0.25,)), fast_decoder(topics.ODOM)
 
     @search
     @given(row=arrays(31, SMALL), q=QUATERNIONS, sigma=arrays(9, st.floats(0.0, 100.0)))
@@ -372,12 +373,13 @@ def test_navigation_is_the_odometry_of_its_attitude(search, fast_decoder):
         message = deserialize_message(raw, Odometry)
         equal(topics.ODOM, raw, message)
         linear = flu(rotation.inv().apply(row[3:6]))
-        expected = expected_odometry("odom", row[0:3], rotation, linear, row[10:13])
+        expected = expected_odometry("map", row[0:3], rotation, linear, row[10:13])
         expected.header.stamp.nanosec = 7
         turned = np.diag([1, -1, -1]) @ rotation.inv().as_matrix()
         pose, twisted = np.zeros((6, 6)), np.zeros((6, 6))
         pose[:3, :3], pose[3:, 3:] = np.diag(enu(sigma[0:3])) ** 2, np.diag(enu(sigma[6:9])) ** 2
         twisted[:3, :3] = turned @ np.diag(sigma[3:6] ** 2) @ turned.T
+        twisted[3:, 3:] = np.diag([0.25] * 3)
         expected.pose.covariance, expected.twist.covariance = pose.ravel(), twisted.ravel()
         same_attitude(message.pose.pose.orientation, expected.pose.pose.orientation)
         near(message, expected)
@@ -401,6 +403,8 @@ def test_truth_is_the_odometry_of_its_attitude(search):
         message = deserialize_message(raw, Odometry)
         equal(topics.TRUTH_ODOM, raw, message)
         expected = expected_odometry("map", row[0:3], rotation, flu(row[3:6]), row[10:13])
+        exact = (np.eye(6) * EXACT_VARIANCE).ravel()
+        expected.pose.covariance = expected.twist.covariance = exact
         same_attitude(message.pose.pose.orientation, expected.pose.pose.orientation)
         near(message, expected)
         back = decoder.decode(raw)
@@ -422,9 +426,9 @@ def test_attitude_is_the_quaternion_of_its_angles(search):
         message = deserialize_message(raw, QuaternionStamped)
         equal(topics.ATTITUDE_SETPOINT, raw, message)
         rotation = Rotation.from_euler("ZYX", [psi, theta, phi])
-        expected = expected_odometry("odom", np.zeros(3), rotation, np.zeros(3), np.zeros(3))
+        expected = expected_odometry("map", np.zeros(3), rotation, np.zeros(3), np.zeros(3))
         wanted = QuaternionStamped(
-            header=header(stamp_ns, "odom"), quaternion=expected.pose.pose.orientation
+            header=header(stamp_ns, "map"), quaternion=expected.pose.pose.orientation
         )
         same_attitude(message.quaternion, wanted.quaternion)
         near(message, wanted)
@@ -492,7 +496,7 @@ def test_what_rclpy_sends_is_read_the_fast_way(two_nodes, fast_decoder):
 
 @pytest.mark.parametrize("topic", SIMPLE)
 def test_another_frame_of_the_same_convention_is_read(topic, search):
-    """A pilot's own frame_id: the ordinary decoder, the same array."""
+    """A pilot's own frame_id: the same array; the ordinary decoder whenever the frame changes."""
     size, slow = CHANNELS[topic].size, []
     deserialize = rclpy_deserializer(topic)
     decoder = Decoder(topic, deserialize=lambda raw: slow.append(raw) or deserialize(raw))

@@ -2,13 +2,14 @@
 """Node `observer`: sensors and flown actuators to odometry and rotor state, 100 Hz."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from heli_math.rows import ACTUATOR, MEAS, NAV
-from heli_math.ticks import TICKS_PER_S
+from heli_math.ticks import TICK_S, TICKS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
@@ -36,6 +37,15 @@ class Navigation(TickCore):
     out: np.ndarray = field(default_factory=lambda: np.zeros(NAV.size))
 
 
+def rate_variance(v: Mapping[str, Any]) -> float:
+    """Variance of the published rate, (rad/s)^2: the gyro's noise and the bias as first believed.
+
+    The filter learns the bias; its row of numbers does not say how well, so this is a bound.
+    """
+    bias = v["ekf.initial.gyro_bias_radps"]
+    return float(v["ekf.imu.gyro_noise_density"] ** 2 / TICK_S + bias**2)
+
+
 class ObserverNode(TickNode[Navigation, None]):
     """Active means: the navigation solution is published."""
 
@@ -58,7 +68,7 @@ class ObserverNode(TickNode[Navigation, None]):
         core = Navigation(
             config=config,
             state=initial_state(config),
-            send_odom=self.create_sender(topics.ODOM),
+            send_odom=self.create_sender(topics.ODOM, (rate_variance(v),)),
             send_rotor=self.create_sender(topics.ROTOR_STATE),
             pace=self.listen(inputs, origin),
         )

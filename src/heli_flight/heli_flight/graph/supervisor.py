@@ -118,7 +118,7 @@ class Supervisor(Node):
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
         """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""
         way = replace(scenario.reference, start_ns=start_ns)
-        self._reference.publish(encode_reference(way))
+        self._reference.publish(encode_reference(way, self.get_namespace()))
 
     def transition(
         self, names: Sequence[str], transition_id: int, limit_s: float, check: Callable[[], None]
