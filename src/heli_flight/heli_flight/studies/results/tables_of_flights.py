@@ -189,7 +189,7 @@ def identification(results: Results) -> str:
                 ]
             )
     missed = [
-        f"{row['aircraft'].removesuffix('.yaml')}, seed {row['seed']}: {entry['name']} by "
+        f"{row['aircraft'].removesuffix('.yaml')}, seed {row['seed']}: {entry['name']} is off by "
         f"{100.0 * abs(entry['deviation']):.2f} % ({100.0 * entry['target']:.0f} % allowed)"
         for file in ("identification", "identification_others")
         for row in results[file]["rows"]
