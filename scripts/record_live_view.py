@@ -27,6 +27,7 @@ from types import ModuleType
 import aiohttp
 from PIL import Image
 
+from heli_flight.terminal import steps
 from heli_live_view.access import Access
 from heli_live_view.page_server import PageServer
 
@@ -121,14 +122,16 @@ def pictures(
         page.size(*size)
         page.open(f"{replay.server.url}?quality=high", "window.heliView && heliView.scene.drawn")
         file = Path(folder) / "frame.png"
-        for number, t in enumerate(times_s):
-            page.wait(f"heliView.flight.playout >= {t}")
-            page.screenshot(file, whole=False)
-            taken.append(Image.open(io.BytesIO(file.read_bytes())).convert("RGB"))
-            late_s = page.value("heliView.flight.playout") - t
-            print(f"\rframe {number + 1} of {len(times_s)}, {late_s:.2f} s late  ", end="")
+        late_s = 0.0
+        with steps("frames", len(times_s)) as progress:
+            for t in times_s:
+                page.wait(f"heliView.flight.playout >= {t}")
+                page.screenshot(file, whole=False)
+                taken.append(Image.open(io.BytesIO(file.read_bytes())).convert("RGB"))
+                late_s = max(late_s, page.value("heliView.flight.playout") - t)
+                progress(len(taken))
         page.close()
-    print()
+    print(f"{len(taken)} frames, at most {late_s:.2f} s late")
     replay.server.stop()
     return taken
 
