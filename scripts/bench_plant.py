@@ -81,7 +81,7 @@ def warm_up():
     start = time.perf_counter()
     state = plant.initial_state(config, 1)
     plant.measure(state, 0, NoiseStreams(1).row(), config.kernel, y)
-    plant.advance(state, state.x[16:20].copy(), config.kernel)
+    plant.advance(state, state.x[PLANT.servo].copy(), config.kernel)
     plant.status(state, config.kernel)
     return time.perf_counter() - start
 
@@ -113,7 +113,7 @@ def main():
     """Print the table; exit code 1 if a step is over its budget."""
     config = default_config()
     state = plant.initial_state(config, 1)
-    x0, u, wind = state.x.copy(), state.x[16:20].copy(), np.array([-2.0, -2.0, 0.2])
+    x0, u, wind = state.x.copy(), state.x[PLANT.servo].copy(), np.array([-2.0, -2.0, 0.2])
     work, y = np.zeros((WORK_ROWS, PLANT.size)), np.zeros(MEAS.size)
     rows = NoiseStreams(1).rows(20000)
     _steps(x0, u, wind, config.helicopter.kernel, work, 1)

@@ -24,7 +24,7 @@ from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.campaign import parse_seeds, with_seed
 from heli_flight.studies.results.tables_of_parts import fusion_tables
 from heli_math.rotations import rotation_between
-from heli_math.rows import MEAS
+from heli_math.rows import MEAS, PLANT
 from heli_observer.layout import N_ERROR
 from heli_observer.testing.consistency import CHECKS_S, SENSORS, bounds, collect, latency_errors
 from heli_observer.testing.synthetic import hover_path
@@ -42,8 +42,8 @@ def receiver_error(settings: Settings) -> np.ndarray:
     y, errors = np.zeros(MEAS.size), []
     for tick, row in enumerate(rows):
         plant.measure(state, tick, row, config.kernel, y)
-        if y[18] == 1.0 and y[19] >= SETTLED_TICK:
-            errors.append(y[10:13] - state.x[0:3])
+        if y[MEAS.gps_valid] == 1.0 and y[MEAS.gps_tick] >= SETTLED_TICK:
+            errors.append(y[MEAS.gps_pos] - state.x[PLANT.pos])
     return np.array(errors)
 
 

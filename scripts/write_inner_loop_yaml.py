@@ -21,6 +21,7 @@ from heli_inner_hinf.loops import Model
 from heli_inner_hinf.observer_gain import choose_observer_gain
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_inner_hinf.pid_tuning import gains_of, tune_pid
+from heli_math.rows import NINE
 from heli_parameters.parameters import load
 
 SOURCES = Path(__file__).resolve().parent.parent / "src"
@@ -38,7 +39,7 @@ def main() -> int:
     at = trim(params)
     linear = linearize(params, at)
     x_trim, u_trim = linear.x_trim.copy(), at.u
-    x_trim[8] = 0.0
+    x_trim[NINE.psi] = 0.0
     write_model_yaml(target, linear.A, linear.B, linear.E, x_trim, u_trim)
     config = AttitudeConfig.from_parameters(load(TABLE, [target], NODE_NAME))
     gains = config.synthesis
