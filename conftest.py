@@ -105,9 +105,13 @@ class Bench:
         return self._coder(Decoder, topic).decode(raw).copy() if topic in CHANNELS else raw
 
     def receive(self, topic, message):
-        """Hand a message to the node, serialised if it is heard so."""
-        (subscription,) = (s for s in self.node.subscriptions if s.topic_name == f"/{topic}")
-        subscription.callback(message)
+        """Hand a message to the node, serialised if it is heard so.
+
+        A latched topic has two subscriptions; what one hears, the other does.
+        """
+        own = [s for s in self.node.subscriptions if s.topic_name == f"/{topic}"]
+        assert own
+        own[0].callback(message)
         if self.node.crash is not None:
             raise self.node.crash
 

@@ -273,7 +273,7 @@ class LiveViewNode(ManagedNode[View, None]):
             depth=_DEPTH,
             reliability=ReliabilityPolicy.BEST_EFFORT,
         )
-        self.hear(name, receive, topics.qos(name) if reliable else best_effort, raw=True)
+        self.hear(name, receive, None if reliable else best_effort, raw=True)
 
     def _deserialize(self, name: str, raw: bytes) -> Any:
         return deserialize_message(raw, topics.message_class(topics.BY_NAME[name].type))

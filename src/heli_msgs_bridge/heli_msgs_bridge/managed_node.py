@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from rcl_interfaces.msg import SetParametersResult
@@ -14,6 +15,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from heli_math.ticks import TICK_NS, stamp_at
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.arrivals import Info, Once, with_info
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
@@ -206,14 +208,24 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
     ) -> None:
         """Subscribe to a graph topic; `raw` for the serialised messages.
 
-        What `configure` asks for is done when it has succeeded: who listens is ready.
+        What `configure` asks for is done when it has succeeded: who listens is ready. Without a QoS
+        of its own, senders of default QoS are heard and the last message of latched ones.
         """
         cls = topics.message_class(topics.BY_NAME[topic].type)
-        qos = topics.qos(topic) if qos is None else qos
+        profiles = topics.qos_to_hear(topic) if qos is None else (qos,)
+        once = Once()
 
         def listen() -> None:
-            given = self.create_subscription(cls, topic, self.guarded(callback), qos, raw=raw)
-            self.at_end(lambda: self.destroy_subscription(given))
+            call = self.guarded(callback)
+
+            def hear_once(message: Any, info: Info | None) -> None:
+                if once.is_new(info):
+                    call(message)
+
+            heard = call if len(profiles) == 1 else with_info(hear_once)
+            for profile in profiles:
+                given = self.create_subscription(cls, topic, heard, profile, raw=raw)
+                self.at_end(partial(self.destroy_subscription, given))
 
         if self.configured:
             listen()

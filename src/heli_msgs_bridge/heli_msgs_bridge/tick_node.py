@@ -61,18 +61,19 @@ class TickCore:
         When it steps; made by `TickNode.listen`.
     refused : dict of str
         Per topic, why its last refused message was refused.
-    odd_stamps : dict of OddStamps
-        Per topic, the messages whose stamps did not fit to the clock.
+    refusals : dict of Refusals
+        Per topic, the messages that /diagnostics speaks of: those whose stamps did not fit to the
+        clock, references that were not followed.
     """
 
     pace: Pace
     refused: dict[str, str] = field(default_factory=dict)
-    odd_stamps: dict[str, "OddStamps"] = field(default_factory=dict)
+    refusals: dict[str, "Refusals"] = field(default_factory=dict)
 
 
 @dataclass
-class OddStamps:
-    """Messages of a topic that were refused by their stamps: how many, why, tick of the last."""
+class Refusals:
+    """Messages of a topic that were refused: how many, why, tick of the last."""
 
     count: int = 0
     why: str = ""
@@ -165,20 +166,36 @@ class TickNode(ManagedNode[Core, Run]):
             self.get_logger().warning(f"message refused: {reason}")
         refused[topic] = reason
 
-    def _refuse_stamp(self, topic: str, tick: int, clock_tick: int) -> None:
-        """Say, once a second, that a message was refused because of its stamp."""
-        odd = self.core.odd_stamps.setdefault(topic, OddStamps())
-        odd.count, odd.tick = odd.count + 1, self.tick
-        odd.why = in_words(topic, self.stamp_ns(tick), self.stamp_ns(clock_tick), self.start_ns)
-        self.get_logger().warning(f"message refused: {odd.why}", throttle_duration_sec=1.0)
+    def refuse_aloud(self, topic: str, why: str) -> None:
+        """Count a refused message; log it once a second, say it in /diagnostics for a second."""
+        refusals = self.core.refusals.setdefault(topic, Refusals())
+        again = refusals.count and self.tick // TICKS_PER_S == refusals.tick // TICKS_PER_S
+        refusals.count, refusals.why, refusals.tick = refusals.count + 1, why, self.tick
+        self.core.refused[topic] = why
+        if again:
+            return
+        level, message = self.health.level, self.health.message
+        if level < Level.WARN:
+            level, message = Level.WARN, self.refusal()
+        else:
+            self.get_logger().warning(f"message refused: {why}")
+        self.report(level, message, {**self.health.facts, **self._refused_facts()})
 
-    def odd_stamp(self) -> str:
-        """Sentence about a message of the last second whose stamp did not fit; else empty."""
+    def _refused_facts(self) -> dict[str, str]:
+        refusals = self.core.refusals.items()
+        return {f"refused.{topic}": f"{r.count}; {r.why}" for topic, r in refusals}
+
+    def refusal(self) -> str:
+        """Sentence about a message that was refused aloud in the last second; else empty."""
         if not self.configured:
             return ""
-        recent = (o for o in self.core.odd_stamps.values() if 0 <= self.tick - o.tick < TICKS_PER_S)
-        newest = max(recent, key=lambda o: o.tick, default=None)
+        recent = (r for r in self.core.refusals.values() if 0 <= self.tick - r.tick < TICKS_PER_S)
+        newest = max(recent, key=lambda r: r.tick, default=None)
         return f"message refused: {newest.why}" if newest is not None else ""
+
+    def _refuse_stamp(self, topic: str, tick: int, clock_tick: int) -> None:
+        stamp_ns, clock_ns = self.stamp_ns(tick), self.stamp_ns(clock_tick)
+        self.refuse_aloud(topic, in_words(topic, stamp_ns, clock_ns, self.start_ns))
 
     def stamp_ns(self, tick: int) -> int:
         """Message stamp of a tick."""
@@ -186,16 +203,13 @@ class TickNode(ManagedNode[Core, Run]):
 
     def warn_or_ok(self, level: Level, message: str, facts: Mapping[str, Any]) -> None:
         """Report the core's state, or what peers do wrong if that is worse."""
-        wrong = self.silence() or self.odd_stamp()
+        wrong = self.silence() or self.refusal()
         if wrong and level < Level.WARN:
             level, message = Level.WARN, wrong
         changed = (level, message) != (self.health.level, self.health.message)
         if changed or self.tick % TICKS_PER_S == 0:
             unused = {f"messages_{k}": n for k, n in asdict(self.core.pace.counters).items() if n}
-            odd = {
-                f"odd_stamps.{k}": f"{o.count}; {o.why}" for k, o in self.core.odd_stamps.items()
-            }
-            self.report(level, message, {**facts, **unused, **odd})
+            self.report(level, message, {**facts, **unused, **self._refused_facts()})
 
     # --- life ----------------------------------------------------------------------------------
 

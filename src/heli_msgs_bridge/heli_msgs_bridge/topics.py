@@ -150,10 +150,24 @@ def qos(name: str, depth: int = DEPTH) -> Any:
     Everything is reliable: in lockstep a lost message is a stopped flight, and a best-effort
     publisher would never meet a reliable listener.
     """
+    return _profile(depth, name in BY_NAME and BY_NAME[name].latched)
+
+
+def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:
+    """QoS profiles of those who listen to a topic, one per subscription (imports rclpy).
+
+    A latched topic needs two: who asks for old messages meets no sender of default QoS (`ros2 topic
+    pub`), who does not gets none of what was sent before. `arrivals.Once` makes one of them.
+    """
+    given = qos(name, depth)
+    return (
+        (given, _profile(depth, False)) if name in BY_NAME and BY_NAME[name].latched else (given,)
+    )
+
+
+def _profile(depth: int, latched: bool) -> Any:
     from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-    topic = BY_NAME.get(name)
-    latched = topic is not None and topic.latched
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=1 if latched else depth,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from heli_math.rotations import euler_from_quat
-from heli_math.rows import NAV, SETPOINT
+from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.ticks import TICKS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
@@ -30,6 +30,7 @@ from heli_outer_pd.position_law import (
     follow,
     initial_state,
 )
+from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
 
@@ -44,8 +45,12 @@ class Law(TickCore):
         Numbers of the law; swapped when parameters change.
     state : array
         State of the law.
+    limits : ReferenceLimits
+        What a reference may ask for.
     given : Trajectory or None
         The reference, once it has come.
+    home_ned_m : (3,) array or None
+        Where the first reference began, or the first position that was held without one.
     nav, out : arrays
         Navigation row of this tick and what the law makes of it.
     """
@@ -54,7 +59,9 @@ class Law(TickCore):
     state: np.ndarray
     send_attitude: Send
     send_collective: Send
+    limits: ReferenceLimits
     given: Trajectory | None = None
+    home_ned_m: np.ndarray | None = None
     nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
 
@@ -91,6 +98,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             state=initial_state(kernel),
             send_attitude=self.create_sender(topics.ATTITUDE_SETPOINT),
             send_collective=self.create_sender(topics.COLLECTIVE),
+            limits=ReferenceLimits.from_parameters(self.values),
             pace=self.listen((Input(topics.ODOM, Demand()),)),
         )
         self._warm_up(core)
@@ -104,12 +112,19 @@ class OuterLoopNode(TickNode[Law, Following]):
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
     def _on_reference(self, message: Any) -> None:
+        core = self.core
         try:
-            self.core.given = decode_reference(message)
+            way = decode_reference(message)
+            home = way.points[0, REFERENCE.pos] if core.home_ned_m is None else core.home_ned_m
+            core.limits.judge(way, home, self.stamp_ns(self.tick))
         except MessageError as error:
-            self.refuse(topics.REFERENCE, str(error))
+            self.refuse_aloud(topics.REFERENCE, str(error))
             return
-        self.core.pace.resume()
+        except ReferenceRefused as error:
+            self.refuse_aloud(topics.REFERENCE, f"{topics.REFERENCE}: {error}")
+            return
+        core.given, core.home_ned_m = way, home.copy()
+        core.pace.resume()
 
     def is_ready(self) -> bool:
         """In lockstep a flight with a reference does not begin before it has come."""
@@ -136,6 +151,8 @@ class OuterLoopNode(TickNode[Law, Following]):
         core.nav[:] = np.nan if nav is None else nav
         if core.given is None and run.held is None and nav is not None:
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
+            if core.home_ned_m is None:
+                core.home_ned_m = nav[NAV.pos].copy()
         way = core.given or run.held
         if way is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
@@ -165,14 +182,16 @@ class OuterLoopNode(TickNode[Law, Following]):
             }
             self.warn_or_ok(level, status.sentence, facts)
 
-    def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> OuterKernel:
-        """The changed law; what does not fit together raises."""
-        return outer_kernel(values)
+    def judge(
+        self, values: Mapping[str, Any], changed: Collection[str]
+    ) -> tuple[OuterKernel, ReferenceLimits]:
+        """The changed law and limits; what does not fit together raises."""
+        return outer_kernel(values), ReferenceLimits.from_parameters(values)
 
-    def adopt(self, judged: OuterKernel, changed: Collection[str]) -> None:
-        """Swap the law between two ticks; its state goes on."""
+    def adopt(self, judged: tuple[OuterKernel, ReferenceLimits], changed: Collection[str]) -> None:
+        """Swap the law between two ticks; its state goes on. Limits are for references to come."""
         if self.configured:
-            self.core.kernel = judged
+            self.core.kernel, self.core.limits = judged
 
 
 def main(args: Sequence[str] | None = None) -> int:

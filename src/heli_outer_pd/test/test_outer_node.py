@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `outer_loop` alone: waits for a reference if somebody sends one, else holds the position."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import yaml
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.messages import CHANNELS
 from heli_msgs_bridge.reference_message import encode_reference
 from heli_outer_pd.node import OuterLoopNode
+from heli_parameters.locate import config_folder
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 
@@ -112,3 +117,65 @@ def test_a_stage_that_is_over_has_no_data(bench, name):
     assert outer.node.trigger_cleanup() == SUCCESS
     with pytest.raises(RuntimeError, match="outer_loop is not"):
         getattr(outer.node, name)
+
+
+def east_north_up(east, north, up, start_ns=0):
+    way = Trajectory.hover(np.array([north, east, -up]), 0.0)
+    return encode_reference(replace(way, start_ns=start_ns))
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        (east_north_up(0.0, 0.0, 1.9), "point 0 is 1.9 m high; allowed: 2 to 100 m"),
+        (east_north_up(0.0, 0.0, 101.0), "point 0 is 101.0 m high; allowed: 2 to 100 m"),
+        (
+            east_north_up(80.0, 80.0, 10.0),
+            "point 0 is 111 m from where the flight began; allowed: at most 100 m",
+        ),
+        (
+            east_north_up(0.0, 0.0, 10.0, 1_795_299_400_000_000_000),
+            "stamped 1795299400.00 s; now is 1.08 s, allowed: at most 60 s later",
+        ),
+    ],
+    ids=["low", "high", "far", "future"],
+)
+def test_a_reference_outside_is_refused_with_a_sentence_and_the_old_one_stays(bench, message, said):
+    """Whoever sends it: the page's bounds, kept by the node."""
+    outer = bench(OuterLoopNode)
+    outer.fly()
+    outer.receive(topics.REFERENCE, east_north_up(2.0, 1.0, 10.0))
+    given = outer.node.core.given
+    fly_ticks(outer, range(9))
+    outer.receive(topics.REFERENCE, message)
+    fly_ticks(outer, range(9, 13))
+    assert outer.node.core.given is given
+    health = outer.node.health
+    assert (health.level, health.message) == (Level.WARN, f"message refused: reference: {said}")
+    outer.receive(topics.REFERENCE, east_north_up(60.0, 70.0, 20.0))
+    assert outer.node.core.given is not given
+    fly_ticks(outer, range(13, 213))
+    assert outer.node.health.level == Level.OK
+    assert outer.node.health.facts["refused.reference"] == f"1; reference: {said}"
+
+
+def test_the_bounds_may_be_changed_in_flight_but_not_crossed(bench):
+    outer = bench(OuterLoopNode)
+    outer.fly()
+
+    def ask(name, value):
+        given = [Parameter(f"reference_limits.{name}", value=value)]
+        return outer.node.set_parameters_atomically(given)
+
+    crossed = ask("altitude_min_m", 200.0)
+    assert not crossed.successful and "is not below altitude_max_m 100" in crossed.reason
+    assert ask("altitude_max_m", 300.0).successful
+    outer.receive(topics.REFERENCE, east_north_up(0.0, 0.0, 250.0))
+    assert outer.node.core.given is not None
+
+
+def test_the_page_has_the_same_bounds():
+    page = yaml.safe_load((config_folder("heli_live_view") / "live_view.yaml").read_text())
+    own = yaml.safe_load((config_folder("heli_outer_pd") / "outer_loop.yaml").read_text())
+    limits = own["/**/outer_loop"]["ros__parameters"]["reference_limits"]
+    assert limits.items() <= page["/**/live_view"]["ros__parameters"]["command_limits"].items()

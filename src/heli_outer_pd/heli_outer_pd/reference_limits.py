@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a reference may ask for, whoever sends it. No ROS."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_math.rows import REFERENCE
+from heli_math.ticks import NS_PER_S
+from heli_math.trajectory import Trajectory
+
+_AHEAD_S = 60.0
+"""A trajectory may be sent before it begins, but not stamped by another clock."""
+
+
+class ReferenceRefused(ValueError):
+    """A reference that is not followed; the message is one sentence."""
+
+
+@dataclass(frozen=True)
+class ReferenceLimits:
+    """Lowest and highest altitude above the origin, largest horizontal distance from home; m."""
+
+    altitude_min_m: float
+    altitude_max_m: float
+    distance_m: float
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> "ReferenceLimits":
+        """From the parameters of the outer loop; ReferenceRefused if they leave no altitude."""
+        made = cls(**{name: values[f"reference_limits.{name}"] for name in cls.__annotations__})
+        if made.altitude_min_m >= made.altitude_max_m:
+            raise ReferenceRefused(
+                f"reference_limits: altitude_min_m {made.altitude_min_m:g} is not below "
+                f"altitude_max_m {made.altitude_max_m:g}"
+            )
+        return made
+
+    def judge(self, way: Trajectory, home_ned_m: NDArray[np.float64], now_ns: int) -> None:
+        """Refuse a trajectory that leaves the limits; what lies between its points is inside, too.
+
+        Parameters
+        ----------
+        way : Trajectory
+        home_ned_m : (3,) array
+            Where the flight began.
+        now_ns : int
+            Stamp of now.
+
+        Raises
+        ------
+        ReferenceRefused
+            Names the point that is too low, too high or too far, or when it would begin.
+        """
+        ahead_s = (way.start_ns - now_ns) / NS_PER_S
+        if way.start_ns < 0 or ahead_s > _AHEAD_S:
+            raise ReferenceRefused(
+                f"stamped {way.start_ns / NS_PER_S:.2f} s; now is {now_ns / NS_PER_S:.2f} s, "
+                f"allowed: at most {_AHEAD_S:g} s later"
+            )
+        for number, point in enumerate(way.points[:, REFERENCE.pos]):
+            up = -float(point[2])
+            away = float(np.hypot(*(point - home_ned_m)[:2]))
+            if not self.altitude_min_m <= up <= self.altitude_max_m:
+                raise ReferenceRefused(
+                    f"point {number} is {up:.1f} m high; allowed: {self.altitude_min_m:g} to "
+                    f"{self.altitude_max_m:g} m"
+                )
+            if not away <= self.distance_m:
+                raise ReferenceRefused(
+                    f"point {number} is {away:.0f} m from where the flight began; allowed: at most "
+                    f"{self.distance_m:g} m"
+                )
