@@ -4,6 +4,7 @@
 import ast
 import os
 import re
+import subprocess
 import sys
 import tomllib
 from importlib.metadata import packages_distributions
@@ -70,6 +71,22 @@ def test_every_package_has_a_manifest():
 def test_the_packages_that_were_asked_for_are_here():
     asked = {"heli_dynamics_sim", "heli_inner_hinf", "heli_outer_pd", "heli_observer"}
     assert {*asked, "heli_msgs_bridge"} <= set(PACKAGES)
+
+
+def test_maintainers_are_those_who_commit():
+    """package.xml wants a name and an address: those of the history, no invented ones."""
+    found = {
+        (tag.text, tag.get("email"))
+        for package in PACKAGES
+        for tag in manifest(package).findall("maintainer")
+    }
+    authors = PROJECT["project"]["authors"]
+    assert found == {(author["name"], author["email"]) for author in authors}
+    log = ["git", "log", "--format=%an%x00%ae"]
+    history = subprocess.run(log, cwd=ROOT, capture_output=True, text=True)
+    if history.returncode or not history.stdout:
+        pytest.skip("the sources came without their history")
+    assert found <= {tuple(line.split("\0")) for line in history.stdout.splitlines()}
 
 
 @pytest.mark.parametrize("package", PACKAGES)

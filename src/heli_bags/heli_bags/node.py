@@ -123,6 +123,10 @@ class RecorderNode(ManagedNode[Recording, None]):
         self.core.trouble = str(error)
         self.report(Level.ERROR, self.core.trouble)
 
+    def now_ns(self) -> int:
+        """Time of the flight that is recorded."""
+        return self.core.bag.newest_ns if self.configured else super().now_ns()
+
     def report(self, level: Level, message: str, facts: Mapping[str, Any] | None = None) -> None:
         """Say how the node is; what is wrong with the bag stays the last word."""
         if self.configured and self.core.trouble and level < Level.ERROR:

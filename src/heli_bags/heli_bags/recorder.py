@@ -121,6 +121,11 @@ class BagRecorder:
         self._newest_ns = start_ns
         self._failed = False
 
+    @property
+    def newest_ns(self) -> int:
+        """Newest stamp of the graph that was written, ns."""
+        return self._newest_ns
+
     def write(self, name: str, raw: bytes) -> None:
         """Write a serialised message, stamped in simulation time.
 

@@ -16,6 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
+from heli_bags.node import RecorderNode
 from heli_bags.recorder import BagError, BagRecorder, Format
 from heli_bags.repair import repair
 from heli_math.ticks import TICK_NS
@@ -279,3 +280,12 @@ def test_no_room_at_all_is_said_before_anything_is_recorded(small_disk):
     with pytest.raises(BagError, match="cannot be written: No space left"):
         BagRecorder(small_disk / "bag", NAMES)
     assert not (small_disk / "bag").exists()
+
+
+def test_the_recorder_speaks_of_the_time_that_it_records(bench, tmp_path):
+    """It makes no ticks; what it says of itself carries the stamp of what it wrote last."""
+    recorder = bench(RecorderNode, bag=str(tmp_path / "bag"), topics=(topics.IMU,))
+    recorder.fly()
+    assert recorder.node.now_ns() == recorder.node.start_ns
+    recorder.node.core.bag.write(topics.IMU, Encoder(topics.IMU).encode(np.zeros(6), 7 * 10**9))
+    assert recorder.node.now_ns() == 7 * 10**9

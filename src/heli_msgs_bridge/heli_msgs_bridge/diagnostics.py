@@ -1,11 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node's health as `/diagnostics`: once per simulated second and at once when it changes."""
+"""A node's health as `/diagnostics`: at 1 Hz of the node's time, and at once when it changes.
+
+The node's time is that of its last tick: it runs with the flight, faster or slower than the wall
+clock. Where it stands still (before a flight, in a pause, behind a silent peer) the status is
+repeated once per second of wall time, so that whoever watches never takes the node for dead.
+"""
 
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
 from heli_math.ticks import NS_PER_S, TICKS_PER_S
+
+REPEAT_S = 1.0
+"""Wall time after which a status is repeated though no tick has passed."""
+
+
+def hardware_id(namespace: str) -> str:
+    """The aircraft that flies in a namespace: its name is that of the namespace."""
+    return namespace.strip("/") or "helicopter"
 
 
 class Level(IntEnum):
@@ -25,17 +38,20 @@ class Reporter:
     publisher : rclpy publisher of diagnostic_msgs/DiagnosticArray
     name : str
         Status name, the node's full name.
+    hardware : str
+        The aircraft that it belongs to.
     """
 
-    def __init__(self, publisher: Any, name: str) -> None:
+    def __init__(self, publisher: Any, name: str, hardware: str) -> None:
         from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
         self._publisher, self._key_value = publisher, KeyValue
         self._array, self._status = DiagnosticArray(), DiagnosticStatus()
-        self._status.name = self._status.hardware_id = name
+        self._status.name, self._status.hardware_id = name, hardware
         self._array.status = [self._status]
         self._said: tuple[Level, str] | None = None
         self._due_tick = 0
+        self._silent = True
 
     def is_due(self, tick: int, level: Level, message: str) -> bool:
         """True if the status changed or a simulated second has passed."""
@@ -43,10 +59,22 @@ class Reporter:
         due = not self._due_tick - TICKS_PER_S <= tick < self._due_tick
         return due or (level, message) != self._said
 
+    def was_silent(self) -> bool:
+        """True if nothing new has been sent since the last call."""
+        silent, self._silent = self._silent, True
+        return silent
+
     def publish(
-        self, stamp_ns: int, tick: int, level: Level, message: str, values: Mapping[str, Any]
+        self,
+        stamp_ns: int,
+        tick: int,
+        level: Level,
+        message: str,
+        values: Mapping[str, Any],
+        repeated: bool = False,
     ) -> None:
-        """Send a status, stamped in simulation time."""
+        """Send a status, stamped in simulation time; `repeated` if no tick asks for it."""
+        self._silent = repeated
         self._said = (level, message)
         self._due_tick = (tick // TICKS_PER_S + 1) * TICKS_PER_S
         stamp = self._array.header.stamp

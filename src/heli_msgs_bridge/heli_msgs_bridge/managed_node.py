@@ -17,7 +17,7 @@ from heli_math.ticks import TICK_NS, stamp_at
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, with_info
 from heli_msgs_bridge.descriptors import descriptor, ros_value
-from heli_msgs_bridge.diagnostics import Level, Reporter
+from heli_msgs_bridge.diagnostics import REPEAT_S, Level, Reporter, hardware_id
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.peers import wait_for_peers
 from heli_parameters.parameters import ParameterError
@@ -104,7 +104,10 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
                 topics.qos(topics.DIAGNOSTICS),
             ),
             self.get_fully_qualified_name().lstrip("/"),
+            hardware_id(self.get_namespace()),
         )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(REPEAT_S, self.guarded(self._repeat_report), clock=steady)
 
     # --- for sub-classes to implement ----------------------------------------------------------
 
@@ -266,12 +269,21 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
                 self.get_logger().warning(message)
         self.send_report()
 
-    def send_report(self, force: bool = False) -> None:
+    def send_report(self, repeated: bool = False) -> None:
         """Publish the status if it is due."""
         level, message = self.health.level, self.health.message
-        if force or self._reporter.is_due(self.tick, level, message):
-            stamp_ns = self.start_ns + self.tick * TICK_NS
-            self._reporter.publish(stamp_ns, self.tick, level, message, self.health.facts)
+        if repeated or self._reporter.is_due(self.tick, level, message):
+            facts, now_ns = self.health.facts, self.now_ns()
+            self._reporter.publish(now_ns, self.tick, level, message, facts, repeated)
+
+    def now_ns(self) -> int:
+        """The node's time, for the stamp of what it says of itself: that of its last tick."""
+        return self.start_ns + self.tick * TICK_NS
+
+    def _repeat_report(self) -> None:
+        """Say it again, if no tick has done so meanwhile."""
+        if self._reporter.was_silent():
+            self.send_report(repeated=True)
 
     # --- lifecycle ---------------------------------------------------------------------------
 

@@ -10,8 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
 from heli_flight.loop.scenario import NODE_NAME, TABLE, Scenario
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
@@ -34,8 +38,13 @@ class ScenarioNode(ManagedNode[Script, None]):
     SPEC = NodeSpec(NODE_NAME, "heli_flight", _FIXED, "scenarios/hover.yaml")
 
     def configure(self) -> Script:
-        """Make the reference and its publisher."""
+        """Make the reference and its publisher; hear what time it is, to say when all is well."""
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.hear(topics.CLOCK, self._take_clock, newest, raw=True)
         return Script(Scenario.from_parameters(self.values), self.create_output(topics.REFERENCE))
+
+    def _take_clock(self, raw: bytes) -> None:
+        self.tick = (stamp_of(raw) - self.start_ns) // TICK_NS
 
     def expected_listeners(self, topic: str) -> set[str]:
         """Nobody is waited for: the reference is latched."""

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node says on /diagnostics: how often, of which aircraft, at what time."""
+
+import time
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+
+from heli_math.ticks import NS_PER_S, TICKS_PER_S
+from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_id
+from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.node_spec import NodeSpec
+from heli_parameters.common_table import with_common
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import load
+
+LIMIT_S = 30.0
+
+
+class Idle(ManagedNode[None, None]):
+    """Does nothing, and says so."""
+
+    SPEC = NodeSpec("idle", "heli_parameters", (), "common.yaml")
+
+    def configure(self):
+        return None
+
+
+@pytest.fixture
+def said(ros_context):
+    """A node in a namespace that nothing happens to: what it says, and when (wall time)."""
+    values = load(with_common(()), [config_folder("heli_parameters") / "common.yaml"], "idle")
+    node = Idle(values | {"peers": []}, context=ros_context, namespace="heli2")
+    listener = rclpy.create_node("listener", context=ros_context)
+    executor, heard = SingleThreadedExecutor(context=ros_context), []
+    listener.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: heard.append((time.monotonic(), m)), 10
+    )
+    executor.add_node(node)
+    executor.add_node(listener)
+
+    def wait_for(count):
+        deadline = time.monotonic() + LIMIT_S
+        while len(heard) < count:
+            assert time.monotonic() < deadline, f"{len(heard)} messages"
+            executor.spin_once(timeout_sec=1.0)
+        return heard[:count]
+
+    yield node, wait_for
+    executor.shutdown()
+    node.end()
+    node.destroy_node()
+    listener.destroy_node()
+
+
+def test_a_node_whose_time_stands_still_speaks_once_a_second(said):
+    _, wait_for = said
+    times = [at for at, _ in wait_for(4)]
+    # The timer does not drift: three periods together, whatever a crowded machine does to one.
+    assert 2.5 < times[3] - times[0] < 5.5
+
+
+def test_a_status_is_of_an_aircraft_and_of_now(said):
+    node, wait_for = said
+    node.tick = 700
+    (_, message) = wait_for(1)[0]
+    (status,) = message.status
+    assert (status.name, status.hardware_id) == ("heli2/idle", "heli2")
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (8, 0)
+
+
+def test_hardware_is_named_without_a_namespace_too():
+    assert hardware_id("/") == "helicopter"
+    assert hardware_id("/fleet/heli2") == "fleet/heli2"
+
+
+class Kept:
+    def __init__(self):
+        self.stamps = []
+
+    def publish(self, array):
+        stamp = array.header.stamp
+        self.stamps.append(stamp.sec * NS_PER_S + stamp.nanosec)
+
+
+def test_a_flying_node_speaks_once_a_second_of_its_own_time():
+    """However fast the flight goes; and then it need not be repeated by the wall clock."""
+    sink = Kept()
+    reporter = Reporter(sink, "node", "helicopter")
+    assert reporter.was_silent()
+    for tick in range(10 * TICKS_PER_S):
+        if reporter.is_due(tick, Level.OK, "flying"):
+            reporter.publish(tick * NS_PER_S // TICKS_PER_S, tick, Level.OK, "flying", {})
+    assert sink.stamps == [second * NS_PER_S for second in range(10)]
+    assert not reporter.was_silent() and reporter.was_silent()
