@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """No process is left behind: not one that ignores the interrupt, not when the parent is killed."""
 
+import fcntl
 import os
 import select
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from heli_flight.errors import StartError
-from heli_flight.graph import processes
+from heli_flight.graph import flight, processes
 
 MODULES = {
     "obedient": "import signal\ndef main(a):\n    print('up', flush=True)\n    signal.pause()\n",
@@ -110,3 +111,37 @@ def test_one_flight_per_domain(monkeypatch):
             monkeypatch.setenv("ROS_DOMAIN_ID", "231")
     with processes.domain_reserved():
         monkeypatch.undo()
+
+
+def test_who_names_no_domain_gets_a_free_one(monkeypatch):
+    """Two people fly at once; the second is told how to listen in, and nothing of it stays."""
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    with processes.domain_reserved() as first:
+        assert os.environ["ROS_DOMAIN_ID"] == str(first)
+        monkeypatch.delenv("ROS_DOMAIN_ID")
+        said = []
+        with flight._graph(None, None, None, said.append):
+            second = int(os.environ["ROS_DOMAIN_ID"])
+        assert second > first
+        assert said == [
+            f"flying in ROS domain {second}: to listen in, ROS_DOMAIN_ID={second} ./heli topics"
+        ]
+        assert "ROS_DOMAIN_ID" not in os.environ
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(first))
+        with pytest.raises(StartError, match="or do not set it"), processes.domain_reserved():
+            raise AssertionError("two flights in one domain")
+    assert "ROS_DOMAIN_ID" not in os.environ
+
+
+def test_a_lock_that_another_user_made_is_a_lock(monkeypatch, tmp_path):
+    """It cannot be written to, and need not be."""
+    monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    lock = tmp_path / "heli_hover-domain-7.lock"
+    lock.touch(mode=0o444)
+    with open(lock) as others:
+        fcntl.flock(others, fcntl.LOCK_EX)
+        with pytest.raises(StartError, match="ROS domain 7"), processes.domain_reserved():
+            raise AssertionError("two flights in one domain")
+    with processes.domain_reserved() as domain:
+        assert domain == 7

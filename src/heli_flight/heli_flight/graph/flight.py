@@ -17,7 +17,7 @@ from heli_flight.errors import FlightError, StartError
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
 from heli_flight.graph.live import MODULE as LIVE_MODULE
 from heli_flight.graph.live import LiveView, addresses
-from heli_flight.graph.processes import NodeProcess, domain_reserved, stop
+from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, stop
 from heli_flight.graph.ros_session import prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
@@ -75,7 +75,7 @@ class Graph:
         live: LiveView | None = None,
         say: Callable[[str], None] = print,
     ):
-        self.settings, self.folder, self.live, self._say = settings, folder, live, say
+        self.settings, self.folder, self.live, self.say = settings, folder, live, say
         self.processes: dict[str, NodeProcess] = {}
         self.supervisor: Supervisor | None = None
         self.interrupted = False
@@ -150,7 +150,7 @@ class Graph:
                 raise FlightError(_named(name, process))
             # A flight does not end because nobody can watch it any more.
             del self.processes[name]
-            self._say(f"live view ended: {_named(name, process)}")
+            self.say(f"live view ended: {_named(name, process)}")
 
     def bring_up(self) -> None:
         """Configure all nodes, publish the reference, activate in order; the plant comes last.
@@ -189,7 +189,7 @@ class Graph:
             self.check()
             if not told and time.monotonic() - begun_s > _TELL_AFTER_S:
                 told = True
-                self._say("the nodes compile their kernels: once, a minute or two ...")
+                self.say("the nodes compile their kernels: once, a minute or two ...")
 
         up.transition(names, Transition.TRANSITION_CONFIGURE, READY_LIMIT_S, check)
 
@@ -208,7 +208,7 @@ class Graph:
         if not up.wait_until(lambda: "page" in facts(), limit, self.check):
             raise BringUpError(f"{LIVE}: has not said where the page is")
         for line in addresses(facts(), self.live):
-            self._say(line)
+            self.say(line)
         self.watched = True
 
     def _with_reason(self, sentence: str) -> str:
@@ -267,8 +267,13 @@ class Graph:
 
 @contextmanager
 def _graph(settings: Settings, folder: Path, *watching: Any) -> Iterator[Graph]:
-    with domain_reserved():
+    chosen = not os.environ.get(DOMAIN, "").strip()
+    with domain_reserved() as domain:
         graph = Graph(settings, folder, *watching)
+        if chosen and domain:
+            graph.say(
+                f"flying in ROS domain {domain}: to listen in, {DOMAIN}={domain} ./heli topics"
+            )
         before = signal.signal(signal.SIGINT, graph.on_interrupt)
         try:
             yield graph

@@ -28,6 +28,9 @@ _STOP_LIMIT_S = 5.0
 _LOG_TAIL_BYTES = 4096
 # Above it Fast DDS runs out of port numbers.
 _MAX_DOMAIN = 232
+# Above it ports are those that Linux gives to clients.
+_CHOSEN_DOMAINS = 102
+DOMAIN = "ROS_DOMAIN_ID"
 
 
 def die_with_parent(parent: str) -> None:
@@ -195,25 +198,54 @@ def check_middleware() -> None:
         ) from None
 
 
+def _held_lock(domain: int) -> int | None:
+    """Descriptor of a domain's lock, held by this process; None if another flight holds it.
+
+    One file for all users of the machine: whoever made it, all may lock it.
+    """
+    path = Path(tempfile.gettempdir()) / f"heli_hover-domain-{domain}.lock"
+    lock = -1
+    try:
+        with contextlib.suppress(FileExistsError):
+            os.close(os.open(path, os.O_RDONLY | os.O_CREAT | os.O_EXCL, 0o644))
+        lock = os.open(path, os.O_RDONLY)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        if lock >= 0:
+            os.close(lock)
+        return None
+    return lock
+
+
 @contextlib.contextmanager
-def domain_reserved() -> Iterator[None]:
-    """Hold the ROS domain for one flight on this machine.
+def domain_reserved() -> Iterator[int]:
+    """Hold a ROS domain for one flight on this machine: that of ROS_DOMAIN_ID, else a free one.
 
     Two graphs with the same names in one domain would command each other's nodes, and discovery is
-    too slow to notice in time.
+    too slow to notice in time. Where ROS_DOMAIN_ID is not set, it is meanwhile.
 
     Raises
     ------
     StartError
         Another flight holds it.
     """
-    domain = int(os.environ.get("ROS_DOMAIN_ID", "0").strip() or 0)
-    path = Path(tempfile.gettempdir()) / f"heli_hover-domain-{domain}-{os.getuid()}.lock"
-    with open(path, "w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise StartError(
-                f"another hover test flies in ROS domain {domain}; set ROS_DOMAIN_ID to a free one"
-            ) from None
-        yield
+    wanted = os.environ.get(DOMAIN, "").strip()
+    for domain in [int(wanted)] if wanted else range(_CHOSEN_DOMAINS):
+        lock = _held_lock(domain)
+        if lock is not None:
+            break
+    else:
+        if not wanted:
+            raise StartError(f"flights hold all ROS domains below {_CHOSEN_DOMAINS}")
+        raise StartError(
+            f"another hover test flies in ROS domain {wanted}; set {DOMAIN} to a free one, or do "
+            "not set it"
+        )
+    if not wanted:
+        os.environ[DOMAIN] = str(domain)
+    try:
+        yield domain
+    finally:
+        if not wanted:
+            os.environ.pop(DOMAIN, None)
+        os.close(lock)
