@@ -282,7 +282,13 @@ def asked(words):
 
 
 def help_of(capsys, words):
-    """Help of a command of heli; sub-commands are taken as long as they are known."""
+    """Help of a command of heli; sub-commands are taken as long as they are known.
+
+    What follows the script of `heli python` belongs to the script.
+    """
+    if words[0] == "python" and len(words) > 2:
+        command = [sys.executable, ROOT / words[1], "--help"]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
     known = []
     for word in words:
         code = asked([*known, word, "--help"]) if re.match(r"[a-z]+$", word) else 2
