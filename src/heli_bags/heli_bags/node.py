@@ -22,6 +22,8 @@ _DEPTH = 10_000
 # Wall time without a message after which a stream counts as ended.
 _QUIET_S = 0.1
 _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
+# Wall time after which whatever was sent before has come, while a flight goes on.
+_SETTLED_S = 0.5
 
 
 @dataclass
@@ -43,7 +45,7 @@ class Recording:
 
 
 class RecorderNode(ManagedNode[Recording, None]):
-    """Records from configuration on; deactivation drains what has arrived."""
+    """Records from configuration to clean-up; deactivation confirms what was sent before it."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_bags", TABLE, f"{NODE_NAME}.yaml")
 
@@ -59,10 +61,22 @@ class RecorderNode(ManagedNode[Recording, None]):
             row_of(name)
         return [name for short, name in rows.items() if short not in left_out]
 
+    def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
+        super().__init__(values, **options)
+        self._folders: list[str] = []
+
+    def _next_folder(self) -> str:
+        """Where to write; a bag of its own each time that this node is configured."""
+        wanted = self.values["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}"
+        folder, number = wanted, 1
+        while folder in self._folders:
+            number += 1
+            folder = f"{wanted}_{number}"
+        return folder
+
     def configure(self) -> Recording:
         """Make the bag and subscribe."""
-        values = self.values
-        folder = values["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}"
+        values, folder = self.values, self._next_folder()
         try:
             form = Format(
                 values["storage"],
@@ -73,6 +87,7 @@ class RecorderNode(ManagedNode[Recording, None]):
             bag = BagRecorder(folder, self._chosen(), self.get_namespace(), form, self.start_ns)
         except BagError as error:
             raise StartError(str(error)) from error
+        self._folders.append(folder)
         core = Recording(bag)
         self.at_end(lambda: self._unsubscribe(core))
         for name in bag.rows:
@@ -81,7 +96,7 @@ class RecorderNode(ManagedNode[Recording, None]):
         self.get_logger().info(f"recording {len(bag.rows)} topics to {folder}")
         return core
 
-    def _subscribe(self, core: Recording, name: str, qos: QoSProfile) -> None:
+    def _subscribe(self, core: Recording, name: str, qos: QoSProfile, heard: Any = None) -> None:
         cls = topics.message_class(core.bag.rows[name].type)
 
         def write(raw: bytes) -> None:
@@ -90,7 +105,7 @@ class RecorderNode(ManagedNode[Recording, None]):
             self._write_arrived(name)
 
         core.subscriptions[name] = self.create_subscription(
-            cls, name, self.guarded(write), qos, raw=True
+            cls, name, heard or self.guarded(write), qos, raw=True
         )
 
     def _unsubscribe(self, core: Recording) -> None:
@@ -107,7 +122,7 @@ class RecorderNode(ManagedNode[Recording, None]):
             self._write_arrived(name)
             self.destroy_subscription(subscription)
             best_effort = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-            self._subscribe(self.core, name, best_effort)
+            self._subscribe(self.core, name, best_effort, subscription.callback)
 
     def _flush(self) -> None:
         for name in self.core.subscriptions:
@@ -139,24 +154,28 @@ class RecorderNode(ManagedNode[Recording, None]):
         except BagError as error:
             self._complain(error)
 
-    def _drain(self) -> None:
-        """Write what is still under way.
+    def _drain(self) -> list[str]:
+        """Write what is still under way; returns the topics that have a gap.
 
         Ends when nothing has come for a while and no periodic topic has a gap; a gap is waited for
-        as long as the sender may need to repeat a message (a heartbeat of Fast DDS is 3 s), a
-        sender that does not cease is listened to for a limited time.
+        as long as the sender may need to repeat a message (a heartbeat of Fast DDS is 3 s). Of
+        senders that do not cease, because the flight goes on, what they have sent before the call
+        is waited for.
         """
-        core = self.core
+        core, until_ns = self.core, self.core.bag.newest_ns
         begun = quiet_since = time.monotonic()
         while (now := time.monotonic()) - begun < _DRAIN_S:
             if sum(self._write_arrived(name) for name in core.subscriptions):
                 quiet_since = now
+                if now - begun > _SETTLED_S and not core.bag.missing(until_ns):
+                    return []
             elif now - quiet_since > _QUIET_S and (
                 now - begun > _REPEAT_S or not core.bag.missing()
             ):
-                return
+                return core.bag.missing()
             else:
                 time.sleep(_POLL_S)
+        return core.bag.missing(until_ns)
 
     def _write_arrived(self, name: str) -> int:
         """Write all messages of a topic that wait in its queue; returns how many."""
@@ -173,8 +192,7 @@ class RecorderNode(ManagedNode[Recording, None]):
 
     def disengage(self) -> None:
         """Everything that was sent before is in the bag afterwards; what is not is said."""
-        self._drain()
-        missing = self.core.bag.missing()
+        missing = self._drain()
         if missing:
             self.core.trouble = self.core.trouble or (
                 f"gaps on {', '.join(missing)}: messages were lost, or their node paused"

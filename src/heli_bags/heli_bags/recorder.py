@@ -184,15 +184,21 @@ class BagRecorder:
             f"{said}; the bag holds {sum(self.counts.values())} messages, {lost} more are lost"
         ) from error
 
-    def missing(self) -> list[str]:
-        """Topics with a fixed rate of which a message of the middle or of the end has not come."""
-        found = []
+    def missing(self, until_ns: int | None = None) -> list[str]:
+        """Topics with a fixed rate of which a message of the middle or of the end has not come.
+
+        Parameters
+        ----------
+        until_ns : int, optional
+            Stamp up to which an end is looked at, by default the newest.
+        """
+        found, end_ns = [], self._newest_ns if until_ns is None else until_ns
         for name, last in self._last.items():
             period_ns = self.rows[name].every_ticks * TICK_NS
             if not period_ns or self._failed:
                 continue
             expected = (last - self._first[name]) // period_ns + 1
-            if self.counts[name] < expected or last <= self._newest_ns - period_ns:
+            if self.counts[name] < expected or last <= end_ns - period_ns:
                 found.append(name)
         return found
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
+from lifecycle_msgs.msg import Transition
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
@@ -20,12 +21,14 @@ from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import REPEAT_S, Level, Reporter, hardware_id
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.peers import wait_for_peers
+from heli_msgs_bridge.services import chosen, guard
 from heli_parameters.parameters import ParameterError
 from heli_parameters.parameters import judge as why_refused
 
 INACTIVE = "inactive"
 """What a node says when it has been deactivated."""
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+_ERROR = TransitionCallbackReturn.ERROR
 
 Core = TypeVar("Core")
 """Data of a node while it is configured."""
@@ -108,6 +111,9 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPEAT_S, self.guarded(self._repeat_report), clock=steady)
+        self._service_change_state.callback = self._change_state
+        for service in self.services:
+            guard(service, self.get_logger().warning)
 
     # --- for sub-classes to implement ----------------------------------------------------------
 
@@ -201,7 +207,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
 
         def end() -> None:
             del self.outputs[topic]
-            self.destroy_publisher(publisher)
+            self.destroy_lifecycle_publisher(publisher)
 
         self.at_end(end)
         return publisher.publish
@@ -242,10 +248,14 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         self.at_end(lambda: self.destroy_timer(timer))
 
     def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """The callback, whose exception ends the process in one line instead of a trace."""
+        """The callback, whose exception ends the process in one line instead of a trace.
+
+        It is called as long as the present stage lasts, if any: what comes late is nobody's.
+        """
+        stage = self._ends[-1] if self._ends else None
 
         def call(*args: Any) -> None:
-            if self.crash is None:
+            if self.crash is None and (stage is None or stage in self._ends):
                 try:
                     callback(*args)
                 except Exception as error:
@@ -306,6 +316,27 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         self.report(Level.OK, message)
         return _SUCCESS
 
+    def _change_state(self, request: Any, response: Any) -> Any:
+        """Service callback: a transition that is not possible is refused, with the reason."""
+        machine = self._state_machine
+        possible = {label: number for number, label, *_ in machine.available_transitions}
+        self.failure = ""
+        try:
+            number = chosen(request.transition, possible, machine.current_state[1])
+        except ValueError as error:
+            self.failure = str(error)
+            self.get_logger().warning(f"refused: {error}")
+            response.success = False
+            return response
+        trigger = {
+            Transition.TRANSITION_CONFIGURE: self.trigger_configure,
+            Transition.TRANSITION_CLEANUP: self.trigger_cleanup,
+            Transition.TRANSITION_ACTIVATE: self.trigger_activate,
+            Transition.TRANSITION_DEACTIVATE: self.trigger_deactivate,
+        }.get(number, self.trigger_shutdown)
+        response.success = trigger() == _SUCCESS
+        return response
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: build everything from the present parameters."""
 
@@ -334,25 +365,44 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
 
         result = self._transition(action, "active")
         if result != _SUCCESS:
+            if self._active:
+                self.disengage()
             self._leave_active()
+            LifecycleNode.on_deactivate(self, state)
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle callback: stop sending."""
+        """Lifecycle callback: stop sending. It cannot fail: an error ends in `on_error`."""
         result = self._transition(self.disengage, INACTIVE)
         self._leave_active()
         LifecycleNode.on_deactivate(self, state)
-        return result
+        return _SUCCESS if result == _SUCCESS else _ERROR
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle callback: forget what was built."""
+        """Lifecycle callback: forget what was built. An error ends in `on_error`."""
         result = self._transition(self.release, "unconfigured")
         self._leave_configured()
-        return result
+        return _SUCCESS if result == _SUCCESS else _ERROR
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle callback: the process ends."""
+        """Lifecycle callback: everything is given back, then the process ends."""
         self.finished = True
+        if self._active:
+            self.on_deactivate(state)
+        if self.configured:
+            self.on_cleanup(state)
+        return _SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: a transition has failed half-way; the node is unconfigured again."""
+        said = self.failure
+        if self._active:
+            self._leave_active()
+        if self.configured:
+            self._transition(self.release, "unconfigured")
+            self._leave_configured()
+        self.failure = said
+        self.report(Level.ERROR, said)
         return _SUCCESS
 
     def _leave_active(self) -> None:
