@@ -21,11 +21,12 @@ INIT = '''# SPDX-License-Identifier: Apache-2.0
 
 from heli_math.faces import face
 
-__getattr__, __dir__, __all__ = face(__name__, {"cable": ["length_m"]})
+__getattr__, __dir__, __all__ = face(__name__, {}, modules=["cable"])
 '''
+README = f"# {NEW}\n\n## Purpose\nA winch.\n\n## Public names\n`cable`.\n"
 
 
-def add_package(copy, data_files=True, imports="heli_math"):
+def add_package(copy, data_files=True, imports="heli_math", readme=README):
     """The recipe's steps."""
     folder = f"src/{NEW}"
     for name in ("setup.py", "setup.cfg", "package.xml"):
@@ -37,7 +38,7 @@ def add_package(copy, data_files=True, imports="heli_math"):
     copy.write(f"{folder}/resource/{NEW}", "")
     copy.write(f"{folder}/{NEW}/__init__.py", INIT)
     copy.write(f"{folder}/{NEW}/cable.py", MODULE)
-    copy.write(f"{folder}/README.md", f"# {NEW}\n\n## Purpose\nA winch.\n")
+    copy.write(f"{folder}/README.md", readme)
     last = f'{NEIGHBOUR} = "src/{NEIGHBOUR}/{NEIGHBOUR}"\n'
     copy.replace("pyproject.toml", last, f'{last}{NEW} = "src/{NEW}/{NEW}"\n')
     where = f'    "src/{NEIGHBOUR}",\n'
@@ -51,14 +52,15 @@ def test_a_new_package_is_found_installed_and_compiled(copy):
     add_package(copy)
     copy.packaging("test_packaging_manifests.py", "test_packaging_layout.py", "-k", NEW)
     copy.packaging("test_packaging_faces.py", "-k", NEW)
-    code = f"from {NEW} import length_m; print(length_m(8.0))"
+    code = f"from {NEW} import cable; print(cable.length_m(8.0))"
     assert copy.run("-c", code).stdout.strip() == "2.0"
 
 
 @pytest.mark.parametrize(
     ("forgotten", "told_by"),
     [({"data_files": False}, "test_packaging_layout.py"),
-     ({"imports": "nothing"}, "test_packaging_manifests.py")],
+     ({"imports": "nothing"}, "test_packaging_manifests.py"),
+     ({"readme": "A winch.\n"}, "test_packaging_faces.py")],
 )  # fmt: skip
 def test_what_was_forgotten_is_told(copy, forgotten, told_by):
     add_package(copy, **forgotten)
