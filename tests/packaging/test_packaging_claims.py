@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What README and CONTRIBUTING say of the graph, of kernels and of gamma, against the code."""
+
+import ast
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heli_flight.loop.settings import resolve
+from heli_inner_hinf.design import AttitudeConfig
+from heli_msgs_bridge import topics
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+MODULES = sorted((ROOT / "src").glob("*/heli_*/**/*.py"))
+EDGES = [
+    (source, words.split(", "), sink)
+    for source, words, sink in re.findall(
+        r"(?m)^  (\w+) -- (.*?) --> (\w+)$", README.split("## The graph")[1].split("```")[1]
+    )
+]
+
+
+def belongs(topic, word):
+    """Whether a word of the picture stands for a topic: it is a part of its name."""
+    return word in topic.name.split("/")
+
+
+@pytest.mark.parametrize("topic", topics.TABLE, ids=lambda topic: topic.name)
+def test_the_picture_has_an_arrow_for_each_link_of_the_graph(topic):
+    for source in topic.source:
+        for sink in topic.sinks:
+            drawn = [words for a, words, b in EDGES if (a, b) == (source, sink)]
+            assert any(belongs(topic, word) for words in drawn for word in words), (source, sink)
+
+
+def test_every_arrow_of_the_picture_is_a_link():
+    assert len(EDGES) >= 9
+    for source, words, sink in EDGES:
+        for word in words:
+            if word == "all topics":  # the live view's, which no node waits for
+                continue
+            sent = [t for t in topics.TABLE if belongs(t, word) and source in t.source]
+            assert sent, (source, word)
+            assert sink == "recorder" or any(sink in topic.sinks for topic in sent), (word, sink)
+
+
+def kernels(path):
+    """Functions of a module that are compiled."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef):
+            decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
+            if any(re.match(r"(\w+\.)?n?jit\b", decorator) for decorator in decorators):
+                yield node, decorators
+
+
+def test_kernels_are_compiled_by_the_one_decorator_and_draw_no_random_numbers():
+    count = 0
+    for path in MODULES:
+        for node, decorators in kernels(path):
+            count += 1
+            where = f"{path.name}: {node.name}"
+            assert "njit" in decorators, where
+            assert not re.search(r"\brandom\b|\brng\b|default_rng", ast.unparse(node)), where
+        if path.name != "jit.py":
+            text = path.read_text(encoding="utf-8")
+            assert not re.search(r"(?m)^\s*from numba import.*\bn?jit\b", text), path
+    assert count > 100
+
+
+def test_gamma_closer_to_its_bound_lets_less_of_the_worst_wind_through():
+    """The README's example: largest gains over frequency, wind to attitude and to actuators."""
+    (example,) = re.findall(r"gamma: ([\d.]+) +# closer to gamma\*", README)
+    gains = []
+    for changes in ({}, {"gamma": float(example)}):
+        values = resolve(overrides={"inner_loop": changes}).nodes["inner_loop"]
+        kernel = AttitudeConfig.from_parameters(values).kernel
+        A, B, E = (
+            np.array(values[f"model.{name}"]).reshape(9, columns)
+            for name, columns in (("A", 9), ("B", 3), ("E", 3))
+        )
+        closed = A + B @ kernel.F
+        states = [
+            np.linalg.solve(1j * frequency * np.eye(9) - closed, E)
+            for frequency in np.geomspace(0.01, 300.0, 400)
+        ]
+        seen = (np.eye(9)[:2], np.eye(9)[2:4], kernel.F)
+        gains.append([max(np.linalg.norm(C @ x, 2) for x in states) for C in seen])
+    (angles, rates, actuators), (angles_closer, rates_closer, actuators_closer) = gains
+    assert angles_closer < 0.99 * angles and rates_closer < 0.99 * rates
+    assert actuators_closer > 1.05 * actuators
