@@ -286,7 +286,10 @@ def help_of(capsys, words):
 
     What follows the script of `heli python` belongs to the script.
     """
-    if words[0] == "python" and len(words) > 2:
+    if words[0] == "python" and words[1].endswith(".py"):
+        assert (ROOT / words[1]).is_file()
+        if not any(word.startswith("--") for word in words):
+            return ""
         command = [sys.executable, ROOT / words[1], "--help"]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
     known = []
