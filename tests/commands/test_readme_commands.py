@@ -303,25 +303,13 @@ def help_of(capsys, words):
     return capsys.readouterr().out
 
 
-def help_of_script(script):
-    """Help of a script of the checkout, or its text where it takes no options."""
-    path = ROOT / script
-    if "argparse" not in path.read_text(encoding="utf-8"):
-        return path.read_text(encoding="utf-8")
-    command = [sys.executable, path, "--help"]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-
-
 @pytest.mark.parametrize("readme", READMES)
 def test_commands_in_running_text(readme, capsys, launch):
     """Options, scripts and executables that are named exist; nothing needs an activated shell."""
     for command in inline((ROOT / readme).read_text(encoding="utf-8")):
         words = shlex.split(command.replace("[", " ").replace("]", " "))
         if words[0] in ("./heli", "./hover_test.sh"):
-            if words[:2] == ["./heli", "python"] and words[2] != "FILE":
-                said = help_of_script(words[2])
-            else:
-                said = help_of(capsys, ["hover"] if words[0] == "./hover_test.sh" else words[1:])
+            said = help_of(capsys, ["hover"] if words[0] == "./hover_test.sh" else words[1:])
             for option in (word.split("=")[0] for word in words if word.startswith("--")):
                 assert re.search(rf"{option}\b", said), f"{readme}: {command}: {option}"
         elif words[0] == "ros2":
