@@ -123,6 +123,25 @@ def test_wrapper_is_a_program():
     assert "heli_start heli " in wrapper.read_text()
 
 
+@pytest.mark.parametrize("name", ["heli", "hover_test"])
+@pytest.mark.parametrize("content", [None, "__version__ = '0.9.0'"])
+def test_ubuntus_typer_is_refused_in_a_sentence(tmp_path, name, content):
+    """Noble has 0.9: no exceptions module, no `Path | None`."""
+    code = (
+        "sys.path.insert(0, sys.argv.pop(1)); from heli_flight.start import main; sys.exit(main())"
+    )
+    if content is None:
+        code = f"sys.modules['typer'] = None; {code}"
+    else:
+        (tmp_path / "typer").mkdir()
+        (tmp_path / "typer/__init__.py").write_text(content)
+    command = [sys.executable, "-c", f"import sys; {code}", str(tmp_path), name, "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"{name}: needs typer 0.29 or newer")
+    assert len(done.stderr.splitlines()) == 1
+
+
 class TestPrograms:
     """heli run and heli python, as another program sees them."""
 

@@ -18,15 +18,42 @@ PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xm
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 VERSION = PROJECT["project"]["version"]
 # Python import -> rosdep key, where the two differ from python3-<import>.
-ROSDEP_KEYS = {
-    "yaml": "python3-yaml",
-    "rosbags": "python3-rosbags-pip",
-    "control": "python-control-pip",
+ROSDEP_KEYS = {"yaml": "python3-yaml", "markupsafe": "python3-jinja2"}
+# Keys that rosdep resolves to a package of Ubuntu noble: rosdep/python.yaml of ros/rosdistro,
+# commit 8468e88ccd, looked up on 2026-11-22. Keys that it resolves to pip (control, rosbags) are
+# left out: noble's pip refuses to install beside the system's packages.
+KNOWN_TO_ROSDEP = {
+    "python3-aiohttp",
+    "python3-jinja2",
+    "python3-matplotlib",
+    "python3-numba",
+    "python3-numpy",
+    "python3-pytest",
+    "python3-rich",
+    "python3-scipy",
+    "python3-yaml",
+}
+# Released packages of jazzy/distribution.yaml, same commit and day.
+KNOWN_IN_JAZZY = {
+    "ament_index_python",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "launch",
+    "launch_ros",
+    "lifecycle_msgs",
+    "nav_msgs",
+    "rcl_interfaces",
+    "rclpy",
+    "rosgraph_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "trajectory_msgs",
+    "visualization_msgs",
 }
 DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk"}
-# Not in rosdep's list: set-up installs them. The live view does without Foxglove where it is
-# missing; mcap and zstandard are for repairing bags, not for nodes.
-NO_ROSDEP_KEY = {"foxglove", "mcap", "zstandard"}
+# By pip, into an environment that sees the system's packages (CONTRIBUTING.md): noble has no such
+# package, or, of typer, one that is too old.
+BY_PIP = {"control", "foxglove", "mcap", "plotly", "rosbags", "typer", "zstandard"}
 
 
 def manifest(package):
@@ -119,9 +146,13 @@ class TestManifest:
             name
             if name.startswith("heli_") or of_ros(name)
             else ROSDEP_KEYS.get(name, f"python3-{name}")
-            for name in imports(package) - NO_ROSDEP_KEY
+            for name in imports(package) - BY_PIP
         }
         assert needed - declared == set()
+
+    def test_rosdep_knows_every_key(self, package):
+        keys = {node.text for node in manifest(package) if node.tag.endswith("depend")}
+        assert keys - KNOWN_TO_ROSDEP - KNOWN_IN_JAZZY - set(PACKAGES) == set()
 
     def test_executables_call_an_existing_main(self, package):
         for script in (ROOT / "src" / package / "scripts").glob("*"):
@@ -143,6 +174,14 @@ def test_every_third_party_import_is_required():
     needed = {DISTRIBUTIONS.get(name, name) for name in needed}
     assert needed - pins("python.txt") == set()
     assert pins("python.txt") - needed == set()
+
+
+def test_what_pip_brings_is_named_where_rosdep_is():
+    text = " ".join((ROOT / "CONTRIBUTING.md").read_text().split())
+    assert BY_PIP <= {n for package in PACKAGES for n in imports(package)}
+    for name in BY_PIP:
+        assert DISTRIBUTIONS.get(name, name) in text
+    assert BY_PIP <= {n.replace("-sdk", "") for n in pins("python.txt")}
 
 
 def test_test_tools_are_required():

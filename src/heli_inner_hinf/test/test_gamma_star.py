@@ -148,7 +148,7 @@ def feasible(plant, gamma):
         return False
     omega = np.concatenate([np.geomspace(1e-4, 1e4, 300), np.abs(np.linalg.eigvals(closed))])
     resolvent = 1j * omega[:, None, None] * np.eye(A.shape[0]) - closed
-    response = (C + D @ F) @ np.linalg.solve(resolvent, E.astype(complex))
+    response = (C + D @ F) @ np.linalg.solve(resolvent, E.astype(complex)[None])
     return bool(
         np.max(np.linalg.svd(response, compute_uv=False)) < gamma * (1 + 1e-5)
         and np.linalg.eigvalsh(0.5 * (P + P.T))[0] >= -1e-9 * np.linalg.norm(P)

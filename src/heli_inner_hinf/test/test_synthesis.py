@@ -52,7 +52,9 @@ def test_norm_of_the_loop_by_frequency_sweep(published):
     design = synthesize(*published, GAMMA, OUT)
     omega = np.concatenate([np.geomspace(1e-3, 1e3, 2000), np.linspace(23.5, 24.6, 2001)])
     Ac, Cc = A + B @ design.F, C + D @ design.F
-    response = Cc @ np.linalg.solve(1j * omega[:, None, None] * np.eye(9) - Ac, E.astype(complex))
+    response = Cc @ np.linalg.solve(
+        1j * omega[:, None, None] * np.eye(9) - Ac, E.astype(complex)[None]
+    )
     sweep = np.linalg.svd(response, compute_uv=False)[:, 0]
     assert design.norm == pytest.approx(np.max(sweep), rel=1e-7)
     assert design.norm_frequency == pytest.approx(omega[np.argmax(sweep)], rel=1e-3)
