@@ -19,9 +19,11 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml"))
 # Copied by whoever writes a law of his own (CONTRIBUTING.md); tests/recipes does so.
 COPIED = {"heli_inner_hinf.law_template"}
+TRANSITIONS = ("configure", "cleanup", "activate", "deactivate", "shutdown", "error")
+ALWAYS = ("__*__", *(f"on_{name}" for name in TRANSITIONS))
+"""What Python itself reads, and the transitions that rclpy calls."""
 CALLED_BY_OTHERS = {
     "generate_launch_description": "by launch",
-    "on_configure": "by rclpy", "on_cleanup": "by rclpy", "on_shutdown": "by rclpy",
     "heli": "by the command of pyproject.toml",
     "user_law": "by whoever copies law_template",
     "signum": "of a signal handler's arguments, which Python gives",
@@ -119,7 +121,7 @@ def public_names():
 
 def unused(files, known):
     """file:line: kind name of what is defined and never used, tests left out of account."""
-    names = ["__*__", *sorted(known)]  # Python itself reads those between underscores
+    names = [*ALWAYS, *sorted(known)]
     search = Vulture(ignore_names=names, ignore_decorators=["@*.command*", "@*.callback*"])
     search.scavenge(list(files))
     return [f"{i.filename}:{i.first_lineno}: {i.typ} {i.name}" for i in search.get_unused_code()]
