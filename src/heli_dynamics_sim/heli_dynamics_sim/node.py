@@ -22,7 +22,7 @@ from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import FIX_STATUS, ClockEncoder, Variance
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.node_spec import NodeSpec
+from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.stepping import RealTime
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
@@ -66,6 +66,12 @@ class Aircraft(TickCore):
         Per topic what sends a row.
     send_clock : callable
         Sends the bytes of a clock message.
+    begun : bool
+        Whether tick 0 has been sent.
+    wall_s : float
+        Wall time that has been flown, up to the last pause.
+    over : str
+        How the flight ended, if it did.
     """
 
     config: plant.PlantConfig
@@ -78,24 +84,31 @@ class Aircraft(TickCore):
     y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.size))
     joints: np.ndarray = field(default_factory=lambda: np.zeros(JOINTS.size))
     gust: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    begun: bool = False
+    wall_s: float = 0.0
+    over: str = ""
 
 
 @dataclass
 class Flight:
-    """What the plant has while time runs: wall times (s), and how the flight ended, if it did."""
+    """What the plant has while time runs: wall times (s) of flight time 0 without pauses, and of
+    the last command."""
 
     zero_s: float
     last_command_s: float
-    over: str = ""
 
 
 class PlantNode(TickNode[Aircraft, Flight]):
-    """Active means: time runs. Ends its process when the flight is over."""
+    """Active means: time runs. Deactivated, it stands still, and goes on when activated again.
+
+    Ends its process when the flight is over. Another flight begins after clean-up, at tick 0.
+    """
 
     SPEC = NodeSpec("plant", "heli_dynamics_sim", TABLE, "plant.yaml")
 
     def configure(self) -> Aircraft:
         """Build the aircraft in its trim, its outputs and the input."""
+        self.tick = 0
         config = plant.PlantConfig.from_parameters(self.values)
         state = plant.initial_state(config, self.values["seed"])
         commands = state.commands
@@ -143,17 +156,25 @@ class PlantNode(TickNode[Aircraft, Flight]):
         return {row.name: peers.intersection(row.sinks).difference(row.source) for row in rows}
 
     def engage(self) -> Flight:
-        """Time begins."""
+        """Time begins, or goes on."""
+        if self.core.over:
+            raise StartError(f"{self.core.over}: clean up and configure for another flight")
         now_s = time.monotonic()
         if not self.values["lockstep"]:
             self.repeat(TICK_S, self._keep_pace)
-        return Flight(now_s, now_s)
+        return Flight(now_s - self.core.wall_s, now_s)
 
     def begin(self) -> None:
-        """Tick 0 is measured and sent."""
+        """Tick 0 is measured and sent; after a pause, the tick that was sent last still holds."""
+        begun, self.core.begun = self.core.begun, True
         super().begin()
-        self.tick = 0
-        self._send_tick()
+        if not begun:
+            self._send_tick()
+
+    def disengage(self) -> None:
+        """Time stands still; the command of the present tick may still come."""
+        self.core.wall_s = time.monotonic() - self.run.zero_s
+        self.core.pace.pause()
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """Lockstep: the command of this tick has come, or is not waited for; go on to the next."""
@@ -220,7 +241,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         Under a supervisor it stays until it is stopped: Fast DDS keeps sent data in the sender's
         shared memory, and acknowledgements may take a heartbeat (3 s).
         """
-        self.run.over = message
+        self.core.over = message
         self.core.pace.stop()
         self.report(level, message, {**self._facts_now(), "over": "true"})
         if not self.values["autostart"]:
@@ -260,8 +281,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
 
     def _keep_pace(self) -> None:
         """Bring the flight to the wall clock's time."""
-        run = self.run
-        if run.over:
+        run, core = self.run, self.core
+        if core.over:
             return
         now_s = time.monotonic()
         self._take_command(now_s)
@@ -271,7 +292,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
             self.get_logger().warning(f"{late_s:.2f} s behind the wall clock: time is shifted")
             run.zero_s += late_s
             due = self.tick + 1
-        while self.tick < due and not run.over:
+        while self.tick < due and not core.over:
             self._go_on(self.tick)
 
 

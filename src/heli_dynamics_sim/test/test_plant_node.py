@@ -9,7 +9,9 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, NavSatFix
 
 from heli_dynamics_sim.node import PlantNode
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
 from heli_parameters import locate
 
@@ -173,3 +175,69 @@ def test_messages_say_what_the_parameters_say_of_the_sensors(bench):
     imu = deserialize_message(raw[topics.IMU], Imu)
     assert imu.angular_velocity_covariance[0] == pytest.approx(1e-4**2 / 0.01)
     assert imu.orientation_covariance[0] == -1.0
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["before the pause", "in the pause"])
+def test_a_pause_leaves_no_trace_in_the_flight(bench, late):
+    """Time stands still and goes on; the command of the present tick may come in the pause."""
+    through, paused = bench(PlantNode), bench(PlantNode)
+    for plant in (through, paused):
+        plant.fly()
+    for tick in range(40):
+        through.send(topics.ACTUATORS, tick, U)
+        if tick % 7 == 3 and late:
+            assert paused.node.trigger_deactivate() == SUCCESS
+            paused.send(topics.ACTUATORS, tick, U)
+            assert paused.node.tick == tick
+            assert paused.node.trigger_activate() == SUCCESS
+        else:
+            paused.send(topics.ACTUATORS, tick, U)
+            if tick % 7 == 3:
+                paused.again()
+                paused.again()
+        assert paused.node.tick == tick + 1
+    assert paused.sent[topics.CLOCK] == through.sent[topics.CLOCK]
+    for topic in (topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.IMU):
+        np.testing.assert_array_equal(paused.sent[topic], through.sent[topic])
+
+
+def test_a_pause_in_real_time_does_not_count(bench):
+    """Not the wall time of the pause is made up for, nor is the last command called missing."""
+    plant = bench(PlantNode, lockstep=False)
+    plant.fly()
+    plant.spin_until(lambda: plant.node.tick >= 10)
+    assert plant.node.trigger_deactivate() == SUCCESS
+    here, flown_s = plant.node.tick, plant.node.core.wall_s
+    waited = []
+    plant.node.create_timer(1.0, lambda: waited.append(1))
+    plant.spin_until(lambda: waited)
+    assert plant.node.tick == here
+    assert plant.node.trigger_activate() == SUCCESS
+    plant.send(topics.ACTUATORS, here, U)
+    plant.spin_until(lambda: plant.node.tick > here)
+    assert plant.node.health.message == "flying"
+    plant.spin_until(lambda: plant.node.tick >= here + 20)
+    assert float(plant.node._facts_now()["wall_s"]) < flown_s + 0.9
+    stamps = [stamp_of(raw) for raw in plant.sent[topics.CLOCK]]
+    assert set(np.diff(stamps)) == {TICK_NS}, "no tick is sent twice, none is left out"
+
+
+def test_another_flight_begins_after_clean_up_only(bench):
+    """One that is over does not go on; cleaned up and configured, it begins at tick 0."""
+    plant = bench(PlantNode, duration_s=0.05, autostart=False)
+    plant.fly()
+    for tick in range(5):
+        plant.send(topics.ACTUATORS, tick, U)
+    assert plant.node.health.facts["over"] == "true"
+    first = positions(plant)
+    assert plant.node.trigger_deactivate() == SUCCESS
+    assert plant.node.trigger_activate() != SUCCESS
+    assert (
+        plant.node.failure == "flight over after 0.05 s: clean up and configure for another flight"
+    )
+    assert plant.node.trigger_cleanup() == SUCCESS
+    plant.fly()
+    assert plant.node.tick == 0 and "over" not in plant.node.health.facts
+    for tick in range(5):
+        plant.send(topics.ACTUATORS, tick, U)
+    assert positions(plant) == first * 2

@@ -173,6 +173,10 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         self.core.pace.expect(_OUTER, self.values["expects_outer"])
         return Holding(self._trim_attitude(np.nan))
 
+    def begin_anew(self) -> None:
+        """Another flight: the law begins in trim; the setpoint is too old until one comes."""
+        self.run.first = True
+
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick: newest setpoint, law, actuators."""
         core, run = self.core, self.run

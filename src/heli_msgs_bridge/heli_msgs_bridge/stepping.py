@@ -86,8 +86,11 @@ class Lockstep:
             self._assembler.waive(topic, not expected)
 
     def start(self) -> None:
-        """Begin to step, with what came while the node was getting ready."""
+        """Begin, with what came while the node was getting ready; or go on after a pause."""
         self._stepping, self._progress_s = True, self._now_s()
+        if self._assembler.next_tick is not None:
+            self.resume()
+            return
         waiting = self._assembler.kept(self._trigger)
         if self._leads or waiting:
             self._assembler.start(0 if self._leads else waiting[0])
@@ -102,6 +105,10 @@ class Lockstep:
                 break
             newest = tick
         return newest
+
+    def pause(self) -> None:
+        """Cease to step, and keep what has been collected and what comes: `start` goes on."""
+        self._collecting, self._stepping = True, False
 
     def stop(self) -> None:
         """Cease to step and forget what has been collected."""
@@ -231,7 +238,7 @@ class RealTime:
     ) -> None:
         self._trigger, self._step = trigger, step
         self._own_tick, self._now_s, self._refused = own_tick, now_s, refused
-        self._stepping = False
+        self._stepping = self._paused = False
         self._anchor: tuple[int, float] | None = None
         self._setting = Setting()
         self._newest: dict[str, int] = {}
@@ -243,12 +250,16 @@ class RealTime:
         """Nothing is waited for, so there is nothing to change."""
 
     def start(self) -> None:
-        """Begin to step."""
-        self._stepping = True
+        """Begin to step, or go on after a pause."""
+        self._stepping, self._paused = True, False
+
+    def pause(self) -> None:
+        """Cease to step, and keep what comes: `start` goes on."""
+        self._stepping, self._paused = False, True
 
     def stop(self) -> None:
         """Cease to step and forget what has been collected."""
-        self._stepping = False
+        self._stepping = self._paused = False
         self._anchor = None
         self._setting.fits()
         self._newest.clear()
@@ -292,7 +303,7 @@ class RealTime:
 
     def take(self, topic: str, tick: int, value: Any) -> None:
         """A message stamped with a tick; dropped if it is not newer than the one before."""
-        if not self._stepping:
+        if not (self._stepping or self._paused):
             return
         now = self._now_tick()
         if not self._fits(topic, tick, now):
@@ -314,7 +325,7 @@ class RealTime:
             self._newest[topic] = tick if now is None else min(tick, now)
         self._arrived[topic] = (tick, value)
         # Before tick 0 there is no flight.
-        if topic == self._trigger and tick >= 0:
+        if topic == self._trigger and tick >= 0 and self._stepping:
             self._step(tick, self.collect())
 
     def collect(self) -> Arrived:

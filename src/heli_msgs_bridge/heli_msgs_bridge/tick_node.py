@@ -31,6 +31,8 @@ __all__ = ["Arrived", "Input", "Send", "TickCore", "TickNode"]
 Send = Callable[[NDArray[np.float64], int], None]
 """Sends a row (NED/FRD), stamped in ns."""
 _WATCH_PERIOD_S = 0.05
+# Time that is set back to one of these has begun anew; the first tick itself is refused.
+_FIRST_TICKS = 10
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,8 @@ class TickCore:
     ----------
     pace : Lockstep or RealTime
         When it steps; made by `TickNode.listen`.
+    stepped : int or None
+        Newest tick of the present activation.
     refused : dict of str
         Per topic, why its last refused message was refused.
     refusals : dict of Refusals
@@ -67,6 +71,7 @@ class TickCore:
     """
 
     pace: Pace
+    stepped: int | None = None
     refused: dict[str, str] = field(default_factory=dict)
     refusals: dict[str, "Refusals"] = field(default_factory=dict)
 
@@ -91,6 +96,9 @@ class TickNode(ManagedNode[Core, Run]):
     @abstractmethod
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the node; topics that did not come are absent from `arrived`."""
+
+    def begin_anew(self) -> None:
+        """The plant has begun another flight while this node was active: forget the past one."""
 
     def is_ready(self) -> bool:
         """Whether steps may be made at all; a node that waits for something else says it here."""
@@ -215,6 +223,7 @@ class TickNode(ManagedNode[Core, Run]):
 
     def begin(self) -> None:
         """Begin to step, with what came while the node was getting ready."""
+        self.core.stepped = None
         self.core.pace.start()
 
     def disengage(self) -> None:
@@ -222,6 +231,12 @@ class TickNode(ManagedNode[Core, Run]):
         self.core.pace.stop()
 
     def _make_step(self, tick: int, arrived: Arrived) -> None:
+        before, self.core.stepped = self.core.stepped, tick
+        if before is not None and tick <= before and tick < _FIRST_TICKS:
+            self.get_logger().warning("time has begun anew: another flight")
+            for refusals in self.core.refusals.values():
+                refusals.tick = tick
+            self.begin_anew()
         self.tick = tick
         self.step(tick, arrived)
         self.send_report()

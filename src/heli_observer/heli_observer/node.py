@@ -86,6 +86,10 @@ class ObserverNode(TickNode[Navigation, None]):
         """Begin with a new alignment."""
         self.core.state = initial_state(self.core.config)
 
+    def begin_anew(self) -> None:
+        """Another flight: align again."""
+        self.engage()
+
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the filter."""
         core = self.core

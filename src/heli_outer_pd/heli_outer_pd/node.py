@@ -142,6 +142,11 @@ class OuterLoopNode(TickNode[Law, Following]):
         awaited = "scenario" in self.values["peers"] or self.count_publishers(topics.REFERENCE) > 0
         return Following(time.monotonic(), awaited)
 
+    def begin_anew(self) -> None:
+        """Another flight: the law begins anew, and with it what is held without a reference."""
+        self.core.state = initial_state(self.core.kernel)
+        self.run.held = None
+
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
         if tick % self.values["period_ticks"]:

@@ -79,10 +79,14 @@ class Crew:
         node.destroy_node()
 
     def close(self):
+        """End all; once is enough."""
+        if self.client is None:
+            return
         for name in list(self.nodes):
             self.leave(name)
         self.executor.shutdown()
         self.client.destroy_node()
+        self.client = None
 
     def spin_until(self, condition, limit_s=LIMIT_S):
         deadline = time.monotonic() + limit_s
@@ -139,8 +143,8 @@ def crew(ros_context, tmp_path):
     """Make a `Crew` of nodes by name, with values over the packaged ones."""
     made = []
 
-    def make(*names, **changes):
-        made.append(Crew(ros_context, tmp_path, **changes).join(*names))
+    def make(*names, folder=tmp_path, **changes):
+        made.append(Crew(ros_context, folder, **changes).join(*names))
         return made[-1]
 
     yield make

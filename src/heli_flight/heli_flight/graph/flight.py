@@ -229,7 +229,8 @@ class Graph:
         def over() -> bool:
             nonlocal seen, seen_at
             status = up.statuses.get("plant")
-            if status is not None and status.time_s != seen:
+            paused = status is not None and status.message == INACTIVE
+            if status is not None and (paused or status.time_s != seen):
                 seen, seen_at = status.time_s, time.monotonic()
                 progress(max(0.0, seen - start_s))
             return status is not None and status.facts.get("over") == "true"
