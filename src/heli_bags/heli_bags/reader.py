@@ -2,7 +2,7 @@
 """A bag of the graph as arrays (NED/FRD), without ROS; also bags that `ros2 bag record` made."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.typesys import Stores, get_typestore
 
+from heli_bags.bag_clock import LATE, WINDOW_NS
 from heli_bags.check import advice, listed_files, storage_files
 from heli_bags.folder import SUFFIXES, BagError, reason
 from heli_math.ticks import NS_PER_S
@@ -19,6 +20,9 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
 from heli_msgs_bridge.reference_message import decode_reference
+
+# A bag may begin with the moment at which its first message arrived, not with its stamp.
+_EARLY_NS = NS_PER_S // 10
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,8 @@ class Bag:
     ----------
     streams : dict
         Topic name (relative, as in `topics.TABLE`) to its Stream.
-    references : list of Trajectory
+    references : list of (int, Trajectory)
+        In the order in which they came, each with the bag's time of that, ns.
     remarks : list of Remark
         In the order of their stamps; of the bag's aircraft, though /diagnostics carries others.
     refused : dict
@@ -60,7 +65,7 @@ class Bag:
     """
 
     streams: dict[str, Stream] = field(default_factory=dict)
-    references: list[Trajectory] = field(default_factory=list)
+    references: list[tuple[int, Trajectory]] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     refused: dict[str, int] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -105,10 +110,12 @@ class _Collector:
     def __init__(self, datum: Datum | None) -> None:
         self.bag = Bag()
         self.namespaces: frozenset[str] = frozenset()
+        self.start_ns, self._in_flight_time = 0, False
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._datum = datum
         self._decoders: dict[str, Decoder] = {}
-        self._stamps: dict[str, list[int]] = {}
+        self._stamps: dict[str, list[tuple[int, int]]] = {}
+        self._remarks: list[tuple[int, Remark]] = []
         self._rows: dict[str, list[NDArray[np.float64]]] = {}
 
     def _decoder(self, name: str) -> Decoder:
@@ -121,34 +128,70 @@ class _Collector:
             self._stamps[name], self._rows[name] = [], []
         return self._decoders[name]
 
-    def take(self, name: str, raw: bytes) -> None:
-        """One message of the graph."""
+    def take(self, name: str, bag_ns: int, raw: bytes) -> None:
+        """One message of the graph, and the bag's time of it."""
         type_name = topics.BY_NAME[name].type
         try:
             if name == topics.REFERENCE:
                 message = self._store.deserialize_cdr(raw, type_name)
-                self.bag.references.append(decode_reference(message))
+                self.bag.references.append((bag_ns, decode_reference(message)))
             elif name == topics.DIAGNOSTICS:
-                self.bag.remarks += _remarks(
-                    self._store.deserialize_cdr(raw, type_name), self.namespaces
-                )
+                message = self._store.deserialize_cdr(raw, type_name)
+                said = _remarks(message, self.namespaces)
+                self._remarks += [(bag_ns, remark) for remark in said]
             elif name in CHANNELS and (name != topics.GPS_FIX or self._datum is not None):
                 decoder = self._decoder(name)
                 row = decoder.decode(raw).copy()
-                self._stamps[name].append(decoder.stamp_ns)
+                self._stamps[name].append((bag_ns, decoder.stamp_ns))
                 self._rows[name].append(row)
         except MessageError as error:
-            self.bag.reasons.setdefault(name, str(error).removeprefix(f"{name}: "))
-            self.bag.refused[name] = self.bag.refused.get(name, 0) + 1
+            self._refuse(name, 1, str(error).removeprefix(f"{name}: "))
+
+    def _refuse(self, name: str, count: int, why: str) -> None:
+        self.bag.reasons.setdefault(name, why)
+        self.bag.refused[name] = self.bag.refused.get(name, 0) + count
+
+    def _is_in_flight_time(self) -> bool:
+        """Whether the bag's times are those of the stamps, as our recorder writes them.
+
+        `ros2 bag record` has the wall clock's unless it is told `--use-sim-time`.
+        """
+        times = [np.array(pairs, dtype=np.int64) for pairs in self._stamps.values() if pairs]
+        if not times:
+            return False
+        both = np.concatenate(times)
+        return bool(np.median(np.abs(both[:, 0] - both[:, 1])) <= WINDOW_NS)
+
+    def _fits(self, name: str, bag_ns: int, stamp_ns: int) -> bool:
+        """Whether a stamp is of the flight's time."""
+        if not self._in_flight_time:
+            return stamp_ns >= 0
+        begun = name in LATE or stamp_ns >= self.start_ns - _EARLY_NS
+        return begun and abs(bag_ns - stamp_ns) <= WINDOW_NS
 
     def finish(self) -> Bag:
-        """Lists into arrays, ordered by stamp."""
+        """Lists into arrays, ordered by stamp; without messages stamped in another time."""
+        self._in_flight_time = self._is_in_flight_time()
         for name, rows in self._rows.items():
-            stamps = np.array(self._stamps[name], dtype=np.int64)
-            order = np.argsort(stamps, kind="stable")
+            times = np.array(self._stamps[name], dtype=np.int64).reshape(-1, 2)
             array = np.array(rows).reshape(len(rows), CHANNELS[name].size)
+            fits = np.array([self._fits(name, *pair) for pair in times.tolist()], dtype=bool)
+            if not fits.all():
+                at, stamp = times[np.argmin(fits)] / NS_PER_S
+                why = f"stamped {stamp:.2f} s, recorded at {at:.2f} s"
+                self._refuse(name, int(np.count_nonzero(~fits)), why)
+            stamps, array = times[fits, 1], array[fits]
+            order = np.argsort(stamps, kind="stable")
             self.bag.streams[name] = Stream(stamps[order], array[order])
+        self.bag.remarks = [
+            remark
+            if self._fits(topics.DIAGNOSTICS, bag_ns, remark.stamp_ns)
+            else replace(remark, stamp_ns=bag_ns)
+            for bag_ns, remark in self._remarks
+        ]
         self.bag.remarks.sort(key=lambda remark: remark.stamp_ns)
+        if not self._in_flight_time:
+            self.bag.references = [(way.start_ns, way) for _, way in self.bag.references]
         return self.bag
 
 
@@ -194,13 +237,14 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
         with Reader(path) as reader:
             names = {c.id: _graph_name(c.topic, c.msgtype) for c in reader.connections}
             collector.namespaces = _namespaces({c.topic: names[c.id] for c in reader.connections})
+            collector.start_ns = reader.start_time
             collector.bag.foreign = sorted(
                 c.topic for c in reader.connections if names[c.id] is None
             )
-            for connection, _, raw in reader.messages():
+            for connection, bag_ns, raw in reader.messages():
                 name = names[connection.id]
                 if name is not None:
-                    collector.take(name, raw)
+                    collector.take(name, bag_ns, raw)
     except (ReaderError, OSError, ValueError, KeyError, AssertionError) as error:
         raise BagError(f"{path}: not a readable bag: {reason(error)}") from error
     return collector.finish()

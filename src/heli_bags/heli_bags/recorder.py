@@ -18,6 +18,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 
+from heli_bags.bag_clock import LATE, BagClock
 from heli_bags.definitions import Definitions, UnknownTypeError
 from heli_bags.folder import BagError, BagFolder, Channel, Format, reason
 from heli_math.ticks import TICK_NS
@@ -27,8 +28,8 @@ from heli_msgs_bridge.cdr import stamp_of
 __all__ = ["BagError", "BagRecorder", "Format", "row_of"]
 
 _FOREVER = QosTime(9223372036, 854775807)
-# A fix is stamped with its time of validity; in a bag it belongs where it arrived.
-_LATE = (topics.GPS_FIX, topics.GPS_VELOCITY)
+# So many messages are kept at most until a stream has told the time.
+_MOST_WAITING = 500
 
 
 def row_of(wanted: str) -> topics.Topic:
@@ -79,7 +80,7 @@ class BagRecorder:
     form : Format
         Storage, compression, splitting.
     start_ns : int
-        Stamp of foreign messages that come before the graph's first.
+        Stamp of the flight's first tick.
 
     Raises
     ------
@@ -92,6 +93,8 @@ class BagRecorder:
         Messages written per topic.
     rows : dict
         Row of each topic.
+    odd_stamps : dict
+        Messages per topic whose stamps were not of the flight's time (`BagClock`).
     """
 
     def __init__(
@@ -116,20 +119,23 @@ class BagRecorder:
         self._bag = BagFolder(self.folder, channels, form)
         self._numbers = {name: number for number, name in enumerate(self.rows)}
         self.counts = dict.fromkeys(self.rows, 0)
+        self.odd_stamps: dict[str, int] = {}
         self._first: dict[str, int] = {}
         self._last: dict[str, int] = {}
-        self._newest_ns = start_ns
+        self._clock = BagClock(start_ns, self.rows)
+        self._waiting: list[tuple[str, bytes]] = []
         self._failed = False
 
     @property
     def newest_ns(self) -> int:
-        """Newest stamp of the graph that was written, ns."""
-        return self._newest_ns
+        """Newest stamp of the flight, ns."""
+        return self._clock.now_ns
 
     def write(self, name: str, raw: bytes) -> None:
-        """Write a serialised message, stamped in simulation time.
+        """Write a serialised message, stamped in the flight's time.
 
-        A foreign topic's message gets the graph's newest stamp: it need not carry one.
+        A message whose stamp is of another time, and that of a foreign topic, which need not carry
+        one, get the graph's newest stamp. Nothing is written before the time is known.
 
         Raises
         ------
@@ -138,21 +144,40 @@ class BagRecorder:
         """
         if self._failed:
             return
-        if name not in topics.BY_NAME:
-            stamp_ns = self._newest_ns
-        else:
-            stamp_ns = stamp_of(raw)
-            if name in _LATE:
-                stamp_ns = max(stamp_ns, self._newest_ns)
-            elif stamp_ns > self._newest_ns:
-                self._newest_ns = stamp_ns
+        if self._clock.known:
+            self._write(name, raw)
+            return
+        self._waiting.append((name, raw))
+        if name in topics.BY_NAME:
+            self._clock.admits(name, stamp_of(raw))
+        if self._clock.known or len(self._waiting) > _MOST_WAITING:
+            self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for name, raw in waiting:
+            self._write(name, raw)
+
+    def _write(self, name: str, raw: bytes) -> None:
+        if self._failed:
+            return
+        clock, fits = self._clock, False
+        stamp_ns = clock.now_ns
+        if name in topics.BY_NAME:
+            given_ns = stamp_of(raw)
+            fits = clock.admits(name, given_ns)
+            if not fits:
+                self.odd_stamps[name] = self.odd_stamps.get(name, 0) + 1
+            else:
+                stamp_ns = max(given_ns, clock.now_ns) if name in LATE else given_ns
         try:
-            self._bag.write(self._numbers[name], stamp_ns, raw)
+            self._bag.write(self._numbers[name], max(stamp_ns, 0), raw)
         except (OSError, sqlite3.Error) as error:
             self._give_up(error)
         self.counts[name] += 1
-        self._first.setdefault(name, stamp_ns)
-        self._last[name] = max(stamp_ns, self._last.get(name, 0))
+        if fits:
+            self._first.setdefault(name, stamp_ns)
+            self._last[name] = max(stamp_ns, self._last.get(name, 0))
 
     def flush(self) -> None:
         """Hand all messages to the operating system.
@@ -192,13 +217,14 @@ class BagRecorder:
         until_ns : int, optional
             Stamp up to which an end is looked at, by default the newest.
         """
-        found, end_ns = [], self._newest_ns if until_ns is None else until_ns
+        found, end_ns = [], self._clock.now_ns if until_ns is None else until_ns
         for name, last in self._last.items():
             period_ns = self.rows[name].every_ticks * TICK_NS
             if not period_ns or self._failed:
                 continue
             expected = (last - self._first[name]) // period_ns + 1
-            if self.counts[name] < expected or last <= end_ns - period_ns:
+            fitting = self.counts[name] - self.odd_stamps.get(name, 0)
+            if fitting < expected or last <= end_ns - period_ns:
                 found.append(name)
         return found
 
@@ -210,6 +236,7 @@ class BagRecorder:
         BagError
             They could not be written; the chunks that are on the disk stay readable.
         """
+        self._write_waiting()
         if self._failed:
             return
         try:

@@ -2,6 +2,7 @@
 """A flight's record out of its bag."""
 
 import bisect
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,9 @@ from heli_flight.loop.settings import Settings
 from heli_math.rotations import quat_to_R_nb
 from heli_math.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
 from heli_math.ticks import TICK_NS, seconds, stamp_at
+from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 
 
 def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: int) -> np.ndarray:
@@ -31,17 +34,30 @@ def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: in
     return rows
 
 
-def _reference(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray:
-    """Reference rows (N, 7) at the ticks: of the trajectory last begun, the first one before it."""
+def _followed(bag: Bag, limits: ReferenceLimits) -> list[tuple[int, Trajectory]]:
+    """References that the outer loop followed, and from when on, in the order of their arrival."""
+    followed: list[tuple[int, Trajectory]] = []
+    for came_ns, way in bag.references:
+        home = (followed[0][1] if followed else way).points[0, REFERENCE.pos]
+        with contextlib.suppress(ReferenceRefused):
+            limits.judge(way, home, came_ns)
+            followed.append((came_ns, way))
+    return followed
+
+
+def _reference(
+    bag: Bag, ticks: NDArray[np.int64], start_ns: int, limits: ReferenceLimits
+) -> np.ndarray:
+    """Reference rows (N, 7) at the ticks: of the trajectory come last, the first one before it."""
     rows = np.full((ticks.size, REFERENCE.size), np.nan)
-    if not bag.references:
+    ways = _followed(bag, limits)
+    if not ways:
         return rows
-    ways = sorted(bag.references, key=lambda way: way.start_ns)
-    begun = [way.start_ns for way in ways]
+    ways.sort(key=lambda pair: pair[0])
+    begun = [came_ns for came_ns, _ in ways]
     for i, tick in enumerate(ticks.tolist()):
         now_ns = start_ns + tick * TICK_NS
-        way = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)]
-        rows[i] = way.at(now_ns)
+        rows[i] = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)][1].at(now_ns)
     return rows
 
 
@@ -101,14 +117,17 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
             f"{path}: holds neither {topics.TRUTH_ODOM} nor {topics.ODOM}: no flight{other}"
         )
     ticks = (source.stamp_ns - start_ns) // TICK_NS
-    return BagFlight(_record(bag, ticks, start_ns), bag.remarks, bag.foreign)
+    limits = ReferenceLimits.from_parameters(settings.nodes["outer_loop"])
+    return BagFlight(_record(bag, ticks, start_ns, limits), bag.remarks, bag.foreign)
 
 
 def _excited(bag: Bag) -> bool:
     return topics.EXCITATION_ACTUATORS in bag.streams or topics.EXCITATION_WIND in bag.streams
 
 
-def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
+def _record(
+    bag: Bag, ticks: NDArray[np.int64], start_ns: int, limits: ReferenceLimits
+) -> FlightRecord:
     def at(name: str, size: int) -> np.ndarray:
         return _at(bag.streams.get(name), ticks, start_ns, size)
 
@@ -129,7 +148,7 @@ def _record(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> FlightRecord:
         nav_rate_body_radps=nav[:, NAV.rate],
         nav_q_nb=nav[:, NAV.quat],
         nav_rotor=at(topics.ROTOR_STATE, ROTOR.size),
-        reference=_reference(bag, ticks, start_ns),
+        reference=_reference(bag, ticks, start_ns, limits),
         setpoint=at(topics.ATTITUDE_SETPOINT, 3),
         u=at(topics.ACTUATORS, ACTUATOR.size),
         nav_sigma_pos_m=nav[:, NAV.sigma_pos],

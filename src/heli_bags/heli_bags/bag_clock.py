@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The time of a bag that is being recorded: the flight's, whatever stamps arrive. No rclpy.
+
+A message of the graph belongs where its stamp says. Not every stamp is of the flight's time: a
+pilot's `topic pub` has the wall clock's, zero or anything. Such a message is put where it arrived,
+and is no sign of a gap.
+"""
+
+from collections.abc import Iterable
+
+from heli_math.ticks import NS_PER_S
+from heli_msgs_bridge import topics
+
+LATE = (topics.GPS_FIX, topics.GPS_VELOCITY)
+"""Stamped with the time of validity, which is earlier; in a bag they belong where they arrived."""
+WINDOW_NS = 2 * NS_PER_S
+"""Stamps so far from the newest are the flight's; more than a fix is late or a recorder behind."""
+
+
+def is_stream(name: str) -> bool:
+    """Whether a topic has a message every so many ticks, so that its stamps tell the time."""
+    return name in topics.BY_NAME and topics.BY_NAME[name].every_ticks > 0 and name not in LATE
+
+
+class BagClock:
+    """Which stamps are of the flight's time, and what time it is.
+
+    Two messages in a row of `/clock` (of any stream if that is not recorded) that fit to each other
+    set it: the recorder was started in flight, or time was begun anew.
+
+    Parameters
+    ----------
+    start_ns : int
+        Stamp of the flight's first tick.
+    names : iterable of str
+        What is recorded.
+
+    Attributes
+    ----------
+    now_ns : int
+        Newest stamp of the flight.
+    known : bool
+        False until a stream has confirmed or set the time.
+    """
+
+    def __init__(self, start_ns: int, names: Iterable[str]) -> None:
+        streams = {name for name in names if is_stream(name)}
+        self.now_ns, self.known = start_ns, False
+        self._start_ns = start_ns
+        self._streams = streams
+        self._setters = streams & {topics.CLOCK} or streams
+        self._doubted: dict[str, int] = {}
+
+    def admits(self, name: str, stamp_ns: int) -> bool:
+        """Whether a stamp is of the flight's time, which it may move."""
+        begun = stamp_ns >= self._start_ns or name in LATE
+        if begun and abs(stamp_ns - self.now_ns) <= WINDOW_NS:
+            if name in self._streams:
+                self.known, self.now_ns = True, max(self.now_ns, stamp_ns)
+                self._doubted.pop(name, None)
+            return True
+        if name not in self._setters or stamp_ns < 0:
+            return False
+        before, self._doubted[name] = self._doubted.get(name), stamp_ns
+        if before is None or not 0 < stamp_ns - before <= WINDOW_NS:
+            return False
+        self.known, self.now_ns = True, stamp_ns
+        self._start_ns = min(self._start_ns, stamp_ns)
+        self._doubted.clear()
+        return True

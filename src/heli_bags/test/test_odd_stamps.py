@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages with stamps of another time in a bag: its duration, order and readers are as without."""
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from heli_bags.bag_clock import BagClock
+from heli_bags.reader import read_bag
+from heli_bags.recorder import BagRecorder, Format
+from heli_bags.tools import bag_info, bag_messages, write_csv
+from heli_math.ticks import NS_PER_S, TICK_NS
+from heli_math.trajectory import Trajectory
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import CHANNELS, ClockEncoder, Encoder
+from heli_msgs_bridge.reference_message import encode_reference
+
+START_NS = NS_PER_S
+STREAMS = (topics.IMU, topics.ODOM, topics.TRUTH_ODOM, topics.ACTUATORS)
+NAMES = (topics.CLOCK, *STREAMS, topics.REFERENCE, topics.DIAGNOSTICS)
+ODD_NS = {
+    "2026": 1_795_299_400 * NS_PER_S,
+    "an hour ahead": 3600 * NS_PER_S,
+    "zero": 0,
+    "negative": -5 * NS_PER_S,
+    "the first moment": -(2**31) * NS_PER_S,
+    "the last moment": (2**31 - 1) * NS_PER_S,
+}
+
+
+def stream_message(name, stamp_ns, value=0.0):
+    row = np.full(CHANNELS[name].size, value)
+    if name in (topics.ODOM, topics.TRUTH_ODOM):
+        row[6:10] = 1.0, 0.0, 0.0, 0.0
+    return Encoder(name).encode(row, stamp_ns)
+
+
+def told(stamp_ns):
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    message = DiagnosticArray(status=[DiagnosticStatus(name="heli/pilot", message="here")])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+    return serialize_message(message)
+
+
+def reference(stamp_ns, up_m=10.0):
+    way = Trajectory(stamp_ns, np.array([0]), np.array([[0.0, 0.0, -up_m, 0.0, 0.0, 0.0, 0.0]]))
+    return serialize_message(encode_reference(way))
+
+
+def foreign(stamp_ns):
+    """One message per topic, from outside."""
+    yield topics.CLOCK, ClockEncoder().encode(stamp_ns)
+    yield topics.DIAGNOSTICS, told(stamp_ns)
+    yield topics.REFERENCE, reference(stamp_ns)
+    for name in STREAMS:
+        yield name, stream_message(name, stamp_ns, 9.0)
+
+
+def flight(first_tick, ticks):
+    """Topic and message, tick by tick."""
+    yield topics.REFERENCE, reference(START_NS)
+    for tick in range(first_tick, first_tick + ticks):
+        stamp_ns = START_NS + tick * TICK_NS
+        for name in STREAMS:
+            yield name, stream_message(name, stamp_ns, tick / 1e4)
+        yield topics.CLOCK, ClockEncoder().encode(stamp_ns)
+
+
+def record(folder, odd_ns=None, first_tick=0, names=NAMES, at=150, storage="mcap"):
+    """A bag of a flight of 3 s, foreign messages in its middle or before it; what is missing."""
+    recorder = BagRecorder(folder, names, "/heli", Format(storage), START_NS)
+    for number, (name, raw) in enumerate(flight(first_tick, 300)):
+        if odd_ns is not None and number == at:
+            for other, message in foreign(odd_ns):
+                if other in names:
+                    recorder.write(other, message)
+        if name in names:
+            recorder.write(name, raw)
+        if number % 100 == 0:
+            recorder.flush()
+    recorder.close()
+    return recorder.missing()
+
+
+def same_streams(first, second):
+    assert first.streams.keys() == second.streams.keys()
+    for name, stream in first.streams.items():
+        np.testing.assert_array_equal(stream.stamp_ns, second.streams[name].stamp_ns)
+        np.testing.assert_array_equal(stream.rows, second.streams[name].rows)
+
+
+@pytest.mark.parametrize("odd_ns", ODD_NS.values(), ids=ODD_NS)
+@pytest.mark.parametrize("at", [0, 150], ids=["before", "within"])
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_odd_stamps_change_neither_duration_nor_order_nor_readers(tmp_path, odd_ns, at, storage):
+    assert record(tmp_path / "plain", storage=storage) == []
+    assert record(tmp_path / "odd", odd_ns, at=at, storage=storage) == []
+    plain, odd = (bag_info(tmp_path / name) for name in ("plain", "odd"))
+    assert odd.start_s == plain.start_s == 1.0
+    assert odd.duration_s == pytest.approx(plain.duration_s) == 2.99
+    assert odd.messages == plain.messages + 7
+    stamps = [stamp_ns for _, _, stamp_ns, _ in bag_messages(tmp_path / "odd")]
+    assert stamps == sorted(stamps)
+    first, second = read_bag(tmp_path / "plain"), read_bag(tmp_path / "odd")
+    same_streams(first, second)
+    assert second.refused == dict.fromkeys(STREAMS, 1)
+    assert "recorded at" in second.reasons[topics.IMU]
+    remark, where_s = second.remarks[-1], 1.0 if at == 0 else 1.29
+    assert remark.message == "here" and remark.stamp_ns / NS_PER_S == pytest.approx(
+        where_s, abs=0.1
+    )
+    (tmp_path / "csv").mkdir()
+    rows = write_csv(tmp_path / "odd", tmp_path / "csv")
+    assert {count for name, count in rows.items() if "diag" not in name} == {301, 2}
+
+
+def test_a_recorder_that_is_started_in_flight_has_the_flights_time(tmp_path):
+    assert record(tmp_path / "bag", first_tick=60_000) == []
+    info = bag_info(tmp_path / "bag")
+    assert (info.start_s, round(info.duration_s, 6)) == (601.0, 2.99)
+
+
+def test_without_clock_any_stream_tells_the_time(tmp_path):
+    names = tuple(name for name in NAMES if name != topics.CLOCK)
+    assert record(tmp_path / "bag", ODD_NS["2026"], 60_000, names) == []
+    info = bag_info(tmp_path / "bag")
+    assert (info.start_s, round(info.duration_s, 6)) == (601.0, 2.99)
+
+
+def test_time_that_is_begun_anew_is_followed():
+    """One message of another time is none of it; two of the clock in a row are."""
+    clock = BagClock(START_NS, NAMES)
+    assert clock.admits(topics.CLOCK, START_NS) and clock.known
+    assert not clock.admits(topics.CLOCK, 900 * NS_PER_S)
+    assert clock.admits(topics.CLOCK, START_NS + TICK_NS)
+    assert not clock.admits(topics.ODOM, 900 * NS_PER_S)
+    assert not clock.admits(topics.ODOM, 900 * NS_PER_S + TICK_NS)
+    assert not clock.admits(topics.CLOCK, 900 * NS_PER_S)
+    assert clock.admits(topics.CLOCK, 900 * NS_PER_S + TICK_NS)
+    assert clock.now_ns == 900 * NS_PER_S + TICK_NS
+
+
+def test_a_gap_is_still_a_gap(tmp_path):
+    """A message with an odd stamp does not stand in for one that was lost."""
+    recorder = BagRecorder(tmp_path / "bag", NAMES, "/heli", start_ns=START_NS)
+    for number, (name, raw) in enumerate(flight(0, 100)):
+        lost = name == topics.ODOM and 200 < number < 206
+        recorder.write(name, stream_message(name, ODD_NS["2026"]) if lost else raw)
+    recorder.close()
+    assert recorder.missing() == [topics.ODOM]
+    assert recorder.odd_stamps == {topics.ODOM: 1}
