@@ -51,6 +51,12 @@ class BagClock:
         self._setters = streams & {topics.CLOCK} or streams
         self._doubted: dict[str, int] = {}
 
+    @property
+    def likely_ns(self) -> int:
+        """The time; before it is known, what was last said of it."""
+        doubted = [] if self.known else list(self._doubted.values())
+        return doubted[-1] if doubted else self.now_ns
+
     def admits(self, name: str, stamp_ns: int) -> bool:
         """Whether a stamp is of the flight's time, which it may move."""
         begun = stamp_ns >= self._start_ns or name in LATE

@@ -129,7 +129,7 @@ class BagRecorder:
     @property
     def newest_ns(self) -> int:
         """Newest stamp of the flight, ns."""
-        return self._clock.now_ns
+        return self._clock.likely_ns
 
     def write(self, name: str, raw: bytes) -> None:
         """Write a serialised message, stamped in the flight's time.
