@@ -55,7 +55,8 @@ class RecorderNode(ManagedNode[Recording, None]):
         names = list(wanted)
         if "all" in names:
             at = names.index("all")
-            names[at : at + 1] = [t.name for t in topics.TABLE]
+            pictures = [t.name for t in topics.TOOLS if topics.installed(t.name)]
+            names[at : at + 1] = [*(t.name for t in topics.TABLE), *pictures]
         rows = {row_of(name).name: name for name in names}
         for name in left_out - set(rows):
             row_of(name)

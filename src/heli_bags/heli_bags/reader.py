@@ -72,11 +72,13 @@ class Bag:
     foreign: list[str] = field(default_factory=list)
 
 
-def _graph_name(recorded: str, msgtype: str) -> str | None:
-    """Relative name of a recorded topic whatever its namespace; None if it is not of the graph."""
+def _graph_name(
+    recorded: str, msgtype: str, table: tuple[topics.Topic, ...] = topics.TABLE
+) -> str | None:
+    """Relative name of a recorded topic whatever its namespace; None if it is not of the table."""
     fitting = [
         topic.name
-        for topic in topics.TABLE
+        for topic in table
         if msgtype == topic.type and recorded.endswith(f"/{topic.name.lstrip('/')}")
     ]
     # "ground_truth/odom" and "excitation/actuators" end like "odom" and "actuators".
@@ -239,7 +241,9 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
             collector.namespaces = _namespaces({c.topic: names[c.id] for c in reader.connections})
             collector.start_ns = reader.start_time
             collector.bag.foreign = sorted(
-                c.topic for c in reader.connections if names[c.id] is None
+                c.topic
+                for c in reader.connections
+                if names[c.id] is None and _graph_name(c.topic, c.msgtype, topics.TOOLS) is None
             )
             for connection, bag_ns, raw in reader.messages():
                 name = names[connection.id]

@@ -40,12 +40,12 @@ def row_of(wanted: str) -> topics.Topic:
     BagError
         The graph has no such topic and no type is given.
     """
-    if wanted in topics.BY_NAME:
-        return topics.BY_NAME[wanted]
+    if wanted in topics.KNOWN:
+        return topics.KNOWN[wanted]
     name, _, type_name = wanted.partition(":")
     if not name or "/msg/" not in type_name:
         raise BagError(
-            f"unknown topic '{wanted}'; known: {', '.join(topics.BY_NAME)}; "
+            f"unknown topic '{wanted}'; known: {', '.join(topics.KNOWN)}; "
             "any other as name:package/msg/Type"
         )
     return topics.Topic(name, type_name, (), (), 0)
@@ -134,8 +134,9 @@ class BagRecorder:
     def write(self, name: str, raw: bytes) -> None:
         """Write a serialised message, stamped in the flight's time.
 
-        A message whose stamp is of another time, and that of a foreign topic, which need not carry
-        one, get the graph's newest stamp. Nothing is written before the time is known.
+        A message whose stamp is of another time, and that of a foreign topic or of one of
+        `topics.TOOLS`, which need not carry one, get the graph's newest stamp. Nothing is written
+        before the time is known.
 
         Raises
         ------
@@ -220,7 +221,7 @@ class BagRecorder:
         found, end_ns = [], self._clock.now_ns if until_ns is None else until_ns
         for name, last in self._last.items():
             period_ns = self.rows[name].every_ticks * TICK_NS
-            if not period_ns or self._failed:
+            if not period_ns or name not in topics.BY_NAME or self._failed:
                 continue
             expected = (last - self._first[name]) // period_ns + 1
             fitting = self.counts[name] - self.odd_stamps.get(name, 0)

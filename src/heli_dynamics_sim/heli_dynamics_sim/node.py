@@ -5,12 +5,15 @@ import sys
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rclpy.duration import Duration
 
 from heli_dynamics_sim import plant
+from heli_dynamics_sim.description import BASE, mounts, robot_description
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.wind import injected_gust
@@ -18,6 +21,7 @@ from heli_math.rows import ACTUATOR, JOINTS, MEAS, PLANT
 from heli_math.ticks import TICK_S, seconds, ticks_in
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.frame_ids import in_namespace
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import FIX_STATUS, ClockEncoder, Variance
@@ -25,6 +29,7 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.stepping import RealTime
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
+from heli_msgs_bridge.transforms import Transform, encode_text, encode_transforms
 
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
 _CATCH_UP_TICKS = 10
@@ -72,6 +77,8 @@ class Aircraft(TickCore):
         Wall time that has been flown, up to the last pause.
     over : str
         How the flight ended, if it did.
+    describe : list of callable
+        Send what the aircraft looks like, latched.
     """
 
     config: plant.PlantConfig
@@ -87,6 +94,7 @@ class Aircraft(TickCore):
     begun: bool = False
     wall_s: float = 0.0
     over: str = ""
+    describe: list[Callable[[], None]] = field(default_factory=list)
 
 
 @dataclass
@@ -123,7 +131,26 @@ class PlantNode(TickNode[Aircraft, Flight]):
             pace=self.listen((Input(topics.ACTUATORS, Demand()),), leads=True),
         )
         self._warm_up(core)
+        self._describe(core)
         return core
+
+    def _describe(self, core: Aircraft) -> None:
+        """Make what RViz wants: the aircraft's shape, and where its parts and sensors are fixed."""
+        own, helicopter = self.get_namespace(), core.config.helicopter
+        name = Path(self.values["aircraft_file"]).stem
+        shape = robot_description(helicopter, name, lambda frame: in_namespace(frame, own))
+        base = in_namespace(BASE, own)
+        fixed = [
+            Transform(base, in_namespace(child, own), at)
+            for child, at in mounts(helicopter).items()
+        ]
+        described = {
+            topics.ROBOT_DESCRIPTION: encode_text(shape),
+            topics.TF_STATIC: encode_transforms(fixed, self.start_ns),
+        }
+        for topic, raw in described.items():
+            if topics.installed(topic):
+                core.describe.append(partial(self.create_output(topic), raw))
 
     def _make_senders(self, config: plant.PlantConfig) -> dict[str, Send]:
         v = self.values
@@ -168,6 +195,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """Tick 0 is measured and sent; after a pause, the tick that was sent last still holds."""
         begun, self.core.begun = self.core.begun, True
         super().begin()
+        for describe in self.core.describe:
+            describe()
         if not begun:
             self._send_tick()
 

@@ -29,7 +29,6 @@ from heli_live_view.parameter_table import (
 )
 from heli_live_view.plan import Limits
 from heli_live_view.ros_commands import Commander
-from heli_live_view.scene_message import TF, TF_TYPE
 from heli_live_view.scene_sender import SceneSender
 from heli_live_view.vehicle import bounds
 from heli_math.ticks import TICK_NS
@@ -236,7 +235,8 @@ class LiveViewNode(ManagedNode[View, None]):
             self.get_logger().warning("foxglove-sdk is not installed: the page only")
             return None
         types = {full[topic.name]: topic.type for topic in topics.TABLE}
-        types |= {self.resolve_topic_name(topics.SCENE): topics.SCENE_TYPE, TF: TF_TYPE}
+        types |= {self.resolve_topic_name(topics.SCENE): topics.SCENE_TYPE}
+        types[topics.TF] = topics.KNOWN[topics.TF].type
         server = FoxgloveServer(self.values["foxglove_port"], types)
         self.at_end(server.stop)
         return server

@@ -9,14 +9,13 @@ from typing import Any
 
 from geometry_msgs.msg import Point
 from rclpy.serialization import serialize_message
-from rosbags.typesys import Stores, get_typestore
 from visualization_msgs.msg import Marker, MarkerArray
 
 from heli_live_view import scene
 from heli_math.ticks import NS_PER_S
-from heli_msgs_bridge.frame_ids import BASE, MAP
+from heli_msgs_bridge.frame_ids import BASE, MAP, in_namespace
+from heli_msgs_bridge.transforms import Transform, encode_transforms
 
-TF, TF_TYPE = "/tf", "tf2_msgs/msg/TFMessage"
 _KINDS = {
     scene.CUBE: Marker.CUBE,
     scene.SPHERE: Marker.SPHERE,
@@ -28,11 +27,11 @@ _KINDS = {
 
 
 class SceneMessages:
-    """Makes serialised marker arrays; one object per node."""
+    """Makes serialised marker arrays and transforms; one object per node, in its namespace."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = "") -> None:
         self._markers: dict[str, tuple[Any, tuple]] = {}
-        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._base = in_namespace(BASE, namespace)
 
     def serialize(self, shapes: Sequence[scene.Shape], stamp_ns: int) -> bytes:
         """Serialised MarkerArray of the shapes, stamped in ns."""
@@ -60,18 +59,5 @@ class SceneMessages:
         return marker
 
     def transform(self, body: dict[str, Any], stamp_ns: int) -> bytes:
-        """Serialised tf2_msgs/TFMessage map -> base_link (not among the wheels: by rosbags)."""
-        types = self._store.types
-        sec, nanosec = divmod(stamp_ns, NS_PER_S)
-        header = types["std_msgs/msg/Header"](
-            stamp=types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec), frame_id=MAP
-        )
-        transform = types["geometry_msgs/msg/Transform"](
-            translation=types["geometry_msgs/msg/Vector3"](*body["p"]),
-            rotation=types["geometry_msgs/msg/Quaternion"](*body["q"]),
-        )
-        stamped = types["geometry_msgs/msg/TransformStamped"](
-            header=header, child_frame_id=BASE, transform=transform
-        )
-        message = types[TF_TYPE](transforms=[stamped])
-        return bytes(self._store.serialize_cdr(message, TF_TYPE))
+        """Serialised tf2_msgs/TFMessage map -> base_link (the type is not among the wheels)."""
+        return encode_transforms([Transform(MAP, self._base, body["p"], body["q"])], stamp_ns)

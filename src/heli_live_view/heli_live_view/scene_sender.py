@@ -7,7 +7,7 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from heli_live_view import scene
-from heli_live_view.scene_message import TF, SceneMessages
+from heli_live_view.scene_message import SceneMessages
 from heli_msgs_bridge import topics
 
 _TRAIL_EVERY, _GROUND_EVERY = 6, 30
@@ -30,7 +30,7 @@ class SceneSender:
         self._node, self._foxglove, self._radius_m = node, foxglove, radius_m
         self._publisher = node.create_publisher(MarkerArray, topics.SCENE, topics.qos(topics.SCENE))
         self._name = self._publisher.topic_name
-        self._messages, self._trail = SceneMessages(), scene.Trail()
+        self._messages, self._trail = SceneMessages(node.get_namespace()), scene.Trail()
         self._count = 0
 
     def show(self, row: dict[str, Any], now_ns: int) -> None:
@@ -42,8 +42,8 @@ class SceneSender:
         watched = self._foxglove is not None and self._foxglove.is_watched(self._name)
         if watched or self._publisher.get_subscription_count():
             self._send(self._shapes(row, body), now_ns, watched)
-        if body is not None and self._foxglove is not None and self._foxglove.is_watched(TF):
-            self._foxglove.log_unstamped(TF, self._messages.transform(body, now_ns))
+        if body is not None and self._foxglove is not None and self._foxglove.is_watched(topics.TF):
+            self._foxglove.log_unstamped(topics.TF, self._messages.transform(body, now_ns))
 
     def _shapes(self, row: dict[str, Any], body: dict[str, Any] | None) -> list[scene.Shape]:
         shapes = scene.moving(row, self._radius_m)

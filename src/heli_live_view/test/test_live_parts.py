@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from heli_live_view import access, plan, scene
 from heli_live_view.access import Access
 from heli_live_view.live_state import LiveState
 from heli_live_view.vehicle import body_row
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
-from heli_msgs_bridge import topics
+from heli_msgs_bridge import frame_ids, topics
 
 S = 1_000_000_000
 CONFIG = Path(__file__).resolve().parents[1] / "config"
@@ -210,3 +211,17 @@ def test_foxglove_layout_shows_topics_that_exist():
         if name.startswith("3D"):
             assert list(panel["topics"]) == [f"/{topics.SCENE}"]
         assert panel.get("topicToRender", "/diagnostics") in known
+
+
+def test_rviz_shows_topics_and_frames_that_exist_as_they_are_sent():
+    """Names, and a durability and reliability with which the two meet."""
+    manager = yaml.safe_load((CONFIG / "flight.rviz").read_text())["Visualization Manager"]
+    assert manager["Global Options"]["Fixed Frame"] == frame_ids.MAP
+    assert manager["Views"]["Current"]["Target Frame"] == frame_ids.BASE
+    shown = [d.get("Topic") or d.get("Description Topic") for d in manager["Displays"]]
+    names = {topic["Value"].strip("/") for topic in shown if topic}
+    assert names == {topics.SCENE, topics.ODOM, topics.ROBOT_DESCRIPTION}
+    for topic in filter(None, shown):
+        latched = topics.qos(topic["Value"].strip("/")).durability.name == "TRANSIENT_LOCAL"
+        wanted = "Transient Local" if latched else "Volatile"
+        assert topic["Durability Policy"] == wanted, topic

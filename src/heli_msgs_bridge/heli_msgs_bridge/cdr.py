@@ -78,6 +78,12 @@ class Layout:
             self.text(value)
         return self
 
+    def numbers(self, values: Sequence[float]) -> "Layout":
+        """Append doubles that are known."""
+        self._align(8)
+        self.data += struct.pack(f"<{len(values)}d", *values)
+        return self
+
     def doubles(self, count: int) -> "Layout":
         """Append the block of doubles (once per message)."""
         self._align(8)

@@ -161,6 +161,8 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
 
     def expected_listeners(self, topic: str) -> set[str]:
         """Nodes that must listen to a topic before the flight starts."""
+        if topic not in topics.BY_NAME:
+            return set()
         peers = set(self.values["peers"]) - {self.SPEC.name}
         expected = peers.intersection(topics.BY_NAME[topic].sinks)
         return expected | (peers & {"recorder"})
@@ -201,7 +203,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
 
     def create_output(self, topic: str) -> Callable[[bytes], None]:
         """Lifecycle publisher of a graph topic; returns its publish function (bytes or message)."""
-        cls = topics.message_class(topics.BY_NAME[topic].type)
+        cls = topics.message_class(topics.KNOWN[topic].type)
         publisher = self.create_lifecycle_publisher(cls, topic, topics.qos(topic))
         self.outputs[topic] = publisher
 

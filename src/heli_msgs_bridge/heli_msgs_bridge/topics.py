@@ -32,6 +32,8 @@ TRUTH_ROTOR = "ground_truth/rotor_state"
 EXCITATION_ACTUATORS = "excitation/actuators"
 EXCITATION_WIND = "excitation/wind"
 DIAGNOSTICS = "/diagnostics"
+TF, TF_STATIC = "/tf", "/tf_static"
+ROBOT_DESCRIPTION = "robot_description"
 SCENE = "scene"
 """Pictures of the flight (visualization_msgs/MarkerArray) from `live_view`; no part of the graph's
 data, so neither in the table nor in bags."""
@@ -120,6 +122,26 @@ TABLE: tuple[Topic, ...] = (
 
 BY_NAME: dict[str, Topic] = {topic.name: topic for topic in TABLE}
 
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+TOOLS: tuple[Topic, ...] = (
+    Topic(TF, _TRANSFORMS, _OBSERVER, (), 4),
+    Topic(TF_STATIC, _TRANSFORMS, _PLANT, (), 0, latched=True),
+    Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", _PLANT, (), 0, latched=True),
+)
+"""What RViz and its like want besides. No node waits for it, no flight needs it, and a type may be
+missing: tf2_msgs is not among the wheels. They carry no stamp in front."""
+
+KNOWN: dict[str, Topic] = {topic.name: topic for topic in (*TABLE, *TOOLS)}
+
+
+def installed(name: str) -> bool:
+    """True if the type of a topic in `KNOWN` is on this machine (imports ROS messages)."""
+    try:
+        message_class(KNOWN[name].type)
+    except LookupError:
+        return False
+    return True
+
 
 def due(name: str, tick: int) -> bool:
     """True if the schedule demands a message of this topic at this tick."""
@@ -150,7 +172,7 @@ def qos(name: str, depth: int = DEPTH) -> Any:
     Everything is reliable: in lockstep a lost message is a stopped flight, and a best-effort
     publisher would never meet a reliable listener.
     """
-    return _profile(depth, name in BY_NAME and BY_NAME[name].latched)
+    return _profile(depth, name in KNOWN and KNOWN[name].latched)
 
 
 def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:
@@ -160,9 +182,7 @@ def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:
     pub`), who does not gets none of what was sent before. `arrivals.Once` makes one of them.
     """
     given = qos(name, depth)
-    return (
-        (given, _profile(depth, False)) if name in BY_NAME and BY_NAME[name].latched else (given,)
-    )
+    return (given, _profile(depth, False)) if name in KNOWN and KNOWN[name].latched else (given,)
 
 
 def _profile(depth: int, latched: bool) -> Any:

@@ -2,7 +2,7 @@
 """Node `observer`: sensors and flown actuators to odometry and rotor state, 100 Hz."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +17,7 @@ from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
+from heli_msgs_bridge.transforms import FrameTree, encode_transforms
 from heli_observer.layout import COUNTER_NAMES, ObserverState
 from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
 from heli_observer.parameter_table import NODE_NAME, TABLE
@@ -26,12 +27,17 @@ _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
 
 @dataclass(kw_only=True)
 class Navigation(TickCore):
-    """What the observer has while it is configured: numbers, state, rows in and out, outputs."""
+    """What the observer has while it is configured: numbers, state, rows in and out, outputs.
+
+    `send_tf` is None where the type of /tf is not installed.
+    """
 
     config: ObserverConfig
     state: ObserverState
     send_odom: Send
     send_rotor: Send
+    send_tf: Callable[[bytes], None] | None
+    frames: FrameTree
     y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.sensed))
     u: np.ndarray = field(default_factory=lambda: np.full(ACTUATOR.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(NAV.size))
@@ -70,6 +76,8 @@ class ObserverNode(TickNode[Navigation, None]):
             state=initial_state(config),
             send_odom=self.create_sender(topics.ODOM, (rate_variance(v),)),
             send_rotor=self.create_sender(topics.ROTOR_STATE),
+            send_tf=self.create_output(topics.TF) if topics.installed(topics.TF) else None,
+            frames=FrameTree(self.get_namespace()),
             pace=self.listen(inputs, origin),
         )
         self._warm_up(core)
@@ -83,8 +91,9 @@ class ObserverNode(TickNode[Navigation, None]):
         status(state, core.config.kernel)
 
     def engage(self) -> None:
-        """Begin with a new alignment."""
+        """Begin with a new alignment, and a new frame odom."""
         self.core.state = initial_state(self.core.config)
+        self.core.frames = FrameTree(self.get_namespace())
 
     def begin_anew(self) -> None:
         """Another flight: align again."""
@@ -101,6 +110,9 @@ class ObserverNode(TickNode[Navigation, None]):
         stamp_ns = self.stamp_ns(tick)
         core.send_odom(core.out, stamp_ns)
         core.send_rotor(core.out[NAV.rotor], stamp_ns)
+        if core.send_tf is not None and core.frames.follow(core.out, tick):
+            if tick % topics.KNOWN[topics.TF].every_ticks == 0:
+                core.send_tf(encode_transforms(core.frames.transforms(core.out), stamp_ns))
         self._tell()
 
     def _fill_measurements(self, y: np.ndarray, arrived: Arrived) -> None:

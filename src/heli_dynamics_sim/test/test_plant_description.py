@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The aircraft as URDF: whole, of its parameters' size, its links the frames of the messages."""
+
+from xml.etree import ElementTree as Xml
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
+
+from heli_dynamics_sim import description
+from heli_dynamics_sim.description import mounts, robot_description
+from heli_dynamics_sim.node import PlantNode
+from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_msgs_bridge import frame_ids, topics
+from heli_msgs_bridge.channels import CHANNELS
+
+AIRCRAFT = ("helion", "logo600", "xcell60")
+
+
+def urdf(name, **options):
+    aircraft = HelicopterParameters.from_yaml(f"{name}.yaml")
+    return aircraft, Xml.fromstring(robot_description(aircraft, name, **options))
+
+
+def links(robot):
+    return {link.get("name") for link in robot.findall("link")}
+
+
+@pytest.mark.parametrize("name", AIRCRAFT)
+def test_links_hang_together_as_a_tree_with_the_base_as_root(name):
+    _, robot = urdf(name)
+    assert robot.tag == "robot" and robot.get("name") == name
+    children = [joint.find("child").get("link") for joint in robot.findall("joint")]
+    parents = {joint.find("parent").get("link") for joint in robot.findall("joint")}
+    assert len(children) == len(set(children))
+    assert links(robot) - set(children) == {"base_link"} and parents <= links(robot)
+    names = [joint.get("name") for joint in robot.findall("joint")]
+    assert len(names) == len(set(names))
+    colours = {material.get("name") for material in robot.findall("material")}
+    assert {m.get("name") for m in robot.findall("link/visual/material")} == colours
+
+
+@pytest.mark.parametrize("name", AIRCRAFT)
+def test_mass_inertia_and_sizes_are_those_of_the_parameters(name):
+    aircraft, robot = urdf(name)
+    (inertial,) = robot.findall("link/inertial")
+    assert float(inertial.find("mass").get("value")) == pytest.approx(aircraft.mass_kg, rel=1e-5)
+    wanted = aircraft.inertia_xx_kgm2, aircraft.inertia_yy_kgm2, aircraft.inertia_zz_kgm2
+    told = [float(inertial.find("inertia").get(key)) for key in ("ixx", "iyy", "izz")]
+    assert told == pytest.approx(wanted, rel=1e-5)
+    # A root with inertia is refused by KDL, so by robot_state_publisher.
+    assert robot.find("link[@name='base_link']/inertial") is None
+    for rotor, radius_m in (
+        ("main_rotor", aircraft.main_radius_m),
+        ("tail_rotor", aircraft.tail_radius_m),
+    ):
+        disc = robot.find(f"link[@name='{rotor}']/visual/geometry/cylinder")
+        assert float(disc.get("radius")) == pytest.approx(radius_m, rel=1e-5)
+    for joint in robot.findall("joint"):
+        at = [float(value) for value in joint.find("origin").get("xyz").split()]
+        assert at == pytest.approx(mounts(aircraft)[joint.find("child").get("link")], rel=1e-5)
+    assert mounts(aircraft)["main_rotor"] == (0.0, 0.0, aircraft.hub_height_m)
+    assert mounts(aircraft)["tail_rotor"][0] == -aircraft.tail_arm_m
+    lowest = min(
+        float(origin.get("xyz").split()[2]) for origin in robot.findall("link/visual/origin")
+    )
+    assert lowest == pytest.approx(-aircraft.gear_height_m, abs=0.02), "the skids"
+
+
+def test_every_frame_of_a_message_is_a_link_or_of_the_world():
+    assert description.BASE == frame_ids.BASE
+    _, robot = urdf("helion")
+    told = {frame for channel in CHANNELS.values() for frame in channel.frames}
+    assert told - {frame_ids.MAP} <= links(robot)
+
+
+def test_links_carry_the_namespace_as_the_frames_do():
+    plain, owned = urdf("helion")[1], urdf("helion", frame=lambda frame: f"heli2/{frame}")[1]
+    assert links(owned) == {f"heli2/{name}" for name in links(plain)}
+    assert owned.find("joint/parent").get("link") == "heli2/base_link"
+
+
+def test_who_comes_late_gets_it(bench):
+    """Sent once, latched: RViz begins when the flight is long under way."""
+    plant = bench(PlantNode, aircraft_file="xcell60.yaml")
+    plant.fly()
+    raw = plant.sent[topics.ROBOT_DESCRIPTION]
+    assert len(raw) == 1
+    heard, context = [], plant.node.context
+    listener = rclpy.create_node("late", context=context)
+    listener.create_subscription(
+        String, "/robot_description", heard.append, topics.qos(topics.ROBOT_DESCRIPTION)
+    )
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(listener)
+    for _ in range(60):
+        if heard:
+            break
+        executor.spin_once(timeout_sec=0.5)
+    executor.shutdown()
+    listener.destroy_node()
+    assert heard == [deserialize_message(raw[0], String)]
+    assert 'name="xcell60"' in heard[0].data
