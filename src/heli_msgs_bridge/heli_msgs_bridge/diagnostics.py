@@ -16,7 +16,7 @@ REPEAT_S = 1.0
 """Wall time after which a status is repeated though no tick has passed."""
 
 
-def hardware_id(namespace: str) -> str:
+def hardware_of(namespace: str) -> str:
     """The aircraft that flies in a namespace: its name is that of the namespace."""
     return namespace.strip("/") or "helicopter"
 

@@ -18,7 +18,7 @@ from heli_math.ticks import TICK_NS, stamp_at
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, with_info
 from heli_msgs_bridge.descriptors import descriptor, ros_value
-from heli_msgs_bridge.diagnostics import REPEAT_S, Level, Reporter, hardware_id
+from heli_msgs_bridge.diagnostics import REPEAT_S, Level, Reporter, hardware_of
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.peers import wait_for_peers
 from heli_msgs_bridge.services import chosen, guard
@@ -107,7 +107,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
                 topics.qos(topics.DIAGNOSTICS),
             ),
             self.get_fully_qualified_name().lstrip("/"),
-            hardware_id(self.get_namespace()),
+            hardware_of(self.get_namespace()),
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPEAT_S, self.guarded(self._repeat_report), clock=steady)

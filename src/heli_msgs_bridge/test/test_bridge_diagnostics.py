@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 
 from heli_math.ticks import NS_PER_S, TICKS_PER_S
-from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_id
+from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_parameters.common_table import with_common
@@ -72,8 +72,8 @@ def test_a_status_is_of_an_aircraft_and_of_now(said):
 
 
 def test_hardware_is_named_without_a_namespace_too():
-    assert hardware_id("/") == "helicopter"
-    assert hardware_id("/fleet/heli2") == "fleet/heli2"
+    assert hardware_of("/") == "helicopter"
+    assert hardware_of("/fleet/heli2") == "fleet/heli2"
 
 
 class Kept:
