@@ -195,9 +195,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """Tick 0 is measured and sent; after a pause, the tick that was sent last still holds."""
         begun, self.core.begun = self.core.begun, True
         super().begin()
-        for describe in self.core.describe:
-            describe()
         if not begun:
+            for describe in self.core.describe:
+                describe()
             self._send_tick()
 
     def disengage(self) -> None:

@@ -92,12 +92,12 @@ class ObserverNode(TickNode[Navigation, None]):
 
     def engage(self) -> None:
         """Begin with a new alignment, and a new frame odom."""
-        self.core.state = initial_state(self.core.config)
-        self.core.frames = FrameTree(self.get_namespace())
+        self.begin_anew()
 
     def begin_anew(self) -> None:
         """Another flight: align again."""
-        self.engage()
+        self.core.state = initial_state(self.core.config)
+        self.core.frames = FrameTree(self.get_namespace())
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the filter."""
