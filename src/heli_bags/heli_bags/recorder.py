@@ -221,7 +221,7 @@ class BagRecorder:
         found, end_ns = [], self._clock.now_ns if until_ns is None else until_ns
         for name, last in self._last.items():
             period_ns = self.rows[name].every_ticks * TICK_NS
-            if not period_ns or name not in topics.BY_NAME or self._failed:
+            if not period_ns or self._failed:
                 continue
             expected = (last - self._first[name]) // period_ns + 1
             fitting = self.counts[name] - self.odd_stamps.get(name, 0)
