@@ -205,7 +205,8 @@ def table_of(node_name):
 
 def check_run(words, launch):
     assert executable(words[0], words[1]).is_file()
-    assert not words[2:] or words[2] == "--ros-args"
+    commands = ("heli", "hover_test")
+    assert not words[2:] or words[2] == "--ros-args" or words[1] in commands
 
 
 def check_launch(words, launch):

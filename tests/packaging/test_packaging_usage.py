@@ -11,7 +11,10 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.usage import asks_for_help
 
 ROOT = Path(__file__).resolve().parents[2]
-MODULES = {"scenario": "heli_flight.graph.scenario_node"}
+MODULES = {
+    "scenario": "heli_flight.graph.scenario_node",
+    "world_clock": "heli_flight.graph.world_clock_node",
+}
 EXECUTABLES = sorted(
     path.name
     for path in (ROOT / "src").glob("*/scripts/*")
@@ -33,8 +36,8 @@ def node_class(name):
     return found
 
 
-def test_all_seven_are_here():
-    assert len(EXECUTABLES) == 7
+def test_all_eight_are_here():
+    assert len(EXECUTABLES) == 8
 
 
 @pytest.mark.parametrize("name", EXECUTABLES)

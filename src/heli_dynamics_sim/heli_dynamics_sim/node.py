@@ -37,6 +37,9 @@ _ACKNOWLEDGE_S = 3.5
 # Real time: age of the last command (wall time) after which it is called missing.
 _REAL_TIME_SILENCE_S = 0.5
 _NO_COMMAND = "no message on 'actuators' from inner_loop: going on with the last command"
+WORLD_CLOCK = "world_clock"
+"""Name of the node that sends the clock of several aircraft."""
+_NO_CLOCK = f"no message on '/clock' from {WORLD_CLOCK}: going on without the other aircraft"
 _ENCODE_CLOCK = ClockEncoder().encode
 
 
@@ -70,7 +73,7 @@ class Aircraft(TickCore):
     send : dict
         Per topic what sends a row.
     send_clock : callable
-        Sends the bytes of a clock message.
+        Sends the bytes of a clock message; None: another node does.
     begun : bool
         Whether tick 0 has been sent.
     wall_s : float
@@ -87,7 +90,7 @@ class Aircraft(TickCore):
     n_ticks: int
     u: np.ndarray
     send: dict[str, Send]
-    send_clock: Callable[[bytes], None]
+    send_clock: Callable[[bytes], None] | None
     y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.size))
     joints: np.ndarray = field(default_factory=lambda: np.zeros(JOINTS.size))
     gust: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -127,8 +130,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
             n_ticks=max(1, ticks_in(self.values["duration_s"])),
             u=commands[-1].copy() if len(commands) else np.zeros(ACTUATOR.size),
             send=self._make_senders(config),
-            send_clock=self.create_output(topics.CLOCK),
-            pace=self.listen((Input(topics.ACTUATORS, Demand()),), leads=True),
+            send_clock=None if self._in_a_world else self.create_output(topics.CLOCK),
+            pace=self.listen(self._inputs(), leads=True),
         )
         self._warm_up(core)
         self._describe(core)
@@ -151,6 +154,22 @@ class PlantNode(TickNode[Aircraft, Flight]):
         for topic, raw in described.items():
             if topics.installed(topic):
                 core.describe.append(partial(self.create_output(topic), raw))
+
+    @property
+    def _in_a_world(self) -> bool:
+        """Whether the clock is that of several aircraft."""
+        return bool(self.values["clock"] == "world")
+
+    def _inputs(self) -> tuple[Input, ...]:
+        """Commands; in a world, in lockstep, its clock: nobody runs ahead of the others."""
+        commands = Input(topics.ACTUATORS, Demand())
+        follows = self._in_a_world and self.values["lockstep"]
+        return (commands, Input(topics.CLOCK, Demand())) if follows else (commands,)
+
+    def expected_listeners(self, topic: str) -> set[str]:
+        """In a world its clock, too, must hear how far this aircraft is."""
+        world = {WORLD_CLOCK} if self._in_a_world and topic == topics.TRUTH_ODOM else set()
+        return super().expected_listeners(topic) | world
 
     def _make_senders(self, config: plant.PlantConfig) -> dict[str, Send]:
         v = self.values
@@ -246,7 +265,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
             send[topics.EXCITATION_WIND](core.gust, stamp_ns)
         core.joints[JOINTS.rotor], core.joints[JOINTS.servo] = x[PLANT.rotor], x[PLANT.servo]
         send[topics.TRUTH_ROTOR](core.joints, stamp_ns)
-        core.send_clock(_ENCODE_CLOCK(stamp_ns))
+        if core.send_clock is not None:
+            core.send_clock(_ENCODE_CLOCK(stamp_ns))
         status = plant.PlantStatus(plant.status(core.state, k))
         if status != plant.PlantStatus.OK:
             self._end(Level.ERROR, status.sentence)
@@ -292,8 +312,11 @@ class PlantNode(TickNode[Aircraft, Flight]):
             self.core.config = judged
 
     def silence(self) -> str:
-        """Sentence about a missing command."""
-        return _NO_COMMAND if self.core.pace.silent else ""
+        """Sentence about a missing command, or a clock that stands still."""
+        silent = self.core.pace.silent
+        if topics.ACTUATORS in silent:
+            return _NO_COMMAND
+        return _NO_CLOCK if topics.CLOCK in silent else ""
 
     # --- real time ---------------------------------------------------------------------------
 

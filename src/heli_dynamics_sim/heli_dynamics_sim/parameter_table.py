@@ -29,6 +29,7 @@ _NODE = (
     _row("lockstep", "bool", "Wait for each command (true) or follow the wall clock (false)"),
     _row("duration_s", "double", "Length of the flight", "s", lower=TICK_S, upper=86400.0),
     _ticks("delay_ticks", "Transport delay of the commands", 0, 50),
+    _row("clock", "string", "Who sends /clock", choices=("own", "world")),
 )
 
 _SCENE = (

@@ -13,6 +13,7 @@ from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.messages import ClockEncoder
 from heli_parameters import locate
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -241,3 +242,49 @@ def test_another_flight_begins_after_clean_up_only(bench):
     for tick in range(5):
         plant.send(topics.ACTUATORS, tick, U)
     assert positions(plant) == first * 2
+
+
+class TestInAWorldOfSeveralAircraft:
+    """Its clock is another node's, and nobody is more than a tick ahead of it."""
+
+    @pytest.fixture
+    def plant(self, bench):
+        plant = bench(PlantNode, clock="world")
+        # Nobody listens here: not waited for.
+        plant.node.expected_listeners = lambda topic: set()
+        plant.fly()
+        return plant
+
+    def show(self, plant, tick):
+        plant.receive("clock", ClockEncoder().encode(plant.node.stamp_ns(tick)))
+
+    def test_it_sends_no_clock_and_waits_for_it(self, plant):
+        plant.send(topics.ACTUATORS, 0, U)
+        assert plant.node.tick == 0 and topics.CLOCK not in plant.sent
+        self.show(plant, 0)
+        assert plant.node.tick == 1
+        self.show(plant, 1)
+        assert plant.node.tick == 1
+        plant.send(topics.ACTUATORS, 1, U)
+        assert plant.node.tick == 2 and topics.CLOCK not in plant.sent
+
+    def test_a_clock_that_is_cut_off_is_none(self, plant):
+        plant.send(topics.ACTUATORS, 0, U)
+        plant.receive("clock", ClockEncoder().encode(plant.node.stamp_ns(0))[:11])
+        assert plant.node.tick == 0
+
+    def test_it_goes_on_alone_when_the_clock_has_been_silent_for_long(self, bench):
+        plant = bench(PlantNode, clock="world", peer_timeout_s=0.05)
+        plant.node.expected_listeners = lambda topic: set()
+        plant.fly()
+        plant.send(topics.ACTUATORS, 0, U)
+        plant.spin_until(lambda: plant.node.tick == 1)
+        assert plant.node.silence() == (
+            "no message on '/clock' from world_clock: going on without the other aircraft"
+        )
+
+    def test_its_truth_must_be_heard_by_the_clock(self, bench):
+        node = bench(PlantNode, clock="world").node
+        assert "world_clock" in node.expected_listeners(topics.TRUTH_ODOM)
+        assert "world_clock" not in node.expected_listeners(topics.IMU)
+        assert "world_clock" not in bench(PlantNode).node.expected_listeners(topics.TRUTH_ODOM)

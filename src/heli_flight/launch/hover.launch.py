@@ -10,12 +10,14 @@ or 1 if a node failed or the helicopter was lost.
 """
 
 import math
+import time
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 
+from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
 from heli_msgs_bridge.launching import COMMON, Argument, declare, node, users_files
 
 SCENARIOS = ["hover", "attitude", "attitude_gusts", "identify_actuators", "identify_gusts"]
@@ -38,7 +40,10 @@ ARGUMENTS = (
         "Receiver: its errors in the plant, their size in the filter",
     ),
     Argument(
-        "seed", "", None, "Seed of wind and sensors, a whole number (default: the parameter files')"
+        "seed",
+        "",
+        None,
+        "Seed of wind and sensors (default: the parameter files'; of several aircraft 1)",
     ),
     Argument("duration", "", None, "Length of the flight, s (default: the parameter files')"),
     Argument("controller", "", ["", *LAWS], "Attitude law (default: the parameter files')"),
@@ -54,6 +59,12 @@ ARGUMENTS = (
         "bag", "", None, "Folder of the bag, must not exist (default: bags/ with date and time)"
     ),
     Argument("live", "false", ["true", "false"], "Serve the live view"),
+    Argument(
+        "aircraft", "1", None, "How many, in the namespaces heli1, heli2 ...; each has its own seed"
+    ),
+    Argument(
+        "clock", "", ["", "own", "world"], "Who sends /clock: the plant, or a world_clock elsewhere"
+    ),
 )
 
 
@@ -87,6 +98,8 @@ def _overrides(given):
         found["plant"]["seed"] = _seed(given["seed"])
     if given["duration"]:
         found["plant"]["duration_s"] = _duration_s(given["duration"])
+    if given["clock"]:
+        found["plant"]["clock"] = given["clock"]
     if given["controller"]:
         found["inner_loop"]["controller"] = given["controller"]
     if given["bag"]:
@@ -96,9 +109,8 @@ def _overrides(given):
     return found
 
 
-def _graph(context):
-    """Every node configures and activates itself; in lockstep the plant waits for its peers."""
-    given = context.launch_configurations
+def _aircraft(given):
+    """Nodes of one aircraft; each configures and activates itself, the plant waits for the rest."""
     arguments, users = _overrides(given), users_files(given)
     scenario = _config("heli_flight", f"scenarios/{given['scenario']}.yaml")
     preset = f"gps_{given['gps']}.yaml"
@@ -114,8 +126,35 @@ def _graph(context):
         path = _config(package, preset)
         receiver = path if Path(path).is_file() else None
         layers = [peers, receiver, scenario, *users, arguments[name]]
-        found.append(node(package, name, given, layers))
+        # Of several aircraft the last flight ends the launch, by the clock of their world.
+        needed = name != "plant" or given["aircraft"] == "1"
+        found.append(node(package, name, given, layers, needed))
     return found
+
+
+def _several(given, count):
+    """Several aircraft and the clock of their world."""
+    if given["live"] == "true":
+        raise ValueError(f"live:=true: shows one aircraft, not aircraft:={count}")
+    base = given["namespace"].strip("/")
+    names = [f"{base}/heli{i + 1}".strip("/") for i in range(count)]
+    bags = Path(given["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}")
+    found = [node("heli_flight", "world_clock", {**given, "namespace": ""}, [{"aircraft": names}])]
+    for number, name in enumerate(names):
+        own = {"namespace": name, "clock": "world", "bag": str(bags / f"heli{number + 1}")}
+        own["seed"] = str(seed_of(_seed(given["seed"] or "1"), number))
+        if given["record"] != "true":
+            own["bag"] = ""
+        found += _aircraft({**given, **own})
+    return found
+
+
+def _graph(context):
+    given = context.launch_configurations
+    count = given["aircraft"]
+    if not (count.isdecimal() and 1 <= int(count) <= MOST_AIRCRAFT):
+        raise ValueError(f"aircraft:={count}: write a whole number from 1 to {MOST_AIRCRAFT}")
+    return _aircraft(given) if int(count) == 1 else _several(given, int(count))
 
 
 def generate_launch_description():

@@ -46,17 +46,26 @@ def users_files(given: Mapping[str, str]) -> list[str]:
     return [path] if path else []
 
 
-def _when_one_ends(event: Any, context: Any) -> list[Shutdown]:
+def _when_one_ends(needed: bool, event: Any, context: Any) -> list[Shutdown]:
     """End the others, too. A failure is launch's own: what is raised makes its exit code 1."""
     if context.is_shutdown:
         return []
     if event.returncode:
         raise RuntimeError(f"{event.process_name} ended with exit code {event.returncode}")
-    return [Shutdown(reason=f"{event.process_name} is done")]
+    return [Shutdown(reason=f"{event.process_name} is done")] if needed else []
 
 
-def node(package: str, name: str, given: Mapping[str, str], layers: Sequence[Any]) -> Node:
-    """A node with its parameter layers, the weakest first; its end ends the launch."""
+def node(
+    package: str,
+    name: str,
+    given: Mapping[str, str],
+    layers: Sequence[Any],
+    needed: bool = True,
+) -> Node:
+    """A node with its parameter layers, the weakest first.
+
+    Its end ends the launch, unless it is not needed to the end and has not failed.
+    """
     return Node(
         package=package,
         executable=name,
@@ -65,7 +74,7 @@ def node(package: str, name: str, given: Mapping[str, str], layers: Sequence[Any
         parameters=[layer for layer in layers if layer],
         ros_arguments=["--log-level", given["log_level"]],
         output="screen",
-        on_exit=_when_one_ends,
+        on_exit=partial(_when_one_ends, needed),
     )
 
 

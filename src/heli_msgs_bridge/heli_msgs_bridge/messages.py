@@ -34,6 +34,7 @@ from heli_msgs_bridge.frames import Datum
 __all__ = [
     "CHANNELS",
     "FIX_STATUS",
+    "ClockDecoder",
     "ClockEncoder",
     "CutOffError",
     "Decoder",
@@ -226,6 +227,10 @@ def rclpy_deserializer(topic: str) -> Callable[[bytes], Any]:
     return deserialize
 
 
+# Four bytes that say how it is serialised, then seconds and nanoseconds.
+_CLOCK_BYTES = 12
+
+
 class ClockEncoder:
     """Tick time -> serialised `rosgraph_msgs/Clock`."""
 
@@ -233,3 +238,17 @@ class ClockEncoder:
         """Serialised clock message of a time in ns."""
         sec, nanosec = divmod(stamp_ns, NS_PER_S)
         return bytes(Layout().put("i", sec).put("I", nanosec).data)
+
+
+class ClockDecoder:
+    """Serialised `rosgraph_msgs/Clock` -> its time as `stamp_ns`, and no numbers besides."""
+
+    def __init__(self) -> None:
+        self.array, self.stamp_ns = np.zeros(0), 0
+
+    def decode(self, raw: bytes) -> NDArray[np.float64]:
+        """Read the time; raises CutOffError."""
+        if len(raw) < _CLOCK_BYTES:
+            raise CutOffError(f"{topics.CLOCK}: a message of {len(raw)} bytes is cut off")
+        self.stamp_ns = stamp_of(raw)
+        return self.array

@@ -97,8 +97,9 @@ def _get_ready(node: "ManagedNode", lacking: Absent) -> bool:
     """Whether all who do not listen are in the graph; the recorder compiles nothing."""
     if "recorder" in lacking.peers:
         return False
-    own = node.get_namespace()
-    there = {name for name, space in node.get_node_names_and_namespaces() if space == own}
+    # The clock of a world is in no aircraft's namespace.
+    spaces = (node.get_namespace(), "/")
+    there = {name for name, space in node.get_node_names_and_namespaces() if space in spaces}
     return lacking.connected and all(_names(node, peer) & there for peer in lacking.peers)
 
 

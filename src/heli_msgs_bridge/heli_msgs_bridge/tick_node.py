@@ -18,6 +18,7 @@ from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import ManagedNode, Run
 from heli_msgs_bridge.messages import (
     CHANNELS,
+    ClockDecoder,
     CutOffError,
     Decoder,
     Encoder,
@@ -145,7 +146,11 @@ class TickNode(ManagedNode[Core, Run]):
             trigger, own_tick = (None, lambda: self.tick) if leads else (inputs[0].topic, None)
             pace = RealTime(trigger, self._make_step, own_tick, refused=refused)
         for item in inputs:
-            decoder = Decoder(item.topic, datum if item.topic == topics.GPS_FIX else None)
+            decoder: Decoder | ClockDecoder
+            if item.topic == topics.CLOCK:
+                decoder = ClockDecoder()
+            else:
+                decoder = Decoder(item.topic, datum if item.topic == topics.GPS_FIX else None)
             self.hear(item.topic, self._receiver(item, decoder, pace), raw=True)
         return pace
 
@@ -241,7 +246,9 @@ class TickNode(ManagedNode[Core, Run]):
         self.step(tick, arrived)
         self.send_report()
 
-    def _receiver(self, item: Input, decoder: Decoder, pace: Pace) -> Callable[[bytes], None]:
+    def _receiver(
+        self, item: Input, decoder: Decoder | ClockDecoder, pace: Pace
+    ) -> Callable[[bytes], None]:
         """Callback for the serialised messages of a topic."""
         topic, off_tick, start_ns = item.topic, item.off_tick, self.start_ns
         earliest = -item.demand.lag_ticks

@@ -91,6 +91,7 @@ WINNING = [
     ("seed:=7", "plant", "seed", 7, "5"),
     ("duration:=3.5", "plant", "duration_s", 3.5, "4.0"),
     ("controller:=pid", "inner_loop", "controller", "pid", "lqr"),
+    ("clock:=world", "plant", "clock", "world", "own"),
     ("bag:=by_argument", "recorder", "bag", "by_argument", "by_file"),
     *(("lockstep:=false", name, "lockstep", False, "true") for name in (*FLYING, "live_view")),
 ]
@@ -108,7 +109,7 @@ def test_an_argument_wins_over_the_users_file_and_that_over_defaults(
     assert str(found(f"params_file:={file}")).lower() == in_file
     assert found(f"params_file:={file}", argument) == value
     assert found(argument) == value
-    if key != "lockstep":
+    if key not in ("lockstep", "clock"):
         assert found() not in (value, in_file)
 
 
@@ -116,6 +117,8 @@ def test_every_argument_has_a_test(describe):
     """In this file: an argument that is added is added here."""
     tested = {argument.split(":=")[0] for argument, *_ in WINNING}
     tested |= {"namespace", "params_file", "log_level", "scenario", "gps", "record", "live"}
+    # In test_several_aircraft.py.
+    tested.add("aircraft")
     for package, name in LAUNCH_FILES:
         entities = describe(package, name).entities
         declared = {entity.name for entity in entities if hasattr(entity, "default_value")}
