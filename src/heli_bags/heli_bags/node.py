@@ -90,6 +90,8 @@ class RecorderNode(ManagedNode[Recording, None]):
             raise StartError(str(error)) from error
         self._folders.append(folder)
         core = Recording(bag)
+        # Also when a signal comes while this node is configured: the bag opens.
+        self.at_end(bag.close)
         self.at_end(lambda: self._unsubscribe(core))
         for name in bag.rows:
             self._subscribe(core, name, topics.qos(name, _DEPTH))

@@ -124,7 +124,7 @@ class BagRecorder:
         self._last: dict[str, int] = {}
         self._clock = BagClock(start_ns, self.rows)
         self._waiting: list[tuple[str, bytes]] = []
-        self._failed = False
+        self._failed = self._closed = False
 
     @property
     def newest_ns(self) -> int:
@@ -230,16 +230,19 @@ class BagRecorder:
         return found
 
     def close(self) -> None:
-        """Write index and metadata; the bag opens everywhere then.
+        """Write index and metadata; the bag opens everywhere then. Once is enough.
 
         Raises
         ------
         BagError
             They could not be written; the chunks that are on the disk stay readable.
         """
+        if self._closed:
+            return
         self._write_waiting()
         if self._failed:
             return
+        self._closed = True
         try:
             self._bag.flush()
             self._bag.close()

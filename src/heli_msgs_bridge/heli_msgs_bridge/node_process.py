@@ -15,6 +15,7 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
 
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_spec import StartError
@@ -25,28 +26,70 @@ from heli_parameters.parameters import ParameterError
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Ending:
+    """Takes SIGINT and SIGTERM: the first ends ROS, whatever comes after it changes nothing.
+
+    A terminal and a launch send SIGINT both, and SIGTERM soon after. rclpy's own handlers may abort
+    the process when they are called twice, and a bag would have no index. So the signals are
+    blocked in all threads, and one of our own waits for them until the process ends.
+
+    Attributes
+    ----------
+    asked : bool
+        Whether a signal has come.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+        thread = threading.Thread(target=self._wait, daemon=True)
+        thread.start()
+
+        def pass_on(number: int, frame: object) -> None:
+            """For threads of libraries that were started before, and do not block them."""
+            assert thread.ident is not None
+            signal.pthread_kill(thread.ident, number)
+
+        for number in _SIGNALS:
+            signal.signal(number, pass_on)
+
+    def close(self) -> None:
+        """The process ends: while the interpreter gives handlers back, its exit code stands."""
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
+    def _wait(self) -> None:
+        while True:
+            signal.sigwait(_SIGNALS)
+            if not self.asked:
+                self.asked = True
+                rclpy.get_default_context().try_shutdown()
+
+
 def complain(name: str, sentence: str) -> None:
     """One line on stderr."""
     sys.stderr.write(f"{name}: {' '.join(sentence.split())}\n")
     sys.stderr.flush()
 
 
-def _start(cls: type[ManagedNode], argv: Sequence[str], args: Sequence[str]) -> ManagedNode:
+def _start(
+    cls: type[ManagedNode], argv: Sequence[str], args: Sequence[str], ending: Ending
+) -> ManagedNode:
     """Check parameters, start ROS, make the node; raises StartError or ParameterError."""
     line = command_line.parse(argv, cls.SPEC.name)
     values = cls.SPEC.resolve(line.params_files, line.rules, line.full_name)
-    interrupted = threading.Event()
-    # From here on Ctrl-C ends ROS, as SIGTERM does; Python would raise it wherever it is just now.
-    signal.signal(signal.SIGINT, lambda number, frame: interrupted.set())
     try:
-        rclpy.init(args=list(args))
+        rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
         node = cls(values)
     except (StartError, ParameterError):
         raise
     except Exception as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise StartError(f"ROS 2 cannot start: {first}") from error
-    if interrupted.is_set():
+    if ending.asked:
         raise ExternalShutdownException
     return node
 
@@ -95,12 +138,13 @@ def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
     """
     argv = list(sys.argv[1:] if args is None else args)
     name = cls.SPEC.name
-    node = None
+    node, ending = None, None
     try:
         if asks_for_help(argv):
             sys.stdout.write(usage(cls.SPEC, cls.__doc__ or ""))
             return 0
-        node = _start(cls, argv, [name, *argv])
+        ending = Ending()
+        node = _start(cls, argv, [name, *argv], ending)
         return _spin(node)
     except (StartError, ParameterError) as error:
         complain(name, str(error))
@@ -115,16 +159,16 @@ def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
         return 1
     finally:
         _end(node)
+        if ending is not None:
+            ending.close()
 
 
 def _end(node: ManagedNode | None) -> None:
-    """Last words and clean-up, whatever the state is in."""
+    """Last words and clean-up, whatever the state is in; no signal disturbs it."""
     try:
         if node is not None:
             node.end()
             node.destroy_node()
         rclpy.try_shutdown()
-    except (KeyboardInterrupt, Exception) as error:
+    except Exception as error:
         complain("shutdown", f"{type(error).__name__}: {error}")
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
