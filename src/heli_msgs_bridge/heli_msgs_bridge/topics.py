@@ -87,7 +87,7 @@ class Topic:
 
 
 _PLANT, _OBSERVER, _INNER, _OUTER = ("plant",), ("observer",), ("inner_loop",), ("outer_loop",)
-_ALL = ("plant", "observer", "inner_loop", "outer_loop", "recorder", "scenario")
+_ALL = ("plant", "observer", "inner_loop", "outer_loop", "recorder", "scenario", "live_view")
 _JOINTS = "sensor_msgs/msg/JointState"
 _ODOMETRY = "nav_msgs/msg/Odometry"
 

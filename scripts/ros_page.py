@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/ros.md out of the code's own tables: topics, services, life cycle, parameters.
+
+Usage: python scripts/ros_page.py            write the page
+       python scripts/ros_page.py --check    exit code 1 if it is stale
+"""
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from heli_bags.node import RecorderNode
+from heli_dynamics_sim.node import PlantNode
+from heli_flight.graph.scenario_node import ScenarioNode
+from heli_inner_hinf.node import InnerLoopNode
+from heli_live_view.node import STATE_HZ, LiveViewNode
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.channels import CHANNELS
+from heli_msgs_bridge.frame_ids import BASE, MAP, ODOM
+from heli_msgs_bridge.managed_node import ManagedNode
+from heli_observer.node import ObserverNode
+from heli_outer_pd.node import OuterLoopNode
+from heli_parameters.common_table import COMMON_TABLE
+from heli_parameters.parameters import Parameter
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros.md"
+NODES: tuple[type[ManagedNode], ...] = (
+    PlantNode,
+    ObserverNode,
+    InnerLoopNode,
+    OuterLoopNode,
+    RecorderNode,
+    ScenarioNode,
+    LiveViewNode,
+)
+SERVICES = {
+    "change_state": "lifecycle_msgs/srv/ChangeState",
+    "get_state": "lifecycle_msgs/srv/GetState",
+    "get_available_states": "lifecycle_msgs/srv/GetAvailableStates",
+    "get_available_transitions": "lifecycle_msgs/srv/GetAvailableTransitions",
+    "get_transition_graph": "lifecycle_msgs/srv/GetAvailableTransitions",
+    "describe_parameters": "rcl_interfaces/srv/DescribeParameters",
+    "get_parameter_types": "rcl_interfaces/srv/GetParameterTypes",
+    "get_parameters": "rcl_interfaces/srv/GetParameters",
+    "get_type_description": "type_description_interfaces/srv/GetTypeDescription",
+    "list_parameters": "rcl_interfaces/srv/ListParameters",
+    "set_parameters": "rcl_interfaces/srv/SetParameters",
+    "set_parameters_atomically": "rcl_interfaces/srv/SetParametersAtomically",
+}
+_FRAMES = {
+    topics.REFERENCE: (MAP, BASE),
+    topics.TF: (MAP, ODOM, BASE),
+    topics.TF_STATIC: (BASE, "links of the model"),
+    topics.SCENE: (MAP,),
+}
+_RATES = {
+    topics.DIAGNOSTICS: "1 Hz and on change",
+    topics.SCENE: f"{STATE_HZ} Hz of wall time",
+}
+_LONGEST = 44
+
+HEAD = """# The graph, as ROS 2 sees it
+
+Made from the code's own tables by `scripts/ros_page.py`; a test fails when it is stale.
+
+## Topics
+
+Names are relative, except those with a slash: `namespace:=heli2` moves all others to
+`/heli2/...`, and every frame but `map` to `heli2/...`. Rates are per second of simulated time.
+A frame `a > b` is that of the header and that of the child.
+"""
+QOS = f"""
+All are reliable. History: the last {topics.DEPTH} messages, volatile; where the rate says
+"latched", the last one, transient local, for who comes late. Subscribers of default QoS meet
+all of them; who asks for best effort does, too. `/tf` and `/tf_static` are sent where
+`tf2_msgs` is installed: the PyPI wheels do not hold it. No flight needs the last four.
+`excitation/*` is sent only where identification is configured; with a scenario's flight started
+by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
+its token. The recorder hears all but `scene`, the live view all but the last four. As every
+node of ROS 2, these also send `/rosout`, `/parameter_events` and `~/transition_event`.
+
+The observer fuses GPS, so `odom` is given in `map` (REP-105). The frame `odom` is what moves
+without jumps: the estimated velocity, summed up; the transform map -> odom holds the rest.
+Diagnostics come at 1 Hz of the node's time, at once on a change, and once per second of wall
+time where the node's time stands still.
+
+## Simulated time
+
+Stamps are simulated time: tick 0 is `start_time_s` (1 s), a tick is 10 ms, `/clock` tells the
+newest. In lockstep the flight runs as fast as the machine allows; with `lockstep` false
+simulated seconds last as long as others. The nodes of this stack act on stamps and need no
+setting. Other nodes take the wall clock unless they are told, and then find every message
+decades old:
+
+    rviz2 -d src/heli_live_view/config/flight.rviz --ros-args -p use_sim_time:=true
+    ros2 topic delay -s /odom
+
+`-s` makes a `ros2` command use `/clock`. Without it `topic delay` shows the difference of two
+clocks, and `topic hz` counts per second of wall time, so in lockstep more than the table says.
+
+## Who hears whom
+
+`hover_test.sh` and `heli` set `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` unless it is set: only
+this machine hears the flight. To listen from another one set
+`ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET` on both, or `ROS_STATIC_PEERS` to the other's address;
+`OFF` shuts everybody out. Both need the same `ROS_DOMAIN_ID`: a flight takes 0, or while
+somebody else flies the one that it prints. `ros2 run` and `ros2 launch` set neither: without a
+setting ROS 2 speaks to the whole subnet.
+
+## Services
+
+Every node has these, under its name (`/plant/get_state`):
+"""
+LIFE = """
+## Life cycle
+
+A node started alone (`ros2 run`) configures and activates itself, unless `autostart` is false.
+A transition that fails or does not exist is refused with its reason and leaves the node where
+it was.
+
+| state | what the node does |
+|---|---|
+| unconfigured | has its parameters, checked; says in `/diagnostics` that it is there |
+| inactive | has built its core, publishers and subscriptions; sends no data |
+| active | takes part: it waits for its peers first |
+| finalized | its process ends |
+
+| node | package | what active means |
+|---|---|---|
+"""
+PARAMETERS = """
+## Parameters
+
+Defaults are those of the packaged YAML, which says where a value is from. "in flight": may be
+set while the node is active; all others are read when the node starts. `ros2 param describe`
+says the same.
+"""
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(_cell(cell) for cell in line)} |\n" for line in lines)
+
+
+def _rate(topic: topics.Topic) -> str:
+    rate = f"{topic.rate_hz:g} Hz" if topic.every_ticks else _RATES.get(topic.name, "on change")
+    return f"{rate}, latched" if topic.latched else rate
+
+
+def _topic_row(topic: topics.Topic) -> tuple[str, ...]:
+    channel = CHANNELS.get(topic.name)
+    frames = channel.frames if channel else _FRAMES.get(topic.name, ())
+    listeners = ", ".join(topic.sinks) or "-"
+    who = (", ".join(topic.source), listeners)
+    return (f"`{topic.name}`", topic.type, _rate(topic), " > ".join(frames) or "-", *who)
+
+
+def _topics() -> str:
+    scene = topics.Topic(topics.SCENE, topics.SCENE_TYPE, ("live_view",), (), 0)
+    rows = [_topic_row(topic) for topic in (*topics.TABLE, *topics.TOOLS, scene)]
+    return _table(("topic", "type", "rate", "frame", "from", "to"), rows)
+
+
+def _value(value: Any) -> str:
+    if hasattr(value, "tolist"):
+        value = value.ravel().tolist()
+    if isinstance(value, list | tuple):
+        text = f"[{', '.join(_value(item) for item in value)}]"
+        return text if len(text) <= _LONGEST else f"{len(value)} numbers, see the YAML"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.10g}" if isinstance(value, float) else str(value) or '""'
+
+
+def _parameters(rows: Iterable[Parameter], values: dict[str, Any]) -> str:
+    lines = [
+        (
+            f"`{row.name}`",
+            row.allowed(),
+            _value(values[row.name]),
+            "" if row.read_only else "in flight",
+            row.description,
+        )
+        for row in rows
+    ]
+    return _table(("name", "allowed", "default", "set", "meaning"), lines)
+
+
+def _own(node: type[ManagedNode]) -> list[Parameter]:
+    common = {row.name for row in COMMON_TABLE}
+    return [row for row in node.SPEC.full_table() if row.name not in common]
+
+
+def page() -> str:
+    """The whole page."""
+    values = {node.SPEC.name: node.SPEC.resolve() for node in NODES}
+    parts = [HEAD, "\n", _topics(), QOS, "\n"]
+    rows = [(f"`~/{name}`", kind) for name, kind in SERVICES.items()]
+    parts += [_table(("service", "type"), rows), LIFE]
+    for node in NODES:
+        meaning = " ".join((node.__doc__ or "").split())
+        parts.append(f"| `{node.SPEC.name}` | `{node.SPEC.package}` | {_cell(meaning)} |\n")
+    parts += [PARAMETERS, "\n### All nodes\n\n"]
+    parts.append(_parameters(COMMON_TABLE, values[PlantNode.SPEC.name]))
+    for node in NODES:
+        name = node.SPEC.name
+        parts += [f"\n### {name}\n\n", _parameters(_own(node), values[name])]
+    return "".join(parts)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write or check the page; returns the exit code."""
+    parser = argparse.ArgumentParser(description="docs/ros.md out of the code's own tables")
+    parser.add_argument("--check", action="store_true", help="exit with code 1 if it is stale")
+    if not parser.parse_args(arguments).check:
+        PAGE.write_text(page(), encoding="utf-8")
+        return 0
+    if PAGE.exists() and PAGE.read_text(encoding="utf-8") == page():
+        return 0
+    print("docs/ros.md is stale: run scripts/ros_page.py", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
