@@ -120,7 +120,7 @@ def test_who_names_no_domain_gets_a_free_one(monkeypatch):
         assert os.environ["ROS_DOMAIN_ID"] == str(first)
         monkeypatch.delenv("ROS_DOMAIN_ID")
         said = []
-        with flight._graph(None, None, None, said.append):
+        with flight.running(flight.Graph(None, None, None, said.append)):
             second = int(os.environ["ROS_DOMAIN_ID"])
         assert second > first
         assert said == [

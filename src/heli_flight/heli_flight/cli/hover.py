@@ -52,7 +52,10 @@ Out = Annotated[Path | None, typer.Option(metavar="DIR", help="folder to write; 
 NoReport = Annotated[bool, typer.Option("--no-report", help="write no report.html and no figures")]
 ResultJson = Annotated[
     bool,
-    typer.Option("--json", help="print the flight's result.json to stdout, all else to stderr"),
+    typer.Option(
+        "--json",
+        help="print the flight's result.json (a list of several) to stdout, all else to stderr",
+    ),
 ]
 Live = Annotated[
     bool,
@@ -74,6 +77,16 @@ AllowCommands = Annotated[
     ),
 ]
 
+Aircraft = Annotated[
+    int,
+    typer.Option(
+        "--aircraft",
+        min=1,
+        metavar="N",
+        help="so many side by side, heli1, heli2 ..., each with its seed, bag and report",
+    ),
+]
+
 
 def hover(
     scenario: ScenarioName = None,
@@ -92,10 +105,11 @@ def hover(
     live_port: LivePort = None,
     foxglove_port: FoxglovePort = None,
     allow_commands: AllowCommands = False,
+    aircraft: Aircraft = 1,
 ) -> int:
     """Fly the helicopter in wind, by itself, and compare with the paper."""
     from heli_flight.loop.result import RESULT
-    from heli_flight.studies.flight import FlightOrder, fly_and_write
+    from heli_flight.studies.flight import FlightOrder, fly_and_write, fly_several_and_write
     from heli_flight.terminal import console
 
     modes = {"--realtime": realtime, "--live": live, "--lockstep": lockstep}
@@ -104,10 +118,14 @@ def hover(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
         _live(live, live_port, foxglove_port, allow_commands),
     )  # fmt: skip
-    outcome = fly_and_write(order, console(stderr=as_json))
+    if aircraft == 1:
+        outcomes = [fly_and_write(order, console(stderr=as_json))]
+    else:
+        outcomes = fly_several_and_write(order, aircraft, console(stderr=as_json))
     if as_json:
-        print((outcome.folder / RESULT).read_text(encoding="utf-8"), end="")
-    return outcome.exit_code
+        texts = [(outcome.folder / RESULT).read_text(encoding="utf-8") for outcome in outcomes]
+        print(texts[0] if aircraft == 1 else f"[{','.join(texts)}]\n", end="")
+    return max(outcome.exit_code for outcome in outcomes)
 
 
 def _mode(asked: dict[str, bool]) -> str | None:

@@ -14,21 +14,21 @@ from lifecycle_msgs.msg import Transition
 from rclpy.signals import SignalHandlerOptions
 
 from heli_flight.errors import FlightError, StartError
-from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.graph.bag_record import BagFlight
 from heli_flight.graph.live import MODULE as LIVE_MODULE
 from heli_flight.graph.live import LiveView, addresses
+from heli_flight.graph.outcome import outcome
 from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, stop
 from heli_flight.graph.ros_session import prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import Result
 from heli_flight.loop.scenario import NODE_NAME as SCENARIO
-from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_live_view.parameter_table import SHOWN_TO_THE_END
-from heli_math.ticks import seconds, stamp_at
+from heli_math.ticks import stamp_at
 from heli_msgs_bridge.managed_node import INACTIVE
 from heli_msgs_bridge.peers import READY_LIMIT_S
 from heli_parameters.locate import executable
@@ -66,6 +66,13 @@ class Graph:
         Brought up first, so that a port in use ends all before the flight.
     say : callable
         Takes a line for the user.
+    namespace : str
+        Of an aircraft that is not alone: its clock is then that of its world.
+
+    Attributes
+    ----------
+    beside : list of callable
+        Checks of what else must live, such as the other aircraft.
     """
 
     def __init__(
@@ -74,16 +81,16 @@ class Graph:
         folder: Path,
         live: LiveView | None = None,
         say: Callable[[str], None] = print,
+        namespace: str = "",
     ):
+        self.namespace = namespace
+        self.beside: list[Callable[[], None]] = []
+        self._began_ros = False
         self.settings, self.folder, self.live, self.say = settings, folder, live, say
         self.processes: dict[str, NodeProcess] = {}
         self.supervisor: Supervisor | None = None
         self.interrupted = False
         self.watched = False
-
-    def on_interrupt(self, *_: Any) -> None:
-        """Signal handler: remember it; raised inside rclpy it would come out as something else."""
-        self.interrupted = True
 
     def start(self) -> None:
         """Start the recorder and the nodes.
@@ -105,6 +112,8 @@ class Graph:
         parameters = logs.parent / "graph.yaml"
         dump_all(self._graph_parameters(), parameters)
         arguments = ["--ros-args", "--params-file", str(parameters)]
+        if self.namespace:
+            arguments += ["-r", f"__ns:=/{self.namespace}"]
         self._join()
         for name, _, _, module in (recorder, *watching, *nodes):
             log = logs / f"{name}.log"
@@ -118,9 +127,11 @@ class Graph:
         later is heard after 3 s. The supervisor must hear all.
         """
         try:
-            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            if not rclpy.ok():
+                self._began_ros = True
+                rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             names = [*(node.name for node in NODES), "recorder", *([LIVE] if self.live else [])]
-            self.supervisor = Supervisor(names)
+            self.supervisor = Supervisor(names, self.namespace)
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
             raise StartError(f"ROS 2 cannot start: {first}") from error
@@ -132,6 +143,8 @@ class Graph:
             name: {**values, "autostart": False, "peers": peers}
             for name, values in self.settings.nodes.items()
         }
+        if self.namespace:
+            led["plant"] = {**led["plant"], "clock": "world"}
         led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
         bag = str((self.folder / "bag").absolute())
         led["recorder"] = {**self.settings.recorder, "bag": bag}
@@ -141,6 +154,12 @@ class Graph:
 
     def check(self) -> None:
         """Raise FlightError if a process has ended that should run, KeyboardInterrupt on Ctrl-C."""
+        self.check_own()
+        for check in self.beside:
+            check()
+
+    def check_own(self) -> None:
+        """The same for this aircraft alone."""
         if self.interrupted:
             raise KeyboardInterrupt
         for name, process in list(self.processes.items()):
@@ -160,23 +179,36 @@ class Graph:
         StartError
             Names the node and what it said.
         """
+        self.prepare()
+        self.activate()
+
+    def prepare(self) -> None:
+        """Configure all nodes, publish the reference; raises as `bring_up`."""
+        self._attempt(self._prepare)
+
+    def activate(self) -> None:
+        """Activate all, the plant last; raises as `bring_up`."""
+        self._attempt(self._activate)
+
+    def _attempt(self, step: Callable[[Supervisor], None]) -> None:
+        assert self.supervisor is not None
         try:
-            self._bring_up()
+            step(self.supervisor)
         except BringUpError as error:
             raise StartError(self._with_reason(str(error))) from error
         except FlightError as error:
             raise StartError(str(error)) from error
 
-    def _bring_up(self) -> None:
-        up, limit = self.supervisor, _TRANSITION_LIMIT_S
-        assert up is not None
+    def _prepare(self, up: Supervisor) -> None:
         up.wait_for_services(_APPEAR_LIMIT_S, self.check)
         up.refuse_doubles()
         self._bring_up_live(up)
         self._configure(up, [node.name for node in NODES])
         start_ns = stamp_at(self.settings.nodes["plant"]["start_time_s"])
         up.publish_reference(self.settings.scenario, start_ns)
-        activate = Transition.TRANSITION_ACTIVATE
+
+    def _activate(self, up: Supervisor) -> None:
+        activate, limit = Transition.TRANSITION_ACTIVATE, _TRANSITION_LIMIT_S
         up.transition(["observer", "inner_loop", "outer_loop"], activate, limit, self.check)
         up.transition(["plant"], activate, limit, self.check)
 
@@ -261,45 +293,42 @@ class Graph:
         if self.supervisor is not None:
             self.supervisor.close()
             self.supervisor = None
-        if rclpy.ok():
+        if self._began_ros and rclpy.ok():
             rclpy.shutdown()
         return killed
 
 
 @contextmanager
-def _graph(settings: Settings, folder: Path, *watching: Any) -> Iterator[Graph]:
+def running(*graphs: Graph) -> Iterator[None]:
+    """Hold a ROS domain and Ctrl-C for graphs that fly together; nothing of them stays."""
     chosen = not os.environ.get(DOMAIN, "").strip()
+
+    def on_interrupt(*_: Any) -> None:
+        # Remembered only; raised inside rclpy it would come out as something else.
+        for graph in graphs:
+            graph.interrupted = True
+
     with domain_reserved() as domain:
-        graph = Graph(settings, folder, *watching)
         if chosen and domain:
-            graph.say(
+            graphs[0].say(
                 f"flying in ROS domain {domain}: to listen in, {DOMAIN}={domain} ./heli topics"
             )
-        before = signal.signal(signal.SIGINT, graph.on_interrupt)
+        before = signal.signal(signal.SIGINT, on_interrupt)
         try:
-            yield graph
+            yield
         finally:
-            graph.close()
-            signal.signal(signal.SIGINT, signal.SIG_IGN if graph.interrupted else before)
-    if graph.interrupted:
+            # The first has begun ROS, and ends it.
+            for graph in reversed(graphs):
+                graph.close()
+            interrupted = graphs[0].interrupted
+            signal.signal(signal.SIGINT, signal.SIG_IGN if interrupted else before)
+    if interrupted:
         raise KeyboardInterrupt
 
 
 def _last_word(recorder: NodeStatus | None) -> bool:
     """Whether the recorder has said how the bag is."""
     return recorder is not None and (recorder.level > 0 or recorder.message == INACTIVE)
-
-
-def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
-    """What nodes complained of at the end, and whether somebody commanded."""
-    live = statuses.get(LIVE)
-    commands = live.facts.get("commands", "0") if live is not None else "0"
-    commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
-    return (commanded if commands != "0" else []) + [
-        f"{name}: {status.message}"
-        for name, status in sorted(statuses.items())
-        if status.level > 0 and name != "plant"
-    ]
 
 
 def fly_graph(
@@ -334,25 +363,17 @@ def fly_graph(
         The graph could not be brought up or kept up.
     """
     begun = time.monotonic()
-    with _graph(settings, folder, live, say) as graph:
+    graph = Graph(settings, folder, live, say)
+    with running(graph):
         graph.start()
         graph.bring_up()
         up = time.monotonic()
         graph.fly(progress)
-        statuses = dict(graph.supervisor.statuses) if graph.supervisor else {}
-        killed = graph.close()
-    flight = flight_from_bag(folder / "bag", settings)
-    record = flight.record
-    plant = statuses.get("plant")
-    # The plant's own clock: without start-up, and without the recorder's finishing.
-    wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
-    lost = plant.message if plant is not None and plant.level > 1 else ""
-    notes = [*_notes(statuses), *(f"{name} had to be killed" for name in killed)]
-    missing = settings.scenario.n_ticks - len(record)
-    if missing > 0 and not lost:
-        notes.append(f"the bag lacks {missing} ticks of ground truth")
-    result = Result(
-        score(record, settings.scenario), lost, seconds(len(record)), wall, tuple(notes)
-    )
-    mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
-    return result, {"mode": mode, "start_up_s": round(up - begun, 3)}, flight
+        said = ended(graph)
+    return outcome(settings, folder, *said, round(up - begun, 3))
+
+
+def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:
+    """End a graph; returns what its nodes said last, and who had to be killed."""
+    statuses = dict(graph.supervisor.statuses) if graph.supervisor else {}
+    return statuses, graph.close()

@@ -44,10 +44,17 @@ class Supervisor(Node):
     ----------
     managed : sequence of str
         Names of the managed nodes, relative to this node's namespace.
+    namespace : str
+        Of this node, empty for none.
     """
 
-    def __init__(self, managed: Sequence[str], context: rclpy.Context | None = None):
-        super().__init__(NODE_NAME, context=context)
+    def __init__(
+        self,
+        managed: Sequence[str],
+        namespace: str = "",
+        context: rclpy.Context | None = None,
+    ):
+        super().__init__(NODE_NAME, namespace=namespace, context=context)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
         self._change = {

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.duration import Duration
 
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
@@ -24,6 +25,8 @@ from heli_parameters.parameters import Parameter
 
 TABLE = (Parameter("aircraft", "string[]", "Namespaces of the aircraft", read_only=True),)
 _LOOK_S = 0.05
+# An acknowledgement may take a heartbeat (3 s).
+_ACKNOWLEDGE_S = 3.5
 _ENCODE = ClockEncoder().encode
 
 
@@ -108,6 +111,9 @@ class WorldClockNode(ManagedNode[World, None]):
                 self.get_logger().info(f"{aircraft}: {status.message}")
                 self._show()
         if core.heard and not core.stamps_ns:
+            # What has been sent is kept in this process until it has been taken.
+            for publisher in self.outputs.values():
+                publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE_S))
             self.finished = True
 
     def _show(self) -> None:

@@ -24,8 +24,10 @@ from heli_flight.loop.flight_section import ONE_PROCESS
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, print_table, write_result
 from heli_flight.loop.settings import Settings, resolve
+from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
 from heli_flight.terminal import NewFolder, being_filled, flight_time, silent
 from heli_math.ticks import seconds
+from heli_parameters.parameters import ParameterError
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,93 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
         _report(flight, outcome, out)
     _print_end(outcome, out)
     return outcome
+
+
+def fly_several_and_write(
+    order: FlightOrder, count: int, out: Console | None = None
+) -> list[Outcome]:
+    """The same for several aircraft side by side, each with a folder, a seed and a report.
+
+    Parameters
+    ----------
+    order : FlightOrder
+        Its seed is that from which each aircraft's comes (`seed_of`).
+    count : int
+        Number of aircraft; they are called heli1, heli2 ...
+    out : Console, optional
+        As for `fly_and_write`.
+
+    Returns
+    -------
+    list of Outcome
+
+    Raises
+    ------
+    ParameterError, MissingFileError, StartError, BrokenFlightError
+        As `fly_and_write`; more aircraft than there may be, a live view, or one process.
+    """
+    out = out or silent()
+    settings = _of_several(order, count)
+    for remark in settings["heli1"].remarks:
+        _say(out)(remark)
+    folder = order.out or _free_name(settings["heli1"])
+    with being_filled(folder) as new:
+        flights = _flown_together(settings, new, out)
+        with interrupts.held_back():
+            for name, flight in flights.items():
+                write_result(flight.result, settings[name], folder / name, flight.extra)
+            new.stays = True
+    outcomes = []
+    for name, flight in flights.items():
+        outcomes.append(Outcome(settings[name], flight.result, folder / name))
+        _say(out)(f"{name}, seed {settings[name].seed}:")
+        print_table(flight.result, settings[name], out)
+        if order.report:
+            _report(flight, outcomes[-1], out)
+        _print_end(outcomes[-1], out)
+    return outcomes
+
+
+def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
+    """What each aircraft flies, by its name."""
+    if not 1 < count <= MOST_AIRCRAFT:
+        raise ParameterError(f"--aircraft {count}: allowed are 1 to {MOST_AIRCRAFT}")
+    if order.live:
+        raise ParameterError("--live: shows one aircraft; it does not go with --aircraft")
+
+    def resolved(seed: int | None) -> Settings:
+        return resolve(
+            order.scenario, order.gps, seed, order.duration_s, order.mode, order.params,
+            controller=order.controller,
+        )  # fmt: skip
+
+    base = resolved(order.seed)
+    if base.mode == ONE_PROCESS:
+        raise ParameterError("--aircraft: needs the ROS graph; it does not go with one process")
+    return {f"heli{i + 1}": resolved(seed_of(base.seed, i)) for i in range(count)}
+
+
+def _flown_together(
+    settings: Mapping[str, Settings], folder: NewFolder, out: Console
+) -> dict[str, _Flown]:
+    for name, own in settings.items():
+        (folder.path / name).mkdir()
+        write_parameters(own, folder.path / name / NAME)
+    check_middleware()
+    start_server()
+    from heli_flight.graph.several import fly_several
+
+    interrupts.check()
+    first = settings["heli1"]
+    with flight_time(out, seconds(first.scenario.n_ticks)) as bar:
+        try:
+            found = fly_several(settings, folder.path, _noted(folder, bar), _say(out))
+        except StartError:
+            raise
+        except FlightError as error:
+            folder.stays = True
+            raise BrokenFlightError(str(error)) from error
+    return {name: _Flown(r, extra, f.record, f.remarks) for name, (r, extra, f) in found.items()}
 
 
 def _free_name(settings: Settings) -> Path:

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What came of a flight of the graph: from its bag, and from what its nodes said."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.graph.supervisor import NodeStatus
+from heli_flight.loop.result import Result
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import Settings
+from heli_live_view.parameter_table import NODE_NAME as LIVE
+from heli_math.ticks import seconds
+
+
+def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
+    """What nodes complained of at the end, and whether somebody commanded."""
+    live = statuses.get(LIVE)
+    commands = live.facts.get("commands", "0") if live is not None else "0"
+    commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
+    return (commanded if commands != "0" else []) + [
+        f"{name}: {status.message}"
+        for name, status in sorted(statuses.items())
+        if status.level > 0 and name != "plant"
+    ]
+
+
+def outcome(
+    settings: Settings,
+    folder: Path,
+    statuses: Mapping[str, NodeStatus],
+    killed: Sequence[str],
+    start_up_s: float,
+) -> tuple[Result, Mapping[str, Any], BagFlight]:
+    """The result of a flight that is over.
+
+    Parameters
+    ----------
+    settings : Settings
+    folder : Path
+        Holds bag/.
+    statuses : mapping
+        What each node said last.
+    killed : sequence of str
+        Who had to be killed.
+    start_up_s : float
+        Wall time from the start to the first tick.
+
+    Returns
+    -------
+    Result, dict, BagFlight
+        As `fly_graph`.
+    """
+    flight = flight_from_bag(folder / "bag", settings)
+    record = flight.record
+    plant = statuses.get("plant")
+    # The plant's own clock: without start-up, and without the recorder's finishing.
+    wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
+    lost = plant.message if plant is not None and plant.level > 1 else ""
+    notes = [*_notes(statuses), *(f"{name} had to be killed" for name in killed)]
+    missing = settings.scenario.n_ticks - len(record)
+    if missing > 0 and not lost:
+        notes.append(f"the bag lacks {missing} ticks of ground truth")
+    result = Result(
+        score(record, settings.scenario), lost, seconds(len(record)), wall, tuple(notes)
+    )
+    mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
+    return result, {"mode": mode, "start_up_s": start_up_s}, flight
