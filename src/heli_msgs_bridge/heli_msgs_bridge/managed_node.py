@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from lifecycle_msgs.msg import Transition
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -19,6 +20,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, with_info
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import REPEAT_S, Level, Reporter, hardware_of
+from heli_msgs_bridge.judging import Judging, Verdict
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.peers import wait_for_peers
 from heli_msgs_bridge.services import chosen, guard
@@ -74,6 +76,10 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         Set by a node whose work is done; the process then ends with code 0.
     crash : Exception or None
         What a callback raised; the process then ends with code 1.
+    verdict : Verdict or None
+        What the change that is being set was judged to be beforehand.
+    revision : int
+        Counts changes of values and stages: what was judged before one must be judged again.
     """
 
     SPEC: ClassVar[NodeSpec]
@@ -93,6 +99,8 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         self._ends: list[ExitStack] = []
         self._unheard: list[Callable[[], None]] = []
         self._judged: Any = None
+        self.verdict: Verdict | None = None
+        self.revision = 0
         self._table = {row.name: row for row in self.SPEC.full_table()}
         rows: list[Any] = [
             (n, ros_value(values[n]), descriptor(row)) for n, row in self._table.items()
@@ -112,7 +120,13 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPEAT_S, self.guarded(self._repeat_report), clock=steady)
         self._service_change_state.callback = self._change_state
+        judging = Judging(self)
+        own: dict[Any, Any] = {
+            SetParameters: judging.one_by_one,
+            SetParametersAtomically: judging.together,
+        }
         for service in self.services:
+            service.callback = own.get(service.srv_type, service.callback)
             guard(service, self.get_logger().warning)
 
     # --- for sub-classes to implement ----------------------------------------------------------
@@ -302,6 +316,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
     def _transition(self, action: Callable[[], None], message: str) -> TransitionCallbackReturn:
         """Run a transition's work; a refusal becomes a sentence and FAILURE."""
         self.failure = ""
+        self.revision += 1
         try:
             action()
         except (StartError, ParameterError, ValueError, LookupError, OSError) as error:
@@ -435,6 +450,13 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         known = [p for p in parameters if p.name in self._table]
         return {p.name: self._table[p.name].check(p.value) for p in known}
 
+    def judgeable(self, parameters: Iterable[Any]) -> dict[str, Any]:
+        """Changes of these parameters if they need a judgement; none if their table refuses one."""
+        known = [p for p in parameters if p.name in self._table]
+        if any(why_refused(self._table.values(), p.name, p.value) for p in known):
+            return {}
+        return self._changes(known)
+
     def _judge_set(self, parameters: list[Any]) -> SetParametersResult:
         """Answer of the node to a change that is asked for; the change itself is `_adopt_set`."""
         for parameter in parameters:
@@ -446,7 +468,12 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
             return SetParametersResult(successful=True)
         try:
             # Kept for `_adopt_set`, which rclpy calls next, if at all: the node is as it was.
-            self._judged = self.judge({**self.values, **changes}, changes.keys())
+            if self.verdict is None:
+                self._judged = self.judge({**self.values, **changes}, changes.keys())
+            elif self.verdict.refusal is not None:
+                raise self.verdict.refusal
+            else:
+                self._judged = self.verdict.judged
         except ValueError as error:
             return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
         return SetParametersResult(successful=True)
@@ -455,4 +482,5 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         changes = self._changes(parameters)
         if changes:
             self.values.update(changes)
+            self.revision += 1
             self.adopt(self._judged, changes.keys())

@@ -104,6 +104,10 @@ def _spin(node: ManagedNode) -> int:
         executor.shutdown()
 
 
+# How long Python lets a thread that judges parameters run while the flight waits, s.
+_SWITCH_S = 0.0005
+
+
 def _serve(node: ManagedNode, executor: Executor) -> int:
     if node.values["autostart"]:
         for transition in (node.trigger_configure, node.trigger_activate):
@@ -112,6 +116,7 @@ def _serve(node: ManagedNode, executor: Executor) -> int:
                     return 0
                 complain(node.SPEC.name, node.failure)
                 return 2
+    sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()
     while rclpy.ok() and not node.finished and node.crash is None:

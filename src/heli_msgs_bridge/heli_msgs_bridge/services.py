@@ -16,6 +16,28 @@ Transitions = Mapping[str, int]
 """Label to id of the transitions that may be asked for in the present state."""
 
 
+class Later:
+    """What a service's callback returns if its answer comes later, in the same thread."""
+
+    def __init__(self) -> None:
+        self._response: Any = None
+        self._send: Callable[[Any], None] | None = None
+
+    def answer(self, response: Any) -> None:
+        """Send the answer; at once, or as soon as it is known where to."""
+        self._response = response
+        self._send_if_ready()
+
+    def send_by(self, send: Callable[[Any], None]) -> None:
+        """Told by `guard` how to send."""
+        self._send = send
+        self._send_if_ready()
+
+    def _send_if_ready(self) -> None:
+        if self._send is not None and self._response is not None:
+            self._send(self._response)
+
+
 def in_words(error: BaseException) -> str:
     """An exception in one line."""
     said = " ".join(str(error).split())
@@ -56,6 +78,9 @@ def guard(service: Any, say: Callable[[str], None]) -> None:
             return _refusal(service.srv_type, request, reason)
 
     def respond(response: Any, header: Any) -> None:
+        if isinstance(response, Later):
+            response.send_by(lambda ready: respond(ready, header))
+            return
         try:
             send(response, header)
         except Exception as error:

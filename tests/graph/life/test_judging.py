@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A synthesis runs beside the flight: no tick waits for it, the answer of the service does."""
+
+import threading
+
+import pytest
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+
+from heli_inner_hinf.design import AttitudeConfig
+
+FLYING = ("outer_loop", "inner_loop", "observer", "plant")
+DEACTIVATE, CLEANUP = 4, 2
+LIMIT_S = 20.0
+
+
+class Held:
+    """Syntheses that wait until they are let go."""
+
+    def __init__(self, synthesise):
+        self._synthesise, self._free = synthesise, threading.Semaphore(0)
+        self.begun, self.thread = 0, None
+
+    def __call__(self, values):
+        self.begun, self.thread = self.begun + 1, threading.current_thread()
+        assert self._free.acquire(timeout=LIMIT_S), "nobody let it go"
+        return self._synthesise(values)
+
+    def let_go(self, count=1):
+        for _ in range(count):
+            self._free.release()
+
+
+@pytest.fixture
+def held(monkeypatch):
+    """Hold syntheses up from the call on."""
+
+    def hold():
+        made = Held(AttitudeConfig.from_parameters)
+        monkeypatch.setattr(AttitudeConfig, "from_parameters", made)
+        return made
+
+    return hold
+
+
+def ask(crew, kind=SetParameters, **values):
+    """A call that is under way: its future."""
+    service = {SetParameters: "set_parameters"}.get(kind, "set_parameters_atomically")
+    client = crew.client.create_client(kind, f"/inner_loop/{service}")
+    crew.spin_until(client.service_is_ready)
+    rows = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    return client.call_async(kind.Request(parameters=rows))
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_the_flight_goes_on_while_a_law_is_judged(crew, held, lockstep):
+    """It is swapped in when it is judged; one that is refused leaves everything as it was."""
+    one = crew(*FLYING, lockstep=lockstep, duration_s=600.0, peer_timeout_s=60.0)
+    one.bring_up()
+    one.fly(30)
+    inner, synthesis = one.nodes["inner_loop"], held()
+    flown = inner.core.design.config
+    for gamma, accepted in ((0.08, True), (0.03, False)):
+        before, begun = inner.core.design.config, synthesis.begun
+        answer = ask(one, gamma=gamma)
+        one.spin_until(lambda begun=begun: synthesis.begun > begun)
+        assert synthesis.thread is not threading.current_thread()
+        flown_tick = inner.core.flown_tick
+        one.fly(40)
+        assert not answer.done() and inner.core.flown_tick >= flown_tick + 30
+        assert inner.core.design.config is before and inner.values["gamma"] != gamma
+        synthesis.let_go()
+        one.spin_until(answer.done)
+        (result,) = answer.result().results
+        assert result.successful == accepted and ("infeasible" in result.reason) == (not accepted)
+        one.fly(5)
+        assert (inner.core.design.config is not before) == accepted
+    assert inner.core.design.config.gamma == inner.values["gamma"] == 0.08 != flown.gamma
+    assert inner.get_parameter("gamma").value == 0.08
+
+
+def test_orders_are_carried_out_one_after_the_other(crew, held):
+    """Each is judged on what the one before has made, and answered in its turn."""
+    one = crew("inner_loop")
+    assert one.change("inner_loop", 1)
+    synthesis = held()
+    first = ask(one, SetParametersAtomically, gamma=0.08, controller="lqr")
+    second, third = ask(one, gamma=0.03, controller="hinf"), ask(one, gamma=0.09)
+    one.spin_until(lambda: synthesis.begun)
+    synthesis.let_go()
+    one.spin_until(first.done)
+    assert first.result().result.successful and not third.done()
+    synthesis.let_go(3)
+    one.spin_until(third.done)
+    assert [result.successful for result in second.result().results] == [False, True]
+    assert third.result().results[0].successful
+    node = one.nodes["inner_loop"]
+    assert node.values["gamma"] == 0.09 and node.values["controller"] == "hinf"
+    assert synthesis.begun == 4
+
+
+def test_a_node_that_has_changed_meanwhile_judges_again(crew, held):
+    """Configured anew while the synthesis ran: what was judged was of another stage."""
+    one = crew("inner_loop")
+    node = one.nodes["inner_loop"]
+    assert one.change("inner_loop", 1)
+    synthesis = held()
+    answer = ask(one, gamma=0.08)
+    one.spin_until(lambda: synthesis.begun)
+    assert one.change("inner_loop", CLEANUP)
+    synthesis.let_go(2)
+    one.spin_until(answer.done)
+    assert answer.result().results[0].successful and node.values["gamma"] == 0.08
+    synthesis.let_go()
+    assert one.change("inner_loop", 1) and node.core.design.config.gamma == 0.08
