@@ -14,6 +14,7 @@ from typing import Any
 from heli_bags.node import RecorderNode
 from heli_dynamics_sim.node import PlantNode
 from heli_flight.graph.scenario_node import ScenarioNode
+from heli_flight.graph.world_clock_node import WorldClockNode
 from heli_inner_hinf.node import InnerLoopNode
 from heli_live_view.node import STATE_HZ, LiveViewNode
 from heli_msgs_bridge import topics
@@ -34,6 +35,7 @@ NODES: tuple[type[ManagedNode], ...] = (
     RecorderNode,
     ScenarioNode,
     LiveViewNode,
+    WorldClockNode,
 )
 SERVICES = {
     "change_state": "lifecycle_msgs/srv/ChangeState",

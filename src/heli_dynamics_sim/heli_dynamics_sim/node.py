@@ -298,7 +298,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         limit = Duration(seconds=_ACKNOWLEDGE_S)
         for publisher in self.outputs.values():
             publisher.wait_for_all_acked(limit)
-        self.finished = True
+        self.finished, self.exit_code = True, int(level > Level.OK)
 
     def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> plant.PlantConfig:
         """The changed wind; gusts whose numbers do not fit together raise."""

@@ -288,3 +288,20 @@ class TestInAWorldOfSeveralAircraft:
         assert "world_clock" in node.expected_listeners(topics.TRUTH_ODOM)
         assert "world_clock" not in node.expected_listeners(topics.IMU)
         assert "world_clock" not in bench(PlantNode).node.expected_listeners(topics.TRUTH_ODOM)
+
+
+def test_the_exit_code_says_whether_the_helicopter_came_through(bench):
+    """`ros2 launch` ends with it: 0 after a flight, 1 after a loss."""
+    plant = bench(PlantNode, duration_s=0.02)
+    plant.fly()
+    plant.send(topics.ACTUATORS, 0, U)
+    plant.send(topics.ACTUATORS, 1, U)
+    assert (plant.node.finished, plant.node.exit_code) == (True, 0)
+    lost = bench(PlantNode, **{"limits.distance_m": 1.0})
+    lost.fly()
+    for tick in range(1000):
+        if lost.node.finished:
+            break
+        lost.send(topics.ACTUATORS, tick, -np.ones(4))
+    assert lost.node.health.level == Level.ERROR
+    assert (lost.node.finished, lost.node.exit_code) == (True, 1)

@@ -73,7 +73,9 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
     failure : str
         Why the last transition failed; empty if it did not.
     finished : bool
-        Set by a node whose work is done; the process then ends with code 0.
+        Set by a node whose work is done; the process then ends with `exit_code`.
+    exit_code : int
+        0, or 1 if what the node did came to a bad end.
     crash : Exception or None
         What a callback raised; the process then ends with code 1.
     verdict : Verdict or None
@@ -90,7 +92,7 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         self.start_ns = stamp_at(self.values["start_time_s"])
         self.tick = 0
         self.health = Health()
-        self.failure, self.finished = "", False
+        self.failure, self.finished, self.exit_code = "", False, 0
         self.crash: Exception | None = None
         self.outputs: dict[str, Any] = {}
         self._core: Core | None = None

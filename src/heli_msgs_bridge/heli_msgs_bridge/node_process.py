@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process of a node: from the command line to the exit code.
 
-0: it was asked to end or its flight is over, 1: it failed while running, 2: it could not start (bad
-parameter, missing peer, no DDS). Every failure is one line on stderr.
+0: it was asked to end or its flight is over, 1: it failed while running or the helicopter was
+lost, 2: it could not start (bad parameter, missing peer, no DDS). Every failure is one line on
+stderr.
 """
 
 import gc
@@ -123,7 +124,7 @@ def _serve(node: ManagedNode, executor: Executor) -> int:
         executor.spin_once(timeout_sec=0.5)
     if node.crash is not None:
         raise node.crash
-    return 0
+    return node.exit_code
 
 
 def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:

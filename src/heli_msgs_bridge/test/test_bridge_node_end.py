@@ -28,6 +28,7 @@ class Short(ManagedNode):
         print("works", flush=True)
         if "finish" in sys.argv:
             self.finished = True
+            self.exit_code = int("badly" in sys.argv)
         elif "fail" in sys.argv:
             raise RuntimeError("divided by nought")
         elif "signal" in sys.argv:
@@ -77,6 +78,11 @@ def ended(process):
 def test_one_that_has_done_its_work_ends_with_0(start):
     code, out, complaints = ended(start("finish"))
     assert (code, complaints) == (0, []) and out.endswith("torn down\n")
+
+
+def test_one_whose_work_came_to_a_bad_end_ends_with_1(start):
+    code, out, complaints = ended(start("finish", "badly"))
+    assert (code, complaints) == (1, []) and out.endswith("torn down\n")
 
 
 def test_one_that_fails_in_flight_ends_with_1_and_one_line(start):
