@@ -47,6 +47,7 @@ KNOWN_IN_JAZZY = {
     "rosgraph_msgs",
     "sensor_msgs",
     "std_msgs",
+    "tf2_msgs",
     "trajectory_msgs",
     "visualization_msgs",
 }
