@@ -137,7 +137,8 @@ def chosen(names: Iterable[str], among: Sequence[Combination]) -> list[Combinati
 
 
 def _loops_found() -> list[str]:
-    return np.show_config(mode="dicts")["SIMD Extensions"]["found"]
+    """What NumPy found beyond its baseline; where there is nothing it leaves the key out."""
+    return np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
 
 
 def cpu_flags() -> frozenset[str]:
