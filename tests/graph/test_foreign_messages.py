@@ -15,6 +15,7 @@ from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.settings import resolve
 from heli_math.rows import NAV, REFERENCE
+from heli_math.ticks import TICK_NS
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
@@ -55,7 +56,8 @@ class Foreigner:
     def send(self, name, *messages):
         """Publish when all of the graph's listeners to a topic are met."""
         publisher, deadline = self.publishers[name], time.monotonic() + 20.0
-        listeners = len(topics.BY_NAME[name].sinks)
+        # The recorder hears all.
+        listeners = len(topics.BY_NAME[name].sinks) + 1
         while publisher.get_subscription_count() < listeners:
             assert time.monotonic() < deadline, name
             rclpy.spin_once(self.node, executor=self.executor, timeout_sec=0.05)
@@ -114,7 +116,7 @@ def assert_held(folder):
 def test_a_message_of_the_future_on_each_input_leaves_the_flight_inside(
     foreigner, ros_env, tmp_path, options
 ):
-    """One `topic pub --once` per input, stamped 2026: refused aloud, the flight goes on."""
+    """One `topic pub --once` per input, stamped 2026: its sender is named, the flight goes on."""
     foreigner.join(INPUTS)
 
     def act():
@@ -127,26 +129,39 @@ def test_a_message_of_the_future_on_each_input_leaves_the_flight_inside(
     _, facts = facts_of(tmp_path / "f")
     for name in INPUTS:
         for node in NODES.intersection(topics.BY_NAME[name].sinks):
-            assert "1795299400.00 s" in facts[node][f"refused.{name}"], (node, name)
+            assert "/pilot" in facts[node][f"senders.{name}"], (node, name)
+            assert "ignored so far: 1 messages" in facts[node][f"senders.{name}"], (node, name)
+    assert any("/pilot" in note for note in result["notes"])
 
 
-def test_a_lockstep_flight_with_messages_of_the_future_is_the_same_flight(
-    foreigner, ros_env, tmp_path
-):
-    """Ground truth, number for number."""
+def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_env, tmp_path):
+    """In lockstep, with the stamps of ticks to come: ground truth is the same, number for number.
+
+    The second sender is named in the result.
+    """
     foreigner.join(INPUTS)
 
     def act():
         for name in INPUTS:
-            foreigner.send(name, a_message(name, LATE_2026_NS))
+            every = max(10, topics.BY_NAME[name].every_ticks)
+            # Off the schedule of the slow topics: a sender that has the owner's numbers and stamps
+            # at the same time is not told from it.
+            stamps = (1_000_000_000 + tick * TICK_NS for tick in range(3, 4000, every))
+            foreigner.send(name, *(a_message(name, stamp_ns) for stamp_ns in stamps))
 
-    flights = []
+    flights, results = [], []
     for name, what in (("with", act), ("without", lambda: None)):
-        fly_with(foreigner, ros_env, tmp_path / name, what, "--duration", 12, "--seed", 5)
+        options = ("--duration", 40, "--seed", 5)
+        results.append(fly_with(foreigner, ros_env, tmp_path / name, what, *options))
         flights.append(flight_from_bag(tmp_path / name / "bag", resolve(seed=5)).record)
     first, second = flights
     np.testing.assert_array_equal(first.truth_pos_ned_m, second.truth_pos_ned_m)
-    np.testing.assert_array_equal(first.u, second.u)
+    np.testing.assert_array_equal(first.truth_q_nb, second.truth_q_nb)
+    np.testing.assert_array_equal(first.nav_pos_ned_m, second.nav_pos_ned_m)
+    assert len(first) == 4000 and results[0]["metrics"] == results[1]["metrics"]
+    for name in INPUTS:
+        said = [note for note in results[0]["notes"] if f": {name}: sent by /" in note]
+        assert said and all("/pilot" in note for note in said), (name, results[0]["notes"])
 
 
 def test_a_plain_topic_pub_moves_the_reference_within_its_bounds(foreigner, ros_env, tmp_path):

@@ -11,7 +11,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from heli_bags.parameter_table import NODE_NAME, TABLE
 from heli_bags.recorder import BagError, BagRecorder, Format, row_of
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_process import run
@@ -35,12 +37,21 @@ class Recording:
     bag : BagRecorder
     subscriptions : dict
         Per topic of the bag.
+    plain : list
+        Subscriptions to latched topics for senders that are not.
+    once : dict of Once
+        Per latched topic, what has two subscriptions.
+    owners : dict of Owner
+        Per stream whose messages are recorded.
     trouble : str
         Why the recording ended or has gaps; empty if it did not.
     """
 
     bag: BagRecorder
     subscriptions: dict[str, Any] = field(default_factory=dict)
+    plain: list[Any] = field(default_factory=list)
+    once: dict[str, Once] = field(default_factory=dict)
+    owners: dict[str, Owner] = field(default_factory=dict)
     trouble: str = ""
 
 
@@ -101,18 +112,29 @@ class RecorderNode(ManagedNode[Recording, None]):
 
     def _subscribe(self, core: Recording, name: str, qos: QoSProfile, heard: Any = None) -> None:
         cls = topics.message_class(core.bag.rows[name].type)
+        row = topics.BY_NAME.get(name)
+        if row is not None and row.every_ticks and name not in core.owners:
+            core.owners[name] = self._owner(row)
 
-        def write(raw: bytes) -> None:
+        def write(raw: bytes, info: Info | None) -> None:
             # One call of the executor empties the queue.
-            self._write(name, raw)
+            self._write(name, raw, info)
             self._write_arrived(name)
 
-        core.subscriptions[name] = self.create_subscription(
-            cls, name, heard or self.guarded(write), qos, raw=True
-        )
+        call = heard or with_info(self.guarded(write))
+        core.subscriptions[name] = self.create_subscription(cls, name, call, qos, raw=True)
+        for profile in topics.qos_to_hear(name)[1:]:
+            core.once[name] = Once()
+            core.plain.append(self.create_subscription(cls, name, call, profile, raw=True))
+
+    def _owner(self, row: topics.Topic) -> Owner:
+        """Who decides whose messages of a stream are recorded: a second sender's are not."""
+        name = self.resolve_topic_name(row.name)
+        silence_s, period_ns = self.values["peer_timeout_s"], row.every_ticks * TICK_NS
+        return Owner(lambda: self.count_publishers(name), silence_s, period_ns)
 
     def _unsubscribe(self, core: Recording) -> None:
-        for subscription in core.subscriptions.values():
+        for subscription in (*core.subscriptions.values(), *core.plain):
             self.destroy_subscription(subscription)
 
     def _adapt(self, name: str) -> None:
@@ -151,11 +173,28 @@ class RecorderNode(ManagedNode[Recording, None]):
             level, message = Level.ERROR, self.core.trouble
         super().report(level, message, facts)
 
-    def _write(self, name: str, raw: bytes) -> None:
+    def _write(self, name: str, raw: bytes, info: Info | None) -> None:
+        once, owner = self.core.once.get(name), self.core.owners.get(name)
+        if once is not None and not once.is_new(info):
+            return
+        if owner is not None and not owner.admits(raw, info):
+            self._name_senders(name, owner)
+            return
         try:
             self.core.bag.write(name, raw)
         except BagError as error:
             self._complain(error)
+
+    def _name_senders(self, name: str, owner: Owner) -> None:
+        """Say whose messages of a topic are not recorded."""
+        key = f"senders.{name}"
+        said = self.health.facts.get(key, "").split("; not recorded")[0]
+        if not said:
+            infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
+            names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
+            said = f"{name}: sent by {', '.join(names)}; only the first sender's messages are used"
+            self.get_logger().warning(said)
+        self.health.facts[key] = f"{said}; not recorded: {owner.ignored} messages"
 
     def _drain(self) -> list[str]:
         """Write what is still under way; returns the topics that have a gap.
@@ -189,7 +228,7 @@ class RecorderNode(ManagedNode[Recording, None]):
                 taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is None:
                     break
-                self._write(name, taken[0])
+                self._write(name, *taken)
                 count += 1
         return count
 

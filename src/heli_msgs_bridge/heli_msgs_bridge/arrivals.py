@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages together with what DDS says of them: which one of its sender's it is, and when sent."""
+"""Messages together with what DDS says of them: which one of its sender's it is, and when sent.
+
+So a message that two subscriptions hear counts once, and a topic has one owner. No ROS.
+"""
 
 import inspect
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
+
+from heli_msgs_bridge.cdr import stamp_of
 
 Info = Mapping[str, Any]
 """rclpy's message info: `source_timestamp` (ns), `publication_sequence_number` and others."""
@@ -13,6 +19,9 @@ _MESSAGE_AND_INFO = inspect.Signature(
     [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
 )
 _REMEMBERED = 64
+_MOST_PERIODS, _MOST_OTHERS = 4, 64
+# Of a message that holds a stamp.
+_LEAST_BYTES = 12
 
 
 def with_info(hearer: Hearer) -> Callable[..., None]:
@@ -51,3 +60,90 @@ class Once:
             return False
         self._heard.append(key)
         return True
+
+
+class Owner:
+    """Whose messages of a topic are used: those of the sender that was heard first.
+
+    Jazzy's rclpy does not say who sent a message, but which one of its sender's it is. The owner's
+    next one has the next number; another sender's numbers are elsewhere. Where both are the same,
+    the stamps decide, which go on from the owner's last by whole periods: a sender with the same
+    numbers and the same stamps is not told from it. If the owner is gone or silent for long,
+    the next message's sender succeeds it, until the owner is heard again.
+
+    Parameters
+    ----------
+    count : callable
+        How many senders the topic has now, by the graph; asked only about unexpected numbers.
+    silence_s : float
+        Wall time after which a silent owner is succeeded by whoever sends.
+    period_ns : int
+        Distance of two stamps.
+    now_s : callable, optional
+        Wall time, s.
+
+    Attributes
+    ----------
+    ignored : int
+        Messages of others, so far.
+    successions : int
+        How often another sender has become the owner.
+    """
+
+    def __init__(
+        self,
+        count: Callable[[], int],
+        silence_s: float,
+        period_ns: int,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._count, self._silence_s, self._now_s = count, silence_s, now_s
+        self._period_ns = period_ns
+        self._number: int | None = None
+        self._before: int | None = None
+        self._raw = b""
+        self._heard_s = 0.0
+        self._others: set[int] = set()
+        self.ignored = self.successions = 0
+
+    def admits(self, raw: bytes, info: Info | None) -> bool:
+        """Whether a serialised message is the owner's; without info it counts as the owner's."""
+        if info is None:
+            return True
+        number = info["publication_sequence_number"]
+        if (number - 1 == self._number and not self._others) or self._judge(number, raw):
+            self._number, self._raw, self._heard_s = number, raw, self._now_s()
+            return True
+        self.ignored += 1
+        return False
+
+    def _judge(self, number: int, raw: bytes) -> bool:
+        """Whether a message is the owner's, though its number says so not by itself."""
+        own, before = self._number, self._before
+        if own is None:
+            return True
+        next_one, known = number == own + 1, number in self._others
+        if next_one and (not known or self._continues(raw)):
+            return True
+        if before is not None and number == before + 1:
+            self._others.add(own + 1)
+            self._before = None
+            return True
+        alone = not next_one and self._count() <= 1
+        if alone or self._now_s() - self._heard_s > self._silence_s:
+            # Numbers that go on are the owner's: messages between were lost.
+            self.successions += not (alone and number > own)
+            self._others.clear()
+            self._before = own
+            return True
+        self._others.discard(number)
+        if len(self._others) < _MOST_OTHERS:
+            self._others.add(number + 1)
+        return False
+
+    def _continues(self, raw: bytes) -> bool:
+        """Whether a stamp follows upon the owner's last one."""
+        if min(len(raw), len(self._raw)) < _LEAST_BYTES:
+            return False
+        step_ns = stamp_of(raw) - stamp_of(self._raw)
+        return 0 < step_ns <= _MOST_PERIODS * self._period_ns and step_ns % self._period_ns == 0

@@ -17,7 +17,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from heli_math.ticks import TICK_NS, stamp_at
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.arrivals import Info, Once, with_info
+from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import REPEAT_S, Level, Reporter, hardware_of
 from heli_msgs_bridge.judging import Judging, Verdict
@@ -231,12 +231,19 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
         return publisher.publish
 
     def hear(
-        self, topic: str, callback: Callable[[Any], None], qos: Any = None, raw: bool = False
+        self,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: Any = None,
+        raw: bool = False,
+        owner: Owner | None = None,
+        ignored: Callable[[], None] | None = None,
     ) -> None:
         """Subscribe to a graph topic; `raw` for the serialised messages.
 
         What `configure` asks for is done when it has succeeded: who listens is ready. Without a QoS
-        of its own, senders of default QoS are heard and the last message of latched ones.
+        of its own, senders of default QoS are heard and the last message of latched ones. With an
+        owner (for `raw`) only its messages are; `ignored` is called for those of others.
         """
         cls = topics.message_class(topics.BY_NAME[topic].type)
         profiles = topics.qos_to_hear(topic) if qos is None else (qos,)
@@ -249,7 +256,14 @@ class ManagedNode(LifecycleNode, ABC, Generic[Core, Run]):
                 if once.is_new(info):
                     call(message)
 
-            heard = call if len(profiles) == 1 else with_info(hear_once)
+            def hear_owner(message: Any, info: Info | None) -> None:
+                if owner is None or owner.admits(message, info):
+                    call(message)
+                elif ignored is not None:
+                    ignored()
+
+            heard = with_info(hear_once) if len(profiles) > 1 else call
+            heard = heard if owner is None else with_info(hear_owner)
             for profile in profiles:
                 given = self.create_subscription(cls, topic, heard, profile, raw=raw)
                 self.at_end(partial(self.destroy_subscription, given))

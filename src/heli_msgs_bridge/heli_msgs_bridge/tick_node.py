@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from heli_math.ticks import TICK_NS, TICKS_PER_S
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.arrivals import Owner
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.lockstep import Demand
@@ -32,6 +33,9 @@ __all__ = ["Arrived", "Input", "Send", "TickCore", "TickNode"]
 Send = Callable[[NDArray[np.float64], int], None]
 """Sends a row (NED/FRD), stamped in ns."""
 _WATCH_PERIOD_S = 0.05
+_SENDERS_PERIOD_S = 1.0
+# Real time: wall time after which a silent sender is succeeded by another one of its topic.
+_SILENT_OWNER_S = 0.5
 # Time that is set back to one of these has begun anew; the first tick itself is refused.
 _FIRST_TICKS = 10
 
@@ -69,12 +73,18 @@ class TickCore:
     refusals : dict of Refusals
         Per topic, the messages that /diagnostics speaks of: those whose stamps did not fit to the
         clock, references that were not followed.
+    rivals : dict of str
+        Per topic that has more than one sender now, a sentence that names them.
+    senders : dict of str
+        The same of all that had more than one, with what was ignored.
     """
 
     pace: Pace
     stepped: int | None = None
     refused: dict[str, str] = field(default_factory=dict)
     refusals: dict[str, "Refusals"] = field(default_factory=dict)
+    rivals: dict[str, str] = field(default_factory=dict)
+    senders: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -130,6 +140,7 @@ class TickNode(ManagedNode[Core, Run]):
             True for the node that makes time; in real time it steps by a timer of its own.
         """
         pace: Pace
+        owners: dict[str, Owner] = {}
         refused = self._refuse_stamp
         if self.values["lockstep"]:
             pace = Lockstep(
@@ -151,8 +162,39 @@ class TickNode(ManagedNode[Core, Run]):
                 decoder = ClockDecoder()
             else:
                 decoder = Decoder(item.topic, datum if item.topic == topics.GPS_FIX else None)
-            self.hear(item.topic, self._receiver(item, decoder, pace), raw=True)
+            owner = owners[item.topic] = self._owner(item.topic)
+            receive = self._receiver(item, decoder, pace)
+            ignored = partial(self._look_at_senders, item.topic, owner)
+            self.hear(item.topic, receive, raw=True, owner=owner, ignored=ignored)
+        self.repeat(_SENDERS_PERIOD_S, partial(self._look_at_all_senders, owners))
         return pace
+
+    def _owner(self, topic: str) -> Owner:
+        """Who decides whose messages of a topic are used."""
+        silence_s = self.values["peer_timeout_s"] if self.values["lockstep"] else _SILENT_OWNER_S
+        period_ns = topics.BY_NAME[topic].every_ticks * TICK_NS
+        name = self.resolve_topic_name(topic)
+        return Owner(lambda: self.count_publishers(name), silence_s, period_ns)
+
+    def _look_at_all_senders(self, owners: Mapping[str, Owner]) -> None:
+        """Once a second: whether a topic has more than one sender, and who they are."""
+        self.core.rivals.clear()
+        for topic, owner in owners.items():
+            self._look_at_senders(topic, owner)
+
+    def _look_at_senders(self, topic: str, owner: Owner) -> None:
+        """Name the senders of a topic if they are several; also as soon as one is ignored."""
+        core, name = self.core, self.resolve_topic_name(topic)
+        if topic not in core.rivals and self.count_publishers(name) > 1:
+            core.rivals[topic] = self._rivals_in_words(topic, name)
+        if topic in core.rivals or owner.ignored:
+            said = core.rivals.get(topic) or core.senders.get(topic, topic).split("; ignored")[0]
+            core.senders[topic] = f"{said}; ignored so far: {owner.ignored} messages"
+
+    def _rivals_in_words(self, topic: str, name: str) -> str:
+        infos = self.get_publishers_info_by_topic(name)
+        names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
+        return f"{topic}: sent by {', '.join(names)}; only the first sender's messages are used"
 
     def create_sender(
         self,
@@ -196,7 +238,8 @@ class TickNode(ManagedNode[Core, Run]):
 
     def _refused_facts(self) -> dict[str, str]:
         refusals = self.core.refusals.items()
-        return {f"refused.{topic}": f"{r.count}; {r.why}" for topic, r in refusals}
+        said = {f"refused.{topic}": f"{r.count}; {r.why}" for topic, r in refusals}
+        return said | {f"senders.{topic}": why for topic, why in self.core.senders.items()}
 
     def refusal(self) -> str:
         """Sentence about a message that was refused aloud in the last second; else empty."""
@@ -216,7 +259,7 @@ class TickNode(ManagedNode[Core, Run]):
 
     def warn_or_ok(self, level: Level, message: str, facts: Mapping[str, Any]) -> None:
         """Report the core's state, or what peers do wrong if that is worse."""
-        wrong = self.silence() or self.refusal()
+        wrong = self.silence() or self.refusal() or next(iter(self.core.rivals.values()), "")
         if wrong and level < Level.WARN:
             level, message = Level.WARN, wrong
         changed = (level, message) != (self.health.level, self.health.message)

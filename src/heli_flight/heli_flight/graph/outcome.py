@@ -19,11 +19,18 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
     live = statuses.get(LIVE)
     commands = live.facts.get("commands", "0") if live is not None else "0"
     commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
-    return (commanded if commands != "0" else []) + [
+    rivals = [
+        f"{name}: {value}"
+        for name, status in sorted(statuses.items())
+        for key, value in status.facts.items()
+        if key.startswith("senders.")
+    ]
+    complaints = [
         f"{name}: {status.message}"
         for name, status in sorted(statuses.items())
         if status.level > 0 and name != "plant"
     ]
+    return [*(commanded if commands != "0" else []), *rivals, *complaints]
 
 
 def outcome(

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One owner per topic: whose messages are used, by their senders' numbers."""
+
+import numpy as np
+import pytest
+
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.arrivals import Owner
+from heli_msgs_bridge.messages import Encoder
+
+PERIOD_NS = 10_000_000
+ENCODE = Encoder(topics.BARO).encode
+
+
+class Topic:
+    """Senders with numbers of their own, and the owner as a listener has it."""
+
+    def __init__(self, silence_s=0.5):
+        self.senders, self.time_s = 1, 0.0
+        self.owner = Owner(lambda: self.senders, silence_s, PERIOD_NS, lambda: self.time_s)
+
+    def hears(self, number, tick=0):
+        raw = ENCODE(np.zeros(1), tick * PERIOD_NS)
+        return self.owner.admits(raw, {"publication_sequence_number": number})
+
+
+@pytest.fixture
+def topic():
+    return Topic()
+
+
+@pytest.mark.parametrize("first", [1, 700])
+def test_another_sender_is_ignored_whatever_its_numbers(topic, first):
+    """One that begins to send, one that has sent much more; slower and faster ones."""
+    for number in range(100, 200):
+        assert topic.hears(number)
+    topic.senders = 2
+    other = first
+    for number in range(200, 300):
+        assert topic.hears(number)
+        for _ in range(number % 4):
+            assert not topic.hears(other)
+            other += 1
+    assert topic.owner.ignored == other - first and topic.owner.successions == 0
+
+
+def test_a_faster_sender_whose_numbers_pass_the_owners_is_told_by_its_stamps(topic):
+    topic.senders, other = 2, 1
+    assert topic.hears(100, tick=100)
+    for number in range(101, 400):
+        for _ in range(2):
+            assert not topic.hears(other, tick=179_000_000 + other), (number, other)
+            other += 1
+        assert topic.hears(number, tick=number), (number, other)
+
+
+def test_the_owners_lost_messages_cost_it_nothing(topic):
+    assert topic.hears(1) and topic.hears(2)
+    assert topic.hears(9) and topic.hears(10)
+    assert topic.owner.successions == topic.owner.ignored == 0
+
+
+def test_when_the_owner_is_gone_another_sender_succeeds_it(topic):
+    assert topic.hears(50)
+    topic.senders = 2
+    assert not topic.hears(7)
+    topic.senders = 1
+    assert topic.hears(9) and topic.hears(10)
+    assert topic.owner.successions == 1
+
+
+def test_a_silent_owner_is_succeeded_and_comes_back(topic):
+    """As after `kill -9`: the graph lists the dead one for long. Who only paused is the owner."""
+    topic.senders = 2
+    assert topic.hears(50) and not topic.hears(7)
+    topic.time_s += 0.6
+    assert topic.hears(8) and topic.hears(9)
+    assert topic.hears(51) and topic.hears(52)
+    assert not topic.hears(10) and not topic.hears(11)
+
+
+def test_without_info_a_message_is_the_owners(topic):
+    assert topic.owner.admits(b"", None) and topic.owner.ignored == 0
