@@ -117,9 +117,9 @@ def test_a_message_of_the_future_on_each_input_leaves_the_flight_inside(
     foreigner, ros_env, tmp_path, options
 ):
     """One `topic pub --once` per input, stamped 2026: its sender is named, the flight goes on."""
-    foreigner.join(INPUTS)
 
     def act():
+        foreigner.join(INPUTS)
         for name in INPUTS:
             foreigner.send(name, a_message(name, LATE_2026_NS))
 
@@ -139,9 +139,9 @@ def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_
 
     The second sender is named in the result.
     """
-    foreigner.join(INPUTS)
 
     def act():
+        foreigner.join(INPUTS)
         for name in INPUTS:
             every = max(10, topics.BY_NAME[name].every_ticks)
             # Off the schedule of the slow topics: a sender that has the owner's numbers and stamps
@@ -150,7 +150,7 @@ def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_
             foreigner.send(name, *(a_message(name, stamp_ns) for stamp_ns in stamps))
 
     flights, results = [], []
-    for name, what in (("with", act), ("without", lambda: None)):
+    for name, what in (("without", lambda: None), ("with", act)):
         options = ("--duration", 40, "--seed", 5)
         results.append(fly_with(foreigner, ros_env, tmp_path / name, what, *options))
         flights.append(flight_from_bag(tmp_path / name / "bag", resolve(seed=5)).record)
@@ -160,8 +160,8 @@ def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_
     np.testing.assert_array_equal(first.nav_pos_ned_m, second.nav_pos_ned_m)
     assert len(first) == 4000 and results[0]["metrics"] == results[1]["metrics"]
     for name in INPUTS:
-        said = [note for note in results[0]["notes"] if f": {name}: sent by /" in note]
-        assert said and all("/pilot" in note for note in said), (name, results[0]["notes"])
+        said = [note for note in results[1]["notes"] if f": {name}: sent by /" in note]
+        assert said and all("/pilot" in note for note in said), (name, results[1]["notes"])
 
 
 def test_a_plain_topic_pub_moves_the_reference_within_its_bounds(foreigner, ros_env, tmp_path):
@@ -182,3 +182,14 @@ def test_a_plain_topic_pub_moves_the_reference_within_its_bounds(foreigner, ros_
     assert facts["outer_loop"]["refused.reference"] == f"1; {why}"
     record = flight_from_bag(tmp_path / "f" / "bag", resolve()).record
     assert np.abs(record.truth_pos_ned_m[-500:] - there).max() < 1.0
+
+
+def test_a_flight_does_not_begin_with_a_stranger_on_its_streams(
+    foreigner, hover_test, ros_env, tmp_path
+):
+    """Who sends first is flown: a forgotten `topic pub` is named before anything flies."""
+    foreigner.join([topics.ATTITUDE_SETPOINT])
+    done = hover_test("--out", tmp_path / "f", "--duration", 2)
+    assert done.returncode == 2
+    said = "hover_test: /pilot sends on 'attitude_setpoint' of this flight; end it or set "
+    assert done.stderr == f"{said}ROS_DOMAIN_ID to a free one\n"

@@ -14,7 +14,8 @@ from heli_msgs_bridge import topics
 LATE = (topics.GPS_FIX, topics.GPS_VELOCITY)
 """Stamped with the time of validity, which is earlier; in a bag they belong where they arrived."""
 WINDOW_NS = 2 * NS_PER_S
-"""Stamps so far from the newest are the flight's; more than a fix is late or a recorder behind."""
+"""A stamp so far ahead of the newest is of another time: each sender's messages come in order. How
+far one is behind says nothing: DDS repeats what a full queue did not take after seconds."""
 
 
 def is_stream(name: str) -> bool:
@@ -59,8 +60,11 @@ class BagClock:
 
     def admits(self, name: str, stamp_ns: int) -> bool:
         """Whether a stamp is of the flight's time, which it may move."""
-        begun = stamp_ns >= self._start_ns or name in LATE
-        if begun and abs(stamp_ns - self.now_ns) <= WINDOW_NS:
+        first_ns = self._start_ns - (WINDOW_NS if name in LATE else 0)
+        if name not in self._streams and name not in LATE:
+            # A latched message may be as old as the flight; it belongs where it was heard.
+            first_ns = max(first_ns, self.now_ns - WINDOW_NS)
+        if first_ns <= stamp_ns <= self.now_ns + WINDOW_NS:
             if name in self._streams:
                 self.known, self.now_ns = True, max(self.now_ns, stamp_ns)
                 self._doubted.pop(name, None)

@@ -150,3 +150,19 @@ def test_a_gap_is_still_a_gap(tmp_path):
     recorder.close()
     assert recorder.missing() == [topics.ODOM]
     assert recorder.odd_stamps == {topics.ODOM: 1}
+
+
+def test_messages_that_dds_repeats_after_long_are_where_they_belong(tmp_path):
+    """A full queue: one topic comes half a minute of the flight after the others."""
+    recorder = BagRecorder(tmp_path / "bag", NAMES, "/heli", start_ns=START_NS)
+    late = []
+    for name, raw in flight(0, 3000):
+        late += [raw] if name == topics.TRUTH_ODOM else []
+        if name != topics.TRUTH_ODOM:
+            recorder.write(name, raw)
+    for raw in late:
+        recorder.write(topics.TRUTH_ODOM, raw)
+    recorder.close()
+    assert recorder.missing() == [] and recorder.odd_stamps == {}
+    bag = read_bag(tmp_path / "bag")
+    assert bag.refused == {} and bag.streams[topics.TRUTH_ODOM].stamp_ns.size == 3000

@@ -202,6 +202,7 @@ class Graph:
     def _prepare(self, up: Supervisor) -> None:
         up.wait_for_services(_APPEAR_LIMIT_S, self.check)
         up.refuse_doubles()
+        up.refuse_strangers()
         self._bring_up_live(up)
         self._configure(up, [node.name for node in NODES])
         start_ns = stamp_at(self.settings.nodes["plant"]["start_time_s"])

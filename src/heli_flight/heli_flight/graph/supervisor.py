@@ -122,6 +122,22 @@ class Supervisor(Node):
                     f"another node {name} is in this ROS domain; set ROS_DOMAIN_ID to a free one"
                 )
 
+    def refuse_strangers(self) -> None:
+        """Raise BringUpError if somebody else sends on a stream of this aircraft.
+
+        Who sends first is flown, so a flight must not begin with a stranger.
+        """
+        space = self.get_namespace()
+        for topic in topics.TABLE:
+            if not topic.every_ticks or topic.name.startswith("/"):
+                continue
+            for info in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name)):
+                if (info.node_namespace, info.node_name) not in {(space, n) for n in topic.source}:
+                    raise BringUpError(
+                        f"{info.node_namespace.rstrip('/')}/{info.node_name} sends on "
+                        f"'{topic.name}' of this flight; end it or set ROS_DOMAIN_ID to a free one"
+                    )
+
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
         """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""
         way = replace(scenario.reference, start_ns=start_ns)
