@@ -152,7 +152,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
             topics.TF_STATIC: encode_transforms(fixed, self.start_ns),
         }
         for topic, raw in described.items():
-            if topics.installed(topic):
+            # A model without frames cannot be drawn, and costs a flight on wheels messages.
+            if topics.installed(topics.TF) and topics.installed(topic):
                 core.describe.append(partial(self.create_output(topic), raw))
 
     @property
