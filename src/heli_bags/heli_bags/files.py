@@ -8,10 +8,12 @@ its write-ahead log. What a `flush` has confirmed outlives the process.
 
 import contextlib
 import sqlite3
+import struct
 from collections import defaultdict
 from io import BufferedWriter, BytesIO
 from pathlib import Path
 from typing import Any, cast
+from zlib import crc32
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionMode
@@ -27,6 +29,8 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 _NEVER_NS = 2**63 - 1
 # Pages of 4 KiB after which the write-ahead log is moved into the database.
 _WAL_PAGES = 256
+# In a chunk's record: opcode, length, start and end time and size stand before it (MCAP format).
+_CHECK_SUM_AT, _CHECK_SUM = 1 + 8 + 3 * 8, struct.Struct("<I")
 
 
 class McapFile(McapWriter):
@@ -67,10 +71,16 @@ class McapFile(McapWriter):
         write_channel(self.chunk.bio, channel, self.schemas)
 
     def close_chunk(self) -> None:
-        """Write the present chunk; one without messages says so in its times."""
+        """Write the present chunk with its check sum; one without messages says so in its times."""
         if not self.chunk.msgs:
             self.chunk.message_start_time = 0
+        begun, check_sum = self.bio.tell(), crc32(self.chunk.bio.getvalue())
         super().close_chunk()
+        # The writer leaves 0 there, "not checked": damaged numbers would be believed.
+        end = self.bio.tell()
+        self.bio.seek(begun + _CHECK_SUM_AT)
+        self.bio.write(_CHECK_SUM.pack(check_sum))
+        self.bio.seek(end)
 
     def flush(self) -> None:
         """Close the chunk and hand it to the operating system; raises OSError on a full disk."""
