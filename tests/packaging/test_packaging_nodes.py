@@ -10,16 +10,17 @@ from pathlib import Path
 import pytest
 
 from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.table_node import TableNode
 from heli_msgs_bridge.tick_node import TickNode
 
 SRC = Path(__file__).resolve().parents[2] / "src"
 MODULES = sorted(f"{path.parent.name}.node" for path in SRC.glob("*/heli_*/node.py"))
-MODULES.append("heli_flight.graph.scenario_node")
+MODULES += ["heli_flight.graph.scenario_node", "heli_flight.graph.world_clock_node"]
 
 
 def nodes():
     """Classes of all nodes and their bases."""
-    found = {ManagedNode, TickNode}
+    found = {TableNode, ManagedNode, TickNode}
     for module in MODULES:
         content = vars(importlib.import_module(module)).values()
         found |= {c for c in content if inspect.isclass(c) and issubclass(c, ManagedNode)}
@@ -65,4 +66,4 @@ def test_nobody_overrides_a_private_hook(cls):
 
 
 def test_all_nodes_are_looked_at():
-    assert len(nodes()) == len(MODULES) + 2
+    assert len(nodes()) == len(MODULES) + 3  # the bases

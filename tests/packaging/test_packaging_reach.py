@@ -33,7 +33,7 @@ SET_FOR_OTHERS = {
     "unraisablehook": "sys", "CACHE_DIR": "numba.config",
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
     "_context": "keeps Foxglove's context alive",
-    "markers": "a message", "joint_names": "a message",
+    "markers": "a message", "joint_names": "a message", "hardware_id": "a message",
     "floating_point_range": "a message", "integer_range": "a message",
 }  # fmt: skip
 READ_BY_FIELD = {

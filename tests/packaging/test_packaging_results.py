@@ -31,6 +31,10 @@ DESCRIPTIVE = {
     "| package | what lives there |",
     "| step | what happens | where |",
     "| it is about | it belongs to |",
+    # docs/ros.md, out of the code's tables
+    "| topic | type | rate | frame | from | to |",
+    "| node | package | what active means |",
+    "| name | allowed | default | set | meaning |",
 }
 
 

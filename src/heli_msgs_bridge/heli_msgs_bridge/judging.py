@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from heli_msgs_bridge.services import Later, in_words
 
 if TYPE_CHECKING:
-    from heli_msgs_bridge.managed_node import ManagedNode
+    from heli_msgs_bridge.table_node import TableNode
 
 
 @dataclass
@@ -60,11 +60,11 @@ class Judging:
 
     Parameters
     ----------
-    node : ManagedNode
+    node : TableNode
         Its `judge` is called in another thread, and changes nothing.
     """
 
-    def __init__(self, node: "ManagedNode[Any, Any]") -> None:
+    def __init__(self, node: "TableNode") -> None:
         self._node = node
         self._orders: deque[Order] = deque()
         self._work: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()

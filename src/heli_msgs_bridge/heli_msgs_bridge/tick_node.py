@@ -187,9 +187,12 @@ class TickNode(ManagedNode[Core, Run]):
         core, name = self.core, self.resolve_topic_name(topic)
         if topic not in core.rivals and self.count_publishers(name) > 1:
             core.rivals[topic] = self._rivals_in_words(topic, name)
-        if topic in core.rivals or owner.ignored:
+        if topic in core.rivals or owner.ignored or owner.successions:
             said = core.rivals.get(topic) or core.senders.get(topic, topic).split("; ignored")[0]
-            core.senders[topic] = f"{said}; ignored so far: {owner.ignored} messages"
+            counted = f"ignored so far: {owner.ignored} messages"
+            if owner.successions:
+                counted += f"; the sender that is used has changed: {owner.successions} times"
+            core.senders[topic] = f"{said}; {counted}"
 
     def _rivals_in_words(self, topic: str, name: str) -> str:
         infos = self.get_publishers_info_by_topic(name)
