@@ -168,7 +168,10 @@ class _Collector:
         """Whether a stamp is of the flight's time."""
         if not self._in_flight_time:
             return stamp_ns >= 0
-        begun = name in LATE or stamp_ns >= self.start_ns - _EARLY_NS
+        if name in LATE:
+            # Put where it arrived: seconds later if DDS had to repeat it.
+            return self.start_ns - WINDOW_NS <= stamp_ns <= bag_ns + WINDOW_NS
+        begun = stamp_ns >= self.start_ns - _EARLY_NS
         return begun and abs(bag_ns - stamp_ns) <= WINDOW_NS
 
     def finish(self) -> Bag:

@@ -153,16 +153,20 @@ def test_a_gap_is_still_a_gap(tmp_path):
 
 
 def test_messages_that_dds_repeats_after_long_are_where_they_belong(tmp_path):
-    """A full queue: one topic comes half a minute of the flight after the others."""
-    recorder = BagRecorder(tmp_path / "bag", NAMES, "/heli", start_ns=START_NS)
+    """A full queue: two topics come half a minute of the flight after the others."""
+    names = (*NAMES, topics.GPS_VELOCITY)
+    recorder = BagRecorder(tmp_path / "bag", names, "/heli", start_ns=START_NS)
     late = []
     for name, raw in flight(0, 3000):
-        late += [raw] if name == topics.TRUTH_ODOM else []
+        late += [(name, raw)] if name == topics.TRUTH_ODOM else []
         if name != topics.TRUTH_ODOM:
             recorder.write(name, raw)
-    for raw in late:
-        recorder.write(topics.TRUTH_ODOM, raw)
+    fixes_ns = START_NS + TICK_NS * np.arange(-10, 2990, 20)  # stamped with their validity
+    late += [(topics.GPS_VELOCITY, stream_message(topics.GPS_VELOCITY, ns)) for ns in fixes_ns]
+    for name, raw in late:
+        recorder.write(name, raw)
     recorder.close()
     assert recorder.missing() == [] and recorder.odd_stamps == {}
     bag = read_bag(tmp_path / "bag")
     assert bag.refused == {} and bag.streams[topics.TRUTH_ODOM].stamp_ns.size == 3000
+    assert bag.streams[topics.GPS_VELOCITY].stamp_ns.tolist() == fixes_ns.tolist()
