@@ -76,9 +76,8 @@ A frame `a > b` is that of the header and that of the child.
 QOS = f"""
 All are reliable. History: the last {topics.DEPTH} messages, volatile; where the rate says
 "latched", the last one, transient local, for who comes late. Subscribers of default QoS meet
-all of them; who asks for best effort does, too. `/tf`, `/tf_static` and `robot_description`
-are sent where `tf2_msgs` is installed: the PyPI wheels do not hold it. No flight needs
-the last four.
+all of them; who asks for best effort does, too. `/tf` and `/tf_static` are sent where
+`tf2_msgs` is installed: the PyPI wheels do not hold it. No flight needs the last four.
 `excitation/*` is sent only where identification is configured; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
 its token. The recorder hears all but `scene`, the live view all but the last four. As every

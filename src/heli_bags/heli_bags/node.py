@@ -66,7 +66,7 @@ class RecorderNode(ManagedNode[Recording, None]):
         names = list(wanted)
         if "all" in names:
             at = names.index("all")
-            pictures = [t.name for t in topics.TOOLS if topics.installed(topics.TF)]
+            pictures = [t.name for t in topics.TOOLS if topics.installed(t.name)]
             names[at : at + 1] = [*(t.name for t in topics.TABLE), *pictures]
         rows = {row_of(name).name: name for name in names}
         for name in left_out - set(rows):

@@ -152,8 +152,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
             topics.TF_STATIC: encode_transforms(fixed, self.start_ns),
         }
         for topic, raw in described.items():
-            # A model without frames cannot be drawn, and costs a flight on wheels messages.
-            if topics.installed(topics.TF) and topics.installed(topic):
+            if topics.installed(topic):
                 core.describe.append(partial(self.create_output(topic), raw))
 
     @property

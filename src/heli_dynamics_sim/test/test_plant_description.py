@@ -82,9 +82,8 @@ def test_links_carry_the_namespace_as_the_frames_do():
     assert owned.find("joint/parent").get("link") == "heli2/base_link"
 
 
-def test_who_comes_late_gets_it(bench, monkeypatch):
+def test_who_comes_late_gets_it(bench):
     """Sent once, latched: RViz begins when the flight is long under way."""
-    monkeypatch.setattr(topics, "installed", lambda name: name != topics.TF_STATIC)
     plant = bench(PlantNode, aircraft_file="xcell60.yaml")
     plant.fly()
     raw = plant.sent[topics.ROBOT_DESCRIPTION]
