@@ -2,9 +2,9 @@
 """Every code block of every README is run: from a bare shell, in a folder that looks like a clone.
 
 Nothing is activated: PATH has no environment of ours. Long commands get an option that makes them
-short (`SHORTER`); none is left out. The `ros2` command is no wheel, so a `ros2` line is checked by
-what it would look up (`check_ros2`), and a form that is not known there fails. Not to be shown
-here: `rosdep`, which needs its list of keys from a server.
+short (`SHORTER`); none is left out. The commands `ros2` and `rviz2` are no wheels, so their lines
+are checked by what they would look up (`check_ros2`), and a form that is not known there fails. Not
+to be shown here: `rosdep`, which needs its list of keys from a server.
 """
 
 import os
@@ -223,7 +223,7 @@ def check_param(words, launch):
 
 
 def check_topic(words, launch):
-    verb, name, *rest = words
+    verb, name, *rest = (word for word in words if word != "-s")  # of simulated time
     assert verb in ("echo", "hz", "info", "pub", "delay")
     known = {topic.strip("/"): row for topic, row in topics.BY_NAME.items()}
     assert name.strip("/") in known
@@ -254,6 +254,13 @@ def check_ros2(command, launch):
     ROS2[words[0]](words[1:], launch)
 
 
+def check_rviz2(command):
+    """Fail unless `rviz2`, which is no wheel either, would find its configuration."""
+    _, option, file, *rest = shlex.split(command)
+    assert option == "-d" and (ROOT / file).is_file()
+    assert rest in ([], ["--ros-args", "-p", "use_sim_time:=true"])
+
+
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("readme", READMES)
 def test_commands_of_the_code_blocks(readme, clone, bare_env, beside_a_flight, launch):
@@ -263,6 +270,8 @@ def test_commands_of_the_code_blocks(readme, clone, bare_env, beside_a_flight, l
         for command in commands(block):
             if command.startswith("ros2 "):
                 check_ros2(command, launch)
+            elif command.startswith("rviz2 "):
+                check_rviz2(command)
             elif command.startswith(NEED_A_GRAPH):
                 beside_a_flight(command)
             elif command.startswith(ENDLESS):
