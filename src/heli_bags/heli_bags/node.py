@@ -26,6 +26,8 @@ _QUIET_S = 0.1
 _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
+# Name that the middleware gives to a sender whose node it has not discovered yet.
+_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 @dataclass
@@ -189,7 +191,7 @@ class RecorderNode(ManagedNode[Recording, None]):
         """Say whose messages of a topic are not recorded."""
         key = f"senders.{name}"
         said = self.health.facts.get(key, "").split("; not recorded")[0]
-        if not said:
+        if not said or _NOT_YET_KNOWN in said:
             infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
             names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
             said = f"{name}: sent by {', '.join(names)}; only the first sender's messages are used"

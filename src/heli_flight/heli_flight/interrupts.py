@@ -54,6 +54,16 @@ def check() -> None:
 
 
 @contextmanager
+def told() -> Iterator[None]:
+    """Have what fails after a swallowed interrupt fail as that: C code may drop the exception."""
+    try:
+        yield
+    except Exception:
+        check()
+        raise
+
+
+@contextmanager
 def held_back() -> Iterator[None]:
     """Let Ctrl-C wait for the end of a step that must be done as a whole."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

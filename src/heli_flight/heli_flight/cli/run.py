@@ -26,7 +26,8 @@ def run(app: typer.Typer, argv: Sequence[str] | None, prog: str) -> int:
     """
     name = prog.removesuffix(".sh")
     try:
-        code = app(args=argv, prog_name=prog, standalone_mode=False)
+        with interrupts.told():
+            code = app(args=argv, prog_name=prog, standalone_mode=False)
     except TyperException as error:
         print(f"{name}: {_one_line(error)}", file=sys.stderr)
         return EXIT_BAD_INPUT

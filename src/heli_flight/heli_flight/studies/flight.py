@@ -293,7 +293,8 @@ def _report(flight: _Flown, outcome: Outcome, out: Console) -> None:
     how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
     events = events_of(flight.remarks, settings)
     try:
-        page = write_report(flight.record, settings, flight.result, folder, how, events)
+        with interrupts.told():
+            page = write_report(flight.record, settings, flight.result, folder, how, events)
     except OSError as error:
         _say(out)(f"no report: {error}")
         return
