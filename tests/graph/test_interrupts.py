@@ -9,6 +9,7 @@ import hashlib
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -100,7 +101,9 @@ def check_interrupted(process, folder, living, when):
 
 
 def interrupt_at_random(start, command, folder, living, count, seed):
+    design = folder / "work/design"  # the next run wants a folder that does not exist
     start(command).communicate(timeout=LIMIT_S)  # what is made once, is made now
+    shutil.rmtree(design, ignore_errors=True)
     begun = time.monotonic()
     whole = start(command)
     _, err = whole.communicate(timeout=LIMIT_S)
@@ -108,6 +111,7 @@ def interrupt_at_random(start, command, folder, living, count, seed):
     duration_s = time.monotonic() - begun
     draw = random.Random(seed)
     for i in range(count):
+        shutil.rmtree(design, ignore_errors=True)
         when_s = draw.uniform(0.0, duration_s)
         process = start(command)
         try:

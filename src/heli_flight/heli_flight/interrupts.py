@@ -43,7 +43,7 @@ def _not_lost(unraisable: Any) -> None:
     if isinstance(unraisable.exc_value, KeyboardInterrupt):
         signal.signal(signal.SIGALRM, _raise)
         signal.setitimer(signal.ITIMER_REAL, _SOON_S)
-    else:
+    elif not _seen:  # what is half-made when an interrupt comes may fail to end
         sys.__unraisablehook__(unraisable)
 
 
