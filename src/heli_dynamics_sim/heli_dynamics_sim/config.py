@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
+from heli_dynamics_sim.scales import scaled
 from heli_dynamics_sim.sensors import (
     BaroKernel,
     GpsKernel,
@@ -51,6 +52,7 @@ class PlantConfig:
     Attributes
     ----------
     helicopter : HelicopterParameters
+        That flies: of the file, times the parameters `scale.*`.
     pos_ned_m : (3,) array
         Where it starts.
     psi : float
@@ -60,6 +62,8 @@ class PlantConfig:
     limits : LimitKernel
     delay_ticks : int
         Transport delay of the commands.
+    trimmed_in_wind : bool
+        Whether the start is in equilibrium in the mean wind, else in still air.
     """
 
     helicopter: HelicopterParameters
@@ -69,6 +73,7 @@ class PlantConfig:
     sensors: SensorKernel
     limits: LimitKernel
     delay_ticks: int
+    trimmed_in_wind: bool = True
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "PlantConfig":
@@ -82,7 +87,7 @@ class PlantConfig:
             If the aircraft file cannot be used.
         """
         position = np.array(values["initial.pos_ned_m"], dtype=np.float64)
-        helicopter = HelicopterParameters.from_yaml(values["aircraft_file"])
+        helicopter = scaled(HelicopterParameters.from_yaml(values["aircraft_file"]), values)
         if position[2] > -helicopter.gear_height_m:
             raise PlantConfigError(
                 f"initial.pos_ned_m: down {position[2]:g} m is in the ground; allowed: at most "
@@ -100,6 +105,7 @@ class PlantConfig:
                 math.cos(math.radians(values["limits.tilt_deg"])),
             ),
             delay_ticks=values["delay_ticks"],
+            trimmed_in_wind=values["initial.trim"] == "mean_wind",
         )
 
     def with_wind(self, values: Mapping[str, Any]) -> "PlantConfig":

@@ -44,6 +44,12 @@ _SCENE = (
     ),
     _row("initial.psi_deg", "double", "Heading at the start", "deg", lower=-360.0, upper=360.0),
     _row(
+        "initial.trim",
+        "string",
+        "Air in which the start is in equilibrium",
+        choices=("mean_wind", "still_air"),
+    ),
+    _row(
         "limits.distance_m",
         "double",
         "Distance from the start that counts as lost",
@@ -59,6 +65,19 @@ _SCENE = (
         lower=10.0,
         upper=180.0,
     ),
+)
+
+
+def _scale(name: str, description: str) -> Parameter:
+    return _row(f"scale.{name}", "double", description, "1", lower=0.2, upper=5.0)
+
+
+_SCALE = (
+    _scale("mass", "Mass that flies over that of the aircraft file"),
+    _scale("inertia", "Inertias that fly over those of the file"),
+    _scale("rotor_stiffness", "Hub stiffness that flies over that of the file"),
+    _scale("thrust", "Main rotor thrust per blade pitch over that of the file"),
+    _scale("servo_speed", "Bandwidth and rate limit of the servos over those of the file"),
 )
 
 _WIND = (
@@ -245,4 +264,4 @@ _SENSORS = (
     ),
 )
 
-TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _WIND + _SENSORS
+TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _WIND + _SENSORS

@@ -75,7 +75,7 @@ class PlantState(NamedTuple):
 
 
 def initial_state(config: PlantConfig, seed: int) -> PlantState:
-    """State before tick 0: hovering in trim in the mean wind at the start.
+    """State before tick 0: hovering in trim at the start, in the mean wind or as in still air.
 
     Parameters
     ----------
@@ -106,7 +106,9 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     at_start[PLANT.pos] = config.pos_ned_m
     mean_wind = np.zeros(3)
     wind_at(np.zeros(FILTER.size), at_start, 0.0, calm, mean_wind)
-    hover = trim(config.helicopter, mean_wind, config.psi)
+    hover = trim(
+        config.helicopter, mean_wind if config.trimmed_in_wind else np.zeros(3), config.psi
+    )
     x = hover.x.copy()
     x[PLANT.pos] = config.pos_ned_m
     first = rows[0]

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The aircraft that flies and that of the file are two; a start need not be trimmed for wind."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from heli_dynamics_sim.aircraft_file import AircraftError
+from heli_dynamics_sim.plant import initial_state
+from heli_dynamics_sim.trim import trim
+from heli_math.rows import PLANT
+
+SCALES = {
+    "mass": {"mass_kg"},
+    "inertia": {"inertia_xx_kgm2", "inertia_yy_kgm2", "inertia_zz_kgm2"},
+    "rotor_stiffness": {"hub_stiffness_nmprad"},
+    "thrust": {"main_lift_slope"},
+    "servo_speed": {"servo_bandwidth_radps", "servo_rate_limit_per_s"},
+}
+
+
+def test_without_scales_the_aircraft_is_that_of_the_file(plant_config, helicopter):
+    assert plant_config().helicopter == helicopter
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_a_scale_multiplies_its_own_parameters_alone(plant_config, helicopter, scale):
+    flown = asdict(plant_config(**{f"scale__{scale}": 1.25}).helicopter)
+    own = asdict(helicopter)
+    assert {name for name in own if flown[name] != own[name]} == SCALES[scale]
+    for name in SCALES[scale]:
+        assert flown[name] == pytest.approx(1.25 * own[name], rel=1e-15)
+
+
+def test_thrust_at_the_same_pitch_and_inflow_is_scaled(plant_config, helicopter):
+    """Eq. (2): T = slope (w_bl - v_i), the slope proportional to the blades' lift slope."""
+    flown = plant_config(scale__thrust=0.8).kernel.aircraft.rotor
+    assert flown.thrust_slope == pytest.approx(0.8 * helicopter.kernel.rotor.thrust_slope)
+    assert flown.disc == helicopter.kernel.rotor.disc
+
+
+def test_a_product_out_of_bounds_is_refused_by_name(plant_config):
+    with pytest.raises(AircraftError, match=r"main_rotor.lift_slope_per_rad.*11.04"):
+        plant_config(scale__thrust=2.0)
+
+
+def test_a_start_in_still_air_knows_nothing_of_the_wind(plant_config, helicopter):
+    wind = {"wind__turbulence": False, "wind__profile_speed_mps": [6.0, 6.0, 6.0]}
+    in_wind = initial_state(plant_config(**wind), 1)
+    still = initial_state(plant_config(**wind, initial__trim="still_air"), 1)
+    np.testing.assert_array_equal(still.x[PLANT.quat], trim(helicopter).x[PLANT.quat])
+    np.testing.assert_array_equal(still.commands[0], trim(helicopter).u)
+    assert np.abs(still.x[PLANT.quat] - in_wind.x[PLANT.quat]).max() > 1e-3
+    # The wind itself is there from the first tick on.
+    np.testing.assert_array_equal(still.wind_ned_mps, in_wind.wind_ned_mps)
