@@ -8,6 +8,7 @@ import pytest
 
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF
+from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
@@ -47,9 +48,9 @@ def vacuum(in_vacuum):
 
 
 @njit
-def _integrate(x, u, wind, kernel, dt_s, steps, work):
+def _integrate(x, u, air, kernel, dt_s, steps, work):
     for _ in range(steps):
-        rk4_step(x, u, wind, kernel, dt_s, work)
+        rk4_step(x, u, air, kernel, dt_s, work)
 
 
 @pytest.fixture(scope="session")
@@ -59,7 +60,7 @@ def fly():
     def run(x, u, kernel, seconds, dt_s=0.002, wind=(0.0, 0.0, 0.0)):
         x = np.array(x)
         work = np.zeros((WORK_ROWS, PLANT.size))
-        command, air = np.array(u, dtype=float), np.array(wind, dtype=float)
+        command, air = np.array(u, dtype=float), same_air(wind)
         _integrate(x, command, air, kernel, dt_s, round(seconds / dt_s), work)
         return x
 

@@ -22,6 +22,7 @@ from heli_dynamics_sim.trim import trim
 
 SPEEDS = np.linspace(-10.0, 15.0, 11)
 COLLECTIVE = np.linspace(-1.0, 1.0, 9)
+STILL = (0.0, 0.0, 0.0)
 
 
 def blade_flow(k, w_r, d_col):
@@ -134,7 +135,7 @@ def test_hover_thrust_and_power_of_the_default_aircraft(helicopter, k):
     """Hover trim; 96.8 N, 4.9 m/s, 840 W, profile power by hand; 0.1 N, 0.05 m/s, 5 W, 3 %."""
     x = trim(helicopter).x
     thrust, v_i = main_rotor(0.0, 0.0, 0.0, x[13], x[14], x[19], k.rotor, k.main)
-    power = main_rotor_power(0.0, 0.0, 0.0, v_i, thrust, (0.0, 0.0, k.fuselage.z * v_i * v_i), k)
+    power = main_rotor_power(STILL, STILL, v_i, thrust, (0.0, 0.0, k.fuselage.z * v_i * v_i), k)
     assert thrust == pytest.approx(96.8, abs=0.1)
     assert v_i == pytest.approx(4.9, abs=0.05)
     assert power == pytest.approx(840.0, abs=5.0)
@@ -155,7 +156,7 @@ def test_hover_is_ideal_momentum_theory(k, d_col):
     assert v_i == pytest.approx(np.sqrt(thrust / disc), rel=1e-12)
     ideal = thrust**1.5 / np.sqrt(disc)
     profile = 1.29 * 193.73 * 0.705**2 * 0.01 * 2 * 0.062 / 8 * (193.73 * 0.705) ** 2
-    power = main_rotor_power(0.0, 0.0, 0.0, v_i, thrust, (0.0, 0.0, 0.0), k)
+    power = main_rotor_power(STILL, STILL, v_i, thrust, (0.0, 0.0, 0.0), k)
     assert power == pytest.approx(ideal + profile, rel=1e-12)
     if d_col < -0.1:
         assert 0.4 < ideal / power < 0.9
@@ -199,9 +200,9 @@ def test_an_inflow_that_has_no_solution_says_so(k, bad):
 def test_climb_power_acts_in_climb_only(k):
     """Climb of 2 m/s; weight times speed, none in descent; 1e-6."""
     weight = k.body.mass * k.body.gravity
-    level = main_rotor_power(0.0, 0.0, 0.0, 4.9, 95.0, (0.0, 0.0, 0.0), k)
-    up = main_rotor_power(0.0, 0.0, -2.0, 4.9, 95.0, (0.0, 0.0, 0.0), k)
-    down = main_rotor_power(0.0, 0.0, 2.0, 4.9, 95.0, (0.0, 0.0, 0.0), k)
+    level = main_rotor_power(STILL, STILL, 4.9, 95.0, (0.0, 0.0, 0.0), k)
+    up = main_rotor_power((0.0, 0.0, -2.0), STILL, 4.9, 95.0, (0.0, 0.0, 0.0), k)
+    down = main_rotor_power((0.0, 0.0, 2.0), STILL, 4.9, 95.0, (0.0, 0.0, 0.0), k)
     assert up - level == pytest.approx(2.0 * weight)
     assert down == level
 

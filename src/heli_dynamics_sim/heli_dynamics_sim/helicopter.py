@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The helicopter: all parts put together into one state derivative.
 
-Body axes FRD, airspeed `v_a = v_b - R_nb' w_ned` with w the velocity of the air (blowing towards).
+Body axes FRD, airspeed `v_a = v_b - R_nb' w_ned` with w the velocity of the air (blowing towards),
+which each of main rotor, tail (rotor and fins) and fuselage has of its own (`rows.AIR`).
 Source of the equations: Cai, Chen, Lee, Unmanned Rotorcraft Systems (Springer 2011), ch. 6, and
 eq. (1)-(8) of the paper, corrected where the modules say so.
 """
@@ -20,51 +21,78 @@ from heli_dynamics_sim.servo import servo_rates
 from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
 from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
 from heli_math.jit import njit
-from heli_math.rows import ACTUATOR, PLANT
+from heli_math.rows import ACTUATOR, AIR, PLANT
 
 
 @njit
 def airspeed(x, wind):
-    """Velocity of the c.g. relative to the air, body axes (3 floats), m/s."""
+    """Velocity of the c.g. relative to air that moves with wind (3,), body axes (3 floats), m/s."""
     u, v, w = velocity_of(x)
     wx, wy, wz = to_body(attitude_of(x), wind[0], wind[1], wind[2])
     return u - wx, v - wy, w - wz
 
 
 @njit
-def main_rotor_power(u_a, v_a, w_a, v_i, thrust, drag, k):
+def airspeeds(x, air):
+    """`airspeed` in the air of main rotor, tail and fuselage; air is a row AIR (12,)."""
+    return airspeed(x, air[AIR.main]), airspeed(x, air[AIR.tail]), airspeed(x, air[AIR.fuselage])
+
+
+@njit
+def disc_tilt_of_gust(p_gust, q_gust, speed):
+    """Disc tilt (a_s, b_s), rad, towards which air that turns with p, q (rad/s) pulls the rotor.
+
+    A blade at azimuth psi in air that turns about an axis in the disc meets the additional angle of
+    attack `(q cos psi - p sin psi) / Omega`, at every radius alike: a cyclic pitch, which the disc
+    of a rotor without hinge offset follows a quarter of a turn later (Bramwell, Done, Balmford,
+    Bramwell's Helicopter Dynamics, 2nd ed., 2001, ch. 3: the aerodynamic part p/Omega of the tilt
+    in a rolling rotor). Seen from above the rotor turns clockwise, as its torque on the body says.
+    """
+    return p_gust / speed, -q_gust / speed
+
+
+@njit
+def main_rotor_power(at_main, at_body, v_i, thrust, drag, k):
     """Power of the main rotor, W: profile, induced, parasite and climb.
+
+    at_main, at_body: air speeds (3 floats) of rotor and fuselage, m/s.
 
     P_climb acts in climb only: the model has a kink at w_a = 0, which is where hover without wind
     is. `k.climb_power` replaces it by one of its two smooth branches for linearisation.
     """
+    u_a, v_a, w_a = at_main
+    u_f, v_f, w_f = at_body
     speed_sq = u_a * u_a + v_a * v_a
     power = k.main.profile_power * (k.main.tip_speed * k.main.tip_speed + 4.6 * speed_sq)
     power += thrust * v_i
-    power += abs(drag[0] * u_a) + abs(drag[1] * v_a) + abs(drag[2] * (w_a - v_i))
+    power += abs(drag[0] * u_f) + abs(drag[1] * v_f) + abs(drag[2] * (w_f - v_i))
     if k.climb_power > 0.0 or (k.climb_power == 0.0 and w_a < 0.0):
         power -= k.body.mass * k.body.gravity * w_a
     return power
 
 
 @njit
-def aerodynamic_loads(x, u_a, v_a, w_a, output, k):
+def aerodynamic_loads(x, at_main, at_tail, at_body, output, k):
     """Force (N) and moment (N m) of the air on the aircraft, body axes, as two 3-tuples.
 
+    at_main, at_tail, at_body: air speeds (3 floats) of main rotor, tail and fuselage, m/s.
     `output` is that of the yaw-rate gyro, rad; servo positions and flapping angles come from x.
     """
+    u_a, v_a, w_a = at_main
+    u_t, v_t, w_t = at_tail
+    u_f, v_f, w_f = at_body
     p, q, r = rates_of(x)
     a_s, b_s = x[PLANT.a_s], x[PLANT.b_s]
     thrust, v_i = main_rotor(u_a, v_a, w_a, a_s, b_s, x[PLANT.servo_col], k.rotor, k.main)
-    drag = fuselage_force(u_a, v_a, w_a, v_i, k.fuselage)
-    power = main_rotor_power(u_a, v_a, w_a, v_i, thrust, drag, k)
+    drag = fuselage_force(u_f, v_f, w_f, v_i, k.fuselage)
+    power = main_rotor_power(at_main, at_body, v_i, thrust, drag, k)
     sin_a, sin_b = math.sin(a_s), math.sin(b_s)
     hub = k.main.hub_stiffness + thrust * k.main.hub_height
     tail = tail_rotor(
-        u_a, v_a, w_a, p, q, r, tail_pitch(output, k.gyro), k.tail_arm, k.tail_height, k.tail
+        u_t, v_t, w_t, p, q, r, tail_pitch(output, k.gyro), k.tail_arm, k.tail_height, k.tail
     )
-    side = fin_force(v_a - r * k.vertical_fin.arm, u_a, k.vertical_fin)
-    lift = fin_force(w_a + q * k.horizontal_fin.arm - v_i, u_a, k.horizontal_fin)
+    side = fin_force(v_t - r * k.vertical_fin.arm, u_t, k.vertical_fin)
+    lift = fin_force(w_t + q * k.horizontal_fin.arm - v_i, u_t, k.horizontal_fin)
     force_x = -thrust * sin_a + drag[0]
     force_y = thrust * sin_b + drag[1] - tail + side
     force_z = -thrust * math.cos(a_s) * math.cos(b_s) + drag[2] + lift
@@ -75,14 +103,14 @@ def aerodynamic_loads(x, u_a, v_a, w_a, output, k):
 
 
 @njit
-def derivative_kernel(x, u, wind, k, out):
-    """State derivative: fills out (24,) for state x (24,), command u (4,), wind_ned_mps (3,).
+def derivative_kernel(x, u, air, k, out):
+    """State derivative: fills out (24,) for state x (24,), command u (4,), air (12,), a row AIR.
 
     Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterKernel.
     """
-    u_a, v_a, w_a = airspeed(x, wind)
+    at_main, at_tail, at_body = airspeeds(x, air)
     d_int_rate, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
-    force, moment = aerodynamic_loads(x, u_a, v_a, w_a, output, k)
+    force, moment = aerodynamic_loads(x, at_main, at_tail, at_body, output, k)
     push, twist = ground_loads(x, k.ground)
     rigid_body_rates(
         x,
@@ -94,8 +122,11 @@ def derivative_kernel(x, u, wind, k, out):
     p, q, _ = rates_of(x)
     a_s, b_s, d_lat, d_lon = x[PLANT.a_s], x[PLANT.b_s], x[PLANT.servo_lat], x[PLANT.servo_lon]
     out[PLANT.a_s], out[PLANT.b_s] = flapping_rates(
-        a_s, b_s, p, q, u_a, v_a, d_lat, d_lon, k.flapping
+        a_s, b_s, p, q, at_main[0], at_main[1], d_lat, d_lon, k.flapping
     )
+    tilt_a, tilt_b = disc_tilt_of_gust(air[AIR.p], air[AIR.q], k.main.speed)
+    out[PLANT.a_s] += k.flapping.rate * tilt_a
+    out[PLANT.b_s] += k.flapping.rate * tilt_b
     out[PLANT.d_int] = d_int_rate
     for i in range(ACTUATOR.size):
         at, rate = PLANT.servo.start + i, PLANT.servo_rate.start + i
@@ -103,14 +134,21 @@ def derivative_kernel(x, u, wind, k, out):
 
 
 @njit
-def specific_force(x, wind, k, out):
+def specific_force(x, air, k, out):
     """Specific force at the c.g., body, m/s2 (what ideal accelerometers read): fills out (3,)."""
-    u_a, v_a, w_a = airspeed(x, wind)
+    at_main, at_tail, at_body = airspeeds(x, air)
     _, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
-    force, _ = aerodynamic_loads(x, u_a, v_a, w_a, output, k)
+    force, _ = aerodynamic_loads(x, at_main, at_tail, at_body, output, k)
     push, _ = ground_loads(x, k.ground)
     for i in range(3):
         out[i] = (force[i] + push[i]) / k.body.mass
+
+
+def same_air(wind_ned_mps: ArrayLike) -> NDArray[np.float64]:
+    """The row AIR (12,) of air that moves everywhere with wind_ned_mps (3,) and does not turn."""
+    air = np.zeros(AIR.size)
+    air[AIR.velocity] = np.tile(np.asarray(wind_ned_mps, dtype=np.float64), 3)
+    return air
 
 
 def state_derivative(
@@ -124,8 +162,8 @@ def state_derivative(
         State, places of `heli_math.rows.PLANT`.
     u : (4,) array
         Servo commands d_lat, d_lon, d_ped, d_col in (-1, 1).
-    wind_ned_mps : (3,) array
-        Velocity of the air, NED, m/s.
+    wind_ned_mps : (3,) or (12,) array
+        Velocity of the air, NED, m/s, the same everywhere; or a row `heli_math.rows.AIR`.
     params : HelicopterParameters
 
     Returns
@@ -137,15 +175,17 @@ def state_derivative(
     ValueError
         If an array has the wrong length.
     """
+    air = same_air(wind_ned_mps) if np.shape(wind_ned_mps) == (3,) else wind_ned_mps
     arrays = []
     for name, value, size in (
         ("x", x, PLANT.size),
         ("u", u, ACTUATOR.size),
-        ("wind_ned_mps", wind_ned_mps, 3),
+        ("wind_ned_mps", air, AIR.size),
     ):
         array = np.ascontiguousarray(value, dtype=np.float64)
         if array.shape != (size,):
-            raise ValueError(f"{name} has shape {array.shape}, expected ({size},)")
+            three = "(3,) or " if name == "wind_ned_mps" else ""
+            raise ValueError(f"{name} has shape {array.shape}, expected {three}({size},)")
         arrays.append(array)
     out = np.empty(PLANT.size)
     derivative_kernel(*arrays, params.kernel, out)

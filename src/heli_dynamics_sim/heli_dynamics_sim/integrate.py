@@ -11,24 +11,24 @@ WORK_ROWS = 5
 
 
 @njit
-def rk4_step(x, u, wind, k, dt_s, work):
-    """Advance x (24,) by dt_s with command u (4,) and wind (3,) held; in place.
+def rk4_step(x, u, air, k, dt_s, work):
+    """Advance x (24,) by dt_s with command u (4,) and air (12,) held; in place.
 
     After the step the quaternion is scaled to unit norm and the servos are kept inside their stops.
     work is scratch, (5, 24).
     """
     n = x.shape[0]
     k1, k2, k3, k4, stage = work
-    derivative_kernel(x, u, wind, k, k1)
+    derivative_kernel(x, u, air, k, k1)
     for i in range(n):
         stage[i] = x[i] + 0.5 * dt_s * k1[i]
-    derivative_kernel(stage, u, wind, k, k2)
+    derivative_kernel(stage, u, air, k, k2)
     for i in range(n):
         stage[i] = x[i] + 0.5 * dt_s * k2[i]
-    derivative_kernel(stage, u, wind, k, k3)
+    derivative_kernel(stage, u, air, k, k3)
     for i in range(n):
         stage[i] = x[i] + dt_s * k3[i]
-    derivative_kernel(stage, u, wind, k, k4)
+    derivative_kernel(stage, u, air, k, k4)
     for i in range(n):
         x[i] += dt_s / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
     qw, qx, qy, qz = attitude_of(x)

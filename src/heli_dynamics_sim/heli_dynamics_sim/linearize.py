@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF, CLIMB_POWER_ON
-from heli_dynamics_sim.helicopter import airspeed, derivative_kernel
+from heli_dynamics_sim.helicopter import airspeed, derivative_kernel, same_air
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
 from heli_dynamics_sim.trim import Trim
 from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
@@ -101,7 +101,7 @@ class ReducedModel:
         x[PLANT.rotor] = a_s, b_s, d_int
         x[PLANT.servo][ACTUATOR.attitude] = inputs
         wind = self.trim.wind_ned_mps + R_nb @ air
-        derivative_kernel(x, self.trim.u, wind, self.kernel, self.out)
+        derivative_kernel(x, self.trim.u, same_air(wind), self.kernel, self.out)
         turn = q * np.sin(phi) + r * np.cos(phi)
         slope = np.empty(len(NINE))
         slope[NINE.phi] = p + turn * np.tan(theta)
@@ -177,7 +177,7 @@ def air_damping_per_s(params: HelicopterParameters, trim: Trim) -> NDArray[np.fl
     def acceleration(wind_body_mps: NDArray[np.float64]) -> NDArray[np.float64]:
         out = np.empty(PLANT.size)
         wind = trim.wind_ned_mps + R_nb @ wind_body_mps
-        derivative_kernel(x, trim.u, wind, params.kernel, out)
+        derivative_kernel(x, trim.u, same_air(wind), params.kernel, out)
         return out[PLANT.vel]
 
     steps = _DAMPING_STEP_MPS * np.eye(3)

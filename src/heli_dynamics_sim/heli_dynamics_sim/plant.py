@@ -14,6 +14,7 @@ import numpy as np
 
 from heli_dynamics_sim.config import PlantConfig, PlantConfigError, PlantKernel
 from heli_dynamics_sim.ground import ground_contact
+from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.sensors import FIX, SensorState, read_sensors, take_fix
@@ -21,7 +22,7 @@ from heli_dynamics_sim.state import STEP_S, SUBSTEPS, attitude_of
 from heli_dynamics_sim.trim import trim
 from heli_dynamics_sim.wind import FILTER, stationary_filter, step_turbulence, wind_at
 from heli_math.jit import njit
-from heli_math.rows import ACTUATOR, MEAS, PLANT
+from heli_math.rows import ACTUATOR, AIR, MEAS, PLANT
 from heli_math.ticks import TICK_S
 
 __all__ = [
@@ -67,7 +68,7 @@ class PlantState(NamedTuple):
 
     x: np.ndarray  # (24,) aircraft, places of `rows.PLANT`
     wind_filter: np.ndarray  # (5,) turbulence filter, dimensionless, places of `wind.FILTER`
-    wind_ned_mps: np.ndarray  # (3,) velocity of the air
+    air: np.ndarray  # (12,) what the air does at the aircraft, places of `rows.AIR`
     sensors: SensorState
     commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
     work: np.ndarray  # (5, 24) scratch
@@ -129,7 +130,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     return PlantState(
         x,
         wind_filter,
-        mean_wind,
+        same_air(mean_wind),
         sensors,
         np.tile(hover.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, ACTUATOR.size),
         np.zeros((WORK_ROWS, PLANT.size)),
@@ -156,13 +157,12 @@ def measure(state, tick, noise_row, k, y):
     if tick > 0 and k.wind.turbulence:
         altitude_m = -state.x[PLANT.down]
         step_turbulence(state.wind_filter, altitude_m, TICK_S, noise_row[NOISE.wind], k.wind)
-    wind_at(state.wind_filter, state.x, tick * TICK_S, k.wind, state.wind_ned_mps)
-    read_sensors(
-        state.sensors, tick, state.x, state.wind_ned_mps, noise_row, k.aircraft, k.sensors, y
-    )
     wind = y[MEAS.wind]
+    wind_at(state.wind_filter, state.x, tick * TICK_S, k.wind, wind)
+    main, tail, fuselage = state.air[AIR.main], state.air[AIR.tail], state.air[AIR.fuselage]
     for i in range(3):
-        wind[i] = state.wind_ned_mps[i]
+        main[i] = tail[i] = fuselage[i] = wind[i]
+    read_sensors(state.sensors, tick, state.x, state.air, noise_row, k.aircraft, k.sensors, y)
 
 
 @njit
@@ -207,7 +207,7 @@ def advance(state, u_cmd, k):
             last = j == k.delay_ticks - 1
             state.commands[j, i] = u_cmd[i] if last else state.commands[j + 1, i]
     for _ in range(SUBSTEPS):
-        rk4_step(state.x, u, state.wind_ned_mps, k.aircraft, STEP_S, state.work)
+        rk4_step(state.x, u, state.air, k.aircraft, STEP_S, state.work)
         if state.flags[0] == _OK:
             state.flags[0] = _judge(state.x, k)
 

@@ -99,12 +99,12 @@ def gauss_markov_step(x, decay, sigma, n):
 
 
 @njit
-def read_imu(sensors, tick, x, wind, noise, aircraft, k, y):
+def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill specific force and rates of the measurement row y; biases walk."""
     force, rate, true_rate = y[MEAS.force], y[MEAS.rate], x[PLANT.rate]
     gyro, accel = noise[NOISE.gyro], noise[NOISE.accel]
     gyro_walk, accel_walk = noise[NOISE.gyro_walk], noise[NOISE.accel_walk]
-    specific_force(x, wind, aircraft, force)
+    specific_force(x, air, aircraft, force)
     for i in range(3):
         if tick > 0:
             sensors.gyro_bias[i] += k.gyro_walk * gyro_walk[i]
@@ -185,9 +185,9 @@ def read_gps(sensors, tick, x, noise, k, y):
 
 
 @njit
-def read_sensors(sensors, tick, x, wind, noise, aircraft, k, y):
+def read_sensors(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill what sensors say of the measurement row y at a tick."""
-    read_imu(sensors, tick, x, wind, noise, aircraft, k.imu, y)
+    read_imu(sensors, tick, x, air, noise, aircraft, k.imu, y)
     read_mag(tick, x, noise, k.mag, y)
     read_baro(sensors, tick, x, noise, k.baro, y)
     read_gps(sensors, tick, x, noise, k.gps, y)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_dynamics_sim.helicopter import derivative_kernel
+from heli_dynamics_sim.helicopter import derivative_kernel, same_air
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
 from heli_dynamics_sim.state import make_state
 from heli_math.rows import ACTUATOR, PLANT
@@ -88,13 +88,13 @@ class _Problem:
     def __init__(self, k: HelicopterKernel, wind: NDArray[np.float64], psi: float) -> None:
         # The actuators' stops are judged at the end, not inside the iteration.
         self.k = k._replace(servo=k.servo._replace(travel=1e3))
-        self.wind = wind
+        self.air = same_air(wind)
         self.psi = psi
         self.out = np.empty(PLANT.size)
 
     def residual(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         x, u = _expand(z, self.psi)
-        derivative_kernel(x, u, self.wind, self.k, self.out)
+        derivative_kernel(x, u, self.air, self.k, self.out)
         return self.out[list(_ROWS)]
 
     def jacobian(self, z: NDArray[np.float64]) -> NDArray[np.float64]:

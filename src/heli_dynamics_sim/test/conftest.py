@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF
+from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import HelicopterParameters
@@ -39,7 +40,7 @@ def fly():
     def run(x, u, kernel, seconds, dt_s=0.002, wind=(0.0, 0.0, 0.0)):
         x = np.array(x)
         work = np.zeros((WORK_ROWS, PLANT.size))
-        command, air = np.array(u, dtype=float), np.array(wind, dtype=float)
+        command, air = np.array(u, dtype=float), same_air(wind)
         for _ in range(round(seconds / dt_s)):
             rk4_step(x, command, air, kernel, dt_s, work)
         return x

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from heli_dynamics_sim.helicopter import specific_force, state_derivative
+from heli_dynamics_sim.helicopter import same_air, specific_force, state_derivative
 
 
 def rotation(q):
@@ -50,9 +50,9 @@ def fin(p, area, slope, across, u_a):
     return (1 - (3 * s**2 - 2 * s**3)) * attached + (3 * s**2 - 2 * s**3) * stalled
 
 
-def loads(p, air, rates, a_s, b_s, d_col, tail_pitch):
-    """Force and moment of the air, body."""
-    ua, va, wa = air
+def loads(p, airs, rates, a_s, b_s, d_col, tail_pitch):
+    """Force and moment of the air, body; airs: what main rotor, tail and fuselage meet."""
+    (ua, va, wa), (ut, vt, wt), (uf, vf, wf) = airs
     pp, q, r = rates
     rho, omega, radius = p.air_density_kgpm3, p.main_speed_radps, p.main_radius_m
     main = (omega, radius, p.main_chord_m, p.main_blades, p.main_lift_slope)
@@ -61,16 +61,16 @@ def loads(p, air, rates, a_s, b_s, d_col, tail_pitch):
     tail = (omega * p.tail_gear_ratio, p.tail_radius_m, p.tail_chord_m, p.tail_blades,
             p.tail_lift_slope)  # fmt: skip
     D, H = p.tail_arm_m, p.tail_height_m
-    T_tr, _ = rotor(p, tail, va - r * D + pp * H, (wa + q * D) ** 2 + ua**2, tail_pitch)
-    wf = wa - v_i
-    X = -rho / 2 * p.drag_area_x_m2 * ua * max(v_i, abs(ua))
-    Y = -rho / 2 * p.drag_area_y_m2 * va * max(v_i, abs(va))
+    T_tr, _ = rotor(p, tail, vt - r * D + pp * H, (wt + q * D) ** 2 + ut**2, tail_pitch)
+    wf = wf - v_i
+    X = -rho / 2 * p.drag_area_x_m2 * uf * max(v_i, abs(uf))
+    Y = -rho / 2 * p.drag_area_y_m2 * vf * max(v_i, abs(vf))
     Z = -rho / 2 * p.drag_area_z_m2 * wf * max(v_i, abs(wf))
-    side = fin(p, p.vfin_area_m2, p.vfin_lift_slope, va - r * p.vfin_arm_m, ua)
-    lift = fin(p, p.hfin_area_m2, p.hfin_lift_slope, wa + q * p.hfin_arm_m - v_i, ua)
+    side = fin(p, p.vfin_area_m2, p.vfin_lift_slope, vt - r * p.vfin_arm_m, ut)
+    lift = fin(p, p.hfin_area_m2, p.hfin_lift_slope, wt + q * p.hfin_arm_m - v_i, ut)
     blades = p.main_drag_coefficient * p.main_blades * p.main_chord_m
     power = rho * omega * radius**2 * blades / 8 * ((omega * radius) ** 2 + 4.6 * (ua**2 + va**2))
-    power += T * v_i + abs(X * ua) + abs(Y * va) + abs(Z * wf)
+    power += T * v_i + abs(X * uf) + abs(Y * vf) + abs(Z * wf)
     if wa < 0:
         power += -p.mass_kg * p.gravity_mps2 * wa
     rotor_force = np.array([-T * np.sin(a_s), T * np.sin(b_s), -T * np.cos(a_s) * np.cos(b_s)])
@@ -92,8 +92,8 @@ def derivative(p, x, u, wind):
     J = np.diag([p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2])
     error = p.gyro_pedal_gain_radps * x[18] - rates[2]
     pitch = p.pedal_gain * (p.gyro_proportional_s * error + p.gyro_integral * d_int)
-    air = x[3:6] - R.T @ wind
-    force, moment = loads(p, air, rates, x[13], x[14], x[19], pitch + p.pedal_offset_rad)
+    airs = [x[3:6] - R.T @ w for w in np.resize(wind, (3, 3))]
+    force, moment = loads(p, airs, rates, x[13], x[14], x[19], pitch + p.pedal_offset_rad)
     omega = np.block([[np.zeros(1), -rates], [rates[:, None], -np.cross(np.eye(3), -rates).T]])
     lateral, longitudinal, tau = x[16], x[17], p.flap_time_constant_s
     theta_a = p.flap_lon_from_lon_rad * longitudinal + p.flap_lon_from_lat_rad * lateral
@@ -134,10 +134,37 @@ def test_every_derivative_agrees(helicopter, seed):
     assert state_derivative(x, u, wind, helicopter) == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_every_derivative_agrees_with_other_air_at_each_part(helicopter, seed):
+    """Main rotor, tail and fuselage in air of their own; the air does not turn."""
+    rng = np.random.default_rng(seed)
+    x, u, wind = random_case(rng)
+    air = np.concatenate([np.tile(wind, 3) + rng.normal(0, 0.2, 9), np.zeros(3)])
+    expected = derivative(helicopter, x, u, air[:9])
+    assert state_derivative(x, u, air, helicopter) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_air_that_turns_tilts_the_disc_and_nothing_else(helicopter):
+    x, u, wind = random_case(np.random.default_rng(98))
+    air = same_air(wind)
+    still = state_derivative(x, u, air, helicopter)
+    assert still.tobytes() == state_derivative(x, u, wind, helicopter).tobytes()
+    air[9:12] = 0.4, -0.3, 0.2
+    changed = state_derivative(x, u, air, helicopter) - still
+    pull = np.array([0.4, 0.3]) / helicopter.main_speed_radps / helicopter.flap_time_constant_s
+    assert changed[13:15] == pytest.approx(pull, abs=1e-12)
+    assert not np.delete(changed, [13, 14]).any()
+
+
+def test_air_of_another_length_is_refused(helicopter):
+    with pytest.raises(ValueError, match=r"wind_ned_mps has shape \(4,\), expected \(3,\) or"):
+        state_derivative(np.zeros(24), np.zeros(4), np.zeros(4), helicopter)
+
+
 def test_specific_force_is_acceleration_without_gravity(helicopter):
     x, u, wind = random_case(np.random.default_rng(99))
     rates = state_derivative(x, u, wind, helicopter)
     felt = rates[3:6] + np.cross(x[10:13], x[3:6]) - rotation(x[6:10]).T @ [0, 0, 9.781]
     out = np.zeros(3)
-    specific_force(x, wind, helicopter.kernel, out)
+    specific_force(x, same_air(wind), helicopter.kernel, out)
     assert out == pytest.approx(felt, abs=1e-10)

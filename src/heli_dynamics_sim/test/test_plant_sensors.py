@@ -96,7 +96,7 @@ def test_imu_in_trimmed_hover_reads_gravity_only(plant_config):
 )
 def test_imu_lying_still_reads_minus_gravity(vacuum, plant_config, phi, theta, expected):
     """Held by a ground force equal to the weight: checked through the ground's own law."""
-    from heli_dynamics_sim.helicopter import specific_force
+    from heli_dynamics_sim.helicopter import same_air, specific_force
     from heli_dynamics_sim.state import make_state
 
     k = vacuum._replace(body=vacuum.body._replace(mass=1.0))
@@ -105,7 +105,7 @@ def test_imu_lying_still_reads_minus_gravity(vacuum, plant_config, phi, theta, e
     ground = k.ground._replace(points=np.zeros((6, 3)), stiffness=9.781 / 6, damping=0.0)
     x[2] = 1.0
     out = np.zeros(3)
-    specific_force(x, np.zeros(3), k._replace(ground=ground), out)
+    specific_force(x, same_air(np.zeros(3)), k._replace(ground=ground), out)
     assert out == pytest.approx(9.781 * np.array(expected), abs=1e-9)
 
 

@@ -111,6 +111,19 @@ class PlantState(NamedTuple):
     size: int = 24
 
 
+class AirRow(NamedTuple):
+    """The air at an aircraft (12,): its velocity where it acts, and how it turns."""
+
+    main: slice = slice(0, 3)  # at the main rotor's hub, NED, m/s
+    tail: slice = slice(3, 6)  # at the tail rotor; the fins share it
+    fuselage: slice = slice(6, 9)  # over the fuselage
+    velocity: slice = slice(0, 9)  # all three places
+    rates: slice = slice(9, 12)  # rotational gust p, q, r, body, rad/s
+    p: int = 9
+    q: int = 10
+    size: int = 12
+
+
 class RotorRow(NamedTuple):
     """What no sensor sees of the rotor and of the yaw-rate gyro (3,)."""
 
@@ -191,6 +204,7 @@ MEAS = MeasurementRow()
 NAV = NavigationRow()
 TRUTH = TruthRow()
 PLANT = PlantState()
+AIR = AirRow()
 ROTOR = RotorRow()
 JOINTS = JointRow()
 ACTUATOR = ActuatorRow()

@@ -16,6 +16,7 @@ SPELLED = {
     "sn se sd svn sve svd srn sre srd",
     "TRUTH": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int wn we wd",
     "PLANT": "n e d u v w qw qx qy qz p q r a_s b_s d_int lat lon ped col lat' lon' ped' col'",
+    "AIR": "main_n main_e main_d tail_n tail_e tail_d fuselage_n fuselage_e fuselage_d p q r",
     "ROTOR": "a_s b_s d_int",
     "JOINTS": "a_s b_s d_int lat lon ped col",
     "ACTUATOR": "lat lon ped col",
@@ -38,6 +39,12 @@ PARTS = {
     "rigid": "n e d u v w qw qx qy qz p q r",
 }  # fmt: skip
 OF_ONE_ROW = {
+    ("AIR", "main"): "main_n main_e main_d",
+    ("AIR", "tail"): "tail_n tail_e tail_d",
+    ("AIR", "fuselage"): "fuselage_n fuselage_e fuselage_d",
+    ("AIR", "velocity"): "main_n main_e main_d tail_n tail_e tail_d "
+    "fuselage_n fuselage_e fuselage_d",
+    ("AIR", "rates"): "p q r",
     ("PLANT", "vel"): "u v w",
     ("ACTUATOR", "attitude"): "lat lon ped",
     ("SETPOINT", "attitude"): "phi theta psi",
