@@ -20,6 +20,7 @@ from heli_math.rows import NAV, PLANT, REFERENCE, ROTOR
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import offset_of
 
 Array = NDArray[np.float64]
 GRAPH_NODES = ("plant", "observer", "inner_loop", "outer_loop")
@@ -291,7 +292,9 @@ class LiveState:
     def _reference_row(self) -> Array | None:
         if self.reference is None:
             return None
-        return self.reference.at(self.now_ns or self.reference.start_ns)
+        row = self.reference.at(self.now_ns or self.reference.start_ns)
+        row[REFERENCE.pos] += offset_of(self.nodes["outer_loop"].facts) or 0.0
+        return row
 
     def _fix_age_s(self) -> float:
         return max(0.0, (self.now_ns - self._fix_ns) * 1e-9)

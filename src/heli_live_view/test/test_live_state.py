@@ -15,6 +15,7 @@ from heli_math.paper_metrics import BY_KEY, hover_errors
 from heli_math.rotations import quat_from_euler
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import FACT_OFFSET
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
@@ -135,6 +136,16 @@ def test_a_whole_row(state):
     assert row["rotor_truth"]["a_s_deg"] == 1.0 and row["rotor_truth"]["b_s_deg"] == 2.0
     assert row["wind_enu"] == [2.0, 1.0, 3.0] and row["gps"] == {"age_s": 0.2}
     assert {node["state"] for node in row["nodes"].values()} == {"active"}
+
+
+def test_the_reference_is_shown_where_it_is_followed(state):
+    """The outer loop may have moved it to where the aircraft was when hover engaged."""
+    state.take_reference(Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.0))
+    fly(state, 100.0, 4.0)
+    state.take_status("outer_loop", 0, "position is held", {FACT_OFFSET: "[]"})
+    assert state.row(100.1)["ref"]["p"] == [0.0, 0.0, 10.0]
+    state.take_status("outer_loop", 0, "position is held", {FACT_OFFSET: "[1.5, -0.5, 0.25]"})
+    assert state.row(100.1)["ref"]["p"] == [-0.5, 1.5, 9.75]  # east, north, up
 
 
 def test_what_is_stale_is_blanked_and_silence_is_named(state):

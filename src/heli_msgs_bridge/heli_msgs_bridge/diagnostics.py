@@ -6,14 +6,27 @@ clock. Where it stands still (before a flight, in a pause, behind a silent peer)
 repeated once per second of wall time, so that whoever watches never takes the node for dead.
 """
 
+import contextlib
+import json
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
 from heli_math.ticks import NS_PER_S, TICKS_PER_S
 
+FACT_OFFSET = "reference_offset_ned_m"
+"""What the outer loop calls the offset (3,) from the reference as given to that which it follows;
+an empty list until it has engaged."""
 REPEAT_S = 1.0
 """Wall time after which a status is repeated though no tick has passed."""
+
+
+def offset_of(facts: Mapping[str, str]) -> tuple[float, float, float] | None:
+    """The offset that the outer loop tells, NED, m; None if it tells none."""
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        north, east, down = json.loads(facts[FACT_OFFSET])
+        return float(north), float(east), float(down)
+    return None
 
 
 def hardware_of(namespace: str) -> str:

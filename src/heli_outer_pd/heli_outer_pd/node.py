@@ -14,7 +14,7 @@ from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.ticks import TICKS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import FACT_OFFSET, Level
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.node_process import run
@@ -27,9 +27,11 @@ from heli_outer_pd.position_law import (
     MEMORY,
     OuterKernel,
     OuterStatus,
+    flyable,
     follow,
     initial_state,
 )
+from heli_outer_pd.reference import moved, offset_to
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
@@ -49,6 +51,10 @@ class Law(TickCore):
         What a reference may ask for.
     given : Trajectory or None
         The reference, once it has come.
+    way : Trajectory or None
+        What is followed of it: itself, or from where the law has engaged.
+    offset_ned_m : (3,) array or None
+        From `given` to `way`; None until the law has engaged.
     home_ned_m : (3,) array or None
         Where the first reference began, or the first position that was held without one.
     nav, out : arrays
@@ -61,6 +67,8 @@ class Law(TickCore):
     send_collective: Send
     limits: ReferenceLimits
     given: Trajectory | None = None
+    way: Trajectory | None = None
+    offset_ned_m: np.ndarray | None = None
     home_ned_m: np.ndarray | None = None
     nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
@@ -109,6 +117,8 @@ class OuterLoopNode(TickNode[Law, Following]):
         """Load the compiled law before the first tick."""
         state = initial_state(core.kernel)
         follow(core.nav, 0, _NOWHERE.times_ns, _NOWHERE.points, core.kernel, state, core.out)
+        offset_to(core.nav[NAV.pos], 0, _NOWHERE.times_ns, _NOWHERE.points)
+        moved(_NOWHERE, np.zeros(3))
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
     def _on_reference(self, message: Any) -> None:
@@ -123,7 +133,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         except ReferenceRefused as error:
             self.refuse_aloud(topics.REFERENCE, f"{topics.REFERENCE}: {error}")
             return
-        core.given, core.home_ned_m = way, home.copy()
+        core.given, core.way, core.home_ned_m = way, way, home.copy()
+        if core.offset_ned_m is not None:
+            core.offset_ned_m = np.zeros(3)
         core.pace.resume()
 
     def is_ready(self) -> bool:
@@ -145,6 +157,7 @@ class OuterLoopNode(TickNode[Law, Following]):
     def begin_anew(self) -> None:
         """Another flight: the law begins anew, and with it what is held without a reference."""
         self.core.state = initial_state(self.core.kernel)
+        self.core.way, self.core.offset_ned_m = self.core.given, None
         self.run.held = None
 
     def step(self, tick: int, arrived: Arrived) -> None:
@@ -158,7 +171,9 @@ class OuterLoopNode(TickNode[Law, Following]):
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
             if core.home_ned_m is None:
                 core.home_ned_m = nav[NAV.pos].copy()
-        way = core.given or run.held
+        if core.offset_ned_m is None and flyable(core.nav):
+            self._anchor(stamp_ns)
+        way = core.way or run.held
         if way is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
             core.nav[:] = np.nan
@@ -176,6 +191,17 @@ class OuterLoopNode(TickNode[Law, Following]):
         core.send_collective(core.out[[SETPOINT.col]], stamp_ns)
         self._tell(code)
 
+    def _anchor(self, stamp_ns: int) -> None:
+        """The law engages: the reference begins here, if it is to; later ones stay as given."""
+        core = self.core
+        core.offset_ned_m = np.zeros(3)
+        if core.given is not None and self.values["reference_anchor"] == "engagement":
+            way = core.given
+            core.offset_ned_m = offset_to(
+                core.nav[NAV.pos], stamp_ns - way.start_ns, way.times_ns, way.points
+            )
+            core.way = moved(way, core.offset_ned_m)
+
     def _tell(self, code: int) -> None:
         status, core = OuterStatus(code), self.core
         level = Level.OK if status == OuterStatus.OK else Level.ERROR
@@ -183,6 +209,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             facts = {
                 "reference": "held position" if core.given is None else "given",
                 "wind_compensation": bool(self.values["wind_compensation"]),
+                FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
                 "disturbance_ned_mps2": np.round(core.state[MEMORY.disturbance], 4).tolist(),
             }
             self.warn_or_ok(level, status.sentence, facts)

@@ -153,7 +153,7 @@ def _all_finite(values):
 
 
 @njit
-def _flyable(nav):
+def flyable(nav):
     """Whether what the law reads of the navigation row is finite."""
     pos, vel, attitude = nav[NAV.pos], nav[NAV.vel], nav[NAV.quat]
     return _all_finite(pos) and _all_finite(vel) and _all_finite(attitude)
@@ -247,10 +247,10 @@ def position_law(nav, ref, k, state, out):
         An OuterStatus. On anything but OK the last good output is repeated.
     """
     last = state[MEMORY.command]
-    if not _flyable(nav) or not _all_finite(ref):
+    if not flyable(nav) or not _all_finite(ref):
         for i in range(SETPOINT.size):
             out[i] = last[i]
-        if not _flyable(nav):
+        if not flyable(nav):
             return _BAD_NAVIGATION
         return _BAD_REFERENCE
     phi, theta, psi = euler_from_quat(nav[NAV.quat])

@@ -1,13 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the law follows: the reference, averaged so that its velocity has no jumps."""
+"""What the law follows: the reference, begun where the aircraft is and averaged so that its
+velocity has no jumps.
+"""
+
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heli_math.jit import njit
 from heli_math.rows import REFERENCE, SHAPED
-from heli_math.trajectory import reference_at
+from heli_math.trajectory import Trajectory, reference_at
 
 _SHAPING_SAMPLES = 32
+
+
+@njit
+def offset_to(pos_ned_m, time_ns, times_ns, points):
+    """Offset (3,), NED, m, from the trajectory at time_ns to a position (3,)."""
+    now = np.empty(REFERENCE.size)
+    reference_at(time_ns, times_ns, points, now)
+    offset = np.empty(3)
+    for j in range(3):
+        offset[j] = pos_ned_m[j] - now[j]
+    return offset
+
+
+@njit
+def move(points, offset_ned_m):
+    """Move the positions of way points (N, 7), in place, by an offset (3,), NED, m."""
+    for i in range(points.shape[0]):
+        for j in range(3):
+            points[i, j] += offset_ned_m[j]
+
+
+def moved(way: Trajectory, offset_ned_m: NDArray[np.float64]) -> Trajectory:
+    """The trajectory with all positions moved by an offset (3,), NED, m; headings stay."""
+    points = way.points.copy()
+    move(points, np.asarray(offset_ned_m, float))
+    return replace(way, points=points)
 
 
 @njit

@@ -20,6 +20,9 @@ from heli_math.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
 from heli_math.ticks import TICK_NS, seconds, stamp_at
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import offset_of
+from heli_outer_pd.parameter_table import NODE_NAME as OUTER_LOOP
+from heli_outer_pd.reference import moved
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 
 
@@ -45,16 +48,32 @@ def _followed(bag: Bag, limits: ReferenceLimits) -> list[tuple[int, Trajectory]]
     return followed
 
 
+def _engaged(bag: Bag) -> tuple[int, NDArray[np.float64]] | None:
+    """When the outer loop engaged, ns, and by what it then moved its reference, NED, m."""
+    for remark in bag.remarks:
+        offset = offset_of(remark.facts) if remark.node == OUTER_LOOP else None
+        if offset is not None:
+            return remark.stamp_ns, np.array(offset)
+    return None
+
+
 def _reference(
     bag: Bag, ticks: NDArray[np.int64], start_ns: int, limits: ReferenceLimits
 ) -> np.ndarray:
-    """Reference rows (N, 7) at the ticks: of the trajectory come last, the first one before it."""
+    """Reference rows (N, 7) at the ticks: of the trajectory come last, the first one before it.
+
+    As the outer loop followed it: moved to where the aircraft was when the law engaged, if it was.
+    """
     rows = np.full((ticks.size, REFERENCE.size), np.nan)
-    ways = _followed(bag, limits)
+    ways = sorted(_followed(bag, limits), key=lambda pair: pair[0])
     if not ways:
         return rows
-    ways.sort(key=lambda pair: pair[0])
     begun = [came_ns for came_ns, _ in ways]
+    engaged = _engaged(bag)
+    if engaged is not None:
+        at_ns, offset = engaged
+        first = max(bisect.bisect_right(begun, at_ns) - 1, 0)
+        ways[first] = begun[first], moved(ways[first][1], offset)
     for i, tick in enumerate(ticks.tolist()):
         now_ns = start_ns + tick * TICK_NS
         rows[i] = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)][1].at(now_ns)

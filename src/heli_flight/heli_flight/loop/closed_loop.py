@@ -43,6 +43,7 @@ from heli_observer import observer
 from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
 from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.reference import move, offset_to
 
 _CHUNK_TICKS = 6000
 
@@ -62,6 +63,8 @@ class Loop(NamedTuple):
     outer_s: np.ndarray
     period_ticks: int
     true_navigation: int
+    # (2,) int64: 1 while the reference is still to be moved to where the aircraft is; tick of that.
+    anchor: np.ndarray
 
 
 class Track(NamedTuple):
@@ -105,7 +108,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     first_tick, n_ticks : int
     noise_rows : (n_ticks, 31) ndarray
     times_ns, points : ndarray
-        Reference trajectory.
+        Reference trajectory; the points are moved in place when the law engages, if they are to be.
     setpoint, u : (4,) ndarray
         Last phi, theta, psi, d_col and last actuators; changed in place.
     track : Track
@@ -123,6 +126,9 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
         observer.observe(loop.observer_s, tick, y, u, loop.observer_k, nav)
         if loop.true_navigation:
             _replace_by_truth(track.truth[tick], nav)
+        if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(nav):
+            move(points, offset_to(nav[NAV.pos], tick * TICK_NS, times_ns, points))
+            loop.anchor[0], loop.anchor[1] = 0, tick
         reference_at(tick * TICK_NS, times_ns, points, reference)
         if tick % loop.period_ticks == 0:
             outer.follow(
@@ -197,6 +203,7 @@ def build(
         outer.initial_state(outer_k),
         settings.nodes["outer_loop"]["period_ticks"],
         int(true_navigation),
+        np.array([settings.nodes["outer_loop"]["reference_anchor"] == "engagement", 0], np.int64),
     )
 
 
@@ -245,6 +252,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     )
     streams = noise.NoiseStreams(settings.seed)
     reference = settings.scenario.reference
+    points = reference.points.copy()
     setpoint = loop.outer_k.trim.copy()
     setpoint[SETPOINT.psi] = reference.points[0, REFERENCE.psi]
     u = np.append(loop.inner_k.u_trim, setpoint[SETPOINT.col])
@@ -253,11 +261,13 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
         count = min(_CHUNK_TICKS, n - tick)
         flown, status = fly(
             loop, tick, count, streams.rows(count),
-            reference.times_ns, reference.points, setpoint, u, track,
+            reference.times_ns, points, setpoint, u, track,
         )  # fmt: skip
         tick += flown
         if progress is not None:
             progress(seconds(tick))
+    for before in range(loop.anchor[1]):
+        reference_at(before * TICK_NS, reference.times_ns, points, track.reference[before])
     named = plant.PlantStatus(status)
     return Flight(_as_record(track, tick), named, "" if status == 0 else named.sentence)
 
