@@ -69,8 +69,9 @@ def test_help_says_what_exit_code_0_means(capsys):
     for command in ("hover", "campaign"):
         said = " ".join(heli(capsys, command, "--help")[1].split())
         for part in (
-            "Judged are the scored phases alone", "the navigation record",
+            "Judged are the scored windows alone", "the navigation record",
             "with an RTK receiver ground truth, too", "ends before the first of them is not judged",
+            "whole flight, climb included, are given first and decide nothing",
         ):  # fmt: skip
             assert part in said
 
@@ -208,7 +209,7 @@ class TestDesign:
         settings = resolve(gps="rtk", seed=101, params=[designed / "design.yaml"])
         flight = simulate(settings)
         assert flight.sentence == ""
-        assert all(s.inside for s in score(flight.record, settings.scenario))
+        assert all(s.inside for s in score(flight.record, settings.scenario).windows)
 
     def test_default_design_is_the_packaged_one(self, capsys):
         """The packaged YAMLs hold what the command finds for the packaged aircraft."""
@@ -294,7 +295,7 @@ class TestCompareAttitude:
             )
             expected = {
                 (s.metric.key, s.source): s.max
-                for s in score(simulate(settings).record, settings.scenario)
+                for s in score(simulate(settings).record, settings.scenario).windows
             }
             for flight in found["flights"]:
                 if (flight["law"], flight["seed"]) == (law, 102):

@@ -28,10 +28,21 @@ def test_every_seed_is_inside_the_papers_figures(scenario, gps, source):
     outside = [
         f"seed {f.seed}: {s.metric.label} {s.max:.3f} {s.metric.unit}, paper {s.metric.paper}"
         for f in flown
-        for s in f.scores
+        for s in f.figures.windows
         if s.source == source and not s.inside
     ]
     assert not outside, "\n".join(outside)
+
+
+@pytest.mark.parametrize("gps", ["standalone", "rtk"])
+def test_over_the_whole_flight_the_commanded_climb_is_outside(gps):
+    """What the README says: by all of the climb's speed, and by about 2 m of height."""
+    for f in fly_seeds(resolve(gps=gps), SEEDS):
+        found = {s.metric.key: s for s in f.figures.whole if s.source == "navigation"}
+        assert found["v_z"].max == pytest.approx(2.5, abs=0.1)
+        assert found["altitude"].max == pytest.approx(2.0, abs=0.2)
+        if gps == "rtk":
+            assert all(found[key].inside for key in set(found) - {"v_z", "altitude"})
 
 
 def test_pure_pd_drifts_off_in_steady_wind():
@@ -63,7 +74,7 @@ def test_seeds_as_users_write_them():
 def test_table_shows_the_worst_seed():
     flown = fly_seeds(resolve(duration_s=8.0), [1, 2])
     value = worst(flown)["v_y", "truth"].max
-    assert value == max(s.max for f in flown for s in f.scores if s.metric.key == "v_y"
+    assert value == max(s.max for f in flown for s in f.figures.windows if s.metric.key == "v_y"
                         and s.source == "truth")  # fmt: skip
     out = Console(file=io.StringIO(), width=200)
     out.print(table({"standalone": flown}, "hover", out))

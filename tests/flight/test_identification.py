@@ -64,7 +64,7 @@ def test_hover_test_flies_inside_the_papers_figures_with_identified_numbers(foun
         assert np.any(settings.nodes[node][key] != resolve().nodes[node][key])
     flight = closed_loop.simulate(settings)
     result = Result(score(flight.record, settings.scenario), flight.sentence, 60.0, 1.0)
-    assert result.exit_code("standalone") == 0, [s.as_dict() for s in result.outside]
+    assert result.exit_code("standalone") == 0, [s.as_dict() for s in result.outside()]
 
 
 @pytest.mark.parametrize("kind", ["actuators", "gusts"])

@@ -22,7 +22,11 @@ def test_hover_test_flies_records_and_agrees_with_the_one_process_loop(hover_tes
     assert result["exit_code"] == 0
     assert result["seed"] == 11
     assert result["mode"] == "lockstep"
-    assert {m["measured_from"] for m in result["metrics"]} == {"navigation", "truth"}
+    assert {m["measured_from"] for m in result["metrics"]} >= {"navigation", "truth"}
+    assert [m["stretch"] for m in result["metrics"]] == 15 * ["whole"] + 15 * ["windows"]
+    assert {figure["key"] for figure in result["climb"]} == {
+        "climb_overshoot", "climb_time", "climb_lag",
+    }  # fmt: skip
     assert result["notes"] == []
 
     settings = resolve(seed=11)

@@ -137,7 +137,7 @@ def test_it_flies_the_hover_test_inside_the_papers_figures(name, seed):
     assert flight.sentence == ""
     outside = {
         s.metric.key: s.max
-        for s in score(flight.record, settings.scenario)
+        for s in score(flight.record, settings.scenario).windows
         if s.source == "navigation" and s.max > BEYOND.get((name, s.metric.key), s.metric.paper)
     }
     assert outside == {}

@@ -11,7 +11,7 @@ import pytest
 from heli_bags.reader import Remark
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import score
+from heli_flight.loop.scoring import Figures, score
 from heli_flight.loop.settings import resolve
 from heli_flight.report import Event, write_report
 from heli_flight.report.chart import (
@@ -194,7 +194,7 @@ def test_a_flight_that_ends_at_once_still_gets_a_report(tmp_path):
     settings = resolve(duration_s=0.1)
     flight = simulate(settings)
     lost = "the helicopter <hit> the ground"
-    page = write_report(flight.record, settings, Result([], lost, 0.1, 1.0), tmp_path)
+    page = write_report(flight.record, settings, Result(Figures(), lost, 0.1, 1.0), tmp_path)
     text = page.read_text(encoding="utf-8")
     assert "Lost after 0.10 s: the helicopter &lt;hit&gt; the ground" in text
     assert (tmp_path / "figures" / "fig9_track.svg").stat().st_size > 0

@@ -9,7 +9,16 @@ import pytest
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import EXIT_INSIDE, EXIT_OUTSIDE, Result
 from heli_flight.loop.scenario import TABLE, Scenario
-from heli_flight.loop.scoring import score
+from heli_flight.loop.scoring import (
+    DECIDES,
+    TRUTH_LESS_DRIFT,
+    WHOLE,
+    WINDOWS,
+    counted,
+    decides,
+    score,
+    sources_of,
+)
 from heli_math.paper_metrics import heading_frame
 from heli_math.rotations import quat_from_euler
 from heli_parameters.locate import config_folder
@@ -35,8 +44,8 @@ def record(n=6000, psi=0.0, **changes):
     return FlightRecord(**(arrays | changes))
 
 
-def by_key(scores):
-    return {(s.metric.key, s.source): s for s in scores}
+def by_key(figures, stretch=WINDOWS):
+    return {(s.metric.key, s.source): s for s in figures.of(stretch)}
 
 
 def test_errors_are_measured_in_the_heading_frame():
@@ -83,7 +92,9 @@ def test_attitude_errors_in_degrees():
 
 
 def test_a_flight_that_ends_early_is_not_scored():
-    assert score(record(n=400), scenario()) == []
+    figures = score(record(n=400), scenario())
+    assert figures.windows == [] and len(figures.whole) == 12
+    assert Result(figures, "", 4.0, 1.0).exit_code("standalone") == EXIT_INSIDE
 
 
 def test_exit_codes_follow_the_record_that_the_paper_used():
@@ -104,3 +115,74 @@ def test_errors_turn_with_the_heading():
     half = np.sqrt(0.5)
     expected = [[1, 2, 3], [2, -1, 3], [-1, -2, 3], [3 * half, half, 3]]
     assert found == pytest.approx(np.array(expected), abs=1e-12)
+
+
+@pytest.mark.parametrize("time_s", [0.0, 4.99, 5.0, 18.0, 20.0, 24.99, 59.99])
+def test_the_whole_flight_counts_from_engagement_to_the_end(time_s):
+    """The start, the climb and what follows it, too."""
+    pos = np.zeros((6000, 3))
+    pos[round(time_s * 100), 1] = 2.0
+    scores = by_key(score(record(nav_pos_ned_m=pos), scenario()), WHOLE)
+    assert scores["lateral", "navigation"].max == 2.0
+    assert scores["lateral", "navigation"].rms == pytest.approx(2.0 / np.sqrt(6000))
+    assert scores["lateral", "truth"].max == 0.0
+
+
+def test_the_climb_is_measured_against_the_reference_as_commanded():
+    """An aircraft that stands while the reference climbs is off by all of it, speed and height."""
+    way = scenario().reference
+    reference = np.array([way.at(tick * 10_000_000) for tick in range(6000)])
+    pos = np.tile([0.0, 0.0, -10.0], (6000, 1))
+    found = by_key(score(record(nav_pos_ned_m=pos, reference=reference), scenario()), WHOLE)
+    assert found["v_z", "navigation"].max == 2.5
+    assert found["altitude", "navigation"].max == pytest.approx(10.0)
+
+
+def test_engagement_is_the_first_sample_with_navigation():
+    pos = np.zeros((6000, 3))
+    pos[:30] = np.nan
+    pos[30, 1] = 0.7
+    flight = record(nav_pos_ned_m=pos)
+    assert by_key(score(flight, scenario()), WHOLE)["lateral", "navigation"].max == 0.7
+    mask = counted(flight, scenario(), WHOLE)
+    assert not mask[:30].any() and mask[30:].all()
+    # Where navigation was not recorded at all, the rest still counts.
+    assert counted(record(nav_pos_ned_m=np.full((6000, 3), np.nan)), scenario(), WHOLE).all()
+
+
+def test_a_gap_in_what_was_recorded_is_no_pass():
+    pos = np.zeros((6000, 3))
+    pos[1000] = np.nan
+    figures = score(record(nav_pos_ned_m=pos), scenario())
+    assert Result(figures, "", 60.0, 1.0).exit_code("standalone") == EXIT_OUTSIDE
+    assert ("lateral", "navigation") not in by_key(figures.finite())
+
+
+def test_truth_without_the_drift_at_engagement_shows_the_control():
+    """The record is 1.5 m off from the start and drifts on by 0.2 m; the control keeps it at 0."""
+    drift = np.tile([1.5, -0.9, 0.6], (6000, 1))
+    drift[3000:, 1] -= 0.2
+    found = by_key(score(record(truth_pos_ned_m=-drift), scenario()))
+    assert found["lateral", "truth"].max == pytest.approx(1.1)
+    assert found["longitudinal", "truth"].max == pytest.approx(1.5)
+    assert found["lateral", TRUTH_LESS_DRIFT].max == pytest.approx(0.2)
+    assert found["longitudinal", TRUTH_LESS_DRIFT].max == pytest.approx(0.0, abs=1e-12)
+    assert {key for key, source in found if source == TRUTH_LESS_DRIFT} == {
+        "altitude", "lateral", "longitudinal",
+    }  # fmt: skip
+    assert TRUTH_LESS_DRIFT in sources_of("standalone")
+    assert TRUTH_LESS_DRIFT not in sources_of("rtk")
+    # It is for reading: no verdict hangs on it.
+    assert not decides(TRUTH_LESS_DRIFT, "standalone")
+
+
+def test_one_line_chooses_what_decides_the_exit_code():
+    """An error in the climb alone: outside over the whole flight, inside in the windows."""
+    pos = np.zeros((6000, 3))
+    pos[2000, 1] = 2.0
+    result = Result(score(record(nav_pos_ned_m=pos), scenario()), "", 60.0, 1.0)
+    assert [s.name for s in result.judged("standalone", WHOLE)] == ["lateral (navigation)"]
+    assert result.judged("standalone", WINDOWS) == []
+    assert DECIDES == WINDOWS
+    assert result.judged("standalone") == result.judged("standalone", DECIDES)
+    assert result.exit_code("standalone") == EXIT_INSIDE

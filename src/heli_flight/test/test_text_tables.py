@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from heli_flight.loop.result import Result, print_table
-from heli_flight.loop.scoring import METRICS, SOURCES, Score
+from heli_flight.loop.scoring import METRICS, SOURCES, Figures, Score
 from heli_flight.loop.settings import resolve
 from heli_flight.studies import campaign
 from heli_flight.studies.compare.attitude import AttitudeFlight, Comparison, print_comparison
@@ -89,7 +89,7 @@ def flown(gps, navigation, truth):
         for source, value in zip(SOURCES, (navigation, truth), strict=True)
         for metric in METRICS["hover"]
     ]
-    return Result(scores, "", 60.0, 1.0), resolve(gps=gps)
+    return Result(Figures(windows=scores), "", 60.0, 1.0), resolve(gps=gps)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -115,7 +115,7 @@ def test_without_a_mark_there_is_nothing_to_explain():
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_campaigns_table(width):
     result, _ = flown("rtk", 0.5, 2.63)
-    columns = {gps: [campaign.FlownSeed(1, result.scores, "")] for gps in ("standalone", "rtk")}
+    columns = {gps: [campaign.FlownSeed(1, result.figures, "")] for gps in ("standalone", "rtk")}
     text = printed(width, lambda out: out.print(campaign.table(columns, "hover", out)))
     assert text.count("1.71") == 2 and text.count("0.51") == 2
 

@@ -84,6 +84,19 @@ def hover_errors(pos_ned_m: Array, vel_ned_mps: Array, reference: Array) -> dict
     }
 
 
+def in_windows(time_s: Array, windows_s: Array) -> NDArray[np.bool_]:
+    """Mask (N,) of the times (N,), s, in one of the windows (M, 2), s, its end excluded."""
+    mask = np.zeros(time_s.shape, bool)
+    for start, end in windows_s:
+        mask |= (time_s >= start) & (time_s < end)
+    return mask
+
+
+def size(error: Array) -> tuple[float, float]:
+    """Largest magnitude and rms of an error (N,), in its unit."""
+    return float(np.abs(error).max()), float(np.sqrt(np.mean(error * error)))
+
+
 def attitude_errors(q_nb: Array, setpoint: Array) -> dict[str, Array]:
     """Errors (N,), deg, by key of the metrics of the attitude test.
 

@@ -75,6 +75,7 @@ def campaign(
     from heli_flight.loop.flight_section import flown
     from heli_flight.loop.layers import GPS_PRESETS
     from heli_flight.loop.result import judged_by
+    from heli_flight.loop.scoring import STRETCHES
     from heli_flight.loop.settings import resolve
     from heli_flight.studies import campaign as many
     from heli_flight.terminal import console, json_text, steps
@@ -99,7 +100,8 @@ def campaign(
         return code
     out = console()
     out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
-    out.print(many.table(columns, settings[presets[0]].scenario.kind, out))
+    for stretch in STRETCHES:
+        out.print(many.table(columns, settings[presets[0]].scenario.kind, out, stretch))
     for name in presets:
         out.print(f"judged, {name}: {judged_by(settings[name])}", soft_wrap=True)
     for line in [*settings[presets[0]].remarks, *many.remarks(columns)]:

@@ -12,10 +12,22 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from heli_flight.loop.climb import CLIMB_METRICS, ClimbFigure
 from heli_flight.loop.flight_file import changes, identity
-from heli_flight.loop.scoring import METRICS, SOURCES, Score
+from heli_flight.loop.scoring import (
+    DECIDES,
+    METRICS,
+    SOURCE_NAMES,
+    STRETCHES,
+    WHOLE,
+    Figures,
+    Score,
+    decides,
+    sources_of,
+)
 from heli_flight.loop.settings import Settings
 from heli_flight.terminal import table
+from heli_flight.text_table import FittingTable
 from heli_math.ticks import seconds
 
 RESULT = "result.json"
@@ -31,7 +43,8 @@ class Result:
 
     Attributes
     ----------
-    scores : sequence of Score
+    figures : Figures
+        Of both stretches, and of the climb.
     lost : str
         Why the helicopter was lost, one sentence; empty if it was not.
     flown_s : float
@@ -42,24 +55,19 @@ class Result:
         What the reader should know: faults met, messages lost.
     """
 
-    scores: Sequence[Score]
+    figures: Figures
     lost: str
     flown_s: float
     wall_s: float
     notes: Sequence[str] = field(default=())
 
-    @property
-    def outside(self) -> list[Score]:
-        """Scores outside the paper's figures."""
-        return [s for s in self.scores if not s.inside]
+    def outside(self, stretch: str = DECIDES) -> list[Score]:
+        """Scores of a stretch outside the paper's figures, of all records."""
+        return [s for s in self.figures.of(stretch) if not s.inside]
 
-    def judged(self, gps: str) -> list[Score]:
-        """Scores outside the paper's figures that decide the exit code.
-
-        The navigation record always counts, as in the paper. Ground truth counts where the
-        receiver can know it: with rtk. A standalone receiver drifts by 1 m.
-        """
-        return [s for s in self.outside if s.source == "navigation" or gps == "rtk"]
+    def judged(self, gps: str, stretch: str = DECIDES) -> list[Score]:
+        """Those of them that count for the verdict; over `DECIDES` they decide the exit code."""
+        return [s for s in self.outside(stretch) if decides(s.source, gps)]
 
     def exit_code(self, gps: str) -> int:
         """0: nothing that is judged is outside the paper's figures; 1: outside, or lost."""
@@ -85,61 +93,111 @@ def conditions(settings: Settings) -> str:
     )
 
 
+def phases(settings: Settings, stretch: str = DECIDES) -> str:
+    """When a stretch is, in words: 0 to 60 s, or 5 to 18 s and 25 to 60 s."""
+    end_s = seconds(settings.scenario.n_ticks)
+    spans = [(0.0, end_s)] if stretch == WHOLE else settings.scenario.windows_s
+    windows = [(a, min(b, end_s)) for a, b in spans if a < min(b, end_s)]
+    return " and ".join(f"{a:g} to {b:g} s" for a, b in windows) or "nothing: too short a flight"
+
+
 def judged_by(settings: Settings) -> str:
     """What is held against the paper's figures and decides the exit code, in words."""
-    who = "navigation record and ground truth" if settings.gps == "rtk" else "navigation record"
-    end_s = seconds(settings.scenario.n_ticks)
-    windows = [(a, min(b, end_s)) for a, b in settings.scenario.windows_s if a < min(b, end_s)]
-    when = " and ".join(f"{a:g} to {b:g} s" for a, b in windows) or "nothing: too short a flight"
-    return f"{who}, {when}"
+    who = " and ".join(SOURCE_NAMES[s] for s in SOURCE_NAMES if decides(s, settings.gps))
+    return f"{who}, {phases(settings)}"
+
+
+def verdict(result: Result, settings: Settings, stretch: str) -> str:
+    """One sentence: inside the paper's figures over a stretch, or what is outside of them."""
+    when = f"{STRETCHES[stretch]}, {phases(settings, stretch)}"
+    if not result.figures.of(stretch):
+        return f"{when}: not scored"
+    records: dict[str, list[str]] = {}
+    for s in result.judged(settings.gps, stretch):
+        records.setdefault(s.metric.label, []).append(s.source)
+    names = ", ".join(f"{label} ({' and '.join(found)})" for label, found in records.items())
+    return f"{when}: " + (f"outside in {names}" if names else "inside the paper's figures")
 
 
 _LEGEND = "! outside the paper's figure. "
-_DECIDES = {
+_COUNTS = {
     "standalone": (
         "The navigation record decides, as in the paper: ground truth holds the drift of the "
-        "standalone receiver, too, which no instrument on board can see."
+        "standalone receiver, too, which no instrument on board can see. Without the drift at "
+        "engagement it says what the control did; what drifted later is still in it."
     ),
     "rtk": "The navigation record and, as an RTK receiver knows it, ground truth decide.",
 }
 
 
 def print_table(result: Result, settings: Settings, console: Console) -> None:
-    """Metric, this flight from navigation and from truth, the paper."""
-    kind = settings.scenario.kind
-    title = {"hover": "Hover test", "attitude": "Attitude test"}[kind]
-    if result.scores:
-        rows = table(f"{title}: largest magnitude (rms) in the scored phases", console)
-        rows.add_column("metric")
-        for name in ("navigation record", "ground truth", "paper"):
-            rows.add_column(name, justify="right")
-        rows.add_column("verdict")
-        by_key = {(s.metric.key, s.source): s for s in result.scores}
-        judged = result.judged(settings.gps)
-        for metric in METRICS[kind]:
-            cells = []
-            for source in SOURCES:
-                s = by_key[metric.key, source]
-                mark = "" if s.inside else " !"
-                cells.append(f"{s.max:.2f} ({s.rms:.2f}) {metric.unit}{mark}")
-            bad = any(s.metric is metric for s in judged)
-            rows.add_row(
-                metric.label,
-                *cells,
-                f"{metric.paper:g} {metric.unit}",
-                "OUTSIDE" if bad else "inside",
-            )
-        console.print(rows)
+    """Metric, this flight from its records, the paper: the whole flight first, then the windows."""
+    if any(result.figures.of(stretch) for stretch in STRETCHES):
+        for stretch in STRETCHES:
+            if result.figures.of(stretch):
+                console.print(_stretch_table(result, settings, stretch, console))
+            console.print(verdict(result, settings, stretch), highlight=False)
+        if result.figures.climb:
+            console.print(_climb_table(result, settings, console))
         console.print(f"judged: {judged_by(settings)}", highlight=False)
-        if result.outside:
-            console.print(_LEGEND + _DECIDES[settings.gps], highlight=False)
+        if any(result.outside(stretch) for stretch in STRETCHES):
+            console.print(_LEGEND + _COUNTS[settings.gps], highlight=False)
     else:
-        console.print("not scored: the flight ended before the first scored phase")
+        console.print("not scored: nothing was flown")
     console.print(conditions(settings), highlight=False)
     for note in result.notes:
         console.print(f"note: {note}", highlight=False)
     if result.lost:
         console.print(f"LOST after {result.flown_s:.2f} s: {result.lost}", highlight=False)
+
+
+def _stretch_table(
+    result: Result, settings: Settings, stretch: str, console: Console
+) -> FittingTable:
+    kind, sources = settings.scenario.kind, sources_of(settings.gps)
+    title = {"hover": "Hover test", "attitude": "Attitude test"}[kind]
+    rows = table(f"{title}, {STRETCHES[stretch]}: largest magnitude (rms)", console)
+    rows.add_column("metric")
+    for name in (*(SOURCE_NAMES[source] for source in sources), "paper"):
+        rows.add_column(name, justify="right")
+    rows.add_column("verdict")
+    judged = result.judged(settings.gps, stretch)
+    for metric in METRICS[kind]:
+        found = [result.figures.find(stretch, metric.key, source) for source in sources]
+        bad = any(s.metric is metric for s in judged)
+        rows.add_row(
+            metric.label,
+            *("-" if s is None else _cell(s) for s in found),
+            f"{metric.paper:g} {metric.unit}",
+            "OUTSIDE" if bad else "inside",
+        )
+    return rows
+
+
+def _cell(s: Score) -> str:
+    return f"{s.max:.2f} ({s.rms:.2f}) {s.metric.unit}{'' if s.inside else ' !'}"
+
+
+def _climb_table(result: Result, settings: Settings, console: Console) -> FittingTable:
+    rows = table("Climb", console)
+    rows.add_column("figure")
+    sources = sources_of(settings.gps)
+    for source in sources:
+        rows.add_column(SOURCE_NAMES[source], justify="right")
+    found = {(f.metric.key, f.source): f for f in result.figures.climb}
+    for metric in CLIMB_METRICS:
+        figures = [found.get((metric.key, source)) for source in sources]
+        rows.add_row(metric.label, *(climb_cell(figure) for figure in figures))
+    return rows
+
+
+def climb_cell(figure: ClimbFigure | None) -> str:
+    """A figure of the climb as a table says it."""
+    if figure is None:
+        return "-"
+    if figure.value is None:
+        return "not reached"
+    return f"{figure.value:.2f} {figure.metric.unit}"
 
 
 def versions() -> dict[str, str]:
@@ -153,6 +211,18 @@ def versions() -> dict[str, str]:
     return found
 
 
+def _verdict_row(result: Result, settings: Settings, stretch: str) -> dict[str, Any]:
+    """What result.json says of a stretch; inside is null where nothing was scored."""
+    outside = [s.name for s in result.judged(settings.gps, stretch)]
+    return {
+        "stretch": STRETCHES[stretch],
+        "when": phases(settings, stretch),
+        "inside": not outside if result.figures.of(stretch) else None,
+        "outside": outside,
+        "decides": stretch == DECIDES,
+    }
+
+
 def write_result(
     result: Result, settings: Settings, folder: Path, extra: Mapping[str, Any]
 ) -> None:
@@ -162,11 +232,13 @@ def write_result(
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,
         "judged": judged_by(settings),
-        "outside": [f"{s.metric.key} ({s.source})" for s in result.judged(settings.gps)],
+        "outside": [s.name for s in result.judged(settings.gps)],
+        "verdicts": {stretch: _verdict_row(result, settings, stretch) for stretch in STRETCHES},
         "flown_s": result.flown_s,
         "wall_s": round(result.wall_s, 3),
         "real_time_factor": round(result.flown_s / result.wall_s, 3) if result.wall_s > 0 else None,
-        "metrics": [s.as_dict() for s in result.scores],
+        "metrics": [s.as_dict() for s in result.figures.all],
+        "climb": [figure.as_dict() for figure in result.figures.climb],
         "conditions": conditions(settings).splitlines(),
         "notes": list(result.notes),
         "versions": versions(),

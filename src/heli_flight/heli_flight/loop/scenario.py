@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_math.paper_metrics import in_windows
 from heli_math.ticks import seconds, ticks_in
 from heli_math.trajectory import Trajectory
 from heli_parameters.parameters import Parameter
@@ -77,7 +78,4 @@ class Scenario:
 
     def scored(self, time_s: np.ndarray) -> np.ndarray:
         """Mask (N,) of the samples at time_s (N,) in a scored stretch, its end excluded."""
-        mask = np.zeros(time_s.shape, bool)
-        for start, end in self.windows_s:
-            mask |= (time_s >= start) & (time_s < end)
-        return mask
+        return in_windows(time_s, self.windows_s)

@@ -1,47 +1,153 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores of a flight beside the paper's figures (section 4).
 
-Each metric is given twice: as the paper measured it, from the on-board navigation record, and from
-ground truth, which only a simulation has. The paper's numbers are from flight; ours are from
-simulation.
+Each metric is given over two stretches of the flight: **whole**, from engagement to the end, the
+climb included, against the reference as commanded; and **windows**, the scenario's
+`score.windows_s`, hover alone. And from several records: the on-board navigation record, as the
+paper measured; ground truth, which only a simulation has; and, of positions, ground truth without
+the receiver's drift at engagement, which is what the control can be judged by. The paper's numbers
+are from flight; ours are from simulation.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from heli_flight.loop.climb import ClimbFigure, climb_figures
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.scenario import Scenario
-from heli_math.paper_metrics import METRICS, Metric, attitude_errors, hover_errors
+from heli_math.paper_metrics import METRICS, Metric, attitude_errors, hover_errors, size
 
-__all__ = ["METRICS", "SOURCES", "Metric", "Score", "errors", "score"]
+__all__ = [
+    "DECIDES",
+    "METRICS",
+    "SETTLED_S",
+    "SOURCES",
+    "SOURCE_NAMES",
+    "STRETCHES",
+    "TRUTH_LESS_DRIFT",
+    "WHOLE",
+    "WINDOWS",
+    "Figures",
+    "Metric",
+    "Score",
+    "counted",
+    "decides",
+    "errors",
+    "score",
+    "sources_of",
+]
 
-SOURCES = ("navigation", "truth")
+NAVIGATION, TRUTH, TRUTH_LESS_DRIFT = "navigation", "truth", "truth_less_drift"
+SOURCES = (NAVIGATION, TRUTH)
+"""Records that every metric is measured from."""
+SOURCE_NAMES = {
+    NAVIGATION: "navigation record",
+    TRUTH: "ground truth",
+    TRUTH_LESS_DRIFT: "truth less drift at engagement",
+}
+
+WHOLE, WINDOWS = "whole", "windows"
+STRETCHES = {WHOLE: "whole flight", WINDOWS: "scored windows"}
+"""Stretches of a flight that are scored, the first figure first."""
+
+DECIDES = WINDOWS
+"""The stretch whose scores decide the exit code. This line alone chooses it."""
+
+SETTLED_S = 5.0
+"""When the navigation's own start is over: its position's error about then is the receiver's drift
+at engagement, freed of the first fixes' noise."""
+_ABOUT_S = 0.5
+_POSITIONS = ("altitude", "lateral", "longitudinal")
 
 
 @dataclass(frozen=True)
 class Score:
-    """A metric of one flight: largest magnitude and rms over the scored stretches."""
+    """A metric of one flight: largest magnitude and rms over a stretch."""
 
     metric: Metric
     source: str
     max: float
     rms: float
+    stretch: str = WINDOWS
 
     @property
     def inside(self) -> bool:
         """True if the largest magnitude is inside the paper's figure."""
         return bool(self.max <= self.metric.paper)
 
+    @property
+    def name(self) -> str:
+        """Key and record, as result.json lists what is outside."""
+        return f"{self.metric.key} ({self.source})"
+
     def as_dict(self) -> dict[str, object]:
         """For result.json."""
         return {
             **asdict(self.metric),
+            "stretch": self.stretch,
             "measured_from": self.source,
             "max": self.max,
             "rms": self.rms,
             "inside": self.inside,
         }
+
+
+@dataclass(frozen=True)
+class Figures:
+    """All figures of one flight.
+
+    Attributes
+    ----------
+    whole : sequence of Score
+        From engagement to the end, the climb included.
+    windows : sequence of Score
+        Over the scenario's windows; empty if the flight ended before the first one.
+    climb : sequence of ClimbFigure
+        Empty without a climb.
+    """
+
+    whole: Sequence[Score] = ()
+    windows: Sequence[Score] = ()
+    climb: Sequence[ClimbFigure] = ()
+
+    @property
+    def all(self) -> list[Score]:
+        """Scores of both stretches, in the order of `STRETCHES`."""
+        return [score for stretch in STRETCHES for score in self.of(stretch)]
+
+    def of(self, stretch: str) -> Sequence[Score]:
+        """Scores over one of `STRETCHES`."""
+        return {WHOLE: self.whole, WINDOWS: self.windows}[stretch]
+
+    def finite(self) -> "Figures":
+        """Without what could not be measured: a record that is not in a bag is NaN."""
+        whole, windows = (
+            [score for score in self.of(stretch) if math.isfinite(score.max)]
+            for stretch in (WHOLE, WINDOWS)
+        )
+        return Figures(whole, windows, self.climb)
+
+    def find(self, stretch: str, key: str, source: str) -> Score | None:
+        """One score, None if it was not taken."""
+        found = (s for s in self.of(stretch) if (s.metric.key, s.source) == (key, source))
+        return next(found, None)
+
+
+def decides(source: str, gps: str) -> bool:
+    """Whether what is measured from a record counts for a verdict.
+
+    The navigation record always counts, as in the paper. Ground truth counts where the receiver can
+    know it: with rtk. A standalone receiver drifts by 1 m.
+    """
+    return source == NAVIGATION or (source == TRUTH and gps == "rtk")
+
+
+def sources_of(gps: str) -> tuple[str, ...]:
+    """Records to be shown side by side: with a standalone receiver truth less its drift, too."""
+    return SOURCES if gps == "rtk" else (*SOURCES, TRUTH_LESS_DRIFT)
 
 
 def errors(record: FlightRecord, source: str, kind: str) -> dict[str, np.ndarray]:
@@ -51,42 +157,91 @@ def errors(record: FlightRecord, source: str, kind: str) -> dict[str, np.ndarray
     ----------
     record : FlightRecord
     source : str
-        One of SOURCES.
+        One of SOURCE_NAMES; the last one has positions only, and none in an attitude test or in a
+        flight that ends before `SETTLED_S`.
     kind : str
         "hover" or "attitude".
     """
-    if source == "navigation":
+    pos, vel, q = record.truth_pos_ned_m, record.truth_vel_ned_mps, record.truth_q_nb
+    if source == NAVIGATION:
         pos, vel, q = record.nav_pos_ned_m, record.nav_vel_ned_mps, record.nav_q_nb
-    else:
-        pos, vel, q = record.truth_pos_ned_m, record.truth_vel_ned_mps, record.truth_q_nb
+    if source == TRUTH_LESS_DRIFT:
+        drift = drift_at_engagement(record)
+        if kind == "attitude" or drift is None:
+            return {}
+        found = hover_errors(pos + drift, vel, record.reference)
+        return {key: found[key] for key in _POSITIONS}
     if kind == "attitude":
         return attitude_errors(q, record.setpoint)
     return hover_errors(pos, vel, record.reference)
 
 
-def score(record: FlightRecord, scenario: Scenario) -> list[Score]:
-    """Scores of a flight, every metric from navigation and from truth.
+def drift_at_engagement(record: FlightRecord) -> np.ndarray | None:
+    """What the navigation record's position (3,), NED, is off by once it has settled, m.
+
+    None if the flight ended before, or one of the two was not recorded.
+    """
+    settled = np.abs(record.time_s - record.time_s[:1] - SETTLED_S) < _ABOUT_S
+    error = (record.nav_pos_ned_m - record.truth_pos_ned_m)[settled]
+    return error.mean(axis=0) if error.size and np.isfinite(error).all() else None
+
+
+def counted(record: FlightRecord, scenario: Scenario, stretch: str) -> np.ndarray:
+    """Mask (N,) of the samples of a stretch.
+
+    The whole flight begins with engagement: the first sample that has navigation (where it was
+    recorded at all), reference and, in an attitude test, the command.
+    """
+    if stretch == WINDOWS:
+        return scenario.scored(record.time_s)
+    needed = [record.nav_pos_ned_m, record.reference]
+    if scenario.kind == "attitude":
+        needed.append(record.setpoint)
+    known = [np.isfinite(array).all(axis=1) for array in needed]
+    ready = np.all([mask for mask in known if mask.any()] or [np.ones(len(record), bool)], axis=0)
+    mask = np.zeros(len(record), bool)
+    mask[int(ready.argmax()) if len(record) else 0 :] = True
+    return mask
+
+
+def score(record: FlightRecord, scenario: Scenario) -> Figures:
+    """Figures of a flight, every metric from every record over both stretches.
 
     Parameters
     ----------
     record : FlightRecord
     scenario : Scenario
-        Gives the metrics and the scored stretches.
+        Gives the metrics and the windows.
 
     Returns
     -------
-    list of Score
-        Empty if the flight ended before the first scored stretch.
+    Figures
     """
-    mask = scenario.scored(record.time_s)
-    if not mask.any():
-        return []
-    scores = []
-    for source in SOURCES:
-        found = errors(record, source, scenario.kind)
-        for metric in METRICS[scenario.kind]:
-            e = found[metric.key][mask]
-            scores.append(
-                Score(metric, source, float(np.abs(e).max()), float(np.sqrt(np.mean(e * e))))
-            )
-    return scores
+    found = {source: errors(record, source, scenario.kind) for source in SOURCE_NAMES}
+    scores: dict[str, list[Score]] = {}
+    for stretch in STRETCHES:
+        mask = counted(record, scenario, stretch)
+        scores[stretch] = [
+            Score(metric, source, *size(found[source][metric.key][mask]), stretch)
+            for source in SOURCE_NAMES
+            for metric in METRICS[scenario.kind]
+            if metric.key in found[source] and mask.any()
+        ]
+    climb = [
+        figure
+        for source, height_m in (_heights_m(record) if scenario.kind == "hover" else {}).items()
+        for figure in climb_figures(record.time_s, height_m, record.reference, source)
+    ]
+    return Figures(scores[WHOLE], scores[WINDOWS], climb)
+
+
+def _heights_m(record: FlightRecord) -> dict[str, np.ndarray]:
+    """Heights (N,), up, by record."""
+    heights = {
+        NAVIGATION: -record.nav_pos_ned_m[:, 2],
+        TRUTH: -record.truth_pos_ned_m[:, 2],
+    }
+    drift = drift_at_engagement(record)
+    if drift is not None:
+        heights[TRUTH_LESS_DRIFT] = heights[TRUTH] - drift[2]
+    return heights

@@ -10,7 +10,7 @@ import numpy as np
 from heli_bags.reader import Remark
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, conditions
-from heli_flight.loop.scoring import Score, errors
+from heli_flight.loop.scoring import WINDOWS, Figures, Score, counted, errors
 from heli_flight.loop.settings import Settings
 from heli_math.rotations import euler_angles
 
@@ -57,7 +57,7 @@ class Rival:
 
     controller: str
     record: FlightRecord
-    scores: Sequence[Score]
+    figures: Figures
     lost: str
 
 
@@ -142,12 +142,15 @@ class Report:
         """Error (N,) of a metric of hover, in its unit."""
         return errors(self.record, source, "hover")[key]
 
+    def counted(self, stretch: str) -> np.ndarray:
+        """Mask (N,) of the samples of a stretch."""
+        return counted(self.record, self.settings.scenario, stretch)
+
     def euler_deg(self, source: str, record: FlightRecord | None = None) -> np.ndarray:
         """phi, theta, psi (N, 3), deg."""
         r = self.record if record is None else record
         return np.degrees(euler_angles(r.nav_q_nb if source == "navigation" else r.truth_q_nb))
 
-    def score(self, key: str, source: str) -> Score | None:
+    def score(self, key: str, source: str, stretch: str = WINDOWS) -> Score | None:
         """One score of this flight, None if it was not scored."""
-        found = (s for s in self.result.scores if (s.metric.key, s.source) == (key, source))
-        return next(found, None)
+        return self.result.figures.find(stretch, key, source)

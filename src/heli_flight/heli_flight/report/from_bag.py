@@ -145,10 +145,10 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
 def _result(
     record: FlightRecord, settings: Settings, flight: BagFlight, told: dict[str, Any]
 ) -> Result:
-    scores = [s for s in score(record, settings.scenario) if math.isfinite(s.max)]
+    figures = score(record, settings.scenario).finite()
     said = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
     lost = told.get("lost", said[-1].message if said else "")
     flown = float(record.time_s[-1] - record.time_s[0]) + TICK_S
     wall = told.get("wall_s")
     wall_s = float(wall) if isinstance(wall, int | float) else math.nan
-    return Result(scores, str(lost), flown, wall_s, tuple(map(str, told.get("notes", ()))))
+    return Result(figures, str(lost), flown, wall_s, tuple(map(str, told.get("notes", ()))))

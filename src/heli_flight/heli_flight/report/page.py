@@ -15,14 +15,15 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from heli_flight.loop.layers import NODES
-from heli_flight.loop.result import versions
+from heli_flight.loop.result import verdict, versions
 from heli_flight.loop.scenario import NODE_NAME, TABLE
+from heli_flight.loop.scoring import DECIDES, STRETCHES, TRUTH
 from heli_flight.report.chart import PALETTE, Chart
 from heli_flight.report.data import Report
 from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import LAWS
 from heli_flight.report.plotly_json import figure, with_indices
-from heli_flight.report.tables import event_table, margin_table, parameter_table, result_table
+from heli_flight.report.tables import event_table, margin_table, parameter_table, result_tables
 from heli_flight.report.words import NOT_SIMULATED, SIMULATED
 
 _TITLES = {
@@ -95,7 +96,7 @@ def render(report: Report, charts: Sequence[Chart], design: Design | None) -> st
         "flight.html",
         head,
         charts,
-        result=result_table(report),
+        results=result_tables(report),
         conditions=report.conditions,
         notes=[*report.result.notes, *report.missing],
         margins=margins,
@@ -143,22 +144,28 @@ def _verdict(report: Report) -> tuple[str, str, str]:
     result = report.result
     if result.lost:
         return "✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}"
-    judged = result.judged(report.settings.gps)
-    if not result.scores:
-        return "–", "", "Not scored: nothing was recorded in a scored phase."
-    if judged:
-        names = ", ".join(f"{s.metric.label} ({s.source})" for s in judged)
-        return "✗", "bad", f"Outside the paper's figures: {names}."
-    words = "Inside the paper's figures, measured as in the paper from the navigation record"
-    beyond = [s.metric.label for s in result.outside]
-    if beyond:
+    if not result.figures.all:
+        return "–", "", "Not scored: nothing was recorded that could be."
+    said = [_inside_or_not(report, stretch) for stretch in STRETCHES]
+    sentence = f"{' '.join(said)} The {STRETCHES[DECIDES]} decide."
+    if not result.figures.of(DECIDES):
+        return "–", "", sentence
+    mark = ("✗", "bad") if result.judged(report.settings.gps) else ("✓", "good")
+    return *mark, sentence
+
+
+def _inside_or_not(report: Report, stretch: str) -> str:
+    """A sentence about a stretch; the navigation record first, as the paper measured."""
+    result, gps = report.result, report.settings.gps
+    words = verdict(result, report.settings, stretch)
+    words = words[:1].upper() + words[1:]
+    beyond = [s.metric.label for s in result.outside(stretch) if s.source == TRUTH]
+    if gps != "rtk" and beyond:
         words += (
-            f". By ground truth outside: {', '.join(beyond)}; a {report.settings.gps} receiver's "
-            "drift cannot be seen on board"
+            f"; by ground truth outside in {', '.join(beyond)}: a {gps} receiver's drift cannot "
+            "be seen on board"
         )
-    elif report.has_truth:
-        words += ", and by ground truth"
-    return "✓", "good", f"{words}."
+    return f"{words}."
 
 
 def _facts(report: Report) -> list[tuple[str, str]]:

@@ -4,7 +4,7 @@
 import numpy as np
 
 from heli_flight.loop.record import FlightRecord
-from heli_flight.loop.scoring import errors
+from heli_flight.loop.scoring import SOURCE_NAMES, STRETCHES, errors
 from heli_flight.report.chart import Chart, Panel, Trace, largest, limits
 from heli_flight.report.data import Report
 from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY
@@ -20,7 +20,7 @@ ADS33_VERTICAL_M = 0.61
 """ADS-33E hover, desired performance: altitude."""
 
 SECTION = "paper"
-NAMES = {"navigation": "navigation record", "truth": "ground truth"}
+NAMES = SOURCE_NAMES
 LAWS = {"hinf": "H-infinity", "lqr": "LQR", "pid": "PID"}
 _ROLES = {"navigation": "nav", "truth": "truth"}
 _ZOOM_S = 5.0
@@ -49,15 +49,19 @@ def _line(report: Report, source: str, y: np.ndarray) -> Trace:
 
 
 def _largest(report: Report, *keys: str) -> str:
-    """Largest values of metrics as a sentence for a caption."""
-    words = []
-    for key in keys:
-        found = [(source, report.score(key, source)) for source in report.sources()]
-        parts = [f"{s.max:.2f} {s.metric.unit} ({NAMES[source]})" for source, s in found if s]
-        if parts:
-            prefix = f"{key} " if len(keys) > 1 else ""
-            words.append(prefix + ", ".join(parts))
-    return f"Largest in the scored phases: {'; '.join(words)}." if words else "Not scored."
+    """Largest values of metrics over each stretch as a sentence for a caption."""
+    told = []
+    for stretch, name in STRETCHES.items():
+        words = []
+        for key in keys:
+            found = [(source, report.score(key, source, stretch)) for source in report.sources()]
+            parts = [f"{s.max:.2f} {s.metric.unit} ({NAMES[source]})" for source, s in found if s]
+            if parts:
+                prefix = f"{key} " if len(keys) > 1 else ""
+                words.append(prefix + ", ".join(parts))
+        if words:
+            told.append(f"{name}: {'; '.join(words)}")
+    return f"Largest, {'. In the '.join(told)}." if told else "Not scored."
 
 
 def _velocity(report: Report, key: str, axis: int, title: str, y_label: str, what: str) -> Chart:
@@ -67,7 +71,7 @@ def _velocity(report: Report, key: str, axis: int, title: str, y_label: str, wha
     return Chart(
         f"{metric.source.lower().replace('. ', '')}_{key}",
         title,
-        f"{what}; shaded: the scored phases. {_largest(report, key)}",
+        f"{what}; shaded: the scored windows. {_largest(report, key)}",
         [Panel(y_label, [*reversed(lines), bound])],
         SECTION,
         metric.source,
@@ -90,7 +94,7 @@ def _vertical_speed(report: Report) -> Chart:
         "fig5_v_z",
         "Vertical speed",
         "Speed downwards with its reference, and their difference in the range of hover; shaded: "
-        f"the scored phases. {_largest(report, 'v_z')}",
+        f"the scored windows. {_largest(report, 'v_z')}",
         [
             Panel("v_z, m/s", [*(_line(report, s, speeds[s]) for s in sources), target]),
             Panel("v_z - reference, m/s", [*errors, bound], y_range=(-reach, reach)),
@@ -181,7 +185,7 @@ def _track(report: Report) -> Chart:
         "fig9_track",
         "Horizontal track",
         "Position about the reference in the heading frame, on a 1 m grid; coloured: the scored "
-        f"phases. {_largest(report, 'lateral', 'longitudinal')}",
+        f"windows. {_largest(report, 'lateral', 'longitudinal')}",
         [Panel("forward, m", traces, y_range=(-side, side), x_range=(-side, side))],
         SECTION,
         "Fig. 9",
@@ -247,7 +251,7 @@ def _attitude(
         if error.size and np.isfinite(error).all():
             roll, pitch = error.max(axis=0)
             parts.append(f"roll {roll:.2f}°, pitch {pitch:.2f}° ({NAMES[source]})")
-    largest = f" Largest in the scored phase (shaded): {'; '.join(parts)}." if parts else ""
+    largest = f" Largest in the scored window (shaded): {'; '.join(parts)}." if parts else ""
     name = LAWS.get(law, law)
     return Chart(
         f"{figure.lower().replace('. ', '')}_attitude_{law}",

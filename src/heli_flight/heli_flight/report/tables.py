@@ -2,13 +2,28 @@
 """The report's tables: the flight beside others, and the margins of its design."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from heli_flight.loop.scoring import METRICS, SOURCES, Score
+from heli_flight.loop.climb import CLIMB_METRICS, OVERSHOOT_S, commanded_climb
+from heli_flight.loop.result import climb_cell, phases
+from heli_flight.loop.scoring import (
+    DECIDES,
+    METRICS,
+    SETTLED_S,
+    SOURCE_NAMES,
+    SOURCES,
+    STRETCHES,
+    TRUTH_LESS_DRIFT,
+    WHOLE,
+    WINDOWS,
+    Figures,
+    errors,
+    sources_of,
+)
 from heli_flight.report.data import LEVELS, Report
 from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import (
@@ -18,7 +33,7 @@ from heli_flight.report.paper_charts import (
     NONLINEAR_M,
     PD_PID_M,
 )
-from heli_math.paper_metrics import ATTITUDE_DEG
+from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY, size
 from heli_parameters.parameters import Parameter
 
 _ADS33 = {
@@ -28,7 +43,7 @@ _ADS33 = {
 }
 _MOST_EVENTS = 200
 _NONE = "–"
-_COLUMNS = {"navigation": "navigation record", "truth": "ground truth"}
+_UNKNOWN = np.full(1, np.nan)
 
 
 @dataclass(frozen=True)
@@ -52,15 +67,61 @@ class Table:
     words: bool = False
 
 
-def result_table(report: Report) -> Table:
-    """This flight beside the paper; without rows if nothing was scored."""
+def result_tables(report: Report) -> list[Table]:
+    """This flight beside the paper, over each stretch that was scored, and its climb."""
     make = _attitude_rows if report.kind == "attitude" else _hover_rows
-    head, rows = make(report)
-    caption = (
-        "Largest magnitude (rms) in the scored phases. ✓ inside, ✗ outside the paper's figure. "
-        "The paper measured from its navigation record; only a simulation knows the truth."
-    )
-    return Table(head, rows, caption)
+    tables = []
+    for stretch, name in STRETCHES.items():
+        if report.result.figures.of(stretch):
+            head, rows = make(report, stretch)
+            caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {_SAID[stretch]}"
+            if stretch == DECIDES:
+                caption += " This table decides the exit code."
+            tables.append(Table(head, rows, caption))
+    if tables and TRUTH_LESS_DRIFT in _sources(report):
+        tables[0] = replace(tables[0], caption=f"{tables[0].caption} {_LESS_DRIFT}")
+    if report.result.figures.climb:
+        tables.append(_climb_table(report))
+    return tables
+
+
+_SAID = {
+    WHOLE: (
+        "From engagement to the end, the climb included, against the reference as commanded, which "
+        "starts and stops at once. Largest magnitude (rms); ✓ inside, ✗ outside the paper's "
+        "figure. The paper measured from its navigation record; only a simulation knows the truth."
+    ),
+    WINDOWS: "Hover alone: without the start, and without the climb and what follows it.",
+}
+_LESS_DRIFT = (
+    f"Truth less drift at engagement: ground truth moved by what the navigation record's position "
+    f"was off by at {SETTLED_S:g} s, when its own start is over. That is the receiver's drift at "
+    "engagement, from which the record counts; what the receiver drifts later is still in it."
+)
+
+
+def _sources(report: Report) -> tuple[str, ...]:
+    return sources_of(report.settings.gps)
+
+
+def _climb_table(report: Report) -> Table:
+    sources = _sources(report)
+    found = {(f.metric.key, f.source): f for f in report.result.figures.climb}
+    rows = [
+        [metric.label, *(climb_cell(found.get((metric.key, source))) for source in sources)]
+        for metric in CLIMB_METRICS
+    ]
+    climb = commanded_climb(report.record.reference)
+    caption = "The climb."
+    if climb is not None:
+        caption = (
+            f"The climb, commanded: from {climb.old_m:g} to {climb.new_m:g} m in "
+            f"{climb.duration_s(report.record.time_s):.2f} s. Overshoot: beyond the new height "
+            f"within {OVERSHOOT_S:g} s of the reference's arrival. Time: from the command's start "
+            f"until within {BY_KEY['altitude'].paper:g} m of the new height. The paper gives no "
+            "figure for it."
+        )
+    return Table(["", *(SOURCE_NAMES[source] for source in sources)], rows, caption)
 
 
 def _cell(largest: float, rms: float, bound: float | None) -> Markup:
@@ -77,22 +138,21 @@ def _of_paper(value: str, source: str) -> Markup:
     return Markup("{} <small>{}</small>").format(value, source)
 
 
-def _scored(report: Report, scores: Sequence[Score], key: str, source: str, bound: float) -> str:
-    found = next((s for s in scores if (s.metric.key, s.source) == (key, source)), None)
+def _scored(figures: Figures, stretch: str, key: str, source: str, bound: float) -> str:
+    found = figures.find(stretch, key, source)
     return _NONE if found is None else _cell(found.max, found.rms, bound)
 
 
-def _hover_rows(report: Report) -> tuple[list[str], list[list[str]]]:
-    head = ["", *(_COLUMNS[s] for s in SOURCES), "paper", "[8] PD-PID", "[17] nonlinear",
+def _hover_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]]]:
+    sources = _sources(report)
+    head = ["", *(SOURCE_NAMES[s] for s in sources), "paper", "[8] PD-PID", "[17] nonlinear",
             "ADS-33E desired"]  # fmt: skip
-    if not report.result.scores:
-        return head, []
     rows = []
     for metric in METRICS["hover"]:
         ads = _ADS33.get(metric.key)
         place = metric.key in ("lateral", "longitudinal")
         cells = [
-            _scored(report, report.result.scores, metric.key, s, metric.paper) for s in SOURCES
+            _scored(report.result.figures, stretch, metric.key, s, metric.paper) for s in sources
         ]
         rows.append(
             [
@@ -104,35 +164,36 @@ def _hover_rows(report: Report) -> tuple[list[str], list[list[str]]]:
                 f"{ads:.2f}" if ads is not None else _NONE,
             ]
         )
-    rows.append(_distance_row(report))
+    rows.append(_distance_row(report, stretch))
     return head, rows
 
 
-def _distance_row(report: Report) -> list[str]:
+def _distance_row(report: Report, stretch: str) -> list[str]:
     """Horizontal distance from the reference, which [8] and [17] may have meant."""
-    scored = report.settings.scenario.scored(report.record.time_s)
+    scored = report.counted(stretch)
     cells = []
-    for source in SOURCES:
-        error = np.hypot(*(report.error(k, source)[scored] for k in ("longitudinal", "lateral")))
+    for source in _sources(report):
+        found = errors(report.record, source, "hover")
+        error = np.hypot(*(found.get(k, _UNKNOWN) for k in ("longitudinal", "lateral")))
         if not np.isfinite(error).any():
             cells.append(_NONE)
             continue
-        cells.append(_cell(float(np.max(error)), float(np.sqrt(np.mean(error**2))), None))
+        cells.append(_cell(*size(error[scored]), None))
     return [
         "horizontal distance, m", *cells, _NONE, f"{PD_PID_M:.2f}", f"{NONLINEAR_M:.2f}", _NONE,
     ]  # fmt: skip
 
 
-def _attitude_rows(report: Report) -> tuple[list[str], list[list[str]]]:
-    head = ["", *(_COLUMNS[s] for s in SOURCES), "paper"]
-    flights = [(report.controller, report.result.scores, "")]
+def _attitude_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]]]:
+    head = ["", *(SOURCE_NAMES[s] for s in SOURCES), "paper"]
+    flights = [(report.controller, report.result.figures, "")]
     if report.rival is not None:
-        flights.append((report.rival.controller, report.rival.scores, report.rival.lost))
+        flights.append((report.rival.controller, report.rival.figures, report.rival.lost))
     rows = []
-    for law, scores, lost in flights:
+    for law, figures, lost in flights:
         bound, source = ATTITUDE_DEG.get(law, ATTITUDE_DEG["hinf"])
-        for metric in METRICS["attitude"] if scores else ():
-            cells = [_scored(report, scores, metric.key, s, bound) for s in SOURCES]
+        for metric in METRICS["attitude"] if figures.of(stretch) else ():
+            cells = [_scored(figures, stretch, metric.key, s, bound) for s in SOURCES]
             label = f"{metric.label} under {LAWS.get(law, law)}, °"
             if lost:
                 label += " (lost)"

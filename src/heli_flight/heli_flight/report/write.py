@@ -81,4 +81,5 @@ def _rival(settings: Settings) -> Rival:
     law = "hinf" if inner["controller"] == "pid" else "pid"
     nodes = {**settings.nodes, "inner_loop": {**inner, "controller": law}}
     flight = closed_loop.simulate(replace(settings, nodes=nodes))
-    return Rival(law, flight.record, score(flight.record, settings.scenario), flight.sentence)
+    figures = score(flight.record, settings.scenario)
+    return Rival(law, flight.record, figures, flight.sentence)

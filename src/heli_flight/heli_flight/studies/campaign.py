@@ -9,7 +9,16 @@ from rich.console import Console
 
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.result import Result, conditions
-from heli_flight.loop.scoring import METRICS, SOURCES, Score, score
+from heli_flight.loop.scoring import (
+    DECIDES,
+    METRICS,
+    SOURCE_NAMES,
+    STRETCHES,
+    Figures,
+    Score,
+    score,
+    sources_of,
+)
 from heli_flight.loop.settings import Settings
 from heli_flight.terminal import table as text_table
 from heli_flight.text_table import FittingTable
@@ -18,15 +27,15 @@ from heli_parameters.parameters import ParameterError
 
 @dataclass(frozen=True)
 class FlownSeed:
-    """Scores of one flight, or why the helicopter was lost."""
+    """Figures of one flight, or why the helicopter was lost."""
 
     seed: int
-    scores: Sequence[Score]
+    figures: Figures
     lost: str
 
     def exit_code(self, gps: str) -> int:
         """As the hover test's, `Result.exit_code`."""
-        return Result(self.scores, self.lost, 0.0, 0.0).exit_code(gps)
+        return Result(self.figures, self.lost, 0.0, 0.0).exit_code(gps)
 
 
 def with_seed(settings: Settings, seed: int) -> Settings:
@@ -42,17 +51,17 @@ def fly_seeds(
     flown: list[FlownSeed] = []
     for seed in seeds:
         flight = simulate(with_seed(settings, seed))
-        scores = [] if flight.sentence else score(flight.record, settings.scenario)
-        flown.append(FlownSeed(seed, scores, flight.sentence))
+        figures = Figures() if flight.sentence else score(flight.record, settings.scenario)
+        flown.append(FlownSeed(seed, figures, flight.sentence))
         progress(len(flown))
     return flown
 
 
-def worst(flown: Sequence[FlownSeed]) -> Mapping[tuple[str, str], Score]:
-    """Per (metric key, source) the score with the largest magnitude over all seeds."""
+def worst(flown: Sequence[FlownSeed], stretch: str = DECIDES) -> Mapping[tuple[str, str], Score]:
+    """Per (metric key, source) the score of a stretch with the largest magnitude over all seeds."""
     found: dict[tuple[str, str], Score] = {}
     for flight in flown:
-        for s in flight.scores:
+        for s in flight.figures.of(stretch):
             key = (s.metric.key, s.source)
             if key not in found or s.max > found[key].max:
                 found[key] = s
@@ -80,29 +89,44 @@ def parse_seeds(text: str) -> list[int]:
     return seeds
 
 
-def table(columns: Mapping[str, Sequence[FlownSeed]], kind: str, out: Console) -> FittingTable:
+def table(
+    columns: Mapping[str, Sequence[FlownSeed]], kind: str, out: Console, stretch: str = DECIDES
+) -> FittingTable:
     """Largest magnitude over seeds per metric, per GPS preset and source."""
-    rows = text_table("", out)
+    rows = text_table(STRETCHES[stretch], out)
     rows.add_column("metric")
-    for name in ("paper", *(f"{gps}, {source}" for gps in columns for source in SOURCES)):
+    places = [(gps, source) for gps in columns for source in sources_of(gps)]
+    for name in ("paper", *(f"{gps}, {SOURCE_NAMES[source]}" for gps, source in places)):
         rows.add_column(name, justify="right")
-    extremes: dict[str, Any] = {gps: worst(flown) for gps, flown in columns.items()}
+    extremes = {gps: worst(flown, stretch) for gps, flown in columns.items()}
     for metric in METRICS[kind]:
-        found = [extremes[gps].get((metric.key, s)) for gps in columns for s in SOURCES]
+        found = [extremes[gps].get((metric.key, source)) for gps, source in places]
         cells = ["-" if s is None else f"{s.max:.2f}" for s in found]
         rows.add_row(metric.label, f"{metric.paper:g} {metric.unit}", *cells)
     return rows
 
 
+def inside_of(flown: Sequence[FlownSeed], gps: str, stretch: str) -> int:
+    """How many flights were not lost and are inside the paper's figures over a stretch."""
+    return sum(
+        not f.lost and not Result(f.figures, "", 0.0, 0.0).judged(gps, stretch) for f in flown
+    )
+
+
 def remarks(columns: Mapping[str, Sequence[FlownSeed]]) -> list[str]:
-    """A sentence for each flight that was lost or left the paper's figures."""
-    lines = []
+    """Sentences: how many were inside, and each flight that was lost or outside (`DECIDES`)."""
+    lines = [
+        f"{STRETCHES[stretch]}, {gps}: {inside_of(flown, gps, stretch)} of {len(flown)} flights "
+        "inside the paper's figures"
+        for stretch in STRETCHES
+        for gps, flown in columns.items()
+    ]
     for gps, flown in columns.items():
         for f in flown:
             if f.lost:
                 lines.append(f"lost: {gps}, seed {f.seed}: {f.lost}")
                 continue
-            for s in Result(f.scores, "", 0.0, 0.0).judged(gps):
+            for s in Result(f.figures, "", 0.0, 0.0).judged(gps):
                 lines.append(
                     f"outside the paper's figures: {gps}, seed {f.seed}: {s.metric.label} "
                     f"({s.source}) {s.max:.3g} {s.metric.unit}, allowed: {s.metric.paper:g}"
@@ -116,18 +140,23 @@ def as_dict(
     """For --json: per receiver the largest magnitude of each metric, and every flight."""
     content: dict[str, Any] = {}
     for gps, flown in columns.items():
-        flights = [
-            {
-                "seed": f.seed,
-                "lost": f.lost,
-                "exit_code": f.exit_code(gps),
-                "max": {f"{s.metric.key} ({s.source})": s.max for s in f.scores},
-            }
-            for f in flown
-        ]
         content[gps] = {
             "conditions": conditions(settings[gps]).splitlines(),
-            "metrics": [s.as_dict() for s in worst(flown).values()],
-            "flights": flights,
+            "inside": {stretch: inside_of(flown, gps, stretch) for stretch in STRETCHES},
+            "metrics": [
+                s.as_dict() for stretch in STRETCHES for s in worst(flown, stretch).values()
+            ],
+            "flights": [_flight_row(f, gps) for f in flown],
         }
     return content
+
+
+def _flight_row(f: FlownSeed, gps: str) -> dict[str, Any]:
+    return {
+        "seed": f.seed,
+        "lost": f.lost,
+        "exit_code": f.exit_code(gps),
+        "max_whole": {s.name: s.max for s in f.figures.whole},
+        "max": {s.name: s.max for s in f.figures.windows},
+        "climb": {f"{c.metric.key} ({c.source})": c.value for c in f.figures.climb},
+    }

@@ -270,8 +270,8 @@ def _fly_one_process(settings: Settings, out: Console) -> _Flown:
     with flight_time(out, seconds(settings.scenario.n_ticks)) as progress:
         flight = closed_loop.simulate(settings, progress=progress)
     wall_s = time.monotonic() - start
-    scores, flown_s = score(flight.record, settings.scenario), seconds(len(flight.record))
-    result = Result(scores, flight.sentence, flown_s, wall_s)
+    figures, flown_s = score(flight.record, settings.scenario), seconds(len(flight.record))
+    result = Result(figures, flight.sentence, flown_s, wall_s)
     return _Flown(result, {"mode": ONE_PROCESS}, flight.record)
 
 
