@@ -3,7 +3,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import Field, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,11 @@ def number(
             "meaning": meaning,
         }
     )
+
+
+def file_fields(aircraft: Any) -> list[Field[Any]]:
+    """Fields of the dataclass of an aircraft, or of one, that stand in its file."""
+    return [item for item in fields(aircraft) if "key" in item.metadata]
 
 
 def allowed(rule: Mapping[str, Any]) -> str:

@@ -11,6 +11,7 @@ from heli_dynamics_sim.ground import GroundKernel
 from heli_dynamics_sim.rigid_body import BodyKernel
 from heli_dynamics_sim.rotor import FlappingKernel, MainRotorKernel, RotorKernel
 from heli_dynamics_sim.servo import ServoKernel
+from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.yaw_gyro import GyroKernel
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ class HelicopterKernel(NamedTuple):
     servo: ServoKernel
     ground: GroundKernel
     climb_power: float  # 0: P_climb only in climb (kink at w_a = 0), 1: always, -1: never
+    terms: Terms  # which of those beyond the source's equations are on
 
 
 def _rotor_kernel(
@@ -91,6 +93,7 @@ def helicopter_kernel(p: "HelicopterParameters") -> HelicopterKernel:
         ),
         ground=_ground_kernel(p),
         climb_power=CLIMB_POWER_KINKED,
+        terms=p.terms,
     )
 
 

@@ -19,6 +19,7 @@ from heli_dynamics_sim.sensors import (
     MagKernel,
     SensorKernel,
 )
+from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.wind import W20_ALTITUDE_M, SinesKernel, WindKernel, mean_speed
 from heli_math.ticks import TICK_S
 
@@ -87,7 +88,10 @@ class PlantConfig:
             If the aircraft file cannot be used.
         """
         position = np.array(values["initial.pos_ned_m"], dtype=np.float64)
-        helicopter = scaled(HelicopterParameters.from_yaml(values["aircraft_file"]), values)
+        helicopter = replace(
+            scaled(HelicopterParameters.from_yaml(values["aircraft_file"]), values),
+            terms=Terms(*(bool(values[f"terms.{name}"]) for name in Terms._fields)),
+        )
         if position[2] > -helicopter.gear_height_m:
             raise PlantConfigError(
                 f"initial.pos_ned_m: down {position[2]:g} m is in the ground; allowed: at most "

@@ -104,7 +104,7 @@ def aerodynamic_loads(x, at_main, at_tail, at_body, output, k):
 
 @njit
 def derivative_kernel(x, u, air, k, out):
-    """State derivative: fills out (24,) for state x (24,), command u (4,), air (12,), a row AIR.
+    """State derivative: fills out (30,) for state x (30,), command u (4,), air (12,), a row AIR.
 
     Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterKernel.
     """
@@ -131,6 +131,8 @@ def derivative_kernel(x, u, air, k, out):
     for i in range(ACTUATOR.size):
         at, rate = PLANT.servo.start + i, PLANT.servo_rate.start + i
         out[at], out[rate] = servo_rates(x[at], x[rate], u[i], k.servo)
+    for i in range(PLANT.servo_rate.stop, PLANT.size):  # states of terms that are off stay
+        out[i] = 0.0
 
 
 @njit
@@ -158,7 +160,7 @@ def state_derivative(
 
     Parameters
     ----------
-    x : (24,) array
+    x : (30,) array
         State, places of `heli_math.rows.PLANT`.
     u : (4,) array
         Servo commands d_lat, d_lon, d_ped, d_col in (-1, 1).
@@ -168,7 +170,7 @@ def state_derivative(
 
     Returns
     -------
-    (24,) array
+    (30,) array
 
     Raises
     ------

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF, CLIMB_POWER_ON
 from heli_dynamics_sim.helicopter import airspeed, derivative_kernel, same_air
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
+from heli_dynamics_sim.terms import states_of
 from heli_dynamics_sim.trim import Trim
 from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
 from heli_math.rows import ACTUATOR, NINE, PLANT
@@ -34,7 +35,7 @@ _AT_KINK_MPS = 1e-6
 _STEP = 1e-5
 _DAMPING_STEP_MPS = 1e-3
 # Where the arguments of the reduced model part: nine states, three inputs, three wind components.
-_PARTS = (len(STATE_NAMES), len(STATE_NAMES) + len(INPUT_NAMES))
+_PARTS = tuple(np.cumsum([len(STATE_NAMES), len(INPUT_NAMES), len(WIND_NAMES)]))
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class LinearModel:
 
 
 def reduced_state(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nine states of eq. (10) of a plant state (24,)."""
+    """The nine states of eq. (10) of a plant state (30,)."""
     nine = np.empty(len(NINE))
     nine[NINE.phi], nine[NINE.theta], nine[NINE.psi] = euler_from_quat(x[PLANT.quat])
     nine[NINE.p], nine[NINE.q], nine[NINE.r] = x[PLANT.rate]
@@ -78,19 +79,25 @@ def reduced_state(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class ReducedModel:
-    """`f(z)`, z = nine states, three inputs, three wind components (body, on top of the trim's)."""
+    """`f(z)`, z = nine states, three inputs, three wind components (body, on top of the trim's).
+
+    Behind these z and f have the states that the aircraft's terms add and their derivatives.
+    """
 
     def __init__(self, kernel: HelicopterKernel, trim: Trim) -> None:
         self.kernel = kernel
         self.trim = trim
         self.out = np.empty(PLANT.size)
         u = trim.u[ACTUATOR.attitude]
-        self.z0 = np.concatenate([reduced_state(trim.x), u, np.zeros(len(WIND_NAMES))])
+        states = states_of(kernel.terms)
+        self.places, self.rows = [s.place for s in states], [s.row for s in states]
+        calm = np.zeros(len(WIND_NAMES))
+        self.z0 = np.concatenate([reduced_state(trim.x), u, calm, trim.x[self.places]])
         self.velocity_ned = quat_to_R_nb(trim.x[PLANT.quat]) @ trim.x[PLANT.vel]
 
     def __call__(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Derivative (9,) of the nine states at z (15,)."""
-        nine, inputs, air = np.split(z, _PARTS)
+        """Derivative (9,) of the nine states at z (15,), and those of the terms' states."""
+        nine, inputs, air, added = np.split(z, _PARTS)
         phi, theta, p, q, a_s, b_s, r, d_int, psi = nine
         x = self.trim.x.copy()
         x[PLANT.down] = -_ALTITUDE_M
@@ -100,6 +107,7 @@ class ReducedModel:
         x[PLANT.rate] = p, q, r
         x[PLANT.rotor] = a_s, b_s, d_int
         x[PLANT.servo][ACTUATOR.attitude] = inputs
+        x[self.places] = added
         wind = self.trim.wind_ned_mps + R_nb @ air
         derivative_kernel(x, self.trim.u, same_air(wind), self.kernel, self.out)
         turn = q * np.sin(phi) + r * np.cos(phi)
@@ -109,11 +117,14 @@ class ReducedModel:
         slope[NINE.psi] = turn / np.cos(theta)
         slope[NINE.p], slope[NINE.q], slope[NINE.r] = self.out[PLANT.rate]
         slope[NINE.a_s], slope[NINE.b_s], slope[NINE.d_int] = self.out[PLANT.rotor]
-        return slope
+        return np.concatenate([slope, self.out[self.rows]])
 
 
 def _jacobian(f: ReducedModel, step: float) -> NDArray[np.float64]:
-    """Central differences at `step` and half of it, extrapolated (Richardson): (9, 15)."""
+    """Central differences at `step` and half of it, extrapolated (Richardson): (9, 15).
+
+    States that terms add are taken as settled: they are faster than the nine.
+    """
 
     def central(i: int, h: float) -> NDArray[np.float64]:
         plus, minus = f.z0.copy(), f.z0.copy()
@@ -122,7 +133,9 @@ def _jacobian(f: ReducedModel, step: float) -> NDArray[np.float64]:
         return (f(plus) - f(minus)) / (plus[i] - minus[i])
 
     columns = [(4.0 * central(i, 0.5 * step) - central(i, step)) / 3.0 for i in range(f.z0.size)]
-    return np.column_stack(columns)
+    full, n = np.column_stack(columns), len(NINE)
+    settled = np.linalg.lstsq(full[n:, _PARTS[-1] :], full[n:, : _PARTS[-1]], rcond=None)[0]
+    return full[:n, : _PARTS[-1]] - full[:n, _PARTS[-1] :] @ settled
 
 
 def smooth_kernel(
@@ -159,8 +172,8 @@ def linearize(
     if side not in ("descent", "climb"):
         raise ValueError(f"side {side!r} is not allowed; allowed: 'descent', 'climb'")
     model = ReducedModel(smooth_kernel(params, trim, side), trim)
-    A, B, E = np.split(_jacobian(model, _STEP), _PARTS, axis=1)
-    x_trim, u_trim, _ = np.split(model.z0, _PARTS)
+    A, B, E = np.split(_jacobian(model, _STEP), _PARTS[:2], axis=1)
+    x_trim, u_trim, _, _ = np.split(model.z0, _PARTS)
     return LinearModel(A=A, B=B, E=E, x_trim=x_trim, u_trim=u_trim)
 
 

@@ -3,6 +3,7 @@
 
 from typing import Any
 
+from heli_dynamics_sim.terms import MEANINGS, Terms
 from heli_math.ticks import TICK_S
 from heli_parameters.parameters import Parameter
 
@@ -186,6 +187,8 @@ _WIND = (
     _row("wind.sines.frame", "string", "Axes of the lines' amplitudes", choices=("ned", "body")),
 )
 
+_TERMS = tuple(_row(f"terms.{name}", "bool", MEANINGS[name]) for name in Terms._fields)
+
 _SENSORS = (
     _sigma("sensors.imu.gyro_noise_density", "White noise of the gyros", "rad/s/sqrt(Hz)", 0.1),
     _sigma("sensors.imu.gyro_bias_walk", "Random walk of the gyro biases", "rad/s/sqrt(s)", 0.01),
@@ -264,4 +267,4 @@ _SENSORS = (
     ),
 )
 
-TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _WIND + _SENSORS
+TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _TERMS + _WIND + _SENSORS

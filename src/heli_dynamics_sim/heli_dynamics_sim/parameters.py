@@ -7,7 +7,7 @@ refused by name. `HelicopterParameters.kernel` is what the compiled kernels take
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ from heli_dynamics_sim.aircraft_file import (
     AircraftError,
     allowed,
     check,
+    file_fields,
     find_aircraft,
     number,
     read_groups,
 )
 from heli_dynamics_sim.aircraft_kernel import HelicopterKernel, helicopter_kernel
+from heli_dynamics_sim.terms import Terms
 
 __all__ = ["AircraftError", "HelicopterKernel", "HelicopterParameters"]
 
@@ -211,9 +213,11 @@ class HelicopterParameters:
             "meaning": "identified: A_bs, B_as of the file; eq7: from hub stiffness by eq. (7)",
         },
     )
+    terms: Terms = Terms()
+    """Which terms fly; no part of the file, all off unless `replace` turns them on."""
 
     def __post_init__(self) -> None:
-        for item in fields(self):
+        for item in file_fields(self):
             check(item.metadata, getattr(self, item.name))
         if self.fin_stall_full <= self.fin_stall_onset:
             raise AircraftError(
@@ -249,7 +253,7 @@ class HelicopterParameters:
     @classmethod
     def from_values(cls, flat: Mapping[str, Any]) -> "HelicopterParameters":
         """Build from `{group.key: value}`, all keys of the file; raises AircraftError."""
-        by_key = {item.metadata["key"]: item for item in fields(cls)}
+        by_key = {item.metadata["key"]: item for item in file_fields(cls)}
         for key in flat:
             if key not in by_key:
                 near = difflib.get_close_matches(key, by_key, n=1)

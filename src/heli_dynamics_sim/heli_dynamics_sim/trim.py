@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from heli_dynamics_sim.helicopter import derivative_kernel, same_air
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
 from heli_dynamics_sim.state import make_state
+from heli_dynamics_sim.terms import states_of
 from heli_math.rows import ACTUATOR, PLANT
 
 # A height at which the ground is out of reach; trim does not depend on it.
@@ -31,7 +32,7 @@ _ROWS = {
 
 
 class _Unknowns(NamedTuple):
-    """What is solved for (8,)."""
+    """What is solved for (8,); states of the terms that are on follow."""
 
     phi: int = 0
     theta: int = 1
@@ -56,8 +57,9 @@ class Trim:
 
     Attributes
     ----------
-    x : (24,) array
-        Plant state at the origin, places of `heli_math.rows.PLANT`.
+    x : (30,) array
+        Plant state at the origin, places of `heli_math.rows.PLANT`, with rotor speed and states of
+        terms.
     u : (4,) array
         Commands that hold it.
     residual : float
@@ -72,30 +74,34 @@ class Trim:
     wind_ned_mps: NDArray[np.float64]
 
 
-def _expand(z: NDArray[np.float64], psi: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """State and command for the eight unknowns."""
-    x = make_state((0.0, 0.0, -_ALTITUDE_M), z[_Z.phi], z[_Z.theta], psi)
-    x[PLANT.rotor] = z[_Z.a_s], z[_Z.b_s], z[_Z.d_int]
-    u = np.zeros(ACTUATOR.size)
-    u[ACTUATOR.lat], u[ACTUATOR.lon], u[ACTUATOR.col] = z[_Z.d_lat], z[_Z.d_lon], z[_Z.d_col]
-    x[PLANT.servo] = u
-    return x, u
-
-
 class _Problem:
     """Residuals of the trim equations in one wind."""
 
     def __init__(self, k: HelicopterKernel, wind: NDArray[np.float64], psi: float) -> None:
         # The actuators' stops are judged at the end, not inside the iteration.
         self.k = k._replace(servo=k.servo._replace(travel=1e3))
-        self.air = same_air(wind)
+        self.wind, self.air = wind, same_air(wind)
         self.psi = psi
         self.out = np.empty(PLANT.size)
+        states = states_of(k.terms)
+        self.places = [state.place for state in states]
+        self.rows = _ROWS | {state.row: state.meaning for state in states}
+
+    def expand(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """State and command for the unknowns."""
+        x = make_state((0.0, 0.0, -_ALTITUDE_M), z[_Z.phi], z[_Z.theta], self.psi)
+        x[PLANT.rotor] = z[_Z.a_s], z[_Z.b_s], z[_Z.d_int]
+        u = np.zeros(ACTUATOR.size)
+        u[ACTUATOR.lat], u[ACTUATOR.lon], u[ACTUATOR.col] = z[_Z.d_lat], z[_Z.d_lon], z[_Z.d_col]
+        x[PLANT.servo] = u
+        x[PLANT.omega] = self.k.main.speed
+        x[self.places] = z[len(_Z) :]
+        return x, u
 
     def residual(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, u = _expand(z, self.psi)
+        x, u = self.expand(z)
         derivative_kernel(x, u, self.air, self.k, self.out)
-        return self.out[list(_ROWS)]
+        return self.out[list(self.rows)]
 
     def jacobian(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         step = 1e-6
@@ -127,14 +133,13 @@ class _Problem:
             z, f = trial, f_trial
         return z, f
 
-
-def _refusal(f: NDArray[np.float64], wind: NDArray[np.float64], psi: float) -> TrimError:
-    worst = int(np.abs(f).argmax())
-    return TrimError(
-        f"no trim in wind {np.round(wind, 3).tolist()} m/s (NED) at heading "
-        f"{np.degrees(psi):.1f} deg: "
-        f"{list(_ROWS.values())[worst]} stays at {f[worst]:.3g}, allowed: {_RESIDUAL_LIMIT:g}"
-    )
+    def refusal(self, f: NDArray[np.float64]) -> TrimError:
+        worst = int(np.abs(f).argmax())
+        return TrimError(
+            f"no trim in wind {np.round(self.wind, 3).tolist()} m/s (NED) at heading "
+            f"{np.degrees(self.psi):.1f} deg: {list(self.rows.values())[worst]} stays at "
+            f"{f[worst]:.3g}, allowed: {_RESIDUAL_LIMIT:g}"
+        )
 
 
 def trim(
@@ -143,8 +148,8 @@ def trim(
     """Find the equilibrium of a hover over a fixed point in steady wind.
 
     Solves for phi, theta, a_s, b_s, d_lat, d_lon, d_col and d_int (d_ped is 0 in trim: the gyro's
-    integrator carries the tail). The wind is raised from zero in steps, each solved by a damped
-    Newton iteration from the one before.
+    integrator carries the tail), and for the states that the aircraft's terms add. The wind is
+    raised from zero in steps, each solved by a damped Newton iteration from the one before.
 
     Parameters
     ----------
@@ -177,7 +182,7 @@ def trim(
         problem = _Problem(k, wind * (i / steps), psi)
         z, f = problem.newton(z)
     if not np.abs(f).max() <= _RESIDUAL_LIMIT:
-        raise _refusal(f, wind, psi)
+        raise problem.refusal(f)
     for i in (_Z.d_lat, _Z.d_lon, _Z.d_col):
         if abs(z[i]) >= params.servo_travel:
             raise TrimError(
@@ -185,13 +190,13 @@ def trim(
                 f"{np.degrees(psi):.1f} deg: {_Z._fields[i]} would have to be {z[i]:.3f}, "
                 f"allowed: inside +-{params.servo_travel:g}"
             )
-    x, u = _expand(z, psi)
+    x, u = problem.expand(z)
     x[PLANT.down] = 0.0
     return Trim(x, u, float(np.abs(f).max()), wind)
 
 
 def _first_guess(params: HelicopterParameters) -> NDArray[np.float64]:
-    """Collective and tail for hover without wind by momentum theory; all angles zero."""
+    """Collective and tail for hover without wind by momentum theory; all else zero."""
     k = params.kernel
     weight = k.body.mass * k.body.gravity
     v_i = np.sqrt(weight / k.rotor.disc)
@@ -199,7 +204,10 @@ def _first_guess(params: HelicopterParameters) -> NDArray[np.float64]:
     power = weight * v_i + k.main.profile_power * k.main.tip_speed**2
     tail = power / k.main.speed / k.tail_arm
     tail_pitch = (tail / k.tail.thrust_slope + np.sqrt(tail / k.tail.disc)) / k.tail.blade_speed
-    z = np.zeros(len(_Z))
+    states = states_of(params.terms)
+    z = np.zeros(len(_Z) + len(states))
     z[_Z.d_col] = (pitch - k.main.pitch_offset) / k.main.pitch_gain
     z[_Z.d_int] = (tail_pitch - k.gyro.pitch_offset) / (k.gyro.pitch_gain * k.gyro.integral)
+    guess = {PLANT.inflow_mean: v_i}
+    z[len(_Z) :] = [guess.get(state.place, 0.0) for state in states]
     return z

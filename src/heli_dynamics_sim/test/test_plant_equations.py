@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 from heli_dynamics_sim.helicopter import same_air, specific_force, state_derivative
+from heli_math.rows import PLANT
 
 
 def rotation(q):
@@ -109,12 +110,13 @@ def derivative(p, x, u, wind):
         [error],
         x[20:24],
         wn**2 * (u - x[16:20]) - 2 * zeta * wn * x[20:24],
+        np.zeros(6),
     ])  # fmt: skip
 
 
 def random_case(rng):
     """A state in brisk flight, thrust of both rotors up, outside the vortex ring."""
-    x = np.zeros(24)
+    x = np.zeros(PLANT.size)
     x[0:3] = rng.normal(0, 10, 3) - [0, 0, 1000]
     x[3:6] = rng.normal(0, 3, 3) * [1, 0.7, 0.5]
     x[6:10] = rng.normal(0, 1, 4)
@@ -158,7 +160,7 @@ def test_air_that_turns_tilts_the_disc_and_nothing_else(helicopter):
 
 def test_air_of_another_length_is_refused(helicopter):
     with pytest.raises(ValueError, match=r"wind_ned_mps has shape \(4,\), expected \(3,\) or"):
-        state_derivative(np.zeros(24), np.zeros(4), np.zeros(4), helicopter)
+        state_derivative(np.zeros(PLANT.size), np.zeros(4), np.zeros(4), helicopter)
 
 
 def test_specific_force_is_acceleration_without_gravity(helicopter):

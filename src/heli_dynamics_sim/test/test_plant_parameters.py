@@ -2,17 +2,20 @@
 """Aircraft files and plant parameters: bad ones are refused by name, good ones are documented."""
 
 import re
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from heli_dynamics_sim.aircraft_file import file_fields
 from heli_dynamics_sim.helicopter import state_derivative
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import AircraftError, HelicopterParameters
 from heli_dynamics_sim.plant import PlantConfig, PlantConfigError
+from heli_dynamics_sim.state import make_state
+from heli_dynamics_sim.terms import Terms
+from heli_math.rows import PLANT
 from heli_parameters.parameters import load
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
@@ -91,7 +94,7 @@ def test_integers_are_numbers_in_an_aircraft_file(write):
 
 @pytest.mark.parametrize("path", sorted((CONFIG / "aircraft").glob("*.yaml")), ids=lambda p: p.stem)
 def test_every_value_of_an_aircraft_has_symbol_unit_meaning_and_source(path):
-    rules = {item.metadata["key"]: item.metadata for item in fields(HelicopterParameters)}
+    rules = {item.metadata["key"]: item.metadata for item in file_fields(HelicopterParameters)}
     group, seen = "", set()
     for line in path.read_text().splitlines():
         if re.match(r"\w+:$", line):
@@ -150,7 +153,32 @@ def test_parameters_that_do_not_fit_together(parameters, changes, said):
     assert said in str(caught.value)
 
 
-@pytest.mark.parametrize(("x", "u", "w"), [(23, 4, 3), (24, 3, 3), (24, 4, 2)])
+@pytest.mark.parametrize(("x", "u", "w"), [(24, 4, 3), (30, 3, 3), (30, 4, 2)])
 def test_state_derivative_refuses_wrong_lengths(helicopter, x, u, w):
     with pytest.raises(ValueError, match="has shape"):
         state_derivative(np.zeros(x), np.zeros(u), np.zeros(w), helicopter)
+
+
+def test_each_term_is_a_parameter_and_off(parameters, plant_config):
+    values = parameters()
+    assert {key for key in values if key.startswith("terms.")} == {
+        f"terms.{name}" for name in Terms._fields
+    }
+    assert plant_config().helicopter.terms == Terms() == Terms(*(False for _ in Terms._fields))
+    assert HelicopterParameters.from_yaml("helion.yaml").terms == Terms()
+    for name in Terms._fields:
+        flown = plant_config(**{f"terms__{name}": True}).helicopter
+        assert flown.terms == Terms()._replace(**{name: True})
+        assert flown.kernel.terms == flown.terms
+    assert all(Terms.all_on())
+
+
+def test_states_of_terms_stay_and_do_nothing_while_their_terms_are_off(helicopter):
+    x = make_state((0.0, 0.0, -20.0))
+    x[PLANT.vel], x[PLANT.servo_col] = (2.0, -1.0, 0.5), -0.2
+    u, wind = np.zeros(4), np.zeros(3)
+    plain = state_derivative(x, u, wind, helicopter)
+    x[PLANT.servo_rate.stop :] = 7.0
+    other = state_derivative(x, u, wind, helicopter)
+    assert other.tobytes() == plain.tobytes()
+    assert not plain[PLANT.servo_rate.stop :].any()

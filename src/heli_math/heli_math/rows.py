@@ -78,7 +78,7 @@ class TruthRow(NamedTuple):
 
 
 class PlantState(NamedTuple):
-    """State of the simulated aircraft (24,); its first 13 places are the message of its truth."""
+    """State of the simulated aircraft (30,); its first 13 places are the message of its truth."""
 
     pos: slice = slice(0, 3)  # of the c.g., NED, m
     north: int = 0
@@ -108,7 +108,15 @@ class PlantState(NamedTuple):
     servo_ped: int = 18
     servo_col: int = 19
     servo_rate: slice = slice(20, 24)  # their rates, 1/s
-    size: int = 24
+    # States of terms (`heli_dynamics_sim.terms`); of one that is off they stay as they are.
+    inflow: slice = slice(24, 27)  # induced velocity of the main rotor, m/s
+    inflow_mean: int = 24  # over the disc
+    inflow_right: int = 25  # what the disc's right edge has more
+    inflow_rear: int = 26  # what its rear edge has more
+    omega: int = 27  # main rotor's speed, rad/s
+    governor: int = 28  # integrator of the governor
+    fuel: int = 29  # used so far: kg of fuel or Ah of charge
+    size: int = 30
 
 
 class AirRow(NamedTuple):
