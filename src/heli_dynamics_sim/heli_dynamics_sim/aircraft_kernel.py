@@ -10,7 +10,7 @@ from heli_dynamics_sim.airframe import FinKernel, FuselageKernel
 from heli_dynamics_sim.ground import GroundKernel
 from heli_dynamics_sim.rigid_body import BodyKernel
 from heli_dynamics_sim.rotor import FlappingKernel, MainRotorKernel, RotorKernel
-from heli_dynamics_sim.servo import ServoKernel
+from heli_dynamics_sim.servo import Imperfections, ServoKernel
 from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.yaw_gyro import GyroKernel
 
@@ -85,12 +85,7 @@ def helicopter_kernel(p: "HelicopterParameters") -> HelicopterKernel:
         vertical_fin=FinKernel(
             half_rho * p.vfin_area_m2, p.vfin_lift_slope, p.vfin_arm_m, p.vfin_height_m, *stall
         ),
-        servo=ServoKernel(
-            p.servo_bandwidth_radps**2,
-            2.0 * p.servo_damping * p.servo_bandwidth_radps,
-            p.servo_rate_limit_per_s,
-            p.servo_travel,
-        ),
+        servo=_servo_kernel(p),
         ground=_ground_kernel(p),
         climb_power=CLIMB_POWER_KINKED,
         terms=p.terms,
@@ -108,6 +103,30 @@ def _main_kernel(p: "HelicopterParameters") -> MainRotorKernel:
         tip_speed=tip,
         pitch_gain=p.collective_gain_rad,
         pitch_offset=p.collective_offset_rad,
+    )
+
+
+def _servo_kernel(p: "HelicopterParameters") -> ServoKernel:
+    on = p.terms
+    # By virtual work: moment of the blades per rad of pitch, times pitch per angle of the servo
+    per_rad = p.main_blades * p.blade_feathering_kgm2 * p.main_speed_radps**2
+    arm = abs(p.collective_gain_rad) / p.servo_throw_rad
+    share = on.servo_load * per_rad * arm / p.servo_stall_torque_nm
+    up = math.copysign(share, p.collective_gain_rad)
+    return ServoKernel(
+        p.servo_bandwidth_radps**2,
+        2.0 * p.servo_damping * p.servo_bandwidth_radps,
+        p.servo_rate_limit_per_s,
+        p.servo_travel,
+        Imperfections(
+            present=on.servo_resolution or on.servo_dead_band or on.servo_load or on.swash_servos,
+            resolution=on.servo_resolution * p.servo_resolution,
+            half_band=on.servo_dead_band * 0.5 * p.servo_dead_band,
+            load_slope=up * p.collective_gain_rad,
+            load_offset=up * p.collective_offset_rad,
+            swash=on.swash_servos,
+            slow=p.servo_slow_share if on.swash_servos else 1.0,
+        ),
     )
 
 

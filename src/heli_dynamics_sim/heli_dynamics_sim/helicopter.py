@@ -17,7 +17,7 @@ from heli_dynamics_sim.ground import ground_loads
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.rigid_body import rigid_body_rates, to_body
 from heli_dynamics_sim.rotor import flapping_rates, main_rotor, tail_rotor
-from heli_dynamics_sim.servo import servo_rates
+from heli_dynamics_sim.servo import servo_derivatives
 from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
 from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
 from heli_math.jit import njit
@@ -128,9 +128,7 @@ def derivative_kernel(x, u, air, k, out):
     out[PLANT.a_s] += k.flapping.rate * tilt_a
     out[PLANT.b_s] += k.flapping.rate * tilt_b
     out[PLANT.d_int] = d_int_rate
-    for i in range(ACTUATOR.size):
-        at, rate = PLANT.servo.start + i, PLANT.servo_rate.start + i
-        out[at], out[rate] = servo_rates(x[at], x[rate], u[i], k.servo)
+    servo_derivatives(x, u, k.servo, out)
     for i in range(PLANT.servo_rate.stop, PLANT.size):  # states of terms that are off stay
         out[i] = 0.0
 

@@ -22,14 +22,15 @@ from heli_dynamics_sim.aircraft_file import (
     read_groups,
 )
 from heli_dynamics_sim.aircraft_kernel import HelicopterKernel, helicopter_kernel
+from heli_dynamics_sim.drive_parameters import DriveParameters
 from heli_dynamics_sim.terms import Terms
 
 __all__ = ["AircraftError", "HelicopterKernel", "HelicopterParameters"]
 
 
 @dataclass(frozen=True)
-class HelicopterParameters:
-    """An aircraft, SI units and rad.
+class HelicopterParameters(DriveParameters):
+    """An aircraft, SI units and rad; `terms`, which no file holds, says what it flies with.
 
     Raises
     ------

@@ -20,6 +20,10 @@ class Terms(NamedTuple):
     rotor_speed: bool = False
     tail_authority: bool = False
     fuel: bool = False
+    servo_resolution: bool = False
+    servo_dead_band: bool = False
+    servo_load: bool = False
+    swash_servos: bool = False
 
     @classmethod
     def all_on(cls) -> "Terms":
@@ -35,6 +39,10 @@ MEANINGS = {
     "rotor_speed": "Rotor speed, engine and governor",
     "tail_authority": "Loss of the tail rotor's authority in side wind",
     "fuel": "Mass that is used up in flight",
+    "servo_resolution": "Steps of the servos' commands",
+    "servo_dead_band": "Dead band of the servos",
+    "servo_load": "Rate limit of the collective's servos under the propeller moment",
+    "swash_servos": "Three swash servos at 120 deg, one of them slower",
 }
 """What each term is, for people."""
 

@@ -82,7 +82,7 @@ def test_a_packaged_name_means_the_packaged_file(tmp_path, monkeypatch, write):
     monkeypatch.chdir(tmp_path)
     Path("helion.yaml").write_text("plant: {}")  # say, a parameter file of the same name
     assert HelicopterParameters.from_yaml("helion.yaml").mass_kg == 9.75
-    with pytest.raises(AircraftError, match="body.mass_kg: missing"):
+    with pytest.raises(AircraftError, match="main_rotor.feathering_kgm2: missing"):
         HelicopterParameters.from_yaml("./helion.yaml")
     write("mass_kg: 9.750", "mass_kg: 9.5")
     assert HelicopterParameters.from_yaml("mine.yaml").mass_kg == 9.5
