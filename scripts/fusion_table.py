@@ -4,8 +4,8 @@
 Usage: ./heli python scripts/fusion_table.py [--seeds 1..20] [--json]
 
 On the aircraft: the hover test, loop closed, rms from 5 s over all seeds, with absolute position
-(observer parameter ekf.initial.gps_drift_fraction 1.0: the receiver's error is about the true
-origin). Consistency and latency: synthetic flights, see heli_observer.testing.consistency.
+(observer parameter ekf.initial.drift_at_alignment_fraction 1.0: the receiver's error is about the
+true origin). Consistency and latency: synthetic flights, see heli_observer.testing.consistency.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from heli_observer.testing.synthetic import hover_path
 
 SETTLED_TICK = 500
 HOVER_M = 0.3  # amplitude of the motion: about 0.5 m/s at the most
-ABSOLUTE = {"observer": {"ekf.initial.gps_drift_fraction": 1.0}}
+ABSOLUTE = {"observer": {"ekf.initial.drift_at_alignment_fraction": 1.0}}
 
 
 def receiver_error(settings: Settings) -> np.ndarray:

@@ -36,12 +36,13 @@ def test_every_seed_is_inside_the_papers_figures(scenario, gps, source):
 
 @pytest.mark.parametrize("gps", ["standalone", "rtk"])
 def test_over_the_whole_flight_the_commanded_climb_is_outside(gps):
-    """What the README says: by all of the climb's speed, and by about 2 m of height."""
+    """What the README says: by all of the climb's speed, with RTK by about 2 m of height."""
     for f in fly_seeds(resolve(gps=gps), SEEDS):
         found = {s.metric.key: s for s in f.figures.whole if s.source == "navigation"}
         assert found["v_z"].max == pytest.approx(2.5, abs=0.1)
-        assert found["altitude"].max == pytest.approx(2.0, abs=0.2)
+        assert not found["altitude"].inside
         if gps == "rtk":
+            assert found["altitude"].max == pytest.approx(2.0, abs=0.2)
             assert all(found[key].inside for key in set(found) - {"v_z", "altitude"})
 
 

@@ -20,7 +20,7 @@ from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
 
 CONFIG: Path = config_folder("heli_observer")
-ABSOLUTE = {"ekf.initial.gps_drift_fraction": 1.0}
+ABSOLUTE = {"ekf.initial.drift_at_alignment_fraction": 1.0}
 
 
 def packaged(overlay: str) -> dict:

@@ -16,7 +16,7 @@ from heli_math.rotations import rotation_between
 
 SETTLED = slice(500, None)
 # The receiver's own error is about the true origin; by default the filter counts from home.
-ABSOLUTE = {"observer": {"ekf.initial.gps_drift_fraction": 1.0}}
+ABSOLUTE = {"observer": {"ekf.initial.drift_at_alignment_fraction": 1.0}}
 
 
 def flown(gps, seed):

@@ -40,9 +40,9 @@ def _initial_variances(v: Mapping[str, Any]) -> np.ndarray:
     var0[E_ATT + 2] = v["ekf.initial.heading_rad"] ** 2
     var0[E_GYRO_BIAS : E_GYRO_BIAS + 3] = v["ekf.initial.gyro_bias_radps"] ** 2
     var0[E_ACCEL_BIAS : E_ACCEL_BIAS + 3] = v["ekf.initial.accel_bias_mps2"] ** 2
-    known = v["ekf.initial.gps_drift_fraction"]
-    var0[E_DRIFT : E_DRIFT + 2] = (known * v["ekf.gps.drift_horizontal_m"]) ** 2
-    var0[E_DRIFT + 2] = (known * v["ekf.gps.drift_vertical_m"]) ** 2
+    unknown = v["ekf.initial.drift_at_alignment_fraction"]
+    var0[E_DRIFT : E_DRIFT + 2] = (unknown * v["ekf.gps.drift_horizontal_m"]) ** 2
+    var0[E_DRIFT + 2] = (unknown * v["ekf.gps.drift_vertical_m"]) ** 2
     var0[E_MAG_ERROR] = v["ekf.mag.heading_error_rad"] ** 2
     return var0
 

@@ -74,8 +74,10 @@ TABLE: tuple[Parameter, ...] = (
     _sigma("ekf.initial.accel_bias_mps2", "Specific force bias, each axis", "m/s2", 10.0),
     _sigma("ekf.initial.level_rad", "Tilt error beside that of the bias", "rad", 1.0),
     _sigma("ekf.initial.heading_rad", "Heading error beside that of noise and tilt", "rad", 3.0),
-    _row("ekf.initial.gps_drift_fraction", "double", "Sigma of the GPS drift over its steady one",
-         "", lower=0.0, upper=1.0),
+    _row("ekf.initial.drift_at_alignment_fraction", "double",
+         "0: position and sigma count from the alignment, 1: they are absolute; between: the part "
+         "of the GPS drift's steady sigma that is taken for unknown at alignment",
+         "", lower=0.0, upper=1.0, was="ekf.initial.gps_drift_fraction"),
     _timeout("imu"),
     _timeout("gps"),
     _timeout("mag"),

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import yaml
 
+from heli_observer.alignment import _start_covariance
 from heli_observer.config import ObserverConfigError
+from heli_observer.layout import E_POS, N_ERROR
 from heli_observer.observer import ObserverConfig
 from heli_observer.parameter_table import NODE_NAME, TABLE
 from heli_parameters.parameters import ParameterError, load
@@ -49,6 +51,10 @@ def test_overlays_load_and_change_only_the_gps(config_folder, overlay):
         ("ekf.mag.field_ned_t: [.nan, 0.0, 0.0]", ["ekf.mag.field_ned_t", "nan"]),
         ("u_delay_ticks: 3", ["u_delay_ticks", "3"]),
         ("lockstep: 1", ["lockstep", "1"]),
+        (
+            "ekf.initial.gps_drift_fraction: 0.0",
+            ["gps_drift_fraction: is called 'ekf.initial.drift_at_alignment_fraction' now"],
+        ),
     ],
 )
 def test_wrong_values_are_refused_by_name(config_folder, tmp_path, line, words):
@@ -103,3 +109,15 @@ def test_defaults_agree_with_the_plants_sensors(parameters):
     assert v["schedule.gps_latency_ticks"] == gps["latency_ticks"]
     assert v["ekf.origin_altitude_m"] == common["origin"]["altitude_m"]
     assert v["u_delay_ticks"] == plant["delay_ticks"]
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.5, 1.0])
+def test_sigma_counts_from_the_alignment_unless_it_is_told_to_be_absolute(parameters, fraction):
+    """At alignment sigma holds the fix's white error, and of the drift the part that is asked."""
+    v = parameters | {"ekf.initial.drift_at_alignment_fraction": fraction}
+    kernel = ObserverConfig(v).kernel.ekf
+    P = np.zeros((N_ERROR, N_ERROR))
+    _start_covariance(P, np.array([1.0, 0.0, 0.0, 0.0]), 0.0, kernel)
+    for i, axis in enumerate(("horizontal", "horizontal", "vertical")):
+        white, drift = v[f"ekf.gps.position_{axis}_m"], v[f"ekf.gps.drift_{axis}_m"]
+        assert P[E_POS + i, E_POS + i] == pytest.approx(white**2 + (fraction * drift) ** 2)

@@ -71,6 +71,8 @@ class Parameter:
         Allowed values (of every element of a string array).
     read_only : bool
         True if it cannot be changed while the node runs.
+    was : str
+        The name that it had before; who still uses that is told the new one.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Parameter:
     read_only: bool = False
     lower_open: bool = False
     upper_open: bool = False
+    was: str = ""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -207,6 +210,9 @@ def _plain(value: Any) -> str:
 
 
 def _unknown(table: Mapping[str, Parameter], key: str) -> str:
+    renamed = next((row.name for row in table.values() if row.was == key), None)
+    if renamed is not None:
+        return f"is called '{renamed}' now; change the name"
     near = difflib.get_close_matches(key, table, n=1, cutoff=0.5)
     if not near:
         leaf = key.rsplit(".", 1)[-1]

@@ -28,7 +28,7 @@ TABLE = (
     Parameter("gust", "bool", "gust"),
     Parameter("c11", "double[]", "weight", shape=(2, 2)),
     Parameter("table", "double[]", "rows of three", shape=(None, 3)),
-    Parameter("topics", "string[]", "topics"),
+    Parameter("topics", "string[]", "topics", was="subjects"),
 )
 DEFAULTS = """
 /**/plant:
@@ -113,6 +113,7 @@ BAD = [
     ("mas_kg: 10.0", ["mas_kg", "unknown parameter", "did you mean 'mass_kg'"]),
     ("wind: {sped_mps: 1.0}", ["wind.sped_mps", "did you mean 'wind.speed_mps'"]),
     ("speed_mps: 1.0", ["speed_mps", "did you mean 'wind.speed_mps'"]),
+    ("subjects: [odom]", ["subjects: is called 'topics' now; change the name"]),
     ("mass_kg: .nan", ["mass_kg", "nan", "not finite"]),
     ("mass_kg: -.inf", ["mass_kg", "inf", "not finite"]),
     ("mass_kg: 0.0", ["mass_kg", "0.0", "out of bounds", "(0, 100]"]),
@@ -207,6 +208,7 @@ def test_judge_gives_a_reason_or_nothing():
     assert "out of bounds" in judge(TABLE, "mass_kg", -1.0)
     assert "fixed while the node runs" in judge(TABLE, "seed", 2)
     assert "did you mean" in judge(TABLE, "mass_kgs", 2.0)
+    assert judge(TABLE, "subjects", ["odom"]) == "subjects: is called 'topics' now; change the name"
     assert "not finite" in judge(TABLE, "c11", np.array([1.0, math.nan, 3.0, 4.0]))
 
 

@@ -35,6 +35,7 @@ __all__ = [
     "Score",
     "counted",
     "decides",
+    "drift_at_engagement",
     "errors",
     "score",
     "sources_of",

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from heli_flight.loop.scoring import SETTLED_S, drift_at_engagement
 from heli_flight.report.chart import Chart, Panel, Trace, largest, level, limits
 from heli_flight.report.data import LEVELS, Report
 from heli_flight.report.design import Design
@@ -16,7 +17,6 @@ _ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
 _ACTUATOR_ROLES = ("nav", "truth", "green", "rival")
 _LEVEL_ROLES = ("good", "warn", "bad", "muted")
 _AXES = ("north", "east", "down")
-_SETTLED_S = 5.0
 _LEAST_SHARE = 0.004
 _LOOP_ROLES = ("muted", "green", "nav")
 
@@ -129,43 +129,53 @@ def _estimate(
 ):
     """Panels of the axes of estimate minus truth inside 3 sigma; and a sentence."""
     t, panels = report.record.time_s, []
-    known = sigma is not None and bool((sigma > 0.0).any())
+    share = _share_inside(error, sigma)
     for axis, name in enumerate(axes):
         traces = []
-        if known and sigma is not None:
+        if share is not None and sigma is not None:
             edge = 3.0 * sigma[:, axis]
             traces.append(Trace(t, edge, "3 σ of the filter", "nav", "band", y2=-edge))
         traces.append(Trace(t, error[:, axis], "estimate - truth", "truth"))
         panels.append(Panel(f"{name}, {unit}", traces))
-    if not known or sigma is None:
+    if share is None:
         return panels, f"{what} error. The covariance was not recorded."
-    inside = np.abs(error) <= 3.0 * sigma
-    compared = inside[np.isfinite(error) & np.isfinite(sigma)]
-    share = 100.0 * float(compared.mean()) if compared.size else 0.0
     return panels, f"{what}: estimate minus truth; {share:.1f} % of it inside 3 σ."
 
 
 def _position_estimate(report: Report) -> Chart:
+    """Position's error inside its sigma, and which sigma that is."""
     r = report.record
     error = r.nav_pos_ned_m - r.truth_pos_ned_m
     panels, caption = _estimate(report, error, r.nav_sigma_pos_m, "Position", "m")
-    if report.settings.nodes["observer"]["ekf.initial.gps_drift_fraction"] < 1.0:
+    unknown = report.settings.nodes["observer"]["ekf.initial.drift_at_alignment_fraction"]
+    if unknown == 1.0:
+        caption += " σ is of the position in the world: the receiver's drift is in it."
+    else:
         caption += (
-            " The filter counts the receiver's drift from where it stood at the start, so that "
-            "offset is in the error and not in σ: no instrument on board can tell it."
+            " σ is of the position as it counts from the alignment: what the receiver drifts from "
+            "there on is in σ; what it was off by then is in the error, not in σ: no instrument on "
+            "board can tell it."
         )
-        settled = np.abs(r.time_s - _SETTLED_S) < 0.5
-        if settled.any():
+        offset = drift_at_engagement(r)
+        if offset is not None:
+            less = f"less its value at {SETTLED_S:g} s"
             panels = [
-                replace(panel, traces=[*panel.traces, _less_offset(r.time_s, e, settled)])
-                for panel, e in zip(panels, error.T, strict=True)
+                replace(panel, traces=[*panel.traces, Trace(r.time_s, e - o, less, "green", "dot")])
+                for panel, e, o in zip(panels, error.T, offset, strict=True)
             ]
+            share = _share_inside(error - offset, r.nav_sigma_pos_m)
+            if share is not None:
+                caption += f" The error {less}: {share:.1f} % of it inside 3 σ."
     return Chart("estimate_position", "Position estimate", caption, panels, "estimate")
 
 
-def _less_offset(t: np.ndarray, error: np.ndarray, settled: np.ndarray) -> Trace:
-    offset = float(np.nanmean(error[settled])) if np.isfinite(error[settled]).any() else 0.0
-    return Trace(t, error - offset, f"less its value at {_SETTLED_S:g} s", "green", "dot")
+def _share_inside(error: np.ndarray, sigma: np.ndarray | None) -> float | None:
+    """How much of an error, %, is inside 3 sigma; None where sigma was not recorded."""
+    if sigma is None or not bool((sigma > 0.0).any()):
+        return None
+    inside = np.abs(error) <= 3.0 * sigma
+    compared = inside[np.isfinite(error) & np.isfinite(sigma)]
+    return 100.0 * float(compared.mean()) if compared.size else 0.0
 
 
 def _velocity_estimate(report: Report) -> Chart:

@@ -195,7 +195,7 @@ def synthesize(
     ba = noise * _walk(rng, m, 3, v[initial + "accel_bias_mps2"], v[imu + "accel_bias_walk"])
     drift_sigma = np.array([v[gps + "drift_horizontal_m"]] * 2 + [v[gps + "drift_vertical_m"]])
     tau = v[gps + "drift_time_constant_s"]
-    start = v[initial + "gps_drift_fraction"]
+    start = v[initial + "drift_at_alignment_fraction"]
     drift = noise * _gauss_markov(rng, m, drift_sigma, tau, start)
     bb = noise * _walk(rng, m, 1, 20.0, v["ekf.baro.bias_walk"])[:, 0]
     mag_sigma = np.array([v["ekf.mag.heading_error_rad"]])
