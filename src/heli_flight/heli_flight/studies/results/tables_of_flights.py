@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of flights: beside the paper, law against law, identified aircraft; with their world."""
+"""Tables of flights: law against law, identified aircraft; with their world."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,56 +8,12 @@ from heli_flight.studies.results.files import Results
 from heli_flight.studies.results.grid import grid, world
 
 LAWS = {"hinf": "H-infinity", "hinf_offset_free": "offset-free 0.5", "lqr": "LQR", "pid": "PID"}
-RECEIVERS = {"standalone": "standalone GPS", "rtk": "RTK"}
-RECORDS = {"navigation": "navigation record", "truth": "truth"}
 IN_WHAT = {
     "navigation": "navigation record",
     "truth": "truth",
     "ideal": "truth, ideal navigation",
 }
 _AXES = ("roll", "pitch")
-
-
-def paper(results: Results) -> str:
-    """Hover and attitude test beside the paper, both receivers."""
-    head = ["metric", "paper (flight)"]
-    head += [f"{name}, {record}" for name in RECEIVERS.values() for record in RECORDS.values()]
-    rows, worlds = [], {}
-    for test in ("hover", "attitude"):
-        receivers = results[test]["receivers"]
-        worlds[f"{test} test"] = [receivers[name]["conditions"] for name in RECEIVERS]
-        for metric in receivers["standalone"]["metrics"]:
-            if metric["measured_from"] != "navigation":
-                continue
-            cells = [
-                _beside_paper(receivers[name], metric, record)
-                for name in RECEIVERS
-                for record in RECORDS
-            ]
-            label = metric["label"] + (", attitude test" if test == "attitude" else "")
-            rows.append([label, f"{metric['paper']:g} {metric['unit']}", *cells])
-    flights = [
-        f
-        for test in ("hover", "attitude")
-        for name in RECEIVERS
-        for f in results[test]["receivers"][name]["flights"]
-    ]
-    good = sum(flight["exit_code"] == 0 for flight in flights)
-    return (
-        f"{grid(head, rows)}\n\nLargest magnitude over {results.seeds('hover')}; on how many of "
-        f"them it is outside the paper's figure, if on any. Exit code 0: {good} of {len(flights)} "
-        f"flights.\n{world(worlds)}"
-    )
-
-
-def _beside_paper(receiver: Mapping[str, Any], metric: Mapping[str, Any], record: str) -> str:
-    key = f"{metric['key']} ({record})"
-    values = [flight["max"][key] for flight in receiver["flights"] if not flight["lost"]]
-    lost = len(receiver["flights"]) - len(values)
-    outside = sum(value > metric["paper"] for value in values)
-    text = f"{max(values):.2f}"
-    text += f"; outside on {outside}" if outside else ""
-    return text + (f"; lost on {lost}" if lost else "")
 
 
 # Rows of the short comparison: name, result file, what the error is taken from.
