@@ -3,6 +3,8 @@
 
 import base64
 import math
+import re
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 from heli_bags.reader import Remark
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import Figures, score
+from heli_flight.loop.scoring import METRICS, SOURCE_NAMES, WHOLE, WINDOWS, Figures, score
 from heli_flight.loop.settings import resolve
 from heli_flight.report import Event, write_report
 from heli_flight.report.chart import (
@@ -26,9 +28,11 @@ from heli_flight.report.chart import (
 )
 from heli_flight.report.data import Report, events_of
 from heli_flight.report.figures import draw
+from heli_flight.report.page import render
 from heli_flight.report.paper_charts import paper_charts
 from heli_flight.report.plotly_json import figure, with_indices
 from heli_flight.report.system_charts import flight_charts, timeline_charts
+from heli_flight.report.tables import result_tables
 
 
 @pytest.mark.parametrize("n", [1, 100, 2401, 60_000, 1_000_003])
@@ -156,6 +160,48 @@ def test_what_is_drawn_is_what_was_scored(hover):
         shaded |= (line.x >= start) & (line.x < end)
     top = np.abs(line.y[shaded]).max()
     assert top == pytest.approx(hover.score("v_y", "navigation").max, rel=1e-12)
+
+
+def test_the_tables_give_the_whole_flight_first_then_the_windows_then_the_climb(hover):
+    whole, windows, climb = result_tables(hover)
+    assert whole.caption.startswith(
+        "Whole flight, 0 to 30 s. From engagement to the end, the climb"
+    )
+    assert "Truth less drift at engagement: ground truth moved by" in whole.caption
+    assert windows.caption.startswith("Scored windows, 5 to 18 s and 25 to 30 s. Hover alone")
+    assert windows.caption.endswith("This table decides the exit code.")
+    assert "commanded: from 10 to 20 m in 4.00 s" in climb.caption
+    for table, stretch in ((whole, WHOLE), (windows, WINDOWS)):
+        assert table.head[1:4] == list(SOURCE_NAMES.values())
+        for row in table.rows[:-1]:
+            metric = next(m for m in METRICS["hover"] if row[0] == f"{m.label}, {m.unit}")
+            for cell, source in zip(row[1:4], SOURCE_NAMES, strict=True):
+                found = hover.score(metric.key, source, stretch)
+                assert cell == "–" if found is None else cell.startswith(f"{found.max:.2f} ")
+    lag = next(f for f in hover.result.figures.climb if f.metric.key == "climb_lag")
+    assert climb.rows[2][:2] == ["lag at half the climb", f"{lag.value:.2f} s"]
+
+
+def test_the_page_says_both_verdicts_and_which_of_them_decides(hover):
+    text = render(hover, [], None)
+    said = [" ".join(line.split()) for line in re.findall(r'<p class="verdict .*?</p>', text, re.S)]
+    assert len(said) == 2
+    assert 'verdict bad"' in said[0] and "Whole flight, 0 to 30 s: outside in vertical" in said[0]
+    assert 'verdict good"' in said[1] and said[1].endswith("This decides the exit code.</p>")
+
+
+def test_the_position_chart_says_which_sigma_it_shows(hover):
+    """Of the position as it counts from the alignment; absolute where the filter is told so."""
+    chart = next(c for c in flight_charts(hover) if c.key == "estimate_position")
+    assert "σ is of the position as it counts from the alignment" in chart.caption
+    assert "less its value at 5 s: " in chart.caption
+    (less,) = [t for t in chart.panels[0].traces if t.label == "less its value at 5 s"]
+    assert np.abs(less.y[np.abs(less.x - 5.0) < 0.5]).max() < 0.1
+    observer = {**hover.settings.nodes["observer"], "ekf.initial.drift_at_alignment_fraction": 1.0}
+    nodes = {**hover.settings.nodes, "observer": observer}
+    absolute = replace(hover, settings=replace(hover.settings, nodes=nodes))
+    chart = next(c for c in flight_charts(absolute) if c.key == "estimate_position")
+    assert chart.caption.endswith("the receiver's drift is in it.")
 
 
 def axis(drawn, i):

@@ -114,8 +114,11 @@ def verdict(result: Result, settings: Settings, stretch: str) -> str:
         return f"{when}: not scored"
     records: dict[str, list[str]] = {}
     for s in result.judged(settings.gps, stretch):
-        records.setdefault(s.metric.label, []).append(s.source)
-    names = ", ".join(f"{label} ({' and '.join(found)})" for label, found in records.items())
+        records.setdefault(s.metric.label, []).append(SOURCE_NAMES[s.source])
+    metrics: dict[str, list[str]] = {}
+    for label, found in records.items():
+        metrics.setdefault(" and ".join(found), []).append(label)
+    names = "; ".join(f"{', '.join(labels)} ({found})" for found, labels in metrics.items())
     return f"{when}: " + (f"outside in {names}" if names else "inside the paper's figures")
 
 

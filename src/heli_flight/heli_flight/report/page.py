@@ -54,8 +54,8 @@ class Head:
     Attributes
     ----------
     kind, title, heading : str
-    verdict : tuple of str
-        Mark, class ("good", "bad" or "") and sentence.
+    verdicts : sequence of tuple of str
+        Mark, class ("good", "bad" or "") and sentence of each.
     facts : sequence of (str, str)
     links : mapping
         Anchor to title of each section.
@@ -64,7 +64,7 @@ class Head:
     kind: str
     title: str
     heading: str
-    verdict: tuple[str, str, str]
+    verdicts: Sequence[tuple[str, str, str]]
     facts: Sequence[tuple[str, str]]
     links: Mapping[str, str]
 
@@ -88,7 +88,7 @@ def render(report: Report, charts: Sequence[Chart], design: Design | None) -> st
         kind="Flight report · simulation",
         title=f"{heading}, seed {report.settings.seed}",
         heading=heading,
-        verdict=_verdict(report),
+        verdicts=_verdicts(report),
         facts=_facts(report),
         links={k: v for k, v in _TITLES.items() if k in drawn | always or told.get(k)},
     )
@@ -139,33 +139,36 @@ def _json(value: object) -> Markup:
     return Markup(json.dumps(value, separators=(",", ":")).replace("</", "<\\/"))
 
 
-def _verdict(report: Report) -> tuple[str, str, str]:
-    """Mark, class and sentence."""
+def _verdicts(report: Report) -> list[tuple[str, str, str]]:
+    """Mark, class and sentence: of a loss alone, else of each stretch, the whole flight first."""
     result = report.result
     if result.lost:
-        return "✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}"
+        return [("✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}")]
     if not result.figures.all:
-        return "–", "", "Not scored: nothing was recorded that could be."
-    said = [_inside_or_not(report, stretch) for stretch in STRETCHES]
-    sentence = f"{' '.join(said)} The {STRETCHES[DECIDES]} decide."
-    if not result.figures.of(DECIDES):
-        return "–", "", sentence
-    mark = ("✗", "bad") if result.judged(report.settings.gps) else ("✓", "good")
-    return *mark, sentence
+        return [("–", "", "Not scored: nothing was recorded that could be.")]
+    return [_verdict(report, stretch) for stretch in STRETCHES]
 
 
-def _inside_or_not(report: Report, stretch: str) -> str:
-    """A sentence about a stretch; the navigation record first, as the paper measured."""
+def _verdict(report: Report, stretch: str) -> tuple[str, str, str]:
     result, gps = report.result, report.settings.gps
     words = verdict(result, report.settings, stretch)
     words = words[:1].upper() + words[1:]
-    beyond = [s.metric.label for s in result.outside(stretch) if s.source == TRUTH]
-    if gps != "rtk" and beyond:
+    judged = {s.metric.key for s in result.judged(gps, stretch)}
+    beyond = [
+        s.metric.label
+        for s in result.outside(stretch)
+        if s.source == TRUTH and s.metric.key not in judged
+    ]
+    if beyond:
         words += (
-            f"; by ground truth outside in {', '.join(beyond)}: a {gps} receiver's drift cannot "
-            "be seen on board"
+            f"; by ground truth outside in {', '.join(beyond)}, too: a {gps} receiver's drift "
+            "cannot be seen on board"
         )
-    return f"{words}."
+    if stretch == DECIDES:
+        words += ". This decides the exit code"
+    if not result.figures.of(stretch):
+        return "–", "", f"{words}."
+    return "✗" if judged else "✓", "bad" if judged else "good", f"{words}."
 
 
 def _facts(report: Report) -> list[tuple[str, str]]:

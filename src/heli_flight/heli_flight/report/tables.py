@@ -74,7 +74,8 @@ def result_tables(report: Report) -> list[Table]:
     for stretch, name in STRETCHES.items():
         if report.result.figures.of(stretch):
             head, rows = make(report, stretch)
-            caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {_SAID[stretch]}"
+            said = _SAID[stretch, report.kind]
+            caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {said}"
             if stretch == DECIDES:
                 caption += " This table decides the exit code."
             tables.append(Table(head, rows, caption))
@@ -85,13 +86,20 @@ def result_tables(report: Report) -> list[Table]:
     return tables
 
 
+_HOW = (
+    "Largest magnitude (rms); ✓ inside, ✗ outside the paper's figure. The paper measured from its "
+    "navigation record; only a simulation knows the truth."
+)
 _SAID = {
-    WHOLE: (
+    (WHOLE, "hover"): (
         "From engagement to the end, the climb included, against the reference as commanded, which "
-        "starts and stops at once. Largest magnitude (rms); ✓ inside, ✗ outside the paper's "
-        "figure. The paper measured from its navigation record; only a simulation knows the truth."
+        f"starts and stops at once. {_HOW}"
     ),
-    WINDOWS: "Hover alone: without the start, and without the climb and what follows it.",
+    (WHOLE, "attitude"): (
+        f"From engagement to the end, the start included, when level is commanded at once. {_HOW}"
+    ),
+    (WINDOWS, "hover"): "Hover alone: without the start, the climb and what follows it.",
+    (WINDOWS, "attitude"): "Without the start.",
 }
 _LESS_DRIFT = (
     f"Truth less drift at engagement: ground truth moved by what the navigation record's position "

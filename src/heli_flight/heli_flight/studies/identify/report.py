@@ -59,7 +59,7 @@ def render(outcome: Outcome, drawn: Sequence[Chart]) -> str:
         kind="Identification report · simulation",
         title="Identification of the hover model",
         heading="Identification of the hover model",
-        verdict=_verdict(outcome),
+        verdicts=[_verdict(outcome)],
         facts=_facts(outcome),
         links=_TITLES,
     )
