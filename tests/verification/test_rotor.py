@@ -14,11 +14,12 @@ from heli_dynamics_sim.helicopter import main_rotor_power
 from heli_dynamics_sim.rotor import (
     MAX_ITERATIONS,
     flapping_rates,
-    main_rotor,
     ring_term,
     solve_inflow,
 )
+from heli_dynamics_sim.rotor_flow import rotor_flow
 from heli_dynamics_sim.trim import trim
+from heli_math.rows import PLANT
 
 SPEEDS = np.linspace(-10.0, 15.0, 11)
 COLLECTIVE = np.linspace(-1.0, 1.0, 9)
@@ -134,7 +135,7 @@ def test_fast_forward_flight_is_a_wing(k):
 def test_hover_thrust_and_power_of_the_default_aircraft(helicopter, k):
     """Hover trim; 96.8 N, 4.9 m/s, 840 W, profile power by hand; 0.1 N, 0.05 m/s, 5 W, 3 %."""
     x = trim(helicopter).x
-    thrust, v_i = main_rotor(0.0, 0.0, 0.0, x[13], x[14], x[19], k.rotor, k.main)
+    thrust, v_i, _, _ = rotor_flow(x, STILL, k)
     power = main_rotor_power(STILL, STILL, v_i, thrust, (0.0, 0.0, k.fuselage.z * v_i * v_i), k)
     assert thrust == pytest.approx(96.8, abs=0.1)
     assert v_i == pytest.approx(4.9, abs=0.05)
@@ -150,7 +151,9 @@ def test_hover_is_ideal_momentum_theory(k, d_col):
 
     rho A and the profile power by hand from the aircraft's numbers. Figure of merit: below 1.
     """
-    thrust, v_i = main_rotor(0.0, 0.0, 0.0, 0.0, 0.0, d_col, k.rotor, k.main)
+    x = np.zeros(PLANT.size)
+    x[PLANT.servo_col] = d_col
+    thrust, v_i, _, _ = rotor_flow(x, STILL, k)
     assert thrust > 0.0
     disc = 2.0 * 1.29 * np.pi * 0.705**2
     assert v_i == pytest.approx(np.sqrt(thrust / disc), rel=1e-12)

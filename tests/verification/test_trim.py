@@ -10,7 +10,7 @@ from scipy.optimize import root
 
 from heli_dynamics_sim.helicopter import state_derivative
 from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.rotor import main_rotor
+from heli_dynamics_sim.rotor_flow import rotor_flow
 from heli_dynamics_sim.trim import TrimError, trim
 from heli_math.rotations import euler_from_quat
 
@@ -100,7 +100,7 @@ def test_no_trim_names_the_residual_and_how_far(params):
     stays = float(re.search(r"stays at (\S+),", str(caught.value))[1])
     hover = trim(params)
     k, x = params.kernel, hover.x
-    thrust, _ = main_rotor(0.0, 0.0, 0.0, x[13], x[14], x[19], k.rotor, k.main)
+    thrust = rotor_flow(x, (0.0, 0.0, 0.0), k)[0]
     roll = (k.main.hub_stiffness + thrust * k.main.hub_height) * np.sin(x[14])
     assert stays == pytest.approx(-roll / k.body.j_xx, rel=0.03)
 

@@ -41,7 +41,7 @@ def file_fields(aircraft: Any) -> list[Field[Any]]:
 def allowed(rule: Mapping[str, Any]) -> str:
     """What a key may be, in words."""
     if "lower" not in rule:
-        return "one of " + ", ".join(COUPLINGS)
+        return "one of " + ", ".join(rule["choices"])
     left = "[" if rule["closed"] else "("
     unit = "" if rule["unit"] == "1" else f" {rule['unit']}"
     return f"a number in {left}{rule['lower']:g}, {rule['upper']:g}){unit} ({rule['meaning']})"
@@ -50,7 +50,7 @@ def allowed(rule: Mapping[str, Any]) -> str:
 def check(rule: Mapping[str, Any], value: Any) -> None:
     """Refuse a value that its rule does not allow."""
     if "lower" not in rule:
-        good = value in COUPLINGS
+        good = value in rule["choices"]
     else:
         good = (
             isinstance(value, (int, float))

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from heli_dynamics_sim.airframe import FinKernel, FuselageKernel
+from heli_dynamics_sim.flap_back import FlapBackKernel, paddle_inflow
 from heli_dynamics_sim.ground import GroundKernel
+from heli_dynamics_sim.ground_effect import GroundEffectKernel
+from heli_dynamics_sim.inflow import InflowKernel
 from heli_dynamics_sim.rigid_body import BodyKernel
 from heli_dynamics_sim.rotor import FlappingKernel, MainRotorKernel, RotorKernel
 from heli_dynamics_sim.servo import Imperfections, ServoKernel
@@ -38,6 +41,9 @@ class HelicopterKernel(NamedTuple):
     ground: GroundKernel
     climb_power: float  # 0: P_climb only in climb (kink at w_a = 0), 1: always, -1: never
     terms: Terms  # which of those beyond the source's equations are on
+    flap_back: FlapBackKernel
+    inflow: InflowKernel
+    ground_effect: GroundEffectKernel
 
 
 def _rotor_kernel(
@@ -89,6 +95,11 @@ def helicopter_kernel(p: "HelicopterParameters") -> HelicopterKernel:
         ground=_ground_kernel(p),
         climb_power=CLIMB_POWER_KINKED,
         terms=p.terms,
+        flap_back=_flap_back_kernel(p),
+        inflow=InflowKernel(p.main_radius_m),
+        ground_effect=GroundEffectKernel(
+            p.main_radius_m, p.hub_height_m, _hover_inflow_sq(p), p.ground_effect == "hayden"
+        ),
     )
 
 
@@ -153,6 +164,31 @@ def _flapping_kernel(p: "HelicopterParameters") -> FlappingKernel:
         p.flap_lat_from_lat_rad,
         p.flap_lat_from_lon_rad,
         p.flap_back_radpmps,
+    )
+
+
+def _hover_inflow_sq(p: "HelicopterParameters") -> float:
+    """Square of the induced velocity that carries the weight in hover, m2/s2."""
+    disc = 2.0 * p.air_density_kgpm3 * math.pi * p.main_radius_m**2
+    return p.mass_kg * p.gravity_mps2 / disc
+
+
+def _flap_back_kernel(p: "HelicopterParameters") -> FlapBackKernel:
+    lock = lock_number(p)
+    spring = p.hub_stiffness_nmprad / (p.blade_inertia_kgm2 * p.main_speed_radps**2)
+    tip_sq = (p.main_speed_radps * p.main_radius_m) ** 2
+    solidity = p.main_blades * p.main_chord_m / (math.pi * p.main_radius_m)
+    radius_sq = p.bar_inner_radius_m**2 + p.bar_outer_radius_m**2
+    return FlapBackKernel(
+        blade_rate=lock * p.main_speed_radps / 16.0,
+        coning=lock / 8.0 / (1.0 + spring),
+        bar_gain=p.bar_gain,
+        bar_radius_sq=radius_sq,
+        bar_inflow=paddle_inflow(
+            2.0 * _hover_inflow_sq(p) / tip_sq,
+            p.main_lift_slope * solidity,
+            math.sqrt(0.5 * radius_sq) / p.main_radius_m,
+        ),
     )
 
 

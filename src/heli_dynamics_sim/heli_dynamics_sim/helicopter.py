@@ -16,7 +16,8 @@ from heli_dynamics_sim.airframe import fin_force, fuselage_force
 from heli_dynamics_sim.ground import ground_loads
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.rigid_body import rigid_body_rates, to_body
-from heli_dynamics_sim.rotor import flapping_rates, main_rotor, tail_rotor
+from heli_dynamics_sim.rotor import flapping_rates, tail_rotor
+from heli_dynamics_sim.rotor_flow import rotor_flow, rotor_term_rates
 from heli_dynamics_sim.servo import servo_derivatives
 from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
 from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
@@ -72,18 +73,17 @@ def main_rotor_power(at_main, at_body, v_i, thrust, drag, k):
 
 
 @njit
-def aerodynamic_loads(x, at_main, at_tail, at_body, output, k):
+def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
     """Force (N) and moment (N m) of the air on the aircraft, body axes, as two 3-tuples.
 
     at_main, at_tail, at_body: air speeds (3 floats) of main rotor, tail and fuselage, m/s.
-    `output` is that of the yaw-rate gyro, rad; servo positions and flapping angles come from x.
+    `output` is that of the yaw-rate gyro, rad, `flow` that of `rotor_flow`.
     """
-    u_a, v_a, w_a = at_main
     u_t, v_t, w_t = at_tail
     u_f, v_f, w_f = at_body
     p, q, r = rates_of(x)
     a_s, b_s = x[PLANT.a_s], x[PLANT.b_s]
-    thrust, v_i = main_rotor(u_a, v_a, w_a, a_s, b_s, x[PLANT.servo_col], k.rotor, k.main)
+    thrust, v_i, _, _ = flow
     drag = fuselage_force(u_f, v_f, w_f, v_i, k.fuselage)
     power = main_rotor_power(at_main, at_body, v_i, thrust, drag, k)
     sin_a, sin_b = math.sin(a_s), math.sin(b_s)
@@ -104,13 +104,14 @@ def aerodynamic_loads(x, at_main, at_tail, at_body, output, k):
 
 @njit
 def derivative_kernel(x, u, air, k, out):
-    """State derivative: fills out (30,) for state x (30,), command u (4,), air (12,), a row AIR.
+    """State derivative: fills out (32,) for state x (32,), command u (4,), air (12,), a row AIR.
 
     Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterKernel.
     """
     at_main, at_tail, at_body = airspeeds(x, air)
     d_int_rate, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
-    force, moment = aerodynamic_loads(x, at_main, at_tail, at_body, output, k)
+    flow = rotor_flow(x, at_main, k)
+    force, moment = aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k)
     push, twist = ground_loads(x, k.ground)
     rigid_body_rates(
         x,
@@ -131,6 +132,7 @@ def derivative_kernel(x, u, air, k, out):
     servo_derivatives(x, u, k.servo, out)
     for i in range(PLANT.servo_rate.stop, PLANT.size):  # states of terms that are off stay
         out[i] = 0.0
+    rotor_term_rates(x, at_main, flow, k, out)
 
 
 @njit
@@ -138,7 +140,8 @@ def specific_force(x, air, k, out):
     """Specific force at the c.g., body, m/s2 (what ideal accelerometers read): fills out (3,)."""
     at_main, at_tail, at_body = airspeeds(x, air)
     _, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
-    force, _ = aerodynamic_loads(x, at_main, at_tail, at_body, output, k)
+    flow = rotor_flow(x, at_main, k)
+    force, _ = aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k)
     push, _ = ground_loads(x, k.ground)
     for i in range(3):
         out[i] = (force[i] + push[i]) / k.body.mass
@@ -158,7 +161,7 @@ def state_derivative(
 
     Parameters
     ----------
-    x : (30,) array
+    x : (32,) array
         State, places of `heli_math.rows.PLANT`.
     u : (4,) array
         Servo commands d_lat, d_lon, d_ped, d_col in (-1, 1).
@@ -168,7 +171,7 @@ def state_derivative(
 
     Returns
     -------
-    (30,) array
+    (32,) array
 
     Raises
     ------

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from heli_dynamics_sim.aircraft_file import (
+    COUPLINGS,
     AircraftError,
     allowed,
     check,
@@ -23,6 +24,7 @@ from heli_dynamics_sim.aircraft_file import (
 )
 from heli_dynamics_sim.aircraft_kernel import HelicopterKernel, helicopter_kernel
 from heli_dynamics_sim.drive_parameters import DriveParameters
+from heli_dynamics_sim.ground_effect import MODELS
 from heli_dynamics_sim.terms import Terms
 
 __all__ = ["AircraftError", "HelicopterKernel", "HelicopterParameters"]
@@ -112,6 +114,21 @@ class HelicopterParameters(DriveParameters):
     )
     flap_back_radpmps: float = number(
         "flapping.flap_back_radpmps", "da_s/du", "rad s/m", 0.0, 0.1, "flap-back", closed=True
+    )
+    bar_gain: float = number(
+        "stabiliser_bar.gain",
+        "K_sb",
+        "1",
+        0.0,
+        5.0,
+        "blade pitch per tilt of the bar; 0: no bar",
+        closed=True,
+    )
+    bar_inner_radius_m: float = number(
+        "stabiliser_bar.inner_radius_m", "r_1", "m", 0.0, 5.0, "where the paddles begin"
+    )
+    bar_outer_radius_m: float = number(
+        "stabiliser_bar.outer_radius_m", "r_2", "m", 0.0, 5.0, "where the paddles end"
     )
     tail_gear_ratio: float = number(
         "tail_rotor.gear_ratio", "n_tr", "1", 0.0, 20.0, "tail rotor speed over main rotor speed"
@@ -211,7 +228,16 @@ class HelicopterParameters(DriveParameters):
         default="identified",
         metadata={
             "key": "flapping.coupling",
+            "choices": COUPLINGS,
             "meaning": "identified: A_bs, B_as of the file; eq7: from hub stiffness by eq. (7)",
+        },
+    )
+    ground_effect: str = field(
+        default="cheeseman_bennett",
+        metadata={
+            "key": "main_rotor.ground_effect",
+            "choices": MODELS,
+            "meaning": "law of the induced velocity near the ground",
         },
     )
     terms: Terms = Terms()

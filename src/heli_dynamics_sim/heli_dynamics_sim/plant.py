@@ -66,12 +66,12 @@ _OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in Plant
 class PlantState(NamedTuple):
     """State of the plant; the arrays are changed in place."""
 
-    x: np.ndarray  # (30,) aircraft, places of `rows.PLANT`
+    x: np.ndarray  # (32,) aircraft, places of `rows.PLANT`
     wind_filter: np.ndarray  # (5,) turbulence filter, dimensionless, places of `wind.FILTER`
     air: np.ndarray  # (12,) what the air does at the aircraft, places of `rows.AIR`
     sensors: SensorState
     commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
-    work: np.ndarray  # (5, 30) scratch
+    work: np.ndarray  # (5, 32) scratch
     flags: np.ndarray  # (1,) int64, first PlantStatus that was not OK
 
 

@@ -130,17 +130,6 @@ def solve_inflow(w_r, w_bl, mu_sq, rotor):
 
 
 @njit
-def main_rotor(u_a, v_a, w_a, a_s, b_s, d_col, rotor, main):
-    """Thrust (N) and induced velocity (m/s) of the main rotor in the body airspeed (m/s)."""
-    w_r = w_a + a_s * u_a - b_s * v_a
-    pitch = main.pitch_gain * d_col + main.pitch_offset
-    v_i, thrust, _ = solve_inflow(
-        w_r, w_r + rotor.blade_speed * pitch, u_a * u_a + v_a * v_a, rotor
-    )
-    return thrust, v_i
-
-
-@njit
 def tail_rotor(u_a, v_a, w_a, p, q, r, pitch, arm, height, rotor):
     """Thrust (N, pushing to the left, -y) of the tail rotor with blade pitch in rad."""
     w_r = v_a - r * arm + p * height

@@ -56,6 +56,10 @@ class TermState(NamedTuple):
 
 
 _STATES = {
+    "flap_back": (
+        TermState(PLANT.blade_a, PLANT.blade_a, "blade_a_dot (rad/s)"),
+        TermState(PLANT.blade_b, PLANT.blade_b, "blade_b_dot (rad/s)"),
+    ),
     "inflow": (
         TermState(PLANT.inflow_mean, PLANT.inflow_mean, "v_0_dot (m/s2)"),
         TermState(PLANT.inflow_right, PLANT.inflow_right, "v_s_dot (m/s2)"),

@@ -180,7 +180,7 @@ def injected_gust(x, time_s, k, out):
 
     Parameters
     ----------
-    x : (30,) array
+    x : (32,) array
         Plant state: attitude, for amplitudes in body axes.
     time_s : float
         Flight time.
@@ -202,7 +202,7 @@ def wind_at(filter_state, x, time_s, k, out):
     ----------
     filter_state : (5,) array
         Turbulence filter, places of `FILTER`.
-    x : (30,) array
+    x : (32,) array
         Plant state: altitude, and attitude for gusts in body axes.
     time_s : float
         Flight time.

@@ -110,7 +110,7 @@ def derivative(p, x, u, wind):
         [error],
         x[20:24],
         wn**2 * (u - x[16:20]) - 2 * zeta * wn * x[20:24],
-        np.zeros(6),
+        np.zeros(PLANT.size - 24),
     ])  # fmt: skip
 
 

@@ -78,7 +78,7 @@ class TruthRow(NamedTuple):
 
 
 class PlantState(NamedTuple):
-    """State of the simulated aircraft (30,); its first 13 places are the message of its truth."""
+    """State of the simulated aircraft (32,); its first 13 places are the message of its truth."""
 
     pos: slice = slice(0, 3)  # of the c.g., NED, m
     north: int = 0
@@ -116,7 +116,12 @@ class PlantState(NamedTuple):
     omega: int = 27  # main rotor's speed, rad/s
     governor: int = 28  # integrator of the governor
     fuel: int = 29  # used so far: kg of fuel or Ah of charge
-    size: int = 30
+    blades: slice = slice(
+        30, 32
+    )  # tilt of the disc by the air's speed across it, rad: the blades' part
+    blade_a: int = 30  # as a_s
+    blade_b: int = 31  # as b_s
+    size: int = 32
 
 
 class AirRow(NamedTuple):
