@@ -5,7 +5,7 @@ import contextlib
 import os
 import shutil
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,25 @@ def reason(error: Exception) -> str:
     return str(strerror or (lines[0] if lines else type(error).__name__))
 
 
+def custom_data(entries: Iterable[str]) -> tuple[tuple[str, str], ...]:
+    """Names and texts of entries `name: text`; `none` says nothing.
+
+    Raises
+    ------
+    BagError
+        An entry has no name.
+    """
+    pairs = []
+    for entry in entries:
+        name, colon, text = entry.partition(":")
+        if entry == "none":
+            continue
+        if not colon or not name.strip():
+            raise BagError(f"custom_data: {entry!r} is not allowed; allowed: 'name: text', or none")
+        pairs.append((name.strip(), text.strip()))
+    return tuple(pairs)
+
+
 @dataclass(frozen=True)
 class Format:
     """How a bag is stored.
@@ -54,12 +73,15 @@ class Format:
         Compress the chunks (MCAP only).
     split_bytes, split_ns : int
         Begin a new file at this size or after this span of stamps; 0 for never.
+    custom_data : tuple of (str, str)
+        Names and texts for metadata.yaml.
     """
 
     storage: str = "mcap"
     zstd: bool = False
     split_bytes: int = 0
     split_ns: int = 0
+    custom_data: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         if self.storage not in SUFFIXES:
@@ -310,7 +332,7 @@ class BagFolder:
             "compression_mode": "",
             "relative_file_paths": [part.path for part in parts],
             "files": [part.info() for part in parts],
-            "custom_data": None,
+            "custom_data": dict(self.form.custom_data) or None,
             "ros_distro": "jazzy",
         }
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from heli_bags.folder import custom_data
 from heli_bags.parameter_table import NODE_NAME, TABLE
 from heli_bags.recorder import BagError, BagRecorder, Format, row_of
 from heli_math.ticks import TICK_NS
@@ -97,6 +98,7 @@ class RecorderNode(ManagedNode[Recording, None]):
                 values["compression"] == "zstd",
                 round(values["split.size_mb"] * 1e6),
                 round(values["split.duration_s"] * 1e9),
+                custom_data(values["custom_data"]),
             )
             bag = BagRecorder(folder, self._chosen(), self.get_namespace(), form, self.start_ns)
         except BagError as error:

@@ -15,6 +15,12 @@ TABLE: tuple[Parameter, ...] = (
     ),
     Parameter("exclude", "string[]", "Topics to leave out, or none", read_only=True),
     Parameter(
+        "custom_data",
+        "string[]",
+        "What metadata.yaml is to say of the recording, as name: text, or none",
+        read_only=True,
+    ),
+    Parameter(
         "storage",
         "string",
         "Format of the files",

@@ -4,9 +4,9 @@
 Starts plant, observer, inner and outer loop, recorder and scenario. Scoring against the paper, and
 bringing the nodes up in order, is what `./hover_test.sh` does beyond this.
 
-An argument that is given wins over params_file, and that over the scenario, the receiver's preset
-and the packaged values. The end of the flight, or of any node, ends the launch: with exit code 0,
-or 1 if a node failed or the helicopter was lost.
+An argument that is given wins over params_file, and that over the scenario, the world with what the
+seed draws in it, the receiver's preset and the packaged values. The end of the flight, or of any
+node, ends the launch: with exit code 0, or 1 if a node failed or the helicopter was lost.
 """
 
 import math
@@ -17,7 +17,10 @@ from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 
+from heli_flight.loop.layers import Reader, layered
 from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
+from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, world_file
+from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_msgs_bridge.launching import COMMON, Argument, declare, node, users_files
 
 SCENARIOS = ["hover", "attitude", "attitude_gusts", "identify_actuators", "identify_gusts"]
@@ -38,6 +41,13 @@ ARGUMENTS = (
         "standalone",
         RECEIVERS,
         "Receiver: its errors in the plant, their size in the filter",
+    ),
+    Argument(
+        "world",
+        "",
+        None,
+        "Air, sensors and what the seed draws of the aircraft: paper, honest, hard, or a YAML file "
+        "(default: the hover test's)",
     ),
     Argument(
         "seed",
@@ -109,11 +119,30 @@ def _overrides(given):
     return found
 
 
+def _around(given, users):
+    """Presets of receiver and sensors, the world's file, and what the seed draws, per node."""
+    hovers = given["scenario"] == "hover"
+    world = given["world"] or (HOVER_TEST_WORLD if hovers else PAPER)
+    read = Reader()
+    found = layered(
+        read,
+        given["scenario"],
+        given["gps"],
+        world,
+        [read(path) for path in users],
+        _seed(given["seed"]) if given["seed"] else None,
+    )
+    presets = [f"gps_{given['gps']}.yaml"]
+    presets.append(f"sensors_{found.values[WORLD]['sensors.' + given['gps']]}.yaml")
+    plant = {key: found.values["plant"][key] for key in found.drawn}
+    return presets, str(world_file(world)), {"plant": plant}
+
+
 def _aircraft(given):
     """Nodes of one aircraft; each configures and activates itself, the plant waits for the rest."""
     arguments, users = _overrides(given), users_files(given)
     scenario = _config("heli_flight", f"scenarios/{given['scenario']}.yaml")
-    preset = f"gps_{given['gps']}.yaml"
+    presets, world, drawn = _around(given, users)
     recorded = given["record"] == "true"
     # So that the bag begins with the first tick.
     peers = {"peers": [*(name for _, name in NODES), *(["recorder"] if recorded else [])]}
@@ -123,9 +152,9 @@ def _aircraft(given):
     if given["live"] == "true":
         found.append(node("heli_live_view", "live_view", given, [*users, arguments["live_view"]]))
     for package, name in NODES:
-        path = _config(package, preset)
-        receiver = path if Path(path).is_file() else None
-        layers = [peers, receiver, scenario, *users, arguments[name]]
+        paths = [_config(package, preset) for preset in presets]
+        own = [path for path in paths if Path(path).is_file()]
+        layers = [peers, *own, world, drawn.get(name), scenario, *users, arguments[name]]
         # Of several aircraft the last flight ends the launch, by the clock of their world.
         needed = name != "plant" or given["aircraft"] == "1"
         found.append(node(package, name, given, layers, needed))

@@ -104,7 +104,7 @@ class TestTheSameFlightAgain:
         text = (tmp_path / "a" / "params.yaml").read_text()
         said = yaml.safe_load(text)["/**/flight"]["ros__parameters"]
         assert said == {
-            "scenario": "hover", "gps": "rtk", "mode": "one process", "seed": 7,
+            "scenario": "hover", "gps": "rtk", "world": "paper", "mode": "one process", "seed": 7,
             "controller": "hinf", "duration_s": 2.0, "commit": commit.sources_commit(),
             "changed": ["none"],
         }  # fmt: skip

@@ -6,16 +6,18 @@ import subprocess
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
 from heli_flight.loop.layers import GPS_PRESETS, scenario_names
+from heli_flight.loop.settings import resolve
 from heli_inner_hinf.law_state import CONTROLLERS
 from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge import topics
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder, executable
-from heli_parameters.parameters import load
+from heli_parameters.parameters import ParameterError, load
 
 ROOT = Path(__file__).resolve().parents[3]
 LAUNCH_FILES = sorted(
@@ -254,3 +256,23 @@ def test_the_first_launch_compiles_and_flies(fly_launched, tmp_path):
     assert "to get ready" in said
     assert "going on" not in said and "missing" not in said
     assert "flight over after 2 s" in plant.stdout + plant.stderr
+
+
+@pytest.mark.parametrize("gps", GPS_PRESETS)
+def test_a_world_is_launched_as_it_is_flown(launch, tmp_path, gps):
+    """Every parameter of every node, what the seed draws of the aircraft, too."""
+    started = by_name(launch(*HOVER, "world:=hard", "seed:=7", f"gps:={gps}"))
+    flown = resolve("hover", gps, 7, world="hard").nodes
+    own = {"autostart", "peers"}
+    for name in FLYING:
+        found = values(started[name], tmp_path)
+        np.testing.assert_equal(
+            {key: value for key, value in found.items() if key not in own},
+            {key: value for key, value in flown[name].items() if key not in own},
+        )
+    assert flown["plant"]["scale.mass"] != 1.0
+
+
+def test_an_unknown_world_is_refused(launch):
+    with pytest.raises(ParameterError, match="unknown world; known: hard, honest, paper"):
+        launch(*HOVER, "world:=heavy")

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -31,6 +31,7 @@ from heli_flight.cli.options import (
     RecordedScenario,
     ScenarioName,
     Seeds,
+    World,
 )
 from heli_flight.cli.programs import programs
 from heli_flight.cli.results import results
@@ -67,12 +68,13 @@ def campaign(
     seeds: Seeds = "1..20",
     scenario: ScenarioName = None,
     gps: AnyGps = None,
+    world: World = None,
     duration: Duration = None,
     params: Params = None,
     as_json: Json = False,
 ) -> int:
     """Fly a scenario on many seeds in this process: largest value of each metric."""
-    from heli_flight.loop.flight_section import flown
+    from heli_flight.loop.flight_section import flown, hover_test_world
     from heli_flight.loop.layers import GPS_PRESETS
     from heli_flight.loop.result import judged_by
     from heli_flight.loop.scoring import STRETCHES
@@ -83,8 +85,10 @@ def campaign(
     numbers, files = many.parse_seeds(seeds), params or []
     gps = gps or flown(files).get("gps")
     presets = [gps] if gps else list(GPS_PRESETS)
+    world = hover_test_world(world, scenario, files)
     settings = {
-        name: resolve(scenario, name, duration_s=duration, params=files) for name in presets
+        name: resolve(scenario, name, duration_s=duration, params=files, world=world)
+        for name in presets
     }
     scenario = settings[presets[0]].scenario_name
     start, columns, done = time.monotonic(), {}, 0
@@ -95,7 +99,8 @@ def campaign(
             done += len(numbers)
     code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
     if as_json:
-        content = {"scenario": scenario, "seeds": numbers, "exit_code": code}
+        content: dict[str, Any] = {"scenario": scenario, "world": settings[presets[0]].world}
+        content |= {"seeds": numbers, "exit_code": code}
         print(json_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
         return code
     out = console()

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from heli_flight.cli.options import ALL_LAWS, Duration, Gps, Json, Laws, Params, Seeds
+from heli_flight.cli.options import ALL_LAWS, Duration, Gps, Json, Laws, Params, Seeds, World
 
 compare = typer.Typer(
     help="Fly H-infinity, LQR and PID against each other.",
@@ -35,6 +35,7 @@ def compare_attitude(
     ] = False,
     controllers: Laws = ALL_LAWS,
     gps: Gps = None,
+    world: World = None,
     duration: Duration = None,
     params: Params = None,
     out: Annotated[
@@ -52,7 +53,7 @@ def compare_attitude(
 
     laws, numbers = parse_laws(controllers), parse_seeds(seeds)
     scenario = "attitude_gusts" if gusts else "attitude"
-    settings = resolve(scenario, gps, duration_s=duration, params=params or [])
+    settings = resolve(scenario, gps, duration_s=duration, params=params or [], world=world)
     if out is not None:
         new_folder(out)
     start = time.monotonic()
@@ -86,6 +87,7 @@ def compare_robustness(
     calm: Annotated[bool, typer.Option("--no-gusts", help="without the discrete gusts")] = False,
     controllers: Laws = ALL_LAWS,
     gps: Gps = None,
+    world: World = None,
     duration: Duration = None,
     params: Params = None,
     as_json: Json = False,
@@ -98,7 +100,7 @@ def compare_robustness(
 
     laws = parse_laws(controllers)
     scenario = "attitude" if calm else "attitude_gusts"
-    settings = resolve(scenario, gps, duration_s=duration, params=params or [])
+    settings = resolve(scenario, gps, duration_s=duration, params=params or [], world=world)
     total = sum(robustness.aircraft_of(p, n) for p in robustness.PERTURBATIONS)
     start = time.monotonic()
     with steps("aircraft", total) as progress:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the shell offers when the user presses Tab: names of scenarios, laws, presets, aircraft.
+"""What the shell offers when the user presses Tab: scenarios, worlds, laws, presets, aircraft.
 
 Used by typer's completion (`heli --install-completion`). Imports wait until Tab is pressed. Where
 nothing is offered the shell offers files.
@@ -15,6 +15,13 @@ def scenarios(incomplete: str) -> list[str]:
     from heli_flight.loop.layers import scenario_names
 
     return _beginning(incomplete, scenario_names())
+
+
+def worlds(incomplete: str) -> list[str]:
+    """Packaged worlds."""
+    from heli_flight.loop.worlds import world_names
+
+    return _beginning(incomplete, world_names())
 
 
 def gps_presets(incomplete: str) -> list[str]:

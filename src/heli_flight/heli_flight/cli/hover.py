@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from heli_flight.cli import completion
-from heli_flight.cli.options import EXIT_OF_FLIGHTS, Duration, Gps, Params, ScenarioName
+from heli_flight.cli.options import EXIT_OF_FLIGHTS, Duration, Gps, Params, ScenarioName, World
 
 
 def epilog(prog: str) -> str:
@@ -15,6 +15,7 @@ def epilog(prog: str) -> str:
     lines = (
         ("", "the paper's hover test, 60 s"),
         ("--gps rtk --seed 7", "another receiver, another wind"),
+        ("--world hard --seed 7", "another aircraft than its laws know, in gusts"),
         ("--scenario attitude --controller pid", "the attitude test under another law"),
         ("--params my_weights.yaml", "any node's parameters, changed"),
         ("--params flights/a/params.yaml", "a flight again"),
@@ -91,6 +92,7 @@ Aircraft = Annotated[
 def hover(
     scenario: ScenarioName = None,
     gps: Gps = None,
+    world: World = None,
     controller: Law = None,
     seed: Seed = None,
     duration: Duration = None,
@@ -116,7 +118,7 @@ def hover(
     modes["--one-process"] = one_process
     order = FlightOrder(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
-        _live(live, live_port, foxglove_port, allow_commands),
+        _live(live, live_port, foxglove_port, allow_commands), world,
     )  # fmt: skip
     if aircraft == 1:
         outcomes = [fly_and_write(order, console(stderr=as_json))]

@@ -31,6 +31,16 @@ Gps = Annotated[
         autocompletion=completion.gps_presets,
     ),
 ]
+World = Annotated[
+    str | None,
+    typer.Option(
+        "--world",
+        metavar="NAME",
+        help="air, sensors and what the seed draws of the aircraft: paper, honest, hard, or a "
+        "YAML file (default: the parameter file's, else paper)",
+        autocompletion=completion.worlds,
+    ),
+]
 Laws = Annotated[
     str,
     typer.Option(

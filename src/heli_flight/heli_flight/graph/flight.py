@@ -21,6 +21,7 @@ from heli_flight.graph.outcome import outcome
 from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, stop
 from heli_flight.graph.ros_session import prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
+from heli_flight.loop.flight_file import custom_data
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import Result
 from heli_flight.loop.scenario import NODE_NAME as SCENARIO
@@ -147,7 +148,8 @@ class Graph:
             led["plant"] = {**led["plant"], "clock": "world"}
         led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
         bag = str((self.folder / "bag").absolute())
-        led["recorder"] = {**self.settings.recorder, "bag": bag}
+        told = (*self.settings.recorder["custom_data"], *custom_data(self.settings))
+        led["recorder"] = {**self.settings.recorder, "bag": bag, "custom_data": told}
         if self.live:
             led[LIVE] = {**self.live.parameters, "autostart": False, "peers": peers}
         return led

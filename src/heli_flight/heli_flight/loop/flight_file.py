@@ -14,6 +14,8 @@ from heli_flight.loop.flight_section import NODE_NAME, SHORT_FOR
 from heli_flight.loop.layers import Reader, layered
 from heli_flight.loop.scenario import NODE_NAME as SCENARIO
 from heli_flight.loop.settings import Settings
+from heli_flight.loop.worlds import DRAWN
+from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_parameters.parameters import dump_all
 
 NAME = "params.yaml"
@@ -25,7 +27,7 @@ _DERIVED |= {("plant", "initial.pos_ned_m"), ("plant", "initial.psi_deg")}
 
 @dataclass(frozen=True)
 class Change:
-    """A parameter unlike the packaged one of the flight's scenario and receiver."""
+    """A parameter unlike the packaged one of the flight's scenario, receiver and world."""
 
     section: str
     key: str
@@ -49,17 +51,20 @@ def _short(value: Any) -> str:
 
 
 def sections(settings: Settings) -> dict[str, Mapping[str, Any]]:
-    """Parameters by section: the nodes, scenario, recorder."""
+    """Parameters by section: the nodes, scenario, world, recorder."""
     return {
         **settings.nodes,
         SCENARIO: settings.scenario_parameters,
+        WORLD: settings.world_parameters,
         RECORDER: settings.recorder,
     }
 
 
 def changes(settings: Settings) -> list[Change]:
     """What the flight has changed; seed, law, length and mode are told apart from it."""
-    packaged = layered(Reader(), settings.scenario_name, settings.gps).values
+    packaged = layered(
+        Reader(), settings.scenario_name, settings.gps, settings.world, seed=settings.seed
+    ).values
     return [
         Change(section, key, value, packaged[section][key])
         for section, values in sections(settings).items()
@@ -70,11 +75,46 @@ def changes(settings: Settings) -> list[Change]:
     ]
 
 
+def drawn(settings: Settings) -> dict[str, float | int]:
+    """What of the aircraft a world may draw, as it was flown; empty in a world that draws nothing.
+
+    Per parameter of the plant: `scale.*`, `delay_ticks`.
+    """
+    if not any(settings.world_parameters[name] for name in settings.world_parameters
+               if name.startswith("draw.")):  # fmt: skip
+        return {}
+    return {key: settings.nodes["plant"][key] for key in DRAWN}
+
+
+def drawn_words(settings: Settings) -> str:
+    """The same in words, on one line."""
+    parts = [
+        f"{key.removeprefix('scale.').replace('_', ' ')} {value:.3f}"
+        for key, value in drawn(settings).items()
+        if key != "delay_ticks"
+    ]
+    delay = settings.nodes["plant"]["delay_ticks"]
+    return f"aircraft flown over that of the controllers: {', '.join(parts)}; delay {delay} ticks"
+
+
+def custom_data(settings: Settings) -> list[str]:
+    """What a bag's metadata say of the flight, each as `name: text`."""
+    said = {
+        "scenario": settings.scenario_name,
+        "gps": settings.gps,
+        "seed": settings.seed,
+        "world": settings.world,
+        **drawn(settings),
+    }
+    return [f"{name}: {value}" for name, value in said.items()]
+
+
 def identity(settings: Settings, changed: Sequence[Change]) -> dict[str, Any]:
     """The section `flight`: what makes this flight this one; `changed` as of `changes`."""
     return {
         "scenario": settings.scenario_name,
         "gps": settings.gps,
+        "world": settings.world,
         "mode": settings.mode,
         "seed": settings.seed,
         "controller": settings.nodes["inner_loop"]["controller"],
@@ -94,12 +134,13 @@ def write_parameters(settings: Settings, path: Path) -> None:
     """
     changed = changes(settings)
     flight = identity(settings, changed)
-    kind = f"{settings.scenario_name}, {settings.gps} GPS"
+    kind = f"{settings.scenario_name}, {settings.gps} GPS, world {settings.world}"
     packaged = f"the packaged parameters of {kind}"
     head = [
         "A flight, all of its parameters; flown again by: ./hover_test.sh --params <this file>",
         f"{kind}, seed {settings.seed}, {flight['controller']}, {flight['duration_s']:g} s, "
         f"{settings.mode}",
+        *([drawn_words(settings)] if drawn(settings) else []),
         f"sources: commit {flight['commit']}",
         f"changed from {packaged}:" if changed else f"nothing was changed from {packaged}",
         *(f"  {change}" for change in changed),

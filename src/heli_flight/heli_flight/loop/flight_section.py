@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The section `flight` of a parameter file: scenario, receiver, mode, seed, controller, duration.
+"""The section `flight` of a parameter file: scenario, receiver, world, mode, seed, controller,
+duration.
 
 It makes a parameter file a flight. A file that was written by one flight and is taken for another
 (`heli hover --scenario attitude --params flights/x/params.yaml`) brings along what its user had
-changed, and leaves behind what its own scenario and receiver had packaged.
+changed, and leaves behind what its own scenario, receiver and world had packaged, and its own
+seed drawn.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +24,7 @@ from heli_flight.loop.layers import (
     layered,
     scenario_names,
 )
+from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, world_file
 from heli_parameters.parameters import Entry, Parameter, ParameterError, ParameterFile, stated
 from heli_parameters.rcl_yaml import applicable
 
@@ -46,6 +49,7 @@ def _same_as(name: str) -> Parameter:
 TABLE: tuple[Parameter, ...] = (
     Parameter("scenario", "string", "Packaged scenario"),
     Parameter("gps", "string", "Receiver", choices=GPS_PRESETS),
+    Parameter("world", "string", "Packaged world, or the path of one"),
     Parameter("mode", "string", "How it is flown", choices=MODES),
     *(_same_as(name) for name in SHORT_FOR),
     Parameter("commit", "string", "Commit of the sources that flew, for the reader"),
@@ -100,20 +104,40 @@ def assigned(files: Sequence[ParameterFile], section: str, key: str) -> Entry | 
 
 
 def said_by(files: Sequence[Told], name: str) -> Entry | None:
-    """What the last file that says it says of scenario, receiver or mode."""
+    """What the last file that says it says of scenario, receiver, world or mode."""
     return next((told.said[name] for told in reversed(files) if name in told.said), None)
 
 
-def fitted(told: Told, read: Reader, scenario: str, gps: str) -> ParameterFile:
-    """The file for a flight of this scenario and receiver.
+@dataclass(frozen=True)
+class Packaged:
+    """What decides which values a flight takes from the packages, and what its seed draws."""
+
+    scenario: str
+    gps: str
+    world: str
+    seed: int | None
+
+
+def fitted(told: Told, read: Reader, wanted: Packaged) -> ParameterFile:
+    """The file for a flight of this scenario, receiver, world and seed.
 
     If it was made for others, what equals their packaged values is left out: it belongs to them.
     """
     of = {name: entry.value for name, entry in told.said.items()}
-    own = of.get("scenario", scenario), of.get("gps", gps)
-    if own == (scenario, gps) or own[0] not in scenario_names():
+    seed = assigned([told.file], *SHORT_FOR["seed"])
+    own = Packaged(
+        of.get("scenario", wanted.scenario),
+        of.get("gps", wanted.gps),
+        of.get("world", PAPER if "commit" in of else wanted.world),
+        wanted.seed if seed is None else seed.value,
+    )
+    if own == wanted or own.scenario not in scenario_names():
         return told.file
-    packaged = layered(read, *own)
+    try:
+        world_file(own.world)
+    except ParameterError:
+        return told.file
+    packaged = layered(read, own.scenario, own.gps, own.world, seed=own.seed)
     kept = [entry for entry in told.file.entries if not _is_packaged(entry, packaged)]
     return replace(told.file, entries=tuple(kept))
 
@@ -138,3 +162,19 @@ def flown(paths: Sequence[Path]) -> Mapping[str, Any]:
     read = Reader()
     told = [told_by(read(path)) for path in paths]
     return {name: entry.value for each in told for name, entry in each.said.items()}
+
+
+def hover_test_world(world: str | None, scenario: str | None, paths: Sequence[Path]) -> str | None:
+    """The world of a command that flies: option, else what files say, else the hover test's own.
+
+    None for a file that says it, and for what is not the hover test: the paper's. So is a file
+    of a flight that was flown before there were worlds.
+
+    Raises
+    ------
+    ParameterError
+    """
+    said = flown(paths)
+    known = "world" in said or "commit" in said
+    hovers = (scenario or said.get("scenario", "hover")) == "hover"
+    return HOVER_TEST_WORLD if world is None and not known and hovers else world

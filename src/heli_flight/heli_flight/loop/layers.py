@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layers of a flight's parameters: packaged defaults < receiver < scenario < the user's files."""
+"""Layers of a flight's parameters: packaged < receiver < world < scenario < the user's files."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,16 @@ import heli_observer.parameter_table as observer_table
 import heli_outer_pd.parameter_table as outer_table
 from heli_bags import parameter_table as recorder_table
 from heli_flight.loop import scenario as scenario_table
+from heli_flight.loop import worlds
+from heli_flight.loop.worlds import Draw
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import Parameter, ParameterError, ParameterFile, load, opened
+from heli_parameters.rcl_yaml import applicable
 
 GPS_PRESETS = ("standalone", "rtk")
 PACKAGE = "heli_flight"
+PLANT = "plant"
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class NodeKind:
 
 
 NODES = (
-    NodeKind("plant", "heli_dynamics_sim", "plant", with_common(plant_table.TABLE)),
+    NodeKind(PLANT, "heli_dynamics_sim", "plant", with_common(plant_table.TABLE)),
     NodeKind("observer", "heli_observer", "observer", with_common(observer_table.TABLE)),
     NodeKind("inner_loop", "heli_inner_hinf", "inner_loop", with_common(inner_table.TABLE)),
     NodeKind("outer_loop", "heli_outer_pd", "outer_loop", with_common(outer_table.TABLE)),
@@ -39,6 +43,7 @@ NODES = (
 TABLES: Mapping[str, tuple[Parameter, ...]] = {
     **{node.name: node.table for node in NODES},
     scenario_table.NODE_NAME: scenario_table.TABLE,
+    worlds.NODE_NAME: worlds.TABLE,
     recorder_table.NODE_NAME: with_common(recorder_table.TABLE),
 }
 """Per section of a flight's parameters what may stand there."""
@@ -60,10 +65,19 @@ class Reader:
 
 @dataclass(frozen=True)
 class Layered:
-    """Parameters by section (the nodes, `scenario`, `recorder`); the files, weakest first."""
+    """Parameters by section (the nodes, `scenario`, `world`, `recorder`); the files, weakest first.
+
+    Attributes
+    ----------
+    values : dict
+    files : tuple of Path
+    drawn : dict
+        By parameter of the plant what the seed has drawn; without what stronger files say.
+    """
 
     values: Mapping[str, dict[str, Any]]
     files: tuple[Path, ...]
+    drawn: Mapping[str, Draw] = field(default_factory=dict)
 
 
 def scenario_names() -> list[str]:
@@ -87,16 +101,25 @@ def scenario_file(name: str, where: str = "--scenario") -> Path:
     return path
 
 
-def layered(read: Reader, scenario: str, gps: str, user: Sequence[ParameterFile] = ()) -> Layered:
+def layered(
+    read: Reader,
+    scenario: str,
+    gps: str,
+    world: str = worlds.PAPER,
+    user: Sequence[ParameterFile] = (),
+    seed: int | None = None,
+) -> Layered:
     """Read and check the layers.
 
     Parameters
     ----------
     read : Reader
-    scenario, gps : str
-        A packaged scenario, one of GPS_PRESETS.
+    scenario, gps, world : str
+        A packaged scenario, one of GPS_PRESETS, a packaged world or the path of one.
     user : sequence of ParameterFile
         Stronger than the packaged ones; a later one overrides an earlier one.
+    seed : int, optional
+        Draws what the world lets it draw; default: the plant's.
 
     Raises
     ------
@@ -104,22 +127,56 @@ def layered(read: Reader, scenario: str, gps: str, user: Sequence[ParameterFile]
     """
     over = [read(scenario_file(scenario)), *user]
     common = read(config_folder("heli_parameters") / "common.yaml")
+    around = [read(path) for path in _world_files(world)]
+    of_world = {file.path for file in around}
     values: dict[str, dict[str, Any]] = {}
     files: list[Path] = []
 
     def take(name: str, layers: Sequence[ParameterFile]) -> None:
         values[name] = load(TABLES[name], [*layers, *over], name)
-        files.extend(layer.path for layer in layers)
+        files.extend(layer.path for layer in layers if layer.path not in of_world)
 
     take(scenario_table.NODE_NAME, ())
+    take(worlds.NODE_NAME, around)
+    grade = values[worlds.NODE_NAME][f"sensors.{gps}"]
+    drawn: dict[str, Draw] = {}
     for node in NODES:
         folder = config_folder(node.package)
-        layers = [common, read(folder / f"{node.name}.yaml")]
-        preset = folder / f"gps_{gps}.yaml"
-        if preset.is_file():
-            layers.append(read(preset))
-        take(node.name, layers)
+        presets = [folder / f"gps_{gps}.yaml", folder / f"sensors_{grade}.yaml"]
+        own = [read(preset) for preset in presets if preset.is_file()]
+        below = [common, read(folder / f"{node.name}.yaml"), *own, *around]
+        take(node.name, below)
+        if node.name == PLANT:
+            centres = load(node.table, below, PLANT)
+            drawn = _drawn(values, centres, over, seed)
     flown = list(files)
     recorder = recorder_table.NODE_NAME
     take(recorder, [common, read(config_folder("heli_bags") / f"{recorder}.yaml")])
-    return Layered(values, (*flown, *(file.path for file in over)))
+    after = (*(file.path for file in around), *(file.path for file in over))
+    return Layered(values, (*flown, *after), drawn)
+
+
+def _world_files(world: str) -> list[Path]:
+    """Files of a world, weakest first: what it does not say is as in the paper's."""
+    names = dict.fromkeys((worlds.PAPER, world))
+    return [worlds.world_file(name) for name in names]
+
+
+def _drawn(
+    values: Mapping[str, dict[str, Any]],
+    centres: Mapping[str, Any],
+    over: Sequence[ParameterFile],
+    seed: int | None,
+) -> dict[str, Draw]:
+    """Let the seed draw what the world leaves open, around `centres`, and put it in.
+
+    What a stronger file says is not drawn, unless it says what this seed draws: a flight's own
+    params.yaml.
+    """
+    plant, drawn = values[PLANT], {}
+    said = {entry.key for file in over for entry in applicable(file, PLANT)}
+    for key, draw in worlds.draws(values[worlds.NODE_NAME], centres).items():
+        value = draw.value(plant["seed"] if seed is None else seed)
+        if key not in said or plant[key] == value:
+            plant[key], drawn[key] = value, draw
+    return drawn

@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 
 from heli_flight.loop.climb import CLIMB_METRICS, ClimbFigure
-from heli_flight.loop.flight_file import changes, identity
+from heli_flight.loop.flight_file import changes, drawn, drawn_words, identity
 from heli_flight.loop.scoring import (
     DECIDES,
     METRICS,
@@ -26,6 +26,7 @@ from heli_flight.loop.scoring import (
     sources_of,
 )
 from heli_flight.loop.settings import Settings
+from heli_flight.loop.worlds import PAPER
 from heli_flight.terminal import table
 from heli_flight.text_table import FittingTable
 from heli_math.ticks import seconds
@@ -75,7 +76,7 @@ class Result:
 
 
 def conditions(settings: Settings) -> str:
-    """Wind and sensors in two lines: they stand next to every comparison."""
+    """World, wind and sensors in two lines: they stand next to every comparison."""
     p = settings.nodes["plant"]
     speeds = "/".join(f"{v:g}" for v in p["wind.profile_speed_mps"])
     heights = "/".join(f"{h:g}" for h in p["wind.profile_altitude_m"])
@@ -84,9 +85,10 @@ def conditions(settings: Settings) -> str:
     peak = np.linalg.norm(gusts, axis=1).max(initial=0.0)
     if peak > 0.0:
         turbulence += f", {len(gusts)} discrete gusts up to {peak:.3g} m/s"
+    world = "" if settings.world == PAPER else f"world {Path(settings.world).stem}, "
     return (
-        f"simulated: wind {speeds} m/s at {heights} m towards {p['wind.towards_deg']:g} deg, "
-        f"{turbulence}; seed {settings.seed}\n"
+        f"simulated: {world}wind {speeds} m/s at {heights} m towards "
+        f"{p['wind.towards_deg']:g} deg, {turbulence}; seed {settings.seed}\n"
         f"GPS {settings.gps}: white {p['sensors.gps.white_m']:g} m, drift "
         f"{p['sensors.gps.drift_m']:g} m, velocity {p['sensors.gps.velocity_mps']:g} m/s; "
         "the paper's numbers are from flight"
@@ -148,6 +150,8 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
     else:
         console.print("not scored: nothing was flown")
     console.print(conditions(settings), highlight=False)
+    if drawn(settings):
+        console.print(drawn_words(settings), highlight=False)
     for note in result.notes:
         console.print(f"note: {note}", highlight=False)
     if result.lost:
@@ -232,6 +236,7 @@ def write_result(
     """Write result.json into the flight's folder."""
     content = {
         **identity(settings, changes(settings)),
+        "draw": drawn(settings),
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,
         "judged": judged_by(settings),

@@ -2,15 +2,15 @@
 """A flight's resolved parameters: its layers, what the command line says over them, agreement."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from heli_bags import parameter_table as recorder_table
-from heli_flight.loop import flight_section
+from heli_flight.loop import flight_section, worlds
 from heli_flight.loop import scenario as scenario_table
 from heli_flight.loop.commit import is_another, sources_commit
-from heli_flight.loop.flight_section import MODES, REAL_TIME, Told
+from heli_flight.loop.flight_section import MODES, REAL_TIME, Packaged, Told
 from heli_flight.loop.layers import (
     GPS_PRESETS,
     NODES,
@@ -37,6 +37,12 @@ class Settings:
         Node name to its parameters (dotted name to value).
     scenario : Scenario
     scenario_name, gps : str
+    world : str
+        Name of a packaged world, or the path of one.
+    world_parameters : dict
+        Its section `world`.
+    drawn : dict
+        By parameter of the plant what the seed has drawn.
     mode : str
         One of `flight_section.MODES`.
     seed : int
@@ -59,6 +65,15 @@ class Settings:
     files: tuple[Path, ...]
     recorder: Mapping[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    world: str = worlds.PAPER
+    world_parameters: Mapping[str, Any] = field(default_factory=dict)
+    drawn: Mapping[str, worlds.Draw] = field(default_factory=dict)
+
+    def with_seed(self, seed: int) -> "Settings":
+        """The same flight in other wind, with other sensor errors, on what else the seed draws."""
+        plant = {**self.nodes["plant"], "seed": seed}
+        plant |= {key: draw.value(seed) for key, draw in self.drawn.items()}
+        return replace(self, seed=seed, nodes={**self.nodes, "plant": plant})
 
 
 class _CommandLine:
@@ -70,12 +85,14 @@ class _CommandLine:
         self._won: list[str] = []
 
     def choose(self, name: str, option: str | None) -> str:
-        """Scenario, receiver or mode: option, else files, else packaged."""
+        """Scenario, receiver, world or mode: option, else files, else packaged."""
         said = flight_section.said_by(self._user, name)
         if option is None:
             said = said or self._packaged.said[name]
             if name == "scenario":
                 scenario_file(said.value, f"{said.where}: flight: scenario:")
+            if name == "world":
+                worlds.world_file(said.value, f"{said.where}: flight: world:")
             return said.value
         self._compare(name, option, said)
         return option
@@ -121,14 +138,15 @@ def resolve(
     params: Sequence[str | Path] = (),
     overrides: Mapping[str, Mapping[str, Any]] | None = None,
     controller: str | None = None,
+    world: str | None = None,
 ) -> Settings:
     """Read, layer and check the parameters of a flight.
 
     Parameters
     ----------
-    scenario_name, gps, mode : str, optional
-        A packaged scenario, one of GPS_PRESETS, one of `flight_section.MODES`; default: the
-        files', else hover, standalone, lockstep.
+    scenario_name, gps, mode, world : str, optional
+        A packaged scenario, one of GPS_PRESETS, one of `flight_section.MODES`, a packaged world or
+        the path of one; default: the files', else hover, standalone, lockstep, paper.
     seed, duration_s, controller : optional
         Override parameters of plant, scenario and inner loop.
     params : sequence of path
@@ -146,7 +164,7 @@ def resolve(
     ParameterError
         One line that names the file or option, the key, its value and what is allowed.
     """
-    _check_options(scenario_name, gps, mode)
+    _check_options(scenario_name, gps, mode, world)
     options = {"duration_s": duration_s, "controller": controller, "seed": seed}
     read = Reader()
     given = [read(path) for path in params]
@@ -155,8 +173,12 @@ def resolve(
     line = _CommandLine(read, user)
     name = line.choose("scenario", scenario_name)
     receiver, mode = line.choose("gps", gps), line.choose("mode", mode)
-    fitting = [flight_section.fitted(told, read, name, receiver) for told in user]
-    layers = layered(read, name, receiver, fitting)
+    around = worlds.full_name(line.choose("world", world and worlds.full_name(world)))
+    check_node_names([read(worlds.world_file(around))], _SECTIONS)
+    drawn_by = _seed(user, seed, overrides or {})
+    wanted = Packaged(name, receiver, around, drawn_by)
+    fitting = [flight_section.fitted(told, read, wanted) for told in user]
+    layers = layered(read, name, receiver, around, fitting, drawn_by)
     values = _over(layers, fitting, line, options, overrides or {})
     for node in NODES:
         values[node.name]["lockstep"] = mode != REAL_TIME
@@ -171,16 +193,34 @@ def resolve(
         layers.files,
         values[recorder_table.NODE_NAME],
         line.remarks(),
+        around,
+        values[worlds.NODE_NAME],
+        {k: d for k, d in layers.drawn.items() if k not in (overrides or {}).get("plant", {})},
     )
 
 
-def _check_options(scenario_name: str | None, gps: str | None, mode: str | None) -> None:
+def _seed(
+    user: Sequence[Told], option: int | None, overrides: Mapping[str, Mapping[str, Any]]
+) -> int | None:
+    """The seed that will be flown, None for that of scenario or packages."""
+    if option is not None:
+        return option
+    said = flight_section.assigned([told.file for told in user], "plant", "seed")
+    given = overrides.get("plant", {}).get("seed", None if said is None else said.value)
+    return given if isinstance(given, int) and given >= 0 else None
+
+
+def _check_options(
+    scenario_name: str | None, gps: str | None, mode: str | None, world: str | None
+) -> None:
     if gps is not None and gps not in GPS_PRESETS:
         raise ParameterError(f"--gps {gps}: unknown preset; known: {', '.join(GPS_PRESETS)}")
     if mode is not None and mode not in MODES:
         raise ParameterError(f"mode {mode}: unknown; known: {', '.join(MODES)}")
     if scenario_name is not None:
         scenario_file(scenario_name)
+    if world is not None:
+        worlds.world_file(world)
 
 
 def _over(

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from heli_bags.reader import Remark
+from heli_flight.loop.flight_file import drawn, drawn_words
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, conditions
 from heli_flight.loop.scoring import WINDOWS, Figures, Score, counted, errors
@@ -106,6 +107,8 @@ class Report:
     def conditions(self) -> str:
         """Wind, sensors and seed in one line; stands next to every comparison."""
         told = conditions(self.settings).replace("\n", "; ")
+        if drawn(self.settings):
+            told += f"; {drawn_words(self.settings)}"
         return f"assumed, not recorded with the flight: {told}" if self.assumed else told
 
     @cached_property

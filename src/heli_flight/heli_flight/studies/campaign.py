@@ -2,7 +2,7 @@
 """Many flights of a scenario in one process: the largest value per metric beside the paper."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
@@ -39,9 +39,8 @@ class FlownSeed:
 
 
 def with_seed(settings: Settings, seed: int) -> Settings:
-    """The same flight in another wind, with other sensor errors."""
-    plant = {**settings.nodes["plant"], "seed": seed}
-    return replace(settings, seed=seed, nodes={**settings.nodes, "plant": plant})
+    """The same flight in another wind, with other sensor errors, on another aircraft if drawn."""
+    return settings.with_seed(seed)
 
 
 def fly_seeds(

@@ -20,7 +20,7 @@ from heli_flight.errors import BrokenFlightError, FlightError, StartError
 from heli_flight.graph.live import LiveOrder, live_view
 from heli_flight.graph.processes import check_middleware, start_server
 from heli_flight.loop.flight_file import NAME, write_parameters
-from heli_flight.loop.flight_section import ONE_PROCESS
+from heli_flight.loop.flight_section import ONE_PROCESS, hover_test_world
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, print_table, write_result
 from heli_flight.loop.settings import Settings, resolve
@@ -48,6 +48,8 @@ class FlightOrder:
         Whether to write report.html and figures.
     live : LiveOrder, optional
         To be shown in a browser; needs a mode of the graph.
+    world : str, optional
+        As for `resolve`, but the hover test has a default of its own (`hover_test_world`).
     """
 
     scenario: str | None = None
@@ -60,6 +62,20 @@ class FlightOrder:
     out: Path | None = None
     report: bool = True
     live: LiveOrder | None = None
+    world: str | None = None
+
+    def resolved(self, seed: int | None = None) -> Settings:
+        """What is flown, or its seed and what this draws replaced; raises ParameterError."""
+        return resolve(
+            self.scenario,
+            self.gps,
+            self.seed if seed is None else seed,
+            self.duration_s,
+            self.mode,
+            self.params,
+            controller=self.controller,
+            world=hover_test_world(self.world, self.scenario, self.params),
+        )
 
 
 @dataclass(frozen=True)
@@ -118,10 +134,7 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
         The graph broke in flight; the bag so far is kept, as it is when Ctrl-C ends a flight.
     """
     out = out or silent()
-    settings = resolve(
-        order.scenario, order.gps, order.seed, order.duration_s, order.mode, order.params,
-        controller=order.controller,
-    )  # fmt: skip
+    settings = order.resolved()
     for remark in settings.remarks:
         _say(out)(remark)
     folder = order.out or _free_name(settings)
@@ -190,16 +203,10 @@ def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
     if order.live:
         raise ParameterError("--live: shows one aircraft; it does not go with --aircraft")
 
-    def resolved(seed: int | None) -> Settings:
-        return resolve(
-            order.scenario, order.gps, seed, order.duration_s, order.mode, order.params,
-            controller=order.controller,
-        )  # fmt: skip
-
-    base = resolved(order.seed)
+    base = order.resolved()
     if base.mode == ONE_PROCESS:
         raise ParameterError("--aircraft: needs the ROS graph; it does not go with one process")
-    return {f"heli{i + 1}": resolved(seed_of(base.seed, i)) for i in range(count)}
+    return {f"heli{i + 1}": order.resolved(seed_of(base.seed, i)) for i in range(count)}
 
 
 def _flown_together(

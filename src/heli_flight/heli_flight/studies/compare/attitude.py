@@ -132,10 +132,10 @@ def compare(
         Told how many flights are done.
     """
     result = Comparison(settings, laws, list(seeds), flap_back)
-    nominal = plant.PlantConfig.from_parameters(settings.nodes["plant"])
-    aircraft = perturbed(nominal, ("flap_back",) if flap_back else (), seed=0)
     done = 0
     for seed in seeds:
+        nominal = plant.PlantConfig.from_parameters(with_seed(settings, seed).nodes["plant"])
+        aircraft = perturbed(nominal, ("flap_back",) if flap_back else (), seed=0)
         for law in laws:
             flown = with_law(with_seed(settings, seed), law)
             flight = fly_loop(build(flown, plant_config=aircraft), flown)

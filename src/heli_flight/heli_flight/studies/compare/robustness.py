@@ -123,7 +123,6 @@ class Campaign:
 
     def __init__(self, settings: Settings, laws: Sequence[Law]) -> None:
         self.settings, self.laws = settings, laws
-        self.nominal = plant.PlantConfig.from_parameters(settings.nodes["plant"])
         self.kernels: dict[str, AttitudeKernel] = {
             law.key: AttitudeConfig.from_parameters(
                 with_law(settings, law).nodes["inner_loop"]
@@ -134,7 +133,8 @@ class Campaign:
     def fly(self, parts: Sequence[str], seed: int) -> dict[str, float]:
         """Largest error (deg) of each law on the aircraft of this seed; inf if it was lost."""
         settings = with_seed(self.settings, seed)
-        config = perturbed(self.nominal, parts, seed)
+        nominal = plant.PlantConfig.from_parameters(settings.nodes["plant"])
+        config = perturbed(nominal, parts, seed)
         try:
             loops = {
                 key: build(settings, plant_config=config, law=kernel)

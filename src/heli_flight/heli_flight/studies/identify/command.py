@@ -15,6 +15,7 @@ from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
 from heli_flight.loop.result import versions
 from heli_flight.loop.settings import Settings, resolve
+from heli_flight.loop.worlds import PAPER
 from heli_flight.studies.flight import FlightOrder, fly_and_write
 from heli_flight.studies.identify.compare import Row, Truth, misses, table, truth_of
 from heli_flight.studies.identify.data import (
@@ -268,6 +269,7 @@ def fly_hover(wanted: Wanted, folder: Path, out: Console) -> int:
         mode=ONE_PROCESS if wanted.one_process else LOCKSTEP,
         params=(*layers(wanted), folder / YAML),
         out=folder / HOVER,
+        world=PAPER,
     )
     return fly_and_write(order, out).exit_code
 

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds: what air, aircraft and sensors a scenario is flown in, and what the seed draws of them.
+
+A world is an rcl parameter file: what it changes in the nodes, and a section `world` with what is
+drawn per seed. The aircraft that flies is drawn; the controllers keep their own.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heli_parameters.locate import config_folder
+from heli_parameters.parameters import Parameter, ParameterError
+
+NODE_NAME = "world"
+PAPER = "paper"
+HOVER_TEST_WORLD = PAPER
+"""The world of the hover test where neither option nor file names one."""
+
+_GRADES = ("none", "consumer", "industrial", "rtk")
+# Child of the seed's sequence from which worlds draw: far from those of the sources in
+# `heli_dynamics_sim.noise`, which are counted from 0, so that no flight's wind or sensors move.
+_STREAM = 1 << 20
+
+
+def _width(name: str, of: str) -> Parameter:
+    return Parameter(
+        f"draw.{name}", "double", f"Half width of the draw of {of}", "1", lower=0.0, upper=0.8
+    )
+
+
+TABLE: tuple[Parameter, ...] = (
+    _width("mass", "scale.mass"),
+    _width("inertia", "scale.inertia"),
+    _width("rotor_stiffness", "scale.rotor_stiffness"),
+    _width("thrust", "scale.thrust"),
+    _width("servo_speed", "scale.servo_speed"),
+    Parameter(
+        "draw.delay_ticks", "int", "Half width of the draw of delay_ticks", "ticks",
+        lower=0, upper=10,
+    ),
+    Parameter("sensors.standalone", "string", "Grade of sensors beside this receiver",
+              choices=_GRADES),
+    Parameter("sensors.rtk", "string", "Grade of sensors beside this receiver", choices=_GRADES),
+)  # fmt: skip
+
+DRAWN: tuple[str, ...] = (
+    "scale.mass",
+    "scale.inertia",
+    "scale.rotor_stiffness",
+    "scale.thrust",
+    "scale.servo_speed",
+    "delay_ticks",
+)
+"""Parameters of the plant that a world may draw. A new one goes to the end: each has a stream of
+its own by its place, so that the others keep their numbers."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A parameter of the plant that is drawn uniformly per seed.
+
+    Attributes
+    ----------
+    key : str
+        One of `DRAWN`.
+    centre : float or int
+        What it is without the draw.
+    width : float or int
+        A scale is drawn from centre (1 - width) to centre (1 + width), a number of ticks from
+        centre - width to centre + width, whole, and not below 0.
+    """
+
+    key: str
+    centre: float | int
+    width: float | int
+
+    def value(self, seed: int) -> float | int:
+        """What a seed draws; independent of wind, sensors and other draws of that seed."""
+        children = (_STREAM, DRAWN.index(self.key))
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=children))
+        if isinstance(self.centre, int):
+            width = int(self.width)
+            return max(0, self.centre + int(rng.integers(-width, width, endpoint=True)))
+        return float(self.centre * rng.uniform(1.0 - self.width, 1.0 + self.width))
+
+
+def draws(world: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Draw]:
+    """What a world draws, by parameter of the plant.
+
+    Parameters
+    ----------
+    world, plant : mapping
+        Parameters of the section `world` and of the plant.
+    """
+    found = {}
+    for key in DRAWN:
+        width = world[f"draw.{key.removeprefix('scale.')}"]
+        if width > 0:
+            found[key] = Draw(key, plant[key], width)
+    return found
+
+
+def world_names() -> list[str]:
+    """Names of the packaged worlds."""
+    return sorted(path.stem for path in (config_folder("heli_flight") / "worlds").glob("*.yaml"))
+
+
+def world_file(name: str, where: str = "--world") -> Path:
+    """File of a packaged world, or the user's own, by its path.
+
+    Raises
+    ------
+    ParameterError
+        There is none; `where` says who named it.
+    """
+    packaged = config_folder("heli_flight") / "worlds" / f"{name}.yaml"
+    if name in world_names():
+        return packaged
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") and path.is_file():
+        return path
+    raise ParameterError(
+        f"{where} {name}: unknown world; known: {', '.join(world_names())}, or the path of a "
+        "YAML file"
+    )
+
+
+def full_name(name: str) -> str:
+    """A packaged world's name, or the whole path of a user's: what params.yaml says of it."""
+    return name if name in world_names() else str(Path(name).absolute())
