@@ -62,6 +62,30 @@ def ros_context(own_domain):
         context.try_shutdown()
 
 
+@pytest.fixture(
+    params=[
+        pytest.param((60, 50, True), id="short"),
+        pytest.param((3000, 120, False), id="long", marks=pytest.mark.nightly),
+    ]
+)
+def search(request):
+    """Settings of hypothesis: the same examples in every run, or many new ones.
+
+    Its parameter: number of examples, of steps in each, whether they are the same in every run.
+    """
+    from hypothesis import HealthCheck, settings
+
+    examples, steps, repeatable = request.param
+    return settings(
+        max_examples=examples,
+        stateful_step_count=steps,
+        derandomize=repeatable,
+        database=None,
+        deadline=None,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+    )
+
+
 class Bench:
     """A node alone, fed by the callbacks of its subscriptions; what it sends is kept.
 
