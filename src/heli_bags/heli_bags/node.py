@@ -18,6 +18,7 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
+from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, senders_of, several_in_words
 
 # Deep enough for a pause of seconds at ten times real time.
 _DEPTH = 10_000
@@ -26,8 +27,6 @@ _QUIET_S = 0.1
 _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
-# Name that the middleware gives to a sender whose node it has not discovered yet.
-_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 @dataclass
@@ -152,6 +151,7 @@ class RecorderNode(ManagedNode[Recording, None]):
             self._subscribe(self.core, name, best_effort, subscription.callback)
 
     def _flush(self) -> None:
+        self._name_those_known_since()
         for name in self.core.subscriptions:
             if name not in topics.BY_NAME:
                 self._adapt(name)
@@ -189,14 +189,18 @@ class RecorderNode(ManagedNode[Recording, None]):
 
     def _name_senders(self, name: str, owner: Owner) -> None:
         """Say whose messages of a topic are not recorded."""
-        key = f"senders.{name}"
+        key = f"{SENDERS}{name}"
         said = self.health.facts.get(key, "").split("; not recorded")[0]
-        if not said or _NOT_YET_KNOWN in said:
-            infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
-            names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
-            said = f"{name}: sent by {', '.join(names)}; only the first sender's messages are used"
+        if not said or NOT_YET_NAMED in said:
+            said = several_in_words(name, senders_of(self, name))
             self.get_logger().warning(said)
         self.health.facts[key] = f"{said}; not recorded: {owner.ignored} messages"
+
+    def _name_those_known_since(self) -> None:
+        """A sender's name may come after the last of its messages."""
+        for name, owner in self.core.owners.items():
+            if NOT_YET_NAMED in self.health.facts.get(f"{SENDERS}{name}", ""):
+                self._name_senders(name, owner)
 
     def _drain(self) -> list[str]:
         """Write what is still under way; returns the topics that have a gap.
@@ -237,6 +241,7 @@ class RecorderNode(ManagedNode[Recording, None]):
     def disengage(self) -> None:
         """Everything that was sent before is in the bag afterwards; what is not is said."""
         missing = self._drain()
+        self._name_those_known_since()
         if missing:
             self.core.trouble = self.core.trouble or (
                 f"gaps on {', '.join(missing)}: messages were lost, or their node paused"

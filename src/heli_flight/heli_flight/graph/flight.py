@@ -18,8 +18,8 @@ from heli_flight.graph.bag_record import BagFlight
 from heli_flight.graph.live import MODULE as LIVE_MODULE
 from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.outcome import outcome
-from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, stop
-from heli_flight.graph.ros_session import prepare_environment
+from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, others_in, stop
+from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import Result
@@ -38,6 +38,9 @@ _APPEAR_LIMIT_S = 30.0
 _TRANSITION_LIMIT_S = 60.0
 # Configuration that takes longer is said to compile.
 _TELL_AFTER_S = 10.0
+# A participant with the defaults of Fast DDS announces itself every 3 s; whom we have not heard by
+# then may send, and be heard by our nodes. Measured: half of them are heard at once.
+_HEARD_ALL_S = 4.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
 _BAG_LIMIT_S = 10.0
@@ -73,6 +76,8 @@ class Graph:
     ----------
     beside : list of callable
         Checks of what else must live, such as the other aircraft.
+    company : bool
+        Whether others may be in the ROS domain; they are waited for, to be heard.
     """
 
     def __init__(
@@ -85,6 +90,8 @@ class Graph:
     ):
         self.namespace = namespace
         self.beside: list[Callable[[], None]] = []
+        self.company = True
+        self._joined_s = 0.0
         self._began_ros = False
         self.settings, self.folder, self.live, self.say = settings, folder, live, say
         self.processes: dict[str, NodeProcess] = {}
@@ -132,6 +139,7 @@ class Graph:
                 rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             names = [*(node.name for node in NODES), "recorder", *([LIVE] if self.live else [])]
             self.supervisor = Supervisor(names, self.namespace)
+            self._joined_s = time.monotonic()
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
             raise StartError(f"ROS 2 cannot start: {first}") from error
@@ -202,9 +210,14 @@ class Graph:
     def _prepare(self, up: Supervisor) -> None:
         up.wait_for_services(_APPEAR_LIMIT_S, self.check)
         up.refuse_doubles()
-        up.refuse_strangers()
+        up.refuse_strangers(self.check)
         self._bring_up_live(up)
         self._configure(up, [node.name for node in NODES])
+        if self.company:
+            left_s = self._joined_s + _HEARD_ALL_S - time.monotonic()
+            up.wait_until(lambda: False, max(left_s, 0.0), self.check)
+            up.refuse_doubles()
+            up.refuse_strangers(self.check)
         start_ns = stamp_at(self.settings.nodes["plant"]["start_time_s"])
         up.publish_reference(self.settings.scenario, start_ns)
 
@@ -283,6 +296,7 @@ class Graph:
         up.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, _BAG_LIMIT_S, lambda: None)
         # Its last word, of gaps perhaps, comes by another way than the confirmation.
         up.wait_until(lambda: _last_word(up.statuses.get("recorder")), _END_LIMIT_S, lambda: None)
+        up.name_senders(lambda: None)
 
     def close(self) -> list[str]:
         """End everything; returns the names of processes that had to be killed."""
@@ -314,6 +328,10 @@ def running(*graphs: Graph) -> Iterator[None]:
             graphs[0].say(
                 f"flying in ROS domain {domain}: to listen in, {DOMAIN}={domain} ./heli topics"
             )
+        on_this_machine = os.environ.get(DISCOVERY, "LOCALHOST") == "LOCALHOST"
+        company = not on_this_machine or others_in(domain)
+        for graph in graphs:
+            graph.company = company
         before = signal.signal(signal.SIGINT, on_interrupt)
         try:
             yield

@@ -12,6 +12,7 @@ from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_math.ticks import seconds
+from heli_msgs_bridge.senders import SENDERS
 
 
 def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
@@ -23,7 +24,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
         f"{name}: {value}"
         for name, status in sorted(statuses.items())
         for key, value in status.facts.items()
-        if key.startswith("senders.")
+        if key.startswith(SENDERS)
     ]
     complaints = [
         f"{name}: {status.message}"
