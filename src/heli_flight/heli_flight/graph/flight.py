@@ -174,7 +174,7 @@ class Graph:
             if process.exit_code() is None:
                 continue
             if name != LIVE or not self.watched:
-                raise FlightError(_named(name, process))
+                raise FlightError(self._own(_named(name, process)))
             # A flight does not end because nobody can watch it any more.
             del self.processes[name]
             self.say(f"live view ended: {_named(name, process)}")
@@ -203,7 +203,7 @@ class Graph:
         try:
             step(self.supervisor)
         except BringUpError as error:
-            raise StartError(self._with_reason(str(error))) from error
+            raise StartError(self._own(self._with_reason(str(error)))) from error
         except FlightError as error:
             raise StartError(str(error)) from error
 
@@ -265,6 +265,10 @@ class Graph:
             return f"{name}: {status.message}"
         return sentence
 
+    def _own(self, sentence: str) -> str:
+        """The sentence with the aircraft's name in front, where others fly beside it."""
+        return f"{self.namespace}: {sentence}" if self.namespace else sentence
+
     def fly(self, progress: Callable[[float], None]) -> None:
         """Wait until the plant has flown its last tick; raise FlightError on silence or death."""
         up = self.supervisor
@@ -284,7 +288,8 @@ class Graph:
         def alive() -> None:
             self.check()
             if time.monotonic() - seen_at > _SILENCE_LIMIT_S:
-                raise FlightError(f"the plant has been silent for {_SILENCE_LIMIT_S:g} s")
+                silent = f"the plant has been silent for {_SILENCE_LIMIT_S:g} s"
+                raise FlightError(self._own(silent))
 
         while not up.wait_until(over, 1.0, alive):
             continue

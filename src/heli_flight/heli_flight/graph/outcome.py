@@ -40,6 +40,7 @@ def outcome(
     statuses: Mapping[str, NodeStatus],
     killed: Sequence[str],
     start_up_s: float,
+    aircraft: str = "",
 ) -> tuple[Result, Mapping[str, Any], BagFlight]:
     """The result of a flight that is over.
 
@@ -54,6 +55,8 @@ def outcome(
         Who had to be killed.
     start_up_s : float
         Wall time from the start to the first tick.
+    aircraft : str
+        Its namespace, if others fly beside it.
 
     Returns
     -------
@@ -70,8 +73,7 @@ def outcome(
     missing = settings.scenario.n_ticks - len(record)
     if missing > 0 and not lost:
         notes.append(f"the bag lacks {missing} ticks of ground truth")
-    result = Result(
-        score(record, settings.scenario), lost, seconds(len(record)), wall, tuple(notes)
-    )
+    scores, flown_s = score(record, settings.scenario), seconds(len(record))
+    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft)
     mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
     return result, {"mode": mode, "start_up_s": start_up_s}, flight

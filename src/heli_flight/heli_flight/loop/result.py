@@ -40,6 +40,8 @@ class Result:
         Wall time of the flight itself, without start-up.
     notes : sequence of str
         What the reader should know: faults met, messages lost.
+    aircraft : str
+        Namespace that it flew in, among others; empty if it flew alone.
     """
 
     scores: Sequence[Score]
@@ -47,6 +49,7 @@ class Result:
     flown_s: float
     wall_s: float
     notes: Sequence[str] = field(default=())
+    aircraft: str = ""
 
     @property
     def outside(self) -> list[Score]:
@@ -108,6 +111,7 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
     """Metric, this flight from navigation and from truth, the paper."""
     kind = settings.scenario.kind
     title = {"hover": "Hover test", "attitude": "Attitude test"}[kind]
+    title += f" of {result.aircraft}" if result.aircraft else ""
     if result.scores:
         rows = table(f"{title}: largest magnitude (rms) in the scored phases", console)
         rows.add_column("metric")
@@ -158,6 +162,7 @@ def write_result(
 ) -> None:
     """Write result.json into the flight's folder."""
     content = {
+        "aircraft": result.aircraft or None,
         **identity(settings, changes(settings)),
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,
