@@ -139,11 +139,11 @@ class Bench:
         if self.node.crash is not None:
             raise self.node.crash
 
-    def send(self, topic, tick, row):
-        """A row (NED/FRD) stamped with a tick."""
+    def send(self, topic, tick, row, late_ns=0):
+        """A row (NED/FRD) stamped with a tick, or a little later."""
         from heli_msgs_bridge.messages import Encoder
 
-        stamp_ns = self.node.stamp_ns(tick)
+        stamp_ns = self.node.stamp_ns(tick) + late_ns
         self.receive(topic, self._coder(Encoder, topic).encode(row, stamp_ns))
 
     def fly(self):
