@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 
 from heli_bags.parameter_table import NODE_NAME, TABLE
 from heli_bags.recorder import BagError, BagRecorder, Format, row_of
+from heli_bags.voices import Voices
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
@@ -27,6 +29,7 @@ _QUIET_S = 0.1
 _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
+_VOICES, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
 
 
 @dataclass
@@ -44,11 +47,14 @@ class Recording:
         Per latched topic, what has two subscriptions.
     owners : dict of Owner
         Per stream whose messages are recorded.
+    voices : Voices
+        Who speaks in /diagnostics.
     trouble : str
         Why the recording ended or has gaps; empty if it did not.
     """
 
     bag: BagRecorder
+    voices: Voices
     subscriptions: dict[str, Any] = field(default_factory=dict)
     plain: list[Any] = field(default_factory=list)
     once: dict[str, Once] = field(default_factory=dict)
@@ -101,7 +107,8 @@ class RecorderNode(ManagedNode[Recording, None]):
         except BagError as error:
             raise StartError(str(error)) from error
         self._folders.append(folder)
-        core = Recording(bag)
+        own = topics.BY_NAME[topics.DIAGNOSTICS].source
+        core = Recording(bag, Voices(self.get_namespace(), own))
         # Also when a signal comes while this node is configured: the bag opens.
         self.at_end(bag.close)
         self.at_end(lambda: self._unsubscribe(core))
@@ -182,6 +189,11 @@ class RecorderNode(ManagedNode[Recording, None]):
         if owner is not None and not owner.admits(raw, info):
             self._name_senders(name, owner)
             return
+        if name == topics.DIAGNOSTICS and info is not None:
+            said = deserialize_message(raw, self.core.subscriptions[name].msg_type)
+            number = info["publication_sequence_number"]
+            if not self.core.voices.hear([status.name for status in said.status], number):
+                self._name_strangers()
         try:
             self.core.bag.write(name, raw)
         except BagError as error:
@@ -196,11 +208,28 @@ class RecorderNode(ManagedNode[Recording, None]):
             self.get_logger().warning(said)
         self.health.facts[key] = f"{said}; not recorded: {owner.ignored} messages"
 
+    def _name_strangers(self) -> None:
+        """Say who speaks in /diagnostics as if it were one of this aircraft's nodes."""
+        voices = self.core.voices
+        senders = senders_of(self, topics.DIAGNOSTICS)
+        named = voices.strangers(sender for sender in senders if sender[1] != NOT_YET_NAMED)
+        nameless = any(name == NOT_YET_NAMED for _, name in senders)
+        strangers = named or ([_NAMELESS] if nameless else [])
+        if not strangers:
+            return
+        names = ", ".join(sorted(voices.foreign))
+        said = f"{topics.DIAGNOSTICS}: somebody else speaks as {names}: {', '.join(strangers)}"
+        if self.health.facts.get(_VOICES) != said:
+            self.get_logger().warning(said)
+        self.health.facts[_VOICES] = said
+
     def _name_those_known_since(self) -> None:
         """A sender's name may come after the last of its messages."""
         for name, owner in self.core.owners.items():
             if NOT_YET_NAMED in self.health.facts.get(f"{SENDERS}{name}", ""):
                 self._name_senders(name, owner)
+        if _NAMELESS in self.health.facts.get(_VOICES, ""):
+            self._name_strangers()
 
     def _drain(self) -> list[str]:
         """Write what is still under way; returns the topics that have a gap.
