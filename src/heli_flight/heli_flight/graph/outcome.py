@@ -7,6 +7,7 @@ from typing import Any
 
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
 from heli_flight.graph.supervisor import NodeStatus
+from heli_flight.loop.flight_section import LOCKSTEP, REAL_TIME
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
@@ -75,5 +76,5 @@ def outcome(
         notes.append(f"the bag lacks {missing} ticks of ground truth")
     scores, flown_s = score(record, settings.scenario), seconds(len(record))
     result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft)
-    mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
+    mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
     return result, {"mode": mode, "start_up_s": start_up_s}, flight
