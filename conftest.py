@@ -62,6 +62,30 @@ def ros_context(own_domain):
         context.try_shutdown()
 
 
+@pytest.fixture(
+    params=[
+        pytest.param((60, 50, True), id="short"),
+        pytest.param((3000, 120, False), id="long", marks=pytest.mark.nightly),
+    ]
+)
+def search(request):
+    """Settings of hypothesis: the same examples in every run, or many new ones.
+
+    Its parameter: number of examples, of steps in each, whether they are the same in every run.
+    """
+    from hypothesis import HealthCheck, settings
+
+    examples, steps, repeatable = request.param
+    return settings(
+        max_examples=examples,
+        stateful_step_count=steps,
+        derandomize=repeatable,
+        database=None,
+        deadline=None,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+    )
+
+
 class Bench:
     """A node alone, fed by the callbacks of its subscriptions; what it sends is kept.
 
@@ -115,11 +139,11 @@ class Bench:
         if self.node.crash is not None:
             raise self.node.crash
 
-    def send(self, topic, tick, row):
-        """A row (NED/FRD) stamped with a tick."""
+    def send(self, topic, tick, row, late_ns=0):
+        """A row (NED/FRD) stamped with a tick, or a little later."""
         from heli_msgs_bridge.messages import Encoder
 
-        stamp_ns = self.node.stamp_ns(tick)
+        stamp_ns = self.node.stamp_ns(tick) + late_ns
         self.receive(topic, self._coder(Encoder, topic).encode(row, stamp_ns))
 
     def fly(self):

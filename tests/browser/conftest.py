@@ -195,6 +195,10 @@ class Page:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
+    def text(self, selector: str) -> str:
+        """Text of an element as it is seen."""
+        return self.value(f"document.querySelector({json.dumps(selector)}).innerText")
+
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """Press, move, release the left button."""
         middle = tuple(0.5 * (a + b) for a, b in zip(start, end, strict=True))

@@ -80,6 +80,22 @@ def gone(env, limit_s=END_LIMIT_S):
 
 
 @pytest.fixture
+def holder_of():
+    """Call it for the process that has a file open."""
+
+    def found(file):
+        for link in Path("/proc").glob("[0-9]*/fd/*"):
+            try:
+                if os.readlink(link) == str(file):
+                    return int(link.parts[2])
+            except OSError:
+                continue
+        raise AssertionError(f"no process has {file} open")
+
+    return found
+
+
+@pytest.fixture
 def living(ros_env):
     """Call it for the test's processes that do not end within a limit."""
 

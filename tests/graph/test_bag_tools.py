@@ -33,17 +33,6 @@ def heli(ros_env):
     return run
 
 
-def holder_of(file):
-    """The process that has a file open."""
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        try:
-            if os.readlink(link) == str(file):
-                return int(link.parts[2])
-        except OSError:
-            continue
-    raise AssertionError(f"no process has {file} open")
-
-
 def interrupted(process):
     """Exit code of a command that gets Ctrl-C; it has nothing to complain of."""
     process.send_signal(signal.SIGINT)
@@ -52,7 +41,7 @@ def interrupted(process):
     return process.returncode
 
 
-def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living):
+def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living, holder_of):
     """Watch a flight, kill its recorder, repair the bag, report it, play it."""
     flight = tmp_path / "flight"
     command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--realtime", "--no-report"]

@@ -25,6 +25,8 @@ LIMIT_S = 120.0
 GRAPH = (ROOT / "hover_test.sh", "--duration", "4")
 ONE_PROCESS = (ROOT / "heli", "hover", "--one-process", "--duration", "4")
 DESIGN = (ROOT / "heli", "design", "--out", "design")
+PROGRESS = {DESIGN: ["design: 1 of 2", "design: 2 of 2"]}
+"""All that a whole run says on stderr; an interrupted one says some of it, then its one line."""
 # Runs a command where /dev/shm is its own, and writes down what it leaves there.
 OWN_SHARED_MEMORY = """
 mount -t tmpfs tmpfs /dev/shm || exit 77
@@ -84,20 +86,33 @@ def half_made(folder):
     return found
 
 
+def interrupt(start, command, when_s):
+    """Start a command and interrupt it after a time, unless it has ended before."""
+    process = start(command)
+    try:
+        process.wait(when_s)
+    except subprocess.TimeoutExpired:
+        signal_group(process)
+    return process
+
+
 def check_interrupted(process, folder, living, when):
     out, err = process.communicate(timeout=LIMIT_S)
     assert living() == [], when
     assert half_made(folder / "work") == [], when
     left = [path.name for path in (folder / "tmp").iterdir()]
     assert [name for name in left if not re.match(r"heli_hover-domain-\d+\.lock$", name)] == []
+    progress = PROGRESS.get(process.args, [])
     if process.returncode == -signal.SIGINT:
         # The first line of the script had not run. A shell calls that 130, too.
         assert out == err == "", when
     elif process.returncode in (0, 1):
         assert re.search("^written: ", out, re.MULTILINE), when  # it had ended before
-        assert err == "", when
+        assert err.splitlines() == progress, when
     else:
-        assert (process.returncode, err) == (130, "interrupted\n"), f"{when}\n{out}\n{err}"
+        shown = progress[: len(err.splitlines()) - 1]
+        told = "".join(f"{line}\n" for line in (*shown, "interrupted"))
+        assert (process.returncode, err) == (130, told), f"{when}\n{out}\n{err}"
 
 
 def interrupt_at_random(start, command, folder, living, count, seed):
@@ -107,17 +122,13 @@ def interrupt_at_random(start, command, folder, living, count, seed):
     begun = time.monotonic()
     whole = start(command)
     _, err = whole.communicate(timeout=LIMIT_S)
-    assert whole.returncode in (0, 1) and err == "", err
+    assert whole.returncode in (0, 1) and err.splitlines() == PROGRESS.get(command, []), err
     duration_s = time.monotonic() - begun
     draw = random.Random(seed)
     for i in range(count):
         shutil.rmtree(design, ignore_errors=True)
         when_s = draw.uniform(0.0, duration_s)
-        process = start(command)
-        try:
-            process.wait(when_s)
-        except subprocess.TimeoutExpired:
-            signal_group(process)
+        process = interrupt(start, command, when_s)
         check_interrupted(process, folder, living, f"interrupt {i} after {when_s:.3f} s")
 
 
@@ -144,11 +155,7 @@ def test_interrupted_at_any_time(start, command, tmp_path, living):
 def test_interrupted_at_once(start, command, tmp_path, living):
     """In the first moments, where an interpreter starts."""
     for when_s in (0.0, 0.01, 0.03, 0.1, 0.2):
-        process = start(command)
-        try:
-            process.wait(when_s)
-        except subprocess.TimeoutExpired:
-            signal_group(process)
+        process = interrupt(start, command, when_s)
         check_interrupted(process, tmp_path, living, f"after {when_s} s")
 
 

@@ -2,6 +2,11 @@
 """`--aircraft 2`: side by side by one clock, each as if alone, each with its bag and report."""
 
 import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -10,7 +15,9 @@ from heli_bags.reader import read_bag
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
 from heli_flight.loop.several import seed_of
+from heli_flight.report.from_bag import report_of_bag
 from heli_math.rows import PLANT
+from heli_math.ticks import NS_PER_S, TICK_NS
 from heli_msgs_bridge import topics
 
 LENGTH_S = 3.0
@@ -35,6 +42,43 @@ def test_two_aircraft(hover_test, tmp_path):
     assert np.abs(tracks[0] - tracks[1]).max() > 1e-3
     assert "gaps" not in done.stdout, "a bag that lacks ticks of the clock"
     assert "going on" not in "".join(p.read_text() for p in out.glob("*/logs/*.log"))
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_three_aircraft_each_named(hover_test, tmp_path, mode):
+    """In both modes; table, result, page, and a page that is made of the bag alone name each."""
+    out = tmp_path / "flight"
+    done = hover_test("--aircraft", 3, "--duration", 6, f"--{mode}", "--out", out)
+    assert done.returncode in (0, 1), done.stdout + done.stderr
+    expected = NS_PER_S + TICK_NS * np.arange(600)
+    for name in ("heli1", "heli2", "heli3"):
+        result = json.loads((out / name / "result.json").read_text())
+        assert result["mode"].replace(" ", "") == mode and result["flown_s"] == 6.0
+        assert result["aircraft"] == name and not result["lost"]
+        truth = read_bag(out / name / "bag").streams[topics.TRUTH_ODOM]
+        assert np.array_equal(truth.stamp_ns, expected)
+        assert f"Hover test of {name}: largest" in done.stdout
+    only = tmp_path / "only_heli3"
+    shutil.copytree(out / "heli3" / "bag", only)
+    for page in (report_of_bag(out / "heli3"), report_of_bag(only)):
+        text = page.read_text(encoding="utf-8")
+        assert "<h1>Hover test in wind: heli3</h1>" in text
+        assert "<title>Hover test in wind: heli3, seed " in text
+
+
+def test_what_goes_wrong_names_its_aircraft(ros_env, tmp_path, holder_of, living):
+    """A process of the second one is killed in flight: one line says whose."""
+    out = tmp_path / "flight"
+    command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--realtime"]
+    flying = subprocess.Popen(
+        [*command, "--aircraft", "2", "--out", str(out)],
+        env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert "flown" in flying.stdout.readline()
+    os.kill(holder_of(out / "heli2" / "logs" / "inner_loop.log"), signal.SIGKILL)
+    _, err = flying.communicate(timeout=120)
+    assert flying.returncode == 1 and "heli2: inner_loop: killed by SIGKILL" in err, err
+    assert living() == []
 
 
 @pytest.mark.parametrize(

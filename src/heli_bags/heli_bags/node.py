@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 
 from heli_bags.folder import custom_data
 from heli_bags.parameter_table import NODE_NAME, TABLE
 from heli_bags.recorder import BagError, BagRecorder, Format, row_of
+from heli_bags.voices import Voices
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
@@ -19,6 +21,7 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
+from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, senders_of, several_in_words
 
 # Deep enough for a pause of seconds at ten times real time.
 _DEPTH = 10_000
@@ -27,8 +30,7 @@ _QUIET_S = 0.1
 _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
-# Name that the middleware gives to a sender whose node it has not discovered yet.
-_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
+_VOICES, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
 
 
 @dataclass
@@ -46,11 +48,14 @@ class Recording:
         Per latched topic, what has two subscriptions.
     owners : dict of Owner
         Per stream whose messages are recorded.
+    voices : Voices
+        Who speaks in /diagnostics.
     trouble : str
         Why the recording ended or has gaps; empty if it did not.
     """
 
     bag: BagRecorder
+    voices: Voices
     subscriptions: dict[str, Any] = field(default_factory=dict)
     plain: list[Any] = field(default_factory=list)
     once: dict[str, Once] = field(default_factory=dict)
@@ -104,7 +109,8 @@ class RecorderNode(ManagedNode[Recording, None]):
         except BagError as error:
             raise StartError(str(error)) from error
         self._folders.append(folder)
-        core = Recording(bag)
+        own = topics.BY_NAME[topics.DIAGNOSTICS].source
+        core = Recording(bag, Voices(self.get_namespace(), own))
         # Also when a signal comes while this node is configured: the bag opens.
         self.at_end(bag.close)
         self.at_end(lambda: self._unsubscribe(core))
@@ -154,6 +160,7 @@ class RecorderNode(ManagedNode[Recording, None]):
             self._subscribe(self.core, name, best_effort, subscription.callback)
 
     def _flush(self) -> None:
+        self._name_those_known_since()
         for name in self.core.subscriptions:
             if name not in topics.BY_NAME:
                 self._adapt(name)
@@ -184,6 +191,11 @@ class RecorderNode(ManagedNode[Recording, None]):
         if owner is not None and not owner.admits(raw, info):
             self._name_senders(name, owner)
             return
+        if name == topics.DIAGNOSTICS and info is not None:
+            said = deserialize_message(raw, self.core.subscriptions[name].msg_type)
+            number = info["publication_sequence_number"]
+            if not self.core.voices.hear([status.name for status in said.status], number):
+                self._name_strangers()
         try:
             self.core.bag.write(name, raw)
         except BagError as error:
@@ -191,14 +203,35 @@ class RecorderNode(ManagedNode[Recording, None]):
 
     def _name_senders(self, name: str, owner: Owner) -> None:
         """Say whose messages of a topic are not recorded."""
-        key = f"senders.{name}"
+        key = f"{SENDERS}{name}"
         said = self.health.facts.get(key, "").split("; not recorded")[0]
-        if not said or _NOT_YET_KNOWN in said:
-            infos = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
-            names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
-            said = f"{name}: sent by {', '.join(names)}; only the first sender's messages are used"
+        if not said or NOT_YET_NAMED in said:
+            said = several_in_words(name, senders_of(self, name))
             self.get_logger().warning(said)
         self.health.facts[key] = f"{said}; not recorded: {owner.ignored} messages"
+
+    def _name_strangers(self) -> None:
+        """Say who speaks in /diagnostics as if it were one of this aircraft's nodes."""
+        voices = self.core.voices
+        senders = senders_of(self, topics.DIAGNOSTICS)
+        named = voices.strangers(sender for sender in senders if sender[1] != NOT_YET_NAMED)
+        nameless = any(name == NOT_YET_NAMED for _, name in senders)
+        strangers = named or ([_NAMELESS] if nameless else [])
+        if not strangers:
+            return
+        names = ", ".join(sorted(voices.foreign))
+        said = f"{topics.DIAGNOSTICS}: somebody else speaks as {names}: {', '.join(strangers)}"
+        if self.health.facts.get(_VOICES) != said:
+            self.get_logger().warning(said)
+        self.health.facts[_VOICES] = said
+
+    def _name_those_known_since(self) -> None:
+        """A sender's name may come after the last of its messages."""
+        for name, owner in self.core.owners.items():
+            if NOT_YET_NAMED in self.health.facts.get(f"{SENDERS}{name}", ""):
+                self._name_senders(name, owner)
+        if _NAMELESS in self.health.facts.get(_VOICES, ""):
+            self._name_strangers()
 
     def _drain(self) -> list[str]:
         """Write what is still under way; returns the topics that have a gap.
@@ -239,6 +272,7 @@ class RecorderNode(ManagedNode[Recording, None]):
     def disengage(self) -> None:
         """Everything that was sent before is in the bag afterwards; what is not is said."""
         missing = self._drain()
+        self._name_those_known_since()
         if missing:
             self.core.trouble = self.core.trouble or (
                 f"gaps on {', '.join(missing)}: messages were lost, or their node paused"

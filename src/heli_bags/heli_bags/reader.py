@@ -62,6 +62,8 @@ class Bag:
         Topic to why the first of them could not.
     foreign : list of str
         Topics that are not of the graph.
+    aircraft : str
+        Namespace of the graph's topics (several: with commas between); empty for none.
     """
 
     streams: dict[str, Stream] = field(default_factory=dict)
@@ -70,6 +72,7 @@ class Bag:
     refused: dict[str, int] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     foreign: list[str] = field(default_factory=list)
+    aircraft: str = ""
 
 
 def _graph_name(
@@ -242,6 +245,7 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
         with Reader(path) as reader:
             names = {c.id: _graph_name(c.topic, c.msgtype) for c in reader.connections}
             collector.namespaces = _namespaces({c.topic: names[c.id] for c in reader.connections})
+            collector.bag.aircraft = ", ".join(sorted(collector.namespaces - {""}))
             collector.start_ns = reader.start_time
             collector.bag.foreign = sorted(
                 c.topic

@@ -134,7 +134,7 @@ def refuse_existing(path: Path | None) -> None:
         raise ParameterError(f"--out {path}: exists already; name a new folder")
 
 
-def new_folder(path: Path) -> Path:
+def _new_folder(path: Path) -> Path:
     """Make the folder that --out names.
 
     Raises
@@ -171,7 +171,7 @@ def being_filled(path: Path) -> Iterator[NewFolder]:
     missing = [parent for parent in path.parents if not parent.exists()]
     with contextlib.ExitStack() as undo:
         with interrupts.held_back():
-            new_folder(path)
+            _new_folder(path)
             undo.callback(_discard, folder, missing)
         yield folder
         folder.stays = True

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """No process is left behind: not one that ignores the interrupt, not when the parent is killed."""
 
+import contextlib
 import fcntl
 import os
 import select
+import socket
 import subprocess
 import sys
 import time
@@ -111,6 +113,25 @@ def test_one_flight_per_domain(monkeypatch):
             monkeypatch.setenv("ROS_DOMAIN_ID", "231")
     with processes.domain_reserved():
         monkeypatch.undo()
+
+
+def test_a_domain_with_a_participant_is_not_empty(monkeypatch, tmp_path):
+    """A socket on one of its 250 ports; the neighbours' do not count."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        for domain in range(90, 100):
+            with contextlib.suppress(OSError):
+                participant.bind(("127.0.0.1", 7400 + 250 * domain + 10))
+                break
+        assert processes.others_in(domain)
+    table = tmp_path / "udp"
+    table.write_text(
+        "  sl  local_address rem_address   st\n"
+        f"  12: 0100007F:{7400 + 250 * 7 + 249:04X} 00000000:0000 07\n"
+    )
+    monkeypatch.setattr(processes, "_UDP_SOCKETS", table)
+    assert [processes.others_in(domain) for domain in (6, 7, 8)] == [False, True, False]
+    monkeypatch.setattr(processes, "_UDP_SOCKETS", tmp_path / "no_such_table")
+    assert processes.others_in(6)
 
 
 def test_who_names_no_domain_gets_a_free_one(monkeypatch):

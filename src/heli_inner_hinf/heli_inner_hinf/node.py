@@ -278,8 +278,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         return facts
 
     def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> AttitudeConfig | None:
-        """Synthesise the changed design; infeasible ones raise."""
-        if not self.configured or set(changed) == {"expects_outer"}:
+        """Synthesise the changed design; infeasible ones raise, before configuration too."""
+        if set(changed) == {"expects_outer"}:
             return None
         config = AttitudeConfig.from_parameters(values)
         # Computed here, so that no tick has to.

@@ -89,6 +89,18 @@ def test_a_change_of_an_unconfigured_node_counts_when_it_is_configured(bench):
     assert made.node.core.design.config.gamma == 0.08
 
 
+def test_an_unconfigured_node_refuses_what_it_could_not_fly(bench):
+    """The reason at once, not at configuration; the node is as it was, and flies."""
+    made = bench(InnerLoopNode)
+    before = dict(made.node.values)
+    refused = set_gamma(made, 0.03)
+    assert not refused.successful and "infeasible" in refused.reason
+    assert made.node.values["gamma"] == before["gamma"]
+    assert made.node.get_parameter("gamma").value == before["gamma"]
+    made.fly()
+    assert made.node.core.design.config.gamma == before["gamma"]
+
+
 def test_a_setpoint_of_a_later_moment_is_not_fresh(bench):
     """The clock was set back: a setpoint with a negative age would never become too old."""
     inner = bench(InnerLoopNode, lockstep=False)

@@ -26,6 +26,7 @@ from heli_msgs_bridge.messages import (
     MessageError,
     Variance,
 )
+from heli_msgs_bridge.senders import SENDERS, senders_of, several_in_words
 from heli_msgs_bridge.stamps import in_words
 from heli_msgs_bridge.stepping import Arrived, Lockstep, Pace, RealTime
 
@@ -186,18 +187,13 @@ class TickNode(ManagedNode[Core, Run]):
         """Name the senders of a topic if they are several; also as soon as one is ignored."""
         core, name = self.core, self.resolve_topic_name(topic)
         if topic not in core.rivals and self.count_publishers(name) > 1:
-            core.rivals[topic] = self._rivals_in_words(topic, name)
+            core.rivals[topic] = several_in_words(topic, senders_of(self, topic))
         if topic in core.rivals or owner.ignored or owner.successions:
             said = core.rivals.get(topic) or core.senders.get(topic, topic).split("; ignored")[0]
             counted = f"ignored so far: {owner.ignored} messages"
             if owner.successions:
                 counted += f"; the sender that is used has changed: {owner.successions} times"
             core.senders[topic] = f"{said}; {counted}"
-
-    def _rivals_in_words(self, topic: str, name: str) -> str:
-        infos = self.get_publishers_info_by_topic(name)
-        names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
-        return f"{topic}: sent by {', '.join(names)}; only the first sender's messages are used"
 
     def create_sender(
         self,
@@ -242,7 +238,7 @@ class TickNode(ManagedNode[Core, Run]):
     def _refused_facts(self) -> dict[str, str]:
         refusals = self.core.refusals.items()
         said = {f"refused.{topic}": f"{r.count}; {r.why}" for topic, r in refusals}
-        return said | {f"senders.{topic}": why for topic, why in self.core.senders.items()}
+        return said | {f"{SENDERS}{topic}": why for topic, why in self.core.senders.items()}
 
     def refusal(self) -> str:
         """Sentence about a message that was refused aloud in the last second; else empty."""

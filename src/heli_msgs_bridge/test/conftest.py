@@ -1,32 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Searches for counter-examples, short and at night; ROS nodes in this process."""
+"""ROS nodes in this process; a decoder that refuses what is not the usual layout."""
 
 import pytest
 import rclpy
-from hypothesis import HealthCheck, settings
 from rclpy.executors import SingleThreadedExecutor
-
-
-def _search(examples: int, steps: int, repeatable: bool) -> settings:
-    return settings(
-        max_examples=examples,
-        stateful_step_count=steps,
-        derandomize=repeatable,
-        database=None,
-        deadline=None,
-        suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
-    )
-
-
-@pytest.fixture(
-    params=[
-        pytest.param((60, 50, True), id="short"),
-        pytest.param((3000, 120, False), id="long", marks=pytest.mark.nightly),
-    ]
-)
-def search(request):
-    """Settings of hypothesis: the same examples in every run, or many new ones."""
-    return _search(*request.param)
 
 
 @pytest.fixture

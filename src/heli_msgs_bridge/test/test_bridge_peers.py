@@ -68,6 +68,11 @@ def hear(node, topic):
     node.create_subscription(kind, topic, print, topics.qos(topic))
 
 
+def said(sender, times):
+    """Wait until the sender has said so many times more that it waits."""
+    assert all(sender.said.acquire(timeout=30.0) for _ in range(times))
+
+
 def waits(sender):
     """Wait in a thread; returns what tells whether it failed, and why."""
     failure = []
@@ -93,7 +98,7 @@ def test_one_that_compiles_is_waited_for_beyond_the_limit(sender, peer):
     observer = peer("observer")
     ended = waits(sender)
     # It says so ten times a second: this is five times the limit.
-    assert all(sender.said.acquire(timeout=30.0) for _ in range(5))
+    said(sender, 5)
     hear(observer, topics.IMU)
     assert ended() == ""
     assert sender.health.message == "waiting for observer to get ready"
@@ -113,7 +118,7 @@ def test_one_that_ends_while_it_compiles_is_given_up(sender, peer, ros_context):
     # Long enough for another participant to be discovered.
     sender.values["connect_timeout_s"] = 3.0
     ended = waits(sender)
-    assert sender.said.acquire(timeout=30.0)
+    said(sender, 1)
     observer.destroy_node()
     rclpy.shutdown(context=context)
     assert "missing observer" in ended()
@@ -134,7 +139,7 @@ def test_links_between_others_are_waited_for(sender, peer):
     hear(peer("observer"), topics.IMU)
     inner = peer("inner_loop")
     ended = waits(sender)
-    assert all(sender.said.acquire(timeout=30.0) for _ in range(3))
+    said(sender, 3)
     hear(inner, topics.ODOM)
     assert ended() == ""
     assert sender.health.message == "waiting for inner_loop to get ready"
@@ -143,7 +148,7 @@ def test_links_between_others_are_waited_for(sender, peer):
 def test_one_that_is_asked_to_end_ceases_to_wait(sender, peer, ros_context):
     peer("observer")
     ended = waits(sender)
-    assert sender.said.acquire(timeout=30.0)
+    said(sender, 1)
     ros_context.try_shutdown()
     assert ended() == "ExternalShutdownException"
 

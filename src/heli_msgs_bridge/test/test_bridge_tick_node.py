@@ -7,21 +7,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.messages import CHANNELS
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Input, TickCore, TickNode
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
 
-LIMIT_S = 20.0
 SUCCESS = TransitionCallbackReturn.SUCCESS
 BARO, WIND, SETPOINT = topics.BARO, topics.TRUTH_WIND, topics.ATTITUDE_SETPOINT
 
@@ -53,27 +48,15 @@ class Probe(TickNode[ProbeCore, None]):
 
 
 class Graph:
-    """The node and who sends to it."""
+    """A `Bench` with a probe on it, whose messages hold one number, and what it made of them."""
 
-    def __init__(self, context, **changes):
-        values = load(with_common(()), [config_folder("heli_parameters") / "common.yaml"], "probe")
-        values |= {"peers": [], "peer_timeout_s": 3600.0} | changes
-        self.node = Probe(values, context=context)
-        self._encoders = {name: Encoder(name) for name in (BARO, WIND, SETPOINT)}
-        self.sizes = {BARO: 1, WIND: 3, SETPOINT: 3}
-
-    def receive(self, topic, raw):
-        (subscription,) = (s for s in self.node.subscriptions if s.topic_name == f"/{topic}")
-        subscription.callback(raw)
+    def __init__(self, bench):
+        self._bench = bench
+        self.node, self.receive, self.fly = bench.node, bench.receive, bench.fly
+        self.spin_until = bench.spin_until
 
     def send(self, topic, tick, value=0.0, late_ns=0):
-        row = np.full(self.sizes[topic], value)
-        stamp_ns = self.node.start_ns + tick * TICK_NS + late_ns
-        self.receive(topic, self._encoders[topic].encode(row, stamp_ns))
-
-    def fly(self):
-        assert self.node.trigger_configure() == SUCCESS
-        assert self.node.trigger_activate() == SUCCESS
+        self._bench.send(topic, tick, np.full(CHANNELS[topic].size, value), late_ns)
 
     @property
     def steps(self):
@@ -86,18 +69,14 @@ class Graph:
 
 
 @pytest.fixture
-def graph(ros_context):
-    made = []
-
+def graph(bench):
     def make(fly=True, **changes):
-        made.append(Graph(ros_context, **changes))
+        made = Graph(bench(Probe, **changes))
         if fly:
-            made[-1].fly()
-        return made[-1]
+            made.fly()
+        return made
 
-    yield make
-    for one in made:
-        one.node.destroy_node()
+    return make
 
 
 # --- lockstep ------------------------------------------------------------------------------------
@@ -294,24 +273,13 @@ def test_a_node_that_is_not_ready_waits_and_resumes(graph):
 # --- silence -------------------------------------------------------------------------------------
 
 
-def spin_until(g, condition):
-    """Let the node's timers run until the condition holds."""
-    executor = SingleThreadedExecutor(context=g.node.context)
-    executor.add_node(g.node)
-    deadline = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < deadline
-        executor.spin_once(timeout_sec=1.0)
-    executor.shutdown()
-
-
 def test_a_silent_peer_is_waited_for_so_long_and_no_longer(graph):
     g = graph(peer_timeout_s=0.3)
     g.send(BARO, 1)
     begun = time.monotonic()
     g.send(BARO, 2)
     assert g.ticks == [1]
-    spin_until(g, lambda: g.ticks != [1])
+    g.spin_until(lambda: g.ticks != [1])
     assert time.monotonic() - begun >= 0.3
     assert g.ticks == [1, 2]
     assert WIND not in g.steps[1][1]
@@ -325,7 +293,7 @@ def test_a_silent_peer_that_returns_is_waited_for_again(graph):
     g = graph(peer_timeout_s=0.1)
     g.send(BARO, 1)
     g.send(BARO, 2)
-    spin_until(g, lambda: g.ticks == [1, 2])
+    g.spin_until(lambda: g.ticks == [1, 2])
     g.send(BARO, 3)
     g.send(WIND, 6, 0.6)
     assert g.node.silence() == ""
@@ -345,7 +313,7 @@ def test_nobody_is_called_silent_while_the_trigger_is(graph):
     g.send(WIND, 2)
     counted = []
     g.node.create_timer(0.1, lambda: counted.append(1))
-    spin_until(g, lambda: len(counted) >= 5)
+    g.spin_until(lambda: len(counted) >= 5)
     assert g.ticks == [1] and g.node.silence() == ""
 
 
@@ -353,7 +321,7 @@ def test_silence_is_told_unless_something_worse_is(graph):
     g = graph(peer_timeout_s=0.05)
     g.send(BARO, 1)
     g.send(BARO, 2)
-    spin_until(g, lambda: g.node.silence() != "")
+    g.spin_until(lambda: g.node.silence() != "")
     g.node.warn_or_ok(Level.OK, "all is well", {})
     assert (g.node.health.level, g.node.health.message) == (Level.WARN, g.node.silence())
     g.node.warn_or_ok(Level.ERROR, "not finite", {})

@@ -20,6 +20,7 @@ from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.reference_message import decode_reference
+from heli_msgs_bridge.senders import NOT_YET_NAMED, full_name, senders_of
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
@@ -34,6 +35,7 @@ from heli_outer_pd.position_law import (
 from heli_outer_pd.reference import moved, offset_to
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 
+_COMMANDERS_PERIOD_S = 1.0
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
 
 
@@ -59,6 +61,8 @@ class Law(TickCore):
         Where the first reference began, or the first position that was held without one.
     nav, out : arrays
         Navigation row of this tick and what the law makes of it.
+    commanders : set of str
+        Who sends references, or has sent one.
     """
 
     kernel: OuterKernel
@@ -72,6 +76,7 @@ class Law(TickCore):
     home_ned_m: np.ndarray | None = None
     nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
+    commanders: set[str] = field(default_factory=set)
 
 
 @dataclass
@@ -111,6 +116,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         )
         self._warm_up(core)
         self.hear(topics.REFERENCE, self._on_reference)
+        self.repeat(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
     def _warm_up(self, core: Law) -> None:
@@ -121,8 +127,22 @@ class OuterLoopNode(TickNode[Law, Following]):
         moved(_NOWHERE, np.zeros(3))
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
+    def _name_commanders(self) -> None:
+        """Say who sends references if they are several: each may, so all of them are followed."""
+        names = set(map(full_name, senders_of(self, topics.REFERENCE)))
+        core = self.core
+        if NOT_YET_NAMED not in names and names - core.commanders:
+            # Its name has come.
+            core.commanders.discard(NOT_YET_NAMED)
+        core.commanders |= names
+        if len(core.commanders) > 1:
+            said = f"{topics.REFERENCE}: sent by {', '.join(sorted(core.commanders))}"
+            core.senders[topics.REFERENCE] = f"{said}; each reference is followed as it comes"
+
     def _on_reference(self, message: Any) -> None:
         core = self.core
+        # Now: who sends once is gone when one looks later.
+        self._name_commanders()
         try:
             way = decode_reference(message)
             home = way.points[0, REFERENCE.pos] if core.home_ned_m is None else core.home_ned_m

@@ -113,3 +113,20 @@ def test_a_node_that_has_changed_meanwhile_judges_again(crew, held):
     assert answer.result().results[0].successful and node.values["gamma"] == 0.08
     synthesis.let_go()
     assert one.change("inner_loop", 1) and node.core.design.config.gamma == 0.08
+
+
+def test_an_infeasible_law_is_refused_in_every_state_and_the_node_lives(crew):
+    """By `param set` before configuration; from a file at configuration, until it is mended."""
+    one = crew("inner_loop")
+    node = one.nodes["inner_loop"]
+    packaged = node.values["gamma"]
+    (refused,) = one.set("inner_loop", gamma=0.03)
+    assert not refused.successful and "infeasible" in refused.reason
+    assert node.values["gamma"] == node.get_parameter("gamma").value == packaged
+    assert one.change("inner_loop", 1) and one.change("inner_loop", CLEANUP)
+    one.leave("inner_loop")
+    one = crew("inner_loop", gamma=0.03)
+    node = one.nodes["inner_loop"]
+    assert not one.change("inner_loop", 1) and "infeasible" in node.failure
+    assert one.set("inner_loop", gamma=0.08)[0].successful
+    assert one.change("inner_loop", 1) and node.core.design.config.gamma == 0.08

@@ -123,35 +123,25 @@ class Lives(RuleBasedStateMachine):
         self.crew.close()
 
 
-def _search(examples, steps, repeatable):
-    return settings(
-        max_examples=examples,
-        stateful_step_count=steps,
-        derandomize=repeatable,
-        database=None,
-        deadline=None,
-        # To shrink a path takes minutes, as each example opens a graph.
-        phases=[Phase.generate],
-        suppress_health_check=list(HealthCheck),
-    )
-
-
 @pytest.mark.parametrize(
-    ("examples", "steps", "repeatable"),
+    "search",
     [
-        pytest.param(12, 40, True, id="short"),
-        pytest.param(300, 80, False, id="long", marks=pytest.mark.nightly),
+        pytest.param((12, 40, True), id="short"),
+        pytest.param((300, 80, False), id="long", marks=pytest.mark.nightly),
     ],
+    indirect=True,
 )
 @pytest.mark.timeout(7200)
-def test_any_path_of_any_node_in_flight_and_before(crew, monkeypatch, examples, steps, repeatable):
+def test_any_path_of_any_node_in_flight_and_before(crew, monkeypatch, search):
     # Nodes that were paused leave gaps, which nobody will fill: no need to wait for repetitions.
     monkeypatch.setattr("heli_bags.node._REPEAT_S", 0.2)
 
     class Here(Lives):
         crew_of = staticmethod(crew)
 
-    run_state_machine_as_test(Here, settings=_search(examples, steps, repeatable))
+    # To shrink a path takes minutes, as each example opens a graph.
+    once = settings(search, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
+    run_state_machine_as_test(Here, settings=once)
 
 
 @pytest.mark.parametrize("name", sorted(KINDS))

@@ -139,7 +139,7 @@ def design(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.studies.design.make import make_design, write_yaml
     from heli_flight.studies.design.report import as_dict, print_design
-    from heli_flight.terminal import console, json_text, new_folder, refuse_existing, steps
+    from heli_flight.terminal import being_filled, console, json_text, refuse_existing, steps
 
     refuse_existing(out)
     with steps("design", 2 if out else 1) as progress:
@@ -148,10 +148,10 @@ def design(
         if out is not None:
             from heli_flight.studies.design.pictures import draw_all
 
-            new_folder(out)
-            write_yaml(made, out / "design.yaml")
-            draw_all(made, out)
-            (out / "design.json").write_text(json_text(as_dict(made)), encoding="utf-8")
+            with being_filled(out):
+                write_yaml(made, out / "design.yaml")
+                draw_all(made, out)
+                (out / "design.json").write_text(json_text(as_dict(made)), encoding="utf-8")
             progress(2)
     if as_json:
         print(json_text(as_dict(made)), end="")

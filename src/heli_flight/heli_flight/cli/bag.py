@@ -140,13 +140,12 @@ def csv(
 ) -> int:
     """Write topics as CSV tables: stamp, then one column per field."""
     from heli_bags.tools import chosen, opened, write_csv
-    from heli_flight.terminal import amount, new_folder, refuse_existing
+    from heli_flight.terminal import amount, being_filled, refuse_existing
 
     refuse_existing(out)
     with opened(path) as reader:
         chosen(reader, path, topic or [])
-    new_folder(out)
-    with amount("messages") as progress:
+    with being_filled(out), amount("messages") as progress:
         written = write_csv(path, out, topic or [], progress)
     if as_json:
         print(json.dumps({str(out / name): rows for name, rows in written.items()}, indent=2))

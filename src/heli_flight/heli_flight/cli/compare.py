@@ -2,6 +2,7 @@
 """The command `heli compare`: attitude, robustness. A sub-command imports what it needs."""
 
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -49,21 +50,20 @@ def compare_attitude(
     from heli_flight.studies.campaign import parse_seeds
     from heli_flight.studies.compare import attitude
     from heli_flight.studies.compare.laws import parse_laws
-    from heli_flight.terminal import console, json_text, new_folder, steps
+    from heli_flight.terminal import being_filled, console, json_text, steps
 
     laws, numbers = parse_laws(controllers), parse_seeds(seeds)
     scenario = "attitude_gusts" if gusts else "attitude"
     settings = resolve(scenario, gps, duration_s=duration, params=params or [], world=world)
-    if out is not None:
-        new_folder(out)
     start = time.monotonic()
-    with steps("flights", len(numbers) * len(laws)) as progress:
-        result = attitude.compare(settings, laws, numbers, ideal, flap_back, progress)
-    if out is not None:
-        from heli_flight.studies.compare.attitude_picture import draw
+    with being_filled(out) if out else nullcontext():
+        with steps("flights", len(numbers) * len(laws)) as progress:
+            result = attitude.compare(settings, laws, numbers, ideal, flap_back, progress)
+        if out is not None:
+            from heli_flight.studies.compare.attitude_picture import draw
 
-        draw(result, out / "attitude.png")
-        (out / "attitude.json").write_text(json_text(result.as_dict()), encoding="utf-8")
+            draw(result, out / "attitude.png")
+            (out / "attitude.json").write_text(json_text(result.as_dict()), encoding="utf-8")
     if as_json:
         print(json_text(result.as_dict()), end="")
         return 0

@@ -92,11 +92,14 @@ class BagFlight:
         The nodes' health.
     foreign : sequence of str
         Recorded topics that are not of the graph.
+    aircraft : str
+        Namespace of the topics; empty for none.
     """
 
     record: FlightRecord
     remarks: Sequence[Remark]
     foreign: Sequence[str]
+    aircraft: str = ""
 
 
 def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -> BagFlight:
@@ -137,7 +140,8 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         )
     ticks = (source.stamp_ns - start_ns) // TICK_NS
     limits = ReferenceLimits.from_parameters(settings.nodes["outer_loop"])
-    return BagFlight(_record(bag, ticks, start_ns, limits), bag.remarks, bag.foreign)
+    record = _record(bag, ticks, start_ns, limits)
+    return BagFlight(record, bag.remarks, bag.foreign, bag.aircraft)
 
 
 def _excited(bag: Bag) -> bool:

@@ -18,8 +18,8 @@ from heli_flight.graph.bag_record import BagFlight
 from heli_flight.graph.live import MODULE as LIVE_MODULE
 from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.outcome import outcome
-from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, stop
-from heli_flight.graph.ros_session import prepare_environment
+from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, others_in, stop
+from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.flight_file import custom_data
 from heli_flight.loop.layers import NODES
@@ -39,6 +39,9 @@ _APPEAR_LIMIT_S = 30.0
 _TRANSITION_LIMIT_S = 60.0
 # Configuration that takes longer is said to compile.
 _TELL_AFTER_S = 10.0
+# A participant with the defaults of Fast DDS announces itself every 3 s; whom we have not heard by
+# then may send, and be heard by our nodes. Measured: half of them are heard at once.
+_HEARD_ALL_S = 4.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
 _BAG_LIMIT_S = 10.0
@@ -74,6 +77,8 @@ class Graph:
     ----------
     beside : list of callable
         Checks of what else must live, such as the other aircraft.
+    company : bool
+        Whether others may be in the ROS domain; they are waited for, to be heard.
     """
 
     def __init__(
@@ -86,6 +91,8 @@ class Graph:
     ):
         self.namespace = namespace
         self.beside: list[Callable[[], None]] = []
+        self.company = True
+        self._joined_s = 0.0
         self._began_ros = False
         self.settings, self.folder, self.live, self.say = settings, folder, live, say
         self.processes: dict[str, NodeProcess] = {}
@@ -133,6 +140,7 @@ class Graph:
                 rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             names = [*(node.name for node in NODES), "recorder", *([LIVE] if self.live else [])]
             self.supervisor = Supervisor(names, self.namespace)
+            self._joined_s = time.monotonic()
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
             raise StartError(f"ROS 2 cannot start: {first}") from error
@@ -168,7 +176,7 @@ class Graph:
             if process.exit_code() is None:
                 continue
             if name != LIVE or not self.watched:
-                raise FlightError(_named(name, process))
+                raise FlightError(self._own(_named(name, process)))
             # A flight does not end because nobody can watch it any more.
             del self.processes[name]
             self.say(f"live view ended: {_named(name, process)}")
@@ -197,16 +205,21 @@ class Graph:
         try:
             step(self.supervisor)
         except BringUpError as error:
-            raise StartError(self._with_reason(str(error))) from error
+            raise StartError(self._own(self._with_reason(str(error)))) from error
         except FlightError as error:
             raise StartError(str(error)) from error
 
     def _prepare(self, up: Supervisor) -> None:
         up.wait_for_services(_APPEAR_LIMIT_S, self.check)
         up.refuse_doubles()
-        up.refuse_strangers()
+        up.refuse_strangers(self.check)
         self._bring_up_live(up)
         self._configure(up, [node.name for node in NODES])
+        if self.company:
+            left_s = self._joined_s + _HEARD_ALL_S - time.monotonic()
+            up.wait_until(lambda: False, max(left_s, 0.0), self.check)
+            up.refuse_doubles()
+            up.refuse_strangers(self.check)
         start_ns = stamp_at(self.settings.nodes["plant"]["start_time_s"])
         up.publish_reference(self.settings.scenario, start_ns)
 
@@ -254,6 +267,10 @@ class Graph:
             return f"{name}: {status.message}"
         return sentence
 
+    def _own(self, sentence: str) -> str:
+        """The sentence with the aircraft's name in front, where others fly beside it."""
+        return f"{self.namespace}: {sentence}" if self.namespace else sentence
+
     def fly(self, progress: Callable[[float], None]) -> None:
         """Wait until the plant has flown its last tick; raise FlightError on silence or death."""
         up = self.supervisor
@@ -273,7 +290,8 @@ class Graph:
         def alive() -> None:
             self.check()
             if time.monotonic() - seen_at > _SILENCE_LIMIT_S:
-                raise FlightError(f"the plant has been silent for {_SILENCE_LIMIT_S:g} s")
+                silent = f"the plant has been silent for {_SILENCE_LIMIT_S:g} s"
+                raise FlightError(self._own(silent))
 
         while not up.wait_until(over, 1.0, alive):
             continue
@@ -285,6 +303,7 @@ class Graph:
         up.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, _BAG_LIMIT_S, lambda: None)
         # Its last word, of gaps perhaps, comes by another way than the confirmation.
         up.wait_until(lambda: _last_word(up.statuses.get("recorder")), _END_LIMIT_S, lambda: None)
+        up.name_senders(lambda: None)
 
     def close(self) -> list[str]:
         """End everything; returns the names of processes that had to be killed."""
@@ -316,6 +335,10 @@ def running(*graphs: Graph) -> Iterator[None]:
             graphs[0].say(
                 f"flying in ROS domain {domain}: to listen in, {DOMAIN}={domain} ./heli topics"
             )
+        on_this_machine = os.environ.get(DISCOVERY, "LOCALHOST") == "LOCALHOST"
+        company = not on_this_machine or others_in(domain)
+        for graph in graphs:
+            graph.company = company
         before = signal.signal(signal.SIGINT, on_interrupt)
         try:
             yield

@@ -7,11 +7,13 @@ from typing import Any
 
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
 from heli_flight.graph.supervisor import NodeStatus
+from heli_flight.loop.flight_section import LOCKSTEP, REAL_TIME
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_math.ticks import seconds
+from heli_msgs_bridge.senders import SENDERS
 
 
 def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
@@ -23,7 +25,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
         f"{name}: {value}"
         for name, status in sorted(statuses.items())
         for key, value in status.facts.items()
-        if key.startswith("senders.")
+        if key.startswith(SENDERS)
     ]
     complaints = [
         f"{name}: {status.message}"
@@ -39,6 +41,7 @@ def outcome(
     statuses: Mapping[str, NodeStatus],
     killed: Sequence[str],
     start_up_s: float,
+    aircraft: str = "",
 ) -> tuple[Result, Mapping[str, Any], BagFlight]:
     """The result of a flight that is over.
 
@@ -53,6 +56,8 @@ def outcome(
         Who had to be killed.
     start_up_s : float
         Wall time from the start to the first tick.
+    aircraft : str
+        Its namespace, if others fly beside it.
 
     Returns
     -------
@@ -69,8 +74,7 @@ def outcome(
     missing = settings.scenario.n_ticks - len(record)
     if missing > 0 and not lost:
         notes.append(f"the bag lacks {missing} ticks of ground truth")
-    result = Result(
-        score(record, settings.scenario), lost, seconds(len(record)), wall, tuple(notes)
-    )
-    mode = "lockstep" if settings.nodes["plant"]["lockstep"] else "real time"
+    scores, flown_s = score(record, settings.scenario), seconds(len(record))
+    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft)
+    mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
     return result, {"mode": mode, "start_up_s": start_up_s}, flight

@@ -31,6 +31,9 @@ _MAX_DOMAIN = 232
 # Above it ports are those that Linux gives to clients.
 _CHOSEN_DOMAINS = 102
 DOMAIN = "ROS_DOMAIN_ID"
+# UDP ports of a ROS domain (DDSI-RTPS 2.3, 9.6.1.1): the first, and how many.
+_FIRST_PORT, _PORTS = 7400, 250
+_UDP_SOCKETS = Path("/proc/net/udp")
 
 
 def die_with_parent(parent: str) -> None:
@@ -215,6 +218,21 @@ def _held_lock(domain: int) -> int | None:
             os.close(lock)
         return None
     return lock
+
+
+def others_in(domain: int) -> bool:
+    """Whether another DDS participant may be in a ROS domain: one of its ports is taken here.
+
+    True also where the kernel does not tell.
+    """
+    first = _FIRST_PORT + _PORTS * domain
+    try:
+        sockets = _UDP_SOCKETS.read_text().splitlines()[1:]
+    except OSError:
+        return True
+    # "sl local_address ...": address and port in hexadecimal.
+    taken = (int(line.split()[1].rpartition(":")[2], 16) for line in sockets)
+    return any(first <= port < first + _PORTS for port in taken)
 
 
 @contextlib.contextmanager

@@ -74,7 +74,7 @@ def fly_several(
             stop([clock])
         said = {name: ended(graph) for name, graph in reversed(graphs.items())}
     start_up_s = round(up - begun, 3)
-    return {n: outcome(own, folder / n, *said[n], start_up_s) for n, own in settings.items()}
+    return {n: outcome(own, folder / n, *said[n], start_up_s, n) for n, own in settings.items()}
 
 
 def _check(clock: NodeProcess) -> None:

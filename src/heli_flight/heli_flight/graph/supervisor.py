@@ -21,6 +21,10 @@ from heli_flight.errors import FlightError
 from heli_flight.loop.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.reference_message import encode_reference
+from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, full_name, senders_of, several_in_words
+
+# A node's name comes by a topic of its own, which DDS may have to repeat (heartbeats of 3 s).
+_NAME_LIMIT_S = 5.0
 
 
 class BringUpError(FlightError):
@@ -122,21 +126,62 @@ class Supervisor(Node):
                     f"another node {name} is in this ROS domain; set ROS_DOMAIN_ID to a free one"
                 )
 
-    def refuse_strangers(self) -> None:
-        """Raise BringUpError if somebody else sends on a stream of this aircraft.
-
-        Who sends first is flown, so a flight must not begin with a stranger.
-        """
+    def _stranger(self) -> tuple[str, str] | None:
+        """Name of a node that sends on a stream of this aircraft but is none of it; the stream."""
         space = self.get_namespace()
         for topic in topics.TABLE:
             if not topic.every_ticks or topic.name.startswith("/"):
                 continue
-            for info in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name)):
-                if (info.node_namespace, info.node_name) not in {(space, n) for n in topic.source}:
-                    raise BringUpError(
-                        f"{info.node_namespace.rstrip('/')}/{info.node_name} sends on "
-                        f"'{topic.name}' of this flight; end it or set ROS_DOMAIN_ID to a free one"
-                    )
+            own = {(space, name) for name in topic.source}
+            for sender in senders_of(self, topic.name):
+                if sender not in own:
+                    return full_name(sender), topic.name
+        return None
+
+    def refuse_strangers(self, check: Callable[[], None]) -> None:
+        """Raise BringUpError if somebody else sends on a stream of this aircraft.
+
+        Who sends first is flown, so a flight must not begin with a stranger. A node's name comes
+        after its publishers: it is waited for, and one of our own is no stranger then.
+        """
+
+        def named() -> bool:
+            found = self._stranger()
+            return found is None or found[0] != NOT_YET_NAMED
+
+        self.wait_until(named, _NAME_LIMIT_S, check)
+        if (found := self._stranger()) is not None:
+            raise BringUpError(
+                f"{found[0]} sends on '{found[1]}' of this flight; end it or set ROS_DOMAIN_ID to "
+                "a free one"
+            )
+
+    def name_senders(self, check: Callable[[], None]) -> None:
+        """In what nodes have said of a topic's senders, put the names that are known only now."""
+
+        def unnamed() -> list[tuple[str, str]]:
+            return [
+                (node, key)
+                for node, status in self.statuses.items()
+                for key, said in status.facts.items()
+                if key.startswith(SENDERS) and NOT_YET_NAMED in said
+            ]
+
+        def known(key: str) -> list[tuple[str, str]]:
+            return senders_of(self, key.removeprefix(SENDERS))
+
+        def named() -> bool:
+            return all(NOT_YET_NAMED not in map(full_name, known(key)) for _, key in unnamed())
+
+        self.wait_until(named, _NAME_LIMIT_S, check)
+        for node, key in unnamed():
+            status, senders = self.statuses[node], known(key)
+            if len(senders) < 2:
+                # Whom it was about has left without a name.
+                continue
+            _, rest = status.facts[key].split(";", 1)
+            said = several_in_words(key.removeprefix(SENDERS), senders).split(";")[0]
+            self.statuses[node] = replace(status, facts={**status.facts, key: f"{said};{rest}"})
 
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
         """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""

@@ -54,6 +54,8 @@ class Result:
         Wall time of the flight itself, without start-up.
     notes : sequence of str
         What the reader should know: faults met, messages lost.
+    aircraft : str
+        Namespace that it flew in, among others; empty if it flew alone.
     """
 
     figures: Figures
@@ -61,6 +63,7 @@ class Result:
     flown_s: float
     wall_s: float
     notes: Sequence[str] = field(default=())
+    aircraft: str = ""
 
     def outside(self, stretch: str = DECIDES) -> list[Score]:
         """Scores of a stretch outside the paper's figures, of all records."""
@@ -163,6 +166,7 @@ def _stretch_table(
 ) -> FittingTable:
     kind, sources = settings.scenario.kind, sources_of(settings.gps)
     title = {"hover": "Hover test", "attitude": "Attitude test"}[kind]
+    title += f" of {result.aircraft}" if result.aircraft else ""
     rows = table(f"{title}, {STRETCHES[stretch]}: largest magnitude (rms)", console)
     rows.add_column("metric")
     for name in (*(SOURCE_NAMES[source] for source in sources), "paper"):
@@ -235,6 +239,7 @@ def write_result(
 ) -> None:
     """Write result.json into the flight's folder."""
     content = {
+        "aircraft": result.aircraft or None,
         **identity(settings, changes(settings)),
         "draw": drawn(settings),
         "exit_code": result.exit_code(settings.gps),

@@ -151,4 +151,5 @@ def _result(
     flown = float(record.time_s[-1] - record.time_s[0]) + TICK_S
     wall = told.get("wall_s")
     wall_s = float(wall) if isinstance(wall, int | float) else math.nan
-    return Result(figures, str(lost), flown, wall_s, tuple(map(str, told.get("notes", ()))))
+    notes = tuple(map(str, told.get("notes", ())))
+    return Result(figures, str(lost), flown, wall_s, notes, flight.aircraft)

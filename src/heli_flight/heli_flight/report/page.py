@@ -84,6 +84,8 @@ def render(report: Report, charts: Sequence[Chart], design: Design | None) -> st
     events, margins = event_table(report), margin_table(design) if design else None
     told = {"timeline": events, "design": margins}
     heading = f"{report.kind.capitalize()} test in wind"
+    if report.result.aircraft:
+        heading += f": {report.result.aircraft}"
     head = Head(
         kind="Flight report · simulation",
         title=f"{heading}, seed {report.settings.seed}",

@@ -7,7 +7,8 @@ bag/, logs/ and graph.yaml.
 
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -143,12 +144,7 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
         with interrupts.held_back():
             write_result(flight.result, settings, folder, flight.extra)
             new.stays = True
-    outcome = Outcome(settings, flight.result, folder)
-    print_table(flight.result, settings, out)
-    if order.report:
-        _report(flight, outcome, out)
-    _print_end(outcome, out)
-    return outcome
+    return _shown(order, flight, Outcome(settings, flight.result, folder), out)
 
 
 def fly_several_and_write(
@@ -187,13 +183,19 @@ def fly_several_and_write(
             new.stays = True
     outcomes = []
     for name, flight in flights.items():
-        outcomes.append(Outcome(settings[name], flight.result, folder / name))
         _say(out)(f"{name}, seed {settings[name].seed}:")
-        print_table(flight.result, settings[name], out)
-        if order.report:
-            _report(flight, outcomes[-1], out)
-        _print_end(outcomes[-1], out)
+        outcome = Outcome(settings[name], flight.result, folder / name)
+        outcomes.append(_shown(order, flight, outcome, out))
     return outcomes
+
+
+def _shown(order: FlightOrder, flight: _Flown, outcome: Outcome, out: Console) -> Outcome:
+    """The outcome of a flight that is written, after table, report and how it ended."""
+    print_table(flight.result, outcome.settings, out)
+    if order.report:
+        _report(flight, outcome, out)
+    _print_end(outcome, out)
+    return outcome
 
 
 def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
@@ -220,15 +222,8 @@ def _flown_together(
     from heli_flight.graph.several import fly_several
 
     interrupts.check()
-    first = settings["heli1"]
-    with flight_time(out, seconds(first.scenario.n_ticks)) as bar:
-        try:
-            found = fly_several(settings, folder.path, _noted(folder, bar), _say(out))
-        except StartError:
-            raise
-        except FlightError as error:
-            folder.stays = True
-            raise BrokenFlightError(str(error)) from error
+    with _in_flight(settings["heli1"], folder, out) as progress:
+        found = fly_several(settings, folder.path, progress, _say(out))
     return {name: _Flown(r, extra, f.record, f.remarks) for name, (r, extra, f) in found.items()}
 
 
@@ -255,15 +250,8 @@ def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Conso
 
     interrupts.check()
     live = live_view(order.live, settings) if order.live else None
-    with flight_time(out, seconds(settings.scenario.n_ticks)) as bar:
-        progress = _noted(folder, bar)
-        try:
-            result, extra, flight = fly_graph(settings, folder.path, progress, live, _say(out))
-        except StartError:
-            raise
-        except FlightError as error:
-            folder.stays = True
-            raise BrokenFlightError(str(error)) from error
+    with _in_flight(settings, folder, out) as progress:
+        result, extra, flight = fly_graph(settings, folder.path, progress, live, _say(out))
     return _Flown(result, extra, flight.record, flight.remarks)
 
 
@@ -282,14 +270,24 @@ def _fly_one_process(settings: Settings, out: Console) -> _Flown:
     return _Flown(result, {"mode": ONE_PROCESS}, flight.record)
 
 
-def _noted(folder: NewFolder, progress: Callable[[float], None]) -> Callable[[float], None]:
-    """Progress that notes that there is something to keep once the helicopter flies."""
+@contextmanager
+def _in_flight(
+    settings: Settings, folder: NewFolder, out: Console
+) -> Iterator[Callable[[float], None]]:
+    """Progress of a graph's flight; there is something to keep once a helicopter flies."""
+    with flight_time(out, seconds(settings.scenario.n_ticks)) as bar:
 
-    def note(flight_s: float) -> None:
-        folder.stays = folder.stays or flight_s > 0.0
-        progress(flight_s)
+        def note(flight_s: float) -> None:
+            folder.stays = folder.stays or flight_s > 0.0
+            bar(flight_s)
 
-    return note
+        try:
+            yield note
+        except StartError:
+            raise
+        except FlightError as error:
+            folder.stays = True
+            raise BrokenFlightError(str(error)) from error
 
 
 def _report(flight: _Flown, outcome: Outcome, out: Console) -> None:

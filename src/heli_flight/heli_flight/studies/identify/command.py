@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`heli identify`: fly two experiments or take their bags, fit, design, compare, report, fly."""
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from heli_flight.studies.identify.data import (
 )
 from heli_flight.studies.identify.fit import Identification, identify
 from heli_flight.studies.identify.parameter_table import Given, read_given
-from heli_flight.terminal import new_folder, steps
+from heli_flight.terminal import being_filled, steps
 from heli_flight.terminal import table as text_table
 from heli_identification.experiment import Experiment
 from heli_math.ticks import seconds
@@ -281,15 +280,13 @@ def execute(wanted: Wanted, folder: Path) -> Outcome:
     ------
     ParameterError, BagDataError, IdentificationError, SynthesisError, FlightError
     """
-    new_folder(folder)
-    try:
-        if not (wanted.from_bags or wanted.one_process):
-            from heli_flight.graph.processes import check_middleware, start_server
+    with being_filled(folder) as new:
+        try:
+            if not (wanted.from_bags or wanted.one_process):
+                from heli_flight.graph.processes import check_middleware, start_server
 
-            check_middleware()
-            start_server()
-        return run(wanted, folder)
-    except BaseException:
-        if not any(folder.glob("*/bag")):
-            shutil.rmtree(folder, ignore_errors=True)
-        raise
+                check_middleware()
+                start_server()
+            return run(wanted, folder)
+        finally:
+            new.stays = any(folder.glob("*/bag"))

@@ -188,8 +188,7 @@ def recorder(results: Results) -> str:
     return (
         f"{grid(['messages/s, 10 topics, MCAP', 'sent', 'lost', 'of a core'], rates)}\n\n"
         f"{grid(['bag of a flight', 'flight', 'messages', 'size'], bags)}\n\n"
-        f"On a machine with other work (load {made['load']:g} on "
-        f"{made['processor']['cores']} cores)."
+        f"Sender and recorder on {made['processor']['cores']} cores, load {made['load']:g}."
     )
 
 

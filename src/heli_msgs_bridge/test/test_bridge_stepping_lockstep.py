@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a node steps: `Lockstep` and `RealTime` against plain specifications, over any history.
+"""When a node steps in lockstep: `Lockstep` against a plain specification, over any history.
 
-Lockstep in one sentence: a step is made as soon as it is its turn and either all that it waits for
+The steps in one sentence: a step is made as soon as it is its turn and either all that it waits for
 has come, or its trigger's sender has gone on to a later tick, or it has been waited for so long.
 
 Stamps in one sentence: what is more than `AHEAD_TICKS` ahead of the clock is not taken, and neither
@@ -20,7 +20,7 @@ from hypothesis.stateful import (
 
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.stamps import AHEAD_TICKS
-from heli_msgs_bridge.stepping import Lockstep, RealTime
+from heli_msgs_bridge.stepping import Lockstep
 
 WINDOW = 64
 TIMEOUT_S = 10.0
@@ -173,6 +173,9 @@ class LockstepMachine(RuleBasedStateMachine):
     def start(self):
         self.real.start()
         self.stepping, self.since_s = True, self.time_s
+        if self.next is not None:  # it was paused
+            self.make_what_can_be_made()
+            return
         first = min((tick for tick, name in self.kept if name == "odom"), default=None)
         if self.leads:
             first = 0
@@ -183,6 +186,12 @@ class LockstepMachine(RuleBasedStateMachine):
                 if self.passed is None or tick <= self.passed + AHEAD_TICKS:
                     self.passed = tick
             self.make_what_can_be_made()
+
+    @precondition(lambda self: self.stepping)
+    @rule()
+    def pause(self):
+        self.real.pause()
+        self.collecting, self.stepping = True, False
 
     @precondition(lambda self: self.stepping)
     @rule()
@@ -297,170 +306,11 @@ def test_a_message_of_another_time_costs_no_tick():
     assert odd == [("a", 100_000, 9), ("a", 40, 10), ("a", 3, 11)]
 
 
-class RealTimeMachine(RuleBasedStateMachine):
-    """Newest values: none older than one that was known, none of the future, each handed out once.
-
-    The specification keeps one flat list of what was admitted: the tick that it counts for, topic,
-    stamp, value, and whether it was handed out.
-    """
-
-    trigger = "odom"
-
-    @initialize()
-    def build(self):
-        self.made, self.refused, self.expected_refused = [], [], 0
-        self.time_s, self.own = 0.0, 0
-        self.real = RealTime(
-            self.trigger,
-            lambda tick, arrived: self.made.append((tick, dict(arrived))),
-            None if self.trigger else lambda: self.own,
-            now_s=lambda: self.time_s,
-            refused=lambda *odd: self.refused.append(odd),
-        )
-        self.expected, self.serial, self.stepping = [], 0, False
-        self.forget()
-
-    def forget(self):
-        self.history, self.anchor, self.doubted = [], None, None
-
-    def clock(self):
-        if not self.trigger:
-            return self.own
-        if self.anchor is None:
-            return None
-        tick, at_s = self.anchor
-        return tick + int((self.time_s - at_s) * 100)
-
-    def newest(self, name):
-        return max((counts for counts, topic, *_ in self.history if topic == name), default=None)
-
-    def drop_topics_from(self, tick):
-        """Topics whose newest message counts for this tick or a later one are as never heard."""
-        gone = {name for name in TOPICS if (self.newest(name) or -99) >= tick}
-        self.history = [entry for entry in self.history if entry[1] not in gone]
-
-    def hand_out(self):
-        """The newest of each topic, if nobody has had it."""
-        found = {}
-        for entry in self.history:
-            if entry[0] == self.newest(entry[1]) and not entry[4]:
-                found[entry[1]] = (entry[2], entry[3])
-            entry[4] = True
-        return found
-
-    def admitted(self, name, tick):
-        now, newest = self.clock(), self.newest(name)
-        if now is None:
-            return True
-        sets = name == self.trigger
-        if tick <= now + AHEAD_TICKS and (not sets or tick >= newest - AHEAD_TICKS):
-            self.doubted = None if sets else self.doubted
-            return True
-        if sets:
-            before, self.doubted = self.doubted, tick
-            if before is not None and before < tick <= before + AHEAD_TICKS:
-                self.doubted = None
-                self.drop_topics_from(tick)
-                return True
-        self.expected_refused += 1
-        return False
-
-    @rule(
-        name=st.sampled_from(TOPICS),
-        offset=st.integers(-8, 12),
-        far=st.sampled_from([0, 0, 0, 1000, -40]),
-    )
-    def message(self, name, offset, far):
-        self.arrives(name, (self.clock() or 0) + offset + far)
-
-    @rule(first=st.integers(-300, 300), gap=st.integers(0, 6))
-    def another_time(self, first, gap):
-        """The trigger twice in a row from somewhere else."""
-        for tick in (first, first + gap):
-            self.arrives("odom", tick)
-
-    def arrives(self, name, tick):
-        self.serial += 1
-        self.real.take(name, tick, self.serial)
-        if not self.stepping or not self.admitted(name, tick):
-            return
-        now, newest = self.clock(), self.newest(name)
-        if newest is not None and tick <= newest:
-            return
-        counts = tick if name == self.trigger or now is None else min(tick, now)
-        if name == self.trigger and self.anchor is None:
-            self.drop_topics_from(tick + AHEAD_TICKS + 1)
-        self.history.append([counts, name, tick, self.serial, False])
-        if name == self.trigger:
-            self.anchor = tick, self.time_s
-            if tick >= 0:
-                self.expected.append((tick, self.hand_out()))
-
-    @rule(ticks=st.integers(1, 30))
-    def time_passes(self, ticks):
-        self.time_s += ticks / 100 + 0.001
-        self.own += ticks
-
-    @rule()
-    def collect(self):
-        """Who keeps time himself takes what there is."""
-        assert self.real.collect() == self.hand_out()
-
-    @rule()
-    def start(self):
-        self.real.start()
-        self.stepping = True
-
-    @rule()
-    def stop(self):
-        self.real.stop()
-        self.stepping = False
-        self.forget()
-
-    @invariant()
-    def the_same_steps_were_made(self):
-        self.real.look()
-        self.real.resume()
-        assert self.made == self.expected and self.real.silent == set()
-        assert len(self.refused) == self.expected_refused
-
-
-class PulledMachine(RealTimeMachine):
-    """Without a trigger no message makes a step; the clock is one's own."""
-
-    trigger = None
-
-
-def test_any_history_in_real_time(search):
-    run_state_machine_as_test(RealTimeMachine, settings=search)
-
-
-def test_any_history_of_who_keeps_time_himself(search):
-    run_state_machine_as_test(PulledMachine, settings=search)
-
-
 def test_the_trigger_of_another_time_twice_in_a_row_sets_the_clock():
     """The first message that was heard had a stamp of the future: the true ones are not late."""
-    for make in (
-        lambda step: Lockstep({"a": Demand()}, step, TIMEOUT_S),
-        lambda step: RealTime("a", step),
-    ):
-        ticks = []
-        pace = make(lambda tick, _, ticks=ticks: ticks.append(tick))
-        pace.start()
-        for tick in (179_530_000, 5, 6, 7):
-            pace.take("a", tick, 0)
-        assert ticks == [179_530_000, 6, 7]
-
-
-def test_a_setpoint_a_little_ahead_does_not_make_the_next_one_late():
-    """Within the bound it is taken, and counts as one of now."""
-    taken = []
-    pace = RealTime("odom", lambda tick, arrived: taken.append(arrived.get("setpoint")))
+    ticks = []
+    pace = Lockstep({"a": Demand()}, lambda tick, _: ticks.append(tick), TIMEOUT_S)
     pace.start()
-    pace.take("odom", 8, 0)
-    pace.take("setpoint", 8 + AHEAD_TICKS, "ahead")
-    pace.take("odom", 9, 0)
-    pace.take("setpoint", 9, "true")
-    pace.take("odom", 10, 0)
-    assert taken == [None, (8 + AHEAD_TICKS, "ahead"), (9, "true")]
+    for tick in (179_530_000, 5, 6, 7):
+        pace.take("a", tick, 0)
+    assert ticks == [179_530_000, 6, 7]

@@ -14,10 +14,10 @@ DRAWN = "window.heliView && heliView.scene.drawn && heliView.flight.last.t > 4 &
 
 
 @pytest.fixture
-def flight(tmp_path):
+def flight(tmp_path, own_domain):
     """A real-time flight with the live view; gives its process and the page's address."""
     env = dict(os.environ)
-    env["ROS_DOMAIN_ID"] = str(os.getpid() % 90 + 1)
+    env["ROS_DOMAIN_ID"] = str(own_domain)
     env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--live"]
     command += ["--live-port", "0", "--foxglove-port", "0", "--seed", "11", "--gps", "rtk"]

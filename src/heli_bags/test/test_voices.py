@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whose statuses are those of an aircraft's nodes, by the numbers of the messages."""
+
+import pytest
+
+from heli_bags.voices import Voices
+
+OWN = ("plant", "observer")
+
+
+@pytest.mark.parametrize("space", ["/", "/heli1"])
+def test_one_who_speaks_as_a_node_of_ours_is_found(space):
+    """Whatever its numbers, and whether it is heard first; the node's own go on by one."""
+    plant = f"{space}/plant".strip("/")
+    for first in (1, 2, 7, 900):
+        voices = Voices(space, OWN)
+        assert all(voices.hear([plant], number) for number in range(5, 9))
+        assert not voices.hear([plant], first)
+        assert voices.foreign == {plant}
+        assert voices.hear([plant], 9)
+    voices = Voices(space, OWN)
+    assert voices.hear([plant], 1) and not voices.hear([plant], 40)
+
+
+def test_others_may_say_what_they_like_under_their_own_names():
+    voices = Voices("/heli1", OWN)
+    for number in (3, 1, 77):
+        assert voices.hear(["heli2/plant", "camera: frequency"], number)
+    assert voices.foreign == set()
+
+
+def test_strangers_are_those_without_a_name_of_their_own():
+    """Another aircraft's node and a driver report as themselves; a double has our node's name."""
+    voices = Voices("/heli1", OWN)
+    voices.hear(["heli2/plant", "camera: frequency", "heli1/nav"], 1)
+    ours = [("/heli1", "plant"), ("/heli1", "observer"), ("/heli1", "nav")]
+    known = [*ours, ("/heli2", "plant"), ("/", "camera")]
+    assert voices.strangers(known) == []
+    assert voices.strangers([*known, ("/", "pilot")]) == ["/pilot"]
+    assert voices.strangers([*known, ("/heli1", "plant")]) == ["/heli1/plant"]

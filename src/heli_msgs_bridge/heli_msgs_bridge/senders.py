@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who sends on a topic, in names and in words."""
+
+from collections.abc import Sequence
+
+from rclpy.node import Node
+
+# What the middleware calls a node whose publishers it has discovered, but not yet its name.
+_UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_")
+SENDERS = "senders."
+"""Key of a topic's senders in /diagnostics; the topic's name follows."""
+NOT_YET_NAMED = "a node that is not named yet"
+
+
+def senders_of(node: Node, topic: str) -> list[tuple[str, str]]:
+    """Namespace and name of each node that sends on a topic, sorted.
+
+    A name comes after its publishers, by a topic of its own: until then it is NOT_YET_NAMED.
+    """
+    infos = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+    return sorted(
+        ("", NOT_YET_NAMED) if i.node_name in _UNKNOWN else (i.node_namespace, i.node_name)
+        for i in infos
+    )
+
+
+def full_name(sender: tuple[str, str]) -> str:
+    """`/namespace/name`."""
+    namespace, name = sender
+    return name if name == NOT_YET_NAMED else f"{namespace.rstrip('/')}/{name}"
+
+
+def several_in_words(topic: str, senders: Sequence[tuple[str, str]]) -> str:
+    """That a topic has several senders, and what comes of it."""
+    names = ", ".join(map(full_name, senders))
+    return f"{topic}: sent by {names}; only the first sender's messages are used"

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that are interrupted, or fail, while they fill a folder leave nothing half-made."""
+
+import numpy as np
+import pytest
+
+from heli_bags.recorder import BagRecorder
+from heli_flight.cli import app as cli
+from heli_flight.interrupts import EXIT_CODE
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import Encoder
+
+STUDIES = "heli_flight.studies"
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A bag of one pressure."""
+    folder = tmp_path_factory.mktemp("flight") / "bag"
+    recorder = BagRecorder(folder, [topics.BARO])
+    recorder.write(topics.BARO, Encoder(topics.BARO).encode(np.ones(1), 0))
+    recorder.close()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(KeyboardInterrupt(), EXIT_CODE), (OSError("No space left on device"), 2)]
+)
+@pytest.mark.parametrize(
+    ("words", "step"),
+    [
+        (["design"], f"{STUDIES}.design.pictures.draw_all"),
+        (["compare", "attitude", "--seeds", "1"], f"{STUDIES}.compare.attitude.compare"),
+        (["bag", "csv", "BAG"], "heli_bags.tools.write_csv"),
+        (["identify", "--one-process"], f"{STUDIES}.identify.command.run"),
+    ],
+    ids=["design", "compare", "csv", "identify"],
+)
+def test_a_folder_that_is_not_whole_goes(
+    capsys, tmp_path, monkeypatch, bag, words, step, error, code
+):
+    def fails(*_):
+        assert (tmp_path / "new/folder").is_dir(), "too early to be a test of this"
+        raise error
+
+    monkeypatch.setattr(step, fails)
+    given = [str(bag) if word == "BAG" else word for word in words]
+    assert cli.main([*given, "--out", str(tmp_path / "new/folder")]) == code
+    assert list(tmp_path.iterdir()) == []
+    assert len([line for line in capsys.readouterr().err.splitlines() if ": 1 of" not in line]) == 1
