@@ -12,6 +12,7 @@ import pytest
 
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.result import Result
+from heli_flight.loop.scoring import Figures
 from heli_flight.loop.settings import resolve
 from heli_flight.report import write_report
 from heli_flight.report.chart import Chart, Panel, Trace
@@ -85,7 +86,7 @@ def check(text):
 def test_a_flights_report(tmp_path, scenario):
     settings = resolve(scenario, duration_s=0.5)
     flight = simulate(settings)
-    page = write_report(flight.record, settings, Result([], "<lost>", 0.5, 1.0), tmp_path)
+    page = write_report(flight.record, settings, Result(Figures(), "<lost>", 0.5, 1.0), tmp_path)
     scripts = check(page.read_text(encoding="utf-8"))
     assert scripts[1] == (PAGE / "report.js").read_text(encoding="utf-8")
 
