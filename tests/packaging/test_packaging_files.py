@@ -101,7 +101,9 @@ def test_presets_and_scenarios_fit_every_node(node):
     assert len(scenarios) >= 2
     designs = sorted((ROOT / "src/heli_flight/config/designs").glob("*.yaml"))
     assert len(designs) >= 2
-    for overlay in [*folder.glob("gps_*.yaml"), *scenarios, *designs]:
+    worlds = sorted((ROOT / "src/heli_flight/config/worlds").glob("*.yaml"))
+    assert {path.stem for path in worlds} == {"paper", "honest", "hard"}
+    for overlay in [*folder.glob("gps_*.yaml"), *scenarios, *designs, *worlds]:
         load(table, [COMMON, folder / f"{node}.yaml", overlay], node)
 
 
@@ -125,7 +127,7 @@ def test_no_yaml_is_outside_these_tests():
     for node, (_, package) in TABLES.items():
         folder = ROOT / "src" / package / "config"
         known |= {folder / f"{node}.yaml", *folder.glob("gps_*.yaml"), *folder.glob("aircraft/*")}
-    for kind in ("scenarios", "designs", "identify"):
+    for kind in ("scenarios", "worlds", "designs", "identify"):
         known |= set((ROOT / "src/heli_flight/config" / kind).glob("*.yaml"))
     assert set((ROOT / "src").glob("heli_*/config/**/*.yaml")) - known == set()
 
