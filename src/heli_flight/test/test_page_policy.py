@@ -102,7 +102,7 @@ def test_every_page_is_made_from_the_one_that_holds_the_policy(template):
 
 def test_an_identifications_report_and_what_is_written_into_it_is_text():
     wild = "<script>alert(1)</script>"
-    head = Head(wild, wild, wild, ("✓", "good", wild), [(wild, wild)], {"result": wild})
+    head = Head(wild, wild, wild, [("✓", "good", wild)], [(wild, wild)], {"result": wild})
     trace = Trace(np.arange(3.0), np.arange(3.0), wild, "nav")
     chart = Chart("key", wild, wild, [Panel(wild, [trace], note=wild)], "actuators")
     table = Table([wild], [[wild, wild]], wild)
