@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_dynamics_sim.config_error import PlantConfigError
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
 from heli_dynamics_sim.scales import scaled
 from heli_dynamics_sim.sensors import (
@@ -20,12 +21,9 @@ from heli_dynamics_sim.sensors import (
     SensorKernel,
 )
 from heli_dynamics_sim.terms import Terms
-from heli_dynamics_sim.wind import W20_ALTITUDE_M, SinesKernel, WindKernel, mean_speed
+from heli_dynamics_sim.wind import WindKernel
+from heli_dynamics_sim.wind_config import wind_kernel
 from heli_math.ticks import TICK_S
-
-
-class PlantConfigError(ValueError):
-    """Parameters that do not fit together; the message names the key and what is allowed."""
 
 
 class LimitKernel(NamedTuple):
@@ -101,7 +99,7 @@ class PlantConfig:
             helicopter=helicopter,
             pos_ned_m=position,
             psi=math.radians(values["initial.psi_deg"]),
-            wind=_wind_kernel(values),
+            wind=wind_kernel(values, helicopter),
             sensors=_sensor_kernel(values),
             limits=LimitKernel(
                 position,
@@ -114,7 +112,7 @@ class PlantConfig:
 
     def with_wind(self, values: Mapping[str, Any]) -> "PlantConfig":
         """The same plant in another wind, from the node's parameters; raises PlantConfigError."""
-        return replace(self, wind=_wind_kernel(values))
+        return replace(self, wind=wind_kernel(values, self.helicopter))
 
     @cached_property
     def kernel(self) -> PlantKernel:
@@ -122,76 +120,6 @@ class PlantConfig:
         return PlantKernel(
             self.helicopter.kernel, self.wind, self.sensors, self.limits, self.delay_ticks
         )
-
-
-def _wind_kernel(values: Mapping[str, Any]) -> WindKernel:
-    altitudes = np.array(values["wind.profile_altitude_m"], dtype=np.float64)
-    speeds = np.array(values["wind.profile_speed_mps"], dtype=np.float64)
-    if altitudes.size == 0 or (np.diff(altitudes) <= 0.0).any():
-        raise PlantConfigError(
-            f"wind.profile_altitude_m: {altitudes.tolist()} is not allowed; allowed: at least one "
-            "altitude, each above the one before"
-        )
-    if speeds.size != altitudes.size:
-        raise PlantConfigError(
-            f"wind.profile_speed_mps: has {speeds.size} values; allowed: {altitudes.size}, one per "
-            "wind.profile_altitude_m"
-        )
-    starts = np.array(values["wind.gust.start_s"], dtype=np.float64)
-    durations = np.array(values["wind.gust.duration_s"], dtype=np.float64)
-    amplitudes = np.array(values["wind.gust.amplitude_mps"], dtype=np.float64).reshape(-1, 3)
-    for key, count in (("duration_s", durations.size), ("amplitude_mps", amplitudes.shape[0])):
-        if count != starts.size:
-            raise PlantConfigError(
-                f"wind.gust.{key}: describes {count} gusts; allowed: {starts.size}, "
-                "as wind.gust.start_s"
-            )
-    kernel = WindKernel(
-        altitudes,
-        speeds,
-        math.radians(values["wind.towards_deg"]),
-        bool(values["wind.turbulence"]),
-        0.0,
-        values["wind.airspeed_floor_mps"],
-        starts,
-        durations,
-        amplitudes,
-        values["wind.gust.frame"] == "body",
-        _sines_kernel(values),
-    )
-    w20 = values["wind.w20_mps"]
-    if w20 < 0.0:
-        w20 = float(mean_speed(W20_ALTITUDE_M, kernel))
-    return kernel._replace(w20_mps=w20)
-
-
-def _sines_kernel(values: Mapping[str, Any]) -> SinesKernel:
-    lines = np.array(values["wind.sines.frequency_hz"], dtype=np.float64)
-    tables = []
-    for key in ("amplitude_mps", "phase_rad"):
-        table = np.array(values[f"wind.sines.{key}"], dtype=np.float64).reshape(-1, 3)
-        if table.shape[0] != lines.size:
-            raise PlantConfigError(
-                f"wind.sines.{key}: describes {table.shape[0]} lines; allowed: {lines.size}, "
-                "3 numbers per wind.sines.frequency_hz"
-            )
-        tables.append(table)
-    duration, fade = values["wind.sines.duration_s"], values["wind.sines.fade_s"]
-    if 2.0 * fade > duration:
-        raise PlantConfigError(
-            f"wind.sines.fade_s: {fade:g} is not allowed; allowed: at most {0.5 * duration:g}, "
-            "half of wind.sines.duration_s"
-        )
-    return SinesKernel(
-        bool((tables[0] != 0.0).any()),
-        lines,
-        tables[0],
-        tables[1],
-        values["wind.sines.start_s"],
-        duration,
-        fade,
-        values["wind.sines.frame"] == "body",
-    )
 
 
 def _sensor_kernel(values: Mapping[str, Any]) -> SensorKernel:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 class NoiseRow(NamedTuple):
-    """Standard normals of a tick (31,), source by source in the order of `_SOURCES`."""
+    """Standard normals of a tick (32,), source by source in the order of `_SOURCES`."""
 
     wind: slice = slice(0, 5)  # along, across (2), down (2)
     gyro: slice = slice(5, 8)  # white
@@ -25,7 +25,8 @@ class NoiseRow(NamedTuple):
     gps_pos: slice = slice(22, 25)  # white
     gps_vel: slice = slice(25, 28)  # white
     gps_drift: slice = slice(28, 31)
-    size: int = 31
+    turn: int = 31  # rotational gust about the wind's axis
+    size: int = 32
 
 
 class Source(NamedTuple):
@@ -45,7 +46,14 @@ _SOURCES = (
     Source(3, 2, 7),  # magnetometer
     Source(2, 3, 8),  # barometer
     Source(9, 4, 9),  # GPS
+    Source(1, 10, 11),  # rotational gusts
 )
+_GUSTS = 12  # child of the random gusts
+
+
+def gust_generator(seed: int) -> np.random.Generator:
+    """The stream that a flight's random gusts are drawn from, once."""
+    return np.random.default_rng(np.random.SeedSequence(seed).spawn(_GUSTS + 1)[_GUSTS])
 
 
 class NoiseStreams:
@@ -78,13 +86,13 @@ class NoiseStreams:
         return np.hstack(parts)
 
     def rows(self, n: int) -> NDArray[np.float64]:
-        """The next n rows (n, 31); n calls of `row` give exactly the same."""
+        """The next n rows (n, 32); n calls of `row` give exactly the same."""
         return self._draw(self._streams, n)
 
     def row(self) -> NDArray[np.float64]:
-        """The next row (31,)."""
+        """The next row (32,)."""
         return self._draw(self._streams, 1)[0]
 
     def initial_rows(self, n: int) -> NDArray[np.float64]:
-        """n rows (n, 31) for the state before the first tick, from streams of their own."""
+        """n rows (n, 32) for the state before the first tick, from streams of their own."""
         return self._draw(self._initial, n)

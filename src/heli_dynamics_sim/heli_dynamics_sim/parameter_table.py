@@ -4,6 +4,7 @@
 from typing import Any
 
 from heli_dynamics_sim.terms import MEANINGS, Terms
+from heli_dynamics_sim.wind_table import WIND
 from heli_math.ticks import TICK_S
 from heli_parameters.parameters import Parameter
 
@@ -11,9 +12,8 @@ NODE_NAME = "plant"
 
 
 def _row(name: str, kind: str, description: str, unit: str = "", **rest: Any) -> Parameter:
-    # Gusts may be added in flight; everything else is what the flight was started with.
-    fixed = not name.startswith("wind.gust.")
-    return Parameter(name, kind, description, unit, read_only=fixed, **rest)
+    # Read when the plant is configured.
+    return Parameter(name, kind, description, unit, read_only=True, **rest)
 
 
 def _sigma(name: str, description: str, unit: str, upper: float) -> Parameter:
@@ -79,112 +79,6 @@ _SCALE = (
     _scale("rotor_stiffness", "Hub stiffness that flies over that of the file"),
     _scale("thrust", "Main rotor thrust per blade pitch over that of the file"),
     _scale("servo_speed", "Bandwidth and rate limit of the servos over those of the file"),
-)
-
-_WIND = (
-    _row(
-        "wind.towards_deg",
-        "double",
-        "Direction the air moves to, from north over east",
-        "deg",
-        lower=-360.0,
-        upper=360.0,
-    ),
-    _row(
-        "wind.profile_altitude_m",
-        "double[]",
-        "Altitudes of the steady wind's profile",
-        "m",
-        shape=(None,),
-        lower=0.0,
-        upper=1e4,
-    ),
-    _row(
-        "wind.profile_speed_mps",
-        "double[]",
-        "Steady wind at these altitudes",
-        "m/s",
-        shape=(None,),
-        lower=0.0,
-        upper=30.0,
-    ),
-    _row("wind.turbulence", "bool", "Dryden turbulence, MIL-F-8785C"),
-    _row(
-        "wind.w20_mps",
-        "double",
-        "Wind at 20 ft that scales the turbulence; negative: profile's",
-        "m/s",
-        lower=-1.0,
-        upper=30.0,
-    ),
-    _row(
-        "wind.airspeed_floor_mps",
-        "double",
-        "Least speed at which turbulence passes",
-        "m/s",
-        lower=0.1,
-        upper=30.0,
-    ),
-    _row(
-        "wind.gust.start_s",
-        "double[]",
-        "Start of each 1-cosine gust, flight time",
-        "s",
-        shape=(None,),
-        lower=0.0,
-        upper=1e6,
-    ),
-    _row(
-        "wind.gust.duration_s",
-        "double[]",
-        "Length of each gust",
-        "s",
-        shape=(None,),
-        lower=TICK_S,
-        upper=1e4,
-    ),
-    _row(
-        "wind.gust.amplitude_mps",
-        "double[]",
-        "Peak velocity of the air of each gust",
-        "m/s",
-        shape=(None, 3),
-        lower=-30.0,
-        upper=30.0,
-    ),
-    _row("wind.gust.frame", "string", "Axes of the gusts' amplitudes", choices=("ned", "body")),
-    _row(
-        "wind.sines.frequency_hz",
-        "double[]",
-        "Lines of the gusts injected for identification",
-        "Hz",
-        shape=(None,),
-        lower=0.0,
-        upper=50.0,
-        lower_open=True,
-    ),
-    _row(
-        "wind.sines.amplitude_mps",
-        "double[]",
-        "Amplitude of each line on the three axes",
-        "m/s",
-        shape=(None, 3),
-        lower=-30.0,
-        upper=30.0,
-    ),
-    _row(
-        "wind.sines.phase_rad",
-        "double[]",
-        "Phase of each line on the three axes",
-        "rad",
-        shape=(None, 3),
-        lower=-10.0,
-        upper=10.0,
-    ),
-    _row("wind.sines.start_s", "double", "Flight time of the start", "s", lower=0.0, upper=1e6),
-    _row("wind.sines.duration_s", "double", "Length with both fades", "s", lower=0.0, upper=1e6),
-    _row("wind.sines.fade_s", "double", "Length of a fade", "s", lower=0.0, upper=600.0),
-    _row("wind.sines.frame", "string", "Axes of the lines' amplitudes", choices=("ned", "body")),
 )
 
 _TERMS = tuple(_row(f"terms.{name}", "bool", MEANINGS[name]) for name in Terms._fields)
@@ -267,4 +161,4 @@ _SENSORS = (
     ),
 )
 
-TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _TERMS + _WIND + _SENSORS
+TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _TERMS + WIND + _SENSORS

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from heli_dynamics_sim.air import AirState, air_at, initial_air, run_in_ticks, step_air
 from heli_dynamics_sim.config import PlantConfig, PlantConfigError, PlantKernel
 from heli_dynamics_sim.ground import ground_contact
 from heli_dynamics_sim.helicopter import same_air
@@ -20,7 +21,7 @@ from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.sensors import FIX, SensorState, read_sensors, take_fix
 from heli_dynamics_sim.state import STEP_S, SUBSTEPS, attitude_of
 from heli_dynamics_sim.trim import trim
-from heli_dynamics_sim.wind import FILTER, stationary_filter, step_turbulence, wind_at
+from heli_dynamics_sim.wind import FILTER, wind_at
 from heli_math.jit import njit
 from heli_math.rows import ACTUATOR, AIR, MEAS, PLANT
 from heli_math.ticks import TICK_S
@@ -67,7 +68,7 @@ class PlantState(NamedTuple):
     """State of the plant; the arrays are changed in place."""
 
     x: np.ndarray  # (32,) aircraft, places of `rows.PLANT`
-    wind_filter: np.ndarray  # (5,) turbulence filter, dimensionless, places of `wind.FILTER`
+    turbulence: AirState  # and the random gusts of the flight
     air: np.ndarray  # (12,) what the air does at the aircraft, places of `rows.AIR`
     sensors: SensorState
     commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
@@ -97,7 +98,8 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     k = config.kernel
     gps = k.sensors.gps
     slots = gps.latency // gps.period + 1
-    rows = NoiseStreams(seed).initial_rows(slots)
+    altitude_m = -float(config.pos_ned_m[2])
+    rows = NoiseStreams(seed).initial_rows(slots + run_in_ticks(k.wind, altitude_m))
     calm = k.wind._replace(
         turbulence=False,
         gust_amplitude_mps=0.0 * k.wind.gust_amplitude_mps,
@@ -113,8 +115,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     x = hover.x.copy()
     x[PLANT.pos] = config.pos_ned_m
     first = rows[0]
-    wind_filter = np.zeros(FILTER.size)
-    stationary_filter(first[NOISE.wind], wind_filter)
+    wind_rows = np.concatenate([rows[:1], rows[slots:]])
     imu = k.sensors.imu
     sensors = SensorState(
         gyro_bias=imu.gyro_bias * first[NOISE.gyro],
@@ -129,7 +130,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
             take_fix(sensors, valid, x, rows[i], gps)
     return PlantState(
         x,
-        wind_filter,
+        initial_air(k.wind, altitude_m, wind_rows, seed),
         same_air(mean_wind),
         sensors,
         np.tile(hover.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, ACTUATOR.size),
@@ -148,7 +149,7 @@ def measure(state, tick, noise_row, k, y):
         Changed in place.
     tick : int
         0, 1, 2, ... without gaps.
-    noise_row : (31,) array
+    noise_row : (NOISE.size,) array
         Standard normals of this tick, places of `noise.NOISE`.
     k : PlantKernel
     y : (23,) array
@@ -156,13 +157,12 @@ def measure(state, tick, noise_row, k, y):
     """
     if tick > 0 and k.wind.turbulence:
         altitude_m = -state.x[PLANT.down]
-        step_turbulence(state.wind_filter, altitude_m, TICK_S, noise_row[NOISE.wind], k.wind)
-    wind = y[MEAS.wind]
-    wind_at(state.wind_filter, state.x, tick * TICK_S, k.wind, wind)
-    main, tail, fuselage = state.air[AIR.main], state.air[AIR.tail], state.air[AIR.fuselage]
-    for i in range(3):
-        main[i] = tail[i] = fuselage[i] = wind[i]
+        step_air(state.turbulence, altitude_m, TICK_S, noise_row, k.wind)
+    air_at(state.turbulence, state.x, tick * TICK_S, k.wind, state.air)
     read_sensors(state.sensors, tick, state.x, state.air, noise_row, k.aircraft, k.sensors, y)
+    wind, around = y[MEAS.wind], state.air[AIR.fuselage]
+    for i in range(3):
+        wind[i] = around[i]
 
 
 @njit

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wind: steady profile over altitude, Dryden turbulence, discrete gusts, periodic gusts.
+"""Wind at one place: steady profile over altitude, Dryden turbulence, discrete and periodic gusts.
+
+The steady wind follows a table, or the log law of MIL-F-8785C (3.7.3.2), given for 3 to 1000 ft,
+
+    u(h) = W20 ln(h / z0) / ln(20 ft / z0),    z0 = 0.15 ft in Category C (terminal flight phases),
+                                               2.0 ft in others,
+
+which with that law depends on W20 alone, as turbulence and random gusts do.
 
 Turbulence follows MIL-F-8785C, low altitude (10 to 1000 ft), in the components along the mean wind,
 across it (to the right of where it blows) and down:
@@ -14,6 +21,10 @@ at its altitude, floored. In the time scale L/V the filters have no parameter an
 the states are dimensionless, altitude and wind enter only through the step `V dt / L` and the scale
 sigma, and the discretisation is exact for every step: transition matrix and noise covariance are
 those of the continuous filter.
+
+MIL-HDBK-1797 writes the Dryden spectra with twice the lengths, `sigma^2 2 L / (pi V) (1 + 12 x^2) /
+(1 + 4 x^2)^2`, x = L w / V, and halves the lengths below 1000 ft: `2 L_w = h`, `L_u = 2 L_v`. So
+both standards are one model here, rotational gusts (`air`) included.
 """
 
 import math
@@ -21,6 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from heli_dynamics_sim.gusts import GUST, RandomGusts, gusts_at
 from heli_dynamics_sim.rigid_body import to_ned
 from heli_dynamics_sim.state import attitude_of
 from heli_math.jit import njit
@@ -60,6 +72,20 @@ class SinesKernel(NamedTuple):
     body: bool  # amplitudes in body axes instead of NED
 
 
+class PartsKernel(NamedTuple):
+    """Which parts of the aircraft have air of their own, and where they are."""
+
+    main: bool  # main rotor
+    tail: bool  # tail rotor and fins
+    fuselage: bool  # mean over its length
+    any: bool
+    hub_height: float  # above the c.g., m
+    tail_arm: float  # behind the c.g., m
+    tail_height: float  # above the c.g., m
+    half_length: float  # of the fuselage, m
+    reach: float  # of the farthest of them from the c.g., m
+
+
 class WindKernel(NamedTuple):
     """What the wind is made of."""
 
@@ -74,11 +100,29 @@ class WindKernel(NamedTuple):
     gust_amplitude_mps: np.ndarray  # (m, 3), peak velocity of the air
     gust_body: bool  # amplitudes in body axes instead of NED
     sines: SinesKernel
+    log_profile: bool  # the log law instead of the table
+    roughness_m: float  # z0 of the log law
+    rotation: bool  # rotational gusts
+    span_m: float  # b of the rotational gusts: diameter of the main rotor
+    parts: PartsKernel
+    random: RandomGusts
+    downwind: tuple[float, float]  # unit vector of the wind's direction, north and east
+
+
+@njit
+def log_law(altitude_m, w20_mps, roughness_m):
+    """Steady wind speed (m/s) by the log law; 0 at and below the roughness height."""
+    h = min(altitude_m, _HIGHEST_FT * FOOT_M)
+    if h <= roughness_m:
+        return 0.0
+    return w20_mps * math.log(h / roughness_m) / math.log(W20_ALTITUDE_M / roughness_m)
 
 
 @njit
 def mean_speed(altitude_m, k):
-    """Steady wind speed (m/s) at an altitude (m): linear between the profile's points."""
+    """Steady wind speed (m/s) at an altitude (m): log law, or linear between a table's points."""
+    if k.log_profile:
+        return log_law(altitude_m, k.w20_mps, k.roughness_m)
     heights, speeds = k.profile_altitude_m, k.profile_speed_mps
     last = heights.shape[0] - 1
     if altitude_m <= heights[0]:
@@ -150,10 +194,16 @@ def stationary_filter(noise, out):
 
 
 @njit
+def passing_speed(altitude_m, k):
+    """Speed V (m/s) at which the frozen field passes the aircraft at an altitude (m)."""
+    return max(mean_speed(altitude_m, k), k.airspeed_floor_mps)
+
+
+@njit
 def step_turbulence(x, altitude_m, dt_s, noise, k):
     """Carry the filter states x (5,) over dt_s at an altitude (m); noise (>= 5,) normals."""
     _, _, length_h, length_w = dryden_scales(altitude_m, k.w20_mps)
-    path = dt_s * max(mean_speed(altitude_m, k), k.airspeed_floor_mps)
+    path = dt_s * passing_speed(altitude_m, k)
     along, across, down = FILTER.along, FILTER.across, FILTER.down
     across_twice, down_twice = FILTER.across_twice, FILTER.down_twice
     x[along] = first_order_step(x[along], path / length_h, noise[along])
@@ -163,15 +213,6 @@ def step_turbulence(x, altitude_m, dt_s, noise, k):
     x[down], x[down_twice] = second_order_step(
         x[down], x[down_twice], path / length_w, noise[down], noise[down_twice]
     )
-
-
-@njit
-def gust_shape(time_s, start_s, duration_s):
-    """1-cosine gust, 0 to 1 and back to 0 within its duration."""
-    phase = (time_s - start_s) / duration_s
-    if phase <= 0.0 or phase >= 1.0:
-        return 0.0
-    return 0.5 * (1.0 - math.cos(2.0 * math.pi * phase))
 
 
 @njit
@@ -195,8 +236,49 @@ def injected_gust(x, time_s, k, out):
 
 
 @njit
+def turbulence_outputs(f):
+    """Turbulence along, across, down in units of its sigma (3 floats), of filter states (5,)."""
+    return (
+        f[FILTER.along],
+        second_order_output(f[FILTER.across], f[FILTER.across_twice]),
+        second_order_output(f[FILTER.down], f[FILTER.down_twice]),
+    )
+
+
+@njit
+def turbulence_sigmas(altitude_m, k):
+    """Sigma (m/s) of the horizontal and of the vertical turbulence at an altitude (m)."""
+    if not k.turbulence:
+        return 0.0, 0.0
+    sigma_h, sigma_w, _, _ = dryden_scales(altitude_m, k.w20_mps)
+    return sigma_h, sigma_w
+
+
+@njit
+def air_velocity(turbulence, sigmas, altitude_m, x, time_s, k, drawn):
+    """Velocity of the air at one place, NED, m/s (3 floats), without the periodic gusts.
+
+    Parameters
+    ----------
+    turbulence : 3 floats
+        Along, across, down, in units of sigma.
+    sigmas : 2 floats
+        Of `turbulence_sigmas`.
+    altitude_m : float
+        Of the place, for the mean wind.
+    x, time_s, k, drawn
+        As in `gusts_at`.
+    """
+    along = mean_speed(altitude_m, k) + sigmas[0] * turbulence[0]
+    across, down = sigmas[0] * turbulence[1], sigmas[1] * turbulence[2]
+    c, s = k.downwind
+    g0, g1, g2 = gusts_at(x, time_s, k, drawn)
+    return c * along - s * across + g0, s * along + c * across + g1, down + g2
+
+
+@njit
 def wind_at(filter_state, x, time_s, k, out):
-    """Velocity of the air, NED, m/s: fills out (3,).
+    """Velocity of the air at the c.g. without random gusts, NED, m/s: fills out (3,).
 
     Parameters
     ----------
@@ -208,29 +290,11 @@ def wind_at(filter_state, x, time_s, k, out):
         Flight time.
     k : WindKernel
     """
-    altitude = -x[PLANT.down]
-    along, across, down = mean_speed(altitude, k), 0.0, 0.0
-    if k.turbulence:
-        sigma_h, sigma_w, _, _ = dryden_scales(altitude, k.w20_mps)
-        f = filter_state
-        along += sigma_h * f[FILTER.along]
-        across = sigma_h * second_order_output(f[FILTER.across], f[FILTER.across_twice])
-        down = sigma_w * second_order_output(f[FILTER.down], f[FILTER.down_twice])
-    c, s = math.cos(k.towards_rad), math.sin(k.towards_rad)
-    out[0] = c * along - s * across
-    out[1] = s * along + c * across
-    out[2] = down
-    g0, g1, g2 = 0.0, 0.0, 0.0
-    for i in range(k.gust_start_s.shape[0]):
-        shape = gust_shape(time_s, k.gust_start_s[i], k.gust_duration_s[i])
-        g0 += shape * k.gust_amplitude_mps[i, 0]
-        g1 += shape * k.gust_amplitude_mps[i, 1]
-        g2 += shape * k.gust_amplitude_mps[i, 2]
-    if k.gust_body:
-        g0, g1, g2 = to_ned(attitude_of(x), g0, g1, g2)
-    out[0] += g0
-    out[1] += g1
-    out[2] += g2
+    altitude_m = -x[PLANT.down]
+    outputs, sigmas = turbulence_outputs(filter_state), turbulence_sigmas(altitude_m, k)
+    out[0], out[1], out[2] = air_velocity(
+        outputs, sigmas, altitude_m, x, time_s, k, np.empty((0, GUST.size))
+    )
     if k.sines.on:
         gust = np.empty(3)
         injected_gust(x, time_s, k.sines, gust)

@@ -106,7 +106,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     ----------
     loop : Loop
     first_tick, n_ticks : int
-    noise_rows : (n_ticks, 31) ndarray
+    noise_rows : (n_ticks, NOISE.size) ndarray
     times_ns, points : ndarray
         Reference trajectory; the points are moved in place when the law engages, if they are to be.
     setpoint, u : (4,) ndarray

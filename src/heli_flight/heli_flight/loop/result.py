@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from heli_dynamics_sim.config import PlantConfig
+from heli_dynamics_sim.gusts import GUST, draw_gusts
 from heli_flight.loop.climb import CLIMB_METRICS, ClimbFigure
 from heli_flight.loop.flight_file import changes, drawn, drawn_words, identity
 from heli_flight.loop.scoring import (
@@ -81,21 +83,45 @@ class Result:
 def conditions(settings: Settings) -> str:
     """World, wind and sensors in two lines: they stand next to every comparison."""
     p = settings.nodes["plant"]
-    speeds = "/".join(f"{v:g}" for v in p["wind.profile_speed_mps"])
-    heights = "/".join(f"{h:g}" for h in p["wind.profile_altitude_m"])
+    if p["wind.profile"] == "log":
+        mean = f"{p['wind.w20_mps']:g} m/s at 20 ft, log profile,"
+    else:
+        speeds = "/".join(f"{v:g}" for v in p["wind.profile_speed_mps"])
+        mean = f"{speeds} m/s at {'/'.join(f'{h:g}' for h in p['wind.profile_altitude_m'])} m"
     turbulence = "MIL-F-8785C Dryden turbulence" if p["wind.turbulence"] else "no turbulence"
     gusts = np.reshape(p["wind.gust.amplitude_mps"], (-1, 3))
     peak = np.linalg.norm(gusts, axis=1).max(initial=0.0)
     if peak > 0.0:
         turbulence += f", {len(gusts)} discrete gusts up to {peak:.3g} m/s"
+    rate, shares = p["wind.random_gusts.rate_per_min"], p["wind.random_gusts.amplitude_w20"]
+    if rate > 0.0:
+        least, most = shares
+        turbulence += f", {rate:g} random gusts a minute of {least:g} to {most:g} of the 20 ft wind"
     world = "" if settings.world == PAPER else f"world {Path(settings.world).stem}, "
     return (
-        f"simulated: {world}wind {speeds} m/s at {heights} m towards "
-        f"{p['wind.towards_deg']:g} deg, {turbulence}; seed {settings.seed}\n"
+        f"simulated: {world}wind {mean} towards {p['wind.towards_deg']:g} deg, "
+        f"{turbulence}; seed {settings.seed}\n"
         f"GPS {settings.gps}: white {p['sensors.gps.white_m']:g} m, drift "
         f"{p['sensors.gps.drift_m']:g} m, velocity {p['sensors.gps.velocity_mps']:g} m/s; "
         "the paper's numbers are from flight"
     )
+
+
+def random_gusts(settings: Settings) -> list[dict[str, Any]]:
+    """The random gusts that the flight's seed draws, in the order of their starts."""
+    p = settings.nodes["plant"]
+    if not p["wind.random_gusts.rate_per_min"]:
+        return []
+    k = PlantConfig.from_parameters(p).wind
+    gusts = draw_gusts(settings.seed, k.random, k.w20_mps, k.towards_rad)
+    return [
+        {
+            "start_s": float(gust[GUST.start]),
+            "duration_s": float(gust[GUST.duration]),
+            "peak_ned_mps": gust[GUST.peak].tolist(),
+        }
+        for gust in gusts
+    ]
 
 
 def phases(settings: Settings, stretch: str = DECIDES) -> str:
@@ -253,6 +279,7 @@ def write_result(
         "metrics": [s.as_dict() for s in result.figures.all],
         "climb": [figure.as_dict() for figure in result.figures.climb],
         "conditions": conditions(settings).splitlines(),
+        "random_gusts": random_gusts(settings),
         "notes": list(result.notes),
         "versions": versions(),
         "parameter_files": [str(path) for path in settings.files],

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Air at the parts of the aircraft, log profile, random gusts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from heli_dynamics_sim import air, gusts, plant, wind
+from heli_dynamics_sim.noise import NoiseStreams
+from heli_dynamics_sim.plant import PlantConfigError, initial_state
+from heli_dynamics_sim.state import make_state
+from heli_math.rows import AIR, MEAS, PLANT
+
+ARM, HEIGHT, HUB = 1.035, 0.172, 0.337  # tail and hub of the default aircraft, m
+STEADY = {
+    "wind__towards_deg": 180.0,
+    "wind__profile_altitude_m": [0.0],
+    "wind__profile_speed_mps": [4.0],
+}
+PARTS = {f"wind__parts__{name}": True for name in ("main", "tail", "fuselage")}
+
+
+def rows_of(config, ticks, attitude=(0.0, 0.0, 0.0), seed=3):
+    """(ticks, 12) air at an aircraft that is held level at 10 m."""
+    state, k = initial_state(config, seed), config.kernel
+    state.x[:] = make_state((0.0, 0.0, -10.0), *attitude)
+    noise, y = NoiseStreams(seed).rows(ticks), np.zeros(MEAS.size)
+    out = np.empty((ticks, AIR.size))
+    for tick in range(ticks):
+        plant.measure(state, tick, noise[tick], k, y)
+        out[tick] = state.air
+        assert (y[MEAS.wind] == state.air[AIR.fuselage]).all()
+    return out
+
+
+def test_all_off_is_the_same_air_everywhere_that_does_not_turn(plant_config):
+    found = rows_of(plant_config(), 30)
+    assert (found[:, AIR.main] == found[:, AIR.fuselage]).all()
+    assert (found[:, AIR.tail] == found[:, AIR.fuselage]).all()
+    assert not found[:, AIR.rates].any()
+    assert np.ptp(found[:, 0]) > 0.0
+
+
+@pytest.mark.parametrize(("towards_deg", "sign"), [(180.0, 1), (0.0, -1)])
+def test_a_gust_from_ahead_reaches_the_tail_later_and_one_from_behind_earlier(
+    plant_config, towards_deg, sign
+):
+    """Level at 4 m/s, 1-cosine of 1 s at the c.g. from 1 s on; the arm over the wind speed."""
+    config = plant_config(
+        **STEADY | {"wind__towards_deg": towards_deg}, **PARTS, wind__turbulence=False,
+        wind__gust__start_s=[1.0], wind__gust__duration_s=[1.0],
+        wind__gust__amplitude_mps=[0.0, 3.0, 0.0],
+    )  # fmt: skip
+    found = rows_of(config, 300)
+    t = 0.01 * np.arange(300)
+    for place, late in ((AIR.main, 0.0), (AIR.tail, sign * ARM / 4.0)):
+        phase = np.clip(t - 1.0 - late, 0.0, 1.0)
+        expected = 1.5 * (1.0 - np.cos(2.0 * np.pi * phase))
+        assert found[:, place][:, 1] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(("towards_deg", "sign"), [(180.0, 1), (0.0, -1)])
+def test_turbulence_reaches_the_tail_as_the_frozen_field_does(plant_config, towards_deg, sign):
+    """A wind that passes the arm in 25 ticks: the tail's air is the hub's of 25 ticks ago."""
+    speed = ARM / 0.25
+    change = {"wind__towards_deg": towards_deg, "wind__profile_speed_mps": [speed]}
+    found = rows_of(plant_config(**STEADY | change, **PARTS), 200)
+    main, tail = found[:, AIR.main], found[:, AIR.tail]
+    early, late = (main, tail) if sign > 0 else (tail, main)
+    assert late[25:] == pytest.approx(early[:-25], abs=1e-9)
+    assert np.abs(late - early).max() > 0.05
+
+
+def test_across_the_wind_the_tail_meets_the_same_field(plant_config):
+    found = rows_of(plant_config(**STEADY, **PARTS), 50, attitude=(0.0, 0.0, math.pi / 2.0))
+    assert found[:, AIR.tail] == pytest.approx(found[:, AIR.main], abs=1e-12)
+
+
+def test_each_part_has_a_switch_of_its_own(plant_config):
+    base = rows_of(plant_config(**STEADY, wind__parts__main=True), 20)
+    assert (base[:, AIR.tail] == base[:, AIR.fuselage]).all()
+    for name in ("main", "tail", "fuselage"):
+        profile = {"wind__profile": "log", "wind__w20_mps": 4.0}
+        config = plant_config(**STEADY, **profile, **{f"wind__parts__{name}": True})
+        found = rows_of(config, 20)
+        places = {"main": AIR.main, "tail": AIR.tail, "fuselage": AIR.fuselage}
+        own = found[:, places.pop(name)]
+        one, other = (found[:, place] for place in places.values())
+        assert (one == other).all() and (own != one).any()
+
+
+def test_each_part_meets_the_mean_wind_of_its_height(plant_config):
+    """Pitched up by 90 deg: the tail hangs below, the hub lies behind; the log law by hand."""
+    config = plant_config(
+        **PARTS, wind__profile="log", wind__w20_mps=4.0, wind__turbulence=False,
+        wind__towards_deg=0.0,
+    )  # fmt: skip
+    found = rows_of(config, 1, attitude=(0.0, math.pi / 2.0, 0.0))[0]
+
+    def law(height):
+        return 4.0 * math.log(height / 0.04572) / math.log(6.096 / 0.04572)
+
+    assert found[AIR.main][0] == pytest.approx(law(10.0), abs=1e-12)
+    assert found[AIR.tail][0] == pytest.approx(law(10.0 - ARM), abs=1e-12)
+    half = config.wind.parts.half_length
+    mean = (law(10.0 - half) + 4.0 * law(10.0) + law(10.0 + half)) / 6.0
+    assert found[AIR.fuselage][0] == pytest.approx(mean, abs=1e-12)
+    level = rows_of(config, 1)[0]
+    assert level[AIR.main][0] == pytest.approx(law(10.0 + HUB), abs=1e-12)
+    assert level[AIR.tail][0] == pytest.approx(law(10.0 + HEIGHT), abs=1e-12)
+
+
+def test_field_is_linear_between_its_rows(plant_config):
+    config = plant_config(**STEADY, **PARTS)
+    s = initial_state(config, 5).turbulence
+    newest, before = s.field[s.newest[0]], s.field[s.newest[0] - 1]
+    step = newest[0] - before[0]
+    assert step == pytest.approx(0.04)
+    assert air.field_behind(s, 0.0) == pytest.approx(tuple(newest[1:]))
+    assert air.field_behind(s, 0.25 * step) == pytest.approx(
+        tuple(0.75 * newest[1:] + 0.25 * before[1:])
+    )
+
+
+def test_field_finds_its_rows_after_the_wind_has_changed(plant_config):
+    """Wind that grows tenfold within the stored path: the bracket is found all the same."""
+    config = plant_config(
+        **STEADY | {"wind__profile_altitude_m": [10.0, 20.0],
+                    "wind__profile_speed_mps": [1.0, 10.0]}, **PARTS,
+    )  # fmt: skip
+    s, k = initial_state(config, 5).turbulence, config.wind
+    noise = NoiseStreams(7).rows(60)
+    for i in range(60):
+        air.step_air(s, 10.0 if i < 50 else 20.0, 0.01, noise[i], k)
+    order = (s.newest[0] - np.arange(s.newest[1])) % s.field.shape[0]
+    rows = s.field[order]
+    for behind in np.linspace(0.0, 2.0 * k.parts.reach, 40):
+        path = rows[0, 0] - behind
+        expected = [np.interp(path, rows[::-1, 0], rows[::-1, i]) for i in range(1, 7)]
+        assert air.field_behind(s, behind) == pytest.approx(tuple(expected), abs=1e-12)
+
+
+def test_rotation_at_the_tail_is_its_lever_arm(plant_config):
+    """Nose into the wind: rates in wind axes are (-p, -q, r) of the body's; by hand at the tail."""
+    config = plant_config(**STEADY, wind__rotation=True)
+    found = rows_of(config, 40)
+    p, q, r = found[:, AIR.rates].T
+    assert np.abs(found[:, AIR.rates]).max(axis=0).min() > 0.01
+    added = found[:, AIR.tail] - found[:, AIR.main]
+    # body axes are north, east, down here: omega x (-arm, 0, .) without the part of p
+    assert added == pytest.approx(np.column_stack([0.0 * p, -r * ARM, q * ARM]), abs=1e-12)
+    # With air of its own the tail has that from the field; beside the wind p is left.
+    both = plant_config(**STEADY, **PARTS, wind__rotation=True)
+    level = rows_of(both, 40)
+    without = rows_of(plant_config(**STEADY, **PARTS), 40)
+    assert level[:, AIR.velocity] == pytest.approx(without[:, AIR.velocity], abs=1e-12)
+    beside = rows_of(both, 40, attitude=(0.0, 0.0, math.pi / 2.0))
+    swing = beside[:, AIR.tail] - beside[:, AIR.main]
+    assert swing[:, 2] == pytest.approx(beside[:, AIR.rates][:, 1] * ARM, abs=1e-12)
+    assert swing[:, :2] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_log_law_by_hand_and_where_it_ends():
+    assert wind.log_law(6.096, 4.0, 0.04572) == pytest.approx(4.0)
+    assert wind.log_law(0.04572, 4.0, 0.04572) == 0.0 == wind.log_law(-1.0, 4.0, 0.04572)
+    assert wind.log_law(500.0, 4.0, 0.04572) == wind.log_law(304.8, 4.0, 0.04572)
+
+
+def test_in_the_log_profile_w20_alone_scales_the_wind(plant_config):
+    """Twice W20: twice mean, sigma and random gusts; nothing else changes."""
+    given = {"wind__profile": "log", "wind__random_gusts__rate_per_min": 6.0}
+    weak, strong = (plant_config(**given, wind__w20_mps=w20).wind for w20 in (4.0, 8.0))
+    for height in (1.0, 6.096, 10.0, 20.0, 100.0):
+        assert wind.mean_speed(height, strong) == pytest.approx(2 * wind.mean_speed(height, weak))
+        sigmas = [wind.turbulence_sigmas(height, k) for k in (weak, strong)]
+        assert sigmas[1] == pytest.approx((2 * sigmas[0][0], 2 * sigmas[0][1]))
+    drawn = [gusts.draw_gusts(4, k.random, k.w20_mps, k.towards_rad) for k in (weak, strong)]
+    assert drawn[0].shape == drawn[1].shape and drawn[0].shape[0] > 1
+    assert drawn[1][:, 2:] == pytest.approx(2.0 * drawn[0][:, 2:])
+    assert (drawn[1][:, :2] == drawn[0][:, :2]).all()
+
+
+def test_random_gusts_change_nothing_but_themselves(plant_config):
+    """Same turbulence with and without them, and each is a 1-cosine along its drawn direction."""
+    changes = {"wind__random_gusts__rate_per_min": 60.0, "wind__w20_mps": 3.0}
+    with_gusts, without = plant_config(**changes), plant_config(wind__w20_mps=3.0)
+    drawn = initial_state(with_gusts, 3).turbulence.gusts
+    assert not initial_state(without, 3).turbulence.gusts.size
+    ticks = 1000
+    added = (rows_of(with_gusts, ticks) - rows_of(without, ticks))[:, AIR.fuselage]
+    t, expected = 0.01 * np.arange(ticks), np.zeros((ticks, 3))
+    for start, length, *peak in drawn:
+        phase = np.clip((t - start) / length, 0.0, 1.0)
+        expected += 0.5 * np.outer(1.0 - np.cos(2.0 * np.pi * phase), peak)
+    assert added == pytest.approx(expected, abs=1e-12)
+    assert np.abs(added).max() > 0.1
+
+
+def test_random_gusts_of_a_seed_are_always_the_same(plant_config):
+    config = plant_config(wind__random_gusts__rate_per_min=4.0)
+    one, again, other = (initial_state(config, seed).turbulence.gusts for seed in (1, 1, 2))
+    assert one.tobytes() == again.tobytes() != other.tobytes()
+
+
+def test_spectrum_of_both_standards_is_one_wind(plant_config):
+    found = [
+        rows_of(plant_config(wind__spectrum=name, wind__rotation=True), 20)
+        for name in ("mil_f_8785c", "mil_hdbk_1797")
+    ]
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"wind__profile": "log"}, "wind.w20_mps: -1 is not allowed with wind.profile log"),
+        (
+            {"wind__random_gusts__duration_s": [3.0, 1.0]},
+            r"wind.random_gusts.duration_s: \[3, 1\] is not allowed; allowed: the smaller",
+        ),
+        (
+            {"wind__random_gusts__amplitude_w20": [0.5, 0.2]},
+            r"wind.random_gusts.amplitude_w20: \[0.5, 0.2\] is not allowed",
+        ),
+    ],
+)
+def test_wind_that_does_not_fit_is_refused(plant_config, changes, sentence):
+    with pytest.raises(PlantConfigError, match=sentence):
+        plant_config(**changes)
+
+
+def test_start_is_in_the_wind_of_the_log_profile(plant_config):
+    """The trim's wind is the profile's at the start."""
+    state = initial_state(plant_config(wind__profile="log", wind__w20_mps=4.0), 1)
+    speed = 4.0 * math.log(10.0 / 0.04572) / math.log(6.096 / 0.04572)
+    assert np.linalg.norm(state.air[AIR.fuselage]) == pytest.approx(speed)
+    assert state.x[PLANT.down] == -10.0

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a result says of the wind."""
+
+import json
+
+import numpy as np
+
+from heli_dynamics_sim.plant import PlantConfig, initial_state
+from heli_flight.loop.result import Result, conditions, random_gusts, write_result
+from heli_flight.loop.scoring import Figures
+from heli_flight.loop.settings import resolve
+
+GUSTY = {
+    "wind.profile": "log",
+    "wind.w20_mps": 4.0,
+    "wind.random_gusts.rate_per_min": 6.0,
+}
+
+
+def gusty(seed):
+    settings = resolve("hover", "rtk", seed)
+    settings.nodes["plant"].update(GUSTY)
+    return settings
+
+
+def test_result_holds_the_gusts_that_the_flight_meets(tmp_path):
+    settings = gusty(3)
+    plant = settings.nodes["plant"]
+    flown = initial_state(PlantConfig.from_parameters(plant), 3).turbulence.gusts
+    write_result(Result(Figures((), (), ()), "", 0.0, 0.0), settings, tmp_path, {})
+    told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["random_gusts"]
+    assert len(told) > 1
+    rows = [[gust["start_s"], gust["duration_s"], *gust["peak_ned_mps"]] for gust in told]
+    np.testing.assert_array_equal(rows, flown)
+    assert rows[-1][0] < plant["duration_s"]
+
+
+def test_conditions_name_profile_and_gusts():
+    assert random_gusts(resolve("hover", "rtk", 1)) == []
+    words = conditions(gusty(1)).splitlines()[0]
+    assert words.startswith("simulated: wind 4 m/s at 20 ft, log profile, towards 225 deg, ")
+    assert "6 random gusts a minute of 0.2 to 0.5 of the 20 ft wind" in words
+    usual = conditions(resolve("hover", "rtk", 1))
+    assert usual.startswith("simulated: wind 3/3/5 m/s at 0/10/20 m towards 225 deg, MIL-F-8785C")
