@@ -7,13 +7,14 @@ quaternion and as the paper's Euler angles (NED/FRD). What has not come or is st
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_live_view.largest import Largest
 from heli_live_view.vehicle import body_row, enu, plain, reference_row
 from heli_math.rotations import quat_to_R_nb
 from heli_math.rows import NAV, PLANT, REFERENCE, ROTOR
@@ -29,6 +30,8 @@ SHOWN = (
     topics.TRUTH_ROTOR, topics.TRUTH_WIND,
 )  # fmt: skip
 """Topics whose content the page shows; of the others only the arrival counts."""
+COUNTED = (topics.TRUTH_ODOM, topics.ODOM)
+"""Topics of which every message counts, for the largest errors."""
 OWN_NAME = "live_view"
 _RATE_WINDOW_S = 2.0
 _GPS_LATE_S = 1.0
@@ -96,10 +99,12 @@ class LiveState:
         Stamp of flight time 0.
     stale_s : float
         Wall time after which a value that is not renewed is no longer shown.
+    windows_s : sequence of float
+        Pairs of flight times that are scored; none: unknown.
     """
 
-    def __init__(self, start_ns: int, stale_s: float) -> None:
-        self.start_ns, self.stale_s = start_ns, stale_s
+    def __init__(self, start_ns: int, stale_s: float, windows_s: Sequence[float] = ()) -> None:
+        self.start_ns, self.stale_s, self._windows_s = start_ns, stale_s, windows_s
         self.reset()
 
     def reset(self) -> None:
@@ -117,6 +122,7 @@ class LiveState:
         self._pace: deque[tuple[float, int]] = deque()
         self._events: list[Event] = []
         self._mode, self._mode_since_s = "idle", 0.0
+        self._largest = Largest(self.start_ns, self._windows_s)
 
     # --- what comes in -----------------------------------------------------------------------
 
@@ -144,6 +150,14 @@ class LiveState:
         """Take a decoded message (core's array, NED/FRD) of a topic in `SHOWN`."""
         self._values[topic] = (array.copy(), wall_s)
         self._arrived[topic] = wall_s
+
+    def take_sample(self, topic: str, stamp_ns: int, array: Array) -> None:
+        """Every message of a topic in `COUNTED`: none of them may be missed by a largest error."""
+        if topic == topics.ODOM:
+            self._largest.add("nav", stamp_ns, array[NAV.pos], array[NAV.vel])
+        else:
+            velocity = quat_to_R_nb(array[PLANT.quat]) @ array[PLANT.vel]
+            self._largest.add("truth", stamp_ns, array[PLANT.pos], velocity)
 
     def take_arrival(self, topic: str, stamp_ns: int, wall_s: float) -> None:
         """A message of any topic has come; its content is not shown."""
@@ -267,6 +281,7 @@ class LiveState:
             "nodes": nodes,
             "alarms": self._alarms(nodes, wall_s),
             "gps": {"age_s": round(self._fix_age_s(), 3)} if self._fix_ns else None,
+            "largest": self._largest_row(),
         }
 
     def _shown(self, topic: str, wall_s: float, convert: Any = None) -> list[float] | None:
@@ -295,6 +310,13 @@ class LiveState:
         row = self.reference.at(self.now_ns or self.reference.start_ns)
         row[REFERENCE.pos] += offset_of(self.nodes["outer_loop"].facts) or 0.0
         return row
+
+    def _largest_row(self) -> dict[str, object] | None:
+        """Largest errors so far; None until the outer loop has told from where it flies."""
+        offset = offset_of(self.nodes["outer_loop"].facts)
+        if self.reference is not None and offset is not None:
+            self._largest.count(self.reference, offset)
+        return self._largest.row()
 
     def _fix_age_s(self) -> float:
         return max(0.0, (self.now_ns - self._fix_ns) * 1e-9)

@@ -5,6 +5,7 @@ It listens like a bystander (best effort, shallow queues), decodes only what is 
 second, and runs behind the flight's nodes: whoever looks must not hold up what flies.
 """
 
+import contextlib
 import json
 import os
 import sys
@@ -19,7 +20,7 @@ from rclpy.serialization import deserialize_message
 
 from heli_live_view.access import TOKEN_VARIABLE, VIEW_ONLY, Access, new_token
 from heli_live_view.history import History
-from heli_live_view.live_state import SHOWN, LiveState
+from heli_live_view.live_state import COUNTED, SHOWN, LiveState
 from heli_live_view.page_server import Command, PageServer
 from heli_live_view.parameter_table import (
     COMMAND_LIMITS,
@@ -83,7 +84,8 @@ class Screen:
     def __init__(self, values: Mapping[str, Any], start_ns: int, commands: bool) -> None:
         self._values, self._commands = values, commands
         self._history, self._past_events = History(), list[dict[str, Any]]()
-        self.live = LiveState(start_ns, values["stale_s"])
+        windows_s = values["flight.windows_s"].ravel().tolist()
+        self.live = LiveState(start_ns, values["stale_s"], windows_s)
         self.foxglove_url: str | None = None
         self.commander: Commander | None = None
 
@@ -123,7 +125,7 @@ class Screen:
         row = self.live.row(wall_s)
         time_s = row["t"]
         if time_s is not None and self._history.wants(time_s):
-            self._history.add(time_s, _text({**row, "nodes": {}, "alarms": []}))
+            self._history.add(time_s, _text({**row, "nodes": {}, "alarms": [], "largest": None}))
         return row
 
     def events(self) -> list[dict[str, Any]]:
@@ -155,6 +157,8 @@ class View:
         Per topic the newest message that has not been shown.
     last_reference : bytes
         The newest reference; empty: none has come.
+    every : dict
+        Per topic in `COUNTED` the messages that have not been counted.
     facts : dict
         For /diagnostics.
     """
@@ -167,6 +171,7 @@ class View:
     facts: dict[str, Any]
     newest: dict[str, bytes] = field(default_factory=dict)
     last_reference: bytes = b""
+    every: dict[str, list[bytes]] = field(default_factory=lambda: {name: [] for name in COUNTED})
     decoders: dict[str, Decoder] = field(
         default_factory=lambda: {name: Decoder(name) for name in SHOWN}
     )
@@ -255,6 +260,7 @@ class LiveViewNode(ManagedNode[View, None]):
     def _subscribe(self, core: View, topic: topics.Topic) -> None:
         """Hear a topic: pass it on, keep the newest; what is rare is read at once."""
         name, full, newest, foxglove = topic.name, core.full[topic.name], core.newest, core.foxglove
+        every = core.every.get(name)
         read = {topics.DIAGNOSTICS: self._on_diagnostics, topics.REFERENCE: self._on_reference}.get(
             name
         )
@@ -264,6 +270,8 @@ class LiveViewNode(ManagedNode[View, None]):
                 foxglove.log(full, raw)
             if read is None:
                 newest[name] = raw
+                if every is not None:
+                    every.append(raw)
             else:
                 read(raw)
 
@@ -311,6 +319,16 @@ class LiveViewNode(ManagedNode[View, None]):
             except MessageError as error:
                 self.get_logger().warning(str(error), throttle_duration_sec=5.0)
         core.newest.clear()
+        self._count_every()
+
+    def _count_every(self) -> None:
+        """Hold every sample against the reference, not only the ones that are drawn."""
+        for name, samples in self.core.every.items():
+            decoder = self.core.decoders[name]
+            for raw in samples:
+                with contextlib.suppress(MessageError):
+                    self.core.screen.live.take_sample(name, stamp_of(raw), decoder.decode(raw))
+            samples.clear()
 
     # --- thirty times a second ---------------------------------------------------------------
 

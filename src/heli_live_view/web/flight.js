@@ -6,11 +6,6 @@ import { wrapped } from "./format.js";
 export const KEPT_S = 60;
 const ROW_STEP_S = 1 / 15;
 const STALE_MS = 1500;
-// The paper's figures are of hover: they are not compared just after the start or a move of the reference.
-const START_S = 5;
-const SETTLE_S = 3;
-const MOVING_MPS = 0.02;
-const JUMP_M = 0.05;
 
 const lerp = (a, b, f) => a + (b - a) * f;
 const lerps = (a, b, f) => (a && b ? a.map((x, i) => lerp(x, b[i], f)) : (b ?? a));
@@ -62,7 +57,6 @@ export class Flight {
     this.last = null;
     this.arrived = this.advanced = -Infinity;
     this.playout = null;
-    this.settledFrom = START_S;
     this.generation = (this.generation ?? 0) + 1;
   }
 
@@ -95,25 +89,13 @@ export class Flight {
     if (this.recent.length > 40) this.recent.shift();
   }
 
-  // True where the reference has been standing for a while.
-  settled(state) {
-    return state.t >= this.settledFrom;
-  }
-
-  watchReference(before, state) {
-    if (!state.ref) return;
-    const jump = before?.ref ? Math.hypot(...state.ref.p.map((x, i) => x - before.ref.p[i])) : 0;
-    if (Math.hypot(...(state.ref.v ?? [0])) > MOVING_MPS || jump > JUMP_M) this.settledFrom = state.t + SETTLE_S;
-  }
-
   remember(state) {
-    this.watchReference(this.last, state);
     this.last = state;
     const newest = this.rows.at(-1);
     if (newest && state.t - newest.t < ROW_STEP_S - 1e-6) return;
     const of = (body) => body && { p: body.p, euler: body.euler_deg, error: body.error };
     this.rows.push({
-      t: state.t, hover: this.settled(state), truth: of(state.truth), nav: of(state.nav), set: state.setpoint_deg, u: state.u,
+      t: state.t, truth: of(state.truth), nav: of(state.nav), set: state.setpoint_deg, u: state.u,
     });
     while (this.rows.length && this.rows[0].t < state.t - KEPT_S) this.rows.shift();
   }

@@ -108,35 +108,34 @@ export class BoundsTable {
       head.scope = "row";
       head.append(named(name), `, ${unit}`);
       row.append(head);
-      const cells = [row.insertCell(), row.insertCell(), row.insertCell(), row.insertCell()];
+      const cells = [1, 2, 3, 4, 5].map(() => row.insertCell());
       const meter = document.createElement("span");
       meter.className = "meter";
       meter.setAttribute("aria-hidden", "true");
       const [now, peak] = [document.createElement("i"), document.createElement("i")];
       peak.className = "peak";
       meter.append(now, peak);
-      cells[3].append(meter);
+      cells[4].append(meter);
       return { key, row, cells, now, peak };
     });
   }
 
   update(state, flight, shown) {
     const errors = state?.[shown]?.error;
-    const since = (state?.t ?? 0) - 30;
+    const largest = flight.last?.largest;
     for (const { key, row, cells, now, peak } of this.rows) {
       const bound = flight.info?.bounds?.[key];
-      let largest = null;
-      for (const past of flight.rows) {
-        const value = past.t >= since && past.hover && past[shown]?.error?.[key];
-        if (Number.isFinite(value)) largest = Math.max(largest ?? 0, Math.abs(value));
-      }
+      const [whole, windows] = ["whole", "windows"].map((stretch) => largest?.[stretch]?.[shown]?.[key] ?? null);
       put(cells[0], signed(errors?.[key], 2));
-      put(cells[1], fixed(largest, 2));
-      put(cells[2], fixed(bound, 2));
-      row.dataset.in = String(!bound || largest === null || largest <= bound);
+      [whole, windows].forEach((value, i) => {
+        put(cells[1 + i], fixed(value, 2));
+        cells[1 + i].dataset.in = String(!bound || value === null || value <= bound);
+      });
+      put(cells[3], fixed(bound, 2));
+      row.dataset.in = String(!bound || !(Math.abs(errors?.[key]) > bound));
       const share = (value) => Math.min(1, Math.abs(value ?? 0) / (bound || Infinity));
       now.style.transform = `scaleX(${share(errors?.[key])})`;
-      peak.style.transform = `translateX(${100 * (share(largest) - 1)}%)`;
+      peak.style.transform = `translateX(${100 * (share(windows ?? whole) - 1)}%)`;
     }
   }
 }

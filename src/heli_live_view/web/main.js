@@ -119,7 +119,8 @@ function tellSource(state, shown) {
     input.checked = input.value === shown;
   }
   const source = shown === "nav" ? "navigation, as in the paper" : "ground truth";
-  put(byId("bounds-of"), state && !flight.settled(state) ? `${source}, once it hovers` : source);
+  const since = flight.last?.largest?.since_s ?? 0;
+  put(byId("bounds-of"), since > 1 ? `${source}, from ${since.toFixed(0)} s on` : source);
 }
 
 let [lastFrame, lastWords, frames, fps, counted] = [performance.now(), 0, 0, 0, performance.now()];

@@ -62,7 +62,7 @@ def state(t, **changed):
         "rotor": {"a_s_deg": 0.5, "b_s_deg": -0.8, "d_int": 0.1},
         "rotor_truth": {"a_s_deg": math.sin(t), "b_s_deg": -1.2, "d_int": 0.1},
         "wind_enu": [-2.5, -2.5, 0.2], "sigma_p": [0.2, 0.25, 0.3], "mode": "hover",
-        "nodes": nodes, "alarms": [], "gps": {"age_s": 0.12}, **changed,
+        "nodes": nodes, "alarms": [], "gps": {"age_s": 0.12}, "largest": None, **changed,
     }  # fmt: skip
     return made | {source: with_error(made[source], made["ref"]) for source in ("truth", "nav")}
 

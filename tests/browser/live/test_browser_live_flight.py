@@ -9,6 +9,8 @@ import sys
 
 import pytest
 
+from heli_live_view.parameter_table import BOUNDS
+
 FLOWN_S = 9
 DRAWN = "window.heliView && heliView.scene.drawn && heliView.flight.last.t > 4 && heliView.fps > 0"
 
@@ -67,8 +69,16 @@ def test_flight_is_shown_above_its_shadow_in_real_time(page, flight, tmp_path):
     print(f"{page.value('heliView.fps'):.0f} frames/s, {page.value('heliView.workMs'):.1f} ms each")
 
     page.wait("document.getElementById('connection').dataset.state === 'over'")
+    largest = page.value("heliView.flight.last.largest")
     output, _ = process.communicate(timeout=120)
     assert process.returncode in (0, 1), output
     result = json.loads((tmp_path / "flight/result.json").read_text())
     assert abs(result["real_time_factor"] - 1.0) < 0.01
+    # The largest errors on the page are those of the report, but for messages that it has missed.
+    assert largest["since_s"] < 0.1
+    for found in result["metrics"]:
+        if found["measured_from"] == "navigation":
+            name = next(bound for bound, key in BOUNDS.items() if key == found["key"])
+            shown = largest[found["stretch"]]["nav"][name]
+            assert 0.9 * found["max"] < shown < found["max"] + 1e-3
     assert [e for e in page.errors if "ERR_CONNECTION_REFUSED" not in e] == []

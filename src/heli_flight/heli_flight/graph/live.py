@@ -90,6 +90,7 @@ def _of_flight(settings: Settings) -> dict[str, Any]:
         "flight.scenario": settings.scenario_name,
         "flight.seed": settings.seed,
         "flight.duration_s": plant["duration_s"],
+        "flight.windows_s": settings.scenario.windows_s,
         "aircraft.name": Path(aircraft).stem,
         "aircraft.rotor_radius_m": HelicopterParameters.from_yaml(aircraft).main_radius_m,
     }
