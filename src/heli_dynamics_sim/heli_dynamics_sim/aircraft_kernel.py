@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from heli_dynamics_sim.airframe import FinKernel, FuselageKernel
+from heli_dynamics_sim.engine import EngineKernel
 from heli_dynamics_sim.flap_back import FlapBackKernel, paddle_inflow
 from heli_dynamics_sim.ground import GroundKernel
 from heli_dynamics_sim.ground_effect import GroundEffectKernel
@@ -40,6 +41,8 @@ class HelicopterKernel(NamedTuple):
     servo: ServoKernel
     ground: GroundKernel
     climb_power: float  # 0: P_climb only in climb (kink at w_a = 0), 1: always, -1: never
+    tail_stall: float  # largest thrust of the tail rotor at the governed speed, N
+    engine: EngineKernel
     terms: Terms  # which of those beyond the source's equations are on
     flap_back: FlapBackKernel
     inflow: InflowKernel
@@ -65,12 +68,17 @@ def helicopter_kernel(p: "HelicopterParameters") -> HelicopterKernel:
     tail_blade = (p.tail_radius_m, p.tail_chord_m, p.tail_blades, p.tail_lift_slope)
     tail_speed = p.main_speed_radps * p.tail_gear_ratio
     stall = (p.fin_stall_onset, p.fin_stall_full)
+    limited = p.terms.tail_authority
+    rotor, main = (
+        _rotor_kernel(p.air_density_kgpm3, p.main_speed_radps, main_blade),
+        _main_kernel(p),
+    )
     return HelicopterKernel(
         body=BodyKernel(
             p.mass_kg, p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2, p.gravity_mps2
         ),
-        rotor=_rotor_kernel(p.air_density_kgpm3, p.main_speed_radps, main_blade),
-        main=_main_kernel(p),
+        rotor=rotor,
+        main=main,
         flapping=_flapping_kernel(p),
         tail=_rotor_kernel(p.air_density_kgpm3, tail_speed, tail_blade),
         tail_arm=p.tail_arm_m,
@@ -81,6 +89,8 @@ def helicopter_kernel(p: "HelicopterParameters") -> HelicopterKernel:
             p.gyro_pedal_gain_radps,
             p.pedal_gain,
             p.pedal_offset_rad,
+            p.tail_pitch_min_rad if limited else -math.inf,
+            p.tail_pitch_max_rad if limited else math.inf,
         ),
         fuselage=FuselageKernel(
             half_rho * p.drag_area_x_m2, half_rho * p.drag_area_y_m2, half_rho * p.drag_area_z_m2
@@ -94,6 +104,8 @@ def helicopter_kernel(p: "HelicopterParameters") -> HelicopterKernel:
         servo=_servo_kernel(p),
         ground=_ground_kernel(p),
         climb_power=CLIMB_POWER_KINKED,
+        tail_stall=_tail_stall(p) if limited else math.inf,
+        engine=_engine_kernel(p, rotor, main),
         terms=p.terms,
         flap_back=_flap_back_kernel(p),
         inflow=InflowKernel(p.main_radius_m),
@@ -138,6 +150,41 @@ def _servo_kernel(p: "HelicopterParameters") -> ServoKernel:
             swash=on.swash_servos,
             slow=p.servo_slow_share if on.swash_servos else 1.0,
         ),
+    )
+
+
+def _tail_stall(p: "HelicopterParameters") -> float:
+    """Thrust (N) of the tail rotor with all its blades at their stall: C_T / sigma = C_l / 6."""
+    tip = p.main_speed_radps * p.tail_gear_ratio * p.tail_radius_m
+    blades = p.tail_blades * p.tail_chord_m * p.tail_radius_m
+    return p.air_density_kgpm3 * blades * tip**2 * p.tail_lift_coefficient / 6.0
+
+
+def _engine_kernel(
+    p: "HelicopterParameters", rotor: RotorKernel, main: MainRotorKernel
+) -> EngineKernel:
+    power = p.drive_efficiency * p.engine_power_w
+    # dP/dtheta of hover at constant speed: T = 2 rho A v^2, P = T v, T = slope (blade theta - v)
+    v_i = math.sqrt(p.mass_kg * p.gravity_mps2 / rotor.disc)
+    lift = rotor.thrust_slope * rotor.blade_speed
+    lift /= 1.0 + rotor.thrust_slope / (2.0 * rotor.disc * v_i)
+    tip = p.main_speed_radps * p.tail_gear_ratio * p.tail_radius_m
+    blades = p.tail_drag_coefficient * p.tail_blades * p.tail_chord_m / 8.0
+    return EngineKernel(
+        speed=p.main_speed_radps,
+        inertia=p.drive_inertia_kgm2,
+        main_inertia=p.main_blades * p.blade_inertia_kgm2,
+        power=power,
+        rate=1.0 / p.engine_time_constant_s,
+        proportional=p.governor_proportional_s,
+        integral=p.governor_integral,
+        feed_forward=p.governor_feed_forward * 1.5 * v_i * lift / power,
+        pitch_gain=main.pitch_gain,
+        pitch_offset=main.pitch_offset,
+        tail_profile=p.air_density_kgpm3 * tip * p.tail_radius_m * blades,
+        tail_tip_speed=tip,
+        burnt=p.fuel_per_energy_kgpj / p.drive_efficiency,
+        tank=p.fuel_kg,
     )
 
 

@@ -23,7 +23,7 @@ from heli_dynamics_sim.sensors import (
 from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.wind import WindKernel
 from heli_dynamics_sim.wind_config import wind_kernel
-from heli_math.ticks import TICK_S
+from heli_math.ticks import TICK_S, ticks_in
 
 
 class LimitKernel(NamedTuple):
@@ -42,6 +42,7 @@ class PlantKernel(NamedTuple):
     sensors: SensorKernel
     limits: LimitKernel
     delay_ticks: int
+    fail_tick: int  # when the engine fails; negative: never
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class PlantConfig:
     limits : LimitKernel
     delay_ticks : int
         Transport delay of the commands.
+    fail_tick : int
+        Tick at which the engine fails; negative: it does not.
     trimmed_in_wind : bool
         Whether the start is in equilibrium in the mean wind, else in still air.
     """
@@ -72,6 +75,7 @@ class PlantConfig:
     sensors: SensorKernel
     limits: LimitKernel
     delay_ticks: int
+    fail_tick: int = -1
     trimmed_in_wind: bool = True
 
     @classmethod
@@ -107,6 +111,7 @@ class PlantConfig:
                 math.cos(math.radians(values["limits.tilt_deg"])),
             ),
             delay_ticks=values["delay_ticks"],
+            fail_tick=_fail_tick(values),
             trimmed_in_wind=values["initial.trim"] == "mean_wind",
         )
 
@@ -118,8 +123,23 @@ class PlantConfig:
     def kernel(self) -> PlantKernel:
         """The values as the compiled kernels take them."""
         return PlantKernel(
-            self.helicopter.kernel, self.wind, self.sensors, self.limits, self.delay_ticks
+            self.helicopter.kernel,
+            self.wind,
+            self.sensors,
+            self.limits,
+            self.delay_ticks,
+            self.fail_tick,
         )
+
+
+def _fail_tick(values: Mapping[str, Any]) -> int:
+    time_s = values["engine.fail_time_s"]
+    if time_s >= 0.0 and not values["terms.rotor_speed"]:
+        raise PlantConfigError(
+            f"engine.fail_time_s: {time_s:g} is not allowed while terms.rotor_speed is off: "
+            "without it there is no engine"
+        )
+    return ticks_in(time_s) if time_s >= 0.0 else -1
 
 
 def _sensor_kernel(values: Mapping[str, Any]) -> SensorKernel:

@@ -51,7 +51,7 @@ class DriveParameters:
         "governor.proportional_s", "K_p", "s", 0.0, 10.0, "throttle per rad/s", closed=True
     )
     governor_integral: float = number(
-        "governor.integral", "K_i", "1", 0.0, 10.0, "throttle per rad", closed=True
+        "governor.integral", "K_i", "1", 0.0, 10.0, "throttle per rad"
     )
     governor_feed_forward: float = number(
         "governor.feed_forward", "-", "1", 0.0, 2.0, "share of hover's power per pitch", closed=True
@@ -67,7 +67,4 @@ class DriveParameters:
     )
     tail_pitch_max_rad: float = number(
         "tail_rotor.pitch_max_rad", "-", "rad", 0.0, 1.0, "largest blade pitch"
-    )
-    gyro_output_limit_rad: float = number(
-        "yaw_gyro.output_limit_rad", "-", "rad", 0.0, 10.0, "output inside +- this"
     )

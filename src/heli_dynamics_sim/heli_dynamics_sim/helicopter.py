@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heli_dynamics_sim.airframe import fin_force, fuselage_force
+from heli_dynamics_sim.engine import drive_rates, shaft, shaft_powers
 from heli_dynamics_sim.ground import ground_loads
 from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_dynamics_sim.present import present
 from heli_dynamics_sim.rigid_body import rigid_body_rates, to_body
 from heli_dynamics_sim.rotor import flapping_rates, tail_rotor
 from heli_dynamics_sim.rotor_flow import rotor_flow, rotor_term_rates
@@ -74,23 +76,27 @@ def main_rotor_power(at_main, at_body, v_i, thrust, drag, k):
 
 @njit
 def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
-    """Force (N) and moment (N m) of the air on the aircraft, body axes, as two 3-tuples.
+    """Force (N) and moment (N m) of air and shaft on the aircraft, body axes, as two 3-tuples.
 
     at_main, at_tail, at_body: air speeds (3 floats) of main rotor, tail and fuselage, m/s.
-    `output` is that of the yaw-rate gyro, rad, `flow` that of `rotor_flow`.
+    `output` is that of the yaw-rate gyro, rad, `flow` that of `rotor_flow`. Behind them: the main
+    rotor's acceleration, rad/s2, and the engine's power, W.
     """
     u_t, v_t, w_t = at_tail
     u_f, v_f, w_f = at_body
     p, q, r = rates_of(x)
     a_s, b_s = x[PLANT.a_s], x[PLANT.b_s]
-    thrust, v_i, _, _ = flow
+    thrust, v_i, w_r, _ = flow
     drag = fuselage_force(u_f, v_f, w_f, v_i, k.fuselage)
-    power = main_rotor_power(at_main, at_body, v_i, thrust, drag, k)
     sin_a, sin_b = math.sin(a_s), math.sin(b_s)
     hub = k.main.hub_stiffness + thrust * k.main.hub_height
-    tail = tail_rotor(
-        u_t, v_t, w_t, p, q, r, tail_pitch(output, k.gyro), k.tail_arm, k.tail_height, k.tail
-    )
+    pitch, arm, height = tail_pitch(output, k.gyro), k.tail_arm, k.tail_height
+    tail, w_tail = tail_rotor(u_t, v_t, w_t, p, q, r, pitch, arm, height, k.tail, k.tail_stall)
+    if k.terms.rotor_speed:
+        powers = shaft_powers(thrust, v_i - w_r, at_main, tail, w_tail, at_tail, k)
+    else:
+        powers = main_rotor_power(at_main, at_body, v_i, thrust, drag, k), 0.0
+    torque, drive = shaft(x, powers, k)
     side = fin_force(v_t - r * k.vertical_fin.arm, u_t, k.vertical_fin)
     lift = fin_force(w_t + q * k.horizontal_fin.arm - v_i, u_t, k.horizontal_fin)
     force_x = -thrust * sin_a + drag[0]
@@ -98,20 +104,21 @@ def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
     force_z = -thrust * math.cos(a_s) * math.cos(b_s) + drag[2] + lift
     moment_x = hub * sin_b - tail * k.tail_height + side * k.vertical_fin.height
     moment_y = hub * sin_a + lift * k.horizontal_fin.arm
-    moment_z = -power / k.main.speed + tail * k.tail_arm - side * k.vertical_fin.arm
-    return (force_x, force_y, force_z), (moment_x, moment_y, moment_z)
+    moment_z = -torque + tail * k.tail_arm - side * k.vertical_fin.arm
+    return (force_x, force_y, force_z), (moment_x, moment_y, moment_z), drive
 
 
 @njit
 def derivative_kernel(x, u, air, k, out):
-    """State derivative: fills out (32,) for state x (32,), command u (4,), air (12,), a row AIR.
+    """State derivative: fills out (34,) for state x (34,), command u (4,), air (12,), a row AIR.
 
     Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterKernel.
     """
+    k = present(x, k)
     at_main, at_tail, at_body = airspeeds(x, air)
     d_int_rate, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
     flow = rotor_flow(x, at_main, k)
-    force, moment = aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k)
+    force, moment, drive = aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k)
     push, twist = ground_loads(x, k.ground)
     rigid_body_rates(
         x,
@@ -133,15 +140,17 @@ def derivative_kernel(x, u, air, k, out):
     for i in range(PLANT.servo_rate.stop, PLANT.size):  # states of terms that are off stay
         out[i] = 0.0
     rotor_term_rates(x, at_main, flow, k, out)
+    drive_rates(x, drive, k, out)
 
 
 @njit
 def specific_force(x, air, k, out):
     """Specific force at the c.g., body, m/s2 (what ideal accelerometers read): fills out (3,)."""
+    k = present(x, k)
     at_main, at_tail, at_body = airspeeds(x, air)
     _, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
     flow = rotor_flow(x, at_main, k)
-    force, _ = aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k)
+    force, _, _ = aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k)
     push, _ = ground_loads(x, k.ground)
     for i in range(3):
         out[i] = (force[i] + push[i]) / k.body.mass
@@ -161,7 +170,7 @@ def state_derivative(
 
     Parameters
     ----------
-    x : (32,) array
+    x : (34,) array
         State, places of `heli_math.rows.PLANT`.
     u : (4,) array
         Servo commands d_lat, d_lon, d_ped, d_col in (-1, 1).
@@ -171,7 +180,7 @@ def state_derivative(
 
     Returns
     -------
-    (32,) array
+    (34,) array
 
     Raises
     ------

@@ -12,10 +12,10 @@ WORK_ROWS = 5
 
 @njit
 def rk4_step(x, u, air, k, dt_s, work):
-    """Advance x (32,) by dt_s with command u (4,) and air (12,) held; in place.
+    """Advance x (34,) by dt_s with command u (4,) and air (12,) held; in place.
 
     After the step the quaternion is scaled to unit norm and the servos are kept inside their stops.
-    work is scratch, (5, 32).
+    work is scratch, (5, 34).
     """
     n = x.shape[0]
     k1, k2, k3, k4, stage = work

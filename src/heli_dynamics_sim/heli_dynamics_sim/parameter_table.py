@@ -81,7 +81,17 @@ _SCALE = (
     _scale("servo_speed", "Bandwidth and rate limit of the servos over those of the file"),
 )
 
-_TERMS = tuple(_row(f"terms.{name}", "bool", MEANINGS[name]) for name in Terms._fields)
+_TERMS = (
+    *(_row(f"terms.{name}", "bool", MEANINGS[name]) for name in Terms._fields),
+    _row(
+        "engine.fail_time_s",
+        "double",
+        "Flight time at which the engine fails; negative: never",
+        "s",
+        lower=-1.0,
+        upper=86400.0,
+    ),
+)
 
 _SENSORS = (
     _sigma("sensors.imu.gyro_noise_density", "White noise of the gyros", "rad/s/sqrt(Hz)", 0.1),

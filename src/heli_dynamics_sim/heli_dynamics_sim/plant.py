@@ -67,12 +67,12 @@ _OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in Plant
 class PlantState(NamedTuple):
     """State of the plant; the arrays are changed in place."""
 
-    x: np.ndarray  # (32,) aircraft, places of `rows.PLANT`
+    x: np.ndarray  # (34,) aircraft, places of `rows.PLANT`
     turbulence: AirState  # and the random gusts of the flight
     air: np.ndarray  # (12,) what the air does at the aircraft, places of `rows.AIR`
     sensors: SensorState
     commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
-    work: np.ndarray  # (5, 32) scratch
+    work: np.ndarray  # (5, 34) scratch
     flags: np.ndarray  # (1,) int64, first PlantStatus that was not OK
 
 
@@ -158,6 +158,8 @@ def measure(state, tick, noise_row, k, y):
     if tick > 0 and k.wind.turbulence:
         altitude_m = -state.x[PLANT.down]
         step_air(state.turbulence, altitude_m, TICK_S, noise_row, k.wind)
+    if 0 <= k.fail_tick <= tick:
+        state.x[PLANT.engine_out] = 1.0
     air_at(state.turbulence, state.x, tick * TICK_S, k.wind, state.air)
     read_sensors(state.sensors, tick, state.x, state.air, noise_row, k.aircraft, k.sensors, y)
     wind, around = y[MEAS.wind], state.air[AIR.fuselage]

@@ -130,14 +130,15 @@ def solve_inflow(w_r, w_bl, mu_sq, rotor):
 
 
 @njit
-def tail_rotor(u_a, v_a, w_a, p, q, r, pitch, arm, height, rotor):
-    """Thrust (N, pushing to the left, -y) of the tail rotor with blade pitch in rad."""
+def tail_rotor(u_a, v_a, w_a, p, q, r, pitch, arm, height, rotor, stall):
+    """Thrust (N, pushing to the left, -y) of the tail rotor with blade pitch in rad, and the air's
+    speed through its disc against the thrust, m/s; the thrust ends at +- stall (N)."""
     w_r = v_a - r * arm + p * height
     w_disc = w_a + q * arm
-    _, thrust, _ = solve_inflow(
+    v_i, thrust, _ = solve_inflow(
         w_r, w_r + rotor.blade_speed * pitch, w_disc * w_disc + u_a * u_a, rotor
     )
-    return thrust
+    return min(max(thrust, -stall), stall), v_i - w_r
 
 
 @njit

@@ -56,6 +56,10 @@ class TermState(NamedTuple):
 
 
 _STATES = {
+    "rotor_speed": (  # the governor keeps its speed: power and integrator are what they must be
+        TermState(PLANT.engine, PLANT.omega, "omega_dot (rad/s2)"),
+        TermState(PLANT.governor, PLANT.engine, "engine_dot (1/s)"),
+    ),
     "flap_back": (
         TermState(PLANT.blade_a, PLANT.blade_a, "blade_a_dot (rad/s)"),
         TermState(PLANT.blade_b, PLANT.blade_b, "blade_b_dot (rad/s)"),

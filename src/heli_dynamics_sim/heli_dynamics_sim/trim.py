@@ -13,8 +13,8 @@ from heli_dynamics_sim.state import make_state
 from heli_dynamics_sim.terms import states_of
 from heli_math.rows import ACTUATOR, PLANT
 
-ALTITUDE_M = 1000.0
-"""A height at which the ground is out of reach, of the skids and of the wake."""
+# A height at which the ground is out of reach; trim does not depend on it.
+_ALTITUDE_M = 1000.0
 _RESIDUAL_LIMIT = 1e-9
 _MAX_NEWTON = 40
 
@@ -57,7 +57,7 @@ class Trim:
 
     Attributes
     ----------
-    x : (32,) array
+    x : (34,) array
         Plant state at the origin, places of `heli_math.rows.PLANT`, with rotor speed and states of
         terms.
     u : (4,) array
@@ -77,14 +77,11 @@ class Trim:
 class _Problem:
     """Residuals of the trim equations in one wind."""
 
-    def __init__(
-        self, k: HelicopterKernel, wind: NDArray[np.float64], psi: float, altitude_m: float
-    ) -> None:
+    def __init__(self, k: HelicopterKernel, wind: NDArray[np.float64], psi: float) -> None:
         # The actuators' stops are judged at the end, not inside the iteration.
         self.k = k._replace(servo=k.servo._replace(travel=1e3))
         self.wind, self.air = wind, same_air(wind)
         self.psi = psi
-        self.altitude_m = altitude_m
         self.out = np.empty(PLANT.size)
         states = states_of(k.terms)
         self.places = [state.place for state in states]
@@ -92,7 +89,7 @@ class _Problem:
 
     def expand(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State and command for the unknowns."""
-        x = make_state((0.0, 0.0, -self.altitude_m), z[_Z.phi], z[_Z.theta], self.psi)
+        x = make_state((0.0, 0.0, -_ALTITUDE_M), z[_Z.phi], z[_Z.theta], self.psi)
         x[PLANT.rotor] = z[_Z.a_s], z[_Z.b_s], z[_Z.d_int]
         u = np.zeros(ACTUATOR.size)
         u[ACTUATOR.lat], u[ACTUATOR.lon], u[ACTUATOR.col] = z[_Z.d_lat], z[_Z.d_lon], z[_Z.d_col]
@@ -146,10 +143,7 @@ class _Problem:
 
 
 def trim(
-    params: HelicopterParameters,
-    wind_ned_mps: ArrayLike = (0.0, 0.0, 0.0),
-    psi: float = 0.0,
-    altitude_m: float = ALTITUDE_M,
+    params: HelicopterParameters, wind_ned_mps: ArrayLike = (0.0, 0.0, 0.0), psi: float = 0.0
 ) -> Trim:
     """Find the equilibrium of a hover over a fixed point in steady wind.
 
@@ -164,8 +158,6 @@ def trim(
         Velocity of the air, NED, m/s.
     psi : float
         Heading, rad.
-    altitude_m : float
-        Of the c.g., above the reach of the skids; matters to the term ground_effect alone.
 
     Returns
     -------
@@ -187,7 +179,7 @@ def trim(
     z = _first_guess(params)
     steps = 1 + int(np.linalg.norm(wind) / 1.5)
     for i in range(steps + 1):
-        problem = _Problem(k, wind * (i / steps), psi, altitude_m)
+        problem = _Problem(k, wind * (i / steps), psi)
         z, f = problem.newton(z)
     if not np.abs(f).max() <= _RESIDUAL_LIMIT:
         raise problem.refusal(f)
@@ -216,6 +208,11 @@ def _first_guess(params: HelicopterParameters) -> NDArray[np.float64]:
     z = np.zeros(len(_Z) + len(states))
     z[_Z.d_col] = (pitch - k.main.pitch_offset) / k.main.pitch_gain
     z[_Z.d_int] = (tail_pitch - k.gyro.pitch_offset) / (k.gyro.pitch_gain * k.gyro.integral)
-    guess = {PLANT.inflow_mean: v_i}
+    share = power / k.engine.power
+    guess = {
+        PLANT.inflow_mean: v_i,
+        PLANT.engine: share,
+        PLANT.governor: (share - k.engine.feed_forward * pitch) / k.engine.integral,
+    }
     z[len(_Z) :] = [guess.get(state.place, 0.0) for state in states]
     return z

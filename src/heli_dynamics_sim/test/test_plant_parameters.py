@@ -153,7 +153,7 @@ def test_parameters_that_do_not_fit_together(parameters, changes, said):
     assert said in str(caught.value)
 
 
-@pytest.mark.parametrize(("x", "u", "w"), [(24, 4, 3), (32, 3, 3), (32, 4, 2)])
+@pytest.mark.parametrize(("x", "u", "w"), [(24, 4, 3), (PLANT.size, 3, 3), (PLANT.size, 4, 2)])
 def test_state_derivative_refuses_wrong_lengths(helicopter, x, u, w):
     with pytest.raises(ValueError, match="has shape"):
         state_derivative(np.zeros(x), np.zeros(u), np.zeros(w), helicopter)

@@ -78,7 +78,7 @@ class TruthRow(NamedTuple):
 
 
 class PlantState(NamedTuple):
-    """State of the simulated aircraft (32,); its first 13 places are the message of its truth."""
+    """State of the simulated aircraft (34,); its first 13 places are the message of its truth."""
 
     pos: slice = slice(0, 3)  # of the c.g., NED, m
     north: int = 0
@@ -115,13 +115,15 @@ class PlantState(NamedTuple):
     inflow_rear: int = 26  # what its rear edge has more
     omega: int = 27  # main rotor's speed, rad/s
     governor: int = 28  # integrator of the governor
-    fuel: int = 29  # used so far: kg of fuel or Ah of charge
+    fuel: int = 29  # burnt so far, kg
     blades: slice = slice(
         30, 32
     )  # tilt of the disc by the air's speed across it, rad: the blades' part
     blade_a: int = 30  # as a_s
     blade_b: int = 31  # as b_s
-    size: int = 32
+    engine: int = 32  # engine's power over its limit
+    engine_out: int = 33  # 1.0 once the engine has failed
+    size: int = 34
 
 
 class AirRow(NamedTuple):
