@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli compare`: attitude, robustness. A sub-command imports what it needs."""
+"""The command `heli compare`: attitude, robustness, worlds. A sub-command imports what it needs."""
 
 import time
 from contextlib import nullcontext
@@ -8,10 +8,20 @@ from typing import Annotated
 
 import typer
 
-from heli_flight.cli.options import ALL_LAWS, Duration, Gps, Json, Laws, Params, Seeds, World
+from heli_flight.cli.options import (
+    ALL_LAWS,
+    AnyGps,
+    Duration,
+    Gps,
+    Json,
+    Laws,
+    Params,
+    Seeds,
+    World,
+)
 
 compare = typer.Typer(
-    help="Fly H-infinity, LQR and PID against each other.",
+    help="Fly H-infinity, LQR and PID against each other, and world against world.",
     no_args_is_help=True,
     rich_markup_mode=None,
     epilog="\b\nexample:\n  heli compare attitude --seeds 1..20",
@@ -111,3 +121,60 @@ def compare_robustness(
     robustness.print_outcomes(outcomes, laws, settings, console())
     console().print(f"{total * len(laws)} flights in {time.monotonic() - start:.1f} s")
     return 0
+
+
+@compare.command(
+    "worlds",
+    epilog="\b\nexample:\n  heli compare worlds --seeds 1..20\n"
+    "  heli compare worlds --worlds honest --w20 2,4,6,8",
+)
+def compare_worlds(
+    seeds: Seeds = "1..20",
+    worlds: Annotated[
+        str,
+        typer.Option("--worlds", metavar="NAMES", help="paper, honest, hard, YAML files: any"),
+    ] = "paper,honest,hard",
+    w20: Annotated[
+        str | None,
+        typer.Option(
+            "--w20", metavar="SPEEDS", help="each world in each of these winds at 20 ft, m/s"
+        ),
+    ] = None,
+    gps: AnyGps = None,
+    duration: Duration = None,
+    params: Params = None,
+    as_json: Json = False,
+) -> int:
+    """Fly the hover test in several worlds on the same seeds."""
+    from heli_flight.loop.layers import GPS_PRESETS
+    from heli_flight.studies.campaign import parse_seeds
+    from heli_flight.studies.compare import worlds as study
+    from heli_flight.terminal import console, json_text, steps
+
+    numbers = parse_seeds(seeds)
+    receivers = [gps] if gps else list(GPS_PRESETS)
+    where = study.places(worlds.split(","), receivers, _speeds(w20), duration, params or [])
+    start = time.monotonic()
+    with steps("flights", len(numbers) * len(where)) as progress:
+        content = study.as_dict(where, study.compare(where, numbers, progress))
+    if as_json:
+        print(json_text({"seeds": numbers, **content}), end="")
+        return 0
+    study.print_comparison(content, console())
+    console().print(f"{len(numbers) * len(where)} flights in {time.monotonic() - start:.1f} s")
+    return 0
+
+
+def _speeds(text: str | None) -> list[float]:
+    """Speeds of "2,4,6".
+
+    Raises
+    ------
+    ParameterError
+    """
+    from heli_parameters.parameters import ParameterError
+
+    try:
+        return [float(part) for part in text.split(",")] if text else []
+    except ValueError:
+        raise ParameterError(f"--w20 {text}: write speeds in m/s, such as 2,4,6,8") from None

@@ -50,7 +50,9 @@ Laws = Annotated[
         autocompletion=completion.compared_laws,
     ),
 ]
-Seeds = Annotated[str, typer.Option("--seeds", metavar="SEEDS", help="1..20, 7 or 1,5,9")]
+Seeds = Annotated[
+    str, typer.Option("--seeds", metavar="SEEDS", help="1..20, 7, 1,5,9 or 1..20,31..40")
+]
 ALL_LAWS = "hinf,hinf_offset_free,lqr,pid"
 Duration = Annotated[
     float | None,

@@ -68,23 +68,24 @@ def worst(flown: Sequence[FlownSeed], stretch: str = DECIDES) -> Mapping[tuple[s
 
 
 def parse_seeds(text: str) -> list[int]:
-    """Seeds of "1..20", "7" or "1,5,9".
+    """Seeds of "1..20", "7", "1,5,9" or "1..20,2001..2020".
 
     Raises
     ------
     ParameterError
         If the text is none of these.
     """
+    seeds: list[int] = []
     try:
-        if ".." in text:
-            first, last = (int(part) for part in text.split(".."))
-            seeds = list(range(first, last + 1))
-        else:
-            seeds = [int(part) for part in text.split(",")]
+        for part in text.split(","):
+            first, _, last = part.partition("..")
+            seeds += range(int(first), int(last or first) + 1)
+            if int(last or first) < int(first):
+                raise ValueError(part)
     except ValueError:
         seeds = []
     if not seeds or min(seeds) < 0:
-        raise ParameterError(f"--seeds {text}: write 1..20, 7 or 1,5,9")
+        raise ParameterError(f"--seeds {text}: write 1..20, 7, 1,5,9 or 1..20,31..40")
     return seeds
 
 

@@ -58,6 +58,18 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "worlds",
+        "./heli compare worlds --seeds 1..20,2001..2020 --json",
+        "The hover test in the worlds, with both receivers.",
+        (*TWENTY, *range(2001, 2021)),
+    ),
+    Producer(
+        "w20",
+        "./heli compare worlds --worlds honest --w20 2,4,6,8 --seeds 1..20 --json",
+        "The hover test in the honest world over the wind at 20 ft.",
+        TWENTY,
+    ),
+    Producer(
         "attitude",
         "./heli campaign --scenario attitude --seeds 1..20 --json",
         "The attitude test with both receivers.",

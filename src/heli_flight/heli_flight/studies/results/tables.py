@@ -6,10 +6,13 @@ from collections.abc import Callable, Mapping
 from heli_flight.studies.results import tables_beside_paper as beside
 from heli_flight.studies.results import tables_of_flights as flights
 from heli_flight.studies.results import tables_of_parts as parts
+from heli_flight.studies.results import tables_of_worlds as around
 from heli_flight.studies.results.files import Results
 
 TABLES: Mapping[str, Callable[[Results], str]] = {
     "paper": beside.paper,
+    "worlds": around.worlds,
+    "w20": around.w20,
     "laws": flights.laws,
     "laws_in_full": flights.laws_in_full,
     "robustness": flights.robustness,
