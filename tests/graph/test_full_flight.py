@@ -5,11 +5,13 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
+from heli_flight.loop.worlds import DRAWN
 from heli_msgs_bridge import topics
 
 
@@ -47,6 +49,33 @@ def test_hover_test_flies_records_and_agrees_with_the_one_process_loop(hover_tes
         assert stream.stamp_ns.size == 6000 // every, name
     assert bag.refused == {}
     assert {remark.node for remark in bag.remarks} >= {"plant", "observer", "inner_loop"}
+
+
+@pytest.mark.parametrize(("world", "gps"), [("honest", "standalone"), ("hard", "rtk")])
+def test_a_world_is_the_same_through_the_graph_and_in_one_process(hover_test, tmp_path, world, gps):
+    """Number for number: what the seed draws, the start, the reference from where hover engages."""
+    folder = tmp_path / "flight"
+    words = ("--world", world, "--gps", gps, "--seed", 3, "--duration", 8)
+    done = hover_test("--out", folder, *words)
+    assert done.returncode in (0, 1), done.stdout + done.stderr
+    result = json.loads((folder / "result.json").read_text())
+    settings = resolve("hover", gps, 3, 8.0, world=world)
+    assert (result["world"], result["lost"], result["notes"]) == (world, "", [])
+    assert result["draw"] == {key: settings.nodes["plant"][key] for key in DRAWN}
+
+    graph, alone = flight_from_bag(folder / "bag", settings).record, simulate(settings).record
+    assert len(graph) == len(alone) == 800
+    np.testing.assert_allclose(graph.truth_pos_ned_m, alone.truth_pos_ned_m, atol=1e-6)
+    np.testing.assert_allclose(graph.nav_pos_ned_m, alone.nav_pos_ned_m, atol=1e-6)
+    np.testing.assert_allclose(graph.u, alone.u, atol=1e-6)
+    # It begins at the first fix, which went through latitude and longitude.
+    np.testing.assert_allclose(graph.reference, alone.reference, atol=1e-6)
+    assert np.abs(alone.reference[0, :3] - [0.0, 0.0, -10.0]).max() > 1e-3
+
+    metadata = yaml.safe_load((folder / "bag" / "metadata.yaml").read_text())
+    told = metadata["rosbag2_bagfile_information"]["custom_data"]
+    assert (told["world"], told["seed"], told["gps"]) == (world, "3", gps)
+    assert float(told["scale.mass"]) == result["draw"]["scale.mass"]
 
 
 def test_two_runs_of_the_graph_are_the_same_number_for_number(hover_test, tmp_path):

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from heli_dynamics_sim.trim import TrimError
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.result import Result, conditions
 from heli_flight.loop.scoring import (
@@ -49,7 +50,13 @@ def fly_seeds(
     """Fly a scenario once per seed; progress is told how many have been flown."""
     flown: list[FlownSeed] = []
     for seed in seeds:
-        flight = simulate(with_seed(settings, seed))
+        try:
+            flight = simulate(with_seed(settings, seed))
+        except TrimError as error:
+            # An aircraft that was drawn, in this wind: no actuator setting holds it.
+            flown.append(FlownSeed(seed, Figures(), f"The aircraft cannot hover: {error}"))
+            progress(len(flown))
+            continue
         figures = Figures() if flight.sentence else score(flight.record, settings.scenario)
         flown.append(FlownSeed(seed, figures, flight.sentence))
         progress(len(flown))

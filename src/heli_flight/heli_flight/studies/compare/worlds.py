@@ -23,6 +23,8 @@ from heli_flight.terminal import table
 from heli_math.paper_metrics import Metric
 from heli_math.ticks import seconds
 
+JUDGED = {"standalone": "navigation", "rtk": "truth"}
+"""What a receiver can know, which its tables hold against the paper; JSON has all records."""
 NO_TRIM = "NO_TRIM"
 """What a flight is called whose aircraft no actuator setting holds: it is lost before it begins."""
 
@@ -184,26 +186,32 @@ def as_dict(where: Sequence[Place], found: Sequence[Sequence[Flown]]) -> dict[st
 
 
 def print_comparison(content: Mapping[str, Any], out: Console) -> None:
-    """Per world and receiver the median and worst of each metric, and how many are inside."""
+    """Per metric the median and the worst in every world, and how many are inside."""
+    places = content["places"]
     for stretch, words in STRETCHES.items():
-        for row in content["places"]:
-            rows = table(f"{row['name']}, {row['gps']}, {words}: {row['flown']} flights", out)
-            rows.add_column("metric")
-            for name in ("measured from", "median", "worst", "paper", "inside"):
-                rows.add_column(name, justify="right")
-            for m in row["metrics"]:
-                if m["stretch"] == stretch:
-                    rows.add_row(
-                        m["label"], m["measured_from"].replace("_", " "), f"{m['median']:.2f}",
-                        f"{m['worst']:.2f}", f"{m['paper']:g} {m['unit']}",
-                        f"{m['inside']} of {row['flown']}",
-                    )  # fmt: skip
-            out.print(rows)
-    for row in content["places"]:
-        kept = f"{row['exit_code_0']} of {row['flown']} flights with exit code 0"
-        out.print(f"{row['name']}, {row['gps']}: {kept}", highlight=False)
-        for flight in row["lost"]:
+        rows = table(f"{words}: median / worst over the flights, and how many are inside", out)
+        rows.add_column("metric")
+        rows.add_column("paper", justify="right")
+        for place in places:
+            rows.add_column(f"{place['name']}, {place['gps']}", justify="right")
+        for metric in METRICS["hover"]:
+            cells = [_cell(place, metric.key, stretch) for place in places]
+            rows.add_row(metric.label, f"{metric.paper:g} {metric.unit}", *cells)
+        out.print(rows)
+    out.print("measured from: " + "; ".join(f"{g}: {r}" for g, r in JUDGED.items()))
+    for place in places:
+        kept = f"{place['exit_code_0']} of {place['flown']} flights with exit code 0"
+        out.print(f"{place['name']}, {place['gps']}: {kept}", highlight=False)
+        for flight in place["lost"]:
             out.print(
                 f"  lost: seed {flight['seed']}, {flight['status']} after {flight['at_s']:.2f} s",
                 highlight=False,
             )
+
+
+def _cell(place: Mapping[str, Any], key: str, stretch: str) -> str:
+    wanted = (key, stretch, JUDGED[place["gps"]])
+    for row in place["metrics"]:
+        if (row["key"], row["stretch"], row["measured_from"]) == wanted:
+            return f"{row['median']:.2f} / {row['worst']:.2f}; {row['inside']} of {place['flown']}"
+    return "-"

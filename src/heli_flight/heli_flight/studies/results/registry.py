@@ -58,6 +58,12 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "attitude",
+        "./heli campaign --scenario attitude --seeds 1..20 --json",
+        "The attitude test with both receivers.",
+        TWENTY,
+    ),
+    Producer(
         "worlds",
         "./heli compare worlds --seeds 1..20,2001..2020 --json",
         "The hover test in the worlds, with both receivers.",
@@ -67,12 +73,6 @@ PRODUCERS = (
         "w20",
         "./heli compare worlds --worlds honest --w20 2,4,6,8 --seeds 1..20 --json",
         "The hover test in the honest world over the wind at 20 ft.",
-        TWENTY,
-    ),
-    Producer(
-        "attitude",
-        "./heli campaign --scenario attitude --seeds 1..20 --json",
-        "The attitude test with both receivers.",
         TWENTY,
     ),
     Producer("laws", _ATTITUDE, "The laws in the attitude test.", TWENTY),

@@ -4,12 +4,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from heli_flight.studies.compare.worlds import JUDGED
 from heli_flight.studies.results.files import Results
 from heli_flight.studies.results.grid import grid
 from heli_flight.studies.results.tables_beside_paper import RECEIVERS, RECORDS
 
-# What a receiver can know, and what is held against the paper in its columns.
-_JUDGED = {"standalone": "navigation", "rtk": "truth"}
 _STRETCHES = {"whole": "whole flight", "windows": "scored windows"}
 
 
@@ -35,12 +34,12 @@ def _table(results: Results, name: str) -> str:
             rows.append([f"{metric['label']}, {words}", paper, *cells])
     rows.append(["flights with exit code 0", "", *(f"{_share(row)}" for row in places)])
     rows.append(["lost", "", *(_lost(row) for row in places)])
-    records = "; ".join(f"{RECEIVERS[gps]}: {RECORDS[record]}" for gps, record in _JUDGED.items())
+    records = "; ".join(f"{RECEIVERS[gps]}: {RECORDS[record]}" for gps, record in JUDGED.items())
     flown = places[0]["flown"]
     return (
         f"{grid(head, rows)}\n\nLargest magnitude in a flight, median / worst over "
-        f"{_seeds(results, name)} ({flown} flights a column) without those that were lost; how many "
-        f"are inside the paper's figure. Measured from: {records}.\n{_conditions(places)}"
+        f"{_seeds(results, name)} ({flown} flights a column) without those that were lost; how "
+        f"many are inside the paper's figure. Measured from: {records}.\n{_conditions(places)}"
     )
 
 
@@ -51,7 +50,7 @@ def _seeds(results: Results, name: str) -> str:
 
 
 def _metrics(row: Mapping[str, Any], stretch: str) -> list[Mapping[str, Any]]:
-    record = _JUDGED[row["gps"]]
+    record = JUDGED[row["gps"]]
     return [m for m in row["metrics"] if (m["stretch"], m["measured_from"]) == (stretch, record)]
 
 
