@@ -5,9 +5,11 @@ References: blade-element balance by quadrature, published formulas and publishe
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from scipy.integrate import quad
 from scipy.optimize import brentq, fsolve
 
@@ -16,6 +18,7 @@ from heli_dynamics_sim.flap_back import bar_per_mps, blade_tilts
 from heli_dynamics_sim.ground_effect import induced_share
 from heli_dynamics_sim.helicopter import airspeeds, same_air, state_derivative
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
+from heli_dynamics_sim.linearize import linearize
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.rotor import solve_inflow
 from heli_dynamics_sim.rotor_flow import rotor_flow
@@ -89,6 +92,41 @@ def test_paddles_of_the_bar_balance_by_quadrature():
     assert -speed * bar_per_mps(down, 0.0, omega, plain) == pytest.approx(tilt, rel=1e-9)
 
 
+@pytest.mark.parametrize(("name", "slope"), [
+    ("helion", 0.00031), ("xcell60", 0.00032), ("logo600", 0.0010),
+])  # fmt: skip
+def test_flap_back_of_each_aircraft_is_what_the_readme_says(name, slope):
+    """Settled da_s/du in hover, couplings taken out; the README's numbers, half a digit."""
+    p = with_terms("flap_back", aircraft=HelicopterParameters.from_yaml(f"{name}.yaml"))
+    k, x = p.kernel, trim(p).x
+    _, v_i, _, pitch = rotor_flow(x, STILL, k)
+    blades = blade_tilts(1.0, 0.0, pitch, v_i, k.main.tip_speed, k.flap_back.coning)[0]
+    bar = bar_per_mps(v_i, 0.0, k.main.speed, k.flap_back)
+    assert blades - bar == pytest.approx(slope, rel=0.016)
+    assert settled_tilt(p, x, (0.1, 0.0, 0.0), 12.0)[0] == pytest.approx(
+        0.1 * (blades - bar), rel=1e-3
+    )
+    if bar:
+        assert bar / blades == pytest.approx(0.8, abs=0.03)
+
+
+def test_the_bars_time_of_the_default_aircraft_is_what_its_file_says():
+    """tau = 16/(gamma Omega)/(1 - 8e/3R) + K_sb 16/(gamma_sb Omega), all as recalled; 0.1 %."""
+    omega, rho = OFF.main_speed_radps, OFF.air_density_kgpm3
+    radii = OFF.bar_outer_radius_m**4 - OFF.bar_inner_radius_m**4
+    bar = 16.0 / (rho * 0.059 * 2.72 * radii / 0.004 * omega)
+    blades = 16.0 / (lock_number(OFF) * omega) / (1.0 - 8.0 * 0.07 / (3.0 * OFF.main_radius_m))
+    assert (bar, blades) == (pytest.approx(0.2407, abs=5e-5), pytest.approx(0.0566, abs=5e-5))
+    assert blades + OFF.bar_gain * bar == pytest.approx(OFF.flap_time_constant_s, rel=1e-3)
+
+
+def test_settled_inflow_slows_the_flapping_by_what_the_readme_says():
+    """A(a_s, a_s) with dynamic inflow over that without; 7 %; half a percent."""
+    models = [linearize(p, trim(p)) for p in (OFF, with_terms("inflow"))]
+    slow = models[1].A[4, 4] / models[0].A[4, 4]
+    assert slow == pytest.approx(0.93, abs=0.005)
+
+
 @pytest.mark.parametrize(("name", "published", "tolerance"), [("xcell60", 0.0003, 0.15)])
 def test_flap_back_of_a_machine_with_bar_is_the_published_one(name, published, tolerance):
     """Settled da_s/du in hover; Gavrilets' 0.0003 rad s/m of the X-Cell, from flight; 15 %.
@@ -128,6 +166,23 @@ def test_blades_follow_a_gust_before_the_bar_does():
     early, late = (settled_tilt(p, x, (1.0, 0.0, 0.0), t)[0] for t in (0.1, 3.0))
     assert 0.6 * blades < early < blades
     assert 0.1 * blades < late < 0.3 * blades
+
+
+def test_signs_of_the_disc_in_air_across_it_are_the_published_ones():
+    """Settled tilt of a rotor without bar; Walker and Tischler's Blade 360 (2021): all four signs.
+
+    b_s by u, what the skewed wake does, per m/s: theirs 0.0056; within a third.
+    """
+    data = Path(__file__).parent / "data" / "published_tilts.yaml"
+    theirs = yaml.safe_load(data.read_text(encoding="utf-8"))["blade360"]
+    logo = HelicopterParameters.from_yaml("logo600.yaml")
+    uncoupled = replace(logo, flap_a_bs_per_s=0.0, flap_b_as_per_s=0.0)
+    p = with_terms("flap_back", "inflow", aircraft=uncoupled)
+    model = linearize(p, trim(p))
+    ours = np.linalg.solve(model.A[4:6, 4:6], model.E[4:6, :2]).ravel()
+    published = [theirs[key] for key in ("a_s_u", "a_s_v", "b_s_u", "b_s_v")]
+    assert np.sign(ours).tolist() == np.sign(published).tolist()
+    assert ours[2] == pytest.approx(theirs["b_s_u"], rel=0.33)
 
 
 def test_a_constant_flap_back_stays_an_override():

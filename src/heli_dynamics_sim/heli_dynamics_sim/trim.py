@@ -13,8 +13,8 @@ from heli_dynamics_sim.state import make_state
 from heli_dynamics_sim.terms import states_of
 from heli_math.rows import ACTUATOR, PLANT
 
-# A height at which the ground is out of reach; trim does not depend on it.
-_ALTITUDE_M = 1000.0
+ALTITUDE_M = 1000.0
+"""A height at which the ground is out of reach, of the skids and of the wake."""
 _RESIDUAL_LIMIT = 1e-9
 _MAX_NEWTON = 40
 
@@ -77,11 +77,14 @@ class Trim:
 class _Problem:
     """Residuals of the trim equations in one wind."""
 
-    def __init__(self, k: HelicopterKernel, wind: NDArray[np.float64], psi: float) -> None:
+    def __init__(
+        self, k: HelicopterKernel, wind: NDArray[np.float64], psi: float, altitude_m: float
+    ) -> None:
         # The actuators' stops are judged at the end, not inside the iteration.
         self.k = k._replace(servo=k.servo._replace(travel=1e3))
         self.wind, self.air = wind, same_air(wind)
         self.psi = psi
+        self.altitude_m = altitude_m
         self.out = np.empty(PLANT.size)
         states = states_of(k.terms)
         self.places = [state.place for state in states]
@@ -89,7 +92,7 @@ class _Problem:
 
     def expand(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State and command for the unknowns."""
-        x = make_state((0.0, 0.0, -_ALTITUDE_M), z[_Z.phi], z[_Z.theta], self.psi)
+        x = make_state((0.0, 0.0, -self.altitude_m), z[_Z.phi], z[_Z.theta], self.psi)
         x[PLANT.rotor] = z[_Z.a_s], z[_Z.b_s], z[_Z.d_int]
         u = np.zeros(ACTUATOR.size)
         u[ACTUATOR.lat], u[ACTUATOR.lon], u[ACTUATOR.col] = z[_Z.d_lat], z[_Z.d_lon], z[_Z.d_col]
@@ -143,7 +146,10 @@ class _Problem:
 
 
 def trim(
-    params: HelicopterParameters, wind_ned_mps: ArrayLike = (0.0, 0.0, 0.0), psi: float = 0.0
+    params: HelicopterParameters,
+    wind_ned_mps: ArrayLike = (0.0, 0.0, 0.0),
+    psi: float = 0.0,
+    altitude_m: float = ALTITUDE_M,
 ) -> Trim:
     """Find the equilibrium of a hover over a fixed point in steady wind.
 
@@ -158,6 +164,8 @@ def trim(
         Velocity of the air, NED, m/s.
     psi : float
         Heading, rad.
+    altitude_m : float
+        Of the c.g., above the reach of the skids; matters to the term ground_effect alone.
 
     Returns
     -------
@@ -179,7 +187,7 @@ def trim(
     z = _first_guess(params)
     steps = 1 + int(np.linalg.norm(wind) / 1.5)
     for i in range(steps + 1):
-        problem = _Problem(k, wind * (i / steps), psi)
+        problem = _Problem(k, wind * (i / steps), psi, altitude_m)
         z, f = problem.newton(z)
     if not np.abs(f).max() <= _RESIDUAL_LIMIT:
         raise problem.refusal(f)

@@ -126,6 +126,17 @@ PRODUCERS = (
         "A, B, E of the linearised aircraft beside the published ones.",
     ),
     Producer(
+        "term_effects",
+        "./heli python scripts/term_effects.py",
+        "What each term of the aircraft does to trim, A, B, E and the tilt of the disc.",
+    ),
+    Producer(
+        "term_flights",
+        "./heli python scripts/term_flights.py --seeds 1..20",
+        "The hover test with terms of the rotor, and with eq. (7), unknown to the controllers.",
+        TWENTY,
+    ),
+    Producer(
         "cpu_types",
         "./heli python scripts/compare_cpu_types.py --seeds 1..5 --json",
         "The same flights as other processors fly them.",

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from heli_flight.studies.results import tables_beside_paper as beside
 from heli_flight.studies.results import tables_of_flights as flights
 from heli_flight.studies.results import tables_of_parts as parts
+from heli_flight.studies.results import tables_of_terms as terms
 from heli_flight.studies.results import tables_of_worlds as around
 from heli_flight.studies.results.files import Results
 
@@ -22,6 +23,10 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "pid_axes": parts.pid_axes,
     "fusion": parts.fusion,
     "deviations": parts.deviations,
+    "term_effects": terms.term_effects,
+    "term_deviations": terms.term_deviations,
+    "term_tilts": terms.term_tilts,
+    "term_flights": terms.term_flights,
     "cpu_types": parts.cpu_types,
     "recorder": parts.recorder,
     "setup": parts.setup,

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each term of the aircraft does to trim and to A, B, E of the default aircraft; JSON.
+
+Usage: ./heli python scripts/term_effects.py
+
+Trim in four airs, entries of A, B, E that change, deviations from the published A, B, E with and
+without the rotor's terms, and the tilt of the disc by air across it beside published ones.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from heli_dynamics_sim.linearize import LinearModel, linearize
+from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_dynamics_sim.terms import Terms
+from heli_dynamics_sim.trim import Trim, trim
+from heli_math.rotations import euler_from_quat
+from heli_math.rows import NINE, PLANT
+from heli_math.state_names import INPUT_NAMES, STATE_NAMES, WIND_NAMES
+
+DATA = Path(__file__).resolve().parent.parent / "tests/verification/data"
+COLUMNS = {"A": STATE_NAMES, "B": INPUT_NAMES, "E": WIND_NAMES}
+ROTOR = ("flap_back", "inflow", "ground_effect", "vortex_ring")
+# Air (NED, m/s) and altitude (m) of the trims.
+AIRS = {
+    "still air": ((0.0, 0.0, 0.0), 1000.0),
+    "5 m/s from ahead": ((-5.0, 0.0, 0.0), 1000.0),
+    "5 m/s from the right": ((0.0, -5.0, 0.0), 1000.0),
+    "air rising with 5 m/s": ((0.0, 0.0, -5.0), 1000.0),
+    "still air, 1.2 m above the ground": ((0.0, 0.0, 0.0), 1.2),
+}
+CHANGED = 1e-4
+"""Smallest change of an entry or of a trim value (deg, units of command) that is told."""
+
+
+def with_terms(aircraft: HelicopterParameters, *names: str) -> HelicopterParameters:
+    """The aircraft with these terms on."""
+    return replace(aircraft, terms=Terms()._replace(**dict.fromkeys(names, True)))
+
+
+def trim_values(found: Trim) -> dict[str, float]:
+    """Attitude and disc in deg, commands and gyro integrator as they are."""
+    phi, theta, _ = euler_from_quat(found.x[PLANT.quat])
+    a_s, b_s, d_int = found.x[PLANT.rotor]
+    angles = dict(
+        zip(("phi", "theta", "a_s", "b_s"), np.degrees((phi, theta, a_s, b_s)), strict=True)
+    )
+    commands = dict(zip(("d_lat", "d_lon", "d_col"), found.u[[0, 1, 3]], strict=True))
+    return {k: float(v) for k, v in {**angles, **commands, "d_int": d_int}.items()}
+
+
+def trims(aircraft: HelicopterParameters, flown: HelicopterParameters) -> list[dict[str, Any]]:
+    """Per air what the terms of `flown` change of the trim."""
+    rows = []
+    for name, (wind, altitude) in AIRS.items():
+        before, after = (trim_values(trim(p, wind, altitude_m=altitude)) for p in (aircraft, flown))
+        changed = {k: after[k] - before[k] for k in after if abs(after[k] - before[k]) > 1e-3}
+        rows.append({"air": name, "changed": changed})
+    return rows
+
+
+def entries(before: LinearModel, after: LinearModel) -> list[dict[str, Any]]:
+    """Entries of A, B, E that differ."""
+    rows = []
+    for name, columns in COLUMNS.items():
+        old, new = getattr(before, name), getattr(after, name)
+        for i, j in np.argwhere(np.abs(new - old) > CHANGED):
+            entry = f"{name}({STATE_NAMES[i]}, {columns[j]})"
+            rows.append({"entry": entry, "off": float(old[i, j]), "on": float(new[i, j])})
+    return rows
+
+
+def deviations(models: Mapping[str, LinearModel]) -> list[dict[str, Any]]:
+    """Published entries and ours, where one of the models is off them or differs from the first."""
+    published = yaml.safe_load((DATA / "nus_linear_model.yaml").read_text(encoding="utf-8"))
+    rows = []
+    for name, columns in COLUMNS.items():
+        theirs = np.array(published[name], dtype=float)
+        ours = {key: getattr(model, name) for key, model in models.items()}
+        first = next(iter(ours.values()))
+        moved = np.max([np.abs(value - first) for value in ours.values()], axis=0)
+        for i, j in np.argwhere(moved > CHANGED):
+            found = {key: float(value[i, j]) for key, value in ours.items()}
+            entry = f"{name}({STATE_NAMES[i]}, {columns[j]})"
+            rows.append({"entry": entry, "published": float(theirs[i, j]), **found})
+    return rows
+
+
+def tilts(aircraft: HelicopterParameters) -> dict[str, float]:
+    """Settled tilt per air speed, rad per m/s, and the tip speed."""
+    model = linearize(aircraft, trim(aircraft))
+    disc = [NINE.a_s, NINE.b_s]
+    slope = np.linalg.solve(model.A[np.ix_(disc, disc)], model.E[disc, :2])
+    named = dict(zip(("a_s_u", "a_s_v", "b_s_u", "b_s_v"), slope.ravel().tolist(), strict=True))
+    return {**named, "tip_mps": aircraft.main_speed_radps * aircraft.main_radius_m}
+
+
+def main() -> None:
+    """Print the JSON."""
+    default = HelicopterParameters.from_yaml("helion.yaml")
+    off = linearize(default, trim(default))
+    terms = []
+    for name in Terms._fields:
+        flown = with_terms(default, name)
+        model = linearize(flown, trim(flown))
+        row = {"term": name, "trims": trims(default, flown), "entries": entries(off, model)}
+        terms.append(row)
+    models = {
+        "off": off,
+        "flap_back": linearize(*_trimmed(with_terms(default, "flap_back"))),
+        "rotor": linearize(*_trimmed(with_terms(default, *ROTOR))),
+    }
+    published = yaml.safe_load((DATA / "published_tilts.yaml").read_text(encoding="utf-8"))
+    discs = [
+        {"aircraft": f"{name}, published", "bar": row.pop("bar"), **row}
+        for name, row in published.items()
+    ]
+    for name in ("helion", "xcell60", "logo600"):
+        aircraft = HelicopterParameters.from_yaml(f"{name}.yaml")
+        for words, on in (("flap_back", ["flap_back"]), ("flap_back, inflow", ROTOR[:2])):
+            found = tilts(with_terms(aircraft, *on))
+            bar = aircraft.bar_gain > 0.0
+            discs.append({"aircraft": f"{name}.yaml, {words}", "bar": bar, **found})
+    print(json.dumps({"terms": terms, "deviations": deviations(models), "tilts": discs}))
+
+
+def _trimmed(aircraft: HelicopterParameters) -> tuple[HelicopterParameters, Trim]:
+    return aircraft, trim(aircraft)
+
+
+if __name__ == "__main__":
+    main()
