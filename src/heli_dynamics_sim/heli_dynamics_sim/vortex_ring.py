@@ -57,6 +57,13 @@ def mass_flow(hover_sq, sinking, in_plane_sq):
 
 
 @njit
+def _excess(v_h, sinking, w_bl, in_plane_sq, kappa):
+    """What is zero at the rotor's v_h, m2/s2; it grows with v_h."""
+    hover_sq = v_h * v_h
+    return hover_sq + kappa * (hover_sq / mass_flow(hover_sq, sinking, in_plane_sq) - w_bl)
+
+
+@njit
 def solve_descent(sinking, w_bl, in_plane_sq, rotor):
     """(induced velocity in m/s, thrust in N) of a rotor that sinks, both positive.
 
@@ -65,20 +72,23 @@ def solve_descent(sinking, w_bl, in_plane_sq, rotor):
     """
     kappa = rotor.thrust_slope / rotor.disc
     low, high = 0.0, math.sqrt(kappa * w_bl)
-    f_low = -kappa * w_bl
-    f_high = kappa * high * high / mass_flow(high * high, sinking, in_plane_sq)
-    v_h = high
+    # Where v_i is 1.2 v_h, as in a slow descent, and a Newton step from there.
+    half = 0.6 * kappa
+    last = math.sqrt(half * half + kappa * w_bl) - half
+    f_last = _excess(last, sinking, w_bl, in_plane_sq, kappa)
+    v_h = last - f_last / (2.0 * last + 2.0 * half)
     for _ in range(_ITERATIONS):
-        v_h = high - f_high * (high - low) / (f_high - f_low)
-        hover_sq = v_h * v_h
-        f = hover_sq + kappa * (hover_sq / mass_flow(hover_sq, sinking, in_plane_sq) - w_bl)
+        if not low < v_h < high:
+            v_h = 0.5 * (low + high)
+        f = _excess(v_h, sinking, w_bl, in_plane_sq, kappa)
         if abs(f) <= _TOLERANCE * kappa * w_bl:
             break
         if f > 0.0:
-            high, f_high = v_h, f
-            f_low *= 0.5
+            high = v_h
         else:
-            low, f_low = v_h, f
-            f_high *= 0.5
+            low = v_h
+        step = f * (v_h - last) / (f - f_last) if f != f_last else 0.0
+        last, f_last = v_h, f
+        v_h -= step
     thrust = rotor.disc * v_h * v_h
     return w_bl - thrust / rotor.thrust_slope, thrust
