@@ -93,8 +93,12 @@ def deviations(models: Mapping[str, LinearModel]) -> list[dict[str, Any]]:
 
 
 def tilts(aircraft: HelicopterParameters) -> dict[str, float]:
-    """Settled tilt per air speed, rad per m/s, and the tip speed."""
-    model = linearize(aircraft, trim(aircraft))
+    """Settled tilt per air speed, rad per m/s, and the tip speed; couplings of the disc left out.
+
+    The published derivatives, too, stand beside the couplings of the flapping, not behind them.
+    """
+    uncoupled = replace(aircraft, flap_a_bs_per_s=0.0, flap_b_as_per_s=0.0)
+    model = linearize(uncoupled, trim(uncoupled))
     disc = [NINE.a_s, NINE.b_s]
     slope = np.linalg.solve(model.A[np.ix_(disc, disc)], model.E[disc, :2])
     named = dict(zip(("a_s_u", "a_s_v", "b_s_u", "b_s_v"), slope.ravel().tolist(), strict=True))

@@ -67,8 +67,8 @@ def term_tilts(results: Results) -> str:
     head = ["rotor", "bar", "a_s by u", "b_s by v", "a_s by v", "b_s by u", "tip speed, m/s"]
     return (
         f"{grid(head, rows)}\n\nSettled, in hover, rad per 1000 m/s; a_s back, b_s to the right. "
-        "The disc's own couplings are in it: those of `helion.yaml`, identified, have one sign and "
-        "enlarge what the wake's skew (`inflow`) does."
+        "The disc's own couplings are left out, as in the published derivatives; those of "
+        "`helion.yaml`, identified and of one sign, double what the wake's skew (`inflow`) does."
     )
 
 
