@@ -46,6 +46,14 @@ def test_over_the_whole_flight_the_commanded_climb_is_outside(gps):
             assert all(found[key].inside for key in set(found) - {"v_z", "altitude"})
 
 
+def test_over_the_whole_flight_the_attitude_test_starts_banked():
+    """What the README says: outside in roll by about 5 deg, at the start and by the start alone."""
+    for f in fly_seeds(resolve("attitude", gps="rtk", duration_s=20.0), SEEDS):
+        roll = next(s for s in f.figures.whole if (s.metric.key, s.source) == ("roll", "truth"))
+        assert roll.max == pytest.approx(5.0, abs=0.7) and not roll.inside
+        assert all(s.inside for s in f.figures.windows)
+
+
 def test_pure_pd_drifts_off_in_steady_wind():
     """Without compensation it is the paper's law, which stands off to leeward."""
     calm = {"plant": {"wind.turbulence": False}}

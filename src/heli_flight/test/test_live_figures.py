@@ -23,7 +23,7 @@ RECORDS = {"nav": "navigation", "truth": "truth"}
 
 @pytest.fixture(scope="module")
 def flown():
-    settings = resolve(gps="rtk", seed=3, duration_s=30.0)
+    settings = resolve(gps="rtk", seed=3, duration_s=33.0)
     return settings, simulate(settings).record
 
 
@@ -58,7 +58,7 @@ def test_the_live_view_and_the_report_give_the_same_figures(flown):
     figures, live = score(record, settings.scenario), watched(settings)
     assert show(live, record, range(150)) is None
     engage(live)
-    largest = show(live, record, range(150, 3000))
+    largest = show(live, record, range(150, 3300))
     assert largest["since_s"] == 0.0
     compared = 0
     for stretch in ("whole", "windows"):
@@ -69,6 +69,18 @@ def test_the_live_view_and_the_report_give_the_same_figures(flown):
                     assert largest[stretch][name][bound] == pytest.approx(found.max, abs=1e-4)
                     compared += 1
     assert compared == 2 * 2 * 6
+    for name, source in RECORDS.items():
+        report = {f.metric.key: f.value for f in figures.climb if f.source == source}
+        assert len(report) == 3 and largest["climb"][name] == pytest.approx(report, abs=1e-4)
+
+
+def test_the_climb_is_not_told_before_the_reference_has_arrived(flown):
+    settings, record = flown
+    live = watched(settings)
+    engage(live)
+    assert show(live, record, range(2199))["climb"] == {}
+    early = show(live, record, range(2199, 2250))["climb"]["nav"]
+    assert early["climb_time"] is None and early["climb_lag"] == pytest.approx(0.8, abs=0.1)
 
 
 def test_the_reference_counts_from_where_the_aircraft_engaged(flown):

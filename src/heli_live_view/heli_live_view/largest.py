@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_live_view.climb_so_far import ClimbSoFar
 from heli_live_view.parameter_table import BOUNDS
 from heli_math.paper_metrics import hover_errors, in_windows, size
 from heli_math.rows import REFERENCE
@@ -40,6 +41,7 @@ class Largest:
         self._waiting: dict[str, deque[tuple[int, Array, Array]]] = {}
         self._found: dict[str, dict[str, dict[str, float]]] = {WHOLE: {}, WINDOWS: {}}
         self._since_s: float | None = None
+        self._climb = ClimbSoFar()
 
     def add(self, record: str, stamp_ns: int, pos_ned_m: Array, vel_ned_mps: Array) -> None:
         """A sample of a record, "nav" or "truth": position and velocity (3,)."""
@@ -58,6 +60,7 @@ class Largest:
             pos, vel = (np.array([sample[i] for sample in known]) for i in (1, 2))
             ticks = (np.array([stamp_ns for stamp_ns, _, _ in known]) - self._start_ns) // TICK_NS
             self._hold(record, seconds(ticks), hover_errors(pos, vel, reference))
+            self._climb.hold(record, seconds(ticks), -pos[:, 2], reference)
 
     def _hold(self, record: str, time_s: Array, errors: dict[str, Array]) -> None:
         if self._since_s is None:
@@ -73,7 +76,9 @@ class Largest:
                     found[name] = max(largest, found.get(name, 0.0))
 
     def row(self) -> dict[str, object] | None:
-        """For the page: per stretch and record the largest by name of the bound; None before."""
+        """For the page: per stretch and record the largest by name of the bound, the climb's
+        figures per record, and from when on; None before.
+        """
         if self._since_s is None:
             return None
         shown = {
@@ -83,4 +88,4 @@ class Largest:
             }
             for stretch, records in self._found.items()
         }
-        return {**shown, "since_s": round(self._since_s, 2)}
+        return {**shown, "climb": self._climb.row(), "since_s": round(self._since_s, 2)}

@@ -113,6 +113,15 @@ function tellConnection() {
   document.title = state === "lost" ? `✖ LOST · ${title}` : title;
 }
 
+// The climb's figures, once the reference has arrived.
+function tellClimb(climb) {
+  const figure = (value, unit) => (value === null ? "not reached" : `${fixed(value, 2)} ${unit}`);
+  byId("climb").hidden = !climb;
+  if (!climb) return;
+  const { climb_overshoot: over, climb_time: time, climb_lag: lag } = climb;
+  put(byId("climb"), `climb: overshoot ${figure(over, "m")}, time ${figure(time, "s")}, lag ${figure(lag, "s")}`);
+}
+
 function tellSource(state, shown) {
   for (const input of sources) {
     input.disabled = Boolean(state) && !state[input.value];
@@ -120,6 +129,7 @@ function tellSource(state, shown) {
   }
   const source = shown === "nav" ? "navigation, as in the paper" : "ground truth";
   const since = flight.last?.largest?.since_s ?? 0;
+  tellClimb(flight.last?.largest?.climb?.[shown]);
   put(byId("bounds-of"), since > 1 ? `${source}, from ${since.toFixed(0)} s on` : source);
 }
 

@@ -13,6 +13,7 @@ __getattr__, __dir__, __all__ = face(
     },
     modules=[
         "atmosphere",
+        "climb",
         "linear_systems",
         "paper_metrics",
         "rotations",

@@ -86,6 +86,7 @@ def test_largest_errors_are_the_nodes_of_the_flight_and_of_the_windows(page, flo
     flight.change = {"largest": {
         "whole": {"truth": {"altitude_m": 1.93}, "nav": {"altitude_m": 2.01}},
         "windows": {"truth": {"altitude_m": 0.25}}, "since_s": 0.0,
+        "climb": {"truth": {"climb_overshoot": 0.17, "climb_time": None, "climb_lag": 0.78}},
     }}  # fmt: skip
     flight.open_in(page)
     cells = "[...document.querySelector('#bounds tr').cells]"
@@ -94,8 +95,13 @@ def test_largest_errors_are_the_nodes_of_the_flight_and_of_the_windows(page, flo
     assert shown == [["1.93", "false"], ["0.25", "true"], ["0.40", None]]
     told = "document.getElementById('bounds-of').innerText"
     assert page.value(told) == "ground truth"
+    climb = "document.getElementById('climb')"
+    assert page.value(f"{climb}.innerText") == (
+        "climb: overshoot 0.17 m, time not reached, lag 0.78 s"
+    )
     page.value("document.querySelector('input[value=nav]').click()")
     page.wait(f"{cells}[2].innerText === '2.01' && {cells}[3].innerText === '–'")
+    assert page.value(f"{climb}.hidden")
     # Who came late says so: what was before is not in it.
     flight.change["largest"]["since_s"] = 12.3
     page.wait(f"{told} === 'navigation, as in the paper, from 12 s on'")

@@ -14,7 +14,6 @@ from rich.console import Console
 
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.gusts import GUST, draw_gusts
-from heli_flight.loop.climb import CLIMB_METRICS, ClimbFigure
 from heli_flight.loop.flight_file import changes, drawn, drawn_words, identity
 from heli_flight.loop.scoring import (
     DECIDES,
@@ -31,6 +30,7 @@ from heli_flight.loop.settings import Settings
 from heli_flight.loop.worlds import PAPER
 from heli_flight.terminal import table
 from heli_flight.text_table import FittingTable
+from heli_math.climb import CLIMB_METRICS, ClimbFigure
 from heli_math.ticks import seconds
 
 RESULT = "result.json"

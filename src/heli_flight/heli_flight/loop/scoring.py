@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from heli_flight.loop.climb import ClimbFigure, climb_figures
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.scenario import Scenario
+from heli_math.climb import ClimbFigure, climb_figures
 from heli_math.paper_metrics import METRICS, Metric, attitude_errors, hover_errors, size
 
 __all__ = [

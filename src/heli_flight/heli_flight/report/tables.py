@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from heli_flight.loop.climb import CLIMB_METRICS, OVERSHOOT_S, commanded_climb
 from heli_flight.loop.result import climb_cell, phases
 from heli_flight.loop.scoring import (
     DECIDES,
@@ -33,6 +32,7 @@ from heli_flight.report.paper_charts import (
     NONLINEAR_M,
     PD_PID_M,
 )
+from heli_math.climb import CLIMB_METRICS, OVERSHOOT_S, commanded_climb
 from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY, size
 from heli_parameters.parameters import Parameter
 

@@ -4,10 +4,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from heli_flight.loop.climb import CLIMB_METRICS, OVERSHOOT_S
 from heli_flight.loop.scoring import DECIDES, WHOLE, WINDOWS
 from heli_flight.studies.results.files import Results
 from heli_flight.studies.results.grid import grid, world
+from heli_math.climb import CLIMB_METRICS, OVERSHOOT_S
 from heli_math.paper_metrics import BY_KEY
 
 TESTS = ("hover", "attitude")
