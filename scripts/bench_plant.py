@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from heli_dynamics_sim import plant
+from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
@@ -44,13 +45,13 @@ def default_config():
 
 
 @njit
-def _steps(x0, u, wind, k, work, n):
+def _steps(x0, u, air, k, work, n):
     """n integration steps, restarted from x0 every 50 so that the flight stays near trim."""
     x = x0.copy()
     for i in range(n):
         if i % 50 == 0:
             x[:] = x0
-        rk4_step(x, u, wind, k, STEP_S, work)
+        rk4_step(x, u, air, k, STEP_S, work)
     return x[0]
 
 
@@ -113,13 +114,13 @@ def main():
     """Print the table; exit code 1 if a step is over its budget."""
     config = default_config()
     state = plant.initial_state(config, 1)
-    x0, u, wind = state.x.copy(), state.x[PLANT.servo].copy(), np.array([-2.0, -2.0, 0.2])
+    x0, u, air = state.x.copy(), state.x[PLANT.servo].copy(), same_air([-2.0, -2.0, 0.2])
     work, y = np.zeros((WORK_ROWS, PLANT.size)), np.zeros(MEAS.size)
     rows = NoiseStreams(1).rows(20000)
-    _steps(x0, u, wind, config.helicopter.kernel, work, 1)
+    _steps(x0, u, air, config.helicopter.kernel, work, 1)
     _ticks(state, x0, rows[:1], u, config.kernel, y)
     n = 100_000
-    step = _best_us(lambda: _steps(x0, u, wind, config.helicopter.kernel, work, n), n)
+    step = _best_us(lambda: _steps(x0, u, air, config.helicopter.kernel, work, n), n)
     tick = _best_us(lambda: _ticks(state, x0, rows, u, config.kernel, y), len(rows))
     draw = _best_us(lambda: NoiseStreams(1).rows(20000), 20000, repeats=3)
     times = loop_times_real_time()
