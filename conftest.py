@@ -93,7 +93,7 @@ class Bench:
     ----------
     node : TickNode
     sent : dict of list
-        Per topic the rows (NED/FRD) that were sent.
+        Per topic the rows (NED/FRD) that were sent; None for a message that says it has none.
     """
 
     def __init__(self, kind, context, values):
@@ -124,9 +124,14 @@ class Bench:
         return self._coders[kind, topic]
 
     def decoded(self, topic, raw):
-        from heli_msgs_bridge.messages import CHANNELS, Decoder
+        from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
 
-        return self._coder(Decoder, topic).decode(raw).copy() if topic in CHANNELS else raw
+        if topic not in CHANNELS:
+            return raw
+        try:
+            return self._coder(Decoder, topic).decode(raw).copy()
+        except MessageError:
+            return None
 
     def receive(self, topic, message):
         """Hand a message to the node, serialised if it is heard so.

@@ -103,7 +103,9 @@ def test_presets_and_scenarios_fit_every_node(node):
     assert len(designs) >= 2
     worlds = sorted((ROOT / "src/heli_flight/config/worlds").glob("*.yaml"))
     assert {path.stem for path in worlds} == {"paper", "honest", "hard"}
-    for overlay in [*folder.glob("gps_*.yaml"), *scenarios, *designs, *worlds]:
+    grades = sorted((ROOT / "src/heli_dynamics_sim/config").glob("sensors_*.yaml"))
+    assert len(grades) >= 3
+    for overlay in [*folder.glob("gps_*.yaml"), *scenarios, *designs, *worlds, *grades]:
         load(table, [COMMON, folder / f"{node}.yaml", overlay], node)
 
 
@@ -126,7 +128,8 @@ def test_no_yaml_is_outside_these_tests():
     known = {COMMON, ROOT / "src/heli_flight/config/flight.yaml"}
     for node, (_, package) in TABLES.items():
         folder = ROOT / "src" / package / "config"
-        known |= {folder / f"{node}.yaml", *folder.glob("gps_*.yaml"), *folder.glob("aircraft/*")}
+        known |= {folder / f"{node}.yaml", *folder.glob("aircraft/*")}
+        known |= {*folder.glob("gps_*.yaml"), *folder.glob("sensors_*.yaml")}
     for kind in ("scenarios", "worlds", "designs", "identify"):
         known |= set((ROOT / "src/heli_flight/config" / kind).glob("*.yaml"))
     assert set((ROOT / "src").glob("heli_*/config/**/*.yaml")) - known == set()

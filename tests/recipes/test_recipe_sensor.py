@@ -99,25 +99,27 @@ def add_to_plant(r):
               "    size: int = 23\n",
               "    wind: slice = slice(24, 27)  # true velocity of the air, NED, m/s\n"
               "    size: int = 27\n")  # fmt: skip
-    r.after(f"{SIM}/noise.py", "    gps_drift: slice = slice(28, 31)\n",
-            "    doppler: slice = slice(31, 34)  # white\n")  # fmt: skip
-    r.replace(f"{SIM}/noise.py", "    size: int = 31\n", "    size: int = 34\n")
-    r.after(f"{SIM}/noise.py", "    Source(9, 4, 9),  # GPS\n", "    Source(3, 10, 11),\n")
+    r.after(f"{SIM}/noise.py", "    gps_jump_now: int = 44\n",
+            "    doppler: slice = slice(45, 48)  # white\n")  # fmt: skip
+    r.replace(f"{SIM}/noise.py", "    size: int = 45\n", "    size: int = 48\n")
+    r.after(f"{SIM}/noise.py", "    Source(4, 21, 22),  # jumps\n", "    Source(3, 24, 25),\n")
     r.before(f"{SIM}/sensors.py", "class SensorKernel(", KERNEL)
     r.after(f"{SIM}/sensors.py", "    gps: GpsKernel\n", "    doppler: DopplerKernel\n")
     r.before(f"{SIM}/sensors.py", "@njit\ndef read_sensors(", READ)
     r.after(f"{SIM}/sensors.py", "    read_gps(sensors, tick, x, noise, k.gps, y)\n",
             "    read_doppler(tick, x, noise, k.doppler, y)\n")  # fmt: skip
-    r.after(f"{SIM}/config.py", "    BaroKernel,\n", "    DopplerKernel,\n")
-    r.replace(f"{SIM}/config.py", "    return SensorKernel(imu, mag, baro, gps)\n",
+    r.after(f"{SIM}/sensor_config.py", "    BaroKernel,\n", "    DopplerKernel,\n")
+    r.replace(f"{SIM}/sensor_config.py",
+              "    return SensorKernel(_imu(get, helicopter), mag, baro, _gps(get))\n",
               '    doppler = DopplerKernel(get("doppler.white_mps"), get("doppler.period_ticks"))\n'
-              "    return SensorKernel(imu, mag, baro, gps, doppler)\n")  # fmt: skip
-    r.after(f"{SIM}/parameter_table.py",
+              "    return SensorKernel(_imu(get, helicopter), mag, baro, _gps(get), doppler)\n"
+              )  # fmt: skip
+    r.after(f"{SIM}/sensor_table.py",
             '    _ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),\n',
             '    _sigma("sensors.doppler.white_mps", "White error per axis", "m/s", 1.0),\n'
             '    _ticks("sensors.doppler.period_ticks", "Sampling period", 1, 1000),\n'
             )  # fmt: skip
-    r.after("src/heli_dynamics_sim/config/plant.yaml", "        latency_ticks: 15\n",
+    r.after("src/heli_dynamics_sim/config/plant.yaml", "        covariance: honest\n",
             "      # Doppler radar.\n      doppler:\n        # White error, m/s, each axis.\n"
             "        white_mps: 0.05\n        # 10: 10 Hz.\n        period_ticks: 10\n"
             )  # fmt: skip

@@ -13,17 +13,12 @@ from numpy.typing import NDArray
 from heli_dynamics_sim.config_error import PlantConfigError
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
 from heli_dynamics_sim.scales import scaled
-from heli_dynamics_sim.sensors import (
-    BaroKernel,
-    GpsKernel,
-    ImuKernel,
-    MagKernel,
-    SensorKernel,
-)
+from heli_dynamics_sim.sensor_config import sensor_kernel
+from heli_dynamics_sim.sensors import SensorKernel
 from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.wind import WindKernel
 from heli_dynamics_sim.wind_config import wind_kernel
-from heli_math.ticks import TICK_S, ticks_in
+from heli_math.ticks import ticks_in
 
 
 class LimitKernel(NamedTuple):
@@ -104,7 +99,7 @@ class PlantConfig:
             pos_ned_m=position,
             psi=math.radians(values["initial.psi_deg"]),
             wind=wind_kernel(values, helicopter),
-            sensors=_sensor_kernel(values),
+            sensors=sensor_kernel(values, helicopter),
             limits=LimitKernel(
                 position,
                 values["limits.distance_m"],
@@ -140,42 +135,3 @@ def _fail_tick(values: Mapping[str, Any]) -> int:
             "without it there is no engine"
         )
     return ticks_in(time_s) if time_s >= 0.0 else -1
-
-
-def _sensor_kernel(values: Mapping[str, Any]) -> SensorKernel:
-    def get(name: str) -> Any:
-        return values[f"sensors.{name}"]
-
-    root_rate, root_tick = math.sqrt(1.0 / TICK_S), math.sqrt(TICK_S)
-    imu = ImuKernel(
-        gyro_white=get("imu.gyro_noise_density") * root_rate,
-        accel_white=get("imu.accel_noise_density") * root_rate,
-        gyro_walk=get("imu.gyro_bias_walk") * root_tick,
-        accel_walk=get("imu.accel_bias_walk") * root_tick,
-        gyro_bias=get("imu.gyro_bias_sigma_radps"),
-        accel_bias=get("imu.accel_bias_sigma_mps2"),
-    )
-    mag = MagKernel(
-        np.array(get("mag.field_ned_t"), dtype=np.float64),
-        np.array(get("mag.soft_iron"), dtype=np.float64).reshape(3, 3),
-        np.array(get("mag.hard_iron_t"), dtype=np.float64),
-        get("mag.white_t"),
-        get("mag.period_ticks"),
-    )
-    baro = BaroKernel(
-        values["origin.altitude_m"],
-        get("baro.white_pa"),
-        get("baro.drift_pa"),
-        math.exp(-get("baro.period_ticks") * TICK_S / get("baro.drift_tau_s")),
-        get("baro.period_ticks"),
-    )
-    axes = np.array([1.0, 1.0, get("gps.vertical_factor")])
-    gps = GpsKernel(
-        get("gps.white_m") * axes,
-        get("gps.drift_m") * axes,
-        math.exp(-get("gps.period_ticks") * TICK_S / get("gps.drift_tau_s")),
-        get("gps.velocity_mps"),
-        get("gps.period_ticks"),
-        get("gps.latency_ticks"),
-    )
-    return SensorKernel(imu, mag, baro, gps)

@@ -41,12 +41,15 @@ WORLD_CLOCK = "world_clock"
 """Name of the node that sends the clock of several aircraft."""
 _NO_CLOCK = f"no message on '/clock' from {WORLD_CLOCK}: going on without the other aircraft"
 _ENCODE_CLOCK = ClockEncoder().encode
+_NO_FIX = np.full(3, np.nan)
 
 
 def _variances(v: Mapping[str, Any]) -> dict[str, Sequence[Variance]]:
     """What the sensors' messages say of their errors, from the parameters: per group, SI^2."""
     gyro, accel = v["sensors.imu.gyro_noise_density"], v["sensors.imu.accel_noise_density"]
     level = v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2
+    if v["sensors.gps.covariance"] == "honest":
+        level += v["sensors.gps.multipath.sigma_m"] ** 2 + v["sensors.gps.jump.sigma_m"] ** 2
     return {
         topics.IMU: (gyro**2 / TICK_S, accel**2 / TICK_S),
         topics.MAG: (v["sensors.mag.white_t"] ** 2,),
@@ -251,11 +254,14 @@ class PlantNode(TickNode[Aircraft, Flight]):
             send[topics.MAG](y[MEAS.mag], stamp_ns)
         if y[MEAS.baro_valid]:
             send[topics.BARO](y[[MEAS.baro]], stamp_ns)
-        if y[MEAS.gps_valid]:
-            # Stamped with its time of validity, which is earlier than now.
-            fix_ns = self.stamp_ns(int(y[MEAS.gps_tick]))
-            send[topics.GPS_FIX](y[MEAS.gps_pos], fix_ns)
-            send[topics.GPS_VELOCITY](y[MEAS.gps_vel], fix_ns)
+        gps = k.sensors.gps
+        if tick % gps.period == 0:
+            # Stamped with its time of validity, which is earlier than now. A receiver without a fix
+            # says so (STATUS_NO_FIX): in lockstep silence would be waited for.
+            fix_ns = self.stamp_ns(tick - gps.latency)
+            lost = not y[MEAS.gps_valid]
+            send[topics.GPS_FIX](_NO_FIX if lost else y[MEAS.gps_pos], fix_ns)
+            send[topics.GPS_VELOCITY](_NO_FIX if lost else y[MEAS.gps_vel], fix_ns)
         # Last of the sensors: in real time it triggers the observer, which then has the others.
         send[topics.IMU](y[MEAS.imu], stamp_ns)
         send[topics.TRUTH_ODOM](x[PLANT.rigid], stamp_ns)

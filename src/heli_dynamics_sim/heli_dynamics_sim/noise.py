@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 class NoiseRow(NamedTuple):
-    """Standard normals of a tick (32,), source by source in the order of `_SOURCES`."""
+    """Standard normals of a tick (45,), source by source in the order of `_SOURCES`."""
 
     wind: slice = slice(0, 5)  # along, across (2), down (2)
     gyro: slice = slice(5, 8)  # white
@@ -26,7 +26,16 @@ class NoiseRow(NamedTuple):
     gps_vel: slice = slice(25, 28)  # white
     gps_drift: slice = slice(28, 31)
     turn: int = 31  # rotational gust about the wind's axis
-    size: int = 32
+    imu_clock: int = 32
+    mag_clock: int = 33
+    baro_clock: int = 34
+    gps_clock: int = 35
+    gps_multipath: slice = slice(36, 39)
+    gps_satellites: int = 39
+    gps_outage: int = 40
+    gps_jump: slice = slice(41, 44)
+    gps_jump_now: int = 44
+    size: int = 45
 
 
 class Source(NamedTuple):
@@ -47,8 +56,14 @@ _SOURCES = (
     Source(2, 3, 8),  # barometer
     Source(9, 4, 9),  # GPS
     Source(1, 10, 11),  # rotational gusts
+    Source(4, 13, 14),  # clocks of the sensors
+    Source(3, 15, 16),  # multipath
+    Source(1, 17, 18),  # satellites
+    Source(1, 19, 20),  # outages
+    Source(4, 21, 22),  # jumps
 )
 _GUSTS = 12  # child of the random gusts
+_ONCE = 23  # child for what the sensors of a flight draw once
 
 
 def gust_generator(seed: int) -> np.random.Generator:
@@ -73,9 +88,11 @@ class NoiseStreams:
     def __init__(self, seed: int) -> None:
         if seed < 0:
             raise ValueError(f"seed {seed} is not allowed; allowed: an integer >= 0")
-        children = np.random.SeedSequence(seed).spawn(2 * len(_SOURCES))
+        last = max(_ONCE, *(child for s in _SOURCES for child in (s.stream, s.start)))
+        children = np.random.SeedSequence(seed).spawn(last + 1)
         self._streams = [np.random.default_rng(children[s.stream]) for s in _SOURCES]
         self._initial = [np.random.default_rng(children[s.start]) for s in _SOURCES]
+        self._once = np.random.default_rng(children[_ONCE])
 
     @staticmethod
     def _draw(streams: list[np.random.Generator], n: int) -> NDArray[np.float64]:
@@ -86,13 +103,17 @@ class NoiseStreams:
         return np.hstack(parts)
 
     def rows(self, n: int) -> NDArray[np.float64]:
-        """The next n rows (n, 32); n calls of `row` give exactly the same."""
+        """The next n rows (n, 45); n calls of `row` give exactly the same."""
         return self._draw(self._streams, n)
 
     def row(self) -> NDArray[np.float64]:
-        """The next row (32,)."""
+        """The next row (45,)."""
         return self._draw(self._streams, 1)[0]
 
     def initial_rows(self, n: int) -> NDArray[np.float64]:
-        """n rows (n, 32) for the state before the first tick, from streams of their own."""
+        """n rows (n, 45) for the state before the first tick, from streams of their own."""
         return self._draw(self._initial, n)
+
+    def once(self, n: int) -> NDArray[np.float64]:
+        """n numbers of what stays for a flight (scale factors, iron), from their own stream."""
+        return self._once.standard_normal(n)

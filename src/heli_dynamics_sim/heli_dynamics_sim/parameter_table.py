@@ -3,6 +3,7 @@
 
 from typing import Any
 
+from heli_dynamics_sim.sensor_table import SENSORS
 from heli_dynamics_sim.terms import MEANINGS, Terms
 from heli_dynamics_sim.wind_table import WIND
 from heli_math.ticks import TICK_S
@@ -14,10 +15,6 @@ NODE_NAME = "plant"
 def _row(name: str, kind: str, description: str, unit: str = "", **rest: Any) -> Parameter:
     # Read when the plant is configured.
     return Parameter(name, kind, description, unit, read_only=True, **rest)
-
-
-def _sigma(name: str, description: str, unit: str, upper: float) -> Parameter:
-    return _row(name, "double", description, unit, lower=0.0, upper=upper)
 
 
 def _ticks(name: str, description: str, lower: int, upper: int) -> Parameter:
@@ -93,82 +90,4 @@ _TERMS = (
     ),
 )
 
-_SENSORS = (
-    _sigma("sensors.imu.gyro_noise_density", "White noise of the gyros", "rad/s/sqrt(Hz)", 0.1),
-    _sigma("sensors.imu.gyro_bias_walk", "Random walk of the gyro biases", "rad/s/sqrt(s)", 0.01),
-    _sigma("sensors.imu.gyro_bias_sigma_radps", "Gyro bias at the start", "rad/s", 0.1),
-    _sigma(
-        "sensors.imu.accel_noise_density", "White noise of the accelerometers", "m/s2/sqrt(Hz)", 1.0
-    ),
-    _sigma(
-        "sensors.imu.accel_bias_walk",
-        "Random walk of the accelerometer biases",
-        "m/s2/sqrt(s)",
-        0.1,
-    ),
-    _sigma("sensors.imu.accel_bias_sigma_mps2", "Accelerometer bias at the start", "m/s2", 1.0),
-    _row(
-        "sensors.mag.field_ned_t",
-        "double[]",
-        "Local magnetic field, NED",
-        "T",
-        shape=(3,),
-        lower=-1e-4,
-        upper=1e-4,
-    ),
-    _row(
-        "sensors.mag.hard_iron_t",
-        "double[]",
-        "Constant offset, body",
-        "T",
-        shape=(3,),
-        lower=-1e-4,
-        upper=1e-4,
-    ),
-    _row(
-        "sensors.mag.soft_iron",
-        "double[]",
-        "Distortion of the field, body",
-        "",
-        shape=(3, 3),
-        lower=-2.0,
-        upper=2.0,
-    ),
-    _sigma("sensors.mag.white_t", "White noise of a sample", "T", 1e-5),
-    _ticks("sensors.mag.period_ticks", "Sampling period", 1, 1000),
-    _sigma("sensors.baro.white_pa", "White noise of a sample", "Pa", 1000.0),
-    _sigma("sensors.baro.drift_pa", "Slow drift, sigma", "Pa", 1000.0),
-    _row(
-        "sensors.baro.drift_tau_s",
-        "double",
-        "Time constant of the drift",
-        "s",
-        lower=1.0,
-        upper=1e6,
-    ),
-    _ticks("sensors.baro.period_ticks", "Sampling period", 1, 1000),
-    _sigma("sensors.gps.white_m", "White position error, horizontal", "m", 100.0),
-    _sigma("sensors.gps.drift_m", "Slow position drift, horizontal sigma", "m", 100.0),
-    _row(
-        "sensors.gps.drift_tau_s", "double", "Time constant of the drift", "s", lower=1.0, upper=1e6
-    ),
-    _row(
-        "sensors.gps.vertical_factor",
-        "double",
-        "Vertical over horizontal position error",
-        "",
-        lower=0.0,
-        upper=10.0,
-    ),
-    _sigma("sensors.gps.velocity_mps", "White velocity error per axis", "m/s", 10.0),
-    _ticks("sensors.gps.period_ticks", "Period of the fixes", 1, 1000),
-    _ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),
-    _row(
-        "sensors.gps.augmentation",
-        "string",
-        "What corrects the fixes, for the status in their messages",
-        choices=("none", "satellite", "ground"),
-    ),
-)
-
-TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _TERMS + WIND + _SENSORS
+TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _TERMS + WIND + SENSORS

@@ -17,8 +17,9 @@ from heli_dynamics_sim.config import PlantConfig, PlantConfigError, PlantKernel
 from heli_dynamics_sim.ground import ground_contact
 from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
-from heli_dynamics_sim.noise import NOISE, NoiseStreams
-from heli_dynamics_sim.sensors import FIX, SensorState, read_sensors, take_fix
+from heli_dynamics_sim.noise import NoiseStreams
+from heli_dynamics_sim.sensor_start import ONCE, fix_slots, initial_sensors
+from heli_dynamics_sim.sensors import SensorState, read_sensors
 from heli_dynamics_sim.state import STEP_S, SUBSTEPS, attitude_of
 from heli_dynamics_sim.trim import trim
 from heli_dynamics_sim.wind import FILTER, wind_at
@@ -96,10 +97,10 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
         If the aircraft cannot hover in that wind.
     """
     k = config.kernel
-    gps = k.sensors.gps
-    slots = gps.latency // gps.period + 1
+    slots = fix_slots(k.sensors.gps)
     altitude_m = -float(config.pos_ned_m[2])
-    rows = NoiseStreams(seed).initial_rows(slots + run_in_ticks(k.wind, altitude_m))
+    streams = NoiseStreams(seed)
+    rows = streams.initial_rows(slots + run_in_ticks(k.wind, altitude_m))
     calm = k.wind._replace(
         turbulence=False,
         gust_amplitude_mps=0.0 * k.wind.gust_amplitude_mps,
@@ -114,20 +115,8 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     )
     x = hover.x.copy()
     x[PLANT.pos] = config.pos_ned_m
-    first = rows[0]
     wind_rows = np.concatenate([rows[:1], rows[slots:]])
-    imu = k.sensors.imu
-    sensors = SensorState(
-        gyro_bias=imu.gyro_bias * first[NOISE.gyro],
-        accel_bias=imu.accel_bias * first[NOISE.accel],
-        baro_drift=np.array([k.sensors.baro.drift * first[NOISE.baro]]),
-        gps_drift=gps.drift_m * first[NOISE.gps_drift],
-        gps_queue=np.zeros((slots, FIX.size)),
-    )
-    for i in range(slots):
-        valid = i * gps.period - gps.latency
-        if valid < 0:
-            take_fix(sensors, valid, x, rows[i], gps)
+    sensors = initial_sensors(k.sensors, rows[:slots], streams.once(ONCE), x)
     return PlantState(
         x,
         initial_air(k.wind, altitude_m, wind_rows, seed),

@@ -2,7 +2,9 @@
 """Sensors: IMU, magnetometer, barometer, GPS. All in body FRD and NED, SI.
 
 Every error is a function of the standard normals that are passed in. First-order Gauss-Markov
-processes and random walks are stepped exactly.
+processes and random walks are stepped exactly. Noise, bias and drift are here; what sensors of some
+grade have besides, off by default, in `imu_errors`, `gps_errors` and `installation`. A sample of a
+sensor with a jittering clock is taken a little before or after its stamp, to first order.
 """
 
 import math
@@ -10,22 +12,31 @@ from typing import NamedTuple
 
 import numpy as np
 
+from heli_dynamics_sim.gps_errors import GpsErrorKernel, GpsErrorState, spoil_fix, step_gps_errors
 from heli_dynamics_sim.helicopter import specific_force
+from heli_dynamics_sim.imu_errors import ImuErrorKernel, ImuErrorState, clip, distort
+from heli_dynamics_sim.installation import (
+    PortKernel,
+    PowerFieldKernel,
+    add_power_field,
+    port_error,
+)
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.rigid_body import to_body, to_ned
-from heli_dynamics_sim.state import attitude_of, velocity_of
+from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
 from heli_math.atmosphere import pressure_pa
 from heli_math.jit import njit
 from heli_math.rows import MEAS, PLANT
 
 
 class FixRow(NamedTuple):
-    """A GPS fix under way (7,)."""
+    """A GPS fix under way (8,)."""
 
     pos: slice = slice(0, 3)  # NED, m
     vel: slice = slice(3, 6)  # NED, m/s
     tick: int = 6  # of validity
-    size: int = 7
+    got: int = 7  # 1.0 if there was one
+    size: int = 8
 
 
 FIX = FixRow()
@@ -40,16 +51,21 @@ class ImuKernel(NamedTuple):
     accel_walk: float  # m/s2 per tick
     gyro_bias: float  # sigma at start, rad/s
     accel_bias: float  # m/s2
+    errors: ImuErrorKernel
 
 
 class MagKernel(NamedTuple):
-    """Reads `soft_iron @ field + hard_iron + white`."""
+    """Reads `soft_iron @ field + hard_iron + white`; the state holds the flight's own iron."""
 
     field_ned_t: np.ndarray  # (3,)
     soft_iron: np.ndarray  # (3, 3)
     hard_iron_t: np.ndarray  # (3,)
     white: float  # T
     period: int  # ticks
+    clock_s: float  # sigma of the sampling instant about the stamp
+    soft_sigma: float  # of each entry at the start
+    hard_sigma_t: float  # of each axis at the start
+    power: PowerFieldKernel
 
 
 class BaroKernel(NamedTuple):
@@ -60,6 +76,8 @@ class BaroKernel(NamedTuple):
     drift: float  # stationary sigma, Pa
     decay: float  # per period
     period: int  # ticks
+    clock_s: float  # sigma of the sampling instant about the stamp
+    port: PortKernel
 
 
 class GpsKernel(NamedTuple):
@@ -71,6 +89,7 @@ class GpsKernel(NamedTuple):
     velocity_mps: float
     period: int  # ticks
     latency: int  # ticks
+    errors: GpsErrorKernel
 
 
 class SensorKernel(NamedTuple):
@@ -89,13 +108,23 @@ class SensorState(NamedTuple):
     accel_bias: np.ndarray  # (3,) m/s2
     baro_drift: np.ndarray  # (1,) Pa
     gps_drift: np.ndarray  # (3,) NED, m
-    gps_queue: np.ndarray  # (slots, 7) fixes under way, a FixRow each
+    gps_queue: np.ndarray  # (slots, 8) fixes under way, a FixRow each
+    imu: ImuErrorState
+    soft_iron: np.ndarray  # (3, 3) of this flight
+    hard_iron_t: np.ndarray  # (3,)
+    gps: GpsErrorState
 
 
 @njit
 def gauss_markov_step(x, decay, sigma, n):
     """Next value of a stationary first-order Gauss-Markov process with this sigma."""
     return decay * x + sigma * math.sqrt(1.0 - decay * decay) * n
+
+
+@njit
+def rotor_speed(x, aircraft):
+    """Speed of the main rotor, rad/s: a state, or as the aircraft's file says."""
+    return x[PLANT.omega] if aircraft.terms.rotor_speed else aircraft.main.speed
 
 
 @njit
@@ -106,15 +135,22 @@ def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
     gyro_walk, accel_walk = noise[NOISE.gyro_walk], noise[NOISE.accel_walk]
     specific_force(x, air, aircraft, force)
     for i in range(3):
+        rate[i] = true_rate[i]
+    if k.errors.on:
+        speed, clock = rotor_speed(x, aircraft), noise[NOISE.imu_clock]
+        distort(sensors.imu, tick, speed, clock, k.errors, y[MEAS.imu])
+    for i in range(3):
         if tick > 0:
             sensors.gyro_bias[i] += k.gyro_walk * gyro_walk[i]
             sensors.accel_bias[i] += k.accel_walk * accel_walk[i]
         force[i] += sensors.accel_bias[i] + k.accel_white * accel[i]
-        rate[i] = true_rate[i] + sensors.gyro_bias[i] + k.gyro_white * gyro[i]
+        rate[i] = rate[i] + sensors.gyro_bias[i] + k.gyro_white * gyro[i]
+    if k.errors.on:
+        clip(k.errors, y[MEAS.imu])
 
 
 @njit
-def read_mag(tick, x, noise, k, y):
+def read_mag(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill the magnetometer's places of the row y; zeros between the periods."""
     mag, white = y[MEAS.mag], noise[NOISE.mag]
     y[MEAS.mag_valid] = 1.0 if tick % k.period == 0 else 0.0
@@ -123,13 +159,24 @@ def read_mag(tick, x, noise, k, y):
         return
     f = k.field_ned_t
     b0, b1, b2 = to_body(attitude_of(x), f[0], f[1], f[2])
+    if k.clock_s > 0.0:
+        # db/dt = b x omega in turning axes
+        late_s, (p, q, r) = k.clock_s * noise[NOISE.mag_clock], rates_of(x)
+        b0, b1, b2 = (
+            b0 + late_s * (b1 * r - b2 * q),
+            b1 + late_s * (b2 * p - b0 * r),
+            b2 + late_s * (b0 * q - b1 * p),
+        )
+    soft, hard = sensors.soft_iron, sensors.hard_iron_t
     for i in range(3):
-        mag[i] = k.soft_iron[i, 0] * b0 + k.soft_iron[i, 1] * b1 + k.soft_iron[i, 2] * b2
-        mag[i] += k.hard_iron_t[i] + k.white * white[i]
+        mag[i] = soft[i, 0] * b0 + soft[i, 1] * b1 + soft[i, 2] * b2
+        mag[i] += hard[i] + k.white * white[i]
+    if k.power.on:
+        add_power_field(x, air, aircraft, k.power, mag)
 
 
 @njit
-def read_baro(sensors, tick, x, noise, k, y):
+def read_baro(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill the barometer's places of the row y; zero between the periods."""
     y[MEAS.baro_valid] = 1.0 if tick % k.period == 0 else 0.0
     if y[MEAS.baro_valid] == 0.0:
@@ -139,8 +186,14 @@ def read_baro(sensors, tick, x, noise, k, y):
         sensors.baro_drift[0] = gauss_markov_step(
             sensors.baro_drift[0], k.decay, k.drift, noise[NOISE.baro_drift]
         )
-    y[MEAS.baro] = pressure_pa(k.origin_altitude_m - x[PLANT.down]) + sensors.baro_drift[0]
+    down = x[PLANT.down]
+    if k.clock_s > 0.0:
+        u, v, w = velocity_of(x)
+        down += k.clock_s * noise[NOISE.baro_clock] * to_ned(attitude_of(x), u, v, w)[2]
+    y[MEAS.baro] = pressure_pa(k.origin_altitude_m - down) + sensors.baro_drift[0]
     y[MEAS.baro] += k.white * noise[NOISE.baro]
+    if k.port.on:
+        y[MEAS.baro] += port_error(x, air, aircraft, k.port)
 
 
 @njit
@@ -151,18 +204,22 @@ def take_fix(sensors, tick, x, noise, k):
     fix = sensors.gps_queue[slot]
     pos, vel, true_pos = fix[FIX.pos], fix[FIX.vel], x[PLANT.pos]
     white_pos, white_vel = noise[NOISE.gps_pos], noise[NOISE.gps_vel]
-    vel[0], vel[1], vel[2] = to_ned(attitude_of(x), u, v, w)
+    velocity = to_ned(attitude_of(x), u, v, w)
+    vel[0], vel[1], vel[2] = velocity
     for i in range(3):
         pos[i] = true_pos[i] + sensors.gps_drift[i] + k.white_m[i] * white_pos[i]
         vel[i] += k.velocity_mps * white_vel[i]
-    fix[FIX.tick] = tick
+    fix[FIX.tick], fix[FIX.got] = tick, 1.0
+    if k.errors.on and not spoil_fix(sensors.gps, noise, k, velocity, pos, vel):
+        fix[FIX.got] = 0.0
 
 
 @njit
 def read_gps(sensors, tick, x, noise, k, y):
     """Fill the row y's places of GPS with the fix that arrives; zeros if none does.
 
-    Fixes arrive at the multiples of the period and were valid `latency` ticks before.
+    Fixes arrive at the multiples of the period and were valid `latency` ticks before; a receiver
+    without a fix then has none.
     """
     drift = noise[NOISE.gps_drift]
     if (tick + k.latency) % k.period == 0:
@@ -170,24 +227,25 @@ def read_gps(sensors, tick, x, noise, k, y):
             sensors.gps_drift[i] = gauss_markov_step(
                 sensors.gps_drift[i], k.decay, k.drift_m[i], drift[i]
             )
+        if k.errors.on:
+            step_gps_errors(sensors.gps, noise, k.errors)
         take_fix(sensors, tick, x, noise, k)
     pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
-    y[MEAS.gps_valid] = 1.0 if tick % k.period == 0 else 0.0
-    y[MEAS.gps_tick] = 0.0
+    y[MEAS.gps_valid] = y[MEAS.gps_tick] = 0.0
     for i in range(3):
         pos[i] = vel[i] = 0.0
-    if y[MEAS.gps_valid] == 1.0:
-        fix = sensors.gps_queue[(tick // k.period) % sensors.gps_queue.shape[0]]
+    fix = sensors.gps_queue[(tick // k.period) % sensors.gps_queue.shape[0]]
+    if tick % k.period == 0 and fix[FIX.got] == 1.0:
         fix_pos, fix_vel = fix[FIX.pos], fix[FIX.vel]
         for i in range(3):
             pos[i], vel[i] = fix_pos[i], fix_vel[i]
-        y[MEAS.gps_tick] = fix[FIX.tick]
+        y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, fix[FIX.tick]
 
 
 @njit
 def read_sensors(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill what sensors say of the measurement row y at a tick."""
     read_imu(sensors, tick, x, air, noise, aircraft, k.imu, y)
-    read_mag(tick, x, noise, k.mag, y)
-    read_baro(sensors, tick, x, noise, k.baro, y)
+    read_mag(sensors, tick, x, air, noise, aircraft, k.mag, y)
+    read_baro(sensors, tick, x, air, noise, aircraft, k.baro, y)
     read_gps(sensors, tick, x, noise, k.gps, y)

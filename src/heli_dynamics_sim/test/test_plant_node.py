@@ -6,9 +6,9 @@ import pytest
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Imu, NavSatFix
+from sensor_msgs.msg import Imu, NavSatFix, NavSatStatus
 
-from heli_dynamics_sim.node import PlantNode
+from heli_dynamics_sim.node import PlantNode, _variances
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
@@ -176,6 +176,48 @@ def test_messages_say_what_the_parameters_say_of_the_sensors(bench):
     imu = deserialize_message(raw[topics.IMU], Imu)
     assert imu.angular_velocity_covariance[0] == pytest.approx(1e-4**2 / 0.01)
     assert imu.orientation_covariance[0] == -1.0
+
+
+def test_a_receiver_without_a_fix_says_so_on_schedule(bench):
+    """Outages: a message at every fifth of a second, STATUS_NO_FIX in one, its stamp as ever."""
+    heard = []
+
+    class Heard(PlantNode):
+        def create_output(self, topic):
+            send = super().create_output(topic)
+
+            def keep(message):
+                if topic == topics.GPS_FIX:
+                    heard.append(deserialize_message(message, NavSatFix))
+                send(message)
+
+            return keep
+
+    plant = bench(
+        Heard,
+        sensors__gps__outage__interval_s=0.4,
+        sensors__gps__outage__duration_s=0.4,
+    )
+    plant.fly()
+    for tick in range(300):
+        plant.send(topics.ACTUATORS, tick, U)
+    states = {fix.status.status for fix in heard}
+    assert states == {NavSatStatus.STATUS_NO_FIX, NavSatStatus.STATUS_FIX}
+    for fix in heard:
+        assert np.isnan(fix.latitude) == (fix.status.status == NavSatStatus.STATUS_NO_FIX)
+    stamps = np.array([fix.header.stamp.sec + 1e-9 * fix.header.stamp.nanosec for fix in heard])
+    assert len(heard) == 16 and np.diff(stamps) == pytest.approx(np.full(15, 0.2), abs=1e-6)
+
+
+@pytest.mark.parametrize("covariance", ["honest", "receiver"])
+def test_covariance_knows_of_multipath_or_not(covariance):
+    values = PlantNode.SPEC.resolve() | {
+        "sensors.gps.multipath.sigma_m": 2.0,
+        "sensors.gps.jump.sigma_m": 1.0,
+        "sensors.gps.covariance": covariance,
+    }
+    level = 0.3**2 + 1.0**2 + (5.0 if covariance == "honest" else 0.0)
+    assert _variances(values)[topics.GPS_FIX][0] == pytest.approx((level, level, 2.25 * level))
 
 
 @pytest.mark.parametrize("late", [False, True], ids=["before the pause", "in the pause"])

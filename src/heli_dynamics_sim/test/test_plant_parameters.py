@@ -137,6 +137,54 @@ def test_gps_presets_set_the_gps_and_nothing_else(preset):
         assert got == [0.015, 0.01, 0.03]
 
 
+GRADES = ["sensors_consumer", "sensors_industrial", "sensors_rtk"]
+
+
+@pytest.mark.parametrize("grade", GRADES)
+def test_grades_set_the_sensors_and_nothing_else(grade):
+    base = load(TABLE, [CONFIG / "plant.yaml"], "plant")
+    values = load(TABLE, [CONFIG / "plant.yaml", CONFIG / f"{grade}.yaml"], "plant")
+    changed = {key for key in base if not np.array_equal(base[key], values[key])}
+    assert all(key.startswith("sensors.") for key in changed)
+    # every error beyond noise and drift that there is
+    new = {
+        "imu.gyro_scale_sigma", "imu.accel_misalignment_rad", "imu.accel_range_mps2",
+        "imu.clock_jitter_s", "imu.vibration.rev_mps2", "imu.vibration.rev_radps",
+        "imu.vibration.blade_mps2", "imu.vibration.blade_radps", "mag.hard_iron_sigma_t",
+        "mag.soft_iron_sigma", "mag.power_field_t_per_w", "mag.clock_jitter_s",
+        "baro.wind_coefficients", "baro.wash_coefficient", "baro.clock_jitter_s",
+        "gps.latency_jitter_s", "gps.multipath.sigma_m", "gps.satellites.blocked",
+        "gps.outage.interval_s", "gps.jump.sigma_m", "gps.covariance",
+    }  # fmt: skip
+    assert {f"sensors.{key}" for key in new} <= changed
+    assert not any(np.any(base[f"sensors.{key}"]) for key in new - {"gps.covariance"})
+
+
+@pytest.mark.parametrize("grade", GRADES)
+def test_grades_have_a_comment_with_a_source_above_each_value(grade):
+    """A source, or the word that there is none: [E] an estimate, (r) recalled."""
+    rest = (CONFIG / f"{grade}.yaml").read_text().split("/**/plant:")[1].split("/**/observer:")[0]
+    comment, below = "", 99
+    for line in rest.splitlines()[2:]:
+        text = line.strip()
+        if text.startswith("#"):
+            comment, below = (comment if below == 0 else "") + text, 0
+        elif not text.endswith(":"):
+            below += 1
+            assert comment and below <= 4, line
+    assert "ADIS16475" in rest or "BMI055" in rest
+
+
+def test_better_grades_have_smaller_errors():
+    grades = [
+        load(TABLE, [CONFIG / "plant.yaml", CONFIG / f"{grade}.yaml"], "plant") for grade in GRADES
+    ]
+    for key in ("imu.gyro_scale_sigma", "mag.hard_iron_sigma_t", "gps.multipath.sigma_m",
+                "gps.latency_jitter_s", "gps.jump.sigma_m", "imu.vibration.rev_mps2"):  # fmt: skip
+        sizes = [np.max(values[f"sensors.{key}"]) for values in grades]
+        assert sizes == sorted(sizes, reverse=True) and sizes[0] > sizes[2], key
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -145,6 +193,10 @@ def test_gps_presets_set_the_gps_and_nothing_else(preset):
         ({"wind__gust__duration_s": [1.0, 2.0]}, "wind.gust.duration_s: describes 2 gusts"),
         ({"wind__gust__amplitude_mps": np.zeros((3, 3))}, "wind.gust.amplitude_mps: describes 3"),
         ({"initial__pos_ned_m": [0.0, 0.0, 1.0]}, "initial.pos_ned_m: down 1 m is in the ground"),
+        (
+            {"sensors__gps__satellites__blocked": 4.0, "sensors__gps__satellites__blocked_s": 3.0},
+            "sensors.gps.satellites.blocked_s: 3 is not allowed; allowed: at least 4, ",
+        ),
     ],
 )
 def test_parameters_that_do_not_fit_together(parameters, changes, said):

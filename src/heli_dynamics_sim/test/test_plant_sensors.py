@@ -58,16 +58,20 @@ def test_streams_are_independent_white_and_differ_by_seed():
 
 def test_a_new_source_changes_no_other(monkeypatch):
     before = NoiseStreams(3).rows(5), NoiseStreams(3).initial_rows(2)
-    monkeypatch.setattr(noise, "_SOURCES", (*noise._SOURCES, noise.Source(2, 10, 11)))
+    once = NoiseStreams(3).once(4)
+    monkeypatch.setattr(noise, "_SOURCES", (*noise._SOURCES, noise.Source(2, 24, 25)))
     after = NoiseStreams(3).rows(5), NoiseStreams(3).initial_rows(2)
     for old, new in zip(before, after, strict=True):
         assert new.shape[1] == NOISE.size + 2
         assert (new[:, : NOISE.size] == old).all()
+    assert (NoiseStreams(3).once(4) == once).all()
 
 
 def test_children_of_the_seed_are_drawn_from_once():
     children = [child for source in noise._SOURCES for child in (source.stream, source.start)]
-    assert sorted(children) == list(range(2 * len(noise._SOURCES)))
+    assert sorted([*children, noise._GUSTS, noise._ONCE]) == list(
+        range(2 * len(noise._SOURCES) + 2)
+    )
 
 
 def test_negative_seed_is_refused():

@@ -47,3 +47,16 @@ def test_diagnostics_count_what_was_fused_and_what_was_rejected(observer):
     assert facts["mag_rejected"] == observer.node.core.state.count[C_MAG_REJECTED]
     assert facts["gps_fused"] > 10 and facts["baro_fused"] > 40
     assert "gps_position_rejected" not in facts and "tick_gaps" not in facts
+
+
+def test_a_receiver_without_a_fix_is_not_waited_for(observer):
+    """Lockstep: a message that says "no fix" is the tick's; the filter steps on without one."""
+    y = np.ascontiguousarray(synthesize(hover_path(), observer.node.values, 4.0, seed=8).y)
+    y[101:, MEAS.gps_pos] = y[101:, MEAS.gps_vel] = np.nan
+    for tick in range(301):
+        tick_of(observer, tick, y[tick])
+        assert observer.node.tick == tick
+    facts = observer.node.health.facts
+    assert 4 <= facts["gps_fused"] <= 6  # those of the first second
+    assert np.isfinite(observer.node.core.out).all()
+    assert "says that there is no fix" in observer.node.core.refused[topics.GPS_FIX]

@@ -138,11 +138,13 @@ def layered(
 
     take(scenario_table.NODE_NAME, ())
     take(worlds.NODE_NAME, around)
-    grade = values[worlds.NODE_NAME][f"sensors.{gps}"]
+    # One file tells the plant and the observer.
+    sensors = config_folder("heli_dynamics_sim")
+    sensors /= f"sensors_{values[worlds.NODE_NAME][f'sensors.{gps}']}.yaml"
     drawn: dict[str, Draw] = {}
     for node in NODES:
         folder = config_folder(node.package)
-        presets = [folder / f"gps_{gps}.yaml", folder / f"sensors_{grade}.yaml"]
+        presets = [folder / f"gps_{gps}.yaml", sensors]
         own = [read(preset) for preset in presets if preset.is_file()]
         below = [common, read(folder / f"{node.name}.yaml"), *own, *around]
         take(node.name, below)

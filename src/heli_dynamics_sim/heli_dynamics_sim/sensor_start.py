@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What sensors remember before tick 0, drawn from the stationary distributions."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_dynamics_sim.gps_errors import FEWEST_SATELLITES, GpsErrorKernel, GpsErrorState, uniform
+from heli_dynamics_sim.imu_errors import ImuErrorState
+from heli_dynamics_sim.noise import NOISE
+from heli_dynamics_sim.sensors import FIX, GpsKernel, SensorKernel, SensorState, take_fix
+from heli_math.rows import IMU
+
+ONCE = 28
+"""How many numbers the sensors of a flight draw once: scales, misalignments, iron, azimuth."""
+
+
+def fix_slots(gps: GpsKernel) -> int:
+    """Length of the queue of fixes under way."""
+    return gps.latency // gps.period + 1
+
+
+def initial_sensors(
+    k: SensorKernel,
+    rows: NDArray[np.float64],
+    once: NDArray[np.float64],
+    x: NDArray[np.float64],
+) -> SensorState:
+    """Biases, drifts, scale factors, iron and the fixes under way of a flight.
+
+    Parameters
+    ----------
+    k : SensorKernel
+    rows : (fix_slots, n) array
+        Standard normals, places of `noise.NOISE`.
+    once : (ONCE,) array
+        Standard normals.
+    x : (n,) array
+        State of the plant at the start, places of `rows.PLANT`: the fixes under way are its.
+    """
+    gps, first = k.gps, rows[0]
+    gains, iron = once[:18].reshape(2, 3, 3), once[18:27]
+    # The rotor stands anywhere, all azimuths alike.
+    azimuth = 2.0 * math.pi * uniform(once[27])
+    sensors = SensorState(
+        gyro_bias=k.imu.gyro_bias * first[NOISE.gyro],
+        accel_bias=k.imu.accel_bias * first[NOISE.accel],
+        baro_drift=np.array([k.baro.drift * first[NOISE.baro]]),
+        gps_drift=gps.drift_m * first[NOISE.gps_drift],
+        gps_queue=np.zeros((rows.shape[0], FIX.size)),
+        imu=ImuErrorState(
+            np.eye(3) + k.imu.errors.gain_sigma * gains, np.array([azimuth]), np.zeros(IMU.size)
+        ),
+        soft_iron=k.mag.soft_iron + k.mag.soft_sigma * _symmetric(iron[:6]),
+        hard_iron_t=k.mag.hard_iron_t + k.mag.hard_sigma_t * iron[6:],
+        gps=_gps_errors(gps.errors, first),
+    )
+    for i in range(rows.shape[0]):
+        valid = i * gps.period - gps.latency
+        if valid < 0:
+            take_fix(sensors, valid, x, rows[i], gps)
+    return sensors
+
+
+def _symmetric(six: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Symmetric matrix (3, 3) of its six entries: induced magnetisation is reciprocal."""
+    a, b, c, d, e, f = six
+    return np.array([[a, d, e], [d, b, f], [e, f, c]])
+
+
+def _gps_errors(k: GpsErrorKernel, first: NDArray[np.float64]) -> GpsErrorState:
+    """Stationary, but the flight begins with a fix: enough satellites, no outage."""
+    draw = float(uniform(first[NOISE.gps_satellites]))
+    blocked, part = 0, np.exp(-k.blocked)
+    while draw > part and blocked < k.satellites - FEWEST_SATELLITES:
+        draw -= part
+        blocked += 1
+        part *= k.blocked / blocked
+    return GpsErrorState(
+        multipath=k.multipath_m * first[NOISE.gps_multipath],
+        jump=k.jump_m * first[NOISE.gps_jump],
+        blocked=np.array([float(blocked)]),
+        out=np.zeros(1),
+    )
