@@ -264,7 +264,7 @@ def test_field_of_the_power(plant_config, record, helicopter):
 
 def test_field_of_an_engine(plant_config, record):
     """With the term rotor_speed the engine's power: that of the main rotor and 5 to 20 % behind
-    (the tail rotor: Prouty, Helicopter Performance, Stability, and Control, ch. 4); none if failed."""
+    (tail rotor; Prouty, Helicopter Performance, Stability, and Control, ch. 4); none if failed."""
     field = {"sensors__mag__power_field_t_per_w": [1e-9, 0.0, 0.0], "terms__rotor_speed": True}
     config = plant_config(**STILL, **field)
     without = record(plant_config(**STILL, terms__rotor_speed=True), 1)[0, MEAS.mag]
