@@ -38,6 +38,7 @@ class PlantKernel(NamedTuple):
     limits: LimitKernel
     delay_ticks: int
     fail_tick: int  # when the engine fails; negative: never
+    onset_s: float  # over which the air begins to move
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class PlantConfig:
         Tick at which the engine fails; negative: it does not.
     trimmed_in_wind : bool
         Whether the start is in equilibrium in the mean wind, else in still air.
+    onset_s : float
+        Time over which the air begins to move, s.
     """
 
     helicopter: HelicopterParameters
@@ -72,6 +75,7 @@ class PlantConfig:
     delay_ticks: int
     fail_tick: int = -1
     trimmed_in_wind: bool = True
+    onset_s: float = 0.0
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "PlantConfig":
@@ -108,6 +112,7 @@ class PlantConfig:
             delay_ticks=values["delay_ticks"],
             fail_tick=_fail_tick(values),
             trimmed_in_wind=values["initial.trim"] == "mean_wind",
+            onset_s=values["initial.wind_onset_s"],
         )
 
     def with_wind(self, values: Mapping[str, Any]) -> "PlantConfig":
@@ -124,6 +129,7 @@ class PlantConfig:
             self.limits,
             self.delay_ticks,
             self.fail_tick,
+            self.onset_s,
         )
 
 

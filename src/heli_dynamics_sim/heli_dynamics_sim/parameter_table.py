@@ -48,6 +48,14 @@ _SCENE = (
         choices=("mean_wind", "still_air"),
     ),
     _row(
+        "initial.wind_onset_s",
+        "double",
+        "Time over which the air begins to move",
+        "s",
+        lower=0.0,
+        upper=60.0,
+    ),
+    _row(
         "limits.distance_m",
         "double",
         "Distance from the start that counts as lost",

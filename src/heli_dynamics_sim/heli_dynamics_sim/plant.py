@@ -129,6 +129,14 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
 
 
 @njit
+def _begin_to_move(share, air):
+    """Air (12,) that is a share (0 to 1) into its onset: the first half of a 1-cosine gust."""
+    moving = 0.5 * (1.0 - math.cos(math.pi * share))
+    for i in range(air.shape[0]):
+        air[i] *= moving
+
+
+@njit
 def measure(state, tick, noise_row, k, y):
     """Bring the wind to a tick and read the sensors.
 
@@ -150,6 +158,8 @@ def measure(state, tick, noise_row, k, y):
     if 0 <= k.fail_tick <= tick:
         state.x[PLANT.engine_out] = 1.0
     air_at(state.turbulence, state.x, tick * TICK_S, k.wind, state.air)
+    if tick * TICK_S < k.onset_s:
+        _begin_to_move(tick * TICK_S / k.onset_s, state.air)
     read_sensors(state.sensors, tick, state.x, state.air, noise_row, k.aircraft, k.sensors, y)
     wind, around = y[MEAS.wind], state.air[AIR.fuselage]
     for i in range(3):

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from heli_dynamics_sim.aircraft_file import AircraftError
-from heli_dynamics_sim.plant import initial_state
+from heli_dynamics_sim.noise import NoiseStreams
+from heli_dynamics_sim.plant import initial_state, measure
 from heli_dynamics_sim.trim import trim
-from heli_math.rows import PLANT
+from heli_math.rows import IMU, MEAS, PLANT
 
 SCALES = {
     "mass": {"mass_kg"},
@@ -54,3 +55,21 @@ def test_a_start_in_still_air_knows_nothing_of_the_wind(plant_config, helicopter
     assert np.abs(still.x[PLANT.quat] - in_wind.x[PLANT.quat]).max() > 1e-3
     # The wind itself is there from the first tick on.
     np.testing.assert_array_equal(still.air, in_wind.air)
+
+
+def test_the_air_begins_to_move_with_the_flight(plant_config):
+    """The first half of MIL-F-8785C's 1-cosine shape: nothing, half of it half-way, all."""
+    wind = {"wind__turbulence": False, "wind__profile_speed_mps": [6.0, 6.0, 6.0]}
+    config = plant_config(**wind, initial__trim="still_air", initial__wind_onset_s=2.0)
+    state, rows = initial_state(config, 1), NoiseStreams(1).rows(301)
+    speeds = []
+    for tick in range(301):
+        y = np.zeros(MEAS.size)
+        measure(state, tick, rows[tick], config.kernel, y)
+        speeds.append(float(np.linalg.norm(y[MEAS.wind])))
+        if tick == 0:
+            level = y[MEAS.imu][IMU.force]
+    assert speeds[0] == 0.0 and speeds[100] == pytest.approx(3.0)
+    assert speeds[50] == pytest.approx(3.0 * (1.0 - np.cos(0.25 * np.pi)))
+    assert speeds[200] == speeds[300] == pytest.approx(6.0)
+    assert np.linalg.norm(level) == pytest.approx(config.helicopter.gravity_mps2, abs=0.1)
