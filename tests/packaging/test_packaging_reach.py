@@ -44,12 +44,13 @@ READ_BY_FIELD = {
     "truth_rate_body_radps": "FlightRecord, compared by fields (scripts/compare_cpu_types.py)",
     "nav_rate_body_radps": "FlightRecord, compared by fields (scripts/compare_cpu_types.py)",
 }
+READ_BY_TEMPLATE = {"verdicts": "report/page/base.html"}
 NUMBERED = {
     "HINF": "place in law_state.CONTROLLERS", "LQR": "place in law_state.CONTROLLERS",
     "STALE": "a level that others send (heli_flight.report.data.LEVELS)",
 }  # fmt: skip
 """Names that the search for dead code does not see used, and what uses them."""
-KNOWN = CALLED_BY_OTHERS | SET_FOR_OTHERS | READ_BY_FIELD | NUMBERED
+KNOWN = CALLED_BY_OTHERS | SET_FOR_OTHERS | READ_BY_FIELD | READ_BY_TEMPLATE | NUMBERED
 
 
 @cache
