@@ -18,7 +18,7 @@ from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.state import make_state
 from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.trim import TrimError, trim
-from heli_math.rows import PLANT
+from heli_math.rows import NINE, PLANT
 
 ON = Terms(rotor_speed=True)
 VERTICAL = (PLANT.w, PLANT.omega, PLANT.governor, PLANT.engine)
@@ -257,6 +257,9 @@ def test_with_the_term_the_linear_model_is_that_of_a_perfect_governor(helicopter
     a, b = (linearize(p, trim(p)) for p in (helicopter, on))
     assert b.x_trim == pytest.approx(a.x_trim, abs=2e-3)
     assert b.A[:6, :6] == pytest.approx(a.A[:6, :6], rel=1e-2, abs=1e-2)
+    # E(r, w): no kink, near the climb side of the source's (0.021; 0.646 in descent)
+    assert b.E[NINE.r, 2] == pytest.approx(0.02, abs=0.01)
+    assert linearize(on, trim(on), side="climb").E == pytest.approx(b.E, abs=1e-9)
 
 
 def test_trim_refuses_an_engine_that_is_too_weak(on):
