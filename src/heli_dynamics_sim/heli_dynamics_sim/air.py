@@ -32,17 +32,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_dynamics_sim.gusts import draw_gusts
+from heli_dynamics_sim.gusts import draw_gusts, gusts_at
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.rigid_body import to_body, to_ned
 from heli_dynamics_sim.state import attitude_of
 from heli_dynamics_sim.wind import (
     FILTER,
+    PLACE,
     WindKernel,
     air_velocity,
     dryden_scales,
     first_order_step,
     injected_gust,
+    mean_speed,
     passing_speed,
     stationary_filter,
     step_turbulence,
@@ -91,6 +93,7 @@ class AirState(NamedTuple):
     field: np.ndarray  # (n, 7) ring of rows FIELD, one per tick
     newest: np.ndarray  # (2,) int64: index of the newest row, number of rows laid down
     gusts: np.ndarray  # (m, 5) random gusts, rows `gusts.GUST`
+    velocity: np.ndarray  # (5, 3) scratch: the air at the rows of `wind.PLACE`
 
 
 @njit
@@ -183,6 +186,7 @@ def initial_air(k: WindKernel, altitude_m: float, rows: NDArray[np.float64], see
         np.zeros((slots, FIELD.size)),
         np.zeros(2, dtype=np.int64),
         draw_gusts(seed, k.random, k.w20_mps, k.towards_rad),
+        np.zeros((len(PLACE), 3)),
     )
     stationary_filter(rows[0, NOISE.wind], s.filter)
     if has_field(k):
@@ -230,29 +234,24 @@ class Passage(NamedTuple):
 
 
 @njit
-def _velocity_at(s, x, time_s, place, passage, k):
-    """Velocity (3 floats, NED) of the air at a place (3 floats) from the c.g., body axes, m."""
-    north, east, down = to_ned(attitude_of(x), place[0], place[1], place[2])
-    downwind = k.downwind[0] * north + k.downwind[1] * east
-    turbulence = (0.0, 0.0, 0.0)
-    if k.turbulence:
-        f = field_behind(s, k.parts.reach + downwind)
-        turbulence = (f[0], f[1], f[2])
-    altitude, now = -x[PLANT.down] - down, time_s - downwind / passage.speed
-    return air_velocity(turbulence, passage.sigmas, altitude, x, now, k, s.gusts)
-
-
-@njit
-def _mean_over_fuselage(s, x, time_s, middle, passage, k):
-    """Mean of the air's velocity (3 floats, NED) over the fuselage, by Simpson's rule."""
-    half = k.parts.half_length
-    front = _velocity_at(s, x, time_s, (half, 0.0, 0.0), passage, k)
-    rear = _velocity_at(s, x, time_s, (-half, 0.0, 0.0), passage, k)
-    return (
-        (front[0] + 4.0 * middle[0] + rear[0]) / 6.0,
-        (front[1] + 4.0 * middle[1] + rear[1]) / 6.0,
-        (front[2] + 4.0 * middle[2] + rear[2]) / 6.0,
-    )
+def _velocities(s, x, time_s, passage, k):
+    """Fill the rows of s.velocity that are needed: the air at `parts.places`, NED, m/s."""
+    parts, attitude, (c, e) = k.parts, attitude_of(x), k.downwind
+    sigma_h, sigma_w = passage.sigmas
+    for i in range(parts.places.shape[0]):
+        if not parts.needed[i]:
+            continue
+        place, out = parts.places[i], s.velocity[i]
+        north, east, down = to_ned(attitude, place[0], place[1], place[2])
+        downwind = c * north + e * east
+        along, across, sinking = mean_speed(-x[PLANT.down] - down, k), 0.0, 0.0
+        if k.turbulence:
+            f = field_behind(s, parts.reach + downwind)
+            along += sigma_h * f[0]
+            across, sinking = sigma_h * f[1], sigma_w * f[2]
+        g0, g1, g2 = gusts_at(x, time_s - downwind / passage.speed, k, s.gusts)
+        out[0], out[1] = c * along - e * across + g0, e * along + c * across + g1
+        out[2] = sinking + g2
 
 
 @njit
@@ -276,7 +275,8 @@ def _turning(s, x, air, passage, k):
     attitude = attitude_of(x)
     rates = air[AIR.rates]
     rates[0], rates[1], rates[2] = to_body(attitude, cos * p - sin * q, sin * p + cos * q, r)
-    north, east, _ = to_ned(attitude, -k.parts.tail_arm, 0.0, -k.parts.tail_height)
+    place = k.parts.places[PLACE.tail]
+    north, east, _ = to_ned(attitude, place[0], place[1], place[2])
     along, right = cos * north + sin * east, cos * east - sin * north
     across, down = 0.0, p * right
     if not k.parts.tail:
@@ -305,22 +305,20 @@ def air_at(s, x, time_s, k, air):
     parts, altitude = k.parts, -x[PLANT.down]
     main, tail, fuselage = air[AIR.main], air[AIR.tail], air[AIR.fuselage]
     passage = Passage(passing_speed(altitude, k), turbulence_sigmas(altitude, k))
+    v = s.velocity
     if parts.any or has_field(k):
-        centre = _velocity_at(s, x, time_s, (0.0, 0.0, 0.0), passage, k)
+        _velocities(s, x, time_s, passage, k)
     else:
-        outputs = turbulence_outputs(s.filter)
-        centre = air_velocity(outputs, passage.sigmas, altitude, x, time_s, k, s.gusts)
+        v[PLACE.centre, 0], v[PLACE.centre, 1], v[PLACE.centre, 2] = air_velocity(
+            turbulence_outputs(s.filter), passage.sigmas, altitude, x, time_s, k, s.gusts
+        )
     for i in range(3):
-        main[i] = tail[i] = fuselage[i] = centre[i]
-    if parts.main:
-        place = (0.0, 0.0, -parts.hub_height)
-        main[0], main[1], main[2] = _velocity_at(s, x, time_s, place, passage, k)
-    if parts.tail:
-        place = (-parts.tail_arm, 0.0, -parts.tail_height)
-        tail[0], tail[1], tail[2] = _velocity_at(s, x, time_s, place, passage, k)
-    if parts.fuselage:
-        mean = _mean_over_fuselage(s, x, time_s, centre, passage, k)
-        fuselage[0], fuselage[1], fuselage[2] = mean
+        centre = v[PLACE.centre, i]
+        main[i] = v[PLACE.main, i] if parts.main else centre
+        tail[i] = v[PLACE.tail, i] if parts.tail else centre
+        fuselage[i] = centre
+        if parts.fuselage:
+            fuselage[i] = (v[PLACE.front, i] + 4.0 * centre + v[PLACE.rear, i]) / 6.0
     if k.rotation and k.turbulence:
         _turning(s, x, air, passage, k)
     if k.sines.on:

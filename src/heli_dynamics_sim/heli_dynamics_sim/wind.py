@@ -72,6 +72,19 @@ class SinesKernel(NamedTuple):
     body: bool  # amplitudes in body axes instead of NED
 
 
+class PlaceRow(NamedTuple):
+    """Where the air is asked for (5)."""
+
+    centre: int = 0  # the c.g.
+    main: int = 1  # the main rotor's hub
+    tail: int = 2  # the tail rotor
+    front: int = 3  # ends of the fuselage
+    rear: int = 4
+
+
+PLACE = PlaceRow()
+
+
 class PartsKernel(NamedTuple):
     """Which parts of the aircraft have air of their own, and where they are."""
 
@@ -79,10 +92,8 @@ class PartsKernel(NamedTuple):
     tail: bool  # tail rotor and fins
     fuselage: bool  # mean over its length
     any: bool
-    hub_height: float  # above the c.g., m
-    tail_arm: float  # behind the c.g., m
-    tail_height: float  # above the c.g., m
-    half_length: float  # of the fuselage, m
+    places: np.ndarray  # (5, 3), rows PLACE: from the c.g., body axes, m
+    needed: np.ndarray  # (5,) bool: rows of these
     reach: float  # of the farthest of them from the c.g., m
 
 

@@ -10,7 +10,14 @@ import numpy as np
 from heli_dynamics_sim.config_error import PlantConfigError
 from heli_dynamics_sim.gusts import RandomGusts
 from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.wind import W20_ALTITUDE_M, PartsKernel, SinesKernel, WindKernel, mean_speed
+from heli_dynamics_sim.wind import (
+    PLACE,
+    W20_ALTITUDE_M,
+    PartsKernel,
+    SinesKernel,
+    WindKernel,
+    mean_speed,
+)
 
 
 def wind_kernel(values: Mapping[str, Any], aircraft: HelicopterParameters) -> WindKernel:
@@ -81,22 +88,13 @@ def _parts_kernel(values: Mapping[str, Any], aircraft: HelicopterParameters) -> 
     main, tail, fuselage = (
         bool(values[f"wind.parts.{name}"]) for name in ("main", "tail", "fuselage")
     )
-    places = (
-        aircraft.hub_height_m if main else 0.0,
-        math.hypot(aircraft.tail_arm_m, aircraft.tail_height_m) if tail else 0.0,
-        aircraft.gear_half_length_m if fuselage else 0.0,
-    )
-    return PartsKernel(
-        main,
-        tail,
-        fuselage,
-        main or tail or fuselage,
-        aircraft.hub_height_m,
-        aircraft.tail_arm_m,
-        aircraft.tail_height_m,
-        aircraft.gear_half_length_m,
-        max(places),
-    )
+    places, half = np.zeros((len(PLACE), 3)), aircraft.gear_half_length_m
+    places[PLACE.main] = 0.0, 0.0, -aircraft.hub_height_m
+    places[PLACE.tail] = -aircraft.tail_arm_m, 0.0, -aircraft.tail_height_m
+    places[[PLACE.front, PLACE.rear], 0] = half, -half
+    needed = np.array([True, main, tail, fuselage, fuselage])
+    reach = float(np.linalg.norm(places[needed], axis=1).max())
+    return PartsKernel(main, tail, fuselage, main or tail or fuselage, places, needed, reach)
 
 
 def _random_gusts(values: Mapping[str, Any]) -> RandomGusts:

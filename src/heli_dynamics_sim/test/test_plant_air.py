@@ -90,7 +90,7 @@ def test_each_part_has_a_switch_of_its_own(plant_config):
         assert (one == other).all() and (own != one).any()
 
 
-def test_each_part_meets_the_mean_wind_of_its_height(plant_config):
+def test_each_part_meets_the_mean_wind_of_its_height(plant_config, helicopter):
     """Pitched up by 90 deg: the tail hangs below, the hub lies behind; the log law by hand."""
     config = plant_config(
         **PARTS, wind__profile="log", wind__w20_mps=4.0, wind__turbulence=False,
@@ -103,7 +103,7 @@ def test_each_part_meets_the_mean_wind_of_its_height(plant_config):
 
     assert found[AIR.main][0] == pytest.approx(law(10.0), abs=1e-12)
     assert found[AIR.tail][0] == pytest.approx(law(10.0 - ARM), abs=1e-12)
-    half = config.wind.parts.half_length
+    half = helicopter.gear_half_length_m
     mean = (law(10.0 - half) + 4.0 * law(10.0) + law(10.0 + half)) / 6.0
     assert found[AIR.fuselage][0] == pytest.approx(mean, abs=1e-12)
     level = rows_of(config, 1)[0]
