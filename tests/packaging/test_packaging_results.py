@@ -35,6 +35,7 @@ DESCRIPTIVE = {
     "| topic | type | rate | frame | from | to |",
     "| node | package | what active means |",
     "| name | allowed | default | set | meaning |",
+    "| sensor | error | law | parameters `sensors.*` |",
 }
 
 
