@@ -39,6 +39,7 @@ class PlantKernel(NamedTuple):
     delay_ticks: int
     fail_tick: int  # when the engine fails; negative: never
     onset_s: float  # over which the air begins to move
+    pilot_ticks: int  # during which the controls rest in the trim of the start
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,8 @@ class PlantConfig:
         Whether the start is in equilibrium in the mean wind, else in still air.
     onset_s : float
         Time over which the air begins to move, s.
+    pilot_ticks : int
+        So long the controls rest in the trim of the start.
     """
 
     helicopter: HelicopterParameters
@@ -76,6 +79,7 @@ class PlantConfig:
     fail_tick: int = -1
     trimmed_in_wind: bool = True
     onset_s: float = 0.0
+    pilot_ticks: int = 0
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "PlantConfig":
@@ -113,6 +117,7 @@ class PlantConfig:
             fail_tick=_fail_tick(values),
             trimmed_in_wind=values["initial.trim"] == "mean_wind",
             onset_s=values["initial.wind_onset_s"],
+            pilot_ticks=values["initial.pilot_ticks"],
         )
 
     def with_wind(self, values: Mapping[str, Any]) -> "PlantConfig":
@@ -130,6 +135,7 @@ class PlantConfig:
             self.delay_ticks,
             self.fail_tick,
             self.onset_s,
+            self.pilot_ticks,
         )
 
 

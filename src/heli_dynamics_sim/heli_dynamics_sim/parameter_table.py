@@ -47,6 +47,7 @@ _SCENE = (
         "Air in which the start is in equilibrium",
         choices=("mean_wind", "still_air"),
     ),
+    _ticks("initial.pilot_ticks", "So long the controls rest in the trim of the start", 0, 1000),
     _row(
         "initial.wind_onset_s",
         "double",

@@ -75,6 +75,7 @@ class PlantState(NamedTuple):
     commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
     work: np.ndarray  # (5, 34) scratch
     flags: np.ndarray  # (1,) int64, first PlantStatus that was not OK
+    pilot: np.ndarray  # (5,) ticks until a pilot hands over, and the trim that is held until then
 
 
 def initial_state(config: PlantConfig, seed: int) -> PlantState:
@@ -125,6 +126,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
         np.tile(hover.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, ACTUATOR.size),
         np.zeros((WORK_ROWS, PLANT.size)),
         np.zeros(1, dtype=np.int64),
+        np.append(float(k.pilot_ticks), hover.u),
     )
 
 
@@ -195,7 +197,7 @@ def advance(state, u_cmd, k):
     state : PlantState
         Changed in place; a state that is not finite stays as it is.
     u_cmd : (4,) array
-        Command of this tick; flown `delay_ticks` later.
+        Command of this tick; flown `delay_ticks` later, unless a pilot still holds the controls.
     k : PlantKernel
     """
     if state.flags[0] == _NOT_FINITE:
@@ -207,6 +209,10 @@ def advance(state, u_cmd, k):
         for i in range(ACTUATOR.size):
             last = j == k.delay_ticks - 1
             state.commands[j, i] = u_cmd[i] if last else state.commands[j + 1, i]
+    if state.pilot[0] > 0.0:
+        state.pilot[0] -= 1.0
+        for i in range(ACTUATOR.size):
+            u[i] = state.pilot[1 + i]
     for _ in range(SUBSTEPS):
         rk4_step(state.x, u, state.air, k.aircraft, STEP_S, state.work)
         if state.flags[0] == _OK:

@@ -8,7 +8,7 @@ import pytest
 
 from heli_dynamics_sim.aircraft_file import AircraftError
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_dynamics_sim.plant import initial_state, measure
+from heli_dynamics_sim.plant import advance, initial_state, measure
 from heli_dynamics_sim.trim import trim
 from heli_math.rows import IMU, MEAS, PLANT
 
@@ -73,3 +73,17 @@ def test_the_air_begins_to_move_with_the_flight(plant_config):
     assert speeds[50] == pytest.approx(3.0 * (1.0 - np.cos(0.25 * np.pi)))
     assert speeds[200] == speeds[300] == pytest.approx(6.0)
     assert np.linalg.norm(level) == pytest.approx(config.helicopter.gravity_mps2, abs=0.1)
+
+
+def test_a_pilot_holds_the_controls_until_the_hand_over(plant_config):
+    """In still air the trim that is held is an equilibrium, whatever is commanded."""
+    calm = {"wind__turbulence": False, "wind__profile_speed_mps": [0.0, 0.0, 0.0]}
+    config = plant_config(**calm, initial__trim="still_air", initial__pilot_ticks=30)
+    state = initial_state(config, 1)
+    start, command = state.x.copy(), np.array([0.3, -0.3, 0.2, 0.4])
+    for _ in range(30):
+        advance(state, command, config.kernel)
+    np.testing.assert_allclose(state.x, start, atol=1e-8)
+    for _ in range(10):
+        advance(state, command, config.kernel)
+    np.testing.assert_allclose(state.x[PLANT.servo], command, atol=0.2)

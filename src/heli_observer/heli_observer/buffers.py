@@ -102,6 +102,7 @@ def _restart(state, tick, sample, k):
     for slot in range(state.imu.shape[0]):
         copy_part(state.imu[slot], 0, sample, 0, IMU.size)
     state.count[L.C_TICK] = tick
+    state.count[L.C_BEGUN] = tick
     state.count[L.C_IMU_OK] = tick
     return True
 

@@ -160,6 +160,7 @@ class ObserverConfig:
             ekf=_ekf_kernel(v),
             rotor=rotor,
             horizon_ticks=int(v["ekf.horizon_ticks"]),
+            align_ticks=int(v["ekf.initial.align_ticks"]),
             max_gap_ticks=int(v["ekf.max_gap_ticks"]),
             imu_timeout_ticks=_ticks(v["ekf.timeout.imu_s"]),
             gps_timeout_ticks=_ticks(v["ekf.timeout.gps_s"]),

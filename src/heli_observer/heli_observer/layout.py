@@ -40,7 +40,8 @@ C_GPS_LATE, C_GPS_FUTURE = 15, 16  # older than the horizon; stamped later than 
 C_MAG_REJECTED, C_BARO_REJECTED, C_GPS_POS_REJECTED, C_GPS_VEL_REJECTED = 17, 18, 19, 20
 C_MAG_FUSED, C_BARO_FUSED, C_GPS_FUSED = 21, 22, 23
 C_TICK_GAPS, C_TICK_REPEATED, C_ACTUATOR_DROPPED, C_REALIGNED = 24, 25, 26, 27
-N_COUNT = 28
+C_BEGUN = 28  # tick of the first sample since the filter began
+N_COUNT = 29
 NO_TICK = -(2**40)
 
 COUNTER_NAMES = {
@@ -210,6 +211,7 @@ class ObserverKernel(NamedTuple):
     ekf: EkfKernel
     rotor: RotorKernel
     horizon_ticks: int
+    align_ticks: int
     max_gap_ticks: int
     imu_timeout_ticks: int
     gps_timeout_ticks: int

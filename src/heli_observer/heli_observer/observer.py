@@ -270,6 +270,8 @@ def observe(state, tick, y, u_prev, k, out):
                 store_gps(state, now, y, k.horizon_ticks)
             if started:
                 _filter_step(state, t - k.horizon_ticks, now, k.ekf)
+    if not started and now - count[L.C_BEGUN] < k.align_ticks:
+        return
     if not started and not align(state, now, k.horizon_ticks, k.ekf):
         return
     _navigation_output(state, now, k, out)

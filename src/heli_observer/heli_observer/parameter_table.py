@@ -72,6 +72,8 @@ TABLE: tuple[Parameter, ...] = (
          "rad", lower=0.01, upper=3.15),
     _sigma("ekf.initial.gyro_bias_radps", "Rate bias, each axis", "rad/s", 1.0),
     _sigma("ekf.initial.accel_bias_mps2", "Specific force bias, each axis", "m/s2", 10.0),
+    _row("ekf.initial.align_ticks", "int", "Samples that the alignment waits for", "ticks",
+         lower=0, upper=1000),
     _sigma("ekf.initial.level_rad", "Tilt error beside that of the bias", "rad", 1.0),
     _sigma("ekf.initial.heading_rad", "Heading error beside that of noise and tilt", "rad", 3.0),
     _row("ekf.initial.drift_at_alignment_fraction", "double",
