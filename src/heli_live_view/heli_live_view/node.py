@@ -37,7 +37,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.messages import Decoder, MessageError
+from heli_msgs_bridge.messages import Decoder, MessageError, has_fix
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.reference_message import decode_reference
@@ -312,7 +312,8 @@ class LiveViewNode(ManagedNode[View, None]):
                 core.page.send(core.screen.hello())
             decoder = core.decoders.get(name)
             if decoder is None:
-                live.take_arrival(name, stamp_ns, wall_s)
+                if name != topics.GPS_FIX or has_fix(self._deserialize(name, raw)):
+                    live.take_arrival(name, stamp_ns, wall_s)
                 continue
             try:
                 live.take(name, decoder.decode(raw), wall_s)

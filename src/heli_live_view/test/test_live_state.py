@@ -3,12 +3,16 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import NavSatFix
 
 from heli_live_view.history import History
 from heli_live_view.live_state import LiveState
+from heli_live_view.node import LiveViewNode
 from heli_live_view.parameter_table import BOUNDS, NODE_NAME, TABLE
 from heli_live_view.vehicle import body_row, bounds
 from heli_math.paper_metrics import BY_KEY, hover_errors
@@ -16,6 +20,8 @@ from heli_math.rotations import quat_from_euler
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_OFFSET
+from heli_msgs_bridge.frames import datum
+from heli_msgs_bridge.messages import Encoder
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import load
@@ -281,3 +287,22 @@ def test_history_is_thin_and_bounded_and_whole():
         if short.wants(i / 30.0):
             short.add(i / 30.0, "")
     assert len(short.rows) == 100
+
+
+def test_a_message_without_a_fix_is_none(state):
+    """What a receiver says in an outage keeps the age of the last fix growing."""
+    place = datum(1.0, 2.0, 3.0)
+    encode = Encoder(topics.GPS_FIX, datum=place).encode
+    node = SimpleNamespace(
+        core=SimpleNamespace(newest={}, decoders={}, screen=SimpleNamespace(live=state)),
+        _deserialize=lambda name, raw: deserialize_message(raw, NavSatFix),
+        _count_every=lambda: None,
+    )
+    ages = []
+    for time_s, position in ((0.0, 0.0), (0.2, np.nan), (0.4, np.nan), (0.6, 0.0)):
+        stamp_ns = START_NS + round(time_s * S)
+        state.take_clock(stamp_ns, time_s)
+        node.core.newest[topics.GPS_FIX] = encode(np.full(3, position), stamp_ns)
+        LiveViewNode._take_newest(node, time_s)
+        ages.append(state.row(time_s)["gps"]["age_s"])
+    assert ages == pytest.approx([0.0, 0.2, 0.4, 0.0], abs=1e-3)

@@ -41,6 +41,7 @@ __all__ = [
     "Encoder",
     "MessageError",
     "Variance",
+    "has_fix",
 ]
 _NOT_ENU = re.compile(r"_(ned|frd)\Z")
 Variance = float | tuple[float, float, float]
@@ -111,6 +112,11 @@ class Encoder:
         known = COVARIANCE_UNKNOWN if lost else COVARIANCE_DIAGONAL_KNOWN
         self._message.set_byte(covariance, known)
         return self._message.encode(stamp_ns)
+
+
+def has_fix(message: Any) -> bool:
+    """Whether a NavSatFix is one: a receiver without a fix sends STATUS_NO_FIX."""
+    return bool(message.status.status >= STATUS_FIX)
 
 
 def _frames_of(message: Any) -> tuple[str, ...]:
