@@ -24,7 +24,7 @@ What else depends on speed and fuel: `present`.
 
 from typing import NamedTuple
 
-from heli_math.jit import njit
+from heli_math.jit import njit, njit_inlined
 from heli_math.rows import PLANT
 
 _SLOWEST_DRIVEN = 0.3
@@ -70,7 +70,7 @@ def rotor_power(thrust, flow, in_plane_sq, profile, tip_speed):
     return profile * (tip_speed * tip_speed + 4.6 * in_plane_sq) + thrust * flow
 
 
-@njit
+@njit_inlined
 def shaft_powers(thrust, flow, at_main, tail, tail_flow, at_tail, k):
     """Power (W) of main and tail rotor: thrust (N) and flow through the disc (m/s) of each, and its
     air speed (3 floats, m/s); k is that of the rotor's present speed."""
@@ -96,7 +96,7 @@ def engine_torque(x, k):
     return k.power * x[PLANT.engine] / max(x[PLANT.omega], _SLOWEST_DRIVEN * k.speed)
 
 
-@njit
+@njit_inlined
 def shaft(x, powers, k):
     """What the main rotor's shaft carries.
 
@@ -133,7 +133,7 @@ def throttle(x, k):
     return min(max(wanted, 0.0), 1.0), wanted
 
 
-@njit
+@njit_inlined
 def drive_rates(x, drive, k, out):
     """Fill the drive's places of a plant derivative.
 

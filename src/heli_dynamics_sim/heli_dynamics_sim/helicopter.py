@@ -23,7 +23,7 @@ from heli_dynamics_sim.rotor_flow import rotor_flow, rotor_term_rates
 from heli_dynamics_sim.servo import servo_derivatives
 from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
 from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
-from heli_math.jit import njit
+from heli_math.jit import njit, njit_inlined
 from heli_math.rows import ACTUATOR, AIR, PLANT
 
 
@@ -54,7 +54,7 @@ def disc_tilt_of_gust(p_gust, q_gust, speed):
     return p_gust / speed, -q_gust / speed
 
 
-@njit
+@njit_inlined
 def main_rotor_power(at_main, at_body, v_i, thrust, drag, k):
     """Power of the main rotor, W: profile, induced, parasite and climb.
 
@@ -74,7 +74,7 @@ def main_rotor_power(at_main, at_body, v_i, thrust, drag, k):
     return power
 
 
-@njit
+@njit_inlined
 def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
     """Force (N) and moment (N m) of air and shaft on the aircraft, body axes, as two 3-tuples.
 

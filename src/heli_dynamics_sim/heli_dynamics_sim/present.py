@@ -11,19 +11,19 @@ from heli_dynamics_sim.aircraft_kernel import HelicopterKernel
 from heli_dynamics_sim.flap_back import FlapBackKernel
 from heli_dynamics_sim.rigid_body import BodyKernel
 from heli_dynamics_sim.rotor import FlappingKernel, MainRotorKernel, RotorKernel
-from heli_math.jit import njit
+from heli_math.jit import njit_inlined
 from heli_math.rows import PLANT
 
 _SLOWEST = 0.05
 """Rotor speed over the governed one below which the numbers are those of this ratio."""
 
 
-@njit
+@njit_inlined
 def _rotor(k, ratio):
     return RotorKernel(k.thrust_slope * ratio, k.blade_speed * ratio, k.disc)
 
 
-@njit
+@njit_inlined
 def _main(k, ratio):
     return MainRotorKernel(
         k.hub_stiffness,
@@ -36,7 +36,7 @@ def _main(k, ratio):
     )
 
 
-@njit
+@njit_inlined
 def _flapping(k, ratio):
     return FlappingKernel(
         k.rate * ratio,
@@ -50,12 +50,12 @@ def _flapping(k, ratio):
     )
 
 
-@njit
+@njit_inlined
 def _flap_back(k, ratio):
     return FlapBackKernel(k.blade_rate * ratio, k.coning, k.bar_gain, k.bar_radius_sq, k.bar_inflow)
 
 
-@njit
+@njit_inlined
 def present(x, k):
     """The HelicopterKernel at a plant state; k itself while rotor_speed and fuel are off."""
     ratio, body = 1.0, k.body

@@ -8,11 +8,11 @@ from heli_dynamics_sim.ground_effect import induced_share
 from heli_dynamics_sim.inflow import inflow_rates
 from heli_dynamics_sim.rotor import RotorKernel, ring_term, solve_inflow
 from heli_dynamics_sim.vortex_ring import mass_flow, solve_descent
-from heli_math.jit import njit
+from heli_math.jit import njit_inlined
 from heli_math.rows import PLANT
 
 
-@njit
+@njit_inlined
 def rotor_flow(x, at_main, k):
     """Thrust (N), induced velocity and air speed through the disc (m/s), blade pitch (rad).
 
@@ -41,7 +41,7 @@ def rotor_flow(x, at_main, k):
     return thrust, share * v_i, w_r, pitch
 
 
-@njit
+@njit_inlined
 def resultant_flow(v_i, thrust, w_r, in_plane_sq, k):
     """Speed (m/s) of the air that the disc takes part in, where the mean inflow v_i is a state."""
     if k.terms.vortex_ring and w_r * thrust > 0.0:
@@ -50,7 +50,7 @@ def resultant_flow(v_i, thrust, w_r, in_plane_sq, k):
     return math.sqrt(in_plane_sq + ring + (v_i - w_r) * (v_i - w_r))
 
 
-@njit
+@njit_inlined
 def rotor_term_rates(x, at_main, flow, k, out):
     """Add flap-back and dynamic inflow to the disc's rates in `out`, and fill their states' rates.
 

@@ -145,11 +145,12 @@ def cache_folder(module: str, path: Path) -> Path:
     return folder
 
 
-def njit(function: Callable[..., Any]) -> Callable[..., Any]:
+def njit(function: Callable[..., Any], inlined: bool = False) -> Callable[..., Any]:
     """Compile a kernel: nopython, cached on disk, IEEE division (x/0 is inf, not an exception).
 
     Deliberately without fastmath: the same inputs give the same bits in the one-process loop and in
     the nodes, and NaN checks stay meaningful. NUMBA_CACHE_DIR, if set, is left in charge.
+    `inlined`: see `njit_inlined`.
     """
     import numba
 
@@ -157,4 +158,13 @@ def njit(function: Callable[..., Any]) -> Callable[..., Any]:
     if path.is_file() and not os.environ.get("NUMBA_CACHE_DIR"):
         # Not through the environment: a child process may run other sources than we do.
         numba.config.CACHE_DIR = str(cache_folder(function.__module__, path))  # type: ignore[attr-defined]
-    return numba.njit(cache=True, error_model="numpy")(function)
+    return numba.njit(cache=True, error_model="numpy", forceinline=inlined)(function)
+
+
+def njit_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `njit`, and always written into its callers.
+
+    For a part that takes a kernel's whole tuple of numbers: handing it over copies every one of
+    them, which costs more than the part computes. It changes no bit of what is computed.
+    """
+    return njit(function, inlined=True)
