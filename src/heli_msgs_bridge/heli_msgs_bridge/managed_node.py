@@ -98,7 +98,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             return set()
         peers = set(self.values["peers"]) - {self.SPEC.name}
         expected = peers.intersection(topics.BY_NAME[topic].sinks)
-        return expected | (peers & {"recorder"})
+        recorded = topic not in self.values["unrecorded"]
+        return expected | (peers & {"recorder"} if recorded else set())
 
     def awaited_links(self) -> Mapping[str, Collection[str]]:
         """Topics of others whose listeners must be ready, too, before the flight starts."""

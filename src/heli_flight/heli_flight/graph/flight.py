@@ -18,12 +18,12 @@ from heli_flight.graph.bag_record import BagFlight
 from heli_flight.graph.live import MODULE as LIVE_MODULE
 from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.outcome import outcome
+from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, others_in, stop
 from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import Result
-from heli_flight.loop.scenario import NODE_NAME as SCENARIO
 from heli_flight.loop.settings import Settings
 from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameter_table import NODE_NAME as LIVE
@@ -106,7 +106,10 @@ class Graph:
         ------
         MissingFileError
             An executable is not installed; nothing has been started then.
+        ParameterError
+            The recorder would leave out what the flight is scored by.
         """
+        refuse_unscorable(self.settings)
         recorder = ("recorder", "heli_bags", "recorder", "heli_bags.node")
         nodes = [(n.name, n.package, n.executable, f"{n.package}.node") for n in NODES]
         watching = [(LIVE, "heli_live_view", LIVE, LIVE_MODULE)] if self.live else []
@@ -117,7 +120,7 @@ class Graph:
         prepare_environment()
         env = dict(os.environ)
         parameters = logs.parent / "graph.yaml"
-        dump_all(self._graph_parameters(), parameters)
+        dump_all(of_graph(self.settings, self.folder, self.live, self.namespace), parameters)
         arguments = ["--ros-args", "--params-file", str(parameters)]
         if self.namespace:
             arguments += ["-r", f"__ns:=/{self.namespace}"]
@@ -143,22 +146,6 @@ class Graph:
         except Exception as error:
             first = (str(error).strip().splitlines() or [type(error).__name__])[0]
             raise StartError(f"ROS 2 cannot start: {first}") from error
-
-    def _graph_parameters(self) -> Mapping[str, Mapping[str, Any]]:
-        """What the processes get: the resolved parameters, and that a supervisor leads."""
-        peers = (*(node.name for node in NODES), "recorder", SCENARIO)
-        led: dict[str, Mapping[str, Any]] = {
-            name: {**values, "autostart": False, "peers": peers}
-            for name, values in self.settings.nodes.items()
-        }
-        if self.namespace:
-            led["plant"] = {**led["plant"], "clock": "world"}
-        led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
-        bag = str((self.folder / "bag").absolute())
-        led["recorder"] = {**self.settings.recorder, "bag": bag}
-        if self.live:
-            led[LIVE] = {**self.live.parameters, "autostart": False, "peers": peers}
-        return led
 
     def check(self) -> None:
         """Raise FlightError if a process has ended that should run, KeyboardInterrupt on Ctrl-C."""
