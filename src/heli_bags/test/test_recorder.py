@@ -21,6 +21,7 @@ from heli_bags.recorder import BagError, BagRecorder, Format
 from heli_bags.repair import repair
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.messages import CHANNELS, Encoder
 from heli_parameters.locate import share_folder
 
@@ -46,6 +47,32 @@ def stream(ticks=TICKS, names=NAMES):
             if name == topics.ODOM:
                 row[6] = 1.0
             yield name, stamp_ns, encoders[name].encode(row, stamp_ns)
+
+
+@pytest.mark.parametrize("first", [topics.GPS_FIX, topics.IMU])
+def test_a_sensor_that_is_late_has_gaps_only_where_messages_lack(tmp_path, first):
+    """Sent in tick n, valid 12 ticks before; it may be heard before the others of its tick."""
+    order, late_ticks = (first, *({topics.GPS_FIX, topics.IMU} - {first})), 12
+    origin = datum(28.17, 112.93, 50.0)
+    encoders = {n: Encoder(n, datum=origin if n == topics.GPS_FIX else None) for n in order}
+    every = topics.BY_NAME[topics.GPS_FIX].every_ticks
+
+    def missing(folder, lost):
+        bag = BagRecorder(folder, order)
+        for tick in range(TICKS):
+            for name in order:
+                if name == topics.GPS_FIX and (tick % every or tick in lost):
+                    continue
+                valid = tick - late_ticks * (name == topics.GPS_FIX)
+                row = np.zeros(CHANNELS[name].size)
+                bag.write(name, encoders[name].encode(row, 1_000_000_000 + valid * TICK_NS))
+        found = bag.missing()
+        bag.close()
+        return found
+
+    assert missing(tmp_path / "whole", ()) == []
+    assert missing(tmp_path / "middle", (140,)) == [topics.GPS_FIX]
+    assert missing(tmp_path / "end", (260, 280)) == [topics.GPS_FIX]
 
 
 def record(folder, form, ticks=TICKS, flush_every=50):

@@ -27,6 +27,7 @@ from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import FIX_STATUS, ClockEncoder, Variance
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
+from heli_msgs_bridge.senders import full_name, senders_of
 from heli_msgs_bridge.stepping import RealTime
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_msgs_bridge.transforms import Transform, encode_text, encode_transforms
@@ -208,10 +209,22 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """Time begins, or goes on."""
         if self.core.over:
             raise StartError(f"{self.core.over}: clean up and configure for another flight")
+        if self.core.send_clock is not None and not self.core.begun:
+            self._refuse_second_clock()
         now_s = time.monotonic()
         if not self.values["lockstep"]:
             self.repeat(TICK_S, self._keep_pace)
         return Flight(now_s - self.core.wall_s, now_s)
+
+    def _refuse_second_clock(self) -> None:
+        """A ROS domain has one time: of two clocks nobody could say which one is followed."""
+        own = (self.get_namespace(), self.get_name())
+        others = [full_name(s) for s in senders_of(self, topics.CLOCK) if s != own]
+        if others:
+            raise StartError(
+                f"{', '.join(others)} sends {topics.CLOCK}, too: fly with 'clock: world' and one "
+                f"{WORLD_CLOCK} for all, or set ROS_DOMAIN_ID to a free one"
+            )
 
     def begin(self) -> None:
         """Tick 0 is measured and sent; after a pause, the tick that was sent last still holds."""

@@ -17,11 +17,16 @@ from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 
+from heli_bags.choice import unrecorded
+from heli_bags.parameter_table import NODE_NAME as RECORDER
+from heli_bags.parameter_table import TABLE as RECORDER_TABLE
 from heli_flight.loop.layers import Reader, layered
 from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
 from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, world_file
 from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_msgs_bridge.launching import COMMON, Argument, declare, node, users_files
+from heli_parameters.common_table import with_common
+from heli_parameters.parameters import load
 
 SCENARIOS = ["hover", "attitude", "attitude_gusts", "identify_actuators", "identify_gusts"]
 RECEIVERS = ["standalone", "rtk"]
@@ -138,6 +143,13 @@ def _around(given, users):
     return presets, str(world_file(world)), {"plant": plant}
 
 
+def _unrecorded(given, users):
+    """Topics that the user's recorder leaves out: the others must not wait for it there."""
+    files = [_config("heli_parameters", "common.yaml"), _config("heli_bags", f"{RECORDER}.yaml")]
+    values = load(with_common(RECORDER_TABLE), [*files, *users], f"{given['namespace']}/{RECORDER}")
+    return list(unrecorded(values["topics"], values["exclude"]))
+
+
 def _aircraft(given):
     """Nodes of one aircraft; each configures and activates itself, the plant waits for the rest."""
     arguments, users = _overrides(given), users_files(given)
@@ -146,6 +158,7 @@ def _aircraft(given):
     recorded = given["record"] == "true"
     # So that the bag begins with the first tick.
     peers = {"peers": [*(name for _, name in NODES), *(["recorder"] if recorded else [])]}
+    peers["unrecorded"] = _unrecorded(given, users)
     found = [node("heli_flight", "scenario", given, [scenario, *users])]
     if recorded:
         found.append(node("heli_bags", "recorder", given, [*users, arguments["recorder"]]))

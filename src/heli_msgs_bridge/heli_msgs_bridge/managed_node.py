@@ -55,12 +55,15 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         0, or 1 if what the node did came to a bad end.
     crash : Exception or None
         What a callback raised; the process then ends with code 1.
+    asked_to_end : callable
+        Whether the process has been sent a signal.
     """
 
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
         self.failure, self.finished, self.exit_code = "", False, 0
         self.crash: Exception | None = None
+        self.asked_to_end: Callable[[], bool] = lambda: False
         self.outputs: dict[str, Any] = {}
         self._core: Core | None = None
         self._run: Run | None = None
@@ -98,11 +101,18 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             return set()
         peers = set(self.values["peers"]) - {self.SPEC.name}
         expected = peers.intersection(topics.BY_NAME[topic].sinks)
-        return expected | (peers & {"recorder"})
+        recorded = topic not in self.values["unrecorded"]
+        return expected | (peers & {"recorder"} if recorded else set())
 
     def awaited_links(self) -> Mapping[str, Collection[str]]:
         """Topics of others whose listeners must be ready, too, before the flight starts."""
         return {}
+
+    # --- the process ---------------------------------------------------------------------------
+
+    def leaving(self) -> bool:
+        """Whether the process was asked to end: who waits gives up."""
+        return self.asked_to_end() or not self.context.ok()
 
     # --- stages --------------------------------------------------------------------------------
 

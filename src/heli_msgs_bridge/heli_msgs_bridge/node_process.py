@@ -10,7 +10,7 @@ import gc
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
@@ -31,11 +31,13 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Ending:
-    """Takes SIGINT and SIGTERM: the first ends ROS, whatever comes after it changes nothing.
+    """Takes SIGINT and SIGTERM: the first is remembered, whatever comes after it changes nothing.
 
     A terminal and a launch send SIGINT both, and SIGTERM soon after. rclpy's own handlers may abort
     the process when they are called twice, and a bag would have no index. So the signals are
-    blocked in all threads, and one of our own waits for them until the process ends.
+    blocked in all threads, and one of our own waits for them until the process ends. It does not
+    end ROS: the executor aborts the process if ROS ends while it takes up a node's subscriptions.
+    It wakes the executor, and who serves the node looks at `asked`.
 
     Attributes
     ----------
@@ -45,6 +47,8 @@ class Ending:
 
     def __init__(self) -> None:
         self.asked = False
+        self._lock = threading.Lock()
+        self._wake: Callable[[], None] | None = None
         signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
         thread = threading.Thread(target=self._wait, daemon=True)
         thread.start()
@@ -62,12 +66,18 @@ class Ending:
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
+    def wake_by(self, wake: Callable[[], None] | None) -> None:
+        """What to call when a signal comes; None for nothing, as long as nobody waits."""
+        with self._lock:
+            self._wake = wake
+
     def _wait(self) -> None:
         while True:
             signal.sigwait(_SIGNALS)
-            if not self.asked:
-                self.asked = True
-                rclpy.get_default_context().try_shutdown()
+            with self._lock:
+                first, self.asked = not self.asked, True
+                if first and self._wake is not None:
+                    self._wake()
 
 
 def complain(name: str, sentence: str) -> None:
@@ -90,17 +100,18 @@ def _start(
     except Exception as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise StartError(f"ROS 2 cannot start: {first}") from error
-    if ending.asked:
-        raise ExternalShutdownException
+    node.asked_to_end = lambda: ending.asked
     return node
 
 
-def _spin(node: ManagedNode) -> int:
+def _spin(node: ManagedNode, ending: Ending) -> int:
     executor = EventsExecutor()
     executor.add_node(node)
+    ending.wake_by(executor.wake)
     try:
         return _serve(node, executor)
     finally:
+        ending.wake_by(None)
         # It holds the node's parts, which could not be destroyed then.
         executor.shutdown()
 
@@ -113,14 +124,14 @@ def _serve(node: ManagedNode, executor: Executor) -> int:
     if node.values["autostart"]:
         for transition in (node.trigger_configure, node.trigger_activate):
             if transition() != _SUCCESS:
-                if not rclpy.ok():
+                if node.leaving():
                     return 0
                 complain(node.SPEC.name, node.failure)
                 return 2
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()
-    while rclpy.ok() and not node.finished and node.crash is None:
+    while not (node.leaving() or node.finished or node.crash is not None):
         executor.spin_once(timeout_sec=0.5)
     if node.crash is not None:
         raise node.crash
@@ -151,16 +162,13 @@ def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
             return 0
         ending = Ending()
         node = _start(cls, argv, [name, *argv], ending)
-        return _spin(node)
+        return _spin(node, ending)
     except (StartError, ParameterError) as error:
         complain(name, str(error))
         return 2
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as error:
-        if node is not None and not rclpy.ok():
-            # A signal ended ROS inside a callback: what it would have sent next failed.
-            return 0
         complain(name, f"failed in flight: {type(error).__name__}: {error}")
         return 1
     finally:

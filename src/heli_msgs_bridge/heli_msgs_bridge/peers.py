@@ -86,9 +86,9 @@ def absent(node: "ManagedNode") -> Absent | None:
         found = next(_all_absent(node), None)
     except Exception:
         # A look at the graph fails when ROS ends under it.
-        if node.context.ok():
+        if not node.leaving():
             raise
-    if not node.context.ok():
+    if node.leaving():
         raise ExternalShutdownException
     return found
 

@@ -32,9 +32,9 @@ class Short(ManagedNode):
         elif "fail" in sys.argv:
             raise RuntimeError("divided by nought")
         elif "signal" in sys.argv:
-            # As if it came from outside, in the middle of a callback: ROS ends under the node.
+            # As if it came from outside, in the middle of a callback.
             os.kill(os.getpid(), signal.SIGTERM)
-            while self.context.ok():
+            while not self.leaving():
                 signal.sigtimedwait([], 0.01)
             self.core(bytes(12))
 

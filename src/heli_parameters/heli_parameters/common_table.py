@@ -31,6 +31,7 @@ COMMON_TABLE: tuple[Parameter, ...] = (
         read_only=True,
     ),
     Parameter("peers", "string[]", "Nodes that take part in the flight", read_only=True),
+    Parameter("unrecorded", "string[]", "Topics for which no recorder is awaited", read_only=True),
     Parameter(
         "connect_timeout_s",
         "double",

@@ -189,6 +189,17 @@ def test_a_bag_needs_a_recorder(launch):
         launch(*HOVER, "bag:=b", "record:=false")
 
 
+@pytest.mark.parametrize("space", ["", "heli1"])
+def test_a_recorder_is_not_awaited_where_it_does_not_listen(launch, tmp_path, space):
+    file = tmp_path / "my.yaml"
+    file.write_text("/**/recorder:\n  ros__parameters:\n    exclude: [imu/mag, baro]\n")
+    started = by_name(launch(*HOVER, f"params_file:={file}", f"namespace:={space}"))
+    for name in FLYING:
+        assert values(started[name], tmp_path)["unrecorded"] == ("imu/mag", "baro")
+    started = by_name(launch(*HOVER, f"namespace:={space}"))
+    assert values(started["plant"], tmp_path)["unrecorded"] == ("none",)
+
+
 def test_arguments_record_and_live(launch):
     assert "recorder" not in by_name(launch(*HOVER, "record:=false"))
     assert "live_view" in by_name(launch(*HOVER, "live:=true"))

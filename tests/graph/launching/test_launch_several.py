@@ -3,6 +3,7 @@
 
 import contextlib
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -48,34 +49,55 @@ def test_what_does_not_go_starts_nothing(launch, arguments):
         launch(*HOVER, *arguments)
 
 
-def test_two_fly_side_by_side_by_one_clock(launch, tmp_path, ros_env, living):
-    """Each flies the flight of its seed, as if alone; the clock goes tick by tick to the end."""
-    bags = tmp_path / "bags"
-    arguments = ["aircraft:=2", f"duration:={LENGTH_S}", f"bag:={bags}", "seed:=3"]
-    started = launch(*HOVER, *arguments)
+def flown(started, folder, env, *last):
+    """Start nodes as launch does; exit codes of those that end last, and what all have said."""
     with contextlib.ExitStack() as ending:
         processes = {}
         for node in started:
             label = node.full_name.replace("/", "_")
-            folder = tmp_path / label
-            folder.mkdir()
-            log = ending.enter_context(open(tmp_path / f"{label}.log", "wb"))
+            (folder / label).mkdir()
+            log = ending.enter_context(open(folder / f"{label}.log", "wb"))
             processes[node.full_name] = subprocess.Popen(
-                node.command(folder), env=ros_env, stdout=log, stderr=subprocess.STDOUT
+                node.command(folder / label), env=env, stdout=log, stderr=subprocess.STDOUT
             )
             ending.callback(processes[node.full_name].terminate)
-        code = processes["/world_clock"].wait(timeout=240)
-    assert living() == []
-    said = "".join(path.read_text() for path in tmp_path.glob("*.log"))
-    assert code == 0, said
-    assert "going on" not in said
+        codes = {processes[name].wait(timeout=240) for name in last}
+    return codes, "".join(path.read_text() for path in folder.glob("*.log"))
+
+
+def assert_flown_as_if_alone(bags, seeds):
+    """Ground truth of each is that of one process, and has every tick."""
     tracks = []
-    for i in (1, 2):
-        bag = read_bag(bags / f"heli{i}")
-        truth = bag.streams[topics.TRUTH_ODOM]
+    for bag, seed in zip(bags, seeds, strict=True):
+        truth = read_bag(bag).streams[topics.TRUTH_ODOM]
         expected = NS_PER_S + TICK_NS * np.arange(LENGTH_S * NS_PER_S // TICK_NS)
         assert np.array_equal(truth.stamp_ns, expected)
-        alone = simulate(resolve("hover", seed=seed_of(3, i - 1), duration_s=float(LENGTH_S)))
+        alone = simulate(resolve("hover", seed=seed, duration_s=float(LENGTH_S)))
         tracks.append(truth.rows[:, PLANT.pos])
         assert np.abs(tracks[-1] - alone.record.truth_pos_ned_m).max() < 1e-6
     assert np.abs(tracks[0] - tracks[1]).max() > 1e-3
+
+
+def test_two_fly_side_by_side_by_one_clock(launch, tmp_path, ros_env, living):
+    """Each flies the flight of its seed, as if alone; the clock goes tick by tick to the end."""
+    bags = tmp_path / "bags"
+    arguments = ["aircraft:=2", f"duration:={LENGTH_S}", f"bag:={bags}", "seed:=3"]
+    codes, said = flown(launch(*HOVER, *arguments), tmp_path, ros_env, "/world_clock")
+    assert living() == []
+    assert codes == {0} and "going on" not in said, said
+    assert_flown_as_if_alone([bags / "heli1", bags / "heli2"], [seed_of(3, 0), seed_of(3, 1)])
+
+
+def test_two_launches_by_hand_in_one_domain(launch, tmp_path, ros_env, living):
+    """Under two namespaces, by one clock that is started for itself."""
+    started, names = [], ("red", "blue")
+    for seed, name in enumerate(names, 1):
+        own = [f"namespace:={name}", "clock:=world", f"seed:={seed}", f"bag:={tmp_path / name}"]
+        started += launch(*HOVER, f"duration:={LENGTH_S}", *own)
+    clock = [sys.executable, "-m", "heli_flight.graph.world_clock_node", "--ros-args"]
+    with subprocess.Popen([*clock, "-p", "aircraft:=[red, blue]"], env=ros_env) as world:
+        codes, said = flown(started, tmp_path, ros_env, "/red/plant", "/blue/plant")
+        assert world.wait(timeout=60) == 0
+    assert living() == []
+    assert codes == {0} and "going on" not in said, said
+    assert_flown_as_if_alone([tmp_path / name for name in names], [1, 2])

@@ -15,10 +15,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from heli_flight.errors import FlightError, StartError
 from heli_flight.graph.bag_record import BagFlight
-from heli_flight.graph.led import graph_parameters
 from heli_flight.graph.live import MODULE as LIVE_MODULE
 from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.outcome import outcome
+from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, others_in, stop
 from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
@@ -106,7 +106,10 @@ class Graph:
         ------
         MissingFileError
             An executable is not installed; nothing has been started then.
+        ParameterError
+            The recorder would leave out what the flight is scored by.
         """
+        refuse_unscorable(self.settings)
         recorder = ("recorder", "heli_bags", "recorder", "heli_bags.node")
         nodes = [(n.name, n.package, n.executable, f"{n.package}.node") for n in NODES]
         watching = [(LIVE, "heli_live_view", LIVE, LIVE_MODULE)] if self.live else []
@@ -117,9 +120,7 @@ class Graph:
         prepare_environment()
         env = dict(os.environ)
         parameters = logs.parent / "graph.yaml"
-        dump_all(
-            graph_parameters(self.settings, self.folder, self.namespace, self.live), parameters
-        )
+        dump_all(of_graph(self.settings, self.folder, self.live, self.namespace), parameters)
         arguments = ["--ros-args", "--params-file", str(parameters)]
         if self.namespace:
             arguments += ["-r", f"__ns:=/{self.namespace}"]

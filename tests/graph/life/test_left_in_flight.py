@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lockstep: a node other than the plant is left in flight and taken up again. That is no pause."""
+
+import time
+
+import numpy as np
+import pytest
+
+from heli_msgs_bridge.diagnostics import Level
+
+FLYING = ("scenario", "outer_loop", "inner_loop", "observer", "plant")
+ACTIVATE, DEACTIVATE = 3, 4
+LOOK_S = 0.05
+
+
+def assert_it_flies_on(one):
+    """All is well within two seconds of flight, and the helicopter is where it was."""
+    plant = one.nodes["plant"]
+    before = plant.core.state.x[:3].copy()
+    one.fly(200)
+    for node in one.nodes.values():
+        assert node.health.level == Level.OK, (node.get_name(), node.health.message)
+    one.fly(300)
+    assert np.abs(plant.core.state.x[:3] - before).max() < 2.0
+
+
+@pytest.mark.parametrize("name", ["observer", "inner_loop", "outer_loop"])
+def test_a_node_left_for_a_moment_costs_two_ticks_at_most(crew, name):
+    """Within `peer_timeout_s` time stands still; the tick that was lost takes that wait."""
+    one = crew(*FLYING, duration_s=600.0, peer_timeout_s=1.0, seed=3)
+    one.bring_up()
+    plant, node = one.nodes["plant"], one.nodes[name]
+    one.fly(500)
+    assert one.change(name, DEACTIVATE)
+    left_tick = plant.tick
+    for _ in range(10):
+        one.state(name)
+    assert plant.tick <= left_tick + 1
+    assert one.change(name, ACTIVATE)
+    stepped, taken_up = node.tick, plant.tick
+    one.spin_until(lambda: node.tick > stepped)
+    # An outer loop steps every tick, and sends every fourth.
+    assert node.tick <= taken_up + 2 and plant.tick <= taken_up + 3
+    assert_it_flies_on(one)
+
+
+@pytest.mark.parametrize("name", ["observer", "inner_loop", "outer_loop"])
+def test_a_node_left_for_long_is_named_and_flown_without(crew, name):
+    """After `peer_timeout_s` the flight goes on with what was commanded last, slowly."""
+    one = crew(*FLYING, duration_s=600.0, peer_timeout_s=0.3, seed=3)
+    one.bring_up()
+    plant, node = one.nodes["plant"], one.nodes[name]
+    one.fly(500)
+    assert one.change(name, DEACTIVATE)
+    # The outer loop is the inner one's to miss, the others are the plant's.
+    misses = one.nodes["inner_loop" if name == "outer_loop" else "plant"]
+    one.spin_until(misses.silence)
+    begun_s, begun_tick = time.monotonic(), plant.tick
+    one.fly(10)
+    if name != "outer_loop":
+        # A tick per look at the peers: 20 in a second of wall time.
+        assert plant.tick - begun_tick <= (time.monotonic() - begun_s) / LOOK_S + 2
+        assert plant.health.message.startswith("no message on 'actuators' from inner_loop")
+    assert one.change(name, ACTIVATE)
+    stepped, taken_up = node.tick, plant.tick
+    one.spin_until(lambda: node.tick > stepped)
+    assert node.tick <= taken_up + 5
+    assert_it_flies_on(one)
