@@ -119,7 +119,7 @@ def _lay_down(s, path_m, k):
 
 
 @njit
-def _lag_step(lag, before, after, h):
+def lag_step(lag, before, after, h):
     """First-order lag over h time constants; its input goes linearly from before to after."""
     rise = -math.expm1(-h)
     late = 1.0 - rise / h
@@ -147,8 +147,8 @@ def step_air(s, altitude_m, dt_s, noise_row, k):
     vertical, lateral = math.pi * path / (4.0 * k.span_m), math.pi * path / (3.0 * k.span_m)
     turn = s.turn
     turn[TURN.roll] = first_order_step(turn[TURN.roll], vertical, noise_row[NOISE.turn])
-    turn[TURN.across_lag] = _lag_step(turn[TURN.across_lag], across_before, across, lateral)
-    turn[TURN.down_lag] = _lag_step(turn[TURN.down_lag], down_before, down, vertical)
+    turn[TURN.across_lag] = lag_step(turn[TURN.across_lag], across_before, across, lateral)
+    turn[TURN.down_lag] = lag_step(turn[TURN.down_lag], down_before, down, vertical)
     _lay_down(s, path, k)
 
 

@@ -141,6 +141,15 @@ def test_field_finds_its_rows_after_the_wind_has_changed(plant_config):
         assert air.field_behind(s, behind) == pytest.approx(tuple(expected), abs=1e-12)
 
 
+@pytest.mark.parametrize("h", [1e-3, 0.03, 2.0])
+def test_lag_is_exact_for_an_input_that_grows_linearly(h):
+    """y' = u - y with u = a + (b - a) t / h: y = u - m + (y0 - a + m) exp(-t), m = (b - a) / h."""
+    a, b, start = 0.7, -0.4, 0.2
+    slope = (b - a) / h
+    expected = b - slope + (start - a + slope) * math.exp(-h)
+    assert air.lag_step(start, a, b, h) == pytest.approx(expected, abs=1e-11)
+
+
 def test_rotation_at_the_tail_is_its_lever_arm(plant_config):
     """Nose into the wind: rates in wind axes are (-p, -q, r) of the body's; by hand at the tail."""
     config = plant_config(**STEADY, wind__rotation=True)
