@@ -63,7 +63,8 @@ def test_kernels_are_compiled_by_the_one_decorator_and_draw_no_random_numbers():
             count += 1
             where = f"{path.name}: {node.name}"
             assert {"njit", "njit_inlined"} & set(decorators), where
-            assert not re.search(r"\brandom\b|\brng\b|default_rng", ast.unparse(node)), where
+            code = ast.unparse(node.body[ast.get_docstring(node) is not None :])
+            assert not re.search(r"\brandom\b|\brng\b|default_rng", code), where
         if path.name != "jit.py":
             text = path.read_text(encoding="utf-8")
             assert not re.search(r"(?m)^\s*from numba import.*\bn?jit\b", text), path
