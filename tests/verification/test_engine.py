@@ -161,6 +161,19 @@ def test_power_of_a_slow_climb_grows_by_half_the_weight_per_speed(bare):
     assert (needed(h) - needed(0.0)) / h == pytest.approx(weight / 2, rel=5e-3)
 
 
+def test_the_governor_feeds_forward_what_hover_takes_per_pitch(on):
+    """dP/dtheta of the main rotor at hover's thrust, by differences of momentum theory; 1e-5."""
+    p, h = replace(on, tail_drag_coefficient=0.0), 1e-4
+    weight = p.mass_kg * p.gravity_mps2
+
+    def hover(d_col, pitch=0.0):
+        return rotors(p, p.main_speed_radps, d_col, pitch, 0.0)
+
+    d_col = brentq(lambda d: hover(d)[0] - weight, -0.9, 0.3, xtol=1e-14)
+    slope = (hover(d_col - h)[2] - hover(d_col + h)[2]) / (2.0 * h * 0.165)
+    assert MAX_W * p.kernel.engine.feed_forward == pytest.approx(slope, rel=1e-5)
+
+
 def test_a_climb_beyond_the_engine_droops_until_power_is_enough(bare):
     """An engine of 1.2 kW; it gives all it has, and speed and climb settle where that is enough."""
     small = replace(bare, engine_power_w=1200.0)
