@@ -10,13 +10,27 @@ from heli_flight.loop.settings import resolve
 from heli_parameters.locate import config_folder
 
 GRADES = {"consumer": "standalone", "industrial": "standalone", "rtk": "rtk"}
-SEEDS = [1, 2, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in range(3, 11))]
+# The observer levels itself by one sample, which vibration tips (here by 7 deg), and integrates it
+# over its first 0.17 s: the tilt cannot show in the velocity there, but the covariance
+# counts on it. The first precise fix makes it sure of a wrong attitude; its gates refuse the rest.
+LOST_AT_ALIGNMENT = ("rtk", 3)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("grade", GRADES)
+def flights():
+    """Grades and seeds: two of each in CI, ten nightly."""
+    for grade in GRADES:
+        for seed in range(1, 11):
+            marks = [pytest.mark.nightly] if seed > 2 else []
+            if (grade, seed) == LOST_AT_ALIGNMENT:
+                marks.append(pytest.mark.xfail(strict=True, reason="alignment under vibration"))
+            yield pytest.param(grade, seed, marks=marks)
+
+
+@pytest.mark.parametrize(("grade", "seed"), list(flights()))
 def test_hover_with_a_grade_flies_to_the_end(grade, seed):
-    """Not lost, always navigating; how far it stays within the paper's figures is its result."""
+    """Not lost, and it knows where it is within 8 m, five sigma of the worst receiver's errors; how
+    far it stays within the paper's figures is its result.
+    """
     file = config_folder("heli_dynamics_sim") / f"sensors_{grade}.yaml"
     settings = resolve("hover", seed=seed, params=[file])
     assert settings.gps == GRADES[grade]
@@ -24,7 +38,7 @@ def test_hover_with_a_grade_flies_to_the_end(grade, seed):
     assert flight.status == PlantStatus.OK
     record = flight.record
     assert record.time_s.size == settings.scenario.n_ticks
-    assert np.isfinite(record.nav_pos_ned_m).all()
+    assert np.abs(record.nav_pos_ned_m - record.truth_pos_ned_m).max() < 8.0
 
 
 @pytest.mark.parametrize("grade", GRADES)
