@@ -107,11 +107,16 @@ def living(ros_env):
 
 @pytest.fixture
 def hover_test(ros_env):
-    """Run the hover test's command; returns the finished process."""
+    """Run the hover test's command; returns the finished process.
+
+    In the paper's world, unless a test names another: there it is inside the paper's figures.
+    """
 
     def run(*arguments, limit_s=240, env=None):
         command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report"]
         command += map(str, arguments)
+        if "--world" not in arguments:
+            command += ["--world", "paper"]
         done = subprocess.run(
             command, env=ros_env | (env or {}), capture_output=True, text=True, timeout=limit_s
         )

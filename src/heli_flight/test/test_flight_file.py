@@ -73,7 +73,16 @@ class TestTheSameFlightAgain:
         """
         mine = written(section("plant", "sensors.gps.drift_m: 2.0"))
         code, first = fly(
-            tmp_path / "a", "--one-process", "--gps", "rtk", "--params", mine, "--duration", 18
+            tmp_path / "a",
+            "--one-process",
+            "--gps",
+            "rtk",
+            "--world",
+            "paper",
+            "--params",
+            mine,
+            "--duration",
+            18,
         )
         assert code == 1
         assert first["outside"] and all("(truth)" in name for name in first["outside"])
@@ -100,7 +109,8 @@ class TestTheSameFlightAgain:
         assert f"#   inner_loop: gamma: 0.07 (packaged: {gamma})\n" in text
 
     def test_the_file_says_what_was_flown(self, tmp_path):
-        fly(tmp_path / "a", "--one-process", "--gps", "rtk", "--seed", 7, "--duration", 2)
+        fly(tmp_path / "a", "--one-process", "--gps", "rtk", "--world", "paper", "--seed", 7,
+            "--duration", 2)  # fmt: skip
         text = (tmp_path / "a" / "params.yaml").read_text()
         said = yaml.safe_load(text)["/**/flight"]["ros__parameters"]
         assert said == {
