@@ -41,6 +41,13 @@ def test_hover_with_a_grade_flies_to_the_end(grade, seed):
     assert np.abs(record.nav_pos_ned_m - record.truth_pos_ned_m).max() < 8.0
 
 
+def test_alignment_on_the_mean_keeps_the_flight_that_one_sample_loses():
+    """The world `honest` gives the grade and aligns on the mean of the first samples."""
+    receiver, seed = LOST_AT_ALIGNMENT
+    record = simulate(resolve("hover", receiver, seed=seed, world="honest")).record
+    assert np.abs(record.nav_pos_ned_m - record.truth_pos_ned_m).max() < 1.0
+
+
 @pytest.mark.parametrize("grade", GRADES)
 def test_the_filter_is_told_the_noise_that_flies(grade):
     """Plant and observer of a grade's file agree: white errors, slow errors together, biases."""
