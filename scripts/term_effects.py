@@ -21,7 +21,7 @@ from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.trim import Trim, trim
 from heli_math.rotations import euler_from_quat
-from heli_math.rows import NINE, PLANT
+from heli_math.rows import ACTUATOR, NINE, PLANT
 from heli_math.state_names import INPUT_NAMES, STATE_NAMES, WIND_NAMES
 
 DATA = Path(__file__).resolve().parent.parent / "tests/verification/data"
@@ -51,7 +51,11 @@ def trim_values(found: Trim) -> dict[str, float]:
     angles = dict(
         zip(("phi", "theta", "a_s", "b_s"), np.degrees((phi, theta, a_s, b_s)), strict=True)
     )
-    commands = dict(zip(("d_lat", "d_lon", "d_col"), found.u[[0, 1, 3]], strict=True))
+    commands = {
+        "d_lat": found.u[ACTUATOR.lat],
+        "d_lon": found.u[ACTUATOR.lon],
+        "d_col": found.u[ACTUATOR.col],
+    }
     return {k: float(v) for k, v in {**angles, **commands, "d_int": d_int}.items()}
 
 

@@ -34,9 +34,9 @@ READMES += sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("docs/**/*.m
 
 # Begin of a command -> what is appended to make it short; the last of two equal options counts.
 SHORTER = {
-    "./hover_test.sh": "--duration 6",
+    "./hover_test.sh": "--duration 4",
     "./hover_test.sh --live": "--duration 2 --no-report --live-port 0 --foxglove-port 0",
-    "./heli hover": "--duration 6",
+    "./heli hover": "--duration 4",
     "./heli campaign": "--seeds 1 --duration 6",
     "./heli compare attitude": "--seeds 1 --duration 6",
     "./heli compare robustness": "--n 1 --duration 6",

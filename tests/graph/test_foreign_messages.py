@@ -24,7 +24,9 @@ from heli_msgs_bridge.messages import CHANNELS, Encoder
 from heli_msgs_bridge.reference_message import encode_reference
 from heli_parameters.locate import config_folder
 
-HOVER_TEST = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report"]
+HOVER_TEST = [
+    sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--world", "paper",
+]  # fmt: skip
 NODES = {"plant", "observer", "inner_loop", "outer_loop"}
 INPUTS = [t.name for t in topics.TABLE if t.name in CHANNELS and NODES & set(t.sinks)]
 LATE_2026_NS = 1_795_299_400_000_000_000

@@ -85,6 +85,17 @@ TURN = TurnState()
 FIELD = FieldRow()
 
 
+class Field(NamedTuple):
+    """The field at a point of its path, in units of sigma."""
+
+    along: float
+    across: float
+    down: float
+    roll: float
+    across_less_lag: float
+    down_less_lag: float
+
+
 class AirState(NamedTuple):
     """Where the turbulence is; the arrays are changed in place."""
 
@@ -199,7 +210,7 @@ def initial_air(k: WindKernel, altitude_m: float, rows: NDArray[np.float64], see
 
 @njit
 def field_behind(s, behind_m):
-    """The field (6 floats, FIELD without its path) so many metres of path behind the newest row."""
+    """The field so many metres of path behind the newest row."""
     rows, newest = s.field, s.newest[0]
     n = rows.shape[0]
     path = rows[newest, FIELD.path] - behind_m
@@ -216,13 +227,13 @@ def field_behind(s, behind_m):
         middle = min(max(middle, young + 1), old - 1)
     a, b = rows[(newest - young) % n], rows[(newest - old) % n]
     share = (a[FIELD.path] - path) / (a[FIELD.path] - b[FIELD.path])
-    return (
-        a[1] + share * (b[1] - a[1]),
-        a[2] + share * (b[2] - a[2]),
-        a[3] + share * (b[3] - a[3]),
-        a[4] + share * (b[4] - a[4]),
-        a[5] + share * (b[5] - a[5]),
-        a[6] + share * (b[6] - a[6]),
+    return Field(
+        a[FIELD.along] + share * (b[FIELD.along] - a[FIELD.along]),
+        a[FIELD.across] + share * (b[FIELD.across] - a[FIELD.across]),
+        a[FIELD.down] + share * (b[FIELD.down] - a[FIELD.down]),
+        a[FIELD.roll] + share * (b[FIELD.roll] - a[FIELD.roll]),
+        a[FIELD.across_less_lag] + share * (b[FIELD.across_less_lag] - a[FIELD.across_less_lag]),
+        a[FIELD.down_less_lag] + share * (b[FIELD.down_less_lag] - a[FIELD.down_less_lag]),
     )
 
 
@@ -247,8 +258,8 @@ def _velocities(s, x, time_s, passage, k):
         along, across, sinking = mean_speed(-x[PLANT.down] - down, k), 0.0, 0.0
         if k.turbulence:
             f = field_behind(s, parts.reach + downwind)
-            along += sigma_h * f[0]
-            across, sinking = sigma_h * f[1], sigma_w * f[2]
+            along += sigma_h * f.along
+            across, sinking = sigma_h * f.across, sigma_w * f.down
         g0, g1, g2 = gusts_at(x, time_s - downwind / passage.speed, k, s.gusts)
         out[0], out[1] = c * along - e * across + g0, e * along + c * across + g1
         out[2] = sinking + g2
@@ -268,9 +279,9 @@ def _turning(s, x, air, passage, k):
     sigma_h, sigma_w = passage.sigmas
     _, _, _, length_w = dryden_scales(-x[PLANT.down], k.w20_mps)
     f = field_behind(s, k.parts.reach)
-    p = roll_gust_sigma(sigma_w, length_w, k.span_m) * f[3]
-    q = sigma_w * f[5] * math.pi / (4.0 * k.span_m)
-    r = -sigma_h * f[4] * math.pi / (3.0 * k.span_m)
+    p = roll_gust_sigma(sigma_w, length_w, k.span_m) * f.roll
+    q = sigma_w * f.down_less_lag * math.pi / (4.0 * k.span_m)
+    r = -sigma_h * f.across_less_lag * math.pi / (3.0 * k.span_m)
     cos, sin = k.downwind
     attitude = attitude_of(x)
     rates = air[AIR.rates]

@@ -25,6 +25,9 @@ from heli_dynamics_sim.rotor_flow import rotor_flow
 from heli_math.jit import njit
 from heli_math.rows import AIR
 
+# Places of the static port's coefficients.
+_FRONT, _BACK, _RIGHT, _LEFT, _ALONG_Z = range(5)
+
 
 class PortKernel(NamedTuple):
     """The barometer's static port."""
@@ -60,9 +63,9 @@ def port_error(x, air, aircraft, k):
     """Pressure (Pa) that air speed and the rotor's wash add at the static port."""
     u_a, v_a, w_a = airspeed(x, air[AIR.fuselage])
     v_i, _ = wash_and_power(x, air, aircraft)
-    error = k.wind[0 if u_a >= 0.0 else 1] * u_a * u_a
-    error += k.wind[2 if v_a >= 0.0 else 3] * v_a * v_a
-    error += k.wind[4] * w_a * w_a
+    error = k.wind[_FRONT if u_a >= 0.0 else _BACK] * u_a * u_a
+    error += k.wind[_RIGHT if v_a >= 0.0 else _LEFT] * v_a * v_a
+    error += k.wind[_ALONG_Z] * w_a * w_a
     return k.half_rho * (error + k.wash * v_i * v_i)
 
 

@@ -117,7 +117,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     x = hover.x.copy()
     x[PLANT.pos] = config.pos_ned_m
     wind_rows = np.concatenate([rows[:1], rows[slots:]])
-    sensors = initial_sensors(k.sensors, rows[:slots], streams.once(ONCE), x)
+    sensors = initial_sensors(k.sensors, rows[:slots], streams.once(ONCE.size), x)
     return PlantState(
         x,
         initial_air(k.wind, altitude_m, wind_rows, seed),

@@ -2,6 +2,7 @@
 """What sensors remember before tick 0, drawn from the stationary distributions."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,18 @@ from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.sensors import FIX, GpsKernel, SensorKernel, SensorState, take_fix
 from heli_math.rows import IMU
 
-ONCE = 28
+
+class OnceRow(NamedTuple):
+    """Standard normals that a flight's sensors draw once (28,)."""
+
+    gains: slice = slice(0, 18)  # scale and misalignment of both triads
+    soft_iron: slice = slice(18, 24)
+    hard_iron: slice = slice(24, 27)
+    azimuth: int = 27
+    size: int = 28
+
+
+ONCE = OnceRow()
 """How many numbers the sensors of a flight draw once: scales, misalignments, iron, azimuth."""
 
 
@@ -34,15 +46,15 @@ def initial_sensors(
     k : SensorKernel
     rows : (fix_slots, n) array
         Standard normals, places of `noise.NOISE`.
-    once : (ONCE,) array
-        Standard normals.
+    once : (28,) array
+        Standard normals, places of ONCE.
     x : (n,) array
         State of the plant at the start, places of `rows.PLANT`: the fixes under way are its.
     """
     gps, first = k.gps, rows[0]
-    gains, iron = once[:18].reshape(2, 3, 3), once[18:27]
+    gains = once[ONCE.gains].reshape(2, 3, 3)
     # The rotor stands anywhere, all azimuths alike.
-    azimuth = 2.0 * math.pi * uniform(once[27])
+    azimuth = 2.0 * math.pi * uniform(once[ONCE.azimuth])
     sensors = SensorState(
         gyro_bias=k.imu.gyro_bias * first[NOISE.gyro],
         accel_bias=k.imu.accel_bias * first[NOISE.accel],
@@ -52,8 +64,8 @@ def initial_sensors(
         imu=ImuErrorState(
             np.eye(3) + k.imu.errors.gain_sigma * gains, np.array([azimuth]), np.zeros(IMU.size)
         ),
-        soft_iron=k.mag.soft_iron + k.mag.soft_sigma * _symmetric(iron[:6]),
-        hard_iron_t=k.mag.hard_iron_t + k.mag.hard_sigma_t * iron[6:],
+        soft_iron=k.mag.soft_iron + k.mag.soft_sigma * _symmetric(once[ONCE.soft_iron]),
+        hard_iron_t=k.mag.hard_iron_t + k.mag.hard_sigma_t * once[ONCE.hard_iron],
         gps=_gps_errors(gps.errors, first),
     )
     for i in range(rows.shape[0]):

@@ -25,11 +25,6 @@ class Terms(NamedTuple):
     servo_load: bool = False
     swash_servos: bool = False
 
-    @classmethod
-    def all_on(cls) -> "Terms":
-        """Every term."""
-        return cls(*(True for _ in cls._fields))
-
 
 MEANINGS = {
     "flap_back": "Tilt of the disc by the air's speed across it",

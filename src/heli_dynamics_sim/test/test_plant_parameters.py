@@ -222,7 +222,6 @@ def test_each_term_is_a_parameter_and_off(parameters, plant_config):
         flown = plant_config(**{f"terms__{name}": True}).helicopter
         assert flown.terms == Terms()._replace(**{name: True})
         assert flown.kernel.terms == flown.terms
-    assert all(Terms.all_on())
 
 
 def test_states_of_terms_stay_and_do_nothing_while_their_terms_are_off(helicopter):

@@ -37,7 +37,7 @@ World = Annotated[
         "--world",
         metavar="NAME",
         help="air, sensors and what the seed draws of the aircraft: paper, honest, hard, or a "
-        "YAML file (default: the parameter file's, else paper)",
+        "YAML file (default: the parameter file's, else honest for the hover test, else paper)",
         autocompletion=completion.worlds,
     ),
 ]

@@ -17,7 +17,7 @@ from heli_parameters.parameters import Parameter, ParameterError
 
 NODE_NAME = "world"
 PAPER = "paper"
-HOVER_TEST_WORLD = PAPER
+HOVER_TEST_WORLD = "honest"
 """The world of the hover test where neither option nor file names one."""
 
 _GRADES = ("none", "consumer", "industrial", "rtk")

@@ -53,7 +53,7 @@ _ATTITUDE = "./heli compare attitude --seeds 1..20 --ideal-navigation --json"
 PRODUCERS = (
     Producer(
         "hover",
-        "./heli campaign --scenario hover --seeds 1..20 --json",
+        "./heli campaign --scenario hover --world paper --seeds 1..20 --json",
         "The hover test with both receivers.",
         TWENTY,
     ),
