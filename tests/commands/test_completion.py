@@ -32,7 +32,7 @@ def complete(line):
     ("line", "offered"),
     [
         ("heli ca", ["campaign"]),
-        ("heli compare ", ["attitude", "robustness"]),
+        ("heli compare ", ["attitude", "robustness", "worlds"]),
         ("heli hover --scenario ", scenario_names()),
         ("heli hover --gps ", list(GPS_PRESETS)),
         ("heli hover --seed 3 --controller ", list(CONTROLLERS)),
@@ -91,7 +91,7 @@ def test_the_script_for_bash_is_one():
 
 class TestWithoutATerminal:
     def test_campaign_json(self, capsys):
-        words = "campaign --seeds 1,2 --gps rtk --duration 12 --json"
+        words = "campaign --world paper --seeds 1,2 --gps rtk --duration 12 --json"
         assert cli.main(words.split()) == 0
         out, err = capsys.readouterr()
         found = json.loads(out)
@@ -114,13 +114,13 @@ class TestWithoutATerminal:
 
     def test_hover_json_is_the_flights_result(self, capsys, tmp_path):
         out = tmp_path / "flight"
-        words = ["hover", "--one-process", "--no-report", "--duration", "8", "--out", str(out)]
+        words = ["hover", "--one-process", "--no-report", "--duration", "4", "--out", str(out)]
         assert cli.main([*words, "--json"]) == 0
         printed, said = capsys.readouterr()
         assert json.loads(printed) == json.loads((out / "result.json").read_text())
         assert "Hover test" in said
 
-    @pytest.mark.parametrize("words", ["campaign --seeds 1", "compare attitude --seeds 1"])
+    @pytest.mark.parametrize("words", ["campaign --seeds 1 --world paper", "compare attitude --seeds 1"])
     def test_a_pipe_gets_plain_text(self, words):
         done = subprocess.run(
             [*HELI, *words.split(), "--duration", "6"],
@@ -133,7 +133,7 @@ class TestWithoutATerminal:
 def test_a_terminal_gets_a_progress_bar():
     """More than a few seconds of work show a bar on the terminal's own device."""
     master, slave = pty.openpty()
-    words = ("campaign", "--seeds", "1..3", "--duration", "6", "--gps", "rtk")
+    words = ("campaign", "--seeds", "1..3", "--duration", "6", "--world", "paper", "--gps", "rtk")
     env = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100"}
     child = subprocess.Popen([*HELI, *words], stdout=slave, stderr=slave, stdin=slave, env=env)
     os.close(slave)
