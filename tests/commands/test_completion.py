@@ -120,7 +120,9 @@ class TestWithoutATerminal:
         assert json.loads(printed) == json.loads((out / "result.json").read_text())
         assert "Hover test" in said
 
-    @pytest.mark.parametrize("words", ["campaign --seeds 1 --world paper", "compare attitude --seeds 1"])
+    @pytest.mark.parametrize(
+        "words", ["campaign --seeds 1 --world paper", "compare attitude --seeds 1"]
+    )
     def test_a_pipe_gets_plain_text(self, words):
         done = subprocess.run(
             [*HELI, *words.split(), "--duration", "6"],

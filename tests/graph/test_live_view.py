@@ -210,7 +210,7 @@ def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
     process = subprocess.Popen(
         [sys.executable, "-m", "heli_flight.cli.hover_test", "--live", "--allow-commands",
          "--live-port", "0", "--foxglove-port", "0", "--duration", str(WATCHED_S), "--gps", "rtk",
-         "--no-report", "--out", str(out)],
+         "--world", "paper", "--no-report", "--out", str(out)],
         env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
     try:

@@ -57,7 +57,7 @@ def test_three_aircraft_each_named(hover_test, tmp_path, mode):
         assert result["aircraft"] == name and not result["lost"]
         truth = read_bag(out / name / "bag").streams[topics.TRUTH_ODOM]
         assert np.array_equal(truth.stamp_ns, expected)
-        assert f"Hover test of {name}: largest" in done.stdout
+        assert f"Hover test of {name}, whole flight: largest" in done.stdout
     only = tmp_path / "only_heli3"
     shutil.copytree(out / "heli3" / "bag", only)
     for page in (report_of_bag(out / "heli3"), report_of_bag(only)):

@@ -39,6 +39,8 @@ def call(tree, module="probe_pkg.deep.kernel", name="scaled"):
     )
     env = {**os.environ, "PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(tree / "cache")}
     env.pop("NUMBA_CACHE_DIR", None)
+    # Python itself takes a change within a second, of the same length, for none.
+    env["PYTHONDONTWRITEBYTECODE"] = "1"
     done = subprocess.run(
         [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
     )
