@@ -80,14 +80,18 @@ class Result:
         return EXIT_OUTSIDE if self.lost or self.judged(gps) else EXIT_INSIDE
 
 
+def mean_wind(plant: Mapping[str, Any]) -> str:
+    """The steady wind of the plant's parameters, in words."""
+    if plant["wind.profile"] == "log":
+        return f"{plant['wind.w20_mps']:g} m/s at 20 ft, log profile"
+    speeds = "/".join(f"{v:g}" for v in plant["wind.profile_speed_mps"])
+    return f"{speeds} m/s at {'/'.join(f'{h:g}' for h in plant['wind.profile_altitude_m'])} m"
+
+
 def conditions(settings: Settings) -> str:
     """World, wind and sensors in two lines: they stand next to every comparison."""
     p = settings.nodes["plant"]
-    if p["wind.profile"] == "log":
-        mean = f"{p['wind.w20_mps']:g} m/s at 20 ft, log profile,"
-    else:
-        speeds = "/".join(f"{v:g}" for v in p["wind.profile_speed_mps"])
-        mean = f"{speeds} m/s at {'/'.join(f'{h:g}' for h in p['wind.profile_altitude_m'])} m"
+    mean = mean_wind(p) + ("," if p["wind.profile"] == "log" else "")
     turbulence = "MIL-F-8785C Dryden turbulence" if p["wind.turbulence"] else "no turbulence"
     gusts = np.reshape(p["wind.gust.amplitude_mps"], (-1, 3))
     peak = np.linalg.norm(gusts, axis=1).max(initial=0.0)

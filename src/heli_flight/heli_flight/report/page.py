@@ -15,7 +15,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from heli_flight.loop.layers import NODES
-from heli_flight.loop.result import verdict, versions
+from heli_flight.loop.result import mean_wind, verdict, versions
 from heli_flight.loop.scenario import NODE_NAME, TABLE
 from heli_flight.loop.scoring import DECIDES, STRETCHES, TRUTH
 from heli_flight.report.chart import PALETTE, Chart
@@ -24,7 +24,7 @@ from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import LAWS
 from heli_flight.report.plotly_json import figure, with_indices
 from heli_flight.report.tables import event_table, margin_table, parameter_table, result_tables
-from heli_flight.report.words import NOT_SIMULATED, SIMULATED
+from heli_flight.report.words import scope
 
 _TITLES = {
     "result": "Result",
@@ -103,7 +103,7 @@ def render(report: Report, charts: Sequence[Chart], design: Design | None) -> st
         notes=[*report.result.notes, *report.missing],
         margins=margins,
         events=events,
-        scope={"Simulated": SIMULATED, "Not simulated": NOT_SIMULATED},
+        scope=scope(report.settings.nodes["plant"]),
         seed=report.settings.seed,
         parameters=_parameters(report),
     )
@@ -175,15 +175,13 @@ def _verdict(report: Report, stretch: str) -> tuple[str, str, str]:
 
 def _facts(report: Report) -> list[tuple[str, str]]:
     settings, plant = report.settings, report.settings.nodes["plant"]
-    speeds = [float(v) for v in plant["wind.profile_speed_mps"]]
-    low, high = min(speeds), max(speeds)
-    wind = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
     more = "Dryden turbulence" if plant["wind.turbulence"] else "no turbulence"
     return [
         ("Scenario", settings.scenario_name),
+        ("World", Path(settings.world).stem),
         ("Flown", f"{report.result.flown_s:.2f} s, {report.how}"),
         ("Attitude law", LAWS.get(report.controller, report.controller)),
-        ("Wind", f"{wind}, {more}"),
+        ("Wind", f"{mean_wind(plant)}, {more}"),
         ("GPS", settings.gps),
         ("Seed", "not recorded" if report.assumed else str(settings.seed)),
     ]

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stands behind the paper's figures: wind, actuators, estimates, design, timeline."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from heli_dynamics_sim.wind import log_law
 from heli_flight.loop.scoring import SETTLED_S, drift_at_engagement
 from heli_flight.report.chart import Chart, Panel, Trace, largest, level, limits
 from heli_flight.report.data import LEVELS, Report
@@ -38,11 +42,20 @@ def flight_charts(report: Report) -> list[Chart]:
     return [*charts, _rotor(report)]
 
 
+def _mean_wind_mps(height_m: NDArray[np.float64], plant: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Steady wind at heights, by the profile of the plant's parameters."""
+    if plant["wind.profile"] == "log":
+        w20_mps, z0_m = plant["wind.w20_mps"], plant["wind.roughness_m"]
+        return np.array([log_law(h, w20_mps, z0_m) for h in height_m])
+    heights, speeds = plant["wind.profile_altitude_m"], plant["wind.profile_speed_mps"]
+    return np.interp(height_m, heights, speeds)
+
+
 def _wind(report: Report) -> Chart:
     r, plant = report.record, report.settings.nodes["plant"]
     ahead, right, down = heading_frame(r.wind_ned_mps, r.reference[:, REFERENCE.psi]).T
     height = -r.truth_pos_ned_m[:, 2] if report.has_truth else -r.nav_pos_ned_m[:, 2]
-    mean = np.interp(height, plant["wind.profile_altitude_m"], plant["wind.profile_speed_mps"])
+    mean = _mean_wind_mps(height, plant)
     t = r.time_s
     return Chart(
         "wind",

@@ -122,8 +122,9 @@ def _climb_table(report: Report) -> Table:
     climb = commanded_climb(report.record.reference)
     caption = "The climb."
     if climb is not None:
+        old_m, new_m = round(climb.old_m, 1), round(climb.new_m, 1)
         caption = (
-            f"The climb, commanded: from {climb.old_m:g} to {climb.new_m:g} m in "
+            f"The climb, commanded: from {old_m:g} to {new_m:g} m in "
             f"{climb.duration_s(report.record.time_s):.2f} s. Overshoot: beyond the new height "
             f"within {OVERSHOOT_S:g} s of the reference's arrival. Time: from the command's start "
             f"until within {BY_KEY['altitude'].paper:g} m of the new height. The paper gives no "

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from heli_flight.loop.result import mean_wind
 from heli_flight.report.plot_style import BLUE, GREY, ORANGE, RED, picture
 from heli_flight.studies.compare.attitude import PAPER_DEG, Comparison
 from heli_flight.studies.compare.laws import AXES, attitude_errors_deg
@@ -67,10 +68,9 @@ def _title(result: Comparison) -> str:
     p = result.settings.nodes["plant"]
     peak = np.linalg.norm(np.reshape(p["wind.gust.amplitude_mps"], (-1, 3)), axis=1).max()
     gusts = f", discrete gusts up to {peak:.3g} m/s (shaded)" if peak > 0.0 else ""
-    speed = np.max(p["wind.profile_speed_mps"])
     turbulence = " with turbulence" if p["wind.turbulence"] else ""
     begin = np.ravel(result.settings.scenario.windows_s)[0]
     return (
-        f"Simulated: wind {speed:g} m/s{turbulence}{gusts}; seed {result.seeds[0]}; "
+        f"Simulated: wind {mean_wind(p)}{turbulence}{gusts}; seed {result.seeds[0]}; "
         f"scored from {begin:g} s on"
     )

@@ -11,7 +11,7 @@ from heli_flight.report.chart import Chart
 from heli_flight.report.figures import write_figures
 from heli_flight.report.page import Head, filled
 from heli_flight.report.tables import Table
-from heli_flight.report.words import NOT_SIMULATED
+from heli_flight.report.words import scope
 from heli_flight.studies.identify.charts import charts, lines_of
 from heli_flight.studies.identify.command import Outcome
 from heli_flight.studies.identify.compare import Row, misses
@@ -72,7 +72,7 @@ def render(outcome: Outcome, drawn: Sequence[Chart]) -> str:
         groups={title: table for title, table in groups.items() if table.rows},
         zeros=outcome.zeros,
         ground=_ground(outcome),
-        not_simulated=NOT_SIMULATED,
+        not_simulated=scope(outcome.settings.nodes["plant"])["Not simulated"],
     )
 
 
