@@ -162,7 +162,7 @@ def test_interrupted_at_once(start, command, tmp_path, living):
 @pytest.mark.parametrize("interrupted", [False, True], ids=["flown", "interrupted"])
 def test_no_shared_memory_stays(start, tmp_path, interrupted, living):
     """Fast DDS takes its segments away only if every participant is destroyed."""
-    command = (ROOT / "hover_test.sh", "--duration", "20", "--no-report")
+    command = (ROOT / "hover_test.sh", "--world", "paper", "--duration", "20", "--no-report")
     alone = ("unshare", "--mount", "--map-root-user", "bash", "-c", OWN_SHARED_MEMORY, "bash")
     process = start((*alone, *command))
     first = process.stdout.readline()

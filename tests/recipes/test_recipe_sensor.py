@@ -165,9 +165,9 @@ def add_to_observer(r):
     """Step 3: storing, fusing with a gate, time-out and sentence; step 4: the schedule."""
     layout = f"{OBSERVER}/layout.py"
     r.replace(layout, "N_AID = 13\n", "AID_DOPPLER_VALID, AID_DOPPLER = 13, 14\nN_AID = 17\n")
-    r.replace(layout, "N_COUNT = 28\n",
-              "C_DOPPLER_OK, C_DOPPLER_SEEN, C_DOPPLER_DROPPED = 28, 29, 30\n"
-              "C_DOPPLER_REJECTED, C_DOPPLER_FUSED = 31, 32\nN_COUNT = 33\n")  # fmt: skip
+    r.replace(layout, "N_COUNT = 29\n",
+              "C_DOPPLER_OK, C_DOPPLER_SEEN, C_DOPPLER_DROPPED = 29, 30, 31\n"
+              "C_DOPPLER_REJECTED, C_DOPPLER_FUSED = 32, 33\nN_COUNT = 34\n")  # fmt: skip
     r.replace(layout, "N_DIAG = 7\n", "D_NIS_DOPPLER = 7\nN_DIAG = 8\n")
     r.after(layout, "    BARO_REJECTED = 9\n",
             "    DOPPLER_TIMEOUT = 10\n    DOPPLER_REJECTED = 11\n")  # fmt: skip

@@ -137,10 +137,11 @@ def _around(given, users):
         [read(path) for path in users],
         _seed(given["seed"]) if given["seed"] else None,
     )
-    presets = [f"gps_{given['gps']}.yaml"]
-    presets.append(f"sensors_{found.values[WORLD]['sensors.' + given['gps']]}.yaml")
+    grade = found.values[WORLD]["sensors." + given["gps"]]
+    # One file tells the plant and the observer.
+    sensors = _config("heli_dynamics_sim", f"sensors_{grade}.yaml")
     plant = {key: found.values["plant"][key] for key in found.drawn}
-    return presets, str(world_file(world)), {"plant": plant}
+    return sensors, str(world_file(world)), {"plant": plant}
 
 
 def _unrecorded(given, users):
@@ -154,7 +155,7 @@ def _aircraft(given):
     """Nodes of one aircraft; each configures and activates itself, the plant waits for the rest."""
     arguments, users = _overrides(given), users_files(given)
     scenario = _config("heli_flight", f"scenarios/{given['scenario']}.yaml")
-    presets, world, drawn = _around(given, users)
+    sensors, world, drawn = _around(given, users)
     recorded = given["record"] == "true"
     # So that the bag begins with the first tick.
     peers = {"peers": [*(name for _, name in NODES), *(["recorder"] if recorded else [])]}
@@ -165,7 +166,7 @@ def _aircraft(given):
     if given["live"] == "true":
         found.append(node("heli_live_view", "live_view", given, [*users, arguments["live_view"]]))
     for package, name in NODES:
-        paths = [_config(package, preset) for preset in presets]
+        paths = [_config(package, f"gps_{given['gps']}.yaml"), sensors]
         own = [path for path in paths if Path(path).is_file()]
         layers = [peers, *own, world, drawn.get(name), scenario, *users, arguments[name]]
         # Of several aircraft the last flight ends the launch, by the clock of their world.

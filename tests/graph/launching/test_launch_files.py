@@ -119,6 +119,7 @@ def test_every_argument_has_a_test(describe):
     """In this file: an argument that is added is added here."""
     tested = {argument.split(":=")[0] for argument, *_ in WINNING}
     tested |= {"namespace", "params_file", "log_level", "scenario", "gps", "record", "live"}
+    tested.add("world")
     # In test_launch_several.py.
     tested.add("aircraft")
     for package, name in LAUNCH_FILES:

@@ -12,6 +12,7 @@ from heli_bags.reader import read_bag
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
 from heli_flight.loop.several import seed_of
+from heli_flight.loop.worlds import HOVER_TEST_WORLD
 from heli_math.rows import PLANT
 from heli_math.ticks import NS_PER_S, TICK_NS
 from heli_msgs_bridge import topics
@@ -72,7 +73,9 @@ def assert_flown_as_if_alone(bags, seeds):
         truth = read_bag(bag).streams[topics.TRUTH_ODOM]
         expected = NS_PER_S + TICK_NS * np.arange(LENGTH_S * NS_PER_S // TICK_NS)
         assert np.array_equal(truth.stamp_ns, expected)
-        alone = simulate(resolve("hover", seed=seed, duration_s=float(LENGTH_S)))
+        alone = simulate(
+            resolve("hover", seed=seed, duration_s=float(LENGTH_S), world=HOVER_TEST_WORLD)
+        )
         tracks.append(truth.rows[:, PLANT.pos])
         assert np.abs(tracks[-1] - alone.record.truth_pos_ned_m).max() < 1e-6
     assert np.abs(tracks[0] - tracks[1]).max() > 1e-3
