@@ -191,7 +191,7 @@ def add_to_observer(r):
     values = "src/heli_observer/config/observer.yaml"
     r.after(values, "      baro_period_ticks: 5\n", "      doppler_period_ticks: 10\n")
     r.after(values, "        baro_s: 2.0\n", "        doppler_s: 2.0\n")
-    r.before(values, "      initial:\n        # Sigma at alignment.",
+    r.before(values, "      initial:\n        # The filter aligns after",
              "      doppler:\n        # White error of each axis, m/s.\n        noise_mps: 0.05\n"
              )  # fmt: skip
     r.before(f"{OBSERVER}/buffers.py", "@njit\ndef store_gps(", STORE)
