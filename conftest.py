@@ -49,6 +49,14 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(disk)], check=True)
 
 
+# Files that take many minutes; begun last they would leave the other cores idle.
+_LONG = ("tests/commands/test_readme_commands.py",)
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: not item.nodeid.startswith(_LONG))
+
+
 @pytest.fixture
 def ros_context(own_domain):
     """ROS in this process, in a domain of the test's own, on this machine only."""

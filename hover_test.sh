@@ -4,8 +4,12 @@
 set -euo pipefail
 shopt -s lastpipe
 trap 'echo interrupted >&2; exit 130' INT
-readlink -f -- "${BASH_SOURCE[0]}" | read -r self
-HELI_ROOT=${self%/*}
+self=${BASH_SOURCE[0]}
+[ ! -L "$self" ] || readlink -f -- "$self" | read -r self
+[[ $self == */* ]] || self=./$self
+cd -P -- "${self%/*}/"
+HELI_ROOT=$PWD
+cd -- "$OLDPWD"
 # shellcheck source=scripts/setup_env.sh
 source "$HELI_ROOT/scripts/setup_env.sh"
 heli_setup_env

@@ -36,6 +36,7 @@ from cpu_types import (
     effective,
 )
 from rich.console import Console
+from seeds_option import parser_with_seeds
 
 from heli_math.ticks import TICK_S
 
@@ -200,17 +201,9 @@ def print_table(rows: Sequence[Row]) -> None:
         print(f"| {' | '.join((row.name, row.against, *cells))} |")
 
 
-def _seeds(text: str) -> list[int]:
-    first, dots, last = text.partition("..")
-    if dots:
-        return list(range(int(first), int(last) + 1))
-    return [int(word) for word in text.split(",")]
-
-
 def main() -> int:
     """Measure; 0 done, 1 an emulated processor flew other numbers, 2 bad input."""
-    parser = argparse.ArgumentParser(description="Fly the same flights as other processors would.")
-    parser.add_argument("--seeds", type=_seeds, default=_seeds("1..5"), help="1..5 or 1,2")
+    parser = parser_with_seeds(__doc__, "1..5")
     parser.add_argument("--only", action="append", default=[], metavar="NAME", help="combination")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--fly", type=Path, help=argparse.SUPPRESS)

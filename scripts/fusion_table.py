@@ -8,12 +8,11 @@ On the aircraft: the hover test, loop closed, rms from 5 s over all seeds, with 
 true origin). Consistency and latency: synthetic flights, see heli_observer.testing.consistency.
 """
 
-import argparse
-import json
-import sys
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from seeds_option import print_tables
 
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
@@ -21,7 +20,6 @@ from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.layers import GPS_PRESETS
 from heli_flight.loop.result import conditions
 from heli_flight.loop.settings import Settings, resolve
-from heli_flight.studies.campaign import parse_seeds, with_seed
 from heli_flight.studies.results.tables_of_parts import fusion_tables
 from heli_math.rotations import rotation_between
 from heli_math.rows import MEAS, PLANT
@@ -52,11 +50,11 @@ def rms(error: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.square(error), axis=0))
 
 
-def on_the_aircraft(gps: str, seeds: list[int]) -> dict[str, Any]:
+def on_the_aircraft(gps: str, seeds: Sequence[int]) -> dict[str, Any]:
     """Rms of attitude, velocity, position, and of the receiver's own error; three axes each."""
     errors: dict[str, list[np.ndarray]] = {"a": [], "v": [], "p": [], "gps": []}
     for seed in seeds:
-        settings = with_seed(resolve("hover", gps, overrides=ABSOLUTE), seed)
+        settings = resolve("hover", gps, overrides=ABSOLUTE).with_seed(seed)
         record = simulate(settings).record
         settled = slice(SETTLED_TICK, None)
         errors["a"].append(rotation_between(record.truth_q_nb, record.nav_q_nb)[settled])
@@ -74,7 +72,7 @@ def on_the_aircraft(gps: str, seeds: list[int]) -> dict[str, Any]:
     }
 
 
-def consistency(gps: str, seeds: list[int]) -> list[dict[str, Any]]:
+def consistency(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
     """Rows: NEES at its lowest and highest of the checked times and NIS, over their degrees."""
     s = collect(resolve("hover", gps).nodes["observer"], seeds)
     found = [
@@ -94,7 +92,7 @@ def consistency(gps: str, seeds: list[int]) -> list[dict[str, Any]]:
     ]
 
 
-def latency(gps: str, seeds: list[int]) -> list[dict[str, Any]]:
+def latency(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
     """Rows: horizontal rms errors with the fixes' latency compensated and ignored."""
     observer = resolve("hover", gps).nodes["observer"]
     errors = latency_errors(observer, seeds, hover_path(amplitude_m=HOVER_M))
@@ -104,22 +102,15 @@ def latency(gps: str, seeds: list[int]) -> list[dict[str, Any]]:
     ]
 
 
-def main() -> int:
-    """Print all tables; 0."""
-    p = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    p.add_argument("--seeds", default="1..20")
-    p.add_argument("--json", action="store_true", help="print JSON instead of Markdown")
-    options = p.parse_args()
-    seeds = parse_seeds(options.seeds)
-    found = {
+def navigation_found(seeds: Sequence[int]) -> dict[str, Any]:
+    """All that the tables show."""
+    return {
         "times": len(CHECKS_S),
         "aircraft": [on_the_aircraft(gps, seeds) for gps in GPS_PRESETS],
         "consistency": [row for gps in GPS_PRESETS for row in consistency(gps, seeds)],
         "latency": [row for gps in GPS_PRESETS for row in latency(gps, seeds)],
     }
-    print(json.dumps(found) if options.json else fusion_tables(found))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    print_tables(__doc__, navigation_found, fusion_tables)

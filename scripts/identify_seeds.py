@@ -7,7 +7,6 @@ Each row is `heli identify --one-process --hover` of one aircraft and seed, besi
 truth. Takes about 15 s each.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -16,9 +15,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from seeds_option import parser_with_seeds
+
 from heli_flight.loop.result import RESULT, conditions
 from heli_flight.loop.settings import resolve
-from heli_flight.studies.campaign import parse_seeds
 from heli_flight.studies.identify.command import HOVER, SCENARIOS
 from heli_flight.terminal import steps
 
@@ -78,11 +78,10 @@ def _error(entries: Sequence[dict[str, Any]], name: str) -> float:
 
 def main() -> int:
     """Identify all; 0."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seeds", default="1..20")
+    parser = parser_with_seeds(__doc__)
     parser.add_argument("--aircraft", default=DEFAULT, help="names, with commas between")
     options = parser.parse_args()
-    wanted = [(a, s) for a in options.aircraft.split(",") for s in parse_seeds(options.seeds)]
+    wanted = [(a, s) for a in options.aircraft.split(",") for s in options.seeds]
     rows = []
     with (
         tempfile.TemporaryDirectory() as name,

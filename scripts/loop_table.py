@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Print what the packaged design is worth: gamma*, norms, margins, observer gains, PID, as JSON.
+"""Print what the laws `hinf` are worth: gamma*, norms, margins, observer gains, PID, as JSON.
 
 Usage: python scripts/loop_table.py
 
-The loops are those of `heli design`, and besides: as flown without prediction, by LQR, and with an
-offset-free target. Nothing is flown.
+The loops are those of `heli design`, and besides: as flown without prediction, by LQR, with an
+offset-free target, and by the law of default. Nothing is flown.
 """
 
 import json
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from heli_flight.loop.laws import LAWS
 from heli_flight.loop.settings import resolve
 from heli_flight.studies.design.make import LONGEST_DELAY_S, Design, make_design
 from heli_inner_hinf.analysis import LoopReport, analyse, model_of
@@ -61,7 +62,7 @@ def loops(design: Design, parameters: Mapping[str, Any]) -> list[dict[str, Any]]
 
     def flown(name: str, model: Model, prediction_s: float) -> dict[str, Any]:
         loop = flown_loop(model, K, prediction_s, feed, actuation)
-        delay = further_delay_s(model, K, prediction_s, feed, actuation, LONGEST_DELAY_S)
+        delay = further_delay_s(loop, model, actuation, LONGEST_DELAY_S)
         return loop_row(name, analyse(loop), delay)
 
     def model_with(**changes: Any) -> Model:
@@ -81,6 +82,13 @@ def loops(design: Design, parameters: Mapping[str, Any]) -> list[dict[str, Any]]
             for rate in OFFSET_FREE_RADPS
         ),
     ]
+
+
+def default_loop() -> dict[str, Any]:
+    """What flies if no laws are named."""
+    design = make_design()
+    name = f"as flown, {design.attitude.controller} (default)"
+    return loop_row(name, design.reports[-1], design.further_delay_s)
 
 
 def observers(design: Design) -> list[dict[str, Any]]:
@@ -114,7 +122,7 @@ def published_gamma_star(design: Design) -> float:
 
 def main() -> int:
     """Print everything; 0."""
-    design = make_design()
+    design = make_design([LAWS.file("hinf")])
     star = design.attitude.synthesis.gamma_star
     found = {
         "gamma": design.attitude.gamma,
@@ -127,7 +135,7 @@ def main() -> int:
         "servo_damping": design.actuation.servo_damping,
         "delay_s": design.actuation.delay_s,
         "prediction_s": design.attitude.prediction_s,
-        "loops": loops(design, resolve().nodes["inner_loop"]),
+        "loops": [*loops(design, resolve(laws="hinf").nodes["inner_loop"]), default_loop()],
         "observers": observers(design),
         "pid": [
             {

@@ -53,6 +53,7 @@ SERVICES = {
 }
 _FRAMES = {
     topics.REFERENCE: (MAP, BASE),
+    topics.GOTO: (MAP,),
     topics.TF: (MAP, ODOM, BASE),
     topics.TF_STATIC: (BASE, "links of the model"),
     topics.SCENE: (MAP,),
@@ -80,8 +81,10 @@ all of them; who asks for best effort does, too. `/tf` and `/tf_static` are sent
 `tf2_msgs` is installed: the PyPI wheels do not hold it. No flight needs the last four.
 `excitation/*` is sent only where identification is configured; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
-its token. The recorder hears all but `scene`, the live view all but the last four. As every
-node of ROS 2, these also send `/rosout`, `/parameter_events` and `~/transition_event`.
+its token, and the outer loop for each `goto` that it flies. `goto` is yours to send: a level
+pose in `map`, stamped with the flight's time (`examples/goto.py`). The recorder hears all but
+`scene`, the live view all but the last four. As every node of ROS 2, these also send
+`/rosout`, `/parameter_events` and `~/transition_event`.
 
 The observer fuses GPS, so `odom` is given in `map` (REP-105). The frame `odom` is what moves
 without jumps: the estimated velocity, summed up; the transform map -> odom holds the rest.
@@ -116,6 +119,9 @@ setting ROS 2 speaks to the whole subnet.
 Every node has these, under its name (`/plant/get_state`):
 """
 LIFE = """
+The outer loop has one more, `hold` (std_srvs/srv/Trigger): stop as soon as the limits `goto.*`
+allow, and stay there. The answer says where that is, or why not.
+
 ## Life cycle
 
 A node started alone (`ros2 run`) configures and activates itself, unless `autostart` is false.
@@ -158,8 +164,7 @@ def _rate(topic: topics.Topic) -> str:
 def _topic_row(topic: topics.Topic) -> tuple[str, ...]:
     channel = CHANNELS.get(topic.name)
     frames = channel.frames if channel else _FRAMES.get(topic.name, ())
-    listeners = ", ".join(topic.sinks) or "-"
-    who = (", ".join(topic.source), listeners)
+    who = [", ".join(nodes) or "-" for nodes in (topic.source, topic.sinks)]
     return (f"`{topic.name}`", topic.type, _rate(topic), " > ".join(frames) or "-", *who)
 
 

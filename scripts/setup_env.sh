@@ -16,8 +16,9 @@
 # uv cannot be had. An environment counts only when its stamp was written, last of all; an interrupted one is thrown
 # away and made anew.
 
-# Should Ctrl-C come while bash reads functions or $(...), bash takes the trap's text for a part of them and fails. So
-# there is no trap while this file is read, and what runs at every start reads variables from pipes instead.
+# Should Ctrl-C come while bash reads functions or $(...), bash takes the trap's text for a part of them and fails; should
+# it come between a pipe's fork and its end, the trap may run twice or lose the child. So there is no trap while this
+# file is read, and what runs at every start (not only when something is missing) starts no other process.
 trap - INT
 
 HELI_PYTHONS="python3.13 python3.12 python3.11 python3"
@@ -198,9 +199,20 @@ heli_warm_up() {
         heli_fail "compiling the kernels: $(heli_last_line)"
 }
 
+# Sets heli_text to the text of the files that there are; read ends with 1 at the end of a file.
+heli_read() {
+    local file part
+    heli_text=""
+    for file in "$@"; do
+        [ -f "$file" ] || continue
+        IFS= read -rd '' part <"$file" || true
+        heli_text+=$part
+    done
+}
+
 heli_stamp_is() {
-    local stamp=""
-    [ -f "$1" ] && read -r stamp <"$1" && [ "$stamp" = "$2" ]
+    heli_read "$1"
+    [ "$heli_text" = "$2" ]
 }
 
 # Sets heli_mode and heli_venv.
@@ -288,14 +300,16 @@ heli_make_missing() {
         heli_source_workspace
         heli_warm_up
         heli_mark kernels
-        printf '%s\n' "$heli_want_layout" >"$heli_venv/heli_layout_stamp"
+        printf '%s' "$heli_want_layout" >"$heli_venv/heli_layout_stamp"
     fi
-    printf '%s\n' "$heli_want_env" >"$heli_venv/heli_stamp"
+    rm -f -- "$heli_venv/heli_blocks_signals"
+    ! env --block-signal=INT true 2>/dev/null || : >"$heli_venv/heli_blocks_signals"
+    printf '%s' "$heli_want_env" >"$heli_venv/heli_stamp"
     if [ "$1" = test ]; then
         printf 'Adding the test tools, once ...\n' >&2
         heli_base_python=$heli_venv/bin/python
         heli_install -c "$pins" -r "$requirements/test.txt"
-        printf '%s\n' "$heli_want_env" >"$heli_venv/heli_test_stamp"
+        printf '%s' "$heli_want_env" >"$heli_venv/heli_test_stamp"
         heli_mark "test tools"
     fi
     printf 'Set up in %d s: %s.\n' "$((SECONDS - begun_s))" "$heli_split" >&2
@@ -324,12 +338,11 @@ heli_make_missing_alone() {
 heli_setup_env() {
     heli_choose_mode
     heli_clean_environment
-    cat "$HELI_ROOT"/requirements/*.txt | sha256sum | read -r heli_want_env _
-    heli_want_env+=" $heli_venv"
-    {
-        printf '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,config,web,launch/*,scripts/*}
-        cat "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/setup.py
-    } | sha256sum | read -r heli_want_layout _
+    heli_read "$HELI_ROOT"/requirements/*.txt
+    heli_want_env=$heli_text$heli_venv
+    heli_read "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/setup.py
+    printf -v heli_want_layout '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,config,web,launch/*,scripts/*}
+    heli_want_layout+=$heli_text
     heli_all_stands "${1:-}" || heli_make_missing_alone "${1:-}"
     export VIRTUAL_ENV="$heli_venv" PATH="$heli_venv/bin:$PATH"
     heli_source_workspace
@@ -341,8 +354,8 @@ heli_setup_env() {
 # Becomes the command of that name. Ctrl-C is held back until Python can take it: an interpreter that is still
 # starting would answer with a traceback.
 heli_start() {
-    local held_back=(env --block-signal=INT)
-    "${held_back[@]}" true 2>/dev/null || held_back=()
+    local held_back=()
+    [ ! -e "$heli_venv/heli_blocks_signals" ] || held_back=(env --block-signal=INT)
     exec "${held_back[@]}" "$HELI_PYTHON" -m heli_flight.start "$@"
 }
 

@@ -31,10 +31,13 @@ ROOT = Path(__file__).resolve().parent.parent
 NUMERICAL = (
     "src/heli_math",
     "src/heli_dynamics_sim",
+    "src/heli_guidance",
+    "src/heli_handling",
     "src/heli_identification",
     "src/heli_inner_hinf",
     "src/heli_observer",
     "src/heli_outer_pd",
+    "src/heli_robust",
     "tests/verification",
 )
 _NOTHING_FAILED = (0, 1)

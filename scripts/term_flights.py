@@ -6,20 +6,21 @@ Usage: ./heli python scripts/term_flights.py [--seeds 1..20]
 One process, both receivers, the packaged design; the aircraft in flight differs, nothing else.
 """
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
+
+from seeds_option import parser_with_seeds
 
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.terms import Terms
 from heli_flight.loop.closed_loop import build, fly_loop
 from heli_flight.loop.layers import GPS_PRESETS
 from heli_flight.loop.result import conditions
-from heli_flight.loop.scoring import STRETCHES, Figures, score
+from heli_flight.loop.scoring import STRETCHES
 from heli_flight.loop.settings import Settings, resolve
-from heli_flight.studies.campaign import FlownSeed, inside_of, parse_seeds, with_seed, worst
+from heli_flight.studies.campaign import FlownSeed, inside_of, worst
 
 ROTOR = ("flap_back", "inflow", "ground_effect", "vortex_ring")
 AIRCRAFT: dict[str, dict[str, Any]] = {
@@ -36,9 +37,8 @@ def fly(settings: Settings, changes: dict[str, Any], seeds: Sequence[int]) -> li
     config = replace(nominal, helicopter=replace(nominal.helicopter, **changes))
     flown = []
     for seed in seeds:
-        flight = fly_loop(build(with_seed(settings, seed), plant_config=config), settings)
-        figures = Figures() if flight.sentence else score(flight.record, settings.scenario)
-        flown.append(FlownSeed(seed, figures, flight.sentence))
+        flight = fly_loop(build(settings.with_seed(seed), plant_config=config), settings)
+        flown.append(FlownSeed.of(seed, flight, settings.scenario))
     return flown
 
 
@@ -60,9 +60,7 @@ def row_of(name: str, gps: str, flown: Sequence[FlownSeed]) -> dict[str, Any]:
 
 def main() -> None:
     """Print the JSON."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--seeds", default="1..20", help="1..20, 7 or 1,5,9")
-    seeds = parse_seeds(parser.parse_args().seeds)
+    seeds = parser_with_seeds(__doc__).parse_args().seeds
     rows, told = [], []
     for gps in GPS_PRESETS:
         settings = resolve("hover", gps)

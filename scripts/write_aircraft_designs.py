@@ -8,9 +8,8 @@ one by `./hover_test.sh --params src/heli_flight/config/designs/xcell60.yaml`.
 """
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 from heli_flight.studies.design.make import Design, make_design, write_yaml
 
@@ -25,21 +24,17 @@ class Choice:
     ----------
     gamma : float or None
         Bound on the norm; None: the paper's.
-    outer : mapping
-        Parameters of the outer loop.
     why : tuple of str
         Reasons, for the head of the file.
     """
 
     gamma: float | None
-    outer: MappingProxyType
     why: tuple[str, ...]
 
 
 CHOICES = {
     "xcell60": Choice(
         gamma=0.131,
-        outer=MappingProxyType({}),
         why=(
             "gamma: the paper's 0.0632 is below gamma* here, as a side gust turns this nose 3.7",
             "times as hard (E(r, v)); 0.131 is 1.23 gamma*, as the paper's is for HeLion.",
@@ -47,16 +42,7 @@ CHOICES = {
     ),
     "logo600": Choice(
         gamma=None,
-        outer=MappingProxyType(
-            {
-                "K_P": [0.4, 0.5, 9.0],
-                "K_D": [1.1, 1.8, 10.0],
-            }
-        ),
-        why=(
-            "K_P, K_D down: a light disc follows vertical gusts 1.8 times as hard as HeLion's",
-            "(heave damping 1.29 against 0.71 1/s); 9, 10 for 6, 7: modulus margin 0.56.",
-        ),
+        why=("gamma: the paper's holds here, too.",),
     ),
 }
 
@@ -64,9 +50,7 @@ CHOICES = {
 def design_of(name: str) -> Design:
     """Design of a packaged aircraft by CHOICES."""
     choice = CHOICES[name]
-    design = make_design(aircraft=f"{name}.yaml", gamma=choice.gamma)
-    outer = {**design.values["outer_loop"], **choice.outer}
-    return replace(design, values={**design.values, "outer_loop": outer})
+    return make_design(aircraft=f"{name}.yaml", gamma=choice.gamma, search=True)
 
 
 def main() -> int:

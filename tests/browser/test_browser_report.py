@@ -12,7 +12,7 @@ from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import resolve
 from heli_flight.report import Event, write_report
 from heli_flight.studies.identify.command import Wanted, execute
-from heli_flight.studies.identify.report import write_page
+from heli_flight.studies.identify.report import PAGE
 
 READY = "document.documentElement.dataset.ready === 'true'"
 EVENTS = (
@@ -53,7 +53,8 @@ def attitude(tmp_path_factory):
 @pytest.fixture(scope="module")
 def identification(tmp_path_factory):
     folder = tmp_path_factory.mktemp("identification") / "found"
-    return write_page(execute(Wanted(seed=1, one_process=True), folder), folder)
+    execute(Wanted(seed=1, one_process=True), folder)
+    return folder / PAGE
 
 
 @pytest.fixture(params=["hover", "attitude", "identification"])
@@ -99,6 +100,19 @@ def test_no_page_can_send_anything(page, any_page):
     assert page.tabs() == where == [any_page.as_uri()]
 
 
+def test_the_tracks_legend_and_buttons_do_not_touch(page, hover):
+    page.size(1280, 900)
+    page.open(hover, READY)
+    legend, buttons = page.value(
+        "['.legend', '.modebar-container > div'].map(part => {"
+        " const r = document.querySelector(`#chart-fig9_track ${part}`).getBoundingClientRect();"
+        " return [r.left, r.top, r.right, r.bottom]; })"
+    )
+    assert buttons[2] > buttons[0] and buttons[3] > buttons[1] and legend[2] > legend[0]
+    apart = legend[2] < buttons[0] or legend[3] < buttons[1] or buttons[3] < legend[1]
+    assert apart, (legend, buttons)
+
+
 def test_charts_offer_no_upload(page, any_page):
     page.open(any_page, READY)
     titles = page.value(
@@ -125,7 +139,7 @@ def test_bode_charts_have_frequency_ticks(page, identification):
 def test_attitude_report_shows_both_laws(page, attitude):
     page.open(attitude, READY)
     assert page.value("document.querySelectorAll('#paper figure').length") == 2
-    for key, bound in (("fig3_attitude_pid", 4.8), ("fig4_attitude_hinf", 1.7)):
+    for key, bound in (("fig3_attitude_pid", 4.8), ("fig4_attitude_hinf_output", 1.7)):
         levels = page.value(
             f"document.getElementById('chart-{key}').calcdata.flat()"
             ".filter(p => p.trace && p.trace.meta.role === 'bound').length"

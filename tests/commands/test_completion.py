@@ -32,9 +32,10 @@ def complete(line):
     ("line", "offered"),
     [
         ("heli ca", ["campaign"]),
-        ("heli compare ", ["attitude", "robustness", "worlds"]),
+        ("heli compare ", ["attitude", "robustness", "worlds", "laws"]),
         ("heli hover --scenario ", scenario_names()),
         ("heli hover --gps ", list(GPS_PRESETS)),
+        ("heli hover --laws pap", ["paper"]),
         ("heli hover --seed 3 --controller ", list(CONTROLLERS)),
         ("heli campaign --scenario att", ["attitude", "attitude_gusts"]),
         ("heli compare attitude --controllers hinf,p", ["hinf,pid"]),

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands that are interrupted, or fail, while they fill a folder leave nothing half-made."""
 
+import os
+import signal
+
 import numpy as np
 import pytest
 
@@ -48,3 +51,23 @@ def test_a_folder_that_is_not_whole_goes(
     assert cli.main([*given, "--out", str(tmp_path / "new/folder")]) == code
     assert list(tmp_path.iterdir()) == []
     assert len([line for line in capsys.readouterr().err.splitlines() if ": 1 of" not in line]) == 1
+
+
+@pytest.mark.parametrize("flown", [True, False], ids=["bags", "one process"])
+def test_an_identification_that_is_being_written_is_written_whole(tmp_path, monkeypatch, flown):
+    """Ctrl-C waits for the page; what was identified from no bag is cheap, and goes."""
+    folder = tmp_path / "out"
+
+    def run(*_):
+        if flown:
+            (folder / "gusts/bag").mkdir(parents=True)
+
+    def write(*_):
+        os.kill(os.getpid(), signal.SIGINT)
+        (folder / "report.html").touch()
+
+    monkeypatch.setattr(f"{STUDIES}.identify.command.run", run)
+    monkeypatch.setattr(f"{STUDIES}.identify.command.write", write)
+    words = ["identify", "--one-process", "--out", str(folder)]
+    assert cli.main(words) == EXIT_CODE
+    assert (folder / "report.html").exists() == folder.exists() == flown

@@ -20,7 +20,6 @@ from heli_flight.studies.identify.command import (
     execute,
     layers,
     settings_of,
-    write,
 )
 from heli_flight.studies.identify.compare import misses
 from heli_flight.studies.identify.data import experiment_of_record
@@ -31,7 +30,6 @@ from heli_parameters.locate import config_folder
 
 def identified(tmp_path, seed, **options):
     outcome = execute(Wanted(seed=seed, one_process=True, **options), tmp_path / "found")
-    write(outcome, tmp_path / "found", "{}\n")
     return outcome, tmp_path / "found" / YAML
 
 
@@ -148,7 +146,6 @@ def test_other_aircraft_are_identified_and_hover_with_it(tmp_path, name):
     """Entries as above; the norms, which hang on E(r,w) alone, within 10 %."""
     wanted = Wanted(seed=1, one_process=True, aircraft=f"{name}.yaml")
     outcome = execute(wanted, tmp_path / "found")
-    write(outcome, tmp_path / "found", "{}\n")
     beyond = [
         row
         for row in misses(outcome.rows)

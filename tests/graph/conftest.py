@@ -2,11 +2,13 @@
 """Each test that opens a graph has a ROS domain of its own and leaves no process behind."""
 
 import contextlib
+import fcntl
 import os
 import select
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import uuid
 from pathlib import Path
@@ -24,7 +26,12 @@ def pytest_collection_finish(session):
         return
     if any(item.path.is_relative_to(HERE) for item in session.items):
         command = [sys.executable, "-m", "heli_flight.graph.warm_up"]
-        subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
+        # Of several processes of one test run the first compiles, the others then find it done.
+        with open(
+            Path(tempfile.gettempdir()) / f"heli_hover-test-warm_up-{os.getuid()}", "w"
+        ) as one:
+            fcntl.flock(one, fcntl.LOCK_EX)
+            subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
 
 
 @pytest.fixture
@@ -122,5 +129,26 @@ def hover_test(ros_env):
         )
         assert gone(ros_env)
         return done
+
+    return run
+
+
+@pytest.fixture
+def refused(ros_env, living, monkeypatch, capfd):
+    """Run the hover test's command with bad input, in this process, which is quicker than its own.
+
+    Returns the one line that it says; what only a node finds is none of this fixture's.
+    """
+    from heli_flight.cli.hover_test import main
+
+    for key, value in ros_env.items():
+        monkeypatch.setenv(key, value)
+
+    def run(*arguments):
+        assert main(["--no-report", "--world", "paper", *map(str, arguments)]) == 2
+        said = capfd.readouterr().err
+        assert said.count("\n") == 1 and said.endswith("\n"), said
+        assert living() == []
+        return said
 
     return run

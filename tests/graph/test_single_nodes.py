@@ -4,6 +4,8 @@
 import subprocess
 import sys
 
+import pytest
+
 from heli_flight.loop.flight_file import write_parameters
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.settings import resolve
@@ -11,14 +13,20 @@ from heli_flight.loop.settings import resolve
 RUN = [sys.executable, "-m", "heli_flight.cli.app", "run"]
 
 
-def test_nodes_started_alone_find_each_other_and_fly(tmp_path, ros_env, living):
+@pytest.mark.parametrize("navigation", ["observer", "navigator"])
+def test_nodes_started_alone_find_each_other_and_fly(tmp_path, ros_env, living, navigation):
     """A namespace moves the whole graph; the plant ends by itself when the flight is over.
 
-    They are given a flight's params.yaml: each takes its section, and passes the others over.
+    They are given a flight's params.yaml: each takes its section, and passes the others over. One
+    may have another name, by which the file speaks of it then.
     """
-    write_parameters(resolve(duration_s=3.0), tmp_path / "params.yaml")
-    arguments = ["--ros-args", "-r", "__ns:=/heli1"]
-    arguments += ["--params-file", str(tmp_path / "params.yaml")]
+    params = tmp_path / "params.yaml"
+    write_parameters(resolve(duration_s=3.0), params)
+    text = params.read_text()
+    assert text.count("/observer:\n") == 1
+    params.write_text(text.replace("/observer:\n", f"/{navigation}:\n"))
+    arguments = ["--ros-args", "-r", "__ns:=/heli1", "--params-file", str(params)]
+    arguments += ["-r", f"observer:__node:={navigation}"]
     others = [("heli_flight", "scenario")]
     others += [(n.package, n.executable) for n in NODES if n.name != "plant"]
     started = []
@@ -40,5 +48,6 @@ def test_nodes_started_alone_find_each_other_and_fly(tmp_path, ros_env, living):
     assert "flight over after 3 s" in plant.stdout + plant.stderr
     assert "no message" not in plant.stdout + plant.stderr
     assert "position is held" in (tmp_path / "outer_loop.log").read_text()
+    assert f"[heli1.{navigation}]" in (tmp_path / "observer.log").read_text()
     assert codes == [0] * len(codes), logs
     assert living() == []

@@ -37,23 +37,33 @@ def supervisor(ros_context):
 
 
 @pytest.fixture
-def say(ros_context):
-    """Publish to /diagnostics from a node of another aircraft."""
+def voice(ros_context):
+    """Make a publisher to /diagnostics of a node of another aircraft."""
     import rclpy
 
     node = rclpy.create_node("stranger", namespace="/heli2", context=ros_context)
-    publisher = node.create_publisher(
-        DiagnosticArray, topics.DIAGNOSTICS, topics.qos(topics.DIAGNOSTICS)
-    )
     executor = SingleThreadedExecutor(context=ros_context)
     executor.add_node(node)
-    deadline = time.monotonic() + LIMIT_S
-    while not publisher.get_subscription_count():
-        assert time.monotonic() < deadline
-        executor.spin_once(timeout_sec=0.05)
-    yield publisher.publish
+
+    def make():
+        publisher = node.create_publisher(
+            DiagnosticArray, topics.DIAGNOSTICS, topics.qos(topics.DIAGNOSTICS)
+        )
+        deadline = time.monotonic() + LIMIT_S
+        while not publisher.get_subscription_count():
+            assert time.monotonic() < deadline
+            executor.spin_once(timeout_sec=0.05)
+        return publisher.publish
+
+    yield make
     executor.shutdown()
     node.destroy_node()
+
+
+@pytest.fixture
+def say(voice):
+    """Publish to /diagnostics from a node of another aircraft."""
+    return voice()
 
 
 def test_the_supervisor_hears_its_own_aircraft_only(supervisor, say):
@@ -67,6 +77,30 @@ def test_the_supervisor_hears_its_own_aircraft_only(supervisor, say):
     say(diagnostics("/plant", "landed"))
     landed = lambda: supervisor.statuses["plant"].message == "landed"  # noqa: E731
     assert supervisor.wait_until(landed, LIMIT_S, lambda: None)
+
+
+@pytest.mark.parametrize(("silence_s", "believed"), [(60.0, "flying"), (0.0, OVER)])
+def test_somebody_else_is_no_plant_before_it_is_silent(
+    supervisor, voice, monkeypatch, silence_s, believed
+):
+    """One false "over" would end the flight."""
+    monkeypatch.setattr("heli_flight.graph.supervisor._SILENT_S", silence_s)
+    plant, stranger = voice(), voice()
+
+    def until(name, message):
+        says = lambda: getattr(supervisor.statuses.get(name), "message", "") == message  # noqa: E731
+        assert supervisor.wait_until(says, LIMIT_S, lambda: None), supervisor.statuses
+
+    for said in ("configured", "active", "flying"):
+        plant(diagnostics("plant", said))
+    until("plant", "flying")
+    stranger(diagnostics("plant"))
+    # By the same way: what was sent before it has come.
+    stranger(diagnostics("camera", "seen"))
+    until("camera", "seen")
+    assert supervisor.statuses["plant"].message == believed
+    plant(diagnostics("plant", "landed"))
+    until("plant", "landed")
 
 
 @pytest.mark.parametrize("namespace", ["", "heli1", "fleet/heli1"])

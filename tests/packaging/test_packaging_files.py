@@ -103,17 +103,30 @@ def test_presets_and_scenarios_fit_every_node(node):
     assert len(designs) >= 2
     worlds = sorted((ROOT / "src/heli_flight/config/worlds").glob("*.yaml"))
     assert {path.stem for path in worlds} == {"paper", "honest", "hard"}
+    laws = sorted((ROOT / "src/heli_flight/config/laws").glob("*.yaml"))
+    assert {path.stem for path in laws} >= {
+        "packaged",
+        "paper",
+        "hinf",
+        "hinf_output",
+        "pid",
+        "lqr",
+        "indi",
+    }
     grades = sorted((ROOT / "src/heli_dynamics_sim/config").glob("sensors_*.yaml"))
     assert len(grades) >= 3
-    for overlay in [*folder.glob("gps_*.yaml"), *scenarios, *designs, *worlds, *grades]:
+    for overlay in [*folder.glob("gps_*.yaml"), *scenarios, *designs, *worlds, *laws, *grades]:
         load(table, [COMMON, folder / f"{node}.yaml", overlay], node)
 
 
 def test_scenarios_fill_the_scenario_table():
     from heli_flight.loop.scenario import NODE_NAME, TABLE
 
-    for file in (ROOT / "src/heli_flight/config/scenarios").glob("*.yaml"):
-        assert set(load(TABLE, [file], NODE_NAME)) == {row.name for row in TABLE}
+    folder = ROOT / "src/heli_flight/config"
+    for file in (folder / "scenarios").glob("*.yaml"):
+        assert set(load(TABLE, [folder / "scenario.yaml", file], NODE_NAME)) == {
+            row.name for row in TABLE
+        }
 
 
 def test_aircraft_files_load():
@@ -125,12 +138,13 @@ def test_aircraft_files_load():
 
 def test_no_yaml_is_outside_these_tests():
     """A parameter file that nothing loads would rot."""
-    known = {COMMON, ROOT / "src/heli_flight/config/flight.yaml"}
+    flight = ROOT / "src/heli_flight/config"
+    known = {COMMON, *(flight / f"{name}.yaml" for name in ("flight", "robust", "scenario"))}
     for node, (_, package) in TABLES.items():
         folder = ROOT / "src" / package / "config"
         known |= {folder / f"{node}.yaml", *folder.glob("aircraft/*")}
         known |= {*folder.glob("gps_*.yaml"), *folder.glob("sensors_*.yaml")}
-    for kind in ("scenarios", "worlds", "designs", "identify"):
+    for kind in ("scenarios", "worlds", "laws", "designs", "identify"):
         known |= set((ROOT / "src/heli_flight/config" / kind).glob("*.yaml"))
     assert set((ROOT / "src").glob("heli_*/config/**/*.yaml")) - known == set()
 

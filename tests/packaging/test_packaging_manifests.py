@@ -47,6 +47,7 @@ KNOWN_IN_JAZZY = {
     "rosgraph_msgs",
     "sensor_msgs",
     "std_msgs",
+    "std_srvs",
     "tf2_msgs",
     "trajectory_msgs",
     "visualization_msgs",
@@ -54,7 +55,7 @@ KNOWN_IN_JAZZY = {
 DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk"}
 # By pip, into an environment that sees the system's packages (CONTRIBUTING.md): noble has no such
 # package, or, of typer, one that is too old.
-BY_PIP = {"control", "foxglove", "mcap", "plotly", "rosbags", "typer", "zstandard"}
+BY_PIP = {"control", "foxglove", "mcap", "plotly", "rosbags", "ruckig", "typer", "zstandard"}
 
 
 def manifest(package):
@@ -78,6 +79,7 @@ def of_ros(name):
     return name.endswith(("_msgs", "_interfaces")) or name in (
         "rclpy",
         "rcl_interfaces",
+        "std_srvs",
         "launch",
         "launch_ros",
         "ament_index_python",

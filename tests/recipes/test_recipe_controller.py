@@ -3,6 +3,8 @@
 
 import json
 
+import pytest
+
 PACKAGE = "src/heli_inner_hinf/heli_inner_hinf"
 
 
@@ -10,7 +12,7 @@ def add_law(copy):
     """Steps 1 to 3 of `law_template.py`; step 4 is not needed, the law uses the PID's gains."""
     template = copy.path(f"{PACKAGE}/law_template.py").read_text()
     copy.write(f"{PACKAGE}/my_law.py", template)
-    copy.replace(f"{PACKAGE}/law_state.py", '"pid": 2}', '"pid": 2, "mine": 3}')
+    copy.replace(f"{PACKAGE}/law_state.py", '"indi": 2,', '"indi": 2, "mine": 3,')
     dispatch = f"{PACKAGE}/attitude_law.py"
     first = "from heli_inner_hinf.pid import"
     copy.replace(dispatch, first, f"from heli_inner_hinf.my_law import user_law\n{first}")
@@ -19,8 +21,11 @@ def add_law(copy):
     copy.replace(dispatch, branch, branch + mine)
 
 
+# The laws and what calls them are compiled anew, on loaded cores for minutes.
+@pytest.mark.timeout(600)
 def test_a_new_law_is_a_choice_and_holds_the_attitude(copy, tmp_path):
     add_law(copy)
+    copy.lend_kernels()
     command = ["-m", "heli_flight.cli.hover_test", "--one-process", "--no-report", "--json"]
     command += ["--scenario", "attitude", "--duration", "10", "--out", tmp_path / "flight"]
     said = copy.run(*command, "--controller", "mine", code=None)

@@ -64,4 +64,4 @@ def test_a_new_package_is_found_installed_and_compiled(copy):
 )  # fmt: skip
 def test_what_was_forgotten_is_told(copy, forgotten, told_by):
     add_package(copy, **forgotten)
-    assert NEW in copy.packaging(told_by, code=1).stdout
+    assert NEW in copy.packaging(told_by, "-k", NEW, code=1).stdout

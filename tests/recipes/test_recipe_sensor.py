@@ -115,9 +115,9 @@ def add_to_plant(r):
               "    return SensorKernel(_imu(get, helicopter), mag, baro, _gps(get), doppler)\n"
               )  # fmt: skip
     r.after(f"{SIM}/sensor_table.py",
-            '    _ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),\n',
-            '    _sigma("sensors.doppler.white_mps", "White error per axis", "m/s", 1.0),\n'
-            '    _ticks("sensors.doppler.period_ticks", "Sampling period", 1, 1000),\n'
+            '    ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),\n',
+            '    real("sensors.doppler.white_mps", "White error per axis", "m/s", 0.0, 1.0),\n'
+            '    ticks("sensors.doppler.period_ticks", "Sampling period", 1, 1000),\n'
             )  # fmt: skip
     r.after("src/heli_dynamics_sim/config/plant.yaml", "        covariance: honest\n",
             "      # Doppler radar.\n      doppler:\n        # White error, m/s, each axis.\n"
@@ -165,9 +165,9 @@ def add_to_observer(r):
     """Step 3: storing, fusing with a gate, time-out and sentence; step 4: the schedule."""
     layout = f"{OBSERVER}/layout.py"
     r.replace(layout, "N_AID = 13\n", "AID_DOPPLER_VALID, AID_DOPPLER = 13, 14\nN_AID = 17\n")
-    r.replace(layout, "N_COUNT = 29\n",
-              "C_DOPPLER_OK, C_DOPPLER_SEEN, C_DOPPLER_DROPPED = 29, 30, 31\n"
-              "C_DOPPLER_REJECTED, C_DOPPLER_FUSED = 32, 33\nN_COUNT = 34\n")  # fmt: skip
+    r.replace(layout, "N_COUNT = 30\n",
+              "C_DOPPLER_OK, C_DOPPLER_SEEN, C_DOPPLER_DROPPED = 30, 31, 32\n"
+              "C_DOPPLER_REJECTED, C_DOPPLER_FUSED = 33, 34\nN_COUNT = 35\n")  # fmt: skip
     r.replace(layout, "N_DIAG = 7\n", "D_NIS_DOPPLER = 7\nN_DIAG = 8\n")
     r.after(layout, "    BARO_REJECTED = 9\n",
             "    DOPPLER_TIMEOUT = 10\n    DOPPLER_REJECTED = 11\n")  # fmt: skip
@@ -202,11 +202,11 @@ def add_to_observer(r):
     core = f"{OBSERVER}/observer.py"
     r.replace(core, "import store_gps, store_mag_baro, take_tick",
               "import store_doppler, store_gps, store_mag_baro, take_tick")  # fmt: skip
-    r.replace(core, "import fuse_baro, fuse_gps,", "import fuse_baro, fuse_doppler, fuse_gps,")
+    r.after(core, "    fuse_baro,\n", "    fuse_doppler,\n")
     r.after(core, "_BARO_REJECTED = int(ObserverStatus.BARO_REJECTED)\n",
             "_DOPPLER_TIMEOUT = int(ObserverStatus.DOPPLER_TIMEOUT)\n"
             "_DOPPLER_REJECTED = int(ObserverStatus.DOPPLER_REJECTED)\n")  # fmt: skip
-    r.before(core, "\n\n@njit\ndef _filter_step(", FUSE_SLOT)
+    r.before(core, "    return lost\n\n\n@njit\ndef _filter_step(", FUSE_SLOT)
     r.after(core, "                store_mag_baro(state, now, y)\n",
             "                store_doppler(state, now, y)\n")  # fmt: skip
     r.after(core, "        return _BARO_TIMEOUT if silent else _BARO_REJECTED\n", STATUS)

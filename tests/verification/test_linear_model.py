@@ -16,14 +16,18 @@ import numpy as np
 import pytest
 import yaml
 
+from heli_dynamics_sim.helicopter import derivative_kernel, same_air
 from heli_dynamics_sim.linearize import (
     ReducedModel,
     linearize,
+    linearize_moving,
     reduced_state,
     smooth_kernel,
 )
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
+from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_math.rows import NINE, PLANT
 from heli_math.state_names import INPUT_NAMES, STATE_NAMES, WIND_NAMES
 
 DATA = Path(__file__).parent / "data"
@@ -235,3 +239,39 @@ def test_kink_of_the_climb_power(params, hover, model):
     assert other.max() < 1e-9
     with pytest.raises(ValueError, match="side"):
         linearize(params, hover, "sideways")
+
+
+@pytest.mark.parametrize("wind_mps", [0.0, 4.0])
+def test_moving_model_is_what_the_plant_does(params, wind_mps):
+    """Second method: NED velocities of the nonlinear aircraft, a moment apart, when displaced."""
+    at = trim(params, wind_mps * np.array([-0.6, -0.8, 0.0]), 0.0)
+    linear = linearize_moving(params, at)
+    kernel, still = params.kernel, np.empty(PLANT.size)
+
+    def acceleration(d):
+        x = at.x.copy()
+        x[PLANT.down] = -1000.0
+        nine = reduced_state(at.x) + d[:9]
+        x[PLANT.quat] = quat_from_euler(nine[NINE.phi], nine[NINE.theta], nine[NINE.psi])
+        x[PLANT.rate], x[PLANT.rotor] = nine[2:4].tolist() + [nine[6]], nine[[4, 5, 7]]
+        x[PLANT.servo] = at.u + d[9:13]
+        air = at.wind_ned_mps + quat_to_R_nb(x[PLANT.quat]) @ d[13:]
+        velocity = []
+        for step in (0.0, 1e-5):
+            derivative_kernel(x, at.u, same_air(air), kernel, still)
+            moved = x + step * still
+            moved[PLANT.quat] /= np.linalg.norm(moved[PLANT.quat])
+            velocity.append(quat_to_R_nb(moved[PLANT.quat]) @ moved[PLANT.vel])
+        return (velocity[1] - velocity[0]) / 1e-5
+
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        d = 1e-4 * rng.standard_normal(16)
+        d[15] = abs(d[15])  # air that sinks or rises: a kink at none
+        change = 0.5 * (acceleration(d) - acceleration(-d))
+        predicted = np.hstack([linear.A, linear.B, linear.E]) @ d
+        np.testing.assert_allclose(change, predicted[9:], atol=2e-6)
+    nine = linearize(params, at)
+    np.testing.assert_allclose(linear.A[:9], nine.A, atol=1e-9)
+    np.testing.assert_allclose(linear.B[:9, :3], nine.B, atol=1e-9)
+    np.testing.assert_allclose(linear.E[:9], nine.E, atol=1e-9)

@@ -28,6 +28,8 @@ SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
 _RESERVE = ".reserve"
 # Room for index and metadata of hours of flight, given back when the disk is full.
 _RESERVE_BYTES = 2 * 2**20
+# At most that much is lost when the disk fills up, however fast the messages come.
+_FLUSH_BYTES = 2**19
 _NEVER_NS = 2**63 - 1
 
 
@@ -130,8 +132,8 @@ class BagFolder:
     """Writes messages into a new rosbag2 folder.
 
     The folder opens everywhere after `close`; before, all that the last `flush` confirmed can be
-    restored, whatever happens to the process. Finished files of a split bag are in metadata.yaml at
-    once.
+    restored, whatever happens to the process. After half a megabyte it flushes by itself. Finished
+    files of a split bag are in metadata.yaml at once.
 
     Parameters
     ----------
@@ -155,6 +157,7 @@ class BagFolder:
         self._connections = [self._connection(i + 1, c) for i, c in enumerate(channels)]
         self._parts: list[_Part] = []
         self._file: StorageFile | None = None
+        self._unflushed_bytes = 0
         try:
             self.folder.mkdir(parents=True)
             with open(self.folder / _RESERVE, "xb") as reserve:
@@ -214,6 +217,9 @@ class BagFolder:
             part.start_ns = stamp_ns
         if stamp_ns > part.end_ns:
             part.end_ns = stamp_ns
+        self._unflushed_bytes += len(raw)
+        if self._unflushed_bytes > _FLUSH_BYTES:
+            self.flush()
 
     def _due(self, part: _Part, stamp_ns: int) -> bool:
         """Whether this message belongs into a new file."""
@@ -240,6 +246,7 @@ class BagFolder:
         """
         if self._file is not None:
             self._file.flush()
+        self._unflushed_bytes = 0
 
     def _end_file(self) -> None:
         if self._file is not None:

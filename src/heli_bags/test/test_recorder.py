@@ -250,7 +250,7 @@ said = []
 for number, (name, stamp_ns, raw) in enumerate(stream(6000)):
     try:
         recorder.write(name, raw)
-        if number % 20 == 0:
+        if number % int(sys.argv[4]) == 0:
             recorder.flush()
     except BagError as error:
         said.append(str(error))
@@ -259,10 +259,10 @@ print(len(said), *said)
 """
 
 
-def fill(folder, form, limit):
+def fill(folder, form, limit, flush_every=20):
     """Record until the disk is full; what the recorder said."""
     done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, folder, form, str(limit)],
+        [sys.executable, "-c", FULL_DISK, folder, form, str(limit), str(flush_every)],
         cwd=Path(__file__).parent, capture_output=True, text=True, timeout=150,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -280,9 +280,10 @@ def is_beginning(folder):
     return len(kept)
 
 
+@pytest.mark.parametrize("flush_every", [20, 10**6], ids=["often", "never"])
 @pytest.mark.parametrize("form", ["mcap", "sqlite3"])
-def test_full_disk_ends_the_recording_and_the_bag_opens(small_disk, form):
-    said = fill(small_disk / "bag", form, 0)
+def test_full_disk_ends_the_recording_and_the_bag_opens(small_disk, form, flush_every):
+    said = fill(small_disk / "bag", form, 0, flush_every)
     assert "No space left" in said or "full" in said
     count = is_beginning(small_disk / "bag")
     assert f"the bag holds {count} messages" in said

@@ -85,17 +85,6 @@ TURN = TurnState()
 FIELD = FieldRow()
 
 
-class Field(NamedTuple):
-    """The field at a point of its path, in units of sigma."""
-
-    along: float
-    across: float
-    down: float
-    roll: float
-    across_less_lag: float
-    down_less_lag: float
-
-
 class AirState(NamedTuple):
     """Where the turbulence is; the arrays are changed in place."""
 
@@ -210,7 +199,7 @@ def initial_air(k: WindKernel, altitude_m: float, rows: NDArray[np.float64], see
 
 @njit
 def field_behind(s, behind_m):
-    """The field so many metres of path behind the newest row."""
+    """The field so many metres of path behind the newest row: a row FIELD (7,)."""
     rows, newest = s.field, s.newest[0]
     n = rows.shape[0]
     path = rows[newest, FIELD.path] - behind_m
@@ -227,14 +216,7 @@ def field_behind(s, behind_m):
         middle = min(max(middle, young + 1), old - 1)
     a, b = rows[(newest - young) % n], rows[(newest - old) % n]
     share = (a[FIELD.path] - path) / (a[FIELD.path] - b[FIELD.path])
-    return Field(
-        a[FIELD.along] + share * (b[FIELD.along] - a[FIELD.along]),
-        a[FIELD.across] + share * (b[FIELD.across] - a[FIELD.across]),
-        a[FIELD.down] + share * (b[FIELD.down] - a[FIELD.down]),
-        a[FIELD.roll] + share * (b[FIELD.roll] - a[FIELD.roll]),
-        a[FIELD.across_less_lag] + share * (b[FIELD.across_less_lag] - a[FIELD.across_less_lag]),
-        a[FIELD.down_less_lag] + share * (b[FIELD.down_less_lag] - a[FIELD.down_less_lag]),
-    )
+    return a + share * (b - a)
 
 
 class Passage(NamedTuple):
@@ -258,8 +240,8 @@ def _velocities(s, x, time_s, passage, k):
         along, across, sinking = mean_speed(-x[PLANT.down] - down, k), 0.0, 0.0
         if k.turbulence:
             f = field_behind(s, parts.reach + downwind)
-            along += sigma_h * f.along
-            across, sinking = sigma_h * f.across, sigma_w * f.down
+            along += sigma_h * f[FIELD.along]
+            across, sinking = sigma_h * f[FIELD.across], sigma_w * f[FIELD.down]
         g0, g1, g2 = gusts_at(x, time_s - downwind / passage.speed, k, s.gusts)
         out[0], out[1] = c * along - e * across + g0, e * along + c * across + g1
         out[2] = sinking + g2
@@ -279,9 +261,9 @@ def _turning(s, x, air, passage, k):
     sigma_h, sigma_w = passage.sigmas
     _, _, _, length_w = dryden_scales(-x[PLANT.down], k.w20_mps)
     f = field_behind(s, k.parts.reach)
-    p = roll_gust_sigma(sigma_w, length_w, k.span_m) * f.roll
-    q = sigma_w * f.down_less_lag * math.pi / (4.0 * k.span_m)
-    r = -sigma_h * f.across_less_lag * math.pi / (3.0 * k.span_m)
+    p = roll_gust_sigma(sigma_w, length_w, k.span_m) * f[FIELD.roll]
+    q = sigma_w * f[FIELD.down_less_lag] * math.pi / (4.0 * k.span_m)
+    r = -sigma_h * f[FIELD.across_less_lag] * math.pi / (3.0 * k.span_m)
     cos, sin = k.downwind
     attitude = attitude_of(x)
     rates = air[AIR.rates]

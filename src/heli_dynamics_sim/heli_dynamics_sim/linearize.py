@@ -25,7 +25,7 @@ from heli_dynamics_sim.terms import states_of
 from heli_dynamics_sim.trim import Trim
 from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
 from heli_math.rows import ACTUATOR, NINE, PLANT
-from heli_math.state_names import INPUT_NAMES, STATE_NAMES, WIND_NAMES
+from heli_math.state_names import STATE_NAMES, WIND_NAMES
 
 if TYPE_CHECKING:
     import control
@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 _ALTITUDE_M = 1000.0  # out of the ground's reach
 _AT_KINK_MPS = 1e-6
 _STEP = 1e-5
-_DAMPING_STEP_MPS = 1e-3
-# Where the arguments of the reduced model part: nine states, three inputs, three wind components.
-_PARTS = tuple(np.cumsum([len(STATE_NAMES), len(INPUT_NAMES), len(WIND_NAMES)]))
 
 
 @dataclass(frozen=True)
@@ -79,25 +76,33 @@ def reduced_state(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class ReducedModel:
-    """`f(z)`, z = nine states, three inputs, three wind components (body, on top of the trim's).
+    """`f(z)`, z = nine states, inputs, three wind components (body, on top of the trim's).
 
     Behind these z and f have the states that the aircraft's terms add and their derivatives.
+
+    Attributes
+    ----------
+    parts : tuple of int
+        Where inputs, wind and the terms' states begin in z.
     """
+
+    inputs = ACTUATOR.attitude
 
     def __init__(self, kernel: HelicopterKernel, trim: Trim) -> None:
         self.kernel = kernel
         self.trim = trim
         self.out = np.empty(PLANT.size)
-        u = trim.u[ACTUATOR.attitude]
+        u = trim.u[self.inputs]
         states = states_of(kernel.terms)
         self.places, self.rows = [s.place for s in states], [s.row for s in states]
         calm = np.zeros(len(WIND_NAMES))
         self.z0 = np.concatenate([reduced_state(trim.x), u, calm, trim.x[self.places]])
+        self.parts = tuple(np.cumsum([len(STATE_NAMES), len(u), len(WIND_NAMES)]))
         self.velocity_ned = quat_to_R_nb(trim.x[PLANT.quat]) @ trim.x[PLANT.vel]
 
     def __call__(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Derivative (9,) of the nine states at z (15,), and those of the terms' states."""
-        nine, inputs, air, added = np.split(z, _PARTS)
+        nine, inputs, air, added = np.split(z, self.parts)
         phi, theta, p, q, a_s, b_s, r, d_int, psi = nine
         x = self.trim.x.copy()
         x[PLANT.down] = -_ALTITUDE_M
@@ -106,7 +111,7 @@ class ReducedModel:
         x[PLANT.vel] = R_nb.T @ self.velocity_ned
         x[PLANT.rate] = p, q, r
         x[PLANT.rotor] = a_s, b_s, d_int
-        x[PLANT.servo][ACTUATOR.attitude] = inputs
+        x[PLANT.servo][self.inputs] = inputs
         x[self.places] = added
         wind = self.trim.wind_ned_mps + R_nb @ air
         derivative_kernel(x, self.trim.u, same_air(wind), self.kernel, self.out)
@@ -121,7 +126,7 @@ class ReducedModel:
 
 
 def _jacobian(f: ReducedModel, step: float) -> NDArray[np.float64]:
-    """Central differences at `step` and half of it, extrapolated (Richardson): (9, 15).
+    """Central differences at `step` and half of it, extrapolated (Richardson): (n, z.size).
 
     States that terms add are taken as settled: they are faster than the nine.
     """
@@ -133,9 +138,10 @@ def _jacobian(f: ReducedModel, step: float) -> NDArray[np.float64]:
         return (f(plus) - f(minus)) / (plus[i] - minus[i])
 
     columns = [(4.0 * central(i, 0.5 * step) - central(i, step)) / 3.0 for i in range(f.z0.size)]
-    full, n = np.column_stack(columns), len(NINE)
-    settled = np.linalg.lstsq(full[n:, _PARTS[-1] :], full[n:, : _PARTS[-1]], rcond=None)[0]
-    return full[:n, : _PARTS[-1]] - full[:n, _PARTS[-1] :] @ settled
+    full = np.column_stack(columns)
+    n, of_terms = full.shape[0] - len(f.rows), f.parts[-1]
+    settled = np.linalg.lstsq(full[n:, of_terms:], full[n:, :of_terms], rcond=None)[0]
+    return full[:n, :of_terms] - full[:n, of_terms:] @ settled
 
 
 def smooth_kernel(
@@ -172,27 +178,46 @@ def linearize(
     if side not in ("descent", "climb"):
         raise ValueError(f"side {side!r} is not allowed; allowed: 'descent', 'climb'")
     model = ReducedModel(smooth_kernel(params, trim, side), trim)
-    A, B, E = np.split(_jacobian(model, _STEP), _PARTS[:2], axis=1)
-    x_trim, u_trim, _, _ = np.split(model.z0, _PARTS)
+    A, B, E = np.split(_jacobian(model, _STEP), model.parts[:2], axis=1)
+    x_trim, u_trim, _, _ = np.split(model.z0, model.parts)
     return LinearModel(A=A, B=B, E=E, x_trim=x_trim, u_trim=u_trim)
 
 
-def air_damping_per_s(params: HelicopterParameters, trim: Trim) -> NDArray[np.float64]:
-    """Acceleration (3,) along each body axis per velocity of the air along it, 1/s, at a trim.
+class _MovingModel(ReducedModel):
+    """With all four inputs, and the mass centre's acceleration (3,) behind the nine derivatives."""
 
-    Controls, attitude and flapping stay those of the trim. Where the trim has w_a = 0, the vertical
-    one is the mean of both sides of the kink.
+    inputs = slice(ACTUATOR.size)
+
+    def __call__(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        slopes = super().__call__(z)
+        nine = z[: len(NINE)]
+        R_nb = quat_to_R_nb(quat_from_euler(nine[NINE.phi], nine[NINE.theta], nine[NINE.psi]))
+        turning = np.cross(nine[[NINE.p, NINE.q, NINE.r]], R_nb.T @ self.velocity_ned)
+        to_heading = quat_to_R_nb(quat_from_euler(0.0, 0.0, self.z0[NINE.psi])).T
+        acceleration = to_heading @ R_nb @ (self.out[PLANT.vel] + turning)
+        return np.insert(slopes, len(NINE), acceleration)
+
+
+@dataclass(frozen=True)
+class MovingModel:
+    """The nine derivatives, then the acceleration of the mass centre about trim: A x + B u + E w.
+
+    x and w as of `LinearModel`, u = d_lat, d_lon, d_ped, d_col. The acceleration is forward, right,
+    down, m/s2. What moves through the air meets w less its own velocity.
+
+    Attributes
+    ----------
+    A : (12, 9) array
+    B : (12, 4) array
+    E : (12, 3) array
     """
-    x = trim.x.copy()
-    x[PLANT.down] = -_ALTITUDE_M
-    R_nb = quat_to_R_nb(x[PLANT.quat])
 
-    def acceleration(wind_body_mps: NDArray[np.float64]) -> NDArray[np.float64]:
-        out = np.empty(PLANT.size)
-        wind = trim.wind_ned_mps + R_nb @ wind_body_mps
-        derivative_kernel(x, trim.u, same_air(wind), params.kernel, out)
-        return out[PLANT.vel]
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+    E: NDArray[np.float64]
 
-    steps = _DAMPING_STEP_MPS * np.eye(3)
-    slopes = [acceleration(step) - acceleration(-step) for step in steps]
-    return np.diag(slopes) / (2.0 * _DAMPING_STEP_MPS)
+
+def linearize_moving(params: HelicopterParameters, trim: Trim) -> MovingModel:
+    """`linearize` with the collective and with what becomes of the velocity."""
+    model = _MovingModel(smooth_kernel(params, trim, "descent"), trim)
+    return MovingModel(*np.split(_jacobian(model, _STEP), model.parts[:2], axis=1))

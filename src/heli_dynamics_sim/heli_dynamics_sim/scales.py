@@ -15,6 +15,7 @@ SCALED: Mapping[str, tuple[str, ...]] = {
     # The thrust map, T = slope (blade speed - inflow): its slope is proportional to this one.
     "thrust": ("main_lift_slope",),
     "servo_speed": ("servo_bandwidth_radps", "servo_rate_limit_per_s"),
+    "drag": ("drag_area_x_m2", "drag_area_y_m2", "drag_area_z_m2"),
 }
 """Per scale what it multiplies. One factor for the three inertias: they stay a rigid body's."""
 

@@ -25,7 +25,6 @@ class OnceRow(NamedTuple):
 
 
 ONCE = OnceRow()
-"""How many numbers the sensors of a flight draw once: scales, misalignments, iron, azimuth."""
 
 
 def fix_slots(gps: GpsKernel) -> int:

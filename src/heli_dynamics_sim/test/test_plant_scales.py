@@ -18,6 +18,7 @@ SCALES = {
     "rotor_stiffness": {"hub_stiffness_nmprad"},
     "thrust": {"main_lift_slope"},
     "servo_speed": {"servo_bandwidth_radps", "servo_rate_limit_per_s"},
+    "drag": {"drag_area_x_m2", "drag_area_y_m2", "drag_area_z_m2"},
 }
 
 
@@ -39,6 +40,11 @@ def test_thrust_at_the_same_pitch_and_inflow_is_scaled(plant_config, helicopter)
     flown = plant_config(scale__thrust=0.8).kernel.aircraft.rotor
     assert flown.thrust_slope == pytest.approx(0.8 * helicopter.kernel.rotor.thrust_slope)
     assert flown.disc == helicopter.kernel.rotor.disc
+
+
+def test_drag_at_the_same_air_speed_is_scaled(plant_config, helicopter):
+    flown = plant_config(scale__drag=1.3).kernel.aircraft.fuselage
+    np.testing.assert_allclose(flown, 1.3 * np.array(helicopter.kernel.fuselage), rtol=1e-15)
 
 
 def test_a_product_out_of_bounds_is_refused_by_name(plant_config):

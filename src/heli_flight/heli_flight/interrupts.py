@@ -12,6 +12,7 @@ starting answers with a traceback. Then it is taken in one of three ways:
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -65,12 +66,25 @@ def told() -> Iterator[None]:
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Let Ctrl-C wait for the end of a step that must be done as a whole."""
+    """Let Ctrl-C wait for the end of a step that must be done as a whole.
+
+    Of several threads another may take the signal, and Python then runs the handler in the main
+    one, where the signal is blocked: so a handler that waits stands there meanwhile.
+    """
+    came: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    ours = handler is not None and threading.current_thread() is threading.main_thread()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    if ours:
+        signal.signal(signal.SIGINT, lambda *_: came.append(signal.SIGINT))
     try:
         yield
     finally:
+        if ours:
+            signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def take() -> None:
@@ -95,7 +109,8 @@ def run(load: Callable[[], Callable[[], int]]) -> int:
     sys.unraisablehook = _not_lost
     try:
         signal.signal(signal.SIGINT, _raise)
-        return command()
+        with told():
+            return command()
     except KeyboardInterrupt:
         print(LINE, file=sys.stderr)
         return EXIT_CODE

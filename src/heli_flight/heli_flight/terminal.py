@@ -192,6 +192,17 @@ def json_text(content: Any) -> str:
     return json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
 
 
+def answer(content: Any, as_json: bool, show: Callable[[Console], None], below: str = "") -> int:
+    """Print what a command found: JSON, or what `show` prints and a line below; exit code 0."""
+    if as_json:
+        print(json_text(content), end="")
+        return 0
+    show(console())
+    if below:
+        console().print(below)
+    return 0
+
+
 def _plain(content: Any) -> Any:
     """The content with None for what is not finite: JSON has no such numbers."""
     if isinstance(content, dict):

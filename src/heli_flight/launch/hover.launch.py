@@ -4,9 +4,10 @@
 Starts plant, observer, inner and outer loop, recorder and scenario. Scoring against the paper, and
 bringing the nodes up in order, is what `./hover_test.sh` does beyond this.
 
-An argument that is given wins over params_file, and that over the scenario, the world with what the
-seed draws in it, the receiver's preset and the packaged values. The end of the flight, or of any
-node, ends the launch: with exit code 0, or 1 if a node failed or the helicopter was lost.
+An argument that is given wins over params_file, and that over the scenario, the laws, the world
+with what the seed draws in it, the receiver's preset and the packaged values. The end of the
+flight, or of any node, ends the launch: with exit code 0, or 1 if a node failed or the helicopter
+was lost.
 """
 
 import math
@@ -20,17 +21,22 @@ from launch.actions import OpaqueFunction
 from heli_bags.choice import unrecorded
 from heli_bags.parameter_table import NODE_NAME as RECORDER
 from heli_bags.parameter_table import TABLE as RECORDER_TABLE
+from heli_flight.loop.laws import LAWS as LAW_FILES
+from heli_flight.loop.laws import PACKAGED
 from heli_flight.loop.layers import Reader, layered
 from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
-from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, world_file
+from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, WORLDS
 from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_msgs_bridge.launching import COMMON, Argument, declare, node, users_files
 from heli_parameters.common_table import with_common
 from heli_parameters.parameters import load
 
-SCENARIOS = ["hover", "attitude", "attitude_gusts", "identify_actuators", "identify_gusts"]
+SCENARIOS = [
+    "hover", "attitude", "attitude_gusts", "figure_eight", "orbit", "waypoints",
+    "identify_actuators", "identify_gusts",
+]  # fmt: skip
 RECEIVERS = ["standalone", "rtk"]
-LAWS = ["hinf", "lqr", "pid"]
+LAWS = ["hinf_output", "hinf", "lqr", "lqg", "pid", "indi", "matrices"]
 # Before the plant: who is there already hears its first tick.
 NODES = (
     ("heli_outer_pd", "outer_loop"),
@@ -53,6 +59,13 @@ ARGUMENTS = (
         None,
         "Air, sensors and what the seed draws of the aircraft: paper, honest, hard, or a YAML file "
         "(default: the hover test's)",
+    ),
+    Argument(
+        "laws",
+        "",
+        None,
+        "Attitude law, position law and observer: packaged, paper, or a YAML file "
+        "(default: those of the controller's name, else packaged)",
     ),
     Argument(
         "seed",
@@ -124,11 +137,17 @@ def _overrides(given):
     return found
 
 
+def _laws(given):
+    """Those that are named, else those of the controller's name, else the packaged ones."""
+    of_controller = given["controller"] if given["controller"] in LAW_FILES.names() else PACKAGED
+    return given["laws"] or of_controller
+
+
 def _around(given, users):
-    """Presets of receiver and sensors, the world's file, and what the seed draws, per node."""
+    """Presets of sensors, files of world and laws, and what the seed draws, per node."""
     hovers = given["scenario"] == "hover"
     world = given["world"] or (HOVER_TEST_WORLD if hovers else PAPER)
-    read = Reader()
+    read, laws = Reader(), _laws(given)
     found = layered(
         read,
         given["scenario"],
@@ -136,12 +155,14 @@ def _around(given, users):
         world,
         [read(path) for path in users],
         _seed(given["seed"]) if given["seed"] else None,
+        laws,
     )
     grade = found.values[WORLD]["sensors." + given["gps"]]
     # One file tells the plant and the observer.
     sensors = _config("heli_dynamics_sim", f"sensors_{grade}.yaml")
     plant = {key: found.values["plant"][key] for key in found.drawn}
-    return sensors, str(world_file(world)), {"plant": plant}
+    files = [str(WORLDS.file(world)), str(LAW_FILES.file(laws))]
+    return sensors, files, {"plant": plant}
 
 
 def _unrecorded(given, users):
@@ -155,7 +176,7 @@ def _aircraft(given):
     """Nodes of one aircraft; each configures and activates itself, the plant waits for the rest."""
     arguments, users = _overrides(given), users_files(given)
     scenario = _config("heli_flight", f"scenarios/{given['scenario']}.yaml")
-    sensors, world, drawn = _around(given, users)
+    sensors, files, drawn = _around(given, users)
     recorded = given["record"] == "true"
     # So that the bag begins with the first tick.
     peers = {"peers": [*(name for _, name in NODES), *(["recorder"] if recorded else [])]}
@@ -168,7 +189,7 @@ def _aircraft(given):
     for package, name in NODES:
         paths = [_config(package, f"gps_{given['gps']}.yaml"), sensors]
         own = [path for path in paths if Path(path).is_file()]
-        layers = [peers, *own, world, drawn.get(name), scenario, *users, arguments[name]]
+        layers = [peers, *own, *files, drawn.get(name), scenario, *users, arguments[name]]
         # Of several aircraft the last flight ends the launch, by the clock of their world.
         needed = name != "plant" or given["aircraft"] == "1"
         found.append(node(package, name, given, layers, needed))

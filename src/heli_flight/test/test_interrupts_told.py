@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What fails after an interrupt that C code has swallowed is told as the interrupt."""
+"""An interrupt that C code has swallowed is told as one; one that must wait waits."""
+
+import os
+import signal
+import sys
+import threading
 
 import pytest
 
@@ -24,3 +29,48 @@ def test_what_does_not_fail_stands(monkeypatch):
     with interrupts.told():
         done = True
     assert done
+
+
+@pytest.mark.parametrize("threads", [0, 1])
+def test_an_interrupt_waits_for_the_end_of_a_step_whoever_takes_it(threads):
+    """A thread that was there before does not hold the signal back, and so may be given it."""
+    ended, reached = threading.Event(), []
+    others = [threading.Thread(target=ended.wait) for _ in range(threads)]
+    for other in others:
+        other.start()
+
+    def step():
+        with interrupts.held_back():
+            os.kill(os.getpid(), signal.SIGINT)
+            reached.extend(range(1000))
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            step()
+    finally:
+        ended.set()
+        for other in others:
+            other.join()
+    assert len(reached) == 1000
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_command_that_fails_of_an_interrupt_ends_as_interrupted(capsys, monkeypatch):
+    """C code may drop the exception and raise its own, as bindings do between two calls."""
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(interrupts, "_seen", False)
+
+    def command():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            raise RuntimeError("Unable to convert call argument '0'") from None
+        return 0
+
+    hook = sys.unraisablehook
+    try:
+        assert interrupts.run(lambda: command) == interrupts.EXIT_CODE
+    finally:
+        signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = hook
+    assert capsys.readouterr().err == "interrupted\n"

@@ -81,5 +81,7 @@ def test_laws_change_only_the_inner_loop(settings):
 
 
 def test_unknown_law_is_named():
-    with pytest.raises(ParameterError, match="'mpc' is none of hinf, hinf_offset_free, lqr, pid"):
+    with pytest.raises(
+        ParameterError, match="'mpc' is none of hinf_output, hinf, hinf_offset_free, lqr, pid"
+    ):
         parse_laws("mpc")

@@ -168,7 +168,7 @@ def test_the_tables_give_the_whole_flight_first_then_the_windows_then_the_climb(
         "Whole flight, 0 to 30 s. From engagement to the end, the climb"
     )
     assert "Truth less drift at engagement: ground truth moved by" in whole.caption
-    assert windows.caption.startswith("Scored windows, 5 to 18 s and 25 to 30 s. Hover alone")
+    assert windows.caption.startswith("Scored windows, 5 to 17.5 s and 25 to 30 s. Hover alone")
     assert windows.caption.endswith("This table decides the exit code.")
     assert "commanded: from 10 to 20 m in 4.00 s" in climb.caption
     for table, stretch in ((whole, WHOLE), (windows, WINDOWS)):

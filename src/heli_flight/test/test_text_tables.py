@@ -69,7 +69,8 @@ def test_where_there_is_no_terminal_it_is_markdown():
 
 @pytest.fixture(scope="module")
 def design():
-    settings = resolve()
+    """Of the state feedback, which has gains F to print."""
+    settings = resolve(laws="hinf")
     return design_of(aircraft_basis(settings, None), settings)
 
 
@@ -81,6 +82,13 @@ def test_the_designs_gains_are_never_cut(width, design):
         assert {f"{value + 0.0:.4f}" for value in np.ravel(matrix_)} <= words
     for report in design.reports:
         assert f"{report.norm:.4f}" in words
+
+
+def test_the_designs_tables_fit_into_80_columns_where_there_is_no_terminal(design):
+    out = Console(file=io.StringIO(), width=250)
+    print_design(design, out)
+    rows = [line for line in out.file.getvalue().splitlines() if line.startswith("|")]
+    assert len(rows) > 30 and max(map(len, rows)) <= 80
 
 
 def flown(gps, navigation, truth):

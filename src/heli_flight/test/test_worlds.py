@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from heli_dynamics_sim.config import PlantConfig
-from heli_flight.cli.app import main
-from heli_flight.loop import worlds
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.flight_section import hover_test_world
 from heli_flight.loop.settings import resolve
-from heli_flight.loop.worlds import DRAWN, HOVER_TEST_WORLD, Draw
+from heli_flight.loop.worlds import DRAWN, HOVER_TEST_WORLD, WORLDS, Draw
 from heli_flight.studies.campaign import fly_seeds
 from heli_math.rows import REFERENCE
 from heli_parameters.parameters import ParameterError
@@ -126,37 +124,28 @@ def test_an_unknown_world_is_refused_with_those_that_are_known():
         resolve(world="heavy")
 
 
-def fly(folder, *words):
-    return main(["hover", "--one-process", "--no-report", "--out", str(folder), *map(str, words)])
-
-
-def of(folder):
-    return json.loads((folder / "result.json").read_text())
-
-
-def test_a_flight_says_its_world_and_what_was_drawn_and_flies_again(tmp_path, capsys):
-    code = fly(tmp_path / "a", "--world", "honest", "--seed", 3, "--json")
+def test_a_flight_says_its_world_and_what_was_drawn_and_flies_again(fly, tmp_path, capsys):
+    code, first = fly(tmp_path / "a", "--one-process", "--world", "honest", "--seed", 3, "--json")
     out, err = capsys.readouterr()
-    first, told = of(tmp_path / "a"), resolve(seed=3, world="honest")
+    told = resolve(seed=3, world="honest")
     assert json.loads(out) == first
     assert first["world"] == "honest" and first["draw"] == drawn(told)
     assert "world honest, wind" in first["conditions"][0]
     assert "aircraft flown over that of the controllers: mass 0.995" in " ".join(err.split())
     assert first["changed"] == []
     # Again, from its own file, and with another seed: then that one draws.
-    again = fly(tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
-    assert again == code
+    params = ("--params", tmp_path / "a" / "params.yaml")
+    code_again, again = fly(tmp_path / "b", *params)
+    assert code_again == code
     same = ["world", "draw", "metrics", "changed", "conditions", "seed"]
-    assert {k: of(tmp_path / "b")[k] for k in same} == {k: first[k] for k in same}
+    assert {k: again[k] for k in same} == {k: first[k] for k in same}
     files = [(tmp_path / name / "params.yaml").read_bytes() for name in "ab"]
     assert files[0] == files[1]
-    fly(tmp_path / "c", "--params", tmp_path / "a" / "params.yaml", "--seed", 4, "--duration", 6)
-    assert of(tmp_path / "c")["draw"] == drawn(resolve(seed=4, world="honest"))
+    _, other = fly(tmp_path / "c", *params, "--seed", 4, "--duration", 6)
+    assert other["draw"] == drawn(resolve(seed=4, world="honest"))
     # And in another world: what the first one had packaged stays behind.
-    fly(tmp_path / "d", "--params", tmp_path / "a" / "params.yaml", "--world", "paper",
-        "--duration", 6)  # fmt: skip
-    assert of(tmp_path / "d")["world"] == "paper" and of(tmp_path / "d")["draw"] == {}
-    assert of(tmp_path / "d")["changed"] == []
+    _, elsewhere = fly(tmp_path / "d", *params, "--world", "paper", "--duration", 6)
+    assert (elsewhere["world"], elsewhere["draw"], elsewhere["changed"]) == ("paper", {}, [])
 
 
 def test_the_hover_test_alone_has_a_default_of_its_own(tmp_path, monkeypatch):
@@ -169,11 +158,12 @@ def test_the_hover_test_alone_has_a_default_of_its_own(tmp_path, monkeypatch):
                         ("scenario: attitude", None)):  # fmt: skip
         told.write_text(f"/**/flight:\n  ros__parameters:\n    {text}\n")
         assert hover_test_world(None, None, [told]) == world
-    assert HOVER_TEST_WORLD in worlds.world_names()
+    assert HOVER_TEST_WORLD in WORLDS.names()
 
 
 def test_in_an_honest_world_hover_begins_where_the_aircraft_is():
-    """Not with a step by the receiver's first error: 1.61 m of seed 1, flown off with 0.48 m/s."""
+    """Not with a step by the receiver's first error, 1.61 m of seed 1: flown off faster than the
+    paper's 0.3 m/s, which the following of that receiver's noise stays below."""
     stepped, begun = (simulate(resolve(seed=1, duration_s=5.0, world="paper", overrides=change))
                       .record for change in
                       ({}, {"outer_loop": {"reference_anchor": "engagement"}}))  # fmt: skip
@@ -181,4 +171,4 @@ def test_in_an_honest_world_hover_begins_where_the_aircraft_is():
     assert np.abs(first[0][0]) > 1.5
     np.testing.assert_allclose(first[1], 0.0, atol=1e-12)
     speeds = [np.abs(r.truth_vel_ned_mps[:, 0]).max() for r in (stepped, begun)]
-    assert speeds[0] > 0.45 and speeds[1] < 0.15
+    assert speeds[0] > 2.0 * speeds[1] and speeds[1] < 0.3

@@ -3,6 +3,8 @@
 
 from enum import Enum
 
+from heli_math.causes import CausedError
+
 
 class Cause(Enum):
     """Why an identification was refused."""
@@ -19,15 +21,5 @@ class Cause(Enum):
     UNSTABLE = "the fitted model is unphysical"
 
 
-class IdentificationError(ValueError):
-    """An identification that is refused.
-
-    Attributes
-    ----------
-    cause : Cause
-        For programs; the message is one sentence for people and names the signal and its number.
-    """
-
-    def __init__(self, cause: Cause, sentence: str) -> None:
-        super().__init__(sentence)
-        self.cause = cause
+class IdentificationError(CausedError):
+    """An identification that is refused; `cause` is a `Cause`."""

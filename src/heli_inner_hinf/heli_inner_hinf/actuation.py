@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What lies between command and rotor, how the observer hears of it, and the prediction over it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +50,15 @@ class ObserverInput:
     u_delay_ticks: int = 1
     servo_radps: float = 38.0
     servo_damping: float = 0.51
+
+    @classmethod
+    def from_parameters(cls, observer: Mapping[str, Any]) -> "ObserverInput":
+        """That of the observer's parameters."""
+        return cls(
+            int(observer["u_delay_ticks"]),
+            observer["servo.frequency_radps"],
+            observer["servo.damping"],
+        )
 
 
 def predicting_gains(A: Matrix, B: Matrix, F: Matrix, prediction_s: float) -> tuple[Matrix, Matrix]:

@@ -6,21 +6,24 @@ has not without slycot, a Fortran build: the norm with its frequency (`frequency
 several channels at once (`disk_margin`), and the delay that the loop as flown survives (`margins`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import control
 import numpy as np
 from numpy.typing import ArrayLike
 
 from heli_inner_hinf.actuation import Actuation, ObserverInput
+from heli_inner_hinf.as_flown import linear_law_of
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.disk_margin import DiskMargin
 from heli_inner_hinf.frequency import peak_gain
+from heli_inner_hinf.law_state import CONTROLLERS, OUTPUT_FEEDBACK, STATE_FEEDBACK
 from heli_inner_hinf.loops import (
     Loop,
     Model,
     flown_loop,
     observer_loop,
+    output_loop,
     state_feedback_loop,
 )
 from heli_inner_hinf.margins import ChannelMargin, channel_margins, disk_margin
@@ -72,6 +75,20 @@ def three_loops(
         observer_loop(model, K),
         flown_loop(model, K, prediction_s, feed, actuation),
     )
+
+
+def loops_of(
+    config: AttitudeConfig, K: ArrayLike, feed: ObserverInput, actuation: Actuation
+) -> tuple[Loop, ...]:
+    """The loops of a judged design: three of state feedback, that as flown of any other law."""
+    model = model_of(config)
+    if CONTROLLERS[config.controller] == STATE_FEEDBACK:
+        return three_loops(model, K, config.prediction_s, feed, actuation)
+    law = linear_law_of(config.kernel)
+    if law is None:
+        return ()
+    turned = CONTROLLERS[config.controller] == OUTPUT_FEEDBACK
+    return (replace(output_loop(model, law, actuation), turned=turned),)
 
 
 def analyse(loop: Loop) -> LoopReport:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude law at 100 Hz: H-infinity and LQR by eq. (17), or PID, behind one interface.
+"""The attitude law at 100 Hz: state feedback by eq. (17), output feedback or PID, one interface.
 
 `attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10) (places `NINE`, rad,
 rad/s) and the absolute commands phi, theta, psi (places `SETPOINT`, rad), and writes the absolute
@@ -13,15 +13,20 @@ from heli_inner_hinf.law_state import (
     LAST_R,
     LAST_U,
     LAST_X,
+    MEMORY,
+    N_LAW_STATE,
     OFFSET,
+    OUTPUT_FEEDBACK,
     PID,
     RUN,
     SHIFT_LIMIT_RAD,
+    STATE_FEEDBACK,
     AttitudeKernel,
     AttitudeStatus,
     all_finite,
     initial_law_state,
 )
+from heli_inner_hinf.output_law import N_V, advance, command, read_inputs, state_at_rest
 from heli_inner_hinf.pid import pid_law, pid_terms
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
@@ -84,6 +89,19 @@ def shift_target(x9, r3, k, state):
 
 
 @njit
+def output_feedback(v, r3, k, state, u3):
+    """u = u_trim + C x + D v, unlimited, into u3 (3,); a new psi_ref takes the memory along."""
+    x = state[MEMORY : MEMORY + k.law.A.shape[0]]
+    if state[RUN] > 0.0:
+        turned = wrap_pi(state[LAST_R + SETPOINT.psi] - r3[SETPOINT.psi])
+        for i in range(x.size):
+            x[i] += k.law.turn[i] * turned
+    command(k.law, x, v, u3)
+    for i in range(3):
+        u3[i] += k.u_trim[i]
+
+
+@njit
 def attitude_law(x9, r3, k, state, u3):
     """One tick of the law that `k.controller` names.
 
@@ -108,8 +126,12 @@ def attitude_law(x9, r3, k, state, u3):
         for i in range(3):
             u3[i] = state[LAST_U + i]
         return _NOT_FINITE
+    v, cut = np.empty(N_V), np.empty(3)
     if k.controller == PID:
         pid_law(x9, r3, k, state, u3)
+    elif k.controller == OUTPUT_FEEDBACK:
+        read_inputs(x9, r3, k.x_trim, v)
+        output_feedback(v, r3, k, state, u3)
     else:
         linear_law(x9, r3, k, state, u3)
     if not all_finite(u3):
@@ -118,7 +140,8 @@ def attitude_law(x9, r3, k, state, u3):
         return _NOT_FINITE
     status = 0
     for i in range(3):
-        u = u3[i] + state[OFFSET + i]
+        unlimited = u3[i] + state[OFFSET + i]
+        u = unlimited
         state[OFFSET + i] *= k.offset_decay
         if u > k.limit:
             u = k.limit
@@ -127,8 +150,11 @@ def attitude_law(x9, r3, k, state, u3):
             u = -k.limit
             status = _SATURATED
         u3[i] = u
+        cut[i] = u - unlimited
         state[LAST_U + i] = u
-    if k.controller != PID and k.shift_rate > 0.0 and status == 0:
+    if k.controller == OUTPUT_FEEDBACK:
+        advance(k.law, state[MEMORY : MEMORY + k.law.A.shape[0]], v, cut)
+    elif k.controller == STATE_FEEDBACK and k.shift_rate > 0.0 and status == 0:
         shift_target(x9, r3, k, state)
     state[LAST_X : LAST_X + 9] = x9
     state[LAST_R : LAST_R + 3] = r3
@@ -141,9 +167,9 @@ def swap_bumpless(
 ) -> None:
     """Prepare `state` (in place) so that `k_new` goes on from what is flown.
 
-    The difference between the flown command and what the new law would give at the newest state
-    becomes the new PID's integrator, or an offset of the linear laws that fades with
-    `k_new.offset_decay`.
+    Output feedback starts at rest (`state_at_rest`). The difference between the flown command and
+    what the new law would give at the newest state becomes the new PID's integrator, or an offset
+    of the other laws that fades with `k_new.offset_decay`.
 
     Parameters
     ----------
@@ -158,9 +184,17 @@ def swap_bumpless(
     would = np.empty(3)
     state[OFFSET : OFFSET + 3] = 0.0
     state[INTEGRAL : INTEGRAL + 3] = 0.0
+    state[MEMORY:N_LAW_STATE] = 0.0
     if k_new.controller == PID:
         pid_terms(x9, r3, k_new, np.empty(3), would)
         state[INTEGRAL : INTEGRAL + 3] = flown - would
+        return
+    if k_new.controller == OUTPUT_FEEDBACK:
+        v = np.empty(N_V)
+        read_inputs(x9, r3, k_new.x_trim, v)
+        x = state_at_rest(k_new.law, v, flown - k_new.u_trim)
+        state[MEMORY : MEMORY + x.size] = x
+        output_feedback(v, r3, k_new, state, would)
     else:
         linear_law(x9, r3, k_new, state, would)
-        state[OFFSET : OFFSET + 3] = flown - would
+    state[OFFSET : OFFSET + 3] = flown - would

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from heli_inner_hinf.actuation import predicting_gains
+from heli_inner_hinf.actuation import Actuation, predicting_gains
+from heli_inner_hinf.as_flown import Judgement, feedback_of, judge
 from heli_inner_hinf.attitude_law import swap_bumpless
-from heli_inner_hinf.errors import ShapeError, SynthesisError
+from heli_inner_hinf.errors import MarginError, ShapeError, SynthesisError, UnstableLoopError
+from heli_inner_hinf.indi import IndiGains, indi_law
 from heli_inner_hinf.law_state import (
     CONTROLLERS,
     LAST_R,
@@ -20,7 +22,15 @@ from heli_inner_hinf.law_state import (
     AttitudeKernel,
     initial_law_state,
 )
+from heli_inner_hinf.lqg import lqg_law
 from heli_inner_hinf.lqr import Lqr, lqr
+from heli_inner_hinf.output_feedback import (
+    OutputSynthesis,
+    OutputWeights,
+    generalised_plant,
+    synthesize_output,
+)
+from heli_inner_hinf.output_law import NO_LAW, OutputLaw, output_law
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.synthesis import Synthesis, synthesize
 from heli_inner_hinf.weights import checked, output_selector, weights
@@ -39,7 +49,7 @@ class AttitudeConfig:
     Attributes
     ----------
     controller : str
-        hinf, lqr or pid.
+        One of `CONTROLLERS`.
     A, B, E : (9, 9), (9, 3), (9, 3) arrays
         Linear model about trim, eq. (9), SI and rad.
     C, D : (9, 9), (9, 3) arrays
@@ -47,18 +57,26 @@ class AttitudeConfig:
     gamma : float
     x_trim, u_trim : (9,), (4,) arrays
         Trim; u_trim in the order d_lat, d_lon, d_ped, d_col.
+    actuation : Actuation
+        Servos and delay between command and rotor, of which output feedback knows.
     prediction_s : float
-        Known lag from command to rotor, over which the linear laws predict the state, s.
+        Known lag from command to rotor, over which state feedback predicts the state, s.
     actuator_limit : float
         In (0, 1).
     bumpless_time_s : float
         Time constant with which a swap's offset fades, s.
     offset_free_radps : float
-        Rate at which a lasting attitude error shifts the target of the linear laws, rad/s.
+        Rate at which a lasting attitude error shifts the target of state feedback, rad/s.
     K_P, K_I, K_D : (3,) arrays
         PID gains of roll, pitch, yaw.
     synthesis : Synthesis
         F, G, P, certificate.
+    output : OutputSynthesis or None
+        Law and certificate of `hinf_output`; None with another controller.
+    law : OutputLaw
+        Of order zero unless the controller is output feedback.
+    margin_floor : float
+        Disk margin below which a law is refused.
     """
 
     controller: str
@@ -70,6 +88,7 @@ class AttitudeConfig:
     gamma: float
     x_trim: Matrix
     u_trim: Matrix
+    actuation: Actuation
     prediction_s: float
     actuator_limit: float
     bumpless_time_s: float
@@ -78,6 +97,9 @@ class AttitudeConfig:
     K_I: Matrix
     K_D: Matrix
     synthesis: Synthesis
+    output: OutputSynthesis | None
+    law: OutputLaw
+    margin_floor: float
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> "AttitudeConfig":
@@ -86,7 +108,7 @@ class AttitudeConfig:
         Raises
         ------
         ShapeError, InfeasibleGammaError, NotStabilizableError, InvariantZeroError,
-        FeedforwardError, CertificateError, UnknownControllerError
+        FeedforwardError, CertificateError, UnknownControllerError, UnstableLoopError, MarginError
             Each with a sentence.
         """
         p = parameters
@@ -106,7 +128,17 @@ class AttitudeConfig:
         limit = float(p["actuator_limit"])
         if not 0.0 < limit < 1.0:
             raise ShapeError("actuator_limit", f"actuator_limit = {limit:g} must be inside (0, 1)")
-        return cls(
+        actuation = Actuation(
+            p["servo.frequency_radps"], p["servo.damping"], p["delay_ticks"] * TICK_S
+        )
+        output, law = None, _law_of(p, A, B, actuation)
+        if p["controller"] == "hinf_output":
+            gamma = float(p["output.gamma"])
+            output = synthesize_output(A, B, E, C, D, added_weights(p), actuation, gamma)
+            law = output.law
+        elif p["controller"] == "lqg":
+            law = lqg_law(generalised_plant(A, B, E, C, D, added_weights(p, "lqg"), actuation))
+        config = cls(
             controller=p["controller"],
             A=A,
             B=B,
@@ -116,6 +148,7 @@ class AttitudeConfig:
             gamma=float(p["gamma"]),
             x_trim=shaped("trim.x", p["trim.x"], (9,)),
             u_trim=shaped("trim.u", p["trim.u"], (4,)),
+            actuation=actuation,
             prediction_s=float(p["prediction_s"]),
             actuator_limit=limit,
             bumpless_time_s=float(p["bumpless_time_s"]),
@@ -124,7 +157,23 @@ class AttitudeConfig:
             K_I=shaped("pid.K_I", p["pid.K_I"], (3,)),
             K_D=shaped("pid.K_D", p["pid.K_D"], (3,)),
             synthesis=synthesize(A, B, E, C, D, float(p["gamma"]), output_selector()),
+            output=output,
+            law=law,
+            margin_floor=float(p["margin_floor"]),
         )
+        config._refuse_weak()
+        return config
+
+    def _refuse_weak(self) -> None:
+        """Raise what is wrong with the loop as flown."""
+        found = self.judgement
+        if found is None:
+            return
+        if not found.stable:
+            raise UnstableLoopError(self.controller, found.radius)
+        for where, margin in (("input", found.disk_input), ("output", found.disk_output)):
+            if margin < self.margin_floor:
+                raise MarginError(self.controller, where, margin, self.margin_floor)
 
     @cached_property
     def lqr(self) -> Lqr:
@@ -150,13 +199,23 @@ class AttitudeConfig:
             K_D=self.K_D,
             offset_decay=fade,
             shift_rate=self.offset_free_radps,
+            law=self.law,
         )
 
+    @cached_property
+    def judgement(self) -> Judgement | None:
+        """The loop as flown; None for a kind of law whose linear form is not known."""
+        feedback = feedback_of(self.kernel)
+        return feedback and judge(self.A, self.B, feedback, self.actuation)
+
     def summary(self) -> dict[str, float | str]:
-        """What `/diagnostics` shows of the design: controller, gamma, gamma*, mechanism, norm."""
-        s = self.synthesis
+        """What `/diagnostics` shows: controller, disk margins, gamma, gamma*, mechanism, norm."""
+        s, found = self.output or self.synthesis, self.judgement
+        margins = (found.disk_input, found.disk_output) if found else ("not known", "not known")
         return {
             "controller": self.controller,
+            "disk_margin_input": margins[0],
+            "disk_margin_output": margins[1],
             "gamma": s.gamma,
             "gamma_star": s.gamma_star.value,
             "gamma_star_mechanism": s.gamma_star.mechanism.value,
@@ -214,6 +273,31 @@ class LiveDesign:
         self.start()
         self.state[LAST_X : LAST_X + 9], self.state[LAST_R : LAST_R + 3] = x9, r3
         swap_bumpless(self.state, self.config.kernel, u_flown)
+
+
+def added_weights(parameters: Mapping[str, Any], section: str = "output") -> OutputWeights:
+    """What `output` or `lqg` adds to C11, C22, D11; `lqg` follows commands without a weight."""
+
+    def part(name: str, size: int) -> Matrix:
+        return shaped(f"{section}.{name}", parameters[f"{section}.{name}"], (size,))
+
+    return OutputWeights(
+        effort=part("effort", 3),
+        integral=part("integral", 3),
+        load=part("load", 3),
+        noise=part("noise", 6),
+        command_effort=float(parameters.get(f"{section}.command_effort", 1.0)),
+    )
+
+
+def _law_of(parameters: Mapping[str, Any], A: Matrix, B: Matrix, actuation: Actuation) -> OutputLaw:
+    """Output feedback that needs no weights; of order zero for any other law."""
+    if parameters["controller"] == "indi":
+        keys = (f"indi.{gain}" for gain in IndiGains._fields)
+        return indi_law(A, B, IndiGains(*(shaped(k, parameters[k], (3,)) for k in keys)), actuation)
+    if parameters["controller"] == "matrices":
+        return output_law(*(parameters[f"law.{part}"] for part in OutputLaw._fields))
+    return NO_LAW
 
 
 def shaped(name: str, value: Any, shape: tuple[int, ...]) -> Matrix:

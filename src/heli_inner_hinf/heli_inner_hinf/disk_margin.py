@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from heli_inner_hinf.regular_form import Matrix
-
 
 @dataclass(frozen=True)
 class DiskMargin:
@@ -42,13 +40,15 @@ class DiskMargin:
         return float(np.degrees(2.0 * np.arctan(self.alpha / 2.0)))
 
 
-def disk_margins(L: np.ndarray) -> np.ndarray:
+def disk_margins(L: np.ndarray, exact: bool = True) -> np.ndarray:
     """Disk margin (m,) at each frequency of an open loop L (m, n, n); the smallest is the loop's.
 
-    Holds for a loop that is stable; the sign of L is such that stability is about 1 + L.
+    Holds for a loop that is stable; the sign of L is such that stability is about 1 + L. Not exact:
+    a lower bound, some percent below, in a tenth of the time.
     """
     eye = np.eye(L.shape[1])
-    return 1.0 / mu_bounds(np.linalg.inv(eye + L) - 0.5 * eye)
+    M = np.linalg.inv(eye + L) - 0.5 * eye
+    return 1.0 / (mu_bounds(M) if exact else _scaled(M)[0])
 
 
 def smallest(L: np.ndarray, omega: np.ndarray) -> DiskMargin:
@@ -58,16 +58,6 @@ def smallest(L: np.ndarray, omega: np.ndarray) -> DiskMargin:
     return DiskMargin(float(alpha[worst]), float(omega[worst]))
 
 
-def of_state_feedback(A: Matrix, B: Matrix, F: Matrix) -> DiskMargin:
-    """At the plant input of the stable loop u = F x; what a node says of its design in flight."""
-    modes = np.abs(np.linalg.eigvals(A + B @ F))
-    near = (modes[:, None] * np.linspace(0.8, 1.2, 21)).ravel()
-    omega = np.unique(np.concatenate([np.geomspace(1e-2, 1e3, 400), near]))
-    resolvent = 1j * omega[:, None, None] * np.eye(A.shape[0]) - A
-    right = np.broadcast_to(B.astype(complex), (omega.size, *B.shape))
-    return smallest(-F @ np.linalg.solve(resolvent, right), omega)
-
-
 def mu_bounds(M: np.ndarray) -> np.ndarray:
     """Upper bound (m,) of the structured singular value of each M (m, n, n) for diagonal complex
     blocks.
@@ -75,16 +65,7 @@ def mu_bounds(M: np.ndarray) -> np.ndarray:
     min over D of the largest singular value of D M D^-1: Osborne scaling everywhere, then the
     convex minimisation over log D at the frequencies that can still be the worst.
     """
-    d = np.ones(M.shape[:2])
-    size = np.abs(M)
-    n = M.shape[1]
-    off = size * (1.0 - np.eye(n))
-    for _ in range(30):
-        scaled = d[:, :, None] * off / d[:, None, :]
-        row, column = np.linalg.norm(scaled, axis=2), np.linalg.norm(scaled, axis=1)
-        ratio = np.where((row > 0.0) & (column > 0.0), column / np.where(row > 0.0, row, 1.0), 1.0)
-        d = d * np.where(ratio > 0.0, ratio, 1.0) ** 0.25
-    bounds = np.linalg.svd(d[:, :, None] * M / d[:, None, :], compute_uv=False)[:, 0]
+    bounds, d = _scaled(M)
     floor = np.max(np.abs(np.linalg.eigvals(M)), axis=1)
     settled = float(np.max(floor))
     for i in np.argsort(-bounds):
@@ -93,6 +74,20 @@ def mu_bounds(M: np.ndarray) -> np.ndarray:
         bounds[i] = min(bounds[i], _minimised(M[i], d[i]))
         settled = max(settled, bounds[i])
     return bounds
+
+
+def _scaled(M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bound (m,) by Osborne scaling, and the scaling (m, n)."""
+    off = np.abs(M) ** 2 * (1.0 - np.eye(M.shape[1]))
+    d2 = np.ones(M.shape[:2])
+    for _ in range(30):
+        row = d2 * (off @ (1.0 / d2)[:, :, None])[:, :, 0]
+        column = (d2[:, None, :] @ off)[:, 0] / d2
+        ratio = np.where((row > 0.0) & (column > 0.0), column / np.where(row > 0.0, row, 1.0), 1.0)
+        d2 = d2 * ratio**0.25
+    d = np.sqrt(d2)
+    scaled = d[:, :, None] * M / d[:, None, :]
+    return np.linalg.svd(scaled, compute_uv=False)[:, 0], d
 
 
 def _minimised(M: np.ndarray, d: np.ndarray) -> float:

@@ -80,6 +80,33 @@ class CertificateError(SynthesisError):
     """The solution does not pass its own acceptance rule (the problem is too badly conditioned)."""
 
 
+class UnstableLoopError(SynthesisError):
+    """The loop as flown is not stable with this law.
+
+    Attributes
+    ----------
+    radius : float
+        Largest modulus of the closed loop's eigenvalues, per tick.
+    """
+
+    def __init__(self, controller: str, radius: float) -> None:
+        super().__init__(
+            f"controller: {controller} does not stabilise the loop as flown: an eigenvalue per "
+            f"tick has modulus {radius:.6g}; allowed: below 1"
+        )
+        self.radius = radius
+
+
+class MarginError(SynthesisError):
+    """The loop as flown has less disk margin with this law than `margin_floor`."""
+
+    def __init__(self, controller: str, where: str, margin: float, floor: float) -> None:
+        super().__init__(
+            f"controller: {controller} leaves the loop as flown a disk margin of {margin:.3g} at "
+            f"the plant's {where}; allowed: margin_floor = {floor:g} or more"
+        )
+
+
 def _mode(value: complex) -> str:
     if value.imag == 0.0:
         return f"{value.real:.3g}"

@@ -26,10 +26,12 @@ def response(system: control.StateSpace, omega: np.ndarray) -> np.ndarray:
 
 def modes(system: control.StateSpace) -> np.ndarray:
     """Modes (n,), complex, rad/s; of a sampled system the logarithms of its poles over the tick."""
-    poles = system.poles()
-    if not system.dt:
-        return poles
-    return np.log(np.where(np.abs(poles) > 1e-9, poles, 1e-9).astype(complex)) / system.dt
+    return logarithms(system.poles(), system.dt) if system.dt else system.poles()
+
+
+def logarithms(poles: np.ndarray, dt_s: float) -> np.ndarray:
+    """Modes (n,), complex, rad/s, of the poles of a system sampled with dt_s."""
+    return np.log(np.where(np.abs(poles) > 1e-9, poles, 1e-9).astype(complex)) / dt_s
 
 
 def top(system: control.StateSpace, continuous_radps: float) -> float:
@@ -37,10 +39,12 @@ def top(system: control.StateSpace, continuous_radps: float) -> float:
     return 0.9999 * np.pi / system.dt if system.dt else continuous_radps
 
 
-def grid(system: control.StateSpace, low_radps: float, top_radps: float, points: int) -> np.ndarray:
-    """Frequencies (m,), rad/s, log-spaced from low to top and denser about the system's modes."""
-    near = np.abs(modes(system))[:, None] * np.linspace(0.8, 1.2, 21)
-    omega = np.concatenate([np.geomspace(low_radps, top_radps, points), near.ravel()])
+def grid(
+    modes_radps: np.ndarray, low_radps: float, top_radps: float, points: int, near: int = 21
+) -> np.ndarray:
+    """Frequencies (m,), rad/s: `points` log-spaced from low to top, and `near` about each mode."""
+    about = np.abs(modes_radps)[:, None] * np.linspace(0.8, 1.2, near)
+    omega = np.concatenate([np.geomspace(low_radps, top_radps, points), about.ravel()])
     return np.unique(np.clip(omega, low_radps, top_radps))
 
 
@@ -51,7 +55,7 @@ def peak_gain(system: control.StateSpace, points: int = 300) -> tuple[float, flo
     relative accuracy 1e-6 or better for modes with a damping above 1e-3.
     """
     end = top(system, 1e4)
-    omega = np.concatenate([[1e-6], grid(system, 1e-3, end, points)])
+    omega = np.concatenate([[1e-6], grid(modes(system), 1e-3, end, points)])
 
     def gain(at: np.ndarray) -> np.ndarray:
         return np.linalg.svd(response(system, at), compute_uv=False)[:, 0]

@@ -6,26 +6,37 @@ from typing import NamedTuple
 
 import numpy as np
 
+from heli_inner_hinf.output_law import MAX_ORDER, OutputLaw
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, NINE, ROTOR, SETPOINT
 
-CONTROLLERS = {"hinf": 0, "lqr": 1, "pid": 2}
-"""Names in the YAML and the int by which the kernel chooses its law."""
+CONTROLLERS = {
+    "hinf_output": 2,
+    "hinf": 0,
+    "lqg": 2,
+    "lqr": 0,
+    "pid": 1,
+    "matrices": 2,
+    "indi": 2,
+}
+"""Names in the YAML and the kind of law that each is."""
 
-HINF, LQR, PID = 0, 1, 2
+STATE_FEEDBACK, PID, OUTPUT_FEEDBACK = 0, 1, 2
+"""Kinds of law, by which the kernel chooses."""
 
 # Layout of the state array (N_LAW_STATE,): where a part begins.
 LAST_U = 0  # (3) last output, -1..1
-INTEGRAL = 3  # (3) PID: integrators, actuator units; linear laws: shift of the target, rad
+INTEGRAL = 3  # (3) PID: integrators, actuator units; state feedback: shift of the target, rad
 OFFSET = 6  # (3) bumpless offset, actuator units, fading
 LAST_X = 9  # (9) newest finite x9
 LAST_R = 18  # (3) newest finite r3
 RUN = 21  # 1.0 once the law has run
-N_LAW_STATE = 22
+MEMORY = 22  # (MAX_ORDER) output feedback: its state x, then unused places
+N_LAW_STATE = MEMORY + MAX_ORDER
 
 SHIFT_LIMIT_RAD = 0.1
-"""The offset-free target of the linear laws is shifted by at most this, per axis."""
+"""The offset-free target of state feedback is shifted by at most this, per axis."""
 
 
 class AttitudeStatus(enum.IntEnum):
@@ -51,7 +62,7 @@ class AttitudeKernel(NamedTuple):
     Attributes
     ----------
     controller : int
-        0 hinf, 1 lqr, 2 pid (`CONTROLLERS`).
+        Kind of the law (`CONTROLLERS`).
     F, H, G : (3, 9), (3, 3), (3, 3) arrays
         State feedback (of the state predicted over the known lag: F Phi of eq. (15)), feedback of
         the last command (F Gamma; zero without prediction) and feedforward of eq. (15), (17).
@@ -64,8 +75,10 @@ class AttitudeKernel(NamedTuple):
     offset_decay : float
         Factor per tick by which the bumpless offset fades.
     shift_rate : float
-        Rate at which a lasting error shifts the target of the linear laws, rad/s; 0: eq. (17) as
+        Rate at which a lasting error shifts the target of state feedback, rad/s; 0: eq. (17) as
         it stands.
+    law : OutputLaw
+        Matrices of output feedback; of order zero for the other kinds.
     """
 
     controller: int
@@ -80,6 +93,7 @@ class AttitudeKernel(NamedTuple):
     K_D: np.ndarray
     offset_decay: float
     shift_rate: float
+    law: OutputLaw
 
 
 def initial_law_state(k: AttitudeKernel) -> np.ndarray:

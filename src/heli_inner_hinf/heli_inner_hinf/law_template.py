@@ -4,8 +4,10 @@ graph.
 
 1. Copy this file and write the law: the five arguments of `attitude_law`, in njit's subset of
    Python.
-2. Give it a name in `law_state.CONTROLLERS` (`"mine": 3`): this makes `controller: mine` a valid
-   parameter.
+2. Give it a name in `law_state.CONTROLLERS` (`"mine": 3`, a kind of its own): this makes
+   `controller: mine` a valid parameter. Its margins are not judged: the kernel's linear form is
+   known for the kinds that are there (`as_flown.linear_law_of`). A linear law needs no kernel:
+   `controller: matrices`.
 3. Call it in a branch of `attitude_law.attitude_law`, beside `pid_law`. Limits, NaN, status and the
    bumpless offset are done there: the law only writes its unlimited command.
 4. Numbers that it needs go into `AttitudeKernel` and, as parameters, into `parameter_table.TABLE`

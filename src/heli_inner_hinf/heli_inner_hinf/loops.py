@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude loop three times: state feedback, with observer (19), and sampled as it is flown.
+"""The attitude loop: state feedback, with observer (19), and, for every law, as it is flown.
 
 Each is a generalised plant and a controller, python-control systems with named signals, deviations
 from trim, SI and rad. The plant's inputs are the wind, the commanded attitude and the actuators;
@@ -21,16 +21,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from heli_inner_hinf.actuation import Actuation, ObserverInput, predicting_gains
+from heli_inner_hinf.as_flown import flown_plant
 from heli_inner_hinf.frequency import modes, response
+from heli_inner_hinf.output_law import INPUTS, N_V, OutputLaw, output_law
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.weights import N_H, N_U, N_X, checked
 from heli_math.linear_systems import (
     Observer,
     held,
     held_and_linear,
-    held_late,
     reduced_order_observer,
-    with_delay_line,
     with_servos,
 )
 from heli_math.state_names import ATTITUDE, INPUT_NAMES, MEASURED, STATE_NAMES, UNMEASURED
@@ -59,11 +59,14 @@ class Loop:
         `COMMANDS`.
     controller : control.StateSpace
         Inputs y and `COMMANDS`; outputs d_lat d_lon d_ped.
+    turned : bool
+        Whether in flight the law turns its errors by the bank beyond trim (`output_law`).
     """
 
     name: str
     plant: control.StateSpace
     controller: control.StateSpace
+    turned: bool = False
 
     @property
     def dt(self) -> float:
@@ -180,6 +183,28 @@ def flown_loop(
     return Loop("as flown", plant, controller)
 
 
+def output_loop(model: Model, law: OutputLaw, actuation: Actuation | None = None) -> Loop:
+    """Sampled loop as flown with output feedback: servos, transport delay, 100 Hz.
+
+    F and G of the model do not matter. The law's state is taken at a fixed heading (x + turn
+    psi_ref), so that a new psi_ref is an input like the others.
+    """
+    n_y, turn = len(MEASURED), law.turn[:, None]
+    psi = INPUTS.index("psi_error")
+    B_psi = turn - law.A @ turn - law.B[:, psi : psi + 1]
+    D_psi = -law.C @ turn - law.D[:, psi : psi + 1]
+    own = Law(
+        law.A,
+        law.B[:, :n_y],
+        np.hstack([law.B[:, n_y:], B_psi]),
+        law.C,
+        law.D[:, :n_y],
+        np.hstack([law.D[:, n_y:], D_psi]),
+    )
+    plant = sampled_plant(model, actuation or Actuation())
+    return Loop("as flown", plant, _controller(MEASURED_NAMES, own, TICK_S))
+
+
 def sampled_plant(model: Model, actuation: Actuation) -> control.StateSpace:
     """Plant, servos and transport delay, exactly discretised.
 
@@ -187,12 +212,10 @@ def sampled_plant(model: Model, actuation: Actuation) -> control.StateSpace:
     u_(n-1), u_(n-2), ... as far back as the delay needs.
     """
     n = N_X
-    A, B = with_servos(model.A, model.B, actuation.servo_radps, actuation.servo_damping)
-    E = np.vstack([model.E, np.zeros((2 * N_U, N_U))])
-    Ad, Bd = with_delay_line(held_late(A, B, TICK_S, actuation.delay_s))
-    size, N = Ad.shape[0], A.shape[0]
+    Ad, Bd = flown_plant(model.A, model.B, actuation)
+    size, N = Ad.shape[0], n + 2 * N_U
     Bw = np.zeros((size, N_U))
-    Bw[:N] = held(A, E, TICK_S)[1]
+    Bw[:n] = held(model.A, model.E, TICK_S)[1]
     position = np.zeros((N_U, size))
     position[:, n : n + N_U] = np.eye(N_U)
     x = np.eye(n, size)
@@ -239,6 +262,18 @@ def sampled_controller(
     if model.shift_rate > 0.0:
         law = _with_shift(law, model.shift_rate)
     return _controller(MEASURED_NAMES, law, TICK_S)
+
+
+def as_output_law(model: Model, K: Matrix, prediction_s: float, feed: ObserverInput) -> OutputLaw:
+    """`sampled_controller`, away from the limits, in heading errors.
+
+    `turn`: psi and psi_ref move together, and u stays.
+    """
+    A, B, C, D = control.ssdata(sampled_controller(model, K, prediction_s, feed))
+    both = [INPUTS.index("psi_error"), N_Y + COMMANDS.index("psi_ref")]
+    held_u = np.vstack([np.eye(A.shape[0]) - A, C])
+    turn = np.linalg.lstsq(held_u, np.concatenate([B[:, both].sum(1), -D[:, both].sum(1)]))[0]
+    return output_law(A, B[:, :N_V], C, D[:, :N_V], turn=turn)
 
 
 def _with_shift(law: Law, rate: float) -> Law:

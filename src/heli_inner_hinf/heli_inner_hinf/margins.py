@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import control
 import numpy as np
 
-from heli_inner_hinf.actuation import Actuation, ObserverInput
+from heli_inner_hinf.actuation import Actuation
 from heli_inner_hinf.disk_margin import DiskMargin, smallest
-from heli_inner_hinf.frequency import grid, top
-from heli_inner_hinf.loops import Loop, Model, flown_loop, sampled_plant
+from heli_inner_hinf.frequency import grid, modes, top
+from heli_inner_hinf.loops import Loop, Model, sampled_plant
 from heli_math.ticks import TICK_S
 
 
@@ -35,7 +35,7 @@ class ChannelMargin:
 
 def frequency_grid(loop: Loop) -> np.ndarray:
     """Frequencies (m,), rad/s: 0.01 to 1000 or Nyquist's, denser at the loop's modes."""
-    return grid(loop.closed, 1e-2, top(loop.closed, 1e3), 400)
+    return grid(modes(loop.closed), 1e-2, top(loop.closed, 1e3), 400)
 
 
 def disk_margin(loop: Loop, where: str, omega: np.ndarray | None = None) -> DiskMargin:
@@ -69,21 +69,14 @@ def channel_margin(single: np.ndarray, omega: np.ndarray) -> ChannelMargin:
 
 
 def further_delay_s(
-    model: Model,
-    K: np.ndarray,
-    prediction_s: float = 0.0,
-    feed: ObserverInput | None = None,
-    actuation: Actuation | None = None,
-    longest_s: float = 0.08,
+    loop: Loop, model: Model, actuation: Actuation | None = None, longest_s: float = 0.08
 ) -> float:
-    """Further transport delay (s), in all channels at once, up to which the loop as flown is
-    stable.
+    """Further transport delay (s), in all channels at once, up to which a loop as flown is stable.
 
     Exact discretisation for every delay; first crossing on a 2 ms grid, then bisected to 0.05 ms.
+    `model` and `actuation` are those of the loop.
     """
-
     actuation = actuation or Actuation()
-    loop = flown_loop(model, K, prediction_s, feed, actuation)
 
     def stable(extra: float) -> bool:
         later = replace(actuation, delay_s=actuation.delay_s + extra)

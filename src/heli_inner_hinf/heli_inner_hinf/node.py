@@ -2,7 +2,6 @@
 """Node `inner_loop`: attitude setpoint and collective to actuators, 100 Hz."""
 
 import sys
-import threading
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,7 +10,6 @@ import numpy as np
 
 from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign
-from heli_inner_hinf.disk_margin import of_state_feedback
 from heli_inner_hinf.excitation import (
     SENT,
     ExcitationKernel,
@@ -20,7 +18,7 @@ from heli_inner_hinf.excitation import (
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.law_state import initial_law_state, nine_states
+from heli_inner_hinf.law_state import RUN, initial_law_state, nine_states
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_math.rows import ACTUATOR, NAV, NINE, SETPOINT
 from heli_math.state_names import UNMEASURED
@@ -34,6 +32,7 @@ from heli_msgs_bridge.stamps import AHEAD_TICKS
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
+_WAITS = "waits for navigation: the trim is held"
 
 
 @dataclass
@@ -44,34 +43,6 @@ class Exciter:
     send: Send
     state: np.ndarray
     status: ExcitationStatus = ExcitationStatus.SILENT
-
-
-class MarginWatch:
-    """Disk margin of the state feedback at the plant input, for /diagnostics.
-
-    Computed in a thread: the first one imports an optimiser, which would hold the flight up.
-    """
-
-    def __init__(self) -> None:
-        self._asked: AttitudeConfig | None = None
-        self._known: tuple[AttitudeConfig | None, str] = (None, "")
-
-    def of(self, config: AttitudeConfig) -> str:
-        """The margin in words; the first call for a design begins to compute it."""
-        if config.controller == "pid":
-            return "none: pid is no state feedback"
-        known_for, margin = self._known
-        if known_for is config:
-            return margin
-        if self._asked is not config:
-            self._asked = config
-            threading.Thread(target=self._compute, args=(config,), daemon=True).start()
-        return "being computed"
-
-    def _compute(self, config: AttitudeConfig) -> None:
-        gains = config.lqr if config.controller == "lqr" else config.synthesis
-        margin = of_state_feedback(config.A, config.B, gains.F)
-        self._known = (config, f"{margin.alpha:.3f}")
 
 
 @dataclass(kw_only=True)
@@ -101,7 +72,6 @@ class Loop(TickCore):
     x9: np.ndarray = field(default_factory=lambda: np.full(len(NINE), np.nan))
     u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
     total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
-    margin: MarginWatch = field(default_factory=MarginWatch)
 
 
 @dataclass
@@ -257,7 +227,9 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         exciter = self.core.exciter
         excited = ExcitationStatus.SILENT if exciter is None else exciter.status
         level, message = Level.OK, AttitudeStatus(code).sentence
-        if code == AttitudeStatus.NOT_FINITE:
+        if code == AttitudeStatus.NOT_FINITE and not self.core.design.state[RUN]:
+            level, message = Level.WARN, _WAITS
+        elif code == AttitudeStatus.NOT_FINITE:
             level = Level.ERROR
         elif stale:
             level, message = Level.WARN, "the attitude setpoint is too old: trim attitude is held"
@@ -271,7 +243,6 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def _facts_now(self) -> dict[str, Any]:
         core, stamp = self.core, self.run.setpoint_tick
         facts = dict(core.design.config.summary())
-        facts["disk_margin_input"] = core.margin.of(core.design.config)
         if core.exciter is not None:
             facts["excitation"] = core.exciter.status.sentence
         facts["setpoint_tick"] = "none" if stamp is None else stamp

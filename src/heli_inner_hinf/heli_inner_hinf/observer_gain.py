@@ -93,7 +93,7 @@ def assess(
         prediction_s=prediction_s,
         disk_input=disk_margin(loop, "input", omega).alpha,
         disk_output=disk_margin(loop, "output", omega).alpha,
-        further_delay_s=further_delay_s(model, K, prediction_s, feed, actuation),
+        further_delay_s=further_delay_s(loop, model, actuation),
         norm=peak_gain(loop.wind_to_h)[0] if stable else np.inf,
         noise_gain=_noise_gain(sampled_controller(model, K, prediction_s, feed or ObserverInput())),
     )

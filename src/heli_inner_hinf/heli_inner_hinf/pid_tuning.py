@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gains of the PID baseline from the linear model, by a rule: the most integral gain at a given
-robustness.
+"""Gains of a PID from the linear model alone, by a rule: the most integral gain at a given
+robustness. What is packaged for the default aircraft is searched for (`attitude_search`).
 
 For each axis the loop as flown is taken (servo, transport delay, 100 Hz; angle for P and I, body
 rate for D). At a crossover w_c and a phase margin the complex equation L(w_c) = exp(j (margin -
 pi)) has one pair K_P, K_D, with K_I = K_P w_c times a share of 0.1 to 0.5 (at 0.2 the integrator
 costs 11 degrees at crossover). Over a grid of all three, the one with the most integral gain whose
 sensitivity peak max |S| stays below `PEAK` wins: the rule of Astrom, Panagopoulos, Hagglund
-(Automatica 34(5), 1998: load disturbance rejection at a given robustness), so the PID is as fast as
-its structure allows and not detuned.
+(Automatica 34(5), 1998: load disturbance rejection at a given robustness).
 """
 
 import cmath

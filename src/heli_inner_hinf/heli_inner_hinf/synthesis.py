@@ -278,10 +278,8 @@ def acceptance(
     certificate = Certificate(
         Condition("asymmetry of P", asymmetry, SYMMETRY_TOL, asymmetry <= SYMMETRY_TOL),
         Condition("least eigenvalue of P, relative", least, -PSD_TOL, least >= -PSD_TOL),
-        Condition("largest real part of A + BF (rad/s)", closed_re, 0.0, closed_re < 0.0),
-        Condition(
-            "largest real part of A + BF + EE'P/gamma^2 (rad/s)", worst_re, 0.0, worst_re < 0.0
-        ),
+        Condition("largest Re of A + BF (rad/s)", closed_re, 0.0, closed_re < 0.0),
+        Condition("largest Re of A + BF + EE'P/gamma^2 (rad/s)", worst_re, 0.0, worst_re < 0.0),
         Condition("relative residual of (16)", residual, RESIDUAL_TOL, residual <= RESIDUAL_TOL),
         Condition("||T_hw||_inf", norm, bound, norm < bound),
     )

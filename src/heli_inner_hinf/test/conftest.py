@@ -25,16 +25,21 @@ def published():
     return A, B, E, C, D
 
 
+def state_feedback():
+    """The packaged parameters, checked, with eq. (17) for the law."""
+    return {**load(TABLE, [YAML], NODE_NAME), "controller": "hinf"}
+
+
 @pytest.fixture
 def parameters():
-    """The packaged parameters, checked."""
-    return load(TABLE, [YAML], NODE_NAME)
+    """The packaged parameters with eq. (17) for the law."""
+    return state_feedback()
 
 
 @pytest.fixture(scope="session")
 def config():
-    """The packaged design."""
-    return AttitudeConfig.from_parameters(load(TABLE, [YAML], NODE_NAME))
+    """The packaged design of eq. (17)."""
+    return AttitudeConfig.from_parameters(state_feedback())
 
 
 @pytest.fixture(scope="session")

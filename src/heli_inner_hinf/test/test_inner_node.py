@@ -40,10 +40,11 @@ def test_left_in_the_air_it_goes_on_from_what_is_flown(inner):
     # Without the outer loop's message of this tick: step 61 is none of its ticks.
     first = tick_of(inner, 61, phi=0.12)
     assert first == pytest.approx(flown, abs=1e-12)
-    later = [tick_of(inner, tick, phi=0.12) for tick in range(62, 200)]
-    assert np.abs(np.diff([first, *later], axis=0))[:, :3].max() < 0.05
+    # From tick 64 on the outer loop commands another attitude, which the law answers as any other.
+    later = [tick_of(inner, tick, phi=0.12) for tick in range(62, 64)]
+    assert np.abs(np.diff([first, *later], axis=0))[:, :3].max() < 0.01
     # In the end it flies as a law that was never left.
-    other = [tick_of(inner, tick, phi=0.12) for tick in range(200, 1500)][-1]
+    other = [tick_of(inner, tick, phi=0.12) for tick in range(64, 1500)][-1]
     assert np.abs(other - first)[0] > 0.01
 
 
@@ -53,6 +54,32 @@ def test_a_new_flight_begins_as_the_first_one_did(inner):
     inner.again()
     second = [tick_of(inner, tick) for tick in range(30)]
     assert np.array_equal(first, second)
+
+
+def lost_tick(inner, tick):
+    """One tick of lockstep in which the observer has no solution; what inner_loop says of it."""
+    inner.send(topics.ROTOR_STATE, tick, np.zeros(3))
+    inner.send(topics.ODOM, tick, np.full(CHANNELS[topics.ODOM].size, np.nan))
+    assert inner.node.tick == tick
+    return inner.node.health.level, inner.node.health.message
+
+
+def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
+    """While it aligns nothing is wrong; after the law has flown, its loss is an error."""
+    inner = bench(InnerLoopNode, expects_outer=False)
+    inner.fly()
+    waits = (Level.WARN, "waits for navigation: the trim is held")
+    assert [lost_tick(inner, tick) for tick in range(3)] == 3 * [waits]
+    trim = inner.node.core.design.config.u_trim
+    assert inner.sent[topics.ACTUATORS][-1][:3] == pytest.approx(trim[:3], abs=0.0)
+    tick_of(inner, 3)
+    assert inner.node.health.level == Level.OK
+    level, said = lost_tick(inner, 4)
+    assert level == Level.ERROR and said.endswith("the last good command is held")
+    inner.again()
+    assert lost_tick(inner, 9)[0] == Level.ERROR, "left in the air and taken up again: still lost"
+    inner.again()
+    assert lost_tick(inner, 0) == waits, "another flight"
 
 
 def set_gamma(inner, value):

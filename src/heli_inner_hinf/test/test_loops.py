@@ -11,15 +11,25 @@ from scipy.integrate import solve_ivp
 
 from heli_inner_hinf.actuation import Actuation, ObserverInput, predicting_gains
 from heli_inner_hinf.analysis import analyse, model_of, singular_values, three_loops
-from heli_inner_hinf.disk_margin import mu_bounds, of_state_feedback
+from heli_inner_hinf.as_flown import (
+    closed_loop,
+    feedback_of,
+    flown_plant,
+    judge,
+    pid_as_output_law,
+)
+from heli_inner_hinf.attitude_law import attitude_law
+from heli_inner_hinf.disk_margin import mu_bounds
 from heli_inner_hinf.frequency import peak_gain
+from heli_inner_hinf.law_state import OUTPUT_FEEDBACK, PID, initial_law_state
 from heli_inner_hinf.loops import (
     COMMANDS,
     MEASURED_NAMES,
+    as_output_law,
     flown_loop,
     observer_of,
     observer_with_servo,
-    state_feedback_loop,
+    output_loop,
 )
 from heli_inner_hinf.margins import (
     channel_margin,
@@ -28,6 +38,7 @@ from heli_inner_hinf.margins import (
     further_delay_s,
 )
 from heli_inner_hinf.observer_gain import assess, choose_observer_gain, diagonal_gain
+from heli_inner_hinf.output_law import output_law
 from heli_inner_hinf.system_norm import hinf_norm
 from heli_math.linear_systems import held_and_linear
 from heli_math.state_names import INPUT_NAMES, MEASURED, STATE_NAMES, UNMEASURED
@@ -59,6 +70,17 @@ def test_observer_matrices_make_the_error_decay(model, K):
     z_dot = Az @ (estimate - K @ y) + By @ y + Hu @ u
     e_dot = z_dot + K @ x_dot[list(MEASURED)] - x_dot[list(UNMEASURED)]
     assert np.allclose(e_dot, Az @ e, rtol=1e-9, atol=1e-7)
+
+
+@pytest.mark.parametrize("shift_rate", [0.0, 0.5])
+def test_state_feedback_as_one_law_answers_every_command_as_flown(config, model, K, shift_rate):
+    """`turn` makes a new heading an input that moves nothing else."""
+    own, feed = replace(model, shift_rate=shift_rate), ObserverInput(1, 38.0, 0.51)
+    law = as_output_law(own, K, config.prediction_s, feed)
+    omega = np.geomspace(0.1, 300.0, 50)
+    one = output_loop(own, law).closed(np.exp(1j * omega * TICK_S))
+    other = flown_loop(own, K, config.prediction_s, feed).closed(np.exp(1j * omega * TICK_S))
+    np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(("delay_s", "lag"), [(0.0, 0), (0.01, 1), (0.02, 2), (0.014, None)])
@@ -231,12 +253,52 @@ class TestMargins:
             S = np.linalg.inv(np.eye(3) + ours)[:, i, i]
             assert 1.0 / np.max(np.abs(S - 0.5)) == pytest.approx(theirs, rel=1e-6)
 
-    def test_margin_that_a_node_tells_is_the_one_of_the_analysis(self, model):
-        """Worked out with arrays alone, as a node must not wait for python-control's import."""
-        told = of_state_feedback(model.A, model.B, model.F)
-        assert told.alpha == pytest.approx(
-            disk_margin(state_feedback_loop(model), "input").alpha, rel=1e-9
-        )
+    def test_judgement_is_the_analysis(self, model, config):
+        """Worked out with arrays alone, as a node must not wait for python-control's import; two
+        grids of frequencies."""
+        k = config.kernel
+        law = pid_as_output_law(k.K_P, k.K_I, k.K_D)
+        loop = output_loop(model, law)
+        told = judge(model.A, model.B, feedback_of(k._replace(controller=PID)), Actuation())
+        for where in ("input", "output"):
+            alpha = disk_margin(loop, where).alpha
+            assert getattr(told, f"disk_{where}") == pytest.approx(alpha, rel=3e-3)
+        assert np.log(told.radius) / TICK_S == pytest.approx(loop.stability(), rel=1e-9)
+
+    @pytest.mark.parametrize("shift_rate", [0.0, 0.5])
+    def test_state_feedback_is_judged_at_what_flies(self, config, shift_rate):
+        """Closed loop against the kernel and the sampled plant, one stepped after the other."""
+        k = config.kernel._replace(shift_rate=shift_rate)
+        step = closed_loop(config.A, config.B, feedback_of(k), Actuation())
+        A, B = flown_plant(config.A, config.B, Actuation())
+        g = np.random.default_rng(9)
+        x, state, u3 = 1e-3 * g.standard_normal(A.shape[0]), initial_law_state(k), np.zeros(3)
+        both = np.concatenate([x, np.zeros(3 if shift_rate == 0.0 else 6)])
+        trim = k.x_trim[[0, 1, 8]]
+        for _ in range(40):
+            attitude_law(k.x_trim + x[:9], trim, k, state, u3)
+            x, both = A @ x + B @ (u3 - k.u_trim), step @ both
+            assert np.allclose(both[: x.size], x, atol=1e-12)
+
+    def test_loop_of_output_feedback_is_what_flies(self, model, config):
+        """The analysed loop against the kernel on the sampled plant: wind, commands, and a heading
+        reference that moves, with an observer inside; so small that a bank turns nothing."""
+        g = np.random.default_rng(10)
+        a = g.standard_normal((4, 4))
+        shapes = ((4, 8), (3, 4), (3, 8), (4, 3), (4,))
+        law = output_law(0.1 * a, *(0.01 * g.standard_normal(shape) for shape in shapes))
+        loop = output_loop(model, law)
+        k = config.kernel._replace(controller=OUTPUT_FEEDBACK, law=law)
+        state, u3, trim = initial_law_state(k), np.zeros(3), k.x_trim[[0, 1, 8]]
+        attitude_law(k.x_trim, trim, k, state, u3)
+        closed = loop.closed
+        x, both = np.zeros(loop.plant.nstates), np.zeros(closed.nstates)
+        for _ in range(40):
+            inputs = 1e-6 * g.standard_normal(6)
+            attitude_law(k.x_trim + x[:9], trim + inputs[3:], k, state, u3)
+            x = loop.plant.A @ x + loop.plant.B @ np.concatenate([inputs, u3 - k.u_trim])
+            both = closed.A @ both + closed.B @ inputs
+            assert np.allclose(both[: x.size], x, rtol=1e-4, atol=1e-13)
 
     def test_mu_against_search_over_phases(self):
         """For up to three scalar blocks mu is the largest spectral radius of U M, |U_ii| = 1."""
@@ -291,7 +353,7 @@ class TestMargins:
         assert margin.delay_s == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
 
     def test_further_delay_is_where_stability_ends(self, model, K):
-        extra = further_delay_s(model, K, 0.0)
+        extra = further_delay_s(flown_loop(model, K, 0.0), model)
         assert 0.01 < extra < 0.05
         for shift, stable in ((-2e-4, True), (2e-4, False)):
             later = Actuation(delay_s=0.01 + extra + shift)
@@ -315,7 +377,7 @@ class TestTargets:
         loop = flown_loop(model, K, config.prediction_s)
         assert disk_margin(loop, "input").alpha >= 0.9
         assert disk_margin(loop, "output").alpha >= 0.6
-        assert further_delay_s(model, K, config.prediction_s) >= 0.02
+        assert further_delay_s(loop, model) >= 0.02
         assert analyse(loop).norm < config.gamma
 
     def test_prediction_is_what_buys_it(self, model, K):

@@ -2,7 +2,8 @@
 """Largest errors of the flight so far, beside the paper's: every sample counts. No ROS.
 
 The same functions give the figures of result.json and report (`heli_flight.loop.scoring`): errors
-from the reference as commanded, over the whole flight and over the scenario's windows.
+from the reference as commanded, over the whole flight and over the scenario's windows; of positions
+also those of ground truth less the receiver's drift at engagement.
 """
 
 from collections import deque
@@ -12,14 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_live_view.climb_so_far import ClimbSoFar
+from heli_live_view.drift_so_far import DriftSoFar
 from heli_live_view.parameter_table import BOUNDS
-from heli_math.paper_metrics import hover_errors, in_windows, size
+from heli_math.paper_metrics import POSITIONS, hover_errors, in_windows, size
 from heli_math.rows import REFERENCE
 from heli_math.ticks import TICK_NS, seconds
 from heli_math.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 WHOLE, WINDOWS = "whole", "windows"
+LESS_DRIFT = "truth_less_drift"
 # Samples that wait for the outer loop to say from where its reference counts: half a minute.
 _MOST_WAITING = 3000
 
@@ -41,16 +44,21 @@ class Largest:
         self._waiting: dict[str, deque[tuple[int, Array, Array]]] = {}
         self._found: dict[str, dict[str, dict[str, float]]] = {WHOLE: {}, WINDOWS: {}}
         self._since_s: float | None = None
-        self._climb = ClimbSoFar()
+        self._climb, self._drift = ClimbSoFar(), DriftSoFar()
 
     def add(self, record: str, stamp_ns: int, pos_ned_m: Array, vel_ned_mps: Array) -> None:
         """A sample of a record, "nav" or "truth": position and velocity (3,)."""
-        waiting = self._waiting.setdefault(record, deque(maxlen=_MOST_WAITING))
-        waiting.append((stamp_ns, pos_ned_m.copy(), vel_ned_mps.copy()))
+        sample = stamp_ns, pos_ned_m.copy(), vel_ned_mps.copy()
+        for name in (record, LESS_DRIFT) if record == "truth" else (record,):
+            self._waiting.setdefault(name, deque(maxlen=_MOST_WAITING)).append(sample)
+        self._drift.add(record, (stamp_ns - self._start_ns) // TICK_NS, sample[1])
 
     def count(self, way: Trajectory, offset_ned_m: Sequence[float]) -> None:
         """Hold what has come against the reference, moved by an offset (3,), NED, m."""
         for record, samples in self._waiting.items():
+            drift_ned_m = self._drift.ned_m if record == LESS_DRIFT else np.zeros(3)
+            if drift_ned_m is None:
+                continue
             known = [s for s in samples if np.isfinite(s[1]).all() and np.isfinite(s[2]).all()]
             samples.clear()
             if not known:
@@ -58,8 +66,12 @@ class Largest:
             reference = np.array([way.at(stamp_ns) for stamp_ns, _, _ in known])
             reference[:, REFERENCE.pos] += np.asarray(offset_ned_m)
             pos, vel = (np.array([sample[i] for sample in known]) for i in (1, 2))
+            pos += drift_ned_m
             ticks = (np.array([stamp_ns for stamp_ns, _, _ in known]) - self._start_ns) // TICK_NS
-            self._hold(record, seconds(ticks), hover_errors(pos, vel, reference))
+            errors = hover_errors(pos, vel, reference)
+            if record == LESS_DRIFT:
+                errors = {key: errors[key] for key in POSITIONS}
+            self._hold(record, seconds(ticks), errors)
             self._climb.hold(record, seconds(ticks), -pos[:, 2], reference)
 
     def _hold(self, record: str, time_s: Array, errors: dict[str, Array]) -> None:

@@ -115,7 +115,7 @@ export class BoundsTable {
       const [now, peak] = [document.createElement("i"), document.createElement("i")];
       peak.className = "peak";
       meter.append(now, peak);
-      cells[4].append(meter);
+      head.append(meter);
       return { key, row, cells, now, peak };
     });
   }
@@ -126,12 +126,14 @@ export class BoundsTable {
     for (const { key, row, cells, now, peak } of this.rows) {
       const bound = flight.info?.bounds?.[key];
       const [whole, windows] = ["whole", "windows"].map((stretch) => largest?.[stretch]?.[shown]?.[key] ?? null);
+      // Of positions only, and only of ground truth: what the control can be judged by.
+      const less = ["windows", "whole"].map((stretch) => largest?.[stretch]?.truth_less_drift?.[key]);
       put(cells[0], signed(errors?.[key], 2));
-      [whole, windows].forEach((value, i) => {
+      [whole, windows, shown === "truth" ? less[0] ?? less[1] ?? null : null].forEach((value, i) => {
         put(cells[1 + i], fixed(value, 2));
         cells[1 + i].dataset.in = String(!bound || value === null || value <= bound);
       });
-      put(cells[3], fixed(bound, 2));
+      put(cells[4], fixed(bound, 2));
       row.dataset.in = String(!bound || !(Math.abs(errors?.[key]) > bound));
       const share = (value) => Math.min(1, Math.abs(value ?? 0) / (bound || Infinity));
       now.style.transform = `scaleX(${share(errors?.[key])})`;

@@ -13,7 +13,9 @@ __getattr__, __dir__, __all__ = face(
     },
     modules=[
         "atmosphere",
+        "central_controller",
         "climb",
+        "grid_search",
         "linear_systems",
         "paper_metrics",
         "rotations",

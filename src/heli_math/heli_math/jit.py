@@ -145,12 +145,14 @@ def cache_folder(module: str, path: Path) -> Path:
     return folder
 
 
-def njit(function: Callable[..., Any], inlined: bool = False) -> Callable[..., Any]:
+def njit(
+    function: Callable[..., Any], inlined: bool = False, unlocked: bool = False
+) -> Callable[..., Any]:
     """Compile a kernel: nopython, cached on disk, IEEE division (x/0 is inf, not an exception).
 
     Deliberately without fastmath: the same inputs give the same bits in the one-process loop and in
     the nodes, and NaN checks stay meaningful. NUMBA_CACHE_DIR, if set, is left in charge.
-    `inlined`: see `njit_inlined`.
+    `inlined`, `unlocked`: see `njit_inlined`, `njit_unlocked`.
     """
     import numba
 
@@ -158,7 +160,9 @@ def njit(function: Callable[..., Any], inlined: bool = False) -> Callable[..., A
     if path.is_file() and not os.environ.get("NUMBA_CACHE_DIR"):
         # Not through the environment: a child process may run other sources than we do.
         numba.config.CACHE_DIR = str(cache_folder(function.__module__, path))  # type: ignore[attr-defined]
-    return numba.njit(cache=True, error_model="numpy", forceinline=inlined)(function)
+    return numba.njit(
+        cache=True, error_model="numpy", forceinline=inlined, nogil=unlocked
+    )(function)  # fmt: skip
 
 
 def njit_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -168,3 +172,11 @@ def njit_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     them, which costs more than the part computes. It changes no bit of what is computed.
     """
     return njit(function, inlined=True)
+
+
+def njit_unlocked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `njit`, and other Python threads run meanwhile.
+
+    For a kernel that takes long, on arrays that its caller's thread alone knows.
+    """
+    return njit(function, unlocked=True)

@@ -95,6 +95,17 @@ def with_delay_line(late: Delayed) -> tuple[Matrix, Matrix]:
     return A, B
 
 
+def stationary(A: Matrix, Q: Matrix) -> Matrix:
+    """X = A X A' + Q of a stable A, by doubling."""
+    X = Q
+    for _ in range(64):
+        step = A @ X @ A.T
+        X, A = X + step, A @ A
+        if np.max(np.abs(step)) <= 1e-14 * np.max(np.abs(X)):
+            break
+    return X
+
+
 def with_servos(
     A: Matrix, B: Matrix, natural_radps: float, damping: float
 ) -> tuple[Matrix, Matrix]:

@@ -28,6 +28,9 @@ class Metric:
     source: str
 
 
+PATH = "path"
+"""The kind of flight that the paper has not."""
+
 ATTITUDE_DEG: Mapping[str, tuple[float, str]] = {"hinf": (1.7, "Fig. 4"), "pid": (4.8, "Fig. 3")}
 """Largest roll or pitch, deg, that the paper shows under an attitude law, and where."""
 
@@ -44,8 +47,20 @@ METRICS: Mapping[str, tuple[Metric, ...]] = {
         Metric("roll", "roll error", "deg", *ATTITUDE_DEG["hinf"]),
         Metric("pitch", "pitch error", "deg", *ATTITUDE_DEG["hinf"]),
     ),
+    PATH: (
+        Metric("position", "distance from the path's point", "m", 0.50, "goal"),
+        Metric("heading", "heading error", "deg", 5.0, "goal"),
+    ),
 }
-"""Metrics per kind of flight; any attitude law is judged by the paper's best."""
+"""Metrics per kind of flight; any attitude law is judged by the paper's best. The paper flies no
+paths, so their figures are goals."""
+POSITIONS = ("altitude", "lateral", "longitudinal")
+"""The metrics of hover that a receiver's drift shifts."""
+SETTLED_S = 5.0
+"""When the navigation's own start is over: its position's error about then is the receiver's drift
+at engagement, freed of the first fixes' noise."""
+ABOUT_S = 0.5
+"""The error is the mean over so long before and after."""
 BY_KEY: Mapping[str, Metric] = {metric.key: metric for row in METRICS.values() for metric in row}
 
 
@@ -84,6 +99,26 @@ def hover_errors(pos_ned_m: Array, vel_ned_mps: Array, reference: Array) -> dict
     }
 
 
+def drift_at_engagement(
+    time_s: Array, nav_pos_ned_m: Array, truth_pos_ned_m: Array
+) -> Array | None:
+    """What the navigation's position (3,), NED, is off by once it has settled, m.
+
+    Parameters
+    ----------
+    time_s : (N,) ndarray
+        Flight time.
+    nav_pos_ned_m, truth_pos_ned_m : (N, 3) ndarray
+
+    Returns
+    -------
+    (3,) ndarray or None
+        None if no sample is about `SETTLED_S`, or one of these is not finite.
+    """
+    error = (nav_pos_ned_m - truth_pos_ned_m)[np.abs(time_s - SETTLED_S) < ABOUT_S]
+    return error.mean(axis=0) if error.size and np.isfinite(error).all() else None
+
+
 def in_windows(time_s: Array, windows_s: Array) -> NDArray[np.bool_]:
     """Mask (N,) of the times (N,), s, in one of the windows (M, 2), s, its end excluded."""
     mask = np.zeros(time_s.shape, bool)
@@ -109,3 +144,24 @@ def attitude_errors(q_nb: Array, setpoint: Array) -> dict[str, Array]:
     """
     error = np.degrees(euler_angles(q_nb)[:, _ROLL_PITCH] - setpoint[:, _ROLL_PITCH])
     return {"roll": error[:, 0], "pitch": error[:, 1]}
+
+
+def path_errors(pos_ned_m: Array, q_nb: Array, reference: Array) -> dict[str, Array]:
+    """Errors (N,) by key of the metrics of a path, which moves with time.
+
+    Parameters
+    ----------
+    pos_ned_m : (N, 3) ndarray
+    q_nb : (N, 4) ndarray
+        Body -> NED.
+    reference : (N, 7) ndarray
+        As `rows.REFERENCE`.
+
+    Returns
+    -------
+    dict
+        Distance, m, and heading minus reference, deg, wrapped.
+    """
+    away = np.linalg.norm(pos_ned_m - reference[:, REFERENCE.pos], axis=1)
+    turned = euler_angles(q_nb)[:, SETPOINT.psi] - reference[:, REFERENCE.psi]
+    return {"position": away, "heading": np.degrees(np.angle(np.exp(1j * turned)))}

@@ -122,6 +122,11 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         return self._core is not None
 
     @property
+    def active(self) -> bool:
+        """True from activation to deactivation."""
+        return self._active
+
+    @property
     def core(self) -> Core:
         """Data of the configured stage; RuntimeError outside of it."""
         if self._core is None:
@@ -199,6 +204,12 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             listen()
         else:
             self._unheard.append(listen)
+
+    def serve(self, kind: Any, name: str, answer: Callable[[Any, Any], Any]) -> None:
+        """Answer a service; an exception is a refusal and ends no node (`services.guard`)."""
+        service = self.create_service(kind, name, answer)
+        guard(service, self.get_logger().warning)
+        self.at_end(partial(self.destroy_service, service))
 
     def repeat(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call this every so many seconds of wall time."""

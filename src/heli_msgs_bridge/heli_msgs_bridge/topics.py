@@ -23,6 +23,7 @@ BARO = "baro"
 ODOM = "odom"
 ROTOR_STATE = "rotor_state"
 REFERENCE = "reference"
+GOTO = "goto"
 ATTITUDE_SETPOINT = "attitude_setpoint"
 COLLECTIVE = "collective"
 ACTUATORS = "actuators"
@@ -108,6 +109,8 @@ TABLE: tuple[Topic, ...] = (
         0,
         latched=True,
     ),
+    # From whoever commands the flight.
+    Topic(GOTO, "geometry_msgs/msg/PoseStamped", (), _OUTER, 0),
     Topic(ATTITUDE_SETPOINT, "geometry_msgs/msg/QuaternionStamped", _OUTER, _INNER, 4),
     Topic(COLLECTIVE, _JOINTS, _OUTER, _INNER, 4),
     Topic(ACTUATORS, _JOINTS, _INNER, _PLANT + _OBSERVER, 1),

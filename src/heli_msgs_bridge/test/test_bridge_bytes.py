@@ -228,8 +228,8 @@ def test_nobody_reads_the_padding(topic, fast_decoder):
 
 
 def test_every_stream_of_the_graph_is_here():
-    """All that is sent as bytes; the reference and diagnostics are message objects."""
-    objects = {topics.REFERENCE, topics.DIAGNOSTICS, topics.CLOCK}
+    """All that is sent as bytes; reference, goal and diagnostics are message objects."""
+    objects = {topics.REFERENCE, topics.GOTO, topics.DIAGNOSTICS, topics.CLOCK}
     assert set(MESSAGES) == set(CHANNELS) == set(topics.BY_NAME) - objects
     for name, build in MESSAGES.items():
         size = CHANNELS[name].layout().block_size

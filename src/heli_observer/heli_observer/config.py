@@ -164,6 +164,7 @@ class ObserverConfig:
             max_gap_ticks=int(v["ekf.max_gap_ticks"]),
             imu_timeout_ticks=_ticks(v["ekf.timeout.imu_s"]),
             gps_timeout_ticks=_ticks(v["ekf.timeout.gps_s"]),
+            gps_recovery_ticks=_ticks(v["ekf.timeout.gps_recovery_s"]),
             mag_timeout_ticks=_ticks(v["ekf.timeout.mag_s"]),
             baro_timeout_ticks=_ticks(v["ekf.timeout.baro_s"]),
         )

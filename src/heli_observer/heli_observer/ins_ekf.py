@@ -62,7 +62,7 @@ from heli_observer.layout import (
     X_QUAT,
     X_VEL,
 )
-from heli_observer.strapdown import strapdown
+from heli_observer.strapdown import glide, strapdown
 
 
 @njit
@@ -114,15 +114,32 @@ def propagate_covariance(P, R, a_ned, k):
 
 
 @njit
+def _predict_with(x, P, R, a_ned, k):
+    """What a tick does to the covariance and to the errors that decay, in place."""
+    for i in range(3):
+        x[X_DRIFT + i] *= k.drift_decay
+    x[X_MAG_ERROR] *= k.mag_error_decay
+    propagate_covariance(P, R, a_ned, k)
+
+
+@njit
 def predict(x, P, imu0, imu1, k):
     """One tick of the filter without measurements: nominal x (21,) and P (20, 20), in place."""
     a_ned = np.empty(3)
     R = np.empty((3, 3))
     strapdown(x, imu0, imu1, k.gravity_mps2, k.dt_s, a_ned, R)
-    for i in range(3):
-        x[X_DRIFT + i] *= k.drift_decay
-    x[X_MAG_ERROR] *= k.mag_error_decay
-    propagate_covariance(P, R, a_ned, k)
+    _predict_with(x, P, R, a_ned, k)
+
+
+@njit
+def coast(x, P, k):
+    """`predict` for a tick before the first IMU sample: unaccelerated, not turning, in place.
+
+    Nothing was integrated that an error of tilt or bias could have spoiled, so none of them shows
+    in velocity or attitude.
+    """
+    glide(x, k.dt_s)
+    _predict_with(x, P, np.zeros((3, 3)), np.zeros(3), k)
 
 
 @njit
@@ -248,6 +265,20 @@ def fuse_gps(x, P, trial, dx, diag, aid, k):
     diag[D_NIS_VEL], diag[D_DOF_VEL] = nis, dof
     velocity = -1 if dof == 0 else int(ok)
     return position, velocity
+
+
+@njit
+def take_for_jump(x, P, aid, k):
+    """Take what a fix (aid row) says of position for a new error of the receiver, in place.
+
+    The drift begins anew, as far as the fix tells it from a position that is believed.
+    """
+    for i in range(3):
+        z = aid[AID_GPS_POS + i]
+        if math.isfinite(z):
+            x[X_DRIFT + i] = z - x[X_POS + i]
+            var = k.var_gps_pos_vertical if i == 2 else k.var_gps_pos_horizontal
+            start_scalar(P, E_DRIFT + i, E_POS + i, 1.0, 0, 0.0, 0, 0.0, var)
 
 
 @njit

@@ -41,7 +41,8 @@ C_MAG_REJECTED, C_BARO_REJECTED, C_GPS_POS_REJECTED, C_GPS_VEL_REJECTED = 17, 18
 C_MAG_FUSED, C_BARO_FUSED, C_GPS_FUSED = 21, 22, 23
 C_TICK_GAPS, C_TICK_REPEATED, C_ACTUATOR_DROPPED, C_REALIGNED = 24, 25, 26, 27
 C_BEGUN = 28  # tick of the first sample since the filter began
-N_COUNT = 29
+C_GPS_JUMPS = 29
+N_COUNT = 30
 NO_TICK = -(2**40)
 
 COUNTER_NAMES = {
@@ -62,6 +63,7 @@ COUNTER_NAMES = {
     "ticks_repeated": C_TICK_REPEATED,
     "actuator_components_not_finite": C_ACTUATOR_DROPPED,
     "realignments": C_REALIGNED,
+    "gps_jumps": C_GPS_JUMPS,
 }
 """Name (for diagnostics) of each event counter in `ObserverState.count`."""
 
@@ -141,7 +143,7 @@ class ObserverState(NamedTuple):
         Actuator commands, newest first (absolute).
     diag : ndarray (7,)
         Innovation record, indices D_*.
-    count : ndarray of int64 (28,)
+    count : ndarray of int64 (30,)
         Ticks, flags and counters, indices C_*.
     """
 
@@ -215,5 +217,6 @@ class ObserverKernel(NamedTuple):
     max_gap_ticks: int
     imu_timeout_ticks: int
     gps_timeout_ticks: int
+    gps_recovery_ticks: int
     mag_timeout_ticks: int
     baro_timeout_ticks: int

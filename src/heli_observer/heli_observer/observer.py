@@ -19,10 +19,18 @@ from heli_observer.alignment import align
 from heli_observer.arrays import copy_part, fill
 from heli_observer.buffers import store_gps, store_mag_baro, take_tick
 from heli_observer.config import ObserverConfig
-from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict, start_baro
+from heli_observer.ins_ekf import (
+    coast,
+    fuse_baro,
+    fuse_gps,
+    fuse_mag,
+    predict,
+    start_baro,
+    take_for_jump,
+)
 from heli_observer.layout import ObserverState, ObserverStatus
 from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
-from heli_observer.strapdown import strapdown
+from heli_observer.strapdown import glide, strapdown
 
 __all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state", "observe"]
 __all__ += ["status"]
@@ -62,8 +70,16 @@ def initial_state(config: ObserverConfig) -> ObserverState:
 
 
 @njit
-def _fuse_slot(state, tick, row, k):
-    """Fuse what the ring slot `row` of the horizon holds; `tick` is now, for the time-outs."""
+def _fuse_slot(state, tick, row, observer_k):
+    """Fuse what the ring slot `row` of the horizon holds; `tick` is now, for the time-outs.
+
+    Returns
+    -------
+    bool
+        Whether the filter is lost: positions have been refused for so long that it should align
+        anew. While velocities are fused it is the receiver that jumped, and its error starts anew.
+    """
+    k, lost = observer_k.ekf, False
     x, P, trial, dx, diag, count = (
         state.nominal,
         state.P,
@@ -79,6 +95,12 @@ def _fuse_slot(state, tick, row, k):
         count[L.C_GPS_VEL_REJECTED] += velocity == 0
         if position == 1 and velocity != 0:
             count[L.C_GPS_OK] = tick
+        elif position == 0 and tick - count[L.C_GPS_OK] > observer_k.gps_recovery_ticks:
+            lost = velocity == 0
+            if velocity == 1:
+                take_for_jump(x, P, row, k)
+                count[L.C_GPS_JUMPS] += 1
+                count[L.C_GPS_OK] = tick
         count[L.C_GPS_FUSED] += position == 1 or velocity == 1
     if row[L.AID_BARO_VALID] > 0.0:
         count[L.C_BARO_SEEN] = tick
@@ -98,14 +120,21 @@ def _fuse_slot(state, tick, row, k):
             count[L.C_MAG_FUSED] += 1
         else:
             count[L.C_MAG_REJECTED] += 1
+    return lost
 
 
 @njit
 def _filter_step(state, horizon, tick, k):
-    """Bring the filter from horizon - 1 to horizon and fuse what was measured there."""
-    size = state.imu.shape[0]
-    predict(state.nominal, state.P, state.imu[(horizon - 1) % size], state.imu[horizon % size], k)
-    _fuse_slot(state, tick, state.aid[horizon % size], k)
+    """Bring the filter from horizon - 1 to horizon and fuse what was measured there.
+
+    Returns whether it is lost, as `_fuse_slot` does.
+    """
+    x, P, imu, size = state.nominal, state.P, state.imu, state.imu.shape[0]
+    if horizon <= state.count[L.C_BEGUN]:
+        coast(x, P, k.ekf)
+    else:
+        predict(x, P, imu[(horizon - 1) % size], imu[horizon % size], k.ekf)
+    return _fuse_slot(state, tick, state.aid[horizon % size], k)
 
 
 @njit
@@ -165,8 +194,11 @@ def _navigation_output(state, tick, k, out):
     a_ned = np.zeros(3)
     R = np.zeros((3, 3))
     for t in range(tick - k.horizon_ticks, tick):
-        imu0, imu1 = state.imu[t % size], state.imu[(t + 1) % size]
-        strapdown(now, imu0, imu1, k.ekf.gravity_mps2, k.ekf.dt_s, a_ned, R)
+        if t < state.count[L.C_BEGUN]:
+            glide(now, k.ekf.dt_s)
+        else:
+            imu0, imu1 = state.imu[t % size], state.imu[(t + 1) % size]
+            strapdown(now, imu0, imu1, k.ekf.gravity_mps2, k.ekf.dt_s, a_ned, R)
     copy_part(out[NAV.pos], 0, now, L.X_POS, 3)
     copy_part(out[NAV.vel], 0, now, L.X_VEL, 3)
     copy_part(out[NAV.quat], 0, now, L.X_QUAT, 4)
@@ -262,14 +294,16 @@ def observe(state, tick, y, u_prev, k, out):
     now = count[L.C_TICK]
     if now == L.NO_TICK or count[L.C_NOT_FINITE] == 1:
         return
-    started = count[L.C_ALIGNED] == 1
+    started, lost = count[L.C_ALIGNED] == 1, False
     if ticks > 0:
         for t in range(now - ticks + 1, now + 1):
             if t == now:
                 store_mag_baro(state, now, y)
                 store_gps(state, now, y, k.horizon_ticks)
             if started:
-                _filter_step(state, t - k.horizon_ticks, now, k.ekf)
+                lost = _filter_step(state, t - k.horizon_ticks, now, k) or lost
+    if lost and align(state, now, k.horizon_ticks, k.ekf):
+        count[L.C_REALIGNED] += 1
     if not started and now - count[L.C_BEGUN] < k.align_ticks:
         return
     if not started and not align(state, now, k.horizon_ticks, k.ekf):

@@ -82,6 +82,8 @@ TABLE: tuple[Parameter, ...] = (
          "", lower=0.0, upper=1.0, was="ekf.initial.gps_drift_fraction"),
     _timeout("imu"),
     _timeout("gps"),
+    _row("ekf.timeout.gps_recovery_s", "double", "Fixes that were refused for so long are believed",
+         "s", lower=0.02, upper=600.0),
     _timeout("mag"),
     _timeout("baro"),
     _row("model.A", "double[]", "Hover model A of eq. (10), row by row", "", shape=(9, 9)),

@@ -11,6 +11,13 @@ from heli_observer.layout import X_ACCEL_BIAS, X_GYRO_BIAS, X_POS, X_QUAT, X_VEL
 
 
 @njit
+def glide(x, dt_s):
+    """Propagate the nominal state x (21,) over a tick of unaccelerated flight, in place."""
+    for i in range(3):
+        x[X_POS + i] += dt_s * x[X_VEL + i]
+
+
+@njit
 def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
     """Propagate the nominal state x (21,) over one tick, in place.
 

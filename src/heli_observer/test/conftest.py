@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 from heli_math.rows import NAV
-from heli_observer.observer import ObserverConfig, initial_state, observe
+from heli_observer.observer import (
+    ObserverConfig,
+    ObserverStatus,
+    initial_state,
+    observe,
+    status,
+)
 from heli_observer.parameter_table import NODE_NAME, TABLE
+from heli_observer.testing.synthetic import hover_path, synthesize
 from heli_parameters.parameters import load
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
@@ -23,6 +30,12 @@ def parameters():
 @pytest.fixture
 def config_folder():
     return CONFIG
+
+
+@pytest.fixture
+def exact_sensors(parameters):
+    """A flight with ideal sensors; the parameters still say that they are noisy."""
+    return synthesize(hover_path(climb_mps=2.5), parameters, 30.0, seed=0, noise=0.0)
 
 
 class Run:
@@ -46,6 +59,10 @@ class Run:
         new = [self.step(start + n, row) for n, row in enumerate(rows)]
         self.out = np.vstack([self.out, *new])
         return self
+
+    @property
+    def health(self):
+        return ObserverStatus(status(self.state, self.kernel))
 
 
 @pytest.fixture

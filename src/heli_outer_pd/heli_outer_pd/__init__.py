@@ -11,5 +11,5 @@ __getattr__, __dir__, __all__ = face(
         "position_law": ["OuterKernel", "OuterStatus"],
         "thrust_map": ["RotorMap"],
     },
-    modules=["axis_analysis", "position_law", "reference", "thrust_map"],
+    modules=["axis_analysis", "gain_search", "position_law", "reference", "thrust_map"],
 )

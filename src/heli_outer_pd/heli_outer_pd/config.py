@@ -12,8 +12,8 @@ from heli_math.ticks import NS_PER_S, TICK_S
 from heli_outer_pd.position_law import OuterKernel
 from heli_outer_pd.thrust_map import RotorMap
 
-# Damping of the disturbance observer's error dynamics.
-_OBSERVER_DAMPING = 0.8
+OBSERVER_DAMPING = 0.8
+"""Of the disturbance observer's error dynamics."""
 
 
 def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
@@ -45,19 +45,24 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
     return OuterKernel(
         K_P=np.asarray(p["K_P"], float),
         K_D=np.asarray(p["K_D"], float),
-        observer_l1=2.0 * _OBSERVER_DAMPING * bandwidth,
+        approach_speed_mps=p["approach_speed_mps"],
+        observer_l1=2.0 * OBSERVER_DAMPING * bandwidth,
         observer_l2=bandwidth**2,
         disturbance_limit=np.asarray(p["disturbance.limit_mps2"], float),
         wind_compensation=float(p["wind_compensation"]),
         hold_horizontal=float(p["horizontal"] == "position"),
         level_phi_theta=np.radians(np.asarray(p["level_attitude_deg"], float)),
         tilt_limit=math.radians(p["tilt_limit_deg"]),
+        exact_tilt=float(p["exact_tilt"]),
         mass=p["mass"],
         g=p["gravity"],
         thrust_limits=np.asarray(p["thrust_limits"], float),
         trim=trim,
         rotor=rotor,
         shaping_ns=round(p["reference_shaping_s"] * NS_PER_S),
+        heading_lead_s=p["heading_lead_s"],
         attitude_lag=np.asarray(p["disturbance.attitude_lag_s"], float),
+        attitude_lead=np.asarray(p["attitude_lead.lead_s"], float),
+        lead_filter_s=p["attitude_lead.filter_s"],
         dt_s=p["period_ticks"] * TICK_S,
     )

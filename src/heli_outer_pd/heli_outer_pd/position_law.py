@@ -5,13 +5,16 @@ eq. (20) prints a position where a thrust must stand; eq. (21) carries a misprin
 Used here:
 
     T         = m (g + K_P (z - z_ref) + K_D (z' - z_ref') - z_ref'' + d_z) / (cos phi cos theta)
-    theta_ref = theta_trim - asin(sat(a_x / g)),   phi_ref = phi_trim + asin(sat(a_y / g))
+    theta_ref = theta_trim - sat(atan(a_x / g)),   phi_ref = phi_trim + sat(atan(a_y / g))
     a         = acc_ref + K_P (pos_ref - pos) + K_D (vel_ref - vel) - d
 
-with z down (NED) and a rotated from NED to the heading frame. d is the estimated acceleration that
-the law's own model does not explain (wind drag, a rotor weaker than its map). The trims stand in
-front of asin() because a helicopter hangs sideways in still-air hover: the tail rotor's side force
-is balanced by roll.
+with z down (NED) and a rotated from NED to the heading frame; in (21) it goes through a lead that
+makes up for part of the attitude loop's lag. d is the estimated acceleration that the law's own
+model does not explain (wind drag, a rotor weaker than its map). (21) prints asin(sat(a / g)), which
+`exact_tilt: false` flies: as (20) holds the lift at any tilt, the thrust then accelerates sideways
+by g tan, more than what was wanted (a fifth more at 35 deg). The trims stand in
+front because a helicopter hangs sideways in still-air hover: the tail rotor's side force is
+balanced by roll.
 """
 
 import enum
@@ -28,14 +31,15 @@ from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust, thrust_for
 
 
 class Memory(NamedTuple):
-    """State of the law (13,)."""
+    """State of the law (15,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
-    engaged: int = 6  # 1.0 once the observer of the disturbance has begun
+    engaged: int = 6  # 1.0 once the law has made a step
     command: slice = slice(7, 11)  # last output, a SetpointRow
     lagged: slice = slice(11, 13)  # commanded acceleration behind the attitude loop's lag, m/s2
-    size: int = 13
+    led: slice = slice(13, 15)  # wanted acceleration behind the lead's filter, NED, m/s2
+    size: int = 15
 
 
 MEMORY = Memory()
@@ -72,25 +76,30 @@ class OuterKernel(NamedTuple):
 
     K_P: np.ndarray  # (3,) 1/s2, heading x, heading y, down
     K_D: np.ndarray  # (3,) 1/s, same axes
+    approach_speed_mps: float  # at which a large position error is flown back
     observer_l1: np.ndarray  # (3,) 1/s, same axes
     observer_l2: np.ndarray  # (3,) 1/s2, same axes
     disturbance_limit: np.ndarray  # (3,) m/s2, same axes
     wind_compensation: float  # 1 or 0
     hold_horizontal: float  # 1: hold position; 0: command level trim attitude (attitude test)
     level_phi_theta: np.ndarray  # (2,) rad, commanded when hold_horizontal is 0
-    tilt_limit: float  # rad, of asin() in (21)
+    tilt_limit: float  # rad, of sat() in (21)
+    exact_tilt: float  # 1: tilt whose thrust gives what is wanted; 0: asin() as printed in (21)
     mass: float  # kg
     g: float  # m/s2
     thrust_limits: np.ndarray  # (2,) fractions of m g
     trim: np.ndarray  # (4,) a SetpointRow: phi, theta rad, d_col; its heading is not used
     rotor: RotorMap
     shaping_ns: int  # window of the reference shaping
+    heading_lead_s: float  # lead of the commanded heading on the reference's
     attitude_lag: np.ndarray  # (2,) s, forward and right: time constants of the attitude loop
+    attitude_lead: np.ndarray  # (2,) s, forward and right: lead of the commanded acceleration
+    lead_filter_s: float
     dt_s: float
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (13,) of a law that is not engaged yet; its last command is the trim."""
+    """State (15,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state
@@ -119,10 +128,27 @@ def _trim_thrust(k):
 
 
 @njit
+def _clip(value, limit):
+    return min(max(value, -limit), limit)
+
+
+@njit
+def tilt_for(acceleration, k):
+    """Tilt from trim, rad, that (21) commands for an acceleration, m/s2."""
+    ratio = acceleration / k.g
+    if k.exact_tilt > 0.5:
+        return _clip(math.atan(ratio), k.tilt_limit)
+    return math.asin(_clip(ratio, math.sin(k.tilt_limit)))
+
+
+@njit
 def _flown_acceleration(phi, theta, k, out):
     """Horizontal acceleration (2,) m/s2, heading frame, that the attitude explains in still air."""
-    out[0] = -k.g * math.sin(theta - k.trim[SETPOINT.theta])
-    out[1] = k.g * math.sin(phi - k.trim[SETPOINT.phi])
+    forward, right = -(theta - k.trim[SETPOINT.theta]), phi - k.trim[SETPOINT.phi]
+    if k.exact_tilt > 0.5:
+        out[0], out[1] = k.g * math.tan(forward), k.g * math.tan(right)
+    else:
+        out[0], out[1] = k.g * math.sin(forward), k.g * math.sin(right)
 
 
 @njit
@@ -160,11 +186,6 @@ def flyable(nav):
 
 
 @njit
-def _clip(value, limit):
-    return min(max(value, -limit), limit)
-
-
-@njit
 def _estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
     """One step of the velocity/disturbance observer (Luenberger, forward Euler at the law's rate).
 
@@ -193,7 +214,27 @@ def _engage(nav, phi, theta, k, state, c, s, d_h):
     d_h[1] = _clip(-lagged[1], k.disturbance_limit[1])
     d_h[2] = 0.0  # what collective is flown is not known here: trim is assumed
     _to_ned(d_h, c, s, state[MEMORY.disturbance])
-    state[MEMORY.engaged] = 1.0
+
+
+@njit
+def _with_lead(a, c, s, k, state):
+    """Lead the wanted acceleration (3,), in place, forward and right: (1 + (T + L) s)/(1 + T s).
+
+    L is `attitude_lead`, T `lead_filter_s`. What is wanted is filtered in NED, where it stands
+    still while the nose turns: else the lead would make much of the nose's least motion when bank
+    holds against a side wind. The first one goes through as it is.
+    """
+    wanted, beyond, led = np.empty(3), np.empty(3), state[MEMORY.led]
+    _to_ned(a, c, s, wanted)
+    if state[MEMORY.engaged] < 0.5:
+        led[:] = wanted[:2]
+    keep = math.exp(-k.dt_s / k.lead_filter_s)
+    for i in range(2):
+        wanted[i] -= led[i]
+        led[i] += (1.0 - keep) * wanted[i]
+    _to_heading(wanted, c, s, beyond)
+    for i in range(2):
+        a[i] += k.attitude_lead[i] / k.lead_filter_s * beyond[i]
 
 
 @njit
@@ -205,11 +246,13 @@ def _command(nav, ref, d_h, c, s, lift, k, state, out):
     _to_heading(ref[SHAPED.vel] - nav[NAV.vel], c, s, vel_error_h)
     a = np.empty(3)
     _to_heading(ref[SHAPED.acc], c, s, a)
-    a += k.K_P * pos_error_h + k.K_D * vel_error_h - d_h
-    sine_limit = math.sin(k.tilt_limit)
+    for i in range(3):
+        back = _clip(k.K_P[i] * pos_error_h[i], k.K_D[i] * k.approach_speed_mps)
+        a[i] += back + k.K_D[i] * vel_error_h[i] - d_h[i]
+    _with_lead(a, c, s, k, state)
     if k.hold_horizontal > 0.5:
-        out[SETPOINT.phi] = k.trim[SETPOINT.phi] + math.asin(_clip(a[1] / k.g, sine_limit))
-        out[SETPOINT.theta] = k.trim[SETPOINT.theta] - math.asin(_clip(a[0] / k.g, sine_limit))
+        out[SETPOINT.phi] = k.trim[SETPOINT.phi] + tilt_for(a[1], k)
+        out[SETPOINT.theta] = k.trim[SETPOINT.theta] - tilt_for(a[0], k)
     else:
         out[SETPOINT.phi] = k.level_phi_theta[0]
         out[SETPOINT.theta] = k.level_phi_theta[1]
@@ -236,7 +279,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_math.rows.SHAPED`.
     k : OuterKernel
         Gains and limits.
-    state : (13,) ndarray
+    state : (15,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.
@@ -268,6 +311,7 @@ def position_law(nav, ref, k, state, out):
     _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), k, state, out)
     for i in range(SETPOINT.size):
         last[i] = out[i]
+    state[MEMORY.engaged] = 1.0
     return _OK
 
 
@@ -290,5 +334,5 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
         An OuterStatus.
     """
     ref = np.empty(SHAPED.size)
-    shaped_reference_at(time_ns, k.shaping_ns, times_ns, points, ref)
+    shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
     return position_law(nav, ref, k, state, out)

@@ -62,15 +62,21 @@ class ReferenceLimits:
                 f"allowed: at most {_AHEAD_S:g} s later"
             )
         for number, point in enumerate(way.points[:, REFERENCE.pos]):
-            up = -float(point[2])
-            away = float(np.hypot(*(point - home_ned_m)[:2]))
-            if not self.altitude_min_m <= up <= self.altitude_max_m:
-                raise ReferenceRefused(
-                    f"point {number} is {up:.1f} m high; allowed: {self.altitude_min_m:g} to "
-                    f"{self.altitude_max_m:g} m"
-                )
-            if not away <= self.distance_m:
-                raise ReferenceRefused(
-                    f"point {number} is {away:.0f} m from where the flight began; allowed: at most "
-                    f"{self.distance_m:g} m"
-                )
+            self.judge_place(f"point {number}", point, home_ned_m)
+
+    def judge_place(
+        self, name: str, pos_ned_m: NDArray[np.float64], home_ned_m: NDArray[np.float64]
+    ) -> None:
+        """Refuse a position (3,), by this name, that is too low, too high or too far from home."""
+        up = -float(pos_ned_m[2])
+        away = float(np.hypot(*(pos_ned_m - home_ned_m)[:2]))
+        if not self.altitude_min_m <= up <= self.altitude_max_m:
+            raise ReferenceRefused(
+                f"{name} is {up:.1f} m high; allowed: {self.altitude_min_m:g} to "
+                f"{self.altitude_max_m:g} m"
+            )
+        if not away <= self.distance_m:
+            raise ReferenceRefused(
+                f"{name} is {away:.0f} m from where the flight began; allowed: at most "
+                f"{self.distance_m:g} m"
+            )

@@ -78,6 +78,33 @@ def test_it_is_waited_for_so_long_and_no_longer(bench):
     assert outer.node.run.held is not None
 
 
+def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
+    """While it aligns nothing is wrong; after the law has engaged, its loss is an error."""
+    outer = bench(OuterLoopNode)
+    outer.fly()
+
+    def lost(tick):
+        fly_ticks(outer, [tick], np.full(3, np.nan))
+        assert outer.node.tick == tick
+        return outer.node.health.level, outer.node.health.message
+
+    waits = (Level.WARN, "waits for navigation: the trim is commanded")
+    assert lost(0) == lost(4) == waits
+    trim = outer.node.core.kernel.trim
+    assert outer.sent[topics.ATTITUDE_SETPOINT][-1] == pytest.approx(trim[:3], abs=1e-12)
+    assert outer.sent[topics.COLLECTIVE][-1] == pytest.approx(trim[3:], abs=0.0)
+    fly_ticks(outer, [8])
+    assert outer.node.health.level == Level.OK
+    level, said = lost(12)
+    assert level == Level.ERROR and said.endswith("the last command is held")
+    fly_ticks(outer, [0])
+    outer.node.begin_anew()
+    assert lost(4) == waits, "another flight"
+    fly_ticks(outer, [8])
+    outer.again()
+    assert lost(12) == waits, "left and taken up again: it begins in trim"
+
+
 def test_a_bad_reference_is_refused_and_the_old_one_flown(bench):
     outer = bench(OuterLoopNode)
     outer.fly()

@@ -9,7 +9,7 @@ import pytest
 
 from heli_math.rotations import quat_from_euler
 from heli_math.rows import SETPOINT
-from heli_math.trajectory import Trajectory
+from heli_math.trajectory import Trajectory, reference_at
 from heli_outer_pd import config, position_law, reference, thrust_map
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.position_law import OuterStatus
@@ -67,13 +67,32 @@ def test_attitude_signs_in_the_heading_frame(psi_deg, offset_ned, roll_sign, pit
     assert np.sign(np.round(out[1] - k.trim[1], 9)) == pitch_sign
 
 
-def test_equation_21_value():
-    k = kernel(wind_compensation=False)
+@pytest.mark.parametrize(("exact", "tilt"), [(True, math.atan), (False, math.asin)])
+def test_equation_21_value(exact, tilt):
+    k = kernel(wind_compensation=False, exact_tilt=exact)
     _, out, _ = step(k, navigation(k, pos=(0.4, -0.3, -10), vel=(0.1, 0.2, 0)), REF)
     a_x = k.K_P[0] * -0.4 + k.K_D[0] * -0.1
     a_y = k.K_P[1] * 0.3 + k.K_D[1] * -0.2
-    assert out[0] == pytest.approx(k.trim[0] + math.asin(a_y / k.g), abs=1e-14)
-    assert out[1] == pytest.approx(k.trim[1] - math.asin(a_x / k.g), abs=1e-14)
+    assert out[0] == pytest.approx(k.trim[0] + tilt(a_y / k.g), abs=1e-14)
+    assert out[1] == pytest.approx(k.trim[1] - tilt(a_x / k.g), abs=1e-14)
+
+
+def test_the_thrust_gives_the_acceleration_that_is_wanted_at_any_tilt():
+    """The commanded tilt, once flown, beside the thrust of (20): force sideways, by vectors."""
+    for exact in (True, False):
+        k = kernel(
+            wind_compensation=False, exact_tilt=exact, **{"trim.phi": 0.0, "trim.theta": 0.0}
+        )
+        wanted, vel = 5.6, (0, -5.6 / k.K_D[1], 0)
+        _, out, _ = step(k, navigation(k, vel=vel), REF)
+        _, out, _ = step(k, navigation(k, vel=vel, phi=out[0]), REF)
+        thrust = thrust_map.thrust_for_collective(
+            out[3], 0.0, k.mass * k.g, k.trim[SETPOINT.col], k.rotor
+        )
+        sideways = thrust * math.sin(out[0]) / k.mass
+        assert thrust * math.cos(out[0]) == pytest.approx(k.mass * k.g, rel=1e-9)
+        assert (sideways == pytest.approx(wanted, rel=1e-9)) == exact
+        assert sideways > 1.2 * wanted or exact
 
 
 def test_equation_20_gives_the_thrust_it_asks_for():
@@ -141,8 +160,8 @@ def simulate(k, disturbance_mps2, seconds=60.0):
         assert status == OuterStatus.OK
         # The attitude loop leaves half a degree standing: the law has to cope with that, too.
         attitude += k.dt_s / 0.4 * (out[:2] + math.radians(0.5) - attitude)
-        fwd = -k.g * math.sin(attitude[1] - k.trim[1])
-        right = k.g * math.sin(attitude[0] - k.trim[0])
+        fwd = -k.g * math.tan(attitude[1] - k.trim[1])
+        right = k.g * math.tan(attitude[0] - k.trim[0])
         acc = np.array([c * fwd - s * right, s * fwd + c * right, 0.0]) + disturbance_mps2
         thrust = thrust_map.thrust_for_collective(
             out[3], vel[2], trim_thrust, k.trim[SETPOINT.col], k.rotor
@@ -192,7 +211,7 @@ def test_nan_never_leaves(index):
 def shaped(trajectory, t_s, window_s):
     out = np.empty(10)
     reference.shaped_reference_at(
-        round(t_s * 1e9), round(window_s * 1e9), trajectory.times_ns, trajectory.points, out
+        round(t_s * 1e9), round(window_s * 1e9), 0.0, trajectory.times_ns, trajectory.points, out
     )
     return out
 
@@ -203,11 +222,103 @@ def test_shaped_reference_is_consistent_and_arrives_exactly():
     t = np.arange(17.0, 25.0, 0.001)
     path = np.array([shaped(climb, s, 1.5) for s in t])
     np.testing.assert_allclose(np.gradient(path[:, 2], t)[5:-5], path[5:-5, 5], atol=0.06)
-    inner = (np.abs(t - 18) > 0.01) & (np.abs(t - 19.5) > 0.01)
-    inner &= (np.abs(t - 22) > 0.01) & (np.abs(t - 23.5) > 0.01)
+    corners = np.array([17.25, 18.75, 21.25, 22.75])
+    inner = (np.abs(t[:, None] - corners) > 0.01).all(axis=1)
     np.testing.assert_allclose(np.gradient(path[:, 5], t)[inner], path[inner, 8], atol=1e-6)
     assert np.abs(path[:, 8]).max() == pytest.approx(2.5 / 1.5)
-    assert (path[t >= 23.501][:, :9] == [0, 0, -10, 0, 0, 0, 0, 0, 0]).all()
-    assert (path[t < 18.0][:, :9] == 0.0).all()
+    assert (path[t >= 22.751][:, :9] == [0, 0, -10, 0, 0, 0, 0, 0, 0]).all()
+    assert (path[t < 17.25][:, :9] == 0.0).all()
     assert path[:, 2].min() >= -10.0  # no overshoot
+    # Half before the corner, half after it: v T / 8 off there, on the line in between.
+    at_corner, between = shaped(climb, 18.0, 1.5), shaped(climb, 20.0, 1.5)
+    assert at_corner[2] == pytest.approx(-2.5 * 1.5 / 8, abs=1e-3)
+    np.testing.assert_allclose(between[:6], [0, 0, -5, 0, 0, -2.5], atol=1e-9)
     np.testing.assert_array_equal(shaped(climb, 20.0, 0.0)[:6], [0, 0, -5, 0, 0, -2.5])
+
+
+def test_a_trajectory_that_begins_with_a_step_is_begun_without_one_and_caught_up():
+    """Nobody could look ahead of its start: at rest there, on the average of now 5 s later."""
+    points = np.zeros((2, 7))
+    points[0, 5], points[1, 2] = -1.0, -20.0
+    way = Trajectory(0, np.array([0, 20 * 10**9]), points)
+    t = np.arange(0.0, 8.0, 0.001)
+    path = np.array([shaped(way, s, 1.0) for s in t])
+    assert np.abs(path[0, :6]).max() < 1e-6
+    assert np.abs(np.diff(path[:, 2])).max() < 1.15e-3
+    np.testing.assert_allclose(np.gradient(path[:, 2], t)[5:-5], path[5:-5, 5], atol=0.11)
+    np.testing.assert_allclose(path[t > 5.001, 2], -t[t > 5.001], atol=1e-6)
+
+
+def test_lead_answers_a_step_of_the_error_ahead_and_settles_on_it():
+    """(1 + (T + L) s) / (1 + T s): L / T more at once, nothing more in the end."""
+    k = kernel(wind_compensation=False)
+    lead, filter_s = k.attitude_lead[0], k.lead_filter_s
+    _, _, state = step(k, navigation(k), REF)
+    found = []
+    for _ in range(50):
+        _, out, state = step(k, navigation(k, pos=(0.01, 0, -10)), REF, state)
+        found.append(-k.g * math.tan(out[1] - k.trim[1]))
+    own = -k.K_P[0] * 0.01
+    assert found[0] == pytest.approx(own * (1.0 + lead / filter_s), rel=1e-9)
+    assert found[1] == pytest.approx(
+        own * (1.0 + lead / filter_s * math.exp(-k.dt_s / filter_s)), rel=1e-9
+    )
+    assert found[-1] == pytest.approx(own, rel=1e-6)
+
+
+def test_a_nose_that_turns_is_not_led():
+    """A standing error: another heading turns the command as it turns a vector, and no more."""
+    k = kernel(wind_compensation=False, K_P=np.full(3, 1.5))
+    far = (0.5, -0.8, -10)
+    state, found = None, []
+    for psi in [0.3] * 50 + [0.35]:
+        _, out, state = step(k, navigation(k, pos=far, psi=psi), (*REF[:6], psi), state)
+        found.append(k.g * np.tan([k.trim[1] - out[1], out[0] - k.trim[0]]))
+    north, east = 1.5 * np.array([-0.5, 0.8])
+    for psi, flown in ((0.3, found[-2]), (0.35, found[-1])):
+        c, s = math.cos(psi), math.sin(psi)
+        np.testing.assert_allclose(flown, [c * north + s * east, c * east - s * north], rtol=1e-6)
+
+
+def test_a_far_target_is_approached_at_a_speed_and_not_faster():
+    """Far away at the approach speed: nothing is wanted; nearer: what the error asks for."""
+    k = kernel(wind_compensation=False, approach_speed_mps=2.0)
+    for axis, row in ((0, SETPOINT.theta), (1, SETPOINT.phi)):
+        vel = np.zeros(3)
+        vel[axis] = 2.0
+        far = np.zeros(3)
+        far[axis] = -80.0
+        _, out, _ = step(k, navigation(k, pos=far + [0, 0, -10], vel=vel), REF)
+        assert out[row] == pytest.approx(k.trim[row], abs=1e-12)
+
+
+def turning(rate_radps, step_rad=0.0):
+    """A reference that turns steadily from 10 s on, and by a step at 20 s."""
+    times = np.r_[0, 10_000_000_000 + 40_000_000 * np.arange(500)]
+    points = np.zeros((times.size, 7))
+    points[1:, 6] = wrap_pi_all(3.0 + rate_radps * 0.04 * np.arange(500))
+    points[0, 6] = 3.0
+    points[times >= 20_000_000_000, 6] += step_rad
+    return times, points
+
+
+def wrap_pi_all(angle):
+    return np.angle(np.exp(1j * angle))
+
+
+def test_heading_is_led_by_the_rate_also_across_180_degrees():
+    times, points = turning(0.5)
+    for time_s in (12.0, 10.28 + 0.04, 15.6):
+        rate = reference.turn_rate_at(round(time_s * 1e9), times, points)
+        assert rate == pytest.approx(0.5, rel=1e-9)
+    out = np.empty(10)
+    reference.shaped_reference_at(12_000_000_000, 0, 1.5, times, points, out)
+    here = np.empty(7)
+    reference_at(12_000_000_000, times, points, here)
+    assert out[9] == pytest.approx(here[6] + 0.75)
+
+
+def test_a_step_of_the_heading_is_not_led():
+    times, points = turning(0.0, step_rad=1.0)
+    for time_s in np.arange(19.0, 21.0, 0.04):
+        assert reference.turn_rate_at(round(time_s * 1e9), times, points) == 0.0

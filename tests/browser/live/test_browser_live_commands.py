@@ -119,7 +119,7 @@ def test_giving_up_the_hold_asks_first_and_is_no_success_when_done(page, flown):
 @pytest.mark.parametrize(
     ("form", "values", "word"),
     [
-        ("gust", {"amplitude_mps": 9}, "several metres"),
+        ("gust", {"amplitude_mps": 9}, "a few decimetres"),
         ("reference", {"u": 2.5}, "bring the helicopter to the ground"),
     ],
 )

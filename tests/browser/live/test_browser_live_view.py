@@ -85,14 +85,23 @@ def test_largest_errors_are_the_nodes_of_the_flight_and_of_the_windows(page, flo
     flight = flown(history_s=0.0)
     flight.change = {"largest": {
         "whole": {"truth": {"altitude_m": 1.93}, "nav": {"altitude_m": 2.01}},
-        "windows": {"truth": {"altitude_m": 0.25}}, "since_s": 0.0,
+        "windows": {"truth": {"altitude_m": 0.25}, "truth_less_drift": {"altitude_m": 0.31}},
+        "since_s": 0.0,
         "climb": {"truth": {"climb_overshoot": 0.17, "climb_time": None, "climb_lag": 0.78}},
     }}  # fmt: skip
     flight.open_in(page)
     cells = "[...document.querySelector('#bounds tr').cells]"
     page.wait(f"{cells}[2].innerText === '1.93'")
-    shown = page.value(f"{cells}.slice(2, 5).map(c => [c.innerText, c.dataset.in])")
-    assert shown == [["1.93", "false"], ["0.25", "true"], ["0.40", None]]
+    shown = page.value(f"{cells}.slice(2, 6).map(c => [c.innerText, c.dataset.in])")
+    assert shown == [["1.93", "false"], ["0.25", "true"], ["0.31", "true"], ["0.40", None]]
+    for width in (1440, 1280):
+        page.size(width, 900)
+        room = (
+            "(t => t.parentElement.getBoundingClientRect().right - t.getBoundingClientRect().right)"
+        )
+        assert page.value(f"{room}(document.querySelector('.bounds'))") > -0.5, (
+            "a column is cut off"
+        )
     told = "document.getElementById('bounds-of').innerText"
     assert page.value(told) == "ground truth"
     climb = "document.getElementById('climb')"
@@ -101,6 +110,7 @@ def test_largest_errors_are_the_nodes_of_the_flight_and_of_the_windows(page, flo
     )
     page.value("document.querySelector('input[value=nav]').click()")
     page.wait(f"{cells}[2].innerText === '2.01' && {cells}[3].innerText === '–'")
+    assert page.value(f"{cells}[4].innerText") == "–"
     assert page.value(f"{climb}.hidden")
     # Who came late says so: what was before is not in it.
     flight.change["largest"]["since_s"] = 12.3

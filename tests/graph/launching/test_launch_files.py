@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
+from heli_flight.loop.laws import PACKAGED
 from heli_flight.loop.layers import GPS_PRESETS, scenario_names
 from heli_flight.loop.settings import resolve
 from heli_inner_hinf.law_state import CONTROLLERS
@@ -119,7 +120,7 @@ def test_every_argument_has_a_test(describe):
     """In this file: an argument that is added is added here."""
     tested = {argument.split(":=")[0] for argument, *_ in WINNING}
     tested |= {"namespace", "params_file", "log_level", "scenario", "gps", "record", "live"}
-    tested.add("world")
+    tested |= {"world", "laws"}
     # In test_launch_several.py.
     tested.add("aircraft")
     for package, name in LAUNCH_FILES:
@@ -214,7 +215,7 @@ def test_argument_namespace(launch):
 @pytest.mark.parametrize(
     "argument",
     ["seed:=x", "seed:=-1", "seed:=1.5", "gps:=none", "lockstep:=yes", "sead:=1", "duration:=0",
-     "duration:=nan", "duration:=long", "controller:=lqg", "live:=1", "record:=no"],
+     "duration:=nan", "duration:=long", "controller:=lqgg", "live:=1", "record:=no"],
 )  # fmt: skip
 def test_bad_arguments_start_nothing(launch, argument):
     with pytest.raises(Exception, match=argument.split(":=")[0]):
@@ -270,11 +271,11 @@ def test_the_first_launch_compiles_and_flies(fly_launched, tmp_path):
     assert "flight over after 2 s" in plant.stdout + plant.stderr
 
 
-@pytest.mark.parametrize("gps", GPS_PRESETS)
-def test_a_world_is_launched_as_it_is_flown(launch, tmp_path, gps):
+@pytest.mark.parametrize(("gps", "laws"), list(zip(GPS_PRESETS, (PACKAGED, "paper"), strict=True)))
+def test_a_world_and_laws_are_launched_as_they_are_flown(launch, tmp_path, gps, laws):
     """Every parameter of every node, what the seed draws of the aircraft, too."""
-    started = by_name(launch(*HOVER, "world:=hard", "seed:=7", f"gps:={gps}"))
-    flown = resolve("hover", gps, 7, world="hard").nodes
+    started = by_name(launch(*HOVER, "world:=hard", "seed:=7", f"gps:={gps}", f"laws:={laws}"))
+    flown = resolve("hover", gps, 7, world="hard", laws=laws).nodes
     own = {"autostart", "peers"}
     for name in FLYING:
         found = values(started[name], tmp_path)
@@ -285,6 +286,13 @@ def test_a_world_is_launched_as_it_is_flown(launch, tmp_path, gps):
     assert flown["plant"]["scale.mass"] != 1.0
 
 
-def test_an_unknown_world_is_refused(launch):
-    with pytest.raises(ParameterError, match="unknown world; known: hard, honest, paper"):
-        launch(*HOVER, "world:=heavy")
+@pytest.mark.parametrize(
+    ("argument", "said"),
+    [
+        ("world:=heavy", "--world heavy: unknown world; known: hard, honest, paper"),
+        ("laws:=papers", "--laws papers: unknown laws; known: .*packaged, paper"),
+    ],
+)
+def test_an_unknown_world_and_unknown_laws_are_refused(launch, argument, said):
+    with pytest.raises(ParameterError, match=said):
+        launch(*HOVER, argument)

@@ -24,14 +24,19 @@ def assert_it_flies_on(one):
     assert np.abs(plant.core.state.x[:3] - before).max() < 2.0
 
 
+def left_in_flight(crew, name, peer_timeout_s):
+    """A crew 5 s into its flight whose node `name` has just been deactivated."""
+    one = crew(*FLYING, duration_s=600.0, peer_timeout_s=peer_timeout_s, seed=3)
+    one.bring_up()
+    one.fly(500)
+    assert one.change(name, DEACTIVATE)
+    return one, one.nodes["plant"], one.nodes[name]
+
+
 @pytest.mark.parametrize("name", ["observer", "inner_loop", "outer_loop"])
 def test_a_node_left_for_a_moment_costs_two_ticks_at_most(crew, name):
     """Within `peer_timeout_s` time stands still; the tick that was lost takes that wait."""
-    one = crew(*FLYING, duration_s=600.0, peer_timeout_s=1.0, seed=3)
-    one.bring_up()
-    plant, node = one.nodes["plant"], one.nodes[name]
-    one.fly(500)
-    assert one.change(name, DEACTIVATE)
+    one, plant, node = left_in_flight(crew, name, peer_timeout_s=1.0)
     left_tick = plant.tick
     for _ in range(10):
         one.state(name)
@@ -47,11 +52,7 @@ def test_a_node_left_for_a_moment_costs_two_ticks_at_most(crew, name):
 @pytest.mark.parametrize("name", ["observer", "inner_loop", "outer_loop"])
 def test_a_node_left_for_long_is_named_and_flown_without(crew, name):
     """After `peer_timeout_s` the flight goes on with what was commanded last, slowly."""
-    one = crew(*FLYING, duration_s=600.0, peer_timeout_s=0.3, seed=3)
-    one.bring_up()
-    plant, node = one.nodes["plant"], one.nodes[name]
-    one.fly(500)
-    assert one.change(name, DEACTIVATE)
+    one, plant, node = left_in_flight(crew, name, peer_timeout_s=0.3)
     # The outer loop is the inner one's to miss, the others are the plant's.
     misses = one.nodes["inner_loop" if name == "outer_loop" else "plant"]
     one.spin_until(misses.silence)

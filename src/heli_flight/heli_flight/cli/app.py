@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, campaign, design, identify, compare, report, bag, echo, topics,
+"""The command `heli`: hover, campaign, design, identify, compare, report, score, bag, echo, topics,
 results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
@@ -26,6 +26,7 @@ from heli_flight.cli.options import (
     AnyGps,
     Duration,
     Json,
+    Laws,
     Params,
     RecordedGps,
     RecordedScenario,
@@ -36,6 +37,8 @@ from heli_flight.cli.options import (
 from heli_flight.cli.programs import programs
 from heli_flight.cli.results import results
 from heli_flight.cli.run import run
+from heli_flight.cli.score import EPILOG as SCORE_EPILOG
+from heli_flight.cli.score import score
 
 app = typer.Typer(
     name="heli",
@@ -54,6 +57,7 @@ app.add_typer(programs)
 app.add_typer(results, name="results")
 app.command(epilog=EPILOG)(identify)
 app.command(epilog=epilog("heli hover"))(hover)
+app.command(epilog=SCORE_EPILOG)(score)
 
 
 def _told(progress: Callable[[int], None], first: int, count: int) -> None:
@@ -69,6 +73,7 @@ def campaign(
     scenario: ScenarioName = None,
     gps: AnyGps = None,
     world: World = None,
+    laws: Laws = None,
     duration: Duration = None,
     params: Params = None,
     as_json: Json = False,
@@ -87,7 +92,7 @@ def campaign(
     presets = [gps] if gps else list(GPS_PRESETS)
     world = hover_test_world(world, scenario, files)
     settings = {
-        name: resolve(scenario, name, duration_s=duration, params=files, world=world)
+        name: resolve(scenario, name, duration_s=duration, params=files, world=world, laws=laws)
         for name in presets
     }
     scenario = settings[presets[0]].scenario_name
@@ -100,16 +105,16 @@ def campaign(
     code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
     if as_json:
         content: dict[str, Any] = {"scenario": scenario, "world": settings[presets[0]].world}
-        content |= {"seeds": numbers, "exit_code": code}
+        content |= {"laws": settings[presets[0]].laws, "seeds": numbers, "exit_code": code}
         print(json_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
         return code
-    out = console()
+    out, kind = console(), settings[presets[0]].scenario.kind
     out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
     for stretch in STRETCHES:
-        out.print(many.table(columns, settings[presets[0]].scenario.kind, out, stretch))
+        out.print(many.table(columns, kind, out, stretch))
     for name in presets:
         out.print(f"judged, {name}: {judged_by(settings[name])}", soft_wrap=True)
-    for line in [*settings[presets[0]].remarks, *many.remarks(columns)]:
+    for line in [*settings[presets[0]].remarks, *many.remarks(columns, kind)]:
         out.print(line, soft_wrap=True, markup=False)
     out.print(f"{done} flights in {time.monotonic() - start:.1f} s")
     return code
@@ -132,18 +137,32 @@ def design(
         Path | None,
         typer.Option(metavar="DIR", help="folder for design.yaml and pictures; must not exist"),
     ] = None,
+    search: Annotated[
+        bool, typer.Option(help="search for output's weights and the position loop's gains, too")
+    ] = False,
+    check: Annotated[
+        bool,
+        typer.Option(help="search, and say where the packaged YAML holds something else (code 1)"),
+    ] = False,
     as_json: Json = False,
 ) -> int:
-    """Design the inner loop of an aircraft: certificate, margins, pictures, YAML."""
+    """Design the loops of an aircraft: certificate, margins, gains, pictures, YAML."""
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.studies.design.make import make_design, write_yaml
     from heli_flight.studies.design.report import as_dict, print_design
-    from heli_flight.terminal import being_filled, console, json_text, refuse_existing, steps
+    from heli_flight.terminal import (
+        answer,
+        being_filled,
+        console,
+        json_text,
+        refuse_existing,
+        steps,
+    )
 
     refuse_existing(out)
     with steps("design", 2 if out else 1) as progress:
-        made = make_design(params or [], aircraft, gamma, gamma_factor)
+        made = make_design(params or [], aircraft, gamma, gamma_factor, search or check)
         progress(1)
         if out is not None:
             from heli_flight.studies.design.pictures import draw_all
@@ -153,13 +172,53 @@ def design(
                 draw_all(made, out)
                 (out / "design.json").write_text(json_text(as_dict(made)), encoding="utf-8")
             progress(2)
-    if as_json:
-        print(json_text(as_dict(made)), end="")
-        return 0
-    print_design(made, console())
+    if check:
+        from heli_flight.studies.design.check import differences
+
+        found = differences(made, params or [])
+        for line in found or ["the packaged YAML holds what the searches yield"]:
+            console().print(line, soft_wrap=True, markup=False)
+        return 1 if found else 0
+    written = f"written: {out} (fly it: heli hover --params {out}/design.yaml)" if out else ""
+    return answer(as_dict(made), as_json, partial(print_design, made), written)
+
+
+@app.command(
+    epilog="\b\nexample:\n  heli robust --out proof\n"
+    "  heli robust --laws paper --fly --params ranges.yaml"
+)
+def robust(
+    laws: Laws = None,
+    params: Params = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="folder for robust.json and box.png; must not exist"),
+    ] = None,
+    fly: Annotated[
+        bool,
+        typer.Option("--fly", help="fly the worst aircraft found, in the nonlinear simulation"),
+    ] = False,
+    as_json: Json = False,
+) -> int:
+    """Prove the attitude loop stable for every aircraft of a set (section robust of a file)."""
+    # The matrices are small: threads of the linear algebra only cost time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from heli_flight.loop.settings import resolve
+    from heli_flight.studies.robust import prove
+    from heli_flight.studies.robust.parameter_table import read_ranges
+    from heli_flight.terminal import answer, being_filled, json_text, refuse_existing, steps
+
+    refuse_existing(out)
+    asked = read_ranges(params or [])
+    settings = resolve(params=params or [], laws=laws)
+    with steps("delays", len(asked.delays_ticks)) as progress:
+        proof = prove.prove(settings, asked, progress, fly)
     if out is not None:
-        console().print(f"written: {out} (fly it: heli hover --params {out}/design.yaml)")
-    return 0
+        with being_filled(out):
+            prove.draw(proof, out / "box.png")
+            (out / "robust.json").write_text(json_text(prove.as_dict(proof)), encoding="utf-8")
+    written = f"written: {out}" if out else ""
+    return answer(prove.as_dict(proof), as_json, partial(prove.print_proof, proof), written)
 
 
 @app.command(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli compare`: attitude, robustness, worlds. A sub-command imports what it needs."""
+"""The command `heli compare`: attitude, robustness, worlds, laws. Each imports what it needs."""
 
+import os
 import time
 from contextlib import nullcontext
 from pathlib import Path
@@ -11,6 +12,7 @@ import typer
 from heli_flight.cli.options import (
     ALL_LAWS,
     AnyGps,
+    ComparedLaws,
     Duration,
     Gps,
     Json,
@@ -44,7 +46,7 @@ def compare_attitude(
     flap_back: Annotated[
         bool, typer.Option("--flap-back", help="a rotor that flaps back; the laws do not know")
     ] = False,
-    controllers: Laws = ALL_LAWS,
+    controllers: ComparedLaws = ALL_LAWS,
     gps: Gps = None,
     world: World = None,
     duration: Duration = None,
@@ -95,7 +97,7 @@ def compare_robustness(
         int, typer.Option("--seed", min=0, metavar="N", help="seed of the first aircraft")
     ] = 1,
     calm: Annotated[bool, typer.Option("--no-gusts", help="without the discrete gusts")] = False,
-    controllers: Laws = ALL_LAWS,
+    controllers: ComparedLaws = ALL_LAWS,
     gps: Gps = None,
     world: World = None,
     duration: Duration = None,
@@ -140,6 +142,7 @@ def compare_worlds(
             "--w20", metavar="SPEEDS", help="each world in each of these winds at 20 ft, m/s"
         ),
     ] = None,
+    laws: Laws = None,
     gps: AnyGps = None,
     duration: Duration = None,
     params: Params = None,
@@ -153,7 +156,7 @@ def compare_worlds(
 
     numbers = parse_seeds(seeds)
     receivers = [gps] if gps else list(GPS_PRESETS)
-    where = study.places(worlds.split(","), receivers, _speeds(w20), duration, params or [])
+    where = study.places(worlds.split(","), receivers, _speeds(w20), duration, params or [], laws)
     start = time.monotonic()
     with steps("flights", len(numbers) * len(where)) as progress:
         content = study.as_dict(where, study.compare(where, numbers, progress))
@@ -162,6 +165,63 @@ def compare_worlds(
         return 0
     study.print_comparison(content, console())
     console().print(f"{len(numbers) * len(where)} flights in {time.monotonic() - start:.1f} s")
+    return 0
+
+
+@compare.command(
+    "laws",
+    epilog="\b\nexample:\n  heli compare laws --laws packaged,paper,pid --worlds honest\n"
+    "  heli compare laws --out laws",
+)
+def compare_laws(
+    laws: Annotated[
+        str,
+        typer.Option("--laws", metavar="NAMES", help="packaged laws, YAML files: any, or all"),
+    ] = "all",
+    worlds: Annotated[
+        str,
+        typer.Option("--worlds", metavar="NAMES", help="paper, honest, hard, YAML files: any"),
+    ] = "paper,honest,hard",
+    seeds: Seeds = "1..20",
+    n: Annotated[
+        int,
+        typer.Option("--n", min=0, max=100000, metavar="N", help="perturbed aircraft, too"),
+    ] = 200,
+    duration: Duration = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, max=1000, metavar="N", help="flights at a time (default: every core)"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="folder for laws.png and .json; must not exist"),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Fly files of laws against each other: worlds, both receivers, perturbed aircraft."""
+    from heli_flight.studies.campaign import parse_seeds
+    from heli_flight.studies.compare import everywhere
+    from heli_flight.terminal import being_filled, console, json_text, steps
+
+    rivals = everywhere.parse_laws(laws)
+    where = everywhere.places(worlds.split(","), parse_seeds(seeds), n)
+    start, total = time.monotonic(), len(rivals) * sum(map(len, where.values()))
+    at_once = jobs or len(os.sched_getaffinity(0))
+    with being_filled(out) if out else nullcontext():
+        with steps("flights", total) as progress:
+            result = everywhere.compare(rivals, where, duration, at_once, progress)
+        if out is not None:
+            from heli_flight.studies.compare.everywhere_picture import draw
+
+            draw(result.as_dict(), out / "laws.png")
+            (out / "laws.json").write_text(json_text(result.as_dict()), encoding="utf-8")
+    if as_json:
+        print(json_text(result.as_dict()), end="")
+        return 0
+    everywhere.print_comparison(result, console())
+    console().print(f"{total} flights in {time.monotonic() - start:.1f} s")
+    if out is not None:
+        console().print(f"written: {out}")
     return 0
 
 

@@ -19,9 +19,16 @@ def scenarios(incomplete: str) -> list[str]:
 
 def worlds(incomplete: str) -> list[str]:
     """Packaged worlds."""
-    from heli_flight.loop.worlds import world_names
+    from heli_flight.loop.worlds import WORLDS
 
-    return _beginning(incomplete, world_names())
+    return _beginning(incomplete, WORLDS.names())
+
+
+def laws(incomplete: str) -> list[str]:
+    """Packaged laws."""
+    from heli_flight.loop.laws import LAWS
+
+    return _beginning(incomplete, LAWS.names())
 
 
 def gps_presets(incomplete: str) -> list[str]:
@@ -36,6 +43,13 @@ def controllers(incomplete: str) -> list[str]:
     from heli_inner_hinf.law_state import CONTROLLERS
 
     return _beginning(incomplete, CONTROLLERS)
+
+
+def manoeuvres(incomplete: str) -> list[str]:
+    """Manoeuvres that can be scored."""
+    from heli_handling.definitions import MANOEUVRES
+
+    return _beginning(incomplete, MANOEUVRES)
 
 
 def compared_laws(incomplete: str) -> list[str]:

@@ -7,7 +7,15 @@ from typing import Annotated, Any
 import typer
 
 from heli_flight.cli import completion
-from heli_flight.cli.options import EXIT_OF_FLIGHTS, Duration, Gps, Params, ScenarioName, World
+from heli_flight.cli.options import (
+    EXIT_OF_FLIGHTS,
+    Duration,
+    Gps,
+    Laws,
+    Params,
+    ScenarioName,
+    World,
+)
 
 
 def epilog(prog: str) -> str:
@@ -16,6 +24,7 @@ def epilog(prog: str) -> str:
         ("", "the paper's hover test, 60 s"),
         ("--gps rtk --seed 7", "another receiver, another wind"),
         ("--world hard --seed 7", "another aircraft than its laws know, in gusts"),
+        ("--laws paper --world paper", "the paper's own laws, in its own world"),
         ("--scenario attitude --controller pid", "the attitude test under another law"),
         ("--params my_weights.yaml", "any node's parameters, changed"),
         ("--params flights/a/params.yaml", "a flight again"),
@@ -30,7 +39,8 @@ Law = Annotated[
     str | None,
     typer.Option(
         metavar="LAW",
-        help="attitude law: hinf, lqr or pid (default: the parameter of inner_loop)",
+        help="attitude law: hinf_output, hinf, lqg, lqr, pid, indi, matrices "
+        "(default: the parameter of inner_loop)",
         autocompletion=completion.controllers,
     ),
 ]
@@ -93,6 +103,7 @@ def hover(
     scenario: ScenarioName = None,
     gps: Gps = None,
     world: World = None,
+    laws: Laws = None,
     controller: Law = None,
     seed: Seed = None,
     duration: Duration = None,
@@ -118,7 +129,7 @@ def hover(
     modes["--one-process"] = one_process
     order = FlightOrder(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
-        _live(live, live_port, foxglove_port, allow_commands), world,
+        _live(live, live_port, foxglove_port, allow_commands), world, laws,
     )  # fmt: skip
     if aircraft == 1:
         outcomes = [fly_and_write(order, console(stderr=as_json))]

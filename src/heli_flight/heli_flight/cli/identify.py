@@ -47,18 +47,14 @@ def identify(
     # The matrices are small: threads of the linear algebra only cost time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.studies.identify import command
-    from heli_flight.studies.identify.report import write_page
-    from heli_flight.terminal import console, json_text
+    from heli_flight.terminal import console
 
     wanted = command.Wanted(
         actuators, gusts, aircraft, params or [], seed, gps, gamma_factor, one_process
     )
     outcome = command.execute(wanted, out)
-    text = json_text(command.as_dict(outcome))
-    command.write(outcome, out, text)
-    write_page(outcome, out)
     if as_json:
-        print(text, end="")
+        print((out / command.JSON).read_text(encoding="utf-8"), end="")
     else:
         command.print_outcome(outcome, console())
         console().print(f"written: {out} (fly it: heli hover --params {out}/identified.yaml)")

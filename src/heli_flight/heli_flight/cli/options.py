@@ -42,18 +42,28 @@ World = Annotated[
     ),
 ]
 Laws = Annotated[
+    str | None,
+    typer.Option(
+        "--laws",
+        metavar="NAME",
+        help="attitude law, position law and observer: packaged, paper, or a YAML file (default: "
+        "the parameter file's, else packaged)",
+        autocompletion=completion.laws,
+    ),
+]
+ComparedLaws = Annotated[
     str,
     typer.Option(
         "--controllers",
         metavar="LAWS",
-        help="hinf, hinf_offset_free, lqr, pid: any of them",
+        help="hinf_output, hinf, hinf_offset_free, lqr, pid: any of them",
         autocompletion=completion.compared_laws,
     ),
 ]
 Seeds = Annotated[
     str, typer.Option("--seeds", metavar="SEEDS", help="1..20, 7, 1,5,9 or 1..20,31..40")
 ]
-ALL_LAWS = "hinf,hinf_offset_free,lqr,pid"
+ALL_LAWS = "hinf_output,hinf,hinf_offset_free,lqr,pid"
 Duration = Annotated[
     float | None,
     typer.Option(
@@ -80,8 +90,8 @@ ScenarioName = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="what to fly: hover, attitude, attitude_gusts, identify_actuators or identify_gusts "
-        "(default: the parameter file's, else hover)",
+        help="what to fly: hover, attitude, attitude_gusts, figure_eight, orbit, waypoints, "
+        "identify_actuators or identify_gusts (default: the parameter file's, else hover)",
         autocompletion=completion.scenarios,
     ),
 ]

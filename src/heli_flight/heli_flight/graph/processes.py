@@ -24,7 +24,7 @@ _PR_SET_PDEATHSIG = 1
 SERVER_PID = "HELI_SERVER_PID"
 STARTER_PID = "HELI_STARTER_PID"
 # Nodes end in a fraction of a second; seven of them at once on a loaded machine take longer.
-_STOP_LIMIT_S = 5.0
+_STOP_LIMIT_S = 10.0  # on loaded cores some seconds are needed
 _LOG_TAIL_BYTES = 4096
 # Above it Fast DDS runs out of port numbers.
 _MAX_DOMAIN = 232

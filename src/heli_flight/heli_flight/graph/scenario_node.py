@@ -35,7 +35,7 @@ class Script:
 class ScenarioNode(ManagedNode[Script, None]):
     """Active means: the reference has been published; late listeners get it, too."""
 
-    SPEC = NodeSpec(NODE_NAME, "heli_flight", _FIXED, "scenarios/hover.yaml")
+    SPEC = NodeSpec(NODE_NAME, "heli_flight", _FIXED, "scenario.yaml")
 
     def configure(self) -> Script:
         """Make the reference and its publisher; hear what time it is, to say when all is well."""

@@ -15,16 +15,21 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from heli_flight.errors import FlightError
 from heli_flight.loop.scenario import NODE_NAME, Scenario
+from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.arrivals import Info, Owner, with_info
 from heli_msgs_bridge.reference_message import encode_reference
 from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, full_name, senders_of, several_in_words
 
 # A node's name comes by a topic of its own, which DDS may have to repeat (heartbeats of 3 s).
 _NAME_LIMIT_S = 5.0
+# Wall time after which somebody else is believed who speaks as a node; nodes repeat themselves.
+_SILENT_S = 3.0
 
 
 class BringUpError(FlightError):
@@ -68,21 +73,31 @@ class Supervisor(Node):
             MultiDOFJointTrajectory, topics.REFERENCE, topics.qos(topics.REFERENCE)
         )
         self.statuses: dict[str, NodeStatus] = {}
+        self._voices: dict[str, Owner] = {}
         self.create_subscription(
             DiagnosticArray,
             topics.DIAGNOSTICS,
-            self._on_diagnostics,
+            with_info(self._on_diagnostics),
             topics.qos(topics.DIAGNOSTICS),
+            raw=True,
         )
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Keep what nodes of this aircraft say; /diagnostics is shared by all of a ROS domain."""
+    def _on_diagnostics(self, raw: bytes, info: Info | None) -> None:
+        """Keep what nodes of this aircraft say; /diagnostics is shared by all of a ROS domain.
+
+        Who else speaks under a node's name is not believed: one word "over" would end the flight.
+        """
+        message = deserialize_message(raw, DiagnosticArray)
         stamp = message.header.stamp
         time_s = stamp.sec + 1e-9 * stamp.nanosec
         own = self.get_namespace().strip("/")
         for status in message.status:
             namespace, _, name = status.name.rpartition("/")
             if namespace.strip("/") != own:
+                continue
+            # How many speak on a topic of all says nothing of one name: it never counts as alone.
+            voice = self._voices.setdefault(name, Owner(lambda: 2, _SILENT_S, TICK_NS))
+            if not voice.admits(raw, info):
                 continue
             level = int.from_bytes(status.level, "little")
             facts = {pair.key: pair.value for pair in status.values}

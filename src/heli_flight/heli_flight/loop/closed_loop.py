@@ -24,7 +24,7 @@ from heli_inner_hinf.excitation import (
     initial_excitation_state,
 )
 from heli_inner_hinf.law_state import initial_law_state, nine_states
-from heli_math.jit import njit
+from heli_math.jit import njit, njit_unlocked
 from heli_math.rotations import quat_to_R_nb
 from heli_math.rows import (
     ACTUATOR,
@@ -98,7 +98,7 @@ def _replace_by_truth(truth, nav):
     nav[NAV.motion] = truth[TRUTH.motion]
 
 
-@njit
+@njit_unlocked
 def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, track):
     """Fly n_ticks from first_tick; returns (ticks flown, plant status).
 

@@ -27,7 +27,7 @@ _DERIVED |= {("plant", "initial.pos_ned_m"), ("plant", "initial.psi_deg")}
 
 @dataclass(frozen=True)
 class Change:
-    """A parameter unlike the packaged one of the flight's scenario, receiver and world."""
+    """A parameter unlike the packaged one of the flight's scenario, receiver, world and laws."""
 
     section: str
     key: str
@@ -63,7 +63,12 @@ def sections(settings: Settings) -> dict[str, Mapping[str, Any]]:
 def changes(settings: Settings) -> list[Change]:
     """What the flight has changed; seed, law, length and mode are told apart from it."""
     packaged = layered(
-        Reader(), settings.scenario_name, settings.gps, settings.world, seed=settings.seed
+        Reader(),
+        settings.scenario_name,
+        settings.gps,
+        settings.world,
+        seed=settings.seed,
+        laws=settings.laws,
     ).values
     return [
         Change(section, key, value, packaged[section][key])
@@ -104,6 +109,7 @@ def custom_data(settings: Settings) -> list[str]:
         "gps": settings.gps,
         "seed": settings.seed,
         "world": settings.world,
+        "laws": settings.laws,
         **drawn(settings),
     }
     return [f"{name}: {value}" for name, value in said.items()]
@@ -115,6 +121,7 @@ def identity(settings: Settings, changed: Sequence[Change]) -> dict[str, Any]:
         "scenario": settings.scenario_name,
         "gps": settings.gps,
         "world": settings.world,
+        "laws": settings.laws,
         "mode": settings.mode,
         "seed": settings.seed,
         "controller": settings.nodes["inner_loop"]["controller"],
@@ -134,7 +141,8 @@ def write_parameters(settings: Settings, path: Path) -> None:
     """
     changed = changes(settings)
     flight = identity(settings, changed)
-    kind = f"{settings.scenario_name}, {settings.gps} GPS, world {settings.world}"
+    kind = f"{settings.scenario_name}, {settings.gps} GPS, "
+    kind += f"world {settings.world}, laws {settings.laws}"
     packaged = f"the packaged parameters of {kind}"
     head = [
         "A flight, all of its parameters; flown again by: ./hover_test.sh --params <this file>",

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The section `flight` of a parameter file: scenario, receiver, world, mode, seed, controller,
-duration.
+"""The section `flight` of a parameter file: scenario, receiver, world, laws, mode, seed,
+controller, duration.
 
 It makes a parameter file a flight. A file that was written by one flight and is taken for another
 (`heli hover --scenario attitude --params flights/x/params.yaml`) brings along what its user had
-changed, and leaves behind what its own scenario, receiver and world had packaged, and its own
+changed, and leaves behind what its own scenario, receiver, world and laws had packaged, and its own
 seed drawn.
 """
 
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from heli_flight.loop import scenario as scenario_table
+from heli_flight.loop.laws import LAWS, PACKAGED
 from heli_flight.loop.layers import (
     GPS_PRESETS,
     TABLES,
@@ -24,7 +25,7 @@ from heli_flight.loop.layers import (
     layered,
     scenario_names,
 )
-from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, world_file
+from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, WORLDS
 from heli_parameters.parameters import Entry, Parameter, ParameterError, ParameterFile, stated
 from heli_parameters.rcl_yaml import applicable
 
@@ -50,6 +51,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("scenario", "string", "Packaged scenario"),
     Parameter("gps", "string", "Receiver", choices=GPS_PRESETS),
     Parameter("world", "string", "Packaged world, or the path of one"),
+    Parameter("laws", "string", "Packaged laws, or the path of some"),
     Parameter("mode", "string", "How it is flown", choices=MODES),
     *(_same_as(name) for name in SHORT_FOR),
     Parameter("commit", "string", "Commit of the sources that flew, for the reader"),
@@ -104,7 +106,7 @@ def assigned(files: Sequence[ParameterFile], section: str, key: str) -> Entry | 
 
 
 def said_by(files: Sequence[Told], name: str) -> Entry | None:
-    """What the last file that says it says of scenario, receiver, world or mode."""
+    """What the last file that says it says of scenario, receiver, world, laws or mode."""
     return next((told.said[name] for told in reversed(files) if name in told.said), None)
 
 
@@ -115,11 +117,12 @@ class Packaged:
     scenario: str
     gps: str
     world: str
+    laws: str
     seed: int | None
 
 
 def fitted(told: Told, read: Reader, wanted: Packaged) -> ParameterFile:
-    """The file for a flight of this scenario, receiver, world and seed.
+    """The file for a flight of this scenario, receiver, world, laws and seed.
 
     If it was made for others, what equals their packaged values is left out: it belongs to them.
     """
@@ -129,15 +132,17 @@ def fitted(told: Told, read: Reader, wanted: Packaged) -> ParameterFile:
         of.get("scenario", wanted.scenario),
         of.get("gps", wanted.gps),
         of.get("world", PAPER if "commit" in of else wanted.world),
+        of.get("laws", PACKAGED if "commit" in of else wanted.laws),
         wanted.seed if seed is None else seed.value,
     )
     if own == wanted or own.scenario not in scenario_names():
         return told.file
     try:
-        world_file(own.world)
+        WORLDS.file(own.world)
+        LAWS.file(own.laws)
     except ParameterError:
         return told.file
-    packaged = layered(read, own.scenario, own.gps, own.world, seed=own.seed)
+    packaged = layered(read, own.scenario, own.gps, own.world, seed=own.seed, laws=own.laws)
     kept = [entry for entry in told.file.entries if not _is_packaged(entry, packaged)]
     return replace(told.file, entries=tuple(kept))
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layers of a flight's parameters: packaged < receiver < world < scenario < the user's files."""
+"""Layers of a flight's parameters.
+
+Packaged < receiver < world < laws < scenario < the user's files.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,6 +16,7 @@ import heli_outer_pd.parameter_table as outer_table
 from heli_bags import parameter_table as recorder_table
 from heli_flight.loop import scenario as scenario_table
 from heli_flight.loop import worlds
+from heli_flight.loop.laws import LAWS, PACKAGED
 from heli_flight.loop.worlds import Draw
 from heli_parameters.common_table import with_common
 from heli_parameters.locate import config_folder
@@ -108,6 +112,7 @@ def layered(
     world: str = worlds.PAPER,
     user: Sequence[ParameterFile] = (),
     seed: int | None = None,
+    laws: str = PACKAGED,
 ) -> Layered:
     """Read and check the layers.
 
@@ -120,6 +125,8 @@ def layered(
         Stronger than the packaged ones; a later one overrides an earlier one.
     seed : int, optional
         Draws what the world lets it draw; default: the plant's.
+    laws : str
+        Packaged laws, or the path of some.
 
     Raises
     ------
@@ -128,15 +135,16 @@ def layered(
     over = [read(scenario_file(scenario)), *user]
     common = read(config_folder("heli_parameters") / "common.yaml")
     around = [read(path) for path in _world_files(world)]
-    of_world = {file.path for file in around}
+    control = read(LAWS.file(laws))
+    beside = {file.path for file in (*around, control)}
     values: dict[str, dict[str, Any]] = {}
     files: list[Path] = []
 
     def take(name: str, layers: Sequence[ParameterFile]) -> None:
         values[name] = load(TABLES[name], [*layers, *over], name)
-        files.extend(layer.path for layer in layers if layer.path not in of_world)
+        files.extend(layer.path for layer in layers if layer.path not in beside)
 
-    take(scenario_table.NODE_NAME, ())
+    take(scenario_table.NODE_NAME, [read(config_folder(PACKAGE) / "scenario.yaml")])
     take(worlds.NODE_NAME, around)
     # One file tells the plant and the observer.
     sensors = config_folder("heli_dynamics_sim")
@@ -146,7 +154,7 @@ def layered(
         folder = config_folder(node.package)
         presets = [folder / f"gps_{gps}.yaml", sensors]
         own = [read(preset) for preset in presets if preset.is_file()]
-        below = [common, read(folder / f"{node.name}.yaml"), *own, *around]
+        below = [common, read(folder / f"{node.name}.yaml"), *own, *around, control]
         take(node.name, below)
         if node.name == PLANT:
             centres = load(node.table, below, PLANT)
@@ -154,14 +162,14 @@ def layered(
     flown = list(files)
     recorder = recorder_table.NODE_NAME
     take(recorder, [common, read(config_folder("heli_bags") / f"{recorder}.yaml")])
-    after = (*(file.path for file in around), *(file.path for file in over))
+    after = tuple(file.path for file in (*around, control, *over))
     return Layered(values, (*flown, *after), drawn)
 
 
 def _world_files(world: str) -> list[Path]:
     """Files of a world, weakest first: what it does not say is as in the paper's."""
     names = dict.fromkeys((worlds.PAPER, world))
-    return [worlds.world_file(name) for name in names]
+    return [worlds.WORLDS.file(name) for name in names]
 
 
 def _drawn(

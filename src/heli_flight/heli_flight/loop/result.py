@@ -24,6 +24,7 @@ from heli_flight.loop.scoring import (
     Figures,
     Score,
     decides,
+    figures_of,
     sources_of,
 )
 from heli_flight.loop.settings import Settings
@@ -31,6 +32,7 @@ from heli_flight.loop.worlds import PAPER
 from heli_flight.terminal import table
 from heli_flight.text_table import FittingTable
 from heli_math.climb import CLIMB_METRICS, ClimbFigure
+from heli_math.paper_metrics import PATH
 from heli_math.ticks import seconds
 
 RESULT = "result.json"
@@ -143,7 +145,7 @@ def judged_by(settings: Settings) -> str:
 
 
 def verdict(result: Result, settings: Settings, stretch: str) -> str:
-    """One sentence: inside the paper's figures over a stretch, or what is outside of them."""
+    """One sentence: inside its figures over a stretch, or what is outside of them."""
     when = f"{STRETCHES[stretch]}, {phases(settings, stretch)}"
     if not result.figures.of(stretch):
         return f"{when}: not scored"
@@ -154,10 +156,12 @@ def verdict(result: Result, settings: Settings, stretch: str) -> str:
     for label, found in records.items():
         metrics.setdefault(" and ".join(found), []).append(label)
     names = "; ".join(f"{', '.join(labels)} ({found})" for found, labels in metrics.items())
-    return f"{when}: " + (f"outside in {names}" if names else "inside the paper's figures")
+    inside = f"inside {figures_of(settings.scenario.kind)}"
+    return f"{when}: " + (f"outside in {names}" if names else inside)
 
 
-_LEGEND = "! outside the paper's figure. "
+_LEGEND = ("! outside the paper's figure. ", "! outside the goal. ")
+_TITLES = {"hover": "Hover test", "attitude": "Attitude test", PATH: "Path"}
 _COUNTS = {
     "standalone": (
         "The navigation record decides, as in the paper: ground truth holds the drift of the "
@@ -179,12 +183,14 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
             console.print(_climb_table(result, settings, console))
         console.print(f"judged: {judged_by(settings)}", highlight=False)
         if any(result.outside(stretch) for stretch in STRETCHES):
-            console.print(_LEGEND + _COUNTS[settings.gps], highlight=False)
+            legend = _LEGEND[settings.scenario.kind == PATH]
+            console.print(legend + _COUNTS[settings.gps], highlight=False)
     else:
         console.print("not scored: nothing was flown")
     console.print(conditions(settings), highlight=False)
     if drawn(settings):
         console.print(drawn_words(settings), highlight=False)
+    console.print(f"laws: {Path(settings.laws).stem}", highlight=False)
     for note in result.notes:
         console.print(f"note: {note}", highlight=False)
     if result.lost:
@@ -195,11 +201,14 @@ def _stretch_table(
     result: Result, settings: Settings, stretch: str, console: Console
 ) -> FittingTable:
     kind, sources = settings.scenario.kind, sources_of(settings.gps)
-    title = {"hover": "Hover test", "attitude": "Attitude test"}[kind]
+    title = _TITLES[kind]
     title += f" of {result.aircraft}" if result.aircraft else ""
     rows = table(f"{title}, {STRETCHES[stretch]}: largest magnitude (rms)", console)
     rows.add_column("metric")
-    for name in (*(SOURCE_NAMES[source] for source in sources), "paper"):
+    for name in (
+        *(SOURCE_NAMES[source] for source in sources),
+        "goal" if kind == PATH else "paper",
+    ):
         rows.add_column(name, justify="right")
     rows.add_column("verdict")
     judged = result.judged(settings.gps, stretch)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_flight.loop.scenario_path import CLIMB, PATH_ROWS, path_of
 from heli_math.paper_metrics import in_windows
 from heli_math.ticks import seconds, ticks_in
 from heli_math.trajectory import Trajectory
@@ -19,7 +20,7 @@ from heli_parameters.parameters import Parameter
 NODE_NAME = "scenario"
 
 TABLE: tuple[Parameter, ...] = (
-    Parameter("kind", "string", "Which metrics are scored", choices=("hover", "attitude")),
+    Parameter("kind", "string", "Which metrics are scored", choices=("hover", "attitude", "path")),
     Parameter("duration_s", "double", "Length of the flight", "s", lower=0.04, upper=86400.0),
     Parameter(
         "start_pos_ned_m", "double[]", "Where the flight starts, NED", "m", shape=(3,), upper=1e5
@@ -30,6 +31,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("climb.start_s", "double", "Start of the climb", "s", lower=0.0),
     Parameter("climb.end_s", "double", "End of the climb; as start: no climb", "s", lower=0.0),
     Parameter("climb.speed_mps", "double", "Climb speed", "m/s", lower=-3.0, upper=5.0),
+    *PATH_ROWS,
     Parameter(
         "score.windows_s",
         "double[]",
@@ -47,7 +49,7 @@ class Scenario:
     Attributes
     ----------
     kind : str
-        "hover" or "attitude": which metrics are scored.
+        "hover", "attitude" or "path": which metrics are scored.
     n_ticks : int
         Length in ticks of 10 ms.
     reference : Trajectory
@@ -63,12 +65,14 @@ class Scenario:
 
     @classmethod
     def from_parameters(cls, p: Mapping[str, Any]) -> "Scenario":
-        """Scenario from checked parameters (`TABLE`)."""
+        """From checked parameters (`TABLE`); ParameterError if the path cannot be flown."""
         n_ticks = ticks_in(p["duration_s"])
         windows = np.array(p["score.windows_s"], float).reshape(-1, 2)
         windows[windows[:, 1] < 0.0, 1] = seconds(n_ticks)
         start, heading = np.asarray(p["start_pos_ned_m"], float), np.radians(p["heading_deg"])
-        if p["climb.end_s"] > p["climb.start_s"]:
+        if p["path.kind"] != CLIMB:
+            reference = path_of(start, heading, p)
+        elif p["climb.end_s"] > p["climb.start_s"]:
             reference = Trajectory.hover_climb_hover(
                 start, heading, p["climb.start_s"], p["climb.end_s"], p["climb.speed_mps"]
             )

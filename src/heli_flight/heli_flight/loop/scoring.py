@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scores of a flight beside the paper's figures (section 4).
+"""Scores of a flight beside the paper's figures (section 4); of a path, beside goals of ours.
 
 Each metric is given over two stretches of the flight: **whole**, from engagement to the end, the
 climb included, against the reference as commanded; and **windows**, the scenario's
@@ -17,8 +17,19 @@ import numpy as np
 
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.scenario import Scenario
+from heli_math import paper_metrics
 from heli_math.climb import ClimbFigure, climb_figures
-from heli_math.paper_metrics import METRICS, Metric, attitude_errors, hover_errors, size
+from heli_math.paper_metrics import (
+    METRICS,
+    PATH,
+    POSITIONS,
+    SETTLED_S,
+    Metric,
+    attitude_errors,
+    hover_errors,
+    path_errors,
+    size,
+)
 
 __all__ = [
     "DECIDES",
@@ -37,6 +48,7 @@ __all__ = [
     "decides",
     "drift_at_engagement",
     "errors",
+    "figures_of",
     "score",
     "sources_of",
 ]
@@ -57,12 +69,6 @@ STRETCHES = {WHOLE: "whole flight", WINDOWS: "scored windows"}
 DECIDES = WINDOWS
 """The stretch whose scores decide the exit code. This line alone chooses it."""
 
-SETTLED_S = 5.0
-"""When the navigation's own start is over: its position's error about then is the receiver's drift
-at engagement, freed of the first fixes' noise."""
-_ABOUT_S = 0.5
-_POSITIONS = ("altitude", "lateral", "longitudinal")
-
 
 @dataclass(frozen=True)
 class Score:
@@ -76,7 +82,7 @@ class Score:
 
     @property
     def inside(self) -> bool:
-        """True if the largest magnitude is inside the paper's figure."""
+        """True if the largest magnitude is inside the paper's figure, or the goal."""
         return bool(self.max <= self.metric.paper)
 
     @property
@@ -137,6 +143,11 @@ class Figures:
         return next(found, None)
 
 
+def figures_of(kind: str) -> str:
+    """Whose figures a kind of flight is held against, in words."""
+    return "the goals" if kind == PATH else "the paper's figures"
+
+
 def decides(source: str, gps: str) -> bool:
     """Whether what is measured from a record counts for a verdict.
 
@@ -161,7 +172,7 @@ def errors(record: FlightRecord, source: str, kind: str) -> dict[str, np.ndarray
         One of SOURCE_NAMES; the last one has positions only, and none in an attitude test or in a
         flight that ends before `SETTLED_S`.
     kind : str
-        "hover" or "attitude".
+        "hover", "attitude" or "path".
     """
     pos, vel, q = record.truth_pos_ned_m, record.truth_vel_ned_mps, record.truth_q_nb
     if source == NAVIGATION:
@@ -170,10 +181,14 @@ def errors(record: FlightRecord, source: str, kind: str) -> dict[str, np.ndarray
         drift = drift_at_engagement(record)
         if kind == "attitude" or drift is None:
             return {}
+        if kind == PATH:
+            return {"position": path_errors(pos + drift, q, record.reference)["position"]}
         found = hover_errors(pos + drift, vel, record.reference)
-        return {key: found[key] for key in _POSITIONS}
+        return {key: found[key] for key in POSITIONS}
     if kind == "attitude":
         return attitude_errors(q, record.setpoint)
+    if kind == PATH:
+        return path_errors(pos, q, record.reference)
     return hover_errors(pos, vel, record.reference)
 
 
@@ -182,9 +197,8 @@ def drift_at_engagement(record: FlightRecord) -> np.ndarray | None:
 
     None if the flight ended before, or one of the two was not recorded.
     """
-    settled = np.abs(record.time_s - record.time_s[:1] - SETTLED_S) < _ABOUT_S
-    error = (record.nav_pos_ned_m - record.truth_pos_ned_m)[settled]
-    return error.mean(axis=0) if error.size and np.isfinite(error).all() else None
+    since_s = record.time_s - record.time_s[:1]
+    return paper_metrics.drift_at_engagement(since_s, record.nav_pos_ned_m, record.truth_pos_ned_m)
 
 
 def counted(record: FlightRecord, scenario: Scenario, stretch: str) -> np.ndarray:

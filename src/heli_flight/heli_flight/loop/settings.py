@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from heli_bags import parameter_table as recorder_table
-from heli_flight.loop import flight_section, worlds
+from heli_flight.loop import flight_section
 from heli_flight.loop import scenario as scenario_table
 from heli_flight.loop.commit import is_another, sources_commit
 from heli_flight.loop.flight_section import MODES, REAL_TIME, Packaged, Told
+from heli_flight.loop.laws import LAWS, PACKAGED
+from heli_flight.loop.laws import SECTIONS as LAWS_TELL
 from heli_flight.loop.layers import (
     GPS_PRESETS,
     NODES,
@@ -21,10 +23,13 @@ from heli_flight.loop.layers import (
     layered,
     scenario_file,
 )
+from heli_flight.loop.worlds import NODE_NAME as WORLD
+from heli_flight.loop.worlds import PAPER, WORLDS, Draw
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import ParameterError, ParameterFile, check_node_names
 
-_SECTIONS = (*TABLES, flight_section.NODE_NAME, "live_view", "identify")
+_FILES = {"scenario": scenario_file, "world": WORLDS.file, "laws": LAWS.file}
+_SECTIONS = (*TABLES, flight_section.NODE_NAME, "live_view", "identify", "robust")
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,8 @@ class Settings:
         Its section `world`.
     drawn : dict
         By parameter of the plant what the seed has drawn.
+    laws : str
+        Name of packaged laws, or the path of some.
     mode : str
         One of `flight_section.MODES`.
     seed : int
@@ -65,9 +72,10 @@ class Settings:
     files: tuple[Path, ...]
     recorder: Mapping[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
-    world: str = worlds.PAPER
+    world: str = PAPER
     world_parameters: Mapping[str, Any] = field(default_factory=dict)
-    drawn: Mapping[str, worlds.Draw] = field(default_factory=dict)
+    drawn: Mapping[str, Draw] = field(default_factory=dict)
+    laws: str = PACKAGED
 
     def with_seed(self, seed: int) -> "Settings":
         """The same flight in other wind, with other sensor errors, on what else the seed draws."""
@@ -85,17 +93,27 @@ class _CommandLine:
         self._won: list[str] = []
 
     def choose(self, name: str, option: str | None) -> str:
-        """Scenario, receiver, world or mode: option, else files, else packaged."""
+        """Scenario, receiver, world, laws or mode: option, else files, else packaged."""
         said = flight_section.said_by(self._user, name)
         if option is None:
             said = said or self._packaged.said[name]
-            if name == "scenario":
-                scenario_file(said.value, f"{said.where}: flight: scenario:")
-            if name == "world":
-                worlds.world_file(said.value, f"{said.where}: flight: world:")
+            if name in _FILES:
+                _FILES[name](said.value, f"{said.where}: flight: {name}:")
             return said.value
         self._compare(name, option, said)
         return option
+
+    def laws_of(self, controller: str | None) -> str | None:
+        """The packaged laws of a controller's name: the option's, else the user's files'.
+
+        Laws that these files name stay, unless they are packaged or those of their controller.
+        """
+        laws, own = (flight_section.said_by(self._user, name) for name in ("laws", "controller"))
+        replaced = () if controller is None else (PACKAGED, own and own.value)
+        if laws is not None and laws.value not in replaced:
+            return None
+        taken = own.value if controller is None and own is not None else controller
+        return taken if taken in LAWS.names() else None
 
     def put(
         self,
@@ -139,16 +157,19 @@ def resolve(
     overrides: Mapping[str, Mapping[str, Any]] | None = None,
     controller: str | None = None,
     world: str | None = None,
+    laws: str | None = None,
 ) -> Settings:
     """Read, layer and check the parameters of a flight.
 
     Parameters
     ----------
-    scenario_name, gps, mode, world : str, optional
+    scenario_name, gps, mode, world, laws : str, optional
         A packaged scenario, one of GPS_PRESETS, one of `flight_section.MODES`, a packaged world or
-        the path of one; default: the files', else hover, standalone, lockstep, paper.
+        the path of one, packaged laws or the path of some; default: the files', else hover,
+        standalone, lockstep, paper, packaged.
     seed, duration_s, controller : optional
-        Override parameters of plant, scenario and inner loop.
+        Override parameters of plant, scenario and inner loop; a controller of packaged laws takes
+        these along, unless others are named.
     params : sequence of path
         The user's rcl parameter files; a later one overrides an earlier one. A section `flight`
         in them says what these options say, and is weaker.
@@ -164,7 +185,7 @@ def resolve(
     ParameterError
         One line that names the file or option, the key, its value and what is allowed.
     """
-    _check_options(scenario_name, gps, mode, world)
+    _check_options(scenario_name, gps, mode, world, laws)
     options = {"duration_s": duration_s, "controller": controller, "seed": seed}
     read = Reader()
     given = [read(path) for path in params]
@@ -173,12 +194,16 @@ def resolve(
     line = _CommandLine(read, user)
     name = line.choose("scenario", scenario_name)
     receiver, mode = line.choose("gps", gps), line.choose("mode", mode)
-    around = worlds.full_name(line.choose("world", world and worlds.full_name(world)))
-    check_node_names([read(worlds.world_file(around))], _SECTIONS)
+    around, control = (
+        kind.full_name(line.choose(kind.word, given and kind.full_name(given)))
+        for kind, given in ((WORLDS, world), (LAWS, laws or line.laws_of(controller)))
+    )
+    check_node_names([read(WORLDS.file(around))], _SECTIONS)
+    check_node_names([read(LAWS.file(control))], LAWS_TELL)
     drawn_by = _seed(user, seed, overrides or {})
-    wanted = Packaged(name, receiver, around, drawn_by)
+    wanted = Packaged(name, receiver, around, control, drawn_by)
     fitting = [flight_section.fitted(told, read, wanted) for told in user]
-    layers = layered(read, name, receiver, around, fitting, drawn_by)
+    layers = layered(read, name, receiver, around, fitting, drawn_by, control)
     values = _over(layers, fitting, line, options, overrides or {})
     for node in NODES:
         values[node.name]["lockstep"] = mode != REAL_TIME
@@ -194,8 +219,9 @@ def resolve(
         values[recorder_table.NODE_NAME],
         line.remarks(),
         around,
-        values[worlds.NODE_NAME],
+        values[WORLD],
         {k: d for k, d in layers.drawn.items() if k not in (overrides or {}).get("plant", {})},
+        control,
     )
 
 
@@ -211,16 +237,19 @@ def _seed(
 
 
 def _check_options(
-    scenario_name: str | None, gps: str | None, mode: str | None, world: str | None
+    scenario_name: str | None,
+    gps: str | None,
+    mode: str | None,
+    world: str | None,
+    laws: str | None,
 ) -> None:
     if gps is not None and gps not in GPS_PRESETS:
         raise ParameterError(f"--gps {gps}: unknown preset; known: {', '.join(GPS_PRESETS)}")
     if mode is not None and mode not in MODES:
         raise ParameterError(f"mode {mode}: unknown; known: {', '.join(MODES)}")
-    if scenario_name is not None:
-        scenario_file(scenario_name)
-    if world is not None:
-        worlds.world_file(world)
+    for name, given in (("scenario", scenario_name), ("world", world), ("laws", laws)):
+        if given is not None:
+            _FILES[name](given)
 
 
 def _over(

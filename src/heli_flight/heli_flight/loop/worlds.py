@@ -7,15 +7,15 @@ drawn per seed. The aircraft that flies is drawn; the controllers keep their own
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import Parameter, ParameterError
+from heli_flight.loop.named_files import NamedFiles
+from heli_parameters.parameters import Parameter
 
 NODE_NAME = "world"
+WORLDS = NamedFiles("world", "worlds")
 PAPER = "paper"
 HOVER_TEST_WORLD = "honest"
 """The world of the hover test where neither option nor file names one."""
@@ -102,33 +102,3 @@ def draws(world: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Draw]
         if width > 0:
             found[key] = Draw(key, plant[key], width)
     return found
-
-
-def world_names() -> list[str]:
-    """Names of the packaged worlds."""
-    return sorted(path.stem for path in (config_folder("heli_flight") / "worlds").glob("*.yaml"))
-
-
-def world_file(name: str, where: str = "--world") -> Path:
-    """File of a packaged world, or the user's own, by its path.
-
-    Raises
-    ------
-    ParameterError
-        There is none; `where` says who named it.
-    """
-    packaged = config_folder("heli_flight") / "worlds" / f"{name}.yaml"
-    if name in world_names():
-        return packaged
-    path = Path(name)
-    if path.suffix in (".yaml", ".yml") and path.is_file():
-        return path
-    raise ParameterError(
-        f"{where} {name}: unknown world; known: {', '.join(world_names())}, or the path of a "
-        "YAML file"
-    )
-
-
-def full_name(name: str) -> str:
-    """A packaged world's name, or the whole path of a user's: what params.yaml says of it."""
-    return name if name in world_names() else str(Path(name).absolute())

@@ -100,7 +100,7 @@ class Report:
 
     @property
     def controller(self) -> str:
-        """The law that flew: hinf, lqr or pid."""
+        """The law that flew, one of `CONTROLLERS`."""
         return str(self.settings.nodes["inner_loop"]["controller"])
 
     @property

@@ -30,7 +30,8 @@ class Design:
     gamma, gamma_star : float
         The bound asked for and its infimum, eq. (14).
     loops : sequence of LoopReport
-        State feedback; with the observer (19); as flown: sampled, with servos and delay.
+        As flown: sampled, with servos and delay; before it, for state feedback: every state known,
+        and with the observer (19).
     omega : sequence of (m,) ndarray
         Frequencies of each loop, rad/s.
     wind_to_h, wind_to_u : sequence of (m, 3) ndarray
@@ -47,7 +48,7 @@ class Design:
 
 
 def flown_design(settings: Settings) -> Design | None:
-    """Analyse the inner loop of a flight; None for a law that is no state feedback (pid).
+    """Analyse the inner loop of a flight; None for a law whose linear form is not known.
 
     Raises
     ------
@@ -58,8 +59,6 @@ def flown_design(settings: Settings) -> Design | None:
     from heli_inner_hinf import analysis
 
     config = AttitudeConfig.from_parameters(settings.nodes["inner_loop"])
-    if config.controller == "pid":
-        return None
     seen = settings.nodes["observer"]
     plant = PlantConfig.from_parameters(settings.nodes["plant"])
     aircraft = plant.helicopter
@@ -68,12 +67,11 @@ def flown_design(settings: Settings) -> Design | None:
         aircraft.servo_damping,
         TICK_S * plant.delay_ticks,
     )
-    feed = ObserverInput(
-        seen["u_delay_ticks"], seen["servo.frequency_radps"], seen["servo.damping"]
-    )
+    feed = ObserverInput.from_parameters(seen)
     K = np.reshape(np.asarray(seen["K"], float), (3, 6))
-    model = analysis.model_of(config)
-    loops = analysis.three_loops(model, K, config.prediction_s, feed, actuation)
+    loops = analysis.loops_of(config, K, feed, actuation)
+    if not loops:
+        return None
     top = [0.999 * np.pi / loop.dt if loop.dt else 1e3 for loop in loops]
     omega = [np.geomspace(1e-2, end, _POINTS) for end in top]
     values = [analysis.singular_values(loop, w) for loop, w in zip(loops, omega, strict=True)]

@@ -29,6 +29,7 @@ from heli_flight.report.words import scope
 _TITLES = {
     "result": "Result",
     "paper": "The paper's figures, from this flight",
+    "path": "The path",
     "flight": "Wind, actuators, attitude",
     "estimate": "Estimates against truth",
     "design": "The design that flew",
@@ -180,6 +181,7 @@ def _facts(report: Report) -> list[tuple[str, str]]:
         ("Scenario", settings.scenario_name),
         ("World", Path(settings.world).stem),
         ("Flown", f"{report.result.flown_s:.2f} s, {report.how}"),
+        ("Laws", Path(settings.laws).stem),
         ("Attitude law", LAWS.get(report.controller, report.controller)),
         ("Wind", f"{mean_wind(plant)}, {more}"),
         ("GPS", settings.gps),

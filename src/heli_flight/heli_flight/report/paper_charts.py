@@ -21,7 +21,15 @@ ADS33_VERTICAL_M = 0.61
 
 SECTION = "paper"
 NAMES = SOURCE_NAMES
-LAWS = {"hinf": "H-infinity", "lqr": "LQR", "pid": "PID"}
+LAWS = {
+    "hinf_output": "H-infinity output feedback",
+    "hinf": "H-infinity",
+    "lqr": "LQR",
+    "lqg": "LQG with integral action",
+    "pid": "PID",
+    "indi": "incremental inversion",
+    "matrices": "given by its matrices",
+}
 _ROLES = {"navigation": "nav", "truth": "truth"}
 _ZOOM_S = 5.0
 _V_X = "Speed ahead in the heading frame"
@@ -34,6 +42,8 @@ def paper_charts(report: Report) -> list[Chart]:
         return []
     if report.kind == "attitude":
         return _attitude_charts(report)
+    if report.kind != "hover":
+        return []
     return [
         _vertical_speed(report),
         _velocity(report, "v_x", 0, "Forward speed", "v_x, m/s", _V_X),

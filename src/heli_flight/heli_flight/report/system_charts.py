@@ -31,7 +31,7 @@ def flight_charts(report: Report) -> list[Chart]:
         return []
     charts = [_wind(report)] if report.has_wind else []
     charts += [_actuators(report)]
-    if report.kind == "hover":
+    if report.kind != "attitude":
         charts.append(_attitude(report))
     if report.has_truth:
         charts += [
@@ -237,8 +237,9 @@ def _rotor(report: Report) -> Chart:
 def design_charts(design: Design) -> list[Chart]:
     """Singular values from wind to the controlled output and to the actuators."""
     outputs, inputs = [], []
-    for i, loop in enumerate(design.loops):
-        w, role = design.omega[i], _LOOP_ROLES[i]
+    roles = _LOOP_ROLES[-len(design.loops) :]
+    for i, (loop, role) in enumerate(zip(design.loops, roles, strict=True)):
+        w = design.omega[i]
         outputs.append(Trace(w, design.wind_to_h[i][:, 0], loop.name, role, width=1.8))
         inputs.append(Trace(w, design.wind_to_u[i][:, 0], loop.name, role, width=1.8))
     flown = design.loops[-1]

@@ -33,7 +33,7 @@ from heli_flight.report.paper_charts import (
     PD_PID_M,
 )
 from heli_math.climb import CLIMB_METRICS, OVERSHOOT_S, commanded_climb
-from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY, size
+from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY, PATH, size
 from heli_parameters.parameters import Parameter
 
 _ADS33 = {
@@ -69,7 +69,7 @@ class Table:
 
 def result_tables(report: Report) -> list[Table]:
     """This flight beside the paper, over each stretch that was scored, and its climb."""
-    make = _attitude_rows if report.kind == "attitude" else _hover_rows
+    make = {"attitude": _attitude_rows, PATH: _path_rows}.get(report.kind, _hover_rows)
     tables = []
     for stretch, name in STRETCHES.items():
         if report.result.figures.of(stretch):
@@ -100,6 +100,11 @@ _SAID = {
     ),
     (WINDOWS, "hover"): "Hover alone: without the start, the climb and what follows it.",
     (WINDOWS, "attitude"): "Without the start.",
+    (WHOLE, PATH): (
+        "From engagement to the end, against the point of the path at that moment. Largest "
+        "magnitude (rms); ✓ inside, ✗ outside the goal. The paper flies no paths."
+    ),
+    (WINDOWS, PATH): "Without the start.",
 }
 _LESS_DRIFT = (
     f"Truth less drift at engagement: ground truth moved by what the navigation record's position "
@@ -175,6 +180,22 @@ def _hover_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]
         )
     rows.append(_distance_row(report, stretch))
     return head, rows
+
+
+def _path_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]]]:
+    sources = _sources(report)
+    rows = [
+        [
+            f"{metric.label}, {metric.unit}",
+            *(
+                _scored(report.result.figures, stretch, metric.key, s, metric.paper)
+                for s in sources
+            ),
+            f"{metric.paper:.2f}",
+        ]
+        for metric in METRICS[PATH]
+    ]
+    return ["", *(SOURCE_NAMES[s] for s in sources), "goal"], rows
 
 
 def _distance_row(report: Report, stretch: str) -> list[str]:
@@ -253,8 +274,8 @@ def margin_table(design: Design) -> Table:
         rows.append(row(f"{channel}: gain, phase, delay margin", words))
     caption = (
         f"Attitude law: {LAWS.get(design.controller, design.controller)}. γ = {design.gamma:.4f}, "
-        f"infimum γ* = {design.gamma_star:.4f}. As flown: sampled at 100 Hz, with observer, "
-        "prediction, servos and transport delay."
+        f"infimum γ* = {design.gamma_star:.4f} (state feedback). As flown: sampled at 100 Hz, with "
+        "servos and transport delay."
     )
     return Table(head, rows, caption)
 

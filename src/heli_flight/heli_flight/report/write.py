@@ -15,6 +15,7 @@ from heli_flight.report.design import flown_design
 from heli_flight.report.figures import write_figures
 from heli_flight.report.page import render
 from heli_flight.report.paper_charts import paper_charts
+from heli_flight.report.path_charts import path_charts
 from heli_flight.report.system_charts import design_charts, flight_charts, timeline_charts
 
 PAGE = "report.html"
@@ -64,7 +65,7 @@ def write_report(
     rival = _rival(settings) if settings.scenario.kind == "attitude" else None
     report = Report(record, settings, result, how, events, rival, tuple(missing), assumed)
     design = flown_design(settings)
-    charts = [*paper_charts(report), *flight_charts(report)]
+    charts = [*paper_charts(report), *path_charts(report), *flight_charts(report)]
     if design is not None:
         charts += design_charts(design)
     charts += timeline_charts(report)
@@ -76,9 +77,9 @@ def write_report(
 
 
 def _rival(settings: Settings) -> Rival:
-    """The same flight in one process under PID, or under H-infinity if PID has flown."""
+    """The same flight in one process under PID; if PID has flown under output feedback."""
     inner = settings.nodes["inner_loop"]
-    law = "hinf" if inner["controller"] == "pid" else "pid"
+    law = "hinf_output" if inner["controller"] == "pid" else "pid"
     nodes = {**settings.nodes, "inner_loop": {**inner, "controller": law}}
     flight = closed_loop.simulate(replace(settings, nodes=nodes))
     figures = score(flight.record, settings.scenario)

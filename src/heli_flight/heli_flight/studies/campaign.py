@@ -8,8 +8,9 @@ from typing import Any
 from rich.console import Console
 
 from heli_dynamics_sim.trim import TrimError
-from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.closed_loop import Flight, simulate
 from heli_flight.loop.result import Result, conditions
+from heli_flight.loop.scenario import Scenario
 from heli_flight.loop.scoring import (
     DECIDES,
     METRICS,
@@ -17,12 +18,14 @@ from heli_flight.loop.scoring import (
     STRETCHES,
     Figures,
     Score,
+    figures_of,
     score,
     sources_of,
 )
 from heli_flight.loop.settings import Settings
 from heli_flight.terminal import table as text_table
 from heli_flight.text_table import FittingTable
+from heli_math.paper_metrics import PATH
 from heli_parameters.parameters import ParameterError
 
 
@@ -33,6 +36,12 @@ class FlownSeed:
     seed: int
     figures: Figures
     lost: str
+
+    @classmethod
+    def of(cls, seed: int, flight: Flight, scenario: Scenario) -> "FlownSeed":
+        """What a flight has shown; of a lost one nothing is scored."""
+        figures = Figures() if flight.sentence else score(flight.record, scenario)
+        return cls(seed, figures, flight.sentence)
 
     def exit_code(self, gps: str) -> int:
         """As the hover test's, `Result.exit_code`."""
@@ -51,14 +60,13 @@ def fly_seeds(
     flown: list[FlownSeed] = []
     for seed in seeds:
         try:
-            flight = simulate(with_seed(settings, seed))
+            flight = simulate(settings.with_seed(seed))
         except TrimError as error:
             # An aircraft that was drawn, in this wind: no actuator setting holds it.
             flown.append(FlownSeed(seed, Figures(), f"The aircraft cannot hover: {error}"))
             progress(len(flown))
             continue
-        figures = Figures() if flight.sentence else score(flight.record, settings.scenario)
-        flown.append(FlownSeed(seed, figures, flight.sentence))
+        flown.append(FlownSeed.of(seed, flight, settings.scenario))
         progress(len(flown))
     return flown
 
@@ -103,7 +111,10 @@ def table(
     rows = text_table(STRETCHES[stretch], out)
     rows.add_column("metric")
     places = [(gps, source) for gps in columns for source in sources_of(gps)]
-    for name in ("paper", *(f"{gps}, {SOURCE_NAMES[source]}" for gps, source in places)):
+    for name in (
+        "goal" if kind == PATH else "paper",
+        *(f"{gps}, {SOURCE_NAMES[source]}" for gps, source in places),
+    ):
         rows.add_column(name, justify="right")
     extremes = {gps: worst(flown, stretch) for gps, flown in columns.items()}
     for metric in METRICS[kind]:
@@ -120,11 +131,11 @@ def inside_of(flown: Sequence[FlownSeed], gps: str, stretch: str) -> int:
     )
 
 
-def remarks(columns: Mapping[str, Sequence[FlownSeed]]) -> list[str]:
+def remarks(columns: Mapping[str, Sequence[FlownSeed]], kind: str) -> list[str]:
     """Sentences: how many were inside, and each flight that was lost or outside (`DECIDES`)."""
     lines = [
         f"{STRETCHES[stretch]}, {gps}: {inside_of(flown, gps, stretch)} of {len(flown)} flights "
-        "inside the paper's figures"
+        f"inside {figures_of(kind)}"
         for stretch in STRETCHES
         for gps, flown in columns.items()
     ]

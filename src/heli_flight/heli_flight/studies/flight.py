@@ -51,6 +51,8 @@ class FlightOrder:
         To be shown in a browser; needs a mode of the graph.
     world : str, optional
         As for `resolve`, but the hover test has a default of its own (`hover_test_world`).
+    laws : str, optional
+        As for `resolve`.
     """
 
     scenario: str | None = None
@@ -64,6 +66,7 @@ class FlightOrder:
     report: bool = True
     live: LiveOrder | None = None
     world: str | None = None
+    laws: str | None = None
 
     def resolved(self, seed: int | None = None) -> Settings:
         """What is flown, or its seed and what this draws replaced; raises ParameterError."""
@@ -76,6 +79,7 @@ class FlightOrder:
             self.params,
             controller=self.controller,
             world=hover_test_world(self.world, self.scenario, self.params),
+            laws=self.laws,
         )
 
 

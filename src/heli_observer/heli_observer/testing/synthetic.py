@@ -6,15 +6,16 @@ what sensors would read follows from them by differentiation, with errors drawn 
 that the observer is configured for. None of the filter's own kernels are used.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from heli_math.atmosphere import pressure_pa
-from heli_math.rows import MEAS
+from heli_math.rows import MEAS, NAV
 from heli_math.ticks import TICK_S, ticks_in
 
 Array = NDArray[np.float64]
@@ -55,6 +56,11 @@ class Flight:
     drift: Array
     baro_bias: Array
     mag_error: Array
+
+    def attitude_error(self, nav: Array, ticks: Array | Sequence[int]) -> Array:
+        """Rotation vectors (n, 3), NED, rad, from the attitude of rows of `nav` to the true one."""
+        true, told = (np.roll(q[ticks], -1, axis=1) for q in (self.q, nav[:, NAV.quat]))
+        return (Rotation.from_quat(true) * Rotation.from_quat(told).inv()).as_rotvec()
 
 
 def fade_in(t: Array, seconds: float) -> Array:

@@ -48,8 +48,9 @@
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: font, size: narrow ? 11 : 12.5, color: ink },
-      modebar: { bgcolor: "rgba(0,0,0,0)", color: dark() ? "#6d7780" : "#a9b1b8", activecolor: ink },
-      margin: { l: narrow ? 50 : 64, r: narrow ? 8 : 14, t: 34, b: 44, pad: 0 },
+      // A square chart leaves room beside it; above it the legend would meet the buttons.
+      modebar: { orientation: figure.square ? "v" : "h", bgcolor: "rgba(0,0,0,0)", color: dark() ? "#6d7780" : "#a9b1b8", activecolor: ink },
+      margin: { l: narrow ? 50 : 64, r: narrow ? 8 : figure.square ? 44 : 14, t: 34, b: 44, pad: 0 },
       hoverlabel: { bgcolor: dark() ? "#20262b" : "#ffffff", bordercolor: grid, font: { color: ink, size: 12 } },
       legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", font: { size: narrow ? 10.5 : 12 }, bgcolor: "rgba(0,0,0,0)", itemwidth: 30 },
       dragmode: coarse ? false : "zoom",

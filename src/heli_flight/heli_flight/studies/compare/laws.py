@@ -26,6 +26,7 @@ class Law:
 
 
 LAWS = (
+    Law("hinf_output", "H-infinity, output feedback", {"controller": "hinf_output"}),
     Law("hinf", "H-infinity", {"controller": "hinf"}),
     Law(
         "hinf_offset_free",

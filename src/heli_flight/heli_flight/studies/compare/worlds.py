@@ -85,6 +85,7 @@ def places(
     w20_mps: Sequence[float] = (),
     duration_s: float | None = None,
     params: Sequence[Path] = (),
+    laws: str | None = None,
 ) -> list[Place]:
     """Every world with every receiver, and with every wind at 20 ft if winds are given.
 
@@ -99,8 +100,9 @@ def places(
             changes = {} if wind is None else {"plant": {"wind.w20_mps": float(wind)}}
             for gps in receivers:
                 settings = resolve(
-                    "hover", gps, None, duration_s, params=params, overrides=changes, world=world
-                )
+                    "hover", gps, None, duration_s, params=params, overrides=changes, world=world,
+                    laws=laws,
+                )  # fmt: skip
                 found.append(Place(name, gps, settings))
     return found
 
@@ -171,6 +173,7 @@ def as_dict(where: Sequence[Place], found: Sequence[Sequence[Flown]]) -> dict[st
                 "name": place.name,
                 "world": Path(place.settings.world).stem,
                 "gps": place.gps,
+                "laws": Path(place.settings.laws).stem,
                 "w20_mps": place.settings.nodes["plant"]["wind.w20_mps"],
                 "conditions": conditions(place.settings).splitlines(),
                 "flown": len(flights),

@@ -14,24 +14,33 @@ from heli_dynamics_sim.linearize import linearize
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
 from heli_flight.loop.settings import Settings, resolve
-from heli_flight.studies.design.outer import outer_reports
+from heli_flight.loop.worlds import HOVER_TEST_WORLD
+from heli_flight.studies.design.attitude import beyond_the_box, searched_output, yardstick
+from heli_flight.studies.design.between_samples import norm_between_samples
+from heli_flight.studies.design.outer import attitude_lags_s, position_loop
 from heli_inner_hinf.actuation import Actuation, ObserverInput
-from heli_inner_hinf.analysis import LoopReport, analyse, model_of, three_loops
-from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.analysis import LoopReport, analyse, loops_of, model_of
+from heli_inner_hinf.attitude_search import Yardstick
+from heli_inner_hinf.design import AttitudeConfig, added_weights
+from heli_inner_hinf.disk_margin import DiskMargin
 from heli_inner_hinf.loops import Loop, Model
 from heli_inner_hinf.margins import further_delay_s
 from heli_inner_hinf.observer_gain import Candidate, choose_observer_gain
+from heli_inner_hinf.output_feedback import generalised_plant
 from heli_inner_hinf.pid_tuning import AxisGains, gains_of, tune_pid
 from heli_inner_hinf.synthesis import gamma_star
 from heli_inner_hinf.weights import weights
+from heli_math.central_controller import NoControllerError, optimal_gamma
 from heli_math.rows import ACTUATOR, NINE
-from heli_math.state_names import ATTITUDE, INPUT_NAMES
+from heli_math.state_names import INPUT_NAMES
 from heli_math.ticks import TICK_S, ticks_in
 from heli_outer_pd.axis_analysis import AxisReport
 from heli_parameters.parameters import ParameterError, dump_all
+from heli_robust.lifting import SampledNorm
 
 _MAX_DELAY_TICKS = 2
 LONGEST_DELAY_S = 0.2
+_OUTPUT_GAMMA_FACTOR = 1.05  # least output.gamma over gamma*: nearer the law loses its margins
 
 
 @dataclass(frozen=True)
@@ -98,14 +107,18 @@ class Design:
     pid : tuple of AxisGains
         The PID of the same aircraft, by its rule.
     loops : tuple of Loop
-        State feedback; with observer; as flown.
+        State feedback, with observer, as flown; of output feedback as flown alone.
     reports : tuple of LoopReport
-        Of the three loops.
+        Of the loops.
+    between_samples : SampledNorm
+        Norm wind -> h of the loop as flown, between its samples as well.
     further_delay_s : float
         What the loop as flown survives on top of its own delay.
     outer : tuple of AxisReport
         The position loop with its present gains, forward, right, down; empty for an identified
         aircraft.
+    outer_together : DiskMargin or None
+        With its three channels broken together, the axes as they meet in the aircraft.
     values : dict
         Node name to the parameters that the design decides.
     """
@@ -114,10 +127,12 @@ class Design:
     attitude: AttitudeConfig
     observer: Candidate
     pid: tuple[AxisGains, ...]
-    loops: tuple[Loop, Loop, Loop]
+    loops: tuple[Loop, ...]
     reports: tuple[LoopReport, ...]
+    between_samples: SampledNorm
     further_delay_s: float
     outer: tuple[AxisReport, ...]
+    outer_together: DiskMargin | None
     values: Mapping[str, Mapping[str, Any]]
 
     @property
@@ -141,10 +156,12 @@ def make_design(
     aircraft: str | None = None,
     gamma: float | None = None,
     gamma_factor: float | None = None,
+    search: bool = False,
 ) -> Design:
     """Trim, linearise, synthesise, choose the observer, tune the PID, analyse.
 
-    The position loop is not designed: its gains stay those of the parameters, and are analysed.
+    `output` and the position loop's gains are searched for if asked, else stay those of the
+    parameters.
 
     Parameters
     ----------
@@ -156,14 +173,24 @@ def make_design(
         Bound on the norm; default: the parameter.
     gamma_factor : float, optional
         Bound as a multiple of gamma*, instead.
+    search : bool
+        Search for the position loop's gains, and, for the parameters' own aircraft, for `output`
+        from the present numbers; another aircraft keeps these.
 
     Raises
     ------
-    ParameterError, AircraftError, TrimError, SynthesisError
+    ParameterError, AircraftError, TrimError, SynthesisError, NoGainsError
         Each with a sentence; the same as the nodes give.
     """
     settings = resolve(params=params)
-    return design_of(aircraft_basis(settings, aircraft), settings, gamma, gamma_factor)
+    air = resolve(params=params, world=HOVER_TEST_WORLD).nodes["plant"]
+    basis = aircraft_basis(settings, aircraft)
+    measure = None
+    if search and aircraft is None:
+        own = HelicopterParameters.from_yaml(settings.nodes["plant"]["aircraft_file"])
+        common = yardstick(own, basis.actuation)
+        measure = beyond_the_box(common, own, basis.actuation)
+    return design_of(basis, settings, gamma, gamma_factor, air, search, measure)
 
 
 def aircraft_basis(settings: Settings, aircraft: str | None = None) -> Basis:
@@ -207,6 +234,9 @@ def design_of(
     settings: Settings,
     gamma: float | None = None,
     gamma_factor: float | None = None,
+    air: Mapping[str, Any] | None = None,
+    search: bool = False,
+    measure: Yardstick | None = None,
 ) -> Design:
     """Synthesise, choose the observer, tune the PID, analyse; no aircraft file is read.
 
@@ -215,8 +245,15 @@ def design_of(
     basis : Basis
     settings : Settings
         Weights, gamma and whatever else the inner loop's parameters hold.
-    gamma, gamma_factor : float, optional
+    gamma, gamma_factor
         As in `make_design`.
+    search : bool
+        Search for the position loop's gains.
+    air : mapping, optional
+        Parameters of the plant in whose wind and with whose terms the position loop is judged;
+        default: the settings'.
+    measure : Yardstick, optional
+        Search by it for the numbers of `output`.
 
     Raises
     ------
@@ -232,9 +269,15 @@ def design_of(
         "model.E": basis.E,
         "trim.x": basis.x_trim,
         "trim.u": basis.u_trim,
+        "servo.frequency_radps": actuation.servo_radps,
+        "servo.damping": actuation.servo_damping,
+        "delay_ticks": ticks_in(actuation.delay_s),
         "prediction_s": round(actuation.known_lag_s, 3),
     }
     inner["gamma"] = _gamma(inner, gamma, gamma_factor)
+    inner["output.gamma"] = _output_gamma(inner, actuation)
+    if measure is not None:
+        inner |= searched_output(inner, measure)
     attitude = AttitudeConfig.from_parameters(inner)
     feed = observer_input(actuation)
     model = model_of(attitude)
@@ -242,21 +285,23 @@ def design_of(
     best, _ = choose_observer_gain(plain, attitude.prediction_s, actuation, feed)
     pid = tune_pid(plain, actuation)
     inner |= {f"pid.{name}": gains for name, gains in gains_of(pid).items()}
-    loops = three_loops(model, best.K, attitude.prediction_s, feed, actuation)
-    values: dict[str, Mapping[str, Any]] = {
+    loops = loops_of(attitude, best.K, feed, actuation)
+    values: dict[str, dict[str, Any]] = {
         "inner_loop": {key: inner[key] for key in _INNER_KEYS},
         "observer": _observer_values(inner, best, actuation),
-        "outer_loop": _outer_values(basis, attitude),
+        "outer_loop": _outer_values(basis, loops[-1]),
     }
     outer: tuple[AxisReport, ...] = ()
+    together = None
     if basis.plant:
         values["plant"] = dict(basis.plant)
-        outer = outer_reports(
-            {**settings.nodes["plant"], **basis.plant},
-            {**settings.nodes["outer_loop"], **values["outer_loop"]},
-            loops[1],
-            actuation,
-        )
+        own = {**settings.nodes["outer_loop"], **values["outer_loop"]}
+        around = {**(air or settings.nodes["plant"]), **basis.plant}
+        position = position_loop(around, own, loops[-1], model, actuation)
+        if search:
+            values["outer_loop"] |= position.chosen(own)
+        outer = position.reports(own | values["outer_loop"])
+        together = position.common_margin(own | values["outer_loop"])
     return Design(
         basis=basis,
         attitude=attitude,
@@ -264,17 +309,20 @@ def design_of(
         pid=pid,
         loops=loops,
         reports=tuple(analyse(loop) for loop in loops),
-        further_delay_s=further_delay_s(
-            model, best.K, attitude.prediction_s, feed, actuation, LONGEST_DELAY_S
-        ),
+        between_samples=norm_between_samples(model, actuation, loops[-1]),
+        further_delay_s=further_delay_s(loops[-1], model, actuation, LONGEST_DELAY_S),
         outer=outer,
+        outer_together=together,
         values=values,
     )
 
 
 _INNER_KEYS = (
-    "gamma", "C11", "C22", "D11", "trim.x", "trim.u", "model.A", "model.B", "model.E",
-    "prediction_s", "pid.K_P", "pid.K_I", "pid.K_D",
+    "gamma", "C11", "C22", "D11", "output.gamma", "output.effort", "output.integral",
+    "output.load", "output.noise", "output.command_effort",
+    "trim.x", "trim.u", "model.A", "model.B", "model.E",
+    "servo.frequency_radps", "servo.damping", "delay_ticks", "prediction_s",
+    "pid.K_P", "pid.K_I", "pid.K_D",
 )  # fmt: skip
 
 
@@ -295,6 +343,19 @@ def _gamma(inner: Mapping[str, Any], gamma: float | None, factor: float | None) 
     return factor * gamma_star(*plant, C, D).value
 
 
+def _output_gamma(inner: Mapping[str, Any], actuation: Actuation) -> float:
+    """`output.gamma`, or a bound above gamma* for an aircraft that has no law below it."""
+    model = inner["model.A"], inner["model.B"], inner["model.E"]
+    C, D = weights(inner["C11"], inner["C22"], inner["D11"])
+    gamma = float(inner["output.gamma"])
+    plant = generalised_plant(*model, C, D, added_weights(inner), actuation)
+    try:
+        least = _OUTPUT_GAMMA_FACTOR * optimal_gamma(plant, gamma).value
+    except NoControllerError:
+        return gamma  # what flies it says why
+    return gamma if gamma >= least else float(f"{least:.3g}")
+
+
 def _observer_values(
     inner: Mapping[str, Any], best: Candidate, actuation: Actuation
 ) -> dict[str, Any]:
@@ -310,26 +371,14 @@ def _observer_values(
     }
 
 
-def attitude_lags_s(attitude: AttitudeConfig) -> np.ndarray:
-    """Lag (2,), s, of pitch and roll behind their commands: -T'(0), T: command -> angle.
-
-    T(s) = C (s - A - BF)^-1 B G and T(0) = 1, so T'(0) = -C (A + BF)^-2 B G. The prediction stands
-    for the actuators' lag.
-    """
-    gains = attitude.lqr if attitude.controller == "lqr" else attitude.synthesis
-    inverse = np.linalg.inv(attitude.A + attitude.B @ gains.F)
-    lag = (inverse @ inverse @ attitude.B @ gains.G)[list(ATTITUDE)]
-    return np.array([lag[1, 1], lag[0, 0]])
-
-
-def _outer_values(basis: Basis, attitude: AttitudeConfig) -> dict[str, Any]:
+def _outer_values(basis: Basis, attitude: Loop) -> dict[str, Any]:
     return {
         "mass": basis.outer["mass"],
         "gravity": basis.outer["gravity"],
         "trim.phi": float(basis.x_trim[NINE.phi]),
         "trim.theta": float(basis.x_trim[NINE.theta]),
         "trim.d_col": float(basis.u_trim[ACTUATOR.col]),
-        "disturbance.attitude_lag_s": attitude_lags_s(attitude),
+        "disturbance.attitude_lag_s": np.round(attitude_lags_s(attitude), 2),
         **{key: value for key, value in basis.outer.items() if key.startswith("rotor.")},
     }
 
@@ -337,13 +386,13 @@ def _outer_values(basis: Basis, attitude: AttitudeConfig) -> dict[str, Any]:
 def write_yaml(design: Design, path: Path, by: str = "heli design") -> None:
     """Write the rcl parameter file that plant, observer, inner and outer loop load; `by`: who."""
     dump_all(design.values, path)
-    s = design.attitude.synthesis
+    s = design.attitude.output or design.attitude.synthesis
     flown = design.reports[-1]
     plant = "plant, " if "plant" in design.values else ""
     head = (
         f"# Design by {by}: one file for {plant}observer, inner_loop and outer_loop.\n"
         f"# gamma = {s.gamma:.8g}, gamma* = {s.gamma_star.value:.10g}, "
-        f"norm wind -> h = {s.norm:.6g}\n"
+        f"norm = {s.norm:.6g} ({design.attitude.controller})\n"
         f"# as flown: disk margin {flown.disk_input.alpha:.3f} at the plant input, "
         f"{flown.disk_output.alpha:.3f} at its output\n"
         "# Arrays are flat, row by row; units and meaning: the packaged YAML of each node.\n"

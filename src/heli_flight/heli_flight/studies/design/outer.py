@@ -1,52 +1,185 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The position loop around a designed attitude loop: what its present gains are worth.
+"""The position loop around a designed attitude loop: its gains, what they are worth, the limit.
 
-The gains are those of the parameters; `heli design` does not choose them. The aircraft's damping by
-the air comes from its equations, so there is no report for an aircraft that is identified.
+Air, aircraft's terms and wind are those of the hover test's world, with nothing drawn: the loop's
+acceleration comes from the aircraft's equations about its trim in the mean wind. So there is no
+report for an aircraft that is identified.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-import control
 import numpy as np
 
 from heli_dynamics_sim.config import PlantConfig
-from heli_dynamics_sim.linearize import air_damping_per_s
+from heli_dynamics_sim.linearize import linearize_moving
 from heli_dynamics_sim.trim import trim
-from heli_dynamics_sim.wind import WindKernel, dryden_scales, mean_speed
+from heli_dynamics_sim.wind import dryden_scales, mean_speed, passing_speed
+from heli_flight.studies.design.coupled import CoupledPlant, common_disk_margin, coupled_plant
 from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.loops import Loop
-from heli_math.rows import NINE
+from heli_inner_hinf.disk_margin import DiskMargin
+from heli_inner_hinf.loops import POSITIONS, Loop, Model, sampled_plant
+from heli_math.grid_search import search
+from heli_math.linear_systems import held_late, with_delay_line
+from heli_math.state_names import INPUT_NAMES, STATE_NAMES
+from heli_math.state_space import WIND
 from heli_math.ticks import TICK_S
 from heli_outer_pd.axis_analysis import (
     Axis,
     AxisReport,
     Gains,
+    Sampled,
     analyse,
+    drifting,
     dryden_across,
-    dryden_along,
     modelled_heave_damping_per_s,
 )
-from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.config import OBSERVER_DAMPING, outer_kernel
+from heli_outer_pd.gain_search import NoGainsError, Wanted, best_gains, cost, gains_at
 
 NAMES = ("forward", "right", "down")
+_COMMANDS = (("theta_ref", -1.0), ("phi_ref", 1.0))
+# Errors of the navigation with RTK in the hover test's world, as flown: rms and correlation time.
+_POSITION_ERROR = drifting(0.012, 1.5)
+_SPEED_ERROR = drifting(0.008, 0.5)
+# A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
+# from the doubt of mass, thrust and delay.
+_WANTED = tuple(
+    Wanted(position / 3.5, speed / 3.5, disk_margin=0.6, disk_margin_of_others=0.4)
+    for position, speed in ((0.16, 0.15), (0.25, 0.15), (0.10, 0.09))
+)
+_DOUBT = 0.3
+"""Of the acceleration that a command gives (mass, slope of the thrust) and of the servos' speed."""
+_BANKED = ((8.0, 0.3), (10.0, 0.2))
+"""Side wind from either side, m/s: 20 and 30 deg of bank; the common margin's floor there."""
+_MISSED = 1e6
+"""Price of gains that miss the floors in banked flight, before what they miss them by."""
 
 
-def outer_reports(
+@dataclass(frozen=True)
+class PositionLoop:
+    """The loop's parts that an aircraft decides.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        Forward, right, down, as modelled.
+    others : tuple of tuple of Axis
+        Of each axis a tick later, that with slower servos, and with more and with less acceleration
+        per command.
+    lags_s : (2,) array
+        Lag of pitch and roll behind their commands at low frequency.
+    coupled : CoupledPlant
+        The axes as they meet in the aircraft.
+    banked : tuple of (CoupledPlant, float)
+        The same in side wind, and the floor of the common margin there.
+    """
+
+    axes: tuple[Axis, ...]
+    others: tuple[tuple[Axis, ...], ...]
+    lags_s: np.ndarray
+    coupled: CoupledPlant
+    banked: tuple[tuple[CoupledPlant, float], ...] = ()
+
+    def reports(self, outer: Mapping[str, Any]) -> tuple[AxisReport, ...]:
+        """Of the gains of the outer loop's parameters."""
+        kernel = outer_kernel(outer)
+        return tuple(analyse(axis, Gains.of(kernel, i)) for i, axis in enumerate(self.axes))
+
+    def common_margin(self, outer: Mapping[str, Any]) -> DiskMargin:
+        """Disk margin with phi_ref, theta_ref and the collective broken together."""
+        kernel = outer_kernel(outer)
+        gains = tuple(Gains.of(kernel, i) for i in range(len(self.axes)))
+        return common_disk_margin(self.coupled, self.axes, gains)
+
+    def chosen(self, outer: Mapping[str, Any]) -> dict[str, list[float]]:
+        """Gains that the search yields, as parameters of the outer loop.
+
+        Raises
+        ------
+        NoGainsError
+            An axis has none that keep the margins.
+        """
+        filter_s = outer["attitude_lead.filter_s"]
+        alone = [
+            best_gains(NAMES[i], axis, self.others[i], _WANTED[i], OBSERVER_DAMPING, filter_s)
+            for i, axis in enumerate(self.axes)
+        ]
+        found = self._held_in_bank(alone, filter_s)
+        K_P, K_D, bandwidth, lead_s = (list(column) for column in zip(*found, strict=True))
+        return {
+            "K_P": K_P,
+            "K_D": K_D,
+            "disturbance.bandwidth_radps": bandwidth,
+            "attitude_lead.lead_s": lead_s[:2],
+        }
+
+    def _held_in_bank(
+        self, alone: Sequence[Sequence[float]], filter_s: float
+    ) -> list[tuple[float, ...]]:
+        """From each axis' own gains to such as keep the floors in banked flight, too.
+
+        There the axes meet: a pitch turns the nose, and the nose what is held against the wind.
+        """
+        down = tuple(alone[-1])
+
+        def rows(numbers: Sequence[float]) -> list[tuple[float, ...]]:
+            return [*(tuple(row.tolist()) for row in np.split(np.array(numbers), 2)), down]
+
+        def price(numbers: Sequence[float]) -> float:
+            gains = tuple(gains_at(row, OBSERVER_DAMPING, filter_s) for row in rows(numbers))
+            own = sum(cost(gains[i], self.axes[i], self.others[i], _WANTED[i]) for i in range(2))
+            if not np.isfinite(own):
+                return np.inf
+            missed = sum(
+                max(0.0, floor - common_disk_margin(plant, self.axes, gains).alpha)
+                for plant, floor in self.banked
+            )
+            return own if missed <= 0.0 else _MISSED * (1.0 + missed)
+
+        found = search((*alone[0], *alone[1]), price, (1,), pairs=False)
+        if price(found) >= _MISSED:
+            raise NoGainsError(
+                "position loop: no gains near those of the single axes keep the floors of the "
+                "common disk margin in side wind: the attitude loop is too slow"
+            )
+        return rows(found)
+
+
+def attitude_lags_s(attitude: Loop) -> np.ndarray:
+    """Lag (2,), s, of pitch and roll of a sampled loop behind their commands: -T'/T at z = 1."""
+    closed = attitude.closed
+    labels, inputs = closed.state_labels, closed.input_labels
+    lags = []
+    for command, _ in _COMMANDS:
+        row = np.eye(closed.nstates)[labels.index(command.removesuffix("_ref"))]
+        once = np.linalg.solve(
+            np.eye(closed.nstates) - closed.A, closed.B[:, inputs.index(command)]
+        )
+        twice = np.linalg.solve(np.eye(closed.nstates) - closed.A, once)
+        lags.append(closed.dt * (row @ twice) / (row @ once))
+    return np.array(lags)
+
+
+def position_loop(
     plant: Mapping[str, Any],
     outer: Mapping[str, Any],
     attitude: Loop,
+    model: Model,
     actuation: Actuation,
-) -> tuple[AxisReport, ...]:
-    """Margins and rms of the three axes in the wind of the flight's start, exact navigation.
+) -> PositionLoop:
+    """The three axes around an attitude loop as flown.
 
     Parameters
     ----------
     plant, outer : mapping
-        Parameters of the plant (aircraft, wind, start) and of the outer loop.
+        Parameters of the plant (aircraft, wind, start) and of the outer loop; of the latter's gains
+        nothing is used.
     attitude : Loop
-        Continuous loop with the observer; commanded to achieved attitude is read from it.
+        As flown.
+    model : Model
+        What the attitude loop was designed for.
     actuation : Actuation
 
     Raises
@@ -54,53 +187,88 @@ def outer_reports(
     PlantConfigError, TrimError
     """
     config = PlantConfig.from_parameters(plant)
-    kernel = outer_kernel(outer)
-    altitude_m = -float(config.pos_ned_m[2])
-    mean_mps = mean_speed(altitude_m, config.wind)
-    towards = np.array([np.cos(config.wind.towards_rad), np.sin(config.wind.towards_rad), 0.0])
-    at = trim(config.helicopter, mean_mps * towards, config.psi)
-    damping = air_damping_per_s(config.helicopter, at)
-    period_s = outer["period_ticks"] * TICK_S
-    lags = [kernel.attitude_lag[0], kernel.attitude_lag[1], 0.0]
-    modelled = [0.0, 0.0, modelled_heave_damping_per_s(kernel)]
-    # The attitude loop's own delay is what its prediction stands for; the collective has a servo.
-    delays = [actuation.known_lag_s] * 2 + [actuation.delay_s + 0.5 * TICK_S]
-    blocks = [_attitude(attitude, NINE.theta), _attitude(attitude, NINE.phi), _servo(actuation)]
-    gusts = _gusts(config.wind, altitude_m, config.wind.towards_rad - config.psi)
-    return tuple(
-        analyse(
-            Axis(blocks[i], delays[i] + 0.5 * period_s, damping[i], lags[i], modelled[i], gusts[i]),
-            Gains.of(kernel, i),
-        )
-        for i in range(len(NAMES))
-    )
-
-
-def _attitude(loop: Loop, state: int) -> control.StateSpace:
-    """Commanded to achieved phi or theta."""
-    closed = loop.closed
-    name = f"{closed.state_labels[state]}_ref"
-    B = closed.B[:, [closed.input_labels.index(name)]]
-    return control.ss(closed.A, B, np.eye(closed.nstates)[[state]], [[0.0]])
-
-
-def _servo(actuation: Actuation) -> control.StateSpace:
-    w, zeta = actuation.servo_radps, actuation.servo_damping
-    return control.tf2ss([w**2], [1.0, 2.0 * zeta * w, w**2])
-
-
-def _gusts(
-    wind: WindKernel, altitude_m: float, off_nose_rad: float
-) -> tuple[tuple[control.StateSpace, ...], ...]:
-    """Dryden gusts along the three axes, from independent noises."""
+    wind, altitude_m = config.wind, -float(config.pos_ned_m[2])
+    off_nose = wind.towards_rad - config.psi
+    downwind = np.array([np.cos(off_nose), np.sin(off_nose), 0.0])
+    at = trim(config.helicopter, mean_speed(altitude_m, wind) * downwind, 0.0)
+    moving = linearize_moving(config.helicopter, at)
+    nine, inputs = len(STATE_NAMES), len(INPUT_NAMES)
+    moved = replace(model, A=moving.A[:nine], B=moving.B[:nine, :inputs], E=moving.E[:nine])
+    acceleration = moving.A[nine:], moving.B[nine:, :inputs], moving.E[nine:]
     sigma, sigma_w, length_m, length_w_m = dryden_scales(altitude_m, wind.w20_mps)
-    if not wind.turbulence:
-        sigma = sigma_w = 0.0
-    speed_mps = max(mean_speed(altitude_m, wind), wind.airspeed_floor_mps)
-    along, across = abs(np.cos(off_nose_rad)), abs(np.sin(off_nose_rad))
+    speed_mps = passing_speed(altitude_m, wind)
     time_s = length_m / speed_mps
-    return (
-        (dryden_along(along * sigma, time_s), dryden_across(across * sigma, time_s)),
-        (dryden_along(across * sigma, time_s), dryden_across(along * sigma, time_s)),
+    along, across = np.abs(downwind[:2])
+    gusts = (
+        (drifting(along * sigma, time_s), dryden_across(across * sigma, time_s)),
+        (drifting(across * sigma, time_s), dryden_across(along * sigma, time_s)),
         (dryden_across(sigma_w, length_w_m / speed_mps),),
     )
+    lags_s = attitude_lags_s(attitude)
+    kernel = outer_kernel(outer)
+
+    def axes(actuation: Actuation) -> tuple[Axis, ...]:
+        flown = replace(attitude, plant=sampled_plant(moved, actuation))
+        blocks = [_tilted(flown, *acceleration, i, kernel.g) for i in range(2)]
+        blocks.append(_lifted(actuation, acceleration[2][2, 2]))
+        heave = modelled_heave_damping_per_s(kernel)
+        modelled = [(lags_s[0], 0.0), (lags_s[1], 0.0), (0.0, heave)]
+        return tuple(
+            Axis(
+                blocks[i],
+                *modelled[i],
+                gusts[i],
+                _POSITION_ERROR,
+                _SPEED_ERROR,
+                outer["period_ticks"],
+            )
+            for i in range(len(NAMES))
+        )
+
+    nominal = axes(actuation)
+    late = replace(actuation, delay_s=actuation.delay_s + TICK_S)
+    slow_and_late = replace(late, servo_radps=(1.0 - _DOUBT) * late.servo_radps)
+    others = tuple(
+        (*later, _stronger(axis, 1.0 + _DOUBT), _stronger(axis, 1.0 - _DOUBT))
+        for axis, *later in zip(nominal, axes(late), axes(slow_and_late), strict=True)
+    )
+    period = outer["period_ticks"]
+    coupled = coupled_plant(moving, at, attitude, actuation, kernel, period)
+    banked = []
+    for speed_mps, floor in _BANKED:
+        for side in (-1.0, 1.0):
+            held = trim(config.helicopter, np.array([0.0, side * speed_mps, 0.0]), 0.0)
+            leaning = linearize_moving(config.helicopter, held)
+            flown = coupled_plant(leaning, held, attitude, actuation, kernel, period)
+            banked.append((flown, floor))
+    return PositionLoop(nominal, others, lags_s, coupled, tuple(banked))
+
+
+def _stronger(axis: Axis, factor: float) -> Axis:
+    """The axis with so much more acceleration per command."""
+    act = axis.actuation
+    commanded = np.array([factor, 1.0])
+    return replace(axis, actuation=act._replace(B=act.B * commanded, D=act.D * commanded))
+
+
+def _tilted(
+    flown: Loop, A: np.ndarray, B: np.ndarray, E: np.ndarray, axis: int, g: float
+) -> Sampled:
+    """Commanded acceleration and air -> acceleration, of pitch (0) or roll (1)."""
+    closed = flown.closed
+    labels, inputs = closed.state_labels, closed.input_labels
+    command, sign = _COMMANDS[axis]
+    C = np.zeros((1, closed.nstates))
+    C[0, [labels.index(name) for name in STATE_NAMES]] = A[axis]
+    C[0, [labels.index(name) for name in POSITIONS]] = B[axis]
+    columns = closed.B[:, [inputs.index(command), inputs.index(WIND[axis])]]
+    return Sampled(closed.A, columns * [sign / g, 1.0], C, np.array([[0.0, E[axis, axis]]]))
+
+
+def _lifted(actuation: Actuation, damping_per_s: float) -> Sampled:
+    """The same of the collective: transport delay, servo, unit static gain."""
+    w, zeta = actuation.servo_radps, actuation.servo_damping
+    servo = np.array([[0.0, 1.0], [-(w**2), -2.0 * zeta * w]]), np.array([[0.0], [w**2]])
+    A, B = with_delay_line(held_late(*servo, TICK_S, actuation.delay_s))
+    C = np.eye(1, len(A))
+    return Sampled(A, np.hstack([B, 0.0 * B]), C, np.array([[0.0, damping_per_s]]))

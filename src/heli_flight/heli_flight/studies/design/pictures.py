@@ -33,15 +33,20 @@ def draw_all(design: Design, folder: Path) -> list[Path]:
     return paths
 
 
+def _looks(design: Design) -> list[tuple[Loop, tuple[str, str]]]:
+    """The loops, the one as flown last, with colour and line."""
+    return list(zip(design.loops, _LOOKS[-len(design.loops) :], strict=True))
+
+
 def _frequencies(loop: Loop) -> np.ndarray:
     return np.geomspace(0.1, 0.999 * np.pi / loop.dt if loop.dt else 500.0, 300)
 
 
 def draw_singular_values(design: Design, path: Path) -> None:
     """Wind -> h and wind -> actuators over frequency, with gamma and gamma*."""
-    synthesis = design.attitude.synthesis
+    synthesis = design.attitude.output or design.attitude.synthesis
     with picture(path, 1, 2, (7.2, 3.2), sharex=True) as (_, axes):
-        for loop, (colour, style) in zip(design.loops, _LOOKS, strict=True):
+        for loop, (colour, style) in _looks(design):
             omega = _frequencies(loop)
             for axis, sigma in zip(axes[0], singular_values(loop, omega), strict=True):
                 axis.loglog(omega, sigma[:, 0], color=colour, ls=style, label=loop.name)
@@ -67,7 +72,7 @@ def draw_margins(design: Design, path: Path) -> None:
     """Disk margin of all channels at once over frequency, at the plant's input and output."""
     with picture(path, 1, 2, (7.2, 3.2), sharex=True, sharey=True) as (_, axes):
         for axis, where in zip(axes[0], ("input", "output"), strict=True):
-            for loop, (colour, style) in zip(design.loops, _LOOKS, strict=True):
+            for loop, (colour, style) in _looks(design):
                 omega = _frequencies(loop)
                 L = loop.at_input(omega) if where == "input" else loop.at_output(omega)
                 alpha = disk_margins(L)
@@ -110,7 +115,8 @@ def draw_steps(design: Design, path: Path) -> None:
                 time_s, r[i] * 180.0 / np.pi + 0.0 * time_s, color=RED, lw=0.8, label="command"
             )
             colour, style = _LOOKS[0]
-            top.plot(time_s, ideal[:, i], color=colour, ls=style, label="state feedback")
+            if len(design.loops) > 1:
+                top.plot(time_s, ideal[:, i], color=colour, ls=style, label="state feedback")
             top.plot(time_s, np.degrees(flown)[:, i], color=BLUE, label="as flown")
             others = np.delete(np.degrees(flown), i, axis=1)
             top.plot(time_s, others, color=BLUE, lw=0.6, alpha=0.6)

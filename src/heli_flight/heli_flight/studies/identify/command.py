@@ -2,13 +2,14 @@
 """`heli identify`: fly two experiments or take their bags, fit, design, compare, report, fly."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
+from heli_flight import interrupts
 from heli_flight.errors import FlightError
 from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
@@ -23,7 +24,7 @@ from heli_flight.studies.identify.data import (
 )
 from heli_flight.studies.identify.fit import Identification, identify
 from heli_flight.studies.identify.parameter_table import Given, read_given
-from heli_flight.terminal import being_filled, steps
+from heli_flight.terminal import being_filled, json_text, steps
 from heli_flight.terminal import table as text_table
 from heli_identification.experiment import Experiment
 from heli_math.ticks import seconds
@@ -113,6 +114,13 @@ def settings_of(wanted: Wanted, kind: str) -> Settings:
     return resolve(SCENARIOS[kind], wanted.gps, wanted.seed, None, mode, layers(wanted), overrides)
 
 
+def _with_the_law_to_fly(settings: Settings, wanted: Wanted) -> Settings:
+    """The same with the law that will fly what is found: the experiments' own is another."""
+    inner = settings.nodes["inner_loop"]
+    flies = resolve(params=layers(wanted)).nodes["inner_loop"]["controller"]
+    return replace(settings, nodes={**settings.nodes, "inner_loop": {**inner, "controller": flies}})
+
+
 def run(wanted: Wanted, folder: Path | None) -> Outcome:
     """Experiments, fits, design, comparison.
 
@@ -129,7 +137,7 @@ def run(wanted: Wanted, folder: Path | None) -> Outcome:
     """
     if (wanted.actuators is None) != (wanted.gusts is None):
         raise ParameterError("--actuators and --gusts: give both bags, or none to fly them")
-    settings = settings_of(wanted, "actuators")
+    settings = _with_the_law_to_fly(settings_of(wanted, "actuators"), wanted)
     given = read_given(wanted.aircraft or settings.nodes["plant"]["aircraft_file"], wanted.params)
     experiments = {
         kind: _experiment(wanted, kind, given, folder) for kind in ("actuators", "gusts")
@@ -218,12 +226,14 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write(outcome: Outcome, folder: Path, text: str) -> None:
-    """identified.yaml, and identification.json with the text of `as_dict`."""
+def write(outcome: Outcome, folder: Path) -> None:
+    """Write identified.yaml, identification.json with what `as_dict` gives, and the page."""
     from heli_flight.studies.design.make import write_yaml
+    from heli_flight.studies.identify.report import write_page
 
     write_yaml(outcome.found.design, folder / YAML, "heli identify, from flight data")
-    (folder / JSON).write_text(text, encoding="utf-8")
+    (folder / JSON).write_text(json_text(as_dict(outcome)), encoding="utf-8")
+    write_page(outcome, folder)
 
 
 def print_outcome(outcome: Outcome, out: Console) -> None:
@@ -274,7 +284,9 @@ def fly_hover(wanted: Wanted, folder: Path, out: Console) -> int:
 
 
 def execute(wanted: Wanted, folder: Path) -> Outcome:
-    """`run` in a new folder; a failure leaves the bags that were flown, else nothing.
+    """`run` and `write` in a new folder; a failure leaves the bags that were flown, else nothing.
+
+    An interrupt waits until all is written.
 
     Raises
     ------
@@ -287,6 +299,9 @@ def execute(wanted: Wanted, folder: Path) -> Outcome:
 
                 check_middleware()
                 start_server()
-            return run(wanted, folder)
+            outcome = run(wanted, folder)
+            with interrupts.held_back():
+                write(outcome, folder)
         finally:
             new.stays = any(folder.glob("*/bag"))
+    return outcome

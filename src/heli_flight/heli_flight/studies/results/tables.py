@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping
 
 from heli_flight.studies.results import tables_beside_paper as beside
 from heli_flight.studies.results import tables_of_flights as flights
+from heli_flight.studies.results import tables_of_laws as of_laws
 from heli_flight.studies.results import tables_of_parts as parts
+from heli_flight.studies.results import tables_of_position as position
 from heli_flight.studies.results import tables_of_terms as terms
 from heli_flight.studies.results import tables_of_worlds as around
 from heli_flight.studies.results.files import Results
@@ -13,15 +15,23 @@ from heli_flight.studies.results.files import Results
 TABLES: Mapping[str, Callable[[Results], str]] = {
     "paper": beside.paper,
     "worlds": around.worlds,
+    "worlds_paper": around.worlds_paper,
     "w20": around.w20,
     "laws": flights.laws,
     "laws_in_full": flights.laws_in_full,
+    "laws_everywhere": of_laws.laws_everywhere,
+    "paper_causes": of_laws.paper_causes,
+    "position_floor": position.position_floor,
+    "paths": position.paths,
+    "position_doubts": position.position_doubts,
     "robustness": flights.robustness,
+    "robust": of_laws.robust,
     "identification": flights.identification,
     "loops": parts.loops,
     "observer_gains": parts.observer_gains,
     "pid_axes": parts.pid_axes,
     "fusion": parts.fusion,
+    "navigation": parts.navigation,
     "deviations": parts.deviations,
     "term_effects": terms.term_effects,
     "term_deviations": terms.term_deviations,

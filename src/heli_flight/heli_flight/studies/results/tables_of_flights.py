@@ -7,13 +7,21 @@ from typing import Any
 from heli_flight.studies.results.files import Results
 from heli_flight.studies.results.grid import grid, world
 
-LAWS = {"hinf": "H-infinity", "hinf_offset_free": "offset-free 0.5", "lqr": "LQR", "pid": "PID"}
+LAWS = {
+    "hinf_output": "output feedback (default)",
+    "hinf": "state feedback",
+    "hinf_offset_free": "offset-free 0.5",
+    "lqr": "LQR",
+    "pid": "PID",
+}
 IN_WHAT = {
     "navigation": "navigation record",
     "truth": "truth",
     "ideal": "truth, ideal navigation",
 }
 _AXES = ("roll", "pitch")
+_RIVALS = ("hinf_output", "hinf")
+"""Laws whose wins over the PID the short comparison counts."""
 
 
 # Rows of the short comparison: name, result file, what the error is taken from.
@@ -27,20 +35,21 @@ _TESTS = (
 
 def laws(results: Results) -> str:
     """Largest error of each law, and who wins on how many seeds."""
-    head = ["error", "test", *LAWS.values(), "H-infinity smaller than PID", "PID smaller"]
+    head = ["error", "test", *LAWS.values(), *(f"{LAWS[law]} smaller than PID" for law in _RIVALS)]
     rows = []
     for i, axis in enumerate(_AXES):
         for name, file, source in _TESTS:
             found = results[file]
             errors = {law: _errors(found, law, source, i) for law in LAWS}
-            pairs = list(zip(errors["hinf"], errors["pid"], strict=True))
             rows.append(
                 [
                     axis,
                     name.format(flap_back=found["flap_back_radpmps"]),
                     *(_worst(errors[law]) for law in LAWS),
-                    f"{sum(a < b for a, b in pairs)} of {len(pairs)}",
-                    f"{sum(b < a for a, b in pairs)} of {len(pairs)}",
+                    *(
+                        f"{_won(errors[law], errors['pid'])} of {len(errors['pid'])}"
+                        for law in _RIVALS
+                    ),
                 ]
             )
     return (
@@ -72,8 +81,7 @@ def laws_in_full(results: Results) -> str:
                 for i in range(len(_AXES)):
                     own = _errors(found, law, source, i)
                     pid = _errors(found, "pid", source, i)
-                    won = sum(a < b for a, b in zip(own, pid, strict=True))
-                    cells.append(_worst(own) + ("" if law == "pid" else f"; {won}"))
+                    cells.append(_worst(own) + ("" if law == "pid" else f"; {_won(own, pid)}"))
             rows.append([name, law_name, *cells])
     return (
         f"{grid(head, rows)}\n\nLargest error over {results.seeds('laws')}, deg, and on how many "
@@ -91,6 +99,11 @@ def _errors(found: Mapping[str, Any], law: str, source: str, axis: int) -> list[
         if (flight["law"], flight["source"]) == (law, source)
     }
     return [flights[seed] for seed in found["seeds"]]
+
+
+def _won(errors: Sequence[float], others: Sequence[float]) -> int:
+    """On how many seeds a law's error is smaller than another's."""
+    return sum(a < b for a, b in zip(errors, others, strict=True))
 
 
 def _worst(errors: Sequence[float]) -> str:

@@ -17,6 +17,11 @@ def worlds(results: Results) -> str:
     return _table(results, "worlds")
 
 
+def worlds_paper(results: Results) -> str:
+    """The same under the paper's own laws."""
+    return _table(results, "worlds_paper")
+
+
 def w20(results: Results) -> str:
     """The hover test over the wind at 20 ft."""
     return _table(results, "w20")

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of the position loop: what it could reach, and what it makes of doubts."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from heli_flight.loop.scoring import METRICS, TRUTH, TRUTH_LESS_DRIFT
+from heli_flight.studies.results.files import Results
+from heli_flight.studies.results.grid import grid, world
+from heli_math.paper_metrics import PATH
+
+_LAWS = {
+    "perfect_actuators": "least, actuators perfect",
+    "as_flown": "least, attitude loop as flown",
+    "as_flown_gust_known": "the same, gust read",
+    "predicted": "packaged, predicted",
+    "flown": "packaged, flown",
+}
+
+
+def position_floor(results: Results) -> str:
+    """Standard deviations of the best laws beside those that are predicted and flown."""
+    found = results["position_floor"]
+    rows = [
+        [
+            f"{row['world']}, {row['axis']}",
+            *(f"{1e3 * row[law][0]:.0f} / {1e3 * row[law][1]:.0f}" for law in _LAWS),
+        ]
+        for row in found["axes"]
+    ]
+    return (
+        f"{grid(['world, axis', *_LAWS.values()], rows)}\n\nStandard deviation of position, mm, / "
+        f"speed, mm/s; flown: about each flight's mean, {results.seeds('position_floor')}, RTK, "
+        f"truth. {world({k: [v] for k, v in found['conditions'].items()})}"
+    )
+
+
+def position_doubts(results: Results) -> str:
+    """Largest errors with the nose into the wind, and on aircraft that are off."""
+    found = results["position_floor"]
+    metrics = METRICS["hover"]
+    head = ["hover", *(f"{m.label}, {m.unit}" for m in metrics), "inside", "lost"]
+    rows = [[_nose(row), *_largest(row)] for row in found["nose"]]
+    rows += [
+        [f"honest, {row['part'].replace('_', ' ')} x {row['factor']:g}", *_largest(row)]
+        for row in found["doubts"]
+    ]
+    return (
+        f"{grid(head, rows)}\n\nLargest error from truth in the scored windows, RTK, "
+        f"{results.seeds('position_floor')}, of {len(found['seeds'])} flights; the seed "
+        "draws the aircraft, but what has a factor is at it."
+    )
+
+
+def paths(results: Results) -> str:
+    """Largest errors along paths from truth, and without the receiver's drift."""
+    found = results["paths"]
+    near, turn = (f"{m.label}, {m.unit} (goal {m.paper:g})" for m in METRICS[PATH])
+    head = ["path", near, "less drift at engagement, m", turn, "inside", "lost"]
+    rows = []
+    for row in found["rows"]:
+        largest = row["max"]
+        drifts = largest.get(f"position, {TRUTH_LESS_DRIFT}")
+        rows.append(
+            [
+                f"{row['scenario'].replace('_', ' ')}, {row['world']}, {row['gps']}",
+                f"{largest[f'position, {TRUTH}']:.2f}",
+                "–" if drifts is None else f"{drifts:.2f}",
+                f"{largest[f'heading, {TRUTH}']:.1f}",
+                str(row["inside"]),
+                str(row["lost"]),
+            ]
+        )
+    winds = {row["world"]: [row["conditions"]] for row in found["rows"]}
+    return (
+        f"{grid(head, rows)}\n\nLargest from 5 s to the end, truth, {results.seeds('paths')}; "
+        f"inside and lost: of {len(found['seeds'])} flights, by the records that a receiver is "
+        f"judged by (standalone: navigation alone). {world(winds)}"
+    )
+
+
+def _nose(row: Mapping[str, Any]) -> str:
+    return f"{row['world']}, nose {'into the wind' if row['into_the_wind'] else 'north'}"
+
+
+def _largest(row: Mapping[str, Any]) -> list[str]:
+    cells = [f"{row['max'][m.key]:.2f}" if m.key in row["max"] else "–" for m in METRICS["hover"]]
+    return [*cells, str(row["inside"]), str(row["lost"])]

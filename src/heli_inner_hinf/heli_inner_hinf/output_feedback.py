@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`controller: hinf_output`: discrete H-infinity output feedback with integral action.
+
+The plant is the one that flies: the nine states of eq. (9), servos, transport delay, sampled at
+100 Hz, and the integrals of phi, theta, psi (order 21 with a delay of one tick). Into it come the
+wind (m/s), a load in every actuator's place that stands for all moments that the model lacks
+(flap-back, another trim), and the noise of the six measurements; out of it h of eq. (11), which
+C11, C22, D11 weigh as for `controller: hinf`, and the weighted integrals. The law is the central
+controller below `output.gamma` (`heli_math.central_controller`).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
+
+from heli_inner_hinf.actuation import Actuation
+from heli_inner_hinf.as_flown import flown_plant
+from heli_inner_hinf.errors import CertificateError, InfeasibleGammaError
+from heli_inner_hinf.output_law import N_U, OutputLaw, output_law
+from heli_inner_hinf.regular_form import Matrix
+from heli_inner_hinf.system_norm import hinf_norm
+from heli_inner_hinf.weights import N_H, N_X
+from heli_math.central_controller import (
+    CentralController,
+    GammaInfimum,
+    GeneralisedPlant,
+    NoControllerError,
+    System,
+    central_controller,
+    optimal_gamma,
+    to_continuous,
+)
+from heli_math.linear_systems import held, with_servos
+from heli_math.state_names import ATTITUDE, MEASURED
+from heli_math.ticks import TICK_S
+
+_MOST_RESIDUAL = 1e-6
+_RIDGE = 1e-10
+"""Share of the trace that makes the energy of the law's own states invertible."""
+_UNWINDING_S = 0.2
+"""Time constant with which an integrator gives way while an actuator is at its limit."""
+
+
+class OutputWeights(NamedTuple):
+    """What is added to C11, C22, D11.
+
+    Attributes
+    ----------
+    effort : (3,) array
+        Factors on the weights D11 of d_lat, d_lon, d_ped.
+    integral : (3,) array
+        Weights on the integrals of phi, theta, psi, 1/(rad s). Larger: a lasting error goes sooner.
+    load : (3,) array
+        Load in the place of d_lat, d_lon, d_ped per m/s of wind; stands for moments that the model
+        lacks. Larger: the law trusts its model less.
+    noise : (6,) array
+        Noise of phi, theta, p, q, r, psi per m/s of wind, rad and rad/s. Larger: less is read into
+        them.
+    command_effort : float
+        Further factor on D11 where a commanded attitude is followed. Smaller: faster; the feedback
+        stays as it is.
+    """
+
+    effort: NDArray[np.float64]
+    integral: NDArray[np.float64]
+    load: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    command_effort: float
+
+
+@dataclass(frozen=True)
+class OutputSynthesis:
+    """A law with its certificate.
+
+    Attributes
+    ----------
+    law : OutputLaw
+    controller : CentralController
+        With rho(X Y) / gamma^2 and the residual of both Riccati equations.
+    norm, norm_frequency : float
+        ||(wind, load, noise) -> (h, integrals)||_inf of the sampled closed loop, and where (rad/s),
+        by a Hamiltonian matrix of the closed loop alone.
+    plant : GeneralisedPlant
+    """
+
+    law: OutputLaw
+    controller: CentralController
+    norm: float
+    norm_frequency: float
+    plant: GeneralisedPlant
+
+    @property
+    def gamma(self) -> float:
+        """The bound."""
+        return self.controller.gamma
+
+    @cached_property
+    def gamma_star(self) -> GammaInfimum:
+        """gamma* and what ends feasibility there."""
+        return optimal_gamma(self.plant, self.gamma)
+
+
+def synthesize_output(
+    A: Matrix,
+    B: Matrix,
+    E: Matrix,
+    C: Matrix,
+    D: Matrix,
+    weights: OutputWeights,
+    actuation: Actuation,
+    gamma: float,
+) -> OutputSynthesis:
+    """The law below gamma, accepted only with its certificate.
+
+    Parameters
+    ----------
+    A, B, E : (9, 9), (9, 3), (9, 3) arrays
+        Eq. (9), SI and rad.
+    C, D : (9, 9), (9, 3) arrays
+        Eq. (11), (12).
+    weights : OutputWeights
+    actuation : Actuation
+    gamma : float
+        Bound on the norm from (wind, load, noise) to (h, weighted integrals).
+
+    Raises
+    ------
+    InfeasibleGammaError
+        gamma is not above gamma*; with the number.
+    CertificateError
+        The closed loop is not stable, its norm not below gamma, or a residual too large.
+    """
+    plant = generalised_plant(A, B, E, C, D, weights, actuation)
+    try:
+        law, controller, closed = central_law(plant, weights, gamma)
+    except NoControllerError as exc:
+        raise _refused(plant, gamma) from exc
+    norm, at = hinf_norm(*to_continuous(closed))
+    radius = float(np.max(np.abs(np.linalg.eigvals(closed.A))))
+    if not (radius < 1.0 and norm < gamma and controller.residual < _MOST_RESIDUAL):
+        raise CertificateError(
+            f"output.gamma = {gamma:g}: the law fails its certificate (largest eigenvalue "
+            f"{radius:.6f}, norm {norm:.6g}, residual of the Riccati equations "
+            f"{controller.residual:.1e})"
+        )
+    frequency = float(2.0 * np.arctan(0.5 * at) / TICK_S)
+    return OutputSynthesis(law, controller, norm, frequency, plant)
+
+
+def central_law(
+    plant: GeneralisedPlant, weights: OutputWeights, gamma: float
+) -> tuple[OutputLaw, CentralController, System]:
+    """The law below gamma, without its certificate; the controller; the closed loop.
+
+    Raises
+    ------
+    NoControllerError
+        gamma is not above gamma*.
+    """
+    controller = central_controller(plant, gamma)
+    closed = _closed(plant, controller.system)
+    cost = _command_cost(closed.C, weights)
+    law = as_law(closed, controller.system, controller.input_of_u, cost)
+    return law, controller, closed
+
+
+def generalised_plant(
+    A: Matrix,
+    B: Matrix,
+    E: Matrix,
+    C: Matrix,
+    D: Matrix,
+    weights: OutputWeights,
+    actuation: Actuation,
+) -> GeneralisedPlant:
+    """(wind, load, noise, u) -> (h, weighted integrals, measurements), one step a tick.
+
+    States: those of `flown_plant`, then the integrals of the measured phi, theta, psi.
+    """
+    Ad, Bd = flown_plant(A, B, actuation)
+    n, n_y = Ad.shape[0], len(MEASURED)
+    behind, _ = with_servos(A, B, actuation.servo_radps, actuation.servo_damping)
+    acting = np.zeros((behind.shape[0], 2 * N_U))
+    acting[:N_X] = np.hstack([E, B * weights.load])
+    measured = np.eye(n)[list(MEASURED)]
+    integrated = TICK_S * np.eye(N_X)[np.ix_(ATTITUDE, MEASURED)]
+    noise = np.diag(weights.noise)
+    A_g = np.block([[Ad, np.zeros((n, N_U))], [integrated @ measured, np.eye(N_U)]])
+    B_g = np.zeros((n + N_U, 2 * N_U + n_y + N_U))
+    B_g[: behind.shape[0], : 2 * N_U] = held(behind, acting, TICK_S)[1]
+    B_g[n:, 2 * N_U : -N_U] = integrated @ noise
+    B_g[:n, -N_U:] = Bd
+    n_h = C.shape[0]
+    C_g, D_g = np.zeros((n_h + N_U + n_y, n + N_U)), np.zeros((n_h + N_U + n_y, B_g.shape[1]))
+    C_g[:n_h, :N_X], D_g[:n_h, -N_U:] = C, D * weights.effort
+    C_g[n_h : n_h + N_U, n:] = np.diag(weights.integral)
+    C_g[-n_y:, :n], D_g[-n_y:, 2 * N_U : -N_U] = measured, noise
+    return GeneralisedPlant(System(A_g, B_g, C_g, D_g), N_U, n_y, N_U)
+
+
+def _closed(plant: GeneralisedPlant, controller: System) -> System:
+    """(wind, load, noise) -> (h, integrals) of the loop: states of what flies, then of the law.
+
+    The integrals of the plant are those that the law forms: xi = S x, from xi+ - xi = R x.
+    """
+    A, B, C, D = plant.system
+    n, n_z, n_w = A.shape[0] - N_U, C.shape[0] - plant.n_y, B.shape[1] - N_U
+    B_u, C_y = B[:n, n_w:], C[n_z:, :n]
+    D_z, D_w = D[:n_z, n_w:], D[n_z:, :n_w]
+    K = controller
+    A_c = np.block([[A[:n, :n] + B_u @ K.D @ C_y, B_u @ K.C], [K.B @ C_y, K.A]])
+    B_c = np.vstack([B[:n, :n_w] + B_u @ K.D @ D_w, K.B @ D_w])
+    C_c = np.hstack([C[:n_z, :n] + D_z @ K.D @ C_y, D_z @ K.C])
+    growth = np.hstack([A[n:, :n], np.zeros((N_U, K.A.shape[0]))])
+    S = np.linalg.solve((A_c - np.eye(A_c.shape[0])).T, growth.T).T
+    return System(A_c, B_c, C_c + C[:n_z, n:] @ S, D_z @ K.D @ D_w)
+
+
+def as_law(closed: System, controller: System, input_of_u: Matrix, cost: Matrix) -> OutputLaw:
+    """A controller from y to u with its commands and its conditioning against wind-up.
+
+    A step of the commanded attitude shifts plant and law alike, as every attitude is an equilibrium
+    of eq. (9). M is the law's state that goes best with a unit error: the least energy of `cost`
+    from there. So the integrals are no reason for an overshoot. The cut-off part of a command moves
+    the state as a Kalman filter would that hears the flown command: the observer inside as it is
+    moved by u, the integrators within `_UNWINDING_S`.
+
+    Parameters
+    ----------
+    closed : System
+        The loop as flown: states of the plant, the nine first, then of the controller.
+    controller : System
+    input_of_u : (n, 3) array
+        As in `CentralController`.
+    cost : (k, n) array
+        Of the loop's states, see above.
+    """
+    A, B, C, D = controller
+    n = closed.A.shape[0] - A.shape[0]
+    energy = solve_discrete_lyapunov(closed.A.T, cost.T @ cost)
+    own, across = energy[n:, n:], energy[n:, list(ATTITUDE)]
+    M = -np.linalg.solve(own + _RIDGE * np.trace(own) * np.eye(A.shape[0]), across)
+    select = np.eye(N_X)[np.ix_(MEASURED, ATTITUDE)]
+    to_state, to_command = (np.eye(A.shape[0]) - A) @ M - B @ select, -C @ M - D @ select
+    integrators = np.linalg.svd(A - np.eye(A.shape[0]))[2][-N_U:].T
+    integrators = integrators @ np.linalg.inv(C @ integrators) * (TICK_S / _UNWINDING_S)
+    moved = np.hstack([input_of_u, integrators])
+    spread = solve_discrete_are(A.T, C.T, moved @ moved.T, np.eye(N_U))
+    L = np.linalg.solve(C @ spread @ C.T + np.eye(N_U), C @ spread @ A.T).T
+    commands = slice(0, 2)
+    return output_law(
+        A,
+        np.hstack([B, to_state[:, commands]]),
+        C,
+        np.hstack([D, to_command[:, commands]]),
+        L,
+        M[:, 2],
+    )
+
+
+def _command_cost(C: Matrix, weights: OutputWeights) -> Matrix:
+    """The rows of h, those of the actuators with the effort that commands are worth."""
+    cost = C[:N_H].copy()
+    cost[:N_U] *= weights.command_effort
+    return cost
+
+
+def _refused(plant: GeneralisedPlant, gamma: float) -> InfeasibleGammaError | CertificateError:
+    """Why there is no law below gamma."""
+    try:
+        found = optimal_gamma(plant)
+    except NoControllerError as exc:
+        return CertificateError(f"no output feedback exists at any gamma: {exc}")
+    return InfeasibleGammaError(gamma, found.value)

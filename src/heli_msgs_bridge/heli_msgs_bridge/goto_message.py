@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A goal as a `geometry_msgs/PoseStamped`: position and heading in `map`."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_math.rotations import euler_from_quat
+from heli_math.ticks import NS_PER_S
+from heli_msgs_bridge import frames, topics
+from heli_msgs_bridge.frame_ids import MAP
+from heli_msgs_bridge.messages import MessageError
+
+_LEVEL_DEG = 1.0
+_UNIT_ERROR = 1e-3
+
+
+class GoalPose(NamedTuple):
+    """Where to go: stamp, ns; position (3,), NED, m; heading, rad, 0 is north."""
+
+    stamp_ns: int
+    pos_ned_m: NDArray[np.float64]
+    psi_rad: float
+
+
+def decode_goto(message: Any) -> GoalPose:
+    """The goal of a message (object of rclpy or of rosbags).
+
+    Raises
+    ------
+    MessageError
+        Another frame than `map`, a number that is not finite, an orientation that is none or is
+        not level.
+    """
+    name, frame, pose = topics.GOTO, message.header.frame_id, message.pose
+    if frame != MAP:
+        raise MessageError(f"{name}: frame '{frame}'; allowed: '{MAP}' (east, north, up)")
+    p, r = pose.position, pose.orientation
+    enu, quaternion = np.array([p.x, p.y, p.z]), np.array([r.x, r.y, r.z, r.w])
+    if not np.isfinite(np.r_[enu, quaternion]).all():
+        raise MessageError(
+            f"{name}: position {enu.tolist()}, orientation {quaternion.tolist()}; allowed: finite "
+            "numbers"
+        )
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > _UNIT_ERROR:
+        raise MessageError(f"{name}: a quaternion of length {length:.3g}; allowed: 1")
+    pos, q = np.empty(3), np.empty(4)
+    frames.enu_to_ned(enu, pos)
+    frames.quat_enu_flu_to_ned_frd(quaternion, q)
+    phi, theta, psi = euler_from_quat(q)
+    tilt_deg = math.degrees(max(abs(phi), abs(theta)))
+    if tilt_deg > _LEVEL_DEG:
+        raise MessageError(
+            f"{name}: an orientation tilted by {tilt_deg:.0f} deg; allowed: level, within "
+            f"{_LEVEL_DEG:g} deg"
+        )
+    stamp = message.header.stamp
+    return GoalPose(stamp.sec * NS_PER_S + stamp.nanosec, pos, float(psi))

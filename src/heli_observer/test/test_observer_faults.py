@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors that fall silent or tell something false: found, reported, not followed."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from heli_math.rows import MEAS, NAV
+from heli_observer import layout as L
+from heli_observer.observer import ObserverStatus
+from heli_observer.testing.synthetic import hover_path, synthesize
+
+
+def test_gps_outage_is_reported_and_ends(parameters, run_observer):
+    flight = synthesize(hover_path(), parameters, 20.0, seed=6)
+    rows = flight.y.copy()
+    rows[500:1500, 18] = 0.0
+    run = run_observer(parameters).fly(rows[:1400])
+    assert run.health is ObserverStatus.GPS_TIMEOUT
+    error = np.abs(run.out[1399, 0:2] - flight.pos[1399, 0:2])
+    sigma = run.out[1399, 22:24]
+    assert np.all(sigma > run.out[490, 22:24]) and np.all(error < 4.0 * sigma)
+    run.fly(rows[1400:1600])
+    assert run.health is ObserverStatus.OK
+
+
+def test_persistent_gps_jump_is_rejected_and_reported(parameters, run_observer):
+    flight = synthesize(hover_path(), parameters, 10.0, seed=6)
+    rows = flight.y.copy()
+    rows[500:, 10] += 30.0
+    run = run_observer(parameters).fly(rows)
+    assert run.health is ObserverStatus.GPS_REJECTED
+    behind = parameters["ekf.horizon_ticks"]
+    fixes = (len(rows) - 1 - behind) // 20 * 20 - 500 + 15
+    assert run.state.count[L.C_GPS_POS_REJECTED] == fixes // 20 + 1
+    assert abs(run.out[-1, 0] - flight.pos[-1, 0]) < 4.0
+
+
+def test_a_jump_of_the_receiver_is_taken_for_one_after_a_while(parameters, run_observer):
+    """Its velocities agree all the time, so it is not the aircraft that is elsewhere."""
+    flight = synthesize(hover_path(), parameters, 25.0, seed=6)
+    rows = flight.y.copy()
+    rows[500:, MEAS.gps_pos] += [30.0, -20.0, 10.0]
+    run = run_observer(parameters).fly(rows[:1490])
+    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.C_GPS_JUMPS] == 0
+    run.fly(rows[1490:1560])
+    refused = run.state.count[L.C_GPS_POS_REJECTED]
+    run.fly(rows[1560:])
+    assert run.health is ObserverStatus.OK and run.state.count[L.C_GPS_JUMPS] == 1
+    assert run.state.count[L.C_GPS_POS_REJECTED] == refused
+    assert np.abs(run.out[1400:, NAV.pos] - flight.pos[1400:]).max() < 4.0
+    own = flight.drift[-1 - run.kernel.horizon_ticks] + [30.0, -20.0, 10.0]
+    assert np.abs(run.state.nominal[L.X_DRIFT : L.X_DRIFT + 3] - own).max() < 4.0
+
+
+def test_a_filter_that_is_sure_of_a_wrong_attitude_aligns_anew(parameters, run_observer):
+    """Rolled by 8 deg and told it is not, every fix contradicts it, velocity and position."""
+    flight = synthesize(hover_path(), parameters, 25.0, seed=6)
+    run = run_observer(parameters).fly(flight.y[:600])
+    x = run.state.nominal
+    rolled = Rotation.from_quat(np.roll(x[L.X_QUAT : L.X_QUAT + 4], -1)) * Rotation.from_euler(
+        "X", 8.0, degrees=True
+    )
+    x[L.X_QUAT : L.X_QUAT + 4] = np.roll(rolled.as_quat(), 1)
+    run.state.P[:] = 1e-8 * np.eye(L.N_ERROR)
+    run.fly(flight.y[600:1590])
+    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.C_REALIGNED] == 0
+    lost_m = np.abs(run.out[-1, NAV.pos] - flight.pos[1589]).max()
+    run.fly(flight.y[1590:])
+    assert run.health is ObserverStatus.OK and run.state.count[L.C_REALIGNED] == 1
+    assert np.degrees(np.abs(flight.attitude_error(run.out, [len(flight.y) - 1])).max()) < 1.0
+    assert lost_m > 20.0 and np.abs(run.out[-1, NAV.pos] - flight.pos[-1]).max() < 4.0
+
+
+@pytest.mark.parametrize("degrees", [12.0, 40.0, 170.0])
+def test_magnetometer_fault_is_detected_and_not_followed(parameters, run_observer, degrees):
+    """The field turns at 20 s; heading then stays on the gyro for a minute."""
+    flight = synthesize(hover_path(), parameters, 80.0, seed=7)
+    rows = flight.y.copy()
+    turn = Rotation.from_euler("Z", degrees, degrees=True)
+    rows[2000:, 6:9] = turn.apply(rows[2000:, 6:9])
+    run = run_observer(parameters).fly(rows[:2100])
+    run.fly(rows[2100:2150])
+    assert run.health is ObserverStatus.MAG_REJECTED
+    run.fly(rows[2150:])
+    assert run.health is ObserverStatus.MAG_REJECTED
+    error = flight.attitude_error(run.out, [len(rows) - 1])[0]
+    assert abs(np.degrees(error[2])) < 1.5
+    assert np.all(np.abs(np.degrees(error[:2])) < 0.4)
+
+
+def test_an_unsure_heading_does_not_let_a_fault_in(parameters, run_observer):
+    """No field for a minute, a poor gyro: chi-square alone would take a heading 40 deg off."""
+    flight = synthesize(hover_path(), parameters, 70.0, seed=7)
+    parameters["ekf.imu.gyro_noise_density"] = 0.2
+    rows = flight.y.copy()
+    rows[500:6500, 16] = 0.0
+    turn = Rotation.from_euler("Z", 40.0, degrees=True)
+    rows[6500:, 6:9] = turn.apply(rows[6500:, 6:9])
+    run = run_observer(parameters).fly(rows[:6500])
+    before = flight.attitude_error(run.out, [6499])[0, 2]
+    sigma = run.out[-1, NAV.sigma_att][2]
+    assert abs(np.radians(40.0) + abs(before)) < 3.8 * sigma  # inside the 0.9999 gate
+    run.fly(rows[6500:])
+    assert run.health is ObserverStatus.MAG_REJECTED
+    after = flight.attitude_error(run.out, [len(rows) - 1])[0, 2]
+    assert abs(after - before) < np.radians(20.0)
+
+
+def test_a_field_of_wrong_strength_is_a_fault(parameters, run_observer):
+    flight = synthesize(hover_path(), parameters, 10.0, seed=7)
+    rows = flight.y.copy()
+    rows[500:, 6:9] *= 1.5
+    run = run_observer(parameters).fly(rows)
+    assert run.health is ObserverStatus.MAG_REJECTED
+
+
+@pytest.mark.parametrize(
+    ("flag", "expected"), [(16, ObserverStatus.MAG_TIMEOUT), (17, ObserverStatus.BARO_TIMEOUT)]
+)
+def test_a_silent_sensor_is_reported(parameters, run_observer, flag, expected):
+    flight = synthesize(hover_path(), parameters, 8.0, seed=1)
+    rows = flight.y.copy()
+    rows[300:, flag] = 0.0
+    assert run_observer(parameters).fly(rows).health is expected
+
+
+def test_every_status_has_a_sentence():
+    for value in ObserverStatus:
+        assert len(value.sentence) > 10
+    assert len(set(L.COUNTER_NAMES.values())) == len(L.COUNTER_NAMES)

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The search for gains: its ends, its floor on the margins."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from heli_math.grid_search import on_grid, place_of, search
+from heli_outer_pd.axis_analysis import (
+    Axis,
+    Sampled,
+    deviations,
+    disk_margin,
+    drifting,
+    dryden_across,
+    open_loop,
+)
+from heli_outer_pd.gain_search import NoGainsError, Wanted, best_gains, cost, gains_at
+
+
+def lagging(lag_s):
+    """A first-order lag with drag."""
+    keep = math.exp(-0.01 / lag_s)
+    one = np.eye(1)
+    return Sampled(keep * one, np.array([[1.0 - keep, 0.0]]), one, np.array([[0.0, 0.3]]))
+
+
+AXIS = Axis(
+    actuation=lagging(0.4),
+    modelled_lag_s=0.35,
+    modelled_damping_per_s=0.0,
+    gusts=(dryden_across(0.6, 20.0),),
+    position_error=drifting(0.02, 2.0),
+    speed_error=drifting(0.01, 0.5),
+    period_ticks=4,
+)
+WANTED = Wanted(0.05, 0.05, disk_margin=0.6, disk_margin_of_others=0.4)
+
+
+def test_rounding_does_not_move_the_end():
+    """Costs that are off by a millionth, as on another machine, end at the same gains."""
+    rng = np.random.default_rng(1)
+
+    def price(values, noise):
+        own = cost(gains_at(values, 0.8, 0.1), AXIS, (), WANTED)
+        return own * (1.0 + noise * rng.uniform(-1.0, 1.0))
+
+    ends = {search((0.43, 1.1, 0.3, 0.3), lambda v, n=n: price(v, n)) for n in (0.0, 1e-6, 1e-6)}
+    assert len(ends) == 1
+
+
+def test_best_gains_keep_the_floor_and_no_neighbour_is_better():
+    late = replace(AXIS, actuation=lagging(0.55))
+    found = best_gains("forward", AXIS, (late,), WANTED, 0.8, 0.1)
+    own = gains_at(found, 0.8, 0.1)
+    assert disk_margin(open_loop(AXIS, own)[1]) >= 0.6
+    assert disk_margin(open_loop(late, own)[1]) >= 0.4
+    least = cost(own, AXIS, (late,), WANTED)
+    rms = np.array([deviations(axis, own) for axis in (AXIS, late)])
+    assert least == pytest.approx(np.mean(np.sum((rms / 0.05) ** 2, axis=1)), rel=1e-12)
+    for i in range(4):
+        for way in (-1, 1):
+            beside = list(found)
+            beside[i] = on_grid(place_of(found[i]) + way)
+            assert cost(gains_at(beside, 0.8, 0.1), AXIS, (late,), WANTED) > least * (1.0 - 1e-4)
+
+
+def test_an_axis_that_nothing_holds_is_refused_by_name():
+    slow = replace(AXIS, actuation=lagging(30.0))
+    with pytest.raises(NoGainsError, match=r"position loop, right: no gains .* 1.9"):
+        best_gains("right", slow, (), replace(WANTED, disk_margin=1.9), 0.8, 0.1)

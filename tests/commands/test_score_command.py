@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli score` on bags: ours, others', and what cannot be scored."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy import signal
+from scipy.optimize import brentq
+
+from heli_flight.cli import app as cli
+from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.messages import Encoder
+
+EVERY_S = 0.02
+START_NS = 1_700_000_000_000_000_000
+HEADING = 0.7
+
+
+def motion(drift_m):
+    """Position NED of a hover of 40 s that drifts north and back; heading 0.7 rad."""
+    t = np.arange(0.0, 40.0, EVERY_S)
+    north = drift_m * np.sin(np.pi * t / 40.0) ** 8
+    return t, np.column_stack([north, 0.0 * t, 0.0 * t - 10.0])
+
+
+def write_bag(folder, names, drift_m=0.5):
+    """A bag with the hover on each of the topics."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kind = topics.BY_NAME[topics.TRUTH_ODOM].type
+    t, pos = motion(drift_m)
+    vel = np.gradient(pos, EVERY_S, axis=0)
+    quat = quat_from_euler(0.02, -0.01, HEADING)
+    encoder = Encoder(topics.TRUTH_ODOM)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        lines = [writer.add_connection(name, kind, typestore=store) for name in names]
+        string = writer.add_connection("/words", "std_msgs/msg/String", typestore=store)
+        words = store.serialize_cdr(
+            store.types["std_msgs/msg/String"]("hello"), "std_msgs/msg/String"
+        )
+        writer.write(string, START_NS, words)
+        for k in range(t.size):
+            body = quat_to_R_nb(quat).T @ vel[k]
+            row = np.concatenate([pos[k], body, quat, np.zeros(3)])
+            stamp = START_NS + round(t[k] * 1e9)
+            for line in lines:
+                writer.write(line, stamp, encoder.encode(row, stamp))
+    return folder
+
+
+OMEGA, DAMPING = 6.0, 0.7
+
+
+def write_sweep(folder):
+    """A sweep of the roll setpoint through a second-order lag; negated, as a vector's x."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    t = np.arange(0.0, 80.0, EVERY_S)
+    swept = 0.1 * signal.chirp(t, 0.1, t[-1], 4.0, method="logarithmic", phi=-90.0)
+    lag = signal.lti([OMEGA**2], [1.0, 2.0 * DAMPING * OMEGA, OMEGA**2])
+    _, roll, _ = signal.lsim(lag, swept, t)
+    names = (topics.TRUTH_ODOM, topics.ATTITUDE_SETPOINT, topics.TRUTH_WIND)
+    encoders = [Encoder(name) for name in names]
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        lines = [
+            writer.add_connection(f"/{name}", topics.BY_NAME[name].type, typestore=store)
+            for name in names
+        ]
+        for k, stamp in enumerate((START_NS + np.round(1e9 * t)).astype(int).tolist()):
+            still = np.zeros(6)
+            rows = (
+                np.concatenate([still, quat_from_euler(roll[k], 0.0, 0.0), np.zeros(3)]),
+                np.array([swept[k], 0.0, 0.0]),
+                np.array([0.0, -swept[k], 0.0]),  # NED: its x in ENU
+            )
+            for line, encoder, row in zip(lines, encoders, rows, strict=True):
+                writer.write(line, stamp, encoder.encode(row, stamp))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bags")
+    return {
+        "ours": write_bag(folder / "ours", ["/heli/ground_truth/odom", "/heli/odom"]),
+        "other": write_bag(folder / "other", ["/vicon/odometry"], drift_m=1.2),
+        "two": write_bag(folder / "two", ["/a", "/b"]),
+        "sweep": write_sweep(folder / "sweep"),
+        "none": write_bag(folder / "none", []),
+    }
+
+
+def run(capsys, *words):
+    """Exit code, stdout, stderr."""
+    code = cli.main(["score", *map(str, words)])
+    return code, *capsys.readouterr()
+
+
+def test_ours_by_ground_truth_with_a_picture(bags, capsys, tmp_path):
+    picture = tmp_path / "hover.png"
+    code, out, _ = run(capsys, bags["ours"], "--mte", "hover", "--plot", picture)
+    assert code == 0
+    assert "desired, not flown as defined" in out and "/heli/ground_truth/odom" in out
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("drift_bag", "target", "level", "worst_m"),
+    [("ours", (0, 0, 10), "desired", 0.5), ("other", (0, 0, 10), "adequate", 1.2)],
+)
+def test_the_drift_in_the_bag_is_the_one_measured(bags, capsys, drift_bag, target, level, worst_m):
+    code, out, _ = run(capsys, bags[drift_bag], "--mte", "hover", "--target", *target, "--json")
+    content = json.loads(out)
+    assert (code, content["level"], content["schema"]) == (0, level, 1)
+    assert content["start_ns"] == START_NS
+    position = content["criteria"][1]
+    # The larger of the components along the nose and to its right.
+    assert position["value"] == pytest.approx(worst_m * math.cos(HEADING), rel=0.01)
+    assert position["worst_at_s"] == pytest.approx(20.0, abs=0.1)
+
+
+def test_neither_is_exit_code_1(bags, capsys):
+    code, out, _ = run(capsys, bags["ours"], "--mte", "hover", "--scale", "froude",
+                       "--target", 3, 0, 10, "--json")  # fmt: skip
+    content = json.loads(out)
+    assert (code, content["level"]) == (1, "neither")
+    assert content["scale"]["length_ratio"] == pytest.approx(1.41 / 16.36)
+    assert any("packaged aircraft" in remark for remark in content["remarks"])
+
+
+def test_a_sweep_of_the_setpoint_gives_the_bandwidth(bags, capsys, tmp_path):
+    picture = tmp_path / "bode.png"
+    code, out, _ = run(capsys, bags["sweep"], "--response", "--json", "--plot", picture)
+    content = json.loads(out)
+    assert (code, content["schema"], content["response"]) == (0, 1, "roll")
+    measures = {m["name"]: m for m in content["measures"]}
+    # At -135 deg the lag's tangent is 1: w^2 - 2 d W w - W^2 = 0.
+    expected = OMEGA * (DAMPING + math.sqrt(DAMPING**2 + 1.0))
+    assert measures["bandwidth"]["value"] == pytest.approx(expected, rel=0.05)
+    assert measures["neutral"]["value"] is None
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_disturbance_gives_its_rejection(bags, capsys):
+    """S = 1 - lag: the lag answers the setpoint, the disturbance is the same, negated."""
+    topic = "/ground_truth/wind:vector.x"
+    code, out, _ = run(capsys, bags["sweep"], "--response", "--disturbance", topic, "--json")
+    measures = {m["name"]: m for m in json.loads(out)["measures"]}
+
+    def gain_db(omega):
+        s = 1j * omega
+        lag = OMEGA**2 / (s**2 + 2.0 * DAMPING * OMEGA * s + OMEGA**2)
+        return 20.0 * math.log10(abs(1.0 - lag))
+
+    expected = brentq(lambda omega: gain_db(omega) + 3.0, 0.5, 6.0)
+    assert measures["drb"]["value"] == pytest.approx(expected, rel=0.05)
+    assert (code, measures["drb"]["level"], measures["drp"]["level"]) == (0, "Level 1", "Level 1")
+    code, out, _ = run(capsys, bags["sweep"], "--response", "--disturbance", topic,
+                       "--scale", "froude", "--rotor-diameter", "0.4")  # fmt: skip
+    assert code == 1 and "below" in out
+
+
+@pytest.mark.parametrize(
+    ("bag", "options", "words"),
+    [
+        ("ours", ["--mte", "howver"], "--mte howver: is none of hover, vertical"),
+        ("ours", [], "name one of --mte NAME and --response"),
+        ("ours", ["--mte", "hover", "--response"], "name one of --mte NAME and --response"),
+        ("ours", ["--response"], "holds no topic attitude_setpoint"),
+        ("ours", ["--response", "--axis", "up"], "axis 'up' is none of roll, pitch, yaw"),
+        ("ours", ["--response", "--input", "/words"], "name a field, /words:FIELD"),
+        ("ours", ["--response", "--input", "/words:data"], "/words has no number data"),
+        ("sweep", ["--response", "--axis", "yaw"], "the input does not move"),
+        ("ours", ["--mte", "hover", "--scale", "half"], "--scale half: is none of full, froude"),
+        ("ours", ["--mte", "hover", "--odom", "/gone"], "holds no topic /gone"),
+        ("ours", ["--mte", "hover", "--odom", "/words"], "/words is std_msgs/msg/String"),
+        ("ours", ["--mte", "hover", "--end", "20"], "the hold alone 30.0 s"),
+        ("ours", ["--mte", "hover", "--start", "70"], "the flight is from 0.00 to 39.98 s"),
+        ("ours", ["--mte", "vertical"], "vertical: the flight rises 0.00 m"),
+        ("ours", ["--mte", "hover", "--plot", "hover.gif"], "ends in none of .png, .svg, .pdf"),
+        ("ours", ["--mte", "hover", "--plot", "gone/a.png"], "its folder does not exist"),
+        ("ours", ["--mte", "hover", "--scale", "froude", "--rotor-diameter", "0"], "0.05 to 50 m"),
+        ("two", ["--mte", "hover"], "name the odometry by --odom TOPIC; it holds /a, /b"),
+        ("none", ["--mte", "hover"], "it holds no nav_msgs/msg/Odometry"),
+        ("gone", ["--mte", "hover"], "does not exist"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(bags, capsys, tmp_path, bag, options, words):
+    code, out, error = run(capsys, bags.get(bag, tmp_path / "gone"), *options)
+    assert (code, out, error.count("\n")) == (2, "", 1)
+    assert error.startswith("heli: ") and words in error

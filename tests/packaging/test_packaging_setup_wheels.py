@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""scripts/setup_env.sh: wheels by uv or by pip, and what it says when neither can get them."""
+
+import socket
+
+
+def test_no_network(checkout):
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))  # nobody listens: connections are refused
+        index = f"http://127.0.0.1:{closed.getsockname()[1]}/simple"
+        result = checkout.start(PYTHON=checkout.base_python, PIP_INDEX_URL=index)
+    checkout.one_line_error(result, "package index cannot be reached", "no network")
+    assert not (checkout.top / ".venv").exists()
+
+
+def test_failure_of_uv_and_pip_is_one_line_and_is_redone(checkout):
+    checkout.add_python()
+    result = checkout.start(UV_FAILS="no such version", PIP_FAILS="1")
+    checkout.one_line_error(result, "pip")
+    assert "uv cannot do it (no such version)" in result.stderr
+    assert not (checkout.top / ".venv").exists()
+    checkout.calls()
+    assert checkout.start().returncode == 0
+    assert checkout.kinds_of_calls()[:3] == ["venv", "uv from pip", "uv"]
+
+
+def test_without_uv_on_the_index_pip_goes_on_and_says_so(checkout):
+    checkout.add_python()
+    result = checkout.start(UV_MISSING="1")
+    assert result.returncode == 0
+    assert "uv cannot do it (ERROR: No matching distribution: uv); going on with pip" in (
+        result.stderr
+    )
+    assert checkout.kinds_of_calls()[:4] == ["venv", "uv from pip", "pip", "links"]
+
+
+def test_without_network_pip_is_not_tried_as_well(checkout):
+    checkout.add_python()
+    result = checkout.start(UV_FAILS="error sending request for url")
+    checkout.one_line_error(result, "package index cannot be reached", "no network")
+    assert "pip" not in checkout.kinds_of_calls()
+
+
+def test_python_without_pip_gets_uv_by_the_environments_pip(checkout):
+    """As Debian's python3 is without python3-pip."""
+    checkout.add_python()
+    assert checkout.start(PIP_MISSING="1").returncode == 0
+    assert checkout.kinds_of_calls()[:4] == ["venv", "ensurepip", "uv from pip", "uv"]
+
+
+def test_uv_on_the_path_is_used(checkout):
+    checkout.add_python()
+    uv = checkout.add_command("uv", "#!/usr/bin/env bash\n")
+    assert checkout.start().returncode == 0
+    asked = checkout.calls()
+    assert checkout.kinds(asked)[:3] == ["venv", "uv", "links"]
+    assert f"uv_install.py {uv} --python {checkout.top}/.venv/bin/python " in asked[1]
+
+
+def test_uv_that_does_not_run_is_passed_over(checkout):
+    checkout.add_python()
+    checkout.add_command("uv", "#!/usr/bin/env bash\nexit 1\n")
+    assert checkout.start().returncode == 0
+    assert checkout.kinds_of_calls()[:3] == ["venv", "uv from pip", "uv"]

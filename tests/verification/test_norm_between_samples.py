@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli design` says what its certificate is worth for the loop as flown."""
+
+import pytest
+
+from heli_flight.loop.laws import LAWS
+from heli_flight.studies.design.between_samples import norms_on_the_way
+from heli_flight.studies.design.make import make_design
+from heli_flight.studies.design.report import said_of_the_flown_norm
+
+
+@pytest.fixture(scope="module")
+def tight():
+    """The paper's state feedback with a gamma so near gamma* that the loop as flown exceeds it."""
+    return make_design([LAWS.file("hinf")], gamma_factor=1.01)
+
+
+def test_the_flown_norm_is_enclosed_and_near_that_of_the_samples(tight):
+    """Wind and h are slow against 100 Hz, so the two differ by less than a percent."""
+    found, sampled = tight.between_samples, tight.reports[-1]
+    assert found.lower <= found.upper <= found.lower * (1 + 1e-6)
+    assert found.upper == pytest.approx(sampled.norm, rel=1e-2)
+    assert abs(found.upper / sampled.norm - 1) > 1e-5
+    assert found.frequency_radps == pytest.approx(sampled.norm_frequency, rel=1e-2)
+
+
+def test_where_it_exceeds_gamma_it_says_by_what(tight):
+    said = said_of_the_flown_norm(tight)
+    assert "NOT below gamma" in said
+    steps = dict(
+        norms_on_the_way(
+            tight.model,
+            tight.observer.K,
+            tight.attitude.prediction_s,
+            tight.observer_input,
+            tight.actuation,
+        )
+    )
+    assert steps["state feedback"] == pytest.approx(tight.attitude.synthesis.norm, rel=1e-8)
+    assert steps["with the observer"] == pytest.approx(tight.reports[1].norm, rel=1e-6)
+    assert steps["with prediction"] == pytest.approx(tight.between_samples.upper, rel=1e-6)
+    assert steps["with transport delay"] > steps["with servos"] > steps["at 100 Hz"]
+    assert all(f"{name} {norm:.6g}" in said for name, norm in steps.items())
