@@ -12,6 +12,7 @@ from scipy import signal
 from scipy.optimize import brentq
 
 from heli_flight.cli import app as cli
+from heli_handling.testing.made_flights import vertical
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
@@ -28,11 +29,11 @@ def motion(drift_m):
     return t, np.column_stack([north, 0.0 * t, 0.0 * t - 10.0])
 
 
-def write_bag(folder, names, drift_m=0.5):
-    """A bag with the hover on each of the topics."""
+def write_bag(folder, names, drift_m=0.5, flown=None):
+    """A bag with the hover, or another motion (times, positions), on each of the topics."""
     store = get_typestore(Stores.ROS2_JAZZY)
     kind = topics.BY_NAME[topics.TRUTH_ODOM].type
-    t, pos = motion(drift_m)
+    t, pos = motion(drift_m) if flown is None else flown
     vel = np.gradient(pos, EVERY_S, axis=0)
     quat = quat_from_euler(0.02, -0.01, HEADING)
     encoder = Encoder(topics.TRUTH_ODOM)
@@ -84,7 +85,12 @@ def write_sweep(folder):
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bags")
+    climbs = {"whole": vertical(), "hasty": vertical(stay_s=0.5)}
     return {
+        **{
+            name: write_bag(folder / name, ["/odom"], flown=(climb.time_s, climb.pos_ned_m))
+            for name, climb in climbs.items()
+        },
         "ours": write_bag(folder / "ours", ["/heli/ground_truth/odom", "/heli/odom"]),
         "other": write_bag(folder / "other", ["/vicon/odometry"], drift_m=1.2),
         "two": write_bag(folder / "two", ["/a", "/b"]),
@@ -102,7 +108,8 @@ def run(capsys, *words):
 def test_ours_by_ground_truth_with_a_picture(bags, capsys, tmp_path):
     picture = tmp_path / "hover.png"
     code, out, _ = run(capsys, bags["ours"], "--mte", "hover", "--plot", picture)
-    assert code == 0
+    # A hold within the bounds, but no approach before it.
+    assert code == 1
     assert "desired, not flown as defined" in out and "/heli/ground_truth/odom" in out
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
@@ -114,12 +121,23 @@ def test_ours_by_ground_truth_with_a_picture(bags, capsys, tmp_path):
 def test_the_drift_in_the_bag_is_the_one_measured(bags, capsys, drift_bag, target, level, worst_m):
     code, out, _ = run(capsys, bags[drift_bag], "--mte", "hover", "--target", *target, "--json")
     content = json.loads(out)
-    assert (code, content["level"], content["schema"]) == (0, level, 1)
+    assert (code, content["level"], content["schema"]) == (1, level, 1)
+    assert not content["complete"]
     assert content["start_ns"] == START_NS
     position = content["criteria"][1]
     # The larger of the components along the nose and to its right.
     assert position["value"] == pytest.approx(worst_m * math.cos(HEADING), rel=0.01)
     assert position["worst_at_s"] == pytest.approx(20.0, abs=0.1)
+
+
+def test_exit_code_0_is_for_a_manoeuvre_as_it_is_defined(bags, capsys):
+    """Without its stay at the top a flight may be as good, but it is not the manoeuvre."""
+    code, out, _ = run(capsys, bags["whole"], "--mte", "vertical", "--json")
+    content = json.loads(out)
+    assert (code, content["level"], content["complete"]) == (0, "desired", True)
+    code, out, _ = run(capsys, bags["hasty"], "--mte", "vertical", "--json")
+    content = json.loads(out)
+    assert (code, content["level"], content["complete"]) == (1, "desired", False)
 
 
 def test_neither_is_exit_code_1(bags, capsys):

@@ -42,6 +42,8 @@ def test_without_the_lead_the_nose_comes_late():
         ("path.laps", 1000.0, ["way points", "allowed: 4096"]),
         ("path.kind", "loop", ["path.kind", "loop", "figure_eight"]),
         ("path.speed_mps", float("nan"), ["path.speed_mps"]),
+        ("duration_s", 41.9, ["duration_s is 41.9", "takes 41.97 s"]),
+        ("path.laps", 2.5, ["duration_s is 50", "takes 50.71 s"]),
     ],
 )
 def test_a_path_that_cannot_be_flown_is_one_sentence(key, value, words):

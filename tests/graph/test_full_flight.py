@@ -117,11 +117,16 @@ def test_written_parameters_fly_the_same_flight(hover_test, tmp_path, words, mod
     assert a["mode"] == mode and a["changed"] == ["inner_loop.gamma"]
 
 
+SHORT_PATH = "/**/scenario:\n  ros__parameters:\n    path: {start_s: 2.0, laps: 0.1}\n"
+
+
 @pytest.mark.parametrize(
     ("scenario", "metric"), [("attitude", "roll error"), ("figure_eight", "distance from the path")]
 )
 def test_other_scenarios_fly_too(hover_test, tmp_path, scenario, metric):
-    options = ("--scenario", scenario, "--duration", 8, "--gps", "rtk")
+    short = tmp_path / "short.yaml"
+    short.write_text(SHORT_PATH)
+    options = ("--scenario", scenario, "--duration", 8, "--gps", "rtk", "--params", short)
     done = hover_test("--out", tmp_path / "a", *options)
     assert done.returncode == 0, done.stdout + done.stderr
     assert metric in done.stdout

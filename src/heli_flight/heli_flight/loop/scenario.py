@@ -5,6 +5,7 @@ A scenario is an rcl parameter file: the rows of the `scenario` node, and what i
 other nodes. So it is layered, checked and overridden like every other parameter.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,9 +14,9 @@ import numpy as np
 
 from heli_flight.loop.scenario_path import CLIMB, PATH_ROWS, path_of
 from heli_math.paper_metrics import in_windows
-from heli_math.ticks import seconds, ticks_in
+from heli_math.ticks import TICK_NS, seconds, ticks_in
 from heli_math.trajectory import Trajectory
-from heli_parameters.parameters import Parameter
+from heli_parameters.parameters import Parameter, ParameterError
 
 NODE_NAME = "scenario"
 
@@ -72,6 +73,7 @@ class Scenario:
         start, heading = np.asarray(p["start_pos_ned_m"], float), np.radians(p["heading_deg"])
         if p["path.kind"] != CLIMB:
             reference = path_of(start, heading, p)
+            _check_length(reference, n_ticks)
         elif p["climb.end_s"] > p["climb.start_s"]:
             reference = Trajectory.hover_climb_hover(
                 start, heading, p["climb.start_s"], p["climb.end_s"], p["climb.speed_mps"]
@@ -83,3 +85,13 @@ class Scenario:
     def scored(self, time_s: np.ndarray) -> np.ndarray:
         """Mask (N,) of the samples at time_s (N,) in a scored stretch, its end excluded."""
         return in_windows(time_s, self.windows_s)
+
+
+def _check_length(reference: Trajectory, n_ticks: int) -> None:
+    """Refuse a flight that ends on the way."""
+    end_ticks = math.ceil(reference.times_ns[-1] / TICK_NS)
+    if end_ticks > n_ticks:
+        raise ParameterError(
+            f"scenario: duration_s is {seconds(n_ticks):g}, but the path takes "
+            f"{seconds(end_ticks):g} s; allowed: at least that, or a shorter path"
+        )

@@ -17,6 +17,7 @@ from heli_parameters.parameters import ParameterError
 
 SCALES = (FULL.name, "froude")
 EXIT_NEITHER = 1
+"""Outside of the bounds, or not flown as defined."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,9 @@ class Scored:
 
     @property
     def exit_code(self) -> int:
-        """0 for desired or adequate."""
-        return EXIT_NEITHER if self.score.level is Level.NEITHER else 0
+        """0 for desired or adequate, if it was the manoeuvre as it is defined."""
+        found = self.score
+        return EXIT_NEITHER if found.level is Level.NEITHER or not found.complete else 0
 
     def as_dict(self, path: Path) -> dict[str, Any]:
         """For JSON."""
