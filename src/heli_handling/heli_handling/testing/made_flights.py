@@ -2,12 +2,13 @@
 """Made-up flights of every manoeuvre: what is put in is known."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from heli_handling.definitions import FT, FULL
 from heli_handling.scoring import score
-from heli_handling.tracks import track_of
+from heli_handling.tracks import Track, track_of
 
 STEP_S = 0.02
 STILL_MPS = 0.5
@@ -136,7 +137,7 @@ def slalom(speed=32.0, aside=22.0, height=20.0, up=0.0, apart=500.0 * FT):
     )
 
 
-FLIGHTS = {
+FLIGHTS: dict[str, Callable[..., Track]] = {
     "hover": hover,
     "vertical": vertical,
     "pirouette": pirouette,
