@@ -6,7 +6,7 @@ from heli_math.faces import face
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
-        "curves": ["Circle", "Curve", "Lemniscate"],
+        "curves": ["Circle", "Curve", "Lemniscate", "Slalom"],
         "diversion": ["divert", "Goal"],
         "errors": ["Cause", "PathError"],
         "flight_path": ["FlightPath"],

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Closed level curves by their arc length."""
+"""Level curves by their arc length."""
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -13,9 +14,12 @@ from heli_guidance.errors import Cause, PathError
 
 Array = NDArray[np.float64]
 
+_STEP_M = 0.01  # of a table over a curve's length
+_LEAST_TURNS = 2
+
 
 class Curve(Protocol):
-    """A closed curve in a horizontal plane."""
+    """A curve in a horizontal plane; the closed ones can be flown several times."""
 
     @property
     def lap_m(self) -> float:
@@ -148,3 +152,97 @@ class Lemniscate:
         a = self._half_m
         level = a * np.array([c * ahead - s * aside, s * ahead + c * aside, 0.0])
         return np.asarray(self.centre_ned_m, float) + level, course
+
+
+def _rise(share: Array) -> Array:
+    """From 0, straight, to 1 with the slope and curvature of a cosine, over half its wave.
+
+    The quintic of these six conditions.
+    """
+    level = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    return level - 0.5 * math.pi**2 * share**3 * (1.0 - share) ** 2
+
+
+@dataclass(frozen=True)
+class Slalom:
+    """Turns to alternate sides of a line, straight before and after them.
+
+    A sine from the first turn to the last, joined to the line by polynomials as long as half its
+    wave, so that curvature is continuous. Its arc length is summed up over `_STEP_M`.
+
+    Attributes
+    ----------
+    start_ned_m : (3,) array
+        On the line.
+    course_rad : float
+        Of the line, 0 is north; the first turn is to its right.
+    interval_m : float
+        From turn to turn, along the line.
+    aside_m : float
+        Of the turns from the line.
+    turns : int
+        At least 2.
+    run_m : float
+        Straight, before the first turn and after the last.
+    """
+
+    start_ned_m: Array
+    course_rad: float
+    interval_m: float
+    aside_m: float
+    turns: int
+    run_m: float
+
+    def __post_init__(self) -> None:
+        for name in ("interval", "aside", "run"):
+            _checked(name, getattr(self, f"{name}_m"))
+        if self.turns < _LEAST_TURNS:
+            raise PathError(
+                Cause.BAD_SIZE, f"turns are {self.turns}; allowed: at least {_LEAST_TURNS}"
+            )
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array, Array, Array]:
+        """Along the line, aside of it, arc length and direction off it, at close points."""
+        whole = (self.turns + 1) * self.interval_m + 2.0 * self.run_m
+        x = np.linspace(0.0, whole, math.ceil(whole / _STEP_M) + 1)
+        u = (x - self.run_m) / self.interval_m
+        last = -1.0 if self.turns % 2 == 0 else 1.0
+        y = self.aside_m * np.where(
+            u < 1.0,
+            _rise(np.clip(u, 0.0, 1.0)),
+            np.where(
+                u < self.turns,
+                np.cos(math.pi * (u - 1.0)),
+                last * _rise(np.clip(self.turns + 1.0 - u, 0.0, 1.0)),
+            ),
+        )
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        return x, y, arc, np.arctan(np.gradient(y, x))
+
+    @property
+    def lap_m(self) -> float:
+        """Its length, m."""
+        return float(self._table[2][-1])
+
+    @property
+    def curvature_1pm(self) -> float:
+        """Its largest curvature, 1/m."""
+        _, _, arc, off = self._table
+        return float(np.abs(np.gradient(off, arc)).max())
+
+    @property
+    def centre_ned_m(self) -> Array:
+        """The middle of its line (3,), NED, m."""
+        return self._placed(0.5 * float(self._table[0][-1]), 0.0)
+
+    def at(self, along_m: float) -> tuple[Array, float]:
+        """Position (3,), NED, m, and course (rad, 0 is north) at an arc length from its start."""
+        x, y, arc, off = self._table
+        ahead, aside, turned = (float(np.interp(along_m, arc, of)) for of in (x, y, off))
+        return self._placed(ahead, aside), self.course_rad + turned
+
+    def _placed(self, ahead_m: float, right_m: float) -> Array:
+        c, s = math.cos(self.course_rad), math.sin(self.course_rad)
+        level = np.array([c * ahead_m - s * right_m, s * ahead_m + c * right_m, 0.0])
+        return np.asarray(self.start_ned_m, float) + level

@@ -16,6 +16,7 @@ from heli_guidance import (
     Motion,
     MotionLimits,
     PathError,
+    Slalom,
     Transfer,
 )
 from heli_math.rows import REFERENCE
@@ -60,6 +61,40 @@ class TestCurves:
         _, pos, _ = differences(curve, 10)
         np.testing.assert_allclose(pos[-1], pos[0], atol=1e-9)
         assert np.ptp(pos[:, 2]) == 0.0
+
+
+def test_a_slalom_turns_as_often_and_as_far_as_it_says():
+    """In its own axes: turns, their spacing, the bend of a sine; straight at both ends."""
+    slalom = Slalom(HERE, 0.7, 12.0, 1.5, 4, 8.0)
+    along, pos, course = differences(slalom)
+    c, s = math.cos(0.7), math.sin(0.7)
+    way = (pos - HERE)[:, :2] @ np.array([[c, -s], [s, c]])
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(way[:, 1]))) != 0) + 1
+    turns = turns[np.abs(way[turns, 1]) > 0.1]
+    np.testing.assert_allclose(way[turns, 1], [1.5, -1.5, 1.5, -1.5], atol=1e-4)
+    np.testing.assert_allclose(np.diff(way[turns, 0]), 12.0, atol=0.05)
+    step, moved = np.diff(along), np.diff(pos, axis=0)
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1) / step, 1.0, atol=1e-4)
+    middle = 0.5 * (course[1:] + course[:-1])
+    assert apart(np.arctan2(moved[:, 1], moved[:, 0]), middle) < 1e-3
+    assert slalom.curvature_1pm == pytest.approx(1.5 * (math.pi / 12.0) ** 2, rel=1e-3)
+    assert way[along < 7.9][:, 1] == pytest.approx(0.0)
+    assert course[-1] == pytest.approx(0.7) and way[-1, 1] == pytest.approx(0.0)
+    # The same length by quadrature of the sine between its outer turns, the joints by the table.
+    wave, _ = quad(lambda x: math.hypot(1.0, 1.5 * math.pi / 12.0 * math.sin(x)), 0.0, 3 * math.pi)
+    outer = np.diff(along[turns[[0, -1]]])[0]
+    assert outer == pytest.approx(wave * 12.0 / math.pi, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [({"turns": 1}, "turns are 1; allowed: at least 2"), ({"aside_m": 0.0}, "aside is 0 m")],
+)
+def test_a_slalom_that_is_none_is_refused(change, words):
+    numbers = {"interval_m": 12.0, "aside_m": 1.5, "turns": 4, "run_m": 8.0} | change
+    with pytest.raises(PathError, match=words) as refused:
+        Slalom(HERE, 0.0, **numbers)
+    assert refused.value.cause is Cause.BAD_SIZE
 
 
 def test_the_lemniscate_is_bernoullis():

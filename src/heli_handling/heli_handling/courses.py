@@ -154,8 +154,12 @@ def slalom(track: Track, table: Manoeuvre, target_ned_m: Array | None, ground_m:
             f"{len(turns)} turns to alternate sides, more than {0.5 * table['gate_m']:.1f} m off "
             f"the line from first to last sample, {_TURNS} are due",
         )
+    # From the line to the line; where it is not met there, as long as a turn takes.
+    first, last_turn, half = along[turns[0]], along[turns[-1]], 0.5 * table["apart_m"]
     near = np.abs(across) <= 0.1 * table["gate_m"]
-    before, behind = np.flatnonzero(near[: turns[0]]), np.flatnonzero(near[turns[-1] :])
+    begins = near | (along < first - half)
+    ends = near | (along > last_turn + half)
+    before, behind = np.flatnonzero(begins[: turns[0]]), np.flatnonzero(ends[turns[-1] :])
     begin = int(before[-1]) if before.size else 0
     end = turns[-1] + int(behind[0]) if behind.size else track.time_s.size - 1
     part = slice(begin, end + 1)

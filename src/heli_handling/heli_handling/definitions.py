@@ -247,7 +247,7 @@ SLALOM = Manoeuvre(
     "slalom",
     "Slalom",
     "3.11.9",
-    {"gate_m": (_L, 50.0 * FT)},
+    {"gate_m": (_L, 50.0 * FT), "apart_m": (_L, 500.0 * FT)},
     # "At 500-ft intervals"; the range is ours.
     (Condition("interval", "smallest distance between turns", _L, 400.0 * FT, 600.0 * FT),),
     (

@@ -112,6 +112,26 @@ class TestFroude:
             froude(diameter)
 
 
+def test_a_slalom_beside_its_line_does_not_begin_in_the_hover():
+    """10 s of hover, then 23 ft to the right of a line that it does not meet before it turns."""
+    apart, speed = 500.0 * FT, 32.0
+
+    def east(t):
+        turning = 22.0 * np.sin(np.pi * speed * np.clip(t - 12.0, 0.0, None) / apart)
+        return 7.0 * np.clip(t / 5.0, 0.0, 1.0) + turning
+
+    beside = made(
+        12.0 + 4.0 * apart / speed,
+        lambda t: speed * np.clip(t - 10.0, 0.0, None),
+        east,
+        lambda t: 20.0 + 0.0 * t,
+        lambda t: 0.0 * t,
+    )
+    found = score(beside, "slalom", FULL, np.array([4.0 * apart + 2.0 * speed, 0.0, 0.0]))
+    assert result(found, "speed").value > 0.99 * speed
+    assert found.found.phases[0].start_s > 11.9
+
+
 @pytest.mark.parametrize(
     ("name", "flight", "cause", "words"),
     [

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_flight.loop.scenario_mte import MTE_ROWS, fly_manoeuvre
 from heli_guidance.curves import Circle, Lemniscate
 from heli_guidance.errors import PathError
 from heli_guidance.flight_path import FlightPath
@@ -15,6 +16,7 @@ from heli_math.trajectory import Trajectory
 from heli_parameters.parameters import Parameter, ParameterError
 
 CLIMB, WAYPOINTS, ORBIT, FIGURE_EIGHT = "climb", "waypoints", "orbit", "figure_eight"
+MANOEUVRE = "manoeuvre"
 FIXED, ALONG, CENTRE = "fixed", "along", "centre"
 
 PATH_ROWS: tuple[Parameter, ...] = (
@@ -22,8 +24,8 @@ PATH_ROWS: tuple[Parameter, ...] = (
         "path.kind",
         "string",
         "What is flown: hover with the climb of climb.*, or from path.start_s on legs between way "
-        "points, laps of a circle, or of a figure eight",
-        choices=(CLIMB, WAYPOINTS, ORBIT, FIGURE_EIGHT),
+        "points, laps of a circle, or of a figure eight; or a manoeuvre that `heli score` scores",
+        choices=(CLIMB, WAYPOINTS, ORBIT, FIGURE_EIGHT, MANOEUVRE),
     ),
     Parameter("path.start_s", "double", "Start of the path", "s", lower=0.0, upper=86400.0),
     Parameter(
@@ -54,12 +56,14 @@ PATH_ROWS: tuple[Parameter, ...] = (
         "path.waypoints_ned_m", "double[]", "Way points, NED, each flown to straight and stood "
         "still at", "m", shape=(None, 3), upper=1e5,
     ),
-    Parameter("path.stay_s", "double", "Stay at each way point", "s", lower=0.0, upper=3600.0),
+    Parameter("path.stay_s", "double", "Stay at each way point; after a manoeuvre beyond what is "
+        "scored", "s", lower=0.0, upper=3600.0),
     Parameter(
         "path.size_m", "double", "Diameter of the circle, or the figure eight from tip to tip", "m",
         lower=0.5, upper=1000.0,
     ),
     Parameter("path.laps", "double", "Laps", lower=0.01, upper=1000.0),
+    *MTE_ROWS,
 )  # fmt: skip
 """Rows of the `scenario` node."""
 
@@ -80,6 +84,8 @@ def path_of(start_ned_m: NDArray[np.float64], psi_rad: float, p: Mapping[str, An
     try:
         limits = MotionLimits.from_parameters(p, "path")
         path = FlightPath(start_ned_m, psi_rad, limits).stay(p["path.start_s"])
+        if kind == MANOEUVRE:
+            return fly_manoeuvre(path, p)
         if kind == WAYPOINTS:
             for goal in np.reshape(p["path.waypoints_ned_m"], (-1, 3)):
                 _leg(path, goal, heading).stay(p["path.stay_s"])

@@ -89,6 +89,12 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "mte",
+        "./heli python scripts/mte_table.py --seeds 1..20",
+        "How well the scored manoeuvres are flown, with both receivers.",
+        TWENTY,
+    ),
+    Producer(
         "w20",
         "./heli compare worlds --worlds honest --w20 2,4,6,8 --seeds 1..20 --json",
         "The hover test in the honest world over the wind at 20 ft.",

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 
 from heli_flight.studies.results import tables_beside_paper as beside
 from heli_flight.studies.results import tables_of_flights as flights
+from heli_flight.studies.results import tables_of_handling as handling
 from heli_flight.studies.results import tables_of_laws as of_laws
 from heli_flight.studies.results import tables_of_parts as parts
 from heli_flight.studies.results import tables_of_position as position
@@ -23,6 +24,8 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "paper_causes": of_laws.paper_causes,
     "position_floor": position.position_floor,
     "paths": position.paths,
+    "mte": handling.mte,
+    "mte_short": handling.mte_short,
     "position_doubts": position.position_doubts,
     "robustness": flights.robustness,
     "robust": of_laws.robust,

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of handling qualities: manoeuvres flown and scored, responses to sweeps."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from heli_flight.studies.results.files import Results
+from heli_flight.studies.results.grid import grid, world
+from heli_handling.scoring import Level
+
+_LEVELS = [level.value for level in Level]
+_FULL = "full"
+
+
+def mte(results: Results) -> str:
+    """Levels of the manoeuvres over all seeds, and the worst value of each criterion."""
+    found = results["mte"]
+    head = ["manoeuvre", "world, receiver", *_LEVELS, "not as defined", "worst of all flights"]
+    rows = [[_manoeuvre(row), _place(row), *_flights(row)] for row in _flown(found)]
+    refused = [
+        f"{row['manoeuvre']} at full size ({row['refused'].partition('takes ')[2]})"
+        for row in {r["manoeuvre"]: r for r in found["rows"] if "refused" in r}.values()
+    ]
+    flown_in = {row["world"]: [row["conditions"]] for row in _flown(found)}
+    return (
+        f"{grid(head, rows)}\n\nOf {len(found['seeds'])} flights each, {results.seeds('mte')}, the "
+        "default law; worst values by ground truth, in brackets where the worst is only "
+        "adequate, in bold where it is neither. Refused: "
+        f"{'; '.join(refused)}. {world(flown_in)}"
+    )
+
+
+def mte_short(results: Results) -> str:
+    """Where not every flight is desired: the criteria, per size and receiver."""
+    lines = []
+    for scale in dict.fromkeys(row["scale"] for row in _flown(results["mte"])):
+        for gps in dict.fromkeys(row["gps"] for row in _flown(results["mte"])):
+            rows = [r for r in _flown(results["mte"]) if (r["scale"], r["gps"]) == (scale, gps)]
+            short = {
+                level: _names(rows, level) for level in (Level.NEITHER.value, Level.ADEQUATE.value)
+            }
+            said = "; ".join(f"{level} in some flights: {', '.join(n)}" if n else f"{level}: none"
+                             for level, n in short.items())  # fmt: skip
+            all_of = sum(sum(row["levels"].values()) + len(row["missing"]) for row in rows)
+            desired = sum(row["levels"][Level.DESIRED.value] for row in rows)
+            lines.append(f"- {_size(scale)}, {gps}: {desired} of {all_of} flights desired; {said}.")
+    return "\n".join(lines)
+
+
+def _flown(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [row for row in found["rows"] if "refused" not in row]
+
+
+def _size(scale: str) -> str:
+    return "full size" if scale == _FULL else "scaled"
+
+
+def _manoeuvre(row: Mapping[str, Any]) -> str:
+    return f"{row['manoeuvre']}, {_size(row['scale'])}"
+
+
+def _place(row: Mapping[str, Any]) -> str:
+    return f"{row['world']}, {row['gps']}"
+
+
+def _flights(row: Mapping[str, Any]) -> list[str]:
+    worst = ", ".join(_worst(criterion) for criterion in row["criteria"])
+    undefined = row["not_as_defined"] + len(row["missing"]) + row["lost"]
+    return [*(str(row["levels"][level]) for level in _LEVELS), str(undefined), worst]
+
+
+def _worst(criterion: Mapping[str, Any]) -> str:
+    """Name and worst value, marked by its level."""
+    value = criterion["worst"]
+    said = "–" if value is None else f"{value:.3g} {criterion['unit']}"
+    if criterion["levels"][Level.NEITHER.value]:
+        said = f"**{said}**"
+    elif criterion["levels"][Level.ADEQUATE.value]:
+        said = f"({said})"
+    return f"{criterion['name']} {said}"
+
+
+def _names(rows: list[Mapping[str, Any]], level: str) -> list[str]:
+    """Criteria of manoeuvres that were at a level in a flight."""
+    return list(
+        dict.fromkeys(
+            f"{row['manoeuvre']} {criterion['name']}"
+            for row in rows
+            for criterion in row["criteria"]
+            if criterion["levels"][level]
+        )
+    )
