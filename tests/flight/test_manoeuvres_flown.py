@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scored manoeuvres, flown by the autopilot: as they are defined, and refused where beyond it."""
+"""The scored manoeuvres, flown by the autopilot as they are defined, refused where beyond it."""
 
 import numpy as np
 import pytest

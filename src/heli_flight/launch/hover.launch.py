@@ -32,7 +32,8 @@ from heli_parameters.common_table import with_common
 from heli_parameters.parameters import load
 
 SCENARIOS = [
-    "hover", "attitude", "attitude_gusts", "figure_eight", "orbit", "waypoints",
+    "hover", "attitude", "attitude_gusts", "attitude_sweep", "attitude_steps",
+    "figure_eight", "orbit", "waypoints",
     "mte_hover", "mte_vertical", "mte_pirouette", "mte_slalom", "mte_lateral_reposition",
     "mte_depart_abort",
     "identify_actuators", "identify_gusts",

@@ -9,6 +9,7 @@ import numpy as np
 
 from heli_math.rows import SETPOINT
 from heli_math.ticks import NS_PER_S, TICK_S
+from heli_outer_pd.attitude_sweep import sweep_kernel
 from heli_outer_pd.position_law import OuterKernel
 from heli_outer_pd.thrust_map import RotorMap
 
@@ -65,4 +66,5 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
         attitude_lead=np.asarray(p["attitude_lead.lead_s"], float),
         lead_filter_s=p["attitude_lead.filter_s"],
         dt_s=p["period_ticks"] * TICK_S,
+        sweep=sweep_kernel(p),
     )

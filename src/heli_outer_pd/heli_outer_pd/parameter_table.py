@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The outer loop's parameters; their values stand in config/outer_loop.yaml."""
 
+from heli_outer_pd.attitude_sweep import SWEEP_ROWS
 from heli_outer_pd.goto import HEADINGS
 from heli_parameters.parameters import Parameter
 
@@ -69,6 +70,7 @@ TABLE: tuple[Parameter, ...] = (
          choices=("position", "level")),
     _row("level_attitude_deg", "double[]", "Roll and pitch commanded when horizontal is level",
          "deg", shape=(2,), lower=-20.0, upper=20.0),
+    *SWEEP_ROWS,
     _row("tilt_limit_deg", "double", "Largest commanded tilt from trim", "deg",
          lower=1.0, upper=45.0),
     _row("exact_tilt", "bool",

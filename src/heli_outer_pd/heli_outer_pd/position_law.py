@@ -26,6 +26,8 @@ import numpy as np
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, SETPOINT, SHAPED
+from heli_math.ticks import NS_PER_S
+from heli_outer_pd.attitude_sweep import SweepKernel, add_sweep
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust, thrust_for_collective
 
@@ -96,6 +98,7 @@ class OuterKernel(NamedTuple):
     attitude_lead: np.ndarray  # (2,) s, forward and right: lead of the commanded acceleration
     lead_filter_s: float
     dt_s: float
+    sweep: SweepKernel
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
@@ -335,4 +338,7 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     """
     ref = np.empty(SHAPED.size)
     shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
-    return position_law(nav, ref, k, state, out)
+    code = position_law(nav, ref, k, state, out)
+    if k.sweep.shape != 0:
+        add_sweep(time_ns / NS_PER_S, k.sweep, out)
+    return code

@@ -92,6 +92,7 @@ ScenarioName = Annotated[
         metavar="NAME",
         help="what to fly: hover, attitude, attitude_gusts, figure_eight, orbit, waypoints, "
         "mte_hover (or _vertical, _pirouette, _slalom, _lateral_reposition, _depart_abort), "
+        "attitude_sweep, attitude_steps, "
         "identify_actuators or identify_gusts (default: the parameter file's, else hover)",
         autocompletion=completion.scenarios,
     ),

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scores of manoeuvres that were flown in this process."""
+"""Scores of manoeuvres and sweeps that were flown in this process."""
+
+import numpy as np
 
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.scenario_mte import scale_flown, target_of
 from heli_flight.loop.settings import Settings
+from heli_handling.response import FrequencyResponse, frequency_response
 from heli_handling.scoring import Score, score
 from heli_handling.tracks import Track, track_of
 from heli_math.rotations import euler_angles
@@ -30,3 +33,17 @@ def score_flown(settings: Settings, record: FlightRecord) -> Score:
     p = settings.scenario_parameters
     target = target_of(settings.scenario.reference, p)
     return score(true_track(record), p["path.manoeuvre"], scale_flown(p), target)
+
+
+def swept(settings: Settings, record: FlightRecord, axis: int) -> FrequencyResponse:
+    """Response of an angle (0 roll, 1 pitch, 2 yaw) to its command, over the sweep of a flight.
+
+    Raises
+    ------
+    HandlingError
+    """
+    p = settings.nodes["outer_loop"]
+    since = record.time_s - p["sweep.start_s"]
+    on = (since >= 0.0) & (since < p["sweep.duration_s"])
+    angle = true_track(record).attitude_rad[on, axis]
+    return frequency_response(record.time_s[on], np.unwrap(record.setpoint[on, axis]), angle)

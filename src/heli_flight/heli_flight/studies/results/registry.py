@@ -95,6 +95,13 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "response",
+        "./heli python scripts/response_table.py --seeds 1..5",
+        "Responses of the attitude loop to sweeps and steps, by law.",
+        tuple(range(1, 6)),
+        MARGIN,
+    ),
+    Producer(
         "w20",
         "./heli compare worlds --worlds honest --w20 2,4,6,8 --seeds 1..20 --json",
         "The hover test in the honest world over the wind at 20 ft.",

@@ -26,6 +26,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "paths": position.paths,
     "mte": handling.mte,
     "mte_short": handling.mte_short,
+    "response": handling.response,
     "position_doubts": position.position_doubts,
     "robustness": flights.robustness,
     "robust": of_laws.robust,

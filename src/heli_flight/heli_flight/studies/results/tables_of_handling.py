@@ -47,6 +47,53 @@ def mte_short(results: Results) -> str:
     return "\n".join(lines)
 
 
+def response(results: Results) -> str:
+    """Bandwidth, phase delay, quickness and disturbance rejection by law and axis."""
+    found = results["response"]
+    head = [
+        "law, axis",
+        "bandwidth, rad/s",
+        "6 dB of gain, rad/s",
+        "phase delay, s",
+        "DRB, rad/s",
+        "DRP, dB",
+        "quickness, 1/s, step of 20, 10 deg",
+    ]
+    rows = [
+        [
+            f"`{row['laws']}`, {row['axis']}",
+            *(_beside(row, key) for key in ("phase_radps", "gain_radps", "phase_delay_s")),
+            _number(row["linear_rejection"]["bandwidth_radps"]),
+            _number(row["linear_rejection"]["peak_db"]),
+            ", ".join(_span(step["quickness_per_s"]) for step in row["steps"]),
+        ]
+        for row in found["rows"]
+    ]
+    apart = max(row["rms_difference_db"] for row in found["rows"])
+    return (
+        f"{grid(head, rows)}\n\nFlown, of {len(found['seeds'])} flights "
+        f"({results.seeds('response')}) the least and the largest, in calm air, RTK; in brackets "
+        "the linear model of the same loop, from which alone DRB and DRP are. Gains of both differ "
+        f"by {apart:.1f} dB rms at most over the coherent lines, "
+        f"{_span(found['rows'][0]['coherent_radps'])} rad/s for the first."
+    )
+
+
+def _beside(row: Mapping[str, Any], key: str) -> str:
+    """What was flown, and in brackets the linear model's."""
+    flown = row["flown"][key]
+    return f"{'not reached' if flown is None else _span(flown)} ({_number(row['linear'][key])})"
+
+
+def _span(ends: list[float]) -> str:
+    low, high = (_number(end) for end in ends)
+    return low if low == high else f"{low} to {high}"
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
 def _flown(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [row for row in found["rows"] if "refused" not in row]
 

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sweeps and steps of the packaged scenarios: what is flown is what the linear model says."""
+
+import numpy as np
+import pytest
+
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.settings import resolve
+from heli_flight.studies.handling.flown import swept, true_track
+from heli_flight.studies.handling.linear import LinearLoop, grid_radps
+from heli_handling.boundaries import AXES
+from heli_handling.quickness import changes
+from heli_handling.response import bandwidth
+
+
+def settings_of(scenario, laws, axis):
+    overrides = {"outer_loop": {"sweep.axis": axis}}
+    return resolve(scenario, "rtk", 1, world="paper", laws=laws, overrides=overrides)
+
+
+@pytest.mark.parametrize(("laws", "axis"), [("hinf_output", "pitch"), ("hinf", "roll")])
+def test_bandwidth_and_phase_delay_of_a_sweep_are_the_linear_models(laws, axis):
+    settings = settings_of("attitude_sweep", laws, axis)
+    flight = simulate(settings)
+    assert not flight.status
+    found = bandwidth(swept(settings, flight.record, AXES.index(axis)))
+    linear = bandwidth(LinearLoop(settings).to_command(grid_radps(), axis))
+    assert found.phase_radps == pytest.approx(linear.phase_radps, rel=0.02)
+    assert found.neutral_radps == pytest.approx(linear.neutral_radps, rel=0.02)
+    assert found.phase_delay_s == pytest.approx(linear.phase_delay_s, rel=0.05)
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_a_law_of_the_error_alone_rejects_what_it_does_not_follow(axis):
+    """PID: a disturbance of the measured angle acts as the opposite command does: S = 1 - T."""
+    loop = LinearLoop(settings_of("attitude_sweep", "pid", axis))
+    omega = grid_radps(50)
+    T, S = loop.to_command(omega, axis).response, loop.to_disturbance(omega, axis).response
+    np.testing.assert_allclose(S, 1.0 - T, atol=1e-9)
+
+
+def test_steps_are_changes_of_attitude():
+    settings = settings_of("attitude_steps", "hinf", "roll")
+    track = true_track(simulate(settings).record)
+    found = changes(track.time_s, track.attitude_rad[:, 0])
+    assert [round(c.start_s) for c in found] == [10, 14, 18, 22, 26, 30, 34, 38]
+    assert [c.peak_deg for c in found] == pytest.approx([20.0] * 4 + [10.0] * 4, rel=0.05)
