@@ -9,12 +9,14 @@ from heli_flight.report.plot_style import BLUE, GREEN, GREY, ORANGE, RED, pictur
 from heli_handling.definitions import Criterion
 from heli_handling.found import Trace
 from heli_handling.scoring import Score
-from heli_handling.tracks import Track
+from heli_handling.tracks import Array, Track
 from heli_parameters.parameters import ParameterError
 
 FORMATS = (".png", ".svg", ".pdf")
 _COLOURS = (BLUE, RED, GREEN, ORANGE)
 _STYLES = ("-", "--")
+_ENDS = 2
+"""Marks of a straight course: where it begins and ends."""
 
 
 def check_picture(path: Path) -> None:
@@ -49,29 +51,68 @@ def draw_score(track: Track, score: Score, path: Path) -> None:
 
 
 def _plan(ax, track: Track, score: Score) -> None:
-    """The ground track by phases, in metres east and north of where it begins."""
-    origin = track.pos_ned_m[0, :2]
-    way = track.pos_ned_m[:, :2] - origin
+    """The ground track by phases: east and north of where it begins, or along a straight course."""
+    marks = score.found.marks_ned_m
+    straight = len(marks) == _ENDS
+    origin = marks[0] if straight else track.pos_ned_m[0, :2]
+    turn = _course_axes(marks) if straight else np.eye(2)
+    way, marks = (track.pos_ned_m[:, :2] - origin) @ turn, (marks - origin) @ turn
     ax.plot(way[:, 1], way[:, 0], color="#cccccc", linewidth=0.8)
     for n, phase in enumerate(score.found.phases):
         at = (track.time_s >= phase.start_s) & (track.time_s <= phase.end_s)
         label = f"{phase.name}, {phase.end_s - phase.start_s:.1f} s"
         ax.plot(way[at, 1], way[at, 0], color=_COLOURS[n % len(_COLOURS)], label=label)
-    marks = score.found.marks_ned_m - origin
     style = "k+" if len(marks) == 1 else "k:"
     ax.plot(marks[:, 1], marks[:, 0], style, markersize=10, linewidth=0.8)
-    position = next((c for c in score.table.criteria if c.name == "position"), None)
-    if position is not None:
-        for bound, colour in ((position.desired, GREEN), (position.adequate, ORANGE)):
-            heading = _heading(track, score)
-            corners = bound * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]])
-            c, s = np.cos(heading), np.sin(heading)
-            box = marks[0] + corners @ np.array([[c, s], [-s, c]])
-            ax.plot(box[:, 1], box[:, 0], color=colour, linewidth=0.9)
+    for line, colour in _bounds(track, score, marks):
+        ax.plot(line[:, 1], line[:, 0], color=colour, linewidth=0.9)
+    if straight:
+        ax.set_xlabel("right of the course, m (not to the same scale)")
+        ax.set_ylabel("along it, m")
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
+        return
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_xlabel("east of the first sample, m")
     ax.set_ylabel("north of it, m")
     ax.legend(loc="best")
+
+
+def _course_axes(marks: Array) -> Array:
+    """Matrix (2, 2) by which north, east become along and right of a straight course."""
+    ahead = (marks[1] - marks[0]) / np.hypot(*(marks[1] - marks[0]))
+    return np.array([[ahead[0], -ahead[1]], [ahead[1], ahead[0]]])
+
+
+def _bounds(track: Track, score: Score, marks: Array) -> list[tuple[Array, str]]:
+    """Lines on the ground that the bounds are, in the axes of the marks, with their colours."""
+    lines: list[tuple[Array, str]] = []
+    names = {c.name: c for c in score.table.criteria}
+    for name, shape in (("position", _boxes), ("track", _sides), ("radius", _rings)):
+        if name in names:
+            for bound, colour in ((names[name].desired, GREEN), (names[name].adequate, ORANGE)):
+                lines += [(line, colour) for line in shape(track, score, marks, bound)]
+    if "clearance" in names:
+        least, most = names["clearance"].desired, names["error"].desired
+        for bound, colour in ((least, GREEN), (least + most, ORANGE)):
+            lines += [(line, colour) for line in _sides(track, score, marks, bound)]
+    return lines
+
+
+def _boxes(track: Track, score: Score, marks: Array, bound: float) -> list[Array]:
+    heading = _heading(track, score)
+    corners = bound * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]])
+    c, s = np.cos(heading), np.sin(heading)
+    return [marks[0] + corners @ np.array([[c, s], [-s, c]])]
+
+
+def _sides(track: Track, score: Score, marks: Array, bound: float) -> list[Array]:
+    return [marks + [0.0, side] for side in (bound, -bound)]
+
+
+def _rings(track: Track, score: Score, marks: Array, bound: float) -> list[Array]:
+    radius = score.table["radius_m"]
+    centre = 0.5 * (marks.min(axis=0) + marks.max(axis=0))
+    return [centre + (marks - centre) * (radius + off) / radius for off in (bound, -bound)]
 
 
 def _heading(track: Track, score: Score) -> float:
@@ -95,4 +136,6 @@ def _bounded(ax, criterion: Criterion, trace: Trace) -> None:
     ax.set_ylabel(f"{criterion.name}, {criterion.quantity.value}")
     ax.set_title(f"{criterion.text}: worst {value:.3g} {criterion.quantity.value}", loc="left")
     if len(trace.labels) > 1:
+        # Room for it above the bounds.
+        ax.set_ylim(-1.15 * criterion.adequate, 1.6 * criterion.adequate)
         ax.legend(loc="upper right", ncols=2)
