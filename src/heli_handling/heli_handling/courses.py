@@ -82,12 +82,10 @@ def _course(track: Track, table: Manoeuvre, target_ned_m: Array | None) -> _Cour
         length = float(np.hypot(*towards))
     ahead = towards / np.hypot(*towards)
     along, across = way @ ahead, way @ np.array([-ahead[1], ahead[0]])
-    near = np.abs(along - length) <= band
-    # A hover that begins beyond the band may creep into it.
     inside = [
-        max(a, stop) + int(np.argmax(near[max(a, stop) : b + 1]))
+        max(a, stop)
         for a, b in stills(track, table)
-        if b >= stop and near[max(a, stop) : b + 1].any()
+        if b >= stop and abs(along[max(a, stop)] - length) <= band
     ]
     if not inside:
         raise not_found(

@@ -4,8 +4,8 @@
 Source: ADS-33E-PRF, Handling Qualities Requirements for Military Rotorcraft (US Army AMCOM, 2000),
 3.11; bounds are those for the good visual environment, of cargo/utility rotorcraft where categories
 differ. MIL-DTL-32742 (2023) supersedes it; its figures are not in here. **The numbers are as
-recalled from ADS-33E-PRF: the text was not at hand when they were written down, and nobody has
-compared them with it since.**
+recalled from ADS-33E-PRF, whose text was not at hand; an independent list confirms those of hover,
+vertical manoeuvre and pirouette (README).**
 
 What the standard leaves to the test pilot's eye is a number of our own, said where it stands.
 """

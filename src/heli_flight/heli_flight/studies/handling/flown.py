@@ -11,8 +11,6 @@ from heli_handling.scoring import Score, score
 from heli_handling.tracks import Track, track_of
 from heli_math.rotations import euler_angles
 
-_HOVER_S = 3.0
-
 
 def true_track(record: FlightRecord) -> Track:
     """How the aircraft really moved."""
@@ -27,9 +25,6 @@ def true_track(record: FlightRecord) -> Track:
 def score_flown(settings: Settings, record: FlightRecord) -> Score:
     """Score of a scenario whose path is a manoeuvre, from ground truth and the given place.
 
-    Scored from the last moments of the hover before it: what a receiver drifts in that hover is no
-    part of it.
-
     Raises
     ------
     HandlingError
@@ -37,8 +32,7 @@ def score_flown(settings: Settings, record: FlightRecord) -> Score:
     """
     p = settings.scenario_parameters
     target = target_of(settings.scenario.reference, p)
-    track = true_track(record).between(max(p["path.start_s"] - _HOVER_S, 0.0))
-    return score(track, p["path.manoeuvre"], scale_flown(p), target)
+    return score(true_track(record), p["path.manoeuvre"], scale_flown(p), target)
 
 
 def swept(settings: Settings, record: FlightRecord, axis: int) -> FrequencyResponse:
