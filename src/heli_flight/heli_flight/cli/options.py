@@ -91,8 +91,8 @@ ScenarioName = Annotated[
     typer.Option(
         metavar="NAME",
         help="what to fly: hover, attitude, attitude_gusts, figure_eight, orbit, waypoints, "
-        "forward_flight, "
-        "identify_actuators or identify_gusts (default: the parameter file's, else hover)",
+        "forward_flight, identify_actuators or identify_gusts (default: the parameter file's, "
+        "else hover)",
         autocompletion=completion.scenarios,
     ),
 ]
