@@ -234,6 +234,9 @@ heli_clean_environment() {
     unset PYTHONDONTWRITEBYTECODE
     # Without a home that can be written to, matplotlib would complain at every start.
     [ -w "${HOME:-/nowhere}/." ] || export MPLCONFIGDIR="${MPLCONFIGDIR:-${TMPDIR:-/tmp}/heli_hover-$UID/matplotlib}"
+    # Matrices are small here. Threads of the linear algebra wait for each other: beside other processes a matrix
+    # exponential takes ten times as long with them.
+    export OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
     [ "$heli_mode" = wheels ] || return 0
     [ -z "${ROS_DISTRO:-}" ] || unset LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION
     unset PYTHONPATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH

@@ -37,7 +37,10 @@ def complete(line):
         ("heli hover --gps ", list(GPS_PRESETS)),
         ("heli hover --laws pap", ["paper"]),
         ("heli hover --seed 3 --controller ", list(CONTROLLERS)),
-        ("heli campaign --scenario att", ["attitude", "attitude_gusts"]),
+        (
+            "heli campaign --scenario att",
+            ["attitude", "attitude_gusts", "attitude_steps", "attitude_sweep"],
+        ),
         ("heli compare attitude --controllers hinf,p", ["hinf,pid"]),
         ("heli design --aircraft ", ["helion.yaml", "logo600.yaml", "xcell60.yaml"]),
         ("heli report bag --gps r", ["rtk"]),

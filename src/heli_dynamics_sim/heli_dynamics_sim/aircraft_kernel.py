@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from heli_dynamics_sim.airframe import FinKernel, FuselageKernel
-from heli_dynamics_sim.engine import EngineKernel
+from heli_dynamics_sim.engine import FREE, EngineKernel
 from heli_dynamics_sim.flap_back import FlapBackKernel, paddle_inflow
-from heli_dynamics_sim.ground import GroundKernel
+from heli_dynamics_sim.ground import GroundKernel, plane_of
 from heli_dynamics_sim.ground_effect import GroundEffectKernel
 from heli_dynamics_sim.inflow import InflowKernel
 from heli_dynamics_sim.rigid_body import BodyKernel
@@ -185,6 +185,7 @@ def _engine_kernel(
         tail_tip_speed=tip,
         burnt=p.fuel_per_energy_kgpj / p.drive_efficiency,
         tank=p.fuel_kg,
+        spool=FREE,
     )
 
 
@@ -259,4 +260,6 @@ def _ground_kernel(p: "HelicopterParameters") -> GroundKernel:
         p.gear_damping_nspm,
         p.gear_friction,
         p.gear_hard_impact_mps,
+        np.zeros(2),
+        plane_of((0.0, 0.0)),
     )

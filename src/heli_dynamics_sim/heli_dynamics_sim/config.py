@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_dynamics_sim.config_error import PlantConfigError
+from heli_dynamics_sim.ground import plane_of
 from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
 from heli_dynamics_sim.scales import scaled
 from heli_dynamics_sim.sensor_config import sensor_kernel
 from heli_dynamics_sim.sensors import SensorKernel
+from heli_dynamics_sim.standing import spooling
 from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.wind import WindKernel
 from heli_dynamics_sim.wind_config import wind_kernel
-from heli_math.ticks import ticks_in
+from heli_math.ticks import TICK_S, ticks_in
 
 
 class LimitKernel(NamedTuple):
@@ -33,6 +35,7 @@ class PlantKernel(NamedTuple):
     """Everything that `measure`, `advance` and `status` read."""
 
     aircraft: HelicopterKernel
+    spooling: HelicopterKernel  # the same while its rotor comes up to speed
     wind: WindKernel
     sensors: SensorKernel
     limits: LimitKernel
@@ -40,6 +43,7 @@ class PlantKernel(NamedTuple):
     fail_tick: int  # when the engine fails; negative: never
     onset_s: float  # over which the air begins to move
     pilot_ticks: int  # during which the controls rest in the trim of the start
+    spool_ticks: int  # over which the rotor comes up to speed; 0: it turns at the start
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,15 @@ class PlantConfig:
         Time over which the air begins to move, s.
     pilot_ticks : int
         So long the controls rest in the trim of the start.
+    on_ground : bool
+        Whether it starts on its skids; the altitude of `pos_ned_m` is then that of the unloaded
+        gear.
+    spool_ticks : int
+        Over which the rotor then comes up to speed; 0: it turns at the start.
+    idle_collective : float
+        Collective at which it then stands.
+    slope : (2,) floats
+        Rise of the ground per metre to north and east; at the start the ground is at altitude 0.
     """
 
     helicopter: HelicopterParameters
@@ -80,6 +93,10 @@ class PlantConfig:
     trimmed_in_wind: bool = True
     onset_s: float = 0.0
     pilot_ticks: int = 0
+    on_ground: bool = False
+    spool_ticks: int = 0
+    idle_collective: float = 0.0
+    slope: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "PlantConfig":
@@ -97,6 +114,8 @@ class PlantConfig:
             scaled(HelicopterParameters.from_yaml(values["aircraft_file"]), values),
             terms=Terms(*(bool(values[f"terms.{name}"]) for name in Terms._fields)),
         )
+        if values["start.on_ground"]:
+            position[2] = -helicopter.gear_height_m
         if position[2] > -helicopter.gear_height_m:
             raise PlantConfigError(
                 f"initial.pos_ned_m: down {position[2]:g} m is in the ground; allowed: at most "
@@ -118,6 +137,10 @@ class PlantConfig:
             trimmed_in_wind=values["initial.trim"] == "mean_wind",
             onset_s=values["initial.wind_onset_s"],
             pilot_ticks=values["initial.pilot_ticks"],
+            on_ground=values["start.on_ground"],
+            spool_ticks=_spool_ticks(values),
+            idle_collective=values["ground.idle_collective"],
+            slope=tuple(values["ground.slope"]),
         )
 
     def with_wind(self, values: Mapping[str, Any]) -> "PlantConfig":
@@ -127,8 +150,16 @@ class PlantConfig:
     @cached_property
     def kernel(self) -> PlantKernel:
         """The values as the compiled kernels take them."""
+        aircraft = self.helicopter.kernel
+        aircraft = aircraft._replace(
+            ground=aircraft.ground._replace(
+                origin=self.pos_ned_m[:2].copy(), plane=plane_of(self.slope)
+            )
+        )
+        up_in_s = max(self.spool_ticks, 1) * TICK_S
         return PlantKernel(
-            self.helicopter.kernel,
+            aircraft,
+            spooling(aircraft, aircraft.engine.speed / up_in_s),
             self.wind,
             self.sensors,
             self.limits,
@@ -136,7 +167,18 @@ class PlantConfig:
             self.fail_tick,
             self.onset_s,
             self.pilot_ticks,
+            self.spool_ticks,
         )
+
+
+def _spool_ticks(values: Mapping[str, Any]) -> int:
+    time_s = values["start.spool_up_s"]
+    if time_s > 0.0 and not values["start.on_ground"]:
+        raise PlantConfigError(
+            f"start.spool_up_s: {time_s:g} is not allowed while start.on_ground is false: "
+            "in the air the rotor turns"
+        )
+    return ticks_in(time_s)
 
 
 def _fail_tick(values: Mapping[str, Any]) -> int:

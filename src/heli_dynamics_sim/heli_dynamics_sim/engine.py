@@ -20,6 +20,9 @@ The source's own power, which flies without this term, takes nothing back in des
 
 The fuselage feels what the shaft carries: the main rotor's torque and that of its acceleration.
 What else depends on speed and fuel: `present`.
+
+While the rotor spools up on the ground its speed is prescribed, engine and governor rest
+(`standing`).
 """
 
 from typing import NamedTuple
@@ -27,6 +30,8 @@ from typing import NamedTuple
 from heli_math.jit import njit, njit_inlined
 from heli_math.rows import PLANT
 
+FREE = -1.0
+"""`EngineKernel.spool` of a rotor whose speed follows its torques."""
 _SLOWEST_DRIVEN = 0.3
 """Rotor speed over the governed one below which the engine's torque grows no further."""
 
@@ -48,6 +53,7 @@ class EngineKernel(NamedTuple):
     tail_tip_speed: float  # m/s
     burnt: float  # fuel per energy at the main rotor's shaft, kg/J
     tank: float  # kg; 0: no tank, never empty
+    spool: float  # the rotor's prescribed acceleration, rad/s2; FREE: it follows its torques
 
 
 @njit
@@ -102,7 +108,7 @@ def shaft(x, powers, k):
 
     Parameters
     ----------
-    x : (34,) array
+    x : (42,) array
     powers : 2 floats
         Power of main and tail rotor, W.
     k : HelicopterKernel
@@ -119,6 +125,8 @@ def shaft(x, powers, k):
     if not k.terms.rotor_speed:
         return power / k.main.speed, (0.0, power)
     engine, omega = k.engine, k.main.speed
+    if engine.spool >= 0.0:
+        return power / omega + engine.main_inertia * engine.spool, (engine.spool, power + behind)
     given = engine_torque(x, engine)
     spin = (given - (power + behind) / omega) / engine.inertia
     return power / omega + engine.main_inertia * spin, (spin, given * omega)
@@ -139,15 +147,17 @@ def drive_rates(x, drive, k, out):
 
     Parameters
     ----------
-    x : (34,) array
+    x : (42,) array
     drive : 2 floats
         That of `shaft`.
     k : HelicopterKernel
-    out : (34,) array
+    out : (42,) array
     """
     engine = k.engine
     spin, power = drive
-    if k.terms.rotor_speed:
+    if k.terms.rotor_speed and engine.spool >= 0.0:
+        out[PLANT.omega] = spin
+    elif k.terms.rotor_speed:
         opening, wanted = throttle(x, engine)
         error = engine.speed - x[PLANT.omega]
         stuck = (wanted > 1.0 and error > 0.0) or (wanted < 0.0 and error < 0.0)

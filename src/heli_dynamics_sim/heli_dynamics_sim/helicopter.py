@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from heli_dynamics_sim.airframe import fin_force, fuselage_force
 from heli_dynamics_sim.engine import drive_rates, shaft, shaft_powers
-from heli_dynamics_sim.ground import ground_loads
+from heli_dynamics_sim.ground import ground_loads, stick_rates
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.present import present
 from heli_dynamics_sim.rigid_body import rigid_body_rates, to_body
@@ -110,7 +110,7 @@ def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
 
 @njit
 def derivative_kernel(x, u, air, k, out):
-    """State derivative: fills out (34,) for state x (34,), command u (4,), air (12,), a row AIR.
+    """State derivative: fills out (42,) for state x (42,), command u (4,), air (12,), a row AIR.
 
     Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterKernel.
     """
@@ -141,6 +141,7 @@ def derivative_kernel(x, u, air, k, out):
         out[i] = 0.0
     rotor_term_rates(x, at_main, flow, k, out)
     drive_rates(x, drive, k, out)
+    stick_rates(x, k.ground, out)
 
 
 @njit
@@ -170,7 +171,7 @@ def state_derivative(
 
     Parameters
     ----------
-    x : (34,) array
+    x : (42,) array
         State, places of `heli_math.rows.PLANT`.
     u : (4,) array
         Servo commands d_lat, d_lon, d_ped, d_col in (-1, 1).
@@ -180,7 +181,7 @@ def state_derivative(
 
     Returns
     -------
-    (34,) array
+    (42,) array
 
     Raises
     ------

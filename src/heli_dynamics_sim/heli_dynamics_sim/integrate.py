@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Integration: classical Runge-Kutta of order 4 with fixed steps."""
 
+from heli_dynamics_sim.ground import apply_slip
 from heli_dynamics_sim.helicopter import derivative_kernel
 from heli_dynamics_sim.servo import apply_stops
 from heli_dynamics_sim.state import attitude_of
@@ -12,10 +13,11 @@ WORK_ROWS = 5
 
 @njit
 def rk4_step(x, u, air, k, dt_s, work):
-    """Advance x (34,) by dt_s with command u (4,) and air (12,) held; in place.
+    """Advance x (42,) by dt_s with command u (4,) and air (12,) held; in place.
 
-    After the step the quaternion is scaled to unit norm and the servos are kept inside their stops.
-    work is scratch, (5, 34).
+    After the step the quaternion is scaled to unit norm, servos are kept inside their stops and the
+    skids' bristles inside Coulomb's cone.
+    work is scratch, (5, 42).
     """
     n = x.shape[0]
     k1, k2, k3, k4, stage = work
@@ -36,3 +38,4 @@ def rk4_step(x, u, air, k, dt_s, work):
     for i in range(PLANT.quat.start, PLANT.quat.stop):
         x[i] /= norm
     apply_stops(x, k.servo)
+    apply_slip(x, k.ground)

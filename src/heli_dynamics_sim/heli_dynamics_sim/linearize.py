@@ -67,7 +67,7 @@ class LinearModel:
 
 
 def reduced_state(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nine states of eq. (10) of a plant state (34,)."""
+    """The nine states of eq. (10) of a plant state (42,)."""
     nine = np.empty(len(NINE))
     nine[NINE.phi], nine[NINE.theta], nine[NINE.psi] = euler_from_quat(x[PLANT.quat])
     nine[NINE.p], nine[NINE.q], nine[NINE.r] = x[PLANT.rate]

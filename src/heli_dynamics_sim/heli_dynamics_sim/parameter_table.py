@@ -30,6 +30,18 @@ _SCENE = (
     ),
     ticks("initial.pilot_ticks", "So long the controls rest in the trim of the start", 0, 1000),
     real("initial.wind_onset_s", "Time over which the air begins to move", "s", 0.0, 60.0),
+    row("start.on_ground", "bool", "The flight begins on the skids, not in hover"),
+    real("start.spool_up_s", "Time that the rotor takes from rest; 0: it turns", "s", 0.0, 120.0),
+    real("ground.slope", "Rise of the ground per metre, to north and east", "1", -0.5, 0.5, (2,)),
+    real(
+        "ground.idle_collective",
+        "Collective at which the aircraft stands at the start",
+        "",
+        -1.0,
+        1.0,
+        lower_open=True,
+        upper_open=True,
+    ),
     real("limits.distance_m", "Distance from the start that counts as lost", "m", 1.0, 1e5),
     real("limits.tilt_deg", "Tilt that counts as rolled over", "deg", 10.0, 180.0),
 )

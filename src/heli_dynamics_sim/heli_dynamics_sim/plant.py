@@ -20,8 +20,9 @@ from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.sensor_start import ONCE, fix_slots, initial_sensors
 from heli_dynamics_sim.sensors import SensorState, read_sensors
+from heli_dynamics_sim.standing import Stand, on_ground
 from heli_dynamics_sim.state import STEP_S, SUBSTEPS, attitude_of
-from heli_dynamics_sim.trim import trim
+from heli_dynamics_sim.trim import Trim, trim
 from heli_dynamics_sim.wind import FILTER, wind_at
 from heli_math.jit import njit
 from heli_math.rows import ACTUATOR, AIR, MEAS, PLANT
@@ -68,18 +69,20 @@ _OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in Plant
 class PlantState(NamedTuple):
     """State of the plant; the arrays are changed in place."""
 
-    x: np.ndarray  # (34,) aircraft, places of `rows.PLANT`
+    x: np.ndarray  # (42,) aircraft, places of `rows.PLANT`
     turbulence: AirState  # and the random gusts of the flight
     air: np.ndarray  # (12,) what the air does at the aircraft, places of `rows.AIR`
     sensors: SensorState
     commands: np.ndarray  # (delay_ticks, 4) commands under way, oldest first
-    work: np.ndarray  # (5, 34) scratch
+    work: np.ndarray  # (5, 42) scratch
     flags: np.ndarray  # (1,) int64, first PlantStatus that was not OK
     pilot: np.ndarray  # (5,) ticks until a pilot hands over, and the trim that is held until then
+    spool: np.ndarray  # (1,) ticks until the rotor has its speed
 
 
 def initial_state(config: PlantConfig, seed: int) -> PlantState:
-    """State before tick 0: hovering in trim at the start, in the mean wind or as in still air.
+    """State before tick 0: in trim at the start, in the air or on the skids, in the mean wind or as
+    in still air.
 
     Parameters
     ----------
@@ -95,7 +98,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     Raises
     ------
     TrimError
-        If the aircraft cannot hover in that wind.
+        If the aircraft cannot hover, or stand, in that wind.
     """
     k = config.kernel
     slots = fix_slots(k.sensors.gps)
@@ -111,11 +114,8 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     at_start[PLANT.pos] = config.pos_ned_m
     mean_wind = np.zeros(3)
     wind_at(np.zeros(FILTER.size), at_start, 0.0, calm, mean_wind)
-    hover = trim(
-        config.helicopter, mean_wind if config.trimmed_in_wind else np.zeros(3), config.psi
-    )
-    x = hover.x.copy()
-    x[PLANT.pos] = config.pos_ned_m
+    start = _at_start(config, mean_wind if config.trimmed_in_wind else np.zeros(3))
+    x = start.x.copy()
     wind_rows = np.concatenate([rows[:1], rows[slots:]])
     sensors = initial_sensors(k.sensors, rows[:slots], streams.once(ONCE.size), x)
     return PlantState(
@@ -123,11 +123,31 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
         initial_air(k.wind, altitude_m, wind_rows, seed),
         same_air(mean_wind),
         sensors,
-        np.tile(hover.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, ACTUATOR.size),
+        np.tile(start.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, ACTUATOR.size),
         np.zeros((WORK_ROWS, PLANT.size)),
         np.zeros(1, dtype=np.int64),
-        np.append(float(k.pilot_ticks), hover.u),
+        np.append(float(k.pilot_ticks), start.u),
+        np.array([float(k.spool_ticks)]),
     )
+
+
+def _at_start(config: PlantConfig, wind: np.ndarray) -> Trim:
+    """The equilibrium in which the flight begins, at its place."""
+    place, psi = config.pos_ned_m, config.psi
+    if config.on_ground:
+        stand = Stand(place, psi, wind, config.idle_collective, config.spool_ticks == 0)
+        return on_ground(config.helicopter, config.kernel.aircraft, stand)
+    hover = trim(config.helicopter, wind, psi)
+    hover.x[PLANT.pos] = place
+    return hover
+
+
+@njit
+def _aircraft_now(state, k):
+    """The HelicopterKernel of this tick: on the ground the rotor may still be spooling up."""
+    if state.spool[0] > 0.0:
+        return k.spooling
+    return k.aircraft
 
 
 @njit
@@ -162,7 +182,8 @@ def measure(state, tick, noise_row, k, y):
     air_at(state.turbulence, state.x, tick * TICK_S, k.wind, state.air)
     if tick * TICK_S < k.onset_s:
         _begin_to_move(tick * TICK_S / k.onset_s, state.air)
-    read_sensors(state.sensors, tick, state.x, state.air, noise_row, k.aircraft, k.sensors, y)
+    aircraft = _aircraft_now(state, k)
+    read_sensors(state.sensors, tick, state.x, state.air, noise_row, aircraft, k.sensors, y)
     wind, around = y[MEAS.wind], state.air[AIR.fuselage]
     for i in range(3):
         wind[i] = around[i]
@@ -213,10 +234,15 @@ def advance(state, u_cmd, k):
         state.pilot[0] -= 1.0
         for i in range(ACTUATOR.size):
             u[i] = state.pilot[1 + i]
+    aircraft = _aircraft_now(state, k)
     for _ in range(SUBSTEPS):
-        rk4_step(state.x, u, state.air, k.aircraft, STEP_S, state.work)
+        rk4_step(state.x, u, state.air, aircraft, STEP_S, state.work)
         if state.flags[0] == _OK:
             state.flags[0] = _judge(state.x, k)
+    if state.spool[0] > 0.0:
+        state.spool[0] -= 1.0
+        if state.spool[0] == 0.0:
+            state.x[PLANT.omega] = k.aircraft.engine.speed
 
 
 @njit

@@ -24,7 +24,7 @@ def make_state(
     theta: float = 0.0,
     psi: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Plant state (34,) at rest at a position (NED, m) and attitude (rad), all else zero."""
+    """Plant state (42,) at rest at a position (NED, m) and attitude (rad), all else zero."""
     x = np.zeros(PLANT.size)
     x[PLANT.pos] = pos_ned_m
     x[PLANT.quat] = quat_from_euler(phi, theta, psi)

@@ -57,7 +57,7 @@ class Trim:
 
     Attributes
     ----------
-    x : (34,) array
+    x : (42,) array
         Plant state at the origin, places of `heli_math.rows.PLANT`, with rotor speed and states of
         terms.
     u : (4,) array

@@ -232,7 +232,7 @@ def injected_gust(x, time_s, k, out):
 
     Parameters
     ----------
-    x : (34,) array
+    x : (42,) array
         Plant state: attitude, for amplitudes in body axes.
     time_s : float
         Flight time.
@@ -295,7 +295,7 @@ def wind_at(filter_state, x, time_s, k, out):
     ----------
     filter_state : (5,) array
         Turbulence filter, places of `FILTER`.
-    x : (34,) array
+    x : (42,) array
         Plant state: altitude, and attitude for gusts in body axes.
     time_s : float
         Flight time.

@@ -30,12 +30,15 @@ from heli_inner_hinf.output_feedback import (
     generalised_plant,
     synthesize_output,
 )
-from heli_inner_hinf.output_law import NO_LAW, OutputLaw, output_law
+from heli_inner_hinf.output_law import NO_LAW, OutputLaw, output_law, rest_map
 from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.synthesis import Synthesis, synthesize
 from heli_inner_hinf.weights import checked, output_selector, weights
 from heli_math.rows import ACTUATOR
 from heli_math.ticks import TICK_S
+
+_FROM_HOVER = 0.1
+"""Least distance of the collective of standing from hover's."""
 
 
 class UnknownControllerError(SynthesisError):
@@ -77,6 +80,8 @@ class AttitudeConfig:
         Of order zero unless the controller is output feedback.
     margin_floor : float
         Disk margin below which a law is refused.
+    ground_collective : float
+        Beyond it, seen from hover's, the aircraft stands and the law rests.
     """
 
     controller: str
@@ -100,6 +105,7 @@ class AttitudeConfig:
     output: OutputSynthesis | None
     law: OutputLaw
     margin_floor: float
+    ground_collective: float
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> "AttitudeConfig":
@@ -160,9 +166,21 @@ class AttitudeConfig:
             output=output,
             law=law,
             margin_floor=float(p["margin_floor"]),
+            ground_collective=float(p["ground_collective"]),
         )
         config._refuse_weak()
+        config._refuse_rest_in_hover()
         return config
+
+    def _refuse_rest_in_hover(self) -> None:
+        """Raise if the law would rest near the collective of hover."""
+        hover = self.u_trim[ACTUATOR.col]
+        if not abs(self.ground_collective - hover) >= _FROM_HOVER:
+            raise ShapeError(
+                "ground_collective",
+                f"ground_collective = {self.ground_collective:g} is that of hover, trim.u "
+                f"{hover:.3g}, where it must not rest; allowed: {_FROM_HOVER:g} or more from it",
+            )
 
     def _refuse_weak(self) -> None:
         """Raise what is wrong with the loop as flown."""
@@ -200,6 +218,9 @@ class AttitudeConfig:
             offset_decay=fade,
             shift_rate=self.offset_free_radps,
             law=self.law,
+            rest=rest_map(self.law),
+            ground_collective=self.ground_collective,
+            ground_side=math.copysign(1.0, self.ground_collective - self.u_trim[ACTUATOR.col]),
         )
 
     @cached_property

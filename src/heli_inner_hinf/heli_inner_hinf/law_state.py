@@ -32,7 +32,8 @@ OFFSET = 6  # (3) bumpless offset, actuator units, fading
 LAST_X = 9  # (9) newest finite x9
 LAST_R = 18  # (3) newest finite r3
 RUN = 21  # 1.0 once the law has run
-MEMORY = 22  # (MAX_ORDER) output feedback: its state x, then unused places
+RELAXED = 22  # 1.0 while it rests on the ground
+MEMORY = 23  # (MAX_ORDER) output feedback: its state x, then unused places
 N_LAW_STATE = MEMORY + MAX_ORDER
 
 SHIFT_LIMIT_RAD = 0.1
@@ -45,6 +46,7 @@ class AttitudeStatus(enum.IntEnum):
     OK = 0
     SATURATED = 1
     NOT_FINITE = 2
+    ON_GROUND = 3
 
     @property
     def sentence(self) -> str:
@@ -53,6 +55,7 @@ class AttitudeStatus(enum.IntEnum):
             "attitude is held",
             "an actuator is at its limit",
             "the estimate or the setpoint is not finite: the last good command is held",
+            "on the ground: cyclic and pedal rest in trim",
         )[int(self)]
 
 
@@ -79,6 +82,10 @@ class AttitudeKernel(NamedTuple):
         it stands.
     law : OutputLaw
         Matrices of output feedback; of order zero for the other kinds.
+    rest : (n, 11) array
+        `output_law.rest_map` of it.
+    ground_collective, ground_side : float
+        Collectives beyond the first, on the side of the sign of the second, are those of standing.
     """
 
     controller: int
@@ -94,6 +101,9 @@ class AttitudeKernel(NamedTuple):
     offset_decay: float
     shift_rate: float
     law: OutputLaw
+    rest: np.ndarray
+    ground_collective: float
+    ground_side: float
 
 
 def initial_law_state(k: AttitudeKernel) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law
+from heli_inner_hinf.attitude_law import AttitudeStatus
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign
 from heli_inner_hinf.excitation import (
     SENT,
@@ -18,6 +18,7 @@ from heli_inner_hinf.excitation import (
     excite,
     initial_excitation_state,
 )
+from heli_inner_hinf.ground_law import law_of_tick
 from heli_inner_hinf.law_state import RUN, initial_law_state, nine_states
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_math.rows import ACTUATOR, NAV, NINE, SETPOINT
@@ -131,7 +132,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def _warm_up(self, core: Loop) -> None:
         """Load the compiled law before the first tick."""
         kernel = core.design.config.kernel
-        attitude_law(core.x9, np.zeros(3), kernel, initial_law_state(kernel), core.u3)
+        rest = core.collective
+        law_of_tick(core.x9, np.zeros(3), rest, kernel, initial_law_state(kernel), core.u3)
         nav = np.full(NAV.size, np.nan)
         nine_states(nav, nav[NAV.rotor], core.x9)
         if core.exciter is not None:
@@ -160,7 +162,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             core.design.engage(core.x9, r3, core.total[ACTUATOR.attitude])
             run.resumes = False
         kernel = core.design.take()
-        code = attitude_law(core.x9, r3, kernel, core.design.state, core.u3)
+        law = core.design.state
+        code = law_of_tick(core.x9, r3, core.collective, kernel, law, core.u3)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
         core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, core.collective
         if core.exciter is not None:

@@ -159,8 +159,21 @@ def state_at_rest(law: OutputLaw, v: ArrayLike, u: ArrayLike) -> NDArray[np.floa
     Least squares of the drift in one tick and of the command's error, in which modes that forget in
     less than a second rest, and slower ones, integrators above all, carry the command.
     """
-    v, u = np.asarray(v, float), np.asarray(u, float)
+    rows, of_v, of_u = _at_rest(law)
+    return np.linalg.lstsq(rows, of_v @ np.asarray(v, float) + of_u @ np.asarray(u, float))[0]
+
+
+def rest_map(law: OutputLaw) -> NDArray[np.float64]:
+    """`state_at_rest` as a matrix (n, 11) that takes v and u, one behind the other."""
+    rows, of_v, of_u = _at_rest(law)
+    return np.ascontiguousarray(np.linalg.pinv(rows) @ np.hstack([of_v, of_u]))
+
+
+def _at_rest(law: OutputLaw) -> tuple[NDArray[np.float64], ...]:
+    """(rows, of_v, of_u): least squares of rows x = of_v v + of_u u is the state at rest."""
     n = law.A.shape[0]
     weight = TICK_S / _MEMORY_S
     rows = np.vstack([np.eye(n) - law.A, weight * law.C])
-    return np.linalg.lstsq(rows, np.concatenate([law.B @ v, weight * (u - law.D @ v)]))[0]
+    of_v = np.vstack([law.B, -weight * law.D])
+    of_u = np.vstack([np.zeros((n, N_U)), weight * np.eye(N_U)])
+    return rows, of_v, of_u

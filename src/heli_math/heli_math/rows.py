@@ -78,7 +78,7 @@ class TruthRow(NamedTuple):
 
 
 class PlantState(NamedTuple):
-    """State of the simulated aircraft (34,); its first 13 places are the message of its truth."""
+    """State of the simulated aircraft (42,); its first 13 places are the message of its truth."""
 
     pos: slice = slice(0, 3)  # of the c.g., NED, m
     north: int = 0
@@ -123,7 +123,9 @@ class PlantState(NamedTuple):
     blade_b: int = 31  # as b_s
     engine: int = 32  # engine's power over its limit
     engine_out: int = 33  # 1.0 once the engine has failed
-    size: int = 34
+    # Stretch of the skids' friction, two directions along the ground for each of four ends, m.
+    stick: slice = slice(34, 42)
+    size: int = 42
 
 
 class AirRow(NamedTuple):

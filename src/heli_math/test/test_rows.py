@@ -16,7 +16,8 @@ SPELLED = {
     "sn se sd svn sve svd srn sre srd",
     "TRUTH": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int wn we wd",
     "PLANT": "n e d u v w qw qx qy qz p q r a_s b_s d_int lat lon ped col lat' lon' ped' col' "
-    "v_0 v_s v_c omega governor fuel blade_a blade_b engine engine_out",
+    "v_0 v_s v_c omega governor fuel blade_a blade_b engine engine_out "
+    "stick_1n stick_1e stick_2n stick_2e stick_3n stick_3e stick_4n stick_4e",
     "AIR": "main_n main_e main_d tail_n tail_e tail_d fuselage_n fuselage_e fuselage_d p q r",
     "ROTOR": "a_s b_s d_int",
     "JOINTS": "a_s b_s d_int lat lon ped col",
@@ -49,6 +50,7 @@ OF_ONE_ROW = {
     "fuselage_n fuselage_e fuselage_d",
     ("AIR", "rates"): "p q r",
     ("PLANT", "vel"): "u v w",
+    ("PLANT", "stick"): "stick_1n stick_1e stick_2n stick_2e stick_3n stick_3e stick_4n stick_4e",
     ("ACTUATOR", "attitude"): "lat lon ped",
     ("SETPOINT", "attitude"): "phi theta psi",
 }

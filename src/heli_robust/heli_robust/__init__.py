@@ -13,6 +13,7 @@ __getattr__, __dir__, __all__ = face(
         "norms": ["discrete_norm"],
         "reduction": ["balancing", "truncated"],
         "scalings": ["Structure"],
+        "shared_bound": ["CommonBound", "common_bound", "contraction_of"],
         "synthesis": ["MuLaw", "dk_iteration"],
         "uncertain": ["Range", "Uncertain"],
         "worst_case": ["Family", "Onset"],

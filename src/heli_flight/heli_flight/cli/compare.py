@@ -23,7 +23,7 @@ from heli_flight.cli.options import (
 )
 
 compare = typer.Typer(
-    help="Fly H-infinity, LQR and PID against each other, and world against world.",
+    help="Fly laws against each other, and worlds against worlds.",
     no_args_is_help=True,
     rich_markup_mode=None,
     epilog="\b\nexample:\n  heli compare attitude --seeds 1..20",

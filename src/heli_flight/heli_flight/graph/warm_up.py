@@ -20,8 +20,8 @@ from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.wind import injected_gust
 from heli_flight.loop.settings import Settings, resolve
-from heli_inner_hinf.attitude_law import attitude_law
 from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.ground_law import law_of_tick
 from heli_inner_hinf.law_state import initial_law_state, nine_states
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import ACTUATOR, MEAS, NAV, NINE, SETPOINT
@@ -64,7 +64,7 @@ def _laws(settings: Settings) -> None:
     inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
     x9 = np.zeros(len(NINE))
     nine_states(nav, nav[NAV.rotor], x9)
-    attitude_law(x9, np.zeros(3), inner, initial_law_state(inner), np.zeros(3))
+    law_of_tick(x9, np.zeros(3), 0.0, inner, initial_law_state(inner), np.zeros(3))
     euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
 

@@ -23,6 +23,7 @@ from heli_inner_hinf.excitation import (
     excite,
     initial_excitation_state,
 )
+from heli_inner_hinf.ground_law import law_of_tick
 from heli_inner_hinf.law_state import initial_law_state, nine_states
 from heli_math.jit import njit, njit_unlocked
 from heli_math.rotations import quat_to_R_nb
@@ -135,7 +136,8 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
                 nav, tick * TICK_NS, times_ns, points, loop.outer_k, loop.outer_s, setpoint
             )
         nine_states(nav, nav[NAV.rotor], x9)
-        inner.attitude_law(x9, setpoint[SETPOINT.attitude], loop.inner_k, loop.inner_s, u3)
+        attitude, collective = setpoint[SETPOINT.attitude], setpoint[SETPOINT.col]
+        law_of_tick(x9, attitude, collective, loop.inner_k, loop.inner_s, u3)
         u[ACTUATOR.attitude] = u3
         u[ACTUATOR.col] = setpoint[SETPOINT.col]
         if loop.excitation_k.on:

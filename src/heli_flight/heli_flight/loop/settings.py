@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A flight's resolved parameters: its layers, what the command line says over them, agreement."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,6 +26,9 @@ from heli_flight.loop.layers import (
 )
 from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_flight.loop.worlds import PAPER, WORLDS, Draw
+from heli_math.rows import ACTUATOR, SETPOINT
+from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.thrust_map import collective_for_thrust
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import ParameterError, ParameterFile, check_node_names
 
@@ -269,6 +273,7 @@ def _over(
         for key, value in changes.items():
             _set(section, values[section], key, value, f"override of {section}")
     _check_agreement(values)
+    _check_ground(values)
     values["plant"] |= _initial_state(values[scenario_table.NODE_NAME])
     line.put(files, values, "seed", options["seed"])
     return values
@@ -308,6 +313,22 @@ def _check_agreement(nodes: Mapping[str, Mapping[str, Any]]) -> None:
                 f"{first}: {key}: {a} does not agree with {second}: {other}: {b}; "
                 "change both together"
             )
+
+
+def _check_ground(nodes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise ParameterError where the outer loop may command what is standing to the inner one."""
+    outer, law = outer_kernel(nodes["outer_loop"]), nodes["inner_loop"]
+    least, sinking = float(outer.thrust_limits[0]), nodes["outer_loop"]["goto.climb_mps"]
+    level = math.cos(outer.trim[SETPOINT.phi]) * math.cos(outer.trim[SETPOINT.theta])
+    hover, col = outer.mass * outer.g / level, outer.trim[SETPOINT.col]
+    lowest = collective_for_thrust(least * outer.mass * outer.g, sinking, hover, col, outer.rotor)
+    stands, side = law["ground_collective"], law["ground_collective"] - law["trim.u"][ACTUATOR.col]
+    if (lowest - stands) * side >= 0.0:
+        raise ParameterError(
+            f"inner_loop: ground_collective: {stands:g} is one that is flown: outer_loop: "
+            f"thrust_limits: {least:g} of the weight is collective {lowest:.3g} in descent at "
+            f"{sinking:g} m/s; raise thrust_limits or move ground_collective away from hover"
+        )
 
 
 def _set(section: str, values: dict[str, Any], key: str, value: Any, where: str) -> None:

@@ -21,14 +21,31 @@ _POINTS = 240
 
 
 @dataclass(frozen=True)
+class Bound:
+    """What was asked of the worst case, and what can be had.
+
+    Attributes
+    ----------
+    gamma, gamma_star : float
+        The bound and its infimum, eq. (14).
+    of : str
+        What it bounds, in words.
+    """
+
+    gamma: float
+    gamma_star: float
+    of: str
+
+
+@dataclass(frozen=True)
 class Design:
     """The flown design's numbers.
 
     Attributes
     ----------
     controller : str
-    gamma, gamma_star : float
-        The bound asked for and its infimum, eq. (14).
+    bound : Bound or None
+        That of the law that flew; None for a law that is designed without one.
     loops : sequence of LoopReport
         As flown: sampled, with servos and delay; before it, for state feedback: every state known,
         and with the observer (19).
@@ -39,8 +56,7 @@ class Design:
     """
 
     controller: str
-    gamma: float
-    gamma_star: float
+    bound: Bound | None
     loops: list[LoopReport]
     omega: list[np.ndarray]
     wind_to_h: list[np.ndarray]
@@ -77,10 +93,23 @@ def flown_design(settings: Settings) -> Design | None:
     values = [analysis.singular_values(loop, w) for loop, w in zip(loops, omega, strict=True)]
     return Design(
         config.controller,
-        config.gamma,
-        config.synthesis.gamma_star.value,
+        _bound(config),
         [analysis.analyse(loop) for loop in loops],
         omega,
         [hv for hv, _ in values],
         [uv for _, uv in values],
     )
+
+
+def _bound(config: AttitudeConfig) -> Bound | None:
+    """The bound below which the law was synthesised."""
+    if config.output is not None:
+        return Bound(
+            config.output.gamma,
+            config.output.gamma_star.value,
+            "of output feedback; wind, load and noise to h and the integrals, weighted by `output`",
+        )
+    if config.controller == "hinf":
+        own = config.synthesis
+        return Bound(own.gamma, own.gamma_star.value, "of state feedback; wind to h")
+    return None

@@ -248,17 +248,22 @@ def design_charts(design: Design) -> list[Chart]:
     for values in design.wind_to_u[-1].T[1:]:
         inputs.append(Trace(design.omega[-1], values, "", "nav", "dot", width=1.0))
     w = design.omega[0]
-    outputs += [
-        level(w, design.gamma, f"γ = {design.gamma:.4f}"),
-        level(w, design.gamma_star, f"γ* = {design.gamma_star:.4f}", "reference", "dot"),
-    ]
-    top = 2.0 * max(design.gamma, flown.norm if np.isfinite(flown.norm) else design.gamma)
+    bound, highest, said = design.bound, float(np.max(design.wind_to_h[-1])), ""
+    if bound is not None:
+        outputs += [
+            level(w, bound.gamma, f"γ = {bound.gamma:.4f}"),
+            level(w, bound.gamma_star, f"γ* = {bound.gamma_star:.4f}", "reference", "dot"),
+        ]
+        highest, said = max(bound.gamma, highest), f" γ is {bound.of}."
+    if np.isfinite(flown.norm):
+        highest = max(highest, flown.norm)
+    top = 2.0 * highest
     return [
         Chart(
             "singular_values",
             "Singular values",
             "From wind (m/s) to the controlled output h, eq. (11), and to the actuators: the "
-            "largest of each loop, and the smaller ones of the loop as flown (dotted).",
+            f"largest of each loop, and the smaller ones of the loop as flown (dotted).{said}",
             [
                 Panel("σ(wind → h)", outputs, log_y=True, y_range=(1e-3 * top, top)),
                 Panel("σ(wind → u)", inputs, log_y=True, y_range=(1e-6, 1e-1)),

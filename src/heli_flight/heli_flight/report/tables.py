@@ -272,10 +272,12 @@ def margin_table(design: Design) -> Table:
             for m in values
         ]
         rows.append(row(f"{channel}: gain, phase, delay margin", words))
+    bound, said = design.bound, "It is designed without a bound γ."
+    if bound is not None:
+        said = f"γ = {bound.gamma:.4f}, infimum γ* = {bound.gamma_star:.4f} ({bound.of})."
     caption = (
-        f"Attitude law: {LAWS.get(design.controller, design.controller)}. γ = {design.gamma:.4f}, "
-        f"infimum γ* = {design.gamma_star:.4f} (state feedback). As flown: sampled at 100 Hz, with "
-        "servos and transport delay."
+        f"Attitude law: {LAWS.get(design.controller, design.controller)}. {said} As flown: sampled "
+        "at 100 Hz, with servos and transport delay."
     )
     return Table(head, rows, caption)
 

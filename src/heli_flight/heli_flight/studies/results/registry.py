@@ -149,6 +149,13 @@ PRODUCERS = (
         loose={"pieces": _NOT_COMPARED, "largest_psi": _NOT_COMPARED},
     ),
     Producer(
+        "airspeed",
+        "./heli python scripts/airspeed_table.py --seeds 1..20",
+        "The attitude loop from hover to 12 m/s, and the scenario forward_flight.",
+        TWENTY,
+        MARGIN,
+    ),
+    Producer(
         "identification",
         "./heli python scripts/identify_seeds.py --seeds 1..20",
         "The default aircraft identified from flight, then flown with what was found.",

@@ -9,6 +9,7 @@ from heli_flight.studies.results import tables_of_handling as handling
 from heli_flight.studies.results import tables_of_laws as of_laws
 from heli_flight.studies.results import tables_of_parts as parts
 from heli_flight.studies.results import tables_of_position as position
+from heli_flight.studies.results import tables_of_speed as of_speed
 from heli_flight.studies.results import tables_of_terms as terms
 from heli_flight.studies.results import tables_of_worlds as around
 from heli_flight.studies.results.files import Results
@@ -30,6 +31,8 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "position_doubts": position.position_doubts,
     "robustness": flights.robustness,
     "robust": of_laws.robust,
+    "airspeed": of_speed.airspeed,
+    "airspeed_flown": of_speed.airspeed_flown,
     "identification": flights.identification,
     "loops": parts.loops,
     "observer_gains": parts.observer_gains,
