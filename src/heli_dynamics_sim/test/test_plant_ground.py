@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from heli_dynamics_sim.plant import PlantStatus, advance, initial_state, status
+from heli_dynamics_sim.rollover import critical_bank
 from heli_dynamics_sim.state import make_state
 from heli_math.rotations import euler_from_quat
 
@@ -59,3 +60,24 @@ def test_hard_impact_is_told_and_stays_told(plant_config, sinking, expected):
         advance(state, state.commands[0].copy(), config.kernel)
     assert PlantStatus(status(state, config.kernel)) is expected
     assert expected.sentence
+
+
+def test_the_static_rollover_angle_is_that_of_the_textbook(helicopter):
+    """Without lift the mass centre stands over the skid; with all of the weight nothing rights."""
+    assert critical_bank(helicopter, 0.0) == pytest.approx(np.arctan2(0.20, 0.25))
+    weight = 9.75 * 9.781
+    assert critical_bank(helicopter, weight) == pytest.approx(0.0, abs=1e-12)
+    # A moment to the side, W b / 2, at half of the weight: none is left either.
+    assert critical_bank(helicopter, 0.5 * weight, 0.1 * weight) == pytest.approx(0.0, abs=1e-12)
+    assert critical_bank(helicopter, 0.0, side_n=-0.5 * weight) > critical_bank(helicopter, 0.0)
+    assert np.isnan(critical_bank(helicopter, 2.0 * weight))
+
+
+@pytest.mark.parametrize(("bank_deg", "falls"), [(38.2, False), (39.2, True)])
+def test_it_tips_beyond_the_static_rollover_angle(vacuum, fly, bank_deg, falls):
+    """atan(0.20 / 0.25) = 38.7 deg, let go on a right skid that is caught."""
+    bank = np.radians(bank_deg)
+    k = vacuum._replace(ground=vacuum.ground._replace(friction=100.0))
+    low = 0.25 * np.cos(bank) + 0.20 * np.sin(bank)
+    x = fly(make_state((0.0, 0.0, 0.0047 - low), bank), np.zeros(4), k, 0.6)
+    assert (euler_from_quat(x[6:10])[0] > bank) == falls

@@ -204,6 +204,13 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "ground",
+        "./heli python scripts/ground_table.py --seeds 1..20",
+        "Touch-downs, standing in wind, tipping over a skid.",
+        TWENTY,
+        MARGIN,
+    ),
+    Producer(
         "cpu_types",
         "./heli python scripts/compare_cpu_types.py --seeds 1..5 --json",
         "The same flights as other processors fly them.",

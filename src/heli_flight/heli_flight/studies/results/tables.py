@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 
 from heli_flight.studies.results import tables_beside_paper as beside
 from heli_flight.studies.results import tables_of_flights as flights
+from heli_flight.studies.results import tables_of_ground as of_ground
 from heli_flight.studies.results import tables_of_handling as handling
 from heli_flight.studies.results import tables_of_laws as of_laws
 from heli_flight.studies.results import tables_of_parts as parts
@@ -44,6 +45,8 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "term_deviations": terms.term_deviations,
     "term_tilts": terms.term_tilts,
     "term_flights": terms.term_flights,
+    "touch_downs": of_ground.touch_downs,
+    "rollover": of_ground.rollover,
     "cpu_types": parts.cpu_types,
     "recorder": parts.recorder,
     "setup": parts.setup,
