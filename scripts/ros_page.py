@@ -119,8 +119,9 @@ setting ROS 2 speaks to the whole subnet.
 Every node has these, under its name (`/plant/get_state`):
 """
 LIFE = """
-The outer loop has one more, `hold` (std_srvs/srv/Trigger): stop as soon as the limits `goto.*`
-allow, and stay there. The answer says where that is, or why not.
+The outer loop has three more (std_srvs/srv/Trigger). `hold`: stop as soon as the limits `goto.*`
+allow, and stay there. `takeoff`: from the ground up to `takeoff.height_m`. `land`: come to rest,
+descend, touch down. The answer says what will be done, or why not and what is allowed.
 
 ## Life cycle
 

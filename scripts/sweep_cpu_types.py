@@ -35,6 +35,7 @@ NUMERICAL = (
     "src/heli_handling",
     "src/heli_identification",
     "src/heli_inner_hinf",
+    "src/heli_modes",
     "src/heli_observer",
     "src/heli_outer_pd",
     "src/heli_robust",

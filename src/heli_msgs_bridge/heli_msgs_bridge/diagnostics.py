@@ -17,6 +17,8 @@ from heli_math.ticks import NS_PER_S, TICKS_PER_S
 FACT_OFFSET = "reference_offset_ned_m"
 """What the outer loop calls the offset (3,) from the reference as given to that which it follows;
 an empty list until it has engaged."""
+FACT_MODE = "mode"
+"""What the outer loop calls the mode that it flies; what it says changes with it."""
 REPEAT_S = 1.0
 """Wall time after which a status is repeated though no tick has passed."""
 

@@ -13,22 +13,24 @@ from std_srvs.srv import Trigger
 
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE, SETPOINT
-from heli_math.ticks import NS_PER_S, TICK_NS, TICKS_PER_S
+from heli_math.ticks import TICKS_PER_S
 from heli_math.trajectory import Trajectory
+from heli_modes.table import Phase
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_OFFSET, Level
-from heli_msgs_bridge.goto_message import decode_goto
+from heli_msgs_bridge.diagnostics import FACT_MODE, FACT_OFFSET, Level
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.reference_message import decode_reference, encode_reference
 from heli_msgs_bridge.senders import NOT_YET_NAMED, full_name, senders_of
-from heli_msgs_bridge.stamps import AHEAD_TICKS, in_words
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
+from heli_outer_pd.commands import SERVED, Commands, key_of
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
+from heli_outer_pd.phase_ways import PhaseNumbers
+from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_law import (
     MEMORY,
     OuterKernel,
@@ -39,13 +41,12 @@ from heli_outer_pd.position_law import (
 )
 from heli_outer_pd.reference import moved, offset_to
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.script import script_of
 
 _COMMANDERS_PERIOD_S = 1.0
 _COMMANDS = (topics.REFERENCE, topics.GOTO)
 _WAITS = "waits for navigation: the trim is commanded"
-_POSITION = "position"
-HOLD = "hold"
-"""Service: stop as soon as the limits of a goto allow, and stay there."""
+_HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
 
 
@@ -55,6 +56,8 @@ class Law(TickCore):
 
     Attributes
     ----------
+    commands : Commands
+        What pilots ask, done or refused.
     kernel : OuterKernel
         Numbers of the law; swapped when parameters change.
     state : array
@@ -79,6 +82,7 @@ class Law(TickCore):
         References of this node that it has not yet heard back.
     """
 
+    commands: Commands
     kernel: OuterKernel
     state: np.ndarray
     send_attitude: Send
@@ -109,14 +113,17 @@ class Following:
         The position of activation, held while there is no reference.
     engaged : bool
         True once the law has followed; before that its command is the trim.
+    phases : Phases
+        What the flight does, from the ground to the ground.
     diverted : Trajectory or None
-        The way of the last goto, followed until a reference comes.
+        The way of the last command, followed until a reference comes.
     tell_way : callable or None
-        Sends it as a reference; made by the first goto.
+        Sends it as a reference; made by the first one.
     """
 
     begun_s: float
     awaits_reference: bool
+    phases: Phases
     held: Trajectory | None = None
     engaged: bool = False
     diverted: Trajectory | None = None
@@ -130,8 +137,9 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def configure(self) -> Law:
         """Build the law, its outputs and inputs."""
-        kernel = outer_kernel(self.values)
+        kernel, commands = outer_kernel(self.values), Commands(self)
         core = Law(
+            commands=commands,
             kernel=kernel,
             state=initial_state(kernel),
             send_attitude=self.create_sender(topics.ATTITUDE_SETPOINT),
@@ -140,10 +148,12 @@ class OuterLoopNode(TickNode[Law, Following]):
             goto=Goto.from_parameters(self.values),
             pace=self.listen((Input(topics.ODOM, Demand()),)),
         )
+        script_of(self.values)  # now: an order that cannot be is no matter of the flight
         self._warm_up(core)
         self.hear(topics.REFERENCE, self._on_reference)
-        self.hear(topics.GOTO, self._on_goto)
-        self.serve(Trigger, HOLD, self._on_hold)
+        self.hear(topics.GOTO, commands.on_goto)
+        for command in SERVED:
+            self.serve(Trigger, command.value, commands.service(command))
         self.repeat(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
@@ -171,7 +181,7 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def _on_reference(self, message: Any) -> None:
         core = self.core
-        if (key := _key(message)) in core.own:
+        if (key := key_of(message)) in core.own:
             core.own.remove(key)
             return
         # Now: who sends once is gone when one looks later.
@@ -186,86 +196,22 @@ class OuterLoopNode(TickNode[Law, Following]):
         except ReferenceRefused as error:
             self.refuse_aloud(topics.REFERENCE, f"{topics.REFERENCE}: {error}")
             return
+        first = core.given is None
+        if self.active and not first and (why := self.core.commands.refusal_of_reference()):
+            self.refuse_aloud(topics.REFERENCE, why)
+            return
         core.given, core.way, core.home_ned_m = way, way, home.copy()
-        self._as_given()
+        if not self.active or not self.run.phases.phase.on_ground:
+            self._as_given(way)
         core.pace.resume()
 
-    def _as_given(self) -> None:
+    def _as_given(self, way: Trajectory) -> None:
         """What is followed from now on is flown where it says, and no goto is any more."""
         if self.core.offset_ned_m is not None:
             self.core.offset_ned_m = np.zeros(3)
         if self.active:
             self.run.diverted = None
-
-    def _on_goto(self, message: Any) -> None:
-        """Fly to a pose; or refuse it, and go on as before."""
-        self._name_commanders()
-        try:
-            way = self._way_to(message)
-        except MessageError as error:
-            self.refuse_aloud(topics.GOTO, str(error))
-            return
-        except ReferenceRefused as error:
-            self.refuse_aloud(topics.GOTO, f"{topics.GOTO}: {error}")
-            return
-        self.get_logger().info(f"{topics.GOTO}: {self._fly(way)}")
-
-    def _on_hold(self, request: Any, response: Any) -> Any:
-        """Stop; or refuse it, and go on as before."""
-        try:
-            way = self.core.goto.halt(self._followed(), self.stamp_ns(self.tick))
-        except ReferenceRefused as error:
-            response.message = f"{HOLD}: {error}"
-            self.get_logger().warning(response.message)
-            return response
-        response.success, response.message = True, f"{HOLD}: {self._fly(way)}"
-        self.get_logger().info(response.message)
-        return response
-
-    def _fly(self, way: Trajectory) -> str:
-        """Follow a way from now on and tell it as a reference; a sentence about its end."""
-        self._as_given()
-        run, told = self.run, encode_reference(way, self.get_namespace())
-        run.diverted = way
-        if run.tell_way is None:
-            run.tell_way = self._way_teller()
-        self.core.own.append(_key(told))
-        run.tell_way(told)
-        last, end_ns = way.points[-1], way.start_ns + way.times_ns[-1]
-        north, east, down = last[REFERENCE.pos]
-        return (
-            f"to {east:.2f} m east, {north:.2f} m north, {-down:.2f} m high, heading "
-            f"{np.degrees(last[REFERENCE.psi]):.0f} deg, there in "
-            f"{max(end_ns - self.stamp_ns(self.tick), 0) / NS_PER_S:.1f} s"
-        )
-
-    def _way_to(self, message: Any) -> Trajectory:
-        """The way to a pose; MessageError or ReferenceRefused says why there is none."""
-        goal, core, before = decode_goto(message), self.core, self._followed()
-        now_ns, most_s = self.stamp_ns(self.tick), self.values["goto.max_age_s"]
-        ahead_ns = AHEAD_TICKS * TICK_NS
-        oldest_ns = max(now_ns - round(most_s * NS_PER_S), self.start_ns)
-        if not oldest_ns <= goal.stamp_ns <= now_ns + ahead_ns:
-            raise MessageError(
-                f"{in_words(topics.GOTO, goal.stamp_ns, now_ns, self.start_ns)}; allowed: "
-                f"{most_s:g} s before it to {ahead_ns / NS_PER_S:g} s after it"
-            )
-        home = core.home_ned_m
-        assert home is not None  # known since there is a way
-        return core.goto.judged(before, now_ns, goal.pos_ned_m, goal.psi_rad, core.limits, home)
-
-    def _followed(self) -> Trajectory:
-        """What is followed, if a position is held; else ReferenceRefused."""
-        if not self.active:
-            raise ReferenceRefused("outer_loop is not active; activate it first")
-        if self.values["horizontal"] != _POSITION:
-            raise ReferenceRefused(
-                f"horizontal is {self.values['horizontal']}; allowed: {_POSITION}"
-            )
-        way = self._way()
-        if not self.run.engaged or way is None:
-            raise ReferenceRefused("no position is held yet: the law waits for navigation")
-        return way
+            self.run.phases.follow(way, self.stamp_ns(self.tick))
 
     def _way_teller(self) -> Callable[[Any], None]:
         """Sends ways as references, so that bag, page and report know what is followed."""
@@ -295,13 +241,22 @@ class OuterLoopNode(TickNode[Law, Following]):
         """Begin; wait for the reference only if somebody is there to send it."""
         self.core.state = initial_state(self.core.kernel)
         awaited = "scenario" in self.values["peers"] or self.count_publishers(topics.REFERENCE) > 0
-        return Following(time.monotonic(), awaited)
+        return Following(time.monotonic(), awaited, self._phases())
+
+    def _phases(self) -> Phases:
+        """The phases of a flight that begins now."""
+        core, numbers = self.core, PhaseNumbers.from_parameters(self.values)
+        orders = script_of(self.values)
+        return Phases(
+            numbers, core.goto, core.kernel, core.state, core.limits, orders, self.start_ns
+        )
 
     def begin_anew(self) -> None:
         """Another flight: the law begins anew, and with it what is held without a reference."""
         self.core.state = initial_state(self.core.kernel)
         self.core.way, self.core.offset_ned_m = self.core.given, None
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
+        self.run.phases = self._phases()
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
@@ -332,13 +287,28 @@ class OuterLoopNode(TickNode[Law, Following]):
         )
         core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
         core.send_collective(core.out[[SETPOINT.col]], stamp_ns)
+        self._look(stamp_ns)
         self._tell(code)
+
+    def _look(self, stamp_ns: int) -> None:
+        """After a step: what follows from it, and what was ordered for now."""
+        core, run = self.core, self.run
+        phases = run.phases
+        if phases.way is not None or not phases.numbers.on_ground:
+            phases.way = self._way()
+            if core.home_ned_m is not None and not phases.numbers.on_ground:
+                phases.home_ned_m = core.home_ned_m
+        if phases.after(stamp_ns, core.nav, core.out) and phases.way is not None:
+            self.core.commands.fly(phases.way)
+        while phases.remarks:
+            self.get_logger().warning(phases.remarks.pop(0))
 
     def _anchor(self, stamp_ns: int) -> None:
         """The law engages: the reference begins here, if it is to; later ones stay as given."""
         core = self.core
         core.offset_ned_m = np.zeros(3)
-        if core.given is not None and self.values["reference_anchor"] == "engagement":
+        anchored = self.values["reference_anchor"] == "engagement"
+        if core.given is not None and anchored and not self.values["start.on_ground"]:
             way = core.given
             core.offset_ned_m = offset_to(
                 core.nav[NAV.pos], stamp_ns - way.start_ns, way.times_ns, way.points
@@ -347,7 +317,9 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def _tell(self, code: int) -> None:
         status, core = OuterStatus(code), self.core
-        level, message = Level.OK, status.sentence
+        level, message, phase = Level.OK, status.sentence, self.run.phases.phase
+        if status == OuterStatus.OK and phase.mode not in _HOLDING:
+            message = phase.mode if phase.mode == phase else f"{phase.mode}: {phase}"
         if status == OuterStatus.OK:
             self.run.engaged = True
         elif status == OuterStatus.BAD_NAVIGATION and not self.run.engaged:
@@ -357,6 +329,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         if self.tick % TICKS_PER_S == 0 or message != self.health.message:
             facts = {
                 "reference": self._what(),
+                FACT_MODE: self.run.phases.phase.mode,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
                 "disturbance_ned_mps2": np.round(core.state[MEMORY.disturbance], 4).tolist(),
@@ -370,24 +343,22 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def judge(
         self, values: Mapping[str, Any], changed: Collection[str]
-    ) -> tuple[OuterKernel, ReferenceLimits, Goto]:
+    ) -> tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits]:
         """The changed law and limits; what does not fit together raises."""
         limits = ReferenceLimits.from_parameters(values)
-        return outer_kernel(values), limits, Goto.from_parameters(values)
+        numbers = PhaseNumbers.from_parameters(values)
+        return numbers, Goto.from_parameters(values), outer_kernel(values), limits
 
     def adopt(
-        self, judged: tuple[OuterKernel, ReferenceLimits, Goto], changed: Collection[str]
+        self,
+        judged: tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits],
+        changed: Collection[str],
     ) -> None:
         """Swap the law between two ticks; its state goes on. Limits are for what is to come."""
         if self.configured:
-            self.core.kernel, self.core.limits, self.core.goto = judged
-
-
-def _key(reference: Any) -> tuple[Any, ...]:
-    """What tells a reference message from others."""
-    stamp, points = reference.header.stamp, reference.points
-    ends = [points[i].time_from_start for i in (0, -1)] if points else []
-    return (stamp.sec, stamp.nanosec, len(points), *((e.sec, e.nanosec) for e in ends))
+            _, self.core.goto, self.core.kernel, self.core.limits = judged
+        if self.active:
+            self.run.phases.adopt(*judged)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -3,6 +3,7 @@
 
 from heli_outer_pd.attitude_sweep import SWEEP_ROWS
 from heli_outer_pd.goto import HEADINGS
+from heli_outer_pd.script import SCRIPT_ROWS
 from heli_parameters.parameters import Parameter
 
 NODE_NAME = "outer_loop"
@@ -54,6 +55,31 @@ TABLE: tuple[Parameter, ...] = (
          "towards the goal on the way, then to that of the pose; or as it is", choices=HEADINGS),
     _row("goto.max_age_s", "double", "Oldest goto that is flown, flight time since its stamp", "s",
          lower=0.1, upper=60.0),
+    _row("start.on_ground", "bool", "Begin standing on the skids, and wait for a take-off",
+         read_only=True),
+    _row("takeoff.height_m", "double", "Height of the hover after a take-off, above where it stood",
+         "m", lower=1.0, upper=100.0),
+    _row("takeoff.climb_mps", "double", "Largest speed of the climb to it", "m/s",
+         lower=0.1, upper=5.0),
+    _row("takeoff.idle_collective", "double", "Collective on the ground", "",
+         lower=-1.0, upper=1.0, lower_open=True, upper_open=True),
+    _row("takeoff.spool_up_s", "double", "Wait for the rotor's speed before the collective is "
+         "raised", "s", lower=0.0, upper=300.0),
+    _row("takeoff.ramp_s", "double", "From the collective on the ground to that of hover", "s",
+         lower=0.2, upper=30.0),
+    _row("takeoff.lean_max_deg", "double", "Largest roll or pitch on the ground, off that of hover,"
+         " from which a take-off is begun", "deg", lower=0.5, upper=20.0),
+    _row("takeoff.tip_deg", "double", "Leaning so much more than on the ground while it is light, "
+         "a take-off is broken off", "deg", lower=1.0, upper=20.0),
+    _row("land.descent_mps", "double", "Largest speed of the descent", "m/s", lower=0.1, upper=3.0),
+    _row("land.touch_down_mps", "double", "Speed of its last part", "m/s", lower=0.1, upper=1.0),
+    _row("land.slow_below_m", "double", "Height, above where the flight began, at which that "
+         "begins; the receiver's drift is in it", "m", lower=0.0, upper=50.0),
+    _row("land.ramp_s", "double", "From the collective of hover to that on the ground", "s",
+         lower=0.2, upper=30.0),
+    _row("land.clear_m", "double", "Below this height neither climb nor descent is held", "m",
+         lower=0.0, upper=50.0),
+    *SCRIPT_ROWS,
     _row("attitude_lead.lead_s", "double[]",
          "Lead of the wanted acceleration, forward and right, against the attitude loop's lag", "s",
          shape=(2,), lower=0.0, upper=1.0),

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_math.jit import njit
-from heli_math.rotations import euler_from_quat
+from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import NAV, SETPOINT, SHAPED
 from heli_math.ticks import NS_PER_S
 from heli_outer_pd.attitude_sweep import SweepKernel, add_sweep
@@ -33,7 +33,7 @@ from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust, thrust_for
 
 
 class Memory(NamedTuple):
-    """State of the law (15,)."""
+    """State of the law (18,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -41,10 +41,15 @@ class Memory(NamedTuple):
     command: slice = slice(7, 11)  # last output, a SetpointRow
     lagged: slice = slice(11, 13)  # commanded acceleration behind the attitude loop's lag, m/s2
     led: slice = slice(13, 15)  # wanted acceleration behind the lead's filter, NED, m/s2
-    size: int = 15
+    ground: int = 15  # one of FLIES, STANDS, LEAVES
+    col_goal: int = 16  # collective that is gone to while it stands
+    col_rate: int = 17  # at so much per second
+    size: int = 18
 
 
 MEMORY = Memory()
+FLIES, STANDS, LEAVES = 0.0, 1.0, 2.0
+"""In the air; on the skids, the law not engaged; lifting off, engaged without estimating."""
 _COLLECTIVE_LIMIT = 0.98
 # Below this cos(phi) cos(theta) lift compensation no longer helps: the thrust points sideways.
 _MIN_LIFT_FRACTION = 0.5
@@ -102,7 +107,7 @@ class OuterKernel(NamedTuple):
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (15,) of a law that is not engaged yet; its last command is the trim."""
+    """State (18,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state
@@ -220,6 +225,50 @@ def _engage(nav, phi, theta, k, state, c, s, d_h):
 
 
 @njit
+def _leave(vel, v_down, phi, theta, k, state):
+    """Lift-off: the ground may still carry a part, so what it does is not taken for wind."""
+    scratch, estimate, d = np.empty(3), state[MEMORY.vel], state[MEMORY.disturbance]
+    if state[MEMORY.engaged] > 0.5:
+        _modelled_acceleration(phi, theta, v_down, k, state, scratch)
+    for i in range(3):
+        estimate[i], d[i] = vel[i], 0.0
+
+
+@njit
+def hover_share(d_col, k):
+    """Thrust of a collective in still air as a share of that of hover."""
+    thrust = _trim_thrust(k)
+    return thrust_for_collective(d_col, 0.0, thrust, k.trim[SETPOINT.col], k.rotor) / thrust
+
+
+@njit
+def _stand(nav, ref, k, state, out):
+    """On the skids: the collective goes to its goal, the attitude is what the skids make it.
+
+    What is commanded is the measured attitude, so that no error winds up against the ground, and
+    becomes that of hover as the second half of the weight goes over to the rotor.
+    """
+    last = state[MEMORY.command]
+    step = state[MEMORY.col_rate] * k.dt_s
+    col = last[SETPOINT.col] + _clip(state[MEMORY.col_goal] - last[SETPOINT.col], step)
+    known = flyable(nav)
+    phi, theta, psi = last[SETPOINT.phi], last[SETPOINT.theta], last[SETPOINT.psi]
+    if known:
+        phi, theta, psi = euler_from_quat(nav[NAV.quat])
+        share = min(max(2.0 * hover_share(col, k) - 1.0, 0.0), 1.0)
+        phi += share * (k.trim[SETPOINT.phi] - phi)
+        theta += share * (k.trim[SETPOINT.theta] - theta)
+        psi += share * wrap_pi(ref[SHAPED.psi] - psi)
+    out[SETPOINT.phi], out[SETPOINT.theta], out[SETPOINT.psi] = phi, theta, psi
+    out[SETPOINT.col] = col
+    for i in range(SETPOINT.size):
+        last[i] = out[i]
+    state[MEMORY.disturbance] = 0.0
+    state[MEMORY.engaged] = 0.0
+    return _OK if known else _BAD_NAVIGATION
+
+
+@njit
 def _with_lead(a, c, s, k, state):
     """Lead the wanted acceleration (3,), in place, forward and right: (1 + (T + L) s)/(1 + T s).
 
@@ -282,7 +331,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_math.rows.SHAPED`.
     k : OuterKernel
         Gains and limits.
-    state : (15,) ndarray
+    state : (18,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.
@@ -305,7 +354,9 @@ def position_law(nav, ref, k, state, out):
     a_h = np.empty(3)
     d_h = np.zeros(3)
     _to_heading(nav[NAV.vel], c, s, vel_h)
-    if k.wind_compensation > 0.5:
+    if state[MEMORY.ground] > 0.5:
+        _leave(nav[NAV.vel], nav[NAV.down_vel], phi, theta, k, state)
+    elif k.wind_compensation > 0.5:
         if state[MEMORY.engaged] < 0.5:
             _engage(nav, phi, theta, k, state, c, s, d_h)
         else:
@@ -338,6 +389,8 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     """
     ref = np.empty(SHAPED.size)
     shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
+    if state[MEMORY.ground] == STANDS:
+        return _stand(nav, ref, k, state, out)
     code = position_law(nav, ref, k, state, out)
     if k.sweep.shape != 0:
         add_sweep(time_ns / NS_PER_S, k.sweep, out)

@@ -16,7 +16,7 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.messages import CHANNELS
 from heli_msgs_bridge.reference_message import encode_reference
 from heli_outer_pd.goto import Goto
-from heli_outer_pd.node import HOLD, OuterLoopNode
+from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 
@@ -199,7 +199,7 @@ def test_it_is_over_with_the_activation(hovering):
 
 
 def hold(outer):
-    (service,) = [s for s in outer.node.services if s.service_name == f"/{HOLD}"]
+    (service,) = [s for s in outer.node.services if s.service_name == "/hold"]
     return service.callback(Trigger.Request(), Trigger.Response())
 
 

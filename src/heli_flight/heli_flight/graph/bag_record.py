@@ -20,10 +20,12 @@ from heli_math.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
 from heli_math.ticks import TICK_NS, seconds, stamp_at
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import offset_of
+from heli_msgs_bridge.diagnostics import FACT_MODE, offset_of
 from heli_outer_pd.parameter_table import NODE_NAME as OUTER_LOOP
 from heli_outer_pd.reference import moved
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+
+_FOLLOWING = ("hover", "trajectory")
 
 
 def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: int) -> np.ndarray:
@@ -37,9 +39,30 @@ def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: in
     return rows
 
 
+def _modes(bag: Bag) -> list[tuple[int, str]]:
+    """Modes that the outer loop told, and from when on, ns; none if it only ever followed."""
+    told = [(r.stamp_ns, r.facts[FACT_MODE]) for r in bag.remarks
+            if r.node == OUTER_LOOP and FACT_MODE in r.facts]  # fmt: skip
+    return told if any(mode not in _FOLLOWING for _, mode in told) else []
+
+
+def _mode(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray | None:
+    """Mode (N,) at the ticks; None for a flight that only ever followed."""
+    told = _modes(bag)
+    if not told:
+        return None
+    modes = np.full(ticks.size, told[0][1], "U10")
+    for stamp_ns, mode in told:
+        modes[np.searchsorted(ticks, (stamp_ns - start_ns) // TICK_NS) :] = mode
+    return modes
+
+
 def _followed(bag: Bag, limits: ReferenceLimits) -> list[tuple[int, Trajectory]]:
     """References that the outer loop followed, and from when on, in the order of their arrival."""
     followed: list[tuple[int, Trajectory]] = []
+    if _modes(bag):
+        # Its own ways lead to the ground: they are outside the limits of others' references.
+        return list(bag.references)
     for came_ns, way in bag.references:
         home = (followed[0][1] if followed else way).points[0, REFERENCE.pos]
         with contextlib.suppress(ReferenceRefused):
@@ -180,4 +203,5 @@ def _record(
         excitation_u=at(topics.EXCITATION_ACTUATORS, ACTUATOR.size) if excited else None,
         gust_ned_mps=at(topics.EXCITATION_WIND, 3) if excited else None,
         imu=at(topics.IMU, IMU.size) if excited else None,
+        mode=_mode(bag, ticks, start_ns),
     )

@@ -6,6 +6,7 @@ Tick n: the plant measures; the observer takes the measurements and the actuator
 plant integrates to n+1. The ROS graph calls the same kernels with the same numbers.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -39,12 +40,17 @@ from heli_math.rows import (
     TRUTH,
 )
 from heli_math.ticks import TICK_NS, TICK_S, seconds
-from heli_math.trajectory import reference_at
+from heli_math.trajectory import Trajectory, reference_at
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
 from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.goto import Goto
+from heli_outer_pd.phase_ways import PhaseNumbers
+from heli_outer_pd.phases import Phases
 from heli_outer_pd.reference import move, offset_to
+from heli_outer_pd.reference_limits import ReferenceLimits
+from heli_outer_pd.script import script_of
 
 _CHUNK_TICKS = 6000
 
@@ -254,24 +260,62 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     )
     streams = noise.NoiseStreams(settings.seed)
     reference = settings.scenario.reference
-    points = reference.points.copy()
+    times_ns, points = reference.times_ns, reference.points.copy()
+    phases = _phases(loop, settings, Trajectory(0, times_ns, points))
     setpoint = loop.outer_k.trim.copy()
     setpoint[SETPOINT.psi] = reference.points[0, REFERENCE.psi]
     u = np.append(loop.inner_k.u_trim, setpoint[SETPOINT.col])
     tick, status = 0, 0
     while tick < n and status == 0:
-        count = min(_CHUNK_TICKS, n - tick)
+        count = min(_CHUNK_TICKS if phases is None else _unasked(phases, tick, loop), n - tick)
         flown, status = fly(
-            loop, tick, count, streams.rows(count),
-            reference.times_ns, points, setpoint, u, track,
-        )  # fmt: skip
+            loop, tick, count, streams.rows(count), times_ns, points, setpoint, u, track
+        )
         tick += flown
+        last = tick - 1
+        if phases is not None and status == 0 and last % loop.period_ticks == 0:
+            if phases.after(last * TICK_NS, track.nav[last], setpoint) and phases.way is not None:
+                times_ns, points = phases.way.times_ns, phases.way.points
         if progress is not None:
             progress(seconds(tick))
     for before in range(loop.anchor[1]):
-        reference_at(before * TICK_NS, reference.times_ns, points, track.reference[before])
+        reference_at(before * TICK_NS, times_ns, points, track.reference[before])
     named = plant.PlantStatus(status)
-    return Flight(_as_record(track, tick), named, "" if status == 0 else named.sentence)
+    record = replace(_as_record(track, tick), mode=None if phases is None else _modes(phases, tick))
+    return Flight(record, named, "" if status == 0 else named.sentence)
+
+
+def _phases(loop: Loop, settings: Settings, given: Trajectory) -> Phases | None:
+    """What flies phases of its own, None for a flight that follows its reference throughout."""
+    p = settings.nodes["outer_loop"]
+    numbers, orders = PhaseNumbers.from_parameters(p), script_of(p)
+    if not numbers.on_ground and not orders:
+        return None
+    fence, goto = ReferenceLimits.from_parameters(p), Goto.from_parameters(p)
+    phases = Phases(numbers, goto, loop.outer_k, loop.outer_s, fence, orders)
+    if not numbers.on_ground:
+        phases.follow(given, 0)
+        phases.home_ned_m = given.points[0, REFERENCE.pos].copy()
+    return phases
+
+
+def _modes(phases: Phases, n: int) -> np.ndarray:
+    """Mode (n,) at each tick."""
+    modes = np.empty(n, "U10")
+    for began_ns, phase in phases.history:
+        modes[began_ns // TICK_NS :] = phase.mode
+    return modes
+
+
+def _unasked(phases: Phases, tick: int, loop: Loop) -> int:
+    """Ticks to the next step of the law, that with it, after which something may follow."""
+    due, order_ns = tick, phases.next_order_ns()
+    if not phases.is_watched():
+        if order_ns is None:
+            return _CHUNK_TICKS
+        due = max(tick, -(-order_ns // TICK_NS))
+    step = -(-due // loop.period_ticks) * loop.period_ticks
+    return min(step + 1 - tick, _CHUNK_TICKS)
 
 
 def _excited(loop: Loop) -> bool:

@@ -42,6 +42,8 @@ class FlightRecord:
         Injected periodic gust alone, NED.
     imu : (N, 6) ndarray, optional
         As measured: specific force, m/s2, and rates, rad/s, body.
+    mode : (N,) ndarray of str, optional
+        Mode that was flown; None where it was never another than to follow the reference.
     """
 
     time_s: np.ndarray
@@ -65,6 +67,7 @@ class FlightRecord:
     excitation_u: np.ndarray | None = None
     gust_ned_mps: np.ndarray | None = None
     imu: np.ndarray | None = None
+    mode: np.ndarray | None = None
 
     def __len__(self) -> int:
         return self.time_s.size

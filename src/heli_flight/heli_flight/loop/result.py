@@ -79,7 +79,8 @@ class Result:
 
     def exit_code(self, gps: str) -> int:
         """0: nothing that is judged is outside the paper's figures; 1: outside, or lost."""
-        return EXIT_OUTSIDE if self.lost or self.judged(gps) else EXIT_INSIDE
+        grounded = any(not figure.inside for figure in self.figures.ground)
+        return EXIT_OUTSIDE if self.lost or grounded or self.judged(gps) else EXIT_INSIDE
 
 
 def mean_wind(plant: Mapping[str, Any]) -> str:
@@ -181,6 +182,8 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
             console.print(verdict(result, settings, stretch), highlight=False)
         if result.figures.climb:
             console.print(_climb_table(result, settings, console))
+        if result.figures.ground:
+            console.print(_ground_table(result, console))
         console.print(f"judged: {judged_by(settings)}", highlight=False)
         if any(result.outside(stretch) for stretch in STRETCHES):
             legend = _LEGEND[settings.scenario.kind == PATH]
@@ -241,6 +244,19 @@ def _climb_table(result: Result, settings: Settings, console: Console) -> Fittin
     return rows
 
 
+def _ground_table(result: Result, console: Console) -> FittingTable:
+    rows = table("From the ground to the ground", console)
+    rows.add_column("figure")
+    for name in ("this flight", "goal"):
+        rows.add_column(name, justify="right")
+    rows.add_column("verdict")
+    for figure in result.figures.ground:
+        metric = figure.metric
+        verdict_word = "inside" if figure.inside else "OUTSIDE"
+        rows.add_row(metric.label, figure.cell, f"{metric.goal:g} {metric.unit}", verdict_word)
+    return rows
+
+
 def climb_cell(figure: ClimbFigure | None) -> str:
     """A figure of the climb as a table says it."""
     if figure is None:
@@ -291,6 +307,7 @@ def write_result(
         "real_time_factor": round(result.flown_s / result.wall_s, 3) if result.wall_s > 0 else None,
         "metrics": [s.as_dict() for s in result.figures.all],
         "climb": [figure.as_dict() for figure in result.figures.climb],
+        "ground": [figure.as_dict() for figure in result.figures.ground],
         "conditions": conditions(settings).splitlines(),
         "random_gusts": random_gusts(settings),
         "notes": list(result.notes),

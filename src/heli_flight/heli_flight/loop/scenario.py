@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_flight.loop.ground_figures import Gear
 from heli_flight.loop.scenario_path import CLIMB, PATH_ROWS, path_of
 from heli_math.paper_metrics import in_windows
 from heli_math.ticks import TICK_NS, seconds, ticks_in
@@ -57,12 +58,15 @@ class Scenario:
         For the outer loop, times from the start of the flight.
     windows_s : (N, 2) ndarray
         Scored stretches, s of flight time.
+    gear : Gear, optional
+        What a flight that begins on the ground is judged by.
     """
 
     kind: str
     n_ticks: int
     reference: Trajectory
     windows_s: np.ndarray
+    gear: Gear | None = None
 
     @classmethod
     def from_parameters(cls, p: Mapping[str, Any]) -> "Scenario":

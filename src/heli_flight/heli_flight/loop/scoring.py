@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from heli_flight.loop.ground_figures import GroundFigure, ground_figures
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.scenario import Scenario
 from heli_math import paper_metrics
@@ -114,11 +115,14 @@ class Figures:
         Over the scenario's windows; empty if the flight ended before the first one.
     climb : sequence of ClimbFigure
         Empty without a climb.
+    ground : sequence of GroundFigure
+        Empty for a flight that begins in the air.
     """
 
     whole: Sequence[Score] = ()
     windows: Sequence[Score] = ()
     climb: Sequence[ClimbFigure] = ()
+    ground: Sequence[GroundFigure] = ()
 
     @property
     def all(self) -> list[Score]:
@@ -135,7 +139,7 @@ class Figures:
             [score for score in self.of(stretch) if math.isfinite(score.max)]
             for stretch in (WHOLE, WINDOWS)
         )
-        return Figures(whole, windows, self.climb)
+        return Figures(whole, windows, self.climb, self.ground)
 
     def find(self, stretch: str, key: str, source: str) -> Score | None:
         """One score, None if it was not taken."""
@@ -247,7 +251,8 @@ def score(record: FlightRecord, scenario: Scenario) -> Figures:
         for source, height_m in (_heights_m(record) if scenario.kind == "hover" else {}).items()
         for figure in climb_figures(record.time_s, height_m, record.reference, source)
     ]
-    return Figures(scores[WHOLE], scores[WINDOWS], climb)
+    ground = [] if scenario.gear is None else ground_figures(record, scenario.gear)
+    return Figures(scores[WHOLE], scores[WINDOWS], climb, ground)
 
 
 def _heights_m(record: FlightRecord) -> dict[str, np.ndarray]:

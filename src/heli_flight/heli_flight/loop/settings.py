@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from heli_bags import parameter_table as recorder_table
+from heli_dynamics_sim.config import PlantConfig
 from heli_flight.loop import flight_section
 from heli_flight.loop import scenario as scenario_table
 from heli_flight.loop.commit import is_another, sources_commit
 from heli_flight.loop.flight_section import MODES, REAL_TIME, Packaged, Told
+from heli_flight.loop.ground_figures import Gear
 from heli_flight.loop.laws import LAWS, PACKAGED
 from heli_flight.loop.laws import SECTIONS as LAWS_TELL
 from heli_flight.loop.layers import (
@@ -28,6 +30,7 @@ from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_flight.loop.worlds import PAPER, WORLDS, Draw
 from heli_math.rows import ACTUATOR, SETPOINT
 from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.script import script_of
 from heli_outer_pd.thrust_map import collective_for_thrust
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import ParameterError, ParameterFile, check_node_names
@@ -213,7 +216,7 @@ def resolve(
         values[node.name]["lockstep"] = mode != REAL_TIME
     return Settings(
         {node.name: values[node.name] for node in NODES},
-        scenario_table.Scenario.from_parameters(values[scenario_table.NODE_NAME]),
+        _scenario(values),
         values[scenario_table.NODE_NAME],
         name,
         receiver,
@@ -288,9 +291,21 @@ def _initial_state(scenario: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _scenario(values: Mapping[str, Mapping[str, Any]]) -> scenario_table.Scenario:
+    """The scenario; of one that begins on the ground with what it is judged by."""
+    found = scenario_table.Scenario.from_parameters(values[scenario_table.NODE_NAME])
+    script_of(values["outer_loop"])
+    if not values["plant"]["start.on_ground"]:
+        return found
+    ground = PlantConfig.from_parameters(values["plant"]).kernel.aircraft.ground
+    return replace(found, gear=Gear(ground, values["outer_loop"]["takeoff.height_m"]))
+
+
 # Pairs that two nodes must agree on: what one sends is what the other waits for.
 _AGREEMENTS = (
     ("outer_loop", "period_ticks", "inner_loop", "outer_period_ticks"),
+    ("plant", "start.on_ground", "outer_loop", "start.on_ground"),
+    ("plant", "ground.idle_collective", "outer_loop", "takeoff.idle_collective"),
     ("plant", "sensors.mag.period_ticks", "observer", "schedule.mag_period_ticks"),
     ("plant", "sensors.baro.period_ticks", "observer", "schedule.baro_period_ticks"),
     ("plant", "sensors.gps.period_ticks", "observer", "schedule.gps_period_ticks"),

@@ -20,6 +20,10 @@ from heli_math.rows import ACTUATOR, REFERENCE
 _ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
 _ACTUATOR_ROLES = ("nav", "truth", "green", "rival")
 _LEVEL_ROLES = ("good", "warn", "bad", "muted")
+_MODE_ROLES = {
+    "standing": "muted", "takeoff": "green", "hover": "nav", "trajectory": "truth",
+    "land": "purple",
+}  # fmt: skip
 _AXES = ("north", "east", "down")
 _LEAST_SHARE = 0.004
 _LOOP_ROLES = ("muted", "green", "nav")
@@ -297,6 +301,9 @@ def timeline_charts(report: Report) -> list[Chart]:
     climbing = np.abs(report.record.reference[:, REFERENCE.down_vel]) > 1e-6
     add("reference", _stretches(report, ~climbing), "hover", "nav")
     add("reference", _stretches(report, climbing), "climb", "muted")
+    if report.record.mode is not None:
+        for mode, role in _MODE_ROLES.items():
+            add("mode", _stretches(report, report.record.mode == mode), mode, role)
     add("scored", report.spans, "scored", "purple")
     limit = float(report.settings.nodes["inner_loop"]["actuator_limit"])
     at_limit = (np.abs(report.record.u) >= limit - 1e-9).any(axis=1)

@@ -83,6 +83,8 @@ def result_tables(report: Report) -> list[Table]:
         tables[0] = replace(tables[0], caption=f"{tables[0].caption} {_LESS_DRIFT}")
     if report.result.figures.climb:
         tables.append(_climb_table(report))
+    if report.result.figures.ground:
+        tables.append(_ground_table(report))
     return tables
 
 
@@ -115,6 +117,23 @@ _LESS_DRIFT = (
 
 def _sources(report: Report) -> tuple[str, ...]:
     return sources_of(report.settings.gps)
+
+
+def _ground_table(report: Report) -> Table:
+    rows = [
+        [
+            f.metric.label,
+            f"{f.cell} {'✓' if f.inside else '✗'}",
+            f"{f.metric.goal:g} {f.metric.unit}",
+        ]
+        for f in report.result.figures.ground
+    ]
+    caption = (
+        "From the ground to the ground; ✓ inside, ✗ outside the goal. When the skids touch is "
+        "found from ground truth, the height from the navigation record. The paper begins in the "
+        "air: the goals are ours."
+    )
+    return Table(["", "this flight", "goal"], rows, caption)
 
 
 def _climb_table(report: Report) -> Table:

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of take-off and landing on records whose numbers are known by construction."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from heli_dynamics_sim.config import PlantConfig
+from heli_flight.loop.ground_figures import Gear, ground_figures
+from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.result import Result
+from heli_flight.loop.scoring import Figures
+from heli_flight.loop.settings import resolve
+from heli_math.rotations import quat_from_euler
+from heli_parameters.parameters import ParameterError
+
+N = 2000
+STOOD, LIFTED, DOWN = 0.24, 500, 1500
+
+
+def record():
+    """Stands 5 s, slides 0.1 m north meanwhile, 10 m up for 10 s, down at 0.4 m/s, slides 0.2 m."""
+    time_s = np.arange(N) * 0.01
+    pos, vel = np.zeros((N, 3)), np.zeros((N, 3))
+    pos[:, 2] = -STOOD
+    pos[:LIFTED, 0] = np.linspace(0.0, 0.1, LIFTED)
+    pos[LIFTED:, 0] = 0.1
+    pos[LIFTED:DOWN, 2] = -10.0 - STOOD
+    vel[DOWN - 1, 2] = 0.4
+    pos[DOWN:, 1] = np.linspace(0.0, 0.2, N - DOWN)
+    q = np.tile(quat_from_euler(0.0, 0.0, 0.0), (N, 1))
+    q[DOWN + 3] = quat_from_euler(np.radians(6.0), 0.0, 0.0)
+    mode = np.full(N, "land", "U10")
+    mode[:LIFTED], mode[LIFTED:700], mode[700:DOWN] = "standing", "takeoff", "hover"
+    nav = pos.copy()
+    nav[700:, 2] -= 0.25
+    none = np.zeros((N, 3))
+    mode[LIFTED - 1] = "takeoff"
+    return FlightRecord(
+        time_s, pos, vel, none, q, none, none, nav, vel, none, q, none, np.zeros((N, 7)), none,
+        np.zeros((N, 4)), mode=mode,
+    )  # fmt: skip
+
+
+def gear():
+    plant = resolve("takeoff_land").nodes["plant"]
+    return Gear(PlantConfig.from_parameters(plant).kernel.aircraft.ground, 10.0)
+
+
+def test_each_figure_is_what_was_built_in():
+    found = {figure.metric.key: figure for figure in ground_figures(record(), gear())}
+    values = {key: figure.value for key, figure in found.items()}
+    assert values == pytest.approx(
+        {
+            "takeoff_skid": 0.1,
+            "takeoff_height": 0.25,
+            "touch_down_speed": 0.4,
+            "landing_skid": 0.2,
+            "touch_down_tilt": 6.0,
+        }
+    )
+    assert all(figure.inside for figure in found.values())
+
+
+def test_what_did_not_happen_is_no_success():
+    stays = record()
+    stays = replace(stays, truth_pos_ned_m=np.tile([0.0, 0.0, -STOOD], (N, 1)))
+    figures = ground_figures(stays, gear())
+    assert [figure.value for figure in figures] == [None] * 5
+    assert figures[0].cell == "not reached"
+    result = Result(Figures(ground=figures), "", 20.0, 1.0)
+    assert result.exit_code("rtk") == 1
+    inside = Result(Figures(ground=ground_figures(record(), gear())), "", 20.0, 1.0)
+    assert inside.exit_code("rtk") == 0
+
+
+def test_a_flight_that_ends_in_the_air_has_not_landed():
+    up = record()
+    up = replace(up, truth_pos_ned_m=np.where(np.arange(N)[:, None] < LIFTED, up.truth_pos_ned_m,
+                                              [0.0, 0.0, -10.0]))  # fmt: skip
+    values = {f.metric.key: f.value for f in ground_figures(up, gear())}
+    assert values["takeoff_skid"] == pytest.approx(0.1)
+    assert values["touch_down_speed"] is None and values["landing_skid"] is None
+
+
+@pytest.mark.parametrize(
+    ("node", "change", "said"),
+    [
+        ("outer_loop", {"start.on_ground": False}, "start.on_ground: True does not agree"),
+        ("outer_loop", {"takeoff.idle_collective": 0.3}, "takeoff.idle_collective: 0.3"),
+        ("outer_loop", {"commands.at_s": [3.0, 2.0, 1.0]}, "rising times"),
+        ("outer_loop", {"commands.what": ["takeof", "goto", "land"]}, "takeoff"),
+        ("outer_loop", {"commands.at_s": [3.0]}, "has 1 times, commands.what 3 commands"),
+    ],
+)
+def test_a_scenario_that_does_not_fit_together_is_refused(node, change, said):
+    with pytest.raises(ParameterError, match=said):
+        resolve("takeoff_land", overrides={node: change})

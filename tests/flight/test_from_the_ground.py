@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the ground to the ground in the one-process loop: wind from the side, slopes, receivers."""
+
+import numpy as np
+import pytest
+
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
+
+MODES = ["standing", "takeoff", "hover", "trajectory", "hover", "land", "standing"]
+
+
+def flown(gps="standalone", seed=1, wind_mps=5.0, towards_deg=225.0, slope=(0.0, 0.0)):
+    settings = resolve(
+        "takeoff_land",
+        gps,
+        seed,
+        overrides={
+            "plant": {
+                "wind.profile_speed_mps": [wind_mps] * 3,
+                "wind.towards_deg": towards_deg,
+                "ground.slope": [float(rise) for rise in slope],
+            }
+        },
+    )
+    return settings, simulate(settings)
+
+
+CASES = [
+    ("standalone", 1, 225.0, (0.0, 0.0)),
+    ("rtk", 2, 270.0, (0.0, 0.0)),
+    ("rtk", 3, 90.0, (0.0, np.tan(np.radians(5.0)))),
+    ("rtk", 5, 180.0, (np.tan(np.radians(5.0)), 0.0)),
+]
+
+
+@pytest.mark.parametrize(("gps", "seed", "towards_deg", "slope"), CASES)
+def test_take_off_and_landing_are_inside_their_goals(gps, seed, towards_deg, slope):
+    settings, flight = flown(gps, seed, towards_deg=towards_deg, slope=slope)
+    assert flight.status == 0, flight.sentence
+    modes = flight.record.mode
+    changes = np.flatnonzero(np.r_[True, modes[1:] != modes[:-1]])
+    assert modes[changes].tolist() == MODES
+    figures = score(flight.record, settings.scenario).ground
+    assert [f"{f.metric.key} {f.cell}" for f in figures if not f.inside] == []
+
+
+def test_what_is_too_much_is_broken_off_and_not_lost():
+    """5 m/s blowing down a slope of 5 deg: it slides before it lifts, banks, and is set down."""
+    settings, flight = flown("rtk", 4, towards_deg=270.0, slope=(0.0, np.tan(np.radians(5.0))))
+    assert flight.status == 0, flight.sentence
+    modes = flight.record.mode
+    changes = np.flatnonzero(np.r_[True, modes[1:] != modes[:-1]])
+    assert modes[changes].tolist() == ["standing", "takeoff", "land", "standing"]
+    found = {f.metric.key: f for f in score(flight.record, settings.scenario).ground}
+    assert found["takeoff_height"].value is None and found["takeoff_skid"].value > 0.3

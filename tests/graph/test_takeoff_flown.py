@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the ground to the ground through the graph: as in one process, told and written as flown."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+
+from heli_flight.graph.bag_record import flight_from_bag
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.settings import resolve
+
+HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--scenario", "takeoff_land"]
+
+
+def test_the_graph_flies_from_the_ground_to_the_ground_as_one_process_does(ros_env, tmp_path):
+    folder = tmp_path / "f"
+    done = subprocess.run(
+        [*HOVER, "--gps", "rtk", "--seed", "5", "--no-report", "--out", str(folder)],
+        env=ros_env,
+        capture_output=True,
+        text=True,
+        timeout=280,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    settings = resolve("takeoff_land", gps="rtk", seed=5)
+    flown = flight_from_bag(folder / "bag", settings).record
+    alone = simulate(settings).record
+    np.testing.assert_allclose(flown.truth_pos_ned_m, alone.truth_pos_ned_m, atol=1e-6)
+    np.testing.assert_allclose(flown.u, alone.u, atol=1e-6)
+    # Within a second of hover and trajectory, which sound the same; at once where it matters.
+    ground = np.isin(alone.mode, ["standing", "takeoff", "land"])
+    assert (flown.mode == alone.mode)[ground].mean() > 0.99
+    assert (flown.mode == alone.mode).mean() > 0.95
+    # A way counts in the record from the tick at which it was told, in the loop from the next on.
+    away = np.linalg.norm((flown.reference - alone.reference)[:, :3], axis=1)
+    assert (away > 1e-6).mean() < 0.005
+    result = json.loads((folder / "result.json").read_text())
+    assert [figure["inside"] for figure in result["ground"]] == [True] * 5
+    assert "From the ground to the ground" in done.stdout
