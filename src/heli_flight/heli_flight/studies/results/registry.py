@@ -149,6 +149,12 @@ PRODUCERS = (
         loose={"pieces": _NOT_COMPARED, "largest_psi": _NOT_COMPARED},
     ),
     Producer(
+        "takeoff",
+        "./heli python scripts/takeoff_table.py --seeds 1..20",
+        "The scenario takeoff_land in winds, on slopes, in two worlds, with both receivers.",
+        TWENTY,
+    ),
+    Producer(
         "airspeed",
         "./heli python scripts/airspeed_table.py --seeds 1..20",
         "The attitude loop from hover to 12 m/s, and the scenario forward_flight.",

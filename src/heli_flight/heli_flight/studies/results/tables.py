@@ -26,6 +26,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "paper_causes": of_laws.paper_causes,
     "position_floor": position.position_floor,
     "paths": position.paths,
+    "takeoff": position.takeoff,
     "mte": handling.mte,
     "mte_short": handling.mte_short,
     "response": handling.response,

@@ -4,6 +4,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from heli_flight.loop.ground_figures import GROUND_METRICS
 from heli_flight.loop.scoring import METRICS, TRUTH, TRUTH_LESS_DRIFT
 from heli_flight.studies.results.files import Results
 from heli_flight.studies.results.grid import grid, world
@@ -76,6 +77,29 @@ def paths(results: Results) -> str:
         f"{grid(head, rows)}\n\nLargest from 5 s to the end, truth, {results.seeds('paths')}; "
         f"inside and lost: of {len(found['seeds'])} flights, by the records that a receiver is "
         f"judged by (standalone: navigation alone). {world(winds)}"
+    )
+
+
+def takeoff(results: Results) -> str:
+    """Largest figures of take-off and landing, case by case."""
+    found = results["takeoff"]
+    head = ["ground and wind, world, receiver"]
+    head += [f"{m.label}, {m.unit} (goal {m.goal:g})" for m in GROUND_METRICS]
+    head += ["all inside", "take-off broken off", "lost"]
+    rows = [
+        [
+            f"{row['case']}, {row['world']}, {row['gps']}",
+            *(f"{row['max'][m.key]:.2f}" if m.key in row["max"] else "–" for m in GROUND_METRICS),
+            str(row["inside"]),
+            str(row["broken_off"]),
+            str(row["lost"]),
+        ]
+        for row in found["rows"]
+    ]
+    return (
+        f"{grid(head, rows)}\n\nLargest over {results.seeds('takeoff')}, truth (height: "
+        f"navigation record); inside, broken off, lost: of {len(found['seeds'])} flights of 75 s, "
+        "wind with the turbulence that belongs to it."
     )
 
 
