@@ -4,6 +4,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
 
 HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--scenario", "takeoff_land"]
+BY_HAND = [*HOVER[:-1], "by_hand", "--world", "paper", "--gps", "rtk", "--seed", "5", "--no-report"]
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "takeoff_goto_land.py"
 
 
 def test_the_graph_flies_from_the_ground_to_the_ground_as_one_process_does(ros_env, tmp_path):
@@ -39,3 +42,39 @@ def test_the_graph_flies_from_the_ground_to_the_ground_as_one_process_does(ros_e
     result = json.loads((folder / "result.json").read_text())
     assert [figure["inside"] for figure in result["ground"]] == [True] * 5
     assert "From the ground to the ground" in done.stdout
+
+
+def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path):
+    """The example, beside an aircraft that waits on the ground."""
+    folder = tmp_path / "f"
+    flight = subprocess.Popen(
+        [*BY_HAND, "--out", str(folder)],
+        env=ros_env,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        pilot = subprocess.run(
+            [sys.executable, str(EXAMPLE), "9", "6", "12"],
+            env=ros_env,
+            capture_output=True,
+            text=True,
+            timeout=200,
+        )
+        said, _ = flight.communicate(timeout=200)
+    finally:
+        flight.kill()
+    assert pilot.returncode == 0, pilot.stdout + pilot.stderr
+    assert [line.split(":")[0] for line in pilot.stdout.splitlines()] == ["takeoff", "hold", "land"]
+    assert flight.returncode == 0, said
+    settings = resolve("by_hand", gps="rtk", seed=5)
+    record = flight_from_bag(folder / "bag", settings).record
+    changes = np.flatnonzero(np.r_[True, record.mode[1:] != record.mode[:-1]])
+    modes = record.mode[changes].tolist()
+    assert [modes[0], modes[1], modes[-2], modes[-1]] == ["standing", "takeoff", "land", "standing"]
+    assert "trajectory" in modes
+    north, east, _ = record.truth_pos_ned_m[-1]
+    assert np.hypot(east - 9.0, north - 6.0) < 0.5
+    result = json.loads((folder / "result.json").read_text())
+    assert [figure["inside"] for figure in result["ground"]] == [True] * 5
