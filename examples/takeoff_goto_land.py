@@ -38,12 +38,19 @@ def wait_until(there):
         rclpy.spin_once(node)
 
 
+def seconds():
+    """Flight time, s."""
+    return node.get_clock().now().nanoseconds / 1e9
+
+
 east, north, up = map(float, sys.argv[1:])
-wait_until(lambda p: node.get_clock().now().nanoseconds > 0)
+wait_until(lambda p: seconds() > 0.0)
+ground = at["point"].z
 if not ask("takeoff"):
     sys.exit(1)
-wait_until(lambda p: p.z > 9.0)
-ask("hold")
+wait_until(lambda p: p.z > ground + 9.8)  # of 10 m, takeoff.height_m
+there = seconds()
+wait_until(lambda p: seconds() > there + 4.0)
 goal = PoseStamped()
 goal.header.frame_id, goal.header.stamp = "map", node.get_clock().now().to_msg()
 goal.pose.position.x, goal.pose.position.y, goal.pose.position.z = east, north, up

@@ -66,7 +66,7 @@ def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path):
     finally:
         flight.kill()
     assert pilot.returncode == 0, pilot.stdout + pilot.stderr
-    assert [line.split(":")[0] for line in pilot.stdout.splitlines()] == ["takeoff", "hold", "land"]
+    assert [line.split(":")[0] for line in pilot.stdout.splitlines()] == ["takeoff", "land"]
     assert flight.returncode == 0, said
     settings = resolve("by_hand", gps="rtk", seed=5)
     record = flight_from_bag(folder / "bag", settings).record
