@@ -234,7 +234,9 @@ class Phases:
             case Phase.LIFTING:
                 if self._tips(nav):
                     return Fact.TIPPING
-                return Fact.LIGHT if out[SETPOINT.col] <= self.kernel.trim[SETPOINT.col] else None
+                return (
+                    Fact.LIGHT if self._above(out, self.kernel.trim[SETPOINT.col]) >= 0.0 else None
+                )
             case Phase.CLIMBING:
                 return self._climbing(now_ns, nav)
             case Phase.HALTING | Phase.TRAJECTORY:
@@ -242,9 +244,13 @@ class Phases:
             case Phase.DESCENDING:
                 return self._descending(nav, out)
             case Phase.SETTLING:
-                idle = out[SETPOINT.col] >= self.numbers.idle_collective
-                return Fact.IDLE if idle else None
+                return Fact.IDLE if self._above(out, self.numbers.idle_collective) <= 0.0 else None
         return None
+
+    def _above(self, out: Array, col: float) -> float:
+        """How far the collective is above another, in the direction that lifts."""
+        up = self.kernel.trim[SETPOINT.col] - self.numbers.idle_collective
+        return float(np.copysign(out[SETPOINT.col] - col, up * (out[SETPOINT.col] - col)))
 
     def _is_over(self, now_ns: int) -> bool:
         """The way ends, and with it what the law averages of it."""

@@ -125,6 +125,23 @@ def test_from_the_ground_to_the_ground(strength):
     assert body.height_m == pytest.approx(VALUES["takeoff.height_m"], abs=0.1)
 
 
+def test_an_aircraft_whose_collective_lifts_the_other_way_flies_as_well():
+    """The same but for the sign of d_col: the same heights, the collective mirrored."""
+    mirrored = {key: -VALUES[key] for key in ("rotor.K_col", "trim.d_col")}
+    mirrored["takeoff.idle_collective"] = -VALUES["takeoff.idle_collective"]
+    one, other = standing(), standing(**mirrored)
+    for body in (one, other):
+        body.ask(Command.TAKEOFF)
+        body.until(Phase.HOVER)
+        body.ask(Command.LAND)
+        body.until(Phase.SETTLING)
+        body.until(Phase.STANDING)
+    assert [p for _, p in one.phases.history] == [p for _, p in other.phases.history]
+    assert other.now_ns == one.now_ns
+    assert other.out[SETPOINT.col] == -one.out[SETPOINT.col]
+    assert other.touched_mps == pytest.approx(one.touched_mps, rel=1e-6)
+
+
 def test_the_collective_never_jumps():
     body, last = standing(), None
     body.ask(Command.TAKEOFF)
