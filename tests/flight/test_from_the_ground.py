@@ -7,6 +7,7 @@ import pytest
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import resolve
+from heli_math.rotations import euler_angles
 
 MODES = ["standing", "takeoff", "hover", "trajectory", "hover", "land", "standing"]
 
@@ -55,3 +56,13 @@ def test_what_is_too_much_is_broken_off_and_not_lost():
     assert modes[changes].tolist() == ["standing", "takeoff", "land", "standing"]
     found = {f.metric.key: f for f in score(flight.record, settings.scenario).ground}
     assert found["takeoff_height"].value is None and found["takeoff_skid"].value > 0.3
+
+
+def test_in_the_honest_world_it_stays_upright_at_idle():
+    """Seed 3 leaned over to 45 deg when the inflow took all damping from the disc at idle."""
+    record = simulate(resolve("takeoff_land", "rtk", 3, world="honest")).record
+    idle = record.mode == "standing"
+    idle[: len(idle) // 2] = False
+    assert idle.sum() > 1000
+    assert np.degrees(np.abs(euler_angles(record.truth_q_nb)[idle, :2])).max() < 3.0
+    assert np.abs(record.truth_rotor[idle, :2]).max() < 0.1

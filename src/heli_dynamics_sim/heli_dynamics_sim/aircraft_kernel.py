@@ -21,6 +21,8 @@ from heli_dynamics_sim.yaw_gyro import GyroKernel
 if TYPE_CHECKING:
     from heli_dynamics_sim.parameters import HelicopterParameters
 
+_LEAST_FLOW = 0.25
+"""The flow of the inflow's gradients at the least, over hover's (`inflow`)."""
 CLIMB_POWER_KINKED, CLIMB_POWER_ON, CLIMB_POWER_OFF = 0.0, 1.0, -1.0
 
 
@@ -108,7 +110,7 @@ def helicopter_kernel(p: "HelicopterParameters") -> HelicopterKernel:
         engine=_engine_kernel(p, rotor, main),
         terms=p.terms,
         flap_back=_flap_back_kernel(p),
-        inflow=InflowKernel(p.main_radius_m),
+        inflow=InflowKernel(p.main_radius_m, 2.0 * _LEAST_FLOW * math.sqrt(_hover_inflow_sq(p))),
         ground_effect=GroundEffectKernel(
             p.main_radius_m, p.hub_height_m, _hover_inflow_sq(p), p.ground_effect == "hayden"
         ),

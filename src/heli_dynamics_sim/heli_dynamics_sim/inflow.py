@@ -14,7 +14,9 @@ L in axes of the flow, X = tan(chi/2), chi the skew of the wake:
     [1/2, 0, -g; 0, 2 (1 + X^2), 0; g, 0, 2 (1 - X^2)],   g = 15 pi/64 X,
 
 V = diag(V_T, V_m, V_m): V_T the resultant flow, V_m = V_T + through v_0 / V_T. Steady, the mean is
-Glauert's.
+Glauert's. Momentum theory ends where no air flows through the disc: without thrust, standing at
+idle, each moment would have a gradient without bound, and the flapping no damping. So V_m is at
+least a share of hover's (ours; nothing that flies comes near it).
 """
 
 import math
@@ -32,6 +34,7 @@ class InflowKernel(NamedTuple):
     """What the inflow has of its own."""
 
     radius: float  # R, m
+    least_flow: float  # of V_m, m/s
 
 
 @njit
@@ -61,7 +64,7 @@ def inflow_rates(v, air, flow, loads, k):
     through = math.sqrt(max(flow * flow - in_plane_sq, 0.0))
     skew = math.sqrt(in_plane_sq) / (flow + through)
     gain = _SKEW * skew
-    mixed = flow + through * abs(v[0]) / flow
+    mixed = max(flow + through * abs(v[0]) / flow, k.least_flow)
     along, across = v[2] * cos - v[1] * sin, v[2] * sin + v[1] * cos
     load_along, load_across = rear * cos - right * sin, rear * sin + right * cos
     flat = 1.0 - skew * skew
