@@ -55,7 +55,7 @@ class InvariantZeroError(SynthesisError):
 
 
 class InfeasibleGammaError(SynthesisError):
-    """gamma is not above gamma*, so that no stabilising state feedback reaches it.
+    """gamma is not above gamma*, so that no stabilising law of its kind reaches it.
 
     Attributes
     ----------
@@ -63,9 +63,9 @@ class InfeasibleGammaError(SynthesisError):
         What was asked for and the infimum.
     """
 
-    def __init__(self, gamma: float, gamma_star: float) -> None:
+    def __init__(self, gamma: float, gamma_star: float, key: str = "gamma") -> None:
         super().__init__(
-            f"gamma = {gamma:.10g} is infeasible: it must be finite and above "
+            f"{key} = {gamma:.10g} is infeasible: it must be finite and above "
             f"gamma* = {gamma_star:.10g} of this aircraft and these weights"
         )
         self.gamma = gamma

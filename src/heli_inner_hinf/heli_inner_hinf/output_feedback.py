@@ -275,4 +275,4 @@ def _refused(plant: GeneralisedPlant, gamma: float) -> InfeasibleGammaError | Ce
         found = optimal_gamma(plant)
     except NoControllerError as exc:
         return CertificateError(f"no output feedback exists at any gamma: {exc}")
-    return InfeasibleGammaError(gamma, found.value)
+    return InfeasibleGammaError(gamma, found.value, "output.gamma")
