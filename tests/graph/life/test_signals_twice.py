@@ -36,10 +36,17 @@ def twice(process, pair, apart_s, send):
             process.wait(wait_s)
 
 
+def grown(path, size):
+    """Whether a file has so many bytes; one that has just got its final name has gone from here."""
+    with contextlib.suppress(FileNotFoundError):
+        return path.stat().st_size >= size
+    return False
+
+
 def recording(folder, process, size):
     """Wait until the bag in this folder has grown to so many bytes."""
     deadline = time.monotonic() + LIMIT_S
-    while not any(path.stat().st_size >= size for path in folder.glob("**/bag/*.mcap")):
+    while not any(grown(path, size) for path in folder.glob("**/bag/*.mcap")):
         assert time.monotonic() < deadline
         with contextlib.suppress(subprocess.TimeoutExpired):
             assert process.wait(0.02) is None, "it ended by itself"
