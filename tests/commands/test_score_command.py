@@ -3,6 +3,7 @@
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from scipy import signal
 from scipy.optimize import brentq
 
 from heli_flight.cli import app as cli
+from heli_flight.loop.flight_file import write_parameters
+from heli_flight.loop.settings import resolve
 from heli_handling.testing.made_flights import vertical
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
 from heli_msgs_bridge import topics
@@ -138,6 +141,33 @@ def test_exit_code_0_is_for_a_manoeuvre_as_it_is_defined(bags, capsys):
     code, out, _ = run(capsys, bags["hasty"], "--mte", "vertical", "--json")
     content = json.loads(out)
     assert (code, content["level"], content["complete"]) == (1, "desired", False)
+
+
+def test_a_flight_of_ours_is_scored_by_where_it_was_to_be_flown(bags, capsys, tmp_path):
+    """Its own params.yaml says where and when; options come first."""
+    overrides = {"scenario": {"path.scale": "full", "path.start_s": 5.0, "duration_s": 60.0}}
+    write_parameters(resolve("mte_vertical", overrides=overrides), tmp_path / "params.yaml")
+    shutil.copytree(bags["whole"], tmp_path / "bag")
+
+    def position(*words):
+        _, out, _ = run(capsys, tmp_path, "--mte", "vertical", *words, "--json")
+        content = json.loads(out)
+        (found,) = (c for c in content["criteria"] if c["name"] == "position")
+        said = [r for r in content["remarks"] if "params.yaml" in r]
+        return found["value"], content["phases"][0]["start_s"], said
+
+    start = resolve("mte_vertical").scenario.reference.points[-1]
+    north, east = start[:2]
+    own, begins_s, said = position()
+    assert said == [
+        f"scored by where it was to be flown (params.yaml): target {east:.2f} {north:.2f} "
+        f"{-start[2]:.2f}, from 2 s on"
+    ]
+    assert begins_s >= 2.0
+    assert own == position("--target", east, north, -start[2], "--start", 2)[0]
+    moved, _, said = position("--target", 1, 0, 10)
+    assert moved != own and not said
+    assert not position("--scale", "froude")[2]  # not the manoeuvre that was to be flown
 
 
 def test_neither_is_exit_code_1(bags, capsys):

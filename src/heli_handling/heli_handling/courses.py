@@ -4,6 +4,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
@@ -16,6 +17,7 @@ from heli_handling.found import (
     first_still,
     not_found,
     offset,
+    runs,
     stills,
     wrapped_deg,
 )
@@ -82,18 +84,28 @@ def _course(track: Track, table: Manoeuvre, target_ned_m: Array | None) -> _Cour
         length = float(np.hypot(*towards))
     ahead = towards / np.hypot(*towards)
     along, across = way @ ahead, way @ np.array([-ahead[1], ahead[0]])
-    inside = [
-        max(a, stop)
-        for a, b in stills(track, table)
-        if b >= stop and abs(along[max(a, stop)] - length) <= band
-    ]
-    if not inside:
+    end = _captured(track, table, stop, np.abs(along - length) <= band)
+    if end is None:
         raise not_found(
             table,
             f"the hover at the end is {along[stop]:.1f} m down the course of {length:.1f} m, "
             f"{band:.1f} m off at most are allowed",
         )
-    return _Course(begin, inside[0], length, ahead, along, across)
+    return _Course(begin, end, length, ahead, along, across)
+
+
+def _captured(track: Track, table: Manoeuvre, after: int, near: NDArray[np.bool_]) -> int | None:
+    """First index of a hover within the band; one that creeps into it counts from there on."""
+    for a, b in stills(track, table):
+        for first, _ in runs(near[a : b + 1]):
+            start = max(a + first, after)
+            if (
+                start <= b
+                and near[start]
+                and (track.time_s[b] - track.time_s[start] >= table["still_for_s"])
+            ):
+                return start
+    return None
 
 
 def _dash(

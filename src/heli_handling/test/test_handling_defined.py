@@ -11,7 +11,9 @@ from heli_handling.errors import Cause, HandlingError
 from heli_handling.scoring import Level, score
 from heli_handling.testing.made_flights import (
     FLIGHTS,
+    STEP_S,
     TARGETS,
+    blend,
     bump,
     depart_abort,
     hover,
@@ -130,6 +132,19 @@ def test_a_slalom_beside_its_line_does_not_begin_in_the_hover():
     found = score(beside, "slalom", FULL, np.array([4.0 * apart + 2.0 * speed, 0.0, 0.0]))
     assert result(found, "speed").value > 0.99 * speed
     assert found.found.phases[0].start_s > 11.9
+
+
+@pytest.mark.parametrize("beyond_m", [4.0, 5.0])
+def test_a_hover_that_creeps_back_ends_the_course_where_it_is_within_the_band(beyond_m):
+    """Standing still all the while, by the definition of still: 10 ft off the end at most."""
+    flight, length = lateral_reposition(beyond_m=beyond_m, back_s=40.0), 400.0 * FT
+    found = score(flight, "lateral-reposition", FULL, np.array([length, 0.0, 0.0]))
+    shares = np.linspace(0.0, 1.0, 2000)
+    came_in = 17.7 + 40.0 * np.interp(1.0 - 10.0 * FT / beyond_m, blend(shares), shares)
+    assert found.found.phases[-1].end_s == pytest.approx(came_in, abs=3 * STEP_S)
+    with pytest.raises(HandlingError, match="down the course"):
+        far = lateral_reposition(beyond_m=8.0, back_s=1e4).between(0.0, 60.0)
+        score(far, "lateral-reposition", FULL, np.array([length, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,12 @@ def score(
         ),
     ] = None,
     start: Annotated[
-        float | None, typer.Option(metavar="S", help="from here on, since the first message")
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="from here on, since the first message (default: 3 s before the path that "
+            "params.yaml says)",
+        ),
     ] = None,
     end: Annotated[
         float | None, typer.Option(metavar="S", help="up to here, since the first message")
@@ -78,8 +83,8 @@ def score(
         tuple[float, float, float] | None,
         typer.Option(
             metavar="EAST NORTH UP",
-            help="hover point, end of the course or centre of the circle, m (default: from the "
-            "flight)",
+            help="hover point, end of the course or centre of the circle, m (default: what "
+            "the flight's params.yaml says, else from the flight)",
         ),
     ] = None,
     ground: Annotated[

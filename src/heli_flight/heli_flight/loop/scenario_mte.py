@@ -22,6 +22,8 @@ _APPROACH_S = 4.0
 """Flown at the approach's speed before the hover, at full size."""
 _PLENTY = 1.1
 """Of what has to be reached at least: to be sure that it is."""
+LEAD_IN_S = 3.0
+"""Scored from so long before the path begins: what drifts in the hover before it is no part."""
 _TURNS = 4
 _BEYOND = 0.5
 """Of the room beyond a slalom's gates: how far its turns reach into it."""

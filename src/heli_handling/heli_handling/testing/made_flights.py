@@ -99,15 +99,17 @@ def pirouette(around_s=42.0, off=0.0, up=0.0, nose_deg=0.0, creep_s=0.0):
     )
 
 
-def dash(length_m, yaw, move_s, off=0.0, up=0.0, turn_deg=0.0, beyond_m=0.0, height=8.0):
+def dash(
+    length_m, yaw, move_s, off=0.0, up=0.0, turn_deg=0.0, beyond_m=0.0, back_s=8.0, height=8.0
+):
     """From hover to hover, north; maybe beyond the end and back."""
 
     def north(t):
         there = (length_m + beyond_m) * blend((t - 5.0) / move_s)
-        return there - beyond_m * blend((t - 5.0 - move_s) / 8.0)
+        return there - beyond_m * blend((t - 5.0 - move_s) / back_s)
 
     return made(
-        move_s + 20.0,
+        move_s + back_s + 12.0,
         north,
         lambda t: bump(t, 5.0, move_s, off),
         lambda t: height + bump(t, 5.0, move_s, up),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from heli_flight.studies.handling.data import Flight, flight_of, scale_of
+from heli_flight.studies.handling.data import Flight, flight_of, own_course, scale_of
 from heli_flight.terminal import table
 from heli_handling.definitions import FULL, MANOEUVRES, Scale
 from heli_handling.scoring import Level, Score, score
@@ -92,13 +92,21 @@ def score_manoeuvre(
         raise ParameterError(f"--mte {name}: is none of {', '.join(MANOEUVRES)}")
     scale, why = checked_scale(scale_name, wanted.path, rotor_diameter_m)
     flight = flight_of(wanted.path, wanted.odom)
-    track = flight.track.between(wanted.start_s, wanted.end_s)
-    target = None
+    target, start_s, ours = None, wanted.start_s, ""
     if wanted.target_enu_m is not None:
         east, north, up = wanted.target_enu_m
         target = np.array([north, east, -up])
+    elif wanted.odom is None and (course := own_course(wanted.path, name, scale)) is not None:
+        target, begins_s = course
+        start_s = begins_s if start_s is None else start_s
+        north, east, down = target
+        ours = (
+            f"scored by where it was to be flown (params.yaml): target {east:.2f} {north:.2f} "
+            f"{-down:.2f}, from {start_s:g} s on"
+        )
+    track = flight.track.between(start_s, wanted.end_s)
     found = score(track, name, scale, target, wanted.ground_m)
-    remarks = (*flight.remarks, *([why] if why else []), *found.found.remarks)
+    remarks = (*flight.remarks, *filter(None, (why, ours)), *found.found.remarks)
     return Scored(flight, track, found, remarks)
 
 

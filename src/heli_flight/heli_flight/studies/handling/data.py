@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded flight as what `heli_handling` scores."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from heli_bags.message_text import flatten
 from heli_bags.tools import bag_of, chosen, opened
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_flight.loop.flight_file import NAME
+from heli_flight.loop.scenario_mte import LEAD_IN_S, scale_flown, target_of
 from heli_flight.loop.settings import resolve
 from heli_handling.boundaries import AXES
 from heli_handling.definitions import FULL, Scale, froude
@@ -172,6 +174,27 @@ def _full_name(reader: AnyReader, path: Path, topic: str) -> str:
     """A topic by its name, or by its end where only one ends so."""
     ends = [c.topic for c in reader.connections if c.topic.endswith(f"/{topic.lstrip('/')}")]
     return ends[0] if len(set(ends)) == 1 else chosen(reader, path, [topic])[0].topic
+
+
+def own_course(path: Path, name: str, scale: Scale) -> tuple[Array, float] | None:
+    """Target (3,), NED, m, and beginning, s, of a manoeuvre that a flight of ours was to fly.
+
+    From params.yaml beside the bag; None where there is none, or for another manoeuvre or scale.
+
+    Raises
+    ------
+    ParameterError
+    """
+    saved = bag_of(path).resolve().parent / NAME
+    if not saved.is_file():
+        return None
+    settings = resolve(params=[saved])
+    p = settings.scenario_parameters
+    if p["kind"] != "path" or p["path.kind"] != "manoeuvre" or p["path.manoeuvre"] != name:
+        return None
+    if not math.isclose(scale_flown(p).ratio, scale.ratio, rel_tol=1e-6):
+        return None
+    return target_of(settings.scenario.reference, p), p["path.start_s"] - LEAD_IN_S
 
 
 def scale_of(name: str, path: Path, rotor_diameter_m: float | None) -> tuple[Scale, str]:

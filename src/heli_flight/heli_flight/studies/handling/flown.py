@@ -4,7 +4,7 @@
 import numpy as np
 
 from heli_flight.loop.record import FlightRecord
-from heli_flight.loop.scenario_mte import scale_flown, target_of
+from heli_flight.loop.scenario_mte import LEAD_IN_S, scale_flown, target_of
 from heli_flight.loop.settings import Settings
 from heli_handling.response import FrequencyResponse, frequency_response
 from heli_handling.scoring import Score, score
@@ -32,7 +32,8 @@ def score_flown(settings: Settings, record: FlightRecord) -> Score:
     """
     p = settings.scenario_parameters
     target = target_of(settings.scenario.reference, p)
-    return score(true_track(record), p["path.manoeuvre"], scale_flown(p), target)
+    track = true_track(record).between(p["path.start_s"] - LEAD_IN_S)
+    return score(track, p["path.manoeuvre"], scale_flown(p), target)
 
 
 def swept(settings: Settings, record: FlightRecord, axis: int) -> FrequencyResponse:
