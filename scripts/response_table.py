@@ -19,12 +19,12 @@ from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import conditions
 from heli_flight.loop.settings import Settings, resolve
-from heli_flight.studies.handling.flown import swept, true_track
+from heli_flight.studies.handling.flown import rejected, swept, true_track
 from heli_flight.studies.handling.linear import LinearLoop, grid_radps
 from heli_handling.boundaries import AXES
 from heli_handling.quickness import Change, changes
-from heli_handling.response import bandwidth, rejection
-from heli_outer_pd.attitude_sweep import PARTS
+from heli_handling.response import FrequencyResponse, bandwidth, rejection
+from heli_math.sweep import PARTS
 
 LAWS = ("hinf_output", "hinf", "pid")
 WORLD, RECEIVER = "paper", "rtk"
@@ -32,7 +32,7 @@ WORLD, RECEIVER = "paper", "rtk"
 
 def settings_of(scenario: str, laws: str, axis: str) -> Settings:
     """A packaged scenario about an axis."""
-    overrides = {"outer_loop": {"sweep.axis": axis}}
+    overrides = {"outer_loop": {"sweep.axis": axis}, "inner_loop": {"disturbance.axis": axis}}
     return resolve(scenario, RECEIVER, world=WORLD, laws=laws, overrides=overrides)
 
 
@@ -52,6 +52,16 @@ def range_of(found: Sequence[dict[str, float | None]]) -> dict[str, list[float] 
         known = [value for value in values if value is not None]
         ranges[key] = [min(known), max(known)] if len(known) == len(values) else None
     return ranges
+
+
+def apart_db(found: Sequence[FrequencyResponse], linear: FrequencyResponse) -> float:
+    """How far the gains of responses are from a linear one, rms over their coherent lines, dB."""
+    apart = [
+        20.0 * np.log10(np.abs(f.response / np.interp(f.omega_radps, linear.omega_radps,
+                                                      linear.response)))
+        for f in found
+    ]  # fmt: skip
+    return float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
 
 
 def steps(laws: str, axis: str, seeds: Sequence[int]) -> list[dict[str, float]]:
@@ -87,12 +97,9 @@ def row(laws: str, axis: str, seeds: Sequence[int]) -> dict[str, Any]:
     responses = [swept(settings, flown(settings, seed), k) for seed in seeds]
     loop, omega = LinearLoop(settings), grid_radps()
     linear = loop.to_command(omega, axis)
-    apart = [
-        20.0 * np.log10(np.abs(f.response / np.interp(f.omega_radps, omega, linear.response)))
-        for f in responses
-    ]
-    rms_db = float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
-    rejected = rejection(loop.to_disturbance(omega, axis))
+    disturbed = settings_of("attitude_disturbance", laws, axis)
+    rejections = [rejected(disturbed, flown(disturbed, seed), k) for seed in seeds]
+    of_linear = loop.to_disturbance(omega, axis)
     return {
         "laws": laws,
         "axis": axis,
@@ -103,8 +110,10 @@ def row(laws: str, axis: str, seeds: Sequence[int]) -> dict[str, Any]:
         ],
         "flown": range_of([asdict(bandwidth(f)) for f in responses]),
         "linear": asdict(bandwidth(linear)),
-        "rms_difference_db": rms_db,
-        "linear_rejection": asdict(rejected),
+        "rms_difference_db": apart_db(responses, linear),
+        "rejection": range_of([asdict(rejection(f)) for f in rejections]),
+        "linear_rejection": asdict(rejection(of_linear)),
+        "rejection_difference_db": apart_db(rejections, of_linear),
         "steps": steps(laws, axis, seeds),
     }
 

@@ -79,7 +79,7 @@ All are reliable. History: the last {topics.DEPTH} messages, volatile; where the
 "latched", the last one, transient local, for who comes late. Subscribers of default QoS meet
 all of them; who asks for best effort does, too. `/tf` and `/tf_static` are sent where
 `tf2_msgs` is installed: the PyPI wheels do not hold it. No flight needs the last four.
-`excitation/*` is sent only where identification is configured; with a scenario's flight started
+`excitation/*` is sent only where its sender is configured for it; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
 its token, and the outer loop for each `goto` that it flies. `goto` is yours to send: a level
 pose in `map`, stamped with the flight's time (`examples/goto.py`). The recorder hears all but

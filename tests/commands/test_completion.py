@@ -39,7 +39,13 @@ def complete(line):
         ("heli hover --seed 3 --controller ", list(CONTROLLERS)),
         (
             "heli campaign --scenario att",
-            ["attitude", "attitude_gusts", "attitude_steps", "attitude_sweep"],
+            [
+                "attitude",
+                "attitude_disturbance",
+                "attitude_gusts",
+                "attitude_steps",
+                "attitude_sweep",
+            ],
         ),
         ("heli compare attitude --controllers hinf,p", ["hinf,pid"]),
         ("heli design --aircraft ", ["helion.yaml", "logo600.yaml", "xcell60.yaml"]),

@@ -6,15 +6,15 @@ import pytest
 
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
-from heli_flight.studies.handling.flown import swept, true_track
+from heli_flight.studies.handling.flown import rejected, swept, true_track
 from heli_flight.studies.handling.linear import LinearLoop, grid_radps
 from heli_handling.boundaries import AXES
 from heli_handling.quickness import changes
-from heli_handling.response import bandwidth
+from heli_handling.response import bandwidth, rejection
 
 
 def settings_of(scenario, laws, axis):
-    overrides = {"outer_loop": {"sweep.axis": axis}}
+    overrides = {"outer_loop": {"sweep.axis": axis}, "inner_loop": {"disturbance.axis": axis}}
     return resolve(scenario, "rtk", 1, world="paper", laws=laws, overrides=overrides)
 
 
@@ -28,6 +28,17 @@ def test_bandwidth_and_phase_delay_of_a_sweep_are_the_linear_models(laws, axis):
     assert found.phase_radps == pytest.approx(linear.phase_radps, rel=0.02)
     assert found.neutral_radps == pytest.approx(linear.neutral_radps, rel=0.02)
     assert found.phase_delay_s == pytest.approx(linear.phase_delay_s, rel=0.05)
+
+
+@pytest.mark.parametrize(("laws", "axis"), [("hinf_output", "yaw"), ("pid", "roll")])
+def test_the_rejection_of_what_is_added_to_the_measured_attitude_is_the_linear_models(laws, axis):
+    settings = settings_of("attitude_disturbance", laws, axis)
+    flight = simulate(settings)
+    assert not flight.status
+    found = rejection(rejected(settings, flight.record, AXES.index(axis)))
+    linear = rejection(LinearLoop(settings).to_disturbance(grid_radps(), axis))
+    assert found.bandwidth_radps == pytest.approx(linear.bandwidth_radps, rel=0.03)
+    assert found.peak_db == pytest.approx(linear.peak_db, abs=0.7)
 
 
 @pytest.mark.parametrize("axis", ["roll", "pitch"])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Excitation through the graph: what is added to actuators and wind is in the bag, and nothing else
+"""Excitation through the graph: what is added to actuators, wind and attitude is in the
+bag, and nothing else
 is."""
 
 import json
@@ -13,6 +14,9 @@ from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
+from heli_inner_hinf.attitude_disturbance import disturbance_kernel
+from heli_math.sweep import swept_angle
+from heli_math.ticks import TICK_S
 from heli_msgs_bridge import topics
 
 EXCITED = """
@@ -26,6 +30,13 @@ EXCITED = """
       start_s: 1.0
       duration_s: 6.0
       fade_s: 1.0
+    disturbance:
+      axis: yaw
+      amplitude_deg: 1.5
+      from_hz: 0.5
+      to_hz: 2.0
+      start_s: 1.0
+      duration_s: 6.0
 /**/plant:
   ros__parameters:
     wind:
@@ -55,6 +66,11 @@ def test_graph_and_one_process_loop_excite_alike(hover_test, tmp_path):
     assert np.abs(graph.gust_ned_mps).max(axis=0).min() > 0.2
     bag = read_bag(tmp_path / "a" / "bag")
     assert bag.streams[topics.EXCITATION_ACTUATORS].stamp_ns.size == 800
+    added = bag.streams[topics.EXCITATION_ATTITUDE].rows
+    assert added.shape == (800, 3) and not added[:, :2].any()
+    kernel = disturbance_kernel(settings.nodes["inner_loop"])
+    expected = [swept_angle(TICK_S * tick, kernel) for tick in range(800)]
+    np.testing.assert_allclose(added[:, 2], expected, atol=1e-12)
     assert any(r.message == "the actuators are excited" for r in bag.remarks)
 
 

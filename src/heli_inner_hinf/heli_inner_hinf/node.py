@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_inner_hinf.attitude_disturbance import PLACES, disturbance_kernel
 from heli_inner_hinf.attitude_law import AttitudeStatus
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign
 from heli_inner_hinf.excitation import (
@@ -23,6 +24,7 @@ from heli_inner_hinf.law_state import RUN, initial_law_state, nine_states
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_math.rows import ACTUATOR, NAV, NINE, SETPOINT
 from heli_math.state_names import UNMEASURED
+from heli_math.sweep import NOTHING, SweepKernel, add_sweep
 from heli_math.ticks import TICK_S, TICKS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
@@ -46,6 +48,22 @@ class Exciter:
     status: ExcitationStatus = ExcitationStatus.SILENT
 
 
+@dataclass
+class Disturber:
+    """What is added to the measured attitude; its topic exists only while a sweep is configured."""
+
+    kernel: SweepKernel
+    send: Send
+    added: np.ndarray = field(default_factory=lambda: np.zeros(len(NINE)))
+
+    def disturb(self, tick: int, stamp_ns: int, x9: np.ndarray) -> None:
+        """Add the sweep of this tick to the angles among the states (9,) and publish it."""
+        self.added[:] = 0.0
+        add_sweep(tick * TICK_S, self.kernel, self.added)
+        x9 += self.added
+        self.send(self.added[list(PLACES)], stamp_ns)
+
+
 @dataclass(kw_only=True)
 class Loop(TickCore):
     """What the inner loop has while it is configured.
@@ -55,6 +73,7 @@ class Loop(TickCore):
     design : LiveDesign
         Law and its state.
     exciter : Exciter or None
+    disturber : Disturber or None
     collective : float
         As the outer loop sent it last; before that, the trim's.
     flown_tick : int or None
@@ -68,6 +87,7 @@ class Loop(TickCore):
     design: LiveDesign
     send: Send
     exciter: Exciter | None
+    disturber: Disturber | None
     collective: float
     flown_tick: int | None = None
     x9: np.ndarray = field(default_factory=lambda: np.full(len(NINE), np.nan))
@@ -116,6 +136,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             design=LiveDesign(config),
             send=self.create_sender(topics.ACTUATORS),
             exciter=self._make_exciter(),
+            disturber=self._make_disturber(),
             collective=config.u_trim[ACTUATOR.col],
             pace=self.listen(inputs),
         )
@@ -129,6 +150,12 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         send = self.create_sender(topics.EXCITATION_ACTUATORS)
         return Exciter(kernel, send, initial_excitation_state())
 
+    def _make_disturber(self) -> Disturber | None:
+        kernel = disturbance_kernel(self.values)
+        if kernel.shape == NOTHING:
+            return None
+        return Disturber(kernel, self.create_sender(topics.EXCITATION_ATTITUDE))
+
     def _warm_up(self, core: Loop) -> None:
         """Load the compiled law before the first tick."""
         kernel = core.design.config.kernel
@@ -139,6 +166,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         if core.exciter is not None:
             law, own = initial_law_state(kernel), initial_excitation_state()
             excite(-1.0, core.x9, core.exciter.kernel, own, law, core.total)
+        if core.disturber is not None:
+            add_sweep(-1.0, core.disturber.kernel, core.disturber.added)
 
     def engage(self) -> Holding:
         """Begin to hold attitude: from trim, or in flight from what is flown."""
@@ -156,6 +185,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             self._begin_flight(tick)
         self._take_navigation(arrived)
         self._take_setpoint(arrived)
+        if core.disturber is not None:
+            core.disturber.disturb(tick, self.stamp_ns(tick), core.x9)
         stale = self._setpoint_is_stale(tick)
         r3 = self._trim_attitude(run.r3[SETPOINT.psi]) if stale else run.r3
         if run.resumes and np.isfinite(core.x9).all() and np.isfinite(r3).all():

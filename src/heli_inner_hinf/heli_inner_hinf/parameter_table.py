@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inner loop's parameters; their values stand in config/inner_loop.yaml."""
 
+from heli_inner_hinf.attitude_disturbance import DISTURBANCE_ROWS
 from heli_inner_hinf.law_state import CONTROLLERS
 from heli_parameters.parameters import Parameter
 
@@ -118,4 +119,5 @@ TABLE: tuple[Parameter, ...] = (
     _row("excitation.saturation_s", "double",
          "Time at an actuator's limit after which the excitation is given up", "s",
          lower=0.0, upper=60.0, read_only=True),
+    *DISTURBANCE_ROWS,
 )  # fmt: skip

@@ -238,6 +238,10 @@ CHANNELS: dict[str, Channel] = {
         rows.ACTUATOR.size, _BODY, _joints(topics.ACTUATOR_NAMES), _P.pack_values,
         _P.unpack_values, _joint_block(topics.ACTUATOR_NAMES),
     ),
+    topics.EXCITATION_ATTITUDE: Channel(
+        3, _WORLD, _doubles(QUATERNION.size), _P.pack_attitude, _P.unpack_attitude,
+        _quaternion_block,
+    ),
     topics.EXCITATION_WIND: Channel(
         3, _WORLD, _doubles(VECTOR.size), _P.pack_world_vector, _P.unpack_world_vector,
         _vector_block,

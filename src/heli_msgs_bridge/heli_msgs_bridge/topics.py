@@ -31,6 +31,7 @@ TRUTH_ODOM = "ground_truth/odom"
 TRUTH_WIND = "ground_truth/wind"
 TRUTH_ROTOR = "ground_truth/rotor_state"
 EXCITATION_ACTUATORS = "excitation/actuators"
+EXCITATION_ATTITUDE = "excitation/attitude"
 EXCITATION_WIND = "excitation/wind"
 DIAGNOSTICS = "/diagnostics"
 TF, TF_STATIC = "/tf", "/tf_static"
@@ -117,8 +118,9 @@ TABLE: tuple[Topic, ...] = (
     Topic(TRUTH_ODOM, _ODOMETRY, _PLANT, (), 1),
     Topic(TRUTH_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1),
     Topic(TRUTH_ROTOR, _JOINTS, _PLANT, (), 1),
-    # These two only while their senders are configured for it.
+    # These three only while their senders are configured for it.
     Topic(EXCITATION_ACTUATORS, _JOINTS, _INNER, (), 1),
+    Topic(EXCITATION_ATTITUDE, "geometry_msgs/msg/QuaternionStamped", _INNER, (), 1),
     Topic(EXCITATION_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1),
     Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", _ALL, (), 0),
 )

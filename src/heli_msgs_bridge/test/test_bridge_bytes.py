@@ -160,6 +160,7 @@ def vector(b, stamp_ns):
 ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
 ROTOR = ("a_s", "b_s", "d_int")
 SERVOS = tuple(f"servo_{name}" for name in ACTUATORS)
+ATTITUDES = (topics.ATTITUDE_SETPOINT, topics.EXCITATION_ATTITUDE)
 MESSAGES = {
     "imu/data_raw": imu,
     "imu/mag": mag,
@@ -175,6 +176,7 @@ MESSAGES = {
     "ground_truth/wind": vector,
     "ground_truth/rotor_state": joints(*ROTOR, *SERVOS),
     "excitation/actuators": joints(*ACTUATORS),
+    "excitation/attitude": quaternion,
     "excitation/wind": vector,
 }
 
@@ -305,7 +307,7 @@ def simple_block(topic, row):
 
 
 SIMPLE = sorted(
-    set(MESSAGES) - {topics.ODOM, topics.TRUTH_ODOM, topics.ATTITUDE_SETPOINT, topics.GPS_FIX}
+    set(MESSAGES) - {topics.ODOM, topics.TRUTH_ODOM, topics.GPS_FIX, *ATTITUDES}
 )
 NORMALISED = (topics.ACTUATORS, topics.COLLECTIVE)
 
@@ -415,8 +417,9 @@ def test_truth_is_the_odometry_of_its_attitude(search):
     holds()
 
 
-def test_attitude_is_the_quaternion_of_its_angles(search):
-    encoder, decoder = Encoder(topics.ATTITUDE_SETPOINT), Decoder(topics.ATTITUDE_SETPOINT)
+@pytest.mark.parametrize("topic", ATTITUDES)
+def test_attitude_is_the_quaternion_of_its_angles(search, topic):
+    encoder, decoder = Encoder(topic), Decoder(topic)
     angle = st.floats(-3.14, 3.14)
 
     @search
@@ -424,7 +427,7 @@ def test_attitude_is_the_quaternion_of_its_angles(search):
     def holds(phi, theta, psi, stamp_ns):
         raw = encoder.encode(np.array([phi, theta, psi]), stamp_ns)
         message = deserialize_message(raw, QuaternionStamped)
-        equal(topics.ATTITUDE_SETPOINT, raw, message)
+        equal(topic, raw, message)
         rotation = Rotation.from_euler("ZYX", [psi, theta, phi])
         expected = expected_odometry("map", np.zeros(3), rotation, np.zeros(3), np.zeros(3))
         wanted = QuaternionStamped(
@@ -473,7 +476,7 @@ def test_what_rclpy_sends_is_read_the_fast_way(two_nodes, fast_decoder):
         message = build([0.0] * size, 7)
         if topic in (topics.ODOM, topics.TRUTH_ODOM):
             message.pose.pose.orientation.w = 1.0
-        elif topic == topics.ATTITUDE_SETPOINT:
+        elif topic in ATTITUDES:
             message.quaternion.w = 1.0
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         publishers.append(sender.create_publisher(type(message), topic, latched))

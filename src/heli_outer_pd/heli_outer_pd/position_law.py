@@ -26,8 +26,8 @@ import numpy as np
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import NAV, SETPOINT, SHAPED
+from heli_math.sweep import SweepKernel, add_sweep
 from heli_math.ticks import NS_PER_S
-from heli_outer_pd.attitude_sweep import SweepKernel, add_sweep
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.thrust_map import RotorMap, collective_for_thrust, thrust_for_collective
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from heli_math.rows import SETPOINT
-from heli_outer_pd.attitude_sweep import add_sweep, sweep_kernel, swept_angle
+from heli_math.sweep import add_sweep, swept_angle
+from heli_outer_pd.attitude_sweep import sweep_kernel
 
 NUMBERS = {
     "sweep.shape": "sweep",

@@ -16,6 +16,7 @@ from heli_dynamics_sim.wind import injected_gust
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
 from heli_inner_hinf import attitude_law as inner
+from heli_inner_hinf.attitude_disturbance import disturbance_kernel
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.excitation import (
     SENT,
@@ -39,6 +40,7 @@ from heli_math.rows import (
     SETPOINT,
     TRUTH,
 )
+from heli_math.sweep import SweepKernel, add_sweep
 from heli_math.ticks import TICK_NS, TICK_S, seconds
 from heli_math.trajectory import Trajectory, reference_at
 from heli_observer import observer
@@ -66,6 +68,7 @@ class Loop(NamedTuple):
     inner_s: np.ndarray
     excitation_k: ExcitationKernel
     excitation_s: np.ndarray
+    disturbance_k: SweepKernel
     outer_k: outer.OuterKernel
     outer_s: np.ndarray
     period_ticks: int
@@ -142,6 +145,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
                 nav, tick * TICK_NS, times_ns, points, loop.outer_k, loop.outer_s, setpoint
             )
         nine_states(nav, nav[NAV.rotor], x9)
+        add_sweep(tick * TICK_S, loop.disturbance_k, x9)
         attitude, collective = setpoint[SETPOINT.attitude], setpoint[SETPOINT.col]
         law_of_tick(x9, attitude, collective, loop.inner_k, loop.inner_s, u3)
         u[ACTUATOR.attitude] = u3
@@ -207,6 +211,7 @@ def build(
         initial_law_state(law),
         excitation_kernel(settings.nodes["inner_loop"]),
         initial_excitation_state(),
+        disturbance_kernel(settings.nodes["inner_loop"]),
         outer_k,
         outer.initial_state(outer_k),
         settings.nodes["outer_loop"]["period_ticks"],

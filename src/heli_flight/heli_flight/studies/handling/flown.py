@@ -9,7 +9,9 @@ from heli_flight.loop.settings import Settings
 from heli_handling.response import FrequencyResponse, frequency_response
 from heli_handling.scoring import Score, score
 from heli_handling.tracks import Track, track_of
+from heli_inner_hinf.attitude_disturbance import disturbance_kernel
 from heli_math.rotations import euler_angles
+from heli_math.sweep import swept_angle
 
 
 def true_track(record: FlightRecord) -> Track:
@@ -34,6 +36,23 @@ def score_flown(settings: Settings, record: FlightRecord) -> Score:
     target = target_of(settings.scenario.reference, p)
     track = true_track(record).between(p["path.start_s"] - LEAD_IN_S)
     return score(track, p["path.manoeuvre"], scale_flown(p), target)
+
+
+def rejected(settings: Settings, record: FlightRecord, axis: int) -> FrequencyResponse:
+    """Response of the disturbed attitude to what was added to it, over the sweep of a flight.
+
+    Raises
+    ------
+    HandlingError
+    """
+    p = settings.nodes["inner_loop"]
+    kernel = disturbance_kernel(p)
+    since = record.time_s - kernel.start_s
+    on = (since >= 0.0) & (since < kernel.duration_s)
+    time_s = record.time_s[on]
+    added = np.array([swept_angle(t, kernel) for t in time_s])
+    angle = true_track(record).attitude_rad[on, axis]
+    return frequency_response(time_s, added, angle + added)
 
 
 def swept(settings: Settings, record: FlightRecord, axis: int) -> FrequencyResponse:

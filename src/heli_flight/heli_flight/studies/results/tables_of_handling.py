@@ -62,27 +62,35 @@ def response(results: Results) -> str:
     rows = [
         [
             f"`{row['laws']}`, {row['axis']}",
-            *(_beside(row, key) for key in ("phase_radps", "gain_radps", "phase_delay_s")),
-            _number(row["linear_rejection"]["bandwidth_radps"]),
-            _number(row["linear_rejection"]["peak_db"]),
+            *(
+                _beside(row["flown"][key], row["linear"][key])
+                for key in ("phase_radps", "gain_radps", "phase_delay_s")
+            ),
+            *(
+                _beside(row["rejection"][key], row["linear_rejection"][key])
+                for key in ("bandwidth_radps", "peak_db")
+            ),
             ", ".join(_span(step["quickness_per_s"]) for step in row["steps"]),
         ]
         for row in found["rows"]
     ]
-    apart = max(row["rms_difference_db"] for row in found["rows"])
+    command, rejection = (
+        max(row[key] for row in found["rows"])
+        for key in ("rms_difference_db", "rejection_difference_db")
+    )
     return (
         f"{grid(head, rows)}\n\nFlown, of {len(found['seeds'])} flights "
         f"({results.seeds('response')}) the least and the largest, in calm air, RTK; in brackets "
-        "the linear model of the same loop, from which alone DRB and DRP are. Gains of both differ "
-        f"by {apart:.1f} dB rms at most over the coherent lines, "
-        f"{_span(found['rows'][0]['coherent_radps'])} rad/s for the first."
+        "the linear model of the same loop. Gains of both differ over the coherent lines by "
+        f"{command:.1f} dB rms at most (response to the command, "
+        f"{_span(found['rows'][0]['coherent_radps'])} rad/s for the first) and {rejection:.1f} dB "
+        "(rejection of disturbances)."
     )
 
 
-def _beside(row: Mapping[str, Any], key: str) -> str:
+def _beside(flown: list[float] | None, linear: float | None) -> str:
     """What was flown, and in brackets the linear model's."""
-    flown = row["flown"][key]
-    return f"{'not reached' if flown is None else _span(flown)} ({_number(row['linear'][key])})"
+    return f"{'not reached' if flown is None else _span(flown)} ({_number(linear)})"
 
 
 def _span(ends: list[float]) -> str:
