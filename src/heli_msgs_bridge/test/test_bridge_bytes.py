@@ -306,9 +306,7 @@ def simple_block(topic, row):
     return block.tolist()
 
 
-SIMPLE = sorted(
-    set(MESSAGES) - {topics.ODOM, topics.TRUTH_ODOM, topics.GPS_FIX, *ATTITUDES}
-)
+SIMPLE = sorted(set(MESSAGES) - {topics.ODOM, topics.TRUTH_ODOM, topics.GPS_FIX, *ATTITUDES})
 NORMALISED = (topics.ACTUATORS, topics.COLLECTIVE)
 
 
