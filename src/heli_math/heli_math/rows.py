@@ -202,6 +202,16 @@ class SetpointRow(NamedTuple):
     size: int = 4
 
 
+class StickRow(NamedTuple):
+    """A pilot's sticks, each in -1..1, 0 in the middle (4,)."""
+
+    roll: int = 0  # to the right
+    pitch: int = 1  # nose up: the stick is pulled
+    yaw: int = 2  # nose to the right
+    climb: int = 3  # up
+    size: int = 4
+
+
 class NineStates(NamedTuple):
     """The nine states of eq. (10) (9,); `state_names` has their units."""
 
@@ -228,4 +238,5 @@ ACTUATOR = ActuatorRow()
 REFERENCE = ReferenceRow()
 SHAPED = ShapedReferenceRow()
 SETPOINT = SetpointRow()
+STICKS = StickRow()
 NINE = NineStates()

@@ -26,6 +26,7 @@ SPELLED = {
     "SHAPED": "n e d vn ve vd an ae ad psi",
     "SETPOINT": "phi theta psi col",
     "NINE": "phi theta p q a_s b_s r d_int psi",
+    "STICKS": "roll pitch yaw climb",
 }
 PARTS = {
     "pos": "n e d", "vel": "vn ve vd", "quat": "qw qx qy qz", "rate": "p q r", "force": "fx fy fz",

@@ -21,6 +21,9 @@ class Phase(StrEnum):
     HALTING = "halting"
     DESCENDING = "descending"
     SETTLING = "settling"
+    VELOCITY = "velocity"
+    ATTITUDE = "attitude"
+    MANUAL = "manual"
 
     @property
     def mode(self) -> str:
@@ -36,7 +39,11 @@ class Phase(StrEnum):
 ON_GROUND = (Phase.STANDING, Phase.SPOOLING, Phase.LIFTING, Phase.SETTLING)
 TAKING_OFF = (Phase.SPOOLING, Phase.LIFTING, Phase.CLIMBING)
 LANDING = (Phase.HALTING, Phase.DESCENDING, Phase.SETTLING)
-FLYING = (Phase.HOVER, Phase.TRAJECTORY)
+GUIDED = (Phase.HOVER, Phase.TRAJECTORY, Phase.VELOCITY)
+"""In the air along a reference."""
+STEERED = (Phase.ATTITUDE, Phase.MANUAL)
+"""By a pilot's sticks. By hand the aircraft may stand on the ground, too."""
+FLYING = (*GUIDED, *STEERED)
 _MODES = {
     **dict.fromkeys(TAKING_OFF, "takeoff"),
     **dict.fromkeys(LANDING, "land"),
@@ -51,6 +58,9 @@ class Command(StrEnum):
     HOLD = "hold"
     GOTO = "goto"
     FOLLOW = "follow"
+    VELOCITY = "velocity"
+    ATTITUDE = "attitude"
+    MANUAL = "manual"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -72,6 +82,7 @@ class Fact(StrEnum):
     BLIND = "position lost"
     TOUCHED_DOWN = "touched down"
     IDLE = "collective idle"
+    SILENT = "nothing commanded for too long"
 
 
 class Guard(Enum):
@@ -81,6 +92,8 @@ class Guard(Enum):
     UPRIGHT = "the aircraft is outside the envelope: it stands tilted more than is allowed"
     UNSATURATED = "an actuator is saturated: the collective is at its limit"
     CLEAR = "the ground is too near"
+    ENVELOPE = "the aircraft is outside the envelope: it is tilted more than the law may command"
+    STICKS = "no sticks are heard"
 
 
 @dataclass(frozen=True)
@@ -111,14 +124,20 @@ class Refused:
     reason: str
 
 
-_AIRBORNE = (*FLYING, Phase.HALTING, Phase.DESCENDING)
+_AIRBORNE = (*GUIDED, Phase.ATTITUDE, Phase.HALTING, Phase.DESCENDING)
+_LANDS = (Phase.HALTING, Phase.DESCENDING)
 _GROUNDED = "the aircraft is on the ground: take off first"
+_RISING = "the aircraft is taking off: wait until it hovers, or hold"
+_SINKING = "the aircraft is landing: hold first"
+_BY_HAND = (Guard.NAVIGATION, Guard.ENVELOPE, Guard.CLEAR)
+"""For whatever takes over from a pilot's hand."""
 
 TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.STANDING,), Command.TAKEOFF, Phase.SPOOLING,
                (Guard.NAVIGATION, Guard.UPRIGHT)),
     Refused(TAKING_OFF, Command.TAKEOFF, "the aircraft is taking off already"),
     Refused(_AIRBORNE, Command.TAKEOFF, "the aircraft is in the air already"),
+    Refused((Phase.MANUAL,), Command.TAKEOFF, "the aircraft is flown by hand: the pilot takes off"),
     Refused((Phase.SETTLING,), Command.TAKEOFF, "the aircraft has just touched down: wait until "
             "it stands"),
     Transition((Phase.SPOOLING,), Fact.SPOOLED_UP, Phase.LIFTING),
@@ -128,29 +147,56 @@ TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.LIFTING,), Fact.BLIND, Phase.SETTLING),
     Transition((Phase.CLIMBING,), Fact.STUCK, Phase.SETTLING),
     Transition((Phase.CLIMBING,), Fact.ARRIVED, Phase.HOVER),
-    Transition((*FLYING, Phase.HALTING), Command.HOLD, Phase.HOVER, (Guard.NAVIGATION,)),
+    Transition((*GUIDED, Phase.HALTING), Command.HOLD, Phase.HOVER, (Guard.NAVIGATION,)),
     Transition((Phase.CLIMBING, Phase.DESCENDING), Command.HOLD, Phase.HOVER,
                (Guard.NAVIGATION, Guard.CLEAR)),
+    Transition((Phase.ATTITUDE,), Command.HOLD, Phase.HOVER, (Guard.NAVIGATION, Guard.ENVELOPE)),
+    Transition((Phase.MANUAL,), Command.HOLD, Phase.HOVER, _BY_HAND),
     Refused(ON_GROUND, Command.HOLD, _GROUNDED),
-    Transition(FLYING, Command.GOTO, Phase.TRAJECTORY, (Guard.NAVIGATION, Guard.UNSATURATED)),
+    Transition(GUIDED, Command.GOTO, Phase.TRAJECTORY, (Guard.NAVIGATION, Guard.UNSATURATED)),
+    Transition((Phase.ATTITUDE,), Command.GOTO, Phase.TRAJECTORY,
+               (Guard.NAVIGATION, Guard.ENVELOPE, Guard.UNSATURATED)),
+    Transition((Phase.MANUAL,), Command.GOTO, Phase.TRAJECTORY, (*_BY_HAND, Guard.UNSATURATED)),
     Refused(ON_GROUND, Command.GOTO, _GROUNDED),
-    Refused((Phase.CLIMBING,), Command.GOTO, "the aircraft is taking off: wait until it hovers, "
-            "or hold"),
-    Refused((Phase.HALTING, Phase.DESCENDING), Command.GOTO, "the aircraft is landing: hold first"),
-    Transition(FLYING, Command.FOLLOW, Phase.TRAJECTORY, (Guard.NAVIGATION,)),
+    Refused((Phase.CLIMBING,), Command.GOTO, _RISING),
+    Refused(_LANDS, Command.GOTO, _SINKING),
+    Transition(GUIDED, Command.FOLLOW, Phase.TRAJECTORY, (Guard.NAVIGATION,)),
+    Transition((Phase.ATTITUDE,), Command.FOLLOW, Phase.TRAJECTORY,
+               (Guard.NAVIGATION, Guard.ENVELOPE)),
+    Transition((Phase.MANUAL,), Command.FOLLOW, Phase.TRAJECTORY, _BY_HAND),
     Refused(ON_GROUND, Command.FOLLOW, _GROUNDED),
-    Refused((Phase.CLIMBING,), Command.FOLLOW, "the aircraft is taking off: wait until it hovers, "
-            "or hold"),
-    Refused((Phase.HALTING, Phase.DESCENDING), Command.FOLLOW, "the aircraft is landing: hold "
-            "first"),
+    Refused((Phase.CLIMBING,), Command.FOLLOW, _RISING),
+    Refused(_LANDS, Command.FOLLOW, _SINKING),
+    Transition(GUIDED, Command.VELOCITY, Phase.VELOCITY, (Guard.NAVIGATION, Guard.UNSATURATED)),
+    Transition((Phase.ATTITUDE,), Command.VELOCITY, Phase.VELOCITY,
+               (Guard.NAVIGATION, Guard.ENVELOPE, Guard.UNSATURATED)),
+    Transition((Phase.MANUAL,), Command.VELOCITY, Phase.VELOCITY, (*_BY_HAND, Guard.UNSATURATED)),
+    Refused(ON_GROUND, Command.VELOCITY, _GROUNDED),
+    Refused((Phase.CLIMBING,), Command.VELOCITY, _RISING),
+    Refused(_LANDS, Command.VELOCITY, _SINKING),
+    Transition((*GUIDED, Phase.ATTITUDE), Command.ATTITUDE, Phase.ATTITUDE,
+               (Guard.NAVIGATION, Guard.STICKS)),
+    Transition((Phase.MANUAL,), Command.ATTITUDE, Phase.ATTITUDE, (*_BY_HAND, Guard.STICKS)),
+    Refused(ON_GROUND, Command.ATTITUDE, _GROUNDED),
+    Refused((Phase.CLIMBING,), Command.ATTITUDE, _RISING),
+    Refused(_LANDS, Command.ATTITUDE, _SINKING),
+    Transition((*FLYING, Phase.CLIMBING, *_LANDS), Command.MANUAL, Phase.MANUAL, (Guard.STICKS,)),
+    Transition((Phase.STANDING,), Command.MANUAL, Phase.MANUAL, (Guard.NAVIGATION, Guard.STICKS)),
+    Refused((Phase.SPOOLING, Phase.LIFTING), Command.MANUAL, "the collective is being raised: "
+            "wait until it climbs, or land"),
+    Refused((Phase.SETTLING,), Command.MANUAL, "the collective is being lowered: wait until it "
+            "stands"),
     Transition((Phase.TRAJECTORY,), Fact.ARRIVED, Phase.HOVER),
-    Transition((Phase.CLIMBING, *FLYING), Command.LAND, Phase.HALTING, (Guard.NAVIGATION,)),
+    Transition((Phase.VELOCITY, *STEERED), Fact.SILENT, Phase.HOVER),
+    Transition((Phase.CLIMBING, *GUIDED), Command.LAND, Phase.HALTING, (Guard.NAVIGATION,)),
+    Transition((Phase.ATTITUDE,), Command.LAND, Phase.HALTING, (Guard.NAVIGATION, Guard.ENVELOPE)),
+    Transition((Phase.MANUAL,), Command.LAND, Phase.HALTING, _BY_HAND),
     Transition((Phase.SPOOLING,), Command.LAND, Phase.STANDING),
     Transition((Phase.LIFTING,), Command.LAND, Phase.SETTLING),
     Refused((Phase.STANDING,), Command.LAND, "the aircraft has landed already"),
     Refused(LANDING, Command.LAND, "the aircraft is landing already"),
     Transition((Phase.HALTING,), Fact.ARRIVED, Phase.DESCENDING),
     Transition((Phase.DESCENDING,), Fact.TOUCHED_DOWN, Phase.SETTLING),
-    Transition((Phase.SETTLING,), Fact.IDLE, Phase.STANDING),
+    Transition((Phase.SETTLING, Phase.MANUAL), Fact.IDLE, Phase.STANDING),
 )  # fmt: skip
 """Every transition and every refusal."""

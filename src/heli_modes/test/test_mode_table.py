@@ -85,11 +85,43 @@ def test_the_air_is_reached_over_the_climb_alone_and_the_ground_over_the_landing
         if not isinstance(row, Transition):
             continue
         for source in row.sources:
+            if Phase.MANUAL in (source, row.target):
+                continue
             if source.on_ground and row.target in AIRBORNE:
                 assert (source, row.target) == (Phase.LIFTING, Phase.CLIMBING)
             if source in AIRBORNE and row.target.on_ground:
                 assert row.target == Phase.SETTLING
                 assert row.event in (Fact.TOUCHED_DOWN, Fact.STUCK, Fact.TIPPING)
+
+
+def test_by_hand_it_goes_from_the_ground_to_the_ground():
+    """From the skids it is taken by hand alone, and by hand it is given back when it stands."""
+    by_hand = {row.sources: row for row in TABLE if getattr(row, "target", None) == Phase.MANUAL}
+    assert {source for sources in by_hand for source in sources if source.on_ground} == {
+        Phase.STANDING
+    }
+    assert all(Guard.STICKS in row.guards for row in by_hand.values())
+    assert decide(Phase.MANUAL, Fact.IDLE) == Phase.STANDING
+    assert not any(
+        found.on_ground
+        for command in Command
+        if isinstance(found := decide(Phase.MANUAL, command), Phase)
+    )
+
+
+def test_what_takes_over_from_a_pilot_asks_for_navigation_and_for_what_it_can_hold():
+    for row in TABLE:
+        if (
+            isinstance(row, Transition)
+            and isinstance(row.event, Command)
+            and (Phase.MANUAL in row.sources and row.target != Phase.MANUAL)
+        ):
+            assert set(row.guards) >= {Guard.NAVIGATION, Guard.ENVELOPE, Guard.CLEAR}
+
+
+def test_who_falls_silent_is_held():
+    for phase in (Phase.VELOCITY, Phase.ATTITUDE, Phase.MANUAL):
+        assert decide(phase, Fact.SILENT) == Phase.HOVER
 
 
 def test_a_landing_is_possible_wherever_it_flies():
@@ -103,7 +135,7 @@ def test_modes_are_what_people_call_the_phases():
     assert {phase.mode for phase in LANDING} == {"land"}
     assert Phase.HOVER.mode == "hover"
     assert {phase.mode for phase in Phase} == {
-        "standing", "takeoff", "hover", "trajectory", "land",
+        "standing", "takeoff", "hover", "trajectory", "land", "velocity", "attitude", "manual",
     }  # fmt: skip
 
 
@@ -111,16 +143,22 @@ def test_modes_are_what_people_call_the_phases():
     ("phase", "command", "fails", "said"),
     [
         (Phase.HOVER, Command.TAKEOFF, (),
-         "takeoff: the aircraft is in the air already; allowed: land, hold, goto, follow"),
+         "takeoff: the aircraft is in the air already; allowed: land, hold, goto, follow, "
+         "velocity, attitude, manual"),
         (Phase.STANDING, Command.LAND, (),
-         "land: the aircraft has landed already; allowed: takeoff"),
+         "land: the aircraft has landed already; allowed: takeoff, manual"),
         (Phase.STANDING, Command.GOTO, (),
-         "goto: the aircraft is on the ground: take off first; allowed: takeoff"),
+         "goto: the aircraft is on the ground: take off first; allowed: takeoff, manual"),
         (Phase.STANDING, Command.TAKEOFF, (Guard.NAVIGATION,),
-         "takeoff: not in standing now: there is no position estimate; allowed: takeoff once it "
-         "is otherwise"),
+         "takeoff: not in standing now: there is no position estimate; allowed: manual"),
         (Phase.DESCENDING, Command.HOLD, (Guard.CLEAR,),
-         "hold: not in land now: the ground is too near; allowed: hold once it is otherwise"),
+         "hold: not in land now: the ground is too near; allowed: manual"),
+        (Phase.MANUAL, Command.HOLD, (Guard.ENVELOPE,),
+         "hold: not in manual now: the aircraft is outside the envelope: it is tilted more than "
+         "the law may command; allowed: land, goto, follow, velocity, attitude, manual"),
+        (Phase.HOVER, Command.MANUAL, (Guard.STICKS,),
+         "manual: not in hover now: no sticks are heard; allowed: land, hold, goto, follow, "
+         "velocity, attitude"),
     ],
 )  # fmt: skip
 def test_a_refusal_is_a_sentence(phase, command, fails, said):
@@ -139,7 +177,7 @@ def test_what_is_refused_names_what_is_allowed(row):
 def test_a_command_has_its_own_name_and_that_of_its_mode():
     assert command_named("hover") == command_named("hold") == Command.HOLD
     assert command_named("trajectory") == Command.FOLLOW
-    names = "takeoff, land, hold, hover, goto, follow, trajectory"
+    names = "takeoff, land, hold, hover, goto, follow, trajectory, velocity, attitude, manual"
     assert command_named("hoover").sentence == (
         f"mode 'hoover': no such mode; did you mean hover?; allowed: {names}"
     )
