@@ -146,7 +146,7 @@ class _Collector:
                 self._remarks += [(bag_ns, remark) for remark in said]
             elif name in CHANNELS and (name != topics.GPS_FIX or self._datum is not None):
                 decoder = self._decoder(name)
-                row = decoder.decode(raw).copy()
+                row = decoder.decode(raw)[: CHANNELS[name].size].copy()
                 self._stamps[name].append((bag_ns, decoder.stamp_ns))
                 self._rows[name].append(row)
         except MessageError as error:

@@ -7,7 +7,7 @@ __getattr__, __dir__, __all__ = face(
     __name__,
     {
         "curves": ["Circle", "Curve", "Lemniscate", "Slalom"],
-        "diversion": ["divert", "Goal"],
+        "diversion": ["Cruise", "divert", "Goal"],
         "errors": ["Cause", "PathError"],
         "flight_path": ["FlightPath"],
         "limits": ["MotionLimits"],

@@ -40,10 +40,31 @@ class Goal:
     facing: bool = False
 
 
+@dataclass(frozen=True)
+class Cruise:
+    """How to go on for a time, s; then it halts.
+
+    Attributes
+    ----------
+    vel_ned_mps : (3,) array
+    psi_rate_radps : float
+    duration_s : float
+        The change to it included.
+    """
+
+    vel_ned_mps: Array
+    psi_rate_radps: float
+    duration_s: float
+
+
 def divert(
-    before: Trajectory, leave_ns: int, past_ns: int, goal: Goal | None, limits: MotionLimits
+    before: Trajectory,
+    leave_ns: int,
+    past_ns: int,
+    goal: Goal | Cruise | None,
+    limits: MotionLimits,
 ) -> Trajectory:
-    """A trajectory up to a moment, from there to a goal, or a halt.
+    """A trajectory up to a moment, from there to a goal, at a velocity, or to a halt.
 
     It is left with the position, velocity and acceleration that it has then (differences over
     `STEP_S`, exact at way points so far apart), and so is its heading. An acceleration beyond the
@@ -56,7 +77,7 @@ def divert(
         Stamp from which on it changes; up to `STEP_S` later if there it has a way point.
     past_ns : int
         What is older than so much before that is dropped.
-    goal : Goal or None
+    goal : Goal or Cruise or None
         None: stop as soon as the limits allow.
     limits : MotionLimits
 
@@ -76,6 +97,8 @@ def divert(
     path = _path_from(before, before.start_ns + at_ns, limits)
     if goal is None:
         path.stop()
+    elif isinstance(goal, Cruise):
+        path.cruise(goal.vel_ned_mps, goal.psi_rate_radps, goal.duration_s).stop()
     else:
         _fly_to(path, goal)
     leg = path.trajectory()

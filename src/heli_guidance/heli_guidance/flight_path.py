@@ -136,6 +136,40 @@ class FlightPath:
         self._add(where, duration_s, *where(duration_s))
         return self
 
+    def cruise(self, vel_ned_mps: Array, psi_rate_radps: float, duration_s: float) -> "FlightPath":
+        """Change to a velocity (3,) and a rate of turn, and go on so until a time has gone.
+
+        Raises
+        ------
+        PathError
+            A number is not finite.
+        """
+        start, most = self._motion, self.limits
+        if not (np.isfinite(vel_ned_mps).all() and math.isfinite(psi_rate_radps)):
+            raise PathError(
+                Cause.NOT_FINITE, f"velocity {vel_ned_mps} m/s, {psi_rate_radps} rad/s: not finite"
+            )
+        change = np.asarray(vel_ned_mps, float) - start.vel
+        length = float(np.linalg.norm(change))
+        frame = _frame_along(change / length if length > 0.0 else np.array([1.0, 0.0, 0.0]))
+        leg = Transfer(
+            Motion(np.zeros(3), frame @ start.vel, frame @ start.acc), None, [math.inf] * 3,
+            [most.acceleration_mps2] * 3, [most.jerk_mps3] * 3, frame @ vel_ned_mps,
+        )  # fmt: skip
+        turn = Transfer(
+            self._turning, None, [math.inf], [most.yaw_acceleration_radps2],
+            [most.yaw_jerk_radps3], np.array([psi_rate_radps]),
+        )  # fmt: skip
+
+        def where(time_s: float) -> tuple[Array, float]:
+            return start.pos + frame.T @ leg.at(time_s)[0], float(turn.at(time_s)[0][0])
+
+        pos, vel, acc = leg.at(duration_s)
+        self._pieces.append(_Piece(duration_s, where))
+        self._motion = Motion(start.pos + frame.T @ pos, frame.T @ vel, frame.T @ acc)
+        self._turning = Motion(*turn.at(duration_s))
+        return self
+
     def _moved(self, way: Array, length: float, psi_rad: float | None) -> tuple[Where, float]:
         """Motion by a way (3,) and to a heading, and its duration; without one a halt along it."""
         start, most = self._motion, self.limits

@@ -37,7 +37,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Transfer:
-    """A motion from `start` to a standstill at `goal`, or wherever it is soonest.
+    """A motion from `start` to a standstill at `goal`, or wherever it is soonest, or to a velocity.
 
     Parameters
     ----------
@@ -47,6 +47,8 @@ class Transfer:
         None: it stops as soon as it can.
     speed, acceleration, jerk : sequences of n floats
         Largest magnitude per axis.
+    cruise : (n,) array, optional
+        Without a goal: the velocity that it goes on with.
 
     Raises
     ------
@@ -59,6 +61,7 @@ class Transfer:
     speed: Sequence[float]
     acceleration: Sequence[float]
     jerk: Sequence[float]
+    cruise: Array | None = None
     _solved: ruckig.Trajectory = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -71,6 +74,8 @@ class Transfer:
         asked.current_acceleration = start.acc.tolist()
         if self.goal is None:
             asked.control_interface = ruckig.ControlInterface.Velocity
+            if self.cruise is not None:
+                asked.target_velocity = np.asarray(self.cruise, float).tolist()
         else:
             asked.target_position = np.asarray(self.goal, float).tolist()
         asked.max_velocity, asked.max_acceleration = list(self.speed), list(self.acceleration)
@@ -94,6 +99,12 @@ class Transfer:
         return float(self._solved.duration)
 
     def at(self, time_s: float) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration (n,) at a time, s; after its end the goal."""
+        """Position, velocity and acceleration (n,) at a time, s; after its end as there."""
         pos, vel, acc = self._solved.at_time(min(max(time_s, 0.0), self.duration_s))
+        if self.cruise is not None and time_s > self.duration_s:
+            return (
+                np.asarray(pos) + (time_s - self.duration_s) * self.cruise,
+                self.cruise,
+                0.0 * self.cruise,
+            )
         return np.asarray(pos), np.asarray(vel), np.asarray(acc)

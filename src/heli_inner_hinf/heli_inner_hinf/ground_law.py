@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude law from the ground to the air and back: what node and one-process loop call.
+"""The attitude law from the ground to the air and back, and by hand: what the loops call.
 
 Skids hold attitude and heading against whatever the law does, so a law with memory winds up there;
 cyclic that it then commands tips the aircraft over the skid that touches last (dynamic rollover:
@@ -7,6 +7,9 @@ FAA-H-8083-21B, Helicopter Flying Handbook, ch. 11). So while the collective is 
 (`AttitudeKernel.ground_collective`) the memory is at rest and cyclic and pedal fade to trim; with
 more collective the law goes on from them as `swap_bumpless` does: its memory as at rest with what
 is read and commanded, and the difference to what it would command fades.
+
+By hand a pilot's deflections about trim are flown in its place: nothing between stick and actuator
+but the yaw-rate gyro of the aircraft. The law then goes on in the same way.
 """
 
 import numpy as np
@@ -33,6 +36,8 @@ from heli_math.jit import njit
 
 _NOT_FINITE = int(AttitudeStatus.NOT_FINITE)
 _ON_GROUND = int(AttitudeStatus.ON_GROUND)
+_BY_HAND, _SATURATED = int(AttitudeStatus.BY_HAND), int(AttitudeStatus.SATURATED)
+_AT_REST, _HANDED = 1.0, 2.0
 
 
 @njit
@@ -52,7 +57,7 @@ def _relax(x9, r3, k, state, u3):
         state[OFFSET + i] = 0.0
     for i in range(MEMORY, N_LAW_STATE):
         state[i] = 0.0
-    state[RELAXED] = 1.0
+    state[RELAXED] = _AT_REST
     if not (all_finite(x9) and all_finite(r3)):
         return _NOT_FINITE
     state[LAST_X : LAST_X + 9] = x9
@@ -106,3 +111,49 @@ def law_of_tick(x9, r3, collective, k, state, u3):
     if state[RELAXED] > 0.0 and all_finite(x9) and all_finite(r3):
         _take_up(x9, r3, k, state)
     return attitude_law(x9, r3, k, state, u3)
+
+
+@njit
+def _fly_by_hand(x9, r3, hand3, k, state, u3):
+    """One tick of a pilot's hand; what was flown before it fades, the law's memory is at rest."""
+    if state[RELAXED] != _HANDED:
+        for i in range(3):
+            state[OFFSET + i] = state[LAST_U + i] - k.u_trim[i] - hand3[i]
+            state[INTEGRAL + i] = 0.0
+        for i in range(MEMORY, N_LAW_STATE):
+            state[i] = 0.0
+        state[RELAXED] = _HANDED
+    status = _BY_HAND
+    for i in range(3):
+        u = k.u_trim[i] + hand3[i] + state[OFFSET + i]
+        state[OFFSET + i] *= k.offset_decay
+        u3[i] = min(max(u, -k.limit), k.limit)
+        if u3[i] != u:
+            status = _SATURATED
+        state[LAST_U + i] = u3[i]
+    if all_finite(x9) and all_finite(r3):
+        state[LAST_X : LAST_X + 9] = x9
+        state[LAST_R : LAST_R + 3] = r3
+        state[RUN] = 1.0
+    return status
+
+
+@njit
+def law_or_hand(x9, r3, collective, hand3, k, state, u3):
+    """One tick of `law_of_tick`, or of a pilot's hand.
+
+    Parameters
+    ----------
+    x9, r3, collective, k, state, u3
+        As of `law_of_tick`.
+    hand3 : (3,) array
+        Deflections of d_lat, d_lon, d_ped about trim; NaN while the law flies.
+
+    Returns
+    -------
+    int
+        `AttitudeStatus`. By hand no estimate is needed.
+    """
+    if all_finite(hand3):
+        return _fly_by_hand(x9, r3, hand3, k, state, u3)
+    return law_of_tick(x9, r3, collective, k, state, u3)

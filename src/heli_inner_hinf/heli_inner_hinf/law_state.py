@@ -32,7 +32,7 @@ OFFSET = 6  # (3) bumpless offset, actuator units, fading
 LAST_X = 9  # (9) newest finite x9
 LAST_R = 18  # (3) newest finite r3
 RUN = 21  # 1.0 once the law has run
-RELAXED = 22  # 1.0 while it rests on the ground
+RELAXED = 22  # 1.0 while it rests on the ground, 2.0 while a pilot flies by hand
 MEMORY = 23  # (MAX_ORDER) output feedback: its state x, then unused places
 N_LAW_STATE = MEMORY + MAX_ORDER
 
@@ -47,6 +47,7 @@ class AttitudeStatus(enum.IntEnum):
     SATURATED = 1
     NOT_FINITE = 2
     ON_GROUND = 3
+    BY_HAND = 4
 
     @property
     def sentence(self) -> str:
@@ -56,6 +57,7 @@ class AttitudeStatus(enum.IntEnum):
             "an actuator is at its limit",
             "the estimate or the setpoint is not finite: the last good command is held",
             "on the ground: cyclic and pedal rest in trim",
+            "flown by hand",
         )[int(self)]
 
 

@@ -19,7 +19,7 @@ from heli_inner_hinf.excitation import (
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.ground_law import law_of_tick
+from heli_inner_hinf.ground_law import law_or_hand
 from heli_inner_hinf.law_state import RUN, initial_law_state, nine_states
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_math.rows import ACTUATOR, NAV, NINE, SETPOINT
@@ -80,6 +80,8 @@ class Loop(TickCore):
         Tick of the last command that was sent.
     x9, u3 : arrays
         Estimate and output of the law.
+    hand3 : (3,) array
+        A pilot's deflections, flown in place of the law; NaN for none.
     total : (4,) array
         Last command that was sent.
     """
@@ -92,6 +94,7 @@ class Loop(TickCore):
     flown_tick: int | None = None
     x9: np.ndarray = field(default_factory=lambda: np.full(len(NINE), np.nan))
     u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    hand3: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
 
 
@@ -159,8 +162,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def _warm_up(self, core: Loop) -> None:
         """Load the compiled law before the first tick."""
         kernel = core.design.config.kernel
-        rest = core.collective
-        law_of_tick(core.x9, np.zeros(3), rest, kernel, initial_law_state(kernel), core.u3)
+        rest, state = core.collective, initial_law_state(kernel)
+        law_or_hand(core.x9, np.zeros(3), rest, core.hand3, kernel, state, core.u3)
         nav = np.full(NAV.size, np.nan)
         nine_states(nav, nav[NAV.rotor], core.x9)
         if core.exciter is not None:
@@ -189,12 +192,14 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             core.disturber.disturb(tick, self.stamp_ns(tick), core.x9)
         stale = self._setpoint_is_stale(tick)
         r3 = self._trim_attitude(run.r3[SETPOINT.psi]) if stale else run.r3
+        if stale:
+            core.hand3[:] = np.nan
         if run.resumes and np.isfinite(core.x9).all() and np.isfinite(r3).all():
             core.design.engage(core.x9, r3, core.total[ACTUATOR.attitude])
             run.resumes = False
         kernel = core.design.take()
         law = core.design.state
-        code = law_of_tick(core.x9, r3, core.collective, kernel, law, core.u3)
+        code = law_or_hand(core.x9, r3, core.collective, core.hand3, kernel, law, core.u3)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
         core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, core.collective
         if core.exciter is not None:
@@ -208,6 +213,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         core, run = self.core, self.run
         run.first = False
         run.resumes = core.flown_tick is not None and tick > core.flown_tick
+        core.hand3[:] = np.nan
         if not run.resumes:
             core.design.start()
             core.collective = core.design.config.u_trim[ACTUATOR.col]
@@ -243,6 +249,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         _, collective = arrived.get(topics.COLLECTIVE, (0, None))
         if collective is not None:
             self.core.collective = collective[0]
+            self.core.hand3[:] = collective[1:] if collective.size > 1 else np.nan
 
     def _setpoint_is_stale(self, tick: int) -> bool:
         stamp = self.run.setpoint_tick

@@ -94,6 +94,7 @@ class Guard(Enum):
     CLEAR = "the ground is too near"
     ENVELOPE = "the aircraft is outside the envelope: it is tilted more than the law may command"
     STICKS = "no sticks are heard"
+    LOWERED = "the collective stick is not at its lower end"
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,8 @@ TABLE: tuple[Transition | Refused, ...] = (
     Refused((Phase.CLIMBING,), Command.ATTITUDE, _RISING),
     Refused(_LANDS, Command.ATTITUDE, _SINKING),
     Transition((*FLYING, Phase.CLIMBING, *_LANDS), Command.MANUAL, Phase.MANUAL, (Guard.STICKS,)),
-    Transition((Phase.STANDING,), Command.MANUAL, Phase.MANUAL, (Guard.NAVIGATION, Guard.STICKS)),
+    Transition((Phase.STANDING,), Command.MANUAL, Phase.MANUAL,
+               (Guard.NAVIGATION, Guard.STICKS, Guard.LOWERED)),
     Refused((Phase.SPOOLING, Phase.LIFTING), Command.MANUAL, "the collective is being raised: "
             "wait until it climbs, or land"),
     Refused((Phase.SETTLING,), Command.MANUAL, "the collective is being lowered: wait until it "

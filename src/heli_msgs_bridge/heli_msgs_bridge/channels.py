@@ -151,6 +151,10 @@ class Channel:
         scalar) covariance and its width.
     variance : float
         Of the groups for which the sender gives none, SI^2.
+    wider : Channel, optional
+        The same with more joints behind, if a message may have them.
+    joints : tuple of str
+        What tells the wider message: names that it has.
     """
 
     size: int
@@ -161,6 +165,8 @@ class Channel:
     read: Callable[[Any, str, NDArray], None]
     variance_at: tuple[tuple[int, int], ...] = ()
     variance: float = UNKNOWN_VARIANCE
+    wider: "Channel | None" = None
+    joints: tuple[str, ...] = ()
 
     def layout(self, namespace: str = "") -> Layout:
         """The message as the aircraft in a namespace sends it."""
@@ -181,6 +187,11 @@ _RATE_AT = ODOMETRY.twist_cov.start + 21
 _TRUTH_AT = tuple(
     (first + block, 6) for first in (ODOMETRY.pose_cov.start, ODOMETRY.twist_cov.start)
     for block in (0, 21)
+)  # fmt: skip
+_HANDED = (*topics.COLLECTIVE_NAMES, *topics.HAND_NAMES)
+_BY_HAND = Channel(
+    len(_HANDED), _BODY, _joints(_HANDED), _P.pack_values, _P.unpack_normalised,
+    _joint_block(_HANDED), joints=_HANDED,
 )  # fmt: skip
 CHANNELS: dict[str, Channel] = {
     topics.IMU: Channel(
@@ -216,7 +227,7 @@ CHANNELS: dict[str, Channel] = {
     ),
     topics.COLLECTIVE: Channel(
         1, _BODY, _joints(topics.COLLECTIVE_NAMES), _P.pack_values, _P.unpack_normalised,
-        _joint_block(topics.COLLECTIVE_NAMES),
+        _joint_block(topics.COLLECTIVE_NAMES), wider=_BY_HAND,
     ),
     topics.ACTUATORS: Channel(
         rows.ACTUATOR.size, _BODY, _joints(topics.ACTUATOR_NAMES), _P.pack_values,

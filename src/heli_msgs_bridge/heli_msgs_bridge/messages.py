@@ -26,6 +26,7 @@ from heli_msgs_bridge.channels import (
     FIX_STATUS,
     STATUS_FIX,
     STATUS_NO_FIX,
+    Channel,
     CutOffError,
     MessageError,
 )
@@ -80,6 +81,8 @@ class Encoder:
         self._message = FixedMessage(layout)
         self._block, self._pack, self._datum = self._message.block, channel.pack, datum
         self._topic, self._size = topic, channel.size
+        wider = channel.wider
+        self._wider = None if wider is None else FixedMessage(wider.layout(namespace))
         if topic == topics.GPS_FIX and datum is None:
             raise ValueError(f"{topic}: needs a datum")
         if topic == topics.IMU:
@@ -94,6 +97,8 @@ class Encoder:
     def encode(self, array: NDArray[np.float64], stamp_ns: int) -> bytes:
         """Serialised message of the array (NED/FRD), stamped in ns.
 
+        Where the channel has a wider message, a longer array becomes that.
+
         Raises
         ------
         ValueError
@@ -103,8 +108,11 @@ class Encoder:
             # The kernels do not check: they would send what is in memory behind it.
             raise ValueError(f"{self._topic}: {array.size} numbers, expected {self._size}")
         if self._datum is None:
-            self._pack(array, self._block)
-            return self._message.encode(stamp_ns)
+            message = self._message
+            if self._wider is not None and array.size > self._size:
+                message = self._wider
+            self._pack(array, message.block)
+            return message.encode(stamp_ns)
         self._pack(array, self._datum, self._block)
         lost = self._block[FIX.latitude] != self._block[FIX.latitude]
         status, covariance = self._free
@@ -163,17 +171,18 @@ class Decoder:
         deserialize: Callable[[bytes], Any] | None = None,
     ) -> None:
         channel = CHANNELS[topic]
-        self._channel, self._unpack, self._datum = channel, channel.unpack, datum
-        self._expect(tuple(channel.frames))
+        self._usual, self._unpack, self._datum = channel, channel.unpack, datum
+        self._expect(tuple(channel.frames), channel)
         if topic == topics.GPS_FIX and datum is None:
             raise ValueError(f"{topic}: needs a datum")
         self._deserialize = deserialize or rclpy_deserializer(topic)
-        self.topic, self.array = topic, np.zeros(channel.size)
+        self.topic = topic
         self.stamp_ns = 0
 
-    def _expect(self, frames: tuple[str, ...]) -> None:
+    def _expect(self, frames: tuple[str, ...], channel: Channel) -> None:
         """Messages with these frames are the usual ones."""
-        layout = self._channel.layout_in(frames)
+        layout = channel.layout_in(frames)
+        self._channel, self.array = channel, np.zeros(channel.size)
         self._frames, self._free, self._message = frames, layout.free, FixedMessage(layout)
 
     def decode(self, raw: bytes) -> NDArray[np.float64]:
@@ -216,8 +225,11 @@ class Decoder:
         self.stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
         frames = _frames_of(message)
         _refuse_frame(self.topic, frames)
-        if frames != self._frames:
-            self._expect(frames)
+        channel, wider = self._usual, self._usual.wider
+        if wider is not None and set(wider.joints) <= set(message.name):
+            channel = wider
+        if frames != self._frames or channel is not self._channel:
+            self._expect(frames, channel)
         self._channel.read(message, self.topic, self._message.block)
 
 

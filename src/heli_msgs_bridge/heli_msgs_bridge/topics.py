@@ -43,6 +43,8 @@ SCENE_TYPE = "visualization_msgs/msg/MarkerArray"
 
 ACTUATOR_NAMES = ("lateral", "longitudinal", "pedal", "collective")
 COLLECTIVE_NAMES = ("collective",)
+HAND_NAMES = ("hand_lateral", "hand_longitudinal", "hand_pedal")
+"""Named beside the collective while a pilot flies by hand: deflections about trim."""
 ROTOR_NAMES = ("a_s", "b_s", "d_int")
 TRUTH_ROTOR_NAMES = (
     "a_s",

@@ -542,3 +542,21 @@ def test_layout_aligns_as_the_standard_says():
     wanted = "01 00 02 00 ff 00 00 00 03 00 00 00 04 00 00 00" + " 00" * 8
     assert bytes(layout.data) == b"\x00\x01\x00\x00" + bytes.fromhex(wanted.replace(" ", ""))
     assert (layout.block_at, layout.block_size) == (20, 1)
+
+
+def test_a_hand_is_named_beside_the_collective_and_only_then():
+    """Both messages as rclpy writes them, one after the other through the same decoder."""
+    encoder, decoder = Encoder(topics.COLLECTIVE), Decoder(topics.COLLECTIVE)
+    rows = [[-0.1], [-0.2, 0.1, 0.2, -0.3], [-0.25, 0.0, 0.0, 0.0], [-0.3]]
+    for number, row in enumerate(rows):
+        names = [*topics.COLLECTIVE_NAMES, *topics.HAND_NAMES][: len(row)]
+        header = Header(stamp=Time(sec=number, nanosec=40_000_000), frame_id="base_link")
+        message = JointState(header=header, name=names, position=row)
+        raw = encoder.encode(np.array(row), number * 10**9 + 40_000_000)
+        assert deserialize_message(raw, JointState) == message
+        for _ in range(2):
+            np.testing.assert_array_equal(decoder.decode(serialize_message(message)), row)
+        assert decoder.stamp_ns == number * 10**9 + 40_000_000
+    # A part of a hand is none.
+    message.name, message.position = ["collective", "hand_pedal"], [0.1, 0.2]
+    np.testing.assert_array_equal(decoder.decode(serialize_message(message)), [0.1])

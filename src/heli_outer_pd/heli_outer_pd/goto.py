@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_guidance.diversion import Goal, divert
+from heli_guidance.diversion import Cruise, Goal, divert
 from heli_guidance.errors import PathError
 from heli_guidance.limits import MotionLimits
 from heli_math.rows import REFERENCE
@@ -25,6 +25,8 @@ POSE, TOWARDS, FIXED = "pose", "towards", "fixed"
 HEADINGS = (POSE, TOWARDS, FIXED)
 _PAST_NS = 5 * NS_PER_S
 """What is kept of the way flown so far, for who hears of a goto late."""
+_RECENT_NS = NS_PER_S
+"""The same of a way that is replaced many times a second."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,48 @@ class Goto:
         """The way to a standstill, as soon as the limits allow; arguments as for `plan`."""
         return self._divert(before, now_ns, None)
 
-    def _divert(self, before: Trajectory, now_ns: int, goal: Goal | None) -> Trajectory:
+    def cruise(
+        self,
+        before: Trajectory,
+        now_ns: int,
+        vel_ned_mps: NDArray[np.float64],
+        psi_rate_radps: float,
+        duration_s: float,
+        fence: ReferenceLimits,
+        home_ned_m: NDArray[np.float64],
+    ) -> Trajectory:
+        """The way at a velocity and a rate of turn for so long, then to a halt, inside the fence.
+
+        What is more than the limits is cut to them, its direction kept. Other arguments as for
+        `judged`. It is fenced in with its halt; where it is outside already, it may come back.
+        """
+        vel = np.array(vel_ned_mps, float)
+        if not (np.isfinite(vel).all() and np.isfinite(psi_rate_radps)):
+            raise ReferenceRefused(f"velocity {vel} m/s, turn {psi_rate_radps} rad/s: not finite")
+        most = self.limits
+        level = float(np.hypot(*vel[:2]))
+        if level > most.speed_mps:
+            vel[:2] *= most.speed_mps / level
+        vel[2] = min(max(vel[2], -most.climb_mps), most.climb_mps)
+        rate = min(max(psi_rate_radps, -most.yaw_rate_radps), most.yaw_rate_radps)
+        way = self._divert(before, now_ns, Cruise(vel, rate, duration_s), _RECENT_NS)
+        ahead = way.points[way.start_ns + way.times_ns > now_ns, REFERENCE.pos]
+        out_m = fence.beyond_m(ahead, home_ned_m)
+        farthest = int(np.argmax(out_m))
+        if out_m[farthest] > max(float(out_m[0]), 0.0):
+            fence.judge_place("the way at this velocity", ahead[farthest], home_ned_m)
+        return way
+
+    def _divert(
+        self,
+        before: Trajectory,
+        now_ns: int,
+        goal: Goal | Cruise | None,
+        past_ns: int = _PAST_NS,
+    ) -> Trajectory:
         leave_ns = now_ns + foreseen_ns(self.shaping_ns)
         try:
-            return divert(before, leave_ns, max(_PAST_NS, self.shaping_ns), goal, self.limits)
+            return divert(before, leave_ns, max(past_ns, 3 * self.shaping_ns), goal, self.limits)
         except PathError as error:
             raise ReferenceRefused(str(error)) from error
 

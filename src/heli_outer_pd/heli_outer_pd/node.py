@@ -28,6 +28,7 @@ from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_outer_pd.commands import SERVED, Commands, key_of
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.goto import Goto
+from heli_outer_pd.hand_law import with_hand
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
@@ -286,7 +287,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             core.out,
         )
         core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
-        core.send_collective(core.out[[SETPOINT.col]], stamp_ns)
+        core.send_collective(with_hand(core.out[[SETPOINT.col]], core.state), stamp_ns)
         self._look(stamp_ns)
         self._tell(code)
 

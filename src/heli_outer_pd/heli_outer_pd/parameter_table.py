@@ -4,6 +4,7 @@
 from heli_outer_pd.attitude_sweep import SWEEP_ROWS
 from heli_outer_pd.goto import HEADINGS
 from heli_outer_pd.script import SCRIPT_ROWS
+from heli_outer_pd.steering import STICK_ROWS
 from heli_parameters.parameters import Parameter
 
 NODE_NAME = "outer_loop"
@@ -79,6 +80,7 @@ TABLE: tuple[Parameter, ...] = (
          lower=0.2, upper=30.0),
     _row("land.clear_m", "double", "Below this height neither climb nor descent is held", "m",
          lower=0.0, upper=50.0),
+    *STICK_ROWS,
     *SCRIPT_ROWS,
     _row("attitude_lead.lead_s", "double[]",
          "Lead of the wanted acceleration, forward and right, against the attitude loop's lag", "s",

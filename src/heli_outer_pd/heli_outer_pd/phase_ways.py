@@ -18,6 +18,7 @@ from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
+from heli_outer_pd.steering import StickNumbers
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,7 @@ class PhaseNumbers:
     climb: MotionLimits
     descent: MotionLimits
     touch_down: MotionLimits
+    sticks: StickNumbers
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "PhaseNumbers":
@@ -61,6 +63,7 @@ class PhaseNumbers:
             climb=replace(limits, climb_mps=values["takeoff.climb_mps"]),
             descent=replace(limits, climb_mps=values["land.descent_mps"]),
             touch_down=replace(limits, climb_mps=values["land.touch_down_mps"]),
+            sticks=StickNumbers.from_parameters(values),
         )
 
 

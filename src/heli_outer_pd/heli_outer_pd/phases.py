@@ -18,34 +18,22 @@ from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_modes.machine import Refusal, decide
+from heli_modes.table import STEERED as BY_STICKS
 from heli_modes.table import Command, Fact, Guard, Phase
+from heli_outer_pd.contact import TouchDown, lean, leans_beyond, lifts_more
+from heli_outer_pd.disturbance import flyable, hover_share
 from heli_outer_pd.goto import Goto
+from heli_outer_pd.outer_state import FLIES, LEAVES, MEMORY, STANDS, OuterKernel
 from heli_outer_pd.phase_ways import PhaseNumbers, way_down, way_up
-from heli_outer_pd.position_law import (
-    FLIES,
-    LEAVES,
-    MEMORY,
-    STANDS,
-    OuterKernel,
-    flyable,
-    hover_share,
-)
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
-from heli_outer_pd.script import Order
+from heli_outer_pd.script import Scripted
+from heli_outer_pd.scripted_hand import ScriptedHand
+from heli_outer_pd.stick_flight import RISES_MPS, Now, StickFlight
 
 Array = NDArray[np.float64]
 
-_RISES_MPS = 0.3
-"""Climbing so fast the skids have left the ground."""
 _STUCK_S = 4.0
 """So long after hover's thrust it should climb."""
-_UNLOADED = 0.75
-"""Of the thrust that carried it: with less it would fall, unless something else carries it."""
-_MISSING_MPS, _FALLEN = 2.0, 0.3
-"""Thrust that is missing would have made it fall by so much; it has fallen by less than so much of
-it: touched down. Differences of the speed alone, so that an error of the navigation's is none."""
-_USUAL_S = 1.0
-"""Time constant of the thrust that carries it."""
 _AT_LIMIT = 1e-3
 
 
@@ -62,8 +50,8 @@ class Phases:
         State of the law, changed in place.
     fence : ReferenceLimits
         What a goto may ask for.
-    orders : sequence of Order, optional
-        Commands at times of the flight.
+    orders : sequence of Scripted, optional
+        Commands and hands at times of the flight.
     start_ns : int, optional
         Stamp of flight time 0.
 
@@ -87,7 +75,7 @@ class Phases:
         kernel: OuterKernel,
         state: Array,
         fence: ReferenceLimits,
-        orders: Sequence[Order] = (),
+        orders: Sequence[Scripted] = (),
         start_ns: int = 0,
     ) -> None:
         self.numbers, self.goto, self.kernel, self.fence = numbers, goto, kernel, fence
@@ -98,7 +86,8 @@ class Phases:
         self.remarks: list[str] = []
         self._state, self._start_ns, self._orders = state, start_ns, deque(orders)
         self._since_ns, self._stance = start_ns, np.zeros(2)
-        self._usual, self._missing_mps, self._began_mps = 1.0, 0.0, 0.0
+        self._contact, self._cruise_ns = TouchDown(), start_ns
+        self._sticks, self._hand = StickFlight(state), ScriptedHand()
         if numbers.on_ground:
             state[MEMORY.command][SETPOINT.col] = numbers.idle_collective
             self._stand(numbers.idle_collective, 1.0)
@@ -125,7 +114,27 @@ class Phases:
     def follow(self, way: Trajectory, now_ns: int) -> None:
         """A reference is followed from now on, where the table has let it."""
         self.way = way
+        if self.phase in BY_STICKS:
+            self._sticks.hand_over(FLIES)
         self._now(Phase.TRAJECTORY, now_ns)
+
+    def steer(self, sticks: Array, now_ns: int) -> None:
+        """Take a pilot's newest sticks (4,), a `StickRow`; ReferenceRefused if they are none."""
+        self._sticks.steering.hear(sticks, now_ns)
+
+    def velocity(
+        self, vel_ned_mps: Array, yaw_rate_radps: float, now_ns: int, nav: Array
+    ) -> Refusal | None:
+        """Fly at a velocity (3,), NED, m/s, and a rate of turn until it is not renewed.
+
+        A refused one, and ReferenceRefused where the fence is in the way, change nothing.
+        """
+        refused = self.command(
+            Command.VELOCITY, now_ns, nav, (np.asarray(vel_ned_mps, float), yaw_rate_radps)
+        )
+        if refused is None:
+            self._hand.cruise = None
+        return refused
 
     def command(
         self, command: Command, now_ns: int, nav: Array, goal: tuple[Array, float] | None = None
@@ -140,14 +149,14 @@ class Phases:
         nav : array
             Navigation row of it.
         goal : (3,) array and float, optional
-            Of a goto: position, NED, m, and heading, rad.
+            Of a goto: position, NED, m, and heading, rad; of a velocity: m/s, rad/s.
 
         Raises
         ------
         ReferenceRefused
             No way within the limits; nothing has changed.
         """
-        found = decide(self.phase, command, self._fails(nav))
+        found = decide(self.phase, command, self._fails(now_ns, nav))
         if isinstance(found, Refusal):
             return found
         assert found is not None  # each command stands in the table
@@ -169,6 +178,7 @@ class Phases:
         before = self.way
         if self.way is None and flyable(nav):
             self._begin(nav)
+        self._renew(now_ns, nav)
         fact = self._fact(now_ns, nav, out)
         if fact is not None:
             found = decide(self.phase, fact)
@@ -176,17 +186,40 @@ class Phases:
                 self._enter(found, fact, now_ns, nav)
         while self._orders and self._start_ns + self._orders[0].at_ns <= now_ns:
             self._obey(self._orders.popleft(), now_ns, nav)
+        if self.phase in BY_STICKS:
+            self._steer(now_ns, nav)
         return self.way is not before
 
-    def _obey(self, order: Order, now_ns: int, nav: Array) -> None:
+    def _renew(self, now_ns: int, nav: Array) -> None:
+        """What a scripted hand does not let go."""
+        if self.phase in BY_STICKS:
+            sticks = self._hand.moves(nav, self._ground_down_m, self.phase, self.kernel)
+            if sticks is not None:
+                self._sticks.steering.hear(sticks, now_ns)
+        elif self.phase == Phase.VELOCITY and self._hand.is_due(now_ns - self._cruise_ns):
+            self._try(Command.VELOCITY, now_ns, nav, (np.asarray(self._hand.cruise), 0.0))
+
+    def _obey(self, order: Scripted, now_ns: int, nav: Array) -> None:
         """Do what was ordered for now; what is refused is remarked."""
-        goal = None
-        if order.goal_ned_m is not None and self.way is not None:
-            goal = order.goal_ned_m, float(self.way.points[-1, REFERENCE.psi])
+        command = self._hand.take(order, self.numbers.sticks, self._stands)
+        if command is None:
+            return
+        if self._hand.holds_sticks:
+            self._sticks.steering.hear(self._hand.rest(self._stands), now_ns)
+        goal: tuple[Array, float] | None = None
+        if command.goal_ned_m is not None and self.way is not None:
+            goal = command.goal_ned_m, float(self.way.points[-1, REFERENCE.psi])
+        elif self._hand.cruise is not None:
+            goal = self._hand.cruise, 0.0
+        self._try(command.command, now_ns, nav, goal)
+
+    def _try(
+        self, command: Command, now_ns: int, nav: Array, goal: tuple[Array, float] | None
+    ) -> None:
         try:
-            refused = self.command(order.command, now_ns, nav, goal)
+            refused = self.command(command, now_ns, nav, goal)
         except ReferenceRefused as error:
-            self.remarks.append(f"{order.command}: {error}")
+            self.remarks.append(f"{command}: {error}")
         else:
             if refused is not None:
                 self.remarks.append(refused.sentence)
@@ -199,13 +232,16 @@ class Phases:
 
     # --- facts and guards ------------------------------------------------------------------------
 
-    def _fails(self, nav: Array) -> set[Guard]:
+    def _fails(self, now_ns: int, nav: Array) -> set[Guard]:
+        k, fails = self.kernel, self._sticks.fails(now_ns, self.numbers.sticks)
         if not flyable(nav) or self.way is None:
-            return {Guard.NAVIGATION}
-        k, fails = self.kernel, set()
-        if np.abs(self._lean(nav)).max() > self.numbers.lean_max_rad:
+            return fails | {Guard.NAVIGATION}
+        tilt = float(np.abs(lean(nav, k)).max())
+        if tilt > self.numbers.lean_max_rad:
             fails.add(Guard.UPRIGHT)
-        if self._ground_down_m - nav[NAV.pos][2] < self.numbers.clear_m:
+        if tilt > k.tilt_limit:
+            fails.add(Guard.ENVELOPE)
+        if self._is_low(nav):
             fails.add(Guard.CLEAR)
         share = hover_share(self._state[MEMORY.command][SETPOINT.col], k)
         low, high = k.thrust_limits
@@ -213,15 +249,18 @@ class Phases:
             fails.add(Guard.UNSATURATED)
         return fails
 
-    def _lean(self, nav: Array) -> Array:
-        """Roll and pitch (2,), rad, off those of hover."""
-        phi, theta, _ = euler_from_quat(nav[NAV.quat])
-        return np.array([phi, theta]) - self.kernel.trim[: SETPOINT.psi]
+    def _is_low(self, nav: Array) -> bool:
+        """By hand on the ground, or too near to it."""
+        return self._stands or bool(self._ground_down_m - nav[NAV.pos][2] < self.numbers.clear_m)
+
+    @property
+    def _stands(self) -> bool:
+        """By hand, too."""
+        by_hand = self.phase == Phase.MANUAL and self._sticks.aground
+        return by_hand or self.phase == Phase.STANDING
 
     def _tips(self, nav: Array) -> bool:
-        """Leans further off hover's attitude than it stood, either way."""
-        beyond = np.abs(self._lean(nav)) - np.abs(self._stance)
-        return bool(beyond.max() > self.numbers.tip_rad)
+        return leans_beyond(nav, self.kernel, self._stance) > self.numbers.tip_rad
 
     def _fact(self, now_ns: int, nav: Array, out: Array) -> Fact | None:
         """What is so now of what the present phase waits for."""
@@ -242,15 +281,20 @@ class Phases:
             case Phase.HALTING | Phase.TRAJECTORY:
                 return Fact.ARRIVED if self._is_over(now_ns) else None
             case Phase.DESCENDING:
-                return self._descending(nav, out)
+                return Fact.TOUCHED_DOWN if self._touched_down(nav, out) else None
+            case Phase.VELOCITY:
+                silent = now_ns - self._cruise_ns > self.numbers.sticks.timeout_ns
+                return Fact.SILENT if silent else None
+            case Phase.ATTITUDE | Phase.MANUAL:
+                n, now = self.numbers, self._at(now_ns, nav)
+                col = float(out[SETPOINT.col])
+                return self._sticks.fact(self.phase, now, n.sticks, n.idle_collective, col)
             case Phase.SETTLING:
                 return Fact.IDLE if self._above(out, self.numbers.idle_collective) <= 0.0 else None
         return None
 
     def _above(self, out: Array, col: float) -> float:
-        """How far the collective is above another, in the direction that lifts."""
-        up = self.kernel.trim[SETPOINT.col] - self.numbers.idle_collective
-        return float(np.copysign(out[SETPOINT.col] - col, up * (out[SETPOINT.col] - col)))
+        return lifts_more(out[SETPOINT.col], col, self.numbers.idle_collective, self.kernel)
 
     def _is_over(self, now_ns: int) -> bool:
         """The way ends, and with it what the law averages of it."""
@@ -264,23 +308,19 @@ class Phases:
                 return Fact.TIPPING
             if now_ns - self._since_ns > _STUCK_S * NS_PER_S:
                 return Fact.STUCK
-            if -nav[NAV.down_vel] > _RISES_MPS:
+            if -nav[NAV.down_vel] > RISES_MPS:
                 self._state[MEMORY.ground] = FLIES
             return None
         return Fact.ARRIVED if self._is_over(now_ns) else None
 
-    def _descending(self, nav: Array, out: Array) -> Fact | None:
-        """Touched down: it has not fallen, though the thrust no longer carries it."""
-        k, v_down = self.kernel, float(nav[NAV.down_vel])
-        share = hover_share(out[SETPOINT.col], k)
-        if share > _UNLOADED * self._usual:
-            self._usual += (share - self._usual) * k.dt_s / _USUAL_S
-            self._missing_mps, self._began_mps = 0.0, v_down
-            return None
-        self._missing_mps += (self._usual - share) * k.g * k.dt_s
-        fallen = v_down - self._began_mps
-        sure = self._missing_mps > _MISSING_MPS and fallen < _FALLEN * self._missing_mps
-        return Fact.TOUCHED_DOWN if sure else None
+    def _touched_down(self, nav: Array, out: Array) -> bool:
+        """It has not fallen, though the thrust no longer carries it."""
+        k = self.kernel
+        share = float(hover_share(out[SETPOINT.col], k))
+        return self._contact.found(share, float(nav[NAV.down_vel]), k.g, k.dt_s)
+
+    def _at(self, now_ns: int, nav: Array) -> Now:
+        return Now(now_ns, self._start_ns, nav, self.kernel)
 
     # --- phases ----------------------------------------------------------------------------------
 
@@ -294,21 +334,37 @@ class Phases:
     ) -> None:
         """Begin a phase; a way that cannot be planned raises before anything has changed."""
         n = self.numbers
+        steered = self.phase in BY_STICKS
+        if phase in BY_STICKS:
+            if not steered:
+                self._hand.begins()
+            self._sticks.take(self.phase, phase, self.way, self._at(now_ns, nav))
+            self._now(phase, now_ns)
+            return
         assert self.way is not None  # a guard, or the phases before, have seen to it
+        before = self.way
+        if steered and not self._stands:
+            before = self._sticks.leave(self.phase, self._at(now_ns, nav))
         ramp = abs(n.idle_collective - self.kernel.trim[SETPOINT.col])
         match phase:
             case Phase.LIFTING:
-                self._stance = self._lean(nav)
+                self._stance = lean(nav, self.kernel)
                 self._stand(self.kernel.trim[SETPOINT.col], ramp / n.up_ramp_s)
             case Phase.CLIMBING:
                 self.way = way_up(n, nav, now_ns, self._start_ns)
                 self._state[MEMORY.ground] = LEAVES
-            case Phase.HALTING | Phase.HOVER if isinstance(event, Command):
-                self.way = self.goto.halt(self.way, now_ns)
+            case Phase.HALTING | Phase.HOVER if steered or isinstance(event, Command):
+                self.way = self.goto.halt(before, now_ns)
+            case Phase.VELOCITY:
+                vel, rate = goal or (np.zeros(3), 0.0)
+                self.way = self.goto.cruise(
+                    before, now_ns, vel, rate, n.sticks.timeout_ns / NS_PER_S, self.fence,
+                    self.home_ned_m,
+                )  # fmt: skip
+                self._cruise_ns = now_ns
             case Phase.DESCENDING:
                 self.way = way_down(n, self.way, self._ground_down_m, now_ns, self._start_ns)
-                self._usual, self._missing_mps = self._carried(), 0.0
-                self._began_mps = float(nav[NAV.down_vel])
+                self._contact = TouchDown(self._carried(), float(nav[NAV.down_vel]))
             case Phase.SETTLING:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
                 if flyable(nav):
@@ -316,12 +372,25 @@ class Phases:
                     here = Trajectory.hover(nav[NAV.pos].copy(), psi)
                     self.way = replace(here, start_ns=self._start_ns)
             case Phase.TRAJECTORY if goal is not None:
-                self.way = self.goto.judged(self.way, now_ns, *goal, self.fence, self.home_ned_m)
+                self.way = self.goto.judged(before, now_ns, *goal, self.fence, self.home_ned_m)
+            case Phase.STANDING if steered:
+                self._stand(n.idle_collective, ramp / n.down_ramp_s)
+        if steered and phase != Phase.STANDING:
+            self._sticks.hand_over(FLIES)
         self._now(phase, now_ns)
 
     def _now(self, phase: Phase, now_ns: int) -> None:
+        if not self.phase == phase == Phase.VELOCITY:
+            self.history.append((now_ns, phase))
         self.phase, self._since_ns = phase, now_ns
-        self.history.append((now_ns, phase))
+
+    def _steer(self, now_ns: int, nav: Array) -> None:
+        """What the law's next step gets of the sticks; where it goes is told once a second."""
+        n, now, known = self.numbers, self._at(now_ns, nav), flyable(nav)
+        low = known and self._is_low(nav)
+        self._sticks.steer(self.phase, now, n.sticks, n.idle_collective, self.fence, low)
+        if known and self._sticks.tells(now_ns):
+            self.way = self._sticks.glimpse(self.phase, now)
 
     def _stand(self, col_goal: float, col_rate: float) -> None:
         self._state[MEMORY.ground] = STANDS

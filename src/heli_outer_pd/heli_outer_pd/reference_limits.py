@@ -64,6 +64,16 @@ class ReferenceLimits:
         for number, point in enumerate(way.points[:, REFERENCE.pos]):
             self.judge_place(f"point {number}", point, home_ned_m)
 
+    def beyond_m(
+        self, pos_ned_m: NDArray[np.float64], home_ned_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """How far positions (N, 3) are outside (N,), m; negative inside."""
+        up = -pos_ned_m[:, 2]
+        away = np.hypot(*(pos_ned_m - home_ned_m)[:, :2].T)
+        return np.max(
+            [self.altitude_min_m - up, up - self.altitude_max_m, away - self.distance_m], axis=0
+        )
+
     def judge_place(
         self, name: str, pos_ned_m: NDArray[np.float64], home_ned_m: NDArray[np.float64]
     ) -> None:

@@ -8,60 +8,126 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_math.rows import STICKS
 from heli_math.ticks import NS_PER_S
 from heli_modes.table import Command
 from heli_parameters.parameters import Parameter, ParameterError
 
+Array = NDArray[np.float64]
+
+_COMMANDS = tuple(command for command in Command if command != Command.FOLLOW)
+
+
+def _times(name: str, what: str) -> Parameter:
+    return Parameter(f"commands.{name}", "double[]", f"{what}, rising; a negative one is never",
+                     "s", lower=-1.0, upper=86400.0, read_only=True)  # fmt: skip
+
+
 SCRIPT_ROWS: tuple[Parameter, ...] = (
-    Parameter("commands.at_s", "double[]", "Flight times of commands, rising; a negative one is "
-              "never", "s", lower=-1.0, upper=86400.0, read_only=True),
+    _times("at_s", "Flight times of commands"),
     Parameter("commands.what", "string[]", "What is commanded at each of them",
-              choices=(Command.TAKEOFF, Command.LAND, Command.HOLD, Command.GOTO), read_only=True),
+              choices=_COMMANDS, read_only=True),
     Parameter("commands.goto_ned_m", "double[]", "Where each goto goes, NED", "m",
               shape=(None, 3), upper=1e5, read_only=True),
+    Parameter("commands.velocity_ned_mps", "double[]", "Velocity of each velocity, NED", "m/s",
+              shape=(None, 3), upper=1e3, read_only=True),
+    _times("sticks_at_s", "Flight times from which the sticks are held"),
+    Parameter("commands.sticks", "double[]", "Roll, pitch, yaw and climb at each of them",
+              shape=(None, STICKS.size), lower=-1.0, upper=1.0, read_only=True),
+    _times("pilot_at_s", "Flight times from which a pilot flies the sticks"),
+    Parameter("commands.pilot_height_m", "double[]", "To what height above where it stood, at each "
+              "of them; 0 sets it down", "m", lower=0.0, upper=1e3, read_only=True),
 )  # fmt: skip
 """Rows of the outer loop; a scenario's file sets them."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """A command of the script: when, ns of flight time, what, and where if it is a goto."""
+    """A command of the script.
+
+    Attributes
+    ----------
+    at_ns : int
+        Flight time.
+    command : Command
+    goal_ned_m, velocity_ned_mps : (3,) array, optional
+        Of a goto, of a velocity.
+    """
 
     at_ns: int
     command: Command
-    goal_ned_m: NDArray[np.float64] | None = None
+    goal_ned_m: Array | None = None
+    velocity_ned_mps: Array | None = None
 
 
-def script_of(p: Mapping[str, Any]) -> Sequence[Order]:
-    """The orders of checked parameters (`SCRIPT_ROWS`), in time.
+@dataclass(frozen=True)
+class HeldSticks:
+    """Sticks (4,) that are held from a flight time on, ns."""
+
+    at_ns: int
+    sticks: Array
+
+
+@dataclass(frozen=True)
+class PilotHeight:
+    """A height, m, to which the scripted pilot flies from a flight time on, ns; 0: the ground."""
+
+    at_ns: int
+    height_m: float
+
+
+Scripted = Order | HeldSticks | PilotHeight
+
+
+def script_of(p: Mapping[str, Any]) -> Sequence[Scripted]:
+    """What checked parameters (`SCRIPT_ROWS`) order, in time; hands before commands.
 
     Raises
     ------
     ParameterError
         Numbers of times, commands and goals do not agree, or the times do not rise.
     """
-    times, what = np.asarray(p["commands.at_s"], float), p["commands.what"]
-    if len(times) != len(what):
+    sticks = _paired(p, "sticks_at_s", "sticks", "rows")
+    heights = _paired(p, "pilot_at_s", "pilot_height_m", "heights")
+    script: list[Scripted] = [HeldSticks(at_ns, np.array(row)) for at_ns, row in sticks]
+    script += [PilotHeight(at_ns, float(height)) for at_ns, height in heights]
+    script += _orders(p)
+    return sorted(script, key=lambda order: order.at_ns)
+
+
+def _paired(p: Mapping[str, Any], times: str, name: str, what: str) -> list[tuple[int, Any]]:
+    """Times, ns, with their rows, without those that are never."""
+    at_s, rows = np.asarray(p[f"commands.{times}"], float), p[f"commands.{name}"]
+    if name == "sticks":
+        rows = np.reshape(rows, (-1, STICKS.size))
+    if len(at_s) != len(rows):
         raise ParameterError(
-            f"commands.at_s has {len(times)} times, commands.what {len(what)} commands; "
-            "allowed: as many"
+            f"commands.{times} has {len(at_s)} times, commands.{name} {len(rows)} "
+            f"{what}; allowed: as many"
         )
-    given = times[times >= 0.0]
+    given = at_s[at_s >= 0.0]
     if (np.diff(given) <= 0.0).any():
-        raise ParameterError(f"commands.at_s is {times.tolist()}; allowed: rising times")
-    goals = iter(np.reshape(p["commands.goto_ned_m"], (-1, 3)))
+        raise ParameterError(f"commands.{times} is {at_s.tolist()}; allowed: rising times")
+    return [(round(at * NS_PER_S), row) for at, row in zip(at_s, rows, strict=True) if at >= 0.0]
+
+
+def _orders(p: Mapping[str, Any]) -> list[Order]:
+    places = {
+        Command.GOTO: ("goto_ned_m", "places"),
+        Command.VELOCITY: ("velocity_ned_mps", "velocities"),
+    }
+    given = {c: np.reshape(p[f"commands.{key}"], (-1, 3)) for c, (key, _) in places.items()}
+    left = {command: iter(rows) for command, rows in given.items()}
     orders = []
-    for at_s, name in zip(times, what, strict=True):
-        if at_s < 0.0:
-            continue
-        command, goal = Command(name), None
-        if command == Command.GOTO:
-            goal = next(goals, None)
-            if goal is None:
-                raise ParameterError(
-                    f"commands.what has {list(what).count(name)} times goto, "
-                    f"commands.goto_ned_m {len(p['commands.goto_ned_m'])} places; "
-                    "allowed: one for each"
-                )
-        orders.append(Order(round(at_s * NS_PER_S), command, goal))
+    for at_ns, name in _paired(p, "at_s", "what", "commands"):
+        command = Command(name)
+        where = next(left[command], None) if command in left else None
+        if command in left and where is None:
+            key, what = places[command]
+            raise ParameterError(
+                f"commands.what has {list(p['commands.what']).count(name)} times {name}, "
+                f"commands.{key} {len(given[command])} {what}; allowed: one for each"
+            )
+        goal, velocity = (where, None) if command == Command.GOTO else (None, where)
+        orders.append(Order(at_ns, command, goal, velocity))
     return orders

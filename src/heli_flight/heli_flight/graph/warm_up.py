@@ -21,7 +21,7 @@ from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.wind import injected_gust
 from heli_flight.loop.settings import Settings, resolve
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.ground_law import law_of_tick
+from heli_inner_hinf.ground_law import law_or_hand
 from heli_inner_hinf.law_state import initial_law_state, nine_states
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import ACTUATOR, MEAS, NAV, NINE, SETPOINT
@@ -32,6 +32,7 @@ from heli_msgs_bridge.messages import CHANNELS, Decoder, Encoder, MessageError
 from heli_observer import observer
 from heli_outer_pd import position_law
 from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.hand_law import hand_of
 from heli_outer_pd.reference import moved, offset_to
 
 # numba makes many objects that live long: looking for garbage as often as usual costs an eighth.
@@ -61,10 +62,12 @@ def _laws(settings: Settings) -> None:
     nav = np.zeros(NAV.size)
     moved(way, offset_to(nav[NAV.pos], 0, way.times_ns, way.points))
     position_law.follow(nav, 0, way.times_ns, way.points, outer, state, out)
+    hand_of(state, np.zeros(3))
     inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
     x9 = np.zeros(len(NINE))
     nine_states(nav, nav[NAV.rotor], x9)
-    law_of_tick(x9, np.zeros(3), 0.0, inner, initial_law_state(inner), np.zeros(3))
+    law, hand = initial_law_state(inner), np.full(3, np.nan)
+    law_or_hand(x9, np.zeros(3), 0.0, hand, inner, law, np.zeros(3))
     euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
 
 

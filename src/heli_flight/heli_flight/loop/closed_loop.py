@@ -25,7 +25,7 @@ from heli_inner_hinf.excitation import (
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.ground_law import law_of_tick
+from heli_inner_hinf.ground_law import law_or_hand
 from heli_inner_hinf.law_state import initial_law_state, nine_states
 from heli_math.jit import njit, njit_unlocked
 from heli_math.rotations import quat_to_R_nb
@@ -48,6 +48,7 @@ from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.goto import Goto
+from heli_outer_pd.hand_law import hand_of
 from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
 from heli_outer_pd.reference import move, offset_to
@@ -71,6 +72,7 @@ class Loop(NamedTuple):
     disturbance_k: SweepKernel
     outer_k: outer.OuterKernel
     outer_s: np.ndarray
+    hand: np.ndarray  # (3,) a pilot's d_lat, d_lon, d_ped about trim; NaN while the law flies
     period_ticks: int
     true_navigation: int
     # (2,) int64: 1 while the reference is still to be moved to where the aircraft is; tick of that.
@@ -144,10 +146,11 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
             outer.follow(
                 nav, tick * TICK_NS, times_ns, points, loop.outer_k, loop.outer_s, setpoint
             )
+            hand_of(loop.outer_s, loop.hand)
         nine_states(nav, nav[NAV.rotor], x9)
         add_sweep(tick * TICK_S, loop.disturbance_k, x9)
         attitude, collective = setpoint[SETPOINT.attitude], setpoint[SETPOINT.col]
-        law_of_tick(x9, attitude, collective, loop.inner_k, loop.inner_s, u3)
+        law_or_hand(x9, attitude, collective, loop.hand, loop.inner_k, loop.inner_s, u3)
         u[ACTUATOR.attitude] = u3
         u[ACTUATOR.col] = setpoint[SETPOINT.col]
         if loop.excitation_k.on:
@@ -214,6 +217,7 @@ def build(
         disturbance_kernel(settings.nodes["inner_loop"]),
         outer_k,
         outer.initial_state(outer_k),
+        np.full(3, np.nan),
         settings.nodes["outer_loop"]["period_ticks"],
         int(true_navigation),
         np.array([settings.nodes["outer_loop"]["reference_anchor"] == "engagement", 0], np.int64),

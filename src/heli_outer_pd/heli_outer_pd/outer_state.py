@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers, state and outcome of the outer loop's laws."""
+
+import enum
+from typing import NamedTuple
+
+import numpy as np
+
+from heli_math.sweep import SweepKernel
+from heli_outer_pd.thrust_map import RotorMap
+
+
+class Memory(NamedTuple):
+    """State of the law (33,)."""
+
+    vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
+    disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
+    engaged: int = 6  # 1.0 once the law has made a step
+    command: slice = slice(7, 11)  # last output, a SetpointRow
+    lagged: slice = slice(11, 13)  # commanded acceleration behind the attitude loop's lag, m/s2
+    led: slice = slice(13, 15)  # wanted acceleration behind the lead's filter, NED, m/s2
+    ground: int = 15  # one of FLIES, STANDS, LEAVES
+    col_goal: int = 16  # collective that is gone to while it stands
+    col_rate: int = 17  # at so much per second
+    # What a pilot's sticks command (`steering`): phi, theta, psi, rad; down, m, m/s, m/s2.
+    steer: slice = slice(18, 24)
+    steer_attitude: slice = slice(18, 21)
+    steer_down: int = 21
+    steer_down_vel: int = 22
+    steer_down_acc: int = 23
+    hand: slice = slice(24, 27)  # by hand: d_lat, d_lon, d_ped about trim
+    hand_col: int = 27  # by hand: collective
+    fade: slice = slice(28, 32)  # left of the last command of who flew before, a SetpointRow
+    takes_over: int = 32  # 1.0: the next step goes on from the last command
+    size: int = 33
+
+
+MEMORY = Memory()
+FLIES, STANDS, LEAVES, STEERED, BY_HAND, LOW_BY_HAND = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
+"""Along the reference; on the skids, the law not engaged; lifting off, engaged without estimating;
+attitude, climb and turn by a pilot's sticks; actuators by them; the same near the ground."""
+
+
+class OuterStatus(enum.IntEnum):
+    """Outcome of one step of the outer loop; `sentence` says it for people."""
+
+    OK = 0
+    BAD_NAVIGATION = 1
+    BAD_REFERENCE = 2
+
+    @property
+    def sentence(self) -> str:
+        """One line for a diagnostic message."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    OuterStatus.OK: "position is held",
+    OuterStatus.BAD_NAVIGATION: "the navigation solution is not finite: the last command is held",
+    OuterStatus.BAD_REFERENCE: "the reference is not finite: the last command is held",
+}
+
+
+class OuterKernel(NamedTuple):
+    """Numbers of the law, in the form that compiled code takes."""
+
+    K_P: np.ndarray  # (3,) 1/s2, heading x, heading y, down
+    K_D: np.ndarray  # (3,) 1/s, same axes
+    approach_speed_mps: float  # at which a large position error is flown back
+    observer_l1: np.ndarray  # (3,) 1/s, same axes
+    observer_l2: np.ndarray  # (3,) 1/s2, same axes
+    disturbance_limit: np.ndarray  # (3,) m/s2, same axes
+    wind_compensation: float  # 1 or 0
+    hold_horizontal: float  # 1: hold position; 0: command level trim attitude (attitude test)
+    level_phi_theta: np.ndarray  # (2,) rad, commanded when hold_horizontal is 0
+    tilt_limit: float  # rad, of sat() in (21)
+    exact_tilt: float  # 1: tilt whose thrust gives what is wanted; 0: asin() as printed in (21)
+    mass: float  # kg
+    g: float  # m/s2
+    thrust_limits: np.ndarray  # (2,) fractions of m g
+    trim: np.ndarray  # (4,) a SetpointRow: phi, theta rad, d_col; its heading is not used
+    rotor: RotorMap
+    shaping_ns: int  # window of the reference shaping
+    heading_lead_s: float  # lead of the commanded heading on the reference's
+    attitude_lag: np.ndarray  # (2,) s, forward and right: time constants of the attitude loop
+    attitude_lead: np.ndarray  # (2,) s, forward and right: lead of the commanded acceleration
+    lead_filter_s: float
+    dt_s: float
+    sweep: SweepKernel
+
+
+def initial_state(k: OuterKernel) -> np.ndarray:
+    """State (18,) of a law that is not engaged yet; its last command is the trim."""
+    state = np.zeros(MEMORY.size)
+    state[MEMORY.command] = k.trim
+    return state

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A pilot's sticks: attitude, climb and turn in mode `attitude`, actuators in `manual`. No ROS.
+
+What they command is put into the law's state between two of its steps.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_guidance.limits import MotionLimits
+from heli_guidance.transfer import Motion, Transfer
+from heli_math.rotations import wrap_pi
+from heli_math.rows import SETPOINT, STICKS
+from heli_math.ticks import NS_PER_S
+from heli_outer_pd.hand_law import collective_limits
+from heli_outer_pd.outer_state import MEMORY, OuterKernel
+from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_parameters.parameters import Parameter
+
+Array = NDArray[np.float64]
+
+STICK_ROWS: tuple[Parameter, ...] = (
+    Parameter("command.timeout_s", "double", "A velocity or sticks that are not renewed for so "
+              "long are followed no more: the aircraft halts and holds", "s", lower=0.1, upper=5.0),
+    Parameter("sticks.tilt_max_deg", "double", "Roll and pitch off hover's at full stick, in mode "
+              "attitude", "deg", lower=1.0, upper=40.0),
+    Parameter("sticks.yaw_rate_degps", "double", "Rate of the heading at full stick, in mode "
+              "attitude", "deg/s", lower=1.0, upper=180.0),
+    Parameter("sticks.climb_mps", "double", "Speed of the climb at full stick, in mode attitude",
+              "m/s", lower=0.1, upper=5.0),
+    Parameter("sticks.manual", "double[]", "In mode manual: d_lat, d_lon, d_ped about trim at full "
+              "stick to the right, nose up, nose to the right", shape=(3,), lower=-1.0, upper=1.0),
+)  # fmt: skip
+"""Rows of the outer loop."""
+
+_LET_GO = np.array([0.0, 0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True)
+class StickNumbers:
+    """What full sticks mean, as `STICK_ROWS` describe it; rad."""
+
+    timeout_ns: int
+    tilt_max_rad: float
+    yaw_rate_radps: float
+    climb_mps: float
+    hand: Array
+    limits: MotionLimits
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> "StickNumbers":
+        """From the parameters of the outer loop."""
+        return cls(
+            timeout_ns=round(values["command.timeout_s"] * NS_PER_S),
+            tilt_max_rad=math.radians(values["sticks.tilt_max_deg"]),
+            yaw_rate_radps=math.radians(values["sticks.yaw_rate_degps"]),
+            climb_mps=values["sticks.climb_mps"],
+            hand=np.asarray(values["sticks.manual"], float),
+            limits=MotionLimits.from_parameters(values, "goto"),
+        )
+
+
+@dataclass
+class Steering:
+    """The newest sticks and what they have made of altitude and heading.
+
+    Attributes
+    ----------
+    sticks : (4,) array
+        A `StickRow`.
+    heard_ns : int or None
+        Stamp of them.
+    down, psi : Motion
+        Of one axis each: reference of the altitude, NED, and of the heading.
+    """
+
+    sticks: Array = field(default_factory=lambda: np.zeros(STICKS.size))
+    heard_ns: int | None = None
+    down: Motion = field(default_factory=lambda: Motion.at_rest(np.zeros(1)))
+    psi: Motion = field(default_factory=lambda: Motion.at_rest(np.zeros(1)))
+
+    def hear(self, sticks: Array, now_ns: int) -> None:
+        """Take sticks (4,), cut to -1..1; ReferenceRefused if one is not a number."""
+        given = np.asarray(sticks, float)
+        if given.shape != (STICKS.size,) or not np.isfinite(given).all():
+            raise ReferenceRefused(f"sticks are {given.tolist()}; allowed: four numbers in -1..1")
+        self.sticks, self.heard_ns = np.clip(given, -1.0, 1.0), now_ns
+
+    def is_silent(self, now_ns: int, n: StickNumbers) -> bool:
+        """Whether nothing has been heard for too long."""
+        return self.heard_ns is None or now_ns - self.heard_ns > n.timeout_ns
+
+    def start(self, motion_down: Array, motion_psi: Array) -> None:
+        """Begin from altitude and heading and how they move: (3,) each, with two derivatives."""
+        self.down = Motion(*(motion_down[i : i + 1].copy() for i in range(3)))
+        self.psi = Motion(*(motion_psi[i : i + 1].copy() for i in range(3)))
+
+    def steer(self, n: StickNumbers, k: OuterKernel, fence: ReferenceLimits, state: Array) -> None:
+        """Mode attitude: what the law's next step commands, into its state."""
+        most, s = n.limits, self.sticks
+        climb = self._fenced(-s[STICKS.climb] * n.climb_mps, fence, most)
+        self.down = _changed(self.down, climb, most.acceleration_mps2, most.jerk_mps3, k.dt_s)
+        turn = s[STICKS.yaw] * n.yaw_rate_radps
+        self.psi = _changed(
+            self.psi, turn, most.yaw_acceleration_radps2, most.yaw_jerk_radps3, k.dt_s
+        )
+        heading = wrap_pi(float(self.psi.pos[0] + k.heading_lead_s * self.psi.vel[0]))
+        state[MEMORY.steer] = (
+            k.trim[SETPOINT.phi] + s[STICKS.roll] * n.tilt_max_rad,
+            k.trim[SETPOINT.theta] + s[STICKS.pitch] * n.tilt_max_rad,
+            heading,
+            self.down.pos[0],
+            self.down.vel[0],
+            self.down.acc[0],
+        )
+
+    def _fenced(self, down_mps: float, fence: ReferenceLimits, most: MotionLimits) -> float:
+        """The speed of the descent, none if it could not be ended inside the fence."""
+        ends = Transfer(
+            self.down, None, [math.inf], [most.acceleration_mps2], [most.jerk_mps3]
+        )  # fmt: skip
+        up = -float(ends.at(ends.duration_s)[0][0])
+        low, high = fence.altitude_min_m, fence.altitude_max_m
+        if (down_mps > 0.0 and up <= low) or (down_mps < 0.0 and up >= high):
+            return 0.0
+        return down_mps
+
+    def by_hand(
+        self,
+        n: StickNumbers,
+        k: OuterKernel,
+        idle_collective: float,
+        aground: bool,
+        let_go: bool,
+        state: Array,
+    ) -> None:
+        """Mode manual: what is flown from the law's next step on, into its state.
+
+        The collective is that of hover in the stick's middle and idle at its lower end; in the air
+        it stays within the limits of the thrust. Sticks that are let go on the ground are as if in
+        the middle, with the collective at its lower end.
+        """
+        s = _LET_GO if let_go else self.sticks
+        state[MEMORY.hand] = n.hand * s[[STICKS.roll, STICKS.pitch, STICKS.yaw]]
+        trim = k.trim[SETPOINT.col]
+        col = trim + s[STICKS.climb] * (trim - idle_collective)
+        low, high = collective_limits(k)
+        if aground:
+            low, high = min(low, idle_collective), max(high, idle_collective)
+        state[MEMORY.hand_col] = min(max(col, low), high)
+
+
+def _changed(motion: Motion, to_vel: float, acc: float, jerk: float, dt_s: float) -> Motion:
+    """One period later, on its way to a velocity within the limits."""
+    way = Transfer(motion, None, [math.inf], [acc], [jerk], np.array([to_vel]))
+    return Motion(*way.at(dt_s))

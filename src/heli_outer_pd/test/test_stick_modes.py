@@ -1,0 +1,419 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Velocity, attitude and manual: commands that are renewed, their limits, and what refuses them."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from heli_math.rotations import euler_from_quat, quat_from_euler
+from heli_math.rows import NAV, REFERENCE, SETPOINT
+from heli_math.ticks import NS_PER_S
+from heli_math.trajectory import Trajectory
+from heli_modes import Command, Phase
+from heli_outer_pd import config, position_law
+from heli_outer_pd.contact import TouchDown
+from heli_outer_pd.disturbance import hover_share
+from heli_outer_pd.goto import Goto
+from heli_outer_pd.hand_law import with_hand
+from heli_outer_pd.node import OuterLoopNode
+from heli_outer_pd.outer_state import BY_HAND, FLIES, LOW_BY_HAND, MEMORY, STEERED
+from heli_outer_pd.phase_ways import PhaseNumbers
+from heli_outer_pd.phases import Phases
+from heli_outer_pd.position_law import follow
+from heli_outer_pd.reference import shaped_reference_at
+from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.script import script_of
+from heli_parameters.parameters import ParameterError
+
+VALUES = OuterLoopNode.SPEC.resolve()
+STEP_NS = NS_PER_S // 25
+NEUTRAL = np.zeros(4)
+DOWN = np.array([0.0, 0.0, 0.0, -1.0])
+SETTLED_NS = 10 * NS_PER_S
+
+
+class Craft:
+    """A law whose aircraft is where the reference is: what the modes make of commands alone."""
+
+    def __init__(self, on_ground=False, pos=(0.0, 0.0, -20.0), **changes):
+        values = VALUES | {"start.on_ground": on_ground} | changes
+        self.k = config.outer_kernel(values)
+        self.state = position_law.initial_state(self.k)
+        self.phases = Phases(
+            PhaseNumbers.from_parameters(values), Goto.from_parameters(values), self.k, self.state,
+            ReferenceLimits.from_parameters(values), script_of(values),
+        )  # fmt: skip
+        self.now_ns, self.out, self.nav = SETTLED_NS, self.k.trim.copy(), np.zeros(NAV.size)
+        self.nav[NAV.pos] = pos
+        self.psi, self.lean = 0.3, (0.0, 0.0)
+        if not on_ground:
+            self.phases.follow(Trajectory.hover(np.array(pos), self.psi), 0)
+            self.phases.command(Command.HOLD, self.now_ns, self.turned())
+
+    def turned(self):
+        trim = self.k.trim
+        phi, theta = trim[SETPOINT.phi] + self.lean[0], trim[SETPOINT.theta] + self.lean[1]
+        self.nav[NAV.quat] = quat_from_euler(phi, theta, self.psi)
+        return self.nav
+
+    def step(self, sticks=None, moves=True):
+        """One period; with `moves` the aircraft is where the reference has it."""
+        if sticks is not None:
+            self.phases.steer(sticks, self.now_ns)
+        way = self.phases.way or Trajectory.hover(np.zeros(3), 0.0)
+        if moves and self.state[MEMORY.ground] == FLIES:
+            shaped = self.shaped()
+            self.nav[NAV.pos], self.nav[NAV.vel] = shaped[:3], shaped[3:6]
+        follow(self.turned(), self.now_ns - way.start_ns, way.times_ns, way.points, self.k,
+               self.state, self.out)  # fmt: skip
+        changed = self.phases.after(self.now_ns, self.nav, self.out)
+        self.now_ns += STEP_NS
+        return changed
+
+    def shaped(self):
+        row, way = np.empty(10), self.phases.way
+        shaped_reference_at(
+            self.now_ns - way.start_ns, self.k.shaping_ns, 0.0, way.times_ns, way.points, row
+        )
+        return row
+
+    def go(self, vel, rate=0.0):
+        return self.phases.velocity(np.array(vel, float), rate, self.now_ns, self.nav)
+
+    def ask(self, command):
+        return self.phases.command(command, self.now_ns, self.turned())
+
+
+# --- velocity ---------------------------------------------------------------------------------
+
+
+def test_a_velocity_is_reached_within_the_limits_and_halted_when_it_is_not_renewed():
+    craft, rows = Craft(), []
+    for i in range(400):
+        if i < 150 and i % 5 == 0:
+            assert craft.go((9.0, 0.0, -9.0), 0.2) is None
+        rows.append(craft.shaped())
+        craft.step()
+    rows = np.array(rows)
+    level, climb = np.hypot(rows[:, 3], rows[:, 4]), -rows[:, 5]
+    assert level.max() == pytest.approx(VALUES["goto.speed_mps"], abs=0.02), "cut to the limit"
+    assert climb.max() == pytest.approx(VALUES["goto.climb_mps"], abs=0.02)
+    assert np.linalg.norm(rows[:, 6:9], axis=1).max() <= 1.5 * math.sqrt(3.0) + 0.05
+    # Renewed ten times: no jump of position, velocity or acceleration over any step of the law.
+    assert np.linalg.norm(np.diff(rows[:, 3:6], axis=0), axis=1).max() < 0.04 * 1.5 * 1.74 + 0.01
+    jerk = np.diff(rows[:, 6:9], axis=0) / 0.04
+    assert np.abs(jerk).max() < 2.0 * VALUES["goto.jerk_mps3"]
+    travelled = np.cumsum(rows[:, 3:6], axis=0) * 0.04
+    np.testing.assert_allclose(rows[-1, :3] - rows[0, :3], travelled[-1], atol=0.15)
+    assert craft.phases.phase == Phase.HOVER, "it has halted"
+    assert np.abs(rows[-1, 3:6]).max() < 1e-9
+    began = {phase: at for at, phase in craft.phases.history}
+    last_ns = SETTLED_NS + 145 * STEP_NS
+    timeout_ns = VALUES["command.timeout_s"] * NS_PER_S
+    assert began[Phase.HOVER] - last_ns == pytest.approx(timeout_ns, abs=2 * STEP_NS)
+    # The turn: steady at 0.2 rad/s while it is renewed, 6 s of it and what the ends add.
+    turned = math.remainder(rows[-1, 9] - rows[0, 9], 2.0 * math.pi)
+    assert turned == pytest.approx(0.2 * (149 * 0.04 + 0.44 + 0.5 - 0.4), abs=0.15)
+
+
+def test_a_velocity_into_the_fence_is_refused_and_it_halts_inside():
+    craft, refused = Craft(), 0
+    for i in range(1500):
+        if i % 5 == 0:
+            try:
+                assert craft.go((0.0, 3.0, 0.0)) is None
+            except ReferenceRefused as error:
+                refused += 1
+                assert "the way at this velocity is 1" in str(error)
+                assert "allowed: at most 100 m" in str(error)
+        craft.step()
+    assert refused > 10
+    away = np.hypot(*craft.nav[NAV.pos][:2])
+    assert 96.0 < away <= 100.0
+    assert craft.phases.phase == Phase.HOVER
+    assert craft.go((0.0, -3.0, 0.0)) is None, "back is allowed"
+
+
+def test_downwards_it_halts_above_the_lowest_altitude():
+    craft = Craft(pos=(0.0, 0.0, -8.0))
+    for i in range(500):
+        if i % 5 == 0:
+            try:
+                craft.go((0.0, 0.0, 1.0))
+            except ReferenceRefused as error:
+                assert "allowed: 2 to 100 m" in str(error)
+        craft.step()
+    assert 2.0 <= -craft.nav[NAV.pos][2] < 2.6
+
+
+def test_who_is_outside_already_may_come_back_but_not_go_on():
+    craft = Craft(pos=(0.0, 0.0, -20.0))
+    craft.phases.home_ned_m = np.array([0.0, -103.0, 0.0])
+    assert craft.go((0.0, -1.0, 0.0)) is None
+    outside = Craft(pos=(0.0, 0.0, -20.0))
+    outside.phases.home_ned_m = np.array([0.0, -103.0, 0.0])
+    way = outside.phases.way
+    with pytest.raises(ReferenceRefused, match="allowed: at most 100 m"):
+        outside.go((0.0, 1.0, 0.0))
+    assert outside.phases.way is way and outside.phases.phase == Phase.HOVER
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_velocity_that_is_not_finite_changes_nothing(bad):
+    craft = Craft()
+    way = craft.phases.way
+    with pytest.raises(ReferenceRefused, match="not finite"):
+        craft.go((0.0, bad, 0.0))
+    with pytest.raises(ReferenceRefused, match="not finite"):
+        craft.go((0.0, 1.0, 0.0), bad)
+    assert craft.phases.way is way and craft.phases.phase == Phase.HOVER
+
+
+def test_replanning_is_cheap():
+    """At 50 Hz it may take half of the time at most; measured 3 ms, so a machine may be slower."""
+    craft = Craft()
+    craft.go((2.0, 1.0, 0.5), 0.3)
+    least = math.inf
+    for _ in range(20):
+        craft.step()
+        began = time.perf_counter()
+        craft.go((2.0, 1.0, 0.0), 0.3)
+        least = min(least, time.perf_counter() - began)
+    assert least < 0.1
+    assert len(craft.phases.way.points) < 200
+
+
+# --- attitude ---------------------------------------------------------------------------------
+
+
+def test_sticks_command_attitude_climb_and_turn():
+    craft = Craft()
+    craft.step(NEUTRAL)
+    assert craft.ask(Command.ATTITUDE) is None
+    down, psi = craft.shaped()[2], craft.shaped()[9]
+    for _ in range(100):
+        craft.step(np.array([0.5, -0.25, 0.2, 0.4]))
+    assert craft.state[MEMORY.ground] == STEERED
+    tilt = math.radians(VALUES["sticks.tilt_max_deg"])
+    assert craft.out[SETPOINT.phi] == pytest.approx(craft.k.trim[0] + 0.5 * tilt, abs=2e-3)
+    assert craft.out[SETPOINT.theta] == pytest.approx(craft.k.trim[1] - 0.25 * tilt, abs=2e-3)
+    steer = craft.state[MEMORY.steer]
+    assert steer[4] == pytest.approx(-0.4 * VALUES["sticks.climb_mps"], abs=1e-6)
+    # A jerk-limited start loses v (T_a) / 2 of the way: acceleration and jerk are 1.5 here.
+    speed = 0.4 * VALUES["sticks.climb_mps"]
+    lost = 0.5 * speed * 2.0 * math.sqrt(speed / 1.5)
+    assert down - steer[3] == pytest.approx(4.0 * speed - lost, abs=0.05)
+    rate = math.radians(0.2 * VALUES["sticks.yaw_rate_degps"])
+    lead = craft.k.heading_lead_s * rate
+    assert steer[2] - psi == pytest.approx(4.0 * rate + lead, abs=0.1)
+    assert craft.phases.phase == Phase.ATTITUDE
+
+
+def test_the_climb_of_the_sticks_ends_inside_the_fence():
+    craft = Craft(pos=(0.0, 0.0, -97.0))
+    craft.step(NEUTRAL)
+    craft.ask(Command.ATTITUDE)
+    for _ in range(300):
+        craft.step(np.array([0.0, 0.0, 0.0, 1.0]))
+    assert 99.0 < -craft.state[MEMORY.steer_down] < 100.3
+    for _ in range(3000):
+        craft.step(DOWN)
+    assert 1.7 < -craft.state[MEMORY.steer_down] < 3.0
+
+
+@pytest.mark.parametrize("command", [Command.ATTITUDE, Command.MANUAL])
+def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command):
+    craft = Craft()
+    craft.step()
+    assert "no sticks are heard" in craft.ask(command).sentence
+    craft.step(NEUTRAL)
+    assert craft.ask(command) is None
+    heard_ns = craft.now_ns - STEP_NS
+    while craft.phases.phase != Phase.HOVER:
+        craft.step()
+    silence_s = (craft.phases.history[-1][0] - heard_ns) / NS_PER_S
+    assert silence_s == pytest.approx(VALUES["command.timeout_s"], abs=0.05)
+    assert craft.state[MEMORY.ground] == FLIES
+
+
+@pytest.mark.parametrize("bad", [np.array([0.0, math.nan, 0.0, 0.0]), np.zeros(3)])
+def test_sticks_that_are_none_are_refused(bad):
+    with pytest.raises(ReferenceRefused, match="allowed: four numbers"):
+        Craft().phases.steer(bad, 0)
+
+
+# --- manual -----------------------------------------------------------------------------------
+
+
+def test_by_hand_the_sticks_are_the_actuators():
+    craft = Craft()
+    craft.step(NEUTRAL)
+    assert np.isnan(with_hand(craft.out[[3]], craft.state)[1:]).size == 0
+    assert craft.ask(Command.MANUAL) is None
+    for _ in range(200):
+        craft.step(np.array([1.0, -0.5, 0.25, 0.2]), moves=False)
+    assert craft.state[MEMORY.ground] == BY_HAND
+    sent = with_hand(craft.out[[SETPOINT.col]], craft.state)
+    hand = VALUES["sticks.manual"]
+    np.testing.assert_allclose(sent[1:], [hand[0], -0.5 * hand[1], 0.25 * hand[2]], atol=1e-12)
+    trim, idle = VALUES["trim.d_col"], VALUES["takeoff.idle_collective"]
+    assert sent[0] == pytest.approx(trim + 0.2 * (trim - idle), abs=1e-6)
+    # What is told as setpoint is the attitude that it has.
+    np.testing.assert_allclose(craft.out[:3], euler_from_quat(craft.nav[NAV.quat]), atol=1e-6)
+
+
+@pytest.mark.parametrize(("climb", "share"), [(-1.0, 0.4), (1.0, 1.9)])
+def test_in_the_air_the_collective_keeps_the_limits_of_the_thrust(climb, share):
+    craft = Craft()
+    craft.step(NEUTRAL)
+    craft.ask(Command.MANUAL)
+    sticks = np.array([0.0, 0.0, 0.0, climb])
+    for _ in range(20):
+        # It falls, or rises, as the thrust has it: no ground carries it.
+        craft.nav[NAV.down_vel] += 9.8 * (1.0 - hover_share(craft.out[3], craft.k)) * 0.04
+        craft.step(sticks, moves=False)
+        assert 0.39 < hover_share(craft.out[SETPOINT.col], craft.k) < 1.91
+    for _ in range(100):
+        craft.nav[NAV.down_vel] += 9.8 * (1.0 - hover_share(craft.out[3], craft.k)) * 0.04
+        craft.step(sticks, moves=False)
+    trim = hover_share(craft.k.trim[3], craft.k) * math.cos(0.039)
+    assert hover_share(craft.out[3], craft.k) == pytest.approx(share * trim, rel=2e-3)
+
+
+def test_by_hand_without_navigation_the_sticks_are_flown_all_the_same():
+    craft = Craft()
+    craft.step(NEUTRAL)
+    craft.nav[NAV.vel] = np.nan
+    assert "no position estimate" in craft.ask(Command.HOLD).sentence
+    assert "no position estimate" in craft.ask(Command.ATTITUDE).sentence
+    assert craft.ask(Command.MANUAL) is None
+    for _ in range(100):
+        craft.step(np.array([0.2, 0.0, 0.0, -0.1]), moves=False)
+    sent = with_hand(craft.out[[SETPOINT.col]], craft.state)
+    assert sent[1] == pytest.approx(0.2 * VALUES["sticks.manual"][0])
+    trim, idle = VALUES["trim.d_col"], VALUES["takeoff.idle_collective"]
+    assert sent[0] == pytest.approx(trim - 0.1 * (trim - idle), abs=1e-4)
+    assert np.isfinite(sent).all()
+    assert "no position estimate" in craft.ask(Command.HOLD).sentence
+
+
+def test_from_a_tilt_beyond_the_laws_it_is_not_taken_over():
+    craft = Craft()
+    craft.step(NEUTRAL)
+    craft.ask(Command.MANUAL)
+    craft.step(NEUTRAL, moves=False)
+    craft.lean = (math.radians(VALUES["tilt_limit_deg"] + 1.0), 0.0)
+    for command in (Command.HOLD, Command.LAND, Command.VELOCITY, Command.ATTITUDE):
+        assert "outside the envelope" in craft.ask(command).sentence
+    assert craft.phases.phase == Phase.MANUAL
+    craft.lean = (math.radians(VALUES["tilt_limit_deg"] - 1.0), 0.0)
+    assert craft.ask(Command.HOLD) is None
+
+
+def test_with_the_collective_at_its_limit_no_velocity_is_taken():
+    craft = Craft()
+    craft.step()
+    craft.state[MEMORY.command][SETPOINT.col] = 0.5
+    assert "an actuator is saturated" in craft.go((1.0, 0.0, 0.0)).sentence
+
+
+def test_by_hand_from_the_ground_and_back():
+    craft = Craft(on_ground=True, pos=(0.0, 0.0, 0.0))
+    for _ in range(3):
+        craft.step(NEUTRAL, moves=False)
+    assert "not at its lower end" in craft.ask(Command.MANUAL).sentence
+    craft.step(DOWN, moves=False)
+    assert craft.ask(Command.MANUAL) is None
+    for _ in range(50):
+        craft.step(DOWN, moves=False)
+    idle = VALUES["takeoff.idle_collective"]
+    assert craft.phases.phase == Phase.MANUAL, "it stands, and waits for the pilot"
+    assert craft.out[SETPOINT.col] == pytest.approx(idle)
+    assert craft.state[MEMORY.ground] == LOW_BY_HAND
+    assert not craft.state[MEMORY.disturbance].any()
+    assert "the ground is too near" in craft.ask(Command.HOLD).sentence
+    up = np.array([0.0, 0.0, 0.0, 0.1])
+    for _ in range(100):
+        craft.nav[NAV.down_vel] = -0.5
+        craft.nav[NAV.pos][2] -= 0.02
+        craft.step(up, moves=False)
+    assert craft.state[MEMORY.ground] == BY_HAND
+    # Down again, and it stands: the speed stays none, though the thrust goes.
+    craft.nav[NAV.pos], craft.nav[NAV.vel] = 0.0, 0.0
+    for _ in range(100):
+        craft.step(DOWN, moves=False)
+    assert craft.phases.phase == Phase.STANDING
+    for _ in range(50):
+        craft.step(moves=False)
+    assert craft.out[SETPOINT.col] == idle
+
+
+def test_a_pilot_who_lets_go_on_the_ground_leaves_it_standing():
+    craft = Craft(on_ground=True, pos=(0.0, 0.0, 0.0))
+    craft.step(DOWN, moves=False)
+    craft.ask(Command.MANUAL)
+    for _ in range(20):
+        craft.step(np.array([0.0, 0.0, 0.0, -0.5]), moves=False)
+    for _ in range(100):
+        craft.step(moves=False)
+    assert craft.phases.phase == Phase.STANDING
+
+
+def test_what_falls_has_not_touched_down():
+    """Half of the thrust is gone: a body in the air falls at 0.5 g, one on its skids does not."""
+    falls, stands = TouchDown(1.0), TouchDown(1.0)
+    found = [(falls.found(0.5, 0.5 * 9.8 * 0.04 * i, 9.8, 0.04), stands.found(0.5, 0.0, 9.8, 0.04))
+             for i in range(50)]  # fmt: skip
+    assert not any(fell for fell, _ in found)
+    assert found[9] == (False, False) and found[11] == (False, True), (
+        "2 m/s are missing after 0.4 s"
+    )
+
+
+# --- script -----------------------------------------------------------------------------------
+
+
+def test_a_scripted_hand_holds_sticks_and_renews_a_velocity():
+    at = SETTLED_NS / NS_PER_S
+    craft = Craft(
+        **{
+            "commands.at_s": np.array([1.0, 4.0, 6.0, 8.0]) + at,
+            "commands.what": ("velocity", "attitude", "manual", "hold"),
+            "commands.velocity_ned_mps": np.array([[1.0, 0.0, 0.0]]),
+            "commands.sticks_at_s": np.array([3.0]) + at,
+            "commands.sticks": np.array([[0.1, 0.0, 0.0, 0.0]]),
+        }
+    )
+    for _ in range(300):
+        craft.step()
+    modes = [phase for _, phase in craft.phases.history[3:]]
+    assert modes == [Phase.VELOCITY, Phase.ATTITUDE, Phase.MANUAL, Phase.HOVER]
+    assert craft.phases.remarks == []
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"commands.sticks_at_s": np.array([1.0, 2.0])}, "2 times, commands.sticks 1 rows"),
+        ({"commands.pilot_at_s": np.array([2.0, 1.0]), "commands.pilot_height_m": [1.0, 2.0]},
+         "commands.pilot_at_s is .* allowed: rising times"),
+        ({"commands.at_s": np.array([1.0, 2.0]), "commands.what": ("velocity", "velocity")},
+         "has 2 times velocity, commands.velocity_ned_mps 1 velocities"),
+    ],
+)  # fmt: skip
+def test_a_hand_that_does_not_agree_with_itself_is_refused(change, said):
+    with pytest.raises(ParameterError, match=said):
+        script_of(VALUES | change)
+
+
+def test_a_way_of_a_pilot_is_told_once_a_second():
+    craft = Craft()
+    craft.step(NEUTRAL)
+    craft.ask(Command.ATTITUDE)
+    told = sum(craft.step(NEUTRAL) for _ in range(100))
+    assert told == 4
+    np.testing.assert_allclose(
+        craft.phases.way.points[0, REFERENCE.pos], craft.nav[NAV.pos], atol=1e-9
+    )
