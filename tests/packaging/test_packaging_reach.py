@@ -36,8 +36,8 @@ SET_FOR_OTHERS = {
     "markers": "a message", "joint_names": "a message", "hardware_id": "a message",
     "floating_point_range": "a message", "integer_range": "a message",
     **dict.fromkeys(("current_position", "current_velocity", "current_acceleration",
-                     "target_position", "target_velocity", "max_velocity", "max_acceleration", "max_jerk",
-                     "synchronization", "control_interface"), "ruckig.InputParameter"),
+                     "target_position", "target_velocity", "max_velocity", "max_acceleration",
+                     "max_jerk", "synchronization", "control_interface"), "ruckig.InputParameter"),
 }  # fmt: skip
 READ_BY_FIELD = {
     "duplicate": "Counters, told by asdict",
