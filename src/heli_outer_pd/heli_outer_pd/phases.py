@@ -273,9 +273,8 @@ class Phases:
             case Phase.LIFTING:
                 if self._tips(nav):
                     return Fact.TIPPING
-                return (
-                    Fact.LIGHT if self._above(out, self.kernel.trim[SETPOINT.col]) >= 0.0 else None
-                )
+                light = self._above(out, self.kernel.trim[SETPOINT.col]) >= 0.0
+                return Fact.LIGHT if light else None
             case Phase.CLIMBING:
                 return self._climbing(now_ns, nav)
             case Phase.HALTING | Phase.TRAJECTORY:
