@@ -35,6 +35,7 @@ SCENARIOS = [
     "hover", "attitude", "attitude_gusts", "attitude_sweep", "attitude_steps",
     "attitude_disturbance",
     "figure_eight", "orbit", "waypoints", "forward_flight", "takeoff_land", "by_hand",
+    "sequence",
     "mte_hover", "mte_vertical", "mte_pirouette", "mte_slalom", "mte_lateral_reposition",
     "mte_depart_abort",
     "identify_actuators", "identify_gusts",

@@ -29,15 +29,16 @@ _ATTITUDE, _HEADING = 1.8, 1.2
 _DRIFT, _PLACE = 0.6, 0.12
 """Acceleration against a drift, 1/s, and back to the place, 1/s2."""
 _LEAN_RAD = 0.15
-_CLIMB, _TRIM = 0.15, 0.05
+_CLIMB, _TRIM = 0.2, 0.08
 """Collective stick per speed of the climb that is missing, s/m, and per metre of it."""
-_HEIGHT, _FAST_MPS, _SETS_DOWN_MPS = 0.5, 1.0, 0.4
-_RAISES, _LIGHT = 0.5, -0.3
-"""The collective stick is raised and lowered on the ground by so much a second; cyclic is moved
-above the second."""
-_STILL_MPS, _STILL_S = 0.12, 0.6
-"""It is down when it sinks no more for so long."""
-_NEAR_M = 1.5
+_HEIGHT, _FAST_MPS, _SETS_DOWN_MPS = 0.5, 1.0, 0.3
+_RAISES, _LOWERS, _LIGHT = 0.5, 1.0, -0.3
+"""The collective stick is raised, and lowered, on the ground by so much a second; cyclic is moved
+above the third."""
+_NEAR_M, _TOUCHES_M = 3.0, 0.6
+"""Slowly below the first; where it stood, less the receiver's error, below the second."""
+_STILL_MPS, _STILL_S, _SURE_S = 0.12, 0.4, 1.6
+"""It is down when it sinks no more for so long, the longer the higher it seems."""
 
 
 class Pilot:
@@ -106,7 +107,7 @@ class Pilot:
         up, climbs, dt = ground_m - seen[NAV.pos][2], -seen[NAV.down_vel], self._k.dt_s
         if self._stands:
             goal = 0.0 if height_m > 0.0 else -1.0
-            self._stick += min(max(goal - self._stick, -_RAISES * dt), _RAISES * dt)
+            self._stick += min(max(goal - self._stick, -_LOWERS * dt), _RAISES * dt)
             if climbs > 0.2 or self._stick == goal == 0.0:
                 self._stands, self._trim = False, self._stick
             return self._stick
@@ -120,5 +121,5 @@ class Pilot:
         self._stick = min(max(self._trim + _CLIMB * missing, -0.6), 0.6)
         near = height_m == 0.0 and up < _NEAR_M and abs(climbs) < _STILL_MPS
         self._still_s = self._still_s + dt if near else 0.0
-        self._stands = self._still_s > _STILL_S
+        self._stands = self._still_s > (_STILL_S if up < _TOUCHES_M else _SURE_S)
         return self._stick

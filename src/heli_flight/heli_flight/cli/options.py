@@ -91,7 +91,7 @@ ScenarioName = Annotated[
     typer.Option(
         metavar="NAME",
         help="what to fly: hover, attitude, attitude_gusts, figure_eight, orbit, waypoints, "
-        "forward_flight, takeoff_land, by_hand, attitude_sweep, attitude_steps, "
+        "forward_flight, takeoff_land, by_hand, sequence, attitude_sweep, attitude_steps, "
         "attitude_disturbance, mte_hover, mte_vertical, mte_pirouette, "
         "mte_slalom, mte_lateral_reposition, mte_depart_abort, "
         "identify_actuators or identify_gusts (default: the parameter file's, else hover)",

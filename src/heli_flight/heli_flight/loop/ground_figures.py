@@ -107,7 +107,16 @@ def ground_figures(record: FlightRecord, gear: Gear) -> list[GroundFigure]:
             found[_SPEED] = float(record.truth_vel_ned_mps[touch - 1, 2])
             found[_LANDING_SKID] = _farthest(pos[touch:])
             found[_TILT] = float(tilt[touch:, :2].max())
-    return [GroundFigure(metric, found.get(metric)) for metric in GROUND_METRICS]
+    metrics = [m for m in GROUND_METRICS if m != _HEIGHT or not _begins_by_hand(record)]
+    return [GroundFigure(metric, found.get(metric)) for metric in metrics]
+
+
+def _begins_by_hand(record: FlightRecord) -> bool:
+    """A pilot has taken off, so no height was asked of a take-off."""
+    if record.mode is None:
+        return False
+    began = record.mode[record.mode != "standing"]
+    return bool(began.size and began[0] == "manual")
 
 
 def _height(record: FlightRecord) -> float | None:

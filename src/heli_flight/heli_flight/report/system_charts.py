@@ -22,7 +22,7 @@ _ACTUATOR_ROLES = ("nav", "truth", "green", "rival")
 _LEVEL_ROLES = ("good", "warn", "bad", "muted")
 _MODE_ROLES = {
     "standing": "muted", "takeoff": "green", "hover": "nav", "trajectory": "truth",
-    "land": "purple",
+    "land": "purple", "velocity": "truth", "attitude": "green", "manual": "rival",
 }  # fmt: skip
 _AXES = ("north", "east", "down")
 _LEAST_SHARE = 0.004
