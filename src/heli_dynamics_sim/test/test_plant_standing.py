@@ -67,7 +67,8 @@ def test_it_begins_in_equilibrium(plant_config, changes):
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (SLOPE, 0.0), (0.03, -0.06)])
 def test_the_ground_carries_weight_less_thrust(plant_config, slope):
     """Statics: what gear and friction give is the weight less the rotor's and tail's force."""
-    config, state = stand(plant_config, **CALM, ground__slope=list(slope))
+    changes = {"ground__slope": list(slope), "ground__idle_collective": 0.4}
+    config, state = stand(plant_config, **CALM, **changes)
     k, x = config.kernel.aircraft, state.x
     push, _ = ground_loads(x, k.ground)
     push_ned = np.array(to_ned(tuple(x[PLANT.quat]), *push))
@@ -91,6 +92,21 @@ def test_the_ground_carries_weight_less_thrust(plant_config, slope):
     # Coulomb: friction holds the downhill part of the weight, and the tail rotor's 3.6 N.
     assert along < k.ground.friction * normal
     assert along == pytest.approx(weight * math.sqrt(1.0 - into[2] ** 2), abs=7.0)
+
+
+def test_the_packaged_idle_presses_it_on(plant_config):
+    """The blades at -1.4 deg; with 2 % of the weight as thrust, gusts down a slope push it away."""
+    config, state = stand(plant_config, **CALM)
+    k, x = config.kernel.aircraft, state.x
+    pitch = k.main.pitch_gain * config.idle_collective + k.main.pitch_offset
+    assert math.degrees(pitch) == pytest.approx(-1.375, abs=0.01)
+    down = -to_ned(tuple(x[PLANT.quat]), *ground_loads(x, k.ground)[0])[2]
+    assert 0.08 < down / (k.body.mass * k.body.gravity) - 1.0 < 0.15
+    gusty = {"ground__slope": [0.0, SLOPE], "wind__profile_speed_mps": [7.5, 7.5, 7.5],
+             "wind__turbulence": False, "wind__towards_deg": 270.0}  # fmt: skip
+    stand(plant_config, **gusty)
+    with pytest.raises(TrimError, match="no stand on the ground"):
+        stand(plant_config, **gusty, ground__idle_collective=0.4)
 
 
 def test_it_does_not_creep(plant_config):
@@ -122,7 +138,7 @@ def test_it_slides_beyond_the_friction_angle(vacuum, fly, slope_deg, slides):
 
 def test_a_slope_that_is_too_steep_is_refused(plant_config):
     with pytest.raises(TrimError, match="no stand on the ground"):
-        stand(plant_config, **CALM, ground__slope=[0.0, 0.5])
+        stand(plant_config, **CALM, ground__slope=[0.0, 0.7])
 
 
 def test_friction_stays_in_its_cone_and_gives_no_energy(vacuum, fly):

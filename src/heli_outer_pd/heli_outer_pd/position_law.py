@@ -87,7 +87,8 @@ def _stand(nav, ref, k, state, out):
     """On the skids: the collective goes to its goal, the attitude is what the skids make it.
 
     What is commanded is the measured attitude, so that no error winds up against the ground, and
-    becomes that of hover as the second half of the weight goes over to the rotor.
+    becomes that of hover, leaning against what it slips, as the rotor takes over the second half
+    of the weight.
     """
     last = state[MEMORY.command]
     step = state[MEMORY.col_rate] * k.dt_s
@@ -97,8 +98,10 @@ def _stand(nav, ref, k, state, out):
     if known:
         phi, theta, psi = euler_from_quat(nav[NAV.quat])
         share = min(max(2.0 * hover_share(col, k) - 1.0, 0.0), 1.0)
-        phi += share * (k.trim[SETPOINT.phi] - phi)
-        theta += share * (k.trim[SETPOINT.theta] - theta)
+        slip = np.empty(3)
+        _to_heading(nav[NAV.vel], math.cos(psi), math.sin(psi), slip)
+        phi += share * (k.trim[SETPOINT.phi] + tilt_for(-k.K_D[1] * slip[1], k) - phi)
+        theta += share * (k.trim[SETPOINT.theta] - tilt_for(-k.K_D[0] * slip[0], k) - theta)
         psi += share * wrap_pi(ref[SHAPED.psi] - psi)
     out[SETPOINT.phi], out[SETPOINT.theta], out[SETPOINT.psi] = phi, theta, psi
     out[SETPOINT.col] = col

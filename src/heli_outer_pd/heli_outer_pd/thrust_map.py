@@ -52,10 +52,12 @@ def thrust_of(pitch, w_r, rotor):
     0 where the disk would have to push downwards, which the map does not cover.
     """
     w_bl = w_r + rotor.omega * rotor.radius * pitch / 1.5
+    if w_bl <= max(w_r, 0.0):
+        return 0.0
     kappa = _slope(rotor) / _disk(rotor)
     half = 0.5 * (kappa - w_r)
-    v_i = math.sqrt(max(half * half + kappa * w_bl, 0.0)) - half
-    return max(_slope(rotor) * (w_bl - v_i), 0.0)
+    v_i = math.sqrt(half * half + kappa * w_bl) - half
+    return _slope(rotor) * (w_bl - v_i)
 
 
 @njit

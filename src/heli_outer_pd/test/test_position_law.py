@@ -125,7 +125,8 @@ def test_thrust_map_is_its_own_inverse_and_solves_both_theories(thrust, w_r):
 
 
 def test_no_thrust_downwards():
-    assert thrust_map.thrust_of(-0.2, 0.0, kernel().rotor) == 0.0
+    for pitch in (-0.2, -0.03, -0.01, -0.001):
+        assert thrust_map.thrust_of(pitch, 0.0, kernel().rotor) == 0.0
 
 
 def test_climb_feedforward_asks_for_more_pitch():
