@@ -46,6 +46,9 @@ def test_take_off_and_landing_are_inside_their_goals(gps, seed, towards_deg, slo
     assert modes[changes].tolist() == MODES
     figures = score(flight.record, settings.scenario).ground
     assert [f"{f.metric.key} {f.cell}" for f in figures if not f.inside] == []
+    # It has turned into the wind before it touched down.
+    nose = np.degrees(euler_angles(flight.record.truth_q_nb)[modes == "land", 2][-1])
+    assert abs((nose - towards_deg) % 360.0 - 180.0) < 30.0
 
 
 def test_what_is_too_much_is_broken_off_and_not_lost():

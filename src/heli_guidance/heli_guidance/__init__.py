@@ -12,5 +12,6 @@ __getattr__, __dir__, __all__ = face(
         "flight_path": ["FlightPath"],
         "limits": ["MotionLimits"],
         "transfer": ["Motion", "Transfer"],
+        "turning": ["turned"],
     },
 )

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from heli_guidance.diversion import Cruise, Goal, divert
 from heli_guidance.errors import PathError
 from heli_guidance.limits import MotionLimits
+from heli_guidance.turning import turn_duration_s, turned
 from heli_math.rows import REFERENCE
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_outer_pd.reference import foreseen_ns
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 
-POSE, TOWARDS, FIXED = "pose", "towards", "fixed"
-HEADINGS = (POSE, TOWARDS, FIXED)
+POSE, TOWARDS, FIXED, WIND = "pose", "towards", "fixed", "wind"
+HEADINGS = (POSE, TOWARDS, FIXED, WIND)
 _PAST_NS = 5 * NS_PER_S
 """What is kept of the way flown so far, for who hears of a goto late."""
 _RECENT_NS = NS_PER_S
@@ -38,7 +39,7 @@ class Goto:
     limits : MotionLimits
     heading : str
         POSE: turn on the way to the heading that is asked for; TOWARDS: nose to the goal on the
-        way, then so; FIXED: as it is.
+        way, then so; FIXED: as it is; WIND: so, and into the wind while it hovers.
     shaping_ns : int
         Window over which the law averages the reference.
     """
@@ -77,7 +78,7 @@ class Goto:
         ReferenceRefused
             No way within the limits, or too long a one.
         """
-        psi = None if self.heading == FIXED else psi_rad
+        psi = None if self.heading in (FIXED, WIND) else psi_rad
         return self._divert(before, now_ns, Goal(pos_ned_m, psi, facing=self.heading == TOWARDS))
 
     def halt(self, before: Trajectory, now_ns: int) -> Trajectory:
@@ -115,6 +116,16 @@ class Goto:
         if out_m[farthest] > max(float(out_m[0]), 0.0):
             fence.judge_place("the way at this velocity", ahead[farthest], home_ned_m)
         return way
+
+    def turn(self, before: Trajectory, now_ns: int, angle_rad: float) -> tuple[Trajectory, int]:
+        """`before` with the nose turned, to the right, and the stamp at which that is flown, ns."""
+        leave_ns = now_ns + foreseen_ns(self.shaping_ns)
+        lasts_ns = round(turn_duration_s(angle_rad, self.limits) * NS_PER_S)
+        try:
+            way = turned(before, leave_ns, max(_PAST_NS, self.shaping_ns), angle_rad, self.limits)
+        except PathError as error:
+            raise ReferenceRefused(str(error)) from error
+        return way, leave_ns + lasts_ns
 
     def _divert(
         self,

@@ -2,7 +2,7 @@
 """The outer loop's parameters; their values stand in config/outer_loop.yaml."""
 
 from heli_outer_pd.attitude_sweep import SWEEP_ROWS
-from heli_outer_pd.goto import HEADINGS
+from heli_outer_pd.goto import FIXED, HEADINGS, WIND
 from heli_outer_pd.script import SCRIPT_ROWS
 from heli_outer_pd.steering import STICK_ROWS
 from heli_parameters.parameters import Parameter
@@ -53,7 +53,8 @@ TABLE: tuple[Parameter, ...] = (
     _row("goto.yaw_acceleration_degps2", "double", "Largest angular acceleration of the heading in "
          "a goto, reached in half a second", "deg/s2", lower=1.0, upper=720.0),
     _row("goto.heading", "string", "Heading in a goto: turn on the way to that of the pose; nose "
-         "towards the goal on the way, then to that of the pose; or as it is", choices=HEADINGS),
+         "towards the goal on the way, then to that of the pose; as it is; or so, and into the "
+         "wind while it hovers", choices=HEADINGS),
     _row("goto.max_age_s", "double", "Oldest goto that is flown, flight time since its stamp", "s",
          lower=0.1, upper=60.0),
     _row("start.on_ground", "bool", "Begin standing on the skids, and wait for a take-off",
@@ -80,6 +81,8 @@ TABLE: tuple[Parameter, ...] = (
          lower=0.2, upper=30.0),
     _row("land.clear_m", "double", "Below this height neither climb nor descent is held", "m",
          lower=0.0, upper=50.0),
+    _row("land.heading", "string", "Heading in a landing: turn into the wind before the last "
+         "part, or as it is", choices=(WIND, FIXED)),
     *STICK_ROWS,
     *SCRIPT_ROWS,
     _row("attitude_lead.lead_s", "double[]",

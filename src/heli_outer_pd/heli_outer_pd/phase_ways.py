@@ -40,6 +40,7 @@ class PhaseNumbers:
     slow_below_m: float
     down_ramp_s: float
     clear_m: float
+    land_heading: str
     climb: MotionLimits
     descent: MotionLimits
     touch_down: MotionLimits
@@ -60,6 +61,7 @@ class PhaseNumbers:
             slow_below_m=values["land.slow_below_m"],
             down_ramp_s=values["land.ramp_s"],
             clear_m=values["land.clear_m"],
+            land_heading=values["land.heading"],
             climb=replace(limits, climb_mps=values["takeoff.climb_mps"]),
             descent=replace(limits, climb_mps=values["land.descent_mps"]),
             touch_down=replace(limits, climb_mps=values["land.touch_down_mps"]),

@@ -22,7 +22,8 @@ from heli_modes.table import STEERED as BY_STICKS
 from heli_modes.table import Command, Fact, Guard, Phase
 from heli_outer_pd.contact import TouchDown, lean, leans_beyond, lifts_more
 from heli_outer_pd.disturbance import flyable, hover_share
-from heli_outer_pd.goto import Goto
+from heli_outer_pd.goto import WIND, Goto
+from heli_outer_pd.into_wind import IntoWind, push_right
 from heli_outer_pd.outer_state import FLIES, LEAVES, MEMORY, STANDS, OuterKernel
 from heli_outer_pd.phase_ways import PhaseNumbers, way_down, way_up
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
@@ -85,7 +86,7 @@ class Phases:
         self.history = [(start_ns, self.phase)]
         self.remarks: list[str] = []
         self._state, self._start_ns, self._orders = state, start_ns, deque(orders)
-        self._since_ns, self._stance = start_ns, np.zeros(2)
+        self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
         self._contact, self._cruise_ns = TouchDown(), start_ns
         self._sticks, self._hand = StickFlight(state), ScriptedHand()
         if numbers.on_ground:
@@ -99,7 +100,8 @@ class Phases:
 
     def is_watched(self) -> bool:
         """True where something may follow after any step, without a command."""
-        return self.phase not in (Phase.STANDING, Phase.HOVER) or self.way is None
+        hovers = self.phase == Phase.HOVER and self.goto.heading != WIND
+        return not (hovers or self.phase == Phase.STANDING) or self.way is None
 
     def next_order_ns(self) -> int | None:
         """Stamp at which something is due that was ordered before the flight; None for nothing."""
@@ -188,7 +190,22 @@ class Phases:
             self._obey(self._orders.popleft(), now_ns, nav)
         if self.phase in BY_STICKS:
             self._steer(now_ns, nav)
+        self._turn_into_wind(now_ns, nav)
         return self.way is not before
+
+    def _turn_into_wind(self, now_ns: int, nav: Array) -> None:
+        """Turn the nose towards where the wind comes from, where that is wanted."""
+        turns = self.phase == Phase.HOVER and self.goto.heading == WIND
+        if self.phase in (Phase.HALTING, Phase.DESCENDING):
+            above = self._ground_down_m - nav[NAV.pos][2]
+            turns = self.numbers.land_heading == WIND and above > 0.5 * self.numbers.slow_below_m
+        if not turns or not flyable(nav) or self.way is None:
+            self._into_wind.rest(now_ns)
+            return
+        angle = self._into_wind.turn(now_ns, push_right(self._state[MEMORY.disturbance], nav))
+        if angle != 0.0:
+            self.way, done_ns = self.goto.turn(self.way, now_ns, angle)
+            self._into_wind.rest(done_ns)
 
     def _renew(self, now_ns: int, nav: Array) -> None:
         """What a scripted hand does not let go."""

@@ -99,7 +99,7 @@ def _stand(nav, ref, k, state, out):
         phi, theta, psi = euler_from_quat(nav[NAV.quat])
         share = min(max(2.0 * hover_share(col, k) - 1.0, 0.0), 1.0)
         slip = np.empty(3)
-        _to_heading(nav[NAV.vel], math.cos(psi), math.sin(psi), slip)
+        to_heading(nav[NAV.vel], math.cos(psi), math.sin(psi), slip)
         phi += share * (k.trim[SETPOINT.phi] + tilt_for(-k.K_D[1] * slip[1], k) - phi)
         theta += share * (k.trim[SETPOINT.theta] - tilt_for(-k.K_D[0] * slip[0], k) - theta)
         psi += share * wrap_pi(ref[SHAPED.psi] - psi)

@@ -50,7 +50,7 @@ class Body:
         self.strength, self.now_ns = strength, 0
         self.height_m, self.up_mps = height_m, 0.0
         self.thrust = 0.0 if on_ground else 1.0
-        self.phi, self.theta = 0.02, -0.01
+        self.phi, self.theta, self.psi = 0.02, -0.01, 0.3
         self.touched_mps = None
         self.slip_ned_mps = 0.0, 0.0
         self.out = self.k.trim.copy()
@@ -60,7 +60,7 @@ class Body:
         """One period of the law."""
         self.nav[NAV.pos] = 0.0, 0.0, -self.height_m
         self.nav[NAV.vel] = *self.slip_ned_mps, -self.up_mps
-        self.nav[NAV.quat] = quat_from_euler(self.phi, self.theta, 0.3)
+        self.nav[NAV.quat] = quat_from_euler(self.phi, self.theta, self.psi)
         way = self.phases.way or Trajectory.hover(np.zeros(3), 0.0)
         follow(self.nav, self.now_ns - way.start_ns, way.times_ns, way.points, self.k, self.state,
                self.out)  # fmt: skip
@@ -309,6 +309,21 @@ def test_an_updraught_is_no_touch_down():
     while body.height_m > 0.5:
         body.step()
         assert body.phases.phase == Phase.DESCENDING
+
+
+@pytest.mark.parametrize("heading", ["wind", "pose"])
+def test_a_hover_turns_the_nose_into_the_wind_where_that_is_wanted(heading):
+    """The air pushes to the west, whatever the heading: the wind comes from the east."""
+    body = Body(on_ground=False, height_m=6.0, **{"goto.heading": heading})
+    assert body.phases.goto.heading == heading
+    body.phases.command(Command.HOLD, 0, body.nav + np.eye(NAV.size)[NAV.quat][0])
+    for _ in range(40 * 25):
+        body.state[MEMORY.disturbance] = 0.0, -1.25, 0.0
+        body.psi = body.phases.way.at(body.now_ns)[REFERENCE.psi]
+        body.step()
+    assert body.phases.phase == Phase.HOVER
+    assert body.phases.is_watched() == (heading == "wind")
+    assert body.psi == pytest.approx(math.pi / 2.0 if heading == "wind" else 0.3, abs=0.2)
 
 
 def test_orders_are_done_in_time_and_what_is_refused_is_remarked():
