@@ -9,6 +9,7 @@ the wind per angle. How much the push changes per angle is seen in the turns the
 """
 
 import math
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,14 @@ from numpy.typing import NDArray
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV
 from heli_math.ticks import NS_PER_S
+from heli_math.trajectory import Trajectory
+from heli_modes.table import Phase
+from heli_outer_pd.disturbance import flyable
+from heli_outer_pd.goto import WIND, Goto
+from heli_outer_pd.outer_state import MEMORY
+from heli_outer_pd.phase_ways import PhaseNumbers
+
+Array = NDArray[np.float64]
 
 _SETTLES_NS = round(1.5 * NS_PER_S)
 """After a turn the estimate of the disturbance takes so long."""
@@ -29,7 +38,16 @@ and between which it is believed."""
 _MOST_RAD = math.radians(60.0)
 
 
-def push_right(disturbance_ned: NDArray[np.float64], nav: NDArray[np.float64]) -> float:
+class Flight(Protocol):
+    """What is asked of the phases of a flight."""
+
+    phase: Phase
+    way: Trajectory | None
+    goto: Goto
+    numbers: PhaseNumbers
+
+
+def push_right(disturbance_ned: Array, nav: Array) -> float:
     """Part of a disturbance (3,), NED, m/s2, to the right of the nose of a navigation row."""
     psi = euler_from_quat(nav[NAV.quat])[2]
     return float(-math.sin(psi) * disturbance_ned[0] + math.cos(psi) * disturbance_ned[1])
@@ -41,6 +59,7 @@ class IntoWind:
     def __init__(self) -> None:
         self._slope = _FIRST
         self._last: tuple[float, float] | None = None
+        self._phase: Phase | None = None
         self.rest(0)
 
     def rest(self, until_ns: int) -> None:
@@ -75,3 +94,37 @@ class IntoWind:
         angle = min(max(-push / self._slope, -_MOST_RAD), _MOST_RAD)
         self._last = push, angle
         return angle
+
+    def turned(
+        self, flight: Flight, now_ns: int, nav: Array, state: Array, ground_down_m: float
+    ) -> Trajectory | None:
+        """The way that is followed, with a turn in it if it is time for one.
+
+        Parameters
+        ----------
+        flight : Flight
+            Its nose turns where it hovers, if a goto's heading is the wind; in a landing, if that
+            one's is, above half of the height at which its last part begins.
+        now_ns : int
+            Stamp of the law's last step, ns.
+        nav, state : arrays
+            Navigation row and state of the law.
+        ground_down_m : float
+            Where the ground is, as far as it is known, NED.
+        """
+        phase, way, n = flight.phase, flight.way, flight.numbers
+        fresh = phase not in (self._phase, Phase.DESCENDING)
+        self._phase = phase
+        wanted = phase == Phase.HOVER and flight.goto.heading == WIND
+        if phase in (Phase.HALTING, Phase.DESCENDING):
+            high = ground_down_m - nav[NAV.pos][2] > 0.5 * n.slow_below_m
+            wanted = n.land_heading == WIND and high
+        if fresh or not wanted or way is None or not flyable(nav):
+            self.rest(now_ns)
+            return way
+        angle = self.turn(now_ns, push_right(state[MEMORY.disturbance], nav))
+        if angle == 0.0:
+            return way
+        way, done_ns = flight.goto.turn(way, now_ns, angle)
+        self.rest(done_ns)
+        return way

@@ -69,6 +69,12 @@ class PhaseNumbers:
         )
 
 
+def way_here(nav: Array, start_ns: int) -> Trajectory:
+    """To stand where a navigation row is, as it points; stamped with flight time 0."""
+    psi = euler_from_quat(nav[NAV.quat])[2]
+    return replace(Trajectory.hover(nav[NAV.pos].copy(), psi), start_ns=start_ns)
+
+
 def way_up(n: PhaseNumbers, nav: Array, now_ns: int, start_ns: int) -> Trajectory:
     """From where it is, with the heading that it has, up to the hover; from now on.
 

@@ -8,12 +8,10 @@ after each step of the law, so that the graph and the one-process loop do the sa
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
@@ -23,9 +21,9 @@ from heli_modes.table import Command, Fact, Guard, Phase
 from heli_outer_pd.contact import TouchDown, lean, leans_beyond, lifts_more
 from heli_outer_pd.disturbance import flyable, hover_share
 from heli_outer_pd.goto import WIND, Goto
-from heli_outer_pd.into_wind import IntoWind, push_right
+from heli_outer_pd.into_wind import IntoWind
 from heli_outer_pd.outer_state import FLIES, LEAVES, MEMORY, STANDS, OuterKernel
-from heli_outer_pd.phase_ways import PhaseNumbers, way_down, way_up
+from heli_outer_pd.phase_ways import PhaseNumbers, way_down, way_here, way_up
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 from heli_outer_pd.script import Scripted
 from heli_outer_pd.scripted_hand import ScriptedHand
@@ -100,8 +98,8 @@ class Phases:
 
     def is_watched(self) -> bool:
         """True where something may follow after any step, without a command."""
-        hovers = self.phase == Phase.HOVER and self.goto.heading != WIND
-        return not (hovers or self.phase == Phase.STANDING) or self.way is None
+        rests = self.phase in (Phase.STANDING, Phase.HOVER) and self.goto.heading != WIND
+        return not rests or self.way is None
 
     def next_order_ns(self) -> int | None:
         """Stamp at which something is due that was ordered before the flight; None for nothing."""
@@ -190,22 +188,8 @@ class Phases:
             self._obey(self._orders.popleft(), now_ns, nav)
         if self.phase in BY_STICKS:
             self._steer(now_ns, nav)
-        self._turn_into_wind(now_ns, nav)
+        self.way = self._into_wind.turned(self, now_ns, nav, self._state, self._ground_down_m)
         return self.way is not before
-
-    def _turn_into_wind(self, now_ns: int, nav: Array) -> None:
-        """Turn the nose towards where the wind comes from, where that is wanted."""
-        turns = self.phase == Phase.HOVER and self.goto.heading == WIND
-        if self.phase in (Phase.HALTING, Phase.DESCENDING):
-            above = self._ground_down_m - nav[NAV.pos][2]
-            turns = self.numbers.land_heading == WIND and above > 0.5 * self.numbers.slow_below_m
-        if not turns or not flyable(nav) or self.way is None:
-            self._into_wind.rest(now_ns)
-            return
-        angle = self._into_wind.turn(now_ns, push_right(self._state[MEMORY.disturbance], nav))
-        if angle != 0.0:
-            self.way, done_ns = self.goto.turn(self.way, now_ns, angle)
-            self._into_wind.rest(done_ns)
 
     def _renew(self, now_ns: int, nav: Array) -> None:
         """What a scripted hand does not let go."""
@@ -243,8 +227,7 @@ class Phases:
 
     def _begin(self, nav: Array) -> None:
         """The first position: where it stands, or what it holds."""
-        psi = euler_from_quat(nav[NAV.quat])[2]
-        self.way = replace(Trajectory.hover(nav[NAV.pos].copy(), psi), start_ns=self._start_ns)
+        self.way = way_here(nav, self._start_ns)
         self.home_ned_m, self._ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
 
     # --- facts and guards ------------------------------------------------------------------------
@@ -384,9 +367,7 @@ class Phases:
             case Phase.SETTLING:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
                 if flyable(nav):
-                    psi = euler_from_quat(nav[NAV.quat])[2]
-                    here = Trajectory.hover(nav[NAV.pos].copy(), psi)
-                    self.way = replace(here, start_ns=self._start_ns)
+                    self.way = way_here(nav, self._start_ns)
             case Phase.TRAJECTORY if goal is not None:
                 self.way = self.goto.judged(before, now_ns, *goal, self.fence, self.home_ned_m)
             case Phase.STANDING if steered:
