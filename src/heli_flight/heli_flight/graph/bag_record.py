@@ -43,6 +43,8 @@ def _modes(bag: Bag) -> list[tuple[int, str]]:
     """Modes that the outer loop told, and from when on, ns; none if it only ever followed."""
     told = [(r.stamp_ns, r.facts[FACT_MODE]) for r in bag.remarks
             if r.node == OUTER_LOOP and FACT_MODE in r.facts]  # fmt: skip
+    # By when it was so, not by when it was heard: a late message of before says nothing of later.
+    told.sort(key=lambda what: what[0])
     return told if any(mode not in _FOLLOWING for _, mode in told) else []
 
 
