@@ -11,7 +11,8 @@ from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import NAV, REFERENCE, SHAPED
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory, reference_at
-from heli_outer_pd.disturbance import flown_acceleration_ned
+from heli_outer_pd.disturbance import flown_acceleration_ned, flyable, hover_share
+from heli_outer_pd.hand_law import collective_limits, hand_of
 from heli_outer_pd.outer_state import OuterKernel
 from heli_outer_pd.reference import foreseen_ns, shaped_reference_at, turn_rate_at
 
@@ -47,6 +48,18 @@ def led_now(way: Trajectory, now_ns: int, k: OuterKernel) -> Flown:
     reference_at(*asked, row)
     ned = np.array([shaped[SHAPED.pos], shaped[SHAPED.vel], shaped[SHAPED.acc]])
     return Flown(ned, np.array([row[REFERENCE.psi], turn_rate_at(*asked), 0.0]))
+
+
+def warm_up(k: OuterKernel, state: Array) -> None:
+    """Load the compiled parts of a change of modes before a flight needs them."""
+    nav = np.zeros(NAV.size)
+    nav[NAV.quat] = 1.0, 0.0, 0.0, 0.0
+    flown_now(nav, k, state)
+    led_now(Trajectory.hover(np.zeros(3), 0.0), 0, k)
+    hand_of(state, np.empty(3))
+    collective_limits(k)
+    hover_share(0.0, k)
+    flyable(nav)
 
 
 def anchored(flown: Flown, now_ns: int, start_ns: int, k: OuterKernel) -> Trajectory:

@@ -25,6 +25,7 @@ from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.reference_message import decode_reference, encode_reference
 from heli_msgs_bridge.senders import NOT_YET_NAMED, full_name, senders_of
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
+from heli_outer_pd.anchor import warm_up
 from heli_outer_pd.commands import SERVED, Commands, key_of
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.goto import Goto
@@ -166,6 +167,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         moved(_NOWHERE, np.zeros(3))
         encode_reference(core.goto.plan(_NOWHERE, 0, np.ones(3), 1.0))
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
+        warm_up(core.kernel, state)
 
     def _name_commanders(self) -> None:
         """Say who sends commands if they are several: each may, so all of them are followed."""

@@ -30,9 +30,8 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.messages import CHANNELS, Decoder, Encoder, MessageError
 from heli_observer import observer
-from heli_outer_pd import position_law
+from heli_outer_pd import anchor, position_law
 from heli_outer_pd.config import outer_kernel
-from heli_outer_pd.hand_law import hand_of
 from heli_outer_pd.reference import moved, offset_to
 
 # numba makes many objects that live long: looking for garbage as often as usual costs an eighth.
@@ -62,7 +61,7 @@ def _laws(settings: Settings) -> None:
     nav = np.zeros(NAV.size)
     moved(way, offset_to(nav[NAV.pos], 0, way.times_ns, way.points))
     position_law.follow(nav, 0, way.times_ns, way.points, outer, state, out)
-    hand_of(state, np.zeros(3))
+    anchor.warm_up(outer, state)
     inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
     x9 = np.zeros(len(NINE))
     nine_states(nav, nav[NAV.rotor], x9)
