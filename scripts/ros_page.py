@@ -54,6 +54,8 @@ SERVICES = {
 _FRAMES = {
     topics.REFERENCE: (MAP, BASE),
     topics.GOTO: (MAP,),
+    topics.COMMAND_POSE: (MAP,),
+    topics.COMMAND_VELOCITY: (f"{MAP} or {BASE}",),
     topics.TF: (MAP, ODOM, BASE),
     topics.TF_STATIC: (BASE, "links of the model"),
     topics.SCENE: (MAP,),
@@ -81,8 +83,12 @@ all of them; who asks for best effort does, too. `/tf` and `/tf_static` are sent
 `tf2_msgs` is installed: the PyPI wheels do not hold it. No flight needs the last four.
 `excitation/*` is sent only where its sender is configured for it; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
-its token, and the outer loop for each `goto` that it flies. `goto` is yours to send: a level
-pose in `map`, stamped with the flight's time (`examples/goto.py`). The recorder hears all but
+its token, and the outer loop for each command that it flies. Yours to send are `goto`, or by
+REP-147's name `command_pose`: a level pose in `map`, stamped with the flight's time
+(`examples/goto.py`);
+`command_velocity`: in `map` (east, north, up) or in `base_link` (forward, left, up, level),
+angular x and y 0, renewed within `command.timeout_s` (`examples/velocity.py`); `joy`: axes and
+buttons as `joy.*` says, its stamp of any clock (`heli joy`). The recorder hears all but
 `scene`, the live view all but the last four. As every node of ROS 2, these also send
 `/rosout`, `/parameter_events` and `~/transition_event`.
 
@@ -119,9 +125,12 @@ setting ROS 2 speaks to the whole subnet.
 Every node has these, under its name (`/plant/get_state`):
 """
 LIFE = """
-The outer loop has three more (std_srvs/srv/Trigger). `hold`: stop as soon as the limits `goto.*`
+The outer loop has more (std_srvs/srv/Trigger). `hold`: stop as soon as the limits `goto.*`
 allow, and stay there. `takeoff`: from the ground up to `takeoff.height_m`. `land`: come to rest,
-descend, touch down. The answer says what will be done, or why not and what is allowed.
+descend, touch down. `mode/velocity`, `mode/attitude`, `mode/manual`: these modes. `arm`
+(std_srvs/srv/SetBool): without it no take-off; disarmed only while it stands. The answer says
+what will be done, or why not and what is allowed. The parameter `mode` of `outer_loop` commands
+by name when it is set: `ros2 param set /outer_loop mode hover`.
 
 ## Life cycle
 

@@ -39,6 +39,7 @@ NUMERICAL = (
     "src/heli_observer",
     "src/heli_outer_pd",
     "src/heli_robust",
+    "src/heli_sticks",
     "tests/verification",
 )
 _NOTHING_FAILED = (0, 1)

@@ -28,6 +28,7 @@ KNOWN_TO_ROSDEP = {
     "python3-matplotlib",
     "python3-numba",
     "python3-numpy",
+    "python3-pygame",
     "python3-pytest",
     "python3-rich",
     "python3-scipy",
@@ -52,7 +53,7 @@ KNOWN_IN_JAZZY = {
     "trajectory_msgs",
     "visualization_msgs",
 }
-DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk"}
+DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk", "pygame": "pygame-ce"}
 # By pip, into an environment that sees the system's packages (CONTRIBUTING.md): noble has no such
 # package, or, of typer, one that is too old.
 BY_PIP = {"control", "foxglove", "mcap", "plotly", "rosbags", "ruckig", "typer", "zstandard"}

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge.cdr import stamp_of
 
 Info = Mapping[str, Any]
@@ -78,7 +79,7 @@ class Owner:
     silence_s : float
         Wall time after which a silent owner is succeeded by whoever sends.
     period_ns : int
-        Distance of two stamps.
+        Distance of two stamps; 0 where there is none: any later one within a second goes on.
     now_s : callable, optional
         Wall time, s.
 
@@ -146,4 +147,6 @@ class Owner:
         if min(len(raw), len(self._raw)) < _LEAST_BYTES:
             return False
         step_ns = stamp_of(raw) - stamp_of(self._raw)
+        if not self._period_ns:
+            return 0 < step_ns <= NS_PER_S
         return 0 < step_ns <= _MOST_PERIODS * self._period_ns and step_ns % self._period_ns == 0

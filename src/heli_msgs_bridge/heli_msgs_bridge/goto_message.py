@@ -25,8 +25,8 @@ class GoalPose(NamedTuple):
     psi_rad: float
 
 
-def decode_goto(message: Any) -> GoalPose:
-    """The goal of a message (object of rclpy or of rosbags).
+def decode_goto(message: Any, name: str = topics.GOTO) -> GoalPose:
+    """The goal of a message (object of rclpy or of rosbags) on a topic of this name.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def decode_goto(message: Any) -> GoalPose:
         Another frame than `map`, a number that is not finite, an orientation that is none or is
         not level.
     """
-    name, frame, pose = topics.GOTO, message.header.frame_id, message.pose
+    frame, pose = message.header.frame_id, message.pose
     if frame != MAP:
         raise MessageError(f"{name}: frame '{frame}'; allowed: '{MAP}' (east, north, up)")
     p, r = pose.position, pose.orientation

@@ -30,7 +30,9 @@ def full_name(sender: tuple[str, str]) -> str:
     return name if name == NOT_YET_NAMED else f"{namespace.rstrip('/')}/{name}"
 
 
-def several_in_words(topic: str, senders: Sequence[tuple[str, str]]) -> str:
-    """That a topic has several senders, and what comes of it."""
+def several_in_words(topic: str, senders: Sequence[tuple[str, str]], first: str = "") -> str:
+    """That a topic has several senders, and what comes of it; `first` is heard, if it is known."""
     names = ", ".join(map(full_name, senders))
+    if first in map(full_name, senders):
+        return f"{topic}: sent by {names}; only {first} is followed, which was heard first"
     return f"{topic}: sent by {names}; only the first sender's messages are used"

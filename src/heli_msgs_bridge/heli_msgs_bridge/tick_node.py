@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
 
 from heli_math.ticks import TICK_NS, TICKS_PER_S
 from heli_msgs_bridge import topics
@@ -26,7 +27,14 @@ from heli_msgs_bridge.messages import (
     MessageError,
     Variance,
 )
-from heli_msgs_bridge.senders import SENDERS, senders_of, several_in_words
+from heli_msgs_bridge.senders import (
+    NOT_YET_NAMED,
+    SENDERS,
+    full_name,
+    senders_of,
+    several_in_words,
+)
+from heli_msgs_bridge.services import in_words as in_line
 from heli_msgs_bridge.stamps import in_words
 from heli_msgs_bridge.stepping import Arrived, Lockstep, Pace, RealTime
 
@@ -37,6 +45,8 @@ _WATCH_PERIOD_S = 0.05
 _SENDERS_PERIOD_S = 1.0
 # Real time: wall time after which a silent sender is succeeded by another one of its topic.
 _SILENT_OWNER_S = 0.5
+# Wall time after which a silent pilot is succeeded by another one.
+_SILENT_PILOT_S = 1.0
 # Time that is set back to one of these has begun anew; the first tick itself is refused.
 _FIRST_TICKS = 10
 
@@ -103,6 +113,12 @@ Core = TypeVar("Core", bound=TickCore)
 class TickNode(ManagedNode[Core, Run]):
     """Collects inputs by tick and calls `step` (`stepping` says when)."""
 
+    def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
+        super().__init__(values, **options)
+        self._owners: dict[str, Owner] = {}
+        # Per topic its sender's name, if it was the only one when it was first heard.
+        self._alone: dict[str, str] = {}
+
     # --- for sub-classes to implement ----------------------------------------------------------
 
     @abstractmethod
@@ -142,6 +158,7 @@ class TickNode(ManagedNode[Core, Run]):
         """
         pace: Pace
         owners: dict[str, Owner] = {}
+        self._owners, self._alone = owners, {}
         refused = self._refuse_stamp
         if self.values["lockstep"]:
             pace = Lockstep(
@@ -170,6 +187,34 @@ class TickNode(ManagedNode[Core, Run]):
         self.repeat(_SENDERS_PERIOD_S, partial(self._look_at_all_senders, owners))
         return pace
 
+    def hear_one(self, topic: str, callback: Callable[[Any], None]) -> None:
+        """Hear the first of those who send on a topic; another one when it has been silent.
+
+        Called from `configure`, after `listen`.
+        """
+        name, cls = self.resolve_topic_name(topic), topics.message_class(topics.BY_NAME[topic].type)
+        owner = Owner(lambda: self.count_publishers(name), _SILENT_PILOT_S, 0)
+        self._owners[topic] = owner
+
+        def receive(raw: bytes) -> None:
+            if topic not in self._alone:
+                self._look_who_is_alone(topic)
+            try:
+                message = deserialize_message(raw, cls)
+            except Exception as error:  # rclpy raises what it likes
+                self.refuse_aloud(topic, f"{topic}: not a message of its type: {in_line(error)}")
+                return
+            callback(message)
+
+        ignored = partial(self._look_at_senders, topic, owner)
+        self.hear(topic, receive, raw=True, owner=owner, ignored=ignored)
+
+    def _look_who_is_alone(self, topic: str) -> None:
+        """Note the name of a topic's only sender: should another one come, it was the first."""
+        senders = senders_of(self, topic)
+        if len(senders) == 1 and full_name(senders[0]) != NOT_YET_NAMED:
+            self._alone[topic] = full_name(senders[0])
+
     def _owner(self, topic: str) -> Owner:
         """Who decides whose messages of a topic are used."""
         silence_s = self.values["peer_timeout_s"] if self.values["lockstep"] else _SILENT_OWNER_S
@@ -187,7 +232,8 @@ class TickNode(ManagedNode[Core, Run]):
         """Name the senders of a topic if they are several; also as soon as one is ignored."""
         core, name = self.core, self.resolve_topic_name(topic)
         if topic not in core.rivals and self.count_publishers(name) > 1:
-            core.rivals[topic] = several_in_words(topic, senders_of(self, topic))
+            first = "" if owner.successions else self._alone.get(topic, "")
+            core.rivals[topic] = several_in_words(topic, senders_of(self, topic), first)
         if topic in core.rivals or owner.ignored or owner.successions:
             said = core.rivals.get(topic) or core.senders.get(topic, topic).split("; ignored")[0]
             counted = f"ignored so far: {owner.ignored} messages"

@@ -24,6 +24,9 @@ ODOM = "odom"
 ROTOR_STATE = "rotor_state"
 REFERENCE = "reference"
 GOTO = "goto"
+COMMAND_POSE, COMMAND_VELOCITY = "command_pose", "command_velocity"
+"""Names of REP-147; the first is a goto by another name."""
+JOY = "joy"
 ATTITUDE_SETPOINT = "attitude_setpoint"
 COLLECTIVE = "collective"
 ACTUATORS = "actuators"
@@ -94,6 +97,7 @@ _PLANT, _OBSERVER, _INNER, _OUTER = ("plant",), ("observer",), ("inner_loop",), 
 _ALL = ("plant", "observer", "inner_loop", "outer_loop", "recorder", "scenario", "live_view")
 _JOINTS = "sensor_msgs/msg/JointState"
 _ODOMETRY = "nav_msgs/msg/Odometry"
+_POSE = "geometry_msgs/msg/PoseStamped"
 
 TABLE: tuple[Topic, ...] = (
     Topic(CLOCK, "rosgraph_msgs/msg/Clock", _PLANT, (), 1),
@@ -113,7 +117,10 @@ TABLE: tuple[Topic, ...] = (
         latched=True,
     ),
     # From whoever commands the flight.
-    Topic(GOTO, "geometry_msgs/msg/PoseStamped", (), _OUTER, 0),
+    Topic(GOTO, _POSE, (), _OUTER, 0),
+    Topic(COMMAND_POSE, _POSE, (), _OUTER, 0),
+    Topic(COMMAND_VELOCITY, "geometry_msgs/msg/TwistStamped", (), _OUTER, 0),
+    Topic(JOY, "sensor_msgs/msg/Joy", (), _OUTER, 0),
     Topic(ATTITUDE_SETPOINT, "geometry_msgs/msg/QuaternionStamped", _OUTER, _INNER, 4),
     Topic(COLLECTIVE, _JOINTS, _OUTER, _INNER, 4),
     Topic(ACTUATORS, _JOINTS, _INNER, _PLANT + _OBSERVER, 1),

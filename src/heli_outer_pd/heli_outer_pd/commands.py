@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pilots ask of the outer loop: topic `goto`, services `hold`, `takeoff`, `land`.
+"""What pilots ask of the outer loop: by topics, by services, by the parameter `mode`.
 
 Each is done, or refused in one sentence and the flight goes on as before.
 """
@@ -9,21 +9,43 @@ from typing import Any
 
 import numpy as np
 
-from heli_math.rows import REFERENCE
+from heli_math.rotations import euler_from_quat
+from heli_math.rows import NAV, REFERENCE
 from heli_math.ticks import NS_PER_S, TICK_NS
 from heli_math.trajectory import Trajectory
-from heli_modes.machine import Refusal, decide
-from heli_modes.table import Command
+from heli_modes.machine import Refusal, command_named, decide
+from heli_modes.table import Command, Phase
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.goto_message import decode_goto
+from heli_msgs_bridge.joy_message import decode_joy
 from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.reference_message import encode_reference
 from heli_msgs_bridge.stamps import AHEAD_TICKS, in_words
+from heli_msgs_bridge.velocity_message import VelocityCommand, decode_velocity
 from heli_outer_pd.reference_limits import ReferenceRefused
+from heli_sticks.errors import StickError
+from heli_sticks.mapping import Presses, StickMap
 
-SERVED = (Command.HOLD, Command.TAKEOFF, Command.LAND)
-"""Commands with a service of their name: `std_srvs/Trigger`."""
+SERVED = {
+    Command.HOLD: "hold",
+    Command.TAKEOFF: "takeoff",
+    Command.LAND: "land",
+    Command.VELOCITY: "mode/velocity",
+    Command.ATTITUDE: "mode/attitude",
+    Command.MANUAL: "mode/manual",
+}
+"""Commands without an argument, and their services: `std_srvs/Trigger`."""
+MODE = "mode"
+"""Parameter that commands by name when it is set."""
+ARM = "arm"
 _POSITION = "position"
+_ARMED, _DISARMED = "a take-off is obeyed", "the collective stays at idle until it is armed"
+_LEAVE = (Command.TAKEOFF, Command.MANUAL)
+"""Commands that leave the ground."""
+_STEERED = {
+    Command.ATTITUDE: "roll, pitch, turn and climb as the sticks say",
+    Command.MANUAL: "the sticks move the actuators; the yaw gyro alone helps",
+}
 
 
 class Commands:
@@ -36,46 +58,175 @@ class Commands:
 
     def __init__(self, node: Any) -> None:
         self._node = node
+        self._sticks, self._presses = StickMap.from_parameters(node.values), Presses()
+        self._velocity: VelocityCommand | None = None
 
-    def on_goto(self, message: Any) -> None:
-        """Fly to a pose; or refuse it, and go on as before."""
-        node = self._node
-        # Now: who sends once is gone when one looks later.
-        node._name_commanders()
+    def begin(self) -> None:
+        """A flight begins: what was sent before it is not obeyed."""
+        self._presses.forget()
+        self._velocity = None
+
+    def adopt(self, sticks: StickMap) -> None:
+        """Another layout of the joystick."""
+        self._sticks = sticks
+        self._presses.forget()
+
+    # --- topics ----------------------------------------------------------------------------------
+
+    def on_goto(self, topic: str) -> Callable[[Any], None]:
+        """The callback of a topic of poses: fly there; or refuse it, and go on as before."""
+
+        def take(message: Any) -> None:
+            node = self._node
+            # Now: who sends once is gone when one looks later.
+            node._name_commanders()
+            try:
+                goal = self._goal_of(message, topic)
+                refused = self._do(Command.GOTO, goal)
+            except MessageError as error:
+                node.refuse_aloud(topic, str(error))
+                return
+            except ReferenceRefused as error:
+                node.refuse_aloud(topic, f"{topic}: {error}")
+                return
+            if refused is not None:
+                node.refuse_aloud(topic, refused.sentence)
+                return
+            node.get_logger().info(f"{topic}: {self.fly(node.run.phases.way)}")
+
+        return take
+
+    def on_velocity(self, message: Any) -> None:
+        """Move so from the law's next step on; or refuse it, and go on as before."""
+        node, topic = self._node, topics.COMMAND_VELOCITY
+        psi = euler_from_quat(node.core.nav[NAV.quat])[2]
         try:
-            goal = self._goal_of(message)
-            refused = self._do(Command.GOTO, goal)
+            # Without navigation there is no heading; the command is refused for that.
+            asked = decode_velocity(message, psi if np.isfinite(psi) else 0.0, node.get_namespace())
+            self._check_held()
+            self._check_stamp(topic, asked.stamp_ns, node.values["command.timeout_s"])
         except MessageError as error:
-            node.refuse_aloud(topics.GOTO, str(error))
-            return
+            node.refuse_aloud(topic, str(error))
         except ReferenceRefused as error:
-            node.refuse_aloud(topics.GOTO, f"{topics.GOTO}: {error}")
+            node.refuse_aloud(topic, f"{topic}: {error}")
+        else:
+            self._velocity = asked
+
+    def after_step(self) -> None:
+        """Follow the velocity that was commanded last, if one was since the law's last step."""
+        asked, self._velocity = self._velocity, None
+        if asked is None:
+            return
+        node, topic = self._node, topics.COMMAND_VELOCITY
+        now_ns, phases = node.stamp_ns(node.tick), node.run.phases
+        try:
+            refused = phases.velocity(
+                asked.vel_ned_mps, asked.yaw_rate_radps, now_ns, node.core.nav
+            )
+        except ReferenceRefused as error:
+            node.refuse_aloud(topic, f"{topic}: {error}")
             return
         if refused is not None:
-            node.refuse_aloud(topics.GOTO, refused.sentence)
+            node.refuse_aloud(topic, refused.sentence)
+        else:
+            self.fly(phases.way)
+
+    def on_joy(self, message: Any) -> None:
+        """Steer by a pilot's sticks, do what his buttons say."""
+        node = self._node
+        if not node.active:
+            self._presses.forget()
             return
-        node.get_logger().info(f"{topics.GOTO}: {self.fly(node.run.phases.way)}")
+        try:
+            sticks, down = self._sticks.read(*decode_joy(message))
+            node.run.phases.steer(np.array(sticks), node.stamp_ns(node.tick))
+            name = self._presses.pressed(down)
+        except (StickError, ReferenceRefused) as error:
+            node.refuse_aloud(topics.JOY, f"{topics.JOY}: {error}")
+            return
+        if name is not None:
+            self._obey(Command(name), topics.JOY)
+
+    # --- services and the parameter `mode` -------------------------------------------------------
 
     def service(self, command: Command) -> Callable[[Any, Any], Any]:
         """The callback of a command's service: done, or refused, in a sentence."""
 
         def answer(request: Any, response: Any) -> Any:
-            node = self._node
-            try:
-                self._check_held()
-                refused = self._do(command)
-                said = None if refused is None else refused.sentence
-            except ReferenceRefused as error:
-                said = f"{command}: {error}"
-            if said is not None:
-                response.message = said
-                node.get_logger().warning(said)
-                return response
-            response.success, response.message = True, f"{command}: {self._done(command)}"
-            node.get_logger().info(response.message)
+            response.success, response.message = self._asked(command)
+            self._log(response.success, response.message)
             return response
 
         return answer
+
+    def arm(self, request: Any, response: Any) -> Any:
+        """The callback of the service that arms and disarms; disarming is for the ground."""
+        node = self._node
+        asked = "arm" if request.data else "disarm"
+        phase = node.run.phases.phase if node.active else Phase.STANDING
+        if not request.data and phase != Phase.STANDING:
+            response.message = f"{asked}: not in {phase.mode}; allowed: {Phase.STANDING}"
+        elif not request.data and node.active and node.run.phases.next_order_ns() is not None:
+            response.message = f"{asked}: commands.* are still to come; allowed: after the last"
+        else:
+            node.core.armed, response.success = request.data, True
+            response.message = f"{asked}: {_ARMED if request.data else _DISARMED}"
+        self._log(response.success, response.message)
+        return response
+
+    def judge_mode(self, name: str) -> None:
+        """Whether a mode may be commanded by this name now; ValueError says why not."""
+        named = command_named(name)
+        if isinstance(named, Refusal):
+            raise ValueError(named.sentence)
+        if named not in SERVED:
+            others = ", ".join(SERVED)
+            raise ValueError(f"{MODE} {name!r}: needs a message of its own; allowed: {others}")
+        try:
+            self._check_held()
+        except ReferenceRefused as error:
+            raise ValueError(f"{named}: {error}") from None
+        node = self._node
+        phases = node.run.phases
+        fails = phases._fails(node.stamp_ns(node.tick), node.core.nav)
+        found = self._disarmed(named) or decide(phases.phase, named, fails)
+        if isinstance(found, Refusal):
+            raise ValueError(found.sentence)
+
+    def obey_mode(self, name: str) -> None:
+        """Do what was judged; between the two a tick may have passed."""
+        named = command_named(name)
+        assert isinstance(named, Command)  # it was judged
+        self._obey(named, MODE)
+
+    def _obey(self, command: Command, source: str) -> None:
+        """Do what nobody waits for an answer to."""
+        done, said = self._asked(command)
+        if done:
+            self._node.get_logger().info(f"{source}: {said}")
+        else:
+            self._node.refuse_aloud(source, f"{source}: {said}")
+
+    def _asked(self, command: Command) -> tuple[bool, str]:
+        """Whether a command is done, and a sentence: what follows, or why not."""
+        try:
+            self._check_held()
+            refused = self._do(command)
+        except ReferenceRefused as error:
+            return False, f"{command}: {error}"
+        if refused is not None:
+            return False, refused.sentence
+        return True, f"{command}: {self._done(command)}"
+
+    def _log(self, done: bool, said: str) -> None:
+        logger = self._node.get_logger()
+        # rclpy ties a severity to the calling line: two lines are needed.
+        if done:
+            logger.info(said)
+        else:
+            logger.warning(said)
+
+    # --- references ------------------------------------------------------------------------------
 
     def refusal_of_reference(self) -> str:
         """Why no reference is followed now; empty if one is."""
@@ -111,6 +262,8 @@ class Commands:
             )
         if command == Command.LAND and phases.phase.on_ground:
             return "take-off broken off, the collective goes down"
+        if command in _STEERED:
+            return _STEERED[command]
         said = self.fly(phases.way)
         if command == Command.LAND:
             return f"comes to rest {said}, then down at {numbers.descent.climb_mps:g} m/s"
@@ -118,23 +271,34 @@ class Commands:
 
     def _do(self, command: Command, goal: Any = None) -> Refusal | None:
         node = self._node
-        phases = node.run.phases
-        return phases.command(command, node.stamp_ns(node.tick), node.core.nav, goal)
+        now_ns, nav = node.stamp_ns(node.tick), node.core.nav
+        return self._disarmed(command) or node.run.phases.command(command, now_ns, nav, goal)
 
-    def _goal_of(self, message: Any) -> tuple[np.ndarray, float]:
-        """Position and heading; MessageError or ReferenceRefused says why there are none."""
+    def _disarmed(self, command: Command) -> Refusal | None:
+        """Why nothing that raises the collective is done while it stands disarmed."""
         node = self._node
-        goal = decode_goto(message)
+        leaves = command in _LEAVE and node.run.phases.phase == Phase.STANDING
+        if node.core.armed or not leaves:
+            return None
+        return Refusal(command.value, "the aircraft is disarmed", (ARM,))
+
+    def _goal_of(self, message: Any, topic: str) -> tuple[np.ndarray, float]:
+        """Position and heading; MessageError or ReferenceRefused says why there are none."""
+        goal = decode_goto(message, topic)
         self._check_held()
-        now_ns, most_s = node.stamp_ns(node.tick), node.values["goto.max_age_s"]
-        ahead_ns = AHEAD_TICKS * TICK_NS
+        self._check_stamp(topic, goal.stamp_ns, self._node.values["goto.max_age_s"])
+        return goal.pos_ned_m, goal.psi_rad
+
+    def _check_stamp(self, topic: str, stamp_ns: int, most_s: float) -> None:
+        """MessageError unless a stamp is of the flight's time and young enough."""
+        node = self._node
+        now_ns, ahead_ns = node.stamp_ns(node.tick), AHEAD_TICKS * TICK_NS
         oldest_ns = max(now_ns - round(most_s * NS_PER_S), node.start_ns)
-        if not oldest_ns <= goal.stamp_ns <= now_ns + ahead_ns:
+        if not oldest_ns <= stamp_ns <= now_ns + ahead_ns:
             raise MessageError(
-                f"{in_words(topics.GOTO, goal.stamp_ns, now_ns, node.start_ns)}; allowed: "
+                f"{in_words(topic, stamp_ns, now_ns, node.start_ns)}; allowed: "
                 f"{most_s:g} s before it to {ahead_ns / NS_PER_S:g} s after it"
             )
-        return goal.pos_ned_m, goal.psi_rad
 
     def _check_held(self) -> None:
         """ReferenceRefused unless a position is held, in the air or on the ground."""

@@ -3,13 +3,14 @@
 
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE, SETPOINT
@@ -26,7 +27,7 @@ from heli_msgs_bridge.reference_message import decode_reference, encode_referenc
 from heli_msgs_bridge.senders import NOT_YET_NAMED, full_name, senders_of
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_outer_pd.anchor import warm_up
-from heli_outer_pd.commands import SERVED, Commands, key_of
+from heli_outer_pd.commands import ARM, MODE, SERVED, Commands, key_of
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import with_hand
@@ -44,11 +45,16 @@ from heli_outer_pd.position_law import (
 from heli_outer_pd.reference import moved, offset_to
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 from heli_outer_pd.script import script_of
+from heli_sticks.mapping import StickMap
 
 _COMMANDERS_PERIOD_S = 1.0
-_COMMANDS = (topics.REFERENCE, topics.GOTO)
+_COMMANDS = (topics.REFERENCE, topics.GOTO, topics.COMMAND_POSE)
+_UNHEARD = 64
+"""References that may be under way: a latched topic keeps the last one alone."""
 _WAITS = "waits for navigation: the trim is commanded"
 _HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
+Judged = tuple[tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits], StickMap]
+"""What a change of parameters makes of the node."""
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
 
 
@@ -80,8 +86,10 @@ class Law(TickCore):
         Navigation row of this tick and what the law makes of it.
     commanders : dict of set of str
         Per topic of commands who sends them, or has sent one.
-    own : list of tuple
+    own : deque of tuple
         References of this node that it has not yet heard back.
+    armed : bool
+        Whether a take-off is obeyed.
     """
 
     commands: Commands
@@ -98,7 +106,8 @@ class Law(TickCore):
     nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
     commanders: dict[str, set[str]] = field(default_factory=lambda: {t: set() for t in _COMMANDS})
-    own: list[tuple[Any, ...]] = field(default_factory=list)
+    own: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
+    armed: bool = True
 
 
 @dataclass
@@ -153,9 +162,13 @@ class OuterLoopNode(TickNode[Law, Following]):
         script_of(self.values)  # now: an order that cannot be is no matter of the flight
         self._warm_up(core)
         self.hear(topics.REFERENCE, self._on_reference)
-        self.hear(topics.GOTO, commands.on_goto)
-        for command in SERVED:
-            self.serve(Trigger, command.value, commands.service(command))
+        for topic in (topics.GOTO, topics.COMMAND_POSE):
+            self.hear(topic, commands.on_goto(topic))
+        self.hear_one(topics.COMMAND_VELOCITY, commands.on_velocity)
+        self.hear_one(topics.JOY, commands.on_joy)
+        for command, name in SERVED.items():
+            self.serve(Trigger, name, commands.service(command))
+        self.serve(SetBool, ARM, commands.arm)
         self.repeat(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
@@ -250,6 +263,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         """The phases of a flight that begins now."""
         core, numbers = self.core, PhaseNumbers.from_parameters(self.values)
         orders = script_of(self.values)
+        core.commands.begin()
         return Phases(
             numbers, core.goto, core.kernel, core.state, core.limits, orders, self.start_ns
         )
@@ -303,6 +317,7 @@ class OuterLoopNode(TickNode[Law, Following]):
                 phases.home_ned_m = core.home_ned_m
         if phases.after(stamp_ns, core.nav, core.out) and phases.way is not None:
             self.core.commands.fly(phases.way)
+        core.commands.after_step()
         while phases.remarks:
             self.get_logger().warning(phases.remarks.pop(0))
 
@@ -333,6 +348,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             facts = {
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,
+                "armed": core.armed,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
                 "disturbance_ned_mps2": np.round(core.state[MEMORY.disturbance], 4).tolist(),
@@ -344,24 +360,27 @@ class OuterLoopNode(TickNode[Law, Following]):
             return "goto"
         return "held position" if self.core.given is None else "given"
 
-    def judge(
-        self, values: Mapping[str, Any], changed: Collection[str]
-    ) -> tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits]:
+    def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> Judged:
         """The changed law and limits; what does not fit together raises."""
+        if MODE in changed:
+            if not self.configured:
+                raise ValueError(f"{MODE}: {NODE_NAME} is not active; activate it first")
+            self.core.commands.judge_mode(values[MODE])
         limits = ReferenceLimits.from_parameters(values)
         numbers = PhaseNumbers.from_parameters(values)
-        return numbers, Goto.from_parameters(values), outer_kernel(values), limits
+        flown = numbers, Goto.from_parameters(values), outer_kernel(values), limits
+        return flown, StickMap.from_parameters(values)
 
-    def adopt(
-        self,
-        judged: tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits],
-        changed: Collection[str],
-    ) -> None:
+    def adopt(self, judged: Judged, changed: Collection[str]) -> None:
         """Swap the law between two ticks; its state goes on. Limits are for what is to come."""
+        flown, sticks = judged
         if self.configured:
-            _, self.core.goto, self.core.kernel, self.core.limits = judged
+            _, self.core.goto, self.core.kernel, self.core.limits = flown
+            self.core.commands.adopt(sticks)
         if self.active:
-            self.run.phases.adopt(*judged)
+            self.run.phases.adopt(*flown)
+        if MODE in changed:
+            self.core.commands.obey_mode(self.values[MODE])
 
 
 def main(args: Sequence[str] | None = None) -> int:

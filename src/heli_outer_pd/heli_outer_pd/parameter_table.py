@@ -6,6 +6,7 @@ from heli_outer_pd.goto import FIXED, HEADINGS, WIND
 from heli_outer_pd.script import SCRIPT_ROWS
 from heli_outer_pd.steering import STICK_ROWS
 from heli_parameters.parameters import Parameter
+from heli_sticks.mapping import BUTTONS, MOST_AXES, MOST_BUTTONS, NO_BUTTON
 
 NODE_NAME = "outer_loop"
 
@@ -13,6 +14,31 @@ NODE_NAME = "outer_loop"
 def _row(name: str, kind: str, description: str, unit: str = "", **bounds) -> Parameter:
     return Parameter(name, kind, description, unit, **bounds)
 
+
+def _stick(name: str, positive: str) -> tuple[Parameter, ...]:
+    """Where a stick is read, and how."""
+    return (
+        _row(f"joy.{name}.axis", "int", f"Axis of the stick {name}, {positive} positive",
+             lower=0, upper=MOST_AXES - 1),
+        _row(f"joy.{name}.reversed", "bool", "The axis has its positive end on the other side"),
+        _row(f"joy.{name}.dead_zone", "double", "Deflection below which it is none, of 1",
+             lower=0.0, upper=0.9),
+        _row(f"joy.{name}.expo", "double", "Share of the cubic: softer about the middle",
+             lower=0.0, upper=1.0),
+    )  # fmt: skip
+
+
+JOY_ROWS: tuple[Parameter, ...] = (
+    *_stick("roll", "right"),
+    *_stick("pitch", "nose up"),
+    *_stick("yaw", "nose right"),
+    *_stick("climb", "up"),
+    *(
+        _row(f"joy.button.{name}", "int", f"Button that commands {name}; -1 for none",
+             lower=NO_BUTTON, upper=MOST_BUTTONS - 1)
+        for name in BUTTONS
+    ),
+)  # fmt: skip
 
 TABLE: tuple[Parameter, ...] = (
     _row("lockstep", "bool", "Act on the set of messages of a tick instead of on arrival",
@@ -57,6 +83,8 @@ TABLE: tuple[Parameter, ...] = (
          "wind while it hovers", choices=HEADINGS),
     _row("goto.max_age_s", "double", "Oldest goto that is flown, flight time since its stamp", "s",
          lower=0.1, upper=60.0),
+    _row("mode", "string", "Commands a mode by its name when it is set in flight"),
+    *JOY_ROWS,
     _row("start.on_ground", "bool", "Begin standing on the skids, and wait for a take-off",
          read_only=True),
     _row("takeoff.height_m", "double", "Height of the hover after a take-off, above where it stood",

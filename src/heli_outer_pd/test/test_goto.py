@@ -184,7 +184,7 @@ def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering):
     (message,) = told
     hovering.receive(topics.REFERENCE, message)
     assert hovering.node.run.diverted is way and hovering.node.core.given is None
-    assert hovering.node.core.own == []
+    assert not hovering.node.core.own
     hovering.receive(topics.REFERENCE, encode_reference(Trajectory.hover(START, 0.0)))
     assert hovering.node.run.diverted is None and hovering.node.core.given is not None
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `heli`: hover, campaign, design, identify, compare, report, score, bag, echo, topics,
-results, run, python.
+joy, results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -20,6 +20,8 @@ from heli_flight.cli.compare import compare
 from heli_flight.cli.graph import graph
 from heli_flight.cli.hover import epilog, hover
 from heli_flight.cli.identify import EPILOG, identify
+from heli_flight.cli.joy import EPILOG as JOY_EPILOG
+from heli_flight.cli.joy import joy
 from heli_flight.cli.options import (
     EXIT_OF_FLIGHTS,
     Aircraft,
@@ -56,6 +58,7 @@ app.add_typer(graph)
 app.add_typer(programs)
 app.add_typer(results, name="results")
 app.command(epilog=EPILOG)(identify)
+app.command(epilog=JOY_EPILOG)(joy)
 app.command(epilog=epilog("heli hover"))(hover)
 app.command(epilog=SCORE_EPILOG)(score)
 

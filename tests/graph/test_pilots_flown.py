@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A keyboard takes off, a client flies by velocities and lands: `heli joy` and the example."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+
+from heli_flight.graph.bag_record import flight_from_bag
+from heli_flight.loop.settings import resolve
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import FACT_MODE
+
+HELI = [sys.executable, "-m", "heli_flight.cli.app"]
+FLIGHT = [
+    *HELI, "hover", "--scenario", "by_hand", "--world", "paper", "--gps", "rtk", "--seed", "5",
+    "--duration", "60", "--no-report",
+]  # fmt: skip
+LOW = """/**/outer_loop:
+  ros__parameters:
+    takeoff: {height_m: 6.0}
+    land: {slow_below_m: 1.5}
+"""
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "velocity.py"
+
+
+def wait_for_mode(env, until, goes_on):
+    """Until a mode of the outer loop satisfies `until`, which is asked of each; or all is over."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=int(env["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("watcher", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    ended = []
+
+    def look(message):
+        for status in message.status:
+            mode = {pair.key: pair.value for pair in status.values}.get(FACT_MODE)
+            if status.name == "outer_loop" and mode is not None and until(mode):
+                ended.append(mode)
+
+    kind = topics.message_class(topics.BY_NAME[topics.DIAGNOSTICS].type)
+    node.create_subscription(kind, topics.DIAGNOSTICS, look, topics.qos(topics.DIAGNOSTICS))
+    while not ended and goes_on():
+        executor.spin_once(1.0)
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_a_keyboard_takes_off_and_a_client_flies_by_velocities(ros_env, tmp_path):
+    folder = tmp_path / "f"
+    typist, terminal = pty.openpty()
+    said = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "env": ros_env}
+    keys = subprocess.Popen([*HELI, "joy", "--keyboard"], stdin=terminal, **said)
+    # It says which keys there are as soon as it sends.
+    assert "climb" in keys.stdout.readline()
+    client = subprocess.Popen([sys.executable, str(EXAMPLE), "6", "4", "1.5"], **said)
+    low = tmp_path / "low.yaml"
+    low.write_text(LOW)
+    flight = subprocess.Popen([*FLIGHT, "--params", str(low), "--out", str(folder)], **said)
+
+    def goes_on():
+        return all(process.poll() is None for process in (flight, keys, client))
+
+    def take_off(mode):
+        if mode == "standing":
+            os.write(typist, b"t")
+        return mode != "standing"
+
+    try:
+        wait_for_mode(ros_env, take_off, goes_on)
+        os.write(typist, b"q")
+        told, _ = client.communicate(timeout=200)
+        flown, _ = flight.communicate(timeout=200)
+        keys.communicate(timeout=60)
+    finally:
+        for process in (flight, client, keys):
+            process.kill()
+        os.close(typist)
+        os.close(terminal)
+    assert (client.returncode, keys.returncode) == (0, 0), told
+    assert told.startswith("land: comes to rest")
+    # Steered at once after the climb, its height is not judged, and so the flight is not inside.
+    assert flight.returncode in (0, 1), flown
+    ground = json.loads((folder / "result.json").read_text())["ground"]
+    inside = {figure["key"]: figure["inside"] for figure in ground}
+    del inside["takeoff_height"]
+    assert len(inside) == 4 and all(inside.values()), inside
+    record = flight_from_bag(folder / "bag", resolve("by_hand", gps="rtk", seed=5)).record
+    modes = record.mode[np.flatnonzero(np.r_[True, record.mode[1:] != record.mode[:-1]])].tolist()
+    assert [modes[0], modes[1], modes[-2], modes[-1]] == ["standing", "takeoff", "land", "standing"]
+    assert "velocity" in modes
+    north, east, _ = record.truth_pos_ned_m[-1]
+    assert np.hypot(east - 6.0, north - 4.0) < 2.0
