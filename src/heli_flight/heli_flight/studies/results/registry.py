@@ -155,6 +155,12 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "into_wind",
+        "./heli python scripts/into_wind_table.py --seeds 1..20",
+        "The nose turned into winds from anywhere, in two worlds.",
+        TWENTY,
+    ),
+    Producer(
         "airspeed",
         "./heli python scripts/airspeed_table.py --seeds 1..20",
         "The attitude loop from hover to 12 m/s, and the scenario forward_flight.",

@@ -27,6 +27,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "position_floor": position.position_floor,
     "paths": position.paths,
     "takeoff": position.takeoff,
+    "into_wind": position.into_wind,
     "mte": handling.mte,
     "mte_short": handling.mte_short,
     "response": handling.response,

@@ -98,8 +98,31 @@ def takeoff(results: Results) -> str:
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('takeoff')}, truth (height: "
-        f"navigation record); inside, broken off, lost: of {len(found['seeds'])} flights of 75 s, "
+        f"navigation record); inside, broken off, lost: of {len(found['seeds'])} flights of 85 s, "
         "wind with the turbulence that belongs to it."
+    )
+
+
+def into_wind(results: Results) -> str:
+    """Angle between nose and wind, world by world."""
+    found = results["into_wind"]
+    near = f"within {found['within_deg']:g} deg"
+    head = ["world, wind", "median, deg", "largest, deg", near, "after, median, s"]
+    rows = [
+        [
+            f"{row['world']}, {row['wind_mps']:g} m/s",
+            f"{row['median_deg']:.0f}",
+            f"{row['max_deg']:.0f}",
+            str(row["within"]),
+            "–" if row["median_took_s"] is None else f"{row['median_took_s']:.0f}",
+        ]
+        for row in found["rows"]
+    ]
+    return (
+        f"{grid(head, rows)}\n\nAngle between the nose, truth, mean of the last 20 s of flights of "
+        "85 s, and the mean wind, which comes from anywhere; the nose points north at first. "
+        f"{results.seeds('into_wind')}; within: of {len(found['seeds'])} flights; after: from the "
+        "beginning of the hover. Simulated, turbulence on, standalone receiver."
     )
 
 
