@@ -135,6 +135,16 @@ def test_an_outage_is_silence_and_begins_after_the_start(plant_config, record):
     assert firsts == [1.0] * 40
 
 
+def test_a_receiver_that_is_lost_is_silent_from_then_on(plant_config, record):
+    """The last fix is valid before that time, and arrives 0.15 s later; those before are the same."""
+    whole = record(plant_config(**STILL), 1000)
+    lost = record(plant_config(**STILL, sensors__gps__outage__from_s=4.0), 1000)
+    valid = lost[:, MEAS.gps_valid] == 1.0
+    assert lost[valid, MEAS.gps_tick].max() == 385.0
+    np.testing.assert_array_equal(lost[:401], whole[:401])
+    assert not valid[401:].any() and whole[401:, MEAS.gps_valid].any()
+
+
 def test_jumps_are_a_poisson_process(plant_config):
     """Number of jumps, size, and constancy between them."""
     jump = {"sensors__gps__jump__sigma_m": 0.5, "sensors__gps__jump__interval_s": 10.0}

@@ -22,6 +22,7 @@ from heli_dynamics_sim.sensors import (
 from heli_math.ticks import TICK_S
 
 _Get = Callable[[str], Any]
+_NEVER = 2**62
 
 
 def sensor_kernel(values: Mapping[str, Any], helicopter: HelicopterParameters) -> SensorKernel:
@@ -119,6 +120,7 @@ def _port(get: _Get, helicopter: HelicopterParameters) -> PortKernel:
 
 def _gps(get: _Get) -> GpsKernel:
     axes = np.array([1.0, 1.0, get("gps.vertical_factor")])
+    lost_s = get("gps.outage.from_s")
     return GpsKernel(
         get("gps.white_m") * axes,
         get("gps.drift_m") * axes,
@@ -126,6 +128,7 @@ def _gps(get: _Get) -> GpsKernel:
         get("gps.velocity_mps"),
         get("gps.period_ticks"),
         get("gps.latency_ticks"),
+        round(lost_s / TICK_S) if lost_s >= 0.0 else _NEVER,
         _gps_errors(get, axes),
     )
 

@@ -101,6 +101,13 @@ SENSORS: tuple[Parameter, ...] = (
     real("sensors.gps.satellites.blocked_s", "Mean time for which one is blocked", "s", 0.1, 1e5),
     real("sensors.gps.outage.interval_s", "Mean time between outages; 0: none", "s", 0.0, 1e6),
     real("sensors.gps.outage.duration_s", "Mean length of an outage", "s", 0.01, 1e5),
+    real(
+        "sensors.gps.outage.from_s",
+        "Flight time of the last fix; negative: they go on",
+        "s",
+        -1.0,
+        86400.0,
+    ),
     real("sensors.gps.jump.sigma_m", "Error that jumps, horizontal", "m", 0.0, 100.0),
     real("sensors.gps.jump.interval_s", "Mean time between jumps", "s", 0.1, 1e6),
     row(

@@ -89,6 +89,7 @@ class GpsKernel(NamedTuple):
     velocity_mps: float
     period: int  # ticks
     latency: int  # ticks
+    lost_tick: int  # from which on there is no fix
     errors: GpsErrorKernel
 
 
@@ -211,6 +212,8 @@ def take_fix(sensors, tick, x, noise, k):
         vel[i] += k.velocity_mps * white_vel[i]
     fix[FIX.tick], fix[FIX.got] = tick, 1.0
     if k.errors.on and not spoil_fix(sensors.gps, noise, k, velocity, pos, vel):
+        fix[FIX.got] = 0.0
+    if tick >= k.lost_tick:
         fix[FIX.got] = 0.0
 
 
