@@ -64,6 +64,21 @@ def test_what_is_too_much_is_broken_off_and_not_lost():
     assert tilt.max() < 10.0
 
 
+def test_it_lands_without_fixes():
+    """The last one 5 s before: by dead reckoning sideways, by the barometer down."""
+    orders = {"commands.at_s": [2.0, 30.0], "commands.what": ["takeoff", "land"],
+              "commands.goto_ned_m": []}  # fmt: skip
+    lost = {"sensors.gps.outage.from_s": 25.0}
+    settings = resolve("takeoff_land", "rtk", 1, overrides={"plant": lost, "outer_loop": orders})
+    flight = simulate(settings)
+    assert flight.status == 0, flight.sentence
+    assert flight.record.mode[-1] == "standing"
+    found = {f.metric.key: f.value for f in score(flight.record, settings.scenario).ground}
+    assert found["touch_down_speed"] < 0.5 and found["touch_down_tilt"] < 15.0
+    drifted = np.linalg.norm(flight.record.truth_pos_ned_m[-1, :2])
+    assert 1.0 < drifted < 20.0, "it does not know where it is"
+
+
 def test_in_the_honest_world_it_stays_upright_at_idle():
     """Seed 3 leaned over to 45 deg when the inflow took all damping from the disc at idle."""
     record = simulate(resolve("takeoff_land", "rtk", 3, world="honest")).record
