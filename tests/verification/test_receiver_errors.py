@@ -136,7 +136,7 @@ def test_an_outage_is_silence_and_begins_after_the_start(plant_config, record):
 
 
 def test_a_receiver_that_is_lost_is_silent_from_then_on(plant_config, record):
-    """The last fix is valid before that time, and arrives 0.15 s later; those before are the same."""
+    """The last fix is valid before that time and arrives 0.15 s later; all before is the same."""
     whole = record(plant_config(**STILL), 1000)
     lost = record(plant_config(**STILL, sensors__gps__outage__from_s=4.0), 1000)
     valid = lost[:, MEAS.gps_valid] == 1.0
