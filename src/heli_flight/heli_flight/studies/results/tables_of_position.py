@@ -98,7 +98,7 @@ def takeoff(results: Results) -> str:
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('takeoff')}, truth (height: "
-        f"navigation record); inside, broken off, lost: of {len(found['seeds'])} flights of 85 s, "
+        f"navigation record); inside, broken off, lost: of {len(found['seeds'])} flights of 75 s, "
         "wind with the turbulence that belongs to it."
     )
 
