@@ -98,7 +98,7 @@ def takeoff(results: Results) -> str:
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('takeoff')}, truth (height: "
-        f"navigation record); inside, broken off, lost: of {len(found['seeds'])} flights of 75 s, "
+        f"navigation record); inside, broken off, lost: of {len(found['seeds'])} flights of 85 s, "
         "wind with the turbulence that belongs to it."
     )
 
@@ -120,7 +120,7 @@ def into_wind(results: Results) -> str:
     ]
     return (
         f"{grid(head, rows)}\n\nAngle between the nose, truth, mean of the last 20 s of flights of "
-        "85 s, and the mean wind, which comes from anywhere; the nose points north at first. "
+        "85 s, and the mean wind, which comes from anywhere; the nose points north at first; "
         f"{results.seeds('into_wind')}; within: of {len(found['seeds'])} flights; after: from the "
         "beginning of the hover. Simulated, turbulence on, standalone receiver."
     )
