@@ -107,7 +107,8 @@ def touch_down(sink_mps: float, slope: tuple[float, float] = (0.0, 0.0), side: f
 def stand(slope: tuple[float, float], seed: int) -> dict[str, float]:
     """Ten seconds at idle in gusty wind of 5 m/s: creep, and how the observer has aligned."""
     given = {"plant": {"start.on_ground": True, "ground.slope": list(slope),
-                       "wind.profile_speed_mps": [5.0, 5.0, 5.0]}}  # fmt: skip
+                       "wind.profile_speed_mps": [5.0, 5.0, 5.0]},
+             "outer_loop": {"start.on_ground": True}}  # fmt: skip
     settings = resolve("hover", world="paper", seed=seed, overrides=given)
     standing = plant.PlantConfig.from_parameters(settings.nodes["plant"])
     state, k = plant.initial_state(standing, seed), standing.kernel
