@@ -155,6 +155,12 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "sequence",
+        "./heli python scripts/sequence_table.py --seeds 1..20",
+        "The scenario sequence in two worlds with both receivers: ground, changes of modes.",
+        TWENTY,
+    ),
+    Producer(
         "into_wind",
         "./heli python scripts/into_wind_table.py --seeds 1..20",
         "The nose turned into winds from anywhere, in two worlds.",

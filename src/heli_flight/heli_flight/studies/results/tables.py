@@ -28,6 +28,8 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "paths": position.paths,
     "takeoff": position.takeoff,
     "into_wind": position.into_wind,
+    "sequence": position.sequence,
+    "sequence_changes": position.sequence_changes,
     "mte": handling.mte,
     "mte_short": handling.mte_short,
     "response": handling.response,

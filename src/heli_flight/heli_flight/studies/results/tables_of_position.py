@@ -103,6 +103,52 @@ def takeoff(results: Results) -> str:
     )
 
 
+def sequence(results: Results) -> str:
+    """Largest figures of the paper's own sequence on the ground."""
+    found = results["sequence"]
+    head = ["world, receiver"]
+    head += [f"{m.label}, {m.unit} (goal {m.goal:g})" for m in GROUND_METRICS]
+    head += ["all inside", "lost"]
+    rows = [
+        [
+            f"{row['world']}, {row['gps']}",
+            *(f"{row['max'][m.key]:.2f}" if m.key in row["max"] else "–" for m in GROUND_METRICS),
+            str(row["inside"]),
+            str(row["lost"]),
+        ]
+        for row in found["rows"]
+    ]
+    return (
+        f"{grid(head, rows)}\n\nLargest over {results.seeds('sequence')}, truth (height: "
+        f"navigation record); inside, lost: of {len(found['seeds'])} flights; the scripted pilot "
+        "sees the navigation, 0.2 s late."
+    )
+
+
+def sequence_changes(results: Results) -> str:
+    """What a change of modes does to the commands, largest over the seeds."""
+    found = results["sequence"]
+    head = ["world, receiver", "change", "flown", "set-point, deg", "collective", "tilt, deg"]
+    rows = [
+        [
+            f"{row['world']}, {row['gps']}",
+            one["change"],
+            str(one["flown"]),
+            f"{one['attitude_deg']:.2f}",
+            f"{one['collective']:.4f}",
+            f"{one['tilt_deg']:.1f}",
+        ]
+        for row in found["rows"]
+        for one in row["changes"]
+    ]
+    return (
+        f"{grid(head, rows)}\n\nThe first command of the new mode against the last one of the "
+        "old, 40 ms before, with what the receiver's noise makes of it, at changes more than 1 m "
+        "above the ground; tilt: the largest of the 2 s after. Largest over "
+        f"{results.seeds('sequence')}."
+    )
+
+
 def into_wind(results: Results) -> str:
     """Angle between nose and wind, world by world."""
     found = results["into_wind"]

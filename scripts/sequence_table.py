@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's own sequence over many seeds, two worlds, both receivers: ground, changes; JSON.
+
+Usage: ./heli python scripts/sequence_table.py [--seeds 1..20]
+
+A change of modes is what the first command of the new mode differs from the last one of the old.
+"""
+
+import json
+from typing import Any
+
+import numpy as np
+from seeds_option import parser_with_seeds
+
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.ground_figures import GROUND_METRICS
+from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.result import conditions
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
+from heli_math.rotations import euler_angles, wrap_pi
+from heli_math.rows import ACTUATOR
+
+SCENARIO = "sequence"
+WORLDS, RECEIVERS = ("paper", "honest"), ("rtk", "standalone")
+_AFTER_TICKS = 200
+_AIR_M = 1.0
+"""Changes above so much are counted: below it the ground carries a part."""
+
+
+def changes(record: FlightRecord, period: int) -> list[dict[str, Any]]:
+    """Steps of the set-point, deg, and the collective at each change of modes in the air."""
+    assert record.mode is not None  # the scenario begins on the ground
+    found = []
+    began = np.flatnonzero(record.mode[1:] != record.mode[:-1]) + 1
+    tilt = np.degrees(np.hypot(*euler_angles(record.truth_q_nb)[:, :2].T))
+    for i in began.tolist():
+        first = i + period
+        if -record.truth_pos_ned_m[i, 2] < _AIR_M or first >= len(record):
+            continue
+        turned = [wrap_pi(float(a)) for a in record.setpoint[first] - record.setpoint[i]]
+        found.append(
+            {
+                "change": f"{record.mode[i - 1]} to {record.mode[i]}",
+                "attitude_deg": float(np.degrees(np.abs(turned).max())),
+                "collective": float(abs(record.u[first, ACTUATOR.col] - record.u[i, ACTUATOR.col])),
+                "tilt_deg": float(tilt[i : i + _AFTER_TICKS].max()),
+            }
+        )
+    return found
+
+
+def worst(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each change the largest of each number, and how often it was flown."""
+    rows = []
+    for name in dict.fromkeys(one["change"] for one in found):
+        these = [one for one in found if one["change"] == name]
+        largest = {
+            key: max(one[key] for one in these)
+            for key in ("attitude_deg", "collective", "tilt_deg")
+        }
+        rows.append({"change": name, "flown": len(these), **largest})
+    return rows
+
+
+def row(world: str, gps: str, seeds: list[int]) -> dict[str, Any]:
+    """Largest figures on the ground, how often all are inside, and the changes."""
+    settings = resolve(SCENARIO, gps, world=world)
+    period = settings.nodes["outer_loop"]["period_ticks"]
+    largest: dict[str, float] = {}
+    found: list[dict[str, Any]] = []
+    inside = lost = 0
+    for seed in seeds:
+        own = resolve(SCENARIO, gps, seed, world=world)
+        flight = simulate(own)
+        lost += bool(flight.status)
+        figures = score(flight.record, own.scenario).ground
+        inside += not flight.status and all(figure.inside for figure in figures)
+        for figure in figures:
+            if figure.value is not None:
+                key = figure.metric.key
+                largest[key] = max(largest.get(key, 0.0), figure.value)
+        found += changes(flight.record, period)
+    return {
+        "world": world,
+        "gps": gps,
+        "conditions": conditions(settings).splitlines(),
+        "max": largest,
+        "inside": inside,
+        "lost": lost,
+        "changes": worst(found),
+    }
+
+
+def main() -> None:
+    """Print the rows."""
+    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
+    rows = [row(world, gps, seeds) for world in WORLDS for gps in RECEIVERS]
+    goals = {metric.key: metric.goal for metric in GROUND_METRICS}
+    print(json.dumps({"seeds": seeds, "goals": goals, "rows": rows}, indent=2))
+
+
+if __name__ == "__main__":
+    main()
