@@ -3,7 +3,8 @@
 
 Usage: ./heli python scripts/sequence_table.py [--seeds 1..20]
 
-A change of modes is what the first command of the new mode differs from the last one of the old.
+A change of modes is what the first command of the new mode differs from the last one of the old;
+later: the largest step of the set-point in the two seconds after.
 """
 
 import json
@@ -38,12 +39,14 @@ def changes(record: FlightRecord, period: int) -> list[dict[str, Any]]:
         first = i + period
         if -record.truth_pos_ned_m[i, 2] < _AIR_M or first >= len(record):
             continue
+        later = np.unwrap(record.setpoint[first : i + _AFTER_TICKS : period], axis=0)
         turned = [wrap_pi(float(a)) for a in record.setpoint[first] - record.setpoint[i]]
         found.append(
             {
                 "change": f"{record.mode[i - 1]} to {record.mode[i]}",
                 "attitude_deg": float(np.degrees(np.abs(turned).max())),
                 "collective": float(abs(record.u[first, ACTUATOR.col] - record.u[i, ACTUATOR.col])),
+                "later_deg": float(np.degrees(np.abs(np.diff(later, axis=0)).max())),
                 "tilt_deg": float(tilt[i : i + _AFTER_TICKS].max()),
             }
         )
@@ -57,7 +60,7 @@ def worst(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
         these = [one for one in found if one["change"] == name]
         largest = {
             key: max(one[key] for one in these)
-            for key in ("attitude_deg", "collective", "tilt_deg")
+            for key in ("attitude_deg", "collective", "later_deg", "tilt_deg")
         }
         rows.append({"change": name, "flown": len(these), **largest})
     return rows

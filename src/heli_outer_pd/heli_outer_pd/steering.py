@@ -29,6 +29,9 @@ STICK_ROWS: tuple[Parameter, ...] = (
               "long are followed no more: the aircraft halts and holds", "s", lower=0.1, upper=5.0),
     Parameter("sticks.tilt_max_deg", "double", "Roll and pitch off hover's at full stick, in mode "
               "attitude", "deg", lower=1.0, upper=40.0),
+    Parameter("sticks.tilt_radps", "double", "Roll and pitch follow the stick as two lags of this "
+              "bandwidth, in mode attitude: a jerk of the hand is no step", "rad/s", lower=1.0,
+              upper=100.0),
     Parameter("sticks.yaw_rate_degps", "double", "Rate of the heading at full stick, in mode "
               "attitude", "deg/s", lower=1.0, upper=180.0),
     Parameter("sticks.climb_mps", "double", "Speed of the climb at full stick, in mode attitude",
@@ -47,6 +50,7 @@ class StickNumbers:
 
     timeout_ns: int
     tilt_max_rad: float
+    tilt_radps: float
     yaw_rate_radps: float
     climb_mps: float
     hand: Array
@@ -58,6 +62,7 @@ class StickNumbers:
         return cls(
             timeout_ns=round(values["command.timeout_s"] * NS_PER_S),
             tilt_max_rad=math.radians(values["sticks.tilt_max_deg"]),
+            tilt_radps=values["sticks.tilt_radps"],
             yaw_rate_radps=math.radians(values["sticks.yaw_rate_degps"]),
             climb_mps=values["sticks.climb_mps"],
             hand=np.asarray(values["sticks.manual"], float),
@@ -77,12 +82,16 @@ class Steering:
         Stamp of them.
     down, psi : Motion
         Of one axis each: reference of the altitude, NED, and of the heading.
+    lean, lean_rate : (2,) arrays
+        Roll and pitch off hover's, rad, and how they change; None before the first.
     """
 
     sticks: Array = field(default_factory=lambda: np.zeros(STICKS.size))
     heard_ns: int | None = None
     down: Motion = field(default_factory=lambda: Motion.at_rest(np.zeros(1)))
     psi: Motion = field(default_factory=lambda: Motion.at_rest(np.zeros(1)))
+    lean: Array | None = None
+    lean_rate: Array = field(default_factory=lambda: np.zeros(2))
 
     def hear(self, sticks: Array, now_ns: int) -> None:
         """Take sticks (4,), cut to -1..1; ReferenceRefused if one is not a number."""
@@ -99,6 +108,7 @@ class Steering:
         """Begin from altitude and heading and how they move: (3,) each, with two derivatives."""
         self.down = Motion(*(motion_down[i : i + 1].copy() for i in range(3)))
         self.psi = Motion(*(motion_psi[i : i + 1].copy() for i in range(3)))
+        self.lean = None
 
     def steer(self, n: StickNumbers, k: OuterKernel, fence: ReferenceLimits, state: Array) -> None:
         """Mode attitude: what the law's next step commands, into its state."""
@@ -110,14 +120,25 @@ class Steering:
             self.psi, turn, most.yaw_acceleration_radps2, most.yaw_jerk_radps3, k.dt_s
         )
         heading = wrap_pi(float(self.psi.pos[0] + k.heading_lead_s * self.psi.vel[0]))
+        roll, pitch = self._leaned(n.tilt_max_rad * s[[STICKS.roll, STICKS.pitch]], n, k.dt_s)
         state[MEMORY.steer] = (
-            k.trim[SETPOINT.phi] + s[STICKS.roll] * n.tilt_max_rad,
-            k.trim[SETPOINT.theta] + s[STICKS.pitch] * n.tilt_max_rad,
+            k.trim[SETPOINT.phi] + roll,
+            k.trim[SETPOINT.theta] + pitch,
             heading,
             self.down.pos[0],
             self.down.vel[0],
             self.down.acc[0],
         )
+
+    def _leaned(self, goal: Array, n: StickNumbers, dt_s: float) -> Array:
+        """Roll and pitch (2,), rad, one period later: two equal lags, sampled exactly."""
+        if self.lean is None:
+            self.lean, self.lean_rate = goal, np.zeros(2)
+        w, off = n.tilt_radps, self.lean - goal
+        c, fades = self.lean_rate + w * off, math.exp(-w * dt_s)
+        self.lean = goal + fades * (off + c * dt_s)
+        self.lean_rate = fades * (self.lean_rate - w * c * dt_s)
+        return self.lean
 
     def _fenced(self, down_mps: float, fence: ReferenceLimits, most: MotionLimits) -> float:
         """The speed of the descent, none if it could not be ended inside the fence."""

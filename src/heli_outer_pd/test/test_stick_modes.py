@@ -188,6 +188,23 @@ def test_replanning_is_cheap():
 # --- attitude ---------------------------------------------------------------------------------
 
 
+def test_a_jerk_of_the_hand_is_no_step():
+    """Two lags of one bandwidth: 1 - (1 + w t) exp(-w t) of the stick."""
+    craft = Craft()
+    craft.step(NEUTRAL)
+    assert craft.ask(Command.ATTITUDE) is None
+    for _ in range(50):
+        craft.step(NEUTRAL)
+    before, seen = craft.out[SETPOINT.phi], []
+    for _ in range(20):
+        craft.step(np.array([0.5, 0.0, 0.0, 0.0]))
+        seen.append(craft.out[SETPOINT.phi] - before)
+    goal = 0.5 * math.radians(VALUES["sticks.tilt_max_deg"])
+    # A command is flown from the law's next step on.
+    wt = VALUES["sticks.tilt_radps"] * craft.k.dt_s * np.arange(20)
+    np.testing.assert_allclose(seen, goal * (1.0 - (1.0 + wt) * np.exp(-wt)), atol=1e-3)
+
+
 def test_sticks_command_attitude_climb_and_turn():
     craft = Craft()
     craft.step(NEUTRAL)

@@ -128,7 +128,15 @@ def sequence(results: Results) -> str:
 def sequence_changes(results: Results) -> str:
     """What a change of modes does to the commands, largest over the seeds."""
     found = results["sequence"]
-    head = ["world, receiver", "change", "flown", "set-point, deg", "collective", "tilt, deg"]
+    head = [
+        "world, receiver",
+        "change",
+        "flown",
+        "set-point, deg",
+        "collective",
+        "later set-point, deg",
+        "tilt, deg",
+    ]
     rows = [
         [
             f"{row['world']}, {row['gps']}",
@@ -136,6 +144,7 @@ def sequence_changes(results: Results) -> str:
             str(one["flown"]),
             f"{one['attitude_deg']:.2f}",
             f"{one['collective']:.4f}",
+            f"{one['later_deg']:.2f}",
             f"{one['tilt_deg']:.1f}",
         ]
         for row in found["rows"]
@@ -144,7 +153,8 @@ def sequence_changes(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\nThe first command of the new mode against the last one of the "
         "old, 40 ms before, with what the receiver's noise makes of it, at changes more than 1 m "
-        "above the ground; tilt: the largest of the 2 s after. Largest over "
+        "above the ground; later set-point: the largest step of 40 ms in the 2 s after, sticks and "
+        "reference included; tilt: the largest of these. Largest over "
         f"{results.seeds('sequence')}."
     )
 
