@@ -76,7 +76,7 @@ def test_folder_that_exists_and_folder_that_cannot_be_written(refused, tmp_path)
     assert "cannot be written" in refused("--out", tmp_path / "file" / "flight")
 
 
-def test_missing_executable_is_named(tmp_path):
+def test_missing_executable_is_named(tmp_path, ros_env):
     """Looked for as ros2 run does, in a prefix that lacks the observer."""
     code = (
         "import heli_flight.graph.flight as g, sys\n"
@@ -88,7 +88,8 @@ def test_missing_executable_is_named(tmp_path):
         "g.executable = without\n"
         f"sys.exit(main(['--out', {str(tmp_path / 'f')!r}]))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=ros_env, capture_output=True, text=True)
     assert done.returncode == 2
     assert "lib/heli_observer/gone" in done.stderr
     assert not (tmp_path / "f").exists()
