@@ -188,7 +188,7 @@ class Commands:
             raise ValueError(f"{named}: {error}") from None
         node = self._node
         phases = node.run.phases
-        fails = phases._fails(node.stamp_ns(node.tick), node.core.nav)
+        fails = phases.fails(node.stamp_ns(node.tick), node.core.nav)
         found = self._disarmed(named) or decide(phases.phase, named, fails)
         if isinstance(found, Refusal):
             raise ValueError(found.sentence)

@@ -156,7 +156,7 @@ class Phases:
         ReferenceRefused
             No way within the limits; nothing has changed.
         """
-        found = decide(self.phase, command, self._fails(now_ns, nav))
+        found = decide(self.phase, command, self.fails(now_ns, nav))
         if isinstance(found, Refusal):
             return found
         assert found is not None  # each command stands in the table
@@ -232,7 +232,8 @@ class Phases:
 
     # --- facts and guards ------------------------------------------------------------------------
 
-    def _fails(self, now_ns: int, nav: Array) -> set[Guard]:
+    def fails(self, now_ns: int, nav: Array) -> set[Guard]:
+        """Guards that do not hold at a stamp and navigation row."""
         k, fails = self.kernel, self._sticks.fails(now_ns, self.numbers.sticks)
         if not flyable(nav) or self.way is None:
             return fails | {Guard.NAVIGATION}

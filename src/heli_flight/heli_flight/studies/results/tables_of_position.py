@@ -80,16 +80,23 @@ def paths(results: Results) -> str:
     )
 
 
+_GROUND_HEAD = [f"{m.label}, {m.unit} (goal {m.goal:g})" for m in GROUND_METRICS]
+
+
 def takeoff(results: Results) -> str:
     """Largest figures of take-off and landing, case by case."""
     found = results["takeoff"]
-    head = ["ground and wind, world, receiver"]
-    head += [f"{m.label}, {m.unit} (goal {m.goal:g})" for m in GROUND_METRICS]
-    head += ["all inside", "take-off broken off", "lost"]
+    head = [
+        "ground and wind, world, receiver",
+        *_GROUND_HEAD,
+        "all inside",
+        "take-off broken off",
+        "lost",
+    ]
     rows = [
         [
             f"{row['case']}, {row['world']}, {row['gps']}",
-            *(f"{row['max'][m.key]:.2f}" if m.key in row["max"] else "–" for m in GROUND_METRICS),
+            *_ground(row),
             str(row["inside"]),
             str(row["broken_off"]),
             str(row["lost"]),
@@ -106,16 +113,9 @@ def takeoff(results: Results) -> str:
 def sequence(results: Results) -> str:
     """Largest figures of the paper's own sequence on the ground."""
     found = results["sequence"]
-    head = ["world, receiver"]
-    head += [f"{m.label}, {m.unit} (goal {m.goal:g})" for m in GROUND_METRICS]
-    head += ["all inside", "lost"]
+    head = ["world, receiver", *_GROUND_HEAD, "all inside", "lost"]
     rows = [
-        [
-            f"{row['world']}, {row['gps']}",
-            *(f"{row['max'][m.key]:.2f}" if m.key in row["max"] else "–" for m in GROUND_METRICS),
-            str(row["inside"]),
-            str(row["lost"]),
-        ]
+        [f"{row['world']}, {row['gps']}", *_ground(row), str(row["inside"]), str(row["lost"])]
         for row in found["rows"]
     ]
     return (
@@ -180,6 +180,12 @@ def into_wind(results: Results) -> str:
         f"{results.seeds('into_wind')}; within: of {len(found['seeds'])} flights; after: from the "
         "beginning of the hover. Simulated, turbulence on, standalone receiver."
     )
+
+
+def _ground(row: Mapping[str, Any]) -> list[str]:
+    """Largest figures on the ground; a dash for what was never flown."""
+    largest = row["max"]
+    return [f"{largest[m.key]:.2f}" if m.key in largest else "–" for m in GROUND_METRICS]
 
 
 def _nose(row: Mapping[str, Any]) -> str:
