@@ -19,7 +19,7 @@ Hearer = Callable[[Any, Info | None], None]
 _MESSAGE_AND_INFO = inspect.Signature(
     [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
 )
-_REMEMBERED = 64
+_REMEMBERED = 256
 _MOST_PERIODS, _MOST_OTHERS = 4, 64
 # Of a message that holds a stamp.
 _LEAST_BYTES = 12

@@ -77,7 +77,9 @@ class Topic:
     every_ticks : int
         Period in ticks; 0 for "on change".
     latched : bool
-        True if a late listener gets the last message (transient local).
+        True if a late listener gets the last messages (transient local).
+    kept : int
+        History depth of a latched topic: how many a late or slow listener gets.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Topic:
     sinks: tuple[str, ...]
     every_ticks: int
     latched: bool = False
+    kept: int = 1
 
     @property
     def rate_hz(self) -> float:
@@ -115,6 +118,7 @@ TABLE: tuple[Topic, ...] = (
         _OUTER,
         0,
         latched=True,
+        kept=64,  # commands may follow each other faster than a loaded recorder listens
     ),
     # From whoever commands the flight.
     Topic(GOTO, _POSE, (), _OUTER, 0),
@@ -186,7 +190,8 @@ def qos(name: str, depth: int = DEPTH) -> Any:
     Everything is reliable: in lockstep a lost message is a stopped flight, and a best-effort
     publisher would never meet a reliable listener.
     """
-    return _profile(depth, name in KNOWN and KNOWN[name].latched)
+    latched = name in KNOWN and KNOWN[name].latched
+    return _profile(KNOWN[name].kept if latched else depth, latched)
 
 
 def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:
@@ -204,7 +209,7 @@ def _profile(depth: int, latched: bool) -> Any:
 
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=1 if latched else depth,
+        depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )

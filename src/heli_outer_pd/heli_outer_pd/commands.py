@@ -238,10 +238,8 @@ class Commands:
         node = self._node
         run, told = node.run, encode_reference(way, node.get_namespace())
         run.diverted = way
-        if run.tell_way is None:
-            run.tell_way = node._way_teller()
         node.core.own.append(key_of(told))
-        run.tell_way(told)
+        node.core.tell_way(told)
         last, end_ns = way.points[-1], way.start_ns + way.times_ns[-1]
         north, east, down = last[REFERENCE.pos]
         return (

@@ -49,8 +49,8 @@ from heli_sticks.mapping import StickMap
 
 _COMMANDERS_PERIOD_S = 1.0
 _COMMANDS = (topics.REFERENCE, topics.GOTO, topics.COMMAND_POSE)
-_UNHEARD = 64
-"""References that may be under way: a latched topic keeps the last one alone."""
+_UNHEARD = topics.BY_NAME[topics.REFERENCE].kept
+"""References of its own that may be under way to itself."""
 _WAITS = "waits for navigation: the trim is commanded"
 _HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
 Judged = tuple[tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits], StickMap]
@@ -86,6 +86,8 @@ class Law(TickCore):
         Navigation row of this tick and what the law makes of it.
     commanders : dict of set of str
         Per topic of commands who sends them, or has sent one.
+    tell_way : callable
+        Sends a way that is followed as a reference.
     own : deque of tuple
         References of this node that it has not yet heard back.
     armed : bool
@@ -97,6 +99,7 @@ class Law(TickCore):
     state: np.ndarray
     send_attitude: Send
     send_collective: Send
+    tell_way: Callable[[Any], None]
     limits: ReferenceLimits
     goto: Goto
     given: Trajectory | None = None
@@ -128,8 +131,6 @@ class Following:
         What the flight does, from the ground to the ground.
     diverted : Trajectory or None
         The way of the last command, followed until a reference comes.
-    tell_way : callable or None
-        Sends it as a reference; made by the first one.
     """
 
     begun_s: float
@@ -138,7 +139,6 @@ class Following:
     held: Trajectory | None = None
     engaged: bool = False
     diverted: Trajectory | None = None
-    tell_way: Callable[[Any], None] | None = None
 
 
 class OuterLoopNode(TickNode[Law, Following]):
@@ -155,6 +155,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             state=initial_state(kernel),
             send_attitude=self.create_sender(topics.ATTITUDE_SETPOINT),
             send_collective=self.create_sender(topics.COLLECTIVE),
+            tell_way=self._way_teller(),
             limits=ReferenceLimits.from_parameters(self.values),
             goto=Goto.from_parameters(self.values),
             pace=self.listen((Input(topics.ODOM, Demand()),)),
@@ -230,7 +231,10 @@ class OuterLoopNode(TickNode[Law, Following]):
             self.run.phases.follow(way, self.stamp_ns(self.tick))
 
     def _way_teller(self) -> Callable[[Any], None]:
-        """Sends ways as references, so that bag, page and report know what is followed."""
+        """Sends ways as references, so that bag, page and report know what is followed.
+
+        Made before the flight: who listens has found it by the time of the first way.
+        """
         publisher = self.create_publisher(
             topics.message_class(topics.BY_NAME[topics.REFERENCE].type),
             topics.REFERENCE,
@@ -256,7 +260,8 @@ class OuterLoopNode(TickNode[Law, Following]):
     def engage(self) -> Following:
         """Begin; wait for the reference only if somebody is there to send it."""
         self.core.state = initial_state(self.core.kernel)
-        awaited = "scenario" in self.values["peers"] or self.count_publishers(topics.REFERENCE) > 0
+        others = self.count_publishers(topics.REFERENCE) - 1  # it is one itself
+        awaited = "scenario" in self.values["peers"] or others > 0
         return Following(time.monotonic(), awaited, self._phases())
 
     def _phases(self) -> Phases:

@@ -165,9 +165,9 @@ def hovering(bench):
     return outer
 
 
-def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering):
+def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering, monkeypatch):
     told = []
-    hovering.node._way_teller = lambda: told.append
+    monkeypatch.setattr(hovering.node.core, "tell_way", told.append)
     held = hovering.node.run.held
     hovering.receive(topics.GOTO, pose(hovering))
     way = hovering.node.run.diverted
@@ -187,6 +187,14 @@ def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering):
     assert not hovering.node.core.own
     hovering.receive(topics.REFERENCE, encode_reference(Trajectory.hover(START, 0.0)))
     assert hovering.node.run.diverted is None and hovering.node.core.given is not None
+
+
+def test_who_listens_finds_its_sender_before_the_flight(bench):
+    """Made by the first goto it was found too late: that goto was missing in the bag."""
+    outer = bench(OuterLoopNode)
+    outer.node.trigger_configure()
+    (sender,) = (p for p in outer.node.publishers if p.topic_name == f"/{topics.REFERENCE}")
+    assert sender.qos_profile.depth == topics.BY_NAME[topics.REFERENCE].kept
 
 
 def test_it_is_over_with_the_activation(hovering):
