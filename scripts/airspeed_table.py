@@ -11,18 +11,24 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from numpy.typing import NDArray
 from seeds_option import parser_with_seeds
 
 from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import conditions
 from heli_flight.loop.settings import resolve
 from heli_flight.studies.robust.airspeed import ACROSS_MPS, SPEEDS_MPS, OverAirspeed, over_airspeed
 from heli_math.paper_metrics import attitude_errors
 from heli_math.rows import ACTUATOR, REFERENCE
+from heli_math.ticks import TICK_S
 
 LAWS = ("packaged", "hinf", "lqg", "pid", "indi")
 WORLDS, RECEIVERS = ("paper", "honest"), ("rtk", "standalone")
-_SETTLED_S = 5.0
+_AFTER_TICKS = 100
+"""How long the attitude goes on moving when the reference has come to its speed."""
+_LEAST_MPS2 = 1e-3
+GOAL_DEG = 2.0
 
 
 def over_speeds(found: OverAirspeed) -> list[dict[str, Any]]:
@@ -59,33 +65,51 @@ def bound_of(name: str, found: OverAirspeed) -> dict[str, Any]:
     }
 
 
+def transition(record: FlightRecord) -> NDArray[np.bool_]:
+    """Where the reference gains or loses speed, and a second after it; (N,)."""
+    speed = np.linalg.norm(record.reference[:, REFERENCE.vel], axis=1)
+    gains = np.abs(np.diff(speed, prepend=speed[0])) > _LEAST_MPS2 * TICK_S
+    return np.convolve(gains, np.ones(_AFTER_TICKS))[: gains.size] > 0.5
+
+
 def flights(world: str, gps: str, seeds: list[int]) -> dict[str, Any]:
-    """Largest errors of the scenario forward_flight from 5 s on, truth."""
+    """Largest errors of the scenario forward_flight from the start of its way on, truth."""
     settings = resolve("forward_flight", gps, world=world)
     largest: dict[str, float] = {}
-    lost = 0
+    lost = inside = 0
     for seed in seeds:
         flight = simulate(settings.with_seed(seed))
         lost += bool(flight.status)
-        r = flight.record
-        on = r.time_s >= _SETTLED_S
-        away = r.truth_pos_ned_m - r.reference[:, REFERENCE.pos]
-        own = {
-            **attitude_errors(r.truth_q_nb, r.setpoint),
-            "altitude": away[:, 2],
-            "position": np.linalg.norm(away, axis=1),
-            "speed": np.linalg.norm(r.truth_vel_ned_mps, axis=1),
-            "airspeed": np.linalg.norm(r.truth_vel_ned_mps - r.wind_ned_mps, axis=1),
-        }
-        for key, values in own.items():
-            largest[key] = max(largest.get(key, 0.0), float(np.max(np.abs(values[on]))))
+        own = errors(flight.record, settings.scenario.windows_s[0, 0])
+        inside += max(own["roll, transition"], own["pitch, transition"]) < GOAL_DEG
+        largest = {key: max(largest.get(key, 0.0), value) for key, value in own.items()}
     return {
         "world": world,
         "gps": gps,
         "conditions": conditions(settings).splitlines(),
         "lost": lost,
+        "inside_transition": inside,
         "max": largest,
     }
+
+
+def errors(record: FlightRecord, from_s: float) -> dict[str, float]:
+    """Largest absolute values of one flight, truth."""
+    on = record.time_s >= from_s
+    away = record.truth_pos_ned_m - record.reference[:, REFERENCE.pos]
+    attitude = attitude_errors(record.truth_q_nb, record.setpoint)
+    own = {
+        **attitude,
+        "altitude": away[:, 2],
+        "position": np.linalg.norm(away, axis=1),
+        "speed": np.linalg.norm(record.truth_vel_ned_mps, axis=1),
+        "airspeed": np.linalg.norm(record.truth_vel_ned_mps - record.wind_ned_mps, axis=1),
+    }
+    largest = {key: float(np.max(np.abs(values[on]))) for key, values in own.items()}
+    there = transition(record) & on
+    for key, values in attitude.items():
+        largest[f"{key}, transition"] = float(np.max(np.abs(values[there])))
+    return largest
 
 
 def main() -> None:

@@ -8,8 +8,10 @@ from heli_flight.studies.results.grid import grid, world
 from heli_math.ticks import TICK_S
 
 _FLOWN = {
-    "roll": "roll error, deg (goal 2)",
-    "pitch": "pitch error, deg (goal 2)",
+    "roll, transition": "roll error in the transitions, deg (goal 2)",
+    "pitch, transition": "pitch error in the transitions, deg (goal 2)",
+    "roll": "roll error, deg",
+    "pitch": "pitch error, deg",
     "altitude": "altitude error, m (goal 1)",
     "position": "position error, m",
     "speed": "speed over ground, m/s",
@@ -60,13 +62,16 @@ def airspeed_flown(results: Results) -> str:
         [
             f"{row['world']}, {row['gps']}",
             *(f"{row['max'][key]:.2f}" for key in _FLOWN),
+            str(row["inside_transition"]),
             str(row["lost"]),
         ]
         for row in found["flights"]
     ]
     winds = {row["world"]: [row["conditions"]] for row in found["flights"]}
+    head = ["world, receiver", *_FLOWN.values(), "transitions inside", "lost"]
     return (
-        f"{grid(['world, receiver', *_FLOWN.values(), 'lost'], rows)}\n\nLargest from 5 s to the "
-        f"end, truth, {results.seeds('airspeed')}; attitude against the outer loop's command. "
-        f"{world(winds)}"
+        f"{grid(head, rows)}\n\nLargest from the start of the way to the end, truth, "
+        f"{results.seeds('airspeed')}; attitude against the outer loop's command. Transitions: "
+        f"while the reference gains or loses speed, and a second after; inside: seeds with both "
+        f"errors below 2 deg there. {world(winds)}"
     )
