@@ -90,7 +90,20 @@ def flights(world: str, gps: str, seeds: list[int]) -> dict[str, Any]:
         "lost": lost,
         "inside_transition": inside,
         "max": largest,
+        "hover": hover(world, gps, seeds, settings.scenario.windows_s[0, 0]),
     }
+
+
+def hover(world: str, gps: str, seeds: list[int], from_s: float) -> dict[str, float]:
+    """Largest attitude errors in hover, for comparison: what receiver and air alone make."""
+    settings = resolve("hover", gps, world=world)
+    largest: dict[str, float] = {}
+    for seed in seeds:
+        r = simulate(settings.with_seed(seed)).record
+        for key, values in attitude_errors(r.truth_q_nb, r.setpoint).items():
+            found = float(np.max(np.abs(values[r.time_s >= from_s])))
+            largest[key] = max(largest.get(key, 0.0), found)
+    return largest
 
 
 def errors(record: FlightRecord, from_s: float) -> dict[str, float]:

@@ -63,15 +63,17 @@ def airspeed_flown(results: Results) -> str:
             f"{row['world']}, {row['gps']}",
             *(f"{row['max'][key]:.2f}" for key in _FLOWN),
             str(row["inside_transition"]),
+            f"{row['hover']['roll']:.2f}, {row['hover']['pitch']:.2f}",
             str(row["lost"]),
         ]
         for row in found["flights"]
     ]
     winds = {row["world"]: [row["conditions"]] for row in found["flights"]}
-    head = ["world, receiver", *_FLOWN.values(), "transitions inside", "lost"]
+    head = ["world, receiver", *_FLOWN.values(), "transitions inside", "hover: roll, pitch", "lost"]
     return (
         f"{grid(head, rows)}\n\nLargest from the start of the way to the end, truth, "
         f"{results.seeds('airspeed')}; attitude against the outer loop's command. Transitions: "
         f"while the reference gains or loses speed, and a second after; inside: seeds with both "
-        f"errors below 2 deg there. {world(winds)}"
+        f"errors below 2 deg there. Hover: the scenario `hover` over the same "
+        f"time. {world(winds)}"
     )
