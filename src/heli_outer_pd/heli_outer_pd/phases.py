@@ -6,13 +6,12 @@ own commands, and its phases are entered: collective on the ground, way in the a
 after each step of the law, so that the graph and the one-process loop do the same. No ROS.
 """
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.rows import NAV, REFERENCE, SETPOINT
+from heli_math.rows import NAV, SETPOINT
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_modes.machine import Refusal, decide
@@ -22,11 +21,11 @@ from heli_outer_pd.contact import TouchDown, lean, leans_beyond, lifts_more
 from heli_outer_pd.disturbance import flyable, hover_share
 from heli_outer_pd.goto import WIND, Goto
 from heli_outer_pd.into_wind import IntoWind
+from heli_outer_pd.orders import Orders
 from heli_outer_pd.outer_state import FLIES, LEAVES, MEMORY, STANDS, OuterKernel
 from heli_outer_pd.phase_ways import PhaseNumbers, way_down, way_here, way_up
-from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.reference_limits import ReferenceLimits
 from heli_outer_pd.script import Scripted
-from heli_outer_pd.scripted_hand import ScriptedHand
 from heli_outer_pd.stick_flight import RISES_MPS, Now, StickFlight
 
 Array = NDArray[np.float64]
@@ -63,6 +62,10 @@ class Phases:
         From where the distance of a goto is counted: where it stood at first, or as it is set.
     history : list of int and Phase
         Stamp, ns, from which on each phase was flown.
+    cruise_ns : int
+        Stamp of the newest velocity.
+    ground_down_m : float
+        Where the ground is, as far as it is known, NED.
     remarks : list of str
         Orders that were refused.
     """
@@ -79,14 +82,14 @@ class Phases:
     ) -> None:
         self.numbers, self.goto, self.kernel, self.fence = numbers, goto, kernel, fence
         self.way: Trajectory | None = None
-        self.home_ned_m, self._ground_down_m = np.zeros(3), 0.0
+        self.home_ned_m, self.ground_down_m = np.zeros(3), 0.0
         self.phase = Phase.STANDING if numbers.on_ground else Phase.HOVER
         self.history = [(start_ns, self.phase)]
-        self.remarks: list[str] = []
-        self._state, self._start_ns, self._orders = state, start_ns, deque(orders)
+        self._orders = Orders(orders, start_ns)
+        self._state, self._start_ns, self.remarks = state, start_ns, self._orders.remarks
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
-        self._contact, self._cruise_ns = TouchDown(), start_ns
-        self._sticks, self._hand = StickFlight(state), ScriptedHand()
+        self._contact, self.cruise_ns = TouchDown(), start_ns
+        self._sticks = StickFlight(state)
         if numbers.on_ground:
             state[MEMORY.command][SETPOINT.col] = numbers.idle_collective
             self._stand(numbers.idle_collective, 1.0)
@@ -103,7 +106,7 @@ class Phases:
 
     def next_order_ns(self) -> int | None:
         """Stamp at which something is due that was ordered before the flight; None for nothing."""
-        return self._start_ns + self._orders[0].at_ns if self._orders else None
+        return self._orders.next_ns()
 
     def adopt(
         self, numbers: PhaseNumbers, goto: Goto, kernel: OuterKernel, fence: ReferenceLimits
@@ -133,7 +136,7 @@ class Phases:
             Command.VELOCITY, now_ns, nav, (np.asarray(vel_ned_mps, float), yaw_rate_radps)
         )
         if refused is None:
-            self._hand.cruise = None
+            self._orders.hand.cruise = None
         return refused
 
     def command(
@@ -156,6 +159,17 @@ class Phases:
         ReferenceRefused
             No way within the limits; nothing has changed.
         """
+        before = self.phase
+        refused = self.decided(command, now_ns, nav, goal)
+        if self.phase in BY_STICKS and self.phase != before:
+            # Before anybody asks again: the law's next step is by the sticks already.
+            self._steer(now_ns, nav)
+        return refused
+
+    def decided(
+        self, command: Command, now_ns: int, nav: Array, goal: tuple[Array, float] | None = None
+    ) -> Refusal | None:
+        """The same without what follows for the law's next step: `after` sees to that."""
         found = decide(self.phase, command, self.fails(now_ns, nav))
         if isinstance(found, Refusal):
             return found
@@ -178,57 +192,24 @@ class Phases:
         before = self.way
         if self.way is None and flyable(nav):
             self._begin(nav)
-        self._renew(now_ns, nav)
+        self._orders.renew(self, now_ns, nav)
         fact = self._fact(now_ns, nav, out)
         if fact is not None:
             found = decide(self.phase, fact)
             if isinstance(found, Phase):
                 self._enter(found, fact, now_ns, nav)
-        while self._orders and self._start_ns + self._orders[0].at_ns <= now_ns:
-            self._obey(self._orders.popleft(), now_ns, nav)
+        self._orders.obey(self, now_ns, nav)
         if self.phase in BY_STICKS:
             self._steer(now_ns, nav)
-        self.way = self._into_wind.turned(self, now_ns, nav, self._state, self._ground_down_m)
+            if flyable(nav) and self._sticks.tells(now_ns):
+                self.way = self._sticks.glimpse(self.phase, self._at(now_ns, nav))
+        self.way = self._into_wind.turned(self, now_ns, nav, self._state, self.ground_down_m)
         return self.way is not before
-
-    def _renew(self, now_ns: int, nav: Array) -> None:
-        """What a scripted hand does not let go."""
-        if self.phase in BY_STICKS:
-            sticks = self._hand.moves(nav, self._ground_down_m, self.phase, self.kernel)
-            if sticks is not None:
-                self._sticks.steering.hear(sticks, now_ns)
-        elif self.phase == Phase.VELOCITY and self._hand.is_due(now_ns - self._cruise_ns):
-            self._try(Command.VELOCITY, now_ns, nav, (np.asarray(self._hand.cruise), 0.0))
-
-    def _obey(self, order: Scripted, now_ns: int, nav: Array) -> None:
-        """Do what was ordered for now; what is refused is remarked."""
-        command = self._hand.take(order, self.numbers.sticks, self._stands)
-        if command is None:
-            return
-        if self._hand.holds_sticks:
-            self._sticks.steering.hear(self._hand.rest(self._stands), now_ns)
-        goal: tuple[Array, float] | None = None
-        if command.goal_ned_m is not None and self.way is not None:
-            goal = command.goal_ned_m, float(self.way.points[-1, REFERENCE.psi])
-        elif self._hand.cruise is not None:
-            goal = self._hand.cruise, 0.0
-        self._try(command.command, now_ns, nav, goal)
-
-    def _try(
-        self, command: Command, now_ns: int, nav: Array, goal: tuple[Array, float] | None
-    ) -> None:
-        try:
-            refused = self.command(command, now_ns, nav, goal)
-        except ReferenceRefused as error:
-            self.remarks.append(f"{command}: {error}")
-        else:
-            if refused is not None:
-                self.remarks.append(refused.sentence)
 
     def _begin(self, nav: Array) -> None:
         """The first position: where it stands, or what it holds."""
         self.way = way_here(nav, self._start_ns)
-        self.home_ned_m, self._ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
+        self.home_ned_m, self.ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
 
     # --- facts and guards ------------------------------------------------------------------------
 
@@ -252,10 +233,10 @@ class Phases:
 
     def _is_low(self, nav: Array) -> bool:
         """By hand on the ground, or too near to it."""
-        return self._stands or bool(self._ground_down_m - nav[NAV.pos][2] < self.numbers.clear_m)
+        return self.stands or bool(self.ground_down_m - nav[NAV.pos][2] < self.numbers.clear_m)
 
     @property
-    def _stands(self) -> bool:
+    def stands(self) -> bool:
         """By hand, too."""
         by_hand = self.phase == Phase.MANUAL and self._sticks.aground
         return by_hand or self.phase == Phase.STANDING
@@ -283,7 +264,7 @@ class Phases:
             case Phase.DESCENDING:
                 return Fact.TOUCHED_DOWN if self._touched_down(nav, out) else None
             case Phase.VELOCITY:
-                silent = now_ns - self._cruise_ns > self.numbers.sticks.timeout_ns
+                silent = now_ns - self.cruise_ns > self.numbers.sticks.timeout_ns
                 return Fact.SILENT if silent else None
             case Phase.ATTITUDE | Phase.MANUAL:
                 n, now = self.numbers, self._at(now_ns, nav)
@@ -337,13 +318,13 @@ class Phases:
         steered = self.phase in BY_STICKS
         if phase in BY_STICKS:
             if not steered:
-                self._hand.begins()
+                self._orders.hand.begins()
             self._sticks.take(self.phase, phase, self.way, self._at(now_ns, nav))
             self._now(phase, now_ns)
             return
         assert self.way is not None  # a guard, or the phases before, have seen to it
         before = self.way
-        if steered and not self._stands:
+        if steered and not self.stands:
             before = self._sticks.leave(self.phase, self._at(now_ns, nav))
         ramp = abs(n.idle_collective - self.kernel.trim[SETPOINT.col])
         match phase:
@@ -361,9 +342,9 @@ class Phases:
                     before, now_ns, vel, rate, n.sticks.timeout_ns / NS_PER_S, self.fence,
                     self.home_ned_m,
                 )  # fmt: skip
-                self._cruise_ns = now_ns
+                self.cruise_ns = now_ns
             case Phase.DESCENDING:
-                self.way = way_down(n, self.way, self._ground_down_m, now_ns, self._start_ns)
+                self.way = way_down(n, self.way, self.ground_down_m, now_ns, self._start_ns)
                 self._contact = TouchDown(self._carried(), float(nav[NAV.down_vel]))
             case Phase.SETTLING:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
@@ -383,12 +364,10 @@ class Phases:
         self.phase, self._since_ns = phase, now_ns
 
     def _steer(self, now_ns: int, nav: Array) -> None:
-        """What the law's next step gets of the sticks; where it goes is told once a second."""
-        n, now, known = self.numbers, self._at(now_ns, nav), flyable(nav)
-        low = known and self._is_low(nav)
+        """What the law's next step gets of the sticks."""
+        n, low = self.numbers, flyable(nav) and self._is_low(nav)
+        now = self._at(now_ns, nav)
         self._sticks.steer(self.phase, now, n.sticks, n.idle_collective, self.fence, low)
-        if known and self._sticks.tells(now_ns):
-            self.way = self._sticks.glimpse(self.phase, now)
 
     def _stand(self, col_goal: float, col_rate: float) -> None:
         self._state[MEMORY.ground] = STANDS

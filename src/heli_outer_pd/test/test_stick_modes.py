@@ -255,6 +255,20 @@ def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command):
     assert craft.state[MEMORY.ground] == FLIES
 
 
+@pytest.mark.parametrize("command", [Command.ATTITUDE, Command.MANUAL])
+def test_asked_for_between_two_steps_of_the_law_nothing_jumps(command):
+    """As a service or a button asks: the very next command is by the sticks."""
+    craft, seen = Craft(), []
+    for _ in range(20):
+        craft.step(NEUTRAL)
+    before = craft.out.copy()
+    assert craft.ask(command) is None
+    for _ in range(10):
+        craft.step(NEUTRAL, moves=False)
+        seen.append(craft.out.copy())
+    np.testing.assert_allclose(seen, np.tile(before, (10, 1)), atol=1e-6)
+
+
 @pytest.mark.parametrize("bad", [np.array([0.0, math.nan, 0.0, 0.0]), np.zeros(3)])
 def test_sticks_that_are_none_are_refused(bad):
     with pytest.raises(ReferenceRefused, match="allowed: four numbers"):
