@@ -35,8 +35,8 @@ sys.exit({function}())
 
 
 def packages() -> list[Path]:
-    """Folders of the ROS packages under src/, in alphabetical order."""
-    return sorted(manifest.parent for manifest in SOURCES.glob("*/package.xml"))
+    """Folders of the Python packages under src/, in alphabetical order."""
+    return sorted(setup.parent for setup in SOURCES.glob("*/setup.py"))
 
 
 def _fresh_folder(folder: Path) -> None:

@@ -11,6 +11,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from heli_actions.messages import PACKAGE
+from heli_actions.node import PREFIX, ActionsNode
+from heli_actions.table import RULES
 from heli_bags.node import RecorderNode
 from heli_dynamics_sim.node import PlantNode
 from heli_flight.graph.scenario_node import ScenarioNode
@@ -36,6 +39,7 @@ NODES: tuple[type[ManagedNode], ...] = (
     ScenarioNode,
     LiveViewNode,
     WorldClockNode,
+    ActionsNode,
 )
 SERVICES = {
     "change_state": "lifecycle_msgs/srv/ChangeState",
@@ -124,14 +128,20 @@ setting ROS 2 speaks to the whole subnet.
 
 Every node has these, under its name (`/plant/get_state`):
 """
-LIFE = """
+OUTER = """
 The outer loop has more (std_srvs/srv/Trigger). `hold`: stop as soon as the limits `goto.*`
 allow, and stay there. `takeoff`: from the ground up to `takeoff.height_m`. `land`: come to rest,
 descend, touch down. `mode/velocity`, `mode/attitude`, `mode/manual`: these modes. `arm`
 (std_srvs/srv/SetBool): without it no take-off; disarmed only while it stands. The answer says
 what will be done, or why not and what is allowed. The parameter `mode` of `outer_loop` commands
 by name when it is set: `ros2 param set /outer_loop mode hover`.
+"""
+ACTIONS = """
+With the node `actions` beside the graph there are actions, too, where `heli_interfaces` is built
+([heli_actions](../src/heli_actions/README.md)):
 
+"""
+LIFE = """
 ## Life cycle
 
 A node started alone (`ros2 run`) configures and activates itself, unless `autostart` is false.
@@ -184,6 +194,14 @@ def _topics() -> str:
     return _table(("topic", "type", "rate", "frame", "from", "to"), rows)
 
 
+def _actions() -> str:
+    rows = [
+        (f"`{PREFIX}/{kind}`", f"{PACKAGE}/action/{kind.capitalize()}", rule.service or rule.topic)
+        for kind, rule in RULES.items()
+    ]
+    return ACTIONS + _table(("action", "type", "sent on as"), rows)
+
+
 def _value(value: Any) -> str:
     if hasattr(value, "tolist"):
         value = value.ravel().tolist()
@@ -219,7 +237,7 @@ def page() -> str:
     values = {node.SPEC.name: node.SPEC.resolve() for node in NODES}
     parts = [HEAD, "\n", _topics(), QOS, "\n"]
     rows = [(f"`~/{name}`", kind) for name, kind in SERVICES.items()]
-    parts += [_table(("service", "type"), rows), LIFE]
+    parts += [_table(("service", "type"), rows), OUTER, _actions(), LIFE]
     for node in NODES:
         meaning = " ".join((node.__doc__ or "").split())
         parts.append(f"| `{node.SPEC.name}` | `{node.SPEC.package}` | {_cell(meaning)} |\n")

@@ -187,8 +187,21 @@ heli_link_layout() {
         heli_fail "linking the packages into $heli_venv: $(heli_last_line)"
 }
 
+# Interfaces are compiled: where this ROS has its generators, and there is a compiler.
+heli_can_generate() {
+    local folder folders
+    command -v c++ >/dev/null 2>&1 || return 1
+    IFS=: read -ra folders <<<"${AMENT_PREFIX_PATH:-}"
+    for folder in "${folders[@]}"; do
+        [ ! -d "$folder/share/rosidl_default_generators" ] || return 0
+    done
+    return 1
+}
+
 heli_colcon_build() {
-    heli_run env -C "$HELI_ROOT" colcon build --symlink-install --base-paths src ||
+    local without=(--packages-ignore heli_interfaces)
+    ! heli_can_generate || without=()
+    heli_run env -C "$HELI_ROOT" colcon build --symlink-install --base-paths src "${without[@]}" ||
         heli_fail "colcon build failed (if build/ and install/ are of another kind of build, remove them); its output: $heli_log"
 }
 
@@ -311,7 +324,9 @@ heli_make_missing() {
     if [ "$1" = test ]; then
         printf 'Adding the test tools, once ...\n' >&2
         heli_base_python=$heli_venv/bin/python
-        heli_install -c "$pins" -r "$requirements/test.txt"
+        packages=(-r "$requirements/test.txt")
+        [ "$heli_mode" = ros ] || packages=(-r "$requirements/ros_test.txt" "${packages[@]}")
+        heli_install -c "$pins" "${packages[@]}"
         printf '%s' "$heli_want_env" >"$heli_venv/heli_test_stamp"
         heli_mark "test tools"
     fi
@@ -343,9 +358,10 @@ heli_setup_env() {
     heli_clean_environment
     heli_read "$HELI_ROOT"/requirements/*.txt
     heli_want_env=$heli_text$heli_venv
-    heli_read "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/setup.py
+    heli_read "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/{setup.py,CMakeLists.txt,action/*.action}
     printf -v heli_want_layout '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,config,web,launch/*,scripts/*}
     heli_want_layout+=$heli_text
+    if [ "$heli_mode" = ros ] && heli_can_generate; then heli_want_layout+=generated; fi
     heli_all_stands "${1:-}" || heli_make_missing_alone "${1:-}"
     export VIRTUAL_ENV="$heli_venv" PATH="$heli_venv/bin:$PATH"
     heli_source_workspace

@@ -20,7 +20,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from rosidl_adapter.parser import parse_action_file
 
+from heli_actions.node import PREFIX
+from heli_actions.table import Kind
 from heli_flight.cli import app as cli
 from heli_flight.loop.settings import NODES
 from heli_msgs_bridge import topics
@@ -198,7 +201,7 @@ def run_until_it_speaks(command, folder, env):
 def table_of(node_name):
     """Parameter table of the node, by name without namespace."""
     packages = {node.name: node.package for node in NODES}
-    packages |= {"recorder": "heli_bags", "live_view": "heli_live_view"}
+    packages |= {"recorder": "heli_bags", "live_view": "heli_live_view", "actions": "heli_actions"}
     node = node_name.strip("/").split("/")[-1]
     assert node in packages, f"no node {node_name}"
     return {row.name: row for row in import_module(f"{packages[node]}.parameter_table").TABLE}
@@ -239,7 +242,19 @@ def check_bag(words, launch):
         assert name.strip("/") in known
 
 
+def check_action(words, launch):
+    verb, name, type_name, goal, *rest = words
+    assert (verb, rest) == ("send_goal", ["--feedback"])
+    prefix, kind = name.strip("/").split("/")
+    package, _, definition = type_name.split("/")
+    assert (prefix, definition) == (PREFIX, Kind(kind).capitalize())
+    path = ROOT / "src" / package / "action" / f"{definition}.action"
+    fields = {field.name for field in parse_action_file(package, str(path)).goal.fields}
+    assert set(yaml.safe_load(goal)) <= fields
+
+
 ROS2 = {
+    "action": check_action,
     "run": check_run,
     "launch": check_launch,
     "param": check_param,

@@ -46,11 +46,11 @@ class Checkout:
             shutil.copytree(ROOT / name, top / name, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("hover_test.sh", "run_tests.sh"):
             shutil.copy2(ROOT / name, top / name)
-        for manifest in (ROOT / "src").glob("*/package.xml"):
-            package = top / "src" / manifest.parent.name
+        for setup in (ROOT / "src").glob("*/setup.py"):
+            package = top / "src" / setup.parent.name
             package.mkdir(parents=True)
-            shutil.copy2(manifest, package)
-            shutil.copy2(manifest.with_name("setup.py"), package)
+            shutil.copy2(setup, package)
+            shutil.copy2(setup.with_name("package.xml"), package)
         bin_folder = top.parent / "bin"
         bin_folder.mkdir()
         for tool in TOOLS:

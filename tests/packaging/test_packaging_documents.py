@@ -42,7 +42,7 @@ def test_files_of_the_walk_exist():
 
 
 def test_every_package_and_wing_is_in_the_picture_and_in_the_contracts():
-    packages = {path.parent.name for path in (ROOT / "src").glob("*/package.xml")}
+    packages = {path.parent.name for path in (ROOT / "src").glob("*/setup.py")}
     assert packages == set(CONTRACTS["root_packages"])
     picture = ARCHITECTURE.split("```mermaid")[1].split("```")[0]
     assert packages <= set(re.findall(r"heli_\w+", picture))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml"))
+PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/setup.py"))
 
 
 @pytest.mark.parametrize("package", PACKAGES)

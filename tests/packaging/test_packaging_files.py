@@ -22,6 +22,7 @@ TABLES = {
     "outer_loop": ("heli_outer_pd.parameter_table", "heli_outer_pd"),
     "recorder": ("heli_bags.parameter_table", "heli_bags"),
     "live_view": ("heli_live_view.parameter_table", "heli_live_view"),
+    "actions": ("heli_actions.parameter_table", "heli_actions"),
     "world_clock": ("heli_flight.graph.world_clock_node", "heli_flight"),
 }
 CODE_SUFFIXES = {".py", ".sh", ".yaml", ".yml", ".toml", ".cfg", ".xml"}

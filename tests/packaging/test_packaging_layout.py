@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml"))
+PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/setup.py"))
 EXECUTABLES = {
+    "heli_actions": ["actions"],
     "heli_dynamics_sim": ["plant"],
     "heli_observer": ["observer"],
     "heli_inner_hinf": ["inner_loop"],

@@ -14,8 +14,10 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/package.xml"))
+PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/setup.py"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+COMPILED = "heli_interfaces"
+"""The one package that is no Python: its types are generated and compiled."""
 VERSION = PROJECT["project"]["version"]
 # Python import -> rosdep key, where the two differ from python3-<import>.
 ROSDEP_KEYS = {"yaml": "python3-yaml", "markupsafe": "python3-jinja2"}
@@ -46,9 +48,12 @@ KNOWN_IN_JAZZY = {
     "rcl_interfaces",
     "rclpy",
     "rosgraph_msgs",
+    "rosidl_adapter",
+    "rosidl_parser",
     "sensor_msgs",
     "std_msgs",
     "std_srvs",
+    "test_msgs",
     "tf2_msgs",
     "trajectory_msgs",
     "visualization_msgs",
@@ -80,6 +85,8 @@ def of_ros(name):
     return name.endswith(("_msgs", "_interfaces")) or name in (
         "rclpy",
         "rcl_interfaces",
+        "rosidl_adapter",
+        "rosidl_parser",
         "std_srvs",
         "launch",
         "launch_ros",
@@ -97,6 +104,20 @@ def pins(name):
 def test_every_package_has_a_manifest():
     folders = {path.name for path in (ROOT / "src").iterdir() if (path / path.name).is_dir()}
     assert set(PACKAGES) == folders
+
+
+def test_what_is_compiled_is_built_by_ament_cmake():
+    root = manifest(COMPILED)
+    assert root.findtext("export/build_type") == "ament_cmake"
+    assert (root.findtext("version"), root.findtext("license")) == (VERSION, "Apache-2.0")
+    maintainer = manifest(PACKAGES[0]).find("maintainer")
+    assert root.find("maintainer").items() == maintainer.items()
+    keys = {node.text for node in root if node.tag.endswith("depend")}
+    generators = {"ament_cmake", "rosidl_default_generators", "rosidl_default_runtime"}
+    assert generators < keys and keys - generators <= KNOWN_IN_JAZZY
+    assert root.findtext("member_of_group") == "rosidl_interface_packages"
+    manifests = {path.parent.name for path in (ROOT / "src").glob("*/package.xml")}
+    assert manifests == {*PACKAGES, COMPILED}
 
 
 def test_the_packages_that_were_asked_for_are_here():
@@ -156,7 +177,7 @@ class TestManifest:
 
     def test_rosdep_knows_every_key(self, package):
         keys = {node.text for node in manifest(package) if node.tag.endswith("depend")}
-        assert keys - KNOWN_TO_ROSDEP - KNOWN_IN_JAZZY - set(PACKAGES) == set()
+        assert keys - KNOWN_TO_ROSDEP - KNOWN_IN_JAZZY - {*PACKAGES, COMPILED} == set()
 
     def test_executables_call_an_existing_main(self, package):
         for script in (ROOT / "src" / package / "scripts").glob("*"):
@@ -200,7 +221,7 @@ def test_test_tools_are_required():
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 names.add(node.module.split(".")[0])
     names = {n for n in names - set(sys.stdlib_module_names) - local if not of_ros(n)}
-    known = pins("python.txt") | pins("test.txt")
+    known = pins("python.txt") | pins("test.txt") | pins("ros_test.txt")
     owners = packages_distributions()
     for name in names:
         owned = {owner.lower().replace("_", "-") for owner in owners.get(name, [name])}
@@ -211,7 +232,7 @@ def test_every_requirement_is_pinned_exactly():
     lines = (ROOT / "requirements/constraints.txt").read_text().splitlines()
     entries = [line for line in lines if line and not line.startswith("#")]
     assert all(re.fullmatch(r"[a-z0-9._-]+==[A-Za-z0-9.]+", line) for line in entries)
-    for name in ("ros.txt", "python.txt", "test.txt"):
+    for name in ("ros.txt", "python.txt", "ros_test.txt", "test.txt"):
         assert pins(name) <= pins("constraints.txt")
 
 

@@ -160,7 +160,7 @@ def test_tests_add_their_tools_once(checkout):
     assert checkout.start("run_tests.sh").returncode == 0
     asked = checkout.calls()
     assert "/.venv/heli_uv/bin/uv --python" in asked[0]
-    assert asked[0].endswith("requirements/test.txt")
+    assert asked[0].endswith("requirements/test.txt") and "/ros_test.txt " in asked[0]
     assert [line.split()[1] for line in asked[1:]] == CHECKS
     checkout.start("run_tests.sh")
     assert [line.split()[1] for line in checkout.calls()] == CHECKS
@@ -189,10 +189,22 @@ def test_sourced_jazzy_builds_with_colcon(checkout):
     assert "--system-site-packages" in asked[0] and ".venv-ros" in asked[0]
     assert "ros.txt" not in asked[1]
     assert asked[1].startswith("-m pip install")  # uv does not see the system's packages
-    assert asked[2] == "colcon build --symlink-install --base-paths src"
+    command = "colcon build --symlink-install --base-paths src"
+    assert asked[2] == f"{command} --packages-ignore heli_interfaces"
     assert not (checkout.top / ".venv").exists()
     checkout.start(ROS_DISTRO="jazzy")
     assert checkout.kinds_of_calls() == ["flight"]
+    # Interfaces are built as soon as there are generators and a compiler.
+    prefix = checkout.top.parent / "ros"
+    (prefix / "share/rosidl_default_generators").mkdir(parents=True)
+    found = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": f"/nowhere:{prefix}"}
+    checkout.start(**found)
+    assert checkout.kinds_of_calls() == ["flight"]
+    checkout.add_command("c++", "#!/usr/bin/env bash\n")
+    checkout.start(**found)
+    assert checkout.calls()[0] == command
+    checkout.start("run_tests.sh", **found)
+    assert "ros_test.txt" not in checkout.calls()[0]
 
 
 def test_other_ros_is_kept_out(checkout):

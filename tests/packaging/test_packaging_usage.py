@@ -36,8 +36,8 @@ def node_class(name):
     return found
 
 
-def test_all_eight_are_here():
-    assert len(EXECUTABLES) == 8
+def test_all_nine_are_here():
+    assert len(EXECUTABLES) == 9
 
 
 @pytest.mark.parametrize("name", EXECUTABLES)

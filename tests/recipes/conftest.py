@@ -64,7 +64,7 @@ class Copy:
 
     def run(self, *words, code: int | None = 0, limit_s: float = 580.0):
         """Run the interpreter on the copy's packages; the exit code is checked unless None."""
-        packages = [str(path.parent) for path in self.top.glob("src/*/package.xml")]
+        packages = [str(path.parent) for path in self.top.glob("src/*/setup.py")]
         env = {
             **os.environ,
             **self.variables,

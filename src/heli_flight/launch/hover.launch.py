@@ -93,6 +93,9 @@ ARGUMENTS = (
     ),
     Argument("live", "false", ["true", "false"], "Serve the live view"),
     Argument(
+        "actions", "false", ["true", "false"], "Serve the actions; heli_interfaces has to be built"
+    ),
+    Argument(
         "aircraft", "1", None, "How many, in the namespaces heli1, heli2 ...; each has its own seed"
     ),
     Argument(
@@ -191,6 +194,8 @@ def _aircraft(given):
         found.append(node("heli_bags", "recorder", given, [*users, arguments["recorder"]]))
     if given["live"] == "true":
         found.append(node("heli_live_view", "live_view", given, [*users, arguments["live_view"]]))
+    if given["actions"] == "true":
+        found.append(node("heli_actions", "actions", given, users))
     for package, name in NODES:
         paths = [_config(package, f"gps_{given['gps']}.yaml"), sensors]
         own = [path for path in paths if Path(path).is_file()]

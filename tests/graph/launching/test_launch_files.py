@@ -120,7 +120,7 @@ def test_every_argument_has_a_test(describe):
     """In this file: an argument that is added is added here."""
     tested = {argument.split(":=")[0] for argument, *_ in WINNING}
     tested |= {"namespace", "params_file", "log_level", "scenario", "gps", "record", "live"}
-    tested |= {"world", "laws"}
+    tested |= {"world", "laws", "actions"}
     # In test_launch_several.py.
     tested.add("aircraft")
     for package, name in LAUNCH_FILES:
@@ -202,7 +202,8 @@ def test_a_recorder_is_not_awaited_where_it_does_not_listen(launch, tmp_path, sp
     assert values(started["plant"], tmp_path)["unrecorded"] == ("none",)
 
 
-def test_arguments_record_and_live(launch):
+def test_arguments_record_live_and_actions(launch):
+    assert "actions" in by_name(launch(*HOVER, "actions:=true"))
     assert "recorder" not in by_name(launch(*HOVER, "record:=false"))
     assert "live_view" in by_name(launch(*HOVER, "live:=true"))
 

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of goals: what follows from each event in each stage, spelled once more."""
+
+import pytest
+
+from heli_actions.table import HOLD, LAND, RULES, Code, End, Event, Kind, Outcome, Stage, row_of
+from heli_modes.table import Phase
+
+A, C, S = Outcome.ABORTED, Outcome.CANCELED, Outcome.SUCCEEDED
+CANCELED = (C, Code.CANCELED)
+ALWAYS = {
+    "preempted": (A, Code.PREEMPTED),
+    "silence": (A, Code.SILENT),
+    "closed": (A, Code.CLOSED),
+}
+UNDER_WAY = {
+    "done": (S, Code.DONE),
+    "mode left": (A, Code.MODE_LEFT),
+    "way replaced": (A, Code.REPLACED),
+    "end not reached": (A, Code.NOT_REACHED),
+}
+UNANSWERED = {"unanswered": (A, Code.NO_ANSWER)}
+EXPECTED = {
+    "waiting": {"its turn": "asked", "cancel": CANCELED},
+    "asked": {
+        "granted": "flown", "refused": (A, Code.REFUSED), "cancel": "withdrawn", **UNANSWERED
+    },
+    "withdrawn": {"granted": ("holding", HOLD), "refused": CANCELED, **UNANSWERED},
+    "flown": {"cancel": ("holding", HOLD), **UNDER_WAY},
+    "holding": {"granted": CANCELED, "refused": "bound", **UNANSWERED},
+    "breaking off": {"granted": CANCELED, "refused": "bound", **UNANSWERED},
+    "bound": UNDER_WAY,
+}  # fmt: skip
+OF_A_KIND = {
+    (Kind.FOLLOW, "flown", "refused"): (A, Code.REFUSED),
+    (Kind.TAKEOFF, "holding", "refused"): ("breaking off", LAND),
+}
+
+
+def found(kind, stage, event):
+    row = row_of(kind, stage, event)
+    if row is None:
+        return None
+    if isinstance(row.target, End):
+        assert not row.asks
+        return row.target.outcome, row.target.code
+    return (row.target.value, row.asks) if row.asks else row.target.value
+
+
+@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("stage", Stage)
+def test_every_event_in_every_stage(kind, stage):
+    expected = ALWAYS | EXPECTED[stage.value]
+    for event in Event:
+        wanted = OF_A_KIND.get((kind, stage.value, event.value), expected.get(event.value))
+        assert found(kind, stage, event) == wanted, event
+
+
+def test_every_stage_can_end_and_none_is_left_without_a_way_out():
+    for stage in Stage:
+        assert found(Kind.GOTO, stage, Event.SILENT) == (A, Code.SILENT)
+
+
+def test_modes_are_those_of_the_aircraft():
+    """The table speaks of modes that heli_modes has: it may not import it."""
+    modes = {phase.mode for phase in Phase}
+    for rule in RULES.values():
+        assert rule.modes <= modes
+        assert rule.done in modes | {""}
+        assert bool(rule.service) != bool(rule.topic)

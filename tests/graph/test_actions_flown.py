@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Take-off, goto, cancel and landing as actions, through the graph.
+
+heli_interfaces needs a compiler, which the wheels come without. So whole numbers stand in for its
+messages: a Fibonacci goal says where it is to in the digits of `order` (east, north and up, two
+digits each, m), feedback and result are sequences. All else is the node as it is.
+"""
+
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from test_msgs.action import Fibonacci
+
+from heli_actions.messages import Interfaces
+from heli_actions.node import ActionsNode
+from heli_actions.table import Code, Kind
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.node_process import run
+
+FLIGHT = [
+    sys.executable, "-m", "heli_flight.cli.app", "hover", "--scenario", "by_hand", "--world",
+    "paper", "--gps", "rtk", "--seed", "5", "--no-report", "--duration", "3000",
+]  # fmt: skip
+# A loaded machine must not meet them.
+TIMES = ("answer_s", "silence_s", "wall_silence_s", "patience_s")
+PATIENT = [word for name in TIMES for word in ("-p", f"{name}:=600.0")]
+ACTIONS = [sys.executable, __file__, "--ros-args", *PATIENT]
+LIMIT_S = 280.0
+# Low and short, and a goal may be as old as a loaded machine makes it.
+LOW = """
+/**/outer_loop:
+  ros__parameters:
+    takeoff.height_m: 4.0
+    land.slow_below_m: 1.5
+    goto.max_age_s: 60.0
+"""
+MODES = ["standing", "takeoff", "hover", "trajectory", "land"]
+
+
+class StandIns(Interfaces):
+    """Numbers for the messages; what stands in them is worked out as for the real ones."""
+
+    def __init__(self):
+        words = SimpleNamespace(
+            Feedback=lambda: SimpleNamespace(pose=PoseStamped()), Result=SimpleNamespace
+        )
+        self._real = Interfaces(dict.fromkeys(Kind, words))
+        super().__init__(dict.fromkeys(Kind, Fibonacci))
+
+    def order(self, kind, goal, now_ns):
+        pose = PoseStamped()
+        pose.header.frame_id = "map"
+        at = pose.pose.position
+        at.x, at.y, at.z = (float(goal.order // n % 100) for n in (10000, 100, 1))
+        pose.pose.orientation.z = pose.pose.orientation.w = 0.5**0.5
+        return self._real.order(kind, SimpleNamespace(pose=pose), now_ns)
+
+    def feedback(self, kind, told):
+        words = self._real.feedback(kind, told)
+        at = words.pose.pose.position
+        left = vars(words).get("height_left_m", vars(words).get("distance_left_m"))
+        metres = [round(number * 100.0) for number in (at.x, at.y, at.z, left)]
+        return Fibonacci.Feedback(sequence=[MODES.index(words.mode), *metres])
+
+    def result(self, kind, outcome, code, sentence):
+        words = self._real.result(kind, outcome, code, sentence)
+        numbers = [int(words.success), words.code, *words.message.encode()]
+        return Fibonacci.Result(sequence=numbers)
+
+
+class StandInActions(ActionsNode):
+    """Active means: goals are taken."""
+
+    def interfaces(self):
+        return StandIns()
+
+
+class Pilot:
+    """A client of all four actions."""
+
+    def __init__(self, domain):
+        self.context = rclpy.Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        self.node = rclpy.create_node("pilot", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.clients = {k: ActionClient(self.node, Fibonacci, f"actions/{k}") for k in Kind}
+        self.told, self.flown_s = [], 0.0
+        self.node.create_subscription(
+            Odometry, topics.ODOM, self.hear, topics.qos(topics.ODOM, depth=1)
+        )
+
+    def hear(self, odom):
+        self.flown_s = odom.header.stamp.sec - 1.0
+
+    def spin_until(self, condition, flight):
+        while not condition():
+            assert flight.poll() is None
+            self.executor.spin_once(timeout_sec=1.0)
+
+    def wait(self, future):
+        self.executor.spin_until_future_complete(future, LIMIT_S)
+        return future.result()
+
+    def send(self, kind, east_m=0, north_m=0, up_m=0):
+        self.told.clear()
+        goal = Fibonacci.Goal(order=east_m * 10000 + north_m * 100 + up_m)
+        sent = self.clients[kind].send_goal_async(goal, feedback_callback=self.take_feedback)
+        handle = self.wait(sent)
+        assert handle.accepted
+        return handle
+
+    def take_feedback(self, message):
+        mode, *centimetres = message.feedback.sequence
+        self.told.append((MODES[mode], *(number / 100.0 for number in centimetres)))
+
+    def result(self, handle):
+        """Status, code and sentence."""
+        ended = self.wait(handle.get_result_async())
+        success, code, *text = ended.result.sequence
+        assert bool(success) == (ended.status == GoalStatus.STATUS_SUCCEEDED)
+        return ended.status, Code(code), bytes(text).decode()
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def pilot(ros_env):
+    """A pilot beside the node that serves, which is there before any flight is."""
+    served = subprocess.Popen(ACTIONS, env=ros_env, stderr=subprocess.PIPE, text=True)
+    one = Pilot(int(ros_env["ROS_DOMAIN_ID"]))
+    for client in one.clients.values():
+        assert client.wait_for_server(LIMIT_S)
+    yield one
+    one.close()
+    served.terminate()
+    served.communicate(timeout=LIMIT_S)
+    assert served.returncode == 0
+
+
+def test_from_the_ground_to_the_ground_by_actions(ros_env, tmp_path, pilot):
+    params = tmp_path / "low.yaml"
+    params.write_text(LOW)
+    command = [*FLIGHT, "--out", str(tmp_path / "f"), "--params", str(params)]
+    flight = subprocess.Popen(command, env=ros_env, stdout=subprocess.DEVNULL)
+    try:
+        pilot.spin_until(lambda: pilot.flown_s > 3.0, flight)
+        ABORTED, CANCELED = GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED
+        SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
+
+        status, code, said = pilot.result(pilot.send(Kind.GOTO, 6, 4, 6))
+        assert (status, code) == (ABORTED, Code.REFUSED), said
+        assert "take off first" in said
+
+        status, code, said = pilot.result(pilot.send(Kind.TAKEOFF))
+        assert (status, code) == (SUCCEEDED, Code.DONE), said
+        climbing = [words for words in pilot.told if words[0] == "takeoff"]
+        assert climbing and pilot.told[-1][3] > 3.0
+        left = [words[-1] for words in climbing if words[-1] >= 0.0]
+        assert left == sorted(left, reverse=True) and left[0] > left[-1]
+
+        far = pilot.send(Kind.GOTO, 60, 40, 6)
+        pilot.spin_until(lambda: pilot.told and pilot.told[-1][-1] < 70.0, flight)
+        assert pilot.told[-1][0] in ("trajectory", "hover")
+        assert pilot.wait(far.cancel_goal_async()).goals_canceling
+        status, code, said = pilot.result(far)
+        assert (status, code) == (CANCELED, Code.CANCELED)
+        assert said.startswith("hold: to ")
+        stopped = np.array(pilot.told[-1][1:3])
+
+        first = pilot.send(Kind.GOTO, 60, 40, 6)
+        second = pilot.send(Kind.GOTO, 8, 6, 6)
+        status, code, said = pilot.result(first)
+        assert (status, code, said) == (ABORTED, Code.PREEMPTED, "goto: goto took its place")
+        status, code, said = pilot.result(second)
+        assert (status, code) == (SUCCEEDED, Code.DONE) and said.startswith("goto: there, ")
+        assert np.hypot(*(np.array(pilot.told[-1][1:3]) - [8.0, 6.0])) < 1.0 < np.hypot(*stopped)
+
+        status, code, said = pilot.result(pilot.send(Kind.LAND))
+        assert (status, code) == (SUCCEEDED, Code.DONE), said
+        assert "land" in [words[0] for words in pilot.told] and pilot.told[-1][-1] < 1.0
+    finally:
+        flight.send_signal(signal.SIGINT)
+        flight.communicate(timeout=LIMIT_S)
+
+
+if __name__ == "__main__":
+    sys.exit(run(StandInActions))
