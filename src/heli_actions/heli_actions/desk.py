@@ -185,8 +185,8 @@ class Desk:
         """A service has answered what was asked for a goal."""
         for goal in self.goals:
             if goal.key == key:
-                if goal.stage in (Stage.HOLDING, Stage.BREAKING) and not done:
-                    goal.note = f"; not cancelled: {sentence}"
+                if goal.stage in (Stage.HOLDING, Stage.BREAKING):
+                    goal.note = "" if done else f"; not cancelled: {sentence}"
                 self._happens(goal, Event.GRANTED if done else Event.REFUSED, sentence)
         self._go_on()
 
