@@ -60,6 +60,8 @@ _FRAMES = {
     topics.GOTO: (MAP,),
     topics.COMMAND_POSE: (MAP,),
     topics.COMMAND_VELOCITY: (f"{MAP} or {BASE}",),
+    topics.COMMAND_ATTITUDE: (MAP,),
+    topics.COMMAND_CLIMB: (f"{MAP} or {BASE}",),
     topics.TF: (MAP, ODOM, BASE),
     topics.TF_STATIC: (BASE, "links of the model"),
     topics.SCENE: (MAP,),
@@ -91,10 +93,14 @@ its token, and the outer loop for each command that it flies. Yours to send are 
 REP-147's name `command_pose`: a level pose in `map`, stamped with the flight's time
 (`examples/goto.py`);
 `command_velocity`: in `map` (east, north, up) or in `base_link` (forward, left, up, level),
-angular x and y 0, renewed within `command.timeout_s` (`examples/velocity.py`); `joy`: axes and
-buttons as `joy.*` says, its stamp of any clock (`heli joy`). The recorder hears all but
-`scene`, the live view all but the last four. As every node of ROS 2, these also send
-`/rosout`, `/parameter_events` and `~/transition_event`.
+angular x and y 0, renewed within `command.timeout_s` (`examples/velocity.py`);
+`command_attitude`: the attitude wanted, heading included, as `attitude_setpoint` has it, and
+beside it `command_climb`: linear z, up, all others 0; both renewed as often
+(`examples/attitude.py`); `joy`: axes and buttons as `joy.*` says, its stamp of any clock
+(`heli joy`). `attitude_setpoint` and `collective` are what the outer loop tells the inner one:
+while it is not active, you may send both yourself. The recorder hears all but `scene`, the
+live view all but the last four. As every node of ROS 2, these also send `/rosout`,
+`/parameter_events` and `~/transition_event`.
 
 The observer fuses GPS, so `odom` is given in `map` (REP-105). The frame `odom` is what moves
 without jumps: the estimated velocity, summed up; the transform map -> odom holds the rest.

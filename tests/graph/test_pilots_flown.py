@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A keyboard takes off, a client flies by velocities and lands: `heli joy` and the example."""
+"""A keyboard takes off, clients fly by attitude and by velocities, and land: with `heli joy`."""
 
 import json
 import os
@@ -14,20 +14,21 @@ from rclpy.executors import SingleThreadedExecutor
 
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.settings import resolve
+from heli_math.rotations import euler_angles
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_MODE
 
 HELI = [sys.executable, "-m", "heli_flight.cli.app"]
 FLIGHT = [
     *HELI, "hover", "--scenario", "by_hand", "--world", "paper", "--gps", "rtk", "--seed", "5",
-    "--duration", "60", "--no-report",
+    "--duration", "80", "--no-report",
 ]  # fmt: skip
 LOW = """/**/outer_loop:
   ros__parameters:
     takeoff: {height_m: 6.0}
     land: {slow_below_m: 1.5}
 """
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "velocity.py"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def wait_for_mode(env, until, goes_on):
@@ -54,20 +55,22 @@ def wait_for_mode(env, until, goes_on):
     context.try_shutdown()
 
 
-def test_a_keyboard_takes_off_and_a_client_flies_by_velocities(ros_env, tmp_path):
+def test_a_keyboard_takes_off_and_clients_fly_by_attitude_and_velocities(ros_env, tmp_path):
     folder = tmp_path / "f"
     typist, terminal = pty.openpty()
     said = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "env": ros_env}
     keys = subprocess.Popen([*HELI, "joy", "--keyboard"], stdin=terminal, **said)
     # It says which keys there are as soon as it sends.
     assert "climb" in keys.stdout.readline()
-    client = subprocess.Popen([sys.executable, str(EXAMPLE), "6", "4", "1.5"], **said)
+    leans = [sys.executable, str(EXAMPLES / "attitude.py"), "6", "2", "0.5"]
+    moves = [sys.executable, str(EXAMPLES / "velocity.py"), "6", "4", "1.5"]
+    clients = [subprocess.Popen(leans, **said)]
     low = tmp_path / "low.yaml"
     low.write_text(LOW)
     flight = subprocess.Popen([*FLIGHT, "--params", str(low), "--out", str(folder)], **said)
 
     def goes_on():
-        return all(process.poll() is None for process in (flight, keys, client))
+        return all(process.poll() is None for process in (flight, keys, *clients))
 
     def take_off(mode):
         if mode == "standing":
@@ -77,15 +80,18 @@ def test_a_keyboard_takes_off_and_a_client_flies_by_velocities(ros_env, tmp_path
     try:
         wait_for_mode(ros_env, take_off, goes_on)
         os.write(typist, b"q")
-        told, _ = client.communicate(timeout=200)
+        held, _ = clients[0].communicate(timeout=200)
+        clients.append(subprocess.Popen(moves, **said))
+        told, _ = clients[1].communicate(timeout=200)
         flown, _ = flight.communicate(timeout=200)
         keys.communicate(timeout=60)
     finally:
-        for process in (flight, client, keys):
+        for process in (flight, keys, *clients):
             process.kill()
         os.close(typist)
         os.close(terminal)
-    assert (client.returncode, keys.returncode) == (0, 0), told
+    assert [process.returncode for process in (*clients, keys)] == [0, 0, 0], held + told
+    assert held.startswith("hold: to ")
     assert told.startswith("land: comes to rest")
     # Steered at once after the climb, its height is not judged, and so the flight is not inside.
     assert flight.returncode in (0, 1), flown
@@ -96,6 +102,10 @@ def test_a_keyboard_takes_off_and_a_client_flies_by_velocities(ros_env, tmp_path
     record = flight_from_bag(folder / "bag", resolve("by_hand", gps="rtk", seed=5)).record
     modes = record.mode[np.flatnonzero(np.r_[True, record.mode[1:] != record.mode[:-1]])].tolist()
     assert [modes[0], modes[1], modes[-2], modes[-1]] == ["standing", "takeoff", "land", "standing"]
-    assert "velocity" in modes
+    assert modes.index("attitude") < modes.index("velocity")
+    leant = np.flatnonzero(record.mode == "attitude")
+    roll = np.degrees(euler_angles(record.truth_q_nb[leant])[:, 0])
+    assert roll.max() - roll.min() > 9.0, "6 deg to either side"
+    assert -record.truth_vel_ned_mps[leant, 2].min() > 0.4
     north, east, _ = record.truth_pos_ned_m[-1]
     assert np.hypot(east - 6.0, north - 4.0) < 2.0

@@ -42,7 +42,8 @@ LANDING = (Phase.HALTING, Phase.DESCENDING, Phase.SETTLING)
 GUIDED = (Phase.HOVER, Phase.TRAJECTORY, Phase.VELOCITY)
 """In the air along a reference."""
 STEERED = (Phase.ATTITUDE, Phase.MANUAL)
-"""By a pilot's sticks. By hand the aircraft may stand on the ground, too."""
+"""By a pilot's sticks, or an attitude that is commanded. By hand the aircraft may stand on the
+ground, too."""
 FLYING = (*GUIDED, *STEERED)
 _MODES = {
     **dict.fromkeys(TAKING_OFF, "takeoff"),
@@ -94,6 +95,7 @@ class Guard(Enum):
     CLEAR = "the ground is too near"
     ENVELOPE = "the aircraft is outside the envelope: it is tilted more than the law may command"
     STICKS = "no sticks are heard"
+    HEARD = "neither sticks nor an attitude are heard"
     LOWERED = "the collective stick is not at its lower end"
 
 
@@ -176,8 +178,8 @@ TABLE: tuple[Transition | Refused, ...] = (
     Refused((Phase.CLIMBING,), Command.VELOCITY, _RISING),
     Refused(_LANDS, Command.VELOCITY, _SINKING),
     Transition((*GUIDED, Phase.ATTITUDE), Command.ATTITUDE, Phase.ATTITUDE,
-               (Guard.NAVIGATION, Guard.STICKS)),
-    Transition((Phase.MANUAL,), Command.ATTITUDE, Phase.ATTITUDE, (*_BY_HAND, Guard.STICKS)),
+               (Guard.NAVIGATION, Guard.HEARD)),
+    Transition((Phase.MANUAL,), Command.ATTITUDE, Phase.ATTITUDE, (*_BY_HAND, Guard.HEARD)),
     Refused(ON_GROUND, Command.ATTITUDE, _GROUNDED),
     Refused((Phase.CLIMBING,), Command.ATTITUDE, _RISING),
     Refused(_LANDS, Command.ATTITUDE, _SINKING),

@@ -44,13 +44,9 @@ def decode_goto(message: Any, name: str = topics.GOTO) -> GoalPose:
             f"{name}: position {enu.tolist()}, orientation {quaternion.tolist()}; allowed: finite "
             "numbers"
         )
-    length = float(np.linalg.norm(quaternion))
-    if abs(length - 1.0) > _UNIT_ERROR:
-        raise MessageError(f"{name}: a quaternion of length {length:.3g}; allowed: 1")
-    pos, q = np.empty(3), np.empty(4)
+    pos = np.empty(3)
     frames.enu_to_ned(enu, pos)
-    frames.quat_enu_flu_to_ned_frd(quaternion, q)
-    phi, theta, psi = euler_from_quat(q)
+    phi, theta, psi = attitude_of(name, quaternion)
     tilt_deg = math.degrees(max(abs(phi), abs(theta)))
     if tilt_deg > _LEVEL_DEG:
         raise MessageError(
@@ -58,4 +54,18 @@ def decode_goto(message: Any, name: str = topics.GOTO) -> GoalPose:
             f"{_LEVEL_DEG:g} deg"
         )
     stamp = message.header.stamp
-    return GoalPose(stamp.sec * NS_PER_S + stamp.nanosec, pos, float(psi))
+    return GoalPose(stamp.sec * NS_PER_S + stamp.nanosec, pos, psi)
+
+
+def attitude_of(name: str, xyzw: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Roll, pitch, heading, NED, rad, of an ENU/FLU quaternion (4,) on a topic of this name.
+
+    MessageError if it is no unit quaternion.
+    """
+    length = float(np.linalg.norm(xyzw))
+    if abs(length - 1.0) > _UNIT_ERROR:
+        raise MessageError(f"{name}: a quaternion of length {length:.3g}; allowed: 1")
+    q = np.empty(4)
+    frames.quat_enu_flu_to_ned_frd(xyzw, q)
+    phi, theta, psi = euler_from_quat(q)
+    return float(phi), float(theta), float(psi)

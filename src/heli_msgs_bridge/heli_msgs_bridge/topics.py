@@ -26,6 +26,7 @@ REFERENCE = "reference"
 GOTO = "goto"
 COMMAND_POSE, COMMAND_VELOCITY = "command_pose", "command_velocity"
 """Names of REP-147; the first is a goto by another name."""
+COMMAND_ATTITUDE, COMMAND_CLIMB = "command_attitude", "command_climb"
 JOY = "joy"
 ATTITUDE_SETPOINT = "attitude_setpoint"
 COLLECTIVE = "collective"
@@ -124,6 +125,8 @@ TABLE: tuple[Topic, ...] = (
     Topic(GOTO, _POSE, (), _OUTER, 0),
     Topic(COMMAND_POSE, _POSE, (), _OUTER, 0),
     Topic(COMMAND_VELOCITY, "geometry_msgs/msg/TwistStamped", (), _OUTER, 0),
+    Topic(COMMAND_ATTITUDE, "geometry_msgs/msg/QuaternionStamped", (), _OUTER, 0),
+    Topic(COMMAND_CLIMB, "geometry_msgs/msg/TwistStamped", (), _OUTER, 0),
     Topic(JOY, "sensor_msgs/msg/Joy", (), _OUTER, 0),
     Topic(ATTITUDE_SETPOINT, "geometry_msgs/msg/QuaternionStamped", _OUTER, _INNER, 4),
     Topic(COLLECTIVE, _JOINTS, _OUTER, _INNER, 4),

@@ -5,12 +5,16 @@ import math
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import QuaternionStamped, TwistStamped
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Joy
 
+from heli_math.rotations import euler_angles, quat_from_euler
 from heli_math.ticks import NS_PER_S
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.attitude_message import decode_attitude, decode_climb
 from heli_msgs_bridge.joy_message import decode_joy, encode_joy
-from heli_msgs_bridge.messages import MessageError
+from heli_msgs_bridge.messages import Encoder, MessageError
 from heli_msgs_bridge.velocity_message import decode_velocity
 
 
@@ -69,6 +73,107 @@ def test_another_command_is_refused(message, said):
         decode_velocity(message, 0.0)
     assert str(refused.value).startswith("command_velocity: ")
     assert said in str(refused.value)
+
+
+def attitude(x=0.0, y=0.0, z=0.0, w=1.0, frame="map"):
+    message = QuaternionStamped()
+    message.header.frame_id, message.header.stamp.sec = frame, 7
+    q = message.quaternion
+    q.x, q.y, q.z, q.w = x, y, z, w
+    return message
+
+
+def about(axis, angle_deg):
+    """A rotation by hand: x, y, z, w."""
+    half = math.radians(angle_deg) / 2.0
+    return [*(math.sin(half) * np.array(axis, float)), math.cos(half)]
+
+
+def then(first, second):
+    """The product of two quaternions x, y, z, w: the second about the axes that the first made."""
+    (x1, y1, z1, w1), (x2, y2, z2, w2) = first, second
+    return [
+        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+    ]
+
+
+FORWARD, LEFT, UP = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("xyzw", "expected_deg"),
+    [
+        (about(UP, 0.0), (0.0, 0.0, 90.0)),  # nose east
+        (about(UP, 90.0), (0.0, 0.0, 0.0)),  # nose north
+        (about(UP, 180.0), (0.0, 0.0, -90.0)),  # nose west
+        (about(UP, -90.0), (0.0, 0.0, 180.0)),  # nose south
+        (then(about(UP, 90.0), about(FORWARD, 10.0)), (10.0, 0.0, 0.0)),  # right side down
+        (then(about(UP, 90.0), about(LEFT, 10.0)), (0.0, -10.0, 0.0)),  # nose down
+        (then(about(UP, 45.0), about(LEFT, -15.0)), (0.0, 15.0, 45.0)),  # nose up, to northeast
+        ([-c for c in about(UP, 90.0)], (0.0, 0.0, 0.0)),  # the same rotation
+    ],
+)
+def test_an_attitude_by_its_cardinal_cases(xyzw, expected_deg):
+    found = decode_attitude(attitude(*xyzw))
+    off = np.degrees(found.attitude_rad) - expected_deg
+    assert (off + 180.0) % 360.0 - 180.0 == pytest.approx(np.zeros(3), abs=1e-9)
+    assert found.stamp_ns == 7 * NS_PER_S
+
+
+def test_an_attitude_is_read_as_attitude_setpoint_is_written():
+    """Second method: the bytes of the law's own setpoint, which mean the same."""
+    given = np.radians([12.0, -7.0, -163.0])
+    encoded = deserialize_message(
+        Encoder(topics.ATTITUDE_SETPOINT).encode(given, 7 * NS_PER_S), QuaternionStamped
+    )
+    assert decode_attitude(encoded).attitude_rad == pytest.approx(given, abs=1e-14)
+    again = euler_angles(quat_from_euler(*given)[None])[0]
+    assert again == pytest.approx(given, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        (attitude(frame="base_link"), "frame 'base_link'; allowed: 'map' (east, north, up)"),
+        (attitude(frame=""), "frame ''; allowed: 'map'"),
+        (attitude(frame="map_ned"), "frame 'map_ned'; allowed: 'map'"),
+        (attitude(x=math.nan), "quaternion [nan, 0.0, 0.0, 1.0]; allowed: finite numbers"),
+        (attitude(w=0.0), "a quaternion of length 0; allowed: 1"),
+        (attitude(z=0.1), "a quaternion of length 1; allowed: 1"),
+        (attitude(w=1.1), "a quaternion of length 1.1; allowed: 1"),
+    ],
+)
+def test_another_attitude_is_refused(message, said):
+    with pytest.raises(MessageError) as refused:
+        decode_attitude(message)
+    assert str(refused.value).startswith("command_attitude: ") and said in str(refused.value)
+
+
+def test_a_climb_is_up_in_either_frame():
+    for frame, namespace in (("map", ""), ("base_link", ""), ("heli2/base_link", "/heli2")):
+        found = decode_climb(twist((0.0, 0.0, -0.7), frame=frame), namespace)
+        assert found == (7 * NS_PER_S + 5, -0.7)
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        (twist(frame="odom"), "frame 'odom'; allowed: 'map', 'base_link' (level)"),
+        (twist((0.0, 0.0, math.inf)), "linear [0.0, 0.0, inf], angular [0.0, 0.0, 0.0]; allowed: "
+         "finite numbers"),
+        (twist((0.1, 0.0, 1.0)), "linear [0.1, 0.0, 1.0], angular [0.0, 0.0, 0.0]; allowed: linear "
+         "z alone, the others are 0"),
+        (twist((0.0, 0.1, 0.0)), "allowed: linear z alone"),
+        (twist(angular=(0.0, 0.0, 0.1)), "angular [0.0, 0.0, 0.1]; allowed: linear z alone"),
+    ],
+)  # fmt: skip
+def test_another_climb_is_refused(message, said):
+    with pytest.raises(MessageError) as refused:
+        decode_climb(message)
+    assert str(refused.value).startswith("command_climb: ") and said in str(refused.value)
 
 
 def test_a_joystick_goes_there_and_back():

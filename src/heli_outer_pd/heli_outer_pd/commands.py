@@ -16,6 +16,7 @@ from heli_math.trajectory import Trajectory
 from heli_modes.machine import Refusal, command_named, decide
 from heli_modes.table import Command, Phase
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.attitude_message import decode_attitude, decode_climb
 from heli_msgs_bridge.goto_message import decode_goto
 from heli_msgs_bridge.joy_message import decode_joy
 from heli_msgs_bridge.messages import MessageError
@@ -46,6 +47,9 @@ _STEERED = {
     Command.ATTITUDE: "roll, pitch, turn and climb as the sticks say",
     Command.MANUAL: "the sticks move the actuators; the yaw gyro alone helps",
 }
+_BY_MESSAGES = (
+    f"roll, pitch and heading as {topics.COMMAND_ATTITUDE} says, climb as {topics.COMMAND_CLIMB}"
+)
 
 
 class Commands:
@@ -103,8 +107,7 @@ class Commands:
         try:
             # Without navigation there is no heading; the command is refused for that.
             asked = decode_velocity(message, psi if np.isfinite(psi) else 0.0, node.get_namespace())
-            self._check_held()
-            self._check_stamp(topic, asked.stamp_ns, node.values["command.timeout_s"])
+            self._check_renewed(topic, asked.stamp_ns)
         except MessageError as error:
             node.refuse_aloud(topic, str(error))
         except ReferenceRefused as error:
@@ -131,6 +134,48 @@ class Commands:
         else:
             self.fly(phases.way)
 
+    def on_attitude(self, message: Any) -> None:
+        """Fly this attitude from the law's next step on; or refuse it, and go on as before."""
+
+        def take() -> Refusal | None:
+            asked, node = decode_attitude(message), self._node
+            self._check_renewed(topics.COMMAND_ATTITUDE, asked.stamp_ns)
+            now_ns, nav = node.stamp_ns(node.tick), node.core.nav
+            refused: Refusal | None = node.run.phases.attitude(asked.attitude_rad, now_ns, nav)
+            return refused
+
+        self._try(topics.COMMAND_ATTITUDE, take)
+
+    def on_climb(self, message: Any) -> None:
+        """Climb so beside an attitude; or refuse it, and go on as before."""
+
+        def take() -> Refusal | None:
+            node = self._node
+            asked = decode_climb(message, node.get_namespace())
+            self._check_renewed(topics.COMMAND_CLIMB, asked.stamp_ns)
+            phases, now_ns = node.run.phases, node.stamp_ns(node.tick)
+            refused: Refusal | None = phases.sticks.climb(phases.phase, asked.climb_mps, now_ns)
+            return refused
+
+        self._try(topics.COMMAND_CLIMB, take)
+
+    def _check_renewed(self, topic: str, stamp_ns: int) -> None:
+        """MessageError or ReferenceRefused unless what lives on renewal may be obeyed now."""
+        self._check_held()
+        self._check_stamp(topic, stamp_ns, self._node.values["command.timeout_s"])
+
+    def _try(self, topic: str, take: Callable[[], Refusal | None]) -> None:
+        """Do what a message asks, or say why not."""
+        try:
+            refused = take()
+        except MessageError as error:
+            self._node.refuse_aloud(topic, str(error))
+        except ReferenceRefused as error:
+            self._node.refuse_aloud(topic, f"{topic}: {error}")
+        else:
+            if refused is not None:
+                self._node.refuse_aloud(topic, refused.sentence)
+
     def on_joy(self, message: Any) -> None:
         """Steer by a pilot's sticks, do what his buttons say."""
         node = self._node
@@ -144,6 +189,8 @@ class Commands:
         except (StickError, ReferenceRefused) as error:
             node.refuse_aloud(topics.JOY, f"{topics.JOY}: {error}")
             return
+        if name == Command.ATTITUDE:
+            node.run.phases.sticks.steering.lead_by_sticks()
         if name is not None:
             self._obey(Command(name), topics.JOY)
 
@@ -260,6 +307,8 @@ class Commands:
             )
         if command == Command.LAND and phases.phase.on_ground:
             return "take-off broken off, the collective goes down"
+        if command == Command.ATTITUDE and phases.sticks.steering.asked.leads:
+            return _BY_MESSAGES
         if command in _STEERED:
             return _STEERED[command]
         said = self.fly(phases.way)

@@ -166,6 +166,8 @@ class OuterLoopNode(TickNode[Law, Following]):
         for topic in (topics.GOTO, topics.COMMAND_POSE):
             self.hear(topic, commands.on_goto(topic))
         self.hear_one(topics.COMMAND_VELOCITY, commands.on_velocity)
+        self.hear_one(topics.COMMAND_ATTITUDE, commands.on_attitude)
+        self.hear_one(topics.COMMAND_CLIMB, commands.on_climb)
         self.hear_one(topics.JOY, commands.on_joy)
         for command, name in SERVED.items():
             self.serve(Trigger, name, commands.service(command))

@@ -2,7 +2,8 @@
 """What is ordered before a flight, done when it is due; what is refused is remarked. No ROS."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -16,8 +17,9 @@ from heli_modes.table import Command, Phase
 from heli_outer_pd.outer_state import OuterKernel
 from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.reference_limits import ReferenceRefused
-from heli_outer_pd.script import Scripted
+from heli_outer_pd.script import HeldAttitude, Scripted
 from heli_outer_pd.scripted_hand import ScriptedHand
+from heli_outer_pd.stick_flight import StickFlight
 
 Array = NDArray[np.float64]
 Goal = tuple[Array, float]
@@ -31,6 +33,7 @@ class Flight(Protocol):
     kernel: OuterKernel
     numbers: PhaseNumbers
     cruise_ns: int
+    sticks: StickFlight
 
     @property
     def stands(self) -> bool:
@@ -43,7 +46,10 @@ class Flight(Protocol):
     def steer(self, sticks: Array, now_ns: int) -> None:
         """Take sticks."""
 
-    def decided(
+    def attitude(self, attitude_rad: Array, now_ns: int, nav: Array) -> Refusal | None:
+        """Fly an attitude, or not."""
+
+    def command(
         self, command: Command, now_ns: int, nav: Array, goal: Goal | None
     ) -> Refusal | None:
         """Do what is commanded, or not."""
@@ -79,13 +85,18 @@ class Orders:
             sticks = self.hand.moves(nav, flight.ground_down_m, flight.phase, flight.kernel)
             if sticks is not None:
                 flight.steer(sticks, now_ns)
+            if self.hand.attitude is not None and flight.sticks.steering.asked.leads:
+                self._ask(flight, self.hand.attitude, now_ns, nav)
         elif flight.phase == Phase.VELOCITY and self.hand.is_due(now_ns - flight.cruise_ns):
             self._try(flight, Command.VELOCITY, now_ns, nav, (np.asarray(self.hand.cruise), 0.0))
 
     def obey(self, flight: Flight, now_ns: int, nav: Array) -> None:
         """Do what is due."""
         while self._script and self._start_ns + self._script[0].at_ns <= now_ns:
-            order = self.hand.take(self._script.popleft(), flight.numbers.sticks, flight.stands)
+            due = self._script.popleft()
+            order = self.hand.take(due, flight.numbers.sticks, flight.stands)
+            if isinstance(due, HeldAttitude):
+                self._ask(flight, due, now_ns, nav)
             if order is None:
                 continue
             if self.hand.holds_sticks:
@@ -97,13 +108,25 @@ class Orders:
                 goal = self.hand.cruise, 0.0
             self._try(flight, order.command, now_ns, nav, goal)
 
+    def _ask(self, flight: Flight, asked: HeldAttitude, now_ns: int, nav: Array) -> None:
+        """As messages do: an attitude, and a climb beside it."""
+        done = partial(flight.attitude, asked.attitude_rad, now_ns, nav)
+        if self._remarked(Command.ATTITUDE, done):
+            flight.sticks.climb(flight.phase, asked.climb_mps, now_ns)
+
     def _try(
         self, flight: Flight, command: Command, now_ns: int, nav: Array, goal: Goal | None
     ) -> None:
+        self._remarked(command, partial(flight.command, command, now_ns, nav, goal))
+
+    def _remarked(self, command: Command, do: Callable[[], Refusal | None]) -> bool:
+        """True if it is done; else it is remarked why not."""
         try:
-            refused = flight.decided(command, now_ns, nav, goal)
+            refused = do()
         except ReferenceRefused as error:
             self.remarks.append(f"{command}: {error}")
         else:
-            if refused is not None:
-                self.remarks.append(refused.sentence)
+            if refused is None:
+                return True
+            self.remarks.append(refused.sentence)
+        return False

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 _STUCK_S = 4.0
 """So long after hover's thrust it should climb."""
 _AT_LIMIT = 1e-3
+_RENEWED = (Phase.VELOCITY, Phase.ATTITUDE)
+"""Commanded many times a second."""
 
 
 class Phases:
@@ -66,6 +68,8 @@ class Phases:
         Stamp of the newest velocity.
     ground_down_m : float
         Where the ground is, as far as it is known, NED.
+    sticks : StickFlight
+        Who leads in the modes `attitude` and `manual`.
     remarks : list of str
         Orders that were refused.
     """
@@ -89,7 +93,7 @@ class Phases:
         self._state, self._start_ns, self.remarks = state, start_ns, self._orders.remarks
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
         self._contact, self.cruise_ns = TouchDown(), start_ns
-        self._sticks = StickFlight(state)
+        self.sticks = StickFlight(state)
         if numbers.on_ground:
             state[MEMORY.command][SETPOINT.col] = numbers.idle_collective
             self._stand(numbers.idle_collective, 1.0)
@@ -118,12 +122,26 @@ class Phases:
         """A reference is followed from now on, where the table has let it."""
         self.way = way
         if self.phase in BY_STICKS:
-            self._sticks.hand_over(FLIES)
+            self.sticks.hand_over(FLIES)
         self._now(Phase.TRAJECTORY, now_ns)
 
     def steer(self, sticks: Array, now_ns: int) -> None:
         """Take a pilot's newest sticks (4,), a `StickRow`; ReferenceRefused if they are none."""
-        self._sticks.steering.hear(sticks, now_ns)
+        self.sticks.steering.hear(sticks, now_ns)
+
+    def attitude(self, attitude_rad: Array, now_ns: int, nav: Array) -> Refusal | None:
+        """Fly an attitude (3,), roll, pitch, heading, until it is not renewed.
+
+        A refused one, and ReferenceRefused where it is tilted too much, change nothing.
+        """
+        steering, n = self.sticks.steering, self.numbers.sticks
+        before = steering.asked
+        refused = self.sticks.ask(self.phase, attitude_rad, self._at(now_ns, nav), n)
+        if refused is None:
+            refused = self.command(Command.ATTITUDE, now_ns, nav)
+            if refused is not None:
+                steering.asked = before
+        return refused
 
     def velocity(
         self, vel_ned_mps: Array, yaw_rate_radps: float, now_ns: int, nav: Array
@@ -159,17 +177,6 @@ class Phases:
         ReferenceRefused
             No way within the limits; nothing has changed.
         """
-        before = self.phase
-        refused = self.decided(command, now_ns, nav, goal)
-        if self.phase in BY_STICKS and self.phase != before:
-            # Before anybody asks again: the law's next step is by the sticks already.
-            self._steer(now_ns, nav)
-        return refused
-
-    def decided(
-        self, command: Command, now_ns: int, nav: Array, goal: tuple[Array, float] | None = None
-    ) -> Refusal | None:
-        """The same without what follows for the law's next step: `after` sees to that."""
         found = decide(self.phase, command, self.fails(now_ns, nav))
         if isinstance(found, Refusal):
             return found
@@ -201,8 +208,8 @@ class Phases:
         self._orders.obey(self, now_ns, nav)
         if self.phase in BY_STICKS:
             self._steer(now_ns, nav)
-            if flyable(nav) and self._sticks.tells(now_ns):
-                self.way = self._sticks.glimpse(self.phase, self._at(now_ns, nav))
+            if flyable(nav) and self.sticks.tells(now_ns):
+                self.way = self.sticks.glimpse(self.phase, self._at(now_ns, nav))
         self.way = self._into_wind.turned(self, now_ns, nav, self._state, self.ground_down_m)
         return self.way is not before
 
@@ -215,7 +222,7 @@ class Phases:
 
     def fails(self, now_ns: int, nav: Array) -> set[Guard]:
         """Guards that do not hold at a stamp and navigation row."""
-        k, fails = self.kernel, self._sticks.fails(now_ns, self.numbers.sticks)
+        k, fails = self.kernel, self.sticks.fails(now_ns, self.numbers.sticks)
         if not flyable(nav) or self.way is None:
             return fails | {Guard.NAVIGATION}
         tilt = float(np.abs(lean(nav, k)).max())
@@ -238,7 +245,7 @@ class Phases:
     @property
     def stands(self) -> bool:
         """By hand, too."""
-        by_hand = self.phase == Phase.MANUAL and self._sticks.aground
+        by_hand = self.phase == Phase.MANUAL and self.sticks.aground
         return by_hand or self.phase == Phase.STANDING
 
     def _tips(self, nav: Array) -> bool:
@@ -269,7 +276,7 @@ class Phases:
             case Phase.ATTITUDE | Phase.MANUAL:
                 n, now = self.numbers, self._at(now_ns, nav)
                 col = float(out[SETPOINT.col])
-                return self._sticks.fact(self.phase, now, n.sticks, n.idle_collective, col)
+                return self.sticks.fact(self.phase, now, n.sticks, n.idle_collective, col)
             case Phase.SETTLING:
                 return Fact.IDLE if self._above(out, self.numbers.idle_collective) <= 0.0 else None
         return None
@@ -319,13 +326,16 @@ class Phases:
         if phase in BY_STICKS:
             if not steered:
                 self._orders.hand.begins()
-            self._sticks.take(self.phase, phase, self.way, self._at(now_ns, nav))
+            anew = self.sticks.take(self.phase, phase, self.way, self._at(now_ns, nav), n.sticks)
             self._now(phase, now_ns)
+            if anew:
+                # The very next step of the law is by the sticks.
+                self._steer(now_ns, nav)
             return
         assert self.way is not None  # a guard, or the phases before, have seen to it
         before = self.way
         if steered and not self.stands:
-            before = self._sticks.leave(self.phase, self._at(now_ns, nav))
+            before = self.sticks.leave(self.phase, self._at(now_ns, nav))
         ramp = abs(n.idle_collective - self.kernel.trim[SETPOINT.col])
         match phase:
             case Phase.LIFTING:
@@ -355,11 +365,11 @@ class Phases:
             case Phase.STANDING if steered:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
         if steered and phase != Phase.STANDING:
-            self._sticks.hand_over(FLIES)
+            self.sticks.hand_over(FLIES)
         self._now(phase, now_ns)
 
     def _now(self, phase: Phase, now_ns: int) -> None:
-        if not self.phase == phase == Phase.VELOCITY:
+        if phase != self.phase or phase not in _RENEWED:
             self.history.append((now_ns, phase))
         self.phase, self._since_ns = phase, now_ns
 
@@ -367,7 +377,7 @@ class Phases:
         """What the law's next step gets of the sticks."""
         n, low = self.numbers, flyable(nav) and self._is_low(nav)
         now = self._at(now_ns, nav)
-        self._sticks.steer(self.phase, now, n.sticks, n.idle_collective, self.fence, low)
+        self.sticks.steer(self.phase, now, n.sticks, n.idle_collective, self.fence, low)
 
     def _stand(self, col_goal: float, col_rate: float) -> None:
         self._state[MEMORY.ground] = STANDS

@@ -15,6 +15,7 @@ from heli_parameters.parameters import Parameter, ParameterError
 
 Array = NDArray[np.float64]
 
+_WIDTHS = {"sticks": STICKS.size, "attitude_deg": 3}
 _COMMANDS = tuple(command for command in Command if command != Command.FOLLOW)
 
 
@@ -34,6 +35,12 @@ SCRIPT_ROWS: tuple[Parameter, ...] = (
     _times("sticks_at_s", "Flight times from which the sticks are held"),
     Parameter("commands.sticks", "double[]", "Roll, pitch, yaw and climb at each of them",
               shape=(None, STICKS.size), lower=-1.0, upper=1.0, read_only=True),
+    _times("attitude_at_s", "Flight times from which an attitude is commanded"),
+    Parameter("commands.attitude_deg", "double[]", "Roll, pitch and heading at each of them, nose "
+              "up and to the right positive", "deg", shape=(None, 3), lower=-360.0, upper=360.0,
+              read_only=True),
+    Parameter("commands.climb_mps", "double[]", "Climb at each of them", "m/s", lower=-1e3,
+              upper=1e3, read_only=True),
     _times("pilot_at_s", "Flight times from which a pilot flies the sticks"),
     Parameter("commands.pilot_height_m", "double[]", "To what height above where it stood, at each "
               "of them; 0 sets it down", "m", lower=0.0, upper=1e3, read_only=True),
@@ -69,6 +76,15 @@ class HeldSticks:
 
 
 @dataclass(frozen=True)
+class HeldAttitude:
+    """Roll, pitch, heading (3,), rad, and a climb that are commanded from a flight time on, ns."""
+
+    at_ns: int
+    attitude_rad: Array
+    climb_mps: float
+
+
+@dataclass(frozen=True)
 class PilotHeight:
     """A height, m, to which the scripted pilot flies from a flight time on, ns; 0: the ground."""
 
@@ -76,7 +92,7 @@ class PilotHeight:
     height_m: float
 
 
-Scripted = Order | HeldSticks | PilotHeight
+Scripted = Order | HeldSticks | HeldAttitude | PilotHeight
 
 
 def script_of(p: Mapping[str, Any]) -> Sequence[Scripted]:
@@ -90,6 +106,12 @@ def script_of(p: Mapping[str, Any]) -> Sequence[Scripted]:
     sticks = _paired(p, "sticks_at_s", "sticks", "rows")
     heights = _paired(p, "pilot_at_s", "pilot_height_m", "heights")
     script: list[Scripted] = [HeldSticks(at_ns, np.array(row)) for at_ns, row in sticks]
+    attitudes = _paired(p, "attitude_at_s", "attitude_deg", "attitudes")
+    climbs = _paired(p, "attitude_at_s", "climb_mps", "climbs")
+    script += [
+        HeldAttitude(at_ns, np.radians(row), float(climb))
+        for (at_ns, row), (_, climb) in zip(attitudes, climbs, strict=True)
+    ]
     script += [PilotHeight(at_ns, float(height)) for at_ns, height in heights]
     script += _orders(p)
     return sorted(script, key=lambda order: order.at_ns)
@@ -98,8 +120,8 @@ def script_of(p: Mapping[str, Any]) -> Sequence[Scripted]:
 def _paired(p: Mapping[str, Any], times: str, name: str, what: str) -> list[tuple[int, Any]]:
     """Times, ns, with their rows, without those that are never."""
     at_s, rows = np.asarray(p[f"commands.{times}"], float), p[f"commands.{name}"]
-    if name == "sticks":
-        rows = np.reshape(rows, (-1, STICKS.size))
+    if name in _WIDTHS:
+        rows = np.reshape(rows, (-1, _WIDTHS[name]))
     if len(at_s) != len(rows):
         raise ParameterError(
             f"commands.{times} has {len(at_s)} times, commands.{name} {len(rows)} "

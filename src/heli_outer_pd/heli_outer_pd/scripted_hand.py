@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scripted hand: holds sticks, flies them to a height, or keeps a velocity commanded. No ROS."""
+"""A scripted hand: holds sticks, flies them to a height, keeps a velocity or an attitude commanded.
+
+No ROS.
+"""
 
 from dataclasses import dataclass
 
@@ -11,7 +14,7 @@ from heli_math.ticks import NS_PER_S
 from heli_modes.table import Phase
 from heli_outer_pd.outer_state import OuterKernel
 from heli_outer_pd.pilot import Pilot
-from heli_outer_pd.script import HeldSticks, Order, PilotHeight, Scripted
+from heli_outer_pd.script import HeldAttitude, HeldSticks, Order, PilotHeight, Scripted
 from heli_outer_pd.steering import StickNumbers
 
 Array = NDArray[np.float64]
@@ -31,11 +34,14 @@ class ScriptedHand:
         To where the pilot flies.
     cruise : (3,) array or None
         Velocity that is renewed, NED, m/s.
+    attitude : HeldAttitude or None
+        The same of an attitude.
     """
 
     sticks: Array | None = None
     height_m: float | None = None
     cruise: Array | None = None
+    attitude: HeldAttitude | None = None
     numbers: StickNumbers | None = None
     _pilot: Pilot | None = None
     _standing: bool = False
@@ -50,11 +56,13 @@ class ScriptedHand:
         self.numbers, self._standing = numbers, standing
         match order:
             case HeldSticks():
-                self.sticks, self.height_m = order.sticks, None
+                self.sticks, self.height_m, self.attitude = order.sticks, None, None
             case PilotHeight():
-                self.sticks, self.height_m = None, order.height_m
+                self.sticks, self.height_m, self.attitude = None, order.height_m, None
+            case HeldAttitude():
+                self.attitude = order
             case Order():
-                self.cruise = order.velocity_ned_mps
+                self.cruise, self.attitude = order.velocity_ned_mps, None
                 return order
         return None
 

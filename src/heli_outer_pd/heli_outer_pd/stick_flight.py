@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flight by a pilot's sticks, from one law to the next: who hears, what is seen, how it goes on.
+"""Flight by sticks or an attitude, from one law to the next: who leads, what is seen and follows.
 
 `phases` asks it in the modes `attitude` and `manual`. No ROS.
 """
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from heli_math.rows import NAV, SETPOINT, STICKS
 from heli_math.trajectory import Trajectory
-from heli_modes.table import Fact, Guard, Phase
+from heli_modes.machine import Refusal
+from heli_modes.table import Command, Fact, Guard, Phase
 from heli_outer_pd.anchor import GLIMPSE_NS, Flown, anchored, flown_now, glimpse, led_now
 from heli_outer_pd.contact import TouchDown
 from heli_outer_pd.disturbance import flyable, hover_share
@@ -28,6 +29,8 @@ _LIFTS = 0.5
 _NEARLY = 1e-3
 _LOWERED = -0.9
 """The collective stick is at its lower end below this."""
+_PILOT_HAS_IT = "the pilot's sticks fly the attitude"
+_ONCE = ("once another mode is flown, or no sticks are heard",)
 _CODES = {Phase.ATTITUDE: STEERED, Phase.MANUAL: LOW_BY_HAND}
 
 
@@ -60,15 +63,34 @@ class StickFlight:
         self.steering, self.aground = Steering(), False
         self._state, self._lifted, self._contact = state, False, TouchDown()
         self._told_ns: int | None = None
+        self._steered_ns: int | None = None
 
     def fails(self, now_ns: int, n: StickNumbers) -> set[Guard]:
         """Guards of the sticks that do not hold now."""
         fails = set()
         if self.steering.is_silent(now_ns, n):
             fails.add(Guard.STICKS)
+            if self.steering.asked.is_silent(now_ns, n):
+                fails.add(Guard.HEARD)
         if self.steering.sticks[STICKS.climb] > _LOWERED:
             fails.add(Guard.LOWERED)
         return fails
+
+    def ask(self, phase: Phase, attitude_rad: Array, now: Now, n: StickNumbers) -> Refusal | None:
+        """Take an attitude (3,) that is commanded; ReferenceRefused if it is tilted too much."""
+        steering = self.steering
+        sticks_lead = phase == Phase.ATTITUDE and not steering.asked.leads
+        if sticks_lead and not steering.is_silent(now.ns, n):
+            return Refusal(Command.ATTITUDE.value, _PILOT_HAS_IT, _ONCE)
+        steering.ask(attitude_rad, now.ns, n, now.k)
+        return None
+
+    def climb(self, phase: Phase, climb_mps: float, now_ns: int) -> Refusal | None:
+        """Take the climb of it."""
+        if phase != Phase.ATTITUDE or not self.steering.asked.leads:
+            return Refusal("climb", "no commanded attitude is flown", ("beside command_attitude",))
+        self.steering.climb(climb_mps, now_ns)
+        return None
 
     def fact(
         self, phase: Phase, now: Now, n: StickNumbers, idle_collective: float, col: float
@@ -87,6 +109,8 @@ class StickFlight:
         """
         silent = self.steering.is_silent(now.ns, n)
         if phase == Phase.ATTITUDE:
+            asked = self.steering.asked
+            silent = asked.is_silent(now.ns, n) if asked.leads else silent
             return Fact.SILENT if silent else None
         share, v_down = float(hover_share(col, now.k)), float(now.nav[NAV.down_vel])
         touched = self._contact.found(share, v_down, now.k.g, now.k.dt_s)
@@ -99,12 +123,19 @@ class StickFlight:
         idle = abs(col - idle_collective) <= _NEARLY
         return Fact.IDLE if idle and (self._lifted or silent) else None
 
-    def take(self, before: Phase, phase: Phase, way: Trajectory | None, now: Now) -> None:
-        """The sticks take over in a phase, from how the aircraft, or its reference, moves."""
+    def take(
+        self, before: Phase, phase: Phase, way: Trajectory | None, now: Now, n: StickNumbers
+    ) -> bool:
+        """The sticks take over in a phase, from how the aircraft, or its reference, moves.
+
+        False if they have it already. Without sticks an attitude that is heard leads.
+        """
         if phase == before:
-            return
+            return False
         if phase == Phase.ATTITUDE:
             assert way is not None  # a guard has seen to it
+            if self.steering.is_silent(now.ns, n):
+                self.steering.lead_by_messages()
             by_hand = before == Phase.MANUAL
             moves = self.flown(before, now) if by_hand else led_now(way, now.ns, now.k)
             self.steering.start(moves.ned[:, 2], moves.psi)
@@ -113,11 +144,14 @@ class StickFlight:
             self._contact = TouchDown(share, float(now.nav[NAV.down_vel]))
             self.aground = before == Phase.STANDING
             self._lifted = not self.aground
-        self._told_ns = None
+        self._told_ns = self._steered_ns = None
         self.hand_over(_CODES[phase])
+        return True
 
     def hand_over(self, code: float) -> None:
         """Another law flies from its next step on, and goes on from the last command."""
+        if code != STEERED:
+            self.steering.lead_by_sticks()
         self._state[MEMORY.ground], self._state[MEMORY.takes_over] = code, 1.0
 
     def flown(self, phase: Phase, now: Now) -> Flown:
@@ -153,9 +187,12 @@ class StickFlight:
         fence: ReferenceLimits,
         low: bool,
     ) -> None:
-        """What the law's next step gets of the sticks; `low`: the ground may carry a part."""
+        """What the law's next step gets of the sticks, once; `low`: the ground may carry a part."""
+        if now.ns == self._steered_ns:
+            return
+        self._steered_ns = now.ns
         if phase == Phase.ATTITUDE:
-            self.steering.steer(n, now.k, fence, self._state)
+            self.steering.steer(n, now.k, fence, now.ns, self._state)
             return
         if flyable(now.nav):
             self._state[MEMORY.ground] = LOW_BY_HAND if low else BY_HAND

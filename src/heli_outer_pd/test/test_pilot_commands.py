@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool, Trigger
@@ -22,6 +22,7 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.joy_message import encode_joy
 from heli_msgs_bridge.messages import CHANNELS
 from heli_outer_pd.node import OuterLoopNode
+from heli_outer_pd.outer_state import MEMORY
 from heli_sticks import KeyboardSticks, StickMap
 from heli_sticks.keyboard import BUTTONS
 
@@ -83,6 +84,27 @@ class Pilot:
         self.fly(4)
         return self.said
 
+    def lean(self, roll_deg=0.0, pitch_deg=0.0, psi_deg=0.0, frame="map", late_s=0.0, length=1.0):
+        """Command an attitude: nose up, and to the right of north."""
+        message = self.stamped(QuaternionStamped(), frame, late_s)
+        half = np.radians([roll_deg, -pitch_deg, 90.0 - psi_deg]) / 2.0
+        (sx, sy, sz), (cx, cy, cz) = np.sin(half), np.cos(half)
+        q = message.quaternion
+        q.w = length * (cx * cy * cz + sx * sy * sz)
+        q.x = length * (sx * cy * cz - cx * sy * sz)
+        q.y = length * (cx * sy * cz + sx * cy * sz)
+        q.z = length * (cx * cy * sz - sx * sy * cz)
+        self.outer.receive(topics.COMMAND_ATTITUDE, serialize_message(message))
+        self.fly(4)
+        return self.said
+
+    def climb(self, up=0.0, east=0.0, frame="map", late_s=0.0):
+        message = self.stamped(TwistStamped(), frame, late_s)
+        message.twist.linear.z, message.twist.linear.x = up, east
+        self.outer.receive(topics.COMMAND_CLIMB, serialize_message(message))
+        self.fly(4)
+        return self.said
+
     def pose(self, enu):
         message = self.stamped(PoseStamped(), "map")
         p = message.pose.position
@@ -121,8 +143,8 @@ IN_THE_AIR = [
     (lambda p: p.set_mode("takeoff"), "takeoff: the aircraft is in the air already; allowed: "),
     (lambda p: p.set_mode("manual"), "no sticks are heard; allowed: "),
     (lambda p: p.ask("takeoff"), "takeoff: the aircraft is in the air already; allowed: "),
-    (lambda p: p.ask("mode/attitude"), "attitude: not in hover now: no sticks are heard; "
-     "allowed: "),
+    (lambda p: p.ask("mode/attitude"), "attitude: not in hover now: neither sticks nor an "
+     "attitude are heard; allowed: "),
     (lambda p: p.press("takeoff"), "joy: takeoff: the aircraft is in the air already; allowed: "),
     (lambda p: p.arm(False), "disarm: not in hover; allowed: standing"),
     (lambda p: p.pose((80.0, 80.0, 10.0)), "command_pose: the goal is 113 m from where the flight "
@@ -135,6 +157,22 @@ IN_THE_AIR = [
      "this node's clock, 2.08 s; allowed: 0.5 s before it to 0.04 s after it"),
     (lambda p: p.move(late_s=1.0), "command_velocity: stamped 2.08 s, ahead of this node's clock, "
      "1.08 s; allowed: 0.5 s before"),
+    (lambda p: p.lean(length=math.nan), "command_attitude: quaternion [nan, "),
+    (lambda p: p.lean(length=0.9), "command_attitude: a quaternion of length 0.9; allowed: 1"),
+    (lambda p: p.lean(frame="base_link"), "command_attitude: frame 'base_link'; allowed: 'map' ("),
+    (lambda p: p.lean(30.0), "command_attitude: roll 30.0 deg, pitch 0.0 deg nose up; allowed: "
+     "roll -17.8 to 22.2 deg, pitch -20.0 to 20.0 deg"),
+    (lambda p: p.lean(180.0), "command_attitude: roll 180.0 deg, "),
+    (lambda p: p.lean(0.0, 90.0), "pitch 90.0 deg nose up; allowed: "),
+    (lambda p: (p.fly(100), p.lean(late_s=-0.7))[1], "command_attitude: stamped 1.38 s, behind "
+     "this node's clock, 2.08 s; allowed: 0.5 s before it to 0.04 s after it"),
+    (lambda p: p.lean(late_s=1.0), "command_attitude: stamped 2.08 s, ahead of this node's clock, "
+     "1.08 s; allowed: 0.5 s before"),
+    (lambda p: p.climb(0.5), "climb: no commanded attitude is flown; allowed: beside "
+     "command_attitude"),
+    (lambda p: p.climb(0.5, east=1.0), "command_climb: linear [1.0, 0.0, 0.5], "),
+    (lambda p: p.climb(frame="odom"), "command_climb: frame 'odom'; allowed: 'map', 'base_link'"),
+    (lambda p: p.climb(0.5, late_s=1.0), "command_climb: stamped 2.08 s, ahead of this node's"),
     (lambda p: p.joy((0.0, 0.0, math.nan, 0.0)), "joy: axis 2 (roll) is nan; allowed: a number"),
     (lambda p: p.joy((0.0, 0.0)), "joy: roll is on axis 2, the joystick has 2 axes; allowed: "),
     (lambda p: p.joy((0.0, 0.0, 7.0, 0.0)), "joy: axis 2 (roll) is 7; allowed: -1 to 1"),
@@ -146,6 +184,7 @@ ON_THE_GROUND = [
     (lambda p: p.set_mode("hover"), "hold: the aircraft is on the ground: take off first"),
     (lambda p: p.press("land"), "joy: land: the aircraft has landed already; allowed: takeoff"),
     (lambda p: p.move((1.0, 0.0, 0.0)), "velocity: the aircraft is on the ground: take off first"),
+    (lambda p: p.lean(3.0), "attitude: the aircraft is on the ground: take off first"),
     (lambda p: p.pose((1.0, 0.0, 10.0)), "goto: the aircraft is on the ground: take off first"),
     (lambda p: (p.arm(False), p.ask("takeoff"))[1], "takeoff: the aircraft is disarmed; allowed: "
      "arm"),
@@ -230,6 +269,34 @@ def test_forward_in_the_own_frame_is_north_where_the_nose_is(flying):
     flying.move((1.0, 0.0, 0.0), frame="base_link")
     later = flying.node.run.diverted.at(flying.node.stamp_ns(flying.node.tick) + NS_PER_S)
     assert later[REFERENCE.vel][0] > 0.1 and abs(later[REFERENCE.vel][1]) < 1e-9
+
+
+def test_an_attitude_is_flown_as_it_is_sent_and_ends_in_a_hover(flying):
+    for _ in range(60):
+        assert flying.lean(8.0, -3.0, 25.0) == "attitude"
+        flying.climb(0.5)
+    assert flying.phase == Phase.ATTITUDE
+    flown = np.degrees(flying.outer.sent[topics.ATTITUDE_SETPOINT][-1])
+    np.testing.assert_allclose(flown, [8.0, -3.0, 25.0], atol=0.05)
+    state = flying.node.core.state
+    assert state[MEMORY.steer_down_vel] == pytest.approx(-0.5, abs=1e-6)
+    assert flying.ask("mode/attitude") == (
+        "attitude: roll, pitch and heading as command_attitude says, climb as command_climb"
+    )
+    flying.fly(100)
+    assert flying.phase == Phase.HOVER
+
+
+def test_a_pilot_takes_over_from_messages_by_a_button_too(flying):
+    for _ in range(5):
+        flying.joy()
+        flying.lean(8.0)
+    flying.joy()
+    assert flying.node.run.phases.sticks.steering.asked.leads
+    flying.joy(REST, "attitude")
+    assert "the pilot's sticks fly the attitude" in flying.lean(8.0)
+    assert flying.ask("mode/attitude") == "attitude: roll, pitch, turn and climb as the sticks say"
+    assert flying.phase == Phase.ATTITUDE
 
 
 def test_sticks_fly_the_attitude_and_a_button_ends_it(flying):

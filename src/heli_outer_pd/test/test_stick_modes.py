@@ -11,7 +11,7 @@ from heli_math.rotations import euler_from_quat, quat_from_euler
 from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
-from heli_modes import Command, Phase
+from heli_modes import Command, Guard, Phase
 from heli_outer_pd import config, position_law
 from heli_outer_pd.contact import TouchDown
 from heli_outer_pd.disturbance import hover_share
@@ -81,6 +81,16 @@ class Craft:
 
     def go(self, vel, rate=0.0):
         return self.phases.velocity(np.array(vel, float), rate, self.now_ns, self.nav)
+
+    def lean_to(self, roll_deg=0.0, pitch_deg=0.0, psi=None):
+        """Command an attitude, off hover's."""
+        trim = self.k.trim
+        asked = trim[0] + math.radians(roll_deg), trim[1] + math.radians(pitch_deg)
+        wanted = np.array([*asked, self.psi if psi is None else psi])
+        return self.phases.attitude(wanted, self.now_ns, self.turned())
+
+    def climb(self, mps):
+        return self.phases.sticks.climb(self.phases.phase, mps, self.now_ns)
 
     def ask(self, command):
         return self.phases.command(command, self.now_ns, self.turned())
@@ -240,11 +250,17 @@ def test_the_climb_of_the_sticks_ends_inside_the_fence():
     assert 1.7 < -craft.state[MEMORY.steer_down] < 3.0
 
 
-@pytest.mark.parametrize("command", [Command.ATTITUDE, Command.MANUAL])
-def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command):
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (Command.ATTITUDE, "neither sticks nor an attitude are heard"),
+        (Command.MANUAL, "no sticks are heard"),
+    ],
+)
+def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command, said):
     craft = Craft()
     craft.step()
-    assert "no sticks are heard" in craft.ask(command).sentence
+    assert said in craft.ask(command).sentence
     craft.step(NEUTRAL)
     assert craft.ask(command) is None
     heard_ns = craft.now_ns - STEP_NS
@@ -273,6 +289,178 @@ def test_asked_for_between_two_steps_of_the_law_nothing_jumps(command):
 def test_sticks_that_are_none_are_refused(bad):
     with pytest.raises(ReferenceRefused, match="allowed: four numbers"):
         Craft().phases.steer(bad, 0)
+
+
+# --- attitude by messages ---------------------------------------------------------------------
+
+
+def test_an_attitude_is_flown_through_the_lags_of_the_sticks():
+    craft, seen = Craft(), []
+    craft.step()
+    before = craft.out.copy()
+    assert craft.lean_to() is None
+    craft.step()
+    np.testing.assert_allclose(craft.out, before, atol=1e-6, err_msg="its first command")
+    assert craft.phases.phase == Phase.ATTITUDE
+    for _ in range(50):
+        craft.lean_to()
+        craft.step()
+    for _ in range(40):
+        craft.lean_to(10.0, -5.0)
+        craft.step()
+        seen.append(craft.out[:2] - before[:2])
+    wt = VALUES["sticks.tilt_radps"] * craft.k.dt_s * np.arange(40)
+    rises = (1.0 - (1.0 + wt) * np.exp(-wt))[:, None]
+    np.testing.assert_allclose(seen, np.radians([10.0, -5.0]) * rises, atol=1e-5)
+
+
+def test_entered_with_a_step_it_fades_in_and_nothing_jumps():
+    craft, seen = Craft(), []
+    craft.step()
+    before = craft.out.copy()
+    for _ in range(60):
+        craft.lean_to(18.0, 0.0, craft.psi)
+        craft.step()
+        seen.append(craft.out.copy())
+    np.testing.assert_allclose(seen[0], before, atol=1e-6)
+    steps = np.degrees(np.abs(np.diff(np.array(seen)[:, 0])))
+    assert steps.max() == pytest.approx(18.0 * (1.0 - math.exp(-0.04 / 0.5)), abs=0.01)
+    assert np.degrees(craft.out[0] - before[0]) == pytest.approx(18.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("psi_deg", "to_deg", "turn_deg"),
+    [(17.0, 77.0, 60.0), (17.0, -43.0, -60.0), (170.0, -170.0, 20.0), (-150.0, 150.0, -60.0)],
+)
+def test_the_heading_goes_the_shorter_way_within_its_limits(psi_deg, to_deg, turn_deg):
+    craft, psi = Craft(), []
+    craft.psi = math.radians(psi_deg)
+    craft.phases.follow(Trajectory.hover(craft.nav[NAV.pos].copy(), craft.psi), craft.now_ns)
+    craft.step()
+    for _ in range(200):
+        assert craft.lean_to(psi=math.radians(to_deg)) is None
+        craft.step()
+        psi.append(craft.state[MEMORY.steer][2])
+    psi = np.degrees(np.unwrap(psi))
+    assert psi[-1] - psi_deg == pytest.approx(turn_deg, abs=1e-6)
+    rate = np.diff(psi) / craft.k.dt_s
+    assert (np.sign(turn_deg) * rate).min() > -8.0, "never the other way, but for the lead's end"
+    most = VALUES["sticks.yaw_rate_degps"]
+    lead = 1.0 + craft.k.heading_lead_s * VALUES["goto.yaw_acceleration_degps2"] / most
+    assert np.abs(rate).max() <= most * lead + 1e-6
+    asked = abs(turn_deg) > 45.0
+    assert not asked or np.median(np.abs(rate)[np.abs(rate) > 30.0]) == pytest.approx(45.0, abs=6.0)
+
+
+def test_its_climb_is_cut_and_without_one_the_altitude_is_held():
+    craft = Craft()
+    assert craft.climb(1.0).sentence == (
+        "climb: no commanded attitude is flown; allowed: beside command_attitude"
+    )
+    rates = []
+    for i in range(300):
+        craft.lean_to()
+        if i < 150:
+            assert craft.climb(9.0) is None
+        craft.step()
+        rates.append(-craft.state[MEMORY.steer_down_vel])
+    assert max(rates) == pytest.approx(VALUES["sticks.climb_mps"])
+    lasts = 150 + round(25 * VALUES["command.timeout_s"])
+    assert rates[lasts - 2] == pytest.approx(VALUES["sticks.climb_mps"])
+    assert rates[lasts + 2] < VALUES["sticks.climb_mps"], "not renewed"
+    assert np.abs(rates[-50:]).max() < 1e-9
+    assert craft.phases.phase == Phase.ATTITUDE
+
+
+def test_an_attitude_that_is_not_renewed_is_flown_no_more():
+    craft = Craft()
+    craft.step()
+    craft.lean_to(5.0)
+    heard_ns = craft.now_ns
+    while craft.phases.phase != Phase.HOVER:
+        craft.climb(0.5)
+        craft.step()
+    silence_s = (craft.phases.history[-1][0] - heard_ns) / NS_PER_S
+    assert silence_s == pytest.approx(VALUES["command.timeout_s"], abs=0.05)
+    assert "neither sticks nor an attitude" in craft.ask(Command.ATTITUDE).sentence
+
+
+@pytest.mark.parametrize(
+    ("changes", "roll", "pitch", "said"),
+    [
+        ({}, 20.5, 0.0, "roll 22.7 deg, pitch 0.0 deg nose up; allowed: roll -17.8 to 22.2 deg, "
+         "pitch -20.0 to 20.0 deg, which are 20 deg off hover's"),
+        ({}, 0.0, -30.0, "pitch -30.0 deg nose up; allowed: "),
+        ({"tilt_limit_deg": 10.0}, 15.0, 0.0, "allowed: roll -7.8 to 12.2 deg, "),
+        ({}, math.nan, 0.0, "attitude [nan, "),
+    ],
+)  # fmt: skip
+def test_a_tilt_that_may_not_be_commanded_is_refused_in_words(changes, roll, pitch, said):
+    hovers, flies = Craft(**changes), Craft(**changes)
+    flies.lean_to(4.0)
+    flies.step()
+    for craft, phase in ((hovers, Phase.HOVER), (flies, Phase.ATTITUDE)):
+        asked = craft.phases.sticks.steering.asked
+        with pytest.raises(ReferenceRefused) as refused:
+            craft.lean_to(roll, pitch)
+        assert said in str(refused.value)
+        assert craft.phases.phase == phase and craft.phases.sticks.steering.asked is asked
+    at_most = VALUES["sticks.tilt_max_deg"]
+    assert changes or flies.lean_to(at_most, -at_most) is None, "as much is allowed"
+
+
+def test_what_is_refused_by_the_table_is_forgotten():
+    craft = Craft(on_ground=True, pos=(0.0, 0.0, 0.0))
+    for _ in range(3):
+        craft.step(moves=False)
+    assert "the aircraft is on the ground" in craft.lean_to().sentence
+    assert Guard.HEARD in craft.phases.fails(craft.now_ns, craft.turned())
+    assert not craft.phases.sticks.steering.asked.leads
+
+
+def test_a_stick_that_is_moved_takes_over_and_keeps_it():
+    craft = Craft()
+    idle = np.array([0.0, 0.02, 0.0, -1.0])  # a throttle that stays where it is put
+    for _ in range(30):
+        assert craft.lean_to(8.0) is None
+        craft.step(idle)
+    steering = craft.phases.sticks.steering
+    assert steering.asked.leads, "sticks at rest leave it to the messages"
+    before = craft.out.copy()
+    moved = np.array([-0.3, 0.02, 0.0, -1.0])
+    craft.step(moved)
+    assert "attitude: the pilot's sticks fly the attitude; allowed: " in craft.lean_to(8.0).sentence
+    for _ in range(50):
+        craft.step(idle)
+        assert craft.lean_to(8.0) is not None, "once moved, it stays with the pilot"
+    tilt = craft.out[:2] - craft.k.trim[:2]
+    assert before[0] - craft.k.trim[0] > math.radians(6.0)
+    np.testing.assert_allclose(tilt, np.array([0.0, 0.02]) * 0.349, atol=1e-3)
+    assert craft.ask(Command.HOLD) is None
+    craft.step(idle)
+    assert craft.lean_to(8.0) is None, "he gives it back by another mode"
+    assert steering.asked.leads
+
+
+def test_the_mode_is_led_by_who_is_heard():
+    """Asked for without an attitude: by sticks, else by the attitude heard last."""
+    for sticks, leads in ((NEUTRAL, False), (None, True)):
+        craft = Craft()
+        craft.step()
+        craft.lean_to()
+        assert craft.ask(Command.HOLD) is None
+        assert not craft.phases.sticks.steering.asked.leads
+        craft.step(sticks)
+        assert craft.ask(Command.ATTITUDE) is None
+        assert craft.phases.sticks.steering.asked.leads is leads
+
+
+def test_who_falls_silent_beside_another_is_held_all_the_same():
+    craft = Craft()
+    craft.lean_to(5.0)
+    for _ in range(30):
+        craft.step(NEUTRAL)
+    assert craft.phases.phase == Phase.HOVER, "the sticks have not asked for it"
 
 
 # --- manual -----------------------------------------------------------------------------------
@@ -424,6 +612,26 @@ def test_a_scripted_hand_holds_sticks_and_renews_a_velocity():
     assert craft.phases.remarks == []
 
 
+def test_a_script_commands_attitudes_until_something_else():
+    at = SETTLED_NS / NS_PER_S
+    craft, seen = Craft(
+        **{
+            "commands.at_s": np.array([8.0]) + at,
+            "commands.what": ("hold",),
+            "commands.attitude_at_s": np.array([1.0, 4.0]) + at,
+            "commands.attitude_deg": np.array([[6.0, -3.0, 17.2], [-4.0, 0.0, 40.0]]),
+            "commands.climb_mps": np.array([0.4, 0.0]),
+        }
+    ), {}  # fmt: skip
+    for i in range(300):
+        craft.step()
+        seen[i] = np.r_[np.degrees(craft.out[:3]), -craft.state[MEMORY.steer_down_vel]]
+    assert [phase for _, phase in craft.phases.history[3:]] == [Phase.ATTITUDE, Phase.HOVER]
+    np.testing.assert_allclose(seen[99], [6.0, -3.0, 17.2, 0.4], atol=0.1)
+    np.testing.assert_allclose(seen[199], [-4.0, 0.0, 40.0, 0.0], atol=0.1)
+    assert craft.phases.remarks == []
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -432,6 +640,9 @@ def test_a_scripted_hand_holds_sticks_and_renews_a_velocity():
          "commands.pilot_at_s is .* allowed: rising times"),
         ({"commands.at_s": np.array([1.0, 2.0]), "commands.what": ("velocity", "velocity")},
          "has 2 times velocity, commands.velocity_ned_mps 1 velocities"),
+        ({"commands.attitude_at_s": np.array([1.0, 2.0])}, "2 times, commands.attitude_deg 1 "),
+        ({"commands.attitude_at_s": np.array([1.0]), "commands.climb_mps": [1.0, 2.0]},
+         "1 times, commands.climb_mps 2 climbs"),
     ],
 )  # fmt: skip
 def test_a_hand_that_does_not_agree_with_itself_is_refused(change, said):
