@@ -19,8 +19,10 @@ from heli_math.rotations import euler_angles, wrap_pi
 from heli_math.rows import ACTUATOR, REFERENCE
 
 MODES = {"hold": "hover", "goto": "trajectory", "velocity": "velocity", "attitude": "attitude",
-         "manual": "manual"}  # fmt: skip
-WHERE = {"goto": (3.0, 3.0, -14.0), "velocity": (-1.0, 2.0, -0.5)}
+         "manual": "manual", "asked": "attitude"}  # fmt: skip
+"""What is commanded, and the mode that it leads to; asked: mode attitude by messages."""
+# An attitude is roll, pitch, heading, deg, and a climb, m/s.
+WHERE = {"goto": (3.0, 3.0, -14.0), "velocity": (-1.0, 2.0, -0.5), "asked": (4.0, -2.0, 20.0, 0.3)}
 NEUTRAL = (0.0, 0.0, 0.0, 0.0)
 # How each mode is brought into each condition: commands, sticks, and when it is left, s.
 BEFORE = {
@@ -29,16 +31,19 @@ BEFORE = {
     ("wind", "velocity"): ([(4, "velocity", (2.0, 1.0, -0.3))], NEUTRAL, 7.0),
     ("wind", "attitude"): ([(4, "attitude")], NEUTRAL, 6.0),
     ("wind", "manual"): ([(4, "manual")], NEUTRAL, 5.0),
+    ("wind", "asked"): ([(4, "asked", (2.0, 0.0, 10.0, 0.0))], NEUTRAL, 6.0),
     ("climb", "hold"): ([(3, "velocity", (0.0, 0.0, -1.5)), (6, "hold")], NEUTRAL, 6.6),
     ("climb", "goto"): ([(4, "goto", (0.0, 0.0, -18.0))], NEUTRAL, 6.6),
     ("climb", "velocity"): ([(3, "velocity", (0.0, 0.0, -1.5))], NEUTRAL, 6.0),
     ("climb", "attitude"): ([(3, "attitude")], (0.0, 0.0, 0.0, 0.8), 6.0),
     ("climb", "manual"): ([(4, "manual")], (0.0, 0.0, 0.0, 0.12), 6.0),
+    ("climb", "asked"): ([(3, "asked", (2.0, 0.0, 0.0, 1.2))], NEUTRAL, 6.0),
     ("bank", "hold"): ([(3, "velocity", (0.0, -3.0, 0.0)), (7, "hold")], NEUTRAL, 9.0),
     ("bank", "goto"): ([(4, "goto", (0.0, 15.0, -10.0))], NEUTRAL, 5.6),
     ("bank", "velocity"): ([(4, "velocity", (0.0, 3.0, 0.0))], NEUTRAL, 5.6),
     ("bank", "attitude"): ([(4, "attitude")], (0.55, 0.0, 0.0, 0.0), 6.0),
     ("bank", "manual"): ([(4, "manual")], (0.35, 0.0, 0.0, 0.0), 5.0),
+    ("bank", "asked"): ([(4, "asked", (13.0, 0.0, -20.0, 0.0))], NEUTRAL, 6.0),
 }
 AFTER_S = 1.0
 PERIOD = 4
@@ -52,7 +57,12 @@ def base():
 
 def flown(commands, sticks, n_ticks):
     settings, loop = base()
+    asked = [(c[0], *c[2]) for c in commands if c[1] == "asked"] or [(-1.0, 0.0, 0.0, 0.0, 0.0)]
+    commands = [c for c in commands if c[1] != "asked"]
     orders = {
+        "commands.attitude_at_s": np.array(asked)[:, 0],
+        "commands.attitude_deg": np.array(asked)[:, 1:4],
+        "commands.climb_mps": np.array(asked)[:, 4],
         "commands.at_s": np.array([float(c[0]) for c in commands]),
         "commands.what": tuple(c[1] for c in commands),
         "commands.goto_ned_m": np.array([c[2] for c in commands if c[1] == "goto"]),
@@ -80,7 +90,11 @@ def tilt_deg(record, i):
     return np.degrees(np.hypot(phi - 0.039, theta - 0.001))
 
 
-PAIRS = [(c, *pair) for c, pair in product(("wind", "climb", "bank"), permutations(MODES, 2))]
+PAIRS = [
+    (condition, source, target)
+    for condition, (source, target) in product(("wind", "climb", "bank"), permutations(MODES, 2))
+    if MODES[source] != MODES[target]
+]
 
 
 @pytest.mark.parametrize(("condition", "source", "target"), PAIRS)
