@@ -21,7 +21,7 @@ from heli_msgs_bridge.diagnostics import FACT_MODE
 HELI = [sys.executable, "-m", "heli_flight.cli.app"]
 FLIGHT = [
     *HELI, "hover", "--scenario", "by_hand", "--world", "paper", "--gps", "rtk", "--seed", "5",
-    "--duration", "80", "--no-report",
+    "--duration", "75", "--no-report",
 ]  # fmt: skip
 LOW = """/**/outer_loop:
   ros__parameters:
