@@ -67,11 +67,11 @@ def decode_climb(message: Any, namespace: str = "") -> ClimbCommand:
     if frame not in (MAP, own):
         raise MessageError(f"{name}: frame '{frame}'; allowed: '{MAP}', '{own}' (level)")
     v, w = message.twist.linear, message.twist.angular
-    given = np.array([v.x, v.y, v.z, w.x, w.y, w.z], float)
-    said = f"{name}: linear {given[:3].tolist()}, angular {given[3:].tolist()}; allowed: "
-    if not np.isfinite(given).all():
+    linear, angular = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
+    said = f"{name}: linear {linear.tolist()}, angular {angular.tolist()}; allowed: "
+    if not np.isfinite(np.r_[linear, angular]).all():
         raise MessageError(f"{said}finite numbers")
-    if np.delete(given, 2).any():
+    if linear[:2].any() or angular.any():
         raise MessageError(f"{said}linear z alone, the others are 0")
     stamp = message.header.stamp
-    return ClimbCommand(stamp.sec * NS_PER_S + stamp.nanosec, float(given[2]))
+    return ClimbCommand(stamp.sec * NS_PER_S + stamp.nanosec, float(linear[2]))
