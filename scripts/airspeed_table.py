@@ -21,11 +21,11 @@ from heli_flight.loop.settings import resolve
 from heli_flight.studies.robust.airspeed import ACROSS_MPS, SPEEDS_MPS, OverAirspeed, over_airspeed
 from heli_math.paper_metrics import attitude_errors
 from heli_math.rows import ACTUATOR, REFERENCE
-from heli_math.ticks import TICK_S
+from heli_math.ticks import TICK_S, TICKS_PER_S
 
 LAWS = ("packaged", "hinf", "lqg", "pid", "indi")
 WORLDS, RECEIVERS = ("paper", "honest"), ("rtk", "standalone")
-_AFTER_TICKS = 100
+_AFTER_TICKS = TICKS_PER_S
 """How long the attitude goes on moving when the reference has come to its speed."""
 _LEAST_MPS2 = 1e-3
 GOAL_DEG = 2.0

@@ -84,9 +84,9 @@ A frame `a > b` is that of the header and that of the child.
 """
 QOS = f"""
 All are reliable. History: the last {topics.DEPTH} messages, volatile; where the rate says
-"latched", the last one, transient local, for who comes late. Subscribers of default QoS meet
-all of them; who asks for best effort does, too. `/tf` and `/tf_static` are sent where
-`tf2_msgs` is installed: the PyPI wheels do not hold it. No flight needs the last four.
+"latched", the last one, or as many as it says, transient local, for who comes late.
+Subscribers of default QoS meet all of them; who asks for best effort does, too. `/tf` and
+`/tf_static` are sent where `tf2_msgs` is installed: the PyPI wheels do not hold it. No flight needs the last four.
 `excitation/*` is sent only where its sender is configured for it; with a scenario's flight started
 by `hover_test.sh`, its supervisor sends `reference`, and so does the live view for who holds
 its token, and the outer loop for each command that it flies. Yours to send are `goto`, or by
@@ -184,7 +184,8 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _rate(topic: topics.Topic) -> str:
     rate = f"{topic.rate_hz:g} Hz" if topic.every_ticks else _RATES.get(topic.name, "on change")
-    return f"{rate}, latched" if topic.latched else rate
+    kept = f" ({topic.kept})" if topic.kept > 1 else ""
+    return f"{rate}, latched{kept}" if topic.latched else rate
 
 
 def _topic_row(topic: topics.Topic) -> tuple[str, ...]:

@@ -58,4 +58,5 @@ def test_quality_of_service_is_as_told(topic):
     assert profile.reliability.name == "RELIABLE"
     latched = profile.durability.name == "TRANSIENT_LOCAL"
     assert ("latched" in row) == latched
-    assert profile.depth == (1 if latched else 2000) and "2000 messages" in PAGE
+    assert profile.depth == (topic.kept if latched else 2000) and "2000 messages" in PAGE
+    assert (f"latched ({topic.kept})" in row) == (latched and topic.kept > 1)
