@@ -143,6 +143,12 @@ def test_a_receiver_that_is_lost_is_silent_from_then_on(plant_config, record):
     assert lost[valid, MEAS.gps_tick].max() == 385.0
     np.testing.assert_array_equal(lost[:401], whole[:401])
     assert not valid[401:].any() and whole[401:, MEAS.gps_valid].any()
+    until = {"sensors__gps__outage__from_s": 4.0, "sensors__gps__outage__until_s": 6.0}
+    back = record(plant_config(**STILL, **until), 1000)
+    again = whole[:, MEAS.gps_tick] >= 600.0
+    np.testing.assert_array_equal(back[again], whole[again])
+    assert back[again, MEAS.gps_valid].sum() == whole[again, MEAS.gps_valid].sum() > 15.0
+    assert not back[401:600, MEAS.gps_valid].any()
 
 
 def test_jumps_are_a_poisson_process(plant_config):

@@ -120,7 +120,7 @@ def _port(get: _Get, helicopter: HelicopterParameters) -> PortKernel:
 
 def _gps(get: _Get) -> GpsKernel:
     axes = np.array([1.0, 1.0, get("gps.vertical_factor")])
-    lost_s = get("gps.outage.from_s")
+    lost_s, found_s = get("gps.outage.from_s"), get("gps.outage.until_s")
     return GpsKernel(
         get("gps.white_m") * axes,
         get("gps.drift_m") * axes,
@@ -129,6 +129,7 @@ def _gps(get: _Get) -> GpsKernel:
         get("gps.period_ticks"),
         get("gps.latency_ticks"),
         round(lost_s / TICK_S) if lost_s >= 0.0 else _NEVER,
+        round(found_s / TICK_S) if found_s >= 0.0 else _NEVER,
         _gps_errors(get, axes),
     )
 

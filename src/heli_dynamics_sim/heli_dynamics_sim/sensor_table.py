@@ -108,6 +108,13 @@ SENSORS: tuple[Parameter, ...] = (
         -1.0,
         86400.0,
     ),
+    real(
+        "sensors.gps.outage.until_s",
+        "Flight time from which on there are fixes again after that; negative: never",
+        "s",
+        -1.0,
+        86400.0,
+    ),
     real("sensors.gps.jump.sigma_m", "Error that jumps, horizontal", "m", 0.0, 100.0),
     real("sensors.gps.jump.interval_s", "Mean time between jumps", "s", 0.1, 1e6),
     row(

@@ -90,6 +90,7 @@ class GpsKernel(NamedTuple):
     period: int  # ticks
     latency: int  # ticks
     lost_tick: int  # from which on there is no fix
+    found_tick: int  # and from which on there is one again
     errors: GpsErrorKernel
 
 
@@ -213,7 +214,7 @@ def take_fix(sensors, tick, x, noise, k):
     fix[FIX.tick], fix[FIX.got] = tick, 1.0
     if k.errors.on and not spoil_fix(sensors.gps, noise, k, velocity, pos, vel):
         fix[FIX.got] = 0.0
-    if tick >= k.lost_tick:
+    if k.lost_tick <= tick < k.found_tick:
         fix[FIX.got] = 0.0
 
 
