@@ -79,6 +79,64 @@ def test_it_lands_without_fixes():
     assert 1.0 < drifted < 20.0, "it does not know where it is"
 
 
+def lost_and_landed(seed, gps="standalone", world="paper", until_s=-1.0):
+    """Up to 10 m at 1 m/s, the last fix at 8 s, so that it is soon lost; a landing at 26 s."""
+    orders = {"commands.at_s": [2.0, 26.0], "commands.what": ["takeoff", "land"],
+              "commands.goto_ned_m": []}  # fmt: skip
+    lost = {"sensors.gps.outage.from_s": 8.0, "sensors.gps.outage.until_s": until_s}
+    overrides = {"plant": lost, "outer_loop": orders}
+    settings = resolve("takeoff_land", gps, seed, 62.0, world=world, overrides=overrides)
+    flight = simulate(settings)
+    assert flight.status == 0, flight.sentence
+    assert flight.record.mode[-1] == "standing"
+    figures = score(flight.record, settings.scenario).ground
+    return flight.record, {f.metric.key: f.value for f in figures}
+
+
+def commanded(record):
+    """Largest step of the set-point, deg, and of the collective, at each step of the law."""
+    attitude = np.degrees(np.unwrap(record.setpoint[::4], axis=0))
+    return np.abs(np.diff(attitude, axis=0)).max(axis=1), np.abs(np.diff(record.u[::4, 3]))
+
+
+@pytest.mark.parametrize(("seed", "world"), [(s, "paper") for s in range(1, 6)] + [(1, "honest")])
+def test_it_lands_level_where_it_is_lost(seed, world):
+    record, found = lost_and_landed(seed, world=world)
+    assert found["touch_down_speed"] < 0.5 and found["touch_down_tilt"] < 15.0
+    sigma = record.nav_sigma_vel_mps[::4, :2].max(axis=1)
+    (lost,) = np.flatnonzero((sigma[1:] > 0.5) & (sigma[:-1] <= 0.5))
+    assert 12.0 < 0.04 * lost < 24.0
+    attitude, collective = commanded(record)
+    assert attitude[lost] < 0.5 and collective[lost] < 0.01
+    # From there on to the ground, a second later, roll and pitch stay as they are.
+    down = np.flatnonzero(record.mode == "land")[-1] // 4 - 100
+    assert np.degrees(np.ptp(record.setpoint[4 * (lost + 60) : 4 * down, :2], axis=0)).max() < 0.2
+
+
+def test_a_fix_that_comes_back_in_the_descent_is_taken_over_without_a_step():
+    """It brakes, and lands with less sideways speed than the level descent would."""
+    record, found = lost_and_landed(2, "rtk", until_s=31.0)
+    sigma = record.nav_sigma_vel_mps[::4, :2].max(axis=1)
+    (again,) = np.flatnonzero((sigma[1:] < 0.1) & (sigma[:-1] > 0.5))
+    attitude, collective = commanded(record)
+    assert attitude[again : again + 2].max() < 0.5 and collective[again : again + 2].max() < 0.01
+    assert record.mode[4 * again] == "land"
+    sideways = np.linalg.norm(record.truth_vel_ned_mps[:, :2], axis=1)
+    assert sideways[4 * again] > 0.4 and found["landing_skid"] < 0.3
+
+
+def test_a_plain_hover_that_is_lost_flies_level_and_is_held_where_it_is_found_again():
+    """Without a landing, too: the scenario has no commands."""
+    lost = {"sensors.gps.outage.from_s": 6.0, "sensors.gps.outage.until_s": 36.0}
+    flight = simulate(resolve("hover", "rtk", 3, world="paper", overrides={"plant": lost}))
+    assert flight.status == 0, flight.sentence
+    pos = flight.record.truth_pos_ned_m
+    drifted = np.linalg.norm((pos[3600] - pos[600])[:2])
+    assert drifted > 1.0
+    assert np.linalg.norm((pos[4500:] - pos[3600])[:, :2], axis=1).max() < 5.0
+    assert np.abs(pos[4500:, 2] - pos[3600, 2]).max() < 1.0
+
+
 def test_in_the_honest_world_it_stays_upright_at_idle():
     """Seed 3 leaned over to 45 deg when the inflow took all damping from the disc at idle."""
     record = simulate(resolve("takeoff_land", "rtk", 3, world="honest")).record

@@ -81,6 +81,7 @@ class Fact(StrEnum):
     STUCK = "does not lift"
     TIPPING = "tips over a skid"
     BLIND = "position lost"
+    FOUND = "position found again"
     TOUCHED_DOWN = "touched down"
     IDLE = "collective idle"
     SILENT = "nothing commanded for too long"
@@ -90,6 +91,7 @@ class Guard(Enum):
     """What must be so for a command; the value is the reason if it is not."""
 
     NAVIGATION = "there is no position estimate"
+    LEVEL = "neither attitude nor altitude is known"
     UPRIGHT = "the aircraft is outside the envelope: it stands tilted more than is allowed"
     UNSATURATED = "an actuator is saturated: the collective is at its limit"
     CLEAR = "the ground is too near"
@@ -132,8 +134,9 @@ _LANDS = (Phase.HALTING, Phase.DESCENDING)
 _GROUNDED = "the aircraft is on the ground: take off first"
 _RISING = "the aircraft is taking off: wait until it hovers, or hold"
 _SINKING = "the aircraft is landing: hold first"
-_BY_HAND = (Guard.NAVIGATION, Guard.ENVELOPE, Guard.CLEAR)
-"""For whatever takes over from a pilot's hand."""
+_HELD = (Guard.ENVELOPE, Guard.CLEAR)
+_BY_HAND = (Guard.NAVIGATION, *_HELD)
+"""For whatever takes over from a pilot's hand and holds a position."""
 
 TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.STANDING,), Command.TAKEOFF, Phase.SPOOLING,
@@ -178,8 +181,9 @@ TABLE: tuple[Transition | Refused, ...] = (
     Refused((Phase.CLIMBING,), Command.VELOCITY, _RISING),
     Refused(_LANDS, Command.VELOCITY, _SINKING),
     Transition((*GUIDED, Phase.ATTITUDE), Command.ATTITUDE, Phase.ATTITUDE,
-               (Guard.NAVIGATION, Guard.HEARD)),
-    Transition((Phase.MANUAL,), Command.ATTITUDE, Phase.ATTITUDE, (*_BY_HAND, Guard.HEARD)),
+               (Guard.LEVEL, Guard.HEARD)),
+    Transition((Phase.MANUAL,), Command.ATTITUDE, Phase.ATTITUDE,
+               (Guard.LEVEL, *_HELD, Guard.HEARD)),
     Refused(ON_GROUND, Command.ATTITUDE, _GROUNDED),
     Refused((Phase.CLIMBING,), Command.ATTITUDE, _RISING),
     Refused(_LANDS, Command.ATTITUDE, _SINKING),
@@ -191,10 +195,13 @@ TABLE: tuple[Transition | Refused, ...] = (
     Refused((Phase.SETTLING,), Command.MANUAL, "the collective is being lowered: wait until it "
             "stands"),
     Transition((Phase.TRAJECTORY,), Fact.ARRIVED, Phase.HOVER),
+    Transition((Phase.TRAJECTORY, Phase.VELOCITY), Fact.BLIND, Phase.HOVER),
+    Transition((Phase.CLIMBING, *GUIDED), Fact.FOUND, Phase.HOVER),
+    Transition(_LANDS, Fact.FOUND, Phase.HALTING),
     Transition((Phase.VELOCITY, *STEERED), Fact.SILENT, Phase.HOVER),
-    Transition((Phase.CLIMBING, *GUIDED), Command.LAND, Phase.HALTING, (Guard.NAVIGATION,)),
-    Transition((Phase.ATTITUDE,), Command.LAND, Phase.HALTING, (Guard.NAVIGATION, Guard.ENVELOPE)),
-    Transition((Phase.MANUAL,), Command.LAND, Phase.HALTING, _BY_HAND),
+    Transition((Phase.CLIMBING, *GUIDED), Command.LAND, Phase.HALTING, (Guard.LEVEL,)),
+    Transition((Phase.ATTITUDE,), Command.LAND, Phase.HALTING, (Guard.LEVEL, Guard.ENVELOPE)),
+    Transition((Phase.MANUAL,), Command.LAND, Phase.HALTING, (Guard.LEVEL, *_HELD)),
     Transition((Phase.SPOOLING,), Command.LAND, Phase.STANDING),
     Transition((Phase.LIFTING,), Command.LAND, Phase.SETTLING),
     Refused((Phase.STANDING,), Command.LAND, "the aircraft has landed already"),

@@ -22,7 +22,7 @@ from heli_modes import (
     command_named,
     decide,
 )
-from heli_modes.table import FLYING, LANDING, ON_GROUND, TAKING_OFF
+from heli_modes.table import FLYING, GUIDED, LANDING, ON_GROUND, TAKING_OFF
 from heli_modes.testing.drawing import diagram
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -109,6 +109,10 @@ def test_by_hand_it_goes_from_the_ground_to_the_ground():
     )
 
 
+LEVEL = (Command.LAND, Command.ATTITUDE)
+"""What is flown without a position, too."""
+
+
 def test_what_takes_over_from_a_pilot_asks_for_navigation_and_for_what_it_can_hold():
     for row in TABLE:
         if (
@@ -116,7 +120,32 @@ def test_what_takes_over_from_a_pilot_asks_for_navigation_and_for_what_it_can_ho
             and isinstance(row.event, Command)
             and (Phase.MANUAL in row.sources and row.target != Phase.MANUAL)
         ):
-            assert set(row.guards) >= {Guard.NAVIGATION, Guard.ENVELOPE, Guard.CLEAR}
+            known = Guard.LEVEL if row.event in LEVEL else Guard.NAVIGATION
+            assert set(row.guards) >= {known, Guard.ENVELOPE, Guard.CLEAR}
+
+
+@pytest.mark.parametrize("phase", [Phase.CLIMBING, *FLYING])
+def test_without_a_position_it_lands_and_is_steered_and_holds_no_place(phase):
+    """Of what leads into the air or stays there; without attitude and altitude the hand alone."""
+    lost, blind = {Guard.NAVIGATION}, {Guard.NAVIGATION, Guard.LEVEL}
+    for command in (Command.LAND, Command.MANUAL):
+        assert isinstance(decide(phase, command, lost), Phase)
+    if phase != Phase.CLIMBING:
+        assert decide(phase, Command.ATTITUDE, lost) == Phase.ATTITUDE
+    for command in (Command.HOLD, Command.GOTO, Command.FOLLOW, Command.VELOCITY):
+        assert isinstance(decide(phase, command, lost), Refusal)
+    assert "neither attitude nor altitude" in decide(phase, Command.LAND, blind).sentence
+    assert decide(phase, Command.MANUAL, blind) == Phase.MANUAL
+    assert isinstance(decide(Phase.STANDING, Command.TAKEOFF, lost), Refusal)
+
+
+def test_a_position_that_is_found_again_is_held_or_landed_from():
+    for phase in (Phase.CLIMBING, *GUIDED):
+        assert decide(phase, Fact.FOUND) == Phase.HOVER
+    for phase in (Phase.HALTING, Phase.DESCENDING):
+        assert decide(phase, Fact.FOUND) == Phase.HALTING
+        assert decide(phase, Fact.BLIND) is None, "a landing goes on"
+    assert decide(Phase.TRAJECTORY, Fact.BLIND) == decide(Phase.VELOCITY, Fact.BLIND) == Phase.HOVER
 
 
 def test_who_falls_silent_is_held():

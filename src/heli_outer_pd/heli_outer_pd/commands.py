@@ -14,7 +14,7 @@ from heli_math.rows import NAV, REFERENCE
 from heli_math.ticks import NS_PER_S, TICK_NS
 from heli_math.trajectory import Trajectory
 from heli_modes.machine import Refusal, command_named, decide
-from heli_modes.table import Command, Phase
+from heli_modes.table import Command, Guard, Phase
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.attitude_message import decode_attitude, decode_climb
 from heli_msgs_bridge.goto_message import decode_goto
@@ -24,6 +24,7 @@ from heli_msgs_bridge.reference_message import encode_reference
 from heli_msgs_bridge.stamps import AHEAD_TICKS, in_words
 from heli_msgs_bridge.velocity_message import VelocityCommand, decode_velocity
 from heli_outer_pd.reference_limits import ReferenceRefused
+from heli_outer_pd.sight import plight
 from heli_sticks.errors import StickError
 from heli_sticks.mapping import Presses, StickMap
 
@@ -277,7 +278,9 @@ class Commands:
 
     def refusal_of_reference(self) -> str:
         """Why no reference is followed now; empty if one is."""
-        found = decide(self._node.run.phases.phase, Command.FOLLOW)
+        phases = self._node.run.phases
+        fails = {Guard.NAVIGATION} if phases.lost else ()
+        found = decide(phases.phase, Command.FOLLOW, fails)
         return found.sentence if isinstance(found, Refusal) else ""
 
     def fly(self, way: Trajectory) -> str:
@@ -312,6 +315,8 @@ class Commands:
         if command in _STEERED:
             return _STEERED[command]
         said = self.fly(phases.way)
+        if command == Command.LAND and phases.lost:
+            return plight(phases.phase)
         if command == Command.LAND:
             return f"comes to rest {said}, then down at {numbers.descent.climb_mps:g} m/s"
         return said

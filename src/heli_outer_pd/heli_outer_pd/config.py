@@ -65,6 +65,7 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
         attitude_lag=np.asarray(p["disturbance.attitude_lag_s"], float),
         attitude_lead=np.asarray(p["attitude_lead.lead_s"], float),
         lead_filter_s=p["attitude_lead.filter_s"],
+        blind_sigma=p["land.blind_sigma_mps"],
         dt_s=p["period_ticks"] * TICK_S,
         sweep=sweep_kernel(p),
     )

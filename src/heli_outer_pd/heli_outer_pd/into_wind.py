@@ -21,8 +21,9 @@ from heli_math.trajectory import Trajectory
 from heli_modes.table import Phase
 from heli_outer_pd.disturbance import flyable
 from heli_outer_pd.goto import WIND, Goto
-from heli_outer_pd.outer_state import MEMORY
+from heli_outer_pd.outer_state import MEMORY, OuterKernel
 from heli_outer_pd.phase_ways import PhaseNumbers
+from heli_outer_pd.sight import well_known
 
 Array = NDArray[np.float64]
 
@@ -44,6 +45,7 @@ class Flight(Protocol):
     phase: Phase
     way: Trajectory | None
     goto: Goto
+    kernel: OuterKernel
     numbers: PhaseNumbers
 
 
@@ -104,7 +106,8 @@ class IntoWind:
         ----------
         flight : Flight
             Its nose turns where it hovers, if a goto's heading is the wind; in a landing, if that
-            one's is, above half of the height at which its last part begins.
+            one's is, above half of the height at which its last part begins. Not where its
+            position is about to be lost: the lean of a heading is learnt before.
         now_ns : int
             Stamp of the law's last step, ns.
         nav, state : arrays
@@ -119,7 +122,8 @@ class IntoWind:
         if phase in (Phase.HALTING, Phase.DESCENDING):
             high = ground_down_m - nav[NAV.pos][2] > 0.5 * n.slow_below_m
             wanted = n.land_heading == WIND and high
-        if fresh or not wanted or way is None or not flyable(nav):
+        known = flyable(nav) and well_known(nav, flight.kernel, state)
+        if fresh or not wanted or way is None or not known:
             self.rest(now_ns)
             return way
         angle = self.turn(now_ns, push_right(state[MEMORY.disturbance], nav))

@@ -16,7 +16,6 @@ from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.ticks import TICKS_PER_S
 from heli_math.trajectory import Trajectory
-from heli_modes.table import Phase
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_MODE, FACT_OFFSET, Level
 from heli_msgs_bridge.lockstep import Demand
@@ -45,6 +44,7 @@ from heli_outer_pd.position_law import (
 from heli_outer_pd.reference import moved, offset_to
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 from heli_outer_pd.script import script_of
+from heli_outer_pd.sight import plight, told
 from heli_sticks.mapping import StickMap
 
 _COMMANDERS_PERIOD_S = 1.0
@@ -52,7 +52,6 @@ _COMMANDS = (topics.REFERENCE, topics.GOTO, topics.COMMAND_POSE)
 _UNHEARD = topics.BY_NAME[topics.REFERENCE].kept
 """References of its own that may be under way to itself."""
 _WAITS = "waits for navigation: the trim is commanded"
-_HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
 Judged = tuple[tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits], StickMap]
 """What a change of parameters makes of the node."""
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
@@ -342,11 +341,11 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def _tell(self, code: int) -> None:
         status, core = OuterStatus(code), self.core
-        level, message, phase = Level.OK, status.sentence, self.run.phases.phase
-        if status == OuterStatus.OK and phase.mode not in _HOLDING:
-            message = phase.mode if phase.mode == phase else f"{phase.mode}: {phase}"
+        message, phases = status.sentence, self.run.phases
         if status == OuterStatus.OK:
             self.run.engaged = True
+            level = Level.WARN if phases.lost else Level.OK
+            message = plight(phases.phase) if phases.lost else told(phases.phase, message)
         elif status == OuterStatus.BAD_NAVIGATION and not self.run.engaged:
             level, message = Level.WARN, _WAITS
         else:

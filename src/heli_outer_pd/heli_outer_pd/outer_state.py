@@ -11,7 +11,7 @@ from heli_outer_pd.thrust_map import RotorMap
 
 
 class Memory(NamedTuple):
-    """State of the law (33,)."""
+    """State of the law (40,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -32,13 +32,21 @@ class Memory(NamedTuple):
     hand_col: int = 27  # by hand: collective
     fade: slice = slice(28, 32)  # left of the last command of who flew before, a SetpointRow
     takes_over: int = 32  # 1.0: the next step goes on from the last command
-    size: int = 33
+    sight: int = 33  # one of KNOWN, LOST, FOUND
+    rest: slice = slice(34, 36)  # mean disturbance at rest, NED, m/s2
+    rested_s: int = 36  # over so long
+    rest_psi: int = 37  # with the nose there, rad
+    sigma: int = 38  # of the horizontal velocity at the last step, m/s
+    lands: int = 39  # 1.0 while it comes down to land
+    size: int = 40
 
 
 MEMORY = Memory()
 FLIES, STANDS, LEAVES, STEERED, BY_HAND, LOW_BY_HAND = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 """Along the reference; on the skids, the law not engaged; lifting off, engaged without estimating;
 attitude, climb and turn by a pilot's sticks; actuators by them; the same near the ground."""
+KNOWN, LOST, FOUND = 0.0, 1.0, 2.0
+"""The horizontal position is known; is not; is again, and a reference from there is awaited."""
 
 
 class OuterStatus(enum.IntEnum):
@@ -85,12 +93,13 @@ class OuterKernel(NamedTuple):
     attitude_lag: np.ndarray  # (2,) s, forward and right: time constants of the attitude loop
     attitude_lead: np.ndarray  # (2,) s, forward and right: lead of the commanded acceleration
     lead_filter_s: float
+    blind_sigma: float  # m/s, of the horizontal velocity: with more its position is not known
     dt_s: float
     sweep: SweepKernel
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (18,) of a law that is not engaged yet; its last command is the trim."""
+    """State (40,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state

@@ -111,6 +111,9 @@ TABLE: tuple[Parameter, ...] = (
          lower=0.0, upper=50.0),
     _row("land.heading", "string", "Heading in a landing: turn into the wind before the last "
          "part, or as it is", choices=(WIND, FIXED)),
+    _row("land.blind_sigma_mps", "double", "The navigation's standard deviation of the horizontal "
+         "velocity with which the position counts as lost: a landing goes on level, without it",
+         "m/s", lower=0.2, upper=10.0),
     *STICK_ROWS,
     *SCRIPT_ROWS,
     _row("attitude_lead.lead_s", "double[]",

@@ -22,10 +22,11 @@ from heli_outer_pd.disturbance import flyable, hover_share
 from heli_outer_pd.goto import WIND, Goto
 from heli_outer_pd.into_wind import IntoWind
 from heli_outer_pd.orders import Orders
-from heli_outer_pd.outer_state import FLIES, LEAVES, MEMORY, STANDS, OuterKernel
+from heli_outer_pd.outer_state import FLIES, KNOWN, LEAVES, MEMORY, STANDS, OuterKernel
 from heli_outer_pd.phase_ways import PhaseNumbers, way_down, way_here, way_up
 from heli_outer_pd.reference_limits import ReferenceLimits
 from heli_outer_pd.script import Scripted
+from heli_outer_pd.sight import seen
 from heli_outer_pd.stick_flight import RISES_MPS, Now, StickFlight
 
 Array = NDArray[np.float64]
@@ -103,10 +104,15 @@ class Phases:
         """True from hover's thrust on until it climbs."""
         return bool(self._state[MEMORY.ground] == LEAVES)
 
+    @property
+    def lost(self) -> bool:
+        """True while the horizontal position is not known, or not yet flown by again."""
+        return bool(self._state[MEMORY.sight] != KNOWN)
+
     def is_watched(self) -> bool:
         """True where something may follow after any step, without a command."""
         rests = self.phase in (Phase.STANDING, Phase.HOVER) and self.goto.heading != WIND
-        return not rests or self.way is None
+        return not rests or self.way is None or self.lost
 
     def next_order_ns(self) -> int | None:
         """Stamp at which something is due that was ordered before the flight; None for nothing."""
@@ -224,7 +230,8 @@ class Phases:
         """Guards that do not hold at a stamp and navigation row."""
         k, fails = self.kernel, self.sticks.fails(now_ns, self.numbers.sticks)
         if not flyable(nav) or self.way is None:
-            return fails | {Guard.NAVIGATION}
+            return fails | {Guard.NAVIGATION, Guard.LEVEL}
+        fails |= {Guard.NAVIGATION} if self.lost else set()
         tilt = float(np.abs(lean(nav, k)).max())
         if tilt > self.numbers.lean_max_rad:
             fails.add(Guard.UPRIGHT)
@@ -254,7 +261,9 @@ class Phases:
     def _fact(self, now_ns: int, nav: Array, out: Array) -> Fact | None:
         """What is so now of what the present phase waits for."""
         if not flyable(nav):
-            return Fact.BLIND
+            return Fact.BLIND if self.phase.on_ground else None
+        if (sight := seen(self.phase, self._state, self._is_low(nav))) is not None:
+            return sight
         match self.phase:
             case Phase.SPOOLING:
                 spooled = now_ns - self._since_ns >= self.numbers.spool_up_ns
@@ -333,8 +342,8 @@ class Phases:
                 self._steer(now_ns, nav)
             return
         assert self.way is not None  # a guard, or the phases before, have seen to it
-        before = self.way
-        if steered and not self.stands:
+        before, found = self.way, event == Fact.FOUND
+        if found or (steered and not self.stands):
             before = self.sticks.leave(self.phase, self._at(now_ns, nav))
         ramp = abs(n.idle_collective - self.kernel.trim[SETPOINT.col])
         match phase:
@@ -344,7 +353,7 @@ class Phases:
             case Phase.CLIMBING:
                 self.way = way_up(n, nav, now_ns, self._start_ns)
                 self._state[MEMORY.ground] = LEAVES
-            case Phase.HALTING | Phase.HOVER if steered or isinstance(event, Command):
+            case Phase.HALTING | Phase.HOVER if steered or event != Fact.ARRIVED:
                 self.way = self.goto.halt(before, now_ns)
             case Phase.VELOCITY:
                 vel, rate = goal or (np.zeros(3), 0.0)
@@ -364,14 +373,17 @@ class Phases:
                 self.way = self.goto.judged(before, now_ns, *goal, self.fence, self.home_ned_m)
             case Phase.STANDING if steered:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
-        if steered and phase != Phase.STANDING:
+        if found or (steered and phase != Phase.STANDING):
             self.sticks.hand_over(FLIES)
+        if found:
+            self._state[MEMORY.sight] = KNOWN
         self._now(phase, now_ns)
 
     def _now(self, phase: Phase, now_ns: int) -> None:
         if phase != self.phase or phase not in _RENEWED:
             self.history.append((now_ns, phase))
         self.phase, self._since_ns = phase, now_ns
+        self._state[MEMORY.lands] = float(phase in (Phase.HALTING, Phase.DESCENDING))
 
     def _steer(self, now_ns: int, nav: Array) -> None:
         """What the law's next step gets of the sticks."""

@@ -40,6 +40,7 @@ from heli_outer_pd.hand_law import by_hand, take_over
 from heli_outer_pd.outer_state import (
     BY_HAND,
     FLIES,
+    KNOWN,
     LEAVES,
     MEMORY,
     STANDS,
@@ -49,6 +50,7 @@ from heli_outer_pd.outer_state import (
     initial_state,
 )
 from heli_outer_pd.reference import shaped_reference_at
+from heli_outer_pd.sight import hold_lean, look, remember_lean
 from heli_outer_pd.thrust_map import collective_for_thrust
 
 __all__ = [
@@ -100,6 +102,8 @@ def _stand(nav, ref, k, state, out):
         share = min(max(2.0 * hover_share(col, k) - 1.0, 0.0), 1.0)
         slip = np.empty(3)
         to_heading(nav[NAV.vel], math.cos(psi), math.sin(psi), slip)
+        if state[MEMORY.sight] != KNOWN:
+            slip[:] = 0.0
         phi += share * (k.trim[SETPOINT.phi] + tilt_for(-k.K_D[1] * slip[1], k) - phi)
         theta += share * (k.trim[SETPOINT.theta] - tilt_for(-k.K_D[0] * slip[0], k) - theta)
         psi += share * wrap_pi(ref[SHAPED.psi] - psi)
@@ -170,12 +174,13 @@ def position_law(nav, ref, k, state, out):
     Parameters
     ----------
     nav : (>= 10,) ndarray
-        Navigation row; position, velocity and attitude are used.
+        Navigation row; position, velocity and attitude are used, and sigma of the velocity, if it
+        is there.
     ref : (10,) ndarray
-        Shaped reference, places of `heli_math.rows.SHAPED`.
+        Shaped reference, places of `heli_math.rows.SHAPED`; changed where no position is known.
     k : OuterKernel
         Gains and limits.
-    state : (33,) ndarray
+    state : (40,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.
@@ -196,6 +201,10 @@ def position_law(nav, ref, k, state, out):
     c, s = math.cos(psi), math.sin(psi)
     d_h = np.zeros(3)
     estimate(nav, phi, theta, c, s, k, state, d_h)
+    if state[MEMORY.sight] == KNOWN:
+        remember_lean(nav, psi, k, state)
+    else:
+        hold_lean(nav, ref, c, s, state, d_h)
     _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), k, state, out)
     for i in range(SETPOINT.size):
         last[i] = out[i]
@@ -229,6 +238,8 @@ def _steered(nav, ref, k, state, out):
 def follow(nav, time_ns, times_ns, points, k, state, out):
     """One step of the outer loop along a trajectory: shaped reference, then `position_law`.
 
+    A step that finds its position again repeats the last command: the reference is elsewhere.
+
     Parameters
     ----------
     nav, k, state, out
@@ -245,10 +256,13 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     """
     ref = np.empty(SHAPED.size)
     shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
-    ground = state[MEMORY.ground]
+    ground, found = state[MEMORY.ground], look(nav, k, state)
     if ground == STANDS:
         return _stand(nav, ref, k, state, out)
     before = state[MEMORY.command].copy()
+    if found:
+        out[:] = before
+        return _OK
     if ground >= BY_HAND:
         code = by_hand(nav, k, state, out)
     elif ground == STEERED:

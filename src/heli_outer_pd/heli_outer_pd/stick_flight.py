@@ -16,7 +16,7 @@ from heli_modes.table import Command, Fact, Guard, Phase
 from heli_outer_pd.anchor import GLIMPSE_NS, Flown, anchored, flown_now, glimpse, led_now
 from heli_outer_pd.contact import TouchDown
 from heli_outer_pd.disturbance import flyable, hover_share
-from heli_outer_pd.outer_state import BY_HAND, LOW_BY_HAND, MEMORY, STEERED, OuterKernel
+from heli_outer_pd.outer_state import BY_HAND, LOST, LOW_BY_HAND, MEMORY, STEERED, OuterKernel
 from heli_outer_pd.reference_limits import ReferenceLimits
 from heli_outer_pd.steering import Steering, StickNumbers
 
@@ -155,8 +155,13 @@ class StickFlight:
         self._state[MEMORY.ground], self._state[MEMORY.takes_over] = code, 1.0
 
     def flown(self, phase: Phase, now: Now) -> Flown:
-        """How it moves: vertical and heading as steered in mode attitude, else as measured."""
+        """How it moves: vertical and heading as steered in mode attitude, else as measured.
+
+        While the position is lost it counts as at rest: what is not known is not braked.
+        """
         flown = flown_now(now.nav, now.k, self._state)
+        if self._state[MEMORY.sight] == LOST:
+            flown.ned[1:, :2] = 0.0
         if phase == Phase.ATTITUDE:
             down, psi = self.steering.down, self.steering.psi
             flown.ned[:, 2] = down.pos[0], down.vel[0], down.acc[0]

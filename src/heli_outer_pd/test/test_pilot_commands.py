@@ -38,7 +38,7 @@ class Pilot:
 
     def __init__(self, outer, position=HOVER):
         self.outer, self.node, self.tick = outer, outer.node, 0
-        self.position = position
+        self.position, self.sigma_mps = position, 0.0
         outer.fly()
         self.fly(9)
 
@@ -46,6 +46,7 @@ class Pilot:
         for _ in range(ticks):
             nav = np.zeros(CHANNELS[topics.ODOM].size)
             nav[NAV.pos], nav[NAV.quat] = self.position, [1.0, 0.0, 0.0, 0.0]
+            nav[NAV.sigma_vel] = self.sigma_mps
             self.outer.send(topics.ODOM, self.tick, nav)
             self.tick += 1
 
@@ -396,3 +397,22 @@ def test_keys_press_the_buttons_of_the_packaged_layout():
     commands = {"t": "takeoff", "l": "land", "h": "hold", "v": "velocity", "f": "attitude"}
     commands |= {"m": "manual"}
     assert {key: PACKAGED.buttons[name] for key, name in commands.items()} == BUTTONS
+
+
+def test_a_landing_is_obeyed_without_a_position_and_says_how(flying):
+    flying.sigma_mps = 1.0
+    flying.fly(8)
+    health = flying.node.health
+    assert health.level == Level.WARN
+    assert health.message == (
+        "position lost: level at its altitude, no place is held; land, or take the sticks"
+    )
+    reason = "hold: not in hover now: there is no position estimate; allowed: land"
+    assert flying.ask("hold").startswith(reason)
+    flying.pose((3.0, 0.0, 10.0))
+    assert "there is no position estimate" in flying.node.core.refused[topics.COMMAND_POSE]
+    assert "there is no position estimate" in flying.set_mode("hold")
+    said = "position lost: level descent on the barometer, no place is held"
+    assert flying.ask("land") == f"land: {said}"
+    flying.fly(8)
+    assert (flying.node.health.level, flying.node.health.message) == (Level.WARN, said)

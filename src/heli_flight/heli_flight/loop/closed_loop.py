@@ -114,6 +114,8 @@ def _replace_by_truth(truth, nav):
 def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, track):
     """Fly n_ticks from first_tick; returns (ticks flown, plant status).
 
+    It ends early where the law has lost its position or found it again.
+
     Parameters
     ----------
     loop : Loop
@@ -142,6 +144,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
             move(points, offset_to(nav[NAV.pos], tick * TICK_NS, times_ns, points))
             loop.anchor[0], loop.anchor[1] = 0, tick
         reference_at(tick * TICK_NS, times_ns, points, reference)
+        sight = loop.outer_s[outer.MEMORY.sight]
         if tick % loop.period_ticks == 0:
             outer.follow(
                 nav, tick * TICK_NS, times_ns, points, loop.outer_k, loop.outer_s, setpoint
@@ -167,6 +170,8 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
         if status != 0:
             return i + 1, status
         plant.advance(loop.plant_s, u, loop.plant_k)
+        if loop.outer_s[outer.MEMORY.sight] != sight:
+            return i + 1, 0
     return n_ticks, 0
 
 
@@ -270,19 +275,19 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     streams = noise.NoiseStreams(settings.seed)
     reference = settings.scenario.reference
     times_ns, points = reference.times_ns, reference.points.copy()
-    phases = _phases(loop, settings, Trajectory(0, times_ns, points))
+    phases, scripted = _phases(loop, settings, Trajectory(0, times_ns, points))
     setpoint = loop.outer_k.trim.copy()
     setpoint[SETPOINT.psi] = reference.points[0, REFERENCE.psi]
     u = np.append(loop.inner_k.u_trim, setpoint[SETPOINT.col])
-    tick, status = 0, 0
+    tick, status, rows = 0, 0, streams.rows(0)
     while tick < n and status == 0:
-        count = min(_CHUNK_TICKS if phases is None else _unasked(phases, tick, loop), n - tick)
-        flown, status = fly(
-            loop, tick, count, streams.rows(count), times_ns, points, setpoint, u, track
-        )
-        tick += flown
+        asked = scripted or phases.lost
+        count = min(_unasked(phases, tick, loop) if asked else _CHUNK_TICKS, n - tick)
+        rows = np.concatenate((rows, streams.rows(max(count - len(rows), 0))))
+        flown, status = fly(loop, tick, count, rows[:count], times_ns, points, setpoint, u, track)
+        tick, rows = tick + flown, rows[flown:]
         last = tick - 1
-        if phases is not None and status == 0 and last % loop.period_ticks == 0:
+        if (asked or phases.lost) and status == 0 and last % loop.period_ticks == 0:
             if phases.after(last * TICK_NS, track.nav[last], setpoint) and phases.way is not None:
                 times_ns, points = phases.way.times_ns, phases.way.points
         if progress is not None:
@@ -290,22 +295,20 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     for before in range(loop.anchor[1]):
         reference_at(before * TICK_NS, times_ns, points, track.reference[before])
     named = plant.PlantStatus(status)
-    record = replace(_as_record(track, tick), mode=None if phases is None else _modes(phases, tick))
+    record = replace(_as_record(track, tick), mode=_modes(phases, tick) if scripted else None)
     return Flight(record, named, "" if status == 0 else named.sentence)
 
 
-def _phases(loop: Loop, settings: Settings, given: Trajectory) -> Phases | None:
-    """What flies phases of its own, None for a flight that follows its reference throughout."""
+def _phases(loop: Loop, settings: Settings, given: Trajectory) -> tuple[Phases, bool]:
+    """Phases of a flight, and whether it has any but that it follows its reference throughout."""
     p = settings.nodes["outer_loop"]
     numbers, orders = PhaseNumbers.from_parameters(p), script_of(p)
-    if not numbers.on_ground and not orders:
-        return None
     fence, goto = ReferenceLimits.from_parameters(p), Goto.from_parameters(p)
     phases = Phases(numbers, goto, loop.outer_k, loop.outer_s, fence, orders)
     if not numbers.on_ground:
         phases.follow(given, 0)
         phases.home_ned_m = given.points[0, REFERENCE.pos].copy()
-    return phases
+    return phases, numbers.on_ground or bool(orders)
 
 
 def _modes(phases: Phases, n: int) -> np.ndarray:

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the horizontal position is known, and what is flown while it is not.
+
+Judged by the navigation's own standard deviation of the horizontal velocity. While it is too large
+nothing is fed back horizontally: the attitude is that of hover with the lean that the wind took
+while the aircraft was at rest, and what the reference itself accelerates. Vertical and heading go
+on as before; barometer, inertial sensors and magnetometer serve them.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_math.jit import njit
+from heli_math.rotations import wrap_pi
+from heli_math.rows import NAV, SHAPED
+from heli_modes.machine import decide
+from heli_modes.table import LANDING, STEERED, Fact, Phase
+from heli_outer_pd.disturbance import to_heading
+from heli_outer_pd.outer_state import FLIES, FOUND, KNOWN, LEAVES, LOST, MEMORY
+
+_HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
+_AGAIN, _DOUBT = 0.5, 0.2
+"""Known again with so much of the limit; a position that is better known jumps by little."""
+_REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
+"""At rest is slower than the first; the disturbance there is averaged over the second."""
+
+
+def seen(phase: Phase, state: NDArray[np.float64], low: bool) -> Fact | None:
+    """Position lost; or found again, unless the ground is too near (`low`) to begin anew.
+
+    None where that means nothing in a phase.
+    """
+    fact = None
+    if state[MEMORY.sight] == LOST:
+        fact = Fact.BLIND
+    elif state[MEMORY.sight] == FOUND and not low:
+        fact = Fact.FOUND
+    return fact if fact is not None and decide(phase, fact) is not None else None
+
+
+def told(phase: Phase, held: str) -> str:
+    """What is flown in a phase while the position is known; `held` where one is held."""
+    if phase.mode in _HOLDING:
+        return held
+    return phase.mode if phase.mode == phase else f"{phase.mode}: {phase}"
+
+
+def plight(phase: Phase) -> str:
+    """What is flown in a phase while the position is lost, in a sentence."""
+    if phase in LANDING:
+        return "position lost: level descent on the barometer, no place is held"
+    if phase.on_ground or phase in STEERED:
+        return f"position lost: {phase.mode}"
+    return "position lost: level at its altitude, no place is held; land, or take the sticks"
+
+
+@njit
+def sigma_of_speed(nav):
+    """The larger standard deviation of the horizontal velocity, m/s; 0 where none is said."""
+    most = 0.0
+    for sigma in nav[NAV.sigma_vel][:2]:
+        if sigma > most:
+            most = sigma
+    return most
+
+
+@njit
+def well_known(nav, k, state):
+    """Whether the position is known so well that it would count as found again."""
+    return state[MEMORY.sight] == KNOWN and sigma_of_speed(nav) <= _AGAIN * k.blind_sigma
+
+
+@njit
+def look(nav, k, state):
+    """Bring what is known up to a navigation row; True at the step at which fixes have come back.
+
+    What flies along a reference waits for another one that begins where the aircraft is: FOUND.
+    """
+    sigma, before, last = sigma_of_speed(nav), state[MEMORY.sight], state[MEMORY.sigma]
+    along = state[MEMORY.ground] == FLIES or state[MEMORY.ground] == LEAVES
+    state[MEMORY.sigma] = sigma
+    if sigma > k.blind_sigma:
+        state[MEMORY.sight] = LOST
+        if along and before == KNOWN:
+            state[MEMORY.takes_over] = 1.0
+        return False
+    again = before != KNOWN and sigma < _AGAIN * k.blind_sigma
+    # A landing that nearly lost it is as far off when the fixes come back.
+    fell = last > _DOUBT * k.blind_sigma and sigma < _AGAIN * last
+    again = again or (before == KNOWN and fell and state[MEMORY.lands] > 0.5)
+    if not again or math.isnan(nav[NAV.down_vel]):
+        return False
+    state[MEMORY.sight] = FOUND if along else KNOWN
+    if not along or before == FOUND:
+        return False
+    state[MEMORY.takes_over] = 1.0
+    return True
+
+
+@njit
+def remember_lean(nav, psi, k, state):
+    """Average the disturbance while the aircraft is at rest; anew where its nose has turned.
+
+    The side is larger than the front, so what pushes has turned with it.
+    """
+    north, east = nav[NAV.vel][0], nav[NAV.vel][1]
+    if state[MEMORY.ground] == LEAVES or math.hypot(north, east) > _REST_MPS:
+        return
+    if abs(wrap_pi(psi - state[MEMORY.rest_psi])) > _TURNED_RAD:
+        state[MEMORY.rested_s], state[MEMORY.rest_psi] = 0.0, psi
+    state[MEMORY.rested_s] = min(state[MEMORY.rested_s] + k.dt_s, _MEAN_S)
+    mean, disturbance = state[MEMORY.rest], state[MEMORY.disturbance]
+    for i in range(2):
+        mean[i] += k.dt_s / state[MEMORY.rested_s] * (disturbance[i] - mean[i])
+
+
+@njit
+def hold_lean(nav, ref, c, s, state, d_h):
+    """Fly on by what is remembered: reference (10,) and disturbance d_h (3,), horizontally.
+
+    The estimate is held, too, and takes the navigation's velocity as it comes, so that a correction
+    of it is no gust. c, s are of the heading.
+    """
+    for i in range(2):
+        ref[SHAPED.pos][i], ref[SHAPED.vel][i] = nav[NAV.pos][i], nav[NAV.vel][i]
+        state[MEMORY.vel][i] = nav[NAV.vel][i]
+        state[MEMORY.disturbance][i] = state[MEMORY.rest][i]
+    down = d_h[2]
+    to_heading(state[MEMORY.disturbance], c, s, d_h)
+    d_h[2] = down

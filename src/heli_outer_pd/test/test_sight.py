@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Position lost and found again: what is commanded, what is learnt before, what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+from heli_guidance.flight_path import FlightPath
+from heli_math.rotations import quat_from_euler
+from heli_math.rows import NAV, REFERENCE, SETPOINT
+from heli_math.ticks import NS_PER_S
+from heli_math.trajectory import Trajectory
+from heli_modes import Command, Fact, Phase, Refusal
+from heli_outer_pd import config, position_law
+from heli_outer_pd.goto import Goto
+from heli_outer_pd.node import OuterLoopNode
+from heli_outer_pd.outer_state import FOUND, KNOWN, LOST, STEERED
+from heli_outer_pd.phase_ways import PhaseNumbers
+from heli_outer_pd.phases import Phases
+from heli_outer_pd.position_law import MEMORY, follow
+from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.sight import plight, seen, sigma_of_speed
+
+VALUES = OuterLoopNode.SPEC.resolve()
+LIMIT = VALUES["land.blind_sigma_mps"]
+STEP_NS = NS_PER_S // 25
+WIND_NED = np.array([0.3, -1.2, 0.0])  # what pushes, m/s2
+
+
+class Flight:
+    """The law and its phases, of an aircraft that hovers at rest, leaning against the wind.
+
+    Its altitude is that of the reference, and `off_m` below.
+    """
+
+    def __init__(self, way=None, psi=0.4, **changes):
+        values = VALUES | changes
+        self.k = config.outer_kernel(values)
+        self.state = position_law.initial_state(self.k)
+        self.phases = Phases(
+            PhaseNumbers.from_parameters(values),
+            Goto.from_parameters(values),
+            self.k,
+            self.state,
+            ReferenceLimits.from_parameters(values),
+        )
+        self.phases.follow(way or Trajectory.hover(np.array([0.0, 0.0, -10.0]), psi), 0)
+        self.now_ns, self.out, self.nav = 0, self.k.trim.copy(), np.zeros(NAV.size)
+        self.off_m, self.psi = 0.0, psi
+        c, s = math.cos(psi), math.sin(psi)
+        forward, right = c * WIND_NED[0] + s * WIND_NED[1], -s * WIND_NED[0] + c * WIND_NED[1]
+        self.lean = np.array(
+            [
+                self.k.trim[SETPOINT.phi] + math.atan(-right / self.k.g),
+                self.k.trim[SETPOINT.theta] - math.atan(-forward / self.k.g),
+            ]
+        )
+        self.nav[NAV.quat] = quat_from_euler(*self.lean, psi)
+
+    def step(self, sigma=0.02):
+        """One step of the law; its command before and after."""
+        self.nav[NAV.sigma_vel] = sigma, 0.5 * sigma, 0.01
+        before, way = self.out.copy(), self.phases.way
+        row = way.at(self.now_ns)
+        self.nav[NAV.pos][2], self.nav[NAV.down_vel] = row[2] + self.off_m, row[REFERENCE.down_vel]
+        code = follow(self.nav, self.now_ns - way.start_ns, way.times_ns, way.points, self.k,
+                      self.state, self.out)  # fmt: skip
+        assert code == 0
+        self.phases.after(self.now_ns, self.nav, self.out)
+        self.now_ns += STEP_NS
+        return before, self.out.copy()
+
+    def ask(self, command, goal=None):
+        return self.phases.command(command, self.now_ns, self.nav, goal)
+
+
+def hovering(**changes):
+    flight = Flight(**changes)
+    for _ in range(15 * 25):
+        flight.step()
+    return flight
+
+
+def test_the_lean_that_the_wind_took_is_learnt_at_rest():
+    flight = hovering()
+    np.testing.assert_allclose(flight.state[MEMORY.rest], WIND_NED[:2], atol=1e-6)
+    flight.nav[NAV.vel] = 1.5, 0.0, 0.0
+    flight.step()
+    before = flight.state[MEMORY.rest].copy()
+    flight.step()
+    np.testing.assert_array_equal(flight.state[MEMORY.rest], before)
+
+
+def test_another_heading_learns_anew():
+    """What pushed the side pushes the front: the mean begins with what is pushed now."""
+    flight = hovering()
+    flight.nav[NAV.quat] = quat_from_euler(*flight.k.trim[: SETPOINT.psi], flight.psi + 1.0)
+    flight.state[MEMORY.disturbance] = 0.0
+    flight.step()
+    assert flight.state[MEMORY.rested_s] == pytest.approx(flight.k.dt_s)
+    assert np.abs(flight.state[MEMORY.rest]).max() < 0.2
+
+
+def test_it_goes_blind_without_a_step_and_holds_lean_heading_and_altitude():
+    """Wherever the navigation drifts to; the vertical is flown as before."""
+    flight = hovering()
+    # Just before, it answers an error of 1 m and 0.4 m/s.
+    flight.nav[NAV.pos][:2], flight.nav[NAV.vel][:2] = (1.0, -0.5), (0.4, 0.2)
+    for _ in range(3):
+        flight.step()
+    assert np.degrees(np.abs(flight.out[:2] - flight.lean)).max() > 5.0
+    before, after = flight.step(1.01 * LIMIT)
+    assert flight.state[MEMORY.sight] == LOST and flight.phases.lost
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    for second in range(5):
+        flight.nav[NAV.pos][:2] += (4.0, -3.0)
+        flight.nav[NAV.vel][:2] = 0.5 * second, -second
+        for _ in range(25):
+            _, after = flight.step(1.5 * LIMIT)
+    np.testing.assert_allclose(after[:2], flight.lean, atol=1e-3)
+    assert after[SETPOINT.psi] == pytest.approx(flight.psi)
+    flight.off_m = 0.5
+    before, after = flight.step(1.5 * LIMIT)
+    assert hover_more(flight, before, after)
+
+
+def hover_more(flight, before, after):
+    return position_law.hover_share(after[SETPOINT.col], flight.k) > 1.05 * (
+        position_law.hover_share(before[SETPOINT.col], flight.k)
+    )
+
+
+def test_a_way_that_is_flown_is_braked_by_what_the_reference_decelerates():
+    """From 3 m/s: the sum of what is commanded beyond the lean takes it to rest."""
+    path = FlightPath(np.array([0.0, 0.0, -10.0]), 0.0, Goto.from_parameters(VALUES).limits)
+    way = path.go_to(np.array([60.0, 0.0, -10.0])).trajectory()
+    flight, at_ns = Flight(way=way, psi=0.0), 10 * NS_PER_S
+    while flight.now_ns < at_ns:
+        row = way.at(flight.now_ns)
+        flight.nav[NAV.pos], flight.nav[NAV.vel] = row[:3], row[3:6]
+        flight.step()
+    flight.state[MEMORY.rest] = WIND_NED[:2]  # its nav has not leaned as it got faster
+    speed = float(flight.nav[NAV.vel][0])
+    assert speed == pytest.approx(3.0, abs=0.1)
+    for _ in range(8 * 25):
+        _, out = flight.step(2.0 * LIMIT)
+        forward = flight.k.g * math.tan(-(out[SETPOINT.theta] - flight.k.trim[SETPOINT.theta]))
+        speed += (forward + WIND_NED[0]) * flight.k.dt_s
+    assert flight.phases.phase == Phase.HOVER
+    assert abs(speed) < 0.5
+
+
+def test_commands_that_need_a_position_are_refused_and_a_landing_is_not():
+    flight = hovering()
+    flight.step(2.0 * LIMIT)
+    for command, goal in (
+        (Command.HOLD, None),
+        (Command.GOTO, (np.array([5.0, 0.0, -10.0]), 0.0)),
+        (Command.VELOCITY, (np.array([1.0, 0.0, 0.0]), 0.0)),
+    ):
+        refused = flight.ask(command, goal)
+        assert isinstance(refused, Refusal)
+        assert "there is no position estimate" in refused.sentence
+    assert flight.ask(Command.LAND) is None
+    for _ in range(5 * 25):
+        flight.step(2.0 * LIMIT)
+    assert flight.phases.phase == Phase.DESCENDING
+    assert "there is no position estimate" in flight.ask(Command.HOLD).sentence
+    for phase in (Phase.HALTING, Phase.DESCENDING):
+        assert plight(phase) == "position lost: level descent on the barometer, no place is held"
+    assert "land, or take the sticks" in plight(Phase.HOVER)
+    assert plight(Phase.ATTITUDE) == "position lost: attitude"
+    with pytest.raises(ReferenceRefused, match="not a number|allowed"):
+        flight.phases.steer(np.full(4, np.nan), 0)
+
+
+@pytest.mark.parametrize(("phase", "command"), [(Phase.HOVER, None), (Phase.HALTING, Command.LAND)])
+def test_what_is_found_again_is_flown_from_where_it_is_without_a_step(phase, command):
+    """The fix moves position, altitude and velocity at once."""
+    flight = hovering()
+    for _ in range(50):
+        flight.step(2.0 * LIMIT)
+    if command is not None:
+        assert flight.ask(command) is None
+        for _ in range(60):
+            flight.step(2.0 * LIMIT)
+        assert flight.phases.phase == Phase.DESCENDING
+    flight.off_m = 0.6
+    flight.nav[NAV.pos][:2] += (12.0, -9.0)
+    flight.nav[NAV.vel][:2] += (1.0, 0.5)
+    before, after = flight.step(0.04 * LIMIT)
+    np.testing.assert_array_equal(before, after)
+    assert flight.phases.phase == phase and not flight.phases.lost
+    way = flight.phases.way.at(flight.now_ns - STEP_NS)
+    np.testing.assert_allclose(way[:2], flight.nav[NAV.pos][:2], atol=0.05)
+    assert way[2] == pytest.approx(flight.nav[NAV.pos][2], abs=0.05)
+    flight.off_m = 0.0
+    before, after = flight.step(0.04 * LIMIT)
+    np.testing.assert_allclose(after, before, atol=1e-9)
+
+
+def test_near_the_ground_it_stays_blind():
+    flight = hovering()
+    flight.step(2.0 * LIMIT)
+    assert flight.ask(Command.LAND) is None
+    for _ in range(60):
+        flight.step(2.0 * LIMIT)
+    flight.off_m = -1.0 - flight.nav[NAV.pos][2]
+    before, after = flight.step(0.04 * LIMIT)
+    np.testing.assert_array_equal(before, after)
+    assert flight.state[MEMORY.sight] == FOUND and flight.phases.lost
+    flight.nav[NAV.vel][:2] = 2.0, 2.0
+    for _ in range(50):
+        _, after = flight.step(0.04 * LIMIT)
+    np.testing.assert_allclose(after[:2], flight.lean, atol=1e-3)
+    assert seen(Phase.DESCENDING, flight.state, low=True) is None
+    assert seen(Phase.DESCENDING, flight.state, low=False) == Fact.FOUND
+    assert seen(Phase.SETTLING, flight.state, low=False) is None
+
+
+def test_a_landing_that_has_nearly_lost_it_begins_anew_and_a_hover_does_not():
+    for command in (None, Command.LAND):
+        flight = hovering()
+        if command is not None:
+            flight.ask(command)
+        for _ in range(60):
+            flight.step(0.8 * LIMIT)
+        assert not flight.phases.lost
+        before, after = flight.step(0.04 * LIMIT)
+        assert (command is None) == (flight.phases.phase == Phase.HOVER)
+        if command is not None:
+            np.testing.assert_array_equal(before, after)
+            assert flight.phases.phase == Phase.HALTING
+
+
+def test_by_the_sticks_nothing_waits_for_a_reference():
+    flight = hovering()
+    flight.state[MEMORY.ground] = STEERED
+    flight.step(2.0 * LIMIT)
+    assert flight.state[MEMORY.sight] == LOST
+    flight.step(0.04 * LIMIT)
+    assert flight.state[MEMORY.sight] == KNOWN
+
+
+def test_a_navigation_that_says_nothing_is_believed():
+    k = config.outer_kernel(VALUES)
+    assert sigma_of_speed(np.zeros(NAV.size)) == 0.0
+    assert sigma_of_speed(np.zeros(10)) == 0.0
+    nav = np.zeros(NAV.size)
+    nav[NAV.sigma_vel] = np.nan
+    assert sigma_of_speed(nav) == 0.0
+    assert k.blind_sigma == LIMIT
