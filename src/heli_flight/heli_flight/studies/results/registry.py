@@ -155,6 +155,14 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "blind_landing",
+        "./heli python scripts/blind_landing_table.py --seeds 1..20",
+        "Landings after the last fix, in two worlds with both receivers.",
+        TWENTY,
+        # Without a place to hold nothing keeps a difference small.
+        MARGIN,
+    ),
+    Producer(
         "sequence",
         "./heli python scripts/sequence_table.py --seeds 1..20",
         "The scenario sequence in two worlds with both receivers: ground, changes of modes.",

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of the aircraft on the ground: touch-downs, and tipping over a skid."""
+"""Tables of the aircraft on the ground: touch-downs, tipping over a skid, blind landings."""
+
+from typing import Any
 
 from heli_flight.studies.results.files import Results
 from heli_flight.studies.results.grid import grid
@@ -67,4 +69,52 @@ def rollover(results: Results) -> str:
         f"{critical}\n\nBank at which nothing rights the aircraft on its right skid, at rest, "
         f"hover's cyclic and pedal, the skid caught.\n\n{saved}\n\nThe same at 0.90 of the weight "
         "from level ground, stick held; the collective is commanded down 40 ms after the tilt."
+    )
+
+
+def blind_landing(results: Results) -> str:
+    """Landings so long after the last fix, world by world and receiver by receiver."""
+    found = results["blind_landing"]
+
+    def cell(value: Any, form: str) -> str:
+        return "–" if value is None else f"{value:{form}}"
+
+    head = [
+        "world, receiver",
+        "landing after, s",
+        "stands",
+        "position lost",
+        "touch-down, m/s",
+        "sideways then, m/s",
+        "drift, m",
+        "skid, m",
+        "tilt from the touch-down on, deg",
+        "step of the set-point, deg",
+        "of the collective",
+    ]
+    rows = []
+    for row in found["rows"]:
+        most, median = row["max"], row["median"]
+        rows.append(
+            [
+                f"{row['world']}, {row['gps']}",
+                f"{row['wait_s']:.0f}",
+                str(row["stands"]),
+                str(row["position_lost"]),
+                cell(most["sink_mps"], ".2f"),
+                f"{cell(median['sideways_mps'], '.1f')} / {cell(most['sideways_mps'], '.1f')}",
+                f"{cell(median['drift_m'], '.0f')} / {cell(most['drift_m'], '.0f')}",
+                cell(most["skid_m"], ".1f"),
+                cell(most["tilt_deg"], ".1f"),
+                cell(most["attitude_deg"], ".2f"),
+                cell(most["collective"], ".4f"),
+            ]
+        )
+    return (
+        f"{grid(head, rows)}\n\nHover at 10 m, the last fix after "
+        f"{found['last_fix_s']:.0f} s, the landing commanded so long after it; truth, "
+        f"{results.seeds('blind_landing')}. Stands, position lost (in the air): of "
+        f"{len(found['seeds'])} flights; largest, sideways and drift since the last fix: median / "
+        "largest; sideways: half a second before it stands; step: of the first command after the "
+        "position was lost. Simulated, the scenario's wind, turbulence on, level ground."
     )
