@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from heli_dynamics_sim.config import PlantConfig
 from heli_flight.loop.ground_figures import Gear, ground_figures
@@ -12,6 +13,7 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import Figures
 from heli_flight.loop.settings import resolve
+from heli_flight.studies.flight import Outcome, print_end
 from heli_math.rotations import quat_from_euler
 from heli_parameters.parameters import ParameterError
 
@@ -73,6 +75,17 @@ def test_what_did_not_happen_is_no_success():
     assert result.exit_code("rtk") == 1
     inside = Result(Figures(ground=ground_figures(record(), gear())), "", 20.0, 1.0)
     assert inside.exit_code("rtk") == 0
+
+
+def test_what_was_missed_on_the_ground_is_named_at_the_end(capsys, tmp_path):
+    """Where nothing of the paper's was outside, nothing of the paper's is said to be."""
+    slid = record()
+    slid = replace(slid, truth_pos_ned_m=slid.truth_pos_ned_m * [1.0, 3.0, 1.0])
+    result = Result(Figures(ground=ground_figures(slid, gear())), "", 20.0, 1.0)
+    print_end(Outcome(resolve("takeoff_land"), result, tmp_path), Console(width=200))
+    assert capsys.readouterr().out.splitlines()[2:] == [
+        "outside the goals on the ground: skid after the touch-down"
+    ]
 
 
 def test_a_flight_that_ends_in_the_air_has_not_landed():

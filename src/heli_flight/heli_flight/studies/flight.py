@@ -198,7 +198,7 @@ def _shown(order: FlightOrder, flight: _Flown, outcome: Outcome, out: Console) -
     print_table(flight.result, outcome.settings, out)
     if order.report:
         _report(flight, outcome, out)
-    _print_end(outcome, out)
+    print_end(outcome, out)
     return outcome
 
 
@@ -314,7 +314,7 @@ def _report(flight: _Flown, outcome: Outcome, out: Console) -> None:
     _say(out)(f"report: {page}")
 
 
-def _print_end(outcome: Outcome, out: Console) -> None:
+def print_end(outcome: Outcome, out: Console) -> None:
     """How fast it was, where it lies, and what was outside."""
     result, say = outcome.result, _say(out)
     factor = result.flown_s / result.wall_s if result.wall_s > 0 else 0.0
@@ -322,8 +322,12 @@ def _print_end(outcome: Outcome, out: Console) -> None:
     say(f"written: {outcome.folder}")
     if outcome.exit_code and not result.lost:
         judged = result.judged(outcome.settings.gps)
-        names = ", ".join(f"{s.metric.label} ({s.source})" for s in judged)
-        say(f"outside the paper's figures: {names}")
+        if judged:
+            names = ", ".join(f"{s.metric.label} ({s.source})" for s in judged)
+            say(f"outside the paper's figures: {names}")
+        missed = [figure.metric.label for figure in result.figures.ground if not figure.inside]
+        if missed:
+            say(f"outside the goals on the ground: {', '.join(missed)}")
 
 
 def _say(out: Console) -> Callable[[str], None]:
