@@ -61,7 +61,10 @@ KNOWN_IN_JAZZY = {
 DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk", "pygame": "pygame-ce"}
 # By pip, into an environment that sees the system's packages (CONTRIBUTING.md): noble has no such
 # package, or, of typer, one that is too old.
-BY_PIP = {"control", "foxglove", "mcap", "plotly", "rosbags", "ruckig", "typer", "zstandard"}
+BY_PIP = {
+    "control", "dask", "distributed", "foxglove", "mcap", "plotly", "pyarrow", "rosbags", "ruckig",
+    "typer", "zstandard",
+}  # fmt: skip
 
 
 def manifest(package):

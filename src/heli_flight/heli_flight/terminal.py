@@ -99,6 +99,50 @@ def _progress(
 
 
 @contextlib.contextmanager
+def long_steps(what: str, total: int, begun: int = 0) -> Iterator[Callable[[int, str], None]]:
+    """Progress on stderr of work of hours: gives a function that takes steps done and a remark.
+
+    With rate and time left; `begun` steps were there before. A bar at a terminal, elsewhere a line
+    at every fifth.
+    """
+    since, told = time.monotonic(), {"remark": ""}
+
+    def said(done: float) -> str:
+        rate = (done - begun) / max(time.monotonic() - since, 1e-9)
+        left_s = (total - done) / rate if rate > 0.0 else math.inf
+        left = f"{left_s / 60.0:.1f} min" if left_s < 7200.0 else f"{left_s / 3600.0:.1f} h"
+        return f"{rate:.1f} per second, {left} left, {told['remark']}"
+
+    def line(done: float) -> str:
+        return f"{what}: {done:.0f} of {total}, {said(done)}"
+
+    out = console(stderr=True)
+    if out.is_terminal:
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        columns = (
+            TextColumn("{task.description}"), BarColumn(),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}, {task.fields[said]}"),
+        )  # fmt: skip
+        with Progress(*columns, console=out) as bar:
+            task = bar.add_task(what, total=total, completed=begun, said="")
+
+            def move(done: int, remark: str) -> None:
+                told["remark"] = remark
+                bar.update(task, completed=done, said=said(done))
+
+            yield move
+        return
+    with _progress(out, what, total, "", 5, line) as plain:
+
+        def tell(done: int, remark: str) -> None:
+            told["remark"] = remark
+            plain(done)
+
+        yield tell
+
+
+@contextlib.contextmanager
 def amount(what: str) -> Iterator[Callable[[int, int], None]]:
     """Progress on stderr of work that may be short: gives a function that takes done and total.
 

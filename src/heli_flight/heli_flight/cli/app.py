@@ -7,15 +7,16 @@ A sub-command imports what it needs when it runs, so that help and completion ar
 
 import os
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from heli_flight.cli.bag import bag
+from heli_flight.cli.campaign import EPILOG as CAMPAIGN_EPILOG
+from heli_flight.cli.campaign import campaign
 from heli_flight.cli.compare import compare
 from heli_flight.cli.graph import graph
 from heli_flight.cli.hover import epilog, hover
@@ -23,18 +24,12 @@ from heli_flight.cli.identify import EPILOG, identify
 from heli_flight.cli.joy import EPILOG as JOY_EPILOG
 from heli_flight.cli.joy import joy
 from heli_flight.cli.options import (
-    EXIT_OF_FLIGHTS,
     Aircraft,
-    AnyGps,
-    Duration,
     Json,
     Laws,
     Params,
     RecordedGps,
     RecordedScenario,
-    ScenarioName,
-    Seeds,
-    World,
 )
 from heli_flight.cli.programs import programs
 from heli_flight.cli.results import results
@@ -57,70 +52,11 @@ app.add_typer(bag, name="bag")
 app.add_typer(graph)
 app.add_typer(programs)
 app.add_typer(results, name="results")
+app.command(epilog=CAMPAIGN_EPILOG)(campaign)
 app.command(epilog=EPILOG)(identify)
 app.command(epilog=JOY_EPILOG)(joy)
 app.command(epilog=epilog("heli hover"))(hover)
 app.command(epilog=SCORE_EPILOG)(score)
-
-
-def _told(progress: Callable[[int], None], first: int, count: int) -> None:
-    progress(first + count)
-
-
-@app.command(
-    epilog="\b\nexample:\n  heli campaign --seeds 1..20 --gps rtk --json > campaign.json\n\n"
-    + EXIT_OF_FLIGHTS
-)
-def campaign(
-    seeds: Seeds = "1..20",
-    scenario: ScenarioName = None,
-    gps: AnyGps = None,
-    world: World = None,
-    laws: Laws = None,
-    duration: Duration = None,
-    params: Params = None,
-    as_json: Json = False,
-) -> int:
-    """Fly a scenario on many seeds in this process: largest value of each metric."""
-    from heli_flight.loop.flight_section import flown, hover_test_world
-    from heli_flight.loop.layers import GPS_PRESETS
-    from heli_flight.loop.result import judged_by
-    from heli_flight.loop.scoring import STRETCHES
-    from heli_flight.loop.settings import resolve
-    from heli_flight.studies import campaign as many
-    from heli_flight.terminal import console, json_text, steps
-
-    numbers, files = many.parse_seeds(seeds), params or []
-    gps = gps or flown(files).get("gps")
-    presets = [gps] if gps else list(GPS_PRESETS)
-    world = hover_test_world(world, scenario, files)
-    settings = {
-        name: resolve(scenario, name, duration_s=duration, params=files, world=world, laws=laws)
-        for name in presets
-    }
-    scenario = settings[presets[0]].scenario_name
-    start, columns, done = time.monotonic(), {}, 0
-    with steps("flights", len(numbers) * len(presets)) as progress:
-        for name in presets:
-            told = partial(_told, progress, done)
-            columns[name] = many.fly_seeds(settings[name], numbers, told)
-            done += len(numbers)
-    code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
-    if as_json:
-        content: dict[str, Any] = {"scenario": scenario, "world": settings[presets[0]].world}
-        content |= {"laws": settings[presets[0]].laws, "seeds": numbers, "exit_code": code}
-        print(json_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
-        return code
-    out, kind = console(), settings[presets[0]].scenario.kind
-    out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
-    for stretch in STRETCHES:
-        out.print(many.table(columns, kind, out, stretch))
-    for name in presets:
-        out.print(f"judged, {name}: {judged_by(settings[name])}", soft_wrap=True)
-    for line in [*settings[presets[0]].remarks, *many.remarks(columns, kind)]:
-        out.print(line, soft_wrap=True, markup=False)
-    out.print(f"{done} flights in {time.monotonic() - start:.1f} s")
-    return code
 
 
 @app.command(

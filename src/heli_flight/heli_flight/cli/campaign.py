@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `heli campaign`: a scenario on many seeds, or a spec with dispersed parameters."""
+
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from heli_flight.cli.options import (
+    EXIT_OF_FLIGHTS,
+    AnyGps,
+    Duration,
+    Json,
+    Laws,
+    Params,
+    ScenarioName,
+    Seeds,
+    World,
+)
+
+EPILOG = (
+    "\b\nexample:\n  heli campaign --seeds 1..20 --gps rtk --json > campaign.json\n"
+    "  heli campaign examples/campaign_small.yaml --out flown\n\n" + EXIT_OF_FLIGHTS
+)
+_DEFAULT_SEEDS = "1..20"
+
+
+def campaign(
+    spec: Annotated[
+        Path | None,
+        typer.Argument(metavar="[SPEC.yaml]", help="dispersed parameters; without: many seeds"),
+    ] = None,
+    seeds: Seeds = _DEFAULT_SEEDS,
+    scenario: ScenarioName = None,
+    gps: AnyGps = None,
+    world: World = None,
+    laws: Laws = None,
+    duration: Duration = None,
+    params: Params = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="of a spec: folder for its rows; must not exist"),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="of a spec: fly what is missing in --out")
+    ] = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="of a spec: processes of this machine (default: its cores; 0: this one)",
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="of a spec: a Dask scheduler, tcp://host:8786"),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Fly a scenario on many seeds, or a spec of dispersed parameters on many processes."""
+    from heli_parameters.parameters import ParameterError
+
+    said = {"--seeds": seeds != _DEFAULT_SEEDS, "--scenario": scenario, "--gps": gps,
+            "--world": world, "--laws": laws, "--duration": duration is not None,
+            "--params": params}  # fmt: skip
+    own = {"--out": out, "--resume": resume, "--workers": workers is not None,
+           "--scheduler": scheduler}  # fmt: skip
+    for names, belongs in ((own, spec is not None), (said, spec is None)):
+        named = next((name for name, value in names.items() if value), None)
+        if named is not None and not belongs:
+            whose = "a spec (heli campaign SPEC.yaml)" if names is own else "a spec's own keys"
+            raise ParameterError(f"{named}: belongs to {whose}")
+    if spec is None:
+        return _many_seeds(seeds, scenario, gps, world, laws, duration, params, as_json)
+    return _spec(spec, out, resume, workers, scheduler, as_json)
+
+
+def _spec(
+    path: Path, out: Path | None, resume: bool, workers: int | None, scheduler: str | None,
+    as_json: bool,
+) -> int:  # fmt: skip
+    """Fly a spec; rows into a folder as they come."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from heli_flight.studies.dispersion.again import write_again
+    from heli_flight.studies.dispersion.cluster import fly_by_dask, fly_here, tasks
+    from heli_flight.studies.dispersion.row import EXIT_CODE
+    from heli_flight.studies.dispersion.spec import spec_of
+    from heli_flight.studies.dispersion.store import Store
+    from heli_flight.studies.dispersion.summary import summary_of
+    from heli_flight.studies.dispersion.words import as_dict, print_summary
+    from heli_flight.terminal import console, json_text, long_steps
+    from heli_parameters.parameters import ParameterError
+
+    if out is None:
+        raise ParameterError("--out: missing; a spec's rows need a folder that does not exist")
+    if scheduler is not None and workers is not None:
+        raise ParameterError("--workers: a scheduler has its own; allowed: one of the two")
+    spec = spec_of(path)
+    store = Store.resume(out, spec) if resume else Store.begin(out, spec, path)
+    done = store.done() if resume else set()
+    todo, cores = tasks(spec, done), len(os.sched_getaffinity(0))
+    flown, failed, begun = len(done), 0, time.monotonic()
+    if todo:
+        many = min(cores if workers is None else workers, len(todo))
+        here = scheduler is None and many == 0
+        coming = fly_here(spec, todo) if here else fly_by_dask(spec, todo, many, scheduler)
+        with long_steps("flights", len(spec.inputs), flown) as progress:
+            for rows in coming:
+                store.put(rows)
+                flown += len(rows)
+                failed += sum(bool(row[EXIT_CODE]) for row in rows)
+                progress(flown, f"{failed} of {flown - len(done)} outside")
+    wall_s = time.monotonic() - begun
+    summary = summary_of(store.table())
+    again = write_again(spec, summary.worst, out / "worst")
+    if as_json:
+        print(json_text(as_dict(spec, summary)), end="")
+    else:
+        print_summary(console(), spec, summary, out, again)
+        rate = (flown - len(done)) / wall_s if wall_s > 0.0 else 0.0
+        console().print(f"{flown - len(done)} flights in {wall_s:.1f} s ({rate:.1f} per second)")
+    return int(summary.failed > 0)
+
+
+def _told(progress: Callable[[int], None], first: int, count: int) -> None:
+    progress(first + count)
+
+
+def _many_seeds(
+    seeds: str, scenario: str | None, gps: str | None, world: str | None, laws: str | None,
+    duration: float | None, params: list[Path] | None, as_json: bool,
+) -> int:  # fmt: skip
+    """A scenario on many seeds in this process: the largest value of each metric."""
+    from heli_flight.loop.flight_section import flown, hover_test_world
+    from heli_flight.loop.layers import GPS_PRESETS
+    from heli_flight.loop.result import judged_by
+    from heli_flight.loop.scoring import STRETCHES
+    from heli_flight.loop.settings import resolve
+    from heli_flight.studies import campaign as many
+    from heli_flight.terminal import console, json_text, steps
+
+    numbers, files = many.parse_seeds(seeds), params or []
+    gps = gps or flown(files).get("gps")
+    presets = [gps] if gps else list(GPS_PRESETS)
+    world = hover_test_world(world, scenario, files)
+    settings = {
+        name: resolve(scenario, name, duration_s=duration, params=files, world=world, laws=laws)
+        for name in presets
+    }
+    scenario = settings[presets[0]].scenario_name
+    start, columns, done = time.monotonic(), {}, 0
+    with steps("flights", len(numbers) * len(presets)) as progress:
+        for name in presets:
+            told = partial(_told, progress, done)
+            columns[name] = many.fly_seeds(settings[name], numbers, told)
+            done += len(numbers)
+    code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
+    if as_json:
+        content: dict[str, Any] = {"scenario": scenario, "world": settings[presets[0]].world}
+        content |= {"laws": settings[presets[0]].laws, "seeds": numbers, "exit_code": code}
+        print(json_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
+        return code
+    out, kind = console(), settings[presets[0]].scenario.kind
+    out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
+    for stretch in STRETCHES:
+        out.print(many.table(columns, kind, out, stretch))
+    for name in presets:
+        out.print(f"judged, {name}: {judged_by(settings[name])}", soft_wrap=True)
+    for line in [*settings[presets[0]].remarks, *many.remarks(columns, kind)]:
+        out.print(line, soft_wrap=True, markup=False)
+    out.print(f"{done} flights in {time.monotonic() - start:.1f} s")
+    return code

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A campaign's folder: its spec, who flies it, and its rows as Parquet, a file per task.
+
+A file appears whole or not at all, so that a killed campaign goes on where it was.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from heli_flight.loop.commit import sources_commit
+from heli_flight.studies.dispersion.row import NUMBER
+from heli_flight.studies.dispersion.spec import Spec
+from heli_parameters.parameters import ParameterError
+
+SPEC_NAME, ABOUT_NAME, ROWS = "spec.yaml", "campaign.json", "rows"
+_PART = "part-{:08d}.parquet"
+
+
+@dataclass(frozen=True)
+class Store:
+    """The folder of a campaign.
+
+    Attributes
+    ----------
+    folder : Path
+    """
+
+    folder: Path
+
+    @classmethod
+    def begin(cls, folder: Path, spec: Spec, file: Path) -> "Store":
+        """A new folder; raises ParameterError if there is one, or none can be made."""
+        if folder.exists():
+            raise ParameterError(f"--out {folder}: exists already; --resume goes on with it")
+        store = cls(folder)
+        try:
+            (folder / ROWS).mkdir(parents=True)
+            shutil.copyfile(file, folder / SPEC_NAME)
+            about = {"spec": spec.identity, "commit": sources_commit(), "flights": len(spec.inputs)}
+            store._write(folder / ABOUT_NAME, json.dumps(about, indent=2).encode())
+        except OSError as error:
+            raise ParameterError(f"--out {folder}: {error.strerror or error}") from None
+        return store
+
+    @classmethod
+    def resume(cls, folder: Path, spec: Spec) -> "Store":
+        """The folder of a campaign that was broken off; ParameterError if it is of another."""
+        try:
+            about = json.loads((folder / ABOUT_NAME).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise ParameterError(f"--out {folder}: holds no campaign: {error}") from None
+        if not isinstance(about, dict) or about.get("spec") != spec.identity:
+            raise ParameterError(
+                f"--out {folder}: holds rows of another spec; allowed: the spec that it was begun "
+                f"with ({folder / SPEC_NAME}), or another folder"
+            )
+        if about.get("commit") != sources_commit():
+            raise ParameterError(
+                f"--out {folder}: begun with the sources of {about.get('commit')}, these are "
+                f"{sources_commit()}; allowed: the same, or another folder"
+            )
+        return cls(folder)
+
+    def done(self) -> set[int]:
+        """Numbers of the flights whose rows are here; a file that cannot be read is taken away."""
+        found: set[int] = set()
+        for part in self._parts():
+            try:
+                found |= set(pq.read_table(part, columns=[NUMBER])[NUMBER].to_pylist())
+            except (pa.ArrowException, OSError):
+                part.unlink()
+        return found
+
+    def put(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Keep the rows of a task.
+
+        Raises
+        ------
+        ParameterError
+            The disk is full, or the folder has gone.
+        """
+        names = dict.fromkeys(name for row in rows for name in row)
+        table = pa.Table.from_pylist([{n: row.get(n) for n in names} for row in rows])
+        sink = pa.BufferOutputStream()
+        pq.write_table(table, sink, compression="zstd")
+        part = self.folder / ROWS / _PART.format(min(row[NUMBER] for row in rows))
+        try:
+            self._write(part, sink.getvalue().to_pybytes())
+        except OSError as error:
+            raise ParameterError(
+                f"{self.folder}: {error.strerror or error}; what was flown stays, --resume goes on"
+            ) from None
+
+    def table(self) -> pa.Table:
+        """All rows, by number; what a flight has no figure for is null."""
+        parts = [pq.read_table(part) for part in self._parts()]
+        if not parts:
+            return pa.table({NUMBER: pa.array([], pa.int64())})
+        whole = pa.concat_tables(parts, promote_options="permissive")
+        return whole.sort_by(NUMBER)
+
+    def _parts(self) -> list[Path]:
+        return sorted((self.folder / ROWS).glob("part-*.parquet"))
+
+    @staticmethod
+    def _write(path: Path, content: bytes) -> None:
+        """Whole or not at all, also if the machine stops."""
+        made = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            with made.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            made.replace(path)
+        finally:
+            made.unlink(missing_ok=True)

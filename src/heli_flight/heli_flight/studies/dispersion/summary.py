@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a campaign has found: causes, how many are outside, quantiles of each figure."""
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from scipy import stats
+
+from heli_flight.studies.dispersion.row import CAUSE, EXIT_CODE, FIGURE, NUMBER, Cause
+
+_CONFIDENCE = 0.95
+QUANTILES = (0.5, 0.95, 0.99, 1.0)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Of a campaign.
+
+    Attributes
+    ----------
+    flights : int
+    causes : dict
+        Cause to number of flights.
+    failed : int
+        Flights lost, refused or outside of what is judged.
+    interval : (float, float)
+        95 % interval of their share (Clopper, Pearson 1934).
+    quantiles : dict
+        Figure to its quantiles (`QUANTILES`) over the flights that ended in the air.
+    worst : list of int
+        Numbers of the flights that failed, at most ten: the lost ones first.
+    """
+
+    flights: int
+    causes: dict[str, int]
+    failed: int
+    interval: tuple[float, float]
+    quantiles: dict[str, list[float]]
+    worst: list[int]
+
+
+def summary_of(table: pa.Table) -> Summary:
+    """Summarise rows as of `Store.table`."""
+    count = table.num_rows
+    if not count:
+        return Summary(0, {}, 0, (0.0, 1.0), {}, [])
+    causes, codes = table[CAUSE].to_pylist(), table[EXIT_CODE].to_pylist()
+    failing = [
+        (cause == Cause.FLOWN, number)
+        for number, cause, code in zip(table[NUMBER].to_pylist(), causes, codes, strict=True)
+        if code
+    ]
+    interval = stats.binomtest(len(failing), count).proportion_ci(_CONFIDENCE, "exact")
+    quantiles = {
+        name.removeprefix(FIGURE): _quantiles(table[name])
+        for name in table.column_names
+        if name.startswith(FIGURE)
+    }
+    return Summary(
+        count,
+        dict(Counter(causes)),
+        len(failing),
+        (float(interval.low), float(interval.high)),
+        quantiles,
+        [number for _, number in sorted(failing)[:10]],
+    )
+
+
+def _quantiles(column: Any) -> list[float]:
+    values = np.array([v for v in column.to_pylist() if v is not None], dtype=float)
+    return [] if not values.size else [float(q) for q in np.quantile(values, QUANTILES)]
