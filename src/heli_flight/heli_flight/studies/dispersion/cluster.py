@@ -2,6 +2,7 @@
 """A campaign's flights on many processes: here, or where a Dask scheduler has its workers."""
 
 import contextlib
+import logging
 import os
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -14,6 +15,7 @@ from heli_parameters.parameters import ParameterError
 
 Rows = list[dict[str, Any]]
 _REACH_S = 10.0
+_SILENT = logging.CRITICAL + 1
 _GONE = "the scheduler is gone; what was flown stays, --resume goes on"
 
 
@@ -102,17 +104,20 @@ def _check_commit(commit: str, where: str) -> None:
 
 @contextlib.contextmanager
 def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
-    import dask
     from distributed import Client, LocalCluster
 
     # The matrices are small: threads of the linear algebra only cost time. The workers inherit it.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    quiet = {"distributed.logging.distributed": "critical", "distributed.admin.tick.limit": "1h"}
-    with dask.config.set(quiet), contextlib.ExitStack() as ends:
+    # What happens to the cluster is said in our own sentences.
+    for name in [*logging.root.manager.loggerDict, "asyncio", "tornado"]:
+        if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
+            logging.getLogger(name).handlers = [logging.NullHandler()]
+            logging.getLogger(name).propagate = False
+    with contextlib.ExitStack() as ends:
         if scheduler is None:
             cluster = LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0",
-                silence_logs=50,
+                silence_logs=_SILENT,
             )  # fmt: skip
             address = ends.enter_context(cluster)
         else:

@@ -87,7 +87,7 @@ class Distribution:
         if self.whole:
             return list(range(self.numbers[0], self.numbers[1] + 1))
         if self.kind == "uniform":
-            return [float(v) for v in np.linspace(*self.numbers, count)]
+            return [float(v) for v in np.linspace(self.numbers[0], self.numbers[1], count)]
         return self.values((np.arange(count) + 0.5) / count)
 
 

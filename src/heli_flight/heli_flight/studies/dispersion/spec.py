@@ -237,7 +237,7 @@ def _numbers(told: Mapping[str, Any]) -> None:
     if own != EACH and (not isinstance(own, int) or isinstance(own, bool) or own < 0):
         raise ParameterError(f"flight_seeds: {own!r}; allowed: {EACH} or an integer from 0 on")
     length = told.get("duration_s")
-    if length is not None and (isinstance(length, bool) or not isinstance(length, (int, float))):
+    if length is not None and not _is_number(length):
         raise ParameterError(f"duration_s: {length!r}; allowed: a number")
 
 
@@ -296,15 +296,18 @@ def _disperse(told: Mapping[str, Any], base: Settings) -> dict[str, Distribution
     return found
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
 def _correlate(
     told: Sequence[Any], disperse: Mapping[str, Distribution]
 ) -> tuple[tuple[str, str, float], ...]:
     found = []
     for one in told:
         good = isinstance(one, list) and len(one) == 3
-        rho = one[2] if good else None
-        number = isinstance(rho, (int, float)) and not isinstance(rho, bool) and math.isfinite(rho)
-        if not good or not number or not -1.0 < rho < 1.0 or one[0] == one[1]:
+        rho = one[2] if good and _is_number(one[2]) else math.nan
+        if not -1.0 < rho < 1.0 or one[0] == one[1]:
             raise ParameterError(
                 f"correlate: {one!r}; allowed: [one name, another one, a number between -1 and 1]"
             )

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli campaign SPEC.yaml`: on a scheduler and workers started by hand, killed on the way."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from heli_flight.cli import app as cli
+from heli_flight.studies.dispersion.row import fly_rows
+from heli_flight.studies.dispersion.spec import spec_of
+from heli_flight.studies.dispersion.store import ROWS, Store
+
+FLIGHTS = 40
+TEXT = f"""flights: {FLIGHTS}
+world: paper
+gps: rtk
+duration_s: 6.0
+chunk: 1
+set: {{scenario.score.windows_s: [2.0, -1.0]}}
+disperse: {{plant.scale.mass: {{uniform: [0.9, 1.1]}}}}
+"""
+HELI = [sys.executable, "-m", "heli_flight.start", "heli"]
+_LIMIT_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("spec") / "spec.yaml"
+    path.write_text(TEXT)
+    return path
+
+
+@pytest.fixture(scope="module")
+def expected(file):
+    spec = spec_of(file)
+    return fly_rows(spec, range(FLIGHTS))
+
+
+@pytest.fixture
+def started():
+    """Processes that end with the test."""
+    running = []
+
+    def start(*words, **options):
+        running.append(subprocess.Popen([*map(str, words)], **options))
+        return running[-1]
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def cluster(started, tmp_path):
+    """A scheduler, its address, and workers, as `dask scheduler` and `dask worker` start them."""
+    told, quiet = tmp_path / "scheduler.json", {"stderr": subprocess.DEVNULL}
+    dask = [sys.executable, "-m", "distributed.cli.dask_"]
+    head = [*dask[:2], f"{dask[2]}scheduler", "--port", 0, "--dashboard-address", ":0"]
+    scheduler = started(*head, "--host", "127.0.0.1", "--scheduler-file", told, **quiet)
+    until(lambda: told.exists() and told.stat().st_size)
+    hand = [*dask[:2], f"{dask[2]}worker", "--scheduler-file", told, "--nthreads", 1, "--no-nanny"]
+    workers = [started(*hand, "--no-dashboard", **quiet) for _ in range(2)]
+    return scheduler, json.loads(told.read_text())["address"], workers
+
+
+def until(true, process=None):
+    end = time.monotonic() + _LIMIT_S
+    while not true():
+        assert time.monotonic() < end
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.02)
+
+
+def rows_in(folder):
+    return list((folder / ROWS).glob("part-*"))
+
+
+def as_rows(table):
+    return [{k: v for k, v in row.items() if v is not None} for row in table.to_pylist()]
+
+
+def begun(started, file, out, *words):
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return started(*HELI, "campaign", file, "--out", out, *words, **pipes)
+
+
+def test_whatever_is_killed_nothing_is_lost_or_flown_twice(
+    cluster, started, file, expected, tmp_path
+):
+    """A worker, then the scheduler, then the campaign itself; the rows are as without all that."""
+    scheduler, address, workers = cluster
+    out = tmp_path / "out"
+    process = begun(started, file, out, "--scheduler", address)
+    until(lambda: rows_in(out), process)
+    workers[0].kill()
+    kept = len(rows_in(out)) + 2
+    until(lambda: len(rows_in(out)) > kept, process)
+    scheduler.kill()
+    _, told = process.communicate(timeout=_LIMIT_S)
+    assert process.returncode == 2 and "the scheduler is gone" in told, told
+    assert "Traceback" not in told
+    first = len(rows_in(out))
+    process = begun(started, file, out, "--resume", "--workers", 0)
+    until(lambda: len(rows_in(out)) > first, process)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=_LIMIT_S)
+    assert process.returncode == 130 and told.strip().endswith("interrupted"), told
+    assert first < len(rows_in(out)) < FLIGHTS
+    process = begun(started, file, out, "--resume", "--workers", 1, "--json")
+    said, told = process.communicate(timeout=_LIMIT_S)
+    assert process.returncode in (0, 1), told
+    assert json.loads(said)["flights"] == FLIGHTS == len(rows_in(out)), "each flight once"
+    assert as_rows(Store(out).table()) == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--scheduler", "tcp://127.0.0.1:1"], "--scheduler tcp://127.0.0.1:1"),
+        (["--scheduler", "nowhere"], "--scheduler nowhere"),
+        (["--seeds", "1..3"], "--seeds: belongs to a spec's own keys"),
+        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "one of the two"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(file, tmp_path, capsys, monkeypatch, words, said):
+    monkeypatch.setattr("heli_flight.studies.dispersion.cluster._REACH_S", 1.0)
+    assert cli.main(["campaign", str(file), "--out", str(tmp_path / "out"), *words]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and said in lines[0]
+
+
+def test_options_of_a_spec_need_one(tmp_path, capsys):
+    assert cli.main(["campaign", "--out", str(tmp_path / "out")]) == 2
+    assert "--out: belongs to a spec" in capsys.readouterr().err
+    assert cli.main(["campaign", str(Path("nowhere.yaml")), "--out", str(tmp_path / "o")]) == 2
+    assert "nowhere.yaml" in capsys.readouterr().err
+
+
+def test_without_a_folder_nothing_flies(file, capsys):
+    assert cli.main(["campaign", str(file)]) == 2
+    assert "--out: missing" in capsys.readouterr().err
