@@ -15,8 +15,7 @@ from typing import Annotated
 import typer
 
 from heli_flight.cli.bag import bag
-from heli_flight.cli.campaign import EPILOG as CAMPAIGN_EPILOG
-from heli_flight.cli.campaign import campaign
+from heli_flight.cli.campaign import campaigns
 from heli_flight.cli.compare import compare
 from heli_flight.cli.graph import graph
 from heli_flight.cli.hover import epilog, hover
@@ -49,10 +48,10 @@ app = typer.Typer(
 )
 app.add_typer(compare, name="compare")
 app.add_typer(bag, name="bag")
+app.add_typer(campaigns, name="campaign")
 app.add_typer(graph)
 app.add_typer(programs)
 app.add_typer(results, name="results")
-app.command(epilog=CAMPAIGN_EPILOG)(campaign)
 app.command(epilog=EPILOG)(identify)
 app.command(epilog=JOY_EPILOG)(joy)
 app.command(epilog=epilog("heli hover"))(hover)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli campaign`: a scenario on many seeds, or a spec with dispersed parameters."""
+"""The command `heli campaign`: a scenario on many seeds, or a spec with dispersed parameters.
+
+Its sub-commands are registered in `app`, each from a file of its own.
+"""
 
 import os
 import time
@@ -10,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+from heli_flight.cli.group import CommandWithWords, sub_commands
 from heli_flight.cli.options import (
     EXIT_OF_FLIGHTS,
     AnyGps,
@@ -28,11 +32,21 @@ EPILOG = (
 )
 _DEFAULT_SEEDS = "1..20"
 
+campaigns = typer.Typer(
+    cls=CommandWithWords, invoke_without_command=True, rich_markup_mode=None, epilog=EPILOG
+)
 
+
+@campaigns.callback()
 def campaign(
+    context: typer.Context,
     spec: Annotated[
         Path | None,
-        typer.Argument(metavar="[SPEC.yaml]", help="dispersed parameters; without: many seeds"),
+        typer.Argument(
+            metavar="SPEC.yaml",
+            help="dispersed parameters; without: many seeds",
+            autocompletion=sub_commands,
+        ),
     ] = None,
     seeds: Seeds = _DEFAULT_SEEDS,
     scenario: ScenarioName = None,
@@ -63,6 +77,8 @@ def campaign(
     as_json: Json = False,
 ) -> int:
     """Fly a scenario on many seeds, or a spec of dispersed parameters on many processes."""
+    if context.invoked_subcommand:
+        return 0
     from heli_parameters.parameters import ParameterError
 
     said = {"--seeds": seeds != _DEFAULT_SEEDS, "--scenario": scenario, "--gps": gps,
