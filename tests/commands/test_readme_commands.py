@@ -40,7 +40,7 @@ SHORTER = {
     "./hover_test.sh": "--duration 4 --no-report",
     "./hover_test.sh --live": "--duration 2 --no-report --live-port 0 --foxglove-port 0",
     "./heli hover": "--duration 4",
-    "./heli campaign": "--seeds 1 --duration 6",
+    "./heli campaign --seeds": "--seeds 1 --duration 6",
     "./heli compare attitude": "--seeds 1 --duration 6",
     "./heli compare robustness": "--n 1 --duration 6",
     "./heli identify": "--one-process",

@@ -31,6 +31,7 @@ CALLED_BY_OTHERS = {
 }  # fmt: skip
 SET_FOR_OTHERS = {
     "unraisablehook": "sys", "CACHE_DIR": "numba.config",
+    "_protected_args": "typer.Context", "handlers": "logging.Logger",
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
     "_context": "keeps Foxglove's context alive",
     **dict.fromkeys(("height_left_m", "distance_left_m", "time_left_s"), "a message"),

@@ -7,7 +7,7 @@ from typing import Annotated
 import pytest
 import typer
 
-from heli_flight.cli.group import CommandWithWords
+from heli_flight.cli.group import SETTINGS, CommandWithWords
 from heli_flight.cli.run import run
 
 said = []
@@ -16,7 +16,7 @@ said = []
 def made():
     """`top fly [SPEC] [--seeds S]`, `top fly report DIR`."""
     top = typer.Typer(rich_markup_mode=None)
-    fly = typer.Typer(cls=CommandWithWords, invoke_without_command=True, rich_markup_mode=None)
+    fly = typer.Typer(cls=CommandWithWords, rich_markup_mode=None, **SETTINGS)
 
     @fly.callback()
     def own(context: typer.Context, spec: Annotated[Path | None, typer.Argument()] = None,

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from heli_flight.cli.group import CommandWithWords, sub_commands
+from heli_flight.cli.group import SETTINGS, CommandWithWords, sub_commands
 from heli_flight.cli.options import (
     EXIT_OF_FLIGHTS,
     AnyGps,
@@ -32,9 +32,7 @@ EPILOG = (
 )
 _DEFAULT_SEEDS = "1..20"
 
-campaigns = typer.Typer(
-    cls=CommandWithWords, invoke_without_command=True, rich_markup_mode=None, epilog=EPILOG
-)
+campaigns = typer.Typer(cls=CommandWithWords, rich_markup_mode=None, epilog=EPILOG, **SETTINGS)
 
 
 @campaigns.callback()

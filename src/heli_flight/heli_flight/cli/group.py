@@ -11,15 +11,18 @@ from typing import Any
 from typer import Context
 from typer.core import TyperGroup
 
+SETTINGS: dict[str, Any] = {
+    "invoke_without_command": True,
+    "context_settings": {"allow_interspersed_args": True, "allow_extra_args": False},
+}
+"""Of the Typer: options may follow arguments, and what is left over is refused."""
+
 
 class CommandWithWords(TyperGroup):
-    """For `Typer(cls=..., invoke_without_command=True)`; its callback is the command.
+    """For `Typer(cls=..., **SETTINGS)`; its callback is the command.
 
     The callback takes a `typer.Context` and returns at once if its `invoked_subcommand` is one.
     """
-
-    allow_interspersed_args = True
-    allow_extra_args = False
 
     def parse_args(self, ctx: Context, args: list[str]) -> list[str]:  # type: ignore[override]
         """Own options and arguments, or none and a sub-command with all that follows."""

@@ -5,8 +5,10 @@ import contextlib
 import logging
 import os
 from collections.abc import Iterator, Sequence
+from multiprocessing import resource_tracker
 from typing import Any
 
+from heli_flight import interrupts
 from heli_flight.errors import FlightError
 from heli_flight.loop.commit import sources_commit
 from heli_flight.studies.dispersion.row import fly_rows, killed
@@ -115,11 +117,16 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
             logging.getLogger(name).propagate = False
     with contextlib.ExitStack() as ends:
         if scheduler is None:
-            cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0",
-                silence_logs=_SILENT,
-            )  # fmt: skip
-            address = ends.enter_context(cluster)
+            # Workers inherit that SIGINT is blocked, those that are started anew, too: Ctrl-C goes
+            # to all processes of a terminal, and this one ends the others. The tracker unblocks it
+            # in the thread that starts it.
+            resource_tracker.ensure_running()
+            with interrupts.held_back():
+                cluster = LocalCluster(
+                    n_workers=workers, threads_per_worker=1, processes=True,
+                    dashboard_address=":0", silence_logs=_SILENT,
+                )  # fmt: skip
+                address = ends.enter_context(cluster)
         else:
             address = scheduler
         try:

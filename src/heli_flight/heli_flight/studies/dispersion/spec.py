@@ -33,8 +33,9 @@ from heli_parameters.parameters import ParameterError
 AIRCRAFT = "aircraft"
 EACH = "each"
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
-_MOST_FLIGHTS = 10_000_000
+_MOST_FLIGHTS = 1 << 24
 _LEVELS = 5
+_SHOWN = 40
 
 
 @dataclass(frozen=True)
@@ -221,8 +222,8 @@ def _checked(told: Any, folder: Path) -> Spec:
 
 def _unknown(where: str, key: str, known: Sequence[str]) -> str:
     near = difflib.get_close_matches(key, known, n=1)
-    hint = f"; did you mean {where}{near[0]}?" if near else f"; allowed: {', '.join(known[:40])}"
-    return f"{where}{key}: unknown key{hint}"
+    hint = f"did you mean {where}{near[0]}?" if near else f"allowed: {', '.join(known[:_SHOWN])}"
+    return f"{where}{key}: unknown key; {hint}"
 
 
 def _numbers(told: Mapping[str, Any]) -> None:

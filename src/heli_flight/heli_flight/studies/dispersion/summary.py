@@ -12,6 +12,7 @@ from scipy import stats
 from heli_flight.studies.dispersion.row import CAUSE, EXIT_CODE, FIGURE, NUMBER, Cause
 
 _CONFIDENCE = 0.95
+_WORST = 10
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
 
 
@@ -65,7 +66,7 @@ def summary_of(table: pa.Table) -> Summary:
         len(failing),
         (float(interval.low), float(interval.high)),
         quantiles,
-        [number for _, number in sorted(failing)[:10]],
+        [number for _, number in sorted(failing)[:_WORST]],
     )
 
 
