@@ -3,9 +3,10 @@
 command."""
 
 import math
+import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -243,6 +244,25 @@ class AttitudeConfig:
             "norm": s.norm,
             "norm_frequency_radps": s.norm_frequency,
         }
+
+
+def attitude_kernel(parameters: Mapping[str, Any]) -> AttitudeKernel:
+    """Kernel of the inner loop's parameters; a judgement is made once per set of numbers.
+
+    For who flies again and again: designing takes as long as a minute of flight. The arrays are
+    shared, a flight must not write into them.
+
+    Raises
+    ------
+    SynthesisError
+        As `AttitudeConfig.from_parameters`.
+    """
+    return _kernel_of(pickle.dumps(sorted(parameters.items())))
+
+
+@lru_cache(maxsize=8)
+def _kernel_of(pickled: bytes) -> AttitudeKernel:
+    return AttitudeConfig.from_parameters(dict(pickle.loads(pickled))).kernel
 
 
 class LiveDesign:

@@ -10,7 +10,12 @@ import pytest
 
 from heli_inner_hinf.as_flown import pid_as_output_law
 from heli_inner_hinf.attitude_law import attitude_law
-from heli_inner_hinf.design import AttitudeConfig, LiveDesign, UnknownControllerError
+from heli_inner_hinf.design import (
+    AttitudeConfig,
+    LiveDesign,
+    UnknownControllerError,
+    attitude_kernel,
+)
 from heli_inner_hinf.design_files import write_model_yaml
 from heli_inner_hinf.errors import (
     InfeasibleGammaError,
@@ -55,6 +60,19 @@ def test_flat_and_shaped_arrays_are_the_same(parameters):
     flat = {k: np.ravel(v) if isinstance(v, np.ndarray) else v for k, v in parameters.items()}
     one, other = AttitudeConfig.from_parameters(flat), AttitudeConfig.from_parameters(parameters)
     assert np.array_equal(one.kernel.F, other.kernel.F)
+
+
+def test_the_kernel_of_a_set_of_numbers_is_designed_once_and_of_others_anew(parameters):
+    first = attitude_kernel(parameters)
+    assert attitude_kernel({key: np.copy(v) if isinstance(v, np.ndarray) else v
+                            for key, v in reversed(parameters.items())}) is first  # fmt: skip
+    made = AttitudeConfig.from_parameters(parameters).kernel
+    assert all(np.array_equal(getattr(first, name), getattr(made, name)) for name in "FHG")
+    weighed = {**parameters, "C11": 2.0 * parameters["C11"]}
+    assert not np.array_equal(attitude_kernel(weighed).F, first.F)
+    for _ in range(2):
+        with pytest.raises(InfeasibleGammaError):
+            attitude_kernel({**parameters, "gamma": 0.001})
 
 
 BAD = [

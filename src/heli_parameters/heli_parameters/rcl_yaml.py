@@ -10,6 +10,7 @@ integer. Aliases and mixed arrays are refused, as rcl does. Source: ros2/rcl, rc
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -123,8 +124,7 @@ def _text(path: Path) -> str:
         raise ParameterError(f"{path}: cannot read parameter file: {reason}") from error
 
 
-def _root(path: Path) -> yaml.MappingNode:
-    text = _text(path)
+def _root(path: Path, text: str) -> yaml.MappingNode:
     try:
         for event in yaml.parse(text, Loader=_LOADER):
             if isinstance(event, yaml.AliasEvent):
@@ -210,9 +210,15 @@ def read(path: str | Path) -> ParameterFile:
         File missing, unreadable, malformed, or with a construct that rcl refuses.
     """
     path = Path(path)
+    return _content(path, _text(path))
+
+
+@lru_cache(maxsize=64)
+def _content(path: Path, text: str) -> ParameterFile:
+    """What a text says; who resolves a flight again and again has most files in hand already."""
     sections: list[tuple[str, str]] = []
     entries: list[Entry] = []
-    for pattern, node, where in _sections(_root(path), path, ""):
+    for pattern, node, where in _sections(_root(path, text), path, ""):
         sections.append((pattern, where))
         entries.extend(_parameters(node, path, pattern, ""))
     return ParameterFile(path, tuple(sections), tuple(entries))

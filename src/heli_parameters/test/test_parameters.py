@@ -275,3 +275,11 @@ def test_scalars_as_rcl_reads_them(text, value):
 def test_a_wrong_table_row_is_a_programming_error(wrong):
     with pytest.raises(ValueError, match="parameter x"):
         Parameter("x", description="", **wrong)
+
+
+def test_a_file_written_anew_is_read_anew(tmp_path):
+    """At once, with the same length: no time stamp tells them apart."""
+    path = tmp_path / "p.yaml"
+    for value in (1.5, 2.5, 1.5):
+        path.write_text(f"node:\n  ros__parameters:\n    x: {value}\n")
+        assert [entry.value for entry in rcl_yaml.read(path).entries] == [value]

@@ -17,7 +17,7 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
 from heli_inner_hinf import attitude_law as inner
 from heli_inner_hinf.attitude_disturbance import disturbance_kernel
-from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.design import attitude_kernel
 from heli_inner_hinf.excitation import (
     SENT,
     ExcitationKernel,
@@ -208,7 +208,7 @@ def build(
     """
     plant_config = plant_config or plant.PlantConfig.from_parameters(settings.nodes["plant"])
     observer_config = observer.ObserverConfig(settings.nodes["observer"])
-    law = law or AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
+    law = law or attitude_kernel(settings.nodes["inner_loop"])
     outer_k = outer_kernel(settings.nodes["outer_loop"])
     return Loop(
         plant_config.kernel,
