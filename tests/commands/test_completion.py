@@ -32,6 +32,7 @@ def complete(line):
     ("line", "offered"),
     [
         ("heli ca", ["campaign"]),
+        ("heli campaign re", ["report"]),
         ("heli compare ", ["attitude", "robustness", "worlds", "laws"]),
         ("heli hover --scenario ", scenario_names()),
         ("heli hover --gps ", list(GPS_PRESETS)),

@@ -147,7 +147,7 @@ def test_a_summary_names_the_lost_first_and_how_sure_it_is(spec, file, tmp_path)
     lost = {k: v for k, v in other.items() if not k.startswith("max")}
     lost |= {"cause": "lost", "sentence": "It fell.", "exit_code": 1}
     store.put([{**good, "exit_code": 1}, lost])
-    found = summary_of(store.table())
+    found = summary_of(store.table(), "rtk")
     assert found.causes == {"flown": 1, "lost": 1} and found.worst == [1, 0]
     assert found.interval[0] == pytest.approx(0.1581, abs=1e-3), "2 of 2: 0.025 ** (1/2)"
     worst = found.quantiles["altitude (truth)"]

@@ -16,6 +16,7 @@ import typer
 
 from heli_flight.cli.bag import bag
 from heli_flight.cli.campaign import campaigns
+from heli_flight.cli.campaign_report import REPORT_EPILOG, campaign_report
 from heli_flight.cli.compare import compare
 from heli_flight.cli.graph import graph
 from heli_flight.cli.hover import epilog, hover
@@ -49,6 +50,7 @@ app = typer.Typer(
 app.add_typer(compare, name="compare")
 app.add_typer(bag, name="bag")
 app.add_typer(campaigns, name="campaign")
+campaigns.command("report", epilog=REPORT_EPILOG)(campaign_report)
 app.add_typer(graph)
 app.add_typer(programs)
 app.add_typer(results, name="results")

@@ -130,7 +130,7 @@ def _spec(
                 failed += sum(bool(row[EXIT_CODE]) for row in rows)
                 progress(flown, f"{failed} of {flown - len(done)} outside")
     wall_s = time.monotonic() - begun
-    summary = summary_of(store.table())
+    summary = summary_of(store.table(), spec.base.gps)
     again = write_again(spec, summary.worst, out / "worst")
     if as_json:
         print(json_text(as_dict(spec, summary)), end="")

@@ -69,6 +69,9 @@ class Distribution:
     numbers: tuple[Any, ...]
     whole: bool = False
 
+    def __str__(self) -> str:
+        return f"{self.kind} {', '.join(map(str, self.numbers))}"
+
     def values(self, share: NDArray[np.float64]) -> list[Any]:
         """Quantiles at shares (N,) of the unit interval, as parameters hold them."""
         if self.kind == CHOICE:

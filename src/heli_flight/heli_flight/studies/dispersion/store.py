@@ -4,6 +4,7 @@
 A file appears whole or not at all, so that a killed campaign goes on where it was.
 """
 
+import contextlib
 import json
 import os
 import shutil
@@ -22,6 +23,38 @@ from heli_parameters.parameters import ParameterError
 
 SPEC_NAME, ABOUT_NAME, ROWS = "spec.yaml", "campaign.json", "rows"
 _PART = "part-{:08d}.parquet"
+_TOLD = {"spec": str, "commit": str, "flights": int, "file": str, "flown": dict, "disperse": dict}
+
+
+def about_of(folder: Path, option: str = "") -> dict[str, Any]:
+    """What a campaign's folder says of itself; raises ParameterError if it holds none.
+
+    Keys: `spec` (its identity), `commit`, `flights`, `file` (the spec's), `flown` (what all flights
+    share, by name), `disperse` (each parameter's distribution, in words).
+    """
+    try:
+        told = json.loads((folder / ABOUT_NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ParameterError(f"{option}{folder}: holds no campaign: {error}") from None
+    if not isinstance(told, dict) or any(
+        not isinstance(told.get(key), kind) for key, kind in _TOLD.items()
+    ):
+        raise ParameterError(f"{option}{folder}: holds no campaign: {ABOUT_NAME} is of another")
+    return told
+
+
+def _about(spec: Spec, file: Path) -> dict[str, Any]:
+    base = spec.base
+    flown = {
+        "kind": base.scenario.kind, "scenario": base.scenario_name, "world": base.world,
+        "gps": base.gps, "laws": base.laws, "sampling": spec.sampling,
+        "duration_s": float(base.scenario_parameters["duration_s"]),
+    }  # fmt: skip
+    return {
+        "spec": spec.identity, "commit": sources_commit(), "flights": len(spec.inputs),
+        "file": str(file.resolve()), "flown": flown,
+        "disperse": {name: str(how) for name, how in spec.disperse.items()},
+    }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -44,7 +77,7 @@ class Store:
         try:
             (folder / ROWS).mkdir(parents=True)
             shutil.copyfile(file, folder / SPEC_NAME)
-            about = {"spec": spec.identity, "commit": sources_commit(), "flights": len(spec.inputs)}
+            about = _about(spec, file)
             store._write(folder / ABOUT_NAME, json.dumps(about, indent=2).encode())
         except OSError as error:
             raise ParameterError(f"--out {folder}: {error.strerror or error}") from None
@@ -53,11 +86,8 @@ class Store:
     @classmethod
     def resume(cls, folder: Path, spec: Spec) -> "Store":
         """The folder of a campaign that was broken off; ParameterError if it is of another."""
-        try:
-            about = json.loads((folder / ABOUT_NAME).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ParameterError(f"--out {folder}: holds no campaign: {error}") from None
-        if not isinstance(about, dict) or about.get("spec") != spec.identity:
+        about = about_of(folder, "--out ")
+        if about["spec"] != spec.identity:
             raise ParameterError(
                 f"--out {folder}: holds rows of another spec; allowed: the spec that it was begun "
                 f"with ({folder / SPEC_NAME}), or another folder"
@@ -100,8 +130,14 @@ class Store:
             ) from None
 
     def table(self) -> pa.Table:
-        """All rows, by number; what a flight has no figure for is null."""
-        parts = [pq.read_table(part) for part in self._parts()]
+        """All rows, by number; what a flight has no figure for is null.
+
+        A file that cannot be read holds none: its flights are missing.
+        """
+        parts = []
+        for part in self._parts():
+            with contextlib.suppress(pa.ArrowException, OSError):
+                parts.append(pq.read_table(part))
         if not parts:
             return pa.table({NUMBER: pa.array([], pa.int64())})
         whole = pa.concat_tables(parts, promote_options="permissive")

@@ -9,7 +9,8 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from heli_flight.studies.dispersion.row import CAUSE, EXIT_CODE, FIGURE, NUMBER, Cause
+from heli_flight.studies.dispersion.row import CAUSE, FIGURE
+from heli_flight.studies.dispersion.worst import cases, worst
 
 _CONFIDENCE = 0.95
 _WORST = 10
@@ -32,7 +33,8 @@ class Summary:
     quantiles : dict
         Figure to its quantiles (`QUANTILES`) over the flights that ended in the air.
     worst : list of int
-        Numbers of the flights that failed, at most ten: the lost ones first.
+        Numbers of the flights that failed, at most ten: the lost ones first, then those farthest
+        outside.
     """
 
     flights: int
@@ -43,17 +45,12 @@ class Summary:
     worst: list[int]
 
 
-def summary_of(table: pa.Table) -> Summary:
-    """Summarise rows as of `Store.table`."""
+def summary_of(table: pa.Table, gps: str) -> Summary:
+    """Summarise rows as of `Store.table`, flown with a receiver that says what is judged."""
     count = table.num_rows
     if not count:
         return Summary(0, {}, 0, (0.0, 1.0), {}, [])
-    causes, codes = table[CAUSE].to_pylist(), table[EXIT_CODE].to_pylist()
-    failing = [
-        (cause == Cause.FLOWN, number)
-        for number, cause, code in zip(table[NUMBER].to_pylist(), causes, codes, strict=True)
-        if code
-    ]
+    failing = [case for case in cases(table, gps) if case.failed]
     interval = stats.binomtest(len(failing), count).proportion_ci(_CONFIDENCE, "exact")
     quantiles = {
         name.removeprefix(FIGURE): _quantiles(table[name])
@@ -62,11 +59,11 @@ def summary_of(table: pa.Table) -> Summary:
     }
     return Summary(
         count,
-        dict(Counter(causes)),
+        dict(Counter(table[CAUSE].to_pylist())),
         len(failing),
         (float(interval.low), float(interval.high)),
         quantiles,
-        [number for _, number in sorted(failing)[:_WORST]],
+        [case.number for case in worst(failing, _WORST)],
     )
 
 
