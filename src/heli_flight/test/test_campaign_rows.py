@@ -2,15 +2,18 @@
 """A campaign's rows: each flight has one, whatever it does; nothing is flown twice or lost."""
 
 import json
+import threading
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
+from distributed import KilledWorker, LocalCluster
 
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
 from heli_flight.studies.dispersion import row as rows
 from heli_flight.studies.dispersion.again import write_again
-from heli_flight.studies.dispersion.cluster import fly_here, tasks
+from heli_flight.studies.dispersion.cluster import fly_by_dask, fly_here, tasks
 from heli_flight.studies.dispersion.row import Cause, fly_rows
 from heli_flight.studies.dispersion.spec import spec_of
 from heli_flight.studies.dispersion.store import ROWS, Store
@@ -162,6 +165,52 @@ def test_a_flight_of_a_campaign_is_flown_again_alone(spec, tmp_path):
     flight = simulate(settings)
     scores = {s.name: s.max for s in rows.score(flight.record, settings.scenario).windows}
     assert scores == {k[4:]: v for k, v in row.items() if k.startswith("max.")}
+
+
+def test_an_aircraft_that_is_refused_is_a_row(tmp_path):
+    file = tmp_path / "spec.yaml"
+    file.write_text("flights: 1\ndisperse: {aircraft.body.mass_kg: {choice: [-1.0]}}\n")
+    (row,) = fly_rows(spec_of(file), [0])
+    assert row["cause"] == "parameters refused" and "mass_kg" in row["sentence"]
+
+
+def test_parameters_that_are_refused_leave_no_folder(spec, tmp_path, monkeypatch):
+    def refuse(spec, number, folder):
+        rows.settings_of(spec, number, folder)
+        raise ParameterError("no")
+
+    monkeypatch.setattr("heli_flight.studies.dispersion.again.settings_of", refuse)
+    assert write_again(spec, [0], tmp_path / "worst") == []
+    assert list((tmp_path / "worst").iterdir()) == []
+
+
+def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_path, monkeypatch):
+    """In this process: a scheduler and a worker in threads of it."""
+
+    def sources():
+        return "ours" if threading.current_thread() is threading.main_thread() else "theirs"
+
+    monkeypatch.setattr("heli_flight.studies.dispersion.cluster.sources_commit", sources)
+    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as local:
+        with pytest.raises(ParameterError, match="flies the sources of theirs, these are ours"):
+            list(fly_by_dask(spec, [[0]], 0, local.scheduler_address))
+        monkeypatch.setattr("heli_flight.studies.dispersion.cluster.sources_commit", lambda: "one")
+        died = tmp_path / "died"
+
+        def fly(_, numbers):
+            if 1 in numbers:
+                with died.open("a") as file:
+                    print(numbers, file=file)
+                raise KilledWorker("task", SimpleNamespace(address="here"), 3)
+            return "one", [{"flight": number} for number in numbers]
+
+        monkeypatch.setattr("heli_flight.studies.dispersion.cluster._fly", fly)
+        found = list(fly_by_dask(spec, [[0, 1, 2], [3]], 0, local.scheduler_address))
+    rows = sorted((row for part in found for row in part), key=lambda row: row["flight"])
+    assert [row["flight"] for row in rows] == [0, 1, 2, 3]
+    assert died.read_text().splitlines() == ["[0, 1, 2]", "[1]"], "alone, then given up"
+    assert rows[1]["cause"] == Cause.KILLED and rows[1]["exit_code"] == 1
+    assert rows[1]["in.plant.scale.mass"] == spec.inputs[1][0]
 
 
 def test_rows_can_be_read_by_anybody(spec, file, tmp_path):

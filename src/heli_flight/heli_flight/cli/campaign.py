@@ -30,7 +30,7 @@ EPILOG = (
     "\b\nexample:\n  heli campaign --seeds 1..20 --gps rtk --json > campaign.json\n"
     "  heli campaign examples/campaign_small.yaml --out flown\n\n" + EXIT_OF_FLIGHTS
 )
-_DEFAULT_SEEDS = "1..20"
+_DEFAULT_SEEDS, _SAMPLE = "1..20", 2
 
 campaigns = typer.Typer(cls=CommandWithWords, rich_markup_mode=None, epilog=EPILOG, **SETTINGS)
 
@@ -72,6 +72,15 @@ def campaign(
         str | None,
         typer.Option(metavar="ADDRESS", help="of a spec: a Dask scheduler, tcp://host:8786"),
     ] = None,
+    via: Annotated[
+        str | None,
+        typer.Option(
+            metavar="graph", help="of a spec: then fly a sample through the graph and compare"
+        ),
+    ] = None,
+    sample: Annotated[
+        int, typer.Option(metavar="N", min=1, help="of --via graph: so many flights")
+    ] = _SAMPLE,
     as_json: Json = False,
 ) -> int:
     """Fly a scenario on many seeds, or a spec of dispersed parameters on many processes."""
@@ -83,7 +92,7 @@ def campaign(
             "--world": world, "--laws": laws, "--duration": duration is not None,
             "--params": params}  # fmt: skip
     own = {"--out": out, "--resume": resume, "--workers": workers is not None,
-           "--scheduler": scheduler}  # fmt: skip
+           "--scheduler": scheduler, "--via": via, "--sample": sample != _SAMPLE}  # fmt: skip
     for names, belongs in ((own, spec is not None), (said, spec is None)):
         named = next((name for name, value in names.items() if value), None)
         if named is not None and not belongs:
@@ -91,14 +100,18 @@ def campaign(
             raise ParameterError(f"{named}: belongs to {whose}")
     if spec is None:
         return _many_seeds(seeds, scenario, gps, world, laws, duration, params, as_json)
-    return _spec(spec, out, resume, workers, scheduler, as_json)
+    if via not in (None, "graph"):
+        raise ParameterError(f"--via {via}; allowed: graph")
+    if via is None and sample != _SAMPLE:
+        raise ParameterError("--sample: belongs to --via graph")
+    return _spec(spec, out, resume, workers, scheduler, sample if via else 0, as_json)
 
 
 def _spec(
     path: Path, out: Path | None, resume: bool, workers: int | None, scheduler: str | None,
-    as_json: bool,
+    sample: int, as_json: bool,
 ) -> int:  # fmt: skip
-    """Fly a spec; rows into a folder as they come."""
+    """Fly a spec; rows into a folder as they come; then a sample of them through the graph."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from heli_flight.studies.dispersion.again import write_again
     from heli_flight.studies.dispersion.cluster import fly_by_dask, fly_here, tasks
@@ -123,7 +136,8 @@ def _spec(
         many = min(cores if workers is None else workers, len(todo))
         here = scheduler is None and many == 0
         coming = fly_here(spec, todo) if here else fly_by_dask(spec, todo, many, scheduler)
-        with long_steps("flights", len(spec.inputs), flown) as progress:
+        flights = long_steps("flights", len(spec.inputs), flown)
+        with store.kept_if_flown(), flights as progress:
             for rows in coming:
                 store.put(rows)
                 flown += len(rows)
@@ -132,13 +146,23 @@ def _spec(
     wall_s = time.monotonic() - begun
     summary = summary_of(store.table(), spec.base.gps)
     again = write_again(spec, summary.worst, out / "worst")
-    if as_json:
-        print(json_text(as_dict(spec, summary)), end="")
-    else:
+    content = as_dict(spec, summary)
+    if not as_json:
         print_summary(console(), spec, summary, out, again)
         rate = (flown - len(done)) / wall_s if wall_s > 0.0 else 0.0
         console().print(f"{flown - len(done)} flights in {wall_s:.1f} s ({rate:.1f} per second)")
-    return int(summary.failed > 0)
+    code = int(summary.failed > 0)
+    if sample:
+        from heli_flight.studies.dispersion.through_graph import as_list, check, print_compared
+
+        compared = check(spec, store.table(), sample, out)
+        content["graph"] = as_list(compared)
+        code |= not all(one.same for one in compared)
+        if not as_json:
+            print_compared(console(), compared)
+    if as_json:
+        print(json_text(content), end="")
+    return code
 
 
 def _told(progress: Callable[[int], None], first: int, count: int) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameter files with which flights of a campaign are flown again, alone."""
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -30,7 +31,7 @@ def write_again(spec: Spec, numbers: Sequence[int], folder: Path) -> list[Path]:
         except OSError as error:
             raise ParameterError(f"{own}: {error.strerror or error}") from None
         except (ParameterError, AircraftError):
-            own.rmdir()
+            shutil.rmtree(own)
             continue
         write_parameters(settings, own / "params.yaml")
         written.append(own / "params.yaml")

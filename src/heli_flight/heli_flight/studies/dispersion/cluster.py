@@ -16,7 +16,7 @@ from heli_flight.studies.dispersion.spec import Spec
 from heli_parameters.parameters import ParameterError
 
 Rows = list[dict[str, Any]]
-_REACH_S = 10.0
+_REACH_S = 20.0
 _SILENT = logging.CRITICAL + 1
 _GONE = "the scheduler is gone; what was flown stays, --resume goes on"
 

@@ -8,7 +8,7 @@ import contextlib
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,6 +98,16 @@ class Store:
                 f"{sources_commit()}; allowed: the same, or another folder"
             )
         return cls(folder)
+
+    @contextlib.contextmanager
+    def kept_if_flown(self) -> Iterator[None]:
+        """Take a folder without rows away again if what fills it fails."""
+        try:
+            yield
+        except BaseException:
+            if not self._parts():
+                shutil.rmtree(self.folder, ignore_errors=True)
+            raise
 
     def done(self) -> set[int]:
         """Numbers of the flights whose rows are here; a file that cannot be read is taken away."""
