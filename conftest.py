@@ -206,3 +206,27 @@ def bench(ros_context):
     for one in made:
         one.node.end()
         one.node.destroy_node()
+
+
+@pytest.fixture(scope="session")
+def identified_once(tmp_path_factory):
+    """An identification with seed 1, made once for all processes of a test run.
+
+    Returns
+    -------
+    (Outcome, Path)
+        What was found, and the folder that was written.
+    """
+    import cloudpickle
+
+    from heli_flight.studies.identify.command import Wanted, execute
+
+    top = tmp_path_factory.getbasetemp()
+    top = top.parent if "PYTEST_XDIST_WORKER" in os.environ else top
+    folder, outcome = top / "identified_once", top / "identified_once.pickle"
+    with open(top / "identified_once.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not outcome.exists():
+            found = execute(Wanted(seed=1, one_process=True), folder)
+            outcome.write_bytes(cloudpickle.dumps(found))
+    return cloudpickle.loads(outcome.read_bytes()), folder

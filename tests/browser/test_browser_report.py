@@ -11,7 +11,6 @@ from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import resolve
 from heli_flight.report import Event, write_report
-from heli_flight.studies.identify.command import Wanted, execute
 from heli_flight.studies.identify.report import PAGE
 
 READY = "document.documentElement.dataset.ready === 'true'"
@@ -51,10 +50,8 @@ def attitude(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def identification(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("identification") / "found"
-    execute(Wanted(seed=1, one_process=True), folder)
-    return folder / PAGE
+def identification(identified_once):
+    return identified_once[1] / PAGE
 
 
 @pytest.fixture(params=["hover", "attitude", "identification"])

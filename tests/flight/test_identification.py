@@ -38,8 +38,9 @@ def told(rows):
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    return identified(tmp_path_factory.mktemp("identified"), 1)
+def found(identified_once):
+    outcome, folder = identified_once
+    return outcome, folder / YAML
 
 
 def test_a_b_servos_and_norms_are_within_their_targets(found):
