@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Benchmarks in their short form: they run, and a wrong word is bad input."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+def run(name, *words):
+    command = [sys.executable, FOLDER / f"{name}.py", *words]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+def quick(name):
+    done = run(name, "--quick", "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_the_closed_loop_is_measured_in_parts_and_needs_no_peer():
+    found = quick("closed_loop")
+    assert all(found[f"{part}_s"] > 0.0 for part in ("resolve", "build", "fly", "score", "command"))
+    assert found["times_real_time"] == pytest.approx(5.0 / found["fly_s"])
+    assert "times_peer" not in found
+
+
+def test_tasks_come_back_and_participants_find_each_other():
+    found = quick("scaling")
+    assert found["empty_tasks"]["tasks_per_s"] > 0.0
+    assert [(row["count"], row["seen"]) for row in found["participants"]] == [(2, 2), (4, 4)]
+
+
+@pytest.mark.parametrize("name", ["closed_loop", "scaling"])
+def test_a_word_that_is_not_known_is_refused(name):
+    done = run(name, "--quik")
+    assert done.returncode == 2
+    assert done.stderr == "--quik: unknown; allowed: --quick, --json\n"
