@@ -280,6 +280,36 @@ PRODUCERS = (
         },
     ),
     Producer(
+        "closed_loop",
+        "./heli python benchmarks/closed_loop.py --json",
+        "The loop in one process beside rotorpy's, and the parts of a flight.",
+        loose={
+            key: _NOT_COMPARED
+            for key in (
+                "resolve_s",
+                "build_s",
+                "fly_s",
+                "score_s",
+                "times_real_time",
+                "command_s",
+                "command_with_report_s",
+                "imports_s",
+                "command_over_imports",
+                "peer_times_real_time",
+                "times_peer",
+            )
+        },
+    ),
+    Producer(
+        "scaling",
+        "./heli python benchmarks/scaling.py --json",
+        "What empty tasks of a campaign and participants of a ROS domain cost.",
+        loose={
+            key: _NOT_COMPARED
+            for key in ("tasks_per_s", "scheduler_s_per_task", "wall_s", "cpu_s", "seen")
+        },
+    ),
+    Producer(
         "setup",
         "./heli python scripts/setup_time.py",
         "Set-up of a fresh clone with empty caches, to the end of its first flight.",

@@ -10,6 +10,7 @@ from heli_flight.studies.results import tables_of_handling as handling
 from heli_flight.studies.results import tables_of_laws as of_laws
 from heli_flight.studies.results import tables_of_parts as parts
 from heli_flight.studies.results import tables_of_position as position
+from heli_flight.studies.results import tables_of_scale as of_scale
 from heli_flight.studies.results import tables_of_speed as of_speed
 from heli_flight.studies.results import tables_of_terms as terms
 from heli_flight.studies.results import tables_of_worlds as around
@@ -55,4 +56,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "cpu_types": parts.cpu_types,
     "recorder": parts.recorder,
     "setup": parts.setup,
+    "closed_loop": of_scale.closed_loop,
+    "scaling": of_scale.scaling,
+    "tasks": of_scale.tasks,
 }
