@@ -80,6 +80,9 @@ def held_back() -> Iterator[None]:
     try:
         yield
     finally:
+        # Changing nothing, it runs the handler if another thread has taken the signal: Python does
+        # not tell the main thread of that.
+        signal.pthread_sigmask(signal.SIG_BLOCK, ())
         if ours:
             signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
