@@ -16,6 +16,7 @@ import typer
 
 from heli_flight.cli.bag import bag
 from heli_flight.cli.campaign import campaigns
+from heli_flight.cli.campaign_rare import RARE_EPILOG, WORST_EPILOG, rare, worst
 from heli_flight.cli.campaign_report import REPORT_EPILOG, campaign_report
 from heli_flight.cli.compare import compare
 from heli_flight.cli.graph import graph
@@ -51,6 +52,8 @@ app.add_typer(compare, name="compare")
 app.add_typer(bag, name="bag")
 app.add_typer(campaigns, name="campaign")
 campaigns.command("report", epilog=REPORT_EPILOG)(campaign_report)
+campaigns.command(epilog=RARE_EPILOG)(rare)
+campaigns.command(epilog=WORST_EPILOG)(worst)
 app.add_typer(graph)
 app.add_typer(programs)
 app.add_typer(results, name="results")

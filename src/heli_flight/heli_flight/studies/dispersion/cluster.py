@@ -17,6 +17,8 @@ from heli_parameters.parameters import ParameterError
 
 Rows = list[dict[str, Any]]
 _REACH_S = 20.0
+# Dask looks at each worker's stack every 10 ms: one that compiles kernels nearly comes to a halt.
+_UNPROFILED = {"distributed.worker.profile.enabled": False}
 _SILENT = logging.CRITICAL + 1
 _GONE = "the scheduler is gone; what was flown stays, --resume goes on"
 
@@ -59,25 +61,30 @@ def fly_by_dask(
     FlightError
         The scheduler has gone.
     """
+    with connected(workers, scheduler) as client:
+        yield from fly_on(client, spec, todo)
+
+
+def fly_on(client: Any, spec: Spec, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
+    """The same by a client that is there already (`connected`)."""
     from distributed import CancelledError, as_completed
     from distributed.comm import CommClosedError
 
-    with _client(workers, scheduler) as client:
-        shared = client.scatter(spec, broadcast=True)
-        futures = {client.submit(_fly, shared, list(n), pure=False): list(n) for n in todo}
-        coming = as_completed(futures, loop=client.loop)
-        try:
-            for future in coming:
-                numbers = futures.pop(future)
-                rows, again = _taken(spec, future, numbers)
-                for number in again:
-                    new = client.submit(_fly, shared, [number], pure=False)
-                    futures[new] = [number]
-                    coming.add(new)
-                if rows:
-                    yield rows
-        except (CancelledError, CommClosedError, TimeoutError, OSError):
-            raise FlightError(_GONE) from None
+    shared = client.scatter(spec, broadcast=True)
+    futures = {client.submit(_fly, shared, list(n), pure=False): list(n) for n in todo}
+    coming = as_completed(futures, loop=client.loop)
+    try:
+        for future in coming:
+            numbers = futures.pop(future)
+            rows, again = _taken(spec, future, numbers)
+            for number in again:
+                new = client.submit(_fly, shared, [number], pure=False)
+                futures[new] = [number]
+                coming.add(new)
+            if rows:
+                yield rows
+    except (CancelledError, CommClosedError, TimeoutError, OSError):
+        raise FlightError(_GONE) from None
 
 
 def _taken(spec: Spec, future: Any, numbers: list[int]) -> tuple[Rows, list[int]]:
@@ -105,7 +112,8 @@ def _check_commit(commit: str, where: str) -> None:
 
 
 @contextlib.contextmanager
-def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
+def connected(workers: int, scheduler: str | None) -> Iterator[Any]:
+    """A client of a cluster, as `fly_by_dask` takes it, which ends with it if it is its own."""
     from distributed import Client, LocalCluster
 
     # The matrices are small: threads of the linear algebra only cost time. The workers inherit it.
@@ -124,7 +132,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
             with interrupts.held_back():
                 cluster = LocalCluster(
                     n_workers=workers, threads_per_worker=1, processes=True,
-                    dashboard_address=":0", silence_logs=_SILENT,
+                    dashboard_address=":0", silence_logs=_SILENT, config=_UNPROFILED,
                 )  # fmt: skip
                 address = ends.enter_context(cluster)
         else:

@@ -216,7 +216,7 @@ def _checked(told: Any, folder: Path) -> Spec:
     values["correlate"] = _correlate(_list(told, "correlate"), values["disperse"])
     spec = Spec(**values)
     _check_count(spec)
-    _check_ends(spec, base)
+    check_ends(spec, base)
     return spec
 
 
@@ -334,7 +334,7 @@ def _check_count(spec: Spec) -> None:
         raise ParameterError(f"flights: missing; allowed: an integer from 1 to {_MOST_FLIGHTS}")
 
 
-def _check_ends(spec: Spec, base: Settings) -> None:
+def check_ends(spec: Spec, base: Settings) -> None:
     """Let each parameter be checked by its row at the smallest and largest value that is flown."""
     for i, name in enumerate(spec.names):
         if _of_aircraft(name):

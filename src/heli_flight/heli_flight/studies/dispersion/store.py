@@ -64,16 +64,20 @@ class Store:
     Attributes
     ----------
     folder : Path
+    resumes : bool
+        Whether `--resume` goes on with it.
     """
 
     folder: Path
+    resumes: bool = True
 
     @classmethod
-    def begin(cls, folder: Path, spec: Spec, file: Path) -> "Store":
+    def begin(cls, folder: Path, spec: Spec, file: Path, resumes: bool = True) -> "Store":
         """A new folder; raises ParameterError if there is one, or none can be made."""
         if folder.exists():
-            raise ParameterError(f"--out {folder}: exists already; --resume goes on with it")
-        store = cls(folder)
+            way = "--resume goes on with it" if resumes else "name a new folder"
+            raise ParameterError(f"--out {folder}: exists already; {way}")
+        store = cls(folder, resumes)
         try:
             (folder / ROWS).mkdir(parents=True)
             shutil.copyfile(file, folder / SPEC_NAME)
@@ -135,9 +139,8 @@ class Store:
         try:
             self._write(part, sink.getvalue().to_pybytes())
         except OSError as error:
-            raise ParameterError(
-                f"{self.folder}: {error.strerror or error}; what was flown stays, --resume goes on"
-            ) from None
+            stays = "what was flown stays" + ", --resume goes on" * self.resumes
+            raise ParameterError(f"{self.folder}: {error.strerror or error}; {stays}") from None
 
     def table(self) -> pa.Table:
         """All rows, by number; what a flight has no figure for is null.
