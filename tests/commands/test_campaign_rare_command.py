@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli campaign rare` and `heli campaign worst`: a few short flights, and what is told of them."""
+
+import json
+from contextlib import contextmanager
+
+import pytest
+
+from heli_flight.cli import app as cli
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
+from heli_flight.studies.dispersion import cluster
+from heli_flight.studies.dispersion.row import fly_rows
+from heli_flight.studies.dispersion.store import Store
+
+NAME = "altitude (truth)"
+TEXT = """flights: 1
+flight_seeds: 3
+world: paper
+gps: rtk
+duration_s: 3.0
+chunk: 5
+set: {scenario.score.windows_s: [1.0, -1.0]}
+disperse:
+  plant.scale.mass: {uniform: [0.8, 1.2]}
+  plant.scale.inertia: {uniform: [0.8, 1.2]}
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "spec.yaml"
+    path.write_text(TEXT)
+    return path
+
+
+def run(capsys, *words):
+    code = cli.main(["campaign", *map(str, words)])
+    return code, *capsys.readouterr()
+
+
+def test_rare_tells_a_probability_and_keeps_every_flight(file, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["rare", file, "--of", NAME, "--out", out, "--per-level", 20, "--workers", 0]
+    code, said, told = run(capsys, *words, "--most-flights", 38, "--beyond", 9.0, "--json")
+    assert code == 0, told
+    found = json.loads(said)
+    assert json.loads((out / "result.json").read_text()) == found
+    assert found["ended"] == "the flights are spent" and found["probability"] is None
+    assert [level["flights"] for level in found["levels"]] == [20, 38] and found["flights"] == 38
+    table = Store(out).table()
+    values = table[f"max.{NAME}"].to_pylist()
+    assert table["level"].to_pylist() == [0] * 20 + [1] * 18
+    first = sorted(values[:20])
+    assert found["levels"][0]["threshold"] == pytest.approx((first[-2] + first[-3]) / 2.0)
+    number = found["again"][0]
+    assert values[number] == max(values)
+    settings = resolve(params=[out / "worst" / f"flight_{number}" / "params.yaml"])
+    figures = score(simulate(settings).record, settings.scenario).windows
+    assert {s.name: s.max for s in figures}[NAME] == values[number]
+
+
+@contextmanager
+def threads(workers, scheduler):
+    """A cluster in this process, which is quickly there."""
+    from distributed import Client
+
+    how = {"processes": False, "threads_per_worker": 1, "dashboard_address": None}
+    with Client(n_workers=workers, set_as_default=False, **how) as client:
+        yield client
+
+
+def test_worst_is_the_same_whoever_flies(file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("heli_flight.studies.rare.flights.connected", threads)
+    results = []
+    for workers in (0, 1):
+        out = tmp_path / f"out{workers}"
+        words = ["worst", file, "--of", NAME, "--out", out, "--flights", 12, "--workers", workers]
+        code, said, told = run(capsys, *words)
+        assert code == 0, told
+        assert "random search of the same flights" in said
+        assert f"again: heli hover --params {out}" in said
+        results.append(((out / "result.json").read_text(), Store(out).table()))
+    assert results[0][0] == results[1][0] and results[0][1].equals(results[1][1])
+    found, table = json.loads(results[0][0]), results[0][1]
+    for name, ours in (("CMA-ES", slice(0, 12)), ("random", slice(12, 24))):
+        search, values = found["searches"][name], table[f"max.{NAME}"].to_pylist()
+        assert set(table["search"].to_pylist()[ours]) == {name}
+        assert search["value"] == max(values[ours]) == values[search["flight"]]
+        mass = table["in.plant.scale.mass"].to_pylist()[search["flight"]]
+        assert search["inputs"]["plant.scale.mass"] == mass
+
+
+def test_after_an_interrupt_what_stands_is_told(file, tmp_path, capsys, monkeypatch):
+    def fly(spec, numbers):
+        if len(list((tmp_path / "out" / "rows").iterdir())) > 10:
+            raise KeyboardInterrupt
+        return fly_rows(spec, numbers)
+
+    monkeypatch.setattr(cluster, "fly_rows", fly)
+    words = ["rare", file, "--of", NAME, "--out", tmp_path / "out", "--per-level", 20]
+    code, said, told = run(capsys, *words, "--workers", 0, "--beyond", 9.0)
+    assert (code, said) == (130, "")
+    assert "interrupted: P(altitude (truth) > " in told and told.strip().endswith("interrupted")
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert found["ended"] == "interrupted" and len(found["levels"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["rare", "--of", "altitude"], "--of 'altitude': unknown; did you mean altitude (truth)?"),
+        (["rare", "--of", NAME, "--per-level", "25"], "--per-level: 25; allowed: a multiple of 10"),
+        (["rare", "--of", NAME, "--most-flights", "9"], "--most-flights: 9; allowed: from 2500 on"),
+        (["rare", "--of", NAME, "--beyond", "-1"], "--beyond: -1.0; allowed: a number above 0"),
+        (["worst", "--of", NAME, "--flights", "3"], "--flights: 3; allowed: an integer from 10 on"),
+        (["worst", "--of", NAME, "--sigma", "9"], "--sigma: 9.0; allowed: a number above 0"),
+        (["worst", "--of", NAME, "--workers", "1", "--scheduler", "tcp://x:1"], "one of the two"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_no_folder(file, tmp_path, capsys, words, said):
+    out = tmp_path / "out"
+    code, _, told = run(capsys, words[0], file, *words[1:], "--out", out)
+    assert code == 2 and len(told.strip().splitlines()) == 1 and said in told
+    assert not out.exists()
