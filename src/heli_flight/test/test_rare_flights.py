@@ -78,7 +78,7 @@ def test_a_value_is_the_metric_of_the_flight_that_flies_again(spec, tmp_path):
     assert settings.seed == table["seed"].to_pylist()[4]
     figures = rows.score(simulate(settings).record, settings.scenario).windows
     assert {s.name: s.max for s in figures}[NAME] == values[4] == last[1]
-    with pytest.raises(ParameterError, match="rows of another spec"):
+    with pytest.raises(ParameterError, match="flights of a search, which are no sample"):
         Store.resume(tmp_path / "out", spec)
 
 

@@ -12,6 +12,8 @@ from heli_parameters.parameters import ParameterError
 
 GRID = "grid"
 SAMPLINGS = ("random", "latin_hypercube", "sobol", GRID)
+SEARCH = "search"
+"""Points that were looked for: no sample, which nobody may take quantiles or shares of."""
 # Child of the seed's sequence: far from those of wind, sensors and worlds.
 _STREAM = 1 << 21
 _TINY = 1e-12

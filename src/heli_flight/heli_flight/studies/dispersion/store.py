@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 
 from heli_flight.loop.commit import sources_commit
 from heli_flight.studies.dispersion.row import NUMBER
+from heli_flight.studies.dispersion.sampling import SEARCH
 from heli_flight.studies.dispersion.spec import Spec
 from heli_parameters.parameters import ParameterError
 
@@ -40,6 +41,11 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
         not isinstance(told.get(key), kind) for key, kind in _TOLD.items()
     ):
         raise ParameterError(f"{option}{folder}: holds no campaign: {ABOUT_NAME} is of another")
+    if told["flown"].get("sampling") == SEARCH:
+        raise ParameterError(
+            f"{option}{folder}: holds the flights of a search, which are no sample; its result is "
+            f"in {folder}/result.json"
+        )
     return told
 
 

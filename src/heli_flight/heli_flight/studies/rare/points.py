@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from heli_flight.loop.settings import Settings
-from heli_flight.studies.dispersion.sampling import correlated
+from heli_flight.studies.dispersion.sampling import SEARCH, correlated
 from heli_flight.studies.dispersion.spec import EACH, Spec, check_ends
 from heli_parameters.parameters import ParameterError
 
@@ -44,7 +44,9 @@ class Points(Spec):
         if scores is None:
             scores = np.zeros((0, len(parent.names)))
         own = {f.name: getattr(parent, f.name) for f in fields(Spec)}
-        return cls(**{**own, "flights": len(scores)}, parent=parent, scores=scores)
+        return cls(
+            **{**own, "flights": len(scores), "sampling": SEARCH}, parent=parent, scores=scores
+        )
 
     @cached_property
     def identity(self) -> str:
