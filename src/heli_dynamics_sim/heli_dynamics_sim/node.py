@@ -3,7 +3,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from heli_dynamics_sim.description import BASE, mounts, robot_description
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.wind import injected_gust
+from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, JOINTS, MEAS, PLANT
 from heli_math.ticks import TICK_S, seconds, ticks_in
 from heli_msgs_bridge import topics
@@ -43,6 +44,8 @@ WORLD_CLOCK = "world_clock"
 _NO_CLOCK = f"no message on '/clock' from {WORLD_CLOCK}: going on without the other aircraft"
 _ENCODE_CLOCK = ClockEncoder().encode
 _NO_FIX = np.full(3, np.nan)
+# Rows of noise that are drawn at once.
+_DRAWN = 64
 
 
 def _variances(v: Mapping[str, Any]) -> dict[str, Sequence[Variance]]:
@@ -60,6 +63,12 @@ def _variances(v: Mapping[str, Any]) -> dict[str, Sequence[Variance]]:
     }
 
 
+def _one_by_one(noise: NoiseStreams) -> Iterator[np.ndarray]:
+    """The rows of a flight, drawn ahead: many at once take as long as two."""
+    while True:
+        yield from noise.rows(_DRAWN)
+
+
 @dataclass(kw_only=True)
 class Aircraft(TickCore):
     """What the plant has while it is configured.
@@ -69,7 +78,8 @@ class Aircraft(TickCore):
     config : PlantConfig
         Swapped when the gusts change.
     state : PlantState
-    noise : NoiseStreams
+    noise : iterator of (NOISE.size,) array
+        One row a tick.
     n_ticks : int
         Length of the flight.
     u : (4,) array
@@ -86,11 +96,13 @@ class Aircraft(TickCore):
         How the flight ended, if it did.
     describe : list of callable
         Send what the aircraft looks like, latched.
+    measure, advance : callable
+        Compiled, for numbers of these types.
     """
 
     config: plant.PlantConfig
     state: plant.PlantState
-    noise: NoiseStreams
+    noise: Iterator[np.ndarray]
     n_ticks: int
     u: np.ndarray
     send: dict[str, Send]
@@ -102,6 +114,18 @@ class Aircraft(TickCore):
     wall_s: float = 0.0
     over: str = ""
     describe: list[Callable[[], None]] = field(default_factory=list)
+    measure: Callable[..., None] = field(init=False)
+    advance: Callable[..., None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.fly(self.config)
+
+    def fly(self, config: plant.PlantConfig) -> None:
+        """Fly these numbers from now on."""
+        k, state = config.kernel, self.state
+        self.config = config
+        self.measure = direct(plant.measure, state, 0, np.zeros(NOISE.size), k, self.y)
+        self.advance = direct(plant.advance, state, self.u, k)
 
 
 @dataclass
@@ -130,7 +154,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         core = Aircraft(
             config=config,
             state=state,
-            noise=NoiseStreams(self.values["seed"]),
+            noise=_one_by_one(NoiseStreams(self.values["seed"])),
             n_ticks=max(1, ticks_in(self.values["duration_s"])),
             u=commands[-1].copy() if len(commands) else np.zeros(ACTUATOR.size),
             send=self._make_senders(config),
@@ -194,10 +218,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """Load the compiled plant before the first tick, on a state of its own."""
         k = core.config.kernel
         spare = plant.initial_state(core.config, self.values["seed"])
-        plant.measure(spare, 0, np.zeros(NOISE.size), k, core.y)
+        core.measure(spare, 0, np.zeros(NOISE.size), k, core.y)
         injected_gust(spare.x, 0.0, k.wind.sines, core.gust)
-        plant.status(spare, k)
-        plant.advance(spare, core.u, k)
+        core.advance(spare, core.u, k)
 
     def awaited_links(self) -> dict[str, set[str]]:
         """The whole graph: once time runs, lockstep does not wait long for who still compiles."""
@@ -253,7 +276,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         if tick + 1 >= core.n_ticks:
             self._end(Level.OK, f"flight over after {seconds(core.n_ticks):g} s")
             return
-        plant.advance(core.state, core.u, core.config.kernel)
+        core.advance(core.state, core.u, core.config.kernel)
         self.tick = tick + 1
         self._send_tick()
 
@@ -261,7 +284,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """Measure the present tick and send sensors, truth and clock."""
         core, tick = self.core, self.tick
         k, y, x, send = core.config.kernel, core.y, core.state.x, core.send
-        plant.measure(core.state, tick, core.noise.row(), k, y)
+        core.measure(core.state, tick, next(core.noise), k, y)
         stamp_ns = self.stamp_ns(tick)
         if y[MEAS.mag_valid]:
             send[topics.MAG](y[MEAS.mag], stamp_ns)
@@ -286,7 +309,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         send[topics.TRUTH_ROTOR](core.joints, stamp_ns)
         if core.send_clock is not None:
             core.send_clock(_ENCODE_CLOCK(stamp_ns))
-        status = plant.PlantStatus(plant.status(core.state, k))
+        status = plant.PlantStatus(int(core.state.flags[0]))
         if status != plant.PlantStatus.OK:
             self._end(Level.ERROR, status.sentence)
         else:
@@ -328,7 +351,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def adopt(self, judged: plant.PlantConfig, changed: Collection[str]) -> None:
         """Swap the gusts between two ticks; turbulence and mean wind go on."""
         if self.configured:
-            self.core.config = judged
+            self.core.fly(judged)
 
     def silence(self) -> str:
         """Sentence about a missing command, or a clock that stands still."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, MEAS, NAV
 from heli_math.ticks import TICK_S, TICKS_PER_S
 from heli_msgs_bridge import topics
@@ -29,7 +30,8 @@ _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
 class Navigation(TickCore):
     """What the observer has while it is configured: numbers, state, rows in and out, outputs.
 
-    `send_tf` is None where the type of /tf is not installed.
+    `send_tf` is None where the type of /tf is not installed; `observe` and `status` are compiled
+    for these numbers.
     """
 
     config: ObserverConfig
@@ -41,6 +43,13 @@ class Navigation(TickCore):
     y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.sensed))
     u: np.ndarray = field(default_factory=lambda: np.full(ACTUATOR.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(NAV.size))
+    observe: Callable[..., None] = field(init=False)
+    status: Callable[..., int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        state, k = self.state, self.config.kernel
+        self.observe = direct(observe, state, 0, self.y, self.u, k, self.out)
+        self.status = direct(status, state, k)
 
 
 def rate_variance(v: Mapping[str, Any]) -> float:
@@ -87,8 +96,8 @@ class ObserverNode(TickNode[Navigation, None]):
         """Load the compiled filter before the first tick, on a state of its own."""
         state = initial_state(core.config)
         core.y[:] = np.nan
-        observe(state, 0, core.y, core.u, core.config.kernel, core.out)
-        status(state, core.config.kernel)
+        core.observe(state, 0, core.y, core.u, core.config.kernel, core.out)
+        core.status(state, core.config.kernel)
 
     def engage(self) -> None:
         """Begin with a new alignment, and a new frame odom."""
@@ -106,7 +115,7 @@ class ObserverNode(TickNode[Navigation, None]):
         _, u = arrived.get(topics.ACTUATORS, (0, None))
         # Not a number: the reduced-order observer goes on with the command before.
         core.u[:] = np.nan if u is None else u
-        observe(core.state, tick, core.y, core.u, core.config.kernel, core.out)
+        core.observe(core.state, tick, core.y, core.u, core.config.kernel, core.out)
         stamp_ns = self.stamp_ns(tick)
         core.send_odom(core.out, stamp_ns)
         core.send_rotor(core.out[NAV.rotor], stamp_ns)
@@ -134,7 +143,7 @@ class ObserverNode(TickNode[Navigation, None]):
 
     def _tell(self) -> None:
         core = self.core
-        named = ObserverStatus(status(core.state, core.config.kernel))
+        named = ObserverStatus(core.status(core.state, core.config.kernel))
         if self.tick % TICKS_PER_S == 0 or named.sentence != self.health.message:
             facts = {
                 "status": named.name,
