@@ -67,6 +67,7 @@ class RecorderNode(ManagedNode[Recording, None]):
     """Records from configuration to clean-up; deactivation confirms what was sent before it."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_bags", TABLE, f"{NODE_NAME}.yaml")
+    PATIENCE_S = 0.005
 
     def _chosen(self) -> list[str]:
         """What to record, as the parameters name it."""

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from functools import partial
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from lifecycle_msgs.msg import Transition
 from rclpy.clock import Clock, ClockType
@@ -57,13 +57,20 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         What a callback raised; the process then ends with code 1.
     asked_to_end : callable
         Whether the process has been sent a signal.
+    told_end : callable
+        Called when the node has finished or crashed.
     """
+
+    PATIENCE_S: ClassVar[float] = 0.0
+    """Wall time for which what comes may wait: a node for which nobody waits lets the others go
+    first, and takes many messages at once."""
 
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
         self.failure, self.finished, self.exit_code = "", False, 0
         self.crash: Exception | None = None
         self.asked_to_end: Callable[[], bool] = lambda: False
+        self.told_end: Callable[[], None] = lambda: None
         self.outputs: dict[str, Any] = {}
         self._core: Core | None = None
         self._run: Run | None = None
@@ -230,6 +237,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
                     callback(*args)
                 except Exception as error:
                     self.crash = error
+                if self.finished or self.crash is not None:
+                    self.told_end()
 
         return call
 
@@ -326,6 +335,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: everything is given back, then the process ends."""
         self.finished = True
+        self.told_end()
         if self._active:
             self.on_deactivate(state)
         if self.configured:

@@ -1,22 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The process of a node: from the command line to the exit code.
+"""The process of a node, or of several together: from the command line to the exit code.
 
 0: it was asked to end or its flight is over, 1: it failed while running or the helicopter was
 lost, 2: it could not start (bad parameter, missing peer, no DDS). Every failure is one line on
 stderr.
 """
 
+import contextlib
 import gc
+import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_spec import StartError
@@ -25,7 +31,7 @@ from heli_parameters import command_line
 from heli_parameters.parameters import ParameterError
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
-
+Made = TypeVar("Made")
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -86,56 +92,116 @@ def complain(name: str, sentence: str) -> None:
     sys.stderr.flush()
 
 
-def _start(
-    cls: type[ManagedNode], argv: Sequence[str], args: Sequence[str], ending: Ending
-) -> ManagedNode:
-    """Check parameters, start ROS, make the node; raises StartError or ParameterError."""
-    line = command_line.parse(argv, cls.SPEC.name)
-    values = cls.SPEC.resolve(line.params_files, line.rules, line.full_name)
+class _Failed(Exception):
+    """Why the process ends: the node that it concerns, and the exit code."""
+
+    def __init__(self, name: str, sentence: str, code: int) -> None:
+        super().__init__(sentence)
+        self.name, self.code = name, code
+
+
+def _values(cls: type[ManagedNode], argv: Sequence[str]) -> dict[str, Any]:
+    """The parameters that a node is given, checked before ROS starts; raises _Failed."""
     try:
-        rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
-        node = cls(values)
-    except (StartError, ParameterError):
-        raise
+        line = command_line.parse(argv, cls.SPEC.name)
+        return cls.SPEC.resolve(line.params_files, line.rules, line.full_name)
+    except (StartError, ParameterError) as error:
+        raise _Failed(cls.SPEC.name, str(error), 2) from error
+
+
+def _named(name: str, make: Callable[[], Made]) -> Made:
+    """What starting ROS or a node gives; raises _Failed."""
+    try:
+        return make()
+    except (StartError, ParameterError) as error:
+        raise _Failed(name, str(error), 2) from error
     except Exception as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise StartError(f"ROS 2 cannot start: {first}") from error
-    node.asked_to_end = lambda: ending.asked
-    return node
+        raise _Failed(name, f"ROS 2 cannot start: {first}", 2) from error
 
 
-def _spin(node: ManagedNode, ending: Ending) -> int:
+class Spinning:
+    """An executor that serves nodes until it is stopped.
+
+    What has come is served in one call of the executor, not in one each: a call that waits with a
+    limit, and the look whether it was the last one, take longer than to hand a message over.
+
+    Parameters
+    ----------
+    executor : EventsExecutor
+    patience_s : float
+        Wall time between two calls; 0 for a node that is waited for.
+    """
+
+    def __init__(self, executor: Executor, patience_s: float = 0.0) -> None:
+        self._executor, self._patience_s = executor, patience_s
+        self._over = Future()
+
+    def stop(self) -> None:
+        """End the present call of `serve`, or the next; from any thread."""
+        self._over.set_result(None)
+
+    def serve(self) -> None:
+        """Serve what comes, for a while; with patience, what has come."""
+        if not self._patience_s:
+            self._executor.spin_until_future_complete(self._over, timeout_sec=_LOOK_S)
+            self._over = Future()
+            return
+        time.sleep(self._patience_s)
+        # Whatever waits is served before this, which ends the call.
+        self._executor.spin_until_future_complete(
+            self._executor.create_task(lambda: None), timeout_sec=_LOOK_S
+        )
+
+
+def _spin(nodes: Sequence[ManagedNode], ending: Ending) -> int:
     executor = EventsExecutor()
-    executor.add_node(node)
-    ending.wake_by(executor.wake)
+    spinning = Spinning(executor, min(node.PATIENCE_S for node in nodes))
+    for node in nodes:
+        executor.add_node(node)
+        node.told_end = spinning.stop
+    ending.wake_by(spinning.stop)
     try:
-        return _serve(node, executor)
+        return _serve(nodes, spinning)
     finally:
         ending.wake_by(None)
-        # It holds the node's parts, which could not be destroyed then.
+        # It holds the nodes' parts, which could not be destroyed then.
         executor.shutdown()
 
 
+# How often one looks whether ROS has ended, s.
+_LOOK_S = 0.5
 # How long Python lets a thread that judges parameters run while the flight waits, s.
 _SWITCH_S = 0.0005
 
 
-def _serve(node: ManagedNode, executor: Executor) -> int:
-    if node.values["autostart"]:
-        for transition in (node.trigger_configure, node.trigger_activate):
+def _begin(nodes: Sequence[ManagedNode]) -> bool:
+    """Have those that start themselves do so; False if they were asked to end meanwhile."""
+    own = [node for node in nodes if node.values["autostart"]]
+    # Who is activated waits for its peers, which may be among those that are configured here.
+    steps = [node.trigger_configure for node in own], [node.trigger_activate for node in own]
+    for transitions in steps:
+        for node, transition in zip(own, transitions, strict=True):
             if transition() != _SUCCESS:
                 if node.leaving():
-                    return 0
-                complain(node.SPEC.name, node.failure)
-                return 2
+                    return False
+                raise _Failed(node.SPEC.name, node.failure, 2)
+    return True
+
+
+def _serve(nodes: Sequence[ManagedNode], spinning: Spinning) -> int:
+    if not _begin(nodes):
+        return 0
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()
-    while not (node.leaving() or node.finished or node.crash is not None):
-        executor.spin_once(timeout_sec=0.5)
-    if node.crash is not None:
-        raise node.crash
-    return node.exit_code
+    while not any(node.leaving() or node.finished or node.crash is not None for node in nodes):
+        spinning.serve()
+    for node in nodes:
+        if node.crash is not None:
+            said = f"failed in flight: {type(node.crash).__name__}: {node.crash}"
+            raise _Failed(node.SPEC.name, said, 1) from node.crash
+    return max(node.exit_code for node in nodes)
 
 
 def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
@@ -155,34 +221,79 @@ def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
     """
     argv = list(sys.argv[1:] if args is None else args)
     name = cls.SPEC.name
-    node, ending = None, None
+    if not asks_for_help(argv):
+        return run_together([cls], argv, name)
     try:
-        if asks_for_help(argv):
-            sys.stdout.write(usage(cls.SPEC, cls.__doc__ or ""))
-            return 0
-        ending = Ending()
-        node = _start(cls, argv, [name, *argv], ending)
-        return _spin(node, ending)
-    except (StartError, ParameterError) as error:
+        sys.stdout.write(usage(cls.SPEC, cls.__doc__ or ""))
+    except StartError as error:
         complain(name, str(error))
         return 2
+    return 0
+
+
+def run_together(classes: Sequence[type[ManagedNode]], argv: Sequence[str], name: str) -> int:
+    """Run nodes in this process and one executor until it is asked to end, or one of them ends.
+
+    Parameters
+    ----------
+    classes : sequence of ManagedNode sub-classes
+    argv : sequence of str
+        Command line without the program name, the same for all.
+    name : str
+        Of the process, for a failure that no node has.
+
+    Returns
+    -------
+    int
+        As `run`.
+    """
+    nodes: list[ManagedNode] = []
+    ending = None
+    try:
+        ending = Ending()
+        given = [_values(cls, argv) for cls in classes]
+        if all(cls.PATIENCE_S for cls in classes):
+            _stand_back()
+        options = SignalHandlerOptions.NO
+        _named(name, lambda: rclpy.init(args=[name, *argv], signal_handler_options=options))
+        for cls, values in zip(classes, given, strict=True):
+            nodes.append(_named(cls.SPEC.name, partial(cls, values)))
+            nodes[-1].asked_to_end = lambda: ending.asked
+        return _spin(nodes, ending)
+    except _Failed as error:
+        complain(error.name, str(error))
+        return error.code
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as error:
         complain(name, f"failed in flight: {type(error).__name__}: {error}")
         return 1
     finally:
-        _end(node)
+        _end(nodes)
         if ending is not None:
             ending.close()
 
 
-def _end(node: ManagedNode | None) -> None:
+def _stand_back() -> None:
+    """Have no thread of this process push one of another aside when it wakes up (Linux).
+
+    It has its share of the processors nevertheless. Called before others are started.
+    """
+    if hasattr(os, "SCHED_BATCH"):
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+
+
+def _end(nodes: Sequence[ManagedNode]) -> None:
     """Last words and clean-up, whatever the state is in; no signal disturbs it."""
+    for node in nodes:
+        _attempt(node.end)
+        _attempt(node.destroy_node)
+    _attempt(rclpy.try_shutdown)
+
+
+def _attempt(action: Callable[[], Any]) -> None:
     try:
-        if node is not None:
-            node.end()
-            node.destroy_node()
-        rclpy.try_shutdown()
+        action()
     except Exception as error:
         complain("shutdown", f"{type(error).__name__}: {error}")

@@ -2,6 +2,7 @@
 """How a node's process ends: exit code and what it says, in processes of their own."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,11 +13,12 @@ NODE = """
 import os, signal, sys
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.node_process import run
+from heli_msgs_bridge.node_process import run, run_together
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 
 class Short(ManagedNode):
     SPEC = NodeSpec("short", "heli_parameters", (), "common.yaml")
+    PATIENCE_S = 0.01 * ("patient" in sys.argv)
 
     def configure(self):
         if "refuse" in sys.argv:
@@ -41,6 +43,14 @@ class Short(ManagedNode):
     def release(self):
         print("torn down", flush=True)
 
+class Long(Short):
+    SPEC = NodeSpec("long", "heli_parameters", (), "common.yaml")
+
+    def configure(self):
+        return self.create_output(topics.TRUTH_WIND)
+
+if "together" in sys.argv:
+    sys.exit(run_together([Long, Short], [], "both"))
 wrong = ["--ros-args", "-p", "peer_timeout_s:=x"]
 sys.exit(run(Short, wrong if "nonsense" in sys.argv else []))
 """
@@ -69,10 +79,14 @@ def start(own_domain):
 
 
 def ended(process):
-    """Exit code, standard output, and what the node itself complained of."""
+    """Exit code, standard output, and what the nodes themselves complained of."""
     out, err = process.communicate(timeout=60)
     assert "Traceback" not in out + err and "Exception" not in err
-    return process.returncode, out, [line for line in err.splitlines() if line.startswith("short:")]
+    return (
+        process.returncode,
+        out,
+        [line for line in err.splitlines() if re.match("(short|long|both):", line)],
+    )
 
 
 def test_one_that_has_done_its_work_ends_with_0(start):
@@ -85,8 +99,9 @@ def test_one_whose_work_came_to_a_bad_end_ends_with_1(start):
     assert (code, complaints) == (1, []) and out.endswith("torn down\n")
 
 
-def test_one_that_fails_in_flight_ends_with_1_and_one_line(start):
-    code, out, complaints = ended(start("fail"))
+@pytest.mark.parametrize("how", ["prompt", "patient"])
+def test_one_that_fails_in_flight_ends_with_1_and_one_line(start, how):
+    code, out, complaints = ended(start("fail", how))
     assert (code, complaints) == (1, ["short: failed in flight: RuntimeError: divided by nought"])
     assert out.endswith("torn down\n")
 
@@ -111,3 +126,18 @@ def test_one_that_cannot_start_ends_with_2_and_one_line(start):
     assert (code, complaints) == (2, ["short: the box is empty"])
     code, _, complaints = ended(start("nonsense"))
     assert code == 2 and len(complaints) == 1 and "peer_timeout_s" in complaints[0]
+
+
+@pytest.mark.parametrize(
+    ("how", "code", "complaint"),
+    [
+        ("finish", 0, ""),
+        ("fail", 1, "short: failed in flight: RuntimeError: divided by nought"),
+        ("refuse", 2, "short: the box is empty"),
+    ],
+)
+def test_of_several_in_a_process_the_one_that_ends_is_named(start, how, code, complaint):
+    """And all of them are torn down."""
+    got, out, complaints = ended(start(how, "together"))
+    assert (got, complaints) == (code, [complaint] * bool(complaint))
+    assert out.count("torn down\n") == (1 if how == "refuse" else 2)
