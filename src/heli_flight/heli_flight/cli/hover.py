@@ -59,6 +59,14 @@ OneProcess = Annotated[
         "--one-process", help="the same loop in this process, without ROS and without a bag"
     ),
 ]
+Composed = Annotated[
+    bool,
+    typer.Option(
+        "--composed",
+        help="the graph's four nodes in one process, still over DDS topics: the same flight, "
+        "sooner",
+    ),
+]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="folder to write; must not exist")]
 NoReport = Annotated[bool, typer.Option("--no-report", help="write no report.html and no figures")]
 ResultJson = Annotated[
@@ -111,6 +119,7 @@ def hover(
     lockstep: Lockstep = False,
     realtime: Realtime = False,
     one_process: OneProcess = False,
+    composed: Composed = False,
     out: Out = None,
     no_report: NoReport = False,
     as_json: ResultJson = False,
@@ -129,7 +138,7 @@ def hover(
     modes["--one-process"] = one_process
     order = FlightOrder(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
-        _live(live, live_port, foxglove_port, allow_commands), world, laws,
+        _live(live, live_port, foxglove_port, allow_commands), world, laws, composed,
     )  # fmt: skip
     if aircraft == 1:
         outcomes = [fly_and_write(order, console(stderr=as_json))]

@@ -15,11 +15,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from heli_flight.errors import FlightError, StartError
 from heli_flight.graph.bag_record import BagFlight
-from heli_flight.graph.live import MODULE as LIVE_MODULE
 from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.outcome import outcome
 from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, others_in, stop
+from heli_flight.graph.programs import programs
 from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
@@ -31,7 +31,6 @@ from heli_live_view.parameter_table import SHOWN_TO_THE_END
 from heli_math.ticks import stamp_at
 from heli_msgs_bridge.managed_node import INACTIVE
 from heli_msgs_bridge.peers import READY_LIMIT_S
-from heli_parameters.locate import executable
 from heli_parameters.parameters import dump_all
 
 _APPEAR_LIMIT_S = 30.0
@@ -48,13 +47,14 @@ _BAG_LIMIT_S = 10.0
 _END_LIMIT_S = 10.0
 
 
-def _named(name: str, process: NodeProcess) -> str:
-    """Why a process ended, in its own last words, with its name in front."""
+def _named(process: NodeProcess, nodes: Sequence[str]) -> str:
+    """Why a process ended, in its own last words, in front the name of the node or of all of it."""
     code = process.exit_code() or 0
     if code < 0:
-        return f"{name}: killed by {signal.Signals(-code).name}"
+        return f"{', '.join(nodes)}: killed by {signal.Signals(-code).name}"
     reason = process.last_line() or f"exit code {code}"
-    return reason if reason.startswith(f"{name}: ") else f"{name}: {reason}"
+    own = tuple(f"{name}: " for name in (process.name, *nodes))
+    return reason if reason.startswith(own) else f"{process.name}: {reason}"
 
 
 class Graph:
@@ -71,6 +71,8 @@ class Graph:
         Takes a line for the user.
     namespace : str
         Of an aircraft that is not alone: its clock is then that of its world.
+    composed : bool
+        Whether the nodes of the loop are in one process.
 
     Attributes
     ----------
@@ -87,14 +89,16 @@ class Graph:
         live: LiveView | None = None,
         say: Callable[[str], None] = print,
         namespace: str = "",
+        composed: bool = False,
     ):
-        self.namespace = namespace
+        self.namespace, self.composed = namespace, composed
         self.beside: list[Callable[[], None]] = []
         self.company = True
         self._joined_s = 0.0
         self._began_ros = False
         self.settings, self.folder, self.live, self.say = settings, folder, live, say
         self.processes: dict[str, NodeProcess] = {}
+        self._nodes: dict[str, Sequence[str]] = {}
         self.supervisor: Supervisor | None = None
         self.interrupted = False
         self.watched = False
@@ -110,11 +114,7 @@ class Graph:
             The recorder would leave out what the flight is scored by.
         """
         refuse_unscorable(self.settings)
-        recorder = ("recorder", "heli_bags", "recorder", "heli_bags.node")
-        nodes = [(n.name, n.package, n.executable, f"{n.package}.node") for n in NODES]
-        watching = [(LIVE, "heli_live_view", LIVE, LIVE_MODULE)] if self.live else []
-        for _, package, program, _ in (recorder, *watching, *nodes):
-            executable(package, program)
+        started = programs(self.composed, live=self.live is not None)
         logs = self.folder / "logs"
         logs.mkdir()
         prepare_environment()
@@ -125,10 +125,11 @@ class Graph:
         if self.namespace:
             arguments += ["-r", f"__ns:=/{self.namespace}"]
         self._join()
-        for name, _, _, module in (recorder, *watching, *nodes):
-            log = logs / f"{name}.log"
+        for program in started:
+            name, log = program.name, logs / f"{program.name}.log"
             secret = {TOKEN_VARIABLE: self.live.token} if self.live and name == LIVE else {}
-            self.processes[name] = NodeProcess(name, module, arguments, log, env | secret)
+            self.processes[name] = NodeProcess(name, program.module, arguments, log, env | secret)
+            self._nodes[name] = program.nodes
 
     def _join(self) -> None:
         """Make the supervisor's node, before all others.
@@ -160,11 +161,12 @@ class Graph:
         for name, process in list(self.processes.items()):
             if process.exit_code() is None:
                 continue
+            why = _named(process, self._nodes[name])
             if name != LIVE or not self.watched:
-                raise FlightError(self._own(_named(name, process)))
+                raise FlightError(self._own(why))
             # A flight does not end because nobody can watch it any more.
             del self.processes[name]
-            self.say(f"live view ended: {_named(name, process)}")
+            self.say(f"live view ended: {why}")
 
     def bring_up(self) -> None:
         """Configure all nodes, publish the reference, activate in order; the plant comes last.
@@ -348,6 +350,7 @@ def fly_graph(
     progress: Callable[[float], None],
     live: LiveView | None = None,
     say: Callable[[str], None] = print,
+    composed: bool = False,
 ) -> tuple[Result, Mapping[str, Any], BagFlight]:
     """Fly a scenario with the real graph.
 
@@ -362,6 +365,8 @@ def fly_graph(
         Shows the flight.
     say : callable
         Takes a line for the user.
+    composed : bool
+        Whether the nodes of the loop are in one process.
 
     Returns
     -------
@@ -374,14 +379,14 @@ def fly_graph(
         The graph could not be brought up or kept up.
     """
     begun = time.monotonic()
-    graph = Graph(settings, folder, live, say)
+    graph = Graph(settings, folder, live, say, composed=composed)
     with running(graph):
         graph.start()
         graph.bring_up()
         up = time.monotonic()
         graph.fly(progress)
         said = ended(graph)
-    return outcome(settings, folder, *said, round(up - begun, 3))
+    return outcome(settings, folder, *said, round(up - begun, 3), composed=composed)
 
 
 def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:

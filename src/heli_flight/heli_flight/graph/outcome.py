@@ -42,6 +42,7 @@ def outcome(
     killed: Sequence[str],
     start_up_s: float,
     aircraft: str = "",
+    composed: bool = False,
 ) -> tuple[Result, Mapping[str, Any], BagFlight]:
     """The result of a flight that is over.
 
@@ -58,6 +59,8 @@ def outcome(
         Wall time from the start to the first tick.
     aircraft : str
         Its namespace, if others fly beside it.
+    composed : bool
+        Whether the nodes of the loop were in one process.
 
     Returns
     -------
@@ -77,4 +80,4 @@ def outcome(
     scores, flown_s = score(record, settings.scenario), seconds(len(record))
     result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft)
     mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
-    return result, {"mode": mode, "start_up_s": start_up_s}, flight
+    return result, {"mode": mode, "composed": composed, "start_up_s": start_up_s}, flight

@@ -29,6 +29,7 @@ def fly_several(
     folder: Path,
     progress: Callable[[float], None],
     say: Callable[[str], None] = print,
+    composed: bool = False,
 ) -> dict[str, tuple[Result, Mapping[str, Any], BagFlight]]:
     """Fly aircraft side by side with the real graph.
 
@@ -42,6 +43,8 @@ def fly_several(
         Called with the flight time (s).
     say : callable
         Takes a line for the user.
+    composed : bool
+        Whether each aircraft's nodes are in one process.
 
     Returns
     -------
@@ -54,7 +57,7 @@ def fly_several(
         A graph could not be brought up or kept up.
     """
     begun = time.monotonic()
-    graphs = {n: Graph(own, folder / n, None, say, n) for n, own in settings.items()}
+    graphs = {n: Graph(own, folder / n, None, say, n, composed) for n, own in settings.items()}
     first = next(iter(graphs.values()))
     with running(*graphs.values()):
         for graph in graphs.values():
@@ -74,7 +77,10 @@ def fly_several(
             stop([clock])
         said = {name: ended(graph) for name, graph in reversed(graphs.items())}
     start_up_s = round(up - begun, 3)
-    return {n: outcome(own, folder / n, *said[n], start_up_s, n) for n, own in settings.items()}
+    return {
+        n: outcome(own, folder / n, *said[n], start_up_s, n, composed)
+        for n, own in settings.items()
+    }
 
 
 def _check(clock: NodeProcess) -> None:

@@ -53,6 +53,8 @@ class FlightOrder:
         As for `resolve`, but the hover test has a default of its own (`hover_test_world`).
     laws : str, optional
         As for `resolve`.
+    composed : bool
+        Whether the nodes of the loop are in one process; needs a mode of the graph.
     """
 
     scenario: str | None = None
@@ -67,6 +69,7 @@ class FlightOrder:
     live: LiveOrder | None = None
     world: str | None = None
     laws: str | None = None
+    composed: bool = False
 
     def resolved(self, seed: int | None = None) -> Settings:
         """What is flown, or its seed and what this draws replaced; raises ParameterError."""
@@ -140,6 +143,7 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
     """
     out = out or silent()
     settings = order.resolved()
+    _refuse_composed(order, settings)
     for remark in settings.remarks:
         _say(out)(remark)
     folder = order.out or _free_name(settings)
@@ -180,7 +184,7 @@ def fly_several_and_write(
         _say(out)(remark)
     folder = order.out or _free_name(settings["heli1"])
     with being_filled(folder) as new:
-        flights = _flown_together(settings, new, out)
+        flights = _flown_together(order, settings, new, out)
         with interrupts.held_back():
             for name, flight in flights.items():
                 write_result(flight.result, settings[name], folder / name, flight.extra)
@@ -202,6 +206,11 @@ def _shown(order: FlightOrder, flight: _Flown, outcome: Outcome, out: Console) -
     return outcome
 
 
+def _refuse_composed(order: FlightOrder, settings: Settings) -> None:
+    if order.composed and settings.mode == ONE_PROCESS:
+        raise ParameterError("--composed: needs the ROS graph; it does not go with --one-process")
+
+
 def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
     """What each aircraft flies, by its name."""
     if not 1 < count <= MOST_AIRCRAFT:
@@ -216,7 +225,7 @@ def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
 
 
 def _flown_together(
-    settings: Mapping[str, Settings], folder: NewFolder, out: Console
+    order: FlightOrder, settings: Mapping[str, Settings], folder: NewFolder, out: Console
 ) -> dict[str, _Flown]:
     for name, own in settings.items():
         (folder.path / name).mkdir()
@@ -227,7 +236,7 @@ def _flown_together(
 
     interrupts.check()
     with _in_flight(settings["heli1"], folder, out) as progress:
-        found = fly_several(settings, folder.path, progress, _say(out))
+        found = fly_several(settings, folder.path, progress, _say(out), order.composed)
     return {name: _Flown(r, extra, f.record, f.remarks) for name, (r, extra, f) in found.items()}
 
 
@@ -255,7 +264,9 @@ def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Conso
     interrupts.check()
     live = live_view(order.live, settings) if order.live else None
     with _in_flight(settings, folder, out) as progress:
-        result, extra, flight = fly_graph(settings, folder.path, progress, live, _say(out))
+        result, extra, flight = fly_graph(
+            settings, folder.path, progress, live, _say(out), order.composed
+        )
     return _Flown(result, extra, flight.record, flight.remarks)
 
 
@@ -300,6 +311,7 @@ def _report(flight: _Flown, outcome: Outcome, out: Console) -> None:
 
     settings, folder, mode = outcome.settings, outcome.folder, flight.extra["mode"]
     how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
+    how += ", its nodes in one process" if flight.extra.get("composed") else ""
     events = events_of(flight.remarks, settings)
     try:
         with interrupts.told():
