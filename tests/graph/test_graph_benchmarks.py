@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The benchmarks of the graph run through, in short; how fast is no matter of tests."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def benchmark_of(ros_env, living):
+    """Run a script of benchmarks/ and return what it prints as JSON."""
+
+    def run(name, *words):
+        done = subprocess.run(
+            [sys.executable, BENCHMARKS / name, "--json", *words],
+            env=ros_env, capture_output=True, text=True, timeout=400,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert living() == []
+        return json.loads(done.stdout)
+
+    return run
+
+
+def test_speed_beside_a_bare_ring(benchmark_of):
+    found = benchmark_of("graph.py", "--quick")
+    rates, ratios = found["rates"]["one process"], found["ratios"]["one process"]
+    assert set(rates) == {"objects", "graph"} and min(rates.values()) > 0.0
+    assert ratios["objects"] == pytest.approx(rates["graph"] / rates["objects"])
+
+
+def test_latency_beside_a_bare_ring(benchmark_of):
+    found = benchmark_of("latency.py", "--seconds", "2", "--composed")
+    for name in ("ring", "graph"):
+        assert found[name]["ticks"] > 90
+        assert 0.0 < found[name]["p50_us"] <= found[name]["p99_us"]
+    assert found["ratios"]["p50_us"] == found["graph"]["p50_us"] / found["ring"]["p50_us"]
