@@ -13,7 +13,7 @@ from numba.core.caching import _CacheLocator
 from heli_math.jit import cache_root
 
 ROOT = Path(__file__).resolve().parents[2]
-COPIED = ("src", "tests", "scripts", "requirements", "docs")
+COPIED = ("src", "tests", "scripts", "benchmarks", "requirements", "docs")
 FILES = ("pyproject.toml", "conftest.py", "README.md", "CONTRIBUTING.md", "LICENSE")
 PYTHON_FOLDER = f"lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
 

@@ -159,7 +159,8 @@ def commit(root: Path) -> str:
         done = subprocess.run(["git", "-C", root, *words], capture_output=True, text=True)
         return done.stdout.strip()
 
-    changed = git("status", "--porcelain", "--", "scripts", "requirements", "src", ":!*.md")
+    folders = ("benchmarks", "scripts", "requirements", "src")
+    changed = git("status", "--porcelain", "--", *folders, ":!*.md")
     return (git("rev-parse", "HEAD") or "unknown") + ("-dirty" if changed else "")
 
 
@@ -173,8 +174,8 @@ def refuse_changes(root: Path) -> None:
     """
     if commit(root).endswith("-dirty"):
         raise FlightError(
-            "results: scripts, requirements or src are changed; commit them first, so that a "
-            "result file can name what made it"
+            "results: benchmarks, scripts, requirements or src are changed; commit them first, so "
+            "that a result file can name what made it"
         )
 
 

@@ -301,6 +301,18 @@ PRODUCERS = (
         },
     ),
     Producer(
+        "graph",
+        "./heli python benchmarks/graph.py --json",
+        "Speed of the node graph in lockstep beside a bare ring of rclpy nodes.",
+        loose={key: _NOT_COMPARED for key in ("rates", "ratios", "machine")},
+    ),
+    Producer(
+        "latency",
+        "./heli python benchmarks/latency.py --seconds 120 --json",
+        "The node graph in real time beside a bare ring at its pace.",
+        loose={key: _NOT_COMPARED for key in ("ring", "graph", "ratios", "machine")},
+    ),
+    Producer(
         "scaling",
         "./heli python benchmarks/scaling.py --json",
         "What empty tasks of a campaign and participants of a ROS domain cost.",

@@ -57,6 +57,8 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "recorder": parts.recorder,
     "setup": parts.setup,
     "closed_loop": of_scale.closed_loop,
+    "graph": of_scale.graph,
+    "latency": of_scale.latency,
     "scaling": of_scale.scaling,
     "tasks": of_scale.tasks,
 }

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of what flights, tasks and participants cost, and how many of them go together."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from heli_flight.studies.results.files import Results
 from heli_flight.studies.results.grid import grid
+from heli_math.ticks import TICK_S
 
 _PARTS = {
     "resolve_s": "files, layers and checks",
@@ -31,6 +35,54 @@ def closed_loop(results: Results) -> str:
         f"{grid(['', 'measured', 'goal'], rows)}\n\nMedians of {found['rounds']} rounds; flights "
         f"of {found['duration_s']:g} s; processor time, the commands wall time."
     )
+
+
+def graph(results: Results) -> str:
+    """Speed of the graph beside the ring, in both shapes."""
+    found = results["graph"]
+    rows = [
+        [
+            shape,
+            f"{rates['graph']:.0f}",
+            f"{rates['graph'] * TICK_S:.1f}",
+            f"{rates['objects']:.0f}",
+            f"{found['ratios'][shape]['objects']:.2f} ({found['goals'][shape]:g})",
+            f"{rates['bytes']:.0f}",
+            f"{found['ratios'][shape]['bytes']:.2f}",
+        ]
+        for shape, rates in found["rates"].items()
+    ]
+    head = ["nodes in", "graph, ticks/s", "times real time", "ring of objects, cycles/s",
+            "ratio (goal)", "ring of bytes, cycles/s", "ratio"]  # fmt: skip
+    return (
+        f"{grid(head, rows)}\n\nMedians of {found['rounds']} rounds in turn; flights of "
+        f"{found['seconds']:g} s, scenario hover, world paper, seed 1, standalone receiver, "
+        f"packaged laws, recorded; {_machine(found)}."
+    )
+
+
+def latency(results: Results) -> str:
+    """From an IMU sample to its actuators in real time, beside the ring."""
+    found = results["latency"]
+    flown, bare, ratios = found["graph"], found["ring"], found["ratios"]
+    rows = [
+        ["sensor to actuator, p50, us", f"{flown['p50_us']:.0f}", f"{bare['p50_us']:.0f}",
+         f"{ratios['p50_us']:.2f}", "1.5"],
+        ["sensor to actuator, p99, us", f"{flown['p99_us']:.0f}", f"{bare['p99_us']:.0f}",
+         f"{ratios['p99_us']:.2f}", "1.5"],
+        ["ticks missed", f"{flown['missed']:.0f} of {flown['ticks']:.0f}",
+         f"{bare['missed']:.0f} of {bare['ticks']:.0f}", "", "0"],
+        ["load, share of a core", f"{100.0 * flown['load']:.0f} %", "", "", "60 %"],
+    ]  # fmt: skip
+    return (
+        f"{grid(['', 'graph', 'ring', 'ratio', 'goal'], rows)}\n\n{found['seconds']:g} s of each, "
+        f"one after the other, at 100 Hz, four processes and recorder; {_machine(found)}."
+    )
+
+
+def _machine(found: Mapping[str, Any]) -> str:
+    machine = found["machine"]
+    return f"{machine['cores']} cores, load before {machine['load_before']:.1f}"
 
 
 def scaling(results: Results) -> str:
