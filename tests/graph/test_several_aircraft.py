@@ -46,7 +46,7 @@ def test_two_aircraft(hover_test, tmp_path):
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_three_aircraft_each_named(hover_test, tmp_path, mode):
-    """In both modes; table, result and page name each, a page that is made of the bag alone, too."""
+    """In both modes: table, result and page; a page that is made of the bag alone, too."""
     out = tmp_path / "flight"
     done = hover_test("--aircraft", 3, "--duration", 6, f"--{mode}", "--out", out)
     assert done.returncode in (0, 1), done.stdout + done.stderr
