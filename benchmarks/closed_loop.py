@@ -10,6 +10,7 @@ report.
 Times are processor time; what counts are ratios within one run.
 """
 
+import argparse
 import json
 import os
 import statistics
@@ -127,16 +128,17 @@ def measure(rounds: int, duration_s: float, peer: Path | None) -> dict[str, Any]
     return found
 
 
-def main(words: list[str]) -> int:
+def main() -> int:
     """Print the figures; returns the exit code."""
-    known = ("--quick", "--json")
-    wrong = [word for word in words if word not in known]
-    if wrong:
-        print(f"{wrong[0]}: unknown; allowed: {', '.join(known)}", file=sys.stderr)
-        return 2
-    quick = "--quick" in words
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--quick", action="store_true", help="one short round, without peer and report"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    asked = parser.parse_args()
+    quick = asked.quick
     found = measure(*((1, QUICK_S, None) if quick else (ROUNDS, FLIGHT_S, peer_python())))
-    if "--json" in words:
+    if asked.json:
         print(json.dumps(found))
         return 0
     goal = f"goal {GOAL_TIMES_REAL_TIME:g}"
@@ -156,4 +158,4 @@ def main(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -7,6 +7,7 @@ back. Participants: each is a ROS context with one node, in four processes; what
 time from their start until each knows all others, and the processor time that this takes.
 """
 
+import argparse
 import json
 import multiprocessing
 import os
@@ -128,16 +129,15 @@ def measure(count: int, counts: tuple[tuple[int, str], ...], rounds: int) -> dic
     return found
 
 
-def main(words: list[str]) -> int:
+def main() -> int:
     """Print the figures; returns the exit code."""
-    known = ("--quick", "--json")
-    wrong = [word for word in words if word not in known]
-    if wrong:
-        print(f"{wrong[0]}: unknown; allowed: {', '.join(known)}", file=sys.stderr)
-        return 2
-    quick = "--quick" in words
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a few tasks and participants")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    asked = parser.parse_args()
+    quick = asked.quick
     found = measure(*((QUICK_TASKS, QUICK_COUNTS, 1) if quick else (TASKS, COUNTS, ROUNDS)))
-    if "--json" in words:
+    if asked.json:
         print(json.dumps(found))
         return 0
     empty = found["empty_tasks"]
@@ -151,4 +151,4 @@ def main(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -171,7 +171,7 @@ heli_make_environment() {
     if [ -e "$heli_venv" ] && [ ! -e "$heli_venv/heli_made_here" ]; then
         heli_fail "$heli_venv exists but was not made by this set-up; move it away, or choose another folder with HELI_VENV=/path"
     fi
-    printf 'Setting up %s with Python %s, once, less than a minute ...\n' "$heli_venv" "$heli_base_version" >&2
+    printf 'Setting up %s with Python %s, once, one to two minutes ...\n' "$heli_venv" "$heli_base_version" >&2
     heli_discard_environment
     { mkdir -p -- "$heli_venv" && : >"$heli_venv/heli_made_here"; } 2>/dev/null || heli_fail "cannot write $heli_venv"
     printf '%s\n' "$heli_base_python" >"$heli_venv/heli_python"

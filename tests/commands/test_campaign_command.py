@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`heli campaign SPEC.yaml`: on a scheduler and workers started by hand, killed on the way."""
 
+import contextlib
 import errno
 import json
 import os
@@ -66,18 +67,20 @@ def cluster(started, tmp_path):
     dask = [sys.executable, "-m", "distributed.cli.dask_"]
     head = [*dask[:2], f"{dask[2]}scheduler", "--port", 0, "--dashboard-address", ":0"]
     scheduler = started(*head, "--host", "127.0.0.1", "--scheduler-file", told, **quiet)
-    until(lambda: told.exists() and told.stat().st_size)
+    until(lambda: told.exists() and told.stat().st_size, scheduler)
     hand = [*dask[:2], f"{dask[2]}worker", "--scheduler-file", told, "--nthreads", 1, "--no-nanny"]
     workers = [started(*hand, "--no-dashboard", **quiet) for _ in range(2)]
     return scheduler, json.loads(told.read_text())["address"], workers
 
 
-def until(true, process=None):
+def until(true, process):
+    """Wait until something is so; fails at once when the process that brings it about has ended."""
     end = time.monotonic() + _LIMIT_S
     while not true():
         assert time.monotonic() < end
-        assert process is None or process.poll() is None, process.communicate()
-        time.sleep(0.02)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(0.02)
+            raise AssertionError(process.communicate())
 
 
 def rows_in(folder):
