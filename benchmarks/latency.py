@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node graph in real time: from sensor to actuator, missed ticks, load of the processor.
 
-    ./heli python benchmarks/latency.py [--seconds S] [--composed] [--quick] [--json]
+    ./heli python benchmarks/latency.py [--seconds S] [--rate HZ] [--composed] [--quick] [--json]
 
-A flight at the wall clock's pace (100 Hz) after the bare ring of `ring.py` at the same pace. In
-both somebody listens to `imu/data_raw` and `actuators` as the recorder does, and reads when each
-was sent (DDS source timestamps): the latency of a tick is from its Imu to its actuators. A tick is
-missed whose actuators come after the next Imu, or never. The load is that of all processes of the
-flight, its supervisor among them, in the second half of it.
+A flight at the wall clock's pace (100 Hz, or --rate 400) after the bare ring of `ring.py` at the
+same pace. In both somebody listens to `imu/data_raw` and `actuators` as the recorder does, and
+reads when each was sent (DDS source timestamps): the latency of a tick is from its Imu to its
+actuators. A tick is missed whose actuators come after the next Imu, or never. The load is that of
+all processes of the flight, its supervisor among them, in the second half of it.
 """
 
 import argparse
@@ -26,13 +26,13 @@ from typing import Any
 import numpy as np
 import ring
 
-from heli_math.ticks import TICK_NS, TICK_S, TICKS_PER_S
+from heli_math.ticks import OF_100_HZ, RATES_HZ, TICK_NS, Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 
 SECONDS, QUICK_SECONDS = 60.0, 5.0
 GOAL_RATIO, GOAL_LOAD = 1.5, 0.6
-_SETTLE_TICKS = 100
+_SETTLE_S = 1.0
 _LIMIT_S = 120.0
 
 
@@ -95,28 +95,35 @@ class Listener:
         return imu, actuators
 
 
-def figures(imu: dict[int, int], actuators: dict[int, int]) -> dict[str, float]:
+def figures(
+    imu: dict[int, int], actuators: dict[int, int], settle: int, tick_ns: int
+) -> dict[str, float]:
     """Latencies, us, and missed ticks, from the settled part.
 
     Parameters
     ----------
     imu, actuators : dict
         Stamp to the time of sending, ns.
+    settle : int
+        So many ticks are left out at the beginning.
+    tick_ns : int
+        From stamp to stamp.
     """
-    stamps = sorted(imu)[_SETTLE_TICKS:-1]
+    stamps = sorted(imu)[settle:-1]
     if not stamps:
         raise SystemExit("latency: too few messages were heard")
     late_ns = [actuators[s] - imu[s] for s in stamps if s in actuators]
-    missed = sum(s not in actuators or actuators[s] > imu.get(s + TICK_NS, 0) for s in stamps)
+    missed = sum(s not in actuators or actuators[s] > imu.get(s + tick_ns, 0) for s in stamps)
     p50, p99 = np.percentile(late_ns, (50, 99)) / 1e3
     return {"ticks": len(stamps), "missed": missed, "p50_us": float(p50), "p99_us": float(p99)}
 
 
-def of_ring(seconds: float, composed: bool) -> dict[str, float]:
-    """Figures of the ring of message objects at the flight's pace."""
+def of_ring(seconds: float, composed: bool, rate: Rate) -> dict[str, float]:
+    """Figures of the ring of message objects at the flight's pace; it counts cycles by 10 ms."""
+    cycles, outer_every = rate.ticks_in(seconds), rate.of(ring.OUTER_EVERY)
     with Listener() as listener:
-        ring.run(ring.Order(composed, "objects", round(seconds * TICKS_PER_S), TICK_S))
-        return figures(*listener.heard())
+        ring.run(ring.Order(composed, "objects", cycles, rate.tick_s, outer_every))
+        return figures(*listener.heard(), rate.ticks_in(_SETTLE_S), TICK_NS)
 
 
 def family(pid: int) -> list[int]:
@@ -142,11 +149,12 @@ def processor_s(pids: list[int]) -> float:
     return total
 
 
-def of_graph(seconds: float, composed: bool) -> dict[str, float]:
+def of_graph(seconds: float, composed: bool, rate: Rate) -> dict[str, float]:
     """Figures of a recorded flight in real time, and its load as a share of a core."""
     with tempfile.TemporaryDirectory(prefix="heli_bench_") as folder, Listener() as listener:
         command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--realtime"]
         command += ["--world", "paper", "--seed", "1", "--duration", str(seconds)]
+        command += ["--rate", str(rate.hz)]
         command += ["--out", f"{folder}/flight", *(["--composed"] if composed else [])]
         log = Path(folder) / "flight" / "logs" / ("composed.log" if composed else "plant.log")
         flying = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
@@ -160,16 +168,18 @@ def of_graph(seconds: float, composed: bool) -> dict[str, float]:
         _, said = flying.communicate(timeout=seconds + _LIMIT_S)
         if flying.returncode not in (0, 1):
             raise SystemExit(f"latency: {said.decode().strip()}")
-        return {**figures(*listener.heard()), "load": load}
+        told = figures(*listener.heard(), rate.ticks_in(_SETTLE_S), rate.tick_ns)
+        return {**told, "load": load}
 
 
-def measure(seconds: float, composed: bool) -> dict[str, Any]:
+def measure(seconds: float, composed: bool, rate: Rate = OF_100_HZ) -> dict[str, Any]:
     """Ring and graph, one after the other."""
     ring.use_free_domain()
     load_before = os.getloadavg()[0]
-    bare, graph = of_ring(seconds, composed), of_graph(seconds, composed)
+    bare, graph = of_ring(seconds, composed, rate), of_graph(seconds, composed, rate)
     return {
         "seconds": seconds,
+        "rate_hz": rate.hz,
         "composed": composed,
         "machine": {"cores": len(os.sched_getaffinity(0)), "load_before": load_before},
         "ring": bare,
@@ -182,7 +192,7 @@ def show(found: dict[str, Any]) -> None:
     """Print the table."""
     machine = found["machine"]
     print(
-        f"{found['seconds']:g} s at {TICKS_PER_S} Hz, "
+        f"{found['seconds']:g} s at {found['rate_hz']} Hz, "
         f"{'one process' if found['composed'] else 'four processes'}, {machine['cores']} cores, "
         f"load before {machine['load_before']:.1f}"
     )
@@ -201,11 +211,13 @@ def main() -> int:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=SECONDS, help="length of each")
+    parser.add_argument("--rate", type=int, choices=RATES_HZ, default=OF_100_HZ.hz, help="Hz")
     parser.add_argument("--composed", action="store_true", help="the four nodes in one process")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_SECONDS:g} s of each")
     parser.add_argument("--json", action="store_true", help="print JSON")
     asked = parser.parse_args()
-    found = measure(QUICK_SECONDS if asked.quick else asked.seconds, asked.composed)
+    seconds = QUICK_SECONDS if asked.quick else asked.seconds
+    found = measure(seconds, asked.composed, Rate.of_hz(asked.rate))
     if asked.json:
         print(json.dumps(found))
     else:

@@ -2,11 +2,11 @@
 """A bare ring of four rclpy nodes, to measure the graph against.
 
 The graph's path from sensor to actuator and nothing else: the plant sends an Imu, the observer
-answers it with an Odometry, the outer loop every fourth one with a setpoint, the inner loop with
-actuators, which begin the next cycle. Types, QoS, discovery and executor are the graph's; a node
-does nothing but read the stamp and send. What is sent are messages as an rclpy node has them
-(`objects`: made once, converted by rclpy each time), or bytes that were made beforehand (`bytes`:
-what DDS and executor cost alone).
+answers it with an Odometry, the outer loop every fourth one (or less often) with a setpoint, the
+inner loop with actuators, which begin the next cycle. Types, QoS, discovery and executor are the
+graph's; a node does nothing but read the stamp and send. What is sent are messages as an rclpy node
+has them (`objects`: made once, converted by rclpy each time), or bytes that were made beforehand
+(`bytes`: what DDS and executor cost alone).
 """
 
 import gc
@@ -29,7 +29,8 @@ from heli_msgs_bridge.cdr import stamp_of
 ROLES = ("plant", "observer", "inner_loop", "outer_loop")
 FORMS = ("objects", "bytes")
 WARM_CYCLES = 100
-_OUTER_EVERY = topics.BY_NAME[topics.ATTITUDE_SETPOINT].every_ticks
+OUTER_EVERY = topics.BY_NAME[topics.ATTITUDE_SETPOINT].every_ticks
+"""Cycles from one setpoint to the next."""
 _HEARS = {
     "plant": (topics.ACTUATORS,),
     "observer": (topics.IMU,),
@@ -69,16 +70,25 @@ class Ring:
     period_s : float
         0: the next cycle begins when the last one is over; else so many seconds after the last
         one began, by a timer.
+    outer_every : int
+        Cycles from one setpoint to the next.
     """
 
-    def __init__(self, roles: Sequence[str], form: str, cycles: int, period_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        roles: Sequence[str],
+        form: str,
+        cycles: int,
+        period_s: float = 0.0,
+        outer_every: int = OUTER_EVERY,
+    ) -> None:
         import rclpy
         from rclpy.experimental.events_executor import EventsExecutor
 
         from heli_msgs_bridge.node_process import Spinning
 
         self.over = self._started = False
-        self._next = 0
+        self._next, self._outer_every = 0, outer_every
         self.begun_s = np.zeros(cycles)
         self.taken_s = np.zeros(cycles)
         self._cycles, self._period_s, self._raw = cycles, period_s, form == "bytes"
@@ -148,13 +158,13 @@ class Ring:
         def step(tick: int) -> None:
             arrived[topic] = tick
             newest = arrived[topics.ODOM]
-            if tick % _OUTER_EVERY or newest == arrived[topics.ATTITUDE_SETPOINT]:
+            if tick % self._outer_every or newest == arrived[topics.ATTITUDE_SETPOINT]:
                 self._send["inner_loop"](newest)
 
         return step
 
     def _outer(self, tick: int) -> None:
-        if tick % _OUTER_EVERY == 0:
+        if tick % self._outer_every == 0:
             self._send["outer_loop"](tick)
 
     def _plant(self, tick: int) -> None:
@@ -215,6 +225,7 @@ class Order:
         One of FORMS.
     cycles : int
     period_s : float
+    outer_every : int
         As for `Ring`.
     """
 
@@ -222,6 +233,7 @@ class Order:
     form: str
     cycles: int
     period_s: float = 0.0
+    outer_every: int = OUTER_EVERY
 
 
 def _serve(roles: Sequence[str], order: Order, ready: Any, over: Any, times: Any) -> None:
@@ -229,7 +241,7 @@ def _serve(roles: Sequence[str], order: Order, ready: Any, over: Any, times: Any
     import rclpy
 
     rclpy.init(args=[])
-    ring = Ring(roles, order.form, order.cycles, order.period_s)
+    ring = Ring(roles, order.form, order.cycles, order.period_s, order.outer_every)
     limit = time.monotonic() + _LIMIT_S
     while not ring.connected():
         if time.monotonic() > limit:

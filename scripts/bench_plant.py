@@ -23,7 +23,7 @@ from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.state import STEP_S
 from heli_flight.loop.closed_loop import build, fly_loop
 from heli_flight.loop.settings import resolve
-from heli_math.jit import njit
+from heli_math.jit import njit_counted
 from heli_math.rows import MEAS, PLANT
 from heli_math.ticks import TICK_S
 from heli_parameters.common_table import with_common
@@ -44,7 +44,7 @@ def default_config():
     return plant.PlantConfig.from_parameters(values)
 
 
-@njit
+@njit_counted
 def _steps(x0, u, air, k, work, n):
     """n integration steps, restarted from x0 every 50 so that the flight stays near trim."""
     x = x0.copy()
@@ -55,7 +55,7 @@ def _steps(x0, u, air, k, work, n):
     return x[0]
 
 
-@njit
+@njit_counted
 def _ticks(state, x0, rows, u, k, y):
     """One tick of measure and advance per noise row, restarted from x0 every 10 ticks."""
     for tick in range(rows.shape[0]):

@@ -79,7 +79,8 @@ Made from the code's own tables by `scripts/ros_page.py`; a test fails when it i
 ## Topics
 
 Names are relative, except those with a slash: `namespace:=heli2` moves all others to
-`/heli2/...`, and every frame but `map` to `heli2/...`. Rates are per second of simulated time.
+`/heli2/...`, and every frame but `map` to `heli2/...`. Rates are per second of simulated time,
+at the default `rate_hz`; what has 100 Hz here comes as often as it says (below, "Simulated time").
 A frame `a > b` is that of the header and that of the child.
 """
 QOS = f"""
@@ -111,9 +112,14 @@ time where the node's time stands still.
 ## Simulated time
 
 Stamps are simulated time: tick 0 is `start_time_s` (1 s), a tick is 10 ms, `/clock` tells the
-newest. In lockstep the flight runs as fast as the machine allows; with `lockstep` false
-simulated seconds last as long as others. The nodes of this stack act on stamps and need no
-setting. Other nodes take the wall clock unless they are told, and then find every message
+newest. With `rate_hz: 400` of every node (`hover_test.sh --rate 400`; in a parameter file in the
+section of each node, the recorder's, too) a tick is 2.5 ms: IMU, observer, inner loop, ground truth
+and clock step at 400 Hz, each design is made for that step, and all else keeps its times: the
+outer loop, GPS, magnetometer, barometer and every delay, as what YAMLs count in ticks is counted
+in 10 ms at each rate. 200 goes, too. In lockstep the flight runs as fast as the
+machine allows; with `lockstep` false simulated seconds last as long as others. The nodes of
+this stack act on stamps and need no setting. Other nodes take the wall clock unless they are
+told, and then find every message
 decades old:
 
     rviz2 -d src/heli_live_view/config/flight.rviz --ros-args -p use_sim_time:=true
@@ -130,6 +136,22 @@ this machine hears the flight. To listen from another one set
 `OFF` shuts everybody out. Both need the same `ROS_DOMAIN_ID`: a flight takes 0, or while
 somebody else flies the one that it prints. `ros2 run` and `ros2 launch` set neither: without a
 setting ROS 2 speaks to the whole subnet.
+
+## One process or four
+
+`./hover_test.sh --composed`, `ros2 launch heli_flight hover.launch.py composed:=true` and
+`ros2 run heli_flight composed` hold plant, observer, inner and outer loop in one process and
+one executor. Names, topics, services, parameters, life cycle and `/diagnostics` are those of
+four processes, and so is the flight, number for number. What they send each other still goes
+through DDS, but wakes no other process up, so in lockstep a flight takes about half as long
+(`benchmarks/README.md`). What goes to one of them alone carries its name: `/**/plant:` in a
+parameter file, `-p plant:seed:=7` on the command line. They end together: a crash of one is
+the end of all. The recorder, and whoever else listens, has a process of its own.
+
+With `FASTRTPS_DEFAULT_PROFILES_FILE` unset, `hover_test.sh` and `heli` take
+`src/heli_flight/config/fastdds.xml`: participants announce themselves more often, senders ask
+for acknowledgements ten times a second, and no timer starts with each message. `ros2 launch`
+does not; point that variable at the file for the same speed.
 
 ## Services
 

@@ -82,7 +82,7 @@ class Node:
 
     package: str
     executable: str
-    name: str
+    name: str = ""
     namespace: str = ""
     parameters: tuple = ()
     ros_arguments: tuple = ()
@@ -150,7 +150,8 @@ class Started:
     def command(self, folder):
         """The command line that launch_ros runs."""
         words = [sys.executable, str(executable(self.package, self.executable)), "--ros-args"]
-        words += [*self.ros_arguments, "--ros-args", "-r", f"__node:={self.name}"]
+        words += [*self.ros_arguments, "--ros-args"]
+        words += ["-r", f"__node:={self.name}"] if self.name else []
         if self.namespace:
             words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
         for path in self.files(folder):

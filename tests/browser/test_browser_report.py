@@ -33,7 +33,9 @@ def written(folder, scenario, **options):
         score(flight.record, settings.scenario), flight.sentence, len(flight.record) / 100.0, 1.0
     )
     start = time.monotonic()
-    page = write_report(flight.record, settings, result, folder, "one process", EVENTS)
+    page = write_report(
+        flight.record, settings, result, folder, "one process", EVENTS, figures=scenario == "hover"
+    )
     seconds = time.monotonic() - start
     print(f"{scenario}: report in {seconds:.2f} s, {page.stat().st_size / 1e6:.2f} MB")
     return page

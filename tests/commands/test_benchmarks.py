@@ -35,7 +35,15 @@ def test_tasks_come_back_and_participants_find_each_other():
     assert [(row["count"], row["seen"]) for row in found["participants"]] == [(2, 2), (4, 4)]
 
 
-@pytest.mark.parametrize("name", ["closed_loop", "scaling"])
+def test_a_campaign_flies_on_one_and_two_workers_and_its_memory_is_looked_at():
+    found = quick("campaign")
+    assert set(found["speed"]["rates"]) == {"1", "2"}
+    assert found["speed"]["flights_1000_s"] == pytest.approx(1000.0 / found["speed"]["rates"]["2"])
+    assert [look["flights"] for look in found["memory"]["looks"]] == [10, 20]
+    assert all(look["resident_mb"] > 10.0 for look in found["memory"]["looks"])
+
+
+@pytest.mark.parametrize("name", ["closed_loop", "scaling", "campaign"])
 def test_a_word_that_is_not_known_is_refused(name):
     done = run(name, "--quik")
     assert done.returncode == 2

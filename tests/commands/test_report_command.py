@@ -114,7 +114,7 @@ def test_a_bag_gives_the_record_back(full, record):
 
 
 def test_foreign_bag_gets_a_report_that_says_what_was_assumed(capsys, full):
-    code, out, _ = run(capsys, full)
+    code, out, _ = run(capsys, full, "--figures")
     page = full.with_name("rosbag2_flight_report") / "report.html"
     assert code == 0
     assert out == f"written: {page}\n"
@@ -129,7 +129,7 @@ def test_foreign_bag_gets_a_report_that_says_what_was_assumed(capsys, full):
 
 
 def test_bag_without_truth_reports_what_can_be(capsys, bare, tmp_path):
-    code, _, _ = run(capsys, bare, "--out", tmp_path / "out", "--seed", 4)
+    code, _, _ = run(capsys, bare, "--out", tmp_path / "out", "--seed", 4, "--figures")
     assert code == 0
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "The bag holds no ground truth" in text

@@ -9,10 +9,16 @@ import sys
 
 import numpy as np
 import pytest
+import rclpy
+from rcl_interfaces.srv import SetParameters
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.parameter import Parameter
 
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.settings import resolve
+
+LIMIT_S = 120.0
 
 
 def test_it_is_the_same_flight_number_for_number(hover_test, tmp_path):
@@ -35,6 +41,24 @@ def test_it_is_the_same_flight_number_for_number(hover_test, tmp_path):
     assert logs == {"composed", "recorder"}
 
 
+def ask(env, node_name, **values):
+    """Set parameters of a node that flies; returns why each was refused, empty if it was not."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=int(env["ROS_DOMAIN_ID"]))
+    node, executor = rclpy.create_node("tuner", context=context), EventsExecutor(context=context)
+    executor.add_node(node)
+    client = node.create_client(SetParameters, f"/{node_name}/set_parameters")
+    assert client.wait_for_service(LIMIT_S)
+    request = SetParameters.Request()
+    request.parameters = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
+    future = client.call_async(request)
+    executor.spin_until_future_complete(future, LIMIT_S)
+    executor.shutdown()
+    node.destroy_node()
+    context.shutdown()
+    return [result.reason for result in future.result().results]
+
+
 @pytest.mark.parametrize(
     ("number", "code", "word"),
     [
@@ -52,6 +76,11 @@ def test_who_ends_is_named(ros_env, tmp_path, holder_of, living, number, code, w
     )  # fmt: skip
     assert "flown" in flying.stdout.readline()
     if number is None:
+        # Each node has its own parameters; the others fly on while one judges.
+        assert ask(ros_env, "inner_loop", gamma=0.07) == [""]
+        (refused,) = ask(ros_env, "outer_loop", gamma=0.07)
+        assert refused
+        assert "flown" in flying.stdout.readline()
         flying.send_signal(signal.SIGINT)
     else:
         os.kill(holder_of(out / "logs" / "composed.log"), number)

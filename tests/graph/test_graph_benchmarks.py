@@ -40,3 +40,16 @@ def test_latency_beside_a_bare_ring(benchmark_of):
         assert found[name]["ticks"] > 0
         assert 0.0 < found[name]["p50_us"] <= found[name]["p99_us"]
     assert found["ratios"]["p50_us"] == found["graph"]["p50_us"] / found["ring"]["p50_us"]
+
+
+def test_endurance(benchmark_of):
+    found = benchmark_of(
+        "soak.py", "--seconds", "6", "--realtime-seconds", "2", "--starts", "1", "--interrupts", "1"
+    )
+    for name in ("lockstep", "realtime"):
+        assert {"plant", "observer", "inner_loop", "outer_loop", "recorder"} <= set(
+            found[name]["memory"]
+        )
+        assert found[name]["wrong_counts"] == {}
+    assert found["starts"]["odd_exit_codes"] == [] and found["interrupts"]["odd_exit_codes"] == []
+    assert found["interrupts"]["hung"] == 0

@@ -48,7 +48,8 @@ def test_every_package_and_wing_is_in_the_picture_and_in_the_contracts():
     assert packages <= set(re.findall(r"heli_\w+", picture))
     wings = {p.parent.name for p in (ROOT / "src/heli_flight/heli_flight").glob("*/__init__.py")}
     chain = re.search(r"cli --> .*", picture)[0].split(" --> ")
-    assert wings == set(chain)
+    # What only tests use is no wing: nothing imports it (test_packaging_reach.py).
+    assert wings - {"testing"} == set(chain)
     order = next(c["layers"] for c in CONTRACTS["contracts"] if "wings" in c["name"])
     assert order[: len(chain)] == chain
 

@@ -28,6 +28,7 @@ CALLED_BY_OTHERS = {
     "user_law": "by whoever copies law_template",
     "signum": "of a signal handler's arguments, which Python gives",
     "setup_package": "by src/*/setup.py",
+    **dict.fromkeys(("_type_of_vector", "_type_of_matrix", "_on_stack"), "by numba, to compile"),
 }  # fmt: skip
 SET_FOR_OTHERS = {
     "unraisablehook": "sys", "CACHE_DIR": "numba.config",
@@ -35,7 +36,7 @@ SET_FOR_OTHERS = {
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
     "_context": "keeps Foxglove's context alive",
     **dict.fromkeys(("height_left_m", "distance_left_m", "time_left_s"), "a message"),
-    "markers": "a message", "joint_names": "a message", "hardware_id": "a message",
+    "markers": "a message", "hardware_id": "a message",
     "floating_point_range": "a message", "integer_range": "a message",
     **dict.fromkeys(("current_position", "current_velocity", "current_acceleration",
                      "target_position", "target_velocity", "max_velocity", "max_acceleration",

@@ -54,7 +54,10 @@ FUSE = '''
 @njit
 def fuse_doppler(x, P, trial, dx, diag, aid, k):
     """Fuse a velocity over ground of an aid row, turned into NED; True if it passed its gate."""
-    z = quat_to_R_nb(x[X_QUAT : X_QUAT + 4]) @ aid[AID_DOPPLER : AID_DOPPLER + 3]
+    R, z, v = scratch_matrix(3, 3), scratch(3), aid[AID_DOPPLER : AID_DOPPLER + 3]
+    fill_R_nb(x[X_QUAT : X_QUAT + 4], R)
+    for i in range(3):
+        z[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
     var = k.var_doppler
     nis, _, ok = _fuse_triple(x, P, trial, dx, z, X_VEL, E_VEL, 0.0, var, var, k.gates)
     diag[D_NIS_DOPPLER] = nis
@@ -99,10 +102,10 @@ def add_to_plant(r):
               "    size: int = 23\n",
               "    wind: slice = slice(24, 27)  # true velocity of the air, NED, m/s\n"
               "    size: int = 27\n")  # fmt: skip
-    r.after(f"{SIM}/noise.py", "    gps_jump_now: int = 44\n",
-            "    doppler: slice = slice(45, 48)  # white\n")  # fmt: skip
-    r.replace(f"{SIM}/noise.py", "    size: int = 45\n", "    size: int = 48\n")
-    r.after(f"{SIM}/noise.py", "    Source(4, 21, 22),  # jumps\n", "    Source(3, 24, 25),\n")
+    r.before(f"{SIM}/noise.py", "    size: int = 66\n",
+             "    doppler: slice = slice(66, 69)  # white\n")  # fmt: skip
+    r.replace(f"{SIM}/noise.py", "    size: int = 66\n", "    size: int = 69\n")
+    r.after(f"{SIM}/noise.py", "    Source(21, 24, 25),  # faults\n", "    Source(3, 26, 27),\n")
     r.before(f"{SIM}/sensors.py", "class SensorKernel(", KERNEL)
     r.after(f"{SIM}/sensors.py", "    gps: GpsKernel\n", "    doppler: DopplerKernel\n")
     r.before(f"{SIM}/sensors.py", "@njit\ndef read_sensors(", READ)
@@ -110,9 +113,12 @@ def add_to_plant(r):
             "    read_doppler(tick, x, noise, k.doppler, y)\n")  # fmt: skip
     r.after(f"{SIM}/sensor_config.py", "    BaroKernel,\n", "    DopplerKernel,\n")
     r.replace(f"{SIM}/sensor_config.py",
-              "    return SensorKernel(_imu(get, helicopter), mag, baro, _gps(get))\n",
-              '    doppler = DopplerKernel(get("doppler.white_mps"), get("doppler.period_ticks"))\n'
-              "    return SensorKernel(_imu(get, helicopter), mag, baro, _gps(get), doppler)\n"
+              "    return SensorKernel("
+              "_imu(get, helicopter, rate.tick_s), mag, baro, _gps(get, rate))\n",
+              "    period = rate.of(get(\"doppler.period_ticks\"))\n"
+              '    doppler = DopplerKernel(get("doppler.white_mps"), period)\n'
+              "    imu = _imu(get, helicopter, rate.tick_s)\n"
+              "    return SensorKernel(imu, mag, baro, _gps(get, rate), doppler)\n"
               )  # fmt: skip
     r.after(f"{SIM}/sensor_table.py",
             '    ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),\n',
@@ -180,8 +186,8 @@ def add_to_observer(r):
     config = f"{OBSERVER}/config.py"
     r.after(config, '        var_mag=v["ekf.mag.noise_t"] ** 2,\n',
             '        var_doppler=v["ekf.doppler.noise_mps"] ** 2,\n')  # fmt: skip
-    r.after(config, '            baro_timeout_ticks=_ticks(v["ekf.timeout.baro_s"]),\n',
-            '            doppler_timeout_ticks=_ticks(v["ekf.timeout.doppler_s"]),\n')  # fmt: skip
+    r.after(config, '            baro_timeout_ticks=ticks(v["ekf.timeout.baro_s"]),\n',
+            '            doppler_timeout_ticks=ticks(v["ekf.timeout.doppler_s"]),\n')  # fmt: skip
     table = f"{OBSERVER}/parameter_table.py"
     r.after(table, '    _period("baro"),\n', '    _period("doppler"),\n')
     r.after(table, '    _timeout("baro"),\n',
@@ -211,8 +217,8 @@ def add_to_observer(r):
             "                store_doppler(state, now, y)\n")  # fmt: skip
     r.after(core, "        return _BARO_TIMEOUT if silent else _BARO_REJECTED\n", STATUS)
     node = f"{OBSERVER}/node.py"
-    r.after(node, '            Input(topics.BARO, Demand(v["schedule.baro_period_ticks"])),\n',
-            '            Input(topics.DOPPLER, Demand(v["schedule.doppler_period_ticks"])),\n'
+    r.after(node, '            Input(topics.BARO, Demand(of(v["schedule.baro_period_ticks"]))),\n',
+            '            Input(topics.DOPPLER, Demand(of(v["schedule.doppler_period_ticks"]))),\n'
             )  # fmt: skip
     r.before(node, "        stamp, fix = arrived.get(topics.GPS_FIX, (0, None))\n",
              "        _, doppler = arrived.get(topics.DOPPLER, (0, None))\n"

@@ -17,6 +17,7 @@ from heli_dynamics_sim.gusts import GUST, RandomGusts, draw_gusts
 from heli_dynamics_sim.helicopter import disc_tilt_of_gust
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.state import make_state
+from heli_math.arrays import copy
 from heli_math.jit import njit
 from heli_math.rows import AIR, MEAS
 
@@ -97,7 +98,7 @@ def assert_in_band(samples, spectrum, loss=1.0):
 def _record(state, first, rows, kernel, y, out):
     for i in range(rows.shape[0]):
         plant.measure(state, first + i, rows[i], kernel, y)
-        out[i] = state.air
+        copy(out[i], state.air)
 
 
 @pytest.fixture(scope="module")

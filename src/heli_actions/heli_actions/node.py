@@ -23,7 +23,7 @@ from heli_actions.seen import Seen, Way
 from heli_actions.servers import DeferredServer
 from heli_actions.table import HOLD, LAND, RULES, Code, Kind, Outcome
 from heli_math.rows import NAV, REFERENCE
-from heli_math.ticks import NS_PER_S, TICK_NS
+from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_MODE, Level
 from heli_msgs_bridge.managed_node import INACTIVE, ManagedNode
@@ -251,7 +251,7 @@ class ActionsNode(ManagedNode[Serving, None]):
     def _say_how_it_is(self) -> None:
         """Once a second."""
         core = self.core
-        self.tick = max(0, core.seen.now_ns - self.start_ns) // TICK_NS
+        self.tick = max(0, core.seen.now_ns - self.start_ns) // self.rate.tick_ns
         goals = {goal.order.kind.value: goal.stage.value for goal in core.desk.goals}
         if self.active:
             self.report(Level.OK, "takes goals", goals)

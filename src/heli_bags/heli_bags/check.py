@@ -20,7 +20,7 @@ def listed_files(bag: Path) -> list[str]:
         content = yaml.safe_load((bag / METADATA).read_text(encoding="utf-8"))
         paths = content["rosbag2_bagfile_information"]["relative_file_paths"]
         return [Path(str(path)).name for path in paths]
-    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
+    except (OSError, ValueError, TypeError, LookupError, RecursionError, yaml.YAMLError):
         return []
 
 

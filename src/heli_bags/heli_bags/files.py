@@ -31,6 +31,9 @@ _NEVER_NS = 2**63 - 1
 _WAL_PAGES = 256
 # In a chunk's record: opcode, length, start and end time and size stand before it (MCAP format).
 _CHECK_SUM_AT, _CHECK_SUM = 1 + 8 + 3 * 8, struct.Struct("<I")
+# A message's record: opcode, length of the rest; channel, sequence, times of log and publication.
+_MESSAGE, _MESSAGE_RECORD, _IN_RECORD = struct.Struct("<BQHIQQ"), 0x05, 2 + 4 + 8 + 8
+_CHUNK_BYTES = 2**20
 
 
 class McapFile(McapWriter):
@@ -69,6 +72,26 @@ class McapFile(McapWriter):
         self.channels.append(channel)
         self.channel_stats[connection.id] = 0
         write_channel(self.chunk.bio, channel, self.schemas)
+
+    def write(self, connection: Connection, timestamp: int, data: Any) -> None:
+        """Write a message; the same bytes as the writer's own, which puts field by field."""
+        number, chunk = connection.id, self.chunk
+        if timestamp < self.message_start_time:
+            self.message_start_time = timestamp
+        if timestamp > self.message_end_time:
+            self.message_end_time = timestamp
+        if timestamp < chunk.message_start_time:
+            chunk.message_start_time = timestamp
+        if timestamp > chunk.message_end_time:
+            chunk.message_end_time = timestamp
+        self.channel_stats[number] += 1
+        bio = chunk.bio
+        chunk.msgs[number].append((timestamp, bio.tell()))
+        size = _IN_RECORD + len(data)
+        bio.write(_MESSAGE.pack(_MESSAGE_RECORD, size, number, 0, timestamp, timestamp))
+        bio.write(data)
+        if bio.tell() > _CHUNK_BYTES:
+            self.close_chunk()
 
     def close_chunk(self) -> None:
         """Write the present chunk with its check sum; one without messages says so in its times."""

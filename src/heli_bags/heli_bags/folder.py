@@ -21,6 +21,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.metadata import dump_qos_v9
 
 from heli_bags.files import McapFile, SqliteFile, StorageFile
+from heli_parameters.printable import printable
 
 BAG_VERSION = 9
 METADATA = "metadata.yaml"
@@ -41,7 +42,7 @@ def reason(error: Exception) -> str:
     """Why a file could not be written or read, in a few words."""
     strerror = getattr(error, "strerror", None)
     lines = str(error).strip().splitlines()
-    return str(strerror or (lines[0] if lines else type(error).__name__))
+    return printable(str(strerror or (lines[0] if lines else type(error).__name__)))
 
 
 def custom_data(entries: Iterable[str]) -> tuple[tuple[str, str], ...]:

@@ -14,7 +14,6 @@ from heli_bags.folder import custom_data
 from heli_bags.parameter_table import NODE_NAME, TABLE
 from heli_bags.recorder import BagError, BagRecorder, Format, row_of
 from heli_bags.voices import Voices
-from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
 from heli_msgs_bridge.diagnostics import Level
@@ -28,6 +27,8 @@ _DEPTH = 10_000
 # Wall time without a message after which a stream counts as ended.
 _QUIET_S = 0.1
 _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
+# Wall time for a sender that we know after it knows us: it repeats what it has sent.
+_UNHEARD_S = 2.0
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
 _VOICES, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
@@ -106,7 +107,8 @@ class RecorderNode(ManagedNode[Recording, None]):
                 round(values["split.duration_s"] * 1e9),
                 custom_data(values["custom_data"]),
             )
-            bag = BagRecorder(folder, self._chosen(), self.get_namespace(), form, self.start_ns)
+            names, space = self._chosen(), self.get_namespace()
+            bag = BagRecorder(folder, names, space, form, self.start_ns, self.rate)
         except BagError as error:
             raise StartError(str(error)) from error
         self._folders.append(folder)
@@ -141,7 +143,7 @@ class RecorderNode(ManagedNode[Recording, None]):
     def _owner(self, row: topics.Topic) -> Owner:
         """Who decides whose messages of a stream are recorded: a second sender's are not."""
         name = self.resolve_topic_name(row.name)
-        silence_s, period_ns = self.values["peer_timeout_s"], row.every_ticks * TICK_NS
+        silence_s, period_ns = self.values["peer_timeout_s"], row.period_ns(self.rate)
         return Owner(lambda: self.count_publishers(name), silence_s, period_ns)
 
     def _unsubscribe(self, core: Recording) -> None:
@@ -249,13 +251,26 @@ class RecorderNode(ManagedNode[Recording, None]):
                 quiet_since = now
                 if now - begun > _SETTLED_S and not core.bag.missing(until_ns):
                     return []
-            elif now - quiet_since > _QUIET_S and (
-                now - begun > _REPEAT_S or not core.bag.missing()
+            elif (
+                now - quiet_since > _QUIET_S
+                and (now - begun > _REPEAT_S or not core.bag.missing())
+                and (now - begun > _UNHEARD_S or not self._none_came())
             ):
                 return core.bag.missing()
             else:
                 time.sleep(_POLL_S)
         return core.bag.missing(until_ns)
+
+    def _none_came(self) -> bool:
+        """Whether a plant is there and none of what it sends with every tick has come."""
+        bag = self.core.bag
+        return any(
+            bag.rows[name].every_ticks == 1
+            and "plant" in bag.rows[name].source
+            and not bag.counts[name]
+            and self.count_publishers(self.resolve_topic_name(name))
+            for name in self.core.subscriptions
+        )
 
     def _write_arrived(self, name: str) -> int:
         """Write all messages of a topic that wait in its queue; returns how many."""

@@ -12,11 +12,10 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, QosDurability, QosReliability
 
 from heli_bags.folder import BagError
-from heli_bags.tools import chosen, opened
+from heli_bags.tools import BagReader, chosen, opened
 from heli_math.ticks import NS_PER_S, TICKS_PER_S
 from heli_msgs_bridge import topics
 
@@ -165,7 +164,7 @@ class Player:
         return clock
 
     def _events(
-        self, reader: AnyReader, connections: list[Connection], start_ns: int, end_ns: int
+        self, reader: BagReader, connections: list[Connection], start_ns: int, end_ns: int
     ) -> Iterator[Event]:
         """What to publish when; latched messages from before the start come first."""
         latched = [c for c in connections if _is_latched(c)]

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag of the graph as arrays (NED/FRD), without ROS; also bags that `ros2 bag record` made."""
 
-from collections.abc import Collection, Mapping
+import contextlib
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from heli_bags.bag_clock import LATE, WINDOW_NS
 from heli_bags.check import advice, listed_files, storage_files
+from heli_bags.damage import damage, guarded
 from heli_bags.folder import SUFFIXES, BagError, reason
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
@@ -20,6 +23,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
 from heli_msgs_bridge.reference_message import decode_reference
+from heli_parameters.printable import printable
 
 # A bag may begin with the moment at which its first message arrived, not with its stamp.
 _EARLY_NS = NS_PER_S // 10
@@ -135,14 +139,12 @@ class _Collector:
 
     def take(self, name: str, bag_ns: int, raw: bytes) -> None:
         """One message of the graph, and the bag's time of it."""
-        type_name = topics.BY_NAME[name].type
         try:
             if name == topics.REFERENCE:
-                message = self._store.deserialize_cdr(raw, type_name)
+                message = self._deserialized(name, raw)
                 self.bag.references.append((bag_ns, decode_reference(message)))
             elif name == topics.DIAGNOSTICS:
-                message = self._store.deserialize_cdr(raw, type_name)
-                said = _remarks(message, self.namespaces)
+                said = _remarks(self._deserialized(name, raw), self.namespaces)
                 self._remarks += [(bag_ns, remark) for remark in said]
             elif name in CHANNELS and (name != topics.GPS_FIX or self._datum is not None):
                 decoder = self._decoder(name)
@@ -151,6 +153,13 @@ class _Collector:
                 self._rows[name].append(row)
         except MessageError as error:
             self._refuse(name, 1, str(error).removeprefix(f"{name}: "))
+
+    def _deserialized(self, name: str, raw: bytes) -> Any:
+        try:
+            return self._store.deserialize_cdr(raw, topics.BY_NAME[name].type)
+        except Exception as error:
+            # rosbags trusts the bytes: it raises whatever they lead to.
+            raise MessageError(f"{name}: cannot be deserialised: {reason(error)}") from error
 
     def _refuse(self, name: str, count: int, why: str) -> None:
         self.bag.reasons.setdefault(name, why)
@@ -175,6 +184,10 @@ class _Collector:
             # Put where it arrived: seconds later if DDS had to repeat it.
             return self.start_ns - WINDOW_NS <= stamp_ns <= bag_ns + WINDOW_NS
         begun = stamp_ns >= self.start_ns - _EARLY_NS
+        if name == topics.DIAGNOSTICS:
+            # Said in order, heard seconds late on loaded cores: one put where it was heard would
+            # come behind what was said after it.
+            return begun and stamp_ns <= bag_ns + WINDOW_NS
         return begun and abs(bag_ns - stamp_ns) <= WINDOW_NS
 
     def finish(self) -> Bag:
@@ -242,20 +255,32 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
     require_whole(path)
     collector = _Collector(datum)
     try:
-        with Reader(path) as reader:
-            names = {c.id: _graph_name(c.topic, c.msgtype) for c in reader.connections}
-            collector.namespaces = _namespaces({c.topic: names[c.id] for c in reader.connections})
-            collector.bag.aircraft = ", ".join(sorted(collector.namespaces - {""}))
-            collector.start_ns = reader.start_time
-            collector.bag.foreign = sorted(
-                c.topic
-                for c in reader.connections
-                if names[c.id] is None and _graph_name(c.topic, c.msgtype, topics.TOOLS) is None
-            )
-            for connection, bag_ns, raw in reader.messages():
-                name = names[connection.id]
-                if name is not None:
-                    collector.take(name, bag_ns, raw)
-    except (ReaderError, OSError, ValueError, KeyError, AssertionError) as error:
-        raise BagError(f"{path}: not a readable bag: {reason(error)}") from error
+        reader = Reader(path)
+        reader.open()
+    except Exception as error:
+        raise damage(path, error) from error
+    with contextlib.closing(reader):
+        names = {c.id: _graph_name(c.topic, c.msgtype) for c in named(path, reader.connections)}
+        collector.namespaces = _namespaces({c.topic: names[c.id] for c in reader.connections})
+        collector.bag.aircraft = ", ".join(sorted(collector.namespaces - {""}))
+        collector.start_ns = reader.start_time
+        collector.bag.foreign = sorted(
+            c.topic
+            for c in reader.connections
+            if names[c.id] is None and _graph_name(c.topic, c.msgtype, topics.TOOLS) is None
+        )
+        for connection, bag_ns, raw in guarded(path, reader.messages()):
+            name = names[connection.id]
+            if name is not None:
+                collector.take(name, bag_ns, raw)
     return collector.finish()
+
+
+def named(path: Path, connections: Sequence[Connection]) -> Sequence[Connection]:
+    """The connections of a bag; BagError where one is none: metadata.yaml may say anything."""
+    for c in connections:
+        texts = (c.topic, c.msgtype, c.digest)
+        if not (all(isinstance(text, str) for text in texts) and isinstance(c.msgcount, int)):
+            said = ", ".join(printable(repr(value)) for value in (*texts, c.msgcount))
+            raise BagError(f"{path}: not a readable bag: its list of topics is damaged: {said}")
+    return connections

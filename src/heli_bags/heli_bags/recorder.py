@@ -21,7 +21,7 @@ from rosbags.interfaces import (
 from heli_bags.bag_clock import LATE, BagClock
 from heli_bags.definitions import Definitions, UnknownTypeError
 from heli_bags.folder import BagError, BagFolder, Channel, Format, reason
-from heli_math.ticks import TICK_NS
+from heli_math.ticks import OF_100_HZ, Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 
@@ -81,6 +81,8 @@ class BagRecorder:
         Storage, compression, splitting.
     start_ns : int
         Stamp of the flight's first tick.
+    rate : Rate
+        Of its ticks.
 
     Raises
     ------
@@ -104,8 +106,9 @@ class BagRecorder:
         namespace: str = "/",
         form: Format | None = None,
         start_ns: int = 0,
+        rate: Rate = OF_100_HZ,
     ) -> None:
-        self.folder = Path(folder)
+        self.folder, self._rate = Path(folder), rate
         rows = [row_of(name) for name in names]
         self.rows = {row.name: row for row in rows}
         definitions, channels = Definitions(), []
@@ -183,7 +186,7 @@ class BagRecorder:
             self._last[name] = max(given_ns, self._last.get(name, 0))
             if name in LATE:
                 # A tick more: it may come before the rest of its own.
-                late_ns = stamp_ns - given_ns + TICK_NS
+                late_ns = stamp_ns - given_ns + self._rate.tick_ns
                 self._late_ns[name] = max(late_ns, self._late_ns.get(name, 0))
 
     def flush(self) -> None:
@@ -226,7 +229,7 @@ class BagRecorder:
         """
         found, end_ns = [], self._clock.now_ns if until_ns is None else until_ns
         for name, last in self._last.items():
-            period_ns = self.rows[name].every_ticks * TICK_NS
+            period_ns = self.rows[name].period_ns(self._rate)
             if not period_ns or self._failed:
                 continue
             expected = (last - self._first[name]) // period_ns + 1

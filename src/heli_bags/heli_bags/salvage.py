@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError, UnsupportedCompressionError
+from mcap.exceptions import UnsupportedCompressionError
 from mcap.opcode import Opcode
 from mcap.records import McapRecord
 from mcap.stream_reader import get_chunk_data_stream
@@ -39,7 +39,10 @@ _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
     Opcode.CHANNEL: records.Channel.read,
 }
 _COMPRESSIONS = ("", "lz4", "zstd")
-_DAMAGED = (McapError, ValueError, RuntimeError, struct.error, zstandard.ZstdError)
+# On damaged bytes the libraries raise whatever the line at hand raises.
+_DAMAGED = (Exception,)
+# Of stamps: SQLite holds no larger number.
+_MOST_NS = 2**63 - 1
 _ROWS = "SELECT id, topic_id, timestamp, data FROM messages"
 
 Message = tuple[Channel, int, bytes]
@@ -237,7 +240,7 @@ class _Sqlite:
     def _read(self, database: sqlite3.Connection) -> Iterator[Message]:
         try:
             channels = self._channels(database)
-        except (sqlite3.Error, UnicodeDecodeError) as error:
+        except _DAMAGED as error:
             self.state.whole = False
             self.state.notes.append(f"{self.path.name}: {reason(error)}")
             return
@@ -247,7 +250,7 @@ class _Sqlite:
             try:
                 for number, topic, stamp_ns, raw in database.execute(query, (newest,)):
                     newest = number if way == "ASC" else newest
-                    if topic in channels and raw is not None:
+                    if topic in channels and isinstance(raw, bytes):
                         yield channels[topic], stamp_ns, raw
                 return
             except sqlite3.DatabaseError as error:
@@ -271,9 +274,9 @@ class _Sqlite:
             known = definitions.get(row["type"], {})
             text = known.get("encoded_message_definition", "")
             found[row["id"]] = Channel(
-                row["name"],
-                row["type"],
-                text,
+                str(row["name"]),
+                str(row["type"]),
+                str(text),
                 row.get("type_description_hash") or type_hash(row["type"], text),
                 tuple(parse_qos(row.get("offered_qos_profiles", ""))),
                 known.get("encoding") == "ros2idl",
@@ -307,6 +310,9 @@ def salvage(path: Path, state: State) -> Iterator[Message]:
         raise BagError(f"{path}: neither an .mcap nor a .db3 file")
     try:
         for channel, stamp_ns, raw in reader(path, state).messages():
+            if not (isinstance(stamp_ns, int) and 0 <= stamp_ns <= _MOST_NS):
+                state.damaged_chunks += 1
+                continue
             # rosbag2 may have compressed every message by itself; CDR never begins like that.
             try:
                 plain = _expanded(raw) if raw[:4] == zstandard.FRAME_HEADER else raw

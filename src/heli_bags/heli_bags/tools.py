@@ -3,22 +3,21 @@
 
 import contextlib
 import csv
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import ReaderError
 from rosbags.typesys import Stores, get_typestore
 
 from heli_bags.check import storage_files
+from heli_bags.damage import damage, guarded
 from heli_bags.folder import BagError, reason
 from heli_bags.message_text import flatten
-from heli_bags.reader import require_whole
-
-_UNREADABLE = (AnyReaderError, ReaderError, OSError, ValueError, KeyError, AssertionError)
+from heli_bags.reader import named, require_whole
+from heli_parameters.printable import printable
 
 
 def bag_of(path: Path) -> Path:
@@ -26,8 +25,56 @@ def bag_of(path: Path) -> Path:
     return path / "bag" if (path / "bag").is_dir() else path
 
 
+class BagReader:
+    """An open bag; whatever the library raises on damaged bytes is a BagError.
+
+    Attributes
+    ----------
+    connections : list of Connection
+        Topics.
+    message_count, start_time, end_time : int
+        Messages; stamps of the bag, ns, of the first and behind the last.
+    """
+
+    def __init__(self, path: Path, reader: AnyReader) -> None:
+        self._path, self._reader = path, reader
+        try:
+            self.connections = list(reader.connections)
+            self.message_count = reader.message_count
+            self.start_time, self.end_time = reader.start_time, reader.end_time
+        except Exception as error:
+            raise damage(path, error) from error
+        named(path, self.connections)
+        told: tuple[Any, ...] = (self.message_count, self.start_time, self.end_time)
+        for number in told:
+            if not isinstance(number, int):
+                said = f"{printable(repr(number))} is no number of messages and no time"
+                raise BagError(f"{path}: not a readable bag: {said}")
+
+    @property
+    def duration(self) -> int:
+        """Time between the first message and behind the last, ns."""
+        return self.end_time - self.start_time
+
+    def messages(
+        self,
+        connections: Collection[Connection] = (),
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Connection, stamp of the bag (ns), bytes; in the order of the stamps."""
+        return guarded(self._path, self._reader.messages(connections, start, stop))
+
+    def deserialize(self, raw: bytes, type_name: str) -> Any:
+        """The message object."""
+        try:
+            return self._reader.deserialize(raw, type_name)
+        except Exception as error:
+            raise damage(self._path, error) from error
+
+
 @contextlib.contextmanager
-def opened(path: Path) -> Iterator[AnyReader]:
+def opened(path: Path) -> Iterator[BagReader]:
     """Reader of a bag, whoever recorded it.
 
     Parameters
@@ -43,14 +90,16 @@ def opened(path: Path) -> Iterator[AnyReader]:
     path = bag_of(path)
     require_whole(path)
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            yield reader
-    except _UNREADABLE as error:
-        raise BagError(f"{path}: not a readable bag: {reason(error)}") from error
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        reader.open()
+    except Exception as error:
+        raise damage(path, error) from error
+    with contextlib.closing(reader):
+        yield BagReader(path, reader)
 
 
 def chosen(
-    reader: AnyReader, path: Path, names: Sequence[str] = (), exclude: Sequence[str] = ()
+    reader: BagReader, path: Path, names: Sequence[str] = (), exclude: Sequence[str] = ()
 ) -> list[Connection]:
     """Connections of the named topics, of all if none is named.
 

@@ -40,10 +40,10 @@ def stream_message(name, stamp_ns, value=0.0):
     return encoder(name).encode(row, stamp_ns)
 
 
-def told(stamp_ns):
+def told(stamp_ns, said="here"):
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-    message = DiagnosticArray(status=[DiagnosticStatus(name="heli/pilot", message="here")])
+    message = DiagnosticArray(status=[DiagnosticStatus(name="heli/pilot", message=said)])
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
     return serialize_message(message)
 
@@ -182,3 +182,18 @@ def test_messages_that_dds_repeats_after_long_are_where_they_belong(tmp_path):
     bag = read_bag(tmp_path / "bag")
     assert bag.refused == {} and bag.streams[topics.TRUTH_ODOM].stamp_ns.size == 3000
     assert bag.streams[topics.GPS_VELOCITY].stamp_ns.tolist() == fixes_ns.tolist()
+
+
+def test_a_status_that_is_heard_late_is_of_when_it_was_said(tmp_path):
+    """On loaded cores it comes seconds of the flight late, others in time: the order is theirs."""
+    recorder = BagRecorder(tmp_path / "bag", NAMES, "/heli", start_ns=START_NS)
+    said_ns = {"standing": START_NS, "takeoff": START_NS + NS_PER_S}
+    for number, (name, raw) in enumerate(flight(0, 600)):
+        recorder.write(name, raw)
+        if number == 600:
+            recorder.write(topics.DIAGNOSTICS, told(said_ns["takeoff"], "takeoff"))
+        if number == 2200:
+            recorder.write(topics.DIAGNOSTICS, told(said_ns["standing"], "standing"))
+    recorder.close()
+    remarks = read_bag(tmp_path / "bag").remarks
+    assert [(r.message, r.stamp_ns) for r in remarks] == list(said_ns.items())

@@ -15,7 +15,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.storage_mcap import McapWriter
 
+from heli_bags.files import McapFile
 from heli_bags.node import RecorderNode
 from heli_bags.recorder import BagError, BagRecorder, Format
 from heli_bags.repair import repair
@@ -99,6 +101,14 @@ def test_what_went_in_comes_out(tmp_path, form):
     assert sorted(by_rosbags(tmp_path / "bag")) == sorted(sent)
     suffix = ".db3" if form.storage == "sqlite3" else ".mcap"
     assert {p.suffix for p in (tmp_path / "bag").iterdir()} == {suffix, ".yaml"}
+
+
+def test_mcap_bytes_are_those_of_the_writer_of_rosbags(tmp_path, monkeypatch):
+    record(tmp_path / "bag", FORMS["mcap"])
+    monkeypatch.setattr(McapFile, "write", McapWriter.write)
+    record(tmp_path / "other" / "bag", FORMS["mcap"])
+    ours, theirs = (tmp_path / where / "bag_0.mcap" for where in ("bag", "other/bag"))
+    assert ours.read_bytes() == theirs.read_bytes()
 
 
 @pytest.mark.parametrize("form", [FORMS["mcap"], FORMS["zstd"]], ids=["plain", "zstd"])

@@ -51,9 +51,9 @@ from heli_dynamics_sim.wind import (
     turbulence_outputs,
     turbulence_sigmas,
 )
+from heli_math.arrays import scratch
 from heli_math.jit import njit
 from heli_math.rows import AIR, PLANT
-from heli_math.ticks import TICK_S
 
 # Lags of the rotational gusts are stationary after so many of their lengths.
 _SETTLED = 6.0
@@ -83,6 +83,7 @@ class FieldRow(NamedTuple):
 
 TURN = TurnState()
 FIELD = FieldRow()
+_N_FIELD = FIELD.size
 
 
 class AirState(NamedTuple):
@@ -153,20 +154,22 @@ def step_air(s, altitude_m, dt_s, noise_row, k):
 
 
 @njit
-def _run_in(s, altitude_m, rows, k):
+def _run_in(s, altitude_m, tick_s, rows, k):
     for i in range(rows.shape[0]):
-        step_air(s, altitude_m, TICK_S, rows[i], k)
+        step_air(s, altitude_m, tick_s, rows[i], k)
 
 
-def run_in_ticks(k: WindKernel, altitude_m: float) -> int:
+def run_in_ticks(k: WindKernel, altitude_m: float, tick_s: float) -> int:
     """Ticks that the turbulence runs before the start: field and lags reach back so far."""
     if not has_field(k):
         return 0
     path_m = 2.0 * k.parts.reach + _SETTLED * 4.0 * k.span_m / math.pi
-    return math.ceil(path_m / (TICK_S * passing_speed(altitude_m, k))) + 1
+    return math.ceil(path_m / (tick_s * passing_speed(altitude_m, k))) + 1
 
 
-def initial_air(k: WindKernel, altitude_m: float, rows: NDArray[np.float64], seed: int) -> AirState:
+def initial_air(
+    k: WindKernel, altitude_m: float, rows: NDArray[np.float64], seed: int, tick_s: float
+) -> AirState:
     """Turbulence from its stationary distribution, and a flight's random gusts.
 
     Parameters
@@ -176,10 +179,11 @@ def initial_air(k: WindKernel, altitude_m: float, rows: NDArray[np.float64], see
     rows : (1 + run_in_ticks, NOISE.size) array
         Standard normals.
     seed : int
+    tick_s : float
     """
     slots = 2
     if has_field(k):
-        slots += math.ceil(2.0 * k.parts.reach / (k.airspeed_floor_mps * TICK_S))
+        slots += math.ceil(2.0 * k.parts.reach / (k.airspeed_floor_mps * tick_s))
     s = AirState(
         np.zeros(FILTER.size),
         np.zeros(TURN.size),
@@ -193,13 +197,13 @@ def initial_air(k: WindKernel, altitude_m: float, rows: NDArray[np.float64], see
         s.turn[TURN.roll] = rows[0, NOISE.turn]
         _, s.turn[TURN.across_lag], s.turn[TURN.down_lag] = turbulence_outputs(s.filter)
         _lay_down(s, 0.0, k)
-        _run_in(s, altitude_m, rows[1:], k)
+        _run_in(s, altitude_m, tick_s, rows[1:], k)
     return s
 
 
 @njit
-def field_behind(s, behind_m):
-    """The field so many metres of path behind the newest row: a row FIELD (7,)."""
+def field_behind(s, behind_m, out):
+    """The field so many metres of path behind the newest row, into a row FIELD (7,)."""
     rows, newest = s.field, s.newest[0]
     n = rows.shape[0]
     path = rows[newest, FIELD.path] - behind_m
@@ -216,7 +220,8 @@ def field_behind(s, behind_m):
         middle = min(max(middle, young + 1), old - 1)
     a, b = rows[(newest - young) % n], rows[(newest - old) % n]
     share = (a[FIELD.path] - path) / (a[FIELD.path] - b[FIELD.path])
-    return a + share * (b - a)
+    for i in range(out.shape[0]):
+        out[i] = a[i] + share * (b[i] - a[i])
 
 
 class Passage(NamedTuple):
@@ -231,6 +236,7 @@ def _velocities(s, x, time_s, passage, k):
     """Fill the rows of s.velocity that are needed: the air at `parts.places`, NED, m/s."""
     parts, attitude, (c, e) = k.parts, attitude_of(x), k.downwind
     sigma_h, sigma_w = passage.sigmas
+    f = scratch(_N_FIELD)
     for i in range(parts.places.shape[0]):
         if not parts.needed[i]:
             continue
@@ -239,7 +245,7 @@ def _velocities(s, x, time_s, passage, k):
         downwind = c * north + e * east
         along, across, sinking = mean_speed(-x[PLANT.down] - down, k), 0.0, 0.0
         if k.turbulence:
-            f = field_behind(s, parts.reach + downwind)
+            field_behind(s, parts.reach + downwind, f)
             along += sigma_h * f[FIELD.along]
             across, sinking = sigma_h * f[FIELD.across], sigma_w * f[FIELD.down]
         g0, g1, g2 = gusts_at(x, time_s - downwind / passage.speed, k, s.gusts)
@@ -260,7 +266,8 @@ def _turning(s, x, air, passage, k):
     """Fill the rates of the row air, and add what they make at the tail to it."""
     sigma_h, sigma_w = passage.sigmas
     _, _, _, length_w = dryden_scales(-x[PLANT.down], k.w20_mps)
-    f = field_behind(s, k.parts.reach)
+    f = scratch(_N_FIELD)
+    field_behind(s, k.parts.reach, f)
     p = roll_gust_sigma(sigma_w, length_w, k.span_m) * f[FIELD.roll]
     q = sigma_w * f[FIELD.down_less_lag] * math.pi / (4.0 * k.span_m)
     r = -sigma_h * f[FIELD.across_less_lag] * math.pi / (3.0 * k.span_m)
@@ -315,7 +322,7 @@ def air_at(s, x, time_s, k, air):
     if k.rotation and k.turbulence:
         _turning(s, x, air, passage, k)
     if k.sines.on:
-        gust = np.empty(3)
+        gust = scratch(3)
         injected_gust(x, time_s, k.sines, gust)
         for i in range(3):
             main[i] += gust[i]

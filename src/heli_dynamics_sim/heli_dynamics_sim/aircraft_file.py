@@ -12,6 +12,7 @@ import yaml
 # libyaml where it is built in, ten times faster.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
+_LONGEST = 80
 COUPLINGS = ("identified", "eq7")
 
 
@@ -58,12 +59,19 @@ def check(rule: Mapping[str, Any], value: Any) -> None:
         good = (
             isinstance(value, (int, float))
             and not isinstance(value, bool)
-            and math.isfinite(value)
+            and abs(value) < math.inf
             and (value >= rule["lower"] if rule["closed"] else value > rule["lower"])
             and value < rule["upper"]
         )
     if not good:
-        raise AircraftError(f"{rule['key']}: {value!r} is not allowed; allowed: {allowed(rule)}")
+        said = f"{rule['key']}: {_shown(value)} is not allowed"
+        raise AircraftError(f"{said}; allowed: {allowed(rule)}")
+
+
+def _shown(value: Any) -> str:
+    """A value for a sentence, its beginning if it is long."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
 def flatten(tree: Any) -> dict[str, Any]:
@@ -73,7 +81,7 @@ def flatten(tree: Any) -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for group, content in tree.items():
         if not isinstance(content, dict):
-            raise AircraftError(f"{group}: expected a group of keys, found {content!r}")
+            raise AircraftError(f"{group}: expected a group of keys, found {_shown(content)}")
         for key, value in content.items():
             flat[f"{group}.{key}"] = value
     return flat
@@ -116,7 +124,8 @@ def read_groups(file: Path) -> dict[str, Any]:
         tree = yaml.load(file.read_text(encoding="utf-8"), Loader=_LOADER)
     except (OSError, UnicodeDecodeError) as error:
         raise AircraftError(f"cannot be read: {error}") from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        # A date that is none, an integer of thousands of digits, a thousand brackets.
         reason = " ".join(str(error).split())
         raise AircraftError(f"is not valid YAML: {reason}") from error
     return flatten(tree)

@@ -108,7 +108,7 @@ def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
     return (force_x, force_y, force_z), (moment_x, moment_y, moment_z), drive
 
 
-@njit
+@njit_inlined
 def derivative_kernel(x, u, air, k, out):
     """State derivative: fills out (42,) for state x (42,), command u (4,), air (12,), a row AIR.
 

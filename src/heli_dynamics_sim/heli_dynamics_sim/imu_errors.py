@@ -8,7 +8,7 @@ Integrated Navigation Systems, 2nd ed. 2013, eq. 4.16 and 4.17).
 Vibration is what the rotor shakes: sines at one and at N per revolution (N blades) of the azimuth
 that the rotor has turned through (Bramwell, Helicopter Dynamics, 2nd ed. 2001, ch. 8: a rotor of N
 equal blades passes N/rev and its multiples on to the fuselage, unequal blades 1/rev). It is read at
-the ticks, so what lies above 50 Hz comes back below: f is seen at |f - 100 Hz round(f / 100 Hz)|.
+the ticks, so what lies above half their rate R comes back below: f is seen at |f - R round(f / R)|.
 The IMU's own filters see it before it is sampled: an average over some time T with the response
 |sin(pi f T)| / (pi f T), and a second-order Butterworth low-pass, 1 / sqrt(1 + (f / fc)^4). They
 act on the vibration alone: the aircraft flies below them, and their delay is not modelled.
@@ -21,7 +21,6 @@ import numpy as np
 
 from heli_math.jit import njit
 from heli_math.rows import IMU
-from heli_math.ticks import TICK_S
 
 
 class VibrationKernel(NamedTuple):
@@ -43,6 +42,7 @@ class ImuErrorKernel(NamedTuple):
     clock_s: float  # sigma of the sampling instant about the stamp
     ranges: np.ndarray  # (6,) largest reading, infinite: no limit
     gain_sigma: np.ndarray  # (2, 3, 3) of E at the start: accelerometers, gyros
+    tick_s: float  # between samples
 
 
 class ImuErrorState(NamedTuple):
@@ -96,12 +96,12 @@ def distort(state, tick, speed, clock, k, motion):
         True motion at the tick, places of `rows.IMU`; changed in place.
     """
     if tick > 0:
-        state.azimuth[0] = (state.azimuth[0] + speed * TICK_S) % (2.0 * math.pi)
+        state.azimuth[0] = (state.azimuth[0] + speed * k.tick_s) % (2.0 * math.pi)
     late_s = clock * k.clock_s
     for i in range(IMU.size):
         true = motion[i]
         if tick > 0:
-            motion[i] += late_s / TICK_S * (true - state.before[i])
+            motion[i] += late_s / k.tick_s * (true - state.before[i])
         state.before[i] = true
     if k.vibration.on:
         _shake(state.azimuth[0] + speed * late_s, speed, k.vibration, motion)

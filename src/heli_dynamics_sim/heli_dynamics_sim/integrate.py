@@ -8,7 +8,8 @@ from heli_dynamics_sim.state import attitude_of
 from heli_math.jit import njit
 from heli_math.rows import PLANT
 
-WORK_ROWS = 5
+_STAGES = 4
+WORK_ROWS = _STAGES + 1
 
 
 @njit
@@ -20,19 +21,18 @@ def rk4_step(x, u, air, k, dt_s, work):
     work is scratch, (5, 42).
     """
     n = x.shape[0]
-    k1, k2, k3, k4, stage = work
-    derivative_kernel(x, u, air, k, k1)
+    stage = work[_STAGES]
     for i in range(n):
-        stage[i] = x[i] + 0.5 * dt_s * k1[i]
-    derivative_kernel(stage, u, air, k, k2)
+        stage[i] = x[i]
+    for j in range(_STAGES):  # a loop, so that the derivative is compiled into it once
+        rate = work[j]
+        derivative_kernel(stage, u, air, k, rate)
+        ahead_s = 0.5 * dt_s if j < _STAGES - 2 else dt_s
+        for i in range(n):
+            stage[i] = x[i] + ahead_s * rate[i]
     for i in range(n):
-        stage[i] = x[i] + 0.5 * dt_s * k2[i]
-    derivative_kernel(stage, u, air, k, k3)
-    for i in range(n):
-        stage[i] = x[i] + dt_s * k3[i]
-    derivative_kernel(stage, u, air, k, k4)
-    for i in range(n):
-        x[i] += dt_s / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+        middle = work[1, i] + work[2, i]
+        x[i] += dt_s / 6.0 * (work[0, i] + 2.0 * middle + work[_STAGES - 1, i])
     qw, qx, qy, qz = attitude_of(x)
     norm = (qw * qw + qx * qx + qy * qy + qz * qz) ** 0.5
     for i in range(PLANT.quat.start, PLANT.quat.stop):

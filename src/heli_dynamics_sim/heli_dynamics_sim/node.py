@@ -14,12 +14,13 @@ from rclpy.duration import Duration
 
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.description import BASE, mounts, robot_description
+from heli_dynamics_sim.fault_table import acting
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.wind import injected_gust
 from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, JOINTS, MEAS, PLANT
-from heli_math.ticks import TICK_S, seconds, ticks_in
+from heli_math.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frame_ids import in_namespace
@@ -42,20 +43,21 @@ _NO_COMMAND = "no message on 'actuators' from inner_loop: going on with the last
 WORLD_CLOCK = "world_clock"
 """Name of the node that sends the clock of several aircraft."""
 _NO_CLOCK = f"no message on '/clock' from {WORLD_CLOCK}: going on without the other aircraft"
+_FLYING = "flying"
 _ENCODE_CLOCK = ClockEncoder().encode
-_NO_FIX = np.full(3, np.nan)
-# Rows of noise that are drawn at once.
-_DRAWN = 64
+_NOTHING = np.full(3, np.nan)
+_DRAWN = 64  # rows of noise at once
 
 
 def _variances(v: Mapping[str, Any]) -> dict[str, Sequence[Variance]]:
     """What the sensors' messages say of their errors, from the parameters: per group, SI^2."""
+    tick_s = Rate.of_parameters(v).tick_s
     gyro, accel = v["sensors.imu.gyro_noise_density"], v["sensors.imu.accel_noise_density"]
     level = v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2
     if v["sensors.gps.covariance"] == "honest":
         level += v["sensors.gps.multipath.sigma_m"] ** 2 + v["sensors.gps.jump.sigma_m"] ** 2
     return {
-        topics.IMU: (gyro**2 / TICK_S, accel**2 / TICK_S),
+        topics.IMU: (gyro**2 / tick_s, accel**2 / tick_s),
         topics.MAG: (v["sensors.mag.white_t"] ** 2,),
         topics.BARO: (v["sensors.baro.white_pa"] ** 2,),
         topics.GPS_FIX: ((level, level, level * v["sensors.gps.vertical_factor"] ** 2),),
@@ -155,7 +157,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
             config=config,
             state=state,
             noise=_one_by_one(NoiseStreams(self.values["seed"])),
-            n_ticks=max(1, ticks_in(self.values["duration_s"])),
+            n_ticks=max(1, self.rate.ticks_in(self.values["duration_s"])),
             u=commands[-1].copy() if len(commands) else np.zeros(ACTUATOR.size),
             send=self._make_senders(config),
             send_clock=None if self._in_a_world else self.create_output(topics.CLOCK),
@@ -236,7 +238,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
             self._refuse_second_clock()
         now_s = time.monotonic()
         if not self.values["lockstep"]:
-            self.repeat(TICK_S, self._keep_pace)
+            self.repeat(self.rate.tick_s, self._keep_pace)
         return Flight(now_s - self.core.wall_s, now_s)
 
     def _refuse_second_clock(self) -> None:
@@ -274,7 +276,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """Integrate from tick to tick + 1 and send that one, or end the flight."""
         core = self.core
         if tick + 1 >= core.n_ticks:
-            self._end(Level.OK, f"flight over after {seconds(core.n_ticks):g} s")
+            self._end(Level.OK, f"flight over after {self.rate.seconds(core.n_ticks):g} s")
             return
         core.advance(core.state, core.u, core.config.kernel)
         self.tick = tick + 1
@@ -286,39 +288,38 @@ class PlantNode(TickNode[Aircraft, Flight]):
         k, y, x, send = core.config.kernel, core.y, core.state.x, core.send
         core.measure(core.state, tick, next(core.noise), k, y)
         stamp_ns = self.stamp_ns(tick)
-        if y[MEAS.mag_valid]:
-            send[topics.MAG](y[MEAS.mag], stamp_ns)
-        if y[MEAS.baro_valid]:
-            send[topics.BARO](y[[MEAS.baro]], stamp_ns)
-        gps = k.sensors.gps
+        mag, baro, gps = k.sensors.mag, k.sensors.baro, k.sensors.gps
+        # Who has nothing to say says so, by NaN: in lockstep silence would be waited for.
+        if tick % mag.period == 0:
+            send[topics.MAG](y[MEAS.mag] if y[MEAS.mag_valid] else _NOTHING, stamp_ns)
+        if tick % baro.period == 0:
+            send[topics.BARO](y[[MEAS.baro]] if y[MEAS.baro_valid] else _NOTHING[:1], stamp_ns)
         if tick % gps.period == 0:
-            # Stamped with its time of validity, which is earlier than now. A receiver without a fix
-            # says so (STATUS_NO_FIX): in lockstep silence would be waited for.
+            # Stamped with its time of validity, earlier than now; without a fix STATUS_NO_FIX.
             fix_ns = self.stamp_ns(tick - gps.latency)
-            lost = not y[MEAS.gps_valid]
-            send[topics.GPS_FIX](_NO_FIX if lost else y[MEAS.gps_pos], fix_ns)
-            send[topics.GPS_VELOCITY](_NO_FIX if lost else y[MEAS.gps_vel], fix_ns)
+            fixed = y[MEAS.gps_valid]
+            send[topics.GPS_FIX](y[MEAS.gps_pos] if fixed else _NOTHING, fix_ns)
+            send[topics.GPS_VELOCITY](y[MEAS.gps_vel] if fixed else _NOTHING, fix_ns)
         # Last of the sensors: in real time it triggers the observer, which then has the others.
         send[topics.IMU](y[MEAS.imu], stamp_ns)
         send[topics.TRUTH_ODOM](x[PLANT.rigid], stamp_ns)
         send[topics.TRUTH_WIND](y[MEAS.wind], stamp_ns)
         if k.wind.sines.on:
-            injected_gust(x, tick * TICK_S, k.wind.sines, core.gust)
+            injected_gust(x, tick * self.rate.tick_s, k.wind.sines, core.gust)
             send[topics.EXCITATION_WIND](core.gust, stamp_ns)
         core.joints[JOINTS.rotor], core.joints[JOINTS.servo] = x[PLANT.rotor], x[PLANT.servo]
         send[topics.TRUTH_ROTOR](core.joints, stamp_ns)
         if core.send_clock is not None:
             core.send_clock(_ENCODE_CLOCK(stamp_ns))
-        status = plant.PlantStatus(int(core.state.flags[0]))
-        if status != plant.PlantStatus.OK:
-            self._end(Level.ERROR, status.sentence)
-        else:
-            message = self.silence() or "flying"
-            self.warn_or_ok(Level.OK, message, self._facts_now())
+        fault = acting(core.config.faults, self.rate.seconds(tick))
+        if core.state.flags[0] != plant.PlantStatus.OK:
+            self._end(Level.ERROR, plant.PlantStatus(int(core.state.flags[0])).sentence)
+        elif self.has_news(fault or _FLYING):
+            level = Level.WARN if fault else Level.OK
+            self.warn_or_ok(level, fault or self.silence() or _FLYING, self._facts_now())
 
     def _facts_now(self) -> dict[str, Any]:
-        elapsed = time.monotonic() - self.run.zero_s
-        flown = self.tick * TICK_S
+        elapsed, flown = time.monotonic() - self.run.zero_s, self.tick * self.rate.tick_s
         factor = flown / elapsed if elapsed > 0.0 else 0.0
         return {
             "flown_s": f"{flown:.2f}",
@@ -343,13 +344,13 @@ class PlantNode(TickNode[Aircraft, Flight]):
         self.finished, self.exit_code = True, int(level > Level.OK)
 
     def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> plant.PlantConfig:
-        """The changed wind; gusts whose numbers do not fit together raise."""
+        """The changed wind and faults; what does not fit together raises."""
         if self.configured:
-            return self.core.config.with_wind(values)
+            return self.core.config.in_flight(values)
         return plant.PlantConfig.from_parameters(values)
 
     def adopt(self, judged: plant.PlantConfig, changed: Collection[str]) -> None:
-        """Swap the gusts between two ticks; turbulence and mean wind go on."""
+        """Swap gusts and faults between two ticks; turbulence and mean wind go on."""
         if self.configured:
             self.core.fly(judged)
 
@@ -380,9 +381,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
             return
         now_s = time.monotonic()
         self._take_command(now_s)
-        due = int((now_s - run.zero_s) / TICK_S)
-        if due - self.tick > _CATCH_UP_TICKS:
-            late_s = (due - self.tick) * TICK_S
+        due = int((now_s - run.zero_s) / self.rate.tick_s)
+        if due - self.tick > self.rate.of(_CATCH_UP_TICKS):
+            late_s = (due - self.tick) * self.rate.tick_s
             self.get_logger().warning(f"{late_s:.2f} s behind the wall clock: time is shifted")
             run.zero_s += late_s
             due = self.tick + 1

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 class NoiseRow(NamedTuple):
-    """Standard normals of a tick (45,), source by source in the order of `_SOURCES`."""
+    """Standard normals of a tick (66,), source by source in the order of `_SOURCES`."""
 
     wind: slice = slice(0, 5)  # along, across (2), down (2)
     gyro: slice = slice(5, 8)  # white
@@ -35,7 +35,9 @@ class NoiseRow(NamedTuple):
     gps_outage: int = 40
     gps_jump: slice = slice(41, 44)
     gps_jump_now: int = 44
-    size: int = 45
+    fault: slice = slice(45, 61)  # of faults, for each number that a sensor says
+    fault_lost: slice = slice(61, 66)  # whether a sensor's sample is lost by a fault
+    size: int = 66
 
 
 class Source(NamedTuple):
@@ -61,6 +63,7 @@ _SOURCES = (
     Source(1, 17, 18),  # satellites
     Source(1, 19, 20),  # outages
     Source(4, 21, 22),  # jumps
+    Source(21, 24, 25),  # faults
 )
 _GUSTS = 12  # child of the random gusts
 _ONCE = 23  # child for what the sensors of a flight draw once
@@ -103,15 +106,15 @@ class NoiseStreams:
         return np.hstack(parts)
 
     def rows(self, n: int) -> NDArray[np.float64]:
-        """The next n rows (n, 45); n calls of `row` give exactly the same."""
+        """The next n rows (n, 66); n calls of `row` give exactly the same."""
         return self._draw(self._streams, n)
 
     def row(self) -> NDArray[np.float64]:
-        """The next row (45,)."""
+        """The next row (66,)."""
         return self._draw(self._streams, 1)[0]
 
     def initial_rows(self, n: int) -> NDArray[np.float64]:
-        """n rows (n, 45) for the state before the first tick, from streams of their own."""
+        """n rows (n, 66) for the state before the first tick, from streams of their own."""
         return self._draw(self._initial, n)
 
     def once(self, n: int) -> NDArray[np.float64]:

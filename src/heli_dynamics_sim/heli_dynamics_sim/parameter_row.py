@@ -7,8 +7,8 @@ from heli_parameters.parameters import Parameter
 
 
 def row(name: str, kind: str, description: str, unit: str = "", **rest: Any) -> Parameter:
-    """Row that is read when the plant is configured; only gusts may be added in flight."""
-    fixed = not name.startswith("wind.gust.")
+    """Row that is read when the plant is configured; only gusts and faults may come in flight."""
+    fixed = not name.startswith("wind.gust.") and name != "faults"
     return Parameter(name, kind, description, unit, read_only=fixed, **rest)
 
 

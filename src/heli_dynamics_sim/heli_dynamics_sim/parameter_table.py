@@ -71,4 +71,6 @@ _TERMS = (
     ),
 )
 
-TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _TERMS + WIND + SENSORS
+_FAULTS = (row("faults", "string[]", "Faults of sensors and actuators, gusts; none: no fault"),)
+
+TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _TERMS + WIND + SENSORS + _FAULTS

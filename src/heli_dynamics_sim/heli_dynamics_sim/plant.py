@@ -14,6 +14,14 @@ import numpy as np
 
 from heli_dynamics_sim.air import AirState, air_at, initial_air, run_in_ticks, step_air
 from heli_dynamics_sim.config import PlantConfig, PlantConfigError, PlantKernel
+from heli_dynamics_sim.fault_table import PAST_S
+from heli_dynamics_sim.faults import (
+    FaultState,
+    add_gusts,
+    initial_faults,
+    spoil_command,
+    spoil_sensors,
+)
 from heli_dynamics_sim.ground import ground_contact
 from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
@@ -21,12 +29,12 @@ from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.sensor_start import ONCE, fix_slots, initial_sensors
 from heli_dynamics_sim.sensors import SensorState, read_sensors
 from heli_dynamics_sim.standing import Stand, on_ground
-from heli_dynamics_sim.state import STEP_S, SUBSTEPS, attitude_of
+from heli_dynamics_sim.state import attitude_of
 from heli_dynamics_sim.trim import Trim, trim
 from heli_dynamics_sim.wind import FILTER, wind_at
+from heli_math.arrays import scratch
 from heli_math.jit import njit
 from heli_math.rows import ACTUATOR, AIR, MEAS, PLANT
-from heli_math.ticks import TICK_S
 
 __all__ = [
     "PlantConfig",
@@ -63,6 +71,7 @@ _SENTENCES = {
     PlantStatus.FLEW_AWAY: "The aircraft flew away: it left the allowed distance from its start.",
     PlantStatus.NOT_FINITE: "The aircraft's state is not finite: a command or parameter broke it.",
 }
+_N_ACTUATOR = ACTUATOR.size
 _OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in PlantStatus)
 
 
@@ -78,6 +87,7 @@ class PlantState(NamedTuple):
     flags: np.ndarray  # (1,) int64, first PlantStatus that was not OK
     pilot: np.ndarray  # (5,) ticks until a pilot hands over, and the trim that is held until then
     spool: np.ndarray  # (1,) ticks until the rotor has its speed
+    faults: FaultState
 
 
 def initial_state(config: PlantConfig, seed: int) -> PlantState:
@@ -104,7 +114,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     slots = fix_slots(k.sensors.gps)
     altitude_m = -float(config.pos_ned_m[2])
     streams = NoiseStreams(seed)
-    rows = streams.initial_rows(slots + run_in_ticks(k.wind, altitude_m))
+    rows = streams.initial_rows(slots + run_in_ticks(k.wind, altitude_m, k.tick_s))
     calm = k.wind._replace(
         turbulence=False,
         gust_amplitude_mps=0.0 * k.wind.gust_amplitude_mps,
@@ -120,7 +130,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     sensors = initial_sensors(k.sensors, rows[:slots], streams.once(ONCE.size), x)
     return PlantState(
         x,
-        initial_air(k.wind, altitude_m, wind_rows, seed),
+        initial_air(k.wind, altitude_m, wind_rows, seed, k.tick_s),
         same_air(mean_wind),
         sensors,
         np.tile(start.u, (k.delay_ticks, 1)).reshape(k.delay_ticks, ACTUATOR.size),
@@ -128,6 +138,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
         np.zeros(1, dtype=np.int64),
         np.append(float(k.pilot_ticks), start.u),
         np.array([float(k.spool_ticks)]),
+        initial_faults(start.u, config.rate.ticks_in(PAST_S) + 1),
     )
 
 
@@ -176,14 +187,16 @@ def measure(state, tick, noise_row, k, y):
     """
     if tick > 0 and k.wind.turbulence:
         altitude_m = -state.x[PLANT.down]
-        step_air(state.turbulence, altitude_m, TICK_S, noise_row, k.wind)
+        step_air(state.turbulence, altitude_m, k.tick_s, noise_row, k.wind)
     if 0 <= k.fail_tick <= tick:
         state.x[PLANT.engine_out] = 1.0
-    air_at(state.turbulence, state.x, tick * TICK_S, k.wind, state.air)
-    if tick * TICK_S < k.onset_s:
-        _begin_to_move(tick * TICK_S / k.onset_s, state.air)
+    air_at(state.turbulence, state.x, tick * k.tick_s, k.wind, state.air)
+    if tick * k.tick_s < k.onset_s:
+        _begin_to_move(tick * k.tick_s / k.onset_s, state.air)
+    add_gusts(tick, k.faults, state.air)
     aircraft = _aircraft_now(state, k)
     read_sensors(state.sensors, tick, state.x, state.air, noise_row, aircraft, k.sensors, y)
+    spoil_sensors(state.faults, tick, noise_row, k.faults, y)
     wind, around = y[MEAS.wind], state.air[AIR.fuselage]
     for i in range(3):
         wind[i] = around[i]
@@ -223,7 +236,7 @@ def advance(state, u_cmd, k):
     """
     if state.flags[0] == _NOT_FINITE:
         return
-    u = np.empty(ACTUATOR.size)
+    u = scratch(_N_ACTUATOR)
     for i in range(ACTUATOR.size):
         u[i] = state.commands[0, i] if k.delay_ticks > 0 else u_cmd[i]
     for j in range(k.delay_ticks):
@@ -234,9 +247,10 @@ def advance(state, u_cmd, k):
         state.pilot[0] -= 1.0
         for i in range(ACTUATOR.size):
             u[i] = state.pilot[1 + i]
+    spoil_command(state.faults, k.faults, u)
     aircraft = _aircraft_now(state, k)
-    for _ in range(SUBSTEPS):
-        rk4_step(state.x, u, state.air, aircraft, STEP_S, state.work)
+    for _ in range(k.substeps):
+        rk4_step(state.x, u, state.air, aircraft, k.step_s, state.work)
         if state.flags[0] == _OK:
             state.flags[0] = _judge(state.x, k)
     if state.spool[0] > 0.0:

@@ -19,13 +19,15 @@ from heli_dynamics_sim.sensors import (
     MagKernel,
     SensorKernel,
 )
-from heli_math.ticks import TICK_S
+from heli_math.ticks import TICK_S, Rate
 
 _Get = Callable[[str], Any]
 _NEVER = 2**62
 
 
-def sensor_kernel(values: Mapping[str, Any], helicopter: HelicopterParameters) -> SensorKernel:
+def sensor_kernel(
+    values: Mapping[str, Any], helicopter: HelicopterParameters, rate: Rate
+) -> SensorKernel:
     """Build the kernels of all sensors.
 
     Parameters
@@ -34,6 +36,8 @@ def sensor_kernel(values: Mapping[str, Any], helicopter: HelicopterParameters) -
         Parameters of the node `plant`.
     helicopter : HelicopterParameters
         Its rotor shakes the IMU and blows on the static port.
+    rate : Rate
+        Of the ticks, at each of which the IMU is read.
 
     Raises
     ------
@@ -49,7 +53,7 @@ def sensor_kernel(values: Mapping[str, Any], helicopter: HelicopterParameters) -
         np.array(get("mag.soft_iron"), dtype=np.float64).reshape(3, 3),
         np.array(get("mag.hard_iron_t"), dtype=np.float64),
         get("mag.white_t"),
-        get("mag.period_ticks"),
+        rate.of(get("mag.period_ticks")),
         get("mag.clock_jitter_s"),
         get("mag.soft_iron_sigma"),
         get("mag.hard_iron_sigma_t"),
@@ -60,15 +64,15 @@ def sensor_kernel(values: Mapping[str, Any], helicopter: HelicopterParameters) -
         get("baro.white_pa"),
         get("baro.drift_pa"),
         math.exp(-get("baro.period_ticks") * TICK_S / get("baro.drift_tau_s")),
-        get("baro.period_ticks"),
+        rate.of(get("baro.period_ticks")),
         get("baro.clock_jitter_s"),
         _port(get, helicopter),
     )
-    return SensorKernel(_imu(get, helicopter), mag, baro, _gps(get))
+    return SensorKernel(_imu(get, helicopter, rate.tick_s), mag, baro, _gps(get, rate))
 
 
-def _imu(get: _Get, helicopter: HelicopterParameters) -> ImuKernel:
-    root_rate, root_tick = math.sqrt(1.0 / TICK_S), math.sqrt(TICK_S)
+def _imu(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuKernel:
+    root_rate, root_tick = math.sqrt(1.0 / tick_s), math.sqrt(tick_s)
     return ImuKernel(
         gyro_white=get("imu.gyro_noise_density") * root_rate,
         accel_white=get("imu.accel_noise_density") * root_rate,
@@ -76,11 +80,11 @@ def _imu(get: _Get, helicopter: HelicopterParameters) -> ImuKernel:
         accel_walk=get("imu.accel_bias_walk") * root_tick,
         gyro_bias=get("imu.gyro_bias_sigma_radps"),
         accel_bias=get("imu.accel_bias_sigma_mps2"),
-        errors=_imu_errors(get, helicopter),
+        errors=_imu_errors(get, helicopter, tick_s),
     )
 
 
-def _imu_errors(get: _Get, helicopter: HelicopterParameters) -> ImuErrorKernel:
+def _imu_errors(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuErrorKernel:
     def six(name: str) -> Any:
         force, rate = get(f"imu.vibration.{name}_mps2"), get(f"imu.vibration.{name}_radps")
         return np.concatenate([np.asarray(force, float), np.asarray(rate, float)])
@@ -103,7 +107,7 @@ def _imu_errors(get: _Get, helicopter: HelicopterParameters) -> ImuErrorKernel:
     ranges = np.repeat(np.where(limits > 0.0, limits, np.inf), 3)
     clock_s = get("imu.clock_jitter_s")
     on = vibration.on or clock_s > 0.0 or gain_sigma.any() or (limits > 0.0).any()
-    return ImuErrorKernel(bool(on), vibration, clock_s, ranges, gain_sigma)
+    return ImuErrorKernel(bool(on), vibration, clock_s, ranges, gain_sigma, tick_s)
 
 
 def _power_field(get: _Get) -> PowerFieldKernel:
@@ -118,7 +122,7 @@ def _port(get: _Get, helicopter: HelicopterParameters) -> PortKernel:
     return PortKernel(on, wind, wash, 0.5 * helicopter.air_density_kgpm3)
 
 
-def _gps(get: _Get) -> GpsKernel:
+def _gps(get: _Get, rate: Rate) -> GpsKernel:
     axes = np.array([1.0, 1.0, get("gps.vertical_factor")])
     lost_s, found_s = get("gps.outage.from_s"), get("gps.outage.until_s")
     return GpsKernel(
@@ -126,10 +130,10 @@ def _gps(get: _Get) -> GpsKernel:
         get("gps.drift_m") * axes,
         math.exp(-get("gps.period_ticks") * TICK_S / get("gps.drift_tau_s")),
         get("gps.velocity_mps"),
-        get("gps.period_ticks"),
-        get("gps.latency_ticks"),
-        round(lost_s / TICK_S) if lost_s >= 0.0 else _NEVER,
-        round(found_s / TICK_S) if found_s >= 0.0 else _NEVER,
+        rate.of(get("gps.period_ticks")),
+        rate.of(get("gps.latency_ticks")),
+        rate.of(round(lost_s / TICK_S)) if lost_s >= 0.0 else _NEVER,
+        rate.of(round(found_s / TICK_S)) if found_s >= 0.0 else _NEVER,
         _gps_errors(get, axes),
     )
 

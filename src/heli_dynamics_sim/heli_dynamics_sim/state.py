@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 from heli_math.jit import njit
 from heli_math.rotations import quat_from_euler
 from heli_math.rows import PLANT
-from heli_math.ticks import TICK_S
 
-SUBSTEPS = 5
-"""Integration steps per tick."""
-STEP_S = TICK_S / SUBSTEPS
-"""Length of an integration step (s)."""
+STEP_S = 0.002
+"""Integration step, s: of a tick of 10 ms; the longest of any other."""
 
 
 def make_state(

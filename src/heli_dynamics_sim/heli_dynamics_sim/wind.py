@@ -35,6 +35,7 @@ import numpy as np
 from heli_dynamics_sim.gusts import GUST, RandomGusts, gusts_at
 from heli_dynamics_sim.rigid_body import to_ned
 from heli_dynamics_sim.state import attitude_of
+from heli_math.arrays import scratch, scratch_matrix
 from heli_math.jit import njit
 from heli_math.multisine import fade_in_and_out, sines_at
 from heli_math.rows import PLANT
@@ -43,6 +44,7 @@ FOOT_M = 0.3048
 W20_ALTITUDE_M = 20.0 * FOOT_M
 _SQRT3 = math.sqrt(3.0)
 _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
+_N_GUST = GUST.size
 
 
 class FilterState(NamedTuple):
@@ -304,10 +306,10 @@ def wind_at(filter_state, x, time_s, k, out):
     altitude_m = -x[PLANT.down]
     outputs, sigmas = turbulence_outputs(filter_state), turbulence_sigmas(altitude_m, k)
     out[0], out[1], out[2] = air_velocity(
-        outputs, sigmas, altitude_m, x, time_s, k, np.empty((0, GUST.size))
+        outputs, sigmas, altitude_m, x, time_s, k, scratch_matrix(0, _N_GUST)
     )
     if k.sines.on:
-        gust = np.empty(3)
+        gust = scratch(3)
         injected_gust(x, time_s, k.sines, gust)
         for i in range(3):
             out[i] += gust[i]

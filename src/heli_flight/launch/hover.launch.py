@@ -27,7 +27,7 @@ from heli_flight.loop.layers import Reader, layered
 from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
 from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, WORLDS
 from heli_flight.loop.worlds import NODE_NAME as WORLD
-from heli_msgs_bridge.launching import COMMON, Argument, declare, node, users_files
+from heli_msgs_bridge.launching import COMMON, Argument, declare, node, together, users_files
 from heli_parameters.common_table import with_common
 from heli_parameters.parameters import load
 
@@ -86,6 +86,12 @@ ARGUMENTS = (
         ["", "true", "false"],
         "true: deterministic, as fast as possible; false: at the pace of the wall clock "
         "(default: the parameter files')",
+    ),
+    Argument(
+        "composed",
+        "false",
+        ["true", "false"],
+        "Plant, observer, inner and outer loop in one process, still by topics; twice as fast",
     ),
     Argument("record", "true", ["true", "false"], "Write a bag"),
     Argument(
@@ -196,13 +202,21 @@ def _aircraft(given):
         found.append(node("heli_live_view", "live_view", given, [*users, arguments["live_view"]]))
     if given["actions"] == "true":
         found.append(node("heli_actions", "actions", given, users))
+    layers = {}
     for package, name in NODES:
-        paths = [_config(package, f"gps_{given['gps']}.yaml"), sensors]
-        own = [path for path in paths if Path(path).is_file()]
-        layers = [peers, *own, *files, drawn.get(name), scenario, *users, arguments[name]]
-        # Of several aircraft the last flight ends the launch, by the clock of their world.
-        needed = name != "plant" or given["aircraft"] == "1"
-        found.append(node(package, name, given, layers, needed))
+        receiver, grade = (
+            [path] if Path(path).is_file() else []
+            for path in (_config(package, f"gps_{given['gps']}.yaml"), sensors)
+        )
+        around = receiver, grade, [*files, drawn.get(name)], [scenario, *users]
+        layers[name] = [[peers], *around, [arguments[name]]]
+    # Of several aircraft the last flight ends the launch, by the clock of their world.
+    alone = given["aircraft"] == "1"
+    if given["composed"] == "true":
+        return [*found, together("heli_flight", "composed", given, layers, alone)]
+    for package, name in NODES:
+        own = [layer for group in layers[name] for layer in group]
+        found.append(node(package, name, given, own, name != "plant" or alone))
     return found
 
 

@@ -103,7 +103,7 @@ def test_the_actuators_are_those_of_eq_17(flown):
     x[:, [0, 1, 8]] = attitude(record)
     x[:, [2, 3, 6]], x[:, UNMEASURED] = record.nav_rate_body_radps, record.nav_rotor
     trim, u_trim = np.asarray(p["trim.x"]), np.asarray(p["trim.u"])
-    x[:, 8] = wrap_pi(x[:, 8] - record.setpoint[:, 2])
+    x[:, 8] = [wrap_pi(turn) for turn in x[:, 8] - record.setpoint[:, 2]]
     command = record.setpoint - trim[[0, 1, 8]]
     command[:, 2] = 0.0
     wanted = u_trim[:3] + (x - np.where(np.arange(9) == 8, 0.0, trim)) @ F.T + command @ G.T

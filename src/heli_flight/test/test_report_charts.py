@@ -241,6 +241,11 @@ def test_a_flight_that_ends_at_once_still_gets_a_report(tmp_path):
     flight = simulate(settings)
     lost = "the helicopter <hit> the ground"
     page = write_report(flight.record, settings, Result(Figures(), lost, 0.1, 1.0), tmp_path)
+    assert not (tmp_path / "figures").exists() and 'href="figures/' not in page.read_text()
+    page = write_report(
+        flight.record, settings, Result(Figures(), lost, 0.1, 1.0), tmp_path, figures=True
+    )
     text = page.read_text(encoding="utf-8")
     assert "Lost after 0.10 s: the helicopter &lt;hit&gt; the ground" in text
     assert (tmp_path / "figures" / "fig9_track.svg").stat().st_size > 0
+    assert 'href="figures/fig9_track.svg"' in text

@@ -9,7 +9,7 @@ import numpy as np
 
 from heli_inner_hinf.regular_form import Matrix
 from heli_math.linear_systems import held
-from heli_math.ticks import TICK_S
+from heli_math.ticks import TICK_S, Rate
 
 
 @dataclass(frozen=True)
@@ -22,16 +22,19 @@ class Actuation:
         Natural frequency (rad/s) and damping of each servo.
     delay_s : float
         Transport delay from the computation within tick n, s (0.01: acts from tick n+1).
+    tick_s : float
+        Between two steps of the law, s.
     """
 
     servo_radps: float = 38.0
     servo_damping: float = 0.51
     delay_s: float = TICK_S
+    tick_s: float = TICK_S
 
     @property
     def known_lag_s(self) -> float:
         """Transport delay, half a tick of hold and the servo's low-frequency lag 2 zeta / w, s."""
-        return self.delay_s + 0.5 * TICK_S + 2.0 * self.servo_damping / self.servo_radps
+        return self.delay_s + 0.5 * self.tick_s + 2.0 * self.servo_damping / self.servo_radps
 
 
 @dataclass(frozen=True)
@@ -45,19 +48,24 @@ class ObserverInput:
         one tick.
     servo_radps, servo_damping : float
         Servo model (exact ZOH) between that command and the observer; servo_radps = 0: none.
+    tick_s : float
+        Between two steps of the observer, s.
     """
 
     u_delay_ticks: int = 1
     servo_radps: float = 38.0
     servo_damping: float = 0.51
+    tick_s: float = TICK_S
 
     @classmethod
     def from_parameters(cls, observer: Mapping[str, Any]) -> "ObserverInput":
         """That of the observer's parameters."""
+        rate = Rate.of_parameters(observer)
         return cls(
-            int(observer["u_delay_ticks"]),
+            rate.of(int(observer["u_delay_ticks"])),
             observer["servo.frequency_radps"],
             observer["servo.damping"],
+            rate.tick_s,
         )
 
 

@@ -20,7 +20,7 @@ from heli_math.state_names import ATTITUDE, MEASURED, STATE_NAMES
 from heli_math.ticks import TICK_S
 
 _AXES = (("phi", "p", "phi_ref"), ("theta", "q", "theta_ref"), ("psi_error", "r", ""))
-_TOP_RADPS = 0.9999 * np.pi / TICK_S
+_TOP = 0.9999 * np.pi  # rad per tick
 
 
 class Feedback(NamedTuple):
@@ -62,10 +62,12 @@ def flown_plant(A: Matrix, B: Matrix, actuation: Actuation) -> tuple[Matrix, Mat
     needs.
     """
     behind = with_servos(A, B, actuation.servo_radps, actuation.servo_damping)
-    return with_delay_line(held_late(*behind, TICK_S, actuation.delay_s))
+    return with_delay_line(held_late(*behind, actuation.tick_s, actuation.delay_s))
 
 
-def pid_as_output_law(K_P: ArrayLike, K_I: ArrayLike, K_D: ArrayLike) -> OutputLaw:
+def pid_as_output_law(
+    K_P: ArrayLike, K_I: ArrayLike, K_D: ArrayLike, tick_s: float = TICK_S
+) -> OutputLaw:
     """The PID of three axes away from the limits, states: its integrators; gains as in the YAML."""
     p, i, d = (np.diag(np.asarray(gain, float)) for gain in (K_P, K_I, K_D))
     error, rate = np.zeros((N_U, N_V)), np.zeros((N_U, N_V))
@@ -74,14 +76,14 @@ def pid_as_output_law(K_P: ArrayLike, K_I: ArrayLike, K_D: ArrayLike) -> OutputL
         rate[axis, INPUTS.index(turning)] = 1.0
         if reference:
             error[axis, INPUTS.index(reference)] = 1.0
-    step = TICK_S * i @ error
+    step = tick_s * i @ error
     return output_law(np.eye(N_U), step, np.eye(N_U), p @ error - d @ rate + step)
 
 
 def linear_law_of(k: AttitudeKernel) -> OutputLaw | None:
     """Output feedback, or what equals the PID away from the limits; None for other kinds of law."""
     if k.controller == PID:
-        return pid_as_output_law(k.K_P, k.K_I, k.K_D)
+        return pid_as_output_law(k.K_P, k.K_I, k.K_D, k.tick_s)
     return k.law if k.controller == OUTPUT_FEEDBACK else None
 
 
@@ -110,7 +112,7 @@ def _state_feedback(k: AttitudeKernel) -> Feedback:
     eye, none = np.eye(N_U), np.zeros((N_U, N_U))
     attitude = np.eye(len(STATE_NAMES))[list(ATTITUDE)]
     A = np.block([[k.H, k.G], [none, eye]])
-    B = np.vstack([k.F, -TICK_S * k.shift_rate * attitude])
+    B = np.vstack([k.F, -k.tick_s * k.shift_rate * attitude])
     return Feedback(A, B, np.hstack([k.H, k.G]), k.F, everything)
 
 
@@ -133,17 +135,18 @@ def judge(A: Matrix, B: Matrix, feedback: Feedback, actuation: Actuation) -> Jud
     judgement = Judgement(float(np.max(np.abs(poles))), 0.0, 0.0)
     if not judgement.stable:
         return judgement
-    omega = grid(logarithms(poles, TICK_S), 1e-2, _TOP_RADPS, 200, near=9)
+    tick_s = actuation.tick_s
+    omega = grid(logarithms(poles, tick_s), 1e-2, _TOP / tick_s, 200, near=9)
     Ad, Bd = flown_plant(A, B, actuation)
-    P = sampled_response(Ad, Bd, omega)[:, list(feedback.measured)]
-    K = feedback.C @ sampled_response(feedback.A, feedback.B, omega) + feedback.D
+    P = sampled_response(Ad, Bd, omega, tick_s)[:, list(feedback.measured)]
+    K = feedback.C @ sampled_response(feedback.A, feedback.B, omega, tick_s) + feedback.D
     return judgement._replace(
         disk_input=smallest(-K @ P, omega).alpha, disk_output=smallest(-P @ K, omega).alpha
     )
 
 
-def sampled_response(A: Matrix, B: Matrix, omega: Matrix) -> np.ndarray:
+def sampled_response(A: Matrix, B: Matrix, omega: Matrix, tick_s: float = TICK_S) -> np.ndarray:
     """(z I - A)^-1 B, (m, n, k), on the unit circle at omega (m,), rad/s."""
-    z = np.exp(1j * omega * TICK_S)[:, None, None]
+    z = np.exp(1j * omega * tick_s)[:, None, None]
     right = np.broadcast_to(B.astype(complex), (omega.size, *B.shape))
     return np.linalg.solve(z * np.eye(A.shape[0]) - A, right)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude law at 100 Hz: state feedback by eq. (17), output feedback or PID, one interface.
+"""The attitude law: state feedback by eq. (17), output feedback or PID, one step a tick.
 
 `attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10) (places `NINE`, rad,
 rad/s) and the absolute commands phi, theta, psi (places `SETPOINT`, rad), and writes the absolute
@@ -25,13 +25,14 @@ from heli_inner_hinf.law_state import (
     AttitudeStatus,
     all_finite,
     initial_law_state,
+    remember,
 )
 from heli_inner_hinf.output_law import N_V, advance, command, read_inputs, state_at_rest
 from heli_inner_hinf.pid import pid_law, pid_terms
+from heli_math.arrays import scratch
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
 from heli_math.rows import NINE, SETPOINT
-from heli_math.ticks import TICK_S
 
 __all__ = [
     "AttitudeKernel",
@@ -80,7 +81,7 @@ def shift_target(x9, r3, k, state):
     loop's bandwidth.
     """
     shift = state[INTEGRAL : INTEGRAL + 3]
-    step = TICK_S * k.shift_rate
+    step = k.tick_s * k.shift_rate
     shift[SETPOINT.phi] += step * (r3[SETPOINT.phi] - x9[NINE.phi])
     shift[SETPOINT.theta] += step * (r3[SETPOINT.theta] - x9[NINE.theta])
     shift[SETPOINT.psi] += step * wrap_pi(r3[SETPOINT.psi] - x9[NINE.psi])
@@ -126,7 +127,7 @@ def attitude_law(x9, r3, k, state, u3):
         for i in range(3):
             u3[i] = state[LAST_U + i]
         return _NOT_FINITE
-    v, cut = np.empty(N_V), np.empty(3)
+    v, cut = scratch(N_V), scratch(3)
     if k.controller == PID:
         pid_law(x9, r3, k, state, u3)
     elif k.controller == OUTPUT_FEEDBACK:
@@ -156,8 +157,7 @@ def attitude_law(x9, r3, k, state, u3):
         advance(k.law, state[MEMORY : MEMORY + k.law.A.shape[0]], v, cut)
     elif k.controller == STATE_FEEDBACK and k.shift_rate > 0.0 and status == 0:
         shift_target(x9, r3, k, state)
-    state[LAST_X : LAST_X + 9] = x9
-    state[LAST_R : LAST_R + 3] = r3
+    remember(x9, r3, state)
     state[RUN] = 1.0
     return status
 
@@ -192,7 +192,7 @@ def swap_bumpless(
     if k_new.controller == OUTPUT_FEEDBACK:
         v = np.empty(N_V)
         read_inputs(x9, r3, k_new.x_trim, v)
-        x = state_at_rest(k_new.law, v, flown - k_new.u_trim)
+        x = state_at_rest(k_new.law, v, flown - k_new.u_trim, k_new.tick_s)
         state[MEMORY : MEMORY + x.size] = x
         output_feedback(v, r3, k_new, state, would)
     else:

@@ -36,7 +36,7 @@ from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.synthesis import Synthesis, synthesize
 from heli_inner_hinf.weights import checked, output_selector, weights
 from heli_math.rows import ACTUATOR
-from heli_math.ticks import TICK_S
+from heli_math.ticks import TICK_S, Rate
 
 _FROM_HOVER = 0.1
 """Least distance of the collective of standing from hover's."""
@@ -136,15 +136,25 @@ class AttitudeConfig:
         if not 0.0 < limit < 1.0:
             raise ShapeError("actuator_limit", f"actuator_limit = {limit:g} must be inside (0, 1)")
         actuation = Actuation(
-            p["servo.frequency_radps"], p["servo.damping"], p["delay_ticks"] * TICK_S
+            p["servo.frequency_radps"],
+            p["servo.damping"],
+            p["delay_ticks"] * TICK_S,
+            Rate.of_parameters(p).tick_s,
         )
+        if p["controller"] == "matrices" and actuation.tick_s != TICK_S:
+            raise ShapeError(
+                "controller",
+                f"controller: matrices: they are those of steps of 10 ms; rate_hz = {p['rate_hz']} "
+                "does not go with them",
+            )
         output, law = None, _law_of(p, A, B, actuation)
         if p["controller"] == "hinf_output":
             gamma = float(p["output.gamma"])
             output = synthesize_output(A, B, E, C, D, added_weights(p), actuation, gamma)
             law = output.law
         elif p["controller"] == "lqg":
-            law = lqg_law(generalised_plant(A, B, E, C, D, added_weights(p, "lqg"), actuation))
+            plant = generalised_plant(A, B, E, C, D, added_weights(p, "lqg"), actuation)
+            law = lqg_law(plant, actuation.tick_s)
         config = cls(
             controller=p["controller"],
             A=A,
@@ -204,7 +214,8 @@ class AttitudeConfig:
         """Numbers for `attitude_law`."""
         gains = self.lqr if self.controller == "lqr" else self.synthesis
         F, H = predicting_gains(self.A, self.B, gains.F, self.prediction_s)
-        fade = math.exp(-TICK_S / self.bumpless_time_s) if self.bumpless_time_s > 0.0 else 0.0
+        tick_s = self.actuation.tick_s
+        fade = math.exp(-tick_s / self.bumpless_time_s) if self.bumpless_time_s > 0.0 else 0.0
         return AttitudeKernel(
             controller=CONTROLLERS[self.controller],
             F=np.ascontiguousarray(F),
@@ -219,9 +230,10 @@ class AttitudeConfig:
             offset_decay=fade,
             shift_rate=self.offset_free_radps,
             law=self.law,
-            rest=rest_map(self.law),
+            rest=rest_map(self.law, tick_s),
             ground_collective=self.ground_collective,
             ground_side=math.copysign(1.0, self.ground_collective - self.u_trim[ACTUATOR.col]),
+            tick_s=tick_s,
         )
 
     @cached_property

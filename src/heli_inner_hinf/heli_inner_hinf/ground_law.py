@@ -12,14 +12,10 @@ By hand a pilot's deflections about trim are flown in its place: nothing between
 but the yaw-rate gyro of the aircraft. The law then goes on in the same way.
 """
 
-import numpy as np
-
 from heli_inner_hinf.attitude_law import attitude_law, linear_law, output_feedback
 from heli_inner_hinf.law_state import (
     INTEGRAL,
-    LAST_R,
     LAST_U,
-    LAST_X,
     MEMORY,
     N_LAW_STATE,
     OFFSET,
@@ -29,9 +25,11 @@ from heli_inner_hinf.law_state import (
     RUN,
     AttitudeStatus,
     all_finite,
+    remember,
 )
 from heli_inner_hinf.output_law import N_V, read_inputs
 from heli_inner_hinf.pid import pid_terms
+from heli_math.arrays import scratch
 from heli_math.jit import njit
 
 _NOT_FINITE = int(AttitudeStatus.NOT_FINITE)
@@ -60,8 +58,7 @@ def _relax(x9, r3, k, state, u3):
     state[RELAXED] = _AT_REST
     if not (all_finite(x9) and all_finite(r3)):
         return _NOT_FINITE
-    state[LAST_X : LAST_X + 9] = x9
-    state[LAST_R : LAST_R + 3] = r3
+    remember(x9, r3, state)
     state[RUN] = 1.0
     return _ON_GROUND
 
@@ -69,13 +66,12 @@ def _relax(x9, r3, k, state, u3):
 @njit
 def _take_up(x9, r3, k, state):
     """Go on from rest: the first command is that of the last tick; the memory is all zeros here."""
-    state[LAST_X : LAST_X + 9] = x9
-    state[LAST_R : LAST_R + 3] = r3
-    would = np.empty(3)
+    remember(x9, r3, state)
+    would = scratch(3)
     if k.controller == PID:
-        pid_terms(x9, r3, k, np.empty(3), would)
+        pid_terms(x9, r3, k, scratch(3), would)
     elif k.controller == OUTPUT_FEEDBACK:
-        v = np.empty(N_V)
+        v = scratch(N_V)
         read_inputs(x9, r3, k.x_trim, v)
         for i in range(k.rest.shape[0]):
             for j in range(N_V):
@@ -132,8 +128,7 @@ def _fly_by_hand(x9, r3, hand3, k, state, u3):
             status = _SATURATED
         state[LAST_U + i] = u3[i]
     if all_finite(x9) and all_finite(r3):
-        state[LAST_X : LAST_X + 9] = x9
-        state[LAST_R : LAST_R + 3] = r3
+        remember(x9, r3, state)
         state[RUN] = 1.0
     return status
 

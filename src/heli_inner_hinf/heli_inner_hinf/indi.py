@@ -25,7 +25,6 @@ from heli_inner_hinf.regular_form import Matrix
 from heli_math.linear_systems import held
 from heli_math.rows import NINE
 from heli_math.state_names import ATTITUDE
-from heli_math.ticks import TICK_S
 
 _DAMPING = 0.7
 """Of the low-pass filters."""
@@ -90,7 +89,7 @@ def indi_law(A: Matrix, B: Matrix, gains: IndiGains, actuation: Actuation) -> Ou
     eye, none = np.eye(N_U), np.zeros((N_U, N_U))
     low_pass = np.block([[none, eye], [-(W**2), -2.0 * _DAMPING * W]])
     enters = np.vstack([none, W**2])
-    A_y, B_y = held(low_pass, enters, TICK_S)
+    A_y, B_y = held(low_pass, enters, actuation.tick_s)
     A_u, B_u = flown_plant(low_pass, enters, actuation)
     n_y, n_u = A_y.shape[0], A_u.shape[0]
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_inner_hinf.output_law import MAX_ORDER, OutputLaw
+from heli_math.arrays import copy_part
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, NINE, ROTOR, SETPOINT
@@ -88,6 +89,8 @@ class AttitudeKernel(NamedTuple):
         `output_law.rest_map` of it.
     ground_collective, ground_side : float
         Collectives beyond the first, on the side of the sign of the second, are those of standing.
+    tick_s : float
+        Between two steps of the law, s.
     """
 
     controller: int
@@ -106,6 +109,7 @@ class AttitudeKernel(NamedTuple):
     rest: np.ndarray
     ground_collective: float
     ground_side: float
+    tick_s: float
 
 
 def initial_law_state(k: AttitudeKernel) -> np.ndarray:
@@ -126,6 +130,13 @@ def nine_states(nav, rotor, x9):
     x9[NINE.p], x9[NINE.q], x9[NINE.r] = nav[NAV.p], nav[NAV.q], nav[NAV.r]
     x9[NINE.a_s], x9[NINE.b_s] = rotor[ROTOR.a_s], rotor[ROTOR.b_s]
     x9[NINE.d_int] = rotor[ROTOR.d_int]
+
+
+@njit
+def remember(x9, r3, state):
+    """Keep what a law has read, for whoever goes on from it."""
+    copy_part(state, LAST_X, x9, 0, 9)
+    copy_part(state, LAST_R, r3, 0, 3)
 
 
 @njit

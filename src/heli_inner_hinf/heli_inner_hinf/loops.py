@@ -35,7 +35,6 @@ from heli_math.linear_systems import (
 )
 from heli_math.state_names import ATTITUDE, INPUT_NAMES, MEASURED, STATE_NAMES, UNMEASURED
 from heli_math.state_space import WIND
-from heli_math.ticks import TICK_S
 
 N_Y, N_Z = len(MEASURED), len(UNMEASURED)
 MEASURED_NAMES = tuple(STATE_NAMES[i] for i in MEASURED)
@@ -176,7 +175,7 @@ def flown_loop(
     feed: ObserverInput | None = None,
     actuation: Actuation | None = None,
 ) -> Loop:
-    """Sampled loop as flown: observer, prediction, servos, transport delay, 100 Hz."""
+    """Sampled loop as flown: observer, prediction, servos, transport delay."""
     plant = sampled_plant(model, actuation or Actuation())
     gain = checked("K", K, (N_Z, N_Y))
     controller = sampled_controller(model, gain, prediction_s, feed or ObserverInput())
@@ -184,7 +183,7 @@ def flown_loop(
 
 
 def output_loop(model: Model, law: OutputLaw, actuation: Actuation | None = None) -> Loop:
-    """Sampled loop as flown with output feedback: servos, transport delay, 100 Hz.
+    """Sampled loop as flown with output feedback: servos, transport delay.
 
     F and G of the model do not matter. The law's state is taken at a fixed heading (x + turn
     psi_ref), so that a new psi_ref is an input like the others.
@@ -201,8 +200,9 @@ def output_loop(model: Model, law: OutputLaw, actuation: Actuation | None = None
         law.D[:, :n_y],
         np.hstack([law.D[:, n_y:], D_psi]),
     )
-    plant = sampled_plant(model, actuation or Actuation())
-    return Loop("as flown", plant, _controller(MEASURED_NAMES, own, TICK_S))
+    actuation = actuation or Actuation()
+    plant = sampled_plant(model, actuation)
+    return Loop("as flown", plant, _controller(MEASURED_NAMES, own, actuation.tick_s))
 
 
 def sampled_plant(model: Model, actuation: Actuation) -> control.StateSpace:
@@ -215,7 +215,7 @@ def sampled_plant(model: Model, actuation: Actuation) -> control.StateSpace:
     Ad, Bd = flown_plant(model.A, model.B, actuation)
     size, N = Ad.shape[0], n + 2 * N_U
     Bw = np.zeros((size, N_U))
-    Bw[:n] = held(model.A, model.E, TICK_S)[1]
+    Bw[:n] = held(model.A, model.E, actuation.tick_s)[1]
     position = np.zeros((N_U, size))
     position[:, n : n + N_U] = np.eye(N_U)
     x = np.eye(n, size)
@@ -223,7 +223,7 @@ def sampled_plant(model: Model, actuation: Actuation) -> control.StateSpace:
     states = [*STATE_NAMES, *POSITIONS, *(f"{name}_rate" for name in INPUT_NAMES)]
     states += [f"{name}_{lag + 1}" for lag in range((size - N) // N_U) for name in INPUT_NAMES]
     h = model.C @ x + model.D @ position
-    return _plant(Ad, Bw, Bd, (h, position), nothing, MEASURED, states, TICK_S)
+    return _plant(Ad, Bw, Bd, (h, position), nothing, MEASURED, states, actuation.tick_s)
 
 
 def sampled_controller(
@@ -235,7 +235,7 @@ def sampled_controller(
     servo model) less what y_n adds, then u_(n-1), u_(n-2), ... as far back as needed.
     """
     Ac, By, Bu = observer_with_servo(model, K, feed)
-    Phi, Gu, G0, G1 = held_and_linear(Ac, Bu, By, TICK_S)
+    Phi, Gu, G0, G1 = held_and_linear(Ac, Bu, By, feed.tick_s)
     F, H_u = predicting_gains(model.A, model.B, model.F, prediction_s)
     n = Ac.shape[0]
     lift = np.vstack([K, np.zeros((n - N_Z, N_Y))]) + G1
@@ -260,8 +260,8 @@ def sampled_controller(
     Ad[n + N_U :, n : n + N_U * (depth - 1)] = np.eye(N_U * (depth - 1))
     law = Law(Ad, Bd, through_u @ model.G, Cu, Dk, model.G)
     if model.shift_rate > 0.0:
-        law = _with_shift(law, model.shift_rate)
-    return _controller(MEASURED_NAMES, law, TICK_S)
+        law = _with_shift(law, model.shift_rate * feed.tick_s)
+    return _controller(MEASURED_NAMES, law, feed.tick_s)
 
 
 def as_output_law(model: Model, K: Matrix, prediction_s: float, feed: ObserverInput) -> OutputLaw:
@@ -276,13 +276,13 @@ def as_output_law(model: Model, K: Matrix, prediction_s: float, feed: ObserverIn
     return output_law(A, B[:, :N_V], C, D[:, :N_V], turn=turn)
 
 
-def _with_shift(law: Law, rate: float) -> Law:
-    """The law with its offset-free target: s(n+1) = s(n) + T rate (r - (phi theta psi)(n)).
+def _with_shift(law: Law, step: float) -> Law:
+    """The law with its offset-free target: s(n+1) = s(n) + step (r - (phi theta psi)(n)).
 
     s is added to the command r.
     """
     attitude = np.eye(N_X)[np.ix_(ATTITUDE, MEASURED)]
-    step, eye, n = TICK_S * rate, np.eye(N_U), law.A.shape[0]
+    eye, n = np.eye(N_U), law.A.shape[0]
     return law._replace(
         A=np.block([[law.A, law.B_r], [np.zeros((N_U, n)), eye]]),
         B=np.vstack([law.B, -step * attitude]),

@@ -13,12 +13,13 @@ from heli_inner_hinf.regular_form import Matrix
 from heli_inner_hinf.weights import N_X
 from heli_math.central_controller import GeneralisedPlant
 from heli_math.state_names import ATTITUDE, MEASURED
+from heli_math.ticks import TICK_S
 
-_UNWINDING_TICKS = 20
+_UNWINDING_S = 0.2
 """Time constant with which the integrators give way while an actuator is at its limit."""
 
 
-def lqg_law(plant: GeneralisedPlant) -> OutputLaw:
+def lqg_law(plant: GeneralisedPlant, tick_s: float = TICK_S) -> OutputLaw:
     """The law that is best on average for `output_feedback.generalised_plant`.
 
     States: the predicted state of the plant, then the integrals of phi, theta, psi. What is cut off
@@ -46,7 +47,7 @@ def lqg_law(plant: GeneralisedPlant) -> OutputLaw:
     shift[n:] = -np.linalg.solve(P[n:, n:], P[n:, list(ATTITUDE)])
     C_k = np.hstack([of_rest @ c - K_x @ seen, -K_i])
     D_y = -of_rest - K_x @ M
-    L = np.vstack([b, -np.linalg.inv(K_i) / _UNWINDING_TICKS])
+    L = np.vstack([b, -np.linalg.inv(K_i) / (_UNWINDING_S / tick_s)])
     free = np.block([[a @ seen, np.zeros((n, n_i))], [np.zeros((n_i, n)), np.eye(n_i)]])
     hears = np.vstack([a @ M, integrate])
     told = np.vstack([b, np.zeros((n_i, N_U))])

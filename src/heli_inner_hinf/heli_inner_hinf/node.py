@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `inner_loop`: attitude setpoint and collective to actuators, 100 Hz."""
+"""Node `inner_loop`: attitude setpoint and collective to actuators, every tick."""
 
+import math
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,12 +21,12 @@ from heli_inner_hinf.excitation import (
     initial_excitation_state,
 )
 from heli_inner_hinf.ground_law import law_or_hand
-from heli_inner_hinf.law_state import RUN, initial_law_state, nine_states
+from heli_inner_hinf.law_state import RUN, AttitudeKernel, initial_law_state, nine_states
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
+from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, NAV, NINE, SETPOINT
 from heli_math.state_names import UNMEASURED
 from heli_math.sweep import NOTHING, SweepKernel, add_sweep
-from heli_math.ticks import TICK_S, TICKS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.lockstep import Demand
@@ -54,12 +55,13 @@ class Disturber:
 
     kernel: SweepKernel
     send: Send
+    tick_s: float
     added: np.ndarray = field(default_factory=lambda: np.zeros(len(NINE)))
 
     def disturb(self, tick: int, stamp_ns: int, x9: np.ndarray) -> None:
         """Add the sweep of this tick to the angles among the states (9,) and publish it."""
         self.added[:] = 0.0
-        add_sweep(tick * TICK_S, self.kernel, self.added)
+        add_sweep(tick * self.tick_s, self.kernel, self.added)
         x9 += self.added
         self.send(self.added[list(PLACES)], stamp_ns)
 
@@ -84,6 +86,10 @@ class Loop(TickCore):
         A pilot's deflections, flown in place of the law; NaN for none.
     total : (4,) array
         Last command that was sent.
+    flown : AttitudeKernel or None
+        Numbers that `law` is compiled for.
+    law : callable
+        `law_or_hand`, compiled.
     """
 
     design: LiveDesign
@@ -96,6 +102,8 @@ class Loop(TickCore):
     u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
     hand3: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
+    flown: AttitudeKernel | None = None
+    law: Callable[..., int] = law_or_hand
 
 
 @dataclass
@@ -128,7 +136,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def configure(self) -> Loop:
         """Synthesise the controller; an infeasible design is refused here."""
         config = AttitudeConfig.from_parameters(self.values)
-        outer = Demand(self.values["outer_period_ticks"])
+        outer = Demand(self.rate.of(self.values["outer_period_ticks"]))
         inputs = (
             Input(topics.ODOM, Demand()),
             Input(topics.ROTOR_STATE, Demand()),
@@ -157,13 +165,15 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         kernel = disturbance_kernel(self.values)
         if kernel.shape == NOTHING:
             return None
-        return Disturber(kernel, self.create_sender(topics.EXCITATION_ATTITUDE))
+        send = self.create_sender(topics.EXCITATION_ATTITUDE)
+        return Disturber(kernel, send, self.rate.tick_s)
 
     def _warm_up(self, core: Loop) -> None:
         """Load the compiled law before the first tick."""
         kernel = core.design.config.kernel
-        rest, state = core.collective, initial_law_state(kernel)
-        law_or_hand(core.x9, np.zeros(3), rest, core.hand3, kernel, state, core.u3)
+        self._load(core, kernel)
+        rest, state = float(core.collective), initial_law_state(kernel)
+        core.law(core.x9, np.zeros(3), rest, core.hand3, kernel, state, core.u3)
         nav = np.full(NAV.size, np.nan)
         nine_states(nav, nav[NAV.rotor], core.x9)
         if core.exciter is not None:
@@ -171,6 +181,11 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             excite(-1.0, core.x9, core.exciter.kernel, own, law, core.total)
         if core.disturber is not None:
             add_sweep(-1.0, core.disturber.kernel, core.disturber.added)
+
+    def _load(self, core: Loop, kernel: AttitudeKernel) -> None:
+        """Have the compiled law for numbers of these types; those of another design may differ."""
+        like = core.x9, np.zeros(3), 0.0, core.hand3, kernel, initial_law_state(kernel), core.u3
+        core.flown, core.law = kernel, direct(law_or_hand, *like)
 
     def engage(self) -> Holding:
         """Begin to hold attitude: from trim, or in flight from what is flown."""
@@ -198,8 +213,10 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             core.design.engage(core.x9, r3, core.total[ACTUATOR.attitude])
             run.resumes = False
         kernel = core.design.take()
-        law = core.design.state
-        code = law_or_hand(core.x9, r3, core.collective, core.hand3, kernel, law, core.u3)
+        if kernel is not core.flown:
+            self._load(core, kernel)
+        law, col = core.design.state, core.collective
+        code = core.law(core.x9, r3, col, core.hand3, kernel, law, core.u3)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
         core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, core.collective
         if core.exciter is not None:
@@ -221,7 +238,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def _excite(self, exciter: Exciter, tick: int) -> None:
         """Add the excitation to the actuators of this tick and publish it."""
         core, state = self.core, exciter.state
-        code = excite(tick * TICK_S, core.x9, exciter.kernel, state, core.design.state, core.total)
+        now_s, law = tick * self.rate.tick_s, core.design.state
+        code = excite(now_s, core.x9, exciter.kernel, state, law, core.total)
         exciter.status = ExcitationStatus(code)
         exciter.send(state[SENT : SENT + ACTUATOR.size], self.stamp_ns(tick))
 
@@ -238,7 +256,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             known = x9 if np.isfinite(x9[NINE.a_s]) else self.core.design.config.x_trim
             rotor = known[list(UNMEASURED)]
         nine_states(nav, rotor, x9)
-        if np.isnan(r3[SETPOINT.psi]):
+        if math.isnan(r3[SETPOINT.psi]):
             r3[SETPOINT.psi] = x9[NINE.psi]
 
     def _take_setpoint(self, arrived: Arrived) -> None:
@@ -257,7 +275,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             return False
         # One of a later moment than now belongs to another time, however young it looks.
         age = tick - stamp
-        return age < -AHEAD_TICKS or age > self.values["setpoint_timeout_s"] * TICKS_PER_S
+        oldest = self.values["setpoint_timeout_s"] * self.rate.hz
+        return age < -self.rate.of(AHEAD_TICKS) or age > oldest
 
     def _trim_attitude(self, psi: float) -> np.ndarray:
         """Trim attitude with a heading, rad."""
@@ -278,7 +297,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             level, message = Level.WARN, excited.sentence
         elif excited == ExcitationStatus.EXCITING and code == AttitudeStatus.OK:
             message = excited.sentence
-        if self.tick % TICKS_PER_S == 0 or message != self.health.message:
+        if self.tick % self.rate.hz == 0 or message != self.health.message:
             self.warn_or_ok(level, message, self._facts_now())
 
     def _facts_now(self) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 """`controller: hinf_output`: discrete H-infinity output feedback with integral action.
 
 The plant is the one that flies: the nine states of eq. (9), servos, transport delay, sampled at
-100 Hz, and the integrals of phi, theta, psi (order 21 with a delay of one tick). Into it come the
+its rate, and the integrals of phi, theta, psi (order 21 with a delay of one tick). Into it come the
 wind (m/s), a load in every actuator's place that stands for all moments that the model lacks
 (flap-back, another trim), and the noise of the six measurements; out of it h of eq. (11), which
 C11, C22, D11 weigh as for `controller: hinf`, and the weighted integrals. The law is the central
@@ -136,7 +136,7 @@ def synthesize_output(
     """
     plant = generalised_plant(A, B, E, C, D, weights, actuation)
     try:
-        law, controller, closed = central_law(plant, weights, gamma)
+        law, controller, closed = central_law(plant, weights, gamma, actuation.tick_s)
     except NoControllerError as exc:
         raise _refused(plant, gamma) from exc
     norm, at = hinf_norm(*to_continuous(closed))
@@ -147,12 +147,12 @@ def synthesize_output(
             f"{radius:.6f}, norm {norm:.6g}, residual of the Riccati equations "
             f"{controller.residual:.1e})"
         )
-    frequency = float(2.0 * np.arctan(0.5 * at) / TICK_S)
+    frequency = float(2.0 * np.arctan(0.5 * at) / actuation.tick_s)
     return OutputSynthesis(law, controller, norm, frequency, plant)
 
 
 def central_law(
-    plant: GeneralisedPlant, weights: OutputWeights, gamma: float
+    plant: GeneralisedPlant, weights: OutputWeights, gamma: float, tick_s: float = TICK_S
 ) -> tuple[OutputLaw, CentralController, System]:
     """The law below gamma, without its certificate; the controller; the closed loop.
 
@@ -164,7 +164,7 @@ def central_law(
     controller = central_controller(plant, gamma)
     closed = _closed(plant, controller.system)
     cost = _command_cost(closed.C, weights)
-    law = as_law(closed, controller.system, controller.input_of_u, cost)
+    law = as_law(closed, controller.system, controller.input_of_u, cost, tick_s)
     return law, controller, closed
 
 
@@ -187,11 +187,11 @@ def generalised_plant(
     acting = np.zeros((behind.shape[0], 2 * N_U))
     acting[:N_X] = np.hstack([E, B * weights.load])
     measured = np.eye(n)[list(MEASURED)]
-    integrated = TICK_S * np.eye(N_X)[np.ix_(ATTITUDE, MEASURED)]
+    integrated = actuation.tick_s * np.eye(N_X)[np.ix_(ATTITUDE, MEASURED)]
     noise = np.diag(weights.noise)
     A_g = np.block([[Ad, np.zeros((n, N_U))], [integrated @ measured, np.eye(N_U)]])
     B_g = np.zeros((n + N_U, 2 * N_U + n_y + N_U))
-    B_g[: behind.shape[0], : 2 * N_U] = held(behind, acting, TICK_S)[1]
+    B_g[: behind.shape[0], : 2 * N_U] = held(behind, acting, actuation.tick_s)[1]
     B_g[n:, 2 * N_U : -N_U] = integrated @ noise
     B_g[:n, -N_U:] = Bd
     n_h = C.shape[0]
@@ -220,7 +220,13 @@ def _closed(plant: GeneralisedPlant, controller: System) -> System:
     return System(A_c, B_c, C_c + C[:n_z, n:] @ S, D_z @ K.D @ D_w)
 
 
-def as_law(closed: System, controller: System, input_of_u: Matrix, cost: Matrix) -> OutputLaw:
+def as_law(
+    closed: System,
+    controller: System,
+    input_of_u: Matrix,
+    cost: Matrix,
+    tick_s: float = TICK_S,
+) -> OutputLaw:
     """A controller from y to u with its commands and its conditioning against wind-up.
 
     A step of the commanded attitude shifts plant and law alike, as every attitude is an equilibrium
@@ -238,6 +244,8 @@ def as_law(closed: System, controller: System, input_of_u: Matrix, cost: Matrix)
         As in `CentralController`.
     cost : (k, n) array
         Of the loop's states, see above.
+    tick_s : float
+        Between two steps of the law, s.
     """
     A, B, C, D = controller
     n = closed.A.shape[0] - A.shape[0]
@@ -247,7 +255,7 @@ def as_law(closed: System, controller: System, input_of_u: Matrix, cost: Matrix)
     select = np.eye(N_X)[np.ix_(MEASURED, ATTITUDE)]
     to_state, to_command = (np.eye(A.shape[0]) - A) @ M - B @ select, -C @ M - D @ select
     integrators = np.linalg.svd(A - np.eye(A.shape[0]))[2][-N_U:].T
-    integrators = integrators @ np.linalg.inv(C @ integrators) * (TICK_S / _UNWINDING_S)
+    integrators = integrators @ np.linalg.inv(C @ integrators) * (tick_s / _UNWINDING_S)
     moved = np.hstack([input_of_u, integrators])
     spread = solve_discrete_are(A.T, C.T, moved @ moved.T, np.eye(N_U))
     L = np.linalg.solve(C @ spread @ C.T + np.eye(N_U), C @ spread @ A.T).T

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heli_inner_hinf.errors import ShapeError
+from heli_math.arrays import copy_part, scratch
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
 from heli_math.rows import NINE, SETPOINT
@@ -141,7 +142,8 @@ def command(law, x, v, u3):
 def advance(law, x, v, cut):
     """x+ = A x + B v + L cut, in place; cut (3,) is u - u_lin."""
     n = x.size
-    old = x.copy()
+    old = scratch(MAX_ORDER)
+    copy_part(old, 0, x, 0, n)
     for i in range(n):
         total = 0.0
         for j in range(n):
@@ -153,26 +155,28 @@ def advance(law, x, v, cut):
         x[i] = total
 
 
-def state_at_rest(law: OutputLaw, v: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
+def state_at_rest(
+    law: OutputLaw, v: ArrayLike, u: ArrayLike, tick_s: float = TICK_S
+) -> NDArray[np.float64]:
     """State (n,) at which the law rests with v (8,) held and commands u (3,), as nearly as can be.
 
     Least squares of the drift in one tick and of the command's error, in which modes that forget in
     less than a second rest, and slower ones, integrators above all, carry the command.
     """
-    rows, of_v, of_u = _at_rest(law)
+    rows, of_v, of_u = _at_rest(law, tick_s)
     return np.linalg.lstsq(rows, of_v @ np.asarray(v, float) + of_u @ np.asarray(u, float))[0]
 
 
-def rest_map(law: OutputLaw) -> NDArray[np.float64]:
+def rest_map(law: OutputLaw, tick_s: float = TICK_S) -> NDArray[np.float64]:
     """`state_at_rest` as a matrix (n, 11) that takes v and u, one behind the other."""
-    rows, of_v, of_u = _at_rest(law)
+    rows, of_v, of_u = _at_rest(law, tick_s)
     return np.ascontiguousarray(np.linalg.pinv(rows) @ np.hstack([of_v, of_u]))
 
 
-def _at_rest(law: OutputLaw) -> tuple[NDArray[np.float64], ...]:
+def _at_rest(law: OutputLaw, tick_s: float) -> tuple[NDArray[np.float64], ...]:
     """(rows, of_v, of_u): least squares of rows x = of_v v + of_u u is the state at rest."""
     n = law.A.shape[0]
-    weight = TICK_S / _MEMORY_S
+    weight = tick_s / _MEMORY_S
     rows = np.vstack([np.eye(n) - law.A, weight * law.C])
     of_v = np.vstack([law.B, -weight * law.D])
     of_u = np.vstack([np.zeros((n, N_U)), weight * np.eye(N_U)])

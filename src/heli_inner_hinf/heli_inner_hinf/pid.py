@@ -5,13 +5,11 @@ Three single loops on the same nine-state estimate, from which it takes phi, the
 derivative on measurement, clamping anti-windup. The gains are found by `pid_tuning`.
 """
 
-import numpy as np
-
 from heli_inner_hinf.law_state import INTEGRAL, OFFSET
+from heli_math.arrays import scratch
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
 from heli_math.rows import NINE, SETPOINT
-from heli_math.ticks import TICK_S
 
 
 @njit
@@ -33,11 +31,11 @@ def pid_law(x9, r3, k, state, u3):
     An integrator stands still while its actuator is at the limit and the error would drive it
     further.
     """
-    error = np.empty(3)
+    error = scratch(3)
     pid_terms(x9, r3, k, error, u3)
     for i in range(3):
         rate = k.K_I[i] * error[i]
-        integral = state[INTEGRAL + i] + TICK_S * rate
+        integral = state[INTEGRAL + i] + k.tick_s * rate
         raw = u3[i] + integral + state[OFFSET + i]
         if (raw > k.limit and rate > 0.0) or (raw < -k.limit and rate < 0.0):
             integral = state[INTEGRAL + i]

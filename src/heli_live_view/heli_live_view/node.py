@@ -32,7 +32,6 @@ from heli_live_view.plan import Limits
 from heli_live_view.ros_commands import Commander
 from heli_live_view.scene_sender import SceneSender
 from heli_live_view.vehicle import bounds
-from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
@@ -363,7 +362,7 @@ class LiveViewNode(ManagedNode[View, None]):
         nodes = self.get_node_names_and_namespaces()
         present = (name for name, namespace in nodes if namespace == own)
         live.take_presence(present, time.monotonic())
-        self.tick = max(0, live.now_ns - self.start_ns) // TICK_NS
+        self.tick = max(0, live.now_ns - self.start_ns) // self.rate.tick_ns
         if commander is not None:
             core.facts["commands"] = commander.obeyed
         self._say_what_is_shown()

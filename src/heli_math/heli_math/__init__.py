@@ -12,6 +12,7 @@ __getattr__, __dir__, __all__ = face(
         "trajectory": ["Trajectory", "TrajectoryError"],
     },
     modules=[
+        "arrays",
         "atmosphere",
         "central_controller",
         "climb",

@@ -30,6 +30,7 @@ _IMPORT = re.compile(
 )
 
 
+@cache
 def _file_of(module: str) -> Path | None:
     """Source file of a module or package, without importing it; None if it is none."""
     top, *rest = module.split(".")
@@ -98,7 +99,8 @@ def source_digest(module: str, path: Path) -> str:
     """Hash (hex, 16 characters) of all sources that bear on the kernels of a module."""
     digest = hashlib.sha256(sys.version.encode())
     for name, file in sorted(_sources(module, path).items()):
-        content = file.read_bytes()
+        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+        content = _imports_of(file, package)[0]
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
     return digest.hexdigest()[:16]
 
@@ -146,13 +148,18 @@ def cache_folder(module: str, path: Path) -> Path:
 
 
 def njit(
-    function: Callable[..., Any], inlined: bool = False, unlocked: bool = False
+    function: Callable[..., Any],
+    inlined: bool = False,
+    unlocked: bool = False,
+    counted: bool = False,
 ) -> Callable[..., Any]:
     """Compile a kernel: nopython, cached on disk, IEEE division (x/0 is inf, not an exception).
 
     Deliberately without fastmath: the same inputs give the same bits in the one-process loop and in
     the nodes, and NaN checks stay meaningful. NUMBA_CACHE_DIR, if set, is left in charge.
-    `inlined`, `unlocked`: see `njit_inlined`, `njit_unlocked`.
+    Nobody counts references to arrays, which cost a third of a tick: a kernel makes its arrays by
+    `heli_math.arrays.scratch`, numba refuses others, and it gives none back but to kernels.
+    `inlined`, `unlocked`, `counted`: see `njit_inlined`, `njit_unlocked`, `njit_counted`.
     """
     import numba
 
@@ -160,9 +167,8 @@ def njit(
     if path.is_file() and not os.environ.get("NUMBA_CACHE_DIR"):
         # Not through the environment: a child process may run other sources than we do.
         numba.config.CACHE_DIR = str(cache_folder(function.__module__, path))  # type: ignore[attr-defined]
-    return numba.njit(
-        cache=True, error_model="numpy", forceinline=inlined, nogil=unlocked
-    )(function)  # fmt: skip
+    options: dict[str, Any] = {"error_model": "numpy", "_nrt": counted}
+    return numba.njit(cache=True, forceinline=inlined, nogil=unlocked, **options)(function)
 
 
 def njit_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -172,6 +178,14 @@ def njit_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     them, which costs more than the part computes. It changes no bit of what is computed.
     """
     return njit(function, inlined=True)
+
+
+def njit_counted(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `njit`, and it may make arrays and give them back.
+
+    Not for what flies; nobody frees the arrays that such a kernel gives to one of `njit`.
+    """
+    return njit(function, counted=True)
 
 
 def njit_unlocked(function: Callable[..., Any]) -> Callable[..., Any]:

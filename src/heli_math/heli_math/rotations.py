@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from heli_math.jit import njit
+from heli_math.jit import njit, njit_counted
 
 
 @njit
@@ -21,10 +21,9 @@ def wrap_pi(angle):
 
 
 @njit
-def quat_to_R_nb(q):
-    """Rotation matrix (3, 3), body -> NED, of the unit quaternion q (4,)."""
+def fill_R_nb(q, R):
+    """Rotation matrix, body -> NED, of the unit quaternion q (4,), into R (3, 3)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
-    R = np.empty((3, 3))
     R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
     R[0, 1] = 2.0 * (x * y - w * z)
     R[0, 2] = 2.0 * (x * z + w * y)
@@ -34,32 +33,45 @@ def quat_to_R_nb(q):
     R[2, 0] = 2.0 * (x * z - w * y)
     R[2, 1] = 2.0 * (y * z + w * x)
     R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@njit_counted
+def quat_to_R_nb(q):
+    """Rotation matrix (3, 3), body -> NED, of the unit quaternion q (4,)."""
+    R = np.empty((3, 3))
+    fill_R_nb(q, R)
     return R
 
 
 @njit
-def quat_multiply(a, b):
-    """Hamilton product a b (4,): rotation b first, then a."""
-    out = np.empty(4)
+def fill_product(a, b, out):
+    """Hamilton product a b, rotation b first, then a, into out (4,), which is neither."""
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
     out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
     out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
     out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+
+
+@njit_counted
+def quat_multiply(a, b):
+    """Hamilton product a b (4,): rotation b first, then a."""
+    out = np.empty(4)
+    fill_product(a, b, out)
     return out
 
 
 @njit
-def quat_normalize(q):
-    """q (4,) scaled to unit norm."""
+def normalize(q):
+    """Scale q (4,) to unit norm, in place."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return q / n
+    for i in range(4):
+        q[i] /= n
 
 
 @njit
-def quat_from_rotvec(v):
-    """Unit quaternion (4,) of the rotation vector v (3,), rad; exact, series near zero."""
+def fill_from_rotvec(v, out):
+    """Unit quaternion of the rotation vector v (3,), rad, into out (4,), exact; series near 0."""
     angle_sq = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    out = np.empty(4)
     if angle_sq < 1e-8:
         # sin(a/2)/a and cos(a/2) to the term whose neglect is below 1e-17
         s = 0.5 - angle_sq / 48.0
@@ -71,20 +83,25 @@ def quat_from_rotvec(v):
     out[1] = s * v[0]
     out[2] = s * v[1]
     out[3] = s * v[2]
-    return out
 
 
 @njit
-def quat_from_euler(phi, theta, psi):
-    """Unit quaternion (4,) of the 3-2-1 Euler angles (rad)."""
+def fill_from_euler(phi, theta, psi, out):
+    """Unit quaternion of the 3-2-1 Euler angles (rad) into out (4,)."""
     cr, sr = math.cos(0.5 * phi), math.sin(0.5 * phi)
     cp, sp = math.cos(0.5 * theta), math.sin(0.5 * theta)
     cy, sy = math.cos(0.5 * psi), math.sin(0.5 * psi)
-    out = np.empty(4)
     out[0] = cr * cp * cy + sr * sp * sy
     out[1] = sr * cp * cy - cr * sp * sy
     out[2] = cr * sp * cy + sr * cp * sy
     out[3] = cr * cp * sy - sr * sp * cy
+
+
+@njit_counted
+def quat_from_euler(phi, theta, psi):
+    """Unit quaternion (4,) of the 3-2-1 Euler angles (rad)."""
+    out = np.empty(4)
+    fill_from_euler(phi, theta, psi, out)
     return out
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_math.arrays import copy, fill
 from heli_math.jit import njit
 from heli_math.rows import REFERENCE
 from heli_math.ticks import NS_PER_S
@@ -53,7 +54,7 @@ class Trajectory:
             raise TrajectoryError(f"{times.size} points; allowed are 1 to {MAX_POINTS}")
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if bad.size:
-            raise TrajectoryError(f"point {bad[0]} is not finite: {points[bad[0]]}")
+            raise TrajectoryError(f"point {bad[0]} is not finite: {points[bad[0]].tolist()}")
         late = np.flatnonzero(np.diff(times) <= 0)
         if late.size:
             raise TrajectoryError(f"time of point {late[0] + 1} does not increase")
@@ -92,20 +93,30 @@ class Trajectory:
 
 
 @njit
+def _last_passed(time_ns, times_ns):
+    """Index of the last way point that is not later than time_ns; -1: none."""
+    before, after = -1, times_ns.size
+    while after - before > 1:
+        middle = (before + after) // 2
+        if times_ns[middle] <= time_ns:
+            before = middle
+        else:
+            after = middle
+    return before
+
+
+@njit
 def reference_at(time_ns, times_ns, points, out):
     """Reference (7,) at time_ns after the trajectory's start; written to out.
 
     Position is interpolated linearly between way points, velocity and heading are those of the
     way point last passed.
     """
-    i = np.searchsorted(times_ns, time_ns, side="right") - 1
-    if i < 0:
-        out[:] = points[0]
-        out[REFERENCE.vel] = 0.0
-        return
-    out[:] = points[i]
-    if i == times_ns.size - 1:
-        out[REFERENCE.vel] = 0.0
+    i = _last_passed(time_ns, times_ns)
+    row = points[max(i, 0)]
+    copy(out, row)
+    if i < 0 or i == times_ns.size - 1:
+        fill(out[REFERENCE.vel], 0.0)
         return
     fraction = (time_ns - times_ns[i]) / (times_ns[i + 1] - times_ns[i])
     for j in range(3):

@@ -90,6 +90,7 @@ def test_a_file_that_no_kernel_imports_leaves_the_cache_alone(tree):
 )
 def test_imports_of_every_form_are_followed(tree, monkeypatch, statement):
     monkeypatch.syspath_prepend(str(tree))
+    jit._file_of.cache_clear()
     path = tree / "probe_pkg/user.py"
     path.write_text(statement + "\n")
     assert "heli_probe.constants" in jit._sources("probe_pkg.user", path)

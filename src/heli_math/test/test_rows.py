@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from heli_math import rows, state_names
-from heli_math.jit import njit
+from heli_math.jit import njit_counted
 from heli_math.rows import MEAS, NAV, PLANT, TRUTH
 
 # Spelled out a second time, in words of eq. (1) to (10) and of the topics: bags hold these rows.
@@ -87,7 +87,7 @@ def test_rows_that_share_their_first_places_agree():
     assert PLANT.rigid.stop == PLANT.a_s
 
 
-@njit
+@njit_counted
 def _kernel(nav, out):
     attitude, sigma = nav[NAV.quat], out[NAV.sigma_pos]
     for i in range(3):

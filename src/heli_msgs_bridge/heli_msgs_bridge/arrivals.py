@@ -37,8 +37,29 @@ def with_info(hearer: Hearer) -> Callable[..., None]:
             message, info = message
         hearer(message, info)
 
-    # By the signature rclpy decides what it hands over.
+    return telling(call)
+
+
+def telling(call: Callable[..., None]) -> Callable[..., None]:
+    """The callback, marked: by its signature rclpy decides whether it hands the info over."""
     call.__signature__ = _MESSAGE_AND_INFO  # type: ignore[attr-defined]
+    return call
+
+
+def owned(
+    owner: "Owner", hear: Callable[[bytes], None], ignored: Callable[[], None] | None
+) -> Callable[..., None]:
+    """Callback that hears the owner's serialised messages, for `telling`; the rest is ignored."""
+    admits = owner.admits
+
+    def call(message: Any, info: Info | None = None) -> None:
+        if type(message) is tuple:
+            message, info = message
+        if admits(message, info):
+            hear(message)
+        elif ignored is not None:
+            ignored()
+
     return call
 
 

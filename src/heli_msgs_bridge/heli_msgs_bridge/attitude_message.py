@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.channels import quoted
 from heli_msgs_bridge.frame_ids import BASE, MAP, in_namespace
 from heli_msgs_bridge.goto_message import attitude_of
 from heli_msgs_bridge.messages import MessageError
@@ -39,7 +40,7 @@ def decode_attitude(message: Any) -> AttitudeCommand:
     """
     name, frame, q = topics.COMMAND_ATTITUDE, message.header.frame_id, message.quaternion
     if frame != MAP:
-        raise MessageError(f"{name}: frame '{frame}'; allowed: '{MAP}' (east, north, up)")
+        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up)")
     xyzw = np.array([q.x, q.y, q.z, q.w], float)
     if not np.isfinite(xyzw).all():
         raise MessageError(f"{name}: quaternion {xyzw.tolist()}; allowed: finite numbers")
@@ -65,7 +66,7 @@ def decode_climb(message: Any, namespace: str = "") -> ClimbCommand:
     name, frame = topics.COMMAND_CLIMB, message.header.frame_id
     own = in_namespace(BASE, namespace)
     if frame not in (MAP, own):
-        raise MessageError(f"{name}: frame '{frame}'; allowed: '{MAP}', '{own}' (level)")
+        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}', '{own}' (level)")
     v, w = message.twist.linear, message.twist.angular
     linear, angular = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
     said = f"{name}: linear {linear.tolist()}, angular {angular.tolist()}; allowed: "

@@ -120,7 +120,7 @@ class FixedMessage:
         self.block = self._memory[first : first + layout.block_size]
         self.stamp_ns = 0
         block_end = layout.block_at + 8 * layout.block_size
-        self._constant: list[tuple[slice, bytes]] = []
+        self._constant: list[tuple[int, bytes]] = [(0, _HEADER)]
         for start, end in ((_STAMP_AT + _STAMP.size, layout.block_at), (block_end, size)):
             cuts = {*layout.free, *layout.padding}
             for cut in sorted(offset for offset in cuts if start <= offset < end):
@@ -130,7 +130,7 @@ class FixedMessage:
 
     def _keep(self, layout: Layout, start: int, end: int) -> None:
         if end > start:
-            self._constant.append((slice(start, end), bytes(layout.data[start:end])))
+            self._constant.append((start, bytes(layout.data[start:end])))
 
     def encode(self, stamp_ns: int) -> bytes:
         """The message with the present `block`, stamped (ns, not negative)."""
@@ -139,10 +139,10 @@ class FixedMessage:
 
     def decode(self, raw: bytes) -> bool:
         """Take over a received message; False if it is not of this layout."""
-        if len(raw) != self._size or not raw.startswith(_HEADER):
+        if len(raw) != self._size:
             return False
-        for where, expected in self._constant:
-            if raw[where] != expected:
+        for start, expected in self._constant:
+            if not raw.startswith(expected, start):
                 return False
         self._view[:] = raw
         sec, nanosec = _STAMP.unpack_from(raw, _STAMP_AT)

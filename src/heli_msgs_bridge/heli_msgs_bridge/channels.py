@@ -24,6 +24,7 @@ from heli_msgs_bridge.blocks import (
 )
 from heli_msgs_bridge.cdr import Layout
 from heli_msgs_bridge.frame_ids import BASE, GPS_LINK, IMU_LINK, MAP, in_namespace
+from heli_parameters.printable import printable
 
 STATUS_FIX, STATUS_NO_FIX, _SERVICE_GPS = 0, -1, 1
 FIX_STATUS = {"none": STATUS_FIX, "satellite": 1, "ground": 2}
@@ -33,10 +34,16 @@ UNKNOWN_VARIANCE = 1e6
 """Of what is not measured, SI^2: so large that nobody believes the value."""
 EXACT_VARIANCE = 1e-18
 """Of what is known exactly, SI^2: below every sensor's. Zero would be read as "unknown"."""
+# Of the joints in a message: an aircraft has few, and each is looked for.
+_MOST_JOINTS, _SHOWN, _LONGEST_TEXT = 64, 8, 40
 
 
 class MessageError(ValueError):
     """A message that cannot be used; the text names topic and reason."""
+
+
+class FrameError(MessageError):
+    """A message in another frame than its topic's."""
 
 
 class CutOffError(MessageError):
@@ -61,15 +68,28 @@ def _fix(layout: Layout) -> Layout:
     return layout.put("B", COVARIANCE_DIAGONAL_KNOWN, free=True)
 
 
+def quoted(text: str) -> str:
+    """A text out of a message for a sentence: short, and nothing that steers a terminal."""
+    return f"'{printable(text, _LONGEST_TEXT)}'"
+
+
 def _joint_block(names: tuple[str, ...]) -> Callable[[Any, str, NDArray], None]:
     def read(message: Any, topic: str, block: NDArray) -> None:
+        if len(message.name) > _MOST_JOINTS:
+            raise MessageError(
+                f"{topic}: names {len(message.name)} joints; allowed: at most {_MOST_JOINTS}"
+            )
         if len(message.position) != len(message.name):
             raise MessageError(
                 f"{topic}: {len(message.name)} names but {len(message.position)} positions"
             )
         for i, name in enumerate(names):
             if name not in message.name:
-                got = ", ".join(message.name) or "none"
+                got = (
+                    ", ".join(printable(given, _LONGEST_TEXT) for given in message.name[:_SHOWN])
+                    or "none"
+                )
+                got += ", ..." if len(message.name) > _SHOWN else ""
                 raise MessageError(f"{topic}: no joint '{name}'; the message names {got}")
             block[i] = message.position[list(message.name).index(name)]
 

@@ -55,12 +55,14 @@ class Reporter:
         Status name, the node's full name.
     hardware : str
         The aircraft that it belongs to.
+    per_s : int
+        The node's ticks of a second.
     """
 
-    def __init__(self, publisher: Any, name: str, hardware: str) -> None:
+    def __init__(self, publisher: Any, name: str, hardware: str, per_s: int = TICKS_PER_S) -> None:
         from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-        self._publisher, self._key_value = publisher, KeyValue
+        self._publisher, self._key_value, self._per_s = publisher, KeyValue, per_s
         self._array, self._status = DiagnosticArray(), DiagnosticStatus()
         self._status.name, self._status.hardware_id = name, hardware
         self._array.status = [self._status]
@@ -71,7 +73,7 @@ class Reporter:
     def is_due(self, tick: int, level: Level, message: str) -> bool:
         """True if the status changed or a simulated second has passed."""
         # A due tick of another second than the next: time was set back.
-        due = not self._due_tick - TICKS_PER_S <= tick < self._due_tick
+        due = not self._due_tick - self._per_s <= tick < self._due_tick
         return due or (level, message) != self._said
 
     def was_silent(self) -> bool:
@@ -91,7 +93,7 @@ class Reporter:
         """Send a status, stamped in simulation time; `repeated` if no tick asks for it."""
         self._silent = repeated
         self._said = (level, message)
-        self._due_tick = (tick // TICKS_PER_S + 1) * TICKS_PER_S
+        self._due_tick = (tick // self._per_s + 1) * self._per_s
         stamp = self._array.header.stamp
         stamp.sec, stamp.nanosec = divmod(stamp_ns, NS_PER_S)
         self._status.level = bytes([int(level)])

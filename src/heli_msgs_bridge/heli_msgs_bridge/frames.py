@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from heli_math.arrays import scratch
 from heli_math.jit import njit
 from heli_math.origin import LATITUDE_DEG, LONGITUDE_DEG
 
@@ -172,7 +173,7 @@ def ned_to_geodetic(pos_ned_m, d, geodetic):
     meridian = d.radius_m * (1.0 - _E2) / (1.0 - _E2 * d.sin_lat * d.sin_lat) + d.alt_m
     parallel = (d.radius_m + d.alt_m) * d.cos_lat
     dlat, dlon, dalt = 0.0, 0.0, 0.0
-    reached = np.zeros(3)
+    reached = scratch(3)
     for _ in range(30):
         _tangent_ned(dlat, dlon, dalt, d, reached)
         miss_n, miss_e, miss_d = north - reached[0], east - reached[1], down - reached[2]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from heli_math.rotations import euler_from_quat
 from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge import frames, topics
+from heli_msgs_bridge.channels import quoted
 from heli_msgs_bridge.frame_ids import MAP
 from heli_msgs_bridge.messages import MessageError
 
@@ -36,7 +37,7 @@ def decode_goto(message: Any, name: str = topics.GOTO) -> GoalPose:
     """
     frame, pose = message.header.frame_id, message.pose
     if frame != MAP:
-        raise MessageError(f"{name}: frame '{frame}'; allowed: '{MAP}' (east, north, up)")
+        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up)")
     p, r = pose.position, pose.orientation
     enu, quaternion = np.array([p.x, p.y, p.z]), np.array([r.x, r.y, r.z, r.w])
     if not np.isfinite(np.r_[enu, quaternion]).all():
@@ -62,7 +63,7 @@ def attitude_of(name: str, xyzw: NDArray[np.float64]) -> tuple[float, float, flo
 
     MessageError if it is no unit quaternion.
     """
-    length = float(np.linalg.norm(xyzw))
+    length = math.hypot(*xyzw.tolist())
     if abs(length - 1.0) > _UNIT_ERROR:
         raise MessageError(f"{name}: a quaternion of length {length:.3g}; allowed: 1")
     q = np.empty(4)

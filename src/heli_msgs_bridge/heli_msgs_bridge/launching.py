@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the launch files of all packages share: arguments, nodes, and how a launch ends."""
 
+import atexit
+import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -9,6 +12,8 @@ from typing import Any, NamedTuple
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
+
+from heli_parameters.parameters import dump_all
 
 
 class Argument(NamedTuple):
@@ -76,6 +81,44 @@ def node(
         output="screen",
         on_exit=partial(_when_one_ends, needed),
     )
+
+
+def together(
+    package: str,
+    executable: str,
+    given: Mapping[str, str],
+    layers: Mapping[str, Sequence[Sequence[Any]]],
+    needed: bool = True,
+) -> Node:
+    """Nodes in one process, an executable of `node_process.run_together`.
+
+    Of each node its parameter layers in as many groups, the weakest group first. A file speaks to
+    all by their names; values for one node are written into such a file, removed at launch's end.
+    """
+    files: dict[str, None] = {}
+    for groups in zip(*layers.values(), strict=True):
+        for name, group in zip(layers, groups, strict=True):
+            files |= dict.fromkeys(_file(name, layer) for layer in group if layer)
+    return Node(
+        package=package,
+        executable=executable,
+        namespace=given["namespace"],
+        parameters=list(files),
+        ros_arguments=["--log-level", given["log_level"]],
+        output="screen",
+        on_exit=partial(_when_one_ends, needed),
+    )
+
+
+def _file(name: str, layer: Any) -> str:
+    """A parameter file as it is; values of a node in one."""
+    if isinstance(layer, str):
+        return layer
+    number, path = tempfile.mkstemp(prefix="heli_launch_", suffix=".yaml")
+    os.close(number)
+    atexit.register(Path(path).unlink, missing_ok=True)
+    dump_all({name: layer}, path)
+    return path
 
 
 def _only(package: str, name: str, context: Any) -> list[Node]:

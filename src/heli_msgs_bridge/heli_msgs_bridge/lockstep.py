@@ -56,12 +56,16 @@ class TickAssembler:
         self._slots: dict[int, dict[str, Any]] = {}
         self.next_tick: int | None = None
         self.counters = Counters()
+        # What the step of a tick waits for; looked at several times a tick, so kept.
+        self._needed: frozenset[str] = frozenset()
+        self._needed_at: int | None = None
 
     def reset(self) -> None:
         """Forget everything but the demands."""
         self._slots.clear()
         self.next_tick = None
         self._waived.clear()
+        self._needed_at = None
 
     def waive(self, topic: str, waived: bool = True) -> None:
         """Do (not) wait for a topic; what comes is used nevertheless."""
@@ -69,6 +73,7 @@ class TickAssembler:
             self._waived.add(topic)
         else:
             self._waived.discard(topic)
+        self._needed_at = None
 
     def add(self, topic: str, stamp_tick: int, value: Any) -> bool:
         """Take a message; `value` None means that it came but cannot be used.
@@ -117,12 +122,17 @@ class TickAssembler:
         tick = self.next_tick
         if tick is None:
             return tuple(self._demands)
-        slot = self._slots.get(tick, {})
-        return tuple(
-            topic
-            for topic, demand in self._demands.items()
-            if topic not in slot and topic not in self._waived and demand.due(tick)
-        )
+        slot, needed = self._slots.get(tick, {}), self._needed_by(tick)
+        return tuple(topic for topic in self._demands if topic in needed and topic not in slot)
+
+    def _needed_by(self, tick: int) -> frozenset[str]:
+        """Topics that the step of a tick demands and that are waited for."""
+        if tick != self._needed_at:
+            self._needed_at, waived = tick, self._waived
+            self._needed = frozenset(
+                t for t, demand in self._demands.items() if demand.due(tick) and t not in waived
+            )
+        return self._needed
 
     def complete(self) -> bool:
         """True if everything that the next step demands has come, and at least one message.
@@ -133,12 +143,7 @@ class TickAssembler:
         if tick is None:
             return False
         slot = self._slots.get(tick)
-        if slot is None:
-            return False
-        for topic, demand in self._demands.items():
-            if topic not in slot and demand.due(tick) and topic not in self._waived:
-                return False
-        return True
+        return slot is not None and self._needed_by(tick) <= slot.keys()
 
     def take(self) -> dict[str, Any]:
         """Messages of the next step (complete or not), which thereby is done.

@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
+from heli_msgs_bridge.arrivals import Info, Once, Owner, owned, telling, with_info
 from heli_msgs_bridge.diagnostics import REPEAT_S, Level
 from heli_msgs_bridge.node_spec import StartError
 from heli_msgs_bridge.peers import wait_for_peers
@@ -156,7 +156,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     # --- publishers, subscriptions, timers, peers ----------------------------------------------
 
-    def create_output(self, topic: str) -> Callable[[bytes], None]:
+    def create_output(self, topic: str) -> Callable[[Any], None]:
         """Lifecycle publisher of a graph topic; returns its publish function (bytes or message)."""
         cls = topics.message_class(topics.KNOWN[topic].type)
         publisher = self.create_lifecycle_publisher(cls, topic, topics.qos(topic))
@@ -167,7 +167,17 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             self.destroy_lifecycle_publisher(publisher)
 
         self.at_end(end)
-        return publisher.publish
+        publish_raw = publisher.handle.publish_raw
+
+        def publish(message: Any) -> None:
+            # Bytes, nearly always: rclpy's own way goes through four functions, each message.
+            if type(message) is bytes:
+                if publisher.is_activated:
+                    publish_raw(message)
+            else:
+                publisher.publish(message)
+
+        return publish
 
     def hear(
         self,
@@ -195,14 +205,9 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
                 if once.is_new(info):
                     call(message)
 
-            def hear_owner(message: Any, info: Info | None) -> None:
-                if owner is None or owner.admits(message, info):
-                    call(message)
-                elif ignored is not None:
-                    ignored()
-
             heard = with_info(hear_once) if len(profiles) > 1 else call
-            heard = heard if owner is None else with_info(hear_owner)
+            if owner is not None:
+                heard = telling(self.guarded(owned(owner, callback, ignored)))
             for profile in profiles:
                 given = self.create_subscription(cls, topic, heard, profile, raw=raw)
                 self.at_end(partial(self.destroy_subscription, given))

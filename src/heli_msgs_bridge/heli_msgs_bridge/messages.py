@@ -8,6 +8,7 @@ What cannot be used is refused by `MessageError`, which names topic and reason.
 """
 
 import re
+import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -28,9 +29,13 @@ from heli_msgs_bridge.channels import (
     STATUS_NO_FIX,
     Channel,
     CutOffError,
+    FrameError,
     MessageError,
+    quoted,
 )
+from heli_msgs_bridge.frame_ids import in_namespace
 from heli_msgs_bridge.frames import Datum
+from heli_parameters.printable import printable
 
 __all__ = [
     "CHANNELS",
@@ -40,6 +45,7 @@ __all__ = [
     "CutOffError",
     "Decoder",
     "Encoder",
+    "FrameError",
     "MessageError",
     "Variance",
     "has_fix",
@@ -136,8 +142,8 @@ def _frames_of(message: Any) -> tuple[str, ...]:
 def _refuse_frame(topic: str, frames: Sequence[str]) -> None:
     for frame in frames:
         if _NOT_ENU.search(frame):
-            raise MessageError(
-                f"{topic}: frame '{frame}' says NED or FRD; expected ENU and FLU (REP-103)"
+            raise FrameError(
+                f"{topic}: frame {quoted(frame)} says NED or FRD; expected ENU and FLU (REP-103)"
             )
 
 
@@ -155,6 +161,9 @@ class Decoder:
         For `gps/fix`.
     deserialize : callable, optional
         `bytes -> message object` for messages of unusual layout; by default rclpy's.
+    namespace : str, optional
+        Of the aircraft: frames of others, and of none, are refused. Left out, any name is taken
+        (bags of others, the page).
 
     Attributes
     ----------
@@ -169,10 +178,13 @@ class Decoder:
         topic: str,
         datum: Datum | None = None,
         deserialize: Callable[[bytes], Any] | None = None,
+        namespace: str | None = None,
     ) -> None:
         channel = CHANNELS[topic]
         self._usual, self._unpack, self._datum = channel, channel.unpack, datum
-        self._expect(tuple(channel.frames), channel)
+        frames = tuple(in_namespace(frame, namespace or "") for frame in channel.frames)
+        self._allowed = None if namespace is None else frames
+        self._expect(frames, channel)
         if topic == topics.GPS_FIX and datum is None:
             raise ValueError(f"{topic}: needs a datum")
         self._deserialize = deserialize or rclpy_deserializer(topic)
@@ -220,11 +232,16 @@ class Decoder:
         try:
             message = self._deserialize(raw)
         except Exception as error:
-            raise MessageError(f"{self.topic}: cannot be deserialised: {error}") from error
+            said = printable(str(error))
+            raise MessageError(f"{self.topic}: cannot be deserialised: {said}") from error
         stamp = message.header.stamp
         self.stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
         frames = _frames_of(message)
         _refuse_frame(self.topic, frames)
+        for frame, allowed in zip(frames, self._allowed or (), strict=False):
+            if frame != allowed:
+                said = f"{self.topic}: frame {quoted(frame)}"
+                raise FrameError(f"{said}; allowed: '{allowed}'")
         channel, wider = self._usual, self._usual.wider
         if wider is not None and set(wider.joints) <= set(message.name):
             channel = wider
@@ -246,7 +263,8 @@ def rclpy_deserializer(topic: str) -> Callable[[bytes], Any]:
 
 
 # Four bytes that say how it is serialised, then seconds and nanoseconds.
-_CLOCK_BYTES = 12
+_CLOCK, _CLOCK_HEADER = struct.Struct("<4siI"), bytes(Layout().data)
+_CLOCK_BYTES = _CLOCK.size
 
 
 class ClockEncoder:
@@ -254,8 +272,7 @@ class ClockEncoder:
 
     def encode(self, stamp_ns: int) -> bytes:
         """Serialised clock message of a time in ns."""
-        sec, nanosec = divmod(stamp_ns, NS_PER_S)
-        return bytes(Layout().put("i", sec).put("I", nanosec).data)
+        return _CLOCK.pack(_CLOCK_HEADER, *divmod(stamp_ns, NS_PER_S))
 
 
 class ClockDecoder:

@@ -7,11 +7,10 @@ or the code of what is wrong (`REASONS`). Places: `heli_math.rows` and `blocks`.
 
 import math
 
-import numpy as np
-
 from heli_math import rows
+from heli_math.arrays import fill, scratch, scratch_matrix
 from heli_math.jit import njit
-from heli_math.rotations import euler_from_quat, quat_from_euler, quat_to_R_nb
+from heli_math.rotations import euler_from_quat, fill_from_euler, fill_R_nb
 from heli_math.rows import NAV, PLANT, SETPOINT
 from heli_msgs_bridge.blocks import FIX, IMU, ODOMETRY, QUATERNION, VECTOR
 from heli_msgs_bridge.frames import (
@@ -35,6 +34,7 @@ REASONS = {
     NO_FIX: "says that there is no fix",
 }
 _UNIT_TOLERANCE = 1e-3
+_N_QUATERNION = QUATERNION.size
 _COLUMNS = 6  # of the covariances in an Odometry
 
 
@@ -77,15 +77,14 @@ def _block_to_sigma(R, block, sigma):
 
 
 @njit
-def _R_flu_ned(q_nb):
-    """Rotation matrix (3, 3) NED -> FLU of the attitude q_nb (4,)."""
-    R_nb = quat_to_R_nb(q_nb)
-    R = np.empty((3, 3))
+def _R_flu_ned(q_nb, R):
+    """Rotation matrix NED -> FLU of the attitude q_nb (4,) into R (3, 3)."""
+    R_nb = scratch_matrix(3, 3)
+    fill_R_nb(q_nb, R_nb)
     for j in range(3):
         R[0, j] = R_nb[j, 0]
         R[1, j] = -R_nb[j, 1]
         R[2, j] = -R_nb[j, 2]
-    return R
 
 
 @njit
@@ -97,7 +96,8 @@ def pack_nav(nav, block):
     """
     ned_to_enu(nav[NAV.pos], block[ODOMETRY.pos])
     quat_ned_frd_to_enu_flu(nav[NAV.quat], block[ODOMETRY.quat])
-    R, vel, linear = _R_flu_ned(nav[NAV.quat]), nav[NAV.vel], block[ODOMETRY.linear]
+    R, vel, linear = scratch_matrix(3, 3), nav[NAV.vel], block[ODOMETRY.linear]
+    _R_flu_ned(nav[NAV.quat], R)
     for i in range(3):
         linear[i] = R[i, 0] * vel[0] + R[i, 1] * vel[1] + R[i, 2] * vel[2]
     frd_to_flu(nav[NAV.rate], block[ODOMETRY.angular])
@@ -109,21 +109,23 @@ def pack_nav(nav, block):
 @njit
 def unpack_nav(block, nav):
     """Odometry block (85,) into a navigation row (31,); rotor states and biases become zero."""
-    nav[:] = 0.0
+    fill(nav, 0.0)
     if not _finite(block):
         return NOT_FINITE
     if not _unit(block[ODOMETRY.quat]):
         return NOT_UNIT
     enu_to_ned(block[ODOMETRY.pos], nav[NAV.pos])
     quat_enu_flu_to_ned_frd(block[ODOMETRY.quat], nav[NAV.quat])
-    R, vel, linear = _R_flu_ned(nav[NAV.quat]), nav[NAV.vel], block[ODOMETRY.linear]
+    R, vel, linear = scratch_matrix(3, 3), nav[NAV.vel], block[ODOMETRY.linear]
+    _R_flu_ned(nav[NAV.quat], R)
     for j in range(3):
         vel[j] = R[0, j] * linear[0] + R[1, j] * linear[1] + R[2, j] * linear[2]
     flu_to_frd(block[ODOMETRY.angular], nav[NAV.rate])
     _block_to_sigma(R_ENU_NED, block[ODOMETRY.pose_cov], nav[NAV.sigma_pos])
     _block_to_sigma(R_ENU_NED, block[ODOMETRY.rotation_cov], nav[NAV.sigma_att])
     _block_to_sigma(R, block[ODOMETRY.twist_cov], nav[NAV.sigma_vel])
-    return OK
+    # Numbers near the largest double overflow when they are turned.
+    return OK if _finite(nav) else NOT_FINITE
 
 
 @njit
@@ -224,7 +226,9 @@ def unpack_normalised(block, values):
 def pack_attitude(euler, block):
     """phi, theta, psi (3,), rad, NED/FRD, into a quaternion block (4,), ENU/FLU."""
     phi, theta, psi = euler[SETPOINT.phi], euler[SETPOINT.theta], euler[SETPOINT.psi]
-    quat_ned_frd_to_enu_flu(quat_from_euler(phi, theta, psi), block)
+    q_nb = scratch(_N_QUATERNION)
+    fill_from_euler(phi, theta, psi, q_nb)
+    quat_ned_frd_to_enu_flu(q_nb, block)
 
 
 @njit
@@ -234,7 +238,7 @@ def unpack_attitude(block, euler):
         return NOT_FINITE
     if not _unit(block):
         return NOT_UNIT
-    q_nb = np.empty(QUATERNION.size)
+    q_nb = scratch(_N_QUATERNION)
     quat_enu_flu_to_ned_frd(block, q_nb)
     euler[SETPOINT.phi], euler[SETPOINT.theta], euler[SETPOINT.psi] = euler_from_quat(q_nb)
     return OK
@@ -257,4 +261,4 @@ def unpack_fix(block, datum: Datum, pos_ned_m):
     if abs(block[FIX.latitude]) > 90.0 or abs(block[FIX.longitude]) > 180.0:
         return OUT_OF_RANGE
     geodetic_to_ned(block[FIX.geodetic], datum, pos_ned_m)
-    return OK
+    return OK if _finite(pos_ned_m) else NOT_FINITE

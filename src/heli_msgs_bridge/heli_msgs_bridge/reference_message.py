@@ -5,6 +5,7 @@
 header's frame (ENU). It is sent once per change, latched, so message objects are fast enough.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ import numpy as np
 from heli_math.rotations import euler_from_quat, quat_from_euler
 from heli_math.rows import REFERENCE
 from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory, TrajectoryError
+from heli_math.trajectory import MAX_POINTS, Trajectory, TrajectoryError
 from heli_msgs_bridge import frames, topics
+from heli_msgs_bridge.channels import quoted
 from heli_msgs_bridge.frame_ids import BASE, MAP, in_namespace
 from heli_msgs_bridge.messages import MessageError
 
@@ -56,24 +58,44 @@ def _row(point: Any, index: int) -> np.ndarray:
     if v is not None:
         frames.enu_to_ned(np.array([v.x, v.y, v.z]), row[REFERENCE.vel])
     quaternion = np.array([r.x, r.y, r.z, r.w])
-    if not abs(np.linalg.norm(quaternion) - 1.0) < 1e-3:
+    if not abs(math.hypot(*quaternion.tolist()) - 1.0) < 1e-3:
         raise MessageError(f"{topics.REFERENCE}: point {index}: not a unit quaternion")
     frames.quat_enu_flu_to_ned_frd(quaternion, q)
     _, _, row[REFERENCE.psi] = euler_from_quat(q)
     return row
 
 
-def decode_reference(message: Any) -> Trajectory:
+def decode_reference(message: Any, namespace: str | None = None) -> Trajectory:
     """The trajectory of a reference message (object of rclpy or of rosbags).
+
+    Parameters
+    ----------
+    message : MultiDOFJointTrajectory
+    namespace : str, optional
+        Of the aircraft that follows: a way in another frame than `map`, or that names another
+        aircraft, is refused. Left out, any name is taken (bags of others).
 
     Raises
     ------
     MessageError
-        No points, times that do not increase, values that are not finite, a frame that is not ENU.
+        No points or too many, times that do not increase, values that are not finite, a frame that
+        is not ENU.
     """
-    name = topics.REFERENCE
-    if message.header.frame_id.endswith(("_ned", "_frd")):
-        raise MessageError(f"{name}: frame '{message.header.frame_id}' says NED; expected ENU")
+    name, frame = topics.REFERENCE, message.header.frame_id
+    if frame.endswith(("_ned", "_frd")):
+        raise MessageError(f"{name}: frame {quoted(frame)} says NED; expected ENU")
+    if namespace is not None:
+        if frame != MAP:
+            raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}'")
+        own, given = in_namespace(BASE, namespace), list(message.joint_names[:2])
+        if given not in ([], [own]):
+            said = ", ".join(map(quoted, given))
+            raise MessageError(f"{name}: for {said}; allowed: '{own}', or no name")
+    if len(message.points) > MAX_POINTS:
+        # Before they are read, which takes as long as there are many.
+        raise MessageError(
+            f"{name}: holds {len(message.points)} points; allowed: at most {MAX_POINTS}"
+        )
     if not message.points:
         raise MessageError(f"{name}: holds no points")
     times = [p.time_from_start.sec * NS_PER_S + p.time_from_start.nanosec for p in message.points]

@@ -13,10 +13,10 @@ Refused = Callable[[str, int, int], None]
 """Told of a message whose stamp does not fit: topic, its tick, the tick of the node's clock."""
 
 AHEAD_TICKS = 4
-"""How far a stamp may be ahead of the node's clock. No node stamps the future, so a message is
-ahead only by what the listener has not heard yet: in lockstep one tick, as nobody goes on before
-this node has stepped; in real time the same, as the clock runs on by wall time. The rest is for
-messages of the trigger that were lost on the way."""
+"""How far a stamp may be ahead of the node's clock; in real time in ticks of 10 ms. No node stamps
+the future, so a message is ahead only by what the listener has not heard yet: in lockstep one tick,
+as nobody goes on before this node has stepped; in real time the same, as the clock runs on by wall
+time. The rest is for messages of the trigger that were lost on the way."""
 
 
 class Setting:

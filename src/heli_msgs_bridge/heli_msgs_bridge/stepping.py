@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from heli_math.ticks import TICKS_PER_S
+from heli_math.ticks import OF_100_HZ, Rate
 from heli_msgs_bridge.lockstep import Counters, Demand, TickAssembler
 from heli_msgs_bridge.stamps import AHEAD_TICKS, Refused, Setting
 
@@ -219,6 +219,8 @@ class RealTime:
         Wall time, s.
     refused : callable, optional
         Told of stamps too far from the clock.
+    rate : Rate, optional
+        Of the ticks.
 
     Attributes
     ----------
@@ -235,8 +237,10 @@ class RealTime:
         own_tick: Callable[[], int] | None = None,
         now_s: Callable[[], float] = time.monotonic,
         refused: Refused = lambda topic, tick, clock_tick: None,
+        rate: Rate = OF_100_HZ,
     ) -> None:
         self._trigger, self._step = trigger, step
+        self._per_s, self._ahead = rate.hz, rate.of(AHEAD_TICKS)
         self._own_tick, self._now_s, self._refused = own_tick, now_s, refused
         self._stepping = self._paused = False
         self._anchor: tuple[int, float] | None = None
@@ -273,7 +277,7 @@ class RealTime:
         if self._anchor is None:
             return None
         tick, at_s = self._anchor
-        return tick + int((self._now_s() - at_s) * TICKS_PER_S)
+        return tick + int((self._now_s() - at_s) * self._per_s)
 
     def _fits(self, topic: str, tick: int, now: int | None) -> bool:
         """Whether a message is not ahead of the clock; a trigger that does not fit may set it."""
@@ -281,11 +285,11 @@ class RealTime:
             return True
         sets = topic == self._trigger
         known = self._newest.get(topic, tick)
-        if tick <= now + AHEAD_TICKS and not (sets and tick < known - AHEAD_TICKS):
+        if tick <= now + self._ahead and not (sets and tick < known - self._ahead):
             if sets:
                 self._setting.fits()
             return True
-        if sets and self._setting.sets_clock(tick, AHEAD_TICKS):
+        if sets and self._setting.sets_clock(tick, self._ahead):
             self._forget_from(tick)
             return True
         self._refused(topic, tick, now)
@@ -318,7 +322,7 @@ class RealTime:
         if topic == self._trigger:
             self._newest[topic] = tick
             if self._anchor is None:
-                self._forget_from(tick + AHEAD_TICKS + 1)
+                self._forget_from(tick + self._ahead + 1)
             self._anchor = (tick, self._now_s())
         else:
             # A stamp a little ahead must not make the next one late.

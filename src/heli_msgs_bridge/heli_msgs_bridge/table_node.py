@@ -9,7 +9,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.lifecycle import LifecycleNode
 
-from heli_math.ticks import TICK_NS, stamp_at
+from heli_math.ticks import Rate, stamp_at
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.descriptors import descriptor, ros_value
 from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
@@ -36,6 +36,8 @@ class TableNode(LifecycleNode):
         Present parameter values, in the cores' form.
     start_ns : int
         Message stamp of tick 0.
+    rate : Rate
+        Of its ticks.
     tick : int
         Present tick, for the stamps of /diagnostics.
     health : Health
@@ -52,6 +54,7 @@ class TableNode(LifecycleNode):
         super().__init__(self.SPEC.name, **options)
         self.values = dict(values)
         self.start_ns = stamp_at(self.values["start_time_s"])
+        self.rate = Rate.of_parameters(self.values)
         self.tick = 0
         self.health = Health()
         self.verdict: Verdict | None = None
@@ -72,6 +75,7 @@ class TableNode(LifecycleNode):
             ),
             self.get_fully_qualified_name().lstrip("/"),
             hardware_of(self.get_namespace()),
+            self.rate.hz,
         )
         judging = Judging(self)
         own: dict[Any, Any] = {
@@ -131,7 +135,7 @@ class TableNode(LifecycleNode):
 
     def now_ns(self) -> int:
         """The node's time, for the stamp of what it says of itself: that of its last tick."""
-        return self.start_ns + self.tick * TICK_NS
+        return self.start_ns + self.tick * self.rate.tick_ns
 
     def repeat_report(self) -> None:
         """Say it again, if no tick has done so meanwhile."""

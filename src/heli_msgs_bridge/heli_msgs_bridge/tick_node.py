@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from heli_math.ticks import TICK_NS, TICKS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Owner
 from heli_msgs_bridge.diagnostics import Level
@@ -24,6 +23,7 @@ from heli_msgs_bridge.messages import (
     CutOffError,
     Decoder,
     Encoder,
+    FrameError,
     MessageError,
     Variance,
 )
@@ -173,13 +173,14 @@ class TickNode(ManagedNode[Core, Run]):
             self.repeat(_WATCH_PERIOD_S, pace.look)
         else:
             trigger, own_tick = (None, lambda: self.tick) if leads else (inputs[0].topic, None)
-            pace = RealTime(trigger, self._make_step, own_tick, refused=refused)
+            pace = RealTime(trigger, self._make_step, own_tick, refused=refused, rate=self.rate)
         for item in inputs:
             decoder: Decoder | ClockDecoder
             if item.topic == topics.CLOCK:
                 decoder = ClockDecoder()
             else:
-                decoder = Decoder(item.topic, datum if item.topic == topics.GPS_FIX else None)
+                place = datum if item.topic == topics.GPS_FIX else None
+                decoder = Decoder(item.topic, place, namespace=self.get_namespace())
             owner = owners[item.topic] = self._owner(item.topic)
             receive = self._receiver(item, decoder, pace)
             ignored = partial(self._look_at_senders, item.topic, owner)
@@ -218,7 +219,7 @@ class TickNode(ManagedNode[Core, Run]):
     def _owner(self, topic: str) -> Owner:
         """Who decides whose messages of a topic are used."""
         silence_s = self.values["peer_timeout_s"] if self.values["lockstep"] else _SILENT_OWNER_S
-        period_ns = topics.BY_NAME[topic].every_ticks * TICK_NS
+        period_ns = topics.BY_NAME[topic].period_ns(self.rate)
         name = self.resolve_topic_name(topic)
         return Owner(lambda: self.count_publishers(name), silence_s, period_ns)
 
@@ -269,7 +270,7 @@ class TickNode(ManagedNode[Core, Run]):
     def refuse_aloud(self, topic: str, why: str) -> None:
         """Count a refused message; log it once a second, say it in /diagnostics for a second."""
         refusals = self.core.refusals.setdefault(topic, Refusals())
-        again = refusals.count and self.tick // TICKS_PER_S == refusals.tick // TICKS_PER_S
+        again = refusals.count and self.tick // self.rate.hz == refusals.tick // self.rate.hz
         refusals.count, refusals.why, refusals.tick = refusals.count + 1, why, self.tick
         self.core.refused[topic] = why
         if again:
@@ -290,7 +291,8 @@ class TickNode(ManagedNode[Core, Run]):
         """Sentence about a message that was refused aloud in the last second; else empty."""
         if not self.configured:
             return ""
-        recent = (r for r in self.core.refusals.values() if 0 <= self.tick - r.tick < TICKS_PER_S)
+        told = self.core.refusals.values()
+        recent = (r for r in told if 0 <= self.tick - r.tick < self.rate.hz)
         newest = max(recent, key=lambda r: r.tick, default=None)
         return f"message refused: {newest.why}" if newest is not None else ""
 
@@ -300,7 +302,7 @@ class TickNode(ManagedNode[Core, Run]):
 
     def stamp_ns(self, tick: int) -> int:
         """Message stamp of a tick."""
-        return self.start_ns + tick * TICK_NS
+        return self.start_ns + tick * self.rate.tick_ns
 
     def warn_or_ok(self, level: Level, message: str, facts: Mapping[str, Any]) -> None:
         """Report the core's state, or what peers do wrong if that is worse."""
@@ -308,9 +310,20 @@ class TickNode(ManagedNode[Core, Run]):
         if wrong and level < Level.WARN:
             level, message = Level.WARN, wrong
         changed = (level, message) != (self.health.level, self.health.message)
-        if changed or self.tick % TICKS_PER_S == 0:
+        if changed or self.tick % self.rate.hz == 0:
             unused = {f"messages_{k}": n for k, n in asdict(self.core.pace.counters).items() if n}
             self.report(level, message, {**facts, **unused, **self._refused_facts()})
+
+    def has_news(self, message: str) -> bool:
+        """Whether `warn_or_ok` may have anything to say beyond what was said last."""
+        core = self.core
+        return bool(
+            self.tick % self.rate.hz == 0
+            or message != self.health.message
+            or core.pace.silent
+            or core.refusals
+            or core.rivals
+        )
 
     # --- life ----------------------------------------------------------------------------------
 
@@ -339,8 +352,9 @@ class TickNode(ManagedNode[Core, Run]):
     ) -> Callable[[bytes], None]:
         """Callback for the serialised messages of a topic."""
         topic, off_tick, start_ns = item.topic, item.off_tick, self.start_ns
-        earliest = -item.demand.lag_ticks
-        decode, tick_ns, refuse = decoder.decode, TICK_NS, partial(self.refuse, item.topic)
+        earliest, tick_ns = -item.demand.lag_ticks, self.rate.tick_ns
+        decode, refuse = decoder.decode, partial(self.refuse, item.topic)
+        aloud = partial(self.refuse_aloud, item.topic)
 
         def receive(raw: bytes) -> None:
             try:
@@ -348,6 +362,9 @@ class TickNode(ManagedNode[Core, Run]):
             except CutOffError as error:
                 refuse(str(error))
                 return
+            except FrameError as error:
+                value = None
+                aloud(str(error))
             except MessageError as error:
                 value = None
                 refuse(str(error))

@@ -2,13 +2,13 @@
 """All topics of the graph: name, type, who sends, who listens, how often. One table, no ROS needed.
 
 Names are relative, so that a namespace or a remap moves the whole graph; `/clock` and
-`/diagnostics` are absolute by ROS convention. A rate is a whole number of ticks.
+`/diagnostics` are absolute by ROS convention. A period is a whole number of ticks.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
-from heli_math.ticks import TICKS_PER_S
+from heli_math.ticks import TICKS_PER_S, Rate
 
 DEPTH = 2000
 """History depth of every stream. A sender can repeat what a listener's full shared-memory queue did
@@ -76,7 +76,8 @@ class Topic:
     sinks : tuple of str
         Names of the nodes that need it (the recorder takes all).
     every_ticks : int
-        Period in ticks; 0 for "on change".
+        Period in ticks of 10 ms; 1 for every tick of the flight, which may be shorter; 0 for "on
+        change".
     latched : bool
         True if a late listener gets the last messages (transient local).
     kept : int
@@ -93,8 +94,12 @@ class Topic:
 
     @property
     def rate_hz(self) -> float:
-        """Messages per simulated second; 0 for "on change"."""
+        """Messages per simulated second at 100 Hz; 0 for "on change"."""
         return 0.0 if self.every_ticks == 0 else TICKS_PER_S / self.every_ticks
+
+    def period_ns(self, rate: Rate) -> int:
+        """Time from one message to the next in a flight of this rate, ns; 0 for "on change"."""
+        return rate.every(self.every_ticks) * rate.tick_ns
 
 
 _PLANT, _OBSERVER, _INNER, _OUTER = ("plant",), ("observer",), ("inner_loop",), ("outer_loop",)

@@ -55,9 +55,12 @@ class FrameTree:
     ----------
     namespace : str
         Of the aircraft.
+    tick_s : float
+        Length of a tick.
     """
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, tick_s: float = TICK_S) -> None:
+        self._tick_s = tick_s
         self._odom, self._base = (in_namespace(frame, namespace) for frame in (ODOM, BASE))
         self._tick: int | None = None
         self._pos_ned_m, self._vel_ned_mps = np.zeros(3), np.zeros(3)
@@ -71,7 +74,9 @@ class FrameTree:
         if self._tick is None:
             self._pos_ned_m[:] = pos
         else:
-            self._pos_ned_m += 0.5 * (self._vel_ned_mps + vel) * ((tick - self._tick) * TICK_S)
+            self._pos_ned_m += (
+                0.5 * (self._vel_ned_mps + vel) * ((tick - self._tick) * self._tick_s)
+            )
         self._tick, self._vel_ned_mps[:] = tick, vel
         return True
 

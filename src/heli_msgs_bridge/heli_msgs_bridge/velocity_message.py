@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge import frames, topics
+from heli_msgs_bridge.channels import quoted
 from heli_msgs_bridge.frame_ids import BASE, MAP, in_namespace
 from heli_msgs_bridge.messages import MessageError
 
@@ -43,7 +44,7 @@ def decode_velocity(message: Any, psi_rad: float, namespace: str = "") -> Veloci
     own = in_namespace(BASE, namespace)
     if frame not in (MAP, own):
         raise MessageError(
-            f"{name}: frame '{frame}'; allowed: '{MAP}' (east, north, up), '{own}' (forward, "
+            f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up), '{own}' (forward, "
             "left, up, level)"
         )
     v, w = message.twist.linear, message.twist.angular

@@ -17,7 +17,14 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.messages import CHANNELS, CutOffError, Decoder, Encoder, MessageError
+from heli_msgs_bridge.messages import (
+    CHANNELS,
+    CutOffError,
+    Decoder,
+    Encoder,
+    FrameError,
+    MessageError,
+)
 from heli_msgs_bridge.reference_message import (
     decode_reference,
     encode_reference,
@@ -26,6 +33,7 @@ from heli_msgs_bridge.reference_message import (
 ORIGIN = datum(28.17, 112.93, 50.0)
 STAMP_NS = 3_000_000_005
 STREAMS = tuple(CHANNELS)
+JOINTS = [t for t in STREAMS if topics.BY_NAME[t].type == "sensor_msgs/msg/JointState"]
 ATTITUDES = (topics.ODOM, topics.TRUTH_ODOM, topics.ATTITUDE_SETPOINT)
 
 
@@ -89,6 +97,50 @@ def test_a_child_frame_that_says_frd():
     message = good_message(topics.ODOM)
     message.child_frame_id = "base_link_frd"
     refused(topics.ODOM, message, "frame 'base_link_frd' says NED or FRD")
+
+
+@pytest.mark.parametrize("topic", STREAMS)
+@pytest.mark.parametrize("namespace", ["", "/heli2"])
+def test_a_node_takes_the_frames_of_its_own_aircraft_alone(topic, namespace):
+    """Another aircraft's, another sensor's, none: refused by name, and the next one is taken."""
+    own = Encoder(topic, (), place(topic), namespace).encode(good_row(topic), STAMP_NS)
+    decoder = Decoder(topic, place(topic), namespace=namespace)
+    allowed = decoder.decode(own).copy()
+    kind = topics.message_class(topics.BY_NAME[topic].type)
+    frame = deserialize_message(own, kind).header.frame_id
+    for other in ("heli3/imu_link", "camera", "", "\x1b[2J" + "x" * 10_000):
+        message = deserialize_message(own, kind)
+        message.header.frame_id = other
+        with pytest.raises(FrameError, match=f"; allowed: '{frame}'$") as caught:
+            decoder.decode(serialize_message(message))
+        assert len(str(caught.value)) < 150 and str(caught.value).isprintable()
+        assert decoder.decode(own).tolist() == allowed.tolist()
+
+
+def test_a_node_takes_the_child_frame_of_its_own_aircraft_alone():
+    message = good_message(topics.ODOM)
+    message.child_frame_id = "heli2/base_link"
+    with pytest.raises(FrameError, match="odom: frame 'heli2/base_link'; allowed: 'base_link'"):
+        Decoder(topics.ODOM, namespace="/").decode(serialize_message(message))
+
+
+@pytest.mark.parametrize("topic", JOINTS)
+def test_so_many_joints_are_not_looked_through(topic):
+    message = good_message(topic)
+    message.name, message.position = ["x"] * 100_000, [0.0] * 100_000
+    refused(topic, message, "names 100000 joints; allowed: at most 64")
+
+
+def test_a_way_for_another_aircraft_is_refused():
+    message = reference(point(0))
+    for names, said in ((["heli2/base_link"], "'heli2/base_link'"), (["a", "b"], "'a', 'b'")):
+        message.joint_names = names
+        decode_reference(message)
+        with pytest.raises(MessageError, match=f"for {said}; allowed: 'base_link', or no name"):
+            decode_reference(message, "/")
+    message.joint_names, message.header.frame_id = [], "odom"
+    with pytest.raises(MessageError, match="reference: frame 'odom'; allowed: 'map'"):
+        decode_reference(message, "/")
 
 
 @pytest.mark.parametrize("topic", STREAMS)
@@ -172,9 +224,6 @@ def test_every_kind_of_fix_is_taken(status, fast_decoder):
     message = good_message(topics.GPS_FIX)
     message.status.status = status
     fast_decoder(topics.GPS_FIX, ORIGIN).decode(serialize_message(message))
-
-
-JOINTS = [t for t in STREAMS if topics.BY_NAME[t].type == "sensor_msgs/msg/JointState"]
 
 
 @pytest.mark.parametrize("topic", JOINTS)

@@ -10,12 +10,10 @@ the magnetometer and the configured local field. The covariance is the one these
 
 import math
 
-import numpy as np
-
+from heli_math.arrays import fill, fill_matrix, scratch, scratch_matrix
 from heli_math.jit import njit
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_math.rotations import fill_from_euler, fill_R_nb
 from heli_math.rows import IMU
-from heli_observer.arrays import copy_part, fill, fill_matrix
 from heli_observer.ins_ekf import field_plausible, heading_derivatives, start_scalar
 from heli_observer.layout import (
     AID_GPS_POS,
@@ -68,7 +66,9 @@ def level_from_force(f):
 @njit
 def heading_from_mag(phi, theta, mag_body, field_ned):
     """Heading (rad) at which mag_body (3,), levelled by phi, theta, points along field_ned (3,)."""
-    R = quat_to_R_nb(quat_from_euler(phi, theta, 0.0))
+    q, R = scratch(4), scratch_matrix(3, 3)
+    fill_from_euler(phi, theta, 0.0, q)
+    fill_R_nb(q, R)
     north = R[0, 0] * mag_body[0] + R[0, 1] * mag_body[1] + R[0, 2] * mag_body[2]
     east = R[1, 0] * mag_body[0] + R[1, 1] * mag_body[1] + R[1, 2] * mag_body[2]
     return math.atan2(field_ned[1], field_ned[0]) - math.atan2(east, north)
@@ -78,7 +78,8 @@ def heading_from_mag(phi, theta, mag_body, field_ned):
 def _start_covariance(P, q, age_s, k):
     """Covariance of a fresh alignment into P (20, 20); see the head of this file."""
     fill_matrix(P, 0.0)
-    R = quat_to_R_nb(q)
+    R = scratch_matrix(3, 3)
+    fill_R_nb(q, R)
     for i in range(3):
         drift = k.var0[E_DRIFT + i]
         white = k.var_gps_pos_vertical if i == 2 else k.var_gps_pos_horizontal
@@ -143,7 +144,8 @@ def align(state, tick, horizon_ticks, k):
     mag = aid[mag_tick % size, AID_MAG : AID_MAG + 3]
     if not (finite and field_plausible(mag, k.field_ned_t, k.field_tolerance)):
         return False
-    force = np.zeros(3)
+    force = scratch(3)
+    fill(force, 0.0)
     for back in range(horizon_ticks + 1):
         for i in range(3):
             sample = state.imu[(tick - back) % size, IMU.force.start + i]
@@ -159,7 +161,7 @@ def align(state, tick, horizon_ticks, k):
         x[X_VEL + i] = vel[i]
         x[X_POS + i] = pos[i] - age_s * vel[i]
     psi = heading_from_mag(phi, theta, mag, k.field_ned_t)
-    copy_part(x, X_QUAT, quat_from_euler(phi, theta, psi), 0, 4)
+    fill_from_euler(phi, theta, psi, x[X_QUAT : X_QUAT + 4])
     _start_covariance(state.P, x[X_QUAT : X_QUAT + 4], age_s, k)
     fill_matrix(state.dx, 0.0)
     # used up: they must not be fused a second time

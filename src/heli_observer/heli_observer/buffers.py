@@ -3,10 +3,10 @@
 
 import math
 
+from heli_math.arrays import copy_part, fill, fill_matrix
 from heli_math.jit import njit
 from heli_math.rows import IMU, MEAS
 from heli_observer import layout as L
-from heli_observer.arrays import copy_part, fill, fill_matrix
 
 
 @njit

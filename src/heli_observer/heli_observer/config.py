@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincinv
 
-from heli_math.ticks import TICK_S, ticks_in
+from heli_math.ticks import Rate
 from heli_observer.layout import (
     E_ACCEL_BIAS,
     E_ATT,
     E_DRIFT,
     E_GYRO_BIAS,
     E_MAG_ERROR,
-    MAX_U_DELAY_TICKS,
     N_ERROR,
     EkfKernel,
     ObserverKernel,
@@ -47,24 +46,24 @@ def _initial_variances(v: Mapping[str, Any]) -> np.ndarray:
     return var0
 
 
-def _ekf_kernel(v: Mapping[str, Any]) -> EkfKernel:
-    decay = float(np.exp(-TICK_S / v["ekf.gps.drift_time_constant_s"]))
+def _ekf_kernel(v: Mapping[str, Any], tick_s: float) -> EkfKernel:
+    decay = float(np.exp(-tick_s / v["ekf.gps.drift_time_constant_s"]))
     step = 1.0 - decay**2
-    mag_decay = float(np.exp(-TICK_S / v["ekf.mag.heading_error_time_constant_s"]))
+    mag_decay = float(np.exp(-tick_s / v["ekf.mag.heading_error_time_constant_s"]))
     # Quantiles of chi-square with 1, 2, 3 degrees of freedom; scipy.stats takes 0.7 s to import.
     probability = v["ekf.gate_probability"]
     gates = np.array([0.0] + [2.0 * gammaincinv(0.5 * dof, probability) for dof in (1, 2, 3)])
     return EkfKernel(
-        dt_s=TICK_S,
+        dt_s=tick_s,
         gravity_mps2=v["ekf.gravity_mps2"],
-        var_vel_step=v["ekf.imu.accel_noise_density"] ** 2 * TICK_S,
-        var_att_step=v["ekf.imu.gyro_noise_density"] ** 2 * TICK_S,
-        var_gyro_bias_step=v["ekf.imu.gyro_bias_walk"] ** 2 * TICK_S,
-        var_accel_bias_step=v["ekf.imu.accel_bias_walk"] ** 2 * TICK_S,
+        var_vel_step=v["ekf.imu.accel_noise_density"] ** 2 * tick_s,
+        var_att_step=v["ekf.imu.gyro_noise_density"] ** 2 * tick_s,
+        var_gyro_bias_step=v["ekf.imu.gyro_bias_walk"] ** 2 * tick_s,
+        var_accel_bias_step=v["ekf.imu.accel_bias_walk"] ** 2 * tick_s,
         drift_decay=decay,
         var_drift_step_horizontal=v["ekf.gps.drift_horizontal_m"] ** 2 * step,
         var_drift_step_vertical=v["ekf.gps.drift_vertical_m"] ** 2 * step,
-        var_baro_bias_step=v["ekf.baro.bias_walk"] ** 2 * TICK_S,
+        var_baro_bias_step=v["ekf.baro.bias_walk"] ** 2 * tick_s,
         mag_error_decay=mag_decay,
         var_mag_error_step=v["ekf.mag.heading_error_rad"] ** 2 * (1.0 - mag_decay**2),
         var_gps_pos_horizontal=v["ekf.gps.position_horizontal_m"] ** 2,
@@ -84,10 +83,6 @@ def _ekf_kernel(v: Mapping[str, Any]) -> EkfKernel:
     )
 
 
-def _ticks(time_s: float) -> int:
-    return max(1, ticks_in(time_s))
-
-
 @dataclass(frozen=True)
 class ObserverConfig:
     """Checked configuration of the observer.
@@ -97,6 +92,8 @@ class ObserverConfig:
     parameters : mapping
         Name -> value of every row of parameter_table.TABLE, as heli_parameters.parameters.load
         gives it.
+    rate : Rate
+        Of the ticks at which it observes.
     model : ReducedOrderModel
         Continuous matrices of eq. (19), for analysis.
     kernel : ObserverKernel
@@ -109,11 +106,13 @@ class ObserverConfig:
     """
 
     parameters: Mapping[str, Any]
+    rate: Rate = field(init=False)
     model: ReducedOrderModel = field(init=False)
     kernel: ObserverKernel = field(init=False)
 
     def __post_init__(self) -> None:
         v = self.parameters
+        object.__setattr__(self, "rate", Rate.of_parameters(v))
         if v["ekf.horizon_ticks"] < v["schedule.gps_latency_ticks"]:
             raise ObserverConfigError(
                 f"ekf.horizon_ticks = {v['ekf.horizon_ticks']} is less than "
@@ -125,10 +124,6 @@ class ObserverConfig:
             raise ObserverConfigError(
                 f"ekf.mag.field_ned_t = {local.tolist()} has a horizontal part below 5e-6 T: "
                 "no heading can be had from it"
-            )
-        if not 0 <= v["u_delay_ticks"] <= MAX_U_DELAY_TICKS:
-            raise ObserverConfigError(
-                f"u_delay_ticks = {v['u_delay_ticks']} is not in 0..{MAX_U_DELAY_TICKS}"
             )
         try:
             model = reduced_order_model(v["model.A"], v["model.B"], v["K"])
@@ -149,22 +144,27 @@ class ObserverConfig:
             model,
             v["trim.x"],
             v["trim.u"],
-            v["u_delay_ticks"],
+            self.rate.of(v["u_delay_ticks"]),
             v["servo.frequency_radps"],
             v["servo.damping"],
+            self.rate.tick_s,
         )
 
     def _kernel(self, rotor: RotorKernel) -> ObserverKernel:
-        v = self.parameters
+        v, rate = self.parameters, self.rate
+
+        def ticks(time_s: float) -> int:
+            return max(1, rate.ticks_in(time_s))
+
         return ObserverKernel(
-            ekf=_ekf_kernel(v),
+            ekf=_ekf_kernel(v, rate.tick_s),
             rotor=rotor,
-            horizon_ticks=int(v["ekf.horizon_ticks"]),
-            align_ticks=int(v["ekf.initial.align_ticks"]),
-            max_gap_ticks=int(v["ekf.max_gap_ticks"]),
-            imu_timeout_ticks=_ticks(v["ekf.timeout.imu_s"]),
-            gps_timeout_ticks=_ticks(v["ekf.timeout.gps_s"]),
-            gps_recovery_ticks=_ticks(v["ekf.timeout.gps_recovery_s"]),
-            mag_timeout_ticks=_ticks(v["ekf.timeout.mag_s"]),
-            baro_timeout_ticks=_ticks(v["ekf.timeout.baro_s"]),
+            horizon_ticks=rate.of(v["ekf.horizon_ticks"]),
+            align_ticks=rate.of(v["ekf.initial.align_ticks"]),
+            max_gap_ticks=rate.of(v["ekf.max_gap_ticks"]),
+            imu_timeout_ticks=ticks(v["ekf.timeout.imu_s"]),
+            gps_timeout_ticks=ticks(v["ekf.timeout.gps_s"]),
+            gps_recovery_ticks=ticks(v["ekf.timeout.gps_recovery_s"]),
+            mag_timeout_ticks=ticks(v["ekf.timeout.mag_s"]),
+            baro_timeout_ticks=ticks(v["ekf.timeout.baro_s"]),
         )

@@ -15,8 +15,7 @@ normalised innovations squared, which equals the joint one.
 
 import math
 
-import numpy as np
-
+from heli_math.arrays import copy_matrix, copy_part, fill, fill_matrix, scratch, scratch_matrix
 from heli_math.atmosphere import (
     EXPONENT,
     LAPSE_RATE_K_PER_M,
@@ -24,14 +23,7 @@ from heli_math.atmosphere import (
     pressure_pa,
 )
 from heli_math.jit import njit
-from heli_math.rotations import (
-    quat_from_rotvec,
-    quat_multiply,
-    quat_normalize,
-    quat_to_R_nb,
-    wrap_pi,
-)
-from heli_observer.arrays import copy_matrix, copy_part, fill
+from heli_math.rotations import fill_from_rotvec, fill_product, fill_R_nb, normalize, wrap_pi
 from heli_observer.layout import (
     AID_BARO,
     AID_GPS_POS,
@@ -125,8 +117,7 @@ def _predict_with(x, P, R, a_ned, k):
 @njit
 def predict(x, P, imu0, imu1, k):
     """One tick of the filter without measurements: nominal x (21,) and P (20, 20), in place."""
-    a_ned = np.empty(3)
-    R = np.empty((3, 3))
+    a_ned, R = scratch(3), scratch_matrix(3, 3)
     strapdown(x, imu0, imu1, k.gravity_mps2, k.dt_s, a_ned, R)
     _predict_with(x, P, R, a_ned, k)
 
@@ -139,7 +130,10 @@ def coast(x, P, k):
     in velocity or attitude.
     """
     glide(x, k.dt_s)
-    _predict_with(x, P, np.zeros((3, 3)), np.zeros(3), k)
+    a_ned, R = scratch(3), scratch_matrix(3, 3)
+    fill(a_ned, 0.0)
+    fill_matrix(R, 0.0)
+    _predict_with(x, P, R, a_ned, k)
 
 
 @njit
@@ -204,8 +198,10 @@ def inject(x, dx):
         x[X_DRIFT + i] += e[E_DRIFT + i]
     x[X_BARO_BIAS] += e[E_BARO_BIAS]
     x[X_MAG_ERROR] += e[E_MAG_ERROR]
-    dq = quat_from_rotvec(e[E_ATT : E_ATT + 3])
-    q = quat_normalize(quat_multiply(dq, x[X_QUAT : X_QUAT + 4]))
+    dq, q = scratch(4), scratch(4)
+    fill_from_rotvec(e[E_ATT : E_ATT + 3], dq)
+    fill_product(dq, x[X_QUAT : X_QUAT + 4], q)
+    normalize(q)
     copy_part(x, X_QUAT, q, 0, 4)
 
 
@@ -335,7 +331,8 @@ def heading_innovation(q, mag_body, field_ned):
         Direction of the local field minus direction of the measured one turned into NED (rad,
         wrapped), and the horizontal field strength measured.
     """
-    R = quat_to_R_nb(q)
+    R = scratch_matrix(3, 3)
+    fill_R_nb(q, R)
     m0 = R[0, 0] * mag_body[0] + R[0, 1] * mag_body[1] + R[0, 2] * mag_body[2]
     m1 = R[1, 0] * mag_body[0] + R[1, 1] * mag_body[1] + R[1, 2] * mag_body[2]
     residual = wrap_pi(math.atan2(field_ned[1], field_ned[0]) - math.atan2(m1, m0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `observer`: sensors and flown actuators to odometry and rotor state, 100 Hz."""
+"""Node `observer`: sensors and flown actuators to odometry and rotor state, every tick."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 
 from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, MEAS, NAV
-from heli_math.ticks import TICK_S, TICKS_PER_S
+from heli_math.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
@@ -58,7 +58,7 @@ def rate_variance(v: Mapping[str, Any]) -> float:
     The filter learns the bias; its row of numbers does not say how well, so this is a bound.
     """
     bias = v["ekf.initial.gyro_bias_radps"]
-    return float(v["ekf.imu.gyro_noise_density"] ** 2 / TICK_S + bias**2)
+    return float(v["ekf.imu.gyro_noise_density"] ** 2 / Rate.of_parameters(v).tick_s + bias**2)
 
 
 class ObserverNode(TickNode[Navigation, None]):
@@ -68,13 +68,13 @@ class ObserverNode(TickNode[Navigation, None]):
 
     def configure(self) -> Navigation:
         """Build the filter, its outputs and inputs."""
-        v = self.values
+        v, of = self.values, self.rate.of
         config = ObserverConfig.from_parameters(v)
-        gps = Demand(v["schedule.gps_period_ticks"], v["schedule.gps_latency_ticks"])
+        gps = Demand(of(v["schedule.gps_period_ticks"]), of(v["schedule.gps_latency_ticks"]))
         inputs = (
-            Input(topics.IMU, Demand(v["schedule.imu_period_ticks"])),
-            Input(topics.MAG, Demand(v["schedule.mag_period_ticks"])),
-            Input(topics.BARO, Demand(v["schedule.baro_period_ticks"])),
+            Input(topics.IMU, Demand(self.rate.every(v["schedule.imu_period_ticks"]))),
+            Input(topics.MAG, Demand(of(v["schedule.mag_period_ticks"]))),
+            Input(topics.BARO, Demand(of(v["schedule.baro_period_ticks"]))),
             Input(topics.GPS_FIX, gps),
             Input(topics.GPS_VELOCITY, gps),
             Input(topics.ACTUATORS, Demand(lag_ticks=1, first_tick=1)),
@@ -86,7 +86,7 @@ class ObserverNode(TickNode[Navigation, None]):
             send_odom=self.create_sender(topics.ODOM, (rate_variance(v),)),
             send_rotor=self.create_sender(topics.ROTOR_STATE),
             send_tf=self.create_output(topics.TF) if topics.installed(topics.TF) else None,
-            frames=FrameTree(self.get_namespace()),
+            frames=FrameTree(self.get_namespace(), self.rate.tick_s),
             pace=self.listen(inputs, origin),
         )
         self._warm_up(core)
@@ -106,7 +106,7 @@ class ObserverNode(TickNode[Navigation, None]):
     def begin_anew(self) -> None:
         """Another flight: align again."""
         self.core.state = initial_state(self.core.config)
-        self.core.frames = FrameTree(self.get_namespace())
+        self.core.frames = FrameTree(self.get_namespace(), self.rate.tick_s)
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the filter."""
@@ -120,7 +120,7 @@ class ObserverNode(TickNode[Navigation, None]):
         core.send_odom(core.out, stamp_ns)
         core.send_rotor(core.out[NAV.rotor], stamp_ns)
         if core.send_tf is not None and core.frames.follow(core.out, tick):
-            if tick % topics.KNOWN[topics.TF].every_ticks == 0:
+            if tick % self.rate.every(topics.KNOWN[topics.TF].every_ticks) == 0:
                 core.send_tf(encode_transforms(core.frames.transforms(core.out), stamp_ns))
         self._tell()
 
@@ -144,7 +144,7 @@ class ObserverNode(TickNode[Navigation, None]):
     def _tell(self) -> None:
         core = self.core
         named = ObserverStatus(core.status(core.state, core.config.kernel))
-        if self.tick % TICKS_PER_S == 0 or named.sentence != self.health.message:
+        if self.tick % self.rate.hz == 0 or named.sentence != self.health.message:
             facts = {
                 "status": named.name,
                 "sigma_position_m": np.round(core.out[NAV.sigma_pos], 3).tolist(),

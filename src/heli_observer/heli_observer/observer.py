@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 
+from heli_math.arrays import copy_part, fill, fill_matrix, scratch, scratch_matrix
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import ACTUATOR, IMU, NAV
 from heli_observer import layout as L
 from heli_observer.alignment import align
-from heli_observer.arrays import copy_part, fill
 from heli_observer.buffers import store_gps, store_mag_baro, take_tick
 from heli_observer.config import ObserverConfig
 from heli_observer.ins_ekf import (
@@ -35,6 +35,7 @@ from heli_observer.strapdown import glide, strapdown
 __all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state", "observe"]
 __all__ += ["status"]
 
+_N_ERROR, _N_OUTPUT = L.N_ERROR, L.N_OUTPUT  # lengths of what lies on the stack
 _OK = int(ObserverStatus.OK)
 _ALIGNING = int(ObserverStatus.ALIGNING)
 _NOT_FINITE = int(ObserverStatus.NOT_FINITE)
@@ -63,7 +64,7 @@ def initial_state(config: ObserverConfig) -> ObserverState:
         now=np.zeros(L.N_NOMINAL),
         rotor=np.zeros(L.N_ROTOR_W),
         y=np.zeros((2, L.N_OUTPUT)),
-        u=np.tile(config.kernel.rotor.u_trim, (L.MAX_U_DELAY_TICKS + 1, 1)),
+        u=np.tile(config.kernel.rotor.u_trim, (config.kernel.rotor.u_delay_ticks + 1, 1)),
         diag=np.zeros(L.N_DIAG),
         count=count,
     )
@@ -158,8 +159,8 @@ def _sigma_now(P, R, a_ned, lead_s, k, out):
     accelerometer bias, position error by the velocity error, both by the accelerometer's noise;
     attitude error (rotation vector, NED axes) by the gyro's bias and noise.
     """
-    by_att, by_bias = np.zeros(3), np.zeros(3)  # velocity error rate by attitude, by force bias
-    pg = np.zeros(L.N_ERROR)
+    by_att, by_bias = scratch(3), scratch(3)  # velocity error rate by attitude, by force bias
+    pg = scratch(_N_ERROR)
     sigma_pos, sigma_vel, sigma_att = out[NAV.sigma_pos], out[NAV.sigma_vel], out[NAV.sigma_att]
     noise = k.var_vel_step / k.dt_s
     for i in range(3):
@@ -191,8 +192,9 @@ def _navigation_output(state, tick, k, out):
     size = state.imu.shape[0]
     now = state.now
     copy_part(now, 0, state.nominal, 0, L.N_NOMINAL)
-    a_ned = np.zeros(3)
-    R = np.zeros((3, 3))
+    a_ned, R = scratch(3), scratch_matrix(3, 3)
+    fill(a_ned, 0.0)
+    fill_matrix(R, 0.0)
     for t in range(tick - k.horizon_ticks, tick):
         if t < state.count[L.C_BEGUN]:
             glide(now, k.ekf.dt_s)
@@ -232,17 +234,17 @@ def _rotor_update(state, ticks, u_prev, started, k, out):
     if not started:
         for i in range(ACTUATOR.size):
             if math.isfinite(u_prev[i]):
-                u[0, i] = u[1, i] = u[2, i] = u_prev[i]
+                for j in range(u.shape[0]):
+                    u[j, i] = u_prev[i]
         _outputs_from_trim(after, 0.0, out, k)
         rotor_start(state.rotor, after, u[0], k)
     else:
-        start = np.empty(L.N_OUTPUT)
+        start, end = scratch(_N_OUTPUT), scratch(_N_OUTPUT)
         copy_part(start, 0, after, 0, L.N_OUTPUT)
-        end = np.empty(L.N_OUTPUT)
         _outputs_from_trim(end, start[L.M_PSI], out, k)
         for n in range(ticks):
-            copy_part(u[2], 0, u[1], 0, ACTUATOR.size)
-            copy_part(u[1], 0, u[0], 0, ACTUATOR.size)
+            for j in range(u.shape[0] - 1, 0, -1):
+                copy_part(u[j], 0, u[j - 1], 0, ACTUATOR.size)
             for i in range(ACTUATOR.size):
                 if math.isfinite(u_prev[i]):
                     u[0, i] = u_prev[i]

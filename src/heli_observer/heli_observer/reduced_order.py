@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_math.arrays import copy_part, scratch
 from heli_math.jit import njit
 from heli_math.linear_systems import held_and_linear, reduced_order_observer, with_servos
 from heli_math.state_names import MEASURED, UNMEASURED
 from heli_math.ticks import TICK_S
-from heli_observer.arrays import copy_part
 from heli_observer.layout import (
     N_INPUT,
     N_OUTPUT,
@@ -119,12 +119,13 @@ def rotor_kernel(
     u_delay_ticks: int,
     servo_frequency_radps: float,
     servo_damping: float,
+    tick_s: float = TICK_S,
 ) -> RotorKernel:
     """Constants of the compiled observer; x_trim (9,) and u_trim (4,) are absolute."""
     x_trim = _finite("trim.x", x_trim, (9,))
     u_trim = _finite("trim.u", u_trim, (4,))
     system = continuous_system(model, servo_frequency_radps, servo_damping)
-    Phi, Gu, G0, G1 = (np.ascontiguousarray(m) for m in held_and_linear(*system, TICK_S))
+    Phi, Gu, G0, G1 = (np.ascontiguousarray(m) for m in held_and_linear(*system, tick_s))
     return RotorKernel(
         Phi=Phi,
         Gu=Gu,
@@ -160,8 +161,9 @@ def rotor_step(w, y0, y1, u, k):
     y0, y1 (6,) are the outputs at its beginning and end (deviations from trim, psi unwrapped);
     u (4,) is the command that acts on the aircraft during it; k is the RotorKernel.
     """
-    new = np.zeros(N_ROTOR_W)
+    new = scratch(N_ROTOR_W)
     for i in range(N_ROTOR_W):
+        new[i] = 0.0
         for j in range(N_ROTOR_W):
             new[i] += k.Phi[i, j] * w[j]
         for j in range(N_OUTPUT):

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strapdown navigation: specific force and rate of one tick into position, velocity, attitude."""
 
-import numpy as np
-
+from heli_math.arrays import copy_part, scratch, scratch_matrix
 from heli_math.jit import njit
-from heli_math.rotations import quat_from_rotvec, quat_multiply, quat_normalize, quat_to_R_nb
+from heli_math.rotations import fill_from_rotvec, fill_product, fill_R_nb, normalize
 from heli_math.rows import IMU
-from heli_observer.arrays import copy_part
 from heli_observer.layout import X_ACCEL_BIAS, X_GYRO_BIAS, X_POS, X_QUAT, X_VEL
 
 
@@ -38,14 +36,17 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
     w0x, w0y, w0z = w0[0] - bias[0], w0[1] - bias[1], w0[2] - bias[2]
     w1x, w1y, w1z = w1[0] - bias[0], w1[1] - bias[1], w1[2] - bias[2]
     coning = dt_s * dt_s / 12.0
-    rotvec = np.empty(3)
+    rotvec, turn, q1 = scratch(3), scratch(4), scratch(4)
+    R0, R1 = scratch_matrix(3, 3), scratch_matrix(3, 3)
     rotvec[0] = 0.5 * dt_s * (w0x + w1x) + coning * (w0y * w1z - w0z * w1y)
     rotvec[1] = 0.5 * dt_s * (w0y + w1y) + coning * (w0z * w1x - w0x * w1z)
     rotvec[2] = 0.5 * dt_s * (w0z + w1z) + coning * (w0x * w1y - w0y * w1x)
     q0 = x[X_QUAT : X_QUAT + 4]
-    R0 = quat_to_R_nb(q0)
-    q1 = quat_normalize(quat_multiply(q0, quat_from_rotvec(rotvec)))
-    R1 = quat_to_R_nb(q1)
+    fill_R_nb(q0, R0)
+    fill_from_rotvec(rotvec, turn)
+    fill_product(q0, turn, q1)
+    normalize(q1)
+    fill_R_nb(q1, R1)
     f0, f1, bias = imu0[IMU.force], imu1[IMU.force], x[X_ACCEL_BIAS : X_ACCEL_BIAS + 3]
     for i in range(3):
         a0 = 0.0

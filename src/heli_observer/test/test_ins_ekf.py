@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from heli_math.atmosphere import pressure_pa
-from heli_math.rotations import quat_from_euler, quat_from_rotvec, quat_multiply
+from heli_math.rotations import fill_from_rotvec, quat_from_euler, quat_multiply
 from heli_math.rows import MEAS
 from heli_observer import ins_ekf
 from heli_observer import layout as L
@@ -30,7 +30,9 @@ def disturbed(x, e):
     """x (+) e."""
     z = x.copy()
     z[0:6] += e[0:6]
-    z[6:10] = quat_multiply(quat_from_rotvec(e[6:9]), x[6:10])
+    turn = np.empty(4)
+    fill_from_rotvec(e[6:9], turn)
+    z[6:10] = quat_multiply(turn, x[6:10])
     z[10:21] += e[9:20]
     return z
 

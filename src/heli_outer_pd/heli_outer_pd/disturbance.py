@@ -3,8 +3,7 @@
 
 import math
 
-import numpy as np
-
+from heli_math.arrays import scratch
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, SETPOINT
@@ -58,7 +57,7 @@ def modelled_acceleration(phi, theta, v_down, k, state, out):
     standing counts as disturbance and is trimmed out with it. Vertically the thrust of the last
     collective at the present speed, so that the rotor's own damping is no disturbance.
     """
-    commanded, lagged, last = np.empty(2), state[MEMORY.lagged], state[MEMORY.command]
+    commanded, lagged, last = scratch(2), state[MEMORY.lagged], state[MEMORY.command]
     flown_acceleration(last[SETPOINT.phi], last[SETPOINT.theta], k, commanded)
     for i in range(2):
         keep = math.exp(-k.dt_s / k.attitude_lag[i])
@@ -92,7 +91,7 @@ def estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
     v_hat' = a_model + d_hat + l1 (v - v_hat), d_hat' = l2 (v - v_hat); kept in NED because steady
     wind stands still there while the nose turns. Writes the estimate to d_h (3,), heading frame.
     """
-    v_hat = np.empty(3)
+    v_hat = scratch(3)
     to_heading(state[MEMORY.vel], c, s, v_hat)
     to_heading(state[MEMORY.disturbance], c, s, d_h)
     for i in range(3):
@@ -119,9 +118,9 @@ def engage(nav, phi, theta, k, state, c, s, d_h):
 @njit
 def leave(vel, v_down, phi, theta, k, state):
     """Lift-off: the ground may still carry a part, so what it does is not taken for wind."""
-    scratch, estimate, d = np.empty(3), state[MEMORY.vel], state[MEMORY.disturbance]
+    unused, estimate, d = scratch(3), state[MEMORY.vel], state[MEMORY.disturbance]
     if state[MEMORY.engaged] > 0.5:
-        modelled_acceleration(phi, theta, v_down, k, state, scratch)
+        modelled_acceleration(phi, theta, v_down, k, state, unused)
     for i in range(3):
         estimate[i], d[i] = vel[i], 0.0
 
@@ -139,7 +138,7 @@ def estimate(nav, phi, theta, c, s, k, state, d_h):
 
     c, s are of the heading; the rest as for `position_law`.
     """
-    vel_h, a_h = np.empty(3), np.empty(3)
+    vel_h, a_h = scratch(3), scratch(3)
     to_heading(nav[NAV.vel], c, s, vel_h)
     ground = state[MEMORY.ground]
     if ground == LEAVES or ground == LOW_BY_HAND:
@@ -156,10 +155,12 @@ def estimate(nav, phi, theta, c, s, k, state, d_h):
 def flown_acceleration_ned(nav, k, state, out):
     """Acceleration (3,) m/s2, NED, of what is flown: by attitude, last collective and estimate."""
     phi, theta, psi = euler_from_quat(nav[NAV.quat])
-    a_h = np.empty(3)
+    a_h = scratch(3)
     flown_acceleration(phi, theta, k, a_h)
     d_col, d_col_trim = state[MEMORY.command][SETPOINT.col], k.trim[SETPOINT.col]
     thrust = thrust_for_collective(d_col, nav[NAV.down_vel], trim_thrust(k), d_col_trim, k.rotor)
     a_h[2] = k.g - thrust * math.cos(phi) * math.cos(theta) / k.mass
     to_ned(a_h, math.cos(psi), math.sin(psi), out)
-    out += state[MEMORY.disturbance]
+    disturbance = state[MEMORY.disturbance]
+    for i in range(3):
+        out[i] += disturbance[i]

@@ -6,6 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_math.arrays import copy, fill, is_zero, scratch
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import NAV, SETPOINT
@@ -23,9 +24,9 @@ _FADE_S = 0.5
 def hand_of(state, hand):
     """A pilot's d_lat, d_lon, d_ped about trim into hand (3,); NaN while a law flies."""
     if state[MEMORY.ground] >= BY_HAND:
-        hand[:] = state[MEMORY.hand]
+        copy(hand, state[MEMORY.hand])
     else:
-        hand[:] = np.nan
+        fill(hand, math.nan)
 
 
 def with_hand(collective: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,7 +47,7 @@ def by_hand(nav, k, state, out):
     known = flyable(nav)
     if known:
         phi, theta, psi = euler_from_quat(nav[NAV.quat])
-        estimate(nav, phi, theta, math.cos(psi), math.sin(psi), k, state, np.zeros(3))
+        estimate(nav, phi, theta, math.cos(psi), math.sin(psi), k, state, scratch(3))
         last[SETPOINT.phi], last[SETPOINT.theta], last[SETPOINT.psi] = phi, theta, psi
         # No lag between this attitude and the acceleration.
         flown_acceleration(phi, theta, k, state[MEMORY.lagged])
@@ -79,7 +80,7 @@ def take_over(before, k, state, out):
         for i in range(SETPOINT.size):
             fade[i] = before[i] - out[i]
         fade[SETPOINT.psi] = wrap_pi(fade[SETPOINT.psi])
-    if not fade.any():
+    if is_zero(fade):
         return
     low, high = collective_limits(k)
     low, high = min(low, out[SETPOINT.col]), max(high, out[SETPOINT.col])

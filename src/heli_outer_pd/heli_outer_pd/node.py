@@ -14,7 +14,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE, SETPOINT
-from heli_math.ticks import TICKS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_MODE, FACT_OFFSET, Level
@@ -205,7 +204,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         # Now: who sends once is gone when one looks later.
         self._name_commanders()
         try:
-            way = decode_reference(message)
+            way = decode_reference(message, self.get_namespace())
             home = way.points[0, REFERENCE.pos] if core.home_ned_m is None else core.home_ned_m
             core.limits.judge(way, home, self.stamp_ns(self.tick))
         except MessageError as error:
@@ -283,7 +282,7 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
-        if tick % self.values["period_ticks"]:
+        if tick % self.rate.of(self.values["period_ticks"]):
             return
         core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
         _, nav = arrived.get(topics.ODOM, (0, None))
@@ -350,7 +349,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             level, message = Level.WARN, _WAITS
         else:
             level = Level.ERROR
-        if self.tick % TICKS_PER_S == 0 or message != self.health.message:
+        if self.tick % self.rate.hz == 0 or message != self.health.message:
             facts = {
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,

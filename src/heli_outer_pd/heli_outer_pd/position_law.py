@@ -19,8 +19,7 @@ balanced by roll.
 
 import math
 
-import numpy as np
-
+from heli_math.arrays import copy, difference, fill, scratch
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import NAV, SETPOINT, SHAPED
@@ -67,6 +66,7 @@ __all__ = [
     "position_law",
     "tilt_for",
 ]
+_N_SHAPED, _N_SETPOINT = SHAPED.size, SETPOINT.size
 _COLLECTIVE_LIMIT = 0.98
 # Below this cos(phi) cos(theta) lift compensation no longer helps: the thrust points sideways.
 _MIN_LIFT_FRACTION = 0.5
@@ -100,10 +100,10 @@ def _stand(nav, ref, k, state, out):
     if known:
         phi, theta, psi = euler_from_quat(nav[NAV.quat])
         share = min(max(2.0 * hover_share(col, k) - 1.0, 0.0), 1.0)
-        slip = np.empty(3)
+        slip = scratch(3)
         to_heading(nav[NAV.vel], math.cos(psi), math.sin(psi), slip)
         if state[MEMORY.sight] != KNOWN:
-            slip[:] = 0.0
+            fill(slip, 0.0)
         phi += share * (k.trim[SETPOINT.phi] + tilt_for(-k.K_D[1] * slip[1], k) - phi)
         theta += share * (k.trim[SETPOINT.theta] - tilt_for(-k.K_D[0] * slip[0], k) - theta)
         psi += share * wrap_pi(ref[SHAPED.psi] - psi)
@@ -111,7 +111,7 @@ def _stand(nav, ref, k, state, out):
     out[SETPOINT.col] = col
     for i in range(SETPOINT.size):
         last[i] = out[i]
-    state[MEMORY.disturbance] = 0.0
+    fill(state[MEMORY.disturbance], 0.0)
     state[MEMORY.engaged] = 0.0
     return _OK if known else _BAD_NAVIGATION
 
@@ -124,10 +124,10 @@ def _with_lead(a, c, s, k, state):
     still while the nose turns: else the lead would make much of the nose's least motion when bank
     holds against a side wind. The first one goes through as it is.
     """
-    wanted, beyond, led = np.empty(3), np.empty(3), state[MEMORY.led]
+    wanted, beyond, led = scratch(3), scratch(3), state[MEMORY.led]
     to_ned(a, c, s, wanted)
     if state[MEMORY.engaged] < 0.5 or state[MEMORY.takes_over] > 0.5:
-        led[:] = wanted[:2]
+        copy(led, wanted)
     keep = math.exp(-k.dt_s / k.lead_filter_s)
     for i in range(2):
         wanted[i] -= led[i]
@@ -140,11 +140,11 @@ def _with_lead(a, c, s, k, state):
 @njit
 def _command(nav, ref, d_h, c, s, lift, k, state, out):
     """PD action, lift compensation and the inversions of (20) and (21); writes out (4,)."""
-    pos_error_h = np.empty(3)
-    vel_error_h = np.empty(3)
-    to_heading(ref[SHAPED.pos] - nav[NAV.pos], c, s, pos_error_h)
-    to_heading(ref[SHAPED.vel] - nav[NAV.vel], c, s, vel_error_h)
-    a = np.empty(3)
+    error, pos_error_h, vel_error_h, a = scratch(3), scratch(3), scratch(3), scratch(3)
+    difference(ref[SHAPED.pos], nav[NAV.pos], error)
+    to_heading(error, c, s, pos_error_h)
+    difference(ref[SHAPED.vel], nav[NAV.vel], error)
+    to_heading(error, c, s, vel_error_h)
     to_heading(ref[SHAPED.acc], c, s, a)
     for i in range(3):
         back = clip(k.K_P[i] * pos_error_h[i], k.K_D[i] * k.approach_speed_mps)
@@ -199,7 +199,8 @@ def position_law(nav, ref, k, state, out):
         return _BAD_REFERENCE
     phi, theta, psi = euler_from_quat(nav[NAV.quat])
     c, s = math.cos(psi), math.sin(psi)
-    d_h = np.zeros(3)
+    d_h = scratch(3)
+    fill(d_h, 0.0)
     estimate(nav, phi, theta, c, s, k, state, d_h)
     if state[MEMORY.sight] == KNOWN:
         remember_lean(nav, psi, k, state)
@@ -219,8 +220,9 @@ def _steered(nav, ref, k, state, out):
     The reference (10,) becomes where the aircraft is and how it moves, so that of the law the
     vertical, the heading and the estimate of the disturbance are left.
     """
-    ref[SHAPED.pos], ref[SHAPED.vel] = nav[NAV.pos], nav[NAV.vel]
-    ref[SHAPED.acc] = 0.0
+    copy(ref[SHAPED.pos], nav[NAV.pos])
+    copy(ref[SHAPED.vel], nav[NAV.vel])
+    fill(ref[SHAPED.acc], 0.0)
     steer = state[MEMORY.steer_attitude]
     ref[SHAPED.pos][2] = state[MEMORY.steer_down]
     ref[SHAPED.down_vel] = state[MEMORY.steer_down_vel]
@@ -254,14 +256,14 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     int
         An OuterStatus.
     """
-    ref = np.empty(SHAPED.size)
+    ref, before = scratch(_N_SHAPED), scratch(_N_SETPOINT)
     shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
     ground, found = state[MEMORY.ground], look(nav, k, state)
     if ground == STANDS:
         return _stand(nav, ref, k, state, out)
-    before = state[MEMORY.command].copy()
+    copy(before, state[MEMORY.command])
     if found:
-        out[:] = before
+        copy(out, before)
         return _OK
     if ground >= BY_HAND:
         code = by_hand(nav, k, state, out)

@@ -8,24 +8,32 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.jit import njit
+from heli_math.arrays import copy, fill, scratch
+from heli_math.jit import njit, njit_counted
 from heli_math.rotations import wrap_pi
 from heli_math.rows import REFERENCE, SHAPED
 from heli_math.trajectory import Trajectory, reference_at
 
 _SHAPING_SAMPLES = 32
+_N_REFERENCE = REFERENCE.size
 _TURN_NS = 120_000_000  # three periods of the law
 _CATCH_UP = 10  # one second of a trajectory's late start is caught up in so many
 
 
 @njit
-def offset_to(pos_ned_m, time_ns, times_ns, points):
-    """Offset (3,), NED, m, from the trajectory at time_ns to a position (3,)."""
-    now = np.empty(REFERENCE.size)
+def fill_offset(pos_ned_m, time_ns, times_ns, points, offset):
+    """As `offset_to`, into offset (3,)."""
+    now = scratch(_N_REFERENCE)
     reference_at(time_ns, times_ns, points, now)
-    offset = np.empty(3)
     for j in range(3):
         offset[j] = pos_ned_m[j] - now[j]
+
+
+@njit_counted
+def offset_to(pos_ned_m, time_ns, times_ns, points):
+    """Offset (3,), NED, m, from the trajectory at time_ns to a position (3,)."""
+    offset = np.empty(3)
+    fill_offset(pos_ned_m, time_ns, times_ns, points, offset)
     return offset
 
 
@@ -51,8 +59,7 @@ def turn_rate_at(time_ns, times_ns, points):
     The smaller of the rates over the next two stretches, 0 if they differ in sign (minmod): a
     heading that turns is in both, a step in one at most.
     """
-    here, near = np.empty(REFERENCE.size), np.empty(REFERENCE.size)
-    far = np.empty(REFERENCE.size)
+    here, near, far = scratch(_N_REFERENCE), scratch(_N_REFERENCE), scratch(_N_REFERENCE)
     reference_at(time_ns, times_ns, points, here)
     reference_at(time_ns + _TURN_NS, times_ns, points, near)
     reference_at(time_ns + 2 * _TURN_NS, times_ns, points, far)
@@ -89,10 +96,12 @@ def shaped_reference_at(time_ns, window_ns, heading_lead_s, times_ns, points, ou
     out : (10,) ndarray
         Position NED m, velocity NED m/s, acceleration NED m/s2, heading rad.
     """
-    now = np.empty(REFERENCE.size)
+    now = scratch(_N_REFERENCE)
     reference_at(time_ns, times_ns, points, now)
-    out[SHAPED.pos], out[SHAPED.vel] = now[REFERENCE.pos], now[REFERENCE.vel]
-    out[SHAPED.acc] = 0.0
+    pos, vel, acc = out[SHAPED.pos], out[SHAPED.vel], out[SHAPED.acc]
+    copy(pos, now[REFERENCE.pos])
+    copy(vel, now[REFERENCE.vel])
+    fill(acc, 0.0)
     out[SHAPED.psi] = now[REFERENCE.psi] + heading_lead_s * turn_rate_at(time_ns, times_ns, points)
     if window_ns <= 0:
         return
@@ -100,21 +109,21 @@ def shaped_reference_at(time_ns, window_ns, heading_lead_s, times_ns, points, ou
     late_ns = max(window_ns // 2 - max(time_ns, 0) // _CATCH_UP, 0)
     pace = 1.0 + 1.0 / _CATCH_UP if late_ns > 0 and time_ns > 0 else 1.0
     end_ns = time_ns + window_ns // 2 - late_ns
-    end, begin = np.empty(REFERENCE.size), np.empty(REFERENCE.size)
+    end, begin = scratch(_N_REFERENCE), scratch(_N_REFERENCE)
     reference_at(end_ns, times_ns, points, end)
     reference_at(end_ns - window_ns, times_ns, points, begin)
-    pos, vel, acc = out[SHAPED.pos], out[SHAPED.vel], out[SHAPED.acc]
     pos_end, pos_begin = end[REFERENCE.pos], begin[REFERENCE.pos]
     vel_end, vel_begin = end[REFERENCE.vel], begin[REFERENCE.vel]
     for j in range(3):
         vel[j] = pace * (pos_end[j] - pos_begin[j]) / window_s
         acc[j] = pace * pace * (vel_end[j] - vel_begin[j]) / window_s
     # Mid-point rule: exact where the reference is linear, second order over a corner.
-    sample = np.empty(REFERENCE.size)
-    total = np.zeros(3)
+    sample, total = scratch(_N_REFERENCE), scratch(3)
+    fill(total, 0.0)
     for i in range(_SHAPING_SAMPLES):
         back_ns = window_ns * (2 * i + 1) // (2 * _SHAPING_SAMPLES)
         reference_at(end_ns - back_ns, times_ns, points, sample)
-        total += sample[REFERENCE.pos]
+        for j in range(3):
+            total[j] += sample[j]
     for j in range(3):
         pos[j] = total[j] / _SHAPING_SAMPLES

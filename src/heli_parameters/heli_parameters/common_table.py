@@ -4,6 +4,7 @@
 from collections.abc import Iterable
 
 from heli_math.origin import LATITUDE_DEG, LONGITUDE_DEG
+from heli_math.ticks import RATES_HZ
 from heli_parameters.parameters import Parameter
 
 
@@ -28,6 +29,14 @@ COMMON_TABLE: tuple[Parameter, ...] = (
         unit="s",
         lower=1.0,
         upper=1e9,
+        read_only=True,
+    ),
+    Parameter(
+        "rate_hz",
+        "int",
+        "Ticks a second: IMU, observer and inner loop; what is counted in ticks stays of 10 ms",
+        unit="Hz",
+        choices=RATES_HZ,
         read_only=True,
     ),
     Parameter("peers", "string[]", "Nodes that take part in the flight", read_only=True),

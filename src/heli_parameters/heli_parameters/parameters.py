@@ -152,7 +152,7 @@ class Parameter:
         return value
 
     def _refuse(self, value: Any, reason: str = "") -> ParameterError:
-        shown = repr(value) if isinstance(value, str) else _plain(value)
+        shown = _plain(repr(value) if isinstance(value, str) else value)
         because = f": {reason}" if reason else ""
         return ParameterError(f"{shown} is not allowed{because}; allowed: {self.allowed()}")
 

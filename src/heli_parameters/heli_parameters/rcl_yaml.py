@@ -7,6 +7,7 @@ integer. Aliases and mixed arrays are refused, as rcl does. Source: ros2/rcl, rc
 (parse.c, `get_value` and `parse_value`).
 """
 
+import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ _MINUS_INF = frozenset(("-.inf", "-.Inf", "-.INF"))
 _INT = re.compile(r"[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)\Z")
 _FLOAT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
 _SECTION = "ros__parameters"
+# More are no double either.
+_MOST_DIGITS, _BEYOND_INT64 = 200, 2**63
 
 # libyaml where it is built in: ten times faster, and a node reads three files at start.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -72,12 +75,7 @@ def scalar(text: str, quoted: bool) -> bool | int | float | str:
     if text in _FALSE:
         return False
     if _INT.match(text):
-        digits = text.lstrip("+-")
-        base = (
-            16 if digits[:2].lower() == "0x" else 8 if len(digits) > 1 and digits[0] == "0" else 10
-        )
-        magnitude = int(digits, base)
-        return -magnitude if text.startswith("-") else magnitude
+        return _whole(text)
     if _FLOAT.match(text):
         return float(text)
     if text in _NAN:
@@ -85,6 +83,15 @@ def scalar(text: str, quoted: bool) -> bool | int | float | str:
     if text in _INF or text in _MINUS_INF:
         return float("-inf") if text in _MINUS_INF else float("inf")
     return text
+
+
+def _whole(text: str) -> int | float:
+    """An integer's text; beyond 64 bits it is a double, as for the C library."""
+    digits = text.lstrip("+-")
+    base = 16 if digits[:2].lower() == "0x" else 8 if len(digits) > 1 and digits[0] == "0" else 10
+    number: int | float = math.inf if len(digits) > _MOST_DIGITS else int(digits, base)
+    number = number if number < _BEYOND_INT64 else float(number)
+    return -number if text.startswith("-") else number
 
 
 def value_of(node: yaml.Node, where: str, key: str) -> Any:
@@ -216,6 +223,13 @@ def read(path: str | Path) -> ParameterFile:
 @lru_cache(maxsize=64)
 def _content(path: Path, text: str) -> ParameterFile:
     """What a text says; who resolves a flight again and again has most files in hand already."""
+    try:
+        return _parsed(path, text)
+    except RecursionError:
+        raise ParameterError(f"{path}: not valid YAML: nested too deeply") from None
+
+
+def _parsed(path: Path, text: str) -> ParameterFile:
     sections: list[tuple[str, str]] = []
     entries: list[Entry] = []
     for pattern, node, where in _sections(_root(path, text), path, ""):

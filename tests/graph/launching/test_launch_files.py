@@ -2,6 +2,7 @@
 """What each launch file starts, and what each of its arguments changes in the nodes' parameters."""
 
 import contextlib
+import dataclasses
 import subprocess
 from importlib import import_module
 from pathlib import Path
@@ -120,7 +121,7 @@ def test_every_argument_has_a_test(describe):
     """In this file: an argument that is added is added here."""
     tested = {argument.split(":=")[0] for argument, *_ in WINNING}
     tested |= {"namespace", "params_file", "log_level", "scenario", "gps", "record", "live"}
-    tested |= {"world", "laws", "actions"}
+    tested |= {"world", "laws", "actions", "composed"}
     # In test_launch_several.py.
     tested.add("aircraft")
     for package, name in LAUNCH_FILES:
@@ -206,6 +207,27 @@ def test_arguments_record_live_and_actions(launch):
     assert "actions" in by_name(launch(*HOVER, "actions:=true"))
     assert "recorder" not in by_name(launch(*HOVER, "record:=false"))
     assert "live_view" in by_name(launch(*HOVER, "live:=true"))
+
+
+def test_argument_composed(launch, tmp_path):
+    """One process, in which each node has the parameters that it has alone."""
+    file = tmp_path / "my.yaml"
+    file.write_text("/**/plant:\n  ros__parameters:\n    {seed: 5, scale.mass: 1.25}\n")
+    words = (f"params_file:={file}", "gps:=rtk", "world:=hard", "seed:=7", "namespace:=heli1")
+    apart = by_name(launch(*HOVER, *words))
+    started = {node.executable: node for node in launch(*HOVER, *words, "composed:=true")}
+    assert set(started) == {"scenario", "recorder", "composed"}
+    process = started["composed"]
+    assert executable(process.package, process.executable)
+    # A name would be that of each of them.
+    assert not any("__node" in word for word in process.command(tmp_path))
+    assert (process.ended(0), process.ended(1)) == (0, 1)
+    for name in FLYING:
+        one = dataclasses.replace(process, package=apart[name].package, name=name)
+        np.testing.assert_equal(values(one, tmp_path), values(apart[name], tmp_path))
+    assert values(apart["plant"], tmp_path)["seed"] == 7
+    (last, *_) = [n for n in launch(*HOVER, "aircraft:=2", "composed:=true") if not n.name]
+    assert last.ended(0) is None
 
 
 def test_argument_namespace(launch):

@@ -26,6 +26,7 @@ from heli_flight.cli.joy import EPILOG as JOY_EPILOG
 from heli_flight.cli.joy import joy
 from heli_flight.cli.options import (
     Aircraft,
+    Figures,
     Json,
     Laws,
     Params,
@@ -153,7 +154,7 @@ def robust(
 
     refuse_existing(out)
     asked = read_ranges(params or [])
-    settings = resolve(params=params or [], laws=laws)
+    settings = resolve(params=params or [], laws=laws).at_100_hz("heli robust")
     with steps("delays", len(asked.delays_ticks)) as progress:
         proof = prove.prove(settings, asked, progress, fly)
     if out is not None:
@@ -165,7 +166,7 @@ def robust(
 
 
 @app.command(
-    epilog="\b\nexample:\n  heli report flights/my_flight\n"
+    epilog="\b\nexample:\n  heli report flights/my_flight --figures\n"
     "  heli report rosbag2_2026_11_21 --params my.yaml"
 )
 def report(
@@ -179,18 +180,19 @@ def report(
         int | None, typer.Option(metavar="N", help="seed of the flight, for its conditions")
     ] = None,
     params: Params = None,
+    figures: Figures = False,
     as_json: Json = False,
 ) -> int:
-    """Write report.html and the paper's figures of a recorded flight."""
+    """Write report.html, the flight beside the paper's figures, of a recorded flight."""
     from heli_flight.report import STEPS, Choice, report_of_bag
     from heli_flight.terminal import json_text, steps
 
     choice = Choice(scenario, gps, seed, params or [])
     with steps("report", STEPS) as progress:
-        page = report_of_bag(bag, choice, out, progress)
+        page = report_of_bag(bag, choice, out, progress, figures)
     if as_json:
-        figures = sorted(str(path) for path in (page.parent / "figures").iterdir())
-        print(json_text({"report": str(page), "figures": figures}), end="")
+        drawn = sorted(str(path) for path in (page.parent / "figures").iterdir()) if figures else []
+        print(json_text({"report": str(page), "figures": drawn}), end="")
         return 0
     print(f"written: {page}")
     return 0

@@ -10,6 +10,8 @@ from heli_flight.cli import completion
 from heli_flight.cli.options import (
     EXIT_OF_FLIGHTS,
     Duration,
+    Faults,
+    Figures,
     Gps,
     Laws,
     Params,
@@ -28,6 +30,8 @@ def epilog(prog: str) -> str:
         ("--scenario attitude --controller pid", "the attitude test under another law"),
         ("--params my_weights.yaml", "any node's parameters, changed"),
         ("--params flights/a/params.yaml", "a flight again"),
+        ("--faults my_faults.yaml", "with sensors or actuators that fail"),
+        ("--rate 400", "IMU, observer and inner loop at 400 Hz"),
         ("--live", "in real time, to be watched in a browser"),
     )
     width = max(len(options) for options, _ in lines)
@@ -67,8 +71,17 @@ Composed = Annotated[
         "sooner",
     ),
 ]
+RateHz = Annotated[
+    int | None,
+    typer.Option(
+        "--rate",
+        metavar="HZ",
+        help="of IMU, observer and inner loop: 100, 200 or 400 (default 100); outer loop and GPS "
+        "stay as they are",
+    ),
+]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="folder to write; must not exist")]
-NoReport = Annotated[bool, typer.Option("--no-report", help="write no report.html and no figures")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="write no report.html")]
 ResultJson = Annotated[
     bool,
     typer.Option(
@@ -116,12 +129,15 @@ def hover(
     seed: Seed = None,
     duration: Duration = None,
     params: Params = None,
+    faults: Faults = None,
     lockstep: Lockstep = False,
     realtime: Realtime = False,
     one_process: OneProcess = False,
     composed: Composed = False,
+    rate: RateHz = None,
     out: Out = None,
     no_report: NoReport = False,
+    figures: Figures = False,
     as_json: ResultJson = False,
     live: Live = False,
     live_port: LivePort = None,
@@ -133,12 +149,16 @@ def hover(
     from heli_flight.loop.result import RESULT
     from heli_flight.studies.flight import FlightOrder, fly_and_write, fly_several_and_write
     from heli_flight.terminal import console
+    from heli_parameters.parameters import ParameterError
 
+    if figures and no_report:
+        raise ParameterError("--figures: draws the report's charts; not with --no-report")
     modes = {"--realtime": realtime, "--live": live, "--lockstep": lockstep}
     modes["--one-process"] = one_process
     order = FlightOrder(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
-        _live(live, live_port, foxglove_port, allow_commands), world, laws, composed,
+        _live(live, live_port, foxglove_port, allow_commands), world, laws, composed, rate,
+        figures, faults,
     )  # fmt: skip
     if aircraft == 1:
         outcomes = [fly_and_write(order, console(stderr=as_json))]

@@ -15,10 +15,25 @@ EXIT_OF_FLIGHTS = (
     "flight that ends before the first of them is not judged (0). The figures of the whole "
     "flight, climb included, are given first and decide nothing."
 )
+Figures = Annotated[
+    bool,
+    typer.Option(
+        "--figures", help="also figures/: each chart of the report as PNG and SVG, for a paper"
+    ),
+]
 Params = Annotated[
     list[Path] | None,
     typer.Option(
         "--params", metavar="FILE", help="parameter file over any node's YAML; repeatable"
+    ),
+]
+Faults = Annotated[
+    Path | None,
+    typer.Option(
+        "--faults",
+        metavar="FILE",
+        help="YAML file of faults of sensors and actuators, each with its time "
+        "(default: the parameter file's, else none)",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="print JSON instead of tables")]

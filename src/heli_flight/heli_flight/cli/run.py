@@ -29,13 +29,13 @@ def run(app: typer.Typer, argv: Sequence[str] | None, prog: str) -> int:
         with interrupts.told():
             code = app(args=argv, prog_name=prog, standalone_mode=False)
     except TyperException as error:
-        print(f"{name}: {_one_line(error)}", file=sys.stderr)
+        print(f"{name}: {_one_line(_text_of(error))}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except Exception as error:
         code = _refusal(error)
         if code is None:
             raise
-        print(f"{name}: {error}", file=sys.stderr)
+        print(f"{name}: {_one_line(str(error))}", file=sys.stderr)
         return code
     if code == interrupts.EXIT_CODE:
         # typer has turned the KeyboardInterrupt into this code.
@@ -59,6 +59,13 @@ def _refusal(error: Exception) -> int | None:
     return EXIT_BAD_INPUT if isinstance(error, refused) else None
 
 
-def _one_line(error: TyperException) -> str:
-    text = getattr(error, "format_message", lambda: str(error))()
-    return " ".join(text.split())
+def _text_of(error: TyperException) -> str:
+    return str(getattr(error, "format_message", lambda: str(error))())
+
+
+def _one_line(text: str) -> str:
+    """What the terminal shows as one line, whatever a file or an argument held."""
+    from heli_parameters.printable import printable
+
+    line = " ".join(part.strip() for part in text.splitlines())
+    return printable(line, len(line))

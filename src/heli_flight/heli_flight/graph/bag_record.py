@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
 from heli_math.rotations import quat_to_R_nb
 from heli_math.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
-from heli_math.ticks import TICK_NS, seconds, stamp_at
+from heli_math.ticks import Rate, stamp_at
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_MODE, offset_of
@@ -28,12 +29,24 @@ from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 _FOLLOWING = ("hover", "trajectory")
 
 
-def _at(stream: Stream | None, ticks: NDArray[np.int64], start_ns: int, size: int) -> np.ndarray:
+@dataclass(frozen=True)
+class _Clock:
+    """The ticks of a flight: stamp of the first, and their rate."""
+
+    start_ns: int
+    rate: Rate
+
+    def ticks(self, stamp_ns: Any) -> Any:
+        """Tick of a stamp, or of an array of them; of the last one that is not later."""
+        return (stamp_ns - self.start_ns) // self.rate.tick_ns
+
+
+def _at(stream: Stream | None, ticks: NDArray[np.int64], clock: _Clock, size: int) -> np.ndarray:
     """Rows (N, size) at the ticks: the newest message at or before each; NaN before the first."""
     rows = np.full((ticks.size, size), np.nan)
     if stream is None or not stream.stamp_ns.size:
         return rows
-    known = (stream.stamp_ns - start_ns) // TICK_NS
+    known = clock.ticks(stream.stamp_ns)
     index = np.searchsorted(known, ticks, side="right") - 1
     rows[index >= 0] = stream.rows[index[index >= 0]]
     return rows
@@ -48,14 +61,14 @@ def _modes(bag: Bag) -> list[tuple[int, str]]:
     return told if any(mode not in _FOLLOWING for _, mode in told) else []
 
 
-def _mode(bag: Bag, ticks: NDArray[np.int64], start_ns: int) -> np.ndarray | None:
+def _mode(bag: Bag, ticks: NDArray[np.int64], clock: _Clock) -> np.ndarray | None:
     """Mode (N,) at the ticks; None for a flight that only ever followed."""
     told = _modes(bag)
     if not told:
         return None
     modes = np.full(ticks.size, told[0][1], "U10")
     for stamp_ns, mode in told:
-        modes[np.searchsorted(ticks, (stamp_ns - start_ns) // TICK_NS) :] = mode
+        modes[np.searchsorted(ticks, clock.ticks(stamp_ns)) :] = mode
     return modes
 
 
@@ -83,7 +96,7 @@ def _engaged(bag: Bag) -> tuple[int, NDArray[np.float64]] | None:
 
 
 def _reference(
-    bag: Bag, ticks: NDArray[np.int64], start_ns: int, limits: ReferenceLimits
+    bag: Bag, ticks: NDArray[np.int64], clock: _Clock, limits: ReferenceLimits
 ) -> np.ndarray:
     """Reference rows (N, 7) at the ticks: of the trajectory come last, the first one before it.
 
@@ -100,7 +113,7 @@ def _reference(
         first = max(bisect.bisect_right(begun, at_ns) - 1, 0)
         ways[first] = begun[first], moved(ways[first][1], offset)
     for i, tick in enumerate(ticks.tolist()):
-        now_ns = start_ns + tick * TICK_NS
+        now_ns = clock.start_ns + tick * clock.rate.tick_ns
         rows[i] = ways[max(bisect.bisect_right(begun, now_ns) - 1, 0)][1].at(now_ns)
     return rows
 
@@ -135,7 +148,7 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
     path : Path
         rosbag2 folder.
     settings : Settings
-        Give the stamp of flight time 0.
+        Give the stamp of flight time 0 and the rate.
     truth_needed : bool
         False: a bag without ground truth is taken too, one row per tick of `odom`.
 
@@ -152,7 +165,7 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         bag = read_bag(path)
     except BagError as error:
         raise FlightError(str(error)) from error
-    start_ns = stamp_at(settings.nodes["plant"]["start_time_s"])
+    clock = _Clock(stamp_at(settings.nodes["plant"]["start_time_s"]), settings.rate)
     source = bag.streams.get(topics.TRUTH_ODOM)
     if source is None or not source.stamp_ns.size:
         if truth_needed:
@@ -163,9 +176,9 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
         raise FlightError(
             f"{path}: holds neither {topics.TRUTH_ODOM} nor {topics.ODOM}: no flight{other}"
         )
-    ticks = (source.stamp_ns - start_ns) // TICK_NS
+    ticks = clock.ticks(source.stamp_ns)
     limits = ReferenceLimits.from_parameters(settings.nodes["outer_loop"])
-    record = _record(bag, ticks, start_ns, limits)
+    record = _record(bag, ticks, clock, limits)
     return BagFlight(record, bag.remarks, bag.foreign, bag.aircraft)
 
 
@@ -174,17 +187,17 @@ def _excited(bag: Bag) -> bool:
 
 
 def _record(
-    bag: Bag, ticks: NDArray[np.int64], start_ns: int, limits: ReferenceLimits
+    bag: Bag, ticks: NDArray[np.int64], clock: _Clock, limits: ReferenceLimits
 ) -> FlightRecord:
     def at(name: str, size: int) -> np.ndarray:
-        return _at(bag.streams.get(name), ticks, start_ns, size)
+        return _at(bag.streams.get(name), ticks, clock, size)
 
     excited = _excited(bag)
 
     truth, nav = at(topics.TRUTH_ODOM, PLANT.rigid.stop), at(topics.ODOM, NAV.size)
     velocity = np.array([quat_to_R_nb(row[PLANT.quat]) @ row[PLANT.vel] for row in truth])
     return FlightRecord(
-        time_s=seconds(ticks),
+        time_s=clock.rate.seconds(ticks),
         truth_pos_ned_m=truth[:, PLANT.pos],
         truth_vel_ned_mps=velocity,
         truth_rate_body_radps=truth[:, PLANT.rate],
@@ -196,7 +209,7 @@ def _record(
         nav_rate_body_radps=nav[:, NAV.rate],
         nav_q_nb=nav[:, NAV.quat],
         nav_rotor=at(topics.ROTOR_STATE, ROTOR.size),
-        reference=_reference(bag, ticks, start_ns, limits),
+        reference=_reference(bag, ticks, clock, limits),
         setpoint=at(topics.ATTITUDE_SETPOINT, 3),
         u=at(topics.ACTUATORS, ACTUATOR.size),
         nav_sigma_pos_m=nav[:, NAV.sigma_pos],
@@ -205,5 +218,5 @@ def _record(
         excitation_u=at(topics.EXCITATION_ACTUATORS, ACTUATOR.size) if excited else None,
         gust_ned_mps=at(topics.EXCITATION_WIND, 3) if excited else None,
         imu=at(topics.IMU, IMU.size) if excited else None,
-        mode=_mode(bag, ticks, start_ns),
+        mode=_mode(bag, ticks, clock),
     )

@@ -12,7 +12,6 @@ from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_live_view.parameter_table import NODE_NAME as LIVE
-from heli_math.ticks import seconds
 from heli_msgs_bridge.senders import SENDERS
 
 
@@ -74,10 +73,10 @@ def outcome(
     wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
     lost = plant.message if plant is not None and plant.level > 1 else ""
     notes = [*_notes(statuses), *(f"{name} had to be killed" for name in killed)]
-    missing = settings.scenario.n_ticks - len(record)
+    missing = settings.rate.of(settings.scenario.n_ticks) - len(record)
     if missing > 0 and not lost:
         notes.append(f"the bag lacks {missing} ticks of ground truth")
-    scores, flown_s = score(record, settings.scenario), seconds(len(record))
+    scores, flown_s = score(record, settings.scenario), settings.rate.seconds(len(record))
     result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft)
     mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
     return result, {"mode": mode, "composed": composed, "start_up_s": start_up_s}, flight

@@ -13,7 +13,6 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from heli_flight.loop.scenario import NODE_NAME, TABLE, Scenario
-from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.managed_node import ManagedNode
@@ -44,7 +43,7 @@ class ScenarioNode(ManagedNode[Script, None]):
         return Script(Scenario.from_parameters(self.values), self.create_output(topics.REFERENCE))
 
     def _take_clock(self, raw: bytes) -> None:
-        self.tick = (stamp_of(raw) - self.start_ns) // TICK_NS
+        self.tick = (stamp_of(raw) - self.start_ns) // self.rate.tick_ns
 
     def expected_listeners(self, topic: str) -> set[str]:
         """Nobody is waited for: the reference is latched."""

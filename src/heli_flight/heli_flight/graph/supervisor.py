@@ -11,14 +11,15 @@ from dataclasses import dataclass, replace
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from heli_flight.errors import FlightError
+from heli_flight.graph.answers import Answers
 from heli_flight.loop.scenario import NODE_NAME, Scenario
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
@@ -69,6 +70,7 @@ class Supervisor(Node):
         self._change = {
             name: self.create_client(ChangeState, f"{name}/change_state") for name in managed
         }
+        self._state = {name: self.create_client(GetState, f"{name}/get_state") for name in managed}
         self._reference = self.create_publisher(
             MultiDOFJointTrajectory, topics.REFERENCE, topics.qos(topics.REFERENCE)
         )
@@ -213,19 +215,22 @@ class Supervisor(Node):
         BringUpError
             Names the node that refused or did not answer.
         """
-        label = {
-            Transition.TRANSITION_CONFIGURE: "configure",
-            Transition.TRANSITION_ACTIVATE: "activate",
-            Transition.TRANSITION_DEACTIVATE: "deactivate",
+        label, target = {
+            Transition.TRANSITION_CONFIGURE: ("configure", State.PRIMARY_STATE_INACTIVE),
+            Transition.TRANSITION_ACTIVATE: ("activate", State.PRIMARY_STATE_ACTIVE),
+            Transition.TRANSITION_DEACTIVATE: ("deactivate", State.PRIMARY_STATE_INACTIVE),
         }[transition_id]
         request = ChangeState.Request()
         request.transition.id = transition_id
-        futures = {name: self._change[name].call_async(request) for name in names}
-        if not self.wait_until(lambda: all(f.done() for f in futures.values()), limit_s, check):
-            silent = [name for name, f in futures.items() if not f.done()]
-            raise BringUpError(f"{', '.join(silent)}: no answer to '{label}' in {limit_s:g} s")
-        refused = [name for name, f in futures.items() if not f.result().success]
-        if refused:
+        answers = Answers(
+            {name: self._change[name].call_async(request) for name in names},
+            lambda name: self._state[name].call_async(GetState.Request()),
+            target,
+        )
+        if not self.wait_until(answers.complete, limit_s, check):
+            silent = ", ".join(answers.silent())
+            raise BringUpError(f"{silent}: no answer to '{label}' in {limit_s:g} s")
+        if refused := answers.refused():
             raise BringUpError(f"{', '.join(refused)}: refused to {label}")
 
     def close(self) -> None:

@@ -14,7 +14,6 @@ from functools import partial
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 
-from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.managed_node import ManagedNode
@@ -122,11 +121,12 @@ class WorldClockNode(ManagedNode[World, None]):
         reached_ns = min(core.stamps_ns.values(), default=-1)
         if reached_ns < 0:
             return
-        first_ns = self.start_ns if core.shown_ns < 0 else core.shown_ns + TICK_NS
-        for stamp_ns in range(first_ns, reached_ns + 1, TICK_NS):
+        tick_ns = self.rate.tick_ns
+        first_ns = self.start_ns if core.shown_ns < 0 else core.shown_ns + tick_ns
+        for stamp_ns in range(first_ns, reached_ns + 1, tick_ns):
             core.send(_ENCODE(stamp_ns))
             core.shown_ns = stamp_ns
-        self.tick = (core.shown_ns - self.start_ns) // TICK_NS
+        self.tick = (core.shown_ns - self.start_ns) // tick_ns
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -27,8 +27,9 @@ from heli_inner_hinf.excitation import (
 )
 from heli_inner_hinf.ground_law import law_or_hand
 from heli_inner_hinf.law_state import initial_law_state, nine_states
-from heli_math.jit import njit, njit_unlocked
-from heli_math.rotations import quat_to_R_nb
+from heli_math.arrays import copy, fill, scratch, scratch_matrix
+from heli_math.jit import njit, njit_counted, njit_unlocked
+from heli_math.rotations import fill_R_nb
 from heli_math.rows import (
     ACTUATOR,
     IMU,
@@ -41,7 +42,7 @@ from heli_math.rows import (
     TRUTH,
 )
 from heli_math.sweep import SweepKernel, add_sweep
-from heli_math.ticks import TICK_NS, TICK_S, seconds
+from heli_math.ticks import Rate
 from heli_math.trajectory import Trajectory, reference_at
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
@@ -51,11 +52,12 @@ from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import hand_of
 from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
-from heli_outer_pd.reference import move, offset_to
+from heli_outer_pd.reference import fill_offset, move
 from heli_outer_pd.reference_limits import ReferenceLimits
 from heli_outer_pd.script import script_of
 
 _CHUNK_TICKS = 6000
+_N_MEAS, _N_NAV, _N_STATES, _N_REFERENCE = MEAS.size, NAV.size, len(NINE), REFERENCE.size
 
 
 class Loop(NamedTuple):
@@ -77,6 +79,8 @@ class Loop(NamedTuple):
     true_navigation: int
     # (2,) int64: 1 while the reference is still to be moved to where the aircraft is; tick of that.
     anchor: np.ndarray
+    tick_ns: int
+    tick_s: float
 
 
 class Track(NamedTuple):
@@ -93,21 +97,29 @@ class Track(NamedTuple):
     imu: np.ndarray  # (n, 6) IMU
 
 
+@njit_counted
+def _turn(q, v, out):
+    """Body vector (3,) into NED (3,), summed by BLAS, as all records have been so far."""
+    R = scratch_matrix(3, 3)
+    fill_R_nb(q, R)
+    np.dot(R, v, out)
+
+
 @njit
 def _write_truth(s, y, out):
     x = s.x
-    out[TRUTH.pos] = x[PLANT.pos]
-    out[TRUTH.vel] = quat_to_R_nb(x[PLANT.quat]) @ x[PLANT.vel]
-    out[TRUTH.quat] = x[PLANT.quat]
-    out[TRUTH.rate] = x[PLANT.rate]
-    out[TRUTH.rotor] = x[PLANT.rotor]
-    out[TRUTH.wind] = y[MEAS.wind]
+    copy(out[TRUTH.pos], x[PLANT.pos])
+    _turn(x[PLANT.quat], x[PLANT.vel], out[TRUTH.vel])
+    copy(out[TRUTH.quat], x[PLANT.quat])
+    copy(out[TRUTH.rate], x[PLANT.rate])
+    copy(out[TRUTH.rotor], x[PLANT.rotor])
+    copy(out[TRUTH.wind], y[MEAS.wind])
 
 
 @njit
 def _replace_by_truth(truth, nav):
     """Ideal navigation: what the sensors cannot spoil (for analysis, never for a score)."""
-    nav[NAV.motion] = truth[TRUTH.motion]
+    copy(nav[NAV.motion], truth[TRUTH.motion])
 
 
 @njit_unlocked
@@ -128,11 +140,10 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     track : Track
         Rows first_tick .. first_tick + n_ticks - 1 are written.
     """
-    y = np.zeros(MEAS.size)
-    nav = np.zeros(NAV.size)
-    x9 = np.empty(len(NINE))
-    u3 = np.empty(3)
-    reference = np.empty(REFERENCE.size)
+    y, nav, x9, u3 = scratch(_N_MEAS), scratch(_N_NAV), scratch(_N_STATES), scratch(3)
+    reference, offset = scratch(_N_REFERENCE), scratch(3)
+    fill(y, 0.0)
+    fill(nav, 0.0)
     for i in range(n_ticks):
         tick = first_tick + i
         plant.measure(loop.plant_s, tick, noise_rows[i], loop.plant_k, y)
@@ -141,31 +152,33 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
         if loop.true_navigation:
             _replace_by_truth(track.truth[tick], nav)
         if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(nav):
-            move(points, offset_to(nav[NAV.pos], tick * TICK_NS, times_ns, points))
+            fill_offset(nav[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
+            move(points, offset)
             loop.anchor[0], loop.anchor[1] = 0, tick
-        reference_at(tick * TICK_NS, times_ns, points, reference)
+        reference_at(tick * loop.tick_ns, times_ns, points, reference)
         sight = loop.outer_s[outer.MEMORY.sight]
         if tick % loop.period_ticks == 0:
             outer.follow(
-                nav, tick * TICK_NS, times_ns, points, loop.outer_k, loop.outer_s, setpoint
+                nav, tick * loop.tick_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
             )
             hand_of(loop.outer_s, loop.hand)
         nine_states(nav, nav[NAV.rotor], x9)
-        add_sweep(tick * TICK_S, loop.disturbance_k, x9)
+        add_sweep(tick * loop.tick_s, loop.disturbance_k, x9)
         attitude, collective = setpoint[SETPOINT.attitude], setpoint[SETPOINT.col]
         law_or_hand(x9, attitude, collective, loop.hand, loop.inner_k, loop.inner_s, u3)
-        u[ACTUATOR.attitude] = u3
+        copy(u[ACTUATOR.attitude], u3)
         u[ACTUATOR.col] = setpoint[SETPOINT.col]
         if loop.excitation_k.on:
-            excite(tick * TICK_S, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
+            excite(tick * loop.tick_s, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
         if track.imu.shape[0] > 0:
-            track.excitation[tick] = loop.excitation_s[SENT : SENT + ACTUATOR.size]
-            track.imu[tick] = y[MEAS.imu]
-            injected_gust(loop.plant_s.x, tick * TICK_S, loop.plant_k.wind.sines, track.gust[tick])
-        track.nav[tick] = nav
-        track.reference[tick] = reference
-        track.setpoint[tick] = setpoint
-        track.u[tick] = u
+            sines, time_s = loop.plant_k.wind.sines, tick * loop.tick_s
+            copy(track.excitation[tick], loop.excitation_s[SENT : SENT + ACTUATOR.size])
+            copy(track.imu[tick], y[MEAS.imu])
+            injected_gust(loop.plant_s.x, time_s, sines, track.gust[tick])
+        copy(track.nav[tick], nav)
+        copy(track.reference[tick], reference)
+        copy(track.setpoint[tick], setpoint)
+        copy(track.u[tick], u)
         status = plant.status(loop.plant_s, loop.plant_k)
         if status != 0:
             return i + 1, status
@@ -209,7 +222,7 @@ def build(
     plant_config = plant_config or plant.PlantConfig.from_parameters(settings.nodes["plant"])
     observer_config = observer.ObserverConfig(settings.nodes["observer"])
     law = law or attitude_kernel(settings.nodes["inner_loop"])
-    outer_k = outer_kernel(settings.nodes["outer_loop"])
+    outer_k, rate = outer_kernel(settings.nodes["outer_loop"]), settings.rate
     return Loop(
         plant_config.kernel,
         plant.initial_state(plant_config, settings.seed),
@@ -223,9 +236,11 @@ def build(
         outer_k,
         outer.initial_state(outer_k),
         np.full(3, np.nan),
-        settings.nodes["outer_loop"]["period_ticks"],
+        rate.of(settings.nodes["outer_loop"]["period_ticks"]),
         int(true_navigation),
         np.array([settings.nodes["outer_loop"]["reference_anchor"] == "engagement", 0], np.int64),
+        rate.tick_ns,
+        rate.tick_s,
     )
 
 
@@ -263,7 +278,8 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     -------
     Flight
     """
-    n = settings.scenario.n_ticks
+    rate = settings.rate
+    n = rate.of(settings.scenario.n_ticks)
     track = Track(
         np.zeros((n, TRUTH.size)),
         np.zeros((n, NAV.size)),
@@ -288,14 +304,16 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
         tick, rows = tick + flown, rows[flown:]
         last = tick - 1
         if (asked or phases.lost) and status == 0 and last % loop.period_ticks == 0:
-            if phases.after(last * TICK_NS, track.nav[last], setpoint) and phases.way is not None:
+            went_on = phases.after(last * rate.tick_ns, track.nav[last], setpoint)
+            if went_on and phases.way is not None:
                 times_ns, points = phases.way.times_ns, phases.way.points
         if progress is not None:
-            progress(seconds(tick))
+            progress(rate.seconds(tick))
     for before in range(loop.anchor[1]):
-        reference_at(before * TICK_NS, times_ns, points, track.reference[before])
+        reference_at(before * rate.tick_ns, times_ns, points, track.reference[before])
     named = plant.PlantStatus(status)
-    record = replace(_as_record(track, tick), mode=_modes(phases, tick) if scripted else None)
+    modes = _modes(phases, tick, rate) if scripted else None
+    record = replace(_as_record(track, tick, rate), mode=modes)
     return Flight(record, named, "" if status == 0 else named.sentence)
 
 
@@ -311,11 +329,11 @@ def _phases(loop: Loop, settings: Settings, given: Trajectory) -> tuple[Phases, 
     return phases, numbers.on_ground or bool(orders)
 
 
-def _modes(phases: Phases, n: int) -> np.ndarray:
+def _modes(phases: Phases, n: int, rate: Rate) -> np.ndarray:
     """Mode (n,) at each tick."""
     modes = np.empty(n, "U10")
     for began_ns, phase in phases.history:
-        modes[began_ns // TICK_NS :] = phase.mode
+        modes[began_ns // rate.tick_ns :] = phase.mode
     return modes
 
 
@@ -325,7 +343,7 @@ def _unasked(phases: Phases, tick: int, loop: Loop) -> int:
     if not phases.is_watched():
         if order_ns is None:
             return _CHUNK_TICKS
-        due = max(tick, -(-order_ns // TICK_NS))
+        due = max(tick, -(-order_ns // loop.tick_ns))
     step = -(-due // loop.period_ticks) * loop.period_ticks
     return min(step + 1 - tick, _CHUNK_TICKS)
 
@@ -334,10 +352,10 @@ def _excited(loop: Loop) -> bool:
     return bool(loop.excitation_k.on or loop.plant_k.wind.sines.on)
 
 
-def _as_record(track: Track, n: int) -> FlightRecord:
+def _as_record(track: Track, n: int, rate: Rate) -> FlightRecord:
     truth, nav = track.truth[:n], track.nav[:n]
     return FlightRecord(
-        time_s=seconds(np.arange(n)),
+        time_s=rate.seconds(np.arange(n)),
         truth_pos_ned_m=truth[:, TRUTH.pos],
         truth_vel_ned_mps=truth[:, TRUTH.vel],
         truth_rate_body_radps=truth[:, TRUTH.rate],

@@ -10,6 +10,7 @@ import numpy as np
 
 from heli_bags.parameter_table import NODE_NAME as RECORDER
 from heli_flight.loop.commit import sources_commit
+from heli_flight.loop.fault_file import flown_faults
 from heli_flight.loop.flight_section import NODE_NAME, SHORT_FOR
 from heli_flight.loop.layers import Reader, layered
 from heli_flight.loop.scenario import NODE_NAME as SCENARIO
@@ -112,6 +113,9 @@ def custom_data(settings: Settings) -> list[str]:
         "laws": settings.laws,
         **drawn(settings),
     }
+    faults = flown_faults(settings)
+    if faults:
+        said["faults"] = "; ".join(fault.words for fault in faults)
     return [f"{name}: {value}" for name, value in said.items()]
 
 

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.gusts import GUST, draw_gusts
+from heli_flight.loop.fault_file import flown_faults
 from heli_flight.loop.flight_file import changes, drawn, drawn_words, identity
 from heli_flight.loop.scoring import (
     DECIDES,
@@ -105,13 +106,19 @@ def conditions(settings: Settings) -> str:
         least, most = shares
         turbulence += f", {rate:g} random gusts a minute of {least:g} to {most:g} of the 20 ft wind"
     world = "" if settings.world == PAPER else f"world {Path(settings.world).stem}, "
+    fast = f"; IMU, observer and inner loop at {settings.rate.hz} Hz"
     return (
         f"simulated: {world}wind {mean} towards {p['wind.towards_deg']:g} deg, "
-        f"{turbulence}; seed {settings.seed}\n"
+        f"{turbulence}; seed {settings.seed}{fast if settings.rate.fold != 1 else ''}\n"
         f"GPS {settings.gps}: white {p['sensors.gps.white_m']:g} m, drift "
         f"{p['sensors.gps.drift_m']:g} m, velocity {p['sensors.gps.velocity_mps']:g} m/s; "
         "the paper's numbers are from flight"
     )
+
+
+def fault_words(settings: Settings) -> str:
+    """The faults of a flight in words, on one line; empty without."""
+    return "; ".join(fault.words for fault in flown_faults(settings))
 
 
 def random_gusts(settings: Settings) -> list[dict[str, Any]]:
@@ -191,6 +198,8 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
     else:
         console.print("not scored: nothing was flown")
     console.print(conditions(settings), highlight=False)
+    if flown_faults(settings):
+        console.print(f"faults: {fault_words(settings)}", highlight=False)
     if drawn(settings):
         console.print(drawn_words(settings), highlight=False)
     console.print(f"laws: {Path(settings.laws).stem}", highlight=False)
@@ -296,6 +305,7 @@ def write_result(
     content = {
         "aircraft": result.aircraft or None,
         **identity(settings, changes(settings)),
+        "rate_hz": settings.rate.hz,
         "draw": drawn(settings),
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,
@@ -310,6 +320,7 @@ def write_result(
         "ground": [figure.as_dict() for figure in result.figures.ground],
         "conditions": conditions(settings).splitlines(),
         "random_gusts": random_gusts(settings),
+        "faults": [fault.as_dict() for fault in flown_faults(settings)],
         "notes": list(result.notes),
         "versions": versions(),
         "parameter_files": [str(path) for path in settings.files],

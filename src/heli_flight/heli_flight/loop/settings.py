@@ -9,6 +9,8 @@ from typing import Any
 
 from heli_bags import parameter_table as recorder_table
 from heli_dynamics_sim.config import PlantConfig
+from heli_dynamics_sim.config_error import PlantConfigError
+from heli_dynamics_sim.fault_table import faults_of
 from heli_flight.loop import flight_section
 from heli_flight.loop import scenario as scenario_table
 from heli_flight.loop.commit import is_another, sources_commit
@@ -26,9 +28,11 @@ from heli_flight.loop.layers import (
     layered,
     scenario_file,
 )
+from heli_flight.loop.rates import check_rate, refused
 from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_flight.loop.worlds import PAPER, WORLDS, Draw
 from heli_math.rows import ACTUATOR, SETPOINT
+from heli_math.ticks import Rate
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.script import script_of
 from heli_outer_pd.thrust_map import collective_for_thrust
@@ -83,6 +87,17 @@ class Settings:
     world_parameters: Mapping[str, Any] = field(default_factory=dict)
     drawn: Mapping[str, Draw] = field(default_factory=dict)
     laws: str = PACKAGED
+
+    @property
+    def rate(self) -> Rate:
+        """The rate of the flight's ticks."""
+        return Rate.of_parameters(self.nodes["plant"])
+
+    def at_100_hz(self, what: str) -> "Settings":
+        """These, for what is worked out for steps of 10 ms; ParameterError at another rate."""
+        if self.rate.fold != 1:
+            raise refused(self.rate.hz, what)
+        return self
 
     def with_seed(self, seed: int) -> "Settings":
         """The same flight in other wind, with other sensor errors, on what else the seed draws."""
@@ -165,6 +180,7 @@ def resolve(
     controller: str | None = None,
     world: str | None = None,
     laws: str | None = None,
+    rate_hz: int | None = None,
 ) -> Settings:
     """Read, layer and check the parameters of a flight.
 
@@ -177,6 +193,8 @@ def resolve(
     seed, duration_s, controller : optional
         Override parameters of plant, scenario and inner loop; a controller of packaged laws takes
         these along, unless others are named.
+    rate_hz : int, optional
+        Overrides the parameter of every node.
     params : sequence of path
         The user's rcl parameter files; a later one overrides an earlier one. A section `flight`
         in them says what these options say, and is weaker.
@@ -193,7 +211,7 @@ def resolve(
         One line that names the file or option, the key, its value and what is allowed.
     """
     _check_options(scenario_name, gps, mode, world, laws)
-    options = {"duration_s": duration_s, "controller": controller, "seed": seed}
+    options = {"duration_s": duration_s, "controller": controller, "seed": seed, "rate": rate_hz}
     read = Reader()
     given = [read(path) for path in params]
     check_node_names(given, _SECTIONS)
@@ -270,13 +288,18 @@ def _over(
     values = layers.values
     for name in ("duration_s", "controller"):
         line.put(files, values, name, options[name])
+    if options["rate"] is not None:
+        for section in (*(node.name for node in NODES), recorder_table.NODE_NAME):
+            _set(section, values[section], "rate_hz", options["rate"], "--rate")
     for section, changes in overrides.items():
         if section not in TABLES:
             raise ParameterError(f"override of unknown node {section}")
         for key, value in changes.items():
             _set(section, values[section], key, value, f"override of {section}")
     _check_agreement(values)
+    check_rate(values)
     _check_ground(values)
+    _check_faults(values)
     values["plant"] |= _initial_state(values[scenario_table.NODE_NAME])
     line.put(files, values, "seed", options["seed"])
     return values
@@ -313,9 +336,10 @@ _AGREEMENTS = (
     *(
         ("plant", key, name, key)
         for name in ("observer", "inner_loop", "outer_loop")
-        for key in ("start_time_s", "origin.latitude_deg", "origin.longitude_deg",
+        for key in ("start_time_s", "rate_hz", "origin.latitude_deg", "origin.longitude_deg",
                     "origin.altitude_m")
     ),
+    ("plant", "rate_hz", recorder_table.NODE_NAME, "rate_hz"),
 )  # fmt: skip
 
 
@@ -344,6 +368,14 @@ def _check_ground(nodes: Mapping[str, Mapping[str, Any]]) -> None:
             f"thrust_limits: {least:g} of the weight is collective {lowest:.3g} in descent at "
             f"{sinking:g} m/s; raise thrust_limits or move ground_collective away from hover"
         )
+
+
+def _check_faults(nodes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise ParameterError before anything is started where a fault is none."""
+    try:
+        faults_of(nodes["plant"]["faults"])
+    except PlantConfigError as error:
+        raise ParameterError(f"plant: {error}") from None
 
 
 def _set(section: str, values: dict[str, Any], key: str, value: Any, where: str) -> None:

@@ -12,7 +12,6 @@ from heli_dynamics_sim.plant import PlantConfig
 from heli_flight.loop.settings import Settings
 from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.design import AttitudeConfig
-from heli_math.ticks import TICK_S
 
 if TYPE_CHECKING:
     from heli_inner_hinf.analysis import LoopReport
@@ -53,6 +52,8 @@ class Design:
         Frequencies of each loop, rad/s.
     wind_to_h, wind_to_u : sequence of (m, 3) ndarray
         Singular values of each loop from wind (m/s).
+    rate_hz : int
+        At which the law steps.
     """
 
     controller: str
@@ -61,6 +62,7 @@ class Design:
     omega: list[np.ndarray]
     wind_to_h: list[np.ndarray]
     wind_to_u: list[np.ndarray]
+    rate_hz: int
 
 
 def flown_design(settings: Settings) -> Design | None:
@@ -81,7 +83,8 @@ def flown_design(settings: Settings) -> Design | None:
     actuation = Actuation(
         aircraft.servo_bandwidth_radps,
         aircraft.servo_damping,
-        TICK_S * plant.delay_ticks,
+        plant.rate.tick_s * plant.delay_ticks,
+        plant.rate.tick_s,
     )
     feed = ObserverInput.from_parameters(seen)
     K = np.reshape(np.asarray(seen["K"], float), (3, 6))
@@ -98,6 +101,7 @@ def flown_design(settings: Settings) -> Design | None:
         omega,
         [hv for hv, _ in values],
         [uv for _, uv in values],
+        plant.rate.hz,
     )
 
 

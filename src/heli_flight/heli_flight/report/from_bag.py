@@ -19,10 +19,9 @@ from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.report.data import events_of
 from heli_flight.report.write import write_report
-from heli_math.ticks import TICK_NS, TICK_S, TICKS_PER_S
 from heli_parameters.parameters import ParameterError
 
-STEPS = 2  # of a report: the bag read, the page and figures written
+STEPS = 2  # of a report: the bag read, the page written
 _ERROR_LEVEL = 2
 
 
@@ -41,6 +40,7 @@ def report_of_bag(
     choice: Choice | None = None,
     out: Path | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    figures: bool = False,
 ) -> Path:
     """Write the report of a bag.
 
@@ -50,9 +50,11 @@ def report_of_bag(
         rosbag2 folder, or the folder of a flight that holds `bag/`.
     choice : Choice, optional
     out : Path, optional
-        Folder for report.html and figures/; default: the flight's folder, or <bag>_report.
+        Folder for report.html; default: the flight's folder, or <bag>_report.
     progress : callable, optional
         Told how many of the `STEPS` are done.
+    figures : bool
+        True: also figures/, each chart as PNG and SVG.
 
     Returns
     -------
@@ -88,7 +90,7 @@ def report_of_bag(
     events = events_of(flight.remarks, settings)
     how = f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag"
     progress(1)
-    page = write_report(record, settings, result, folder, how, events, missing, assumed=not known)
+    page = write_report(record, settings, result, folder, how, events, missing, not known, figures)
     progress(STEPS)
     return page
 
@@ -133,8 +135,9 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
             missing.append(f"The bag holds no {words}.")
     if not np.isfinite(record.reference).any():
         way = settings.scenario.reference
-        ticks = np.round(record.time_s * TICKS_PER_S).astype(int).tolist()
-        rows = [way.at(tick * TICK_NS) for tick in ticks]
+        rate = settings.rate
+        ticks = np.round(record.time_s * rate.hz).astype(int).tolist()
+        rows = [way.at(tick * rate.tick_ns) for tick in ticks]
         record = replace(record, reference=np.array(rows))
         missing.append(
             f"The bag holds no reference: that of scenario {settings.scenario_name} was taken."
@@ -148,7 +151,7 @@ def _result(
     figures = score(record, settings.scenario).finite()
     said = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
     lost = told.get("lost", said[-1].message if said else "")
-    flown = float(record.time_s[-1] - record.time_s[0]) + TICK_S
+    flown = float(record.time_s[-1] - record.time_s[0]) + settings.rate.tick_s
     wall = told.get("wall_s")
     wall_s = float(wall) if isinstance(wall, int | float) else math.nan
     notes = tuple(map(str, told.get("notes", ())))

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from heli_flight.loop.layers import NODES
-from heli_flight.loop.result import mean_wind, verdict, versions
+from heli_flight.loop.result import fault_words, mean_wind, verdict, versions
 from heli_flight.loop.scenario import NODE_NAME, TABLE
 from heli_flight.loop.scoring import DECIDES, STRETCHES, TRUTH
 from heli_flight.report.chart import PALETTE, Chart
@@ -60,6 +60,8 @@ class Head:
     facts : sequence of (str, str)
     links : mapping
         Anchor to title of each section.
+    files : bool
+        Whether figures/ beside the page holds each chart as PNG and SVG.
     """
 
     kind: str
@@ -68,9 +70,12 @@ class Head:
     verdicts: Sequence[tuple[str, str, str]]
     facts: Sequence[tuple[str, str]]
     links: Mapping[str, str]
+    files: bool = True
 
 
-def render(report: Report, charts: Sequence[Chart], design: Design | None) -> str:
+def render(
+    report: Report, charts: Sequence[Chart], design: Design | None, files: bool = False
+) -> str:
     """The flight's page as text.
 
     Parameters
@@ -79,6 +84,8 @@ def render(report: Report, charts: Sequence[Chart], design: Design | None) -> st
     charts : sequence of Chart
     design : Design, optional
         None if the flown law has no such analysis.
+    files : bool
+        True if figures/ beside the page holds each chart as PNG and SVG.
     """
     drawn = {chart.section for chart in charts}
     always = {"result", "scope", "parameters"}
@@ -94,6 +101,7 @@ def render(report: Report, charts: Sequence[Chart], design: Design | None) -> st
         verdicts=_verdicts(report),
         facts=_facts(report),
         links={k: v for k, v in _TITLES.items() if k in drawn | always or told.get(k)},
+        files=files,
     )
     return filled(
         "flight.html",
@@ -177,6 +185,7 @@ def _verdict(report: Report, stretch: str) -> tuple[str, str, str]:
 def _facts(report: Report) -> list[tuple[str, str]]:
     settings, plant = report.settings, report.settings.nodes["plant"]
     more = "Dryden turbulence" if plant["wind.turbulence"] else "no turbulence"
+    faults = fault_words(settings)
     return [
         ("Scenario", settings.scenario_name),
         ("World", Path(settings.world).stem),
@@ -186,6 +195,7 @@ def _facts(report: Report) -> list[tuple[str, str]]:
         ("Wind", f"{mean_wind(plant)}, {more}"),
         ("GPS", settings.gps),
         ("Seed", "not recorded" if report.assumed else str(settings.seed)),
+        *([("Faults", faults)] if faults else []),
     ]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_dynamics_sim.wind import log_law
+from heli_flight.loop.fault_file import flown_faults
 from heli_flight.loop.scoring import SETTLED_S, drift_at_engagement
 from heli_flight.report.chart import Chart, Panel, Trace, largest, level, limits
 from heli_flight.report.data import LEVELS, Report
@@ -305,6 +306,10 @@ def timeline_charts(report: Report) -> list[Chart]:
         for mode, role in _MODE_ROLES.items():
             add("mode", _stretches(report, report.record.mode == mode), mode, role)
     add("scored", report.spans, "scored", "purple")
+    end_s = float(report.record.time_s[-1])
+    for fault in flown_faults(report.settings):
+        lasted = [(fault.start_s, min(fault.end_s, end_s))] if fault.start_s < end_s else []
+        add(f"fault: {fault.what}", lasted, "a fault that was flown", "rival")
     limit = float(report.settings.nodes["inner_loop"]["actuator_limit"])
     at_limit = (np.abs(report.record.u) >= limit - 1e-9).any(axis=1)
     add("at limit", _stretches(report, at_limit), "an actuator at its limit", "bad")

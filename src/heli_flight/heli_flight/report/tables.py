@@ -296,7 +296,7 @@ def margin_table(design: Design) -> Table:
         said = f"γ = {bound.gamma:.4f}, infimum γ* = {bound.gamma_star:.4f} ({bound.of})."
     caption = (
         f"Attitude law: {LAWS.get(design.controller, design.controller)}. {said} As flown: sampled "
-        "at 100 Hz, with servos and transport delay."
+        f"at {design.rate_hz} Hz, with servos and transport delay."
     )
     return Table(head, rows, caption)
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from heli_math.ticks import Rate
+
 _ALWAYS = (
     "Rigid body with six degrees of freedom, attitude as a quaternion, eq. (1) to (5).",
     "Main rotor with inflow and first-order flapping, eq. (6), (7); tail rotor, fuselage, fins.",
@@ -13,7 +15,6 @@ _ALWAYS = (
     "delay of the commands.",
     "Wind: mean over height, MIL-F-8785C Dryden turbulence, discrete gusts.",
     "IMU, magnetometer and barometer with noise and bias; GPS with noise, slow drift and latency.",
-    "The loop as it would fly: observer at 100 Hz, attitude law at 100 Hz, position law at 25 Hz.",
 )
 _NEVER = (
     "Blade dynamics beyond first-order flapping; the main rotor's wake on the tail rotor.",
@@ -69,4 +70,7 @@ def scope(plant: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
     for keys, sentence in _BY_PARAMETER:
         on = any(_is_on(plant[key]) for key in keys)
         (holds if on else lacks).append(sentence)
-    return {"Simulated": (*_ALWAYS, *holds), "Not simulated": (*lacks, *_NEVER)}
+    rate = f"{Rate.of_parameters(plant).hz} Hz"
+    loop = f"The loop as it would fly: observer at {rate}, attitude law at {rate}, "
+    loop += "position law at 25 Hz."
+    return {"Simulated": (*_ALWAYS, loop, *holds), "Not simulated": (*lacks, *_NEVER)}

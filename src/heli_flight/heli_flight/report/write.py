@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes report.html and figures/ of a flight."""
+"""Writes report.html of a flight, and figures/ where they are asked for."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +12,6 @@ from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_flight.report.data import Event, Report, Rival
 from heli_flight.report.design import flown_design
-from heli_flight.report.figures import write_figures
 from heli_flight.report.page import render
 from heli_flight.report.paper_charts import paper_charts
 from heli_flight.report.path_charts import path_charts
@@ -31,8 +30,9 @@ def write_report(
     events: Sequence[Event] = (),
     missing: Sequence[str] = (),
     assumed: bool = False,
+    figures: bool = False,
 ) -> Path:
-    """Write report.html and figures/*.png, *.svg into a folder.
+    """Write report.html, and if asked for figures/*.png, *.svg, into a folder.
 
     Parameters
     ----------
@@ -51,6 +51,8 @@ def write_report(
         Sentences: what is not in the record, and what was taken instead.
     assumed : bool
         True if the settings are not known to be those of the flight.
+    figures : bool
+        True: the page's charts also as files for a paper, which takes far longer than the page.
 
     Returns
     -------
@@ -71,8 +73,12 @@ def write_report(
     charts += timeline_charts(report)
     charts = [chart for chart in charts if chart.has_data]
     page = folder / PAGE
-    page.write_text(render(report, charts, design), encoding="utf-8")
-    write_figures(charts, report.conditions, folder / FIGURES)
+    page.write_text(render(report, charts, design, files=figures), encoding="utf-8")
+    if figures:
+        # matplotlib takes half a second to import.
+        from heli_flight.report.figures import write_figures
+
+        write_figures(charts, report.conditions, folder / FIGURES)
     return page
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One flight from order to folder: resolve, fly, score, write. What every command that flies calls.
 
-The folder holds params.yaml, result.json, report.html and figures/, and of a flight of the graph
-bag/, logs/ and graph.yaml.
+The folder holds params.yaml, result.json, report.html, figures/ if asked for, and of a flight of
+the graph bag/, logs/ and graph.yaml.
 """
 
 import shutil
@@ -20,6 +20,7 @@ from heli_flight import interrupts
 from heli_flight.errors import BrokenFlightError, FlightError, StartError
 from heli_flight.graph.live import LiveOrder, live_view
 from heli_flight.graph.processes import check_middleware, start_server
+from heli_flight.loop.fault_file import read_faults
 from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import ONE_PROCESS, hover_test_world
 from heli_flight.loop.record import FlightRecord
@@ -46,7 +47,7 @@ class FlightOrder:
     out : Path, optional
         Folder to make; default: one under flights/ with date and time.
     report : bool
-        Whether to write report.html and figures.
+        Whether to write report.html.
     live : LiveOrder, optional
         To be shown in a browser; needs a mode of the graph.
     world : str, optional
@@ -55,6 +56,12 @@ class FlightOrder:
         As for `resolve`.
     composed : bool
         Whether the nodes of the loop are in one process; needs a mode of the graph.
+    rate_hz : int, optional
+        As for `resolve`.
+    figures : bool
+        Whether to write the report's charts as files, too.
+    faults : Path, optional
+        File of faults; they take the place of those of the parameter files.
     """
 
     scenario: str | None = None
@@ -70,9 +77,13 @@ class FlightOrder:
     world: str | None = None
     laws: str | None = None
     composed: bool = False
+    rate_hz: int | None = None
+    figures: bool = False
+    faults: Path | None = None
 
     def resolved(self, seed: int | None = None) -> Settings:
         """What is flown, or its seed and what this draws replaced; raises ParameterError."""
+        over = {"plant": {"faults": read_faults(self.faults)}} if self.faults else None
         return resolve(
             self.scenario,
             self.gps,
@@ -80,9 +91,11 @@ class FlightOrder:
             self.duration_s,
             self.mode,
             self.params,
+            over,
             controller=self.controller,
             world=hover_test_world(self.world, self.scenario, self.params),
             laws=self.laws,
+            rate_hz=self.rate_hz,
         )
 
 
@@ -144,6 +157,7 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
     out = out or silent()
     settings = order.resolved()
     _refuse_composed(order, settings)
+    _refuse_rate(order, settings)
     for remark in settings.remarks:
         _say(out)(remark)
     folder = order.out or _free_name(settings)
@@ -201,7 +215,7 @@ def _shown(order: FlightOrder, flight: _Flown, outcome: Outcome, out: Console) -
     """The outcome of a flight that is written, after table, report and how it ended."""
     print_table(flight.result, outcome.settings, out)
     if order.report:
-        _report(flight, outcome, out)
+        _report(flight, outcome, out, order.figures)
     print_end(outcome, out)
     return outcome
 
@@ -209,6 +223,12 @@ def _shown(order: FlightOrder, flight: _Flown, outcome: Outcome, out: Console) -
 def _refuse_composed(order: FlightOrder, settings: Settings) -> None:
     if order.composed and settings.mode == ONE_PROCESS:
         raise ParameterError("--composed: needs the ROS graph; it does not go with --one-process")
+
+
+def _refuse_rate(order: FlightOrder, settings: Settings) -> None:
+    """The live view counts samples of 10 ms."""
+    if settings.rate.fold != 1 and order.live:
+        raise ParameterError(f"rate_hz: {settings.rate.hz} does not go with --live; show 100")
 
 
 def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
@@ -221,6 +241,8 @@ def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
     base = order.resolved()
     if base.mode == ONE_PROCESS:
         raise ParameterError("--aircraft: needs the ROS graph; it does not go with one process")
+    if base.rate.fold != 1:
+        raise ParameterError(f"rate_hz: {base.rate.hz} does not go with --aircraft")
     return {f"heli{i + 1}": order.resolved(seed_of(base.seed, i)) for i in range(count)}
 
 
@@ -280,8 +302,8 @@ def _fly_one_process(settings: Settings, out: Console) -> _Flown:
     with flight_time(out, seconds(settings.scenario.n_ticks)) as progress:
         flight = closed_loop.simulate(settings, progress=progress)
     wall_s = time.monotonic() - start
-    figures, flown_s = score(flight.record, settings.scenario), seconds(len(flight.record))
-    result = Result(figures, flight.sentence, flown_s, wall_s)
+    figures = score(flight.record, settings.scenario)
+    result = Result(figures, flight.sentence, settings.rate.seconds(len(flight.record)), wall_s)
     return _Flown(result, {"mode": ONE_PROCESS}, flight.record)
 
 
@@ -305,8 +327,8 @@ def _in_flight(
             raise BrokenFlightError(str(error)) from error
 
 
-def _report(flight: _Flown, outcome: Outcome, out: Console) -> None:
-    """Write report.html and figures; a disk that is full costs the report, not the flight."""
+def _report(flight: _Flown, outcome: Outcome, out: Console, figures: bool) -> None:
+    """Write the report; a disk that is full costs the report, not the flight."""
     from heli_flight.report import FIGURES, PAGE, events_of, write_report
 
     settings, folder, mode = outcome.settings, outcome.folder, flight.extra["mode"]
@@ -315,7 +337,9 @@ def _report(flight: _Flown, outcome: Outcome, out: Console) -> None:
     events = events_of(flight.remarks, settings)
     try:
         with interrupts.told():
-            page = write_report(flight.record, settings, flight.result, folder, how, events)
+            page = write_report(
+                flight.record, settings, flight.result, folder, how, events, figures=figures
+            )
     except OSError as error:
         _say(out)(f"no report: {error}")
         return

@@ -21,7 +21,6 @@ from heli_flight.loop.scoring import METRICS, STRETCHES, Figures, score, sources
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.terminal import table
 from heli_math.paper_metrics import Metric
-from heli_math.ticks import seconds
 
 JUDGED = {"standalone": "navigation", "rtk": "truth"}
 """What a receiver can know, which its tables hold against the paper; JSON has all records."""
@@ -115,7 +114,9 @@ def fly(settings: Settings, seed: int) -> Flown:
     except TrimError:
         return Flown(seed, Figures(), NO_TRIM, 0.0, drawn(own))
     figures = Figures() if flight.sentence else score(flight.record, own.scenario)
-    return Flown(seed, figures, flight.status.name, seconds(len(flight.record)), drawn(own))
+    return Flown(
+        seed, figures, flight.status.name, own.rate.seconds(len(flight.record)), drawn(own)
+    )
 
 
 def compare(

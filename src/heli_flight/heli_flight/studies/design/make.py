@@ -182,7 +182,7 @@ def make_design(
     ParameterError, AircraftError, TrimError, SynthesisError, NoGainsError
         Each with a sentence; the same as the nodes give.
     """
-    settings = resolve(params=params)
+    settings = resolve(params=params).at_100_hz("heli design")
     air = resolve(params=params, world=HOVER_TEST_WORLD).nodes["plant"]
     basis = aircraft_basis(settings, aircraft)
     measure = None

@@ -70,7 +70,8 @@ def fly_on(client: Any, spec: Spec, todo: Sequence[Sequence[int]]) -> Iterator[R
     from distributed import CancelledError, as_completed
     from distributed.comm import CommClosedError
 
-    shared = client.scatter(spec, broadcast=True)
+    # A key of its own: the same spec of an earlier call may be let go of at this very moment.
+    shared = client.scatter(spec, broadcast=True, hash=False)
     futures = {client.submit(_fly, shared, list(n), pure=False): list(n) for n in todo}
     coming = as_completed(futures, loop=client.loop)
     try:

@@ -190,7 +190,7 @@ def spec_of(path: Path) -> Spec:
     """
     try:
         told = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ParameterError(f"{path}: {' '.join(str(error).split())}") from None
     try:
         return _checked(told, path.parent)

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from heli_bags.folder import BagError
 from heli_bags.message_text import flatten
-from heli_bags.tools import bag_of, chosen, opened
+from heli_bags.tools import BagReader, bag_of, chosen, opened
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_flight.loop.flight_file import NAME
 from heli_flight.loop.scenario_mte import LEAD_IN_S, scale_flown, target_of
@@ -94,7 +93,7 @@ def flight_of(path: Path, topic: str | None = None) -> Flight:
     return Flight(track, name, start_ns, said)
 
 
-def _odometry(reader: AnyReader, path: Path, topic: str | None) -> str:
+def _odometry(reader: BagReader, path: Path, topic: str | None) -> str:
     """Full name of the odometry to score."""
     kinds = {c.topic: c.msgtype for c in reader.connections}
     if topic is not None:
@@ -170,7 +169,7 @@ def _stamp_ns(fields: dict[str, Any]) -> int:
     return int(seconds * NS_PER_S + fields.get("header.stamp.nanosec", 0))
 
 
-def _full_name(reader: AnyReader, path: Path, topic: str) -> str:
+def _full_name(reader: BagReader, path: Path, topic: str) -> str:
     """A topic by its name, or by its end where only one ends so."""
     ends = [c.topic for c in reader.connections if c.topic.endswith(f"/{topic.lstrip('/')}")]
     return ends[0] if len(set(ends)) == 1 else chosen(reader, path, [topic])[0].topic

@@ -14,7 +14,7 @@ from typing import Any
 
 from heli_flight.errors import FlightError
 from heli_flight.loop.result import versions
-from heli_flight.studies.results.registry import Producer
+from heli_flight.studies.results.producer import Producer
 
 FOLDER = "docs/results"
 _WIDTH = 160

@@ -1,53 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which command makes which result file, and how closely another machine must repeat it."""
+"""Which command makes which result file."""
 
-import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 
+from heli_flight.studies.results.producer import (
+    FIT,
+    MARGIN,
+    NOT_COMPARED,
+    TWENTY,
+    Producer,
+)
 from heli_parameters.parameters import ParameterError
 
-TWENTY = tuple(range(1, 21))
-FLIGHT = 1e-6
-"""Relative tolerance of what a flight gives on another processor or with other libraries: rounding
-differs there, and the closed loop keeps the difference small (docs/reproducibility.md)."""
-MARGIN = 1e-3
-"""The same of margins and norms, which are sought on grids."""
-FIT = 1e-3
-"""The same of what is fitted to flights: an optimiser ends within its own tolerance."""
-_NOT_COMPARED = math.inf
-
-
-@dataclass(frozen=True)
-class Producer:
-    """One result file and what makes it.
-
-    Attributes
-    ----------
-    name : str
-        docs/results/<name>.json.
-    command : str
-        What is run in the top folder of the checkout; prints JSON to stdout. Exit code 0 or 1: a
-        flight outside the paper's figures is a result.
-    what : str
-        One sentence.
-    seeds : tuple of int
-        Of wind and sensors; empty if nothing is random.
-    relative : float
-        Largest relative difference between a file and a fresh run on another kind of processor or
-        with other versions. With the same ones every number must be the same, bit for bit.
-    loose : mapping of str to float
-        Keys of what depends on the machine's load, with the relative difference allowed in any
-        case; inf: has to be there, is not compared.
-    """
-
-    name: str
-    command: str
-    what: str
-    seeds: tuple[int, ...] = ()
-    relative: float = FLIGHT
-    loose: Mapping[str, float] = field(default_factory=dict)
-
+__all__ = ["PRODUCERS", "Producer", "chosen"]
 
 _ATTITUDE = "./heli compare attitude --seeds 1..20 --ideal-navigation --json"
 PRODUCERS = (
@@ -146,7 +111,7 @@ PRODUCERS = (
         "The proof of the packaged attitude law over the named set, other laws beside it.",
         relative=MARGIN,
         # How many pieces a proof takes, and how clear it is, hang on rounding.
-        loose={"pieces": _NOT_COMPARED, "largest_psi": _NOT_COMPARED},
+        loose={"pieces": NOT_COMPARED, "largest_psi": NOT_COMPARED},
     ),
     Producer(
         "takeoff",
@@ -166,6 +131,12 @@ PRODUCERS = (
         "sequence",
         "./heli python scripts/sequence_table.py --seeds 1..20",
         "The scenario sequence in two worlds with both receivers: ground, changes of modes.",
+        TWENTY,
+    ),
+    Producer(
+        "rates",
+        "./heli python scripts/rates_table.py --seeds 1..20",
+        "The hover test at 100, 200 and 400 Hz with both receivers.",
         TWENTY,
     ),
     Producer(
@@ -243,7 +214,7 @@ PRODUCERS = (
         tuple(range(1, 6)),
         # What rounding makes of rounding: a number of each kind of processor.
         loose={
-            key: _NOT_COMPARED
+            key: NOT_COMPARED
             for key in (
                 "differing",
                 "same_ticks",
@@ -258,8 +229,8 @@ PRODUCERS = (
         "./heli python scripts/recorder_table.py",
         "Losses and load of the recorder, sizes of bags.",
         loose={
-            "rate_hz": _NOT_COMPARED,
-            "recorder_cpu": _NOT_COMPARED,
+            "rate_hz": NOT_COMPARED,
+            "recorder_cpu": NOT_COMPARED,
             "messages": 0.05,
             "size_mb": 0.1,
         },
@@ -269,7 +240,7 @@ PRODUCERS = (
         "./heli python scripts/bench_plant.py --json",
         "Times of the plant and of the whole loop in one process.",
         loose={
-            key: _NOT_COMPARED
+            key: NOT_COMPARED
             for key in (
                 "step_us",
                 "tick_us",
@@ -284,7 +255,7 @@ PRODUCERS = (
         "./heli python benchmarks/closed_loop.py --json",
         "The loop in one process beside rotorpy's, and the parts of a flight.",
         loose={
-            key: _NOT_COMPARED
+            key: NOT_COMPARED
             for key in (
                 "resolve_s",
                 "build_s",
@@ -304,20 +275,63 @@ PRODUCERS = (
         "graph",
         "./heli python benchmarks/graph.py --json",
         "Speed of the node graph in lockstep beside a bare ring of rclpy nodes.",
-        loose={key: _NOT_COMPARED for key in ("rates", "ratios", "machine")},
+        loose={key: NOT_COMPARED for key in ("rates", "ratios", "machine")},
     ),
     Producer(
         "latency",
-        "./heli python benchmarks/latency.py --seconds 120 --json",
-        "The node graph in real time beside a bare ring at its pace.",
-        loose={key: _NOT_COMPARED for key in ("ring", "graph", "ratios", "machine")},
+        "./heli python benchmarks/latency.py --seconds 600 --json",
+        "The node graph in real time for ten minutes beside a bare ring at its pace.",
+        loose={key: NOT_COMPARED for key in ("ring", "graph", "ratios", "machine")},
+    ),
+    Producer(
+        "latency_400",
+        "./heli python benchmarks/latency.py --seconds 60 --rate 400 --json",
+        "The node graph at 400 Hz in real time beside a bare ring at its pace.",
+        loose={key: NOT_COMPARED for key in ("ring", "graph", "ratios", "machine")},
+    ),
+    Producer(
+        "soak",
+        "./heli python benchmarks/soak.py --json",
+        "An hour of flight, twenty minutes in real time, a hundred starts, fifty Ctrl-C.",
+        (1,),
+        loose={key: NOT_COMPARED for key in ("lockstep", "realtime", "starts", "interrupts")},
+    ),
+    Producer(
+        "dispersion",
+        "./heli python scripts/dispersion_table.py",
+        "The paper's hover test on 10 000 aircraft up to 20 % off, law by law.",
+        tuple(range(1, 10_001)),
+        MARGIN,
+    ),
+    Producer(
+        "dispersion_honest",
+        "./heli python scripts/dispersion_table.py --world honest --flights 2000",
+        "The same aircraft's hover test in the honest world.",
+        tuple(range(1, 2001)),
+        MARGIN,
+    ),
+    Producer(
+        "rare",
+        "./heli python scripts/rare_table.py",
+        "How rarely a hover leaves a bound, and the worst case within 3 sigma.",
+        (1,),
+        # Which flights a level keeps hangs on rounding: elsewhere it is another sample.
+        relative=NOT_COMPARED,
+    ),
+    Producer(
+        "campaign",
+        "./heli python benchmarks/campaign.py --json",
+        "A campaign on one and two workers, and a worker's memory.",
+        loose={
+            key: NOT_COMPARED for key in ("rates", "flights_1000_s", "efficiency", "resident_mb")
+        },
     ),
     Producer(
         "scaling",
         "./heli python benchmarks/scaling.py --json",
         "What empty tasks of a campaign and participants of a ROS domain cost.",
         loose={
-            key: _NOT_COMPARED
+            key: NOT_COMPARED
             for key in ("tasks_per_s", "scheduler_s_per_task", "wall_s", "cpu_s", "seen")
         },
     ),
@@ -328,7 +342,7 @@ PRODUCERS = (
         loose={
             "installed_mb": 0.1,
             **{
-                key: _NOT_COMPARED
+                key: NOT_COMPARED
                 for key in ("split_s", "setup_s", "start_up_s", "flight_s", "total_s")
             },
         },

@@ -4,6 +4,7 @@
 from collections.abc import Callable, Mapping
 
 from heli_flight.studies.results import tables_beside_paper as beside
+from heli_flight.studies.results import tables_of_campaigns as campaigns
 from heli_flight.studies.results import tables_of_flights as flights
 from heli_flight.studies.results import tables_of_ground as of_ground
 from heli_flight.studies.results import tables_of_handling as handling
@@ -32,6 +33,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "into_wind": position.into_wind,
     "sequence": position.sequence,
     "sequence_changes": position.sequence_changes,
+    "rates": position.rates,
     "mte": handling.mte,
     "mte_short": handling.mte_short,
     "response": handling.response,
@@ -59,6 +61,12 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "closed_loop": of_scale.closed_loop,
     "graph": of_scale.graph,
     "latency": of_scale.latency,
+    "soak": of_scale.soak,
+    "latency_400": of_scale.latency_400,
     "scaling": of_scale.scaling,
     "tasks": of_scale.tasks,
+    "workers": of_scale.workers,
+    "dispersion": campaigns.dispersion,
+    "rare": campaigns.rare,
+    "worst_case": campaigns.worst_case,
 }

@@ -63,7 +63,15 @@ def graph(results: Results) -> str:
 
 def latency(results: Results) -> str:
     """From an IMU sample to its actuators in real time, beside the ring."""
-    found = results["latency"]
+    return _in_real_time(results["latency"])
+
+
+def latency_400(results: Results) -> str:
+    """The same with IMU, observer and inner loop at 400 Hz."""
+    return _in_real_time(results["latency_400"])
+
+
+def _in_real_time(found: Mapping[str, Any]) -> str:
     flown, bare, ratios = found["graph"], found["ring"], found["ratios"]
     rows = [
         ["sensor to actuator, p50, us", f"{flown['p50_us']:.0f}", f"{bare['p50_us']:.0f}",
@@ -76,7 +84,8 @@ def latency(results: Results) -> str:
     ]  # fmt: skip
     return (
         f"{grid(['', 'graph', 'ring', 'ratio', 'goal'], rows)}\n\n{found['seconds']:g} s of each, "
-        f"one after the other, at 100 Hz, four processes and recorder; {_machine(found)}."
+        f"one after the other, at {found['rate_hz']} Hz, four processes and recorder; "
+        f"{_machine(found)}."
     )
 
 
@@ -125,3 +134,70 @@ def tasks(results: Results) -> str:
         f"{empty['tasks_per_s']:.0f} per second came back from two workers on two cores) and "
         f"{1e3 * flight_s:.0f} ms for a flight of {flown['duration_s']:g} s."
     )
+
+
+def workers(results: Results) -> str:
+    """A campaign on one and two workers, and a worker's memory."""
+    found = results["campaign"]
+    told, goals = found["speed"], found["goals"]
+    looks = found["memory"]["looks"]
+    grown_mb = looks[-1]["resident_mb"] - looks[0]["resident_mb"]
+    rows = [
+        *(
+            [f"flights per s, {count} worker{'s' * (count != '1')}", f"{rate:.2f}", ""]
+            for count, rate in told["rates"].items()
+        ),
+        ["1000 flights", f"{told['flights_1000_s']:.0f} s", f"{goals['flights_1000_s']:g} s"],
+        ["efficiency", f"{told['efficiency']:.2f}", f"{goals['efficiency']:g}"],
+        *(
+            [f"memory after {look['flights']} short flights", f"{look['resident_mb']:.0f} MB", ""]
+            for look in (looks[0], looks[len(looks) // 2], looks[-1])
+        ),
+    ]
+    return (
+        f"{grid(['', 'measured', 'goal'], rows)}\n\nMedians of {told['rounds']} rounds in turn, "
+        f"{told['flights']} flights of {told['duration_s']:g} s each; short: "
+        f"{found['memory']['duration_s']:g} s, one worker, {grown_mb:+.1f} MB from the first look "
+        f"to the last."
+    )
+
+
+def soak(results: Results) -> str:
+    """Memory of long flights, what they left, many starts and many Ctrl-C."""
+    found = results["soak"]
+    flights = {"lockstep": found["lockstep"], "real time": found["realtime"]}
+    rows = [
+        [process, *(cell for flight in flights.values() for cell in _memory(flight, process))]
+        for process in sorted(found["lockstep"]["memory"])
+    ]
+    head = ["process"]
+    for name, flight in flights.items():
+        head += [f"{name} {flight['seconds']:g} s: at its end, MB", "slope, MB per hour"]
+    told = [
+        f"{name}: messages that are not the schedule's {flight['wrong_counts'] or 'none'}, "
+        f"left behind {_left(flight)}"
+        for name, flight in flights.items()
+    ]
+    starts, stops = found["starts"], found["interrupts"]
+    told.append(
+        f"{starts['count']} flights of 1 s one after the other: exit codes other than 0 "
+        f"{starts['odd_exit_codes'] or 'none'}, median {starts['median_s']:.1f} s, longest "
+        f"{starts['longest_s']:.1f} s, left behind {_left(starts)}"
+    )
+    told.append(
+        f"{stops['count']} Ctrl-C at random times (seed {stops['seed']}): {stops['hung']} hung, "
+        f"exit codes other than 130 {stops['odd_exit_codes'] or 'none'}, ended after "
+        f"{stops['median_s']:.1f} s (longest {stops['longest_s']:.1f} s), left behind "
+        f"{_left(stops)}"
+    )
+    lines = "\n".join(f"- {line}" for line in told)
+    return f"{grid(head, rows)}\n\n{lines}"
+
+
+def _memory(flight: Mapping[str, Any], process: str) -> list[str]:
+    row = flight["memory"].get(process)
+    return [f"{row['last_mb']:.1f}", f"{row['slope_mb_per_h']:+.2f}"] if row else ["", ""]
+
+
+def _left(found: Mapping[str, Any]) -> str:
+    return ", ".join(found["left"]) or "nothing"

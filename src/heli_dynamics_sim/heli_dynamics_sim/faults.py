@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of sensors and actuators, and gusts, at given times: what the plant makes of them.
+
+Sensors are spoilt after they are read, commands behind the transport delay: nobody else knows. A
+fault acts on the samples that arrive while it lasts. What a listener would not take from a message
+is missing here: all of an IMU's sample with a number that is not finite, of a fix without position
+the velocity, too. So a flight in one process is that of the graph.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from heli_dynamics_sim.noise import NOISE
+from heli_math.arrays import copy, fill, scratch
+from heli_math.jit import njit
+from heli_math.rows import AIR, MEAS
+
+KINDS = (
+    "loss", "freeze", "zero", "nan", "bias", "drift", "jump", "noise", "delay", "duplicate",
+    "reorder", "stuck", "offset", "slow", "dead_zone", "runaway", "gust",
+)  # fmt: skip
+"""What goes wrong; a kernel takes the place of its name."""
+(
+    _LOSS, _FREEZE, _ZERO, _NAN, _BIAS, _DRIFT, _JUMP, _NOISE, _DELAY, _DUPLICATE, _REORDER, _STUCK,
+    _OFFSET, _SLOW, _DEAD_ZONE, _RUNAWAY, _GUST,
+) = range(len(KINDS))  # fmt: skip
+
+
+class FaultRow(NamedTuple):
+    """A fault as its kernel takes it (14,)."""
+
+    kind: int = 0
+    begin: int = 1  # tick from which it acts
+    end: int = 2  # and from which it does not
+    first: int = 3  # place in the measurement row or in the command
+    numbers: int = 4  # how many from there on
+    period: int = 5  # ticks from sample to sample
+    flag: int = 6  # place of the sensor's valid flag; negative: it has none of its own
+    lost: int = 7  # place among the normals that decide what is lost
+    value: slice = slice(8, 14)
+    size: int = 14
+
+
+FAULT = FaultRow()
+_VALUE = FAULT.value.start
+_N_SENSED = MEAS.sensed
+
+
+class FaultKernel(NamedTuple):
+    """The faults of a flight, and what is to be known of its sensors."""
+
+    sensors: np.ndarray  # (n, 14), a FaultRow each
+    actuators: np.ndarray  # (n, 14)
+    gusts: np.ndarray  # (n, 14)
+    latency: int  # of a fix, ticks
+    tick_s: float
+
+
+class FaultState(NamedTuple):
+    """What is remembered of a flight with faults or without: they may come while it flies."""
+
+    tick: np.ndarray  # (1,) int64, that was measured last
+    held: np.ndarray  # (20,) what each sensor said last, places of `rows.MEAS`
+    past: np.ndarray  # (slots, 20) what the sensors read at each of the last ticks
+    u: np.ndarray  # (4,) the last command that reached the servos
+
+
+def initial_faults(u: np.ndarray, slots: int) -> FaultState:
+    """Memory before tick 0, for the command (4,) of the start and this many ticks of the past."""
+    return FaultState(
+        np.zeros(1, dtype=np.int64),
+        np.zeros(MEAS.sensed),
+        np.zeros((slots, MEAS.sensed)),
+        np.array(u, dtype=np.float64),
+    )
+
+
+@njit
+def acts(row, tick):
+    """Whether a fault acts at a tick."""
+    return row[FAULT.begin] <= tick < row[FAULT.end]
+
+
+@njit
+def _lag(row, tick):
+    """Ticks by which the sample of a tick is old; 0: it is the tick's own."""
+    kind, period = int(row[FAULT.kind]), int(row[FAULT.period])
+    if kind == _DELAY:
+        return int(row[_VALUE])
+    odd = (tick // period) % 2
+    if kind == _DUPLICATE:
+        return period * odd
+    # Pairs are exchanged: what would come second comes first, one sample late.
+    return period * (1 + 2 * odd)
+
+
+@njit
+def _take(row, source, y):
+    """The sensor's places of the row y, its flag, too, as they are in another row."""
+    first = int(row[FAULT.first])
+    for i in range(first, first + int(row[FAULT.numbers])):
+        y[i] = source[i]
+    flag = int(row[FAULT.flag])
+    if flag >= 0:
+        y[flag] = source[flag]
+
+
+@njit
+def _spoil(row, tick, state, noise, k, y):
+    """One sensor's fault at a tick at which it has a sample."""
+    kind, first, count = int(row[FAULT.kind]), int(row[FAULT.first]), int(row[FAULT.numbers])
+    normals = noise[NOISE.fault]
+    if kind == _FREEZE:
+        _take(row, state.held, y)
+        return
+    if kind == _DELAY or kind == _DUPLICATE or kind == _REORDER:
+        lag = min(_lag(row, tick), tick)
+        _take(row, state.past[(tick - lag) % state.past.shape[0]], y)
+        return
+    chance = 0.5 * math.erfc(-noise[NOISE.fault_lost.start + int(row[FAULT.lost])] / math.sqrt(2.0))
+    for i in range(count):
+        value, at = row[_VALUE + i], first + i
+        if kind == _NAN or (kind == _LOSS and chance < row[_VALUE]):
+            y[at] = math.nan
+        elif kind == _ZERO:
+            y[at] = 0.0
+        elif kind == _BIAS:
+            y[at] += value
+        elif kind == _DRIFT:
+            y[at] += value * (tick - row[FAULT.begin]) * k.tick_s
+        elif kind == _JUMP:
+            y[at] += math.copysign(value, normals[at])
+        elif kind == _NOISE:
+            y[at] += value * normals[at]
+
+
+@njit
+def _finite(values):
+    for value in values:
+        if not math.isfinite(value):
+            return False
+    return True
+
+
+@njit
+def _settle(tick, k, y):
+    """What a listener takes of the messages: nothing of one with a number that is not finite."""
+    imu, mag = y[MEAS.imu], y[MEAS.mag]
+    if not _finite(imu):
+        fill(imu, math.nan)
+    if not _finite(mag):
+        y[MEAS.mag_valid] = 0.0
+    if y[MEAS.mag_valid] == 0.0:
+        fill(mag, 0.0)
+    if not math.isfinite(y[MEAS.baro]):
+        y[MEAS.baro_valid] = 0.0
+    if y[MEAS.baro_valid] == 0.0:
+        y[MEAS.baro] = 0.0
+    pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
+    if not _finite(pos):
+        y[MEAS.gps_valid] = 0.0
+    if y[MEAS.gps_valid] == 0.0:
+        fill(pos, 0.0)
+        fill(vel, 0.0)
+        y[MEAS.gps_tick] = 0.0
+        return
+    y[MEAS.gps_tick] = tick - k.latency
+    if not _finite(vel):
+        fill(vel, math.nan)
+
+
+@njit
+def _hold(y, place, numbers, flag, stuck, held):
+    """Remember a sensor's sample, if there is one; not of numbers that are stuck, nor of NaN."""
+    if flag >= 0:
+        if y[flag] == 0.0:
+            return
+        held[flag] = 1.0
+    for i in range(place, place + numbers):
+        if stuck[i] == 0.0 and math.isfinite(y[i]):
+            held[i] = y[i]
+
+
+@njit
+def spoil_sensors(state, tick, noise, k, y):
+    """Put the faults of a tick on what the sensors read, in place.
+
+    Parameters
+    ----------
+    state : FaultState
+        In place.
+    tick : int
+    noise : (NOISE.size,) array
+        Standard normals of the tick.
+    k : FaultKernel
+    y : (>= 20,) array
+        Places of `rows.MEAS`.
+    """
+    state.tick[0] = tick
+    copy(state.past[tick % state.past.shape[0]], y)
+    stuck, held = scratch(_N_SENSED), state.held
+    fill(stuck, 0.0)
+    for n in range(k.sensors.shape[0]):
+        row = k.sensors[n]
+        if acts(row, tick) and tick % int(row[FAULT.period]) == 0:
+            _spoil(row, tick, state, noise, k, y)
+            if int(row[FAULT.kind]) == _FREEZE:
+                for i in range(int(row[FAULT.numbers])):
+                    stuck[int(row[FAULT.first]) + i] = 1.0
+    if k.sensors.shape[0] > 0:
+        _settle(tick, k, y)
+    _hold(y, MEAS.imu.start, 6, -1, stuck, held)
+    _hold(y, MEAS.mag.start, 3, MEAS.mag_valid, stuck, held)
+    _hold(y, MEAS.baro, 1, MEAS.baro_valid, stuck, held)
+    _hold(y, MEAS.gps_pos.start, 6, MEAS.gps_valid, stuck, held)
+
+
+@njit
+def spoil_command(state, k, u):
+    """Put the faults of the tick that was measured last on the command (4,), in place."""
+    tick = state.tick[0]
+    for n in range(k.actuators.shape[0]):
+        row = k.actuators[n]
+        if not acts(row, tick):
+            continue
+        kind, at, value = int(row[FAULT.kind]), int(row[FAULT.first]), row[_VALUE]
+        before = state.u[at]
+        if kind == _STUCK:
+            u[at] = before if math.isnan(value) else value
+        elif kind == _OFFSET:
+            u[at] += value
+        elif kind == _SLOW:
+            step = value * k.tick_s
+            u[at] = before + min(max(u[at] - before, -step), step)
+        elif kind == _DEAD_ZONE:
+            u[at] = before if abs(u[at] - before) < value else u[at]
+        elif kind == _RUNAWAY:
+            u[at] = min(max(before + value * k.tick_s, -1.0), 1.0)
+    copy(state.u, u)
+
+
+@njit
+def add_gusts(tick, k, air):
+    """Add the gusts of a tick, each 1-cosine over its duration, to the air (12,) at all parts."""
+    velocity = air[AIR.velocity]
+    for n in range(k.gusts.shape[0]):
+        row = k.gusts[n]
+        if not acts(row, tick):
+            continue
+        part = (tick - row[FAULT.begin]) / (row[FAULT.end] - row[FAULT.begin])
+        share = 0.5 * (1.0 - math.cos(2.0 * math.pi * part))
+        for i in range(velocity.shape[0]):
+            velocity[i] += share * row[_VALUE + i % 3]

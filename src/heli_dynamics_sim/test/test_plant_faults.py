@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults: what each does to the samples and commands of its time, and to nothing else."""
+
+import math
+
+import numba
+import numpy as np
+import pytest
+
+from heli_dynamics_sim.config_error import PlantConfigError
+from heli_dynamics_sim.fault_table import Fault, faults_of
+from heli_dynamics_sim.noise import NOISE, NoiseStreams
+from heli_dynamics_sim.plant import advance, initial_state, measure
+from heli_math.rows import ACTUATOR, AIR, MEAS
+
+TICKS, BEGIN, END = 240, 50, 170
+NUMBERS = {
+    "gps": MEAS.gps_pos, "gps_velocity": MEAS.gps_vel, "imu": MEAS.imu, "accel": MEAS.force,
+    "gyro": MEAS.rate, "mag": MEAS.mag, "baro": slice(MEAS.baro, MEAS.baro + 1),
+}  # fmt: skip
+FLAGS = {"gps": MEAS.gps_valid, "gps_velocity": MEAS.gps_valid, "mag": MEAS.mag_valid,
+         "baro": MEAS.baro_valid}  # fmt: skip
+WHOLE = {**NUMBERS, "gps": slice(MEAS.gps_pos.start, MEAS.gps_vel.stop)}
+
+
+def text(what, kind, value="", until=True):
+    said = f"{{what: {what}, kind: {kind}, start_s: {BEGIN / 100}"
+    said += f", duration_s: {(END - BEGIN) / 100}" if until else ""
+    return said + (f", value: {value}}}" if value else "}")
+
+
+@pytest.fixture(scope="module")
+def flown(plant_config):
+    """flown(*faults): measurements (ticks, 23) of the aircraft in wind with its trim's command."""
+
+    def fly(*faults, ticks=TICKS, **changes):
+        config = plant_config(faults=faults or ("none",), **changes)
+        state, y = initial_state(config, 3), np.zeros((ticks, MEAS.size))
+        u, rows = state.faults.u.copy(), NoiseStreams(3).rows(ticks)
+        for tick in range(ticks):
+            measure(state, tick, rows[tick], config.kernel, y[tick])
+            advance(state, u, config.kernel)
+        return y
+
+    return fly
+
+
+@pytest.fixture(scope="module")
+def clean(flown):
+    return flown()
+
+
+def samples(y, what):
+    """Ticks of a sensor's samples while the faults last."""
+    every = {"gps": 20, "gps_velocity": 20, "mag": 2, "baro": 5}.get(what, 1)
+    ticks = [t for t in range(BEGIN, END) if t % every == 0]
+    if what in FLAGS:
+        assert (y[ticks, FLAGS[what]] == 1.0).all()
+    return ticks, every
+
+
+def others(y, what):
+    """Everything but a sensor's own numbers while the faults last."""
+    kept = y.copy()
+    kept[BEGIN:END, WHOLE[what]] = 0.0
+    kept[BEGIN:END, FLAGS.get(what, MEAS.wind)] = 0.0
+    return kept
+
+
+@pytest.mark.parametrize("what", NUMBERS)
+class TestSensors:
+    def test_bias_and_drift(self, flown, clean, what):
+        ticks, _ = samples(clean, what)
+        at = NUMBERS[what]
+        value = np.arange(1.0, 1.0 + at.stop - at.start)
+        for kind in ("bias", "drift"):
+            y = flown(text(what, kind, value.tolist()))
+            lasted = np.ones(len(ticks)) if kind == "bias" else (np.array(ticks) - BEGIN) / 100.0
+            expected = clean[ticks, at] + lasted[:, None] * value
+            np.testing.assert_allclose(y[ticks, at], expected, rtol=1e-14, atol=1e-12)
+            np.testing.assert_array_equal(others(y, what), others(clean, what))
+
+    def test_freeze_repeats_the_last_sample(self, flown, clean, what):
+        ticks, every = samples(clean, what)
+        y, last = flown(text(what, "freeze")), (BEGIN - 1) // every * every
+        for tick in ticks:
+            np.testing.assert_array_equal(y[tick, WHOLE[what]], clean[last, WHOLE[what]])
+        np.testing.assert_array_equal(others(y, what), others(clean, what))
+        if what in FLAGS:
+            np.testing.assert_array_equal(y[:, FLAGS[what]], clean[:, FLAGS[what]])
+
+    def test_zero(self, flown, clean, what):
+        ticks, _ = samples(clean, what)
+        y = flown(text(what, "zero"))
+        assert not y[ticks, WHOLE[what]].any()
+        np.testing.assert_array_equal(others(y, what), others(clean, what))
+
+    @pytest.mark.parametrize("kind", ["loss", "nan"])
+    def test_what_is_lost_or_not_a_number_has_not_come(self, flown, clean, what, kind):
+        ticks, _ = samples(clean, what)
+        y = flown(text(what, kind))
+        if what in ("imu", "accel", "gyro"):
+            assert np.isnan(y[BEGIN:END, MEAS.imu]).all()
+            np.testing.assert_array_equal(y[:BEGIN], clean[:BEGIN])
+            np.testing.assert_array_equal(y[END:], clean[END:])
+            return
+        if what == "gps_velocity":
+            assert np.isnan(y[ticks, MEAS.gps_vel]).all()
+            assert (y[ticks, MEAS.gps_valid] == 1.0).all()
+        else:
+            assert not y[BEGIN:END, FLAGS[what]].any()
+            assert not y[BEGIN:END, WHOLE[what]].any()
+        y[:, MEAS.gps_tick] = clean[:, MEAS.gps_tick]
+        np.testing.assert_array_equal(others(y, what), others(clean, what))
+
+    def test_old_samples(self, flown, clean, what):
+        ticks, every = samples(clean, what)
+        at, lag = WHOLE[what], max(1, round(20 / every)) * every
+        late = flown(text(what, "delay", 0.2))
+        twice, swapped = flown(text(what, "duplicate")), flown(text(what, "reorder"))
+        for tick in ticks:
+            odd = tick // every % 2
+            np.testing.assert_array_equal(late[tick, at], clean[tick - lag, at])
+            np.testing.assert_array_equal(twice[tick, at], clean[tick - odd * every, at])
+            order = (1 + 2 * odd) * every
+            source = tick - order if order <= tick else 0
+            np.testing.assert_array_equal(swapped[tick, at], clean[source, at])
+        for y in (late, twice, swapped):
+            np.testing.assert_array_equal(others(y, what), others(clean, what))
+
+    def test_jumps_have_both_signs(self, flown, clean, what):
+        ticks, _ = samples(clean, what)
+        at = NUMBERS[what]
+        y = flown(text(what, "jump", [2.0] * (at.stop - at.start)))
+        moved = y[ticks, at] - clean[ticks, at]
+        np.testing.assert_allclose(np.abs(moved), 2.0, rtol=1e-9)
+        assert (moved > 0.0).any()
+        assert (moved < 0.0).any()
+
+
+def test_noise_is_so_many_times_larger(flown):
+    """The variance that comes on top is (k^2 - 1) times that of the sample; of 2400, 5 sigma."""
+    white = 0.0015 * 10.0
+    quiet = {"sensors__imu__gyro_noise_density": 0.0015}
+    loud = text("gyro", "noise", 3.0, until=False)
+    y, before = flown(loud, ticks=850, **quiet), flown(ticks=850, **quiet)
+    added = (y - before)[BEGIN:, MEAS.rate].ravel()
+    spread = white * math.sqrt(8.0)
+    assert np.std(added) == pytest.approx(spread, rel=5.0 / math.sqrt(2.0 * added.size))
+    assert abs(np.mean(added)) < 5.0 * spread / math.sqrt(added.size)
+
+
+def test_a_share_is_lost(flown):
+    y = flown(text("imu", "loss", 0.3, until=False), ticks=1250)
+    lost = np.isnan(y[BEGIN:, 0])
+    assert not np.isnan(y[:BEGIN]).any()
+    assert lost.mean() == pytest.approx(0.3, abs=5.0 * math.sqrt(0.3 * 0.7 / lost.size))
+
+
+def test_faults_of_one_sensor_add_up_in_their_order(flown, clean):
+    moved, stuck = text("baro", "bias", 100.0), text("baro", "freeze")
+    ticks, before = samples(clean, "baro")[0], clean[45, MEAS.baro]
+    np.testing.assert_array_equal(flown(stuck, moved)[ticks, MEAS.baro], before + 100.0)
+    np.testing.assert_array_equal(flown(moved, stuck)[ticks, MEAS.baro], before)
+
+
+def test_a_receiver_that_is_stuck_says_so_with_fresh_stamps(flown, clean):
+    y, ticks = flown(text("gps", "freeze")), samples(clean, "gps")[0]
+    np.testing.assert_array_equal(y[ticks, MEAS.gps_tick], clean[ticks, MEAS.gps_tick])
+    assert len(set(y[ticks, MEAS.gps_tick])) == len(ticks)
+
+
+@pytest.fixture
+def commanded(plant_config):
+    """commanded(text, commands (n, 4)): what reaches the servos from tick BEGIN - 1 on (n, 4)."""
+
+    def send(fault, commands):
+        config = plant_config(faults=(fault,), delay_ticks=0)
+        state, y, still = initial_state(config, 1), np.zeros(MEAS.size), np.zeros(NOISE.size)
+        reached = []
+        for i, u in enumerate(commands):
+            measure(state, BEGIN - 1 + i, still, config.kernel, y)
+            advance(state, np.array(u), config.kernel)
+            reached.append(state.faults.u.copy())
+        return np.array(reached)
+
+    return send
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "expected"),
+    [
+        ("stuck", "", [0.1, 0.1, 0.1, 0.1]),
+        ("stuck", -0.5, [0.1, -0.5, -0.5, -0.5]),
+        ("offset", 0.05, [0.1, 0.25, 0.15, 0.05]),
+        ("slow", 2.0, [0.1, 0.12, 0.1, 0.08]),
+        ("dead_zone", 0.15, [0.1, 0.1, 0.1, 0.1]),
+        ("dead_zone", 0.05, [0.1, 0.2, 0.1, 0.0]),
+        ("runaway", 40.0, [0.1, 0.5, 0.9, 1.0]),
+        ("runaway", -70.0, [0.1, -0.6, -1.0, -1.0]),
+    ],
+)
+@pytest.mark.parametrize(
+    ("what", "at"),
+    [("delta_lat", ACTUATOR.lat), ("delta_lon", ACTUATOR.lon), ("delta_ped", ACTUATOR.ped),
+     ("delta_col", ACTUATOR.col)],
+)  # fmt: skip
+def test_actuators(commanded, what, at, kind, value, expected):
+    commands = np.tile([[0.1], [0.2], [0.1], [0.0]], 4)
+    reached = commanded(text(what, kind, value), commands)
+    assert reached[:, at] == pytest.approx(expected, abs=1e-12)
+    rest = [i for i in range(4) if i != at]
+    np.testing.assert_array_equal(reached[:, rest], commands[:, rest])
+
+
+def test_a_gust_begins_and_ends_at_rest(plant_config, flown, clean):
+    calm = {"wind__turbulence": False, "wind__profile_speed_mps": [0.0, 0.0, 0.0]}
+    y = flown(text("wind", "gust", [4.0, -2.0, 1.0]), **calm)[:, MEAS.wind]
+    assert not y[: BEGIN + 1].any()
+    assert not y[END:].any()
+    assert y[(BEGIN + END) // 2] == pytest.approx([4.0, -2.0, 1.0])
+    assert y[BEGIN + 30] == pytest.approx([2.0, -1.0, 0.5])
+    assert np.abs(np.diff(y, axis=0)).max() < 0.11
+    config = plant_config(faults=(text("wind", "gust", [4.0, -2.0, 1.0]),), **calm)
+    state = initial_state(config, 1)
+    measure(state, BEGIN + 60, np.zeros(NOISE.size), config.kernel, np.zeros(MEAS.size))
+    for part in (AIR.main, AIR.tail, AIR.fuselage):
+        assert state.air[part] == pytest.approx([4.0, -2.0, 1.0])
+
+
+def test_faults_that_are_over_or_far_leave_every_bit(flown, clean):
+    far = Fault("gps", "bias", 1000.0, value=(1.0, 2.0, 3.0)), Fault("delta_col", "stuck", 1000.0)
+    np.testing.assert_array_equal(flown(*(fault.text for fault in far)), clean)
+
+
+def test_they_come_in_flight_with_the_same_types(plant_config, parameters):
+    config = plant_config()
+    later = config.in_flight(parameters(faults=(text("gps", "freeze"),)))
+    assert numba.typeof(later.kernel) == numba.typeof(config.kernel)
+    assert later.kernel.faults.sensors.shape[0] == 1
+    assert config.kernel.faults.sensors.shape[0] == 0
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault("gps", "loss", 20.0, 10.0),
+        Fault("imu", "bias", 1.5, math.inf, (0.0, 0.0, 1e-7, 0.1, -3.0, 0.0)),
+        Fault("baro", "noise", 0.0, 3.0, (7.5,)),
+        Fault("delta_ped", "stuck", 3.0, math.inf, (-0.25,)),
+        Fault("wind", "gust", 3.0, 2.0, (1.0, 2.0, 3.0)),
+    ],
+)
+def test_a_fault_reads_back_as_it_was_written(fault):
+    assert faults_of(["none", fault.text]) == (fault,)
+
+
+def test_words():
+    assert Fault("gps", "drift", 20.0, 10.0, (2.0, 0.0, 0.0)).words == (
+        "gps drift 2, 0, 0 from 20 to 30 s"
+    )
+    assert Fault("imu", "freeze", 3.5).words == "imu freeze from 3.5 s on"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("{what: gsp, kind: loss, start_s: 1.0}", "what: gsp is not allowed: did you mean gps?"),
+        ("{what: gps, kind: los, start_s: 1.0}", "of gps: kind: los is not allowed: did you mean"),
+        ("{what: gps, kind: stuck, start_s: 1.0}", "of gps: kind: stuck is not allowed; allowed"),
+        ("{what: delta_col, kind: loss, start_s: 1.0}", "of delta_col: kind: loss is not"),
+        ("{what: wind, kind: bias, start_s: 1.0}", "allowed: one of gust"),
+        ("{what: gps, kind: loss}", "start_s: missing"),
+        ("{kind: loss, start_s: 1.0}", "what: missing"),
+        ("{what: gps, kind: loss, start_s: 1.0, durations: 3.0}", "did you mean duration_s?"),
+        ("{what: gps, kind: loss, start_s: 1.0, what: imu}", "what: the key stands here twice"),
+        ("{what: gps, kind: loss, start_s: -1.0}", "start_s: -1.0 is not allowed"),
+        ("{what: gps, kind: loss, start_s: .nan}", "start_s: nan is not allowed"),
+        ("{what: gps, kind: loss, start_s: soon}", "start_s: soon is not allowed"),
+        ("{what: gps, kind: loss, start_s: true}", "start_s: True is not allowed"),
+        ("{what: gps, kind: loss, start_s: [1.0]}", "start_s: [1.0] is not allowed"),
+        ("{what: gps, kind: loss, start_s: 1.0, duration_s: 1e9}", "duration_s: 1000000000.0 is"),
+        ("{what: gps, kind: bias, start_s: 1.0}", "value: missing; allowed: 3 numbers"),
+        ("{what: gps, kind: bias, start_s: 1.0, value: [1.0, 2.0]}", "has 2 numbers; allowed: 3"),
+        ("{what: imu, kind: bias, start_s: 1.0, value: [1.0]}", "has 1 numbers; allowed: 6 of"),
+        ("{what: mag, kind: bias, start_s: 1.0, value: [0, 0, .inf]}", "value: inf is not allowed"),
+        ("{what: gps, kind: bias, start_s: 1.0, value: [[1]]}", "a flat list of numbers"),
+        ("{what: gps, kind: bias, start_s: 1.0, value: {x: 1}}", "a flat list of numbers"),
+        ("{what: gps, kind: freeze, start_s: 1.0, value: 1.0}", "freeze has none; leave it out"),
+        ("{what: gps, kind: loss, start_s: 1.0, value: 0.0}", "a number in (0, 1] (the share"),
+        ("{what: gps, kind: loss, start_s: 1.0, value: 1.5}", "a number in [0, 1]"),
+        ("{what: baro, kind: noise, start_s: 1.0, value: 1.0}", "a number in (1, 10000]"),
+        ("{what: imu, kind: delay, start_s: 1.0, value: 3.0}", "a number in [0, 1]"),
+        ("{what: delta_col, kind: slow, start_s: 1.0, value: 0.0}", "a number in (0, 1000]"),
+        ("{what: delta_col, kind: stuck, start_s: 1.0, value: 1.2}", "a number in [-1, 1]"),
+        ("{what: wind, kind: gust, start_s: 1.0, value: [1, 2, 3]}", "duration_s: missing"),
+        ("gps loss", "expected a mapping of what, kind"),
+        ("[1, 2]", "expected a mapping of what, kind"),
+        ("{what: gps", "is not valid YAML"),
+        ("", "expected a mapping of what, kind"),
+    ],
+)
+def test_bad_faults_are_one_sentence(wrong, said):
+    with pytest.raises(PlantConfigError) as caught:
+        faults_of(["none", wrong])
+    assert said in str(caught.value)
+    assert str(caught.value).startswith("faults: entry 2")
+    assert "\n" not in str(caught.value)
+
+
+def test_samples_too_old_to_be_remembered_are_refused(plant_config):
+    slow = {"sensors__gps__period_ticks": 50}
+    with pytest.raises(PlantConfigError, match=r"gps reorder: its samples are 0\.5 s apart"):
+        plant_config(faults=(text("gps", "reorder"),), **slow)
+
+
+def test_there_may_not_be_too_many():
+    with pytest.raises(PlantConfigError, match="65 entries; allowed: at most 64"):
+        faults_of(["{what: gps, kind: loss, start_s: 1.0}"] * 65)

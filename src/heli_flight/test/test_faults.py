@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`--faults FILE`: what it says is flown, told, and flown again; what is wrong is one line."""
+
+import numpy as np
+import pytest
+
+from heli_flight.cli.app import main
+from heli_flight.loop import closed_loop
+from heli_flight.loop.fault_file import flown_faults, read_faults
+from heli_flight.loop.result import Result, fault_words
+from heli_flight.loop.scoring import score
+from heli_flight.loop.settings import resolve
+from heli_flight.report.data import Report
+from heli_flight.report.system_charts import timeline_charts
+from heli_parameters.parameters import ParameterError
+
+FILE = """\
+faults:
+  - {what: gps, kind: loss, start_s: 2.0, duration_s: 1.5}
+  - what: imu
+    kind: bias
+    start_s: 3
+    value: [0, 0, 0.5, 0, 0, 0.01]
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "faults.yaml"
+    path.write_text(FILE)
+    return path
+
+
+def test_a_file_is_flown_told_and_flown_again(fly, file, tmp_path, capsys):
+    words = ("--one-process", "--duration", 4, "--seed", 3)
+    _, result = fly(tmp_path / "a", *words, "--faults", file)
+    assert "faults: gps loss from 2 to 3.5 s; imu bias 0, 0, 0.5" in capsys.readouterr().out
+    assert result["faults"] == [
+        {"what": "gps", "kind": "loss", "start_s": 2.0, "duration_s": 1.5, "value": []},
+        {"what": "imu", "kind": "bias", "start_s": 3.0, "duration_s": None,
+         "value": [0.0, 0.0, 0.5, 0.0, 0.0, 0.01]},
+    ]  # fmt: skip
+    _, again = fly(tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
+    assert again["faults"] == result["faults"]
+    assert again["metrics"] == result["metrics"]
+    _, sound = fly(tmp_path / "c", *words)
+    assert sound["faults"] == []
+    assert sound["metrics"] != result["metrics"]
+
+
+def test_the_report_shows_when_they_were(file):
+    settings = resolve("hover", "rtk", 3, 4.0, overrides={"plant": {"faults": read_faults(file)}})
+    flight = closed_loop.simulate(settings)
+    result = Result(score(flight.record, settings.scenario), "", 4.0, 1.0)
+    (panel,) = timeline_charts(Report(flight.record, settings, result, "one process"))[0].panels
+    shown = {
+        panel.y_ticks[int(trace.y[0])]: trace.x[:2].tolist()
+        for trace in panel.traces
+        if trace.role == "rival"
+    }
+    assert shown["fault: gps"] == [2.0, 3.5]
+    assert shown["fault: imu"] == pytest.approx([3.0, 3.99])
+    assert fault_words(settings).startswith("gps loss from 2 to 3.5 s; imu bias")
+
+
+def test_before_its_faults_a_flight_is_the_sound_one(file):
+    over = {"plant": {"faults": read_faults(file)}}
+    sound, hurt = (
+        closed_loop.simulate(resolve("hover", "rtk", 3, 4.0, overrides=o)).record
+        for o in (None, over)
+    )
+    for name in ("truth_pos_ned_m", "nav_pos_ned_m", "u"):
+        a, b = getattr(sound, name), getattr(hurt, name)
+        np.testing.assert_array_equal(a[:200], b[:200])
+        assert (a[-1] != b[-1]).any()
+
+
+def test_an_empty_list_takes_the_faults_of_a_parameter_file_away(tmp_path):
+    path = tmp_path / "none.yaml"
+    path.write_text("faults: []\n")
+    assert read_faults(path) == ("none",)
+    assert flown_faults(resolve(overrides={"plant": {"faults": read_faults(path)}})) == ()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "expected 'faults:' and a list of mappings"),
+        ("faults: 3", "expected 'faults:' and a list of mappings"),
+        ("fault: []", "expected 'faults:' and a list of mappings"),
+        ("faults: [", "not valid YAML"),
+        ("faults:\n  - gps\n", ":2: expected a mapping of what"),
+        ("faults:\n  - {what: gsp, kind: loss, start_s: 1}\n", ":2: what: gsp is not allowed"),
+        ("faults:\n\n  - {what: gps, kind: bias, start_s: 1}\n", ":3: value: missing"),
+        (b"\xff\xfe\x00", "it is not UTF-8"),
+    ],
+)
+def test_bad_files_are_one_line_and_exit_code_2(tmp_path, capsys, content, said):
+    path = tmp_path / "wrong.yaml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert main(["hover", "--one-process", "--faults", str(path)]) == 2
+    captured = capsys.readouterr().err
+    assert str(path) in captured
+    assert said in captured
+    assert captured.count("\n") == 1
+
+
+def test_a_missing_file(tmp_path, capsys):
+    assert main(["hover", "--faults", str(tmp_path / "no.yaml")]) == 2
+    assert "no.yaml: cannot read faults: No such file" in capsys.readouterr().err
+
+
+def test_a_bad_entry_of_a_parameter_file_is_refused_before_anything_starts():
+    with pytest.raises(ParameterError, match="plant: faults: entry 1: of gps: kind: los is not"):
+        resolve(overrides={"plant": {"faults": ("{what: gps, kind: los, start_s: 1.0}",)}})

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Damaged and hostile input, case by case: taken, or refused in one sentence; nothing else.
+
+Short here; HELI_FUZZ_CASES=10000 makes it long, scripts/fuzz_counts.py counts.
+"""
+
+import os
+
+import pytest
+
+from heli_flight.testing import fuzz_files, fuzz_messages
+from heli_flight.testing.fuzzing import damaged_bytes, is_sentence, numbers_of, tally
+
+CASES = int(os.environ.get("HELI_FUZZ_CASES", "150"))
+TARGETS = {target.name: target for target in (*fuzz_messages.TARGETS, *fuzz_files.TARGETS)}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("fuzz")
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_what_is_damaged_is_taken_or_refused_in_a_sentence(name, folder):
+    target = TARGETS[name]
+    cases = max(round(CASES * target.share), 3)
+    found = tally(target, range(cases), folder)
+    assert found.failed == 0, found.failures
+    assert found.taken + found.refused == cases
+    # The damage is one: of enough cases some are refused.
+    assert found.refused or cases < 20, name
+
+
+def test_a_case_is_the_same_each_time():
+    target = next(iter(TARGETS.values()))
+    one, again, other = (damaged_bytes(numbers_of(target, n), bytes(64)) for n in (7, 7, 8))
+    assert one == again != other
+
+
+@pytest.mark.parametrize(
+    ("text", "good"),
+    [("gps/fix: no fix", True), ("", False), ("two\nlines", False), ("\x1b[2J", False)],
+)
+def test_what_counts_as_a_sentence(text, good):
+    assert is_sentence(text) == good
