@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from heli_flight.graph.live import LiveOrder, live_view
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import resolve
@@ -107,3 +108,10 @@ def test_who_comes_late_says_since_when(flown):
     late = watched(settings)
     engage(late)
     assert "truth_less_drift" not in show(late, record, range(470, 700))["whole"]
+
+
+@pytest.mark.parametrize(("port", "is_open"), [(None, False), (8765, True), (0, True)])
+def test_foxglove_is_closed_unless_it_is_asked_for(flown, port, is_open):
+    """Its protocol knows no token: whoever reaches the port can read."""
+    order = LiveOrder(foxglove_port=port)
+    assert live_view(order, flown[0]).parameters["foxglove"] is is_open

@@ -187,14 +187,16 @@ class LiveState:
             over = facts.get("over") == "true"
             self.end = self._end_by_plant(level, message) if over else None
 
-    def take_presence(self, names: Iterable[str], wall_s: float) -> None:
+    def take_presence(self, names: Iterable[str], truth_is_sent: bool, wall_s: float) -> None:
         """Take the names of the nodes that are in the graph now; without the plant it is over.
 
         A plant that ends takes with it what it has sent and nobody has fetched, its last word too.
+        A short flight may be over before its nodes' names have come: then nobody sends the truth
+        any more (`truth_is_sent`), which somebody did while time went on.
         """
         self._present = set(names)
         self._known |= self._present
-        left = "plant" in self._known and "plant" not in self._present
+        left = "plant" not in self._present and ("plant" in self._known or not truth_is_sent)
         if left and self.now_ns and not self.end and not self.is_fresh(topics.CLOCK, wall_s):
             self.end = End(SILENT, "The plant has left the graph without a word.")
             self.tell(_ERROR, "plant", self.end.text)

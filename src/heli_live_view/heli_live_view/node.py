@@ -361,7 +361,8 @@ class LiveViewNode(ManagedNode[View, None]):
         live, commander = core.screen.live, core.screen.commander
         nodes = self.get_node_names_and_namespaces()
         present = (name for name, namespace in nodes if namespace == own)
-        live.take_presence(present, time.monotonic())
+        truth_is_sent = self.count_publishers(topics.TRUTH_ODOM) > 0
+        live.take_presence(present, truth_is_sent, time.monotonic())
         self.tick = max(0, live.now_ns - self.start_ns) // self.rate.tick_ns
         if commander is not None:
             core.facts["commands"] = commander.obeyed

@@ -32,7 +32,7 @@ def _limit(name: str, description: str, unit: str, lower: float, upper: float) -
 TABLE: tuple[Parameter, ...] = (
     _port("port", "TCP port of the page on 127.0.0.1; 0 for any free one"),
     _port("foxglove_port", "TCP port for Foxglove on 127.0.0.1; 0 for any free one"),
-    _row("foxglove", "bool", "Serve Foxglove as well"),
+    _row("foxglove", "bool", "Serve Foxglove as well; whoever reaches its port can read"),
     _row("allow_commands", "bool", "Let the holder of the printed token command the flight"),
     _row("stale_s", "double", "Wall time after which a silent value is blanked", "s",
          lower=0.05, upper=60.0),

@@ -133,7 +133,7 @@ def test_nothing_has_come(state):
 
 def test_a_whole_row(state):
     fly(state, 100.0, 4.0)
-    state.take_presence(["plant", "observer", "inner_loop", "outer_loop"], 100.0)
+    state.take_presence(["plant", "observer", "inner_loop", "outer_loop"], True, 100.0)
     row = state.row(100.1)
     assert row["t"] == 4.0 and row["mode"] == "hover"
     assert row["truth"]["p"] == [0.0, 0.0, 10.0] and row["nav"]["p"] == [0.0, 0.0, 10.1]
@@ -156,11 +156,11 @@ def test_the_reference_is_shown_where_it_is_followed(state):
 
 def test_what_is_stale_is_blanked_and_silence_is_named(state):
     fly(state, 100.0, 4.0)
-    state.take_presence(["plant", "inner_loop", "outer_loop"], 100.0)
+    state.take_presence(["plant", "inner_loop", "outer_loop"], True, 100.0)
     row = state.row(101.5)
     assert row["truth"] is None and row["u"] is None and row["mode"] == "idle"
     assert row["nodes"]["plant"]["state"] == "inactive"
-    state.take_presence(["plant"], 101.5)
+    state.take_presence(["plant"], True, 101.5)
     lost = state.row(101.5)["nodes"]["inner_loop"]
     assert lost["state"] == "lost" and lost["level"] == 3
     sources = {alarm["source"] for alarm in state.row(101.5)["alarms"]}
@@ -229,14 +229,22 @@ def test_who_is_stopped_after_the_end_leaves_it_as_it_was(state):
 
 def test_a_plant_that_left_without_a_word_has_ended_the_flight(state):
     fly(state, 100.0, 4.0)
-    state.take_presence(["plant", "observer"], 100.0)
-    state.take_presence(["observer"], 100.5)
+    state.take_presence(["plant", "observer"], True, 100.0)
+    state.take_presence(["observer"], True, 100.5)
     assert state.row(100.5)["mode"] != "over"  # it may only be late to be seen again
-    state.take_presence(["observer"], 101.5)
+    state.take_presence(["observer"], True, 101.5)
     row = state.row(101.5)
     assert row["mode"] == "over" and row["truth"] is not None
     assert row["end"]["kind"] == "silent" and "without a word" in row["end"]["text"]
     assert [event.level for event in state.take_events() if event.source == "plant"] == [2]
+
+
+@pytest.mark.parametrize(("truth_is_sent", "over"), [(True, False), (False, True)])
+def test_a_flight_that_is_over_before_its_names_have_come_has_an_end(state, truth_is_sent, over):
+    """Without names: not known yet, or gone already? Who sends the truth tells."""
+    fly(state, 100.0, 4.0)
+    state.take_presence([], truth_is_sent, 101.5)
+    assert (state.row(101.5)["mode"] == "over") == over
 
 
 def test_another_flight_begins_anew(state):

@@ -91,7 +91,7 @@ ResultJson = Annotated[
 ]
 Live = Annotated[
     bool,
-    typer.Option("--live", help="show the flight in a browser and to Foxglove; in real time"),
+    typer.Option("--live", help="show the flight in a browser; in real time"),
 ]
 LivePort = Annotated[
     int | None,
@@ -99,7 +99,9 @@ LivePort = Annotated[
 ]
 FoxglovePort = Annotated[
     int | None,
-    typer.Option(metavar="PORT", help="with --live: port for Foxglove, 0: any (default 8765)"),
+    typer.Option(
+        metavar="PORT", help="with --live: serve Foxglove, too, on this port, 0: any (else closed)"
+    ),
 ]
 AllowCommands = Annotated[
     bool,

@@ -41,7 +41,7 @@ class LiveOrder:
     Attributes
     ----------
     port, foxglove_port : int, optional
-        0: any free one.
+        0: any free one. A port for Foxglove opens it.
     allow_commands : bool
         Whether a token is made that lets its holder command.
     """
@@ -68,6 +68,8 @@ def live_view(order: LiveOrder, settings: Settings) -> LiveView:
         value = getattr(order, name)
         if value is not None:
             values[name] = _checked(rows[name], value, option)
+    # Closed unless it is asked for: whoever reaches this port can read.
+    values["foxglove"] = values["foxglove"] or order.foxglove_port is not None
     if order.allow_commands:
         values["allow_commands"] = True
     return LiveView(values, new_token() if values["allow_commands"] else "")
