@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """`--faults FILE`: what it says is flown, told, and flown again; what is wrong is one line."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy import stats
 
 from heli_flight.cli.app import main
 from heli_flight.loop import closed_loop
@@ -12,7 +16,11 @@ from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import resolve
 from heli_flight.report.data import Report
 from heli_flight.report.system_charts import timeline_charts
+from heli_flight.studies.dispersion.spec import spec_of
+from heli_flight.studies.share import Share
 from heli_parameters.parameters import ParameterError
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 FILE = """\
 faults:
@@ -113,3 +121,59 @@ def test_a_missing_file(tmp_path, capsys):
 def test_a_bad_entry_of_a_parameter_file_is_refused_before_anything_starts():
     with pytest.raises(ParameterError, match="plant: faults: entry 1: of gps: kind: los is not"):
         resolve(overrides={"plant": {"faults": ("{what: gps, kind: los, start_s: 1.0}",)}})
+
+
+LOST = """\
+faults:
+  - {what: delta_lat, kind: stuck, start_s: 1.0, value: [0.3]}
+"""
+
+
+def test_of_many_seeds_the_survivors_are_counted_and_the_lost_can_be_flown_again(tmp_path, capsys):
+    file = tmp_path / "stuck.yaml"
+    file.write_text(LOST)
+    words = ["--seeds", "1..2", "--gps", "rtk", "--duration", "6", "--faults", str(file)]
+    assert main(["campaign", *words]) == 1
+    said = capsys.readouterr().out
+    assert "survived, rtk: 0 of 2 flights, 0.0% (0.0% to 84.2% at 95 %)" in said
+    assert "faults: delta_lat stuck" in said
+    again = next(line for line in said.splitlines() if line.startswith("again: "))
+    assert again.endswith(f"--gps rtk --duration 6.0 --seed 1 --faults {file}")
+    assert main(["campaign", *words, "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    share = told["receivers"]["rtk"]["survived"]
+    assert (share["flights"], share["of"]) == (0, 2) and told["faults"][0]["what"] == "delta_lat"
+    assert main([*again.split()[2:], "--no-report", "--out", str(tmp_path / "again")]) == 1
+    assert "LOST" in capsys.readouterr().out
+
+
+def test_a_spec_has_faults_in_each_flight(tmp_path, capsys):
+    (tmp_path / "stuck.yaml").write_text(LOST)
+    spec = tmp_path / "spec.yaml"
+    spec.write_text("flights: 2\nduration_s: 6.0\ngps: rtk\nfaults: stuck.yaml\n")
+    out = tmp_path / "out"
+    assert main(["campaign", str(spec), "--out", str(out), "--workers", "0"]) == 1
+    assert "survived, with stuck.yaml: 0 of 2 flights" in capsys.readouterr().out
+    other = spec_of(spec).identity
+    (tmp_path / "stuck.yaml").write_text(LOST.replace("0.3", "0.2"))
+    assert spec_of(spec).identity != other
+    spec.write_text(spec.read_text() + "set: {plant.faults: []}\n")
+    with pytest.raises(ParameterError, match="one of faults and set: plant.faults"):
+        spec_of(spec)
+
+
+def test_a_campaign_without_faults_tells_no_survivors(tmp_path, capsys):
+    assert main(["campaign", "--seeds", "1", "--gps", "rtk", "--duration", "4"]) == 0
+    assert "survived" not in capsys.readouterr().out
+    assert main(["campaign", "--faults", str(tmp_path / "none.yaml")]) == 2
+    assert "cannot read faults" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("hits", [0, 1, 18, 20])
+def test_the_interval_of_a_share_is_scipys(hits):
+    found = stats.binomtest(hits, 20).proportion_ci(0.95, "exact")
+    assert Share(hits, 20).interval == pytest.approx((found.low, found.high), abs=1e-12)
+
+
+def test_the_example_is_read():
+    assert len(read_faults(EXAMPLES / "faults.yaml")) == 3

@@ -6,10 +6,8 @@ Its sub-commands are registered in `app`, each from a file of its own.
 
 import os
 import time
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -18,6 +16,7 @@ from heli_flight.cli.options import (
     EXIT_OF_FLIGHTS,
     AnyGps,
     Duration,
+    Faults,
     Json,
     Laws,
     Params,
@@ -28,6 +27,7 @@ from heli_flight.cli.options import (
 
 EPILOG = (
     "\b\nexample:\n  heli campaign --seeds 1..20 --gps rtk --json > campaign.json\n"
+    "  heli campaign --seeds 1..20 --gps rtk --faults examples/faults.yaml\n"
     "  heli campaign examples/campaign_small.yaml --out flown\n\n" + EXIT_OF_FLIGHTS
 )
 _DEFAULT_SEEDS, _SAMPLE = "1..20", 2
@@ -53,6 +53,7 @@ def campaign(
     laws: Laws = None,
     duration: Duration = None,
     params: Params = None,
+    faults: Faults = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="of a spec: folder for its rows; must not exist"),
@@ -90,7 +91,7 @@ def campaign(
 
     said = {"--seeds": seeds != _DEFAULT_SEEDS, "--scenario": scenario, "--gps": gps,
             "--world": world, "--laws": laws, "--duration": duration is not None,
-            "--params": params}  # fmt: skip
+            "--params": params, "--faults": faults}  # fmt: skip
     own = {"--out": out, "--resume": resume, "--workers": workers is not None,
            "--scheduler": scheduler, "--via": via, "--sample": sample != _SAMPLE}  # fmt: skip
     for names, belongs in ((own, spec is not None), (said, spec is None)):
@@ -99,7 +100,10 @@ def campaign(
             whose = "a spec (heli campaign SPEC.yaml)" if names is own else "a spec's own keys"
             raise ParameterError(f"{named}: belongs to {whose}")
     if spec is None:
-        return _many_seeds(seeds, scenario, gps, world, laws, duration, params, as_json)
+        from heli_flight.cli.campaign_seeds import Asked, many_seeds
+
+        asked = Asked(scenario, gps, world, laws, duration, params or [], faults)
+        return many_seeds(seeds, asked, as_json)
     if via not in (None, "graph"):
         raise ParameterError(f"--via {via}; allowed: graph")
     if via is None and sample != _SAMPLE:
@@ -162,54 +166,4 @@ def _spec(
             print_compared(console(), compared)
     if as_json:
         print(json_text(content), end="")
-    return code
-
-
-def _told(progress: Callable[[int], None], first: int, count: int) -> None:
-    progress(first + count)
-
-
-def _many_seeds(
-    seeds: str, scenario: str | None, gps: str | None, world: str | None, laws: str | None,
-    duration: float | None, params: list[Path] | None, as_json: bool,
-) -> int:  # fmt: skip
-    """A scenario on many seeds in this process: the largest value of each metric."""
-    from heli_flight.loop.flight_section import flown, hover_test_world
-    from heli_flight.loop.layers import GPS_PRESETS
-    from heli_flight.loop.result import judged_by
-    from heli_flight.loop.scoring import STRETCHES
-    from heli_flight.loop.settings import resolve
-    from heli_flight.studies import campaign as many
-    from heli_flight.terminal import console, json_text, steps
-
-    numbers, files = many.parse_seeds(seeds), params or []
-    gps = gps or flown(files).get("gps")
-    presets = [gps] if gps else list(GPS_PRESETS)
-    world = hover_test_world(world, scenario, files)
-    settings = {
-        name: resolve(scenario, name, duration_s=duration, params=files, world=world, laws=laws)
-        for name in presets
-    }
-    scenario = settings[presets[0]].scenario_name
-    start, columns, done = time.monotonic(), {}, 0
-    with steps("flights", len(numbers) * len(presets)) as progress:
-        for name in presets:
-            told = partial(_told, progress, done)
-            columns[name] = many.fly_seeds(settings[name], numbers, told)
-            done += len(numbers)
-    code = max(f.exit_code(name) for name, flown in columns.items() for f in flown)
-    if as_json:
-        content: dict[str, Any] = {"scenario": scenario, "world": settings[presets[0]].world}
-        content |= {"laws": settings[presets[0]].laws, "seeds": numbers, "exit_code": code}
-        print(json_text(content | {"receivers": many.as_dict(columns, settings)}), end="")
-        return code
-    out, kind = console(), settings[presets[0]].scenario.kind
-    out.print(f"{scenario}, seeds {seeds}: largest magnitude over seeds", soft_wrap=True)
-    for stretch in STRETCHES:
-        out.print(many.table(columns, kind, out, stretch))
-    for name in presets:
-        out.print(f"judged, {name}: {judged_by(settings[name])}", soft_wrap=True)
-    for line in [*settings[presets[0]].remarks, *many.remarks(columns, kind)]:
-        out.print(line, soft_wrap=True, markup=False)
-    out.print(f"{done} flights in {time.monotonic() - start:.1f} s")
     return code

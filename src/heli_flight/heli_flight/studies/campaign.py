@@ -23,6 +23,7 @@ from heli_flight.loop.scoring import (
     sources_of,
 )
 from heli_flight.loop.settings import Settings
+from heli_flight.studies.share import Share
 from heli_flight.terminal import table as text_table
 from heli_flight.text_table import FittingTable
 from heli_math.paper_metrics import PATH
@@ -129,6 +130,11 @@ def inside_of(flown: Sequence[FlownSeed], gps: str, stretch: str) -> int:
     return sum(
         not f.lost and not Result(f.figures, "", 0.0, 0.0).judged(gps, stretch) for f in flown
     )
+
+
+def survived(flown: Sequence[FlownSeed]) -> Share:
+    """The flights that were not lost."""
+    return Share(sum(not f.lost for f in flown), len(flown))
 
 
 def remarks(columns: Mapping[str, Sequence[FlownSeed]], kind: str) -> list[str]:

@@ -130,6 +130,7 @@ def _facts(told: Told) -> list[tuple[str, str]]:
         ("GPS", flown["gps"]),
         ("Sampling", flown["sampling"].replace("_", " ")),
         ("Dispersed", f"{len(told.about['disperse'])} parameters"),
+        ("Not lost", told.summary.survived.words),
         ("Sources", told.about["commit"][:_DIGITS]),
     ]
 

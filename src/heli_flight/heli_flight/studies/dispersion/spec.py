@@ -24,6 +24,7 @@ import yaml
 
 from heli_dynamics_sim.aircraft_file import read_groups
 from heli_dynamics_sim.parameters import find_aircraft
+from heli_flight.loop.fault_file import read_faults
 from heli_flight.loop.layers import GPS_PRESETS, TABLES
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.dispersion.distribution import Distribution, distribution_of
@@ -32,6 +33,7 @@ from heli_parameters.parameters import ParameterError
 
 AIRCRAFT = "aircraft"
 EACH = "each"
+_FAULTS = "plant.faults"
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 _MOST_FLIGHTS = 1 << 24
 _LEVELS = 5
@@ -61,6 +63,8 @@ class Spec:
     duration_s : float or None
     params : sequence of str
         Parameter files, relative to the spec.
+    faults : str or None
+        File of faults (`heli hover --faults`), relative to the spec; each flight has them.
     set : mapping
         By `section.name` what is the same in every flight.
     disperse : mapping
@@ -81,6 +85,7 @@ class Spec:
     laws: str | None = None
     duration_s: float | None = None
     params: tuple[str, ...] = ()
+    faults: str | None = None
     set: Mapping[str, Any] = field(default_factory=dict)
     disperse: Mapping[str, Distribution] = field(default_factory=dict)
     correlate: tuple[tuple[str, str, float], ...] = ()
@@ -209,7 +214,7 @@ def _checked(told: Any, folder: Path) -> Spec:
     _words(told)
     values = dict(told)
     values["params"] = tuple(str(folder / name) for name in _list(told, "params"))
-    values["set"] = _mapping(told, "set")
+    values["set"] = {**_mapping(told, "set"), **_faults(told, folder)}
     plain = Spec(**{**values, "disperse": {}, "correlate": (), "flights": 1, "sampling": "random"})
     base = plain.base
     values["disperse"] = _disperse(_mapping(told, "disperse"), base)
@@ -243,7 +248,7 @@ def _numbers(told: Mapping[str, Any]) -> None:
 
 
 def _words(told: Mapping[str, Any]) -> None:
-    for key in ("scenario", "gps", "world", "laws"):
+    for key in ("scenario", "gps", "world", "laws", "faults"):
         if told.get(key) is not None and not isinstance(told[key], str):
             raise ParameterError(f"{key}: {told[key]!r}; allowed: a name")
     for key, known in (("sampling", SAMPLINGS), ("gps", GPS_PRESETS)):
@@ -256,6 +261,15 @@ def _mapping(told: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise ParameterError(f"{key}: {value!r}; allowed: one line per parameter")
     return {str(name): v for name, v in value.items()}
+
+
+def _faults(told: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """What a file of faults sets in every flight."""
+    if not told.get("faults"):
+        return {}
+    if _FAULTS in _mapping(told, "set"):
+        raise ParameterError(f"faults: {told['faults']}; allowed: one of faults and set: {_FAULTS}")
+    return {_FAULTS: list(read_faults(folder / told["faults"]))}
 
 
 def _list(told: Mapping[str, Any], key: str) -> Sequence[Any]:

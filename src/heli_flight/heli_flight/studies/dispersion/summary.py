@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
 
-from heli_flight.studies.dispersion.row import CAUSE, FIGURE
+from heli_flight.studies.dispersion.row import CAUSE, FIGURE, Cause
 from heli_flight.studies.dispersion.worst import cases, worst
+from heli_flight.studies.share import Share
 
-_CONFIDENCE = 0.95
 _WORST = 10
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
 
@@ -30,6 +29,8 @@ class Summary:
         Flights lost, refused or outside of what is judged.
     interval : (float, float)
         95 % interval of their share (Clopper, Pearson 1934).
+    survived : Share
+        Flights that came to their end in the air, inside or outside.
     quantiles : dict
         Figure to its quantiles (`QUANTILES`) over the flights that ended in the air.
     worst : list of int
@@ -41,6 +42,7 @@ class Summary:
     causes: dict[str, int]
     failed: int
     interval: tuple[float, float]
+    survived: Share
     quantiles: dict[str, list[float]]
     worst: list[int]
 
@@ -49,19 +51,20 @@ def summary_of(table: pa.Table, gps: str) -> Summary:
     """Summarise rows as of `Store.table`, flown with a receiver that says what is judged."""
     count = table.num_rows
     if not count:
-        return Summary(0, {}, 0, (0.0, 1.0), {}, [])
+        return Summary(0, {}, 0, (0.0, 1.0), Share(0, 0), {}, [])
     failing = [case for case in cases(table, gps) if case.failed]
-    interval = stats.binomtest(len(failing), count).proportion_ci(_CONFIDENCE, "exact")
     quantiles = {
         name.removeprefix(FIGURE): _quantiles(table[name])
         for name in table.column_names
         if name.startswith(FIGURE)
     }
+    causes = Counter(table[CAUSE].to_pylist())
     return Summary(
         count,
-        dict(Counter(table[CAUSE].to_pylist())),
+        dict(causes),
         len(failing),
-        (float(interval.low), float(interval.high)),
+        Share(len(failing), count).interval,
+        Share(causes[Cause.FLOWN], count),
         quantiles,
         [case.number for case in worst(failing, _WORST)],
     )

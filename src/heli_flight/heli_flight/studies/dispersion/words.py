@@ -21,6 +21,8 @@ def as_dict(spec: Spec, summary: Summary) -> dict[str, Any]:
         "causes": summary.causes,
         "failed": summary.failed,
         "interval": list(summary.interval),
+        "survived": summary.survived.hits,
+        "survived_interval": list(summary.survived.interval),
         "quantiles": {
             name: dict(zip(map(str, QUANTILES), values, strict=False))
             for name, values in summary.quantiles.items()
@@ -47,6 +49,8 @@ def print_summary(
         f"{causes}; outside or not flown to the end: {summary.failed}, "
         f"{summary.failed / max(summary.flights, 1):.2%} ({low:.2%} to {high:.2%} at 95 %)",
     ]
+    if spec.faults:
+        lines.append(f"survived, with {spec.faults}: {summary.survived.words}")
     if summary.worst:
         lines.append(f"flights that failed, the lost first: {', '.join(map(str, summary.worst))}")
     lines += [f"again: heli hover --params {path}" for path in again]
