@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
 from heli_math.rows import NAV, SHAPED
+from heli_modes.failsafes import Action, Condition, severest
 from heli_modes.machine import decide
 from heli_modes.table import LANDING, STEERED, Fact, Phase
 from heli_outer_pd.disturbance import to_heading
@@ -60,6 +61,12 @@ def plight(phase: Phase) -> str:
     if phase.on_ground or phase in STEERED:
         return f"position lost: {phase.mode}"
     return "position lost: level at its altitude, no place is held; land, or take the sticks"
+
+
+def answer(phase: Phase, lost: bool) -> Action:
+    """What the aircraft does in a phase for want of a position."""
+    long = [Condition.POSITION_LOST_LONG] if phase in LANDING else []
+    return severest([Condition.POSITION_LOST, *long] if lost else [])
 
 
 @njit
