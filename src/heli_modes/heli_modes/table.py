@@ -81,6 +81,7 @@ class Fact(StrEnum):
     STUCK = "does not lift"
     TIPPING = "tips over a skid"
     BLIND = "position lost"
+    BLIND_LONG = "position lost for long"
     FOUND = "position found again"
     TOUCHED_DOWN = "touched down"
     IDLE = "collective idle"
@@ -196,6 +197,7 @@ TABLE: tuple[Transition | Refused, ...] = (
             "stands"),
     Transition((Phase.TRAJECTORY,), Fact.ARRIVED, Phase.HOVER),
     Transition((Phase.TRAJECTORY, Phase.VELOCITY), Fact.BLIND, Phase.HOVER),
+    Transition((Phase.CLIMBING, Phase.HOVER), Fact.BLIND_LONG, Phase.HALTING),
     Transition((Phase.CLIMBING, *GUIDED), Fact.FOUND, Phase.HOVER),
     Transition(_LANDS, Fact.FOUND, Phase.HALTING),
     Transition((Phase.VELOCITY, *STEERED), Fact.SILENT, Phase.HOVER),

@@ -148,6 +148,13 @@ def test_a_position_that_is_found_again_is_held_or_landed_from():
     assert decide(Phase.TRAJECTORY, Fact.BLIND) == decide(Phase.VELOCITY, Fact.BLIND) == Phase.HOVER
 
 
+def test_what_is_lost_for_long_lands_unless_a_pilot_has_it():
+    for phase in (Phase.CLIMBING, Phase.HOVER):
+        assert decide(phase, Fact.BLIND_LONG) == Phase.HALTING
+    for phase in (Phase.ATTITUDE, Phase.MANUAL):
+        assert decide(phase, Fact.BLIND_LONG) is None
+
+
 def test_who_falls_silent_is_held():
     for phase in (Phase.VELOCITY, Phase.ATTITUDE, Phase.MANUAL):
         assert decide(phase, Fact.SILENT) == Phase.HOVER

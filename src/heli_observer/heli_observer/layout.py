@@ -27,6 +27,17 @@ N_ERROR = 20
 AID_MAG_VALID, AID_MAG, AID_BARO_VALID, AID_BARO = 0, 1, 4, 5
 AID_GPS_VALID, AID_GPS_POS, AID_GPS_VEL = 6, 7, 10
 N_AID = 13
+I_REPLACED = 6  # in the ring of the IMU, behind `heli_math.rows.IMU`: 1.0 if no sensor said so
+N_IMU = 7
+
+# --- record `heard`: what sensors said last, to the last bit; NaN before the first time
+H_FORCE, H_RATE, H_GPS_POS, H_GPS_VEL = 0, 3, 6, 9
+H_OFFSET = 12  # velocity by which a refused receiver is off, NED, m/s
+H_OFFSET_VAR = 15  # variance of the filter's velocity when it was refused first
+# Sums of a straight line through how far refused velocities are off: time and its square, the
+# velocities, velocities times time; and when it began, s.
+H_FIT, H_FIT_SUM, H_FIT_MOMENT, H_FIT_BEGAN = 18, 20, 23, 26
+N_HEARD = 27
 
 # --- integer record `count`
 C_TICK = 0  # newest tick seen, NO_TICK before the first
@@ -42,7 +53,14 @@ C_MAG_FUSED, C_BARO_FUSED, C_GPS_FUSED = 21, 22, 23
 C_TICK_GAPS, C_TICK_REPEATED, C_ACTUATOR_DROPPED, C_REALIGNED = 24, 25, 26, 27
 C_BEGUN = 28  # tick of the first sample since the filter began
 C_GPS_JUMPS = 29
-N_COUNT = 30
+C_FORCE_SAME, C_RATE_SAME = 30, 31  # samples in a row that repeat the one before to the last bit
+C_IMU_REPLACED = 32  # samples in whose place what is likely was integrated
+C_GPS_POS_SAME, C_GPS_VEL_SAME, C_GPS_REPEATED = 33, 34, 35  # the same of fixes; all that did
+C_GPS_OFFSET = 36  # fixes for which the receiver has been off by a velocity that stays
+C_GPS_GROWS = 37  # refused velocities through which a line was drawn so far
+C_IMU_DOUBTS = 38  # how often the inertial sensors' errors began anew for that
+C_GPS_KEPT = 39  # tick at which it was so last
+N_COUNT = 40
 NO_TICK = -(2**40)
 
 COUNTER_NAMES = {
@@ -64,6 +82,9 @@ COUNTER_NAMES = {
     "actuator_components_not_finite": C_ACTUATOR_DROPPED,
     "realignments": C_REALIGNED,
     "gps_jumps": C_GPS_JUMPS,
+    "imu_samples_replaced": C_IMU_REPLACED,
+    "gps_fixes_repeated": C_GPS_REPEATED,
+    "imu_doubts": C_IMU_DOUBTS,
 }
 """Name (for diagnostics) of each event counter in `ObserverState.count`."""
 
@@ -92,6 +113,8 @@ class ObserverStatus(IntEnum):
     MAG_REJECTED = 7
     BARO_TIMEOUT = 8
     BARO_REJECTED = 9
+    GPS_STUCK = 10
+    IMU_FROZEN = 11
 
     @property
     def sentence(self) -> str:
@@ -111,6 +134,10 @@ _SENTENCES = {
     "followed; heading drifts",
     ObserverStatus.BARO_TIMEOUT: "no barometer sample within its time-out",
     ObserverStatus.BARO_REJECTED: "barometer persistently contradicts the filter, not followed",
+    ObserverStatus.GPS_STUCK: "GPS receiver repeats one fix and is not followed; position is dead "
+    "reckoning",
+    ObserverStatus.IMU_FROZEN: "IMU repeats one sample or says zero; what is likely is flown "
+    "instead",
 }
 
 
@@ -127,8 +154,8 @@ class ObserverState(NamedTuple):
         Scratch covariance of a measurement that is still to pass its gate.
     dx : ndarray (2, 20)
         Scratch: accumulated correction, and a column of P H'.
-    imu : ndarray (N, 6)
-        Ring of IMU samples, slot = tick mod N: specific force, rate.
+    imu : ndarray (N, 7)
+        Ring of IMU samples, slot = tick mod N: specific force, rate, 1.0 if no sensor said so.
     aid : ndarray (N, 13)
         Ring of magnetometer, barometer and GPS samples by their time of validity, indices AID_*.
     now : ndarray (21,)
@@ -142,7 +169,9 @@ class ObserverState(NamedTuple):
         Actuator commands, newest first (absolute).
     diag : ndarray (7,)
         Innovation record, indices D_*.
-    count : ndarray of int64 (30,)
+    heard : ndarray (27,)
+        What the sensors said last, indices H_*.
+    count : ndarray of int64 (40,)
         Ticks, flags and counters, indices C_*.
     """
 
@@ -157,6 +186,7 @@ class ObserverState(NamedTuple):
     y: NDArray[np.float64]
     u: NDArray[np.float64]
     diag: NDArray[np.float64]
+    heard: NDArray[np.float64]
     count: NDArray[np.int64]  # type: ignore[assignment]  # hides tuple.count, which nobody needs
 
 

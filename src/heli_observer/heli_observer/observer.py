@@ -17,8 +17,15 @@ from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import ACTUATOR, IMU, NAV
 from heli_observer import layout as L
 from heli_observer.alignment import align
-from heli_observer.buffers import store_gps, store_mag_baro, take_tick
+from heli_observer.buffers import (
+    SAME,
+    replaced_for_long,
+    store_gps,
+    store_mag_baro,
+    take_tick,
+)
 from heli_observer.config import ObserverConfig
+from heli_observer.doubt import believe, doubt_inertial, keeps_its_offset, refuse, widen
 from heli_observer.ins_ekf import (
     coast,
     fuse_baro,
@@ -46,6 +53,8 @@ _MAG_TIMEOUT = int(ObserverStatus.MAG_TIMEOUT)
 _MAG_REJECTED = int(ObserverStatus.MAG_REJECTED)
 _BARO_TIMEOUT = int(ObserverStatus.BARO_TIMEOUT)
 _BARO_REJECTED = int(ObserverStatus.BARO_REJECTED)
+_GPS_STUCK = int(ObserverStatus.GPS_STUCK)
+_IMU_FROZEN = int(ObserverStatus.IMU_FROZEN)
 
 
 def initial_state(config: ObserverConfig) -> ObserverState:
@@ -54,31 +63,62 @@ def initial_state(config: ObserverConfig) -> ObserverState:
     count = np.zeros(L.N_COUNT, dtype=np.int64)
     count[L.C_TICK] = L.NO_TICK
     count[L.C_IMU_OK : L.C_GPS_SEEN + 1] = L.NO_TICK
+    count[L.C_GPS_KEPT] = L.NO_TICK
     return ObserverState(
         nominal=np.zeros(L.N_NOMINAL),
         P=np.zeros((L.N_ERROR, L.N_ERROR)),
         trial=np.zeros((L.N_ERROR, L.N_ERROR)),
         dx=np.zeros((2, L.N_ERROR)),
-        imu=np.zeros((slots, IMU.size)),
+        imu=np.zeros((slots, L.N_IMU)),
         aid=np.zeros((slots, L.N_AID)),
         now=np.zeros(L.N_NOMINAL),
         rotor=np.zeros(L.N_ROTOR_W),
         y=np.zeros((2, L.N_OUTPUT)),
         u=np.tile(config.kernel.rotor.u_trim, (config.kernel.rotor.u_delay_ticks + 1, 1)),
         diag=np.zeros(L.N_DIAG),
+        heard=np.full(L.N_HEARD, np.nan),
         count=count,
     )
 
 
 @njit
-def _fuse_slot(state, tick, row, observer_k):
+def _fuse_fix(state, tick, horizon, row, observer_k):
+    """Fuse the fix of a ring slot, unless its receiver is known to be off; as `_fuse_slot`."""
+    x, P, count, k = state.nominal, state.P, state.count, observer_k.ekf
+    count[L.C_GPS_SEEN] = tick
+    if keeps_its_offset(state, row, k):
+        position, velocity = 0, 0
+        count[L.C_GPS_KEPT] = tick
+    else:
+        position, velocity = fuse_gps(x, P, state.trial, state.dx, state.diag, row, k)
+    count[L.C_GPS_POS_REJECTED] += position == 0
+    count[L.C_GPS_VEL_REJECTED] += velocity == 0
+    count[L.C_GPS_FUSED] += position == 1 or velocity == 1
+    since = max(count[L.C_GPS_OK], count[L.C_GPS_KEPT])
+    late = position == 0 and tick - since > observer_k.gps_recovery_ticks
+    lost = late and velocity == 0
+    if velocity == 1:
+        believe(state)
+    elif velocity == 0 and refuse(state, row, horizon * k.dt_s, k):
+        doubt_inertial(state, row)
+    if position == 1 and velocity != 0:
+        count[L.C_GPS_OK] = tick
+    elif late and velocity == 1:
+        take_for_jump(x, P, row, k)
+        count[L.C_GPS_JUMPS] += 1
+        count[L.C_GPS_OK] = tick
+    return lost
+
+
+@njit
+def _fuse_slot(state, tick, horizon, row, observer_k):
     """Fuse what the ring slot `row` of the horizon holds; `tick` is now, for the time-outs.
 
     Returns
     -------
     bool
-        Whether the filter is lost: positions have been refused for so long that it should align
-        anew. While velocities are fused it is the receiver that jumped, and its error starts anew.
+        Whether the filter is lost: fixes have been refused for so long that it should align anew.
+        While velocities are fused it is the receiver that jumped, and its error starts anew.
     """
     k, lost = observer_k.ekf, False
     x, P, trial, dx, diag, count = (
@@ -90,19 +130,7 @@ def _fuse_slot(state, tick, row, observer_k):
         state.count,
     )
     if row[L.AID_GPS_VALID] > 0.0:
-        position, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
-        count[L.C_GPS_SEEN] = tick
-        count[L.C_GPS_POS_REJECTED] += position == 0
-        count[L.C_GPS_VEL_REJECTED] += velocity == 0
-        if position == 1 and velocity != 0:
-            count[L.C_GPS_OK] = tick
-        elif position == 0 and tick - count[L.C_GPS_OK] > observer_k.gps_recovery_ticks:
-            lost = velocity == 0
-            if velocity == 1:
-                take_for_jump(x, P, row, k)
-                count[L.C_GPS_JUMPS] += 1
-                count[L.C_GPS_OK] = tick
-        count[L.C_GPS_FUSED] += position == 1 or velocity == 1
+        lost = _fuse_fix(state, tick, horizon, row, observer_k)
     if row[L.AID_BARO_VALID] > 0.0:
         count[L.C_BARO_SEEN] = tick
         if count[L.C_BARO_READY] == 0:
@@ -135,7 +163,9 @@ def _filter_step(state, horizon, tick, k):
         coast(x, P, k.ekf)
     else:
         predict(x, P, imu[(horizon - 1) % size], imu[horizon % size], k.ekf)
-    return _fuse_slot(state, tick, state.aid[horizon % size], k)
+        if replaced_for_long(imu, horizon):
+            widen(P, k.ekf.dt_s)
+    return _fuse_slot(state, tick, horizon, state.aid[horizon % size], k)
 
 
 @njit
@@ -330,7 +360,10 @@ def status(state, k):
     if count[L.C_ALIGNED] == 0:
         return _ALIGNING
     if now - count[L.C_IMU_OK] > k.imu_timeout_ticks:
-        return _IMU_TIMEOUT
+        stuck = max(count[L.C_FORCE_SAME], count[L.C_RATE_SAME]) >= SAME
+        return _IMU_FROZEN if stuck else _IMU_TIMEOUT
+    if max(count[L.C_GPS_POS_SAME], count[L.C_GPS_VEL_SAME]) >= SAME:
+        return _GPS_STUCK
     if now - count[L.C_GPS_OK] > k.gps_timeout_ticks:
         silent = now - count[L.C_GPS_SEEN] > k.gps_timeout_ticks
         return _GPS_TIMEOUT if silent else _GPS_REJECTED

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from heli_math.rows import MEAS, NAV
 from heli_observer import layout as L
 from heli_observer.observer import ObserverStatus
-from heli_observer.testing.synthetic import hover_path, synthesize
+from heli_observer.testing.synthetic import hover_path, synthesize, turning_path
 
 
 def test_gps_outage_is_reported_and_ends(parameters, run_observer):
@@ -53,16 +53,22 @@ def test_a_jump_of_the_receiver_is_taken_for_one_after_a_while(parameters, run_o
     assert np.abs(run.state.nominal[L.X_DRIFT : L.X_DRIFT + 3] - own).max() < 4.0
 
 
-def test_a_filter_that_is_sure_of_a_wrong_attitude_aligns_anew(parameters, run_observer):
-    """Rolled by 8 deg and told it is not, every fix contradicts it, velocity and position."""
+def rolled_and_sure_of_it(parameters, run_observer, degrees):
+    """Rolled by so much at 6 s and told it is not: every fix contradicts the filter."""
     flight = synthesize(hover_path(), parameters, 25.0, seed=6)
     run = run_observer(parameters).fly(flight.y[:600])
     x = run.state.nominal
     rolled = Rotation.from_quat(np.roll(x[L.X_QUAT : L.X_QUAT + 4], -1)) * Rotation.from_euler(
-        "X", 8.0, degrees=True
+        "X", degrees, degrees=True
     )
     x[L.X_QUAT : L.X_QUAT + 4] = np.roll(rolled.as_quat(), 1)
     run.state.P[:] = 1e-8 * np.eye(L.N_ERROR)
+    return flight, run
+
+
+def test_a_filter_that_is_sure_of_a_wrong_attitude_aligns_anew(parameters, run_observer):
+    """Rolled by so much that no doubt in its tilt explains what the fixes say."""
+    flight, run = rolled_and_sure_of_it(parameters, run_observer, 120.0)
     run.fly(flight.y[600:1590])
     assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.C_REALIGNED] == 0
     lost_m = np.abs(run.out[-1, NAV.pos] - flight.pos[1589]).max()
@@ -70,6 +76,20 @@ def test_a_filter_that_is_sure_of_a_wrong_attitude_aligns_anew(parameters, run_o
     assert run.health is ObserverStatus.OK and run.state.count[L.C_REALIGNED] == 1
     assert np.degrees(np.abs(flight.attitude_error(run.out, [len(flight.y) - 1])).max()) < 1.0
     assert lost_m > 20.0 and np.abs(run.out[-1, NAV.pos] - flight.pos[-1]).max() < 4.0
+
+
+def test_a_filter_that_is_sure_of_a_tilt_doubts_it_when_the_contradiction_grows(
+    parameters, run_observer
+):
+    """By 8 deg, which no receiver does: it begins anew with tilt and biases, and learns them."""
+    flight, run = rolled_and_sure_of_it(parameters, run_observer, 8.0)
+    run.fly(flight.y[600:800])
+    assert run.state.count[L.C_IMU_DOUBTS] == 1
+    run.fly(flight.y[800:])
+    assert run.state.count[L.C_REALIGNED] == 0
+    assert run.health not in (ObserverStatus.GPS_REJECTED, ObserverStatus.NOT_FINITE)
+    assert np.abs(run.out[1300:, NAV.vel] - flight.vel[1300:]).max() < 0.8
+    assert np.abs(run.out[600:, NAV.pos] - flight.pos[600:]).max() < 4.0
 
 
 @pytest.mark.parametrize("degrees", [12.0, 40.0, 170.0])
@@ -113,6 +133,77 @@ def test_a_field_of_wrong_strength_is_a_fault(parameters, run_observer):
     rows[500:, 6:9] *= 1.5
     run = run_observer(parameters).fly(rows)
     assert run.health is ObserverStatus.MAG_REJECTED
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_receiver_that_repeats_itself_is_stuck_until_it_moves(parameters, run_observer, seed):
+    flight = synthesize(hover_path(), parameters, 20.0, seed=seed)
+    rows, at = flight.y.copy(), slice(MEAS.gps_pos.start, MEAS.gps_vel.stop)
+    rows[500:1200, at] = rows[480, at]
+    run = run_observer(parameters).fly(rows[:1190])
+    assert run.health is ObserverStatus.GPS_STUCK
+    assert run.state.count[L.C_GPS_REPEATED] > 60
+    assert np.abs(run.out[-1, NAV.pos] - flight.pos[1189])[:2].max() < 10.0
+    run.fly(rows[1190:])
+    assert run.health is ObserverStatus.OK
+    assert np.abs(run.out[-1, NAV.pos] - flight.pos[-1]).max() < 4.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_receiver_that_drifts_from_the_start_is_not_believed_in_the_end(
+    parameters, run_observer, seed
+):
+    """2 m/s, its velocity, too: the inertial sensors have felt no step. True again, it is used."""
+    flight = synthesize(hover_path(), parameters, 35.0, seed=seed)
+    rows = flight.y.copy()
+    rows[500:3000, MEAS.gps_vel.start] += 2.0
+    rows[500:3000, MEAS.gps_pos.start] += 2.0 * 0.01 * np.arange(2500)
+    run = run_observer(parameters).fly(rows[:900])
+    assert run.health is ObserverStatus.GPS_REJECTED
+    run.fly(rows[900:2990])
+    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.C_REALIGNED] == 0
+    assert run.state.count[L.C_IMU_DOUBTS] == 0
+    run.fly(rows[2990:])
+    assert run.health is ObserverStatus.OK
+    assert np.abs(run.out[-1, NAV.vel] - flight.vel[-1]).max() < 1.0
+
+
+@pytest.mark.parametrize("what", ["frozen", "zero", "nan"])
+def test_an_imu_that_stops_for_a_while_costs_little(parameters, run_observer, what):
+    flight = synthesize(hover_path(), parameters, 12.0, seed=3)
+    rows = flight.y.copy()
+    rows[600:620, MEAS.imu] = {"frozen": rows[599, MEAS.imu], "zero": 0.0, "nan": np.nan}[what]
+    run = run_observer(parameters).fly(rows[:618])
+    nan = what == "nan"
+    assert run.health is (ObserverStatus.IMU_TIMEOUT if nan else ObserverStatus.IMU_FROZEN)
+    run.fly(rows[618:])
+    assert run.health is ObserverStatus.OK
+    assert 18 <= run.state.count[L.C_IMU_REPLACED] <= 20
+    assert np.abs(run.out[600:, NAV.pos] - flight.pos[600:]).max() < 1.5
+    assert np.abs(run.out[600:, NAV.vel] - flight.vel[600:]).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("axis", "bias"), [(MEAS.rate.start, 0.1), (MEAS.rate.start + 1, -0.1), (MEAS.force.start, 1.0)]
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_bias_that_jumps_is_learnt_from_the_fixes(parameters, run_observer, axis, bias, seed):
+    flight = synthesize(hover_path(), parameters, 40.0, seed=seed)
+    rows = flight.y.copy()
+    rows[1000:, axis] += bias
+    run = run_observer(parameters).fly(rows)
+    assert run.state.count[L.C_IMU_DOUBTS] >= 1 and run.state.count[L.C_REALIGNED] == 0
+    assert run.health is ObserverStatus.OK
+    assert np.abs(run.out[-1, NAV.vel] - flight.vel[-1]).max() < 0.5
+    assert np.abs(run.out[-1, NAV.pos] - flight.pos[-1]).max() < 4.0
+
+
+@pytest.mark.parametrize("path", [hover_path(), turning_path(0.35), hover_path(climb_mps=2.5)])
+def test_healthy_sensors_are_never_doubted(parameters, run_observer, path):
+    for seed in range(5):
+        run = run_observer(parameters).fly(synthesize(path, parameters, 30.0, seed).y)
+        doubts = (L.C_IMU_DOUBTS, L.C_IMU_REPLACED, L.C_GPS_REPEATED, L.C_GPS_OFFSET)
+        assert not run.state.count[list(doubts)].any()
 
 
 @pytest.mark.parametrize(

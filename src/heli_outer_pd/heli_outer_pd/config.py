@@ -66,6 +66,7 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
         attitude_lead=np.asarray(p["attitude_lead.lead_s"], float),
         lead_filter_s=p["attitude_lead.filter_s"],
         blind_sigma=p["land.blind_sigma_mps"],
+        land_after_s=p["failsafe.land_after_s"],
         dt_s=p["period_ticks"] * TICK_S,
         sweep=sweep_kernel(p),
     )

@@ -43,7 +43,7 @@ from heli_outer_pd.position_law import (
 from heli_outer_pd.reference import moved, offset_to
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 from heli_outer_pd.script import script_of
-from heli_outer_pd.sight import plight, told
+from heli_outer_pd.sight import answer, plight, told
 from heli_sticks.mapping import StickMap
 
 _COMMANDERS_PERIOD_S = 1.0
@@ -353,6 +353,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             facts = {
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,
+                "failsafe": answer(phases.phase, phases.lost).name,
                 "armed": core.armed,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),

@@ -11,7 +11,7 @@ from heli_outer_pd.thrust_map import RotorMap
 
 
 class Memory(NamedTuple):
-    """State of the law (40,)."""
+    """State of the law (41,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -38,7 +38,8 @@ class Memory(NamedTuple):
     rest_psi: int = 37  # with the nose there, rad
     sigma: int = 38  # of the horizontal velocity at the last step, m/s
     lands: int = 39  # 1.0 while it comes down to land
-    size: int = 40
+    lost_s: int = 40  # for so long no position is known
+    size: int = 41
 
 
 MEMORY = Memory()
@@ -94,12 +95,13 @@ class OuterKernel(NamedTuple):
     attitude_lead: np.ndarray  # (2,) s, forward and right: lead of the commanded acceleration
     lead_filter_s: float
     blind_sigma: float  # m/s, of the horizontal velocity: with more its position is not known
+    land_after_s: float  # without a position it lands after so long
     dt_s: float
     sweep: SweepKernel
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (40,) of a law that is not engaged yet; its last command is the trim."""
+    """State (41,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state

@@ -114,6 +114,8 @@ TABLE: tuple[Parameter, ...] = (
     _row("land.blind_sigma_mps", "double", "The navigation's standard deviation of the horizontal "
          "velocity with which the position counts as lost: a landing goes on level, without it",
          "m/s", lower=0.2, upper=10.0),
+    _row("failsafe.land_after_s", "double", "With its position lost for so long it lands by itself;"
+         " what is found again before goes on", "s", lower=1.0, upper=3600.0),
     *STICK_ROWS,
     *SCRIPT_ROWS,
     _row("attitude_lead.lead_s", "double[]",

@@ -262,7 +262,7 @@ class Phases:
         """What is so now of what the present phase waits for."""
         if not flyable(nav):
             return Fact.BLIND if self.phase.on_ground else None
-        if (sight := seen(self.phase, self._state, self._is_low(nav))) is not None:
+        if (sight := seen(self.phase, self._state, self._is_low(nav), self.kernel)) is not None:
             return sight
         match self.phase:
             case Phase.SPOOLING:

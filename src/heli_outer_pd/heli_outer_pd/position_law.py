@@ -180,7 +180,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_math.rows.SHAPED`; changed where no position is known.
     k : OuterKernel
         Gains and limits.
-    state : (40,) ndarray
+    state : (41,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.

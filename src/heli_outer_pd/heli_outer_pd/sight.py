@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
 from heli_math.rows import NAV, SHAPED
+from heli_modes.failsafes import Action, Condition, severest
 from heli_modes.machine import decide
 from heli_modes.table import LANDING, STEERED, Fact, Phase
 from heli_outer_pd.disturbance import to_heading
-from heli_outer_pd.outer_state import FLIES, FOUND, KNOWN, LEAVES, LOST, MEMORY
+from heli_outer_pd.outer_state import FLIES, FOUND, KNOWN, LEAVES, LOST, MEMORY, OuterKernel
 
 _HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
 _AGAIN, _DOUBT = 0.5, 0.2
@@ -27,14 +28,20 @@ _REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
 """At rest is slower than the first; the disturbance there is averaged over the second."""
 
 
-def seen(phase: Phase, state: NDArray[np.float64], low: bool) -> Fact | None:
-    """Position lost; or found again, unless the ground is too near (`low`) to begin anew.
+def seen(
+    phase: Phase, state: NDArray[np.float64], low: bool, k: OuterKernel | None = None
+) -> Fact | None:
+    """Position lost, or so for longer than a law's numbers allow; or found again, unless the ground
+    is too near (`low`) to begin anew.
 
     None where that means nothing in a phase.
     """
     fact = None
     if state[MEMORY.sight] == LOST:
         fact = Fact.BLIND
+        long = k is not None and state[MEMORY.lost_s] > k.land_after_s
+        if long and decide(phase, fact) is None:
+            fact = Fact.BLIND_LONG
     elif state[MEMORY.sight] == FOUND and not low:
         fact = Fact.FOUND
     return fact if fact is not None and decide(phase, fact) is not None else None
@@ -54,6 +61,12 @@ def plight(phase: Phase) -> str:
     if phase.on_ground or phase in STEERED:
         return f"position lost: {phase.mode}"
     return "position lost: level at its altitude, no place is held; land, or take the sticks"
+
+
+def answer(phase: Phase, lost: bool) -> Action:
+    """What the aircraft does in a phase for want of a position."""
+    long = [Condition.POSITION_LOST_LONG] if phase in LANDING else []
+    return severest([Condition.POSITION_LOST, *long] if lost else [])
 
 
 @njit
@@ -81,6 +94,8 @@ def look(nav, k, state):
     sigma, before, last = sigma_of_speed(nav), state[MEMORY.sight], state[MEMORY.sigma]
     along = state[MEMORY.ground] == FLIES or state[MEMORY.ground] == LEAVES
     state[MEMORY.sigma] = sigma
+    # Counted where a reference is flown: by hand the pilot decides.
+    state[MEMORY.lost_s] += k.dt_s if before == LOST and along else -state[MEMORY.lost_s]
     if sigma > k.blind_sigma:
         state[MEMORY.sight] = LOST
         if along and before == KNOWN:

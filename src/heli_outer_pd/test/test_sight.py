@@ -12,6 +12,7 @@ from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_modes import Command, Fact, Phase, Refusal
+from heli_modes.table import LANDING
 from heli_outer_pd import config, position_law
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.node import OuterLoopNode
@@ -198,6 +199,22 @@ def test_what_is_found_again_is_flown_from_where_it_is_without_a_step(phase, com
     flight.off_m = 0.0
     before, after = flight.step(0.04 * LIMIT)
     np.testing.assert_allclose(after, before, atol=1e-9)
+
+
+@pytest.mark.parametrize("lost_s", [0.5, 1.5])
+def test_what_is_lost_for_long_is_landed_without_being_told(lost_s):
+    """Counted from the loss; a position that comes back in time ends the count."""
+    flight = hovering(**{"failsafe.land_after_s": 1.0})
+    for _ in range(round(25 * lost_s)):
+        flight.step(2.0 * LIMIT)
+    assert (flight.phases.phase in LANDING) == (lost_s > 1.0)
+    if lost_s < 1.0:
+        for _ in range(10):
+            flight.step(0.04 * LIMIT)
+        assert flight.state[MEMORY.lost_s] == 0.0
+        for _ in range(15):
+            flight.step(2.0 * LIMIT)
+        assert flight.phases.phase == Phase.HOVER
 
 
 def test_near_the_ground_it_stays_blind():

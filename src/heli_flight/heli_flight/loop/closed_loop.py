@@ -44,6 +44,7 @@ from heli_math.rows import (
 from heli_math.sweep import SweepKernel, add_sweep
 from heli_math.ticks import Rate
 from heli_math.trajectory import Trajectory, reference_at
+from heli_modes.table import LANDING
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
@@ -307,6 +308,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
             went_on = phases.after(last * rate.tick_ns, track.nav[last], setpoint)
             if went_on and phases.way is not None:
                 times_ns, points = phases.way.times_ns, phases.way.points
+            scripted = scripted or phases.phase in LANDING
         if progress is not None:
             progress(rate.seconds(tick))
     for before in range(loop.anchor[1]):

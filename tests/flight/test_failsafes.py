@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each row of the table of failsafes, flown in one process: found in time, acted on, survived.
+
+Hover at 10 m in the paper's wind; the fault begins at 12 s.
+"""
+
+import numpy as np
+import pytest
+
+from heli_flight.loop import closed_loop
+from heli_flight.loop.settings import resolve
+from heli_modes.failsafes import Condition, of
+from heli_observer import layout as L
+from heli_observer.observer import ObserverStatus, status
+
+BEGIN_S = 12.0
+AT = int(BEGIN_S * 100)
+STAYS = {"climb.start_s": 200.0, "climb.end_s": 202.0}
+DOUBTS = (L.C_IMU_DOUBTS, L.C_IMU_REPLACED, L.C_GPS_REPEATED, L.C_GPS_OFFSET)
+
+
+class Flown:
+    """A hover with faults: its record, the observer at its end, and what is said of both."""
+
+    def __init__(self, faults, seed, seconds, gps="standalone", world="paper", scenario=STAYS):
+        over = {"plant": {"faults": tuple(faults) or ("none",)}, "scenario": scenario}
+        settings = resolve("hover", gps, seed, seconds, world=world, overrides=over)
+        loop = closed_loop.build(settings)
+        flight = closed_loop.fly_loop(loop, settings)
+        self.record, self.count = flight.record, loop.observer_s.count
+        self.said = ObserverStatus(status(loop.observer_s, loop.observer_k))
+        assert flight.status == 0, flight.sentence
+
+    def off_m(self, since=AT):
+        """Largest horizontal distance from where it held before the fault."""
+        pos = self.record.truth_pos_ned_m
+        return np.linalg.norm((pos[since:] - pos[AT])[:, :2], axis=1).max()
+
+
+def fault(what, kind, duration_s=None, value=None):
+    words = f"what: {what}, kind: {kind}, start_s: {BEGIN_S}"
+    words += "" if duration_s is None else f", duration_s: {duration_s}"
+    return f"{{{words}{'' if value is None else f', value: {value}'}}}"
+
+
+DRIFT = [fault("gps", "drift", None, [2.0, 0.0, 0.0]),
+         fault("gps_velocity", "bias", None, [2.0, 0.0, 0.0])]  # fmt: skip
+FOUND = [
+    (Condition.GPS_SILENT, [fault("gps", "loss")], ObserverStatus.GPS_TIMEOUT),
+    (Condition.GPS_STUCK, [fault("gps", "freeze")], ObserverStatus.GPS_STUCK),
+    (Condition.GPS_DRIFTS, DRIFT, ObserverStatus.GPS_REJECTED),
+    (Condition.GPS_JUMPS, [fault("gps", "bias", None, [30.0, 0.0, 0.0])],
+     ObserverStatus.GPS_REJECTED),
+    (Condition.IMU_STOPS, [fault("imu", "zero", 0.2)], ObserverStatus.IMU_FROZEN),
+    (Condition.IMU_STOPS, [fault("imu", "freeze", 0.2)], ObserverStatus.IMU_FROZEN),
+    (Condition.IMU_STOPS, [fault("imu", "nan", 0.2)], ObserverStatus.IMU_TIMEOUT),
+    (Condition.MAG_LOST, [fault("mag", "loss")], ObserverStatus.MAG_TIMEOUT),
+    (Condition.MAG_LOST, [fault("mag", "zero")], ObserverStatus.MAG_REJECTED),
+    (Condition.BARO_LOST, [fault("baro", "loss")], ObserverStatus.BARO_TIMEOUT),
+    (Condition.BARO_LOST, [fault("baro", "bias", None, [500.0])], ObserverStatus.BARO_REJECTED),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("condition", "faults", "said"), FOUND)
+def test_it_is_found_in_time_and_named(condition, faults, said, seed):
+    """At the end of the time that the table gives; nothing has happened to the aircraft by then."""
+    flown = Flown(faults, seed, BEGIN_S + of(condition).within_s)
+    assert flown.said is said
+    assert said.name in of(condition).status
+    assert flown.off_m() < 5.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("kind", ["zero", "freeze", "nan"])
+def test_an_imu_that_stops_for_02_s_costs_less_than_1_m(kind, seed):
+    sound, hurt = Flown([], seed, 30.0), Flown([fault("imu", kind, 0.2)], seed, 30.0)
+    apart = sound.record.truth_pos_ned_m - hurt.record.truth_pos_ned_m
+    assert np.linalg.norm(apart[AT:], axis=1).max() < 1.0
+    assert hurt.said is ObserverStatus.OK
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("what", "value"), [("gyro", [0.1, 0.0, 0.0]), ("gyro", [0.0, 0.1, 0.0]),
+                        ("accel", [1.0, 0.0, 0.0]), ("accel", [0.0, 1.0, 0.0])]
+)  # fmt: skip
+def test_a_bias_that_jumps_is_learnt_in_flight(what, value, seed):
+    """The filter used to refuse the fixes until the aircraft was lost."""
+    within_s = of(Condition.IMU_BIASED).within_s
+    soon = Flown([fault(what, "bias", None, value)], seed, BEGIN_S + within_s)
+    assert soon.count[L.C_IMU_DOUBTS] >= 1
+    flown = Flown([fault(what, "bias", None, value)], seed, 45.0)
+    assert flown.off_m(3500) < 15.0 and flown.off_m() < 30.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("faults", [[fault("gps", "loss")], [fault("gps", "freeze")], DRIFT])
+def test_what_is_lost_for_long_lands_by_itself(faults, seed):
+    flown = Flown(faults, seed, 95.0)
+    record = flown.record
+    assert record.mode[-1] == "standing"
+    landing = np.flatnonzero(record.mode == "land")
+    lost = np.flatnonzero(record.nav_sigma_vel_mps[:, :2].max(axis=1) > 0.5)[0]
+    assert 0.01 * (lost - AT) < of(Condition.POSITION_LOST).within_s
+    assert 0.01 * (landing[0] - AT) < of(Condition.POSITION_LOST_LONG).within_s
+    assert landing[0] > lost + 1100
+    touched = landing[-1]
+    assert np.abs(record.truth_vel_ned_mps[touched - 100 : touched, 2]).max() < 1.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_outage_that_ends_is_flown_through(seed):
+    flown = Flown([fault("gps", "loss", 10.0)], seed, 40.0)
+    assert flown.said is ObserverStatus.OK and flown.record.mode is None
+    assert flown.off_m(3500) < 6.0
+
+
+@pytest.mark.parametrize("world", ["paper", "honest"])
+@pytest.mark.parametrize("gps", ["standalone", "rtk"])
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_sound_flight_raises_no_alarm(seed, gps, world):
+    flown = Flown([], seed, 60.0, gps, world, scenario={})
+    assert not flown.count[list(DOUBTS)].any()
+    assert flown.said is ObserverStatus.OK and flown.record.mode is None
