@@ -16,10 +16,12 @@ import contextlib
 import json
 import multiprocessing
 import os
+import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,17 +36,19 @@ SECONDS, QUICK_SECONDS = 60.0, 5.0
 GOAL_RATIO, GOAL_LOAD = 1.5, 0.6
 _SETTLE_S = 1.0
 _LIMIT_S = 120.0
+_INTERRUPTED = 130
 
 
 def listen(ready: Any, over: Any, told: Any) -> None:
     """Process that notes when messages were sent, by topic and stamp (ns), until it is over."""
     import rclpy
     from rclpy.experimental.events_executor import EventsExecutor
+    from rclpy.signals import SignalHandlerOptions
 
     from heli_msgs_bridge.arrivals import with_info
 
     sent: dict[str, dict[int, int]] = {topics.IMU: {}, topics.ACTUATORS: {}}
-    rclpy.init(args=[])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.SIGINT)
     node, executor = rclpy.create_node("bench_listener"), EventsExecutor()
 
     def noting(times: dict[int, int]) -> Any:
@@ -149,6 +153,17 @@ def processor_s(pids: list[int]) -> float:
     return total
 
 
+@contextlib.contextmanager
+def ended_too(flying: subprocess.Popen[bytes]) -> Iterator[None]:
+    """Interrupt a flight that is still under way when the measurement ends, and wait for it."""
+    try:
+        yield
+    finally:
+        if flying.poll() is None:
+            flying.send_signal(signal.SIGINT)
+            flying.communicate(timeout=_LIMIT_S)
+
+
 def of_graph(seconds: float, composed: bool, rate: Rate) -> dict[str, float]:
     """Figures of a recorded flight in real time, and its load as a share of a core."""
     with tempfile.TemporaryDirectory(prefix="heli_bench_") as folder, Listener() as listener:
@@ -158,14 +173,15 @@ def of_graph(seconds: float, composed: bool, rate: Rate) -> dict[str, float]:
         command += ["--out", f"{folder}/flight", *(["--composed"] if composed else [])]
         log = Path(folder) / "flight" / "logs" / ("composed.log" if composed else "plant.log")
         flying = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        while not (log.is_file() and "flying" in log.read_text()) and flying.poll() is None:
-            time.sleep(0.05)
-        time.sleep(seconds / 2.0)
-        pids = family(flying.pid)
-        begun_s, used_s = time.monotonic(), processor_s(pids)
-        time.sleep(seconds / 4.0)
-        load = (processor_s(pids) - used_s) / (time.monotonic() - begun_s)
-        _, said = flying.communicate(timeout=seconds + _LIMIT_S)
+        with ended_too(flying):
+            while not (log.is_file() and "flying" in log.read_text()) and flying.poll() is None:
+                time.sleep(0.05)
+            time.sleep(seconds / 2.0)
+            pids = family(flying.pid)
+            begun_s, used_s = time.monotonic(), processor_s(pids)
+            time.sleep(seconds / 4.0)
+            load = (processor_s(pids) - used_s) / (time.monotonic() - begun_s)
+            _, said = flying.communicate(timeout=seconds + _LIMIT_S)
         if flying.returncode not in (0, 1):
             raise SystemExit(f"latency: {said.decode().strip()}")
         told = figures(*listener.heard(), rate.ticks_in(_SETTLE_S), rate.tick_ns)
@@ -217,7 +233,12 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print JSON")
     asked = parser.parse_args()
     seconds = QUICK_SECONDS if asked.quick else asked.seconds
-    found = measure(seconds, asked.composed, Rate.of_hz(asked.rate))
+    # Asked to end, it ends what it has started, as on Ctrl-C.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        found = measure(seconds, asked.composed, Rate.of_hz(asked.rate))
+    except KeyboardInterrupt:
+        return _INTERRUPTED
     if asked.json:
         print(json.dumps(found))
     else:

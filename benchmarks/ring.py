@@ -239,8 +239,10 @@ class Order:
 def _serve(roles: Sequence[str], order: Order, ready: Any, over: Any, times: Any) -> None:
     """A process of the ring; the plant's tells the times."""
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init(args=[])
+    # SIGTERM ends the process: so its parent ends those that it no longer waits for.
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.SIGINT)
     ring = Ring(roles, order.form, order.cycles, order.period_s, order.outer_every)
     limit = time.monotonic() + _LIMIT_S
     while not ring.connected():

@@ -4,6 +4,7 @@
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -53,3 +54,17 @@ def test_endurance(benchmark_of):
         assert found[name]["wrong_counts"] == {}
     assert found["starts"]["odd_exit_codes"] == [] and found["interrupts"]["odd_exit_codes"] == []
     assert found["interrupts"]["hung"] == 0
+
+
+def test_latency_that_is_asked_to_end_leaves_nothing(ros_env, living):
+    """Its ring has four processes by then, and the listener is one, too."""
+    command = [sys.executable, BENCHMARKS / "latency.py", "--seconds", "60"]
+    measuring = subprocess.Popen(command, env=ros_env, stdout=subprocess.PIPE, text=True)
+    started = time.monotonic()
+    # Itself, listener, ring; and what multiprocessing has beside them.
+    while len(living(0.0)) < 6:
+        assert measuring.poll() is None and time.monotonic() - started < 60.0
+    measuring.terminate()
+    out, _ = measuring.communicate(timeout=60.0)
+    assert (measuring.returncode, out) == (130, "")
+    assert living() == []

@@ -31,7 +31,7 @@ CALLED_BY_OTHERS = {
     **dict.fromkeys(("_type_of_vector", "_type_of_matrix", "_on_stack"), "by numba, to compile"),
 }  # fmt: skip
 SET_FOR_OTHERS = {
-    "unraisablehook": "sys", "CACHE_DIR": "numba.config",
+    "unraisablehook": "sys", "CACHE_DIR": "numba.config", "tempdir": "tempfile",
     "_protected_args": "typer.Context", "handlers": "logging.Logger",
     "no_wrap": "rich.text.Text", "charset": "aiohttp's response",
     "_context": "keeps Foxglove's context alive",

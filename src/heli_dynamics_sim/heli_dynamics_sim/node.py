@@ -14,8 +14,9 @@ from rclpy.duration import Duration
 
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.description import BASE, mounts, robot_description
+from heli_dynamics_sim.fallback import Fallback, FallbackNumbers
 from heli_dynamics_sim.fault_table import acting
-from heli_dynamics_sim.noise import NOISE, NoiseStreams
+from heli_dynamics_sim.noise import NOISE, NoiseStreams, one_by_one
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.wind import injected_gust
 from heli_math.direct import direct
@@ -37,16 +38,14 @@ from heli_msgs_bridge.transforms import Transform, encode_text, encode_transform
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
 _CATCH_UP_TICKS = 10
 _ACKNOWLEDGE_S = 3.5
-# Real time: age of the last command (wall time) after which it is called missing.
-_REAL_TIME_SILENCE_S = 0.5
 _NO_COMMAND = "no message on 'actuators' from inner_loop: going on with the last command"
+_FALLS_BACK = "no message on 'actuators' from inner_loop: the trim is held, rates are damped"
 WORLD_CLOCK = "world_clock"
 """Name of the node that sends the clock of several aircraft."""
 _NO_CLOCK = f"no message on '/clock' from {WORLD_CLOCK}: going on without the other aircraft"
 _FLYING = "flying"
 _ENCODE_CLOCK = ClockEncoder().encode
 _NOTHING = np.full(3, np.nan)
-_DRAWN = 64  # rows of noise at once
 
 
 def _variances(v: Mapping[str, Any]) -> dict[str, Sequence[Variance]]:
@@ -65,12 +64,6 @@ def _variances(v: Mapping[str, Any]) -> dict[str, Sequence[Variance]]:
     }
 
 
-def _one_by_one(noise: NoiseStreams) -> Iterator[np.ndarray]:
-    """The rows of a flight, drawn ahead: many at once take as long as two."""
-    while True:
-        yield from noise.rows(_DRAWN)
-
-
 @dataclass(kw_only=True)
 class Aircraft(TickCore):
     """What the plant has while it is configured.
@@ -85,7 +78,7 @@ class Aircraft(TickCore):
     n_ticks : int
         Length of the flight.
     u : (4,) array
-        Command in force, -1..1.
+        Command in force, -1..1; in real time by `fallback`.
     send : dict
         Per topic what sends a row.
     send_clock : callable
@@ -107,6 +100,7 @@ class Aircraft(TickCore):
     noise: Iterator[np.ndarray]
     n_ticks: int
     u: np.ndarray
+    fallback: Fallback
     send: dict[str, Send]
     send_clock: Callable[[bytes], None] | None
     y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.size))
@@ -132,11 +126,9 @@ class Aircraft(TickCore):
 
 @dataclass
 class Flight:
-    """What the plant has while time runs: wall times (s) of flight time 0 without pauses, and of
-    the last command."""
+    """What the plant has while time runs: wall time (s) of flight time 0 without pauses."""
 
     zero_s: float
-    last_command_s: float
 
 
 class PlantNode(TickNode[Aircraft, Flight]):
@@ -152,13 +144,14 @@ class PlantNode(TickNode[Aircraft, Flight]):
         self.tick = 0
         config = plant.PlantConfig.from_parameters(self.values)
         state = plant.initial_state(config, self.values["seed"])
-        commands = state.commands
+        trim = state.commands[-1].copy() if len(state.commands) else np.zeros(ACTUATOR.size)
         core = Aircraft(
             config=config,
             state=state,
-            noise=_one_by_one(NoiseStreams(self.values["seed"])),
+            noise=one_by_one(NoiseStreams(self.values["seed"])),
             n_ticks=max(1, self.rate.ticks_in(self.values["duration_s"])),
-            u=commands[-1].copy() if len(commands) else np.zeros(ACTUATOR.size),
+            u=trim,
+            fallback=Fallback(FallbackNumbers.from_parameters(self.values), trim),
             send=self._make_senders(config),
             send_clock=None if self._in_a_world else self.create_output(topics.CLOCK),
             pace=self.listen(self._inputs(), leads=True),
@@ -236,10 +229,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
             raise StartError(f"{self.core.over}: clean up and configure for another flight")
         if self.core.send_clock is not None and not self.core.begun:
             self._refuse_second_clock()
-        now_s = time.monotonic()
         if not self.values["lockstep"]:
             self.repeat(self.rate.tick_s, self._keep_pace)
-        return Flight(now_s - self.core.wall_s, now_s)
+        return Flight(time.monotonic() - self.core.wall_s)
 
     def _refuse_second_clock(self) -> None:
         """A ROS domain has one time: of two clocks nobody could say which one is followed."""
@@ -325,6 +317,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
             "flown_s": f"{flown:.2f}",
             "wall_s": f"{elapsed:.3f}",
             "real_time_factor": f"{factor:.3f}",
+            **self.core.fallback.facts(),
         }
 
     def _end(self, level: Level, message: str) -> None:
@@ -358,20 +351,24 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """Sentence about a missing command, or a clock that stands still."""
         silent = self.core.pace.silent
         if topics.ACTUATORS in silent:
-            return _NO_COMMAND
+            return _NO_COMMAND if self.values["lockstep"] else _FALLS_BACK
         return _NO_CLOCK if topics.CLOCK in silent else ""
 
     # --- real time ---------------------------------------------------------------------------
 
-    def _take_command(self, now_s: float) -> None:
-        core, run = self.core, self.run
-        assert isinstance(core.pace, RealTime)
-        _, u = core.pace.collect().get(topics.ACTUATORS, (0, None))
+    def _take_command(self) -> None:
+        pace = self.core.pace
+        assert isinstance(pace, RealTime)
+        _, u = pace.collect().get(topics.ACTUATORS, (0, None))
         if u is not None:
-            core.u[:] = u
-            run.last_command_s = now_s
-            core.pace.silent.clear()
-        elif now_s - run.last_command_s > _REAL_TIME_SILENCE_S:
+            self.core.fallback.hear(u)
+            pace.silent.clear()
+
+    def _command(self, made_up: int) -> None:
+        """What is flown for the present tick."""
+        core = self.core
+        core.u[:] = core.fallback.step(core.y[MEAS.rate], made_up)
+        if core.fallback.acting:
             core.pace.silent.add(topics.ACTUATORS)
 
     def _keep_pace(self) -> None:
@@ -380,14 +377,16 @@ class PlantNode(TickNode[Aircraft, Flight]):
         if core.over:
             return
         now_s = time.monotonic()
-        self._take_command(now_s)
+        self._take_command()
         due = int((now_s - run.zero_s) / self.rate.tick_s)
         if due - self.tick > self.rate.of(_CATCH_UP_TICKS):
             late_s = (due - self.tick) * self.rate.tick_s
             self.get_logger().warning(f"{late_s:.2f} s behind the wall clock: time is shifted")
             run.zero_s += late_s
             due = self.tick + 1
+        first = self.tick
         while self.tick < due and not core.over:
+            self._command(self.tick - first)
             self._go_on(self.tick)
 
 

@@ -5,6 +5,7 @@ The njit kernels hold no generator: each tick takes one row. A source's stream d
 another source is switched off or draws more.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -120,3 +121,12 @@ class NoiseStreams:
     def once(self, n: int) -> NDArray[np.float64]:
         """n numbers of what stays for a flight (scale factors, iron), from their own stream."""
         return self._once.standard_normal(n)
+
+
+_DRAWN = 64
+
+
+def one_by_one(noise: NoiseStreams) -> Iterator[np.ndarray]:
+    """The rows of a flight, drawn ahead: many at once take as long as two."""
+    while True:
+        yield from noise.rows(_DRAWN)

@@ -19,6 +19,18 @@ _NODE = (
     row("clock", "string", "Who sends /clock", choices=("own", "world")),
 )
 
+_FALLBACK = (
+    real("actuator_timeout_s", "Real time: without a command for so long the fallback flies", "s",
+         0.02, 10.0),
+    real("fallback.mean_s", "Time over which commands are averaged to the trim it flies", "s",
+         0.1, 60.0),
+    real("fallback.blend_s", "Time in which a command takes over from another", "s", 0.01, 5.0),
+    real("fallback.rate", "Gains on the measured p, q, r, of d_lat, d_lon, d_ped", "s/rad",
+         -2.0, 2.0, (3,)),
+    real("fallback.angle", "Gains on how far it has turned, of d_lat, d_lon, d_ped", "1/rad",
+         -5.0, 5.0, (3,)),
+)  # fmt: skip
+
 _SCENE = (
     real("initial.pos_ned_m", "Position at the start", "m", -1e5, 1e5, (3,)),
     real("initial.psi_deg", "Heading at the start", "deg", -360.0, 360.0),
@@ -73,4 +85,6 @@ _TERMS = (
 
 _FAULTS = (row("faults", "string[]", "Faults of sensors and actuators, gusts; none: no fault"),)
 
-TABLE: tuple[Parameter, ...] = _NODE + _SCENE + _SCALE + _TERMS + WIND + SENSORS + _FAULTS
+TABLE: tuple[Parameter, ...] = (
+    _NODE + _FALLBACK + _SCENE + _SCALE + _TERMS + WIND + SENSORS + _FAULTS
+)

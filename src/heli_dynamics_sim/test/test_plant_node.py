@@ -18,6 +18,7 @@ from heli_parameters import locate
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 U = np.array([0.01, -0.02, 0.03, -0.1])
+FALLS_BACK = "no message on 'actuators' from inner_loop: the trim is held, rates are damped"
 SILENT = "no message on 'actuators' from inner_loop: going on with the last command"
 
 
@@ -87,14 +88,16 @@ def test_real_time_begins_and_ends_with_activation(bench):
     assert len(list(plant.node.timers)) == before
 
 
-def test_real_time_names_a_silent_inner_loop(bench):
+def test_real_time_names_a_silent_inner_loop_and_flies_on_without(bench):
     plant = bench(PlantNode, lockstep=False)
     plant.fly()
-    plant.spin_until(lambda: plant.node.health.message == SILENT)
+    plant.spin_until(lambda: plant.node.health.message == FALLS_BACK)
     flown = plant.node.tick
-    assert flown > 10
+    assert flown > 10 and plant.node.core.fallback.times == 1
     plant.send(topics.ACTUATORS, flown, U)
     plant.spin_until(lambda: plant.node.health.message == "flying")
+    plant.spin_until(lambda: "without_commands" in plant.node.health.facts)
+    assert plant.node.health.facts["without_commands"].startswith("1 times, 0.")
 
 
 def test_gusts_change_in_flight_and_refused_ones_change_nothing(bench):

@@ -166,3 +166,64 @@ def test_a_lock_that_another_user_made_is_a_lock(monkeypatch, tmp_path):
             raise AssertionError("two flights in one domain")
     with processes.domain_reserved() as domain:
         assert domain == 7
+
+
+def test_a_lock_leaves_no_file(monkeypatch, tmp_path):
+    monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    with processes.domain_reserved():
+        assert [path.name for path in tmp_path.iterdir()] == ["heli_hover-domain-7.lock"]
+        with pytest.raises(StartError), processes.domain_reserved():
+            raise AssertionError("two flights in one domain")
+        assert list(tmp_path.iterdir()), "who was refused has removed the other's lock"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_lock_whose_file_was_removed_is_none(monkeypatch, tmp_path):
+    """One flight opens the file just before another one, which holds it, ends and removes it."""
+    monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path))
+    path, lock = tmp_path / "heli_hover-domain-7.lock", fcntl.flock
+    locked = []
+
+    def removed_meanwhile(descriptor, how):
+        lock(descriptor, how)
+        if not locked:
+            path.unlink()
+        locked.append(os.fstat(descriptor).st_ino)
+
+    monkeypatch.setattr(processes.fcntl, "flock", removed_meanwhile)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    with processes.domain_reserved():
+        assert len(locked) == 2
+        assert path.stat().st_ino == locked[-1]
+        with pytest.raises(StartError), processes.domain_reserved():
+            raise AssertionError("two flights in one domain")
+    assert not path.exists()
+
+
+def test_a_long_tmpdir_is_no_hindrance(tmp_path):
+    """A Unix socket's path has 107 bytes at most; its folder is the user's alone, and goes."""
+    folder = tmp_path / ("t" * 120)
+    folder.mkdir()
+    (tmp_path / "obedient_node.py").write_text(MODULES["obedient"])
+    code = (
+        "import os, sys\n"
+        "from multiprocessing import util\n"
+        "from pathlib import Path\n"
+        f"sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from heli_flight.graph.processes import NodeProcess, start_server, stop\n"
+        "start_server()\n"
+        f"child = NodeProcess('x', 'obedient_node', [], Path({str(tmp_path)!r}) / 'x', {{}})\n"
+        "while child.last_line() != 'up':\n"
+        "    assert not child.wait(0.01), child.last_line()\n"
+        "assert stop([child]) == []\n"
+        "made = util.get_temp_dir()\n"
+        "print(made, oct(os.stat(made).st_mode & 0o777))\n"
+    )
+    env = os.environ | {"TMPDIR": str(folder)}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60.0)
+    assert done.returncode == 0, done.stderr
+    made, mode = done.stdout.split()
+    assert len(str(folder)) >= 120 and len(made) < 60 and mode == "0o700"
+    assert not Path(made).exists() and list(folder.iterdir()) == []

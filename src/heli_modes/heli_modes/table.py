@@ -86,6 +86,7 @@ class Fact(StrEnum):
     TOUCHED_DOWN = "touched down"
     IDLE = "collective idle"
     SILENT = "nothing commanded for too long"
+    FENCED = "outside the fence"
 
 
 class Guard(Enum):
@@ -99,6 +100,7 @@ class Guard(Enum):
     ENVELOPE = "the aircraft is outside the envelope: it is tilted more than the law may command"
     STICKS = "no sticks are heard"
     HEARD = "neither sticks nor an attitude are heard"
+    FENCE = "the aircraft is outside the fence: it is coming back"
     LOWERED = "the collective stick is not at its lower end"
 
 
@@ -160,35 +162,41 @@ TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.ATTITUDE,), Command.HOLD, Phase.HOVER, (Guard.NAVIGATION, Guard.ENVELOPE)),
     Transition((Phase.MANUAL,), Command.HOLD, Phase.HOVER, _BY_HAND),
     Refused(ON_GROUND, Command.HOLD, _GROUNDED),
-    Transition(GUIDED, Command.GOTO, Phase.TRAJECTORY, (Guard.NAVIGATION, Guard.UNSATURATED)),
+    Transition(GUIDED, Command.GOTO, Phase.TRAJECTORY,
+               (Guard.NAVIGATION, Guard.FENCE, Guard.UNSATURATED)),
     Transition((Phase.ATTITUDE,), Command.GOTO, Phase.TRAJECTORY,
-               (Guard.NAVIGATION, Guard.ENVELOPE, Guard.UNSATURATED)),
-    Transition((Phase.MANUAL,), Command.GOTO, Phase.TRAJECTORY, (*_BY_HAND, Guard.UNSATURATED)),
+               (Guard.NAVIGATION, Guard.FENCE, Guard.ENVELOPE, Guard.UNSATURATED)),
+    Transition((Phase.MANUAL,), Command.GOTO, Phase.TRAJECTORY,
+               (*_BY_HAND, Guard.FENCE, Guard.UNSATURATED)),
     Refused(ON_GROUND, Command.GOTO, _GROUNDED),
     Refused((Phase.CLIMBING,), Command.GOTO, _RISING),
     Refused(_LANDS, Command.GOTO, _SINKING),
-    Transition(GUIDED, Command.FOLLOW, Phase.TRAJECTORY, (Guard.NAVIGATION,)),
+    Transition(GUIDED, Command.FOLLOW, Phase.TRAJECTORY, (Guard.NAVIGATION, Guard.FENCE)),
     Transition((Phase.ATTITUDE,), Command.FOLLOW, Phase.TRAJECTORY,
-               (Guard.NAVIGATION, Guard.ENVELOPE)),
-    Transition((Phase.MANUAL,), Command.FOLLOW, Phase.TRAJECTORY, _BY_HAND),
+               (Guard.NAVIGATION, Guard.FENCE, Guard.ENVELOPE)),
+    Transition((Phase.MANUAL,), Command.FOLLOW, Phase.TRAJECTORY,
+               (*_BY_HAND, Guard.FENCE)),
     Refused(ON_GROUND, Command.FOLLOW, _GROUNDED),
     Refused((Phase.CLIMBING,), Command.FOLLOW, _RISING),
     Refused(_LANDS, Command.FOLLOW, _SINKING),
-    Transition(GUIDED, Command.VELOCITY, Phase.VELOCITY, (Guard.NAVIGATION, Guard.UNSATURATED)),
+    Transition(GUIDED, Command.VELOCITY, Phase.VELOCITY,
+               (Guard.NAVIGATION, Guard.FENCE, Guard.UNSATURATED)),
     Transition((Phase.ATTITUDE,), Command.VELOCITY, Phase.VELOCITY,
-               (Guard.NAVIGATION, Guard.ENVELOPE, Guard.UNSATURATED)),
-    Transition((Phase.MANUAL,), Command.VELOCITY, Phase.VELOCITY, (*_BY_HAND, Guard.UNSATURATED)),
+               (Guard.NAVIGATION, Guard.FENCE, Guard.ENVELOPE, Guard.UNSATURATED)),
+    Transition((Phase.MANUAL,), Command.VELOCITY, Phase.VELOCITY,
+               (*_BY_HAND, Guard.FENCE, Guard.UNSATURATED)),
     Refused(ON_GROUND, Command.VELOCITY, _GROUNDED),
     Refused((Phase.CLIMBING,), Command.VELOCITY, _RISING),
     Refused(_LANDS, Command.VELOCITY, _SINKING),
     Transition((*GUIDED, Phase.ATTITUDE), Command.ATTITUDE, Phase.ATTITUDE,
-               (Guard.LEVEL, Guard.HEARD)),
+               (Guard.LEVEL, Guard.FENCE, Guard.HEARD)),
     Transition((Phase.MANUAL,), Command.ATTITUDE, Phase.ATTITUDE,
-               (Guard.LEVEL, *_HELD, Guard.HEARD)),
+               (Guard.LEVEL, *_HELD, Guard.FENCE, Guard.HEARD)),
     Refused(ON_GROUND, Command.ATTITUDE, _GROUNDED),
     Refused((Phase.CLIMBING,), Command.ATTITUDE, _RISING),
     Refused(_LANDS, Command.ATTITUDE, _SINKING),
-    Transition((*FLYING, Phase.CLIMBING, *_LANDS), Command.MANUAL, Phase.MANUAL, (Guard.STICKS,)),
+    Transition((*FLYING, Phase.CLIMBING, *_LANDS), Command.MANUAL, Phase.MANUAL,
+               (Guard.STICKS, Guard.FENCE)),
     Transition((Phase.STANDING,), Command.MANUAL, Phase.MANUAL,
                (Guard.NAVIGATION, Guard.STICKS, Guard.LOWERED)),
     Refused((Phase.SPOOLING, Phase.LIFTING), Command.MANUAL, "the collective is being raised: "
@@ -198,6 +206,7 @@ TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.TRAJECTORY,), Fact.ARRIVED, Phase.HOVER),
     Transition((Phase.TRAJECTORY, Phase.VELOCITY), Fact.BLIND, Phase.HOVER),
     Transition((Phase.CLIMBING, Phase.HOVER), Fact.BLIND_LONG, Phase.HALTING),
+    Transition((Phase.TRAJECTORY, Phase.VELOCITY, *STEERED), Fact.FENCED, Phase.HOVER),
     Transition((Phase.CLIMBING, *GUIDED), Fact.FOUND, Phase.HOVER),
     Transition(_LANDS, Fact.FOUND, Phase.HALTING),
     Transition((Phase.VELOCITY, *STEERED), Fact.SILENT, Phase.HOVER),

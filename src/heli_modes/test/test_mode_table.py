@@ -160,6 +160,17 @@ def test_who_falls_silent_is_held():
         assert decide(phase, Fact.SILENT) == Phase.HOVER
 
 
+def test_who_leaves_the_fence_is_held_and_leads_no_further():
+    for phase in (Phase.TRAJECTORY, Phase.VELOCITY, Phase.ATTITUDE, Phase.MANUAL):
+        assert decide(phase, Fact.FENCED) == Phase.HOVER
+    for phase in (*LANDING, *TAKING_OFF, Phase.HOVER):
+        assert decide(phase, Fact.FENCED) is None, "it lands, climbs or holds already"
+    for phase, command in product(FLYING, set(Command) - {Command.HOLD, Command.LAND}):
+        assert isinstance(decide(phase, command, {Guard.FENCE}), Refusal)
+    for phase, command in product(FLYING, (Command.HOLD, Command.LAND)):
+        assert isinstance(decide(phase, command, {Guard.FENCE}), Phase)
+
+
 def test_a_landing_is_possible_wherever_it_flies():
     for phase in (Phase.CLIMBING, *FLYING):
         assert decide(phase, Command.LAND) == Phase.HALTING

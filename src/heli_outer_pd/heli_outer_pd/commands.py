@@ -279,7 +279,9 @@ class Commands:
     def refusal_of_reference(self) -> str:
         """Why no reference is followed now; empty if one is."""
         phases = self._node.run.phases
-        fails = {Guard.NAVIGATION} if phases.lost else ()
+        fails = {Guard.NAVIGATION} if phases.lost else set[Guard]()
+        if phases.beyond_m > 0.0:
+            fails.add(Guard.FENCE)
         found = decide(phases.phase, Command.FOLLOW, fails)
         return found.sentence if isinstance(found, Refusal) else ""
 

@@ -27,6 +27,7 @@ from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_outer_pd.anchor import warm_up
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands, key_of
 from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.fence import outside
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import with_hand
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
@@ -343,8 +344,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         message, phases = status.sentence, self.run.phases
         if status == OuterStatus.OK:
             self.run.engaged = True
-            level = Level.WARN if phases.lost else Level.OK
+            level = Level.WARN if phases.lost or phases.beyond_m > 0.0 else Level.OK
             message = plight(phases.phase) if phases.lost else told(phases.phase, message)
+            message = outside(phases.beyond_m, message)
         elif status == OuterStatus.BAD_NAVIGATION and not self.run.engaged:
             level, message = Level.WARN, _WAITS
         else:

@@ -18,6 +18,7 @@ from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
+from heli_outer_pd.fence import Fence
 from heli_outer_pd.steering import StickNumbers
 
 Array = NDArray[np.float64]
@@ -45,6 +46,7 @@ class PhaseNumbers:
     descent: MotionLimits
     touch_down: MotionLimits
     sticks: StickNumbers
+    fence: Fence
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "PhaseNumbers":
@@ -66,6 +68,7 @@ class PhaseNumbers:
             descent=replace(limits, climb_mps=values["land.descent_mps"]),
             touch_down=replace(limits, climb_mps=values["land.touch_down_mps"]),
             sticks=StickNumbers.from_parameters(values),
+            fence=Fence.from_parameters(values),
         )
 
 

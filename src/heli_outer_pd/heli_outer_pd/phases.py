@@ -19,6 +19,7 @@ from heli_modes.table import STEERED as BY_STICKS
 from heli_modes.table import Command, Fact, Guard, Phase
 from heli_outer_pd.contact import TouchDown, lean, leans_beyond, lifts_more
 from heli_outer_pd.disturbance import flyable, hover_share
+from heli_outer_pd.fence import left
 from heli_outer_pd.goto import WIND, Goto
 from heli_outer_pd.into_wind import IntoWind
 from heli_outer_pd.orders import Orders
@@ -31,11 +32,9 @@ from heli_outer_pd.stick_flight import RISES_MPS, Now, StickFlight
 
 Array = NDArray[np.float64]
 
-_STUCK_S = 4.0
-"""So long after hover's thrust it should climb."""
+_STUCK_S = 4.0  # so long after hover's thrust it should climb
 _AT_LIMIT = 1e-3
-_RENEWED = (Phase.VELOCITY, Phase.ATTITUDE)
-"""Commanded many times a second."""
+_RENEWED = (Phase.VELOCITY, Phase.ATTITUDE)  # commanded many times a second
 
 
 class Phases:
@@ -69,6 +68,8 @@ class Phases:
         Stamp of the newest velocity.
     ground_down_m : float
         Where the ground is, as far as it is known, NED.
+    beyond_m : float
+        So far the aircraft is outside the fence.
     sticks : StickFlight
         Who leads in the modes `attitude` and `manual`.
     remarks : list of str
@@ -87,7 +88,7 @@ class Phases:
     ) -> None:
         self.numbers, self.goto, self.kernel, self.fence = numbers, goto, kernel, fence
         self.way: Trajectory | None = None
-        self.home_ned_m, self.ground_down_m = np.zeros(3), 0.0
+        self.home_ned_m, self.ground_down_m, self.beyond_m = np.zeros(3), 0.0, 0.0
         self.phase = Phase.STANDING if numbers.on_ground else Phase.HOVER
         self.history = [(start_ns, self.phase)]
         self._orders = Orders(orders, start_ns)
@@ -204,11 +205,18 @@ class Phases:
         """
         before = self.way
         if self.way is None and flyable(nav):
-            self._begin(nav)
+            # The first position: where it stands, or what it holds.
+            self.way = way_here(nav, self._start_ns)
+            self.home_ned_m, self.ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
+        fenced = flyable(nav) and not self.lost and self.kernel.hold_horizontal > 0.5
+        place = nav[NAV.pos], self.home_ned_m, self.ground_down_m
+        self.beyond_m = self.numbers.fence.beyond_m(*place) if fenced else 0.0
         self._orders.renew(self, now_ns, nav)
         fact = self._fact(now_ns, nav, out)
         if fact is not None:
             found = decide(self.phase, fact)
+            if fact == Fact.FENCED:
+                self.remarks.append(left(self.phase.mode, self.beyond_m))
             if isinstance(found, Phase):
                 self._enter(found, fact, now_ns, nav)
         self._orders.obey(self, now_ns, nav)
@@ -219,19 +227,13 @@ class Phases:
         self.way = self._into_wind.turned(self, now_ns, nav, self._state, self.ground_down_m)
         return self.way is not before
 
-    def _begin(self, nav: Array) -> None:
-        """The first position: where it stands, or what it holds."""
-        self.way = way_here(nav, self._start_ns)
-        self.home_ned_m, self.ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
-
-    # --- facts and guards ------------------------------------------------------------------------
-
     def fails(self, now_ns: int, nav: Array) -> set[Guard]:
         """Guards that do not hold at a stamp and navigation row."""
         k, fails = self.kernel, self.sticks.fails(now_ns, self.numbers.sticks)
         if not flyable(nav) or self.way is None:
             return fails | {Guard.NAVIGATION, Guard.LEVEL}
         fails |= {Guard.NAVIGATION} if self.lost else set()
+        fails |= {Guard.FENCE} if self.beyond_m > 0.0 else set()
         tilt = float(np.abs(lean(nav, k)).max())
         if tilt > self.numbers.lean_max_rad:
             fails.add(Guard.UPRIGHT)
@@ -264,6 +266,8 @@ class Phases:
             return Fact.BLIND if self.phase.on_ground else None
         if (sight := seen(self.phase, self._state, self._is_low(nav), self.kernel)) is not None:
             return sight
+        if self.beyond_m > 0.0 and decide(self.phase, Fact.FENCED) is not None:
+            return Fact.FENCED
         match self.phase:
             case Phase.SPOOLING:
                 spooled = now_ns - self._since_ns >= self.numbers.spool_up_ns
@@ -296,8 +300,7 @@ class Phases:
     def _is_over(self, now_ns: int) -> bool:
         """The way ends, and with it what the law averages of it."""
         assert self.way is not None
-        end_ns = self.way.start_ns + int(self.way.times_ns[-1])
-        return now_ns >= end_ns + self.goto.shaping_ns
+        return now_ns >= self.way.start_ns + int(self.way.times_ns[-1]) + self.goto.shaping_ns
 
     def _climbing(self, now_ns: int, nav: Array) -> Fact | None:
         if self.leaving:
@@ -319,8 +322,6 @@ class Phases:
     def _at(self, now_ns: int, nav: Array) -> Now:
         return Now(now_ns, self._start_ns, nav, self.kernel)
 
-    # --- phases ----------------------------------------------------------------------------------
-
     def _enter(
         self,
         phase: Phase,
@@ -330,8 +331,7 @@ class Phases:
         goal: tuple[Array, float] | None = None,
     ) -> None:
         """Begin a phase; a way that cannot be planned raises before anything has changed."""
-        n = self.numbers
-        steered = self.phase in BY_STICKS
+        n, steered = self.numbers, self.phase in BY_STICKS
         if phase in BY_STICKS:
             if not steered:
                 self._orders.hand.begins()
@@ -353,6 +353,9 @@ class Phases:
             case Phase.CLIMBING:
                 self.way = way_up(n, nav, now_ns, self._start_ns)
                 self._state[MEMORY.ground] = LEAVES
+            case Phase.HOVER if (steered or event != Fact.ARRIVED) and not self.lost:
+                ground = self.ground_down_m
+                self.way = n.fence.halt(self.goto, before, now_ns, self.home_ned_m, ground)
             case Phase.HALTING | Phase.HOVER if steered or event != Fact.ARRIVED:
                 self.way = self.goto.halt(before, now_ns)
             case Phase.VELOCITY:
@@ -364,7 +367,8 @@ class Phases:
                 self.cruise_ns = now_ns
             case Phase.DESCENDING:
                 self.way = way_down(n, self.way, self.ground_down_m, now_ns, self._start_ns)
-                self._contact = TouchDown(self._carried(), float(nav[NAV.down_vel]))
+                carried = float(hover_share(self._state[MEMORY.command][SETPOINT.col], self.kernel))
+                self._contact = TouchDown(carried, float(nav[NAV.down_vel]))
             case Phase.SETTLING:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
                 if flyable(nav):
@@ -394,7 +398,3 @@ class Phases:
     def _stand(self, col_goal: float, col_rate: float) -> None:
         self._state[MEMORY.ground] = STANDS
         self._state[MEMORY.col_goal], self._state[MEMORY.col_rate] = col_goal, col_rate
-
-    def _carried(self) -> float:
-        """Thrust of the last command, a share of hover's."""
-        return float(hover_share(self._state[MEMORY.command][SETPOINT.col], self.kernel))

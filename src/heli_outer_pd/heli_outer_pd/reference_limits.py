@@ -30,8 +30,12 @@ class ReferenceLimits:
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "ReferenceLimits":
-        """From the parameters of the outer loop; ReferenceRefused if they leave no altitude."""
-        made = cls(**{name: values[f"reference_limits.{name}"] for name in cls.__annotations__})
+        """From the parameters of the outer loop; ReferenceRefused if they leave no altitude.
+
+        What lies beyond the fence is not asked for, either.
+        """
+        low, high, far = (values[f"reference_limits.{name}"] for name in cls.__annotations__)
+        made = cls(low, min(high, values["fence.ceiling_m"]), min(far, values["fence.radius_m"]))
         if made.altitude_min_m >= made.altitude_max_m:
             raise ReferenceRefused(
                 f"reference_limits: altitude_min_m {made.altitude_min_m:g} is not below "

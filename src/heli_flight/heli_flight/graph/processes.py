@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from multiprocessing import forkserver, resource_tracker
+from multiprocessing import forkserver, resource_tracker, util
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,10 @@ DOMAIN = "ROS_DOMAIN_ID"
 # UDP ports of a ROS domain (DDSI-RTPS 2.3, 9.6.1.1): the first, and how many.
 _FIRST_PORT, _PORTS = 7400, 250
 _UDP_SOCKETS = Path("/proc/net/udp")
+# What multiprocessing puts behind the temporary folder, and the longest path of a Unix socket that
+# all systems take (108 bytes with the final zero on Linux, 104 on others).
+_SOCKET_IN_FOLDER, _LONGEST_SOCKET = "/pymp-xxxxxxxx/listener-xxxxxxxx", 103
+_SHORT_FOLDERS = ("/tmp", "/dev/shm", "/var/tmp")
 
 
 def die_with_parent(parent: str) -> None:
@@ -65,6 +69,22 @@ def _run_node(module: str, arguments: Sequence[str], log: str, env: Mapping[str,
     sys.exit(importlib.import_module(module).main(list(arguments)))
 
 
+def _short_sockets() -> None:
+    """Have multiprocessing keep its sockets where their paths are short, whatever TMPDIR is.
+
+    Their folder is made once in a process, for its user alone, and removed when the process ends.
+    """
+    before = tempfile.gettempdir()
+    if len(os.fsencode(before + _SOCKET_IN_FOLDER)) <= _LONGEST_SOCKET:
+        return
+    usable = (path for path in _SHORT_FOLDERS if os.access(path, os.W_OK | os.X_OK))
+    tempfile.tempdir = next(usable, before)
+    try:
+        util.get_temp_dir()
+    finally:
+        tempfile.tempdir = before
+
+
 def start_server() -> None:
     """Start the process that loads what all nodes need once, and of which each node is a fork.
 
@@ -73,6 +93,7 @@ def start_server() -> None:
     """
     multiprocessing.set_forkserver_preload(["heli_flight.graph.bound", "heli_flight.graph.preload"])
     os.environ[STARTER_PID] = str(os.getpid())
+    _short_sockets()
     # The tracker, which the server needs, lets signals through when it has been started.
     resource_tracker.ensure_running()
     # A terminal's Ctrl-C goes to the server, too; its nodes take it up when they have their logs.
@@ -201,23 +222,52 @@ def check_middleware() -> None:
         ) from None
 
 
+def _lock_path(domain: int) -> Path:
+    return Path(tempfile.gettempdir()) / f"heli_hover-domain-{domain}.lock"
+
+
+def _is_file(descriptor: int, path: Path) -> bool:
+    """Whether a path still names the file that is open: who held it last has removed it else."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
 def _held_lock(domain: int) -> int | None:
     """Descriptor of a domain's lock, held by this process; None if another flight holds it.
 
-    One file for all users of the machine: whoever made it, all may lock it.
+    One file for all users of the machine: whoever made it, all may lock it. A lock counts as held
+    only while its file has its name, so that its holder may remove the file.
     """
-    path = Path(tempfile.gettempdir()) / f"heli_hover-domain-{domain}.lock"
-    lock = -1
-    try:
-        with contextlib.suppress(FileExistsError):
-            os.close(os.open(path, os.O_RDONLY | os.O_CREAT | os.O_EXCL, 0o644))
-        lock = os.open(path, os.O_RDONLY)
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    path = _lock_path(domain)
+    while True:
+        lock = -1
+        try:
+            with contextlib.suppress(FileExistsError):
+                os.close(os.open(path, os.O_RDONLY | os.O_CREAT | os.O_EXCL, 0o644))
+            lock = os.open(path, os.O_RDONLY)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_file(lock, path):
+                return lock
+        except FileNotFoundError:
+            if not path.parent.is_dir():
+                return None
+        except OSError:
+            if lock >= 0:
+                os.close(lock)
+            return None
         if lock >= 0:
             os.close(lock)
-        return None
-    return lock
+
+
+def _give_back(domain: int, lock: int) -> None:
+    """Remove a lock's file while it is held, then let go; another user's file stays."""
+    path = _lock_path(domain)
+    with contextlib.suppress(OSError):
+        if _is_file(lock, path):
+            path.unlink()
+    os.close(lock)
 
 
 def others_in(domain: int) -> bool:
@@ -266,4 +316,4 @@ def domain_reserved() -> Iterator[int]:
     finally:
         if not wanted:
             os.environ.pop(DOMAIN, None)
-        os.close(lock)
+        _give_back(domain, lock)
