@@ -25,10 +25,10 @@ in the graph, as detection stands in the kernels of the observer and of the oute
 
 def page() -> str:
     """The whole page."""
-    lines = ["| condition | detected by | within, s | action | recovery | what a user sees |",
+    lines = ["| condition | detected by | within | action | recovery | what a user sees |",
              "|---|---|---|---|---|---|"]  # fmt: skip
     for row in FAILSAFES:
-        cells = (row.condition, row.detected, f"{row.within_s:g}", row.action.words, row.recovery,
+        cells = (row.condition, row.detected, f"{row.within_s:g} s", row.action.words, row.recovery,
                  row.status)  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
     lines += ["", "| action | what the aircraft does |", "|---|---|"]

@@ -35,6 +35,8 @@ DESCRIPTIVE = {
     "| topic | type | rate | frame | from | to |",
     "| node | package | what active means |",
     "| name | allowed | default | set | meaning |",
+    # docs/failsafes.md, likewise; the times are bounds that its tests fly
+    "| condition | detected by | within | action | recovery | what a user sees |",
     # definitions, not measured
     "| `--mte` | paragraph | time, s | position or track, ft | altitude or height, ft "
     "| heading, deg | besides |",
