@@ -22,6 +22,8 @@ FOLLOWS = 0.2
 """Part of what a fix says anew by which the offset of a refused receiver is followed."""
 CERTAIN_FIXES = 10
 """Fixes after which it is certain that the receiver is off: only a step ends that."""
+RETURNS = 0.5
+"""Part of the offset that this step has at least; what the filter drifts is slower."""
 MIN_FIXES, MAX_FIXES = 5, 25
 """Refused fixes over which growth is looked for."""
 GROWTH_MPS2, GROWTH_SIGMA = 0.4, 4.0
@@ -53,29 +55,47 @@ def _whole(row):
 
 
 @njit
+def is_certain(state):
+    """Whether a receiver has been off by a velocity that stays for long enough."""
+    return state.count[L.C_GPS_OFFSET] >= CERTAIN_FIXES
+
+
+@njit
 def keeps_its_offset(state, row, k):
     """Whether a receiver that was refused is off by the same velocity still (aid row, EkfKernel).
 
     It is not if it says something else; in the beginning, too, if its velocity agrees with what the
-    filter was sure of when it was refused first. Later it may be the filter that has drifted there.
+    filter was sure of when it was refused first. Later it may be the filter that has drifted there:
+    then only a step from one fix to the next ends it that is like the one that began it.
     """
     x, heard, count = state.nominal, state.heard, state.count
     if count[L.C_GPS_OFFSET] == 0 or not _whole(row):
         return False
-    off, change = 0.0, 0.0
+    off, change, step_sq, noise = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
         r, var = row[L.AID_GPS_VEL + i] - x[L.X_VEL + i], _velocity_noise(i, k)
-        d = r - heard[L.H_OFFSET + i]
+        d, e = r - heard[L.H_OFFSET + i], r - heard[L.H_OFF_LAST + i]
         off += r * r / (var + heard[L.H_OFFSET_VAR + i])
         change += d * d / (2.0 * var)
-    agrees = off <= k.gates[3] and count[L.C_GPS_OFFSET] < CERTAIN_FIXES
-    if agrees or change > k.gates[3]:
+        step_sq += e * e
+        noise += e * e / (2.0 * var)
+        heard[L.H_OFF_LAST + i] = r
+    if is_certain(state):
+        first = heard[L.H_OFF_FIRST]
+        ended = noise > k.gates[3] and step_sq > RETURNS * RETURNS * first * first
+    else:
+        ended = off <= k.gates[3] or change > k.gates[3]
+    if ended:
         count[L.C_GPS_OFFSET] = 0
         return False
     count[L.C_GPS_OFFSET] += 1
+    first_sq = 0.0
     for i in range(3):
-        r = row[L.AID_GPS_VEL + i] - x[L.X_VEL + i]
-        heard[L.H_OFFSET + i] += FOLLOWS * (r - heard[L.H_OFFSET + i])
+        offset = heard[L.H_OFFSET + i]
+        heard[L.H_OFFSET + i] = offset + FOLLOWS * (heard[L.H_OFF_LAST + i] - offset)
+        first_sq += heard[L.H_OFFSET + i] * heard[L.H_OFFSET + i]
+    if count[L.C_GPS_OFFSET] == CERTAIN_FIXES:
+        heard[L.H_OFF_FIRST] = math.sqrt(first_sq)
     return True
 
 
@@ -90,16 +110,17 @@ def believe(state):
 def refuse(state, row, time_s, k):
     """A velocity was refused: remember how it is off; True if that has grown steadily."""
     x, P, heard, count = state.nominal, state.P, state.heard, state.count
-    if not _whole(row):
+    if not _whole(row) or is_certain(state):
         return False
     if count[L.C_GPS_OFFSET] == 0:
         count[L.C_GPS_OFFSET] = 1
         for i in range(3):
             heard[L.H_OFFSET + i] = row[L.AID_GPS_VEL + i] - x[L.X_VEL + i]
             heard[L.H_OFFSET_VAR + i] = P[L.E_VEL + i, L.E_VEL + i]
+            heard[L.H_OFF_LAST + i] = heard[L.H_OFFSET + i]
     if count[L.C_GPS_GROWS] == 0 or count[L.C_GPS_GROWS] == MAX_FIXES:
         count[L.C_GPS_GROWS] = 0
-        fill(heard[L.H_FIT : L.N_HEARD], 0.0)
+        fill(heard[L.H_FIT : L.H_OFF_LAST], 0.0)
         heard[L.H_FIT_BEGAN] = time_s
     count[L.C_GPS_GROWS] += 1
     n, t = count[L.C_GPS_GROWS], time_s - heard[L.H_FIT_BEGAN]

@@ -37,7 +37,9 @@ H_OFFSET_VAR = 15  # variance of the filter's velocity when it was refused first
 # Sums of a straight line through how far refused velocities are off: time and its square, the
 # velocities, velocities times time; and when it began, s.
 H_FIT, H_FIT_SUM, H_FIT_MOMENT, H_FIT_BEGAN = 18, 20, 23, 26
-N_HEARD = 27
+H_OFF_LAST = 27  # by how much the fix before was off, NED, m/s
+H_OFF_FIRST = 30  # by how much in all when that was certain, m/s
+N_HEARD = 31
 
 # --- integer record `count`
 C_TICK = 0  # newest tick seen, NO_TICK before the first
@@ -169,7 +171,7 @@ class ObserverState(NamedTuple):
         Actuator commands, newest first (absolute).
     diag : ndarray (7,)
         Innovation record, indices D_*.
-    heard : ndarray (27,)
+    heard : ndarray (31,)
         What the sensors said last, indices H_*.
     count : ndarray of int64 (40,)
         Ticks, flags and counters, indices C_*.

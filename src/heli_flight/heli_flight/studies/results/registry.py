@@ -120,6 +120,14 @@ PRODUCERS = (
         TWENTY,
     ),
     Producer(
+        "failsafes",
+        "./heli python scripts/failsafe_table.py --seeds 1..10",
+        "Hovers with faults of the sensors, with both receivers.",
+        tuple(range(1, 11)),
+        # As of a landing without a place to hold.
+        MARGIN,
+    ),
+    Producer(
         "blind_landing",
         "./heli python scripts/blind_landing_table.py --seeds 1..20",
         "Landings after the last fix, in two worlds with both receivers.",

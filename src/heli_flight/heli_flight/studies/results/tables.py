@@ -29,6 +29,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "position_floor": position.position_floor,
     "paths": position.paths,
     "takeoff": position.takeoff,
+    "failsafes": of_ground.failsafes,
     "blind_landing": of_ground.blind_landing,
     "into_wind": position.into_wind,
     "sequence": position.sequence,

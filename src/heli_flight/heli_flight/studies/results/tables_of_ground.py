@@ -72,6 +72,32 @@ def rollover(results: Results) -> str:
     )
 
 
+def failsafes(results: Results) -> str:
+    """Faults of sensors in the hover: off, lost, landed."""
+    found = results["failsafes"]
+    head = ["fault", "receiver", "lost", "off, m: median / worst", "goal, m", "down",
+            "after, s", "at, m/s", "away, m"]  # fmt: skip
+    rows = []
+    for row in found["rows"]:
+        most = row["max"]
+        off = f"{row['median']['off_m']:.2f} / {most['off_m']:.2f}"
+        goal = "" if row["goal_m"] is None else f"{row['goal_m']:g}"
+        down = ["", "", "", ""]
+        if row["lands"]:
+            down = [str(row["down"])]
+            for key, form in (("down_s", ".0f"), ("sink_mps", ".2f"), ("away_m", ".0f")):
+                down.append("–" if most[key] is None else f"{most[key]:{form}}")
+        rows.append([row["fault"], row["gps"], str(row["lost"]), off, goal, *down])
+    return (
+        f"{grid(head, rows)}\n\nOf {len(found['seeds'])} flights each (seeds {found['seeds'][0]} "
+        f"to {found['seeds'][-1]}): hover at 10 m, world {found['world']}, default laws, the fault "
+        f"from {found['begin_s']:g} s on, {found['end_s']:g} s long, {found['landed_s']:g} s where "
+        f"it should land by itself. Off: largest distance from the same flight without the fault, "
+        f"from truth, until the landing begins. Down: flights that came to stand by themselves; "
+        f"time from the fault, speed of the touch-down and distance from the place: worst."
+    )
+
+
 def blind_landing(results: Results) -> str:
     """Landings so long after the last fix, world by world and receiver by receiver."""
     found = results["blind_landing"]
