@@ -15,6 +15,7 @@ from heli_math.arrays import fill
 from heli_math.jit import njit
 from heli_observer import layout as L
 
+_AXES = 3  # of a velocity: degrees of freedom of its gate
 FORCE_DENSITY, RATE_DENSITY = 0.6, 0.045
 """Of a sample that no sensor said, m/s2/sqrt(Hz), rad/s/sqrt(Hz): wrong by 1 m/s2 and 0.1 rad/s for
 0.2 s and 0.1 s."""
@@ -82,9 +83,9 @@ def keeps_its_offset(state, row, k):
         heard[L.H_OFF_LAST + i] = r
     if is_certain(state):
         first = heard[L.H_OFF_FIRST]
-        ended = noise > k.gates[3] and step_sq > RETURNS * RETURNS * first * first
+        ended = noise > k.gates[_AXES] and step_sq > RETURNS * RETURNS * first * first
     else:
-        ended = off <= k.gates[3] or change > k.gates[3]
+        ended = off <= k.gates[_AXES] or change > k.gates[_AXES]
     if ended:
         count[L.C_GPS_OFFSET] = 0
         return False
