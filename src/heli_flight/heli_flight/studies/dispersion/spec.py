@@ -29,7 +29,7 @@ from heli_flight.loop.layers import GPS_PRESETS, TABLES
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.dispersion.distribution import Distribution, distribution_of
 from heli_flight.studies.dispersion.sampling import GRID, SAMPLINGS, correlated, unit_points
-from heli_parameters.parameters import ParameterError
+from heli_parameters.parameters import Parameter, ParameterError
 
 AIRCRAFT = "aircraft"
 EACH = "each"
@@ -166,6 +166,8 @@ def by_section(said: Mapping[str, Any], base: Settings) -> dict[str, dict[str, A
             continue
         whole, place = element[1], int(element[2])
         array = np.array(own.get(whole, values_of(base, section)[whole]), dtype=float)
+        if not _is_number(value):
+            raise ParameterError(f"{name}: {value!r}; allowed: a number")
         array.flat[place] = value
         own[whole] = array.ravel().tolist()
     return found
@@ -215,6 +217,11 @@ def _checked(told: Any, folder: Path) -> Spec:
     values = dict(told)
     values["params"] = tuple(str(folder / name) for name in _list(told, "params"))
     values["set"] = {**_mapping(told, "set"), **_faults(told, folder)}
+    bare = Spec(**{**values, "set": {}, "disperse": {}, "correlate": (), "flights": 1,
+                   "sampling": "random"})  # fmt: skip
+    for name in values["set"]:
+        if _ELEMENT.fullmatch(name):
+            _row_of(name, bare.base, "set")
     plain = Spec(**{**values, "disperse": {}, "correlate": (), "flights": 1, "sampling": "random"})
     base = plain.base
     values["disperse"] = _disperse(_mapping(told, "disperse"), base)
@@ -291,24 +298,33 @@ def _disperse(told: Mapping[str, Any], base: Settings) -> dict[str, Distribution
             kind = "string" if isinstance(groups[key], str) else "double"
             found[name] = distribution_of(how, kind, where)
             continue
-        sections = [node for node in TABLES if node in base.nodes or node == "scenario"]
-        if section not in sections:
-            raise ParameterError(_unknown("disperse: ", section, [*sections, AIRCRAFT]))
-        element = _ELEMENT.fullmatch(key)
-        bare = element[1] if element else key
-        row = next((row for row in TABLES[section] if row.name == bare), None)
-        if row is None:
-            rows = [row.name for row in TABLES[section]]
-            raise ParameterError(_unknown(f"disperse: {section}.", bare, rows))
-        array = row.kind.endswith("[]")
-        if array != bool(element):
-            such = f"{name}[0]" if array else f"{section}.{bare}"
-            raise ParameterError(f"{where}: allowed: {such}")
-        if element and int(element[2]) >= np.size(values_of(base, section)[bare]):
-            size = np.size(values_of(base, section)[bare])
-            raise ParameterError(f"{where}: it has {size} elements; allowed: [0] to [{size - 1}]")
+        row = _row_of(name, base, "disperse")
         found[name] = distribution_of(how, row.kind.removesuffix("[]"), where)
     return found
+
+
+def _row_of(name: str, base: Settings, key: str) -> Parameter:
+    """The row of `section.name` or `section.name[place]`; ParameterError if there is none."""
+    section, _, own = name.partition(".")
+    sections = [node for node in TABLES if node in base.nodes or node == "scenario"]
+    if section not in sections:
+        raise ParameterError(_unknown(f"{key}: ", section, [*sections, AIRCRAFT]))
+    element = _ELEMENT.fullmatch(own)
+    bare = element[1] if element else own
+    row = next((row for row in TABLES[section] if row.name == bare), None)
+    if row is None:
+        rows = [row.name for row in TABLES[section]]
+        raise ParameterError(_unknown(f"{key}: {section}.", bare, rows))
+    if row.kind.endswith("[]") != bool(element):
+        such = f"{name}[0]" if row.kind.endswith("[]") else f"{section}.{bare}"
+        raise ParameterError(f"{key}: {name}: allowed: {such}")
+    if element:
+        size = np.size(values_of(base, section)[bare])
+        if int(element[2]) >= size:
+            raise ParameterError(
+                f"{key}: {name}: it has {size} elements; allowed: [0] to [{size - 1}]"
+            )
+    return row
 
 
 def _is_number(value: Any) -> bool:

@@ -298,6 +298,12 @@ PRODUCERS = (
         loose={key: NOT_COMPARED for key in ("ring", "graph", "ratios", "machine")},
     ),
     Producer(
+        "fuzz",
+        "./heli python scripts/fuzz_counts.py --cases 10000",
+        "Damaged messages and files: taken, refused in a sentence, failed.",
+        (),
+    ),
+    Producer(
         "soak",
         "./heli python benchmarks/soak.py --json",
         "An hour of flight, twenty minutes in real time, a hundred starts, fifty Ctrl-C.",

@@ -62,6 +62,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "closed_loop": of_scale.closed_loop,
     "graph": of_scale.graph,
     "latency": of_scale.latency,
+    "fuzz": of_scale.fuzz,
     "soak": of_scale.soak,
     "latency_400": of_scale.latency_400,
     "scaling": of_scale.scaling,

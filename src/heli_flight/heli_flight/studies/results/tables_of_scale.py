@@ -15,6 +15,14 @@ _PARTS = {
     "score_s": "scoring",
 }
 _CHUNKS = (1, 10, 100)
+_FUZZED = {
+    "message": "messages of every topic that is heard",
+    "parameters": "parameter files",
+    "scenario": "scenario files",
+    "campaign": "campaign specs",
+    "aircraft": "aircraft files",
+    "heli": "commands on damaged bags and folders",
+}
 # Cores of one node of a cluster, for the table of what a scheduler carries.
 _NODE_CORES = 32
 
@@ -159,6 +167,29 @@ def workers(results: Results) -> str:
         f"{told['flights']} flights of {told['duration_s']:g} s each; short: "
         f"{found['memory']['duration_s']:g} s, one worker, {grown_mb:+.1f} MB from the first look "
         f"to the last."
+    )
+
+
+def fuzz(results: Results) -> str:
+    """Damaged input by kind: how many cases, and what became of them."""
+    found = results["fuzz"]
+    kinds: dict[str, list[Mapping[str, Any]]] = {}
+    for row in found["rows"]:
+        kinds.setdefault(row["target"].split()[0], []).append(row)
+    rows = [
+        [
+            _FUZZED.get(kind, kind),
+            str(len(own)),
+            *(str(sum(row[key] for row in own)) for key in ("cases", "taken", "refused")),
+            str(sum(row["sentences"] for row in own)),
+            str(sum(row["failed"] for row in own)),
+        ]
+        for kind, own in kinds.items()
+    ]
+    head = ["what", "targets", "cases", "taken", "refused", "beginnings of refusals", "failed"]
+    return (
+        f"{grid(head, rows)}\n\nFailed: a traceback, an output that is not finite or out of range, "
+        f"or a refusal that is not one sentence."
     )
 
 
