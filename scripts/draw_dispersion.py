@@ -15,7 +15,6 @@ from heli_math.paper_metrics import BY_KEY
 
 COLOURS = {"hinf": BLUE, "lqr": ORANGE, "pid": GREEN}
 STYLES = dict(zip(CAMPAIGNS, ("-", "--"), strict=True))
-_LEAST = 1e-4
 
 
 def main() -> int:
@@ -30,8 +29,10 @@ def main() -> int:
     with picture(path, 1, len(SHOWN), (9.0, 3.6), sharey=True) as (figure, axes):
         for axis, key in zip(axes[0], SHOWN, strict=True):
             for name, found in campaigns.items():
-                above = [max(1.0 - level, _LEAST) for level in found["levels"]]
                 for of_law in found["laws"]:
+                    # The largest of all is one flight's.
+                    least = 1.0 / of_law["flights"]
+                    above = [max(1.0 - level, least) for level in found["levels"]]
                     values = of_law["figures"][f"{key} (truth)"]["quantiles"]
                     label = f"{of_law['laws']}, {found['world']} ({of_law['flights']})"
                     colour = COLOURS[of_law["laws"]]
