@@ -206,8 +206,8 @@ def add_to_observer(r):
     r.after(ekf, "    D_NIS_BARO,\n", "    D_NIS_DOPPLER,\n")
     r.copy.write(ekf, r.copy.path(ekf).read_text() + FUSE)
     core = f"{OBSERVER}/observer.py"
-    r.replace(core, "import store_gps, store_mag_baro, take_tick",
-              "import store_doppler, store_gps, store_mag_baro, take_tick")  # fmt: skip
+    r.replace(core, "    replaced_for_long,\n    store_gps,",
+              "    replaced_for_long,\n    store_doppler,\n    store_gps,")  # fmt: skip
     r.after(core, "    fuse_baro,\n", "    fuse_doppler,\n")
     r.after(core, "_BARO_REJECTED = int(ObserverStatus.BARO_REJECTED)\n",
             "_DOPPLER_TIMEOUT = int(ObserverStatus.DOPPLER_TIMEOUT)\n"

@@ -292,7 +292,11 @@ class HelicopterParameters(DriveParameters):
                 raise AircraftError(f"{key}: missing; allowed: {allowed(item.metadata)}")
             value = flat[key]
             if isinstance(value, int) and not isinstance(value, bool):
-                value = float(value)
+                try:
+                    value = float(value)
+                except OverflowError:
+                    asked = allowed(item.metadata)
+                    raise AircraftError(f"{key}: too large a number; allowed: {asked}") from None
             values[item.name] = value
         return cls(**values)
 

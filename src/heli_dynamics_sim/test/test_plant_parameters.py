@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from heli_dynamics_sim.aircraft_file import file_fields
+from heli_dynamics_sim.aircraft_file import file_fields, find_aircraft
 from heli_dynamics_sim.helicopter import state_derivative
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.parameters import AircraftError, HelicopterParameters
@@ -233,3 +233,12 @@ def test_states_of_terms_stay_and_do_nothing_while_their_terms_are_off(helicopte
     other = state_derivative(x, u, wind, helicopter)
     assert other.tobytes() == plain.tobytes()
     assert not plain[PLANT.servo_rate.stop :].any()
+
+
+def test_a_number_without_end_is_refused(tmp_path):
+    """An integer of hundreds of digits is no float; found by damaging files."""
+    text = find_aircraft("helion.yaml").read_text()
+    path = tmp_path / "heavy.yaml"
+    path.write_text(re.sub(r"mass_kg: [\d.]+", "mass_kg: " + "9" * 400, text))
+    with pytest.raises(AircraftError, match="body.mass_kg: too large a number; allowed"):
+        HelicopterParameters.from_yaml(path)

@@ -103,11 +103,8 @@ def look(nav, k, state):
         return False
     again = before != KNOWN and sigma < _AGAIN * k.blind_sigma
     # A landing that nearly lost it is as far off when the fixes come back.
-    fell = before == KNOWN and last > _DOUBT * k.blind_sigma and sigma < _AGAIN * last
-    if fell and along and state[MEMORY.lands] < 0.5:
-        # A place that is held is flown back to, but not by a step of the command.
-        state[MEMORY.takes_over] = 1.0
-    again = again or (fell and state[MEMORY.lands] > 0.5)
+    fell = last > _DOUBT * k.blind_sigma and sigma < _AGAIN * last
+    again = again or (before == KNOWN and fell and state[MEMORY.lands] > 0.5)
     if not again or math.isnan(nav[NAV.down_vel]):
         return False
     state[MEMORY.sight] = FOUND if along else KNOWN

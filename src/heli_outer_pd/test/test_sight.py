@@ -246,8 +246,8 @@ def test_a_landing_that_has_nearly_lost_it_begins_anew_and_a_hover_does_not():
         assert not flight.phases.lost
         before, after = flight.step(0.04 * LIMIT)
         assert (command is None) == (flight.phases.phase == Phase.HOVER)
-        np.testing.assert_array_equal(before, after)
         if command is not None:
+            np.testing.assert_array_equal(before, after)
             assert flight.phases.phase == Phase.HALTING
 
 
