@@ -5,10 +5,12 @@ import os
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from heli_flight import interrupts
+from heli_flight.graph import ros_session
 
 
 def test_a_failure_after_a_swallowed_interrupt_is_the_interrupt(monkeypatch):
@@ -89,3 +91,16 @@ def test_a_command_that_fails_of_an_interrupt_ends_as_interrupted(capsys, monkey
         signal.signal(signal.SIGINT, before)
         sys.unraisablehook = hook
     assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize(("seen", "comes"), [(True, KeyboardInterrupt), (False, RuntimeError)])
+def test_a_ctrl_c_that_rclpy_dropped_is_one_all_the_same(monkeypatch, seen, comes):
+    """Its C++ then fails to convert an argument; seen once, in `heli echo`."""
+    node = SimpleNamespace(destroy_node=lambda: None)
+    monkeypatch.setattr(ros_session, "check_middleware", lambda: None)
+    monkeypatch.setattr(ros_session, "Node", lambda *_, **__: node)
+    monkeypatch.setattr(ros_session.rclpy, "init", lambda **_: None)
+    monkeypatch.setattr(ros_session.rclpy, "try_shutdown", lambda: None)
+    monkeypatch.setattr(interrupts, "_seen", seen)
+    with pytest.raises(comes), ros_session.ros_node("listener"):
+        raise RuntimeError("Unable to convert call argument '0' to Python object")

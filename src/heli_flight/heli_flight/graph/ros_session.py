@@ -11,6 +11,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from heli_flight import interrupts
 from heli_flight.errors import StartError
 from heli_flight.graph.processes import check_middleware
 from heli_parameters.locate import config_folder
@@ -59,7 +60,9 @@ def ros_node(name: str) -> Iterator[Node]:
         first = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise StartError(f"ROS 2 cannot start: {first}") from error
     try:
-        yield node
+        # rclpy's C++ may drop a Ctrl-C that comes while it calls Python, and fail for it.
+        with interrupts.told():
+            yield node
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
