@@ -17,6 +17,7 @@ import json
 import os
 import random
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -84,6 +85,15 @@ def in_use() -> set[str]:
     return used
 
 
+def busy_s() -> tuple[float, float]:
+    """Processor time, s, that this machine has spent, and that of it of what is run here."""
+    jiffies = Path("/proc/stat").read_text().split(maxsplit=9)[1:9]
+    user, nice, system, _, _, irq, softirq, steal = map(int, jiffies)
+    spent_s = (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
+    own = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return spent_s, sum(used.ru_utime + used.ru_stime for used in own)
+
+
 class Leftovers:
     """Files that flights make between `with` and `found`, and nobody uses any more.
 
@@ -93,6 +103,8 @@ class Leftovers:
         Where flights write; also their folder of temporary files.
     found : list of str
         Known at the end.
+    beside : float
+        Cores that others kept busy meanwhile; known at the end.
     """
 
     def __enter__(self) -> "Leftovers":
@@ -102,9 +114,12 @@ class Leftovers:
         self._passing.mkdir()
         self.environment = {**os.environ, "TMPDIR": str(self._passing)}
         self._before = in_shared_memory()
+        self._begun_s, self._busy_s = time.monotonic(), busy_s()
         return self
 
     def __exit__(self, *_: object) -> None:
+        spent_s, own_s = (now - then for now, then in zip(busy_s(), self._busy_s, strict=True))
+        self.beside = (spent_s - own_s) / (time.monotonic() - self._begun_s)
         shared = in_shared_memory() - self._before
         passing = [f"TMPDIR/{path.name}" for path in self._passing.iterdir()]
         self.found += sorted(shared - in_use()) + sorted(passing)
@@ -186,6 +201,7 @@ def long_flight(seconds: float, *words: str) -> dict[str, Any]:
     return {
         "seconds": seconds, "wall_s": wall_s, "exit_code": flying.returncode,
         "memory": memory_of(rows, seconds), "wrong_counts": wrong, "left": left.found,
+        "beside": left.beside,
     }  # fmt: skip
 
 
@@ -205,6 +221,7 @@ def starts(count: int) -> dict[str, Any]:
     return {
         "count": count, "odd_exit_codes": sorted({code for code in codes if code != 0}),
         "median_s": float(np.median(walls)), "longest_s": max(walls), "left": left.found,
+        "beside": left.beside,
     }  # fmt: skip
 
 
@@ -239,6 +256,7 @@ def interrupts(count: int, seed: int) -> dict[str, Any]:
         "count": count, "seed": seed, "hung": codes.count(None),
         "odd_exit_codes": sorted({code for code in codes if code not in (130, None)}),
         "median_s": float(np.median(ends)), "longest_s": max(ends), "left": left.found,
+        "beside": left.beside,
     }  # fmt: skip
 
 
@@ -254,6 +272,7 @@ def show(found: dict[str, Any]) -> None:
             )
         print(f"  counts that are not the schedule's: {flight['wrong_counts'] or 'none'}")
         print(f"  left behind: {', '.join(flight['left']) or 'nothing'}")
+        print(f"  beside it {flight['beside']:.2f} cores were busy")
     for name in ("starts", "interrupts"):
         print(f"{name}: {found[name]}")
 
