@@ -12,7 +12,9 @@
 #            suitable one of HELI_PYTHONS. Another one than the environment's makes a new environment.
 # HELI_VENV  folder of the environment, if it shall not stand in the repository
 #
-# The wheels are installed by uv (the one on PATH, or one brought by pip into the environment's folder); by pip where
+# The wheels are installed from the lists of requirements/hashes, which hold the SHA-256 of every file: another file of
+# the same name ends set-up. (What .venv-ros needs besides apt's packages depends on those, and has no such list.)
+# They are installed by uv (the one on PATH, or one brought by pip into the environment's folder); by pip where
 # uv cannot be had. An environment counts only when its stamp was written, last of all; an interrupted one is thrown
 # away and made anew.
 
@@ -88,6 +90,19 @@ heli_fail_without_network() {
     fi
 }
 
+# Ends set-up if a file is not the one that is known; uv and pip name it each in its own way.
+heli_fail_for_another_file() {
+    local line name="a package"
+    grep -qE 'Hash mismatch|DO NOT MATCH THE HASHES' "$heli_log" || return 0
+    while read -r line; do
+        case "$line" in
+            *"Hash mismatch for "*) name=${line##*for } && break ;;
+            *" from "*:) name=${line%% *} && break ;;
+        esac
+    done <"$heli_log"
+    heli_fail "${name//\`/} is not the file that requirements/hashes knows: the index has another one, or it was changed on its way; all of the output: $heli_log"
+}
+
 # pip with what set-up always wants of it: heli_pip PYTHON ARGUMENT...
 heli_pip() {
     local python=$1
@@ -107,8 +122,8 @@ heli_find_uv() {
         python=$heli_venv/bin/python
         heli_run "$python" -m ensurepip || return 1
     }
-    heli_pip "$python" -c "$HELI_ROOT/requirements/constraints.txt" --target "$heli_venv/heli_uv" uv &&
-        [ -x "$heli_uv" ] && heli_mark uv
+    heli_pip "$python" --no-deps --require-hashes -r "$HELI_ROOT/requirements/hashes/uv.txt" \
+        --target "$heli_venv/heli_uv" && [ -x "$heli_uv" ] && heli_mark uv
 }
 
 heli_install_with_uv() {
@@ -122,6 +137,7 @@ heli_install_with_pip() {
         heli_fail "$python -m ensurepip: $(heli_last_line)"
     heli_pip "$python" "$@" && return 0
     heli_fail_without_network
+    heli_fail_for_another_file
     heli_fail "pip: $(grep -E '^ *ERROR' "$heli_log" | tail -n 1 | grep . || heli_last_line); all of its output: $heli_log"
 }
 
@@ -131,6 +147,7 @@ heli_install() {
     if [ "$heli_mode" = wheels ]; then
         heli_install_with_uv "$@" && return 0
         heli_fail_without_network
+        heli_fail_for_another_file
         printf 'uv cannot do it (%s); going on with pip, which takes longer ...\n' "$(heli_last_line)" >&2
     fi
     heli_install_with_pip "$@"
@@ -297,7 +314,7 @@ heli_all_stands() {
 # Makes what is missing; each stamp is written when its part is complete.
 heli_make_missing() {
     local requirements=$HELI_ROOT/requirements pins=$HELI_ROOT/requirements/constraints.txt
-    local packages=(-r "$requirements/python.txt") option=--without-pip
+    local packages option=--without-pip
     heli_split="" heli_marked_s=$SECONDS
     local begun_s=$SECONDS
     if [ "$heli_mode" = ros ]; then
@@ -306,10 +323,11 @@ heli_make_missing() {
         grep -vE '^(numpy|cvxpy|highspy|sparsediffpy)==' "$requirements/constraints.txt" >"$pins"
         echo 'numpy<2' >>"$pins"
         option=--system-site-packages
+        packages=(-c "$pins" -r "$requirements/python.txt")
     else
-        packages+=(-r "$requirements/ros.txt" pip)
+        packages=(--no-deps --require-hashes -r "$requirements/hashes/flight.txt")
     fi
-    heli_environment_stands || heli_make_environment "$option" -c "$pins" "${packages[@]}"
+    heli_environment_stands || heli_make_environment "$option" "${packages[@]}"
     if ! heli_layout_stands; then
         if [ "$heli_mode" = ros ]; then heli_colcon_build; else heli_link_layout; fi
         heli_mark packages
@@ -324,9 +342,9 @@ heli_make_missing() {
     if [ "$1" = test ]; then
         printf 'Adding the test tools, once ...\n' >&2
         heli_base_python=$heli_venv/bin/python
-        packages=(-r "$requirements/test.txt")
-        [ "$heli_mode" = ros ] || packages=(-r "$requirements/ros_test.txt" "${packages[@]}")
-        heli_install -c "$pins" "${packages[@]}"
+        packages=(-c "$pins" -r "$requirements/test.txt")
+        [ "$heli_mode" = ros ] || packages=(--no-deps --require-hashes -r "$requirements/hashes/test.txt")
+        heli_install "${packages[@]}"
         printf '%s' "$heli_want_env" >"$heli_venv/heli_test_stamp"
         heli_mark "test tools"
     fi

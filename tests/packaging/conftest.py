@@ -24,9 +24,9 @@ case "$first_line" in
     "-c import rclpy") exit "${RCLPY_MISSING:-0}" ;;
     "-m venv "*) mkdir -p "${!#}/bin"; cp "$0" "${!#}/bin/python" ;;
     "-m pip --version") exit "${PIP_MISSING:-0}" ;;
-    "-m pip "*" --target "*" uv")
+    "-m pip "*" --target "*)
         [ -z "${UV_MISSING:-}" ] || { echo "ERROR: No matching distribution: uv"; exit 1; }
-        uv=${*: -2:1}/bin/uv; mkdir -p "${uv%/uv}"; : >"$uv"; chmod +x "$uv" ;;
+        uv=${!#}/bin/uv; mkdir -p "${uv%/uv}"; : >"$uv"; chmod +x "$uv" ;;
     "-m pip "*) exit "${PIP_FAILS:-0}" ;;
     */uv_install.py*) [ -z "${UV_FAILS:-}" ] || { echo "$UV_FAILS"; exit 1; } ;;
 esac

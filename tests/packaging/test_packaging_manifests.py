@@ -239,6 +239,36 @@ def test_every_requirement_is_pinned_exactly():
         assert pins(name) <= pins("constraints.txt")
 
 
+def hashed(name):
+    """Packages of a list of requirements/hashes: name to version and hashes."""
+    text = (ROOT / f"requirements/hashes/{name}.txt").read_text()
+    found = {}
+    for block in re.split(r"^(?=\w)", text, flags=re.MULTILINE)[1:]:
+        package, version = re.match(r"([\w.-]+)==([^\s;]+)", block).groups()
+        found[package] = version, re.findall(r"--hash=sha256:([0-9a-f]{64})\b", block)
+    return found
+
+
+def test_every_file_that_is_installed_has_its_hash():
+    """The lists are those of the pins: who renews these writes them anew (write_hashes.py)."""
+    lines = (ROOT / "requirements/constraints.txt").read_text().splitlines()
+    pinned = dict(line.split("==") for line in lines if "==" in line and line[0] != "#")
+    pinned = {name.replace(".", "-"): version for name, version in pinned.items()}
+    lists = {name: hashed(name) for name in ("flight", "test", "uv")}
+    together = {package for found in lists.values() for package in found}
+    # Of these nothing is installed on Linux, so they have no pin.
+    elsewhere = {"colorama", "coloredlogs", "humanfriendly", "pyreadline3"}
+    assert together - elsewhere <= set(pinned)
+    assert not set(lists["flight"]) & set(lists["test"])
+    for found in lists.values():
+        for package, (version, hashes) in found.items():
+            assert hashes, package
+            assert package in elsewhere or version == pinned[package], package
+    for name, own in (("ros", "flight"), ("python", "flight"), ("test", "test")):
+        wanted = {pin.split("==")[0].lower() for pin in pins(f"{name}.txt")}
+        assert wanted <= set(lists[own]) | set(lists["flight"]), name
+
+
 def test_running_environment_is_the_pinned_one():
     """Catches a test run in an environment that set-up did not make."""
     from importlib.metadata import version

@@ -119,11 +119,12 @@ def test_steps_are_done_once(checkout):
     assert checkout.start().returncode == 0
     asked = checkout.calls()
     assert asked[0] == f"-m venv --without-pip {checkout.top}/.venv"
-    assert asked[1].startswith("-m pip install") and "constraints.txt" in asked[1]
+    hashed = f"--no-deps --require-hashes -r {checkout.top}/requirements/hashes"
+    assert asked[1].startswith("-m pip install") and f"{hashed}/uv.txt" in asked[1]
     assert asked[2].startswith(
         f"{checkout.top}/scripts/uv_install.py {checkout.top}/.venv/heli_uv/bin/uv"
     )
-    assert asked[2].endswith("requirements/ros.txt pip") and "constraints.txt" in asked[2]
+    assert asked[2].endswith(f"{hashed}/flight.txt")
     assert asked[3] == f"{checkout.top}/scripts/link_ros_layout.py"
     assert asked[4:] == ["-m heli_flight.graph.warm_up", "-m heli_flight.start hover_test"]
     assert checkout.start().returncode == 0
@@ -160,7 +161,8 @@ def test_tests_add_their_tools_once(checkout):
     assert checkout.start("run_tests.sh").returncode == 0
     asked = checkout.calls()
     assert "/.venv/heli_uv/bin/uv --python" in asked[0]
-    assert asked[0].endswith("requirements/test.txt") and "/ros_test.txt " in asked[0]
+    hashed = f"--no-deps --require-hashes -r {checkout.top}/requirements/hashes"
+    assert asked[0].endswith(f"{hashed}/test.txt")
     assert [line.split()[1] for line in asked[1:]] == CHECKS
     checkout.start("run_tests.sh")
     assert [line.split()[1] for line in checkout.calls()] == CHECKS

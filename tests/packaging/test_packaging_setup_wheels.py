@@ -2,6 +2,12 @@
 """scripts/setup_env.sh: wheels by uv or by pip, and what it says when neither can get them."""
 
 import socket
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_no_network(checkout):
@@ -62,3 +68,48 @@ def test_uv_that_does_not_run_is_passed_over(checkout):
     checkout.add_command("uv", "#!/usr/bin/env bash\nexit 1\n")
     assert checkout.start().returncode == 0
     assert checkout.kinds_of_calls()[:3] == ["venv", "uv from pip", "uv"]
+
+
+UV_SAYS = "  cause: Hash mismatch for `toolz==1.2.0`"
+PIP_SAYS = """
+case "$first_line" in
+    "-m pip install "*)
+        echo "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE. If you"
+        echo "    toolz==1.2.0 from https://example.org/toolz-1.2.0-py3-none-any.whl (from -r x):"
+        exit 1 ;;
+esac
+"""
+
+
+def test_another_file_than_the_known_one_ends_set_up(checkout):
+    """Found by uv: pip is not tried, which would bring it from elsewhere perhaps."""
+    checkout.add_python()
+    result = checkout.start(UV_FAILS=UV_SAYS)
+    checkout.one_line_error(result, "toolz==1.2.0 is not the file that requirements/hashes knows")
+    assert "pip" not in checkout.kinds_of_calls() and not (checkout.top / ".venv").exists()
+
+
+def test_another_file_is_named_by_pip_too(checkout):
+    checkout.add_python(PIP_SAYS)
+    result = checkout.start(UV_MISSING="1")
+    checkout.one_line_error(result, "toolz==1.2.0 is not the file that requirements/hashes knows")
+
+
+def test_a_tampered_wheel_is_not_installed(tmp_path):
+    """By the real pip, which has nothing but a folder to look in."""
+    wheel = tmp_path / "toolz-1.2.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as file:
+        file.writestr("toolz/__init__.py", "raise SystemExit")
+        file.writestr("toolz-1.2.0.dist-info/METADATA", "Name: toolz\nVersion: 1.2.0\n")
+        file.writestr("toolz-1.2.0.dist-info/WHEEL", "Wheel-Version: 1.0\nTag: py3-none-any\n")
+        file.writestr("toolz-1.2.0.dist-info/RECORD", "")
+    lines = (ROOT / "requirements/hashes/flight.txt").read_text().splitlines(keepends=True)
+    first = next(i for i, line in enumerate(lines) if line.startswith("toolz=="))
+    last = next(i for i in range(first, len(lines)) if not lines[i].endswith("\\\n"))
+    wanted = tmp_path / "wanted.txt"
+    wanted.write_text("".join(lines[first : last + 1]))
+    command = [sys.executable, "-m", "pip", "install", "--no-index", "--find-links", str(tmp_path)]
+    command += ["--target", str(tmp_path / "there"), "--no-deps", "--require-hashes"]
+    done = subprocess.run([*command, "-r", wanted], capture_output=True, text=True)
+    assert done.returncode and "DO NOT MATCH THE HASHES" in done.stderr
+    assert not (tmp_path / "there" / "toolz").exists()

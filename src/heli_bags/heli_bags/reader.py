@@ -23,6 +23,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
 from heli_msgs_bridge.reference_message import decode_reference
+from heli_msgs_bridge.sums import SUM, sum_of
 from heli_parameters.printable import printable
 
 # A bag may begin with the moment at which its first message arrived, not with its stamp.
@@ -31,10 +32,14 @@ _EARLY_NS = NS_PER_S // 10
 
 @dataclass(frozen=True)
 class Stream:
-    """Messages of one topic: stamps (N,) int64 ns and the cores' arrays (N, size)."""
+    """Messages of one topic: stamps (N,) int64 ns and the cores' arrays (N, size).
+
+    Of the ground truth also the sums (N,) of their bytes (`heli_msgs_bridge.sums`).
+    """
 
     stamp_ns: NDArray[np.int64]
     rows: NDArray[np.float64]
+    sums: NDArray[np.uint64] | None = None
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,7 @@ class _Collector:
         self._stamps: dict[str, list[tuple[int, int]]] = {}
         self._remarks: list[tuple[int, Remark]] = []
         self._rows: dict[str, list[NDArray[np.float64]]] = {}
+        self._sums: list[bytes] = []
 
     def _decoder(self, name: str) -> Decoder:
         if name not in self._decoders:
@@ -151,6 +157,8 @@ class _Collector:
                 row = decoder.decode(raw)[: CHANNELS[name].size].copy()
                 self._stamps[name].append((bag_ns, decoder.stamp_ns))
                 self._rows[name].append(row)
+                if name == topics.TRUTH_ODOM:
+                    self._sums.append(sum_of(raw))
         except MessageError as error:
             self._refuse(name, 1, str(error).removeprefix(f"{name}: "))
 
@@ -203,7 +211,10 @@ class _Collector:
                 self._refuse(name, int(np.count_nonzero(~fits)), why)
             stamps, array = times[fits, 1], array[fits]
             order = np.argsort(stamps, kind="stable")
-            self.bag.streams[name] = Stream(stamps[order], array[order])
+            sums = None
+            if name == topics.TRUTH_ODOM:
+                sums = np.frombuffer(b"".join(self._sums), SUM)[fits][order]
+            self.bag.streams[name] = Stream(stamps[order], array[order], sums)
         self.bag.remarks = [
             remark
             if self._fits(topics.DIAGNOSTICS, bag_ns, remark.stamp_ns)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `plant`: the simulated helicopter; owns the clock, takes actuators, sends sensors."""
 
+import os
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -22,7 +23,7 @@ from heli_dynamics_sim.wind import injected_gust
 from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, JOINTS, MEAS, PLANT
 from heli_math.ticks import Rate
-from heli_msgs_bridge import topics
+from heli_msgs_bridge import sums, topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frame_ids import in_namespace
 from heli_msgs_bridge.frames import datum
@@ -91,6 +92,8 @@ class Aircraft(TickCore):
         How the flight ended, if it did.
     describe : list of callable
         Send what the aircraft looks like, latched.
+    truth_sums : sums.SumWriter or None
+        Of the ground truth that is sent, for who scores the flight.
     measure, advance : callable
         Compiled, for numbers of these types.
     """
@@ -110,6 +113,7 @@ class Aircraft(TickCore):
     wall_s: float = 0.0
     over: str = ""
     describe: list[Callable[[], None]] = field(default_factory=list)
+    truth_sums: sums.SumWriter | None = None
     measure: Callable[..., None] = field(init=False)
     advance: Callable[..., None] = field(init=False)
 
@@ -145,6 +149,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         config = plant.PlantConfig.from_parameters(self.values)
         state = plant.initial_state(config, self.values["seed"])
         trim = state.commands[-1].copy() if len(state.commands) else np.zeros(ACTUATOR.size)
+        truth_sums = self._make_sums()
         core = Aircraft(
             config=config,
             state=state,
@@ -152,9 +157,10 @@ class PlantNode(TickNode[Aircraft, Flight]):
             n_ticks=max(1, self.rate.ticks_in(self.values["duration_s"])),
             u=trim,
             fallback=Fallback(FallbackNumbers.from_parameters(self.values), trim),
-            send=self._make_senders(config),
+            send=self._make_senders(config, truth_sums),
             send_clock=None if self._in_a_world else self.create_output(topics.CLOCK),
             pace=self.listen(self._inputs(), leads=True),
+            truth_sums=truth_sums,
         )
         self._warm_up(core)
         self._describe(core)
@@ -194,7 +200,17 @@ class PlantNode(TickNode[Aircraft, Flight]):
         world = {WORLD_CLOCK} if self._in_a_world and topic == topics.TRUTH_ODOM else set()
         return super().expected_listeners(topic) | world
 
-    def _make_senders(self, config: plant.PlantConfig) -> dict[str, Send]:
+    def _make_sums(self) -> sums.SumWriter | None:
+        """Where the sums of the ground truth go, if anybody wants them."""
+        if not (path := os.environ.get(sums.VARIABLE)):
+            return None
+        written = sums.SumWriter(Path(path))
+        self.at_end(written.close)
+        return written
+
+    def _make_senders(
+        self, config: plant.PlantConfig, truth_sums: sums.SumWriter | None
+    ) -> dict[str, Send]:
         v = self.values
         origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
         variances = _variances(v)
@@ -204,7 +220,11 @@ class PlantNode(TickNode[Aircraft, Flight]):
             names.append(topics.EXCITATION_WIND)
         return {
             name: self.create_sender(
-                name, variances.get(name, ()), origin if name == topics.GPS_FIX else None, status
+                name,
+                variances.get(name, ()),
+                origin if name == topics.GPS_FIX else None,
+                status,
+                truth_sums.add if truth_sums is not None and name == topics.TRUTH_ODOM else None,
             )
             for name in names
         }
@@ -328,6 +348,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """
         self.core.over = message
         self.core.pace.stop()
+        if self.core.truth_sums is not None:
+            self.core.truth_sums.close()
         self.report(level, message, {**self._facts_now(), "over": "true"})
         if not self.values["autostart"]:
             return

@@ -18,6 +18,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter
 
+from heli_msgs_bridge.floods import MOST_ORDERS
 from heli_msgs_bridge.services import Later, in_words
 
 if TYPE_CHECKING:
@@ -90,6 +91,8 @@ class Judging:
         return self._take([list(request.parameters)], answer)
 
     def _take(self, groups: Sequence[list[Any]], response: Callable[..., Any]) -> Later:
+        if len(self._orders) >= MOST_ORDERS:
+            raise ValueError(f"{MOST_ORDERS} changes wait for their judgement: ask again later")
         order = Order(groups, Later(), response)
         self._orders.append(order)
         self._go_on()

@@ -33,6 +33,7 @@ from heli_msgs_bridge.channels import (
     MessageError,
     quoted,
 )
+from heli_msgs_bridge.floods import too_long
 from heli_msgs_bridge.frame_ids import in_namespace
 from heli_msgs_bridge.frames import Datum
 from heli_parameters.printable import printable
@@ -229,6 +230,8 @@ class Decoder:
         if len(raw) < 12:
             raise CutOffError(f"{self.topic}: a message of {len(raw)} bytes is cut off")
         self.stamp_ns = stamp_of(raw)
+        if why := too_long(self.topic, len(raw)):
+            raise MessageError(why)
         try:
             message = self._deserialize(raw)
         except Exception as error:

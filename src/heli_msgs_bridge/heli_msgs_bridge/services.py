@@ -57,7 +57,16 @@ def _refusal(kind: Any, request: Any, reason: str) -> Any:
     return response
 
 
-def guard(service: Any, say: Callable[[str], None]) -> None:
+def not_flooded() -> str:
+    """Says of a service that it may always be asked."""
+    return ""
+
+
+def guard(
+    service: Any,
+    say: Callable[[str], None],
+    flooded: Callable[[], str] = not_flooded,
+) -> None:
     """Have a service answer whatever it is asked.
 
     Parameters
@@ -66,10 +75,15 @@ def guard(service: Any, say: Callable[[str], None]) -> None:
         Its callback and the sending of its answers are wrapped.
     say : callable
         Takes the sentence for people: why a request was refused, or an answer not sent.
+    flooded : callable
+        Asked before anything else: why no more may be answered now; empty if it may. It has told
+        people itself.
     """
     answer, send, name = service.callback, service.send_response, service.service_name
 
     def call(request: Any, response: Any) -> Any:
+        if why := flooded():
+            return _refusal(service.srv_type, request, why)
         try:
             return answer(request, response)
         except Exception as error:

@@ -130,8 +130,12 @@ class TableNode(LifecycleNode):
         """Publish the status if it is due."""
         level, message = self.health.level, self.health.message
         if repeated or self._reporter.is_due(self.tick, level, message):
-            facts, now_ns = self.health.facts, self.now_ns()
+            facts, now_ns = {**self.health.facts, **self.flood_facts()}, self.now_ns()
             self._reporter.publish(now_ns, self.tick, level, message, facts, repeated)
+
+    def flood_facts(self) -> dict[str, str]:
+        """What was refused because it came too often."""
+        return {}
 
     def now_ns(self) -> int:
         """The node's time, for the stamp of what it says of itself: that of its last tick."""

@@ -14,6 +14,13 @@ from rclpy.serialization import deserialize_message
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Owner
 from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.floods import (
+    COMMANDS_AT_ONCE,
+    COMMANDS_PER_S,
+    MOST_BYTES,
+    Limit,
+    too_long,
+)
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import ManagedNode, Run
@@ -188,24 +195,53 @@ class TickNode(ManagedNode[Core, Run]):
         self.repeat(_SENDERS_PERIOD_S, partial(self._look_at_all_senders, owners))
         return pace
 
-    def hear_one(self, topic: str, callback: Callable[[Any], None]) -> None:
-        """Hear the first of those who send on a topic; another one when it has been silent.
-
-        Called from `configure`, after `listen`.
-        """
-        name, cls = self.resolve_topic_name(topic), topics.message_class(topics.BY_NAME[topic].type)
-        owner = Owner(lambda: self.count_publishers(name), _SILENT_PILOT_S, 0)
-        self._owners[topic] = owner
+    def hear_commands(
+        self, topic: str, callback: Callable[[Any], None], most_bytes: int = MOST_BYTES
+    ) -> None:
+        """Hear whoever sends on a topic, so many a second; the rest is refused unread."""
+        limit = Limit(COMMANDS_PER_S, COMMANDS_AT_ONCE, f"messages on {topic}")
+        read = self._reader(topic, callback, most_bytes)
 
         def receive(raw: bytes) -> None:
-            if topic not in self._alone:
-                self._look_who_is_alone(topic)
+            if limit.admits():
+                read(raw)
+            else:
+                self.refuse_aloud(topic, f"{topic}: {limit.sentence}")
+
+        self.hear(topic, receive, raw=True)
+
+    def _reader(
+        self, topic: str, callback: Callable[[Any], None], most_bytes: int = MOST_BYTES
+    ) -> Callable[[bytes], None]:
+        """Callback for serialised messages: calls the given one with the message, or refuses."""
+        cls = topics.message_class(topics.BY_NAME[topic].type)
+
+        def read(raw: bytes) -> None:
+            if why := too_long(topic, len(raw), most_bytes):
+                self.refuse_aloud(topic, why)
+                return
             try:
                 message = deserialize_message(raw, cls)
             except Exception as error:  # rclpy raises what it likes
                 self.refuse_aloud(topic, f"{topic}: not a message of its type: {in_line(error)}")
                 return
             callback(message)
+
+        return read
+
+    def hear_one(self, topic: str, callback: Callable[[Any], None]) -> None:
+        """Hear the first of those who send on a topic; another one when it has been silent.
+
+        Called from `configure`, after `listen`.
+        """
+        name, read = self.resolve_topic_name(topic), self._reader(topic, callback)
+        owner = Owner(lambda: self.count_publishers(name), _SILENT_PILOT_S, 0)
+        self._owners[topic] = owner
+
+        def receive(raw: bytes) -> None:
+            if topic not in self._alone:
+                self._look_who_is_alone(topic)
+            read(raw)
 
         ignored = partial(self._look_at_senders, topic, owner)
         self.hear(topic, receive, raw=True, owner=owner, ignored=ignored)
@@ -248,8 +284,12 @@ class TickNode(ManagedNode[Core, Run]):
         variances: Sequence[Variance] = (),
         datum: Datum | None = None,
         fix_status: int = 0,
+        also: Callable[[bytes], None] | None = None,
     ) -> Send:
-        """Lifecycle publisher of a stream; returns what sends a row of the core (`Encoder`)."""
+        """Lifecycle publisher of a stream; returns what sends a row of the core (`Encoder`).
+
+        `also` gets the bytes of each message that was sent.
+        """
         encoder = Encoder(topic, variances, datum, self.get_namespace(), fix_status)
         encode, publish = encoder.encode, self.create_output(topic)
         # So that the compiled conversion is loaded before the first tick.
@@ -258,7 +298,15 @@ class TickNode(ManagedNode[Core, Run]):
         def send(row: NDArray[np.float64], stamp_ns: int) -> None:
             publish(encode(row, stamp_ns))
 
-        return send
+        if also is None:
+            return send
+
+        def send_and_tell(row: NDArray[np.float64], stamp_ns: int) -> None:
+            raw = encode(row, stamp_ns)
+            publish(raw)
+            also(raw)
+
+        return send_and_tell
 
     def refuse(self, topic: str, reason: str) -> None:
         """Say, once per reason, that a message of a topic was refused."""

@@ -16,6 +16,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.messages import (
     CHANNELS,
@@ -127,8 +128,20 @@ def test_a_node_takes_the_child_frame_of_its_own_aircraft_alone():
 @pytest.mark.parametrize("topic", JOINTS)
 def test_so_many_joints_are_not_looked_through(topic):
     message = good_message(topic)
+    message.name, message.position = ["x"] * 1000, [0.0] * 1000
+    refused(topic, message, "names 1000 joints; allowed: at most 64")
+
+
+@pytest.mark.parametrize("topic", JOINTS)
+def test_a_long_message_is_not_even_deserialised(topic):
+    """It would take 20 ms to make objects of a hundred thousand names."""
+    message = good_message(topic)
     message.name, message.position = ["x"] * 100_000, [0.0] * 100_000
-    refused(topic, message, "names 100000 joints; allowed: at most 64")
+    raw, asked = serialize_message(message), []
+    decoder = Decoder(topic, deserialize=asked.append)
+    with pytest.raises(MessageError, match=f"a message of {len(raw)} bytes; allowed: at most"):
+        decoder.decode(raw)
+    assert not asked and decoder.stamp_ns == stamp_of(raw)
 
 
 def test_a_way_for_another_aircraft_is_refused():

@@ -17,6 +17,7 @@ from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_MODE, FACT_OFFSET, Level
+from heli_msgs_bridge.floods import MOST_WAY_BYTES
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.node_process import run
@@ -161,9 +162,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         )
         script_of(self.values)  # now: an order that cannot be is no matter of the flight
         self._warm_up(core)
-        self.hear(topics.REFERENCE, self._on_reference)
+        self.hear_commands(topics.REFERENCE, self._on_reference, MOST_WAY_BYTES)
         for topic in (topics.GOTO, topics.COMMAND_POSE):
-            self.hear(topic, commands.on_goto(topic))
+            self.hear_commands(topic, commands.on_goto(topic))
         self.hear_one(topics.COMMAND_VELOCITY, commands.on_velocity)
         self.hear_one(topics.COMMAND_ATTITUDE, commands.on_attitude)
         self.hear_one(topics.COMMAND_CLIMB, commands.on_climb)

@@ -132,12 +132,16 @@ class BagFlight:
         Recorded topics that are not of the graph.
     aircraft : str
         Namespace of the topics; empty for none.
+    truth_ticks, truth_sums : (N,) arrays, optional
+        Ticks of the ground truth, and sums of its messages; None: there is none.
     """
 
     record: FlightRecord
     remarks: Sequence[Remark]
     foreign: Sequence[str]
     aircraft: str = ""
+    truth_ticks: NDArray[np.int64] | None = None
+    truth_sums: NDArray[np.uint64] | None = None
 
 
 def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -> BagFlight:
@@ -179,7 +183,8 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
     ticks = clock.ticks(source.stamp_ns)
     limits = ReferenceLimits.from_parameters(settings.nodes["outer_loop"])
     record = _record(bag, ticks, clock, limits)
-    return BagFlight(record, bag.remarks, bag.foreign, bag.aircraft)
+    truth_ticks = ticks if source.sums is not None else None
+    return BagFlight(record, bag.remarks, bag.foreign, bag.aircraft, truth_ticks, source.sums)
 
 
 def _excited(bag: Bag) -> bool:

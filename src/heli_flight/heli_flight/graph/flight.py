@@ -18,6 +18,7 @@ from heli_flight.graph.bag_record import BagFlight
 from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.outcome import outcome
 from heli_flight.graph.parameters import of_graph, refuse_unscorable
+from heli_flight.graph.plant_truth import TRUTH_SUMS
 from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, others_in, stop
 from heli_flight.graph.programs import programs
 from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
@@ -29,6 +30,7 @@ from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_live_view.parameter_table import SHOWN_TO_THE_END
 from heli_math.ticks import stamp_at
+from heli_msgs_bridge import sums
 from heli_msgs_bridge.managed_node import INACTIVE
 from heli_msgs_bridge.peers import READY_LIMIT_S
 from heli_parameters.parameters import dump_all
@@ -127,8 +129,10 @@ class Graph:
         self._join()
         for program in started:
             name, log = program.name, logs / f"{program.name}.log"
-            secret = {TOKEN_VARIABLE: self.live.token} if self.live and name == LIVE else {}
-            self.processes[name] = NodeProcess(name, program.module, arguments, log, env | secret)
+            own = {TOKEN_VARIABLE: self.live.token} if self.live and name == LIVE else {}
+            if "plant" in program.nodes:
+                own[sums.VARIABLE] = str((self.folder / TRUTH_SUMS).absolute())
+            self.processes[name] = NodeProcess(name, program.module, arguments, log, env | own)
             self._nodes[name] = program.nodes
 
     def _join(self) -> None:

@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.graph.plant_truth import TRUTH_SUMS, foreign_truth
 from heli_flight.graph.supervisor import NodeStatus
 from heli_flight.loop.flight_section import LOCKSTEP, REAL_TIME
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_live_view.parameter_table import NODE_NAME as LIVE
+from heli_msgs_bridge.diagnostics import FACT_FLOOD
 from heli_msgs_bridge.senders import SENDERS
 
 
@@ -21,10 +23,10 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
     commands = live.facts.get("commands", "0") if live is not None else "0"
     commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
     rivals = [
-        f"{name}: {value}"
+        f"{name}: {value}" if key != FACT_FLOOD else f"{name}: requests refused: {value}"
         for name, status in sorted(statuses.items())
         for key, value in status.facts.items()
-        if key.startswith(SENDERS)
+        if key.startswith(SENDERS) or key == FACT_FLOOD
     ]
     complaints = [
         f"{name}: {status.message}"
@@ -77,6 +79,7 @@ def outcome(
     if missing > 0 and not lost:
         notes.append(f"the bag lacks {missing} ticks of ground truth")
     scores, flown_s = score(record, settings.scenario), settings.rate.seconds(len(record))
-    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft)
+    forged = foreign_truth(flight, folder / TRUTH_SUMS, settings.rate)
+    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft, forged)
     mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
     return result, {"mode": mode, "composed": composed, "start_up_s": start_up_s}, flight

@@ -61,6 +61,8 @@ class Result:
         What the reader should know: faults met, messages lost.
     aircraft : str
         Namespace that it flew in, among others; empty if it flew alone.
+    forged : str
+        Why the recorded ground truth is not the plant's, one sentence; empty if it is.
     """
 
     figures: Figures
@@ -69,6 +71,7 @@ class Result:
     wall_s: float
     notes: Sequence[str] = field(default=())
     aircraft: str = ""
+    forged: str = ""
 
     def outside(self, stretch: str = DECIDES) -> list[Score]:
         """Scores of a stretch outside the paper's figures, of all records."""
@@ -79,9 +82,10 @@ class Result:
         return [s for s in self.outside(stretch) if decides(s.source, gps)]
 
     def exit_code(self, gps: str) -> int:
-        """0: nothing that is judged is outside the paper's figures; 1: outside, or lost."""
+        """0: nothing that is judged is outside the paper's figures; 1: outside, lost, or forged."""
         grounded = any(not figure.inside for figure in self.figures.ground)
-        return EXIT_OUTSIDE if self.lost or grounded or self.judged(gps) else EXIT_INSIDE
+        failed = self.lost or self.forged or grounded or self.judged(gps)
+        return EXIT_OUTSIDE if failed else EXIT_INSIDE
 
 
 def mean_wind(plant: Mapping[str, Any]) -> str:
@@ -207,6 +211,8 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
         console.print(f"note: {note}", highlight=False)
     if result.lost:
         console.print(f"LOST after {result.flown_s:.2f} s: {result.lost}", highlight=False)
+    if result.forged:
+        console.print(f"FORGED: {result.forged}", highlight=False)
 
 
 def _stretch_table(
@@ -309,6 +315,7 @@ def write_result(
         "draw": drawn(settings),
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,
+        "forged": result.forged,
         "judged": judged_by(settings),
         "outside": [s.name for s in result.judged(settings.gps)],
         "verdicts": {stretch: _verdict_row(result, settings, stretch) for stretch in STRETCHES},

@@ -151,8 +151,10 @@ def _json(value: object) -> Markup:
 
 
 def _verdicts(report: Report) -> list[tuple[str, str, str]]:
-    """Mark, class and sentence: of a loss alone, else of each stretch, the whole flight first."""
+    """Mark, class and sentence: of a forgery or a loss alone, else of each stretch in turn."""
     result = report.result
+    if result.forged:
+        return [("✗", "bad", f"Forged: {result.forged}")]
     if result.lost:
         return [("✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}")]
     if not result.figures.all:
