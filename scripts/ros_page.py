@@ -164,6 +164,9 @@ descend, touch down. `mode/velocity`, `mode/attitude`, `mode/manual`: these mode
 (std_srvs/srv/SetBool): without it no take-off; disarmed only while it stands. The answer says
 what will be done, or why not and what is allowed. The parameter `mode` of `outer_loop` commands
 by name when it is set: `ros2 param set /outer_loop mode hover`.
+
+The plant's `clear_faults` (std_srvs/srv/Trigger) ends all faults. They begin by its parameter
+`faults`, where one without `start_s` begins now; `heli fault` sets it.
 """
 ACTIONS = """
 With the node `actions` beside the graph there are actions, too, where `heli_interfaces` is built

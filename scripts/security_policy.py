@@ -33,6 +33,7 @@ _HEARS = {
     "scenario": (topics.CLOCK, topics.DIAGNOSTICS),
 }
 _SERVES = {
+    "plant": ("clear_faults",),
     "outer_loop": (
         "hold", "takeoff", "land", "arm", "mode/velocity", "mode/attitude", "mode/manual",
     ),
@@ -40,7 +41,7 @@ _SERVES = {
 _ASKS = {
     "live_view": (
         "plant/get_parameters", "plant/set_parameters_atomically", "outer_loop/get_parameters",
-        "outer_loop/change_state",
+        "outer_loop/change_state", "clear_faults",
     ),
     "scenario": tuple(
         f"{node}/{service}" for node in NODES for service in ("change_state", "get_state")

@@ -49,7 +49,7 @@ SHORTER = {
     "./heli python scripts/compare_cpu_types.py": "--seeds 1 --only Nehalem",
 }
 # Commands that look at a running graph: one flies in real time beside them.
-NEED_A_GRAPH = ("./heli topics", "./heli echo", "./heli python examples/")
+NEED_A_GRAPH = ("./heli topics", "./heli echo", "./heli fault", "./heli python examples/")
 # Commands that run until they are interrupted: their first words are waited for.
 ENDLESS = ("./heli run",)
 PROGRAMS = ("./", "heli ", "ros2 ", "rosdep ", "python ", "colcon ")

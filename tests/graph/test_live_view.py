@@ -177,6 +177,21 @@ async def watch_flight(url, foxglove_url, token):
         return watcher
 
 
+async def faults(watcher, token):
+    """A fault begins by the plant's clock, is listed, refused in the plant's words, cleared."""
+    answer = await watcher.command(token, "fault", what="baro", kind="bias", value=[20.0])
+    assert answer["ok"] and answer["text"] == "baro bias from now on, until it is cleared"
+    await watcher.until_state(lambda s: s["faults"])
+    (listed,) = watcher.last["faults"]
+    began_s = float(listed.removeprefix("baro bias 20 from ").removesuffix(" s on"))
+    assert 0.0 < began_s <= watcher.last["t"] + 0.1
+    answer = await watcher.command(token, "fault", what="baro", kind="melts")
+    assert not answer["ok"] and "melts is not allowed" in answer["text"]
+    answer = await watcher.command(token, "clear_faults")
+    assert answer["ok"] and answer["text"] == f"cleared: {listed}"
+    await watcher.until_state(lambda s: not s["faults"])
+
+
 async def commands(watcher, url, token):
     gust = {"amplitude_mps": 6.0, "from_deg": 90.0, "duration_s": 1.0}
     for wrong in ("", "guess"):
@@ -189,6 +204,7 @@ async def commands(watcher, url, token):
     async with watching(url) as other:
         answer = await other.ask(type="auth", token=token)
         assert not answer["ok"] and "another browser" in answer["text"]
+    await faults(watcher, token)
     answer = await watcher.command(token, "reference", p=[0.0, 0.0, 1.0], yaw_deg=0.0)
     assert not answer["ok"] and "2 to 100 m" in answer["text"]
     answer = await watcher.command(token, "reference", p=[1.0, 0.5, 11.0], yaw_deg=10.0)
@@ -223,7 +239,8 @@ def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
         process.kill()
     assert process.returncode in (0, 1), rest  # commanded about, it need not meet the paper's
     result = json.loads((out / "result.json").read_text())
-    assert any("commands given in flight: 4" in note for note in result["notes"])
+    assert any("commands given in flight: 6" in note for note in result["notes"])
+    assert any(note.startswith("faults given in flight: baro bias 20") for note in result["notes"])
     assert f"flight over after {WATCHED_S} s" in [event["text"] for event in watcher.events]
     secret = said["command token"].encode()
     assert not [path for path in out.rglob("*") if path.is_file() and secret in path.read_bytes()]

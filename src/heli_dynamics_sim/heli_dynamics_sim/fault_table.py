@@ -20,6 +20,8 @@ from heli_parameters.rcl_yaml import scalar
 
 NONE = "none"
 """What the parameter `faults` says where there is none: rcl does not take an empty array."""
+NOW = "now"
+"""As `start_s`, in flight: when the plant has heard of it."""
 PAST_S = 1.0
 """So much of the past is remembered: the longest delay."""
 _KEYS = ("what", "kind", "start_s", "duration_s", "value")
@@ -158,21 +160,55 @@ def faults_of(texts: Iterable[str]) -> tuple[Fault, ...]:
         if text == NONE:
             continue
         where = f"faults: entry {i + 1}"
-        try:
-            node = yaml.compose(text, Loader=yaml.SafeLoader)
-        except yaml.YAMLError:
-            raise PlantConfigError(
-                f"{where}: {text!r} is not valid YAML; allowed: a mapping of {', '.join(_KEYS)}"
-            ) from None
-        found.append(fault_of(node, where))
+        found.append(fault_of(_composed(text, where), where))
     if len(found) > _MOST:
         raise PlantConfigError(f"faults: {len(found)} entries; allowed: at most {_MOST}")
     return tuple(found)
 
 
-def fault_of(node: yaml.Node | None, where: str) -> Fault:
-    """A fault of a YAML mapping; `where` begins the sentence of a PlantConfigError."""
+def begun(texts: Iterable[str], now_s: float) -> tuple[str, ...]:
+    """The texts of the parameter `faults`, where those without a beginning begin now.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        A mapping without `start_s`, or with `start_s: now`, gets the flight time; others stay.
+    now_s : float
+        Flight time.
+
+    Raises
+    ------
+    PlantConfigError
+        As `faults_of`.
+    """
+    found: list[str] = []
+    for i, text in enumerate(texts):
+        where = f"faults: entry {i + 1}"
+        node = None if text == NONE else _composed(text, where)
+        starts = not isinstance(node, yaml.MappingNode) or any(
+            key.value == "start_s" and value.value != NOW for key, value in node.value
+        )
+        found.append(text if starts else fault_of(node, where, now_s).text)
+    return tuple(found)
+
+
+def _composed(text: str, where: str) -> yaml.Node | None:
+    try:
+        return yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError:
+        raise PlantConfigError(
+            f"{where}: {text!r} is not valid YAML; allowed: a mapping of {', '.join(_KEYS)}"
+        ) from None
+
+
+def fault_of(node: yaml.Node | None, where: str, now_s: float | None = None) -> Fault:
+    """A fault of a YAML mapping; `where` begins the sentence of a PlantConfigError.
+
+    In flight `now_s` is the flight time, for one that says no other.
+    """
     said = _mapping(node, where)
+    if now_s is not None and said.get("start_s", NOW) == NOW:
+        said["start_s"] = now_s
     for key in ("what", "kind", "start_s"):
         if key not in said:
             raise PlantConfigError(f"{where}: {key}: missing")

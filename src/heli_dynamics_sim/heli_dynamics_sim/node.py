@@ -12,29 +12,31 @@ from typing import Any
 
 import numpy as np
 from rclpy.duration import Duration
+from std_srvs.srv import Trigger
 
 from heli_dynamics_sim import plant
-from heli_dynamics_sim.description import BASE, mounts, robot_description
+from heli_dynamics_sim.description import mounts, robot_description
 from heli_dynamics_sim.fallback import Fallback, FallbackNumbers
-from heli_dynamics_sim.fault_table import acting
+from heli_dynamics_sim.fault_log import CLEAR_FAULTS, FAULTS, FaultLog
+from heli_dynamics_sim.fault_table import NONE, acting, begun
 from heli_dynamics_sim.noise import NOISE, NoiseStreams, one_by_one
 from heli_dynamics_sim.parameter_table import TABLE
+from heli_dynamics_sim.sensor_config import message_variances
 from heli_dynamics_sim.wind import injected_gust
 from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, JOINTS, MEAS, PLANT
-from heli_math.ticks import Rate
 from heli_msgs_bridge import sums, topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frame_ids import in_namespace
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.messages import FIX_STATUS, ClockEncoder, Variance
+from heli_msgs_bridge.messages import FIX_STATUS, ClockEncoder
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
-from heli_msgs_bridge.senders import full_name, senders_of
+from heli_msgs_bridge.senders import others_in_words
 from heli_msgs_bridge.stepping import RealTime
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
-from heli_msgs_bridge.transforms import Transform, encode_text, encode_transforms
+from heli_msgs_bridge.transforms import encode_text, encode_transforms, fixed_to_base
 
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
 _CATCH_UP_TICKS = 10
@@ -47,22 +49,7 @@ _NO_CLOCK = f"no message on '/clock' from {WORLD_CLOCK}: going on without the ot
 _FLYING = "flying"
 _ENCODE_CLOCK = ClockEncoder().encode
 _NOTHING = np.full(3, np.nan)
-
-
-def _variances(v: Mapping[str, Any]) -> dict[str, Sequence[Variance]]:
-    """What the sensors' messages say of their errors, from the parameters: per group, SI^2."""
-    tick_s = Rate.of_parameters(v).tick_s
-    gyro, accel = v["sensors.imu.gyro_noise_density"], v["sensors.imu.accel_noise_density"]
-    level = v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2
-    if v["sensors.gps.covariance"] == "honest":
-        level += v["sensors.gps.multipath.sigma_m"] ** 2 + v["sensors.gps.jump.sigma_m"] ** 2
-    return {
-        topics.IMU: (gyro**2 / tick_s, accel**2 / tick_s),
-        topics.MAG: (v["sensors.mag.white_t"] ** 2,),
-        topics.BARO: (v["sensors.baro.white_pa"] ** 2,),
-        topics.GPS_FIX: ((level, level, level * v["sensors.gps.vertical_factor"] ** 2),),
-        topics.GPS_VELOCITY: (v["sensors.gps.velocity_mps"] ** 2,),
-    }
+_VARIED = (topics.IMU, topics.MAG, topics.BARO, topics.GPS_FIX, topics.GPS_VELOCITY)
 
 
 @dataclass(kw_only=True)
@@ -90,6 +77,8 @@ class Aircraft(TickCore):
         Wall time that has been flown, up to the last pause.
     over : str
         How the flight ended, if it did.
+    fault_log : FaultLog
+        What came and went in flight.
     describe : list of callable
         Send what the aircraft looks like, latched.
     truth_sums : sums.SumWriter or None
@@ -112,6 +101,7 @@ class Aircraft(TickCore):
     begun: bool = False
     wall_s: float = 0.0
     over: str = ""
+    fault_log: FaultLog = field(default_factory=FaultLog)
     describe: list[Callable[[], None]] = field(default_factory=list)
     truth_sums: sums.SumWriter | None = None
     measure: Callable[..., None] = field(init=False)
@@ -163,6 +153,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
             truth_sums=truth_sums,
         )
         self._warm_up(core)
+        self.serve(Trigger, CLEAR_FAULTS, self._clear_faults)
         self._describe(core)
         return core
 
@@ -171,11 +162,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         own, helicopter = self.get_namespace(), core.config.helicopter
         name = Path(self.values["aircraft_file"]).stem
         shape = robot_description(helicopter, name, lambda frame: in_namespace(frame, own))
-        base = in_namespace(BASE, own)
-        fixed = [
-            Transform(base, in_namespace(child, own), at)
-            for child, at in mounts(helicopter).items()
-        ]
+        fixed = fixed_to_base(mounts(helicopter), own)
         described = {
             topics.ROBOT_DESCRIPTION: encode_text(shape),
             topics.TF_STATIC: encode_transforms(fixed, self.start_ns),
@@ -213,16 +200,16 @@ class PlantNode(TickNode[Aircraft, Flight]):
     ) -> dict[str, Send]:
         v = self.values
         origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
-        variances = _variances(v)
         status = FIX_STATUS[v["sensors.gps.augmentation"]]
-        names = [*variances, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR]
-        if config.wind.sines.on:
-            names.append(topics.EXCITATION_WIND)
+        sines = (topics.EXCITATION_WIND,) if config.wind.sines.on else ()
+        names = (*_VARIED, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR, *sines)
+        varied = dict(zip(_VARIED, message_variances(v), strict=True))
+        places = {topics.GPS_FIX: origin}
         return {
             name: self.create_sender(
                 name,
-                variances.get(name, ()),
-                origin if name == topics.GPS_FIX else None,
+                varied.get(name, ()),
+                places.get(name),
                 status,
                 truth_sums.add if truth_sums is not None and name == topics.TRUTH_ODOM else None,
             )
@@ -247,21 +234,16 @@ class PlantNode(TickNode[Aircraft, Flight]):
         """Time begins, or goes on."""
         if self.core.over:
             raise StartError(f"{self.core.over}: clean up and configure for another flight")
-        if self.core.send_clock is not None and not self.core.begun:
-            self._refuse_second_clock()
+        first = self.core.send_clock is not None and not self.core.begun
+        # A ROS domain has one time: of two clocks nobody could say which one is followed.
+        if first and (others := others_in_words(self, topics.CLOCK)):
+            raise StartError(
+                f"{others} sends {topics.CLOCK}, too: fly with 'clock: world' and one "
+                f"{WORLD_CLOCK} for all, or set ROS_DOMAIN_ID to a free one"
+            )
         if not self.values["lockstep"]:
             self.repeat(self.rate.tick_s, self._keep_pace)
         return Flight(time.monotonic() - self.core.wall_s)
-
-    def _refuse_second_clock(self) -> None:
-        """A ROS domain has one time: of two clocks nobody could say which one is followed."""
-        own = (self.get_namespace(), self.get_name())
-        others = [full_name(s) for s in senders_of(self, topics.CLOCK) if s != own]
-        if others:
-            raise StartError(
-                f"{', '.join(others)} sends {topics.CLOCK}, too: fly with 'clock: world' and one "
-                f"{WORLD_CLOCK} for all, or set ROS_DOMAIN_ID to a free one"
-            )
 
     def begin(self) -> None:
         """Tick 0 is measured and sent; after a pause, the tick that was sent last still holds."""
@@ -338,6 +320,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
             "wall_s": f"{elapsed:.3f}",
             "real_time_factor": f"{factor:.3f}",
             **self.core.fallback.facts(),
+            **self.core.fault_log.facts(self.core.config.faults, flown),
         }
 
     def _end(self, level: Level, message: str) -> None:
@@ -358,6 +341,24 @@ class PlantNode(TickNode[Aircraft, Flight]):
             publisher.wait_for_all_acked(limit)
         self.finished, self.exit_code = True, int(level > Level.OK)
 
+    def prepared(self, name: str, value: Any) -> Any:
+        """Faults without a beginning begin at the next tick, which who sends them does not know."""
+        if name == FAULTS and self.configured and isinstance(value, Sequence):
+            return list(begun(map(str, value), self._next_s))
+        return value
+
+    @property
+    def _next_s(self) -> float:
+        """Flight time of the tick that is not yet measured."""
+        return self.rate.seconds(self.tick + self.core.begun)
+
+    def _clear_faults(self, request: Any, response: Any) -> Any:
+        """All faults end between this tick and the next, gusts among them."""
+        ended = FaultLog.cleared(self.core.config.faults, self._next_s)
+        done = self.change(FAULTS, [NONE])
+        response.success, response.message = done.successful, done.reason or ended
+        return response
+
     def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> plant.PlantConfig:
         """The changed wind and faults; what does not fit together raises."""
         if self.configured:
@@ -367,6 +368,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def adopt(self, judged: plant.PlantConfig, changed: Collection[str]) -> None:
         """Swap gusts and faults between two ticks; turbulence and mean wind go on."""
         if self.configured:
+            if FAULTS in changed and self.core.begun:
+                self.core.fault_log.change(self.core.config.faults, judged.faults, self._next_s)
             self.core.fly(judged)
 
     def silence(self) -> str:

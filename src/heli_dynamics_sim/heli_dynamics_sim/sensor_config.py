@@ -172,3 +172,31 @@ def _gps_errors(get: _Get, axes: Any) -> GpsErrorKernel:
         jump * axes,
         latency_s,
     )
+
+
+def message_variances(v: Mapping[str, Any]) -> tuple[tuple[Any, ...], ...]:
+    """What the sensors' messages say of their errors: per group of numbers, SI^2.
+
+    Parameters
+    ----------
+    v : mapping
+        Parameters of the plant.
+
+    Returns
+    -------
+    tuple of tuple
+        Of IMU, magnetometer, barometer, fix and its velocity; a group with three variances has one
+        per axis.
+    """
+    tick_s = Rate.of_parameters(v).tick_s
+    gyro, accel = v["sensors.imu.gyro_noise_density"], v["sensors.imu.accel_noise_density"]
+    level = v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2
+    if v["sensors.gps.covariance"] == "honest":
+        level += v["sensors.gps.multipath.sigma_m"] ** 2 + v["sensors.gps.jump.sigma_m"] ** 2
+    return (
+        (gyro**2 / tick_s, accel**2 / tick_s),
+        (v["sensors.mag.white_t"] ** 2,),
+        (v["sensors.baro.white_pa"] ** 2,),
+        ((level, level, level * v["sensors.gps.vertical_factor"] ** 2),),
+        (v["sensors.gps.velocity_mps"] ** 2,),
+    )

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from heli_dynamics_sim.config_error import PlantConfigError
-from heli_dynamics_sim.fault_table import Fault, faults_of
+from heli_dynamics_sim.fault_log import FaultLog
+from heli_dynamics_sim.fault_table import NONE, Fault, begun, faults_of
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.plant import advance, initial_state, measure
 from heli_math.rows import ACTUATOR, AIR, MEAS
@@ -253,6 +254,34 @@ def test_they_come_in_flight_with_the_same_types(plant_config, parameters):
 )
 def test_a_fault_reads_back_as_it_was_written(fault):
     assert faults_of(["none", fault.text]) == (fault,)
+
+
+def test_what_has_no_beginning_begins_now_and_the_rest_stays_as_it_was_written():
+    texts = ("{what: gps, kind: loss, start_s: 3}", "{what: baro, kind: zero}", NONE,
+             "{kind: gust, start_s: now, what: wind, duration_s: 2, value: [1, 2, 3]}")  # fmt: skip
+    found = begun(texts, 7.25)
+    assert (found[0], found[2]) == (texts[0], NONE)
+    assert faults_of(found)[1:] == (
+        Fault("baro", "zero", 7.25), Fault("wind", "gust", 7.25, 2.0, (1.0, 2.0, 3.0)),
+    )  # fmt: skip
+    for text in texts[1::2]:
+        with pytest.raises(PlantConfigError, match="start_s: (missing|now is not allowed)"):
+            faults_of([text])
+
+
+def test_the_log_tells_what_came_and_what_was_taken_back_before_its_end():
+    log, over, lasts = FaultLog(), Fault("gps", "loss", 1.0, 1.0), Fault("baro", "loss", 1.0)
+    log.change((), (over, lasts), 1.0)
+    assert log.facts((over, lasts), 3.0) == {
+        "faults": "baro loss from 1 s on",
+        "faults_in_flight": "gps loss from 1 to 2 s; baro loss from 1 s on",
+    }
+    log.change((over, lasts), (), 3.0)
+    assert log.lines[2:] == ["baro loss from 1 s on, cleared at 3 s"]
+    for at in range(1000):
+        log.change((), (Fault("gps", "nan", float(at)),), float(at))
+    assert len(log.lines) == 200 and log.lines[-1] == "and more"
+    assert FaultLog().facts((), 0.0) == {}
 
 
 def test_words():

@@ -3,12 +3,15 @@
 
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, NavSatFix, NavSatStatus
+from std_srvs.srv import Trigger
 
-from heli_dynamics_sim.node import PlantNode, _variances
+from heli_dynamics_sim.node import PlantNode
+from heli_dynamics_sim.sensor_config import message_variances
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
@@ -120,6 +123,74 @@ def test_gusts_change_in_flight_and_refused_ones_change_nothing(bench):
     assert changed.wind is not config.wind and changed.helicopter is config.helicopter
 
 
+def called(plant, kind, name, request):
+    """Answer of a service of the plant, as who calls it gets it."""
+    (service,) = [s for s in plant.node.services if s.service_name.endswith(f"/{name}")]
+    got, answer = [], service.callback(request, kind.Response())
+    if hasattr(answer, "send_by"):
+        answer.send_by(got.append)
+        plant.spin_until(lambda: got)
+        (answer,) = got
+    return answer
+
+
+def with_faults(plant, *texts):
+    request = SetParametersAtomically.Request()
+    request.parameters = [Parameter("faults", value=list(texts)).to_parameter_msg()]
+    return called(plant, SetParametersAtomically, "set_parameters_atomically", request).result
+
+
+def test_a_fault_without_a_beginning_begins_when_the_plant_hears_of_it(bench):
+    """By its clock, not by the sender's; then it is as one that was given with that time."""
+    plant, told = bench(PlantNode), bench(PlantNode)
+    for one in (plant, told):
+        one.fly()
+        for tick in range(20):
+            one.send(topics.ACTUATORS, tick, U)
+    assert with_faults(plant, "{what: imu, kind: bias, value: [1, 0, 0, 0, 0, 0], duration_s: 0.1}",
+                       "{what: baro, kind: loss, start_s: now}").successful  # fmt: skip
+    later = "start_s: 0.21"
+    given = plant.node.get_parameter("faults").value
+    assert len(given) == 2 and all(later in text for text in given)
+    assert with_faults(told, *given).successful
+    for one in (plant, told):
+        for tick in range(20, 40):
+            one.send(topics.ACTUATORS, tick, U)
+    imu = np.array(plant.sent[topics.IMU])
+    np.testing.assert_array_equal(imu, told.sent[topics.IMU])
+    felt = np.flatnonzero(np.abs(np.diff(imu[:, 0])) > 0.5) + 1
+    assert felt.tolist() == [21, 31]
+    facts = plant.node._facts_now()
+    assert facts["faults"] == "baro loss from 0.21 s on"
+    assert facts["faults_in_flight"].startswith("imu bias 1, 0, 0, 0, 0, 0 from 0.21 to 0.31 s; ")
+
+
+def test_a_bad_fault_changes_nothing_and_is_told_in_a_sentence(bench):
+    plant = bench(PlantNode)
+    plant.fly()
+    refused = with_faults(plant, "{what: gps, kind: melts}")
+    assert not refused.successful and "melts is not allowed" in refused.reason
+    refused = with_faults(plant, "{what: gps")
+    assert not refused.successful and "not valid YAML" in refused.reason
+    assert plant.node.core.config.faults == () and "faults" not in plant.node._facts_now()
+
+
+def test_faults_are_cleared_by_a_service(bench):
+    plant = bench(PlantNode)
+    plant.fly()
+    answer = called(plant, Trigger, "clear_faults", Trigger.Request())
+    assert answer.success and answer.message == "there was no fault"
+    assert with_faults(plant, "{what: baro, kind: loss}").successful
+    plant.send(topics.ACTUATORS, 0, U)
+    assert plant.node.health.message == "fault: baro loss"
+    answer = called(plant, Trigger, "clear_faults", Trigger.Request())
+    assert answer.success and answer.message == "cleared: baro loss from 0.01 s on"
+    plant.send(topics.ACTUATORS, 1, U)
+    assert plant.node.health.message == "flying" and plant.node.core.config.faults == ()
+    facts = plant.node._facts_now()
+    assert "faults" not in facts and facts["faults_in_flight"].endswith("cleared at 0.02 s")
+
+
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_clean_up_leaves_nothing_behind(bench, lockstep):
     plant = bench(PlantNode, lockstep=lockstep)
@@ -220,7 +291,7 @@ def test_covariance_knows_of_multipath_or_not(covariance):
         "sensors.gps.covariance": covariance,
     }
     level = 0.3**2 + 1.0**2 + (5.0 if covariance == "honest" else 0.0)
-    assert _variances(values)[topics.GPS_FIX][0] == pytest.approx((level, level, 2.25 * level))
+    assert message_variances(values)[3][0] == pytest.approx((level, level, 2.25 * level))
 
 
 @pytest.mark.parametrize("late", [False, True], ids=["before the pause", "in the pause"])

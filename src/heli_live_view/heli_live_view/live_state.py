@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_live_view.faults import listed
 from heli_live_view.largest import Largest
 from heli_live_view.vehicle import body_row, enu, plain, reference_row
 from heli_math.rotations import quat_to_R_nb
@@ -284,6 +285,7 @@ class LiveState:
             "alarms": self._alarms(nodes, wall_s),
             "gps": {"age_s": round(self._fix_age_s(), 3)} if self._fix_ns else None,
             "largest": self._largest_row(),
+            "faults": [] if self.end else listed(self.nodes["plant"].facts),
         }
 
     def _shown(self, topic: str, wall_s: float, convert: Any = None) -> list[float] | None:

@@ -19,6 +19,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from heli_live_view.access import TOKEN_VARIABLE, VIEW_ONLY, Access, new_token
+from heli_live_view.faults import WHAT
 from heli_live_view.history import History
 from heli_live_view.live_state import COUNTED, SHOWN, LiveState
 from heli_live_view.page_server import Command, PageServer
@@ -105,6 +106,7 @@ class Screen:
                 "rotor_radius_m": v["aircraft.rotor_radius_m"],
             },
             "bounds": bounds(v),
+            "faults": WHAT,
             "limits": {name.partition(".")[2]: v[name] for name in COMMAND_LIMITS},
             "foxglove_url": self.foxglove_url,
             "state_hz": STATE_HZ,

@@ -17,9 +17,10 @@ from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from heli_live_view import plan
+from heli_live_view import faults, plan
 from heli_live_view.live_state import LiveState
 from heli_live_view.page_server import Command
 from heli_live_view.plan import CommandError
@@ -35,6 +36,7 @@ _LOCKSTEP = (
     "this flight is in lockstep, not at the pace of the clock: commands need one in real time"
 )
 _GIVEN_UP = "attitude is held; nothing holds position and altitude until hover is commanded"
+_FAULTS, _CLEAR = "faults", "clear_faults"
 _GUST = tuple(f"wind.gust.{name}" for name in ("start_s", "duration_s", "amplitude_mps", "frame"))
 Steps = Generator[Any, Any, str]
 
@@ -65,8 +67,9 @@ class Commander:
         self._asked = ""
         self.obeyed = 0
         self._clients = {
-            (name, kind): node.create_client(service, f"{name}/{kind}")
+            (name, kind): node.create_client(service, f"{name}/{kind}".removeprefix("/"))
             for name, kind, service in (
+                ("", _CLEAR, Trigger),
                 ("plant", "get_parameters", GetParameters),
                 ("plant", "set_parameters_atomically", SetParametersAtomically),
                 ("outer_loop", "get_parameters", GetParameters),
@@ -75,7 +78,10 @@ class Commander:
         }
         # In lockstep the outer loop would wait for whoever might send a reference.
         self._reference: Any = None if node.values["lockstep"] else self._create_reference()
-        self._handlers = {"gust": self._gust, "mode": self._mode, "reference": self._move}
+        self._handlers = {
+            "gust": self._gust, "mode": self._mode, "reference": self._move, "fault": self._fault,
+            _CLEAR: self._clear,
+        }  # fmt: skip
 
     def put(self, command: Command) -> None:
         """Take a command, from any thread."""
@@ -129,8 +135,8 @@ class Commander:
     def _call(self, name: str, kind: str, request: Any) -> Any:
         client = self._clients[name, kind]
         if not client.service_is_ready():
-            raise CommandError(f"no {name} in the graph")
-        self._asked, self._deadline_s = name, time.monotonic() + _ANSWER_S
+            raise CommandError(f"no {name or 'plant'} in the graph")
+        self._asked, self._deadline_s = name or kind, time.monotonic() + _ANSWER_S
         return client.call_async(request)
 
     def _get(self, name: str, keys: tuple[str, ...]) -> Generator[Any, Any, dict[str, Any]]:
@@ -163,6 +169,27 @@ class Commander:
             f"gust of {gust.amplitude_mps:g} m/s from {gust.from_deg % 360.0:g} deg, "
             f"{start_s:.1f} s to {start_s + gust.duration_s:.1f} s"
         )
+
+    def _fault(self, args: Mapping[str, Any]) -> Steps:
+        self._refuse_when_over()
+        text = faults.judge_fault(args, self._limits)
+        present = yield from self._get("plant", (_FAULTS,))
+        values = {_FAULTS: faults.with_fault(present[_FAULTS], text)}
+        request = SetParametersAtomically.Request(parameters=_messages(values))
+        response = yield self._call("plant", "set_parameters_atomically", request)
+        if not response.result.successful:
+            raise CommandError(response.result.reason)
+        duration_s = args.get("duration_s")
+        lasts = "until it is cleared" if duration_s is None else f"for {duration_s:g} s"
+        return f"{args['what']} {args['kind']} from now on, {lasts}"
+
+    def _clear(self, args: Mapping[str, Any]) -> Steps:
+        self._refuse_when_over()
+        yield from self._get("plant", ())
+        response = yield self._call("", _CLEAR, Trigger.Request())
+        if not response.success:
+            raise CommandError(response.message)
+        return str(response.message)
 
     def _mode(self, args: Mapping[str, Any]) -> Steps:
         self._refuse_when_over()
@@ -230,9 +257,11 @@ class Commander:
 
 
 def _messages(values: Mapping[str, Any]) -> list[Parameter]:
-    """Parameter messages; lists are of doubles."""
+    """Parameter messages; lists are of texts or of doubles."""
     plain = {
-        name: [float(v) for v in value] if isinstance(value, list) else value
+        name: [v if isinstance(v, str) else float(v) for v in value]
+        if isinstance(value, list)
+        else value
         for name, value in values.items()
     }
     return [RosParameter(name, value=value).to_parameter_msg() for name, value in plain.items()]

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gust, mode and reference for those who hold the token; without permission there is nothing to press.
+// Gust, mode, reference and faults for those who hold the token; without permission there is nothing to press.
 // What each will do stands beside it; what is dangerous is asked first; after the end nothing can be sent.
 
 import { Ask } from "./ask.js";
-import { ofGust, ofMode, ofReference } from "./consequences.js";
+import { ofFault, ofGust, ofMode, ofReference } from "./consequences.js";
+import { FaultForm } from "./faults.js";
 import { put } from "./format.js";
 
 const ANSWER_LIMIT_MS = 6000;
@@ -20,8 +21,9 @@ export class Commands {
     this.why = LOCKED;
     const part = (name) => root.querySelector(`#${name}`);
     [this.answerText, this.tokenField, this.pick, this.follow] = ["answer", "token", "pick", "follow"].map(part);
-    [this.gust, this.mode, this.reference] = ["f-gust", "f-mode", "f-reference"].map(part);
-    this.tells = { gust: part("tells-gust"), mode: part("tells-mode"), reference: part("tells-reference") };
+    [this.gust, this.mode, this.reference, this.fault] = ["f-gust", "f-mode", "f-reference", "f-fault"].map(part);
+    [this.tells, this.faults] = [{}, new FaultForm(this.fault, part("faults"), root.querySelector("#f-clear button"))];
+    for (const name of ["gust", "mode", "reference", "fault"]) this.tells[name] = part(`tells-${name}`);
     this.unlockButton = root.querySelector("#f-token button");
     this.question = new Ask(dialog);
     this.edited = false;
@@ -29,6 +31,8 @@ export class Commands {
     this.on(this.gust, () => this.command("gust", this.gustArgs(), ofGust(this.gustArgs(), this.state)));
     this.on(this.mode, (button) => this.command("mode", { mode: button.value }, ofMode(button.value, this.state)));
     this.on(this.reference, () => this.sendReference());
+    this.on(this.fault, () => this.command("fault", this.faults.args(), ofFault(this.faults.args(), this.state)));
+    this.on(part("f-clear"), () => this.command("clear_faults", {}, {}));
     this.reference.addEventListener("input", () => this.setEdited(true));
     this.follow.addEventListener("click", () => this.setEdited(false));
     this.pick.addEventListener("click", () => this.setPicking(!track.picking));
@@ -55,7 +59,8 @@ export class Commands {
     this.root.hidden = !allowed;
     this.permission.textContent = allowed
       ? ""
-      : "View only. Who starts the live view with --allow-commands can send gusts, modes and references from here.";
+      : "View only. Who starts the live view with --allow-commands can send gusts, modes, references and faults from here.";
+    this.faults.offer(info.faults);
     this.gust.elements.amplitude_mps.max = info.limits.gust_mps;
     this.gust.elements.duration_s.max = info.limits.gust_s;
     this.reference.elements.u.min = info.limits.altitude_min_m;
@@ -82,6 +87,7 @@ export class Commands {
     this.state = state;
     this.unlockButton.disabled = !open || Boolean(flight.end);
     this.setBlocked(this.obstacle(state, flight, open));
+    this.faults.update(state?.faults);
     if (!this.info?.commands) return;
     this.suggest(state?.ref);
     this.tell();
@@ -115,6 +121,7 @@ export class Commands {
   tell() {
     put(this.tells.gust, this.gust.checkValidity() ? ofGust(this.gustArgs(), this.state).text : "");
     put(this.tells.mode, ofMode(this.state?.mode === "attitude" ? "hover" : "attitude", this.state).text);
+    put(this.tells.fault, this.fault.checkValidity() ? ofFault(this.faults.args(), this.state).text : "");
     const usable = this.reference.checkValidity();
     put(this.tells.reference, usable ? ofReference(this.target(), this.state?.ref, this.info.limits).text : "");
   }

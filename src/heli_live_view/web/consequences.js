@@ -3,6 +3,7 @@
 //
 // Each function gives { text, danger }: danger is null, or { title, text, yes } for the question that is asked first.
 
+import { nameOf } from "./faults.js";
 import { wrapped } from "./format.js";
 
 // A 1-cosine gust from there on pushes the simulated hover a few decimetres away (10 m/s for 5 s: 0.53 m).
@@ -10,6 +11,8 @@ const STRONG_GUST_MPS = 8;
 // Below it the drift of a standalone receiver (1.5 m upright, one sigma) reaches the ground.
 const LOW_M = 5;
 const POINTS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"];
+// Longer than this an IMU that stops or lies is no gap any more that the navigation bridges.
+const BRIDGED_S = 0.2;
 const STILL_M = 0.05;
 const STILL_DEG = 0.5;
 
@@ -68,4 +71,30 @@ export function ofReference({ p, yaw_deg: yaw }, ref, limits) {
       text: `${text} So low the error of the navigated altitude can bring the helicopter to the ground.`,
     },
   };
+}
+
+const INERTIAL = ["imu", "accel", "gyro"];
+
+function feltAs(what, kind) {
+  if (what === "wind") return "The helicopter is pushed and banks against it.";
+  if (what.startsWith("delta_")) return "The servo no longer does what the attitude loop asks.";
+  if (INERTIAL.includes(what)) return "Attitude and position are known worse, or wrongly.";
+  if (what.startsWith("gps")) return "The place is held by what the other sensors say; lost for long, it lands by itself.";
+  return kind === "loss" ? "It is flown without." : "What contradicts the other sensors is refused.";
+}
+
+// `args` as sent: what, kind, value or none, duration_s or none.
+export function ofFault({ what, kind, value, duration_s: length }, state) {
+  const [lasts, name] = [length === undefined ? "until it is cleared" : `for ${length} s`, nameOf(what)];
+  const words = `${name.charAt(0).toUpperCase()}${name.slice(1)}: ${kind.replaceAll("_", " ")}, from now on, ${lasts}.`;
+  const text = `${words} ${feltAs(what, kind)}`;
+  const yes = "Inject it";
+  if (what === "wind") {
+    const peak = Math.hypot(...(value ?? []));
+    if (peak >= STRONG_GUST_MPS || state?.mode === "attitude") return { text, danger: { title: "Send a strong gust?", yes, text } };
+    return { text, danger: null };
+  }
+  const inertial = INERTIAL.includes(what) && !(length <= BRIDGED_S);
+  if (!what.startsWith("delta_") && !inertial) return { text, danger: null };
+  return { text, danger: { title: `Break the ${name}?`, yes, text: `${text} The helicopter may be lost.` } };
 }

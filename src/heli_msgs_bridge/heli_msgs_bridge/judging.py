@@ -107,7 +107,8 @@ class Judging:
                 order.later.answer(order.response(order.results))
                 continue
             try:
-                group = [Parameter.from_parameter_msg(m) for m in order.groups[len(order.results)]]
+                asked = order.groups[len(order.results)]
+                group = [self._prepared(Parameter.from_parameter_msg(m)) for m in asked]
                 changes = self._node.judgeable(group)
             except Exception as error:
                 reason = in_words(error)
@@ -117,6 +118,10 @@ class Judging:
                 self._begin(group, changes)
             else:
                 order.results.append(self._set(group, None))
+
+    def _prepared(self, parameter: Parameter) -> Parameter:
+        value = self._node.prepared(parameter.name, parameter.value)
+        return parameter if value is parameter.value else Parameter(parameter.name, value=value)
 
     def _set(self, group: list[Parameter], verdict: Verdict | None) -> SetParametersResult:
         self._node.verdict = verdict

@@ -36,3 +36,9 @@ def several_in_words(topic: str, senders: Sequence[tuple[str, str]], first: str 
     if first in map(full_name, senders):
         return f"{topic}: sent by {names}; only {first} is followed, which was heard first"
     return f"{topic}: sent by {names}; only the first sender's messages are used"
+
+
+def others_in_words(node: Node, topic: str) -> str:
+    """Full names of those who send on a topic besides a node; empty if nobody does."""
+    own = (node.get_namespace(), node.get_name())
+    return ", ".join(full_name(sender) for sender in senders_of(node, topic) if sender != own)

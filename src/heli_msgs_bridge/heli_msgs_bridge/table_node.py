@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.lifecycle import LifecycleNode
+from rclpy.parameter import Parameter as RosParameter
 
 from heli_math.ticks import Rate, stamp_at
 from heli_msgs_bridge import topics
@@ -84,6 +85,20 @@ class TableNode(LifecycleNode):
         }
         for service in self.services:
             service.callback = own.get(service.srv_type, service.callback)
+
+    def prepared(self, name: str, value: Any) -> Any:
+        """A value that is asked for, in words that hold at any time; called between two ticks.
+
+        Raises
+        ------
+        ValueError
+            With a sentence, if it cannot be understood.
+        """
+        return value
+
+    def change(self, name: str, value: Any) -> SetParametersResult:
+        """Set a parameter of its own, judged as any."""
+        return self.set_parameters_atomically([RosParameter(name, value=value)])
 
     def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> Any:
         """What changed parameters would make of the node; nothing may change here.

@@ -4,7 +4,7 @@
 The wheels of ROS 2 hold no tf2_msgs; where it is installed, these bytes are what its messages are.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +37,12 @@ def encode_transforms(transforms: Sequence[Transform], stamp_ns: int) -> bytes:
         layout.put("i", sec).put("I", nanosec).text(t.parent).text(t.child)
         layout.numbers([*t.xyz_m, *t.xyzw])
     return bytes(layout.data)
+
+
+def fixed_to_base(mounts: Mapping[str, Sequence[float]], namespace: str) -> list[Transform]:
+    """Where frames are fixed to the aircraft's own, by name: m, FLU, not turned."""
+    base = in_namespace(BASE, namespace)
+    return [Transform(base, in_namespace(child, namespace), at) for child, at in mounts.items()]
 
 
 def encode_text(text: str) -> bytes:

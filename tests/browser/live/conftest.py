@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from heli_live_view.access import Access
+from heli_live_view.faults import WHAT
 from heli_live_view.page_server import PageServer
 from heli_live_view.parameter_table import BOUNDS as METRIC_OF
 from heli_live_view.vehicle import bounds, error_row
@@ -28,7 +29,8 @@ def hello(commands=False, history=(), realtime=True):
         "type": "hello", "commands": commands,
         "flight": {"scenario": "hover", "seed": 7, "duration_s": 60.0, "realtime": realtime},
         "aircraft": {"name": "HeLion", "rotor_radius_m": 0.705},
-        "bounds": BOUNDS, "limits": LIMITS, "foxglove_url": "ws://127.0.0.1:8765", "state_hz": 30,
+        "bounds": BOUNDS, "limits": LIMITS, "faults": WHAT, "state_hz": 30,
+        "foxglove_url": "ws://127.0.0.1:8765",
         "events": [{"type": "event", "t": 1.5, "level": 1, "source": "observer",
                     "text": "GPS <b>late</b> & wrong"}],
         "history": list(history),
@@ -62,7 +64,8 @@ def state(t, **changed):
         "rotor": {"a_s_deg": 0.5, "b_s_deg": -0.8, "d_int": 0.1},
         "rotor_truth": {"a_s_deg": math.sin(t), "b_s_deg": -1.2, "d_int": 0.1},
         "wind_enu": [-2.5, -2.5, 0.2], "sigma_p": [0.2, 0.25, 0.3], "mode": "hover",
-        "nodes": nodes, "alarms": [], "gps": {"age_s": 0.12}, "largest": None, **changed,
+        "nodes": nodes, "alarms": [], "gps": {"age_s": 0.12}, "largest": None, "faults": [],
+        **changed,
     }  # fmt: skip
     return made | {source: with_error(made[source], made["ref"]) for source in ("truth", "nav")}
 

@@ -40,7 +40,7 @@ def press(page, key):
 def test_commands_need_the_token_and_tell_the_answer(page, flown):
     flight = flown(commands=True)
     flight.open_in(page)
-    assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 3
+    assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 5
     page.value("document.getElementById('token').value = 'guess'")
     submit(page, "token")
     answered(page, "wrong token")
@@ -116,6 +116,91 @@ def test_giving_up_the_hold_asks_first_and_is_no_success_when_done(page, flown):
     assert not page.value(opened) and page.errors == []
 
 
+def choose(page, what, kind):
+    """Choose by keyboard's event what fails and how."""
+    for name, value in (("what", what), ("kind", kind)):
+        page.value(
+            f"(() => {{ const s = document.querySelector('#f-fault [name={name}]');"
+            f" s.value = '{value}'; s.dispatchEvent(new Event('change', {{bubbles: true}})); }})()"
+        )
+
+
+def test_faults_are_offered_judged_sent_listed_and_cleared(page, flown):
+    flight = flown(commands=True)
+    allowed(page, flight)
+    assert page.value("document.querySelector('#f-clear button').disabled")
+    assert page.text("#faults") == "none"
+    value = "document.querySelector('#f-fault [name=value]')"
+
+    # What needs no number has none to write; what needs three wants three.
+    choose(page, "baro", "freeze")
+    assert page.value(f"{value}.disabled")
+    choose(page, "gps", "bias")
+    assert page.value(f"{value}.value") == "2, 0, 0"
+    assert page.text("#fault-unit") == "m, north, east, down"
+    page.value(f"{value}.value = '1 2'; {value}.dispatchEvent(new Event('input'))")
+    submit(page, "fault")
+    assert not page.value("document.querySelector('#f-fault').checkValidity()")
+    assert flight.received == []
+    page.value(f"{value}.value = '1.5, -2, 0'; {value}.dispatchEvent(new Event('input'))")
+    page.wait("document.getElementById('tells-fault').innerText.startsWith('GPS: bias')")
+    submit(page, "fault")
+    answered(page, "fault taken")
+
+    # Without a duration it lasts; an optional value may be left out; what may lose it asks first.
+    choose(page, "delta_ped", "stuck")
+    page.value("document.querySelector('#f-fault [name=duration_s]').value = ''")
+    assert page.value(f"{value}.value") == ""
+    submit(page, "fault")
+    page.wait("document.getElementById('ask').open")
+    assert page.value("document.activeElement.dataset.part") == "no"
+    asked = page.text("#ask-text")
+    assert "until it is cleared" in asked and "may be lost" in asked
+    press(page, "Tab")
+    press(page, "Enter")
+    answered(page, "fault taken")
+    assert flight.received == [
+        ("fault", {"what": "gps", "kind": "bias", "value": [1.5, -2, 0], "duration_s": 5}),
+        ("fault", {"what": "delta_ped", "kind": "stuck"}),
+    ]
+
+    flight.change = {"faults": ["gps bias 1.5, -2, 0 from 40.1 to 45.1 s",
+                                "delta_ped stuck from 41.2 s on"]}  # fmt: skip
+    page.wait("document.querySelectorAll('#faults li').length === 2")
+    assert page.text("#faults").splitlines() == [
+        "GPS bias 1.5, -2, 0 from 40.1 to 45.1 s", "pedal stuck from 41.2 s on"
+    ]  # fmt: skip
+    submit(page, "clear")
+    answered(page, "clear_faults taken")
+    flight.change = {}
+    page.wait("document.querySelector('#f-clear button').disabled")
+    assert flight.received[2:] == [("clear_faults", {})] and page.errors == []
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_panel_of_faults_fits(page, flown, width):
+    """Nothing is cut off or lies over another, with faults that act, on a phone, too."""
+    flight = flown(commands=True)
+    allowed(page, flight, width=width, height=900, phone=width < 500)
+    flight.change = {"faults": ["delta_lon dead zone 0.05 from 41.2 s on"] * 4}
+    page.wait("document.querySelectorAll('#faults li').length === 4")
+    assert page.value("document.documentElement.scrollWidth <= innerWidth")
+    boxes = page.value(
+        "[...document.querySelectorAll('#f-fault select, #f-fault input, #f-fault button,"
+        " #f-fault .tells, #faults, #f-clear button')].map(e => {"
+        " const r = e.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; })"
+    )
+    panel = page.value(
+        "(() => { const r = document.getElementById('commands').getBoundingClientRect();"
+        " return [r.left, r.top, r.right, r.bottom]; })()"
+    )
+    for i, a in enumerate(boxes):
+        assert panel[0] <= a[0] < a[2] <= panel[2] and panel[1] <= a[1] <= a[3] <= panel[3] + 1
+        for b in boxes[i + 1 :]:
+            apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+            assert apart, (a, b)
+
+
 @pytest.mark.parametrize(
     ("form", "values", "word"),
     [
@@ -189,7 +274,7 @@ def test_the_end_and_its_cause_stand_on_top_and_nothing_can_be_sent(
     page.wait(f"document.getElementById('connection').dataset.state === '{kind}'")
     # The question about a command that cannot be given any more is taken back.
     page.wait("!document.getElementById('ask').open")
-    assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 3
+    assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 5
     pressable = (
         "[...document.querySelectorAll('#commands button')].filter(b => !b.matches(':disabled'))"
     )
@@ -216,7 +301,7 @@ def test_a_flight_in_lockstep_cannot_be_commanded(page, flown):
     page.value(f"document.getElementById('token').value = '{flight.TOKEN}'")
     submit(page, "token")
     answered(page, "lockstep")
-    assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 3
+    assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 5
 
 
 def test_on_a_phone_the_question_and_the_loss_fit(page, flown, tmp_path):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `heli`: hover, campaign, design, identify, compare, report, score, bag, echo, topics,
-joy, results, run, python.
+fault, joy, results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -19,6 +19,7 @@ from heli_flight.cli.campaign import campaigns
 from heli_flight.cli.campaign_rare import RARE_EPILOG, WORST_EPILOG, rare, worst
 from heli_flight.cli.campaign_report import REPORT_EPILOG, campaign_report
 from heli_flight.cli.compare import compare
+from heli_flight.cli.fault import fault
 from heli_flight.cli.graph import graph
 from heli_flight.cli.hover import epilog, hover
 from heli_flight.cli.identify import EPILOG, identify
@@ -55,6 +56,7 @@ app.add_typer(campaigns, name="campaign")
 campaigns.command("report", epilog=REPORT_EPILOG)(campaign_report)
 campaigns.command(epilog=RARE_EPILOG)(rare)
 campaigns.command(epilog=WORST_EPILOG)(worst)
+app.add_typer(fault)
 app.add_typer(graph)
 app.add_typer(programs)
 app.add_typer(results, name="results")

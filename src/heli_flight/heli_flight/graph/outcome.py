@@ -21,6 +21,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
     """What nodes complained of at the end, and whether somebody commanded."""
     live = statuses.get(LIVE)
     commands = live.facts.get("commands", "0") if live is not None else "0"
+    given = statuses["plant"].facts.get("faults_in_flight", "") if "plant" in statuses else ""
     commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
     rivals = [
         f"{name}: {value}" if key != FACT_FLOOD else f"{name}: requests refused: {value}"
@@ -33,7 +34,8 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
         for name, status in sorted(statuses.items())
         if status.level > 0 and name != "plant"
     ]
-    return [*(commanded if commands != "0" else []), *rivals, *complaints]
+    broken = [f"faults given in flight: {given}"] if given else []
+    return [*(commanded if commands != "0" else []), *broken, *rivals, *complaints]
 
 
 def outcome(

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults from browser and terminal: what they offer is what the plant has; the plant's own text."""
+
+import pytest
+
+from heli_dynamics_sim.fault_table import WHAT as PLANTS_WHAT
+from heli_dynamics_sim.fault_table import begun, faults_of
+from heli_dynamics_sim.faults import KINDS
+from heli_flight.graph.fault_setter import fault_text
+from heli_live_view.faults import WHAT, judge_fault, listed, with_fault
+from heli_live_view.plan import CommandError, Limits
+
+LIMITS = Limits(2.0, 100.0, 100.0, 2.0, 1.0, 10.0, 10.0, 20.0)
+OFFERED = [(what, kind) for what, kinds in WHAT.items() for kind in kinds]
+
+
+def test_the_page_offers_every_fault_of_the_plant():
+    assert tuple(WHAT) == PLANTS_WHAT
+    assert {kind for _, kind in OFFERED} == set(KINDS)
+
+
+@pytest.mark.parametrize(("what", "kind"), OFFERED)
+def test_the_plant_takes_each_as_its_example_has_it(what, kind):
+    form = WHAT[what][kind]
+    args = {"what": what, "kind": kind, "value": form["example"], "duration_s": 2.0}
+    (text,) = begun([judge_fault(args, LIMITS)], 5.0)
+    (fault,) = faults_of([text])
+    assert (fault.what, fault.kind, fault.start_s, fault.duration_s) == (what, kind, 5.0, 2.0)
+    assert list(fault.value) == form["example"]
+    words = [str(v) for v in form["example"]]
+    assert begun([fault_text(what, kind, words, 2.0)], 5.0) == (text,)
+    if form["optional"]:
+        assert faults_of(begun([judge_fault({"what": what, "kind": kind}, LIMITS)], 5.0))
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        ({"what": "gps, kind: x}", "kind": "loss"}, "what: "),
+        ({"what": "gps", "kind": None}, "kind: None"),
+        ({"what": "gps", "kind": "bias", "value": "1"}, "a list of at most 6"),
+        ({"what": "gps", "kind": "bias", "value": [1.0] * 7}, "a list of at most 6"),
+        ({"what": "gps", "kind": "bias", "value": [float("nan")]}, "nan is not allowed"),
+        ({"what": "gps", "kind": "bias", "value": [True]}, "True is not allowed"),
+        ({"what": "gps", "kind": "loss", "duration_s": -1}, "-1 is not allowed"),
+        ({"what": "wind", "kind": "gust", "value": [9, 9, 0], "duration_s": 1}, "12.7 m/s"),
+        ({"what": "wind", "kind": "gust", "value": [1, 0, 0], "duration_s": 99}, "0.01 to 20"),
+    ],
+)
+def test_what_a_browser_may_not_say_is_refused_in_a_sentence(args, said):
+    with pytest.raises(CommandError, match="allowed") as caught:
+        judge_fault(args, LIMITS)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_faults_are_added_and_listed():
+    assert with_fault(["none"], "a") == ["a"] and with_fault(["a"], "b") == ["a", "b"]
+    assert listed({}) == listed({"faults": ""}) == []
+    assert listed({"faults": "gps loss from 1 s on; baro loss from 1 s on"})[1].startswith("baro")
+
+
+def test_a_value_that_is_no_number_is_named():
+    with pytest.raises(ValueError, match="value: '--duratoin' is not a number"):
+        fault_text("gps", "loss", ["--duratoin"], None)

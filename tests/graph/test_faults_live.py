@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli fault` in a flight of the graph: from now on, listed, cleared, told in the result."""
+
+import json
+import subprocess
+import sys
+
+HELI = [sys.executable, "-m", "heli_flight.cli.app"]
+
+
+def heli(env, *words):
+    done = subprocess.run([*HELI, *words], env=env, capture_output=True, text=True, timeout=120)
+    return done.returncode, done.stdout.strip(), done.stderr.strip()
+
+
+def test_a_fault_is_given_listed_and_cleared_while_it_flies(ros_env, tmp_path, living):
+    """By the plant's clock, in real time; the last one ends the flight."""
+    out = tmp_path / "flight"
+    flight = subprocess.Popen(
+        [*HELI, "hover", "--realtime", "--no-report", "--world", "paper", "--duration", "300",
+         "--out", str(out)],
+        env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    try:
+        # It waits for the plant's service, and with it for the flight.
+        code, said, wrong = heli(
+            ros_env, "fault", "baro", "bias", "-30", "--duration", "200", "--timeout", "100"
+        )
+        assert code == 0, wrong
+        assert said.startswith("{what: baro, kind: bias, start_s: ") and "value: -30.0}" in said
+        code, _, wrong = heli(ros_env, "fault", "baro", "melts")
+        assert code == 2 and "melts is not allowed" in wrong and wrong.count("\n") == 0
+        status = heli(ros_env, "echo", "/diagnostics", "--count", "20", "--timeout", "60")[1]
+        assert "fault: baro bias" in status
+        assert heli(ros_env, "fault", "--list", "--json")[1].startswith('{"faults": ["{what: baro')
+        code, said, wrong = heli(ros_env, "fault", "--clear")
+        assert code == 0 and "cleared: baro bias -30 from" in said, wrong
+        assert heli(ros_env, "fault", "--list")[1] == "none"
+        # What nobody survives ends the flight.
+        code, _, wrong = heli(ros_env, "fault", "delta_lat", "runaway", "0.5")
+        assert code == 0, wrong
+        rest, _ = flight.communicate(timeout=120)
+    finally:
+        flight.kill()
+    assert flight.returncode == 1, rest
+    assert living() == []
+    result = json.loads((out / "result.json").read_text())
+    assert "rolled over" in result["lost"] or "hit the ground" in result["lost"]
+    (note,) = [note for note in result["notes"] if note.startswith("faults given in flight: ")]
+    assert "baro bias -30 from" in note and "cleared at" in note
+    assert "delta_lat runaway 0.5 from" in note
