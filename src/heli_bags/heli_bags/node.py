@@ -20,7 +20,15 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
-from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, senders_of, several_in_words
+from heli_msgs_bridge.memory import RESPAWNED, SUPERVISOR
+from heli_msgs_bridge.senders import (
+    NOT_YET_NAMED,
+    SENDERS,
+    full_name,
+    senders_of,
+    several_in_words,
+    strangers_of,
+)
 
 # Deep enough for a pause of seconds at ten times real time.
 _DEPTH = 10_000
@@ -144,7 +152,11 @@ class RecorderNode(ManagedNode[Recording, None]):
         """Who decides whose messages of a stream are recorded: a second sender's are not."""
         name = self.resolve_topic_name(row.name)
         silence_s, period_ns = self.values["peer_timeout_s"], row.period_ns(self.rate)
-        return Owner(lambda: self.count_publishers(name), silence_s, period_ns)
+
+        def heir() -> bool:
+            return self.respawns and strangers_of(self, row.name) is False
+
+        return Owner(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
 
     def _unsubscribe(self, core: Recording) -> None:
         for subscription in (*core.subscriptions.values(), *core.plain):
@@ -199,10 +211,19 @@ class RecorderNode(ManagedNode[Recording, None]):
             number = info["publication_sequence_number"]
             if not self.core.voices.hear([status.name for status in said.status], number):
                 self._name_strangers()
+            elif self.respawns:
+                self._hear_successors(said.status)
         try:
             self.core.bag.write(name, raw)
         except BagError as error:
             self._complain(error)
+
+    def _hear_successors(self, said: Sequence[Any]) -> None:
+        """A node was started again, as the supervisor says: its successor's voice is new."""
+        supervisor = full_name((self.get_namespace(), SUPERVISOR)).strip("/")
+        for pair in (v for status in said if status.name == supervisor for v in status.values):
+            if pair.key.startswith(RESPAWNED):
+                self.core.voices.forget(pair.key.removeprefix(RESPAWNED), int(pair.value))
 
     def _name_senders(self, name: str, owner: Owner) -> None:
         """Say whose messages of a topic are not recorded."""

@@ -29,6 +29,7 @@ class Voices:
         self._space = namespace.strip("/")
         self._heard = {f"{self._space}/{name}".strip("/") for name in own}
         self._numbers: dict[str, int] = {}
+        self._times: dict[str, int] = {}
         self.foreign: set[str] = set()
 
     def hear(self, names: Sequence[str], number: int) -> bool:
@@ -54,6 +55,12 @@ class Voices:
                 self.foreign.add(name)
                 fits = False
         return fits
+
+    def forget(self, name: str, times: int) -> None:
+        """A node of ours was started again, so many times by now: its number begins anew, once."""
+        if times > self._times.get(name, 0):
+            self._times[name] = times
+            self._numbers.pop(f"{self._space}/{name}".strip("/"), None)
 
     def strangers(self, senders: Iterable[tuple[str, str]]) -> list[str]:
         """Of the senders of /diagnostics, those that may have said it.

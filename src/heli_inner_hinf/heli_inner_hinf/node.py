@@ -135,7 +135,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
 
     def configure(self) -> Loop:
         """Synthesise the controller; an infeasible design is refused here."""
-        config = AttitudeConfig.from_parameters(self.values)
+        config = self._designed()
         outer = Demand(self.rate.of(self.values["outer_period_ticks"]))
         inputs = (
             Input(topics.ODOM, Demand()),
@@ -153,6 +153,20 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         )
         self._warm_up(core)
         return core
+
+    def _designed(self) -> AttitudeConfig:
+        """The design of the parameters; of a predecessor's it need not be worked out again."""
+        known = self.memory.lasting() if self.memory else None
+        if isinstance(known, AttitudeConfig):
+            return known
+        config = AttitudeConfig.from_parameters(self.values)
+        self._keep(config)
+        return config
+
+    def _keep(self, config: AttitudeConfig) -> None:
+        if self.memory:
+            _ = config.kernel
+            self.memory.keep_lasting(config)
 
     def _make_exciter(self) -> Exciter | None:
         kernel = excitation_kernel(self.values)
@@ -195,6 +209,26 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def begin_anew(self) -> None:
         """Another flight: the law begins in trim; the setpoint is too old until one comes."""
         self.run.first = True
+
+    def remember(self) -> Any:
+        """Law, setpoint and last command."""
+        core, run = self.core, self.run
+        excited = None if core.exciter is None else core.exciter.state
+        law = core.design.state, core.x9, core.hand3, core.total, core.collective, core.flown_tick
+        return law, excited, run
+
+    def recall(self, content: Any, gap: bool) -> None:
+        """Go on with the law; after a gap it engages at the last command, as after a pause."""
+        core = self.core
+        (law, x9, hand3, total, core.collective, core.flown_tick), excited, run = content
+        for own, known in ((core.x9, x9), (core.hand3, hand3), (core.total, total)):
+            own[:] = known
+        core.design.state[:] = law
+        if core.exciter is not None and excited is not None:
+            core.exciter.state[:] = excited
+        for name, value in vars(run).items():
+            setattr(self.run, name, value)
+        self.run.resumes |= gap
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick: newest setpoint, law, actuators."""
@@ -323,6 +357,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             return
         if judged is not None:
             self.core.design.adopt(judged)
+            self._keep(judged)
         if "expects_outer" in changed:
             self.core.pace.expect(_OUTER, self.values["expects_outer"])
 

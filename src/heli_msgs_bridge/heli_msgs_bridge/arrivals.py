@@ -23,6 +23,8 @@ _REMEMBERED = 256
 _MOST_PERIODS, _MOST_OTHERS = 4, 64
 # Of a message that holds a stamp.
 _LEAST_BYTES = 12
+HEIR_S = 0.08
+"""Wall time after which an heir succeeds an owner that is not heard."""
 
 
 def with_info(hearer: Hearer) -> Callable[..., None]:
@@ -91,7 +93,8 @@ class Owner:
     next one has the next number; another sender's numbers are elsewhere. Where both are the same,
     the stamps decide, which go on from the owner's last by whole periods: a sender with the same
     numbers and the same stamps is not told from it. If the owner is gone or silent for long,
-    the next message's sender succeeds it, until the owner is heard again.
+    the next message's sender succeeds it, until the owner is heard again. An heir, a node of the
+    owner's name that was started in its place, need not wait so long.
 
     Parameters
     ----------
@@ -103,6 +106,9 @@ class Owner:
         Distance of two stamps; 0 where there is none: any later one within a second goes on.
     now_s : callable, optional
         Wall time, s.
+    heir : callable, optional
+        Whether all who send on the topic have the owner's name, of whom the owner may be dead;
+        asked only about unexpected numbers after `HEIR_S` of silence.
 
     Attributes
     ----------
@@ -110,6 +116,8 @@ class Owner:
         Messages of others, so far.
     successions : int
         How often another sender has become the owner.
+    heirs : int
+        How often an heir has.
     """
 
     def __init__(
@@ -118,15 +126,17 @@ class Owner:
         silence_s: float,
         period_ns: int,
         now_s: Callable[[], float] = time.monotonic,
+        heir: Callable[[], bool] = lambda: False,
     ) -> None:
         self._count, self._silence_s, self._now_s = count, silence_s, now_s
+        self._heir = heir
         self._period_ns = period_ns
         self._number: int | None = None
         self._before: int | None = None
         self._raw = b""
         self._heard_s = 0.0
         self._others: set[int] = set()
-        self.ignored = self.successions = 0
+        self.ignored = self.successions = self.heirs = 0
 
     def admits(self, raw: bytes, info: Info | None) -> bool:
         """Whether a serialised message is the owner's; without info it counts as the owner's."""
@@ -151,8 +161,13 @@ class Owner:
             self._others.add(own + 1)
             self._before = None
             return True
-        alone = not next_one and self._count() <= 1
-        if alone or self._now_s() - self._heard_s > self._silence_s:
+        alone, silent_s = not next_one and self._count() <= 1, self._now_s() - self._heard_s
+        if silent_s > HEIR_S and self._heir():
+            self.heirs += 1
+            self._others.clear()
+            self._before = own
+            return True
+        if alone or silent_s > self._silence_s:
             # Numbers that go on are the owner's: messages between were lost.
             self.successions += not (alone and number > own)
             self._others.clear()

@@ -38,6 +38,10 @@ def hardware_of(namespace: str) -> str:
     return namespace.strip("/") or "helicopter"
 
 
+NO_MESSAGE = "no message on "
+"""How a node begins to say that it hears nothing on a topic."""
+
+
 class Level(IntEnum):
     """Levels of diagnostic_msgs/DiagnosticStatus."""
 

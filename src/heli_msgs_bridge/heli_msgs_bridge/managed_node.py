@@ -19,6 +19,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, Owner, owned, telling, with_info
 from heli_msgs_bridge.diagnostics import FACT_FLOOD, REPEAT_S, Level
 from heli_msgs_bridge.floods import REQUESTS_AT_ONCE, REQUESTS_PER_S, Limit
+from heli_msgs_bridge.memory import respawns
 from heli_msgs_bridge.node_spec import StartError
 from heli_msgs_bridge.peers import wait_for_peers
 from heli_msgs_bridge.services import chosen, guard, not_flooded
@@ -27,6 +28,10 @@ from heli_parameters.parameters import ParameterError
 
 INACTIVE = "inactive"
 """What a node says when it has been deactivated."""
+BEFORE_STEPS = ("unconfigured", "configured", "active")
+"""What a node says before it has made a step."""
+_REPEATED_TICKS = 400
+"""Real time: of so many ticks a sender repeats its messages to who is started again."""
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 _ERROR = TransitionCallbackReturn.ERROR
 # Answered however often they come: that takes no longer than a refusal, and who ends the flight
@@ -65,6 +70,10 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         What a callback raised; the process then ends with code 1.
     requests : Limit
         Of the service calls that are answered while it is active.
+    respawns : bool
+        Whether nodes that die are started again.
+    sent : dict or None
+        Per topic the last message that was sent, while somebody wants to know.
     asked_to_end : callable
         Whether the process has been sent a signal.
     told_end : callable
@@ -78,6 +87,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
         self.failure, self.finished, self.exit_code = "", False, 0
+        self.respawns = respawns()
+        self.sent: dict[str, bytes] | None = None
         self.crash: Exception | None = None
         self.asked_to_end: Callable[[], bool] = lambda: False
         self.told_end: Callable[[], None] = lambda: None
@@ -172,7 +183,9 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def create_output(self, topic: str) -> Callable[[Any], None]:
         """Lifecycle publisher of a graph topic; returns its publish function (bytes or message)."""
         cls = topics.message_class(topics.KNOWN[topic].type)
-        publisher = self.create_lifecycle_publisher(cls, topic, topics.qos(topic))
+        repeats = self.respawns and bool(topics.KNOWN[topic].every_ticks)
+        kept = topics.qos(topic, self._history(), repeats)
+        publisher = self.create_lifecycle_publisher(cls, topic, kept)
         self.outputs[topic] = publisher
 
         def end() -> None:
@@ -187,10 +200,17 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             if type(message) is bytes:
                 if publisher.is_activated:
                     publish_raw(message)
+                    if self.sent is not None:
+                        self.sent[topic] = message
             else:
                 publisher.publish(message)
 
         return publish
+
+    def _history(self) -> int:
+        """How many messages of a stream are kept; where they are repeated, what is soon flown."""
+        paced = self.respawns and not self.values["lockstep"]
+        return self.rate.of(_REPEATED_TICKS) if paced else topics.DEPTH
 
     def hear(
         self,

@@ -21,6 +21,7 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -269,6 +270,57 @@ def run_together(classes: Sequence[type[ManagedNode]], argv: Sequence[str], name
         complain(name, f"failed in flight: {type(error).__name__}: {error}")
         return 1
     finally:
+        _end(nodes)
+        if ending is not None:
+            ending.close()
+
+
+Order = tuple[type[ManagedNode], Sequence[str]]
+"""Which node a process that stands by becomes, and further words of its command line."""
+
+
+def stand_by(
+    name: str, argv: Sequence[str], wait: Callable[[Callable[[], bool]], Order | None]
+) -> int:
+    """Take part in the graph without a part, until there is one; then run that node.
+
+    Parameters
+    ----------
+    name : str
+        Of the process.
+    argv : sequence of str
+        Command line without the program name, the same for all nodes.
+    wait : callable
+        Gets whether the process was asked to end; returns the order, or None for no node.
+
+    Returns
+    -------
+    int
+        As `run`.
+    """
+    nodes: list[ManagedNode] = []
+    ending = own = None
+    try:
+        ending = Ending()
+        options = SignalHandlerOptions.NO
+        _named(name, lambda: rclpy.init(args=[name, *argv], signal_handler_options=options))
+        own = Node(f"{name}_{os.getpid()}", enable_rosout=False, start_parameter_services=False)
+        order = wait(lambda: ending.asked)
+        if order is not None:
+            cls, more = order
+            name = cls.SPEC.name
+            nodes.append(_named(name, partial(cls, _values(cls, [*argv, *more]))))
+            nodes[-1].asked_to_end = lambda: ending.asked
+        return _spin(nodes, ending) if nodes else 0
+    except _Failed as error:
+        complain(error.name, str(error))
+        return error.code
+    except Exception as error:
+        complain(name, f"failed in flight: {type(error).__name__}: {error}")
+        return 1
+    finally:
+        if own is not None:
+            _attempt(own.destroy_node)
         _end(nodes)
         if ending is not None:
             ending.close()

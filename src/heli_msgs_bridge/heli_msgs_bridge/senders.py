@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 from rclpy.node import Node
 
+from heli_msgs_bridge.topics import BY_NAME
+
 # What the middleware calls a node whose publishers it has discovered, but not yet its name.
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_")
 SENDERS = "senders."
@@ -22,6 +24,17 @@ def senders_of(node: Node, topic: str) -> list[tuple[str, str]]:
         ("", NOT_YET_NAMED) if i.node_name in _UNKNOWN else (i.node_namespace, i.node_name)
         for i in infos
     )
+
+
+def strangers_of(node: Node, topic: str) -> bool | None:
+    """Whether another node, by name, sends on a topic than those that should; None: not yet known.
+
+    A process that was killed stays in the graph for some seconds beside its successor.
+    """
+    space = node.get_namespace()
+    own = {(space, name) for name in BY_NAME[topic].source}
+    others = set(senders_of(node, topic)) - own
+    return None if others == {("", NOT_YET_NAMED)} else bool(others)
 
 
 def full_name(sender: tuple[str, str]) -> str:

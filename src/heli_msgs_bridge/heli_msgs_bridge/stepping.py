@@ -10,12 +10,15 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from heli_math.ticks import OF_100_HZ, Rate
+from heli_msgs_bridge.backlog import Backlog
 from heli_msgs_bridge.lockstep import Counters, Demand, TickAssembler
 from heli_msgs_bridge.stamps import AHEAD_TICKS, Refused, Setting
 
 Arrived = Mapping[str, tuple[int, Any]]
 """Per topic: stamp tick, and the array or None if the message could not be used."""
 Step = Callable[[int, Arrived], None]
+SILENT_S = 0.15
+"""Real time: wall time after which a node that nothing triggers says so."""
 
 
 class Lockstep:
@@ -85,10 +88,18 @@ class Lockstep:
         for topic in topics:
             self._assembler.waive(topic, not expected)
 
-    def start(self) -> None:
-        """Begin, with what came while the node was getting ready; or go on after a pause."""
+    def start(self, after: int | None = None, backlog: Backlog | None = None) -> None:
+        """Begin, with what came while the node was getting ready; or go on after a pause.
+
+        With a tick `after`, of a node's predecessor, begin with the one that follows it.
+        """
         self._stepping, self._progress_s = True, self._now_s()
         if self._assembler.next_tick is not None:
+            self.resume()
+            return
+        if after is not None:
+            self._assembler.start(after + 1)
+            self._newest_trigger = self._newest_in_a_row()
             self.resume()
             return
         waiting = self._assembler.kept(self._trigger)
@@ -221,13 +232,16 @@ class RealTime:
         Told of stamps too far from the clock.
     rate : Rate, optional
         Of the ticks.
+    told : callable, optional
+        Called when the trigger has become silent.
 
     Attributes
     ----------
     counters : Counters
         What was not used so far.
     silent : set of str
-        Nobody is waited for: filled and emptied by who looks at the messages' age.
+        The trigger, if it has been silent for long; nobody is waited for. That of who keeps time is
+        filled and emptied by it.
     """
 
     def __init__(
@@ -238,11 +252,14 @@ class RealTime:
         now_s: Callable[[], float] = time.monotonic,
         refused: Refused = lambda topic, tick, clock_tick: None,
         rate: Rate = OF_100_HZ,
+        told: Callable[[], None] = lambda: None,
     ) -> None:
         self._trigger, self._step = trigger, step
         self._per_s, self._ahead = rate.hz, rate.of(AHEAD_TICKS)
         self._own_tick, self._now_s, self._refused = own_tick, now_s, refused
+        self._told = told
         self._stepping = self._paused = False
+        self._backlog: Backlog | None = None
         self._anchor: tuple[int, float] | None = None
         self._setting = Setting()
         self._newest: dict[str, int] = {}
@@ -253,9 +270,9 @@ class RealTime:
     def expect(self, topics: Iterable[str], expected: bool) -> None:
         """Nothing is waited for, so there is nothing to change."""
 
-    def start(self) -> None:
-        """Begin to step, or go on after a pause."""
-        self._stepping, self._paused = True, False
+    def start(self, after: int | None = None, backlog: Backlog | None = None) -> None:
+        """Begin to step, or go on after a pause; with a backlog, from what it collects."""
+        self._stepping, self._paused, self._backlog = True, False, backlog
 
     def pause(self) -> None:
         """Cease to step, and keep what comes: `start` goes on."""
@@ -264,7 +281,7 @@ class RealTime:
     def stop(self) -> None:
         """Cease to step and forget what has been collected."""
         self._stepping = self._paused = False
-        self._anchor = None
+        self._anchor = self._backlog = None
         self._setting.fits()
         self._newest.clear()
         self._arrived.clear()
@@ -309,6 +326,10 @@ class RealTime:
         """A message stamped with a tick; dropped if it is not newer than the one before."""
         if not (self._stepping or self._paused):
             return
+        if self._backlog is not None:
+            self._backlog.take(topic, tick, value)
+            self._catch_up(self._backlog)
+            return
         now = self._now_tick()
         if not self._fits(topic, tick, now):
             return
@@ -324,6 +345,7 @@ class RealTime:
             if self._anchor is None:
                 self._forget_from(tick + self._ahead + 1)
             self._anchor = (tick, self._now_s())
+            self.silent.discard(topic)
         else:
             # A stamp a little ahead must not make the next one late.
             self._newest[topic] = tick if now is None else min(tick, now)
@@ -331,6 +353,17 @@ class RealTime:
         # Before tick 0 there is no flight.
         if topic == self._trigger and tick >= 0 and self._stepping:
             self._step(tick, self.collect())
+
+    def _catch_up(self, backlog: Backlog) -> None:
+        """Fly what was missed, when all of it has come."""
+        if not backlog.complete():
+            return
+        self._backlog = None
+        for tick, arrived in backlog.steps():
+            for topic, (stamp, _) in arrived.items():
+                self._newest[topic] = stamp
+            self._anchor = (tick, self._now_s())
+            self._step(tick, arrived)
 
     def collect(self) -> Arrived:
         """What has arrived since the last call."""
@@ -341,7 +374,13 @@ class RealTime:
         """No step ever waits here, so there is none to resume."""
 
     def look(self) -> None:
-        """Nobody is waited for here, so nobody falls silent."""
+        """To be called now and then: notice that the trigger is silent. Nobody is waited for."""
+        trigger, anchor = self._trigger, self._anchor
+        if trigger is None or anchor is None or not self._stepping or trigger in self.silent:
+            return
+        if self._now_s() - anchor[1] > SILENT_S:
+            self.silent.add(trigger)
+            self._told()
 
 
 Pace = Lockstep | RealTime

@@ -43,6 +43,8 @@ class TableNode(LifecycleNode):
         Present tick, for the stamps of /diagnostics.
     health : Health
         What was reported last.
+    changed : dict
+        Parameters that were changed since the node was built.
     verdict : Verdict or None
         What the change that is being set was judged to be beforehand.
     revision : int
@@ -58,6 +60,7 @@ class TableNode(LifecycleNode):
         self.rate = Rate.of_parameters(self.values)
         self.tick = 0
         self.health = Health()
+        self.changed: dict[str, Any] = {}
         self.verdict: Verdict | None = None
         self.revision = 0
         self._judged: Any = None
@@ -200,5 +203,6 @@ class TableNode(LifecycleNode):
         changes = self._changes(parameters)
         if changes:
             self.values.update(changes)
+            self.changed.update(changes)
             self.revision += 1
             self.adopt(self._judged, changes.keys())

@@ -5,7 +5,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,9 @@ from rclpy.serialization import deserialize_message
 
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Owner
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.backlog import Backlog
+from heli_msgs_bridge.cdr import stamp_of
+from heli_msgs_bridge.diagnostics import NO_MESSAGE, Level
 from heli_msgs_bridge.floods import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
@@ -24,6 +26,7 @@ from heli_msgs_bridge.floods import (
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import ManagedNode, Run
+from heli_msgs_bridge.memory import Recalled, memory_of
 from heli_msgs_bridge.messages import (
     CHANNELS,
     ClockDecoder,
@@ -40,6 +43,7 @@ from heli_msgs_bridge.senders import (
     full_name,
     senders_of,
     several_in_words,
+    strangers_of,
 )
 from heli_msgs_bridge.services import in_words as in_line
 from heli_msgs_bridge.stamps import in_words
@@ -49,6 +53,10 @@ __all__ = ["Arrived", "Input", "Send", "TickCore", "TickNode"]
 Send = Callable[[NDArray[np.float64], int], None]
 """Sends a row (NED/FRD), stamped in ns."""
 _WATCH_PERIOD_S = 0.05
+# After a start in flight, for so many ticks, messages that nobody answers are sent again.
+_AGAIN_S, _AGAIN_TICKS = 0.1, 50
+# Of a message that holds a stamp.
+_LEAST_BYTES = 12
 _SENDERS_PERIOD_S = 1.0
 # Real time: wall time after which a silent sender is succeeded by another one of its topic.
 _SILENT_OWNER_S = 0.5
@@ -120,9 +128,15 @@ Core = TypeVar("Core", bound=TickCore)
 class TickNode(ManagedNode[Core, Run]):
     """Collects inputs by tick and calls `step` (`stepping` says when)."""
 
+    CATCHES_UP: ClassVar[bool] = False
+    """Whether in real time, too, it steps through what it has missed when it is started again."""
+
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
-        super().__init__(values, **options)
+        self.memory = memory_of(self.SPEC.name)
+        self._recalled: Recalled | None = self.memory.recall() if self.memory else None
+        super().__init__({**values, **self._changed_before()}, **options)
         self._owners: dict[str, Owner] = {}
+        self._said_tick: int | None = None
         # Per topic its sender's name, if it was the only one when it was first heard.
         self._alone: dict[str, str] = {}
 
@@ -135,6 +149,21 @@ class TickNode(ManagedNode[Core, Run]):
     def begin_anew(self) -> None:
         """The plant has begun another flight while this node was active: forget the past one."""
 
+    def remember(self) -> Any:
+        """What a successor would go on from, if this node were killed now; None for nothing."""
+        return None
+
+    def recall(self, content: Any, gap: bool) -> None:
+        """Go on from what a predecessor has remembered; called before the first step.
+
+        Parameters
+        ----------
+        content : object
+            What `remember` gave.
+        gap : bool
+            Whether ticks were flown without this node that it will not step through.
+        """
+
     def is_ready(self) -> bool:
         """Whether steps may be made at all; a node that waits for something else says it here."""
         return True
@@ -145,7 +174,8 @@ class TickNode(ManagedNode[Core, Run]):
         if not silent:
             return ""
         parts = [f"'{name}' from {'/'.join(topics.BY_NAME[name].source)}" for name in silent]
-        return f"no message on {', '.join(parts)}: going on without"
+        follows = "going on without" if self.values["lockstep"] else "nothing is sent meanwhile"
+        return f"{NO_MESSAGE}{', '.join(parts)}: {follows}"
 
     # --- for sub-classes to use ----------------------------------------------------------------
 
@@ -180,7 +210,12 @@ class TickNode(ManagedNode[Core, Run]):
             self.repeat(_WATCH_PERIOD_S, pace.look)
         else:
             trigger, own_tick = (None, lambda: self.tick) if leads else (inputs[0].topic, None)
-            pace = RealTime(trigger, self._make_step, own_tick, refused=refused, rate=self.rate)
+            pace = RealTime(
+                trigger, self._make_step, own_tick, refused=refused, rate=self.rate,
+                told=self._tell_silence,
+            )  # fmt: skip
+            if not leads:
+                self.repeat(_WATCH_PERIOD_S, pace.look)
         for item in inputs:
             decoder: Decoder | ClockDecoder
             if item.topic == topics.CLOCK:
@@ -191,9 +226,22 @@ class TickNode(ManagedNode[Core, Run]):
             owner = owners[item.topic] = self._owner(item.topic)
             receive = self._receiver(item, decoder, pace)
             ignored = partial(self._look_at_senders, item.topic, owner)
-            self.hear(item.topic, receive, raw=True, owner=owner, ignored=ignored)
+            self.hear(
+                item.topic, receive, qos=self._repeated(), raw=True, owner=owner, ignored=ignored
+            )
         self.repeat(_SENDERS_PERIOD_S, partial(self._look_at_all_senders, owners))
+        self._demands = {item.topic: item.demand for item in inputs}
         return pace
+
+    def _repeated(self) -> Any:
+        """QoS by which a node that is started again hears what it has missed; None for others."""
+        wanted = self._recalled is not None and (self.values["lockstep"] or self.CATCHES_UP)
+        return topics.qos(topics.IMU, repeats=True) if wanted else None
+
+    def _tell_silence(self) -> None:
+        """Real time: nobody triggers this node; it says so at once."""
+        if self.health.level < Level.ERROR:
+            self.report(Level.WARN, self.silence())
 
     def hear_commands(
         self, topic: str, callback: Callable[[Any], None], most_bytes: int = MOST_BYTES
@@ -257,7 +305,11 @@ class TickNode(ManagedNode[Core, Run]):
         silence_s = self.values["peer_timeout_s"] if self.values["lockstep"] else _SILENT_OWNER_S
         period_ns = topics.BY_NAME[topic].period_ns(self.rate)
         name = self.resolve_topic_name(topic)
-        return Owner(lambda: self.count_publishers(name), silence_s, period_ns)
+
+        def heir() -> bool:
+            return self.respawns and strangers_of(self, topic) is False
+
+        return Owner(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
 
     def _look_at_all_senders(self, owners: Mapping[str, Owner]) -> None:
         """Once a second: whether a topic has more than one sender, and who they are."""
@@ -268,7 +320,9 @@ class TickNode(ManagedNode[Core, Run]):
     def _look_at_senders(self, topic: str, owner: Owner) -> None:
         """Name the senders of a topic if they are several; also as soon as one is ignored."""
         core, name = self.core, self.resolve_topic_name(topic)
-        if topic not in core.rivals and self.count_publishers(name) > 1:
+        several = topic not in core.rivals and self.count_publishers(name) > 1
+        # Of a node that was started again its predecessor is in the graph for some seconds.
+        if several and (not self.respawns or strangers_of(self, topic)):
             first = "" if owner.successions else self._alone.get(topic, "")
             core.rivals[topic] = several_in_words(topic, senders_of(self, topic), first)
         if topic in core.rivals or owner.ignored or owner.successions:
@@ -376,9 +430,42 @@ class TickNode(ManagedNode[Core, Run]):
     # --- life ----------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Begin to step, with what came while the node was getting ready."""
+        """Begin to step, with what came while the node was getting ready; or go on in the place of
+        a predecessor."""
         self.core.stepped = None
-        self.core.pace.start()
+        known, self._recalled = self._recalled, None
+        if known is None:
+            self.core.pace.start()
+            return
+        self.tick = self.core.stepped = known.tick
+        self.changed, content = known.content
+        self.recall(content, not (self.values["lockstep"] or self.CATCHES_UP))
+        said = f"started again in flight, after {self.rate.seconds(known.tick):.2f} s of it"
+        self.get_logger().warning(said)
+        backlog = None
+        if self.CATCHES_UP:
+            trigger, half_s = next(iter(self._demands)), 0.5 * self.rate.tick_s
+            backlog = Backlog(trigger, self._demands, half_s)
+        if self.values["lockstep"]:
+            # Each waits for the other there, so whoever did not know this node yet hears it again.
+            self.sent = {}
+            self.repeat(_AGAIN_S, partial(self._say_again, known.tick + _AGAIN_TICKS))
+        self.core.pace.start(known.tick, backlog)
+
+    def _say_again(self, until: int) -> None:
+        """Lockstep, soon after a start in flight: send the last messages again if none followed."""
+        if self.sent is None:
+            return
+        if self.tick > until:
+            self.sent = None
+        elif self.tick == self._said_tick:
+            for topic, raw in self.sent.items():
+                self.outputs[topic].handle.publish_raw(raw)
+        self._said_tick = self.tick
+
+    def _changed_before(self) -> Mapping[str, Any]:
+        """Parameters that a predecessor was told in flight."""
+        return {} if self._recalled is None else self._recalled.content[0]
 
     def disengage(self) -> None:
         """Cease to step and forget what has been collected."""
@@ -393,6 +480,8 @@ class TickNode(ManagedNode[Core, Run]):
             self.begin_anew()
         self.tick = tick
         self.step(tick, arrived)
+        if self.memory is not None and (content := self.remember()) is not None:
+            self.memory.keep(tick, (self.changed, content))
         self.send_report()
 
     def _receiver(
@@ -403,8 +492,16 @@ class TickNode(ManagedNode[Core, Run]):
         earliest, tick_ns = -item.demand.lag_ticks, self.rate.tick_ns
         decode, refuse = decoder.decode, partial(self.refuse, item.topic)
         aloud = partial(self.refuse_aloud, item.topic)
+        since = self._recalled.tick if self._recalled else None
+        lag = item.demand.lag_ticks
 
         def receive(raw: bytes) -> None:
+            nonlocal since
+            if since is not None and len(raw) >= _LEAST_BYTES:
+                # Of what is repeated, what the predecessor has heard.
+                if (stamp_of(raw) - start_ns) // tick_ns + lag <= since:
+                    return
+                since = None
             try:
                 value = decode(raw).copy()
             except CutOffError as error:

@@ -192,14 +192,15 @@ def message_class(type_name: str) -> Any:
         raise LookupError(f"message type {type_name} is not installed") from error
 
 
-def qos(name: str, depth: int = DEPTH) -> Any:
+def qos(name: str, depth: int = DEPTH, repeats: bool = False) -> Any:
     """QoS profile of a topic (imports rclpy).
 
     Everything is reliable: in lockstep a lost message is a stopped flight, and a best-effort
-    publisher would never meet a reliable listener.
+    publisher would never meet a reliable listener. With `repeats` a sender keeps what it has sent
+    for a listener that is started again, and such a listener gets it.
     """
     latched = name in KNOWN and KNOWN[name].latched
-    return _profile(KNOWN[name].kept if latched else depth, latched)
+    return _profile(KNOWN[name].kept if latched else depth, latched or repeats)
 
 
 def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:

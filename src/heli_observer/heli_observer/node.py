@@ -65,6 +65,7 @@ class ObserverNode(TickNode[Navigation, None]):
     """Active means: the navigation solution is published."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_observer", TABLE, f"{NODE_NAME}.yaml")
+    CATCHES_UP = True
 
     def configure(self) -> Navigation:
         """Build the filter, its outputs and inputs."""
@@ -107,6 +108,14 @@ class ObserverNode(TickNode[Navigation, None]):
         """Another flight: align again."""
         self.core.state = initial_state(self.core.config)
         self.core.frames = FrameTree(self.get_namespace(), self.rate.tick_s)
+
+    def remember(self) -> Any:
+        """The filter, and the frame odom."""
+        return self.core.state, self.core.frames
+
+    def recall(self, content: Any, gap: bool) -> None:
+        """Go on with the filter of the predecessor, through the samples that it has missed."""
+        self.core.state, self.core.frames = content
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the filter."""

@@ -90,6 +90,10 @@ class Law(TickCore):
         Sends a way that is followed as a reference.
     own : deque of tuple
         References of this node that it has not yet heard back.
+    heard : deque of tuple
+        Those of others that were followed.
+    repeated : list of tuple
+        Of those, what a predecessor has heard and this node will hear once more.
     armed : bool
         Whether a take-off is obeyed.
     """
@@ -110,6 +114,8 @@ class Law(TickCore):
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
     commanders: dict[str, set[str]] = field(default_factory=lambda: {t: set() for t in _COMMANDS})
     own: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
+    heard: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
+    repeated: list[tuple[Any, ...]] = field(default_factory=list)
     armed: bool = True
 
 
@@ -131,6 +137,8 @@ class Following:
         What the flight does, from the ground to the ground.
     diverted : Trajectory or None
         The way of the last command, followed until a reference comes.
+    rejoins : bool
+        True until the first step after a gap.
     """
 
     begun_s: float
@@ -139,6 +147,7 @@ class Following:
     held: Trajectory | None = None
     engaged: bool = False
     diverted: Trajectory | None = None
+    rejoins: bool = False
 
 
 class OuterLoopNode(TickNode[Law, Following]):
@@ -200,7 +209,12 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def _on_reference(self, message: Any) -> None:
         core = self.core
-        if (key := key_of(message)) in core.own:
+        key = key_of(message)
+        if key in core.repeated:
+            # Latched: the predecessor has heard it, and may have gone on to something else.
+            core.repeated.remove(key)
+            return
+        if key in core.own:
             core.own.remove(key)
             return
         # Now: who sends once is gone when one looks later.
@@ -219,6 +233,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         if self.active and not first and (why := self.core.commands.refusal_of_reference()):
             self.refuse_aloud(topics.REFERENCE, why)
             return
+        core.heard.append(key)
         core.given, core.way, core.home_ned_m = way, way, home.copy()
         if not self.active or not self.run.phases.phase.on_ground:
             self._as_given(way)
@@ -282,6 +297,26 @@ class OuterLoopNode(TickNode[Law, Following]):
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
         self.run.phases = self._phases()
 
+    def remember(self) -> Any:
+        """Law, references, and where the flight is between the ground and the ground."""
+        core, run = self.core, self.run
+        ways = core.given, core.way, core.offset_ned_m, core.home_ned_m, core.heard, core.armed
+        return core.state, ways, vars(run)
+
+    def recall(self, content: Any, gap: bool) -> None:
+        """Go on in the same phase, along the same reference.
+
+        After a gap the law's estimates of velocity and lag are those of another moment: the next
+        step begins with them from what it sees, and keeps what it knows of the disturbance.
+        """
+        core = self.core
+        core.state, ways, run = content
+        core.given, core.way, core.offset_ned_m, core.home_ned_m, core.heard, core.armed = ways
+        core.repeated = list(core.heard)
+        for name, value in run.items():
+            setattr(self.run, name, value)
+        self.run.rejoins = gap
+
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
         if tick % self.rate.of(self.values["period_ticks"]):
@@ -289,6 +324,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
         _, nav = arrived.get(topics.ODOM, (0, None))
         core.nav[:] = np.nan if nav is None else nav
+        if run.rejoins and flyable(core.nav):
+            run.rejoins = False
+            core.state[MEMORY.vel] = core.nav[NAV.vel]
         if core.given is None and run.held is None and nav is not None:
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
             if core.home_ned_m is None:

@@ -71,6 +71,13 @@ Composed = Annotated[
         "sooner",
     ),
 ]
+Respawn = Annotated[
+    bool,
+    typer.Option(
+        "--respawn",
+        help="start observer, inner or outer loop again if it dies in flight; it rejoins",
+    ),
+]
 RateHz = Annotated[
     int | None,
     typer.Option(
@@ -136,6 +143,7 @@ def hover(
     realtime: Realtime = False,
     one_process: OneProcess = False,
     composed: Composed = False,
+    respawn: Respawn = False,
     rate: RateHz = None,
     out: Out = None,
     no_report: NoReport = False,
@@ -160,7 +168,7 @@ def hover(
     order = FlightOrder(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
         _live(live, live_port, foxglove_port, allow_commands), world, laws, composed, rate,
-        figures, faults,
+        figures, faults, respawn,
     )  # fmt: skip
     if aircraft == 1:
         outcomes = [fly_and_write(order, console(stderr=as_json))]

@@ -21,7 +21,7 @@ from heli_math.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
 from heli_math.ticks import Rate, stamp_at
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_MODE, offset_of
+from heli_msgs_bridge.diagnostics import FACT_MODE, NO_MESSAGE, offset_of
 from heli_outer_pd.parameter_table import NODE_NAME as OUTER_LOOP
 from heli_outer_pd.reference import moved
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
@@ -183,8 +183,13 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
     ticks = clock.ticks(source.stamp_ns)
     limits = ReferenceLimits.from_parameters(settings.nodes["outer_loop"])
     record = _record(bag, ticks, clock, limits)
+    # When the plant has flown its last tick, nobody hears it any more: that is no news.
+    end_ns = int(source.stamp_ns[-1])
+    remarks = [
+        r for r in bag.remarks if r.stamp_ns < end_ns or not r.message.startswith(NO_MESSAGE)
+    ]
     truth_ticks = ticks if source.sums is not None else None
-    return BagFlight(record, bag.remarks, bag.foreign, bag.aircraft, truth_ticks, source.sums)
+    return BagFlight(record, remarks, bag.foreign, bag.aircraft, truth_ticks, source.sums)
 
 
 def _excited(bag: Bag) -> bool:

@@ -6,6 +6,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,14 @@ from heli_flight.graph.live import LiveView, addresses
 from heli_flight.graph.outcome import outcome
 from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.plant_truth import TRUTH_SUMS
+from heli_flight.graph.process_faults import ProcessFaults
 from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, others_in, stop
 from heli_flight.graph.programs import programs
+from heli_flight.graph.respawn import AGAIN, Respawn
 from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
+from heli_flight.loop.process_fault import process_faults_of
 from heli_flight.loop.result import Result
 from heli_flight.loop.settings import Settings
 from heli_live_view.access import TOKEN_VARIABLE
@@ -75,6 +79,8 @@ class Graph:
         Of an aircraft that is not alone: its clock is then that of its world.
     composed : bool
         Whether the nodes of the loop are in one process.
+    respawn : bool
+        Whether nodes that die in flight are started again.
 
     Attributes
     ----------
@@ -92,8 +98,12 @@ class Graph:
         say: Callable[[str], None] = print,
         namespace: str = "",
         composed: bool = False,
+        respawn: bool = False,
     ):
         self.namespace, self.composed = namespace, composed
+        self._respawn = Respawn(folder, say) if respawn else None
+        self._faults: ProcessFaults | None = None
+        self._flies = False
         self.beside: list[Callable[[], None]] = []
         self.company = True
         self._joined_s = 0.0
@@ -120,7 +130,7 @@ class Graph:
         logs = self.folder / "logs"
         logs.mkdir()
         prepare_environment()
-        env = dict(os.environ)
+        env = {**os.environ, **(self._respawn.environment() if self._respawn else {})}
         parameters = logs.parent / "graph.yaml"
         dump_all(of_graph(self.settings, self.folder, self.live, self.namespace), parameters)
         arguments = ["--ros-args", "--params-file", str(parameters)]
@@ -134,6 +144,8 @@ class Graph:
                 own[sums.VARIABLE] = str((self.folder / TRUTH_SUMS).absolute())
             self.processes[name] = NodeProcess(name, program.module, arguments, log, env | own)
             self._nodes[name] = program.nodes
+        if self._respawn:
+            self._respawn.stand_by(arguments, env)
 
     def _join(self) -> None:
         """Make the supervisor's node, before all others.
@@ -166,6 +178,9 @@ class Graph:
             if process.exit_code() is None:
                 continue
             why = _named(process, self._nodes[name])
+            if self._flies and self._respawn and name in AGAIN and self.supervisor:
+                self.processes[name] = self._respawn.again(name, why, self.supervisor)
+                continue
             if name != LIVE or not self.watched:
                 raise FlightError(self._own(why))
             # A flight does not end because nobody can watch it any more.
@@ -280,12 +295,26 @@ class Graph:
 
         def alive() -> None:
             self.check()
+            if self._faults:
+                self._faults.look(up.flight_s())
+            if self._respawn:
+                self._respawn.look(up)
             if time.monotonic() - seen_at > _SILENCE_LIMIT_S:
                 silent = f"the plant has been silent for {_SILENCE_LIMIT_S:g} s"
                 raise FlightError(self._own(silent))
 
+        faults = process_faults_of(self.settings.process_faults)
+        if self._respawn or faults:
+            up.watch_time(stamp_at(start_s))
+        if faults:
+            log = self.folder / "logs" / "hog.log"
+            self._faults = ProcessFaults(faults, self.processes, log, self.say)
+        self._flies = True
         while not up.wait_until(over, 1.0, alive):
             continue
+        self._flies = False
+        if self._faults:
+            self._faults.undo()
         if LIVE in self.processes:
             up.wait_until(
                 lambda: up.statuses[LIVE].message == SHOWN_TO_THE_END, _END_LIMIT_S, alive
@@ -296,13 +325,30 @@ class Graph:
         up.wait_until(lambda: _last_word(up.statuses.get("recorder")), _END_LIMIT_S, lambda: None)
         up.name_senders(lambda: None)
 
+    def told(
+        self, result: Result, extra: Mapping[str, Any], flight: BagFlight
+    ) -> tuple[Result, Mapping[str, Any], BagFlight]:
+        """An outcome with what became of the processes in flight."""
+        restarts = self._respawn.restarts if self._respawn else []
+        notes = (*(restart.words for restart in restarts), *result.notes)
+        more: dict[str, Any] = {}
+        if self._respawn:
+            more["restarts"] = [restart.as_dict() for restart in restarts]
+        if self._faults:
+            more["process_faults_done"] = self._faults.as_dicts()
+        return replace(result, notes=notes), {**extra, **more}, flight
+
     def close(self) -> list[str]:
         """End everything; returns the names of processes that had to be killed."""
+        if self._faults:
+            self._faults.undo()
         nodes = [p for name, p in self.processes.items() if name != "recorder"]
         killed = stop(nodes)
         if "recorder" in self.processes:
             # Last, so that it hears everything; it writes its index before it ends.
             killed += stop([self.processes["recorder"]], limit_s=_BAG_LIMIT_S)
+        if self._respawn:
+            killed += self._respawn.close()
         if self.supervisor is not None:
             self.supervisor.close()
             self.supervisor = None
@@ -355,6 +401,7 @@ def fly_graph(
     live: LiveView | None = None,
     say: Callable[[str], None] = print,
     composed: bool = False,
+    respawn: bool = False,
 ) -> tuple[Result, Mapping[str, Any], BagFlight]:
     """Fly a scenario with the real graph.
 
@@ -371,6 +418,8 @@ def fly_graph(
         Takes a line for the user.
     composed : bool
         Whether the nodes of the loop are in one process.
+    respawn : bool
+        Whether nodes that die in flight are started again.
 
     Returns
     -------
@@ -383,14 +432,15 @@ def fly_graph(
         The graph could not be brought up or kept up.
     """
     begun = time.monotonic()
-    graph = Graph(settings, folder, live, say, composed=composed)
+    graph = Graph(settings, folder, live, say, composed=composed, respawn=respawn)
     with running(graph):
         graph.start()
         graph.bring_up()
         up = time.monotonic()
         graph.fly(progress)
         said = ended(graph)
-    return outcome(settings, folder, *said, round(up - begun, 3), composed=composed)
+    found = outcome(settings, folder, *said, round(up - begun, 3), composed=composed)
+    return graph.told(*found)
 
 
 def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:

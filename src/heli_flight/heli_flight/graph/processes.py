@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing import forkserver, resource_tracker, util
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,13 @@ def die_with_parent(parent: str) -> None:
         sys.exit(1)
 
 
-def _run_node(module: str, arguments: Sequence[str], log: str, env: Mapping[str, str]) -> None:
+def _run_node(
+    module: str,
+    arguments: Sequence[str],
+    log: str,
+    env: Mapping[str, str],
+    orders: Connection | None,
+) -> None:
     """What a node's process does: own session, own log, then the executable's main()."""
     # A session of its own: Ctrl-C reaches the supervisor only, which then ends the nodes.
     os.setsid()
@@ -66,7 +73,8 @@ def _run_node(module: str, arguments: Sequence[str], log: str, env: Mapping[str,
         os.dup2(stream.fileno(), 2)
     interrupts.take()
     sys.argv = [module, *arguments]
-    sys.exit(importlib.import_module(module).main(list(arguments)))
+    more = [] if orders is None else [orders]
+    sys.exit(importlib.import_module(module).main(list(arguments), *more))
 
 
 def _short_sockets() -> None:
@@ -133,16 +141,24 @@ class NodeProcess:
         Gets what the node writes.
     env : mapping
         Environment to set.
+    orders : Connection, optional
+        A second argument of `main`, for a process that is to become something else.
     """
 
     def __init__(
-        self, name: str, module: str, arguments: Sequence[str], log: Path, env: Mapping[str, str]
+        self,
+        name: str,
+        module: str,
+        arguments: Sequence[str],
+        log: Path,
+        env: Mapping[str, str],
+        orders: Connection | None = None,
     ):
         self.name = name
         self.log = log
         log.touch()
         context = multiprocessing.get_context("forkserver")
-        work = (module, tuple(arguments), str(log.absolute()), dict(env))
+        work = (module, tuple(arguments), str(log.absolute()), dict(env), orders)
         self._process = context.Process(target=_run_node, args=work, name=name, daemon=True)
         with _main_left_out():
             self._process.start()

@@ -15,15 +15,18 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from heli_flight.errors import FlightError
 from heli_flight.graph.answers import Answers
 from heli_flight.loop.scenario import NODE_NAME, Scenario
-from heli_math.ticks import TICK_NS
+from heli_math.ticks import NS_PER_S, TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Owner, with_info
+from heli_msgs_bridge.cdr import stamp_of
+from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
 from heli_msgs_bridge.reference_message import encode_reference
 from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, full_name, senders_of, several_in_words
 
@@ -31,6 +34,7 @@ from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, full_name, senders_
 _NAME_LIMIT_S = 5.0
 # Wall time after which somebody else is believed who speaks as a node; nodes repeat themselves.
 _SILENT_S = 3.0
+_LOOP = ("observer", "inner_loop", "outer_loop")
 
 
 class BringUpError(FlightError):
@@ -75,6 +79,8 @@ class Supervisor(Node):
             MultiDOFJointTrajectory, topics.REFERENCE, topics.qos(topics.REFERENCE)
         )
         self.statuses: dict[str, NodeStatus] = {}
+        self._start_ns = self._now_ns = 0
+        self._reporter: Reporter | None = None
         self._voices: dict[str, Owner] = {}
         self.create_subscription(
             DiagnosticArray,
@@ -83,6 +89,42 @@ class Supervisor(Node):
             topics.qos(topics.DIAGNOSTICS),
             raw=True,
         )
+
+    def watch_time(self, start_ns: int) -> None:
+        """Hear the flight's clock, for `flight_s`, and be ready to `announce`.
+
+        Parameters
+        ----------
+        start_ns : int
+            Stamp of flight time 0.
+        """
+        self._start_ns = self._now_ns = start_ns
+        clock = topics.message_class(topics.BY_NAME[topics.CLOCK].type)
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.create_subscription(clock, topics.CLOCK, self._on_clock, newest, raw=True)
+        sender = self.create_publisher(
+            DiagnosticArray, topics.DIAGNOSTICS, topics.qos(topics.DIAGNOSTICS)
+        )
+        name = self.get_fully_qualified_name().lstrip("/")
+        self._reporter = Reporter(sender, name, hardware_of(self.get_namespace()))
+
+    def _on_clock(self, raw: bytes) -> None:
+        self._now_ns = stamp_of(raw)
+
+    def flight_s(self) -> float:
+        """Flight time, s, as far as it was heard."""
+        return (self._now_ns - self._start_ns) / NS_PER_S
+
+    def announce(self, level: Level, message: str, facts: Mapping[str, str]) -> None:
+        """Say something in /diagnostics."""
+        assert self._reporter is not None, "watch_time comes first"
+        tick = (self._now_ns - self._start_ns) // TICK_NS
+        self._reporter.publish(self._now_ns, tick, level, message, facts)
+
+    def forget(self, name: str) -> None:
+        """A node is started again: what it has said, and by which voice, is past."""
+        self.statuses.pop(name, None)
+        self._voices.pop(name, None)
 
     def _on_diagnostics(self, raw: bytes, info: Info | None) -> None:
         """Keep what nodes of this aircraft say; /diagnostics is shared by all of a ROS domain.
@@ -95,7 +137,7 @@ class Supervisor(Node):
         own = self.get_namespace().strip("/")
         for status in message.status:
             namespace, _, name = status.name.rpartition("/")
-            if namespace.strip("/") != own:
+            if namespace.strip("/") != own or name == NODE_NAME or self._is_past(name):
                 continue
             # How many speak on a topic of all says nothing of one name: it never counts as alone.
             voice = self._voices.setdefault(name, Owner(lambda: 2, _SILENT_S, TICK_NS))
@@ -104,6 +146,11 @@ class Supervisor(Node):
             level = int.from_bytes(status.level, "little")
             facts = {pair.key: pair.value for pair in status.values}
             self.statuses[name] = NodeStatus(level, status.message, time_s, facts)
+
+    def _is_past(self, name: str) -> bool:
+        """Whether the flight is over for a node: that the plant is silent then is no news."""
+        plant = self.statuses.get("plant")
+        return name in _LOOP and plant is not None and plant.facts.get("over") == "true"
 
     def wait_until(
         self, event: Callable[[], bool], limit_s: float, check: Callable[[], None]

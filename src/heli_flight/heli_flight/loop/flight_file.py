@@ -127,6 +127,7 @@ def identity(settings: Settings, changed: Sequence[Change]) -> dict[str, Any]:
         "world": settings.world,
         "laws": settings.laws,
         "mode": settings.mode,
+        "process_faults": settings.process_faults,
         "seed": settings.seed,
         "controller": settings.nodes["inner_loop"]["controller"],
         "duration_s": settings.scenario_parameters["duration_s"],

@@ -53,6 +53,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("world", "string", "Packaged world, or the path of one"),
     Parameter("laws", "string", "Packaged laws, or the path of some"),
     Parameter("mode", "string", "How it is flown", choices=MODES),
+    Parameter("process_faults", "string[]", "Faults of processes, a mapping each, or none"),
     *(_same_as(name) for name in SHORT_FOR),
     Parameter("commit", "string", "Commit of the sources that flew, for the reader"),
     Parameter("changed", "string[]", "Parameters unlike the packaged ones, for the reader"),

@@ -28,6 +28,7 @@ from heli_flight.loop.layers import (
     layered,
     scenario_file,
 )
+from heli_flight.loop.process_fault import NONE, process_faults_of
 from heli_flight.loop.rates import check_rate, refused
 from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_flight.loop.worlds import PAPER, WORLDS, Draw
@@ -61,6 +62,8 @@ class Settings:
         By parameter of the plant what the seed has drawn.
     laws : str
         Name of packaged laws, or the path of some.
+    process_faults : tuple of str
+        Faults of processes, a mapping each.
     mode : str
         One of `flight_section.MODES`.
     seed : int
@@ -87,6 +90,7 @@ class Settings:
     world_parameters: Mapping[str, Any] = field(default_factory=dict)
     drawn: Mapping[str, Draw] = field(default_factory=dict)
     laws: str = PACKAGED
+    process_faults: tuple[str, ...] = (NONE,)
 
     @property
     def rate(self) -> Rate:
@@ -114,7 +118,7 @@ class _CommandLine:
         self._packaged = flight_section.told_by(read(config_folder(PACKAGE) / "flight.yaml"))
         self._won: list[str] = []
 
-    def choose(self, name: str, option: str | None) -> str:
+    def choose(self, name: str, option: str | None) -> Any:
         """Scenario, receiver, world, laws or mode: option, else files, else packaged."""
         said = flight_section.said_by(self._user, name)
         if option is None:
@@ -181,6 +185,7 @@ def resolve(
     world: str | None = None,
     laws: str | None = None,
     rate_hz: int | None = None,
+    process_faults: Sequence[str] | None = None,
 ) -> Settings:
     """Read, layer and check the parameters of a flight.
 
@@ -195,6 +200,8 @@ def resolve(
         these along, unless others are named.
     rate_hz : int, optional
         Overrides the parameter of every node.
+    process_faults : sequence of str, optional
+        In place of those that a section `flight` names.
     params : sequence of path
         The user's rcl parameter files; a later one overrides an earlier one. A section `flight`
         in them says what these options say, and is weaker.
@@ -226,6 +233,8 @@ def resolve(
     check_node_names([read(WORLDS.file(around))], _SECTIONS)
     check_node_names([read(LAWS.file(control))], LAWS_TELL)
     drawn_by = _seed(user, seed, overrides or {})
+    broken = tuple(process_faults or line.choose("process_faults", None))
+    process_faults_of(broken)
     wanted = Packaged(name, receiver, around, control, drawn_by)
     fitting = [flight_section.fitted(told, read, wanted) for told in user]
     layers = layered(read, name, receiver, around, fitting, drawn_by, control)
@@ -247,6 +256,7 @@ def resolve(
         values[WORLD],
         {k: d for k, d in layers.drawn.items() if k not in (overrides or {}).get("plant", {})},
         control,
+        broken,
     )
 
 

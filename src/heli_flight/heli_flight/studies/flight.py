@@ -20,9 +20,10 @@ from heli_flight import interrupts
 from heli_flight.errors import BrokenFlightError, FlightError, StartError
 from heli_flight.graph.live import LiveOrder, live_view
 from heli_flight.graph.processes import check_middleware, start_server
-from heli_flight.loop.fault_file import read_faults
+from heli_flight.loop.fault_file import NO_PROCESSES, read_all_faults
 from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import ONE_PROCESS, hover_test_world
+from heli_flight.loop.process_fault import NONE, PROCESS
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, print_table, write_result
 from heli_flight.loop.settings import Settings, resolve
@@ -62,6 +63,8 @@ class FlightOrder:
         Whether to write the report's charts as files, too.
     faults : Path, optional
         File of faults; they take the place of those of the parameter files.
+    respawn : bool
+        Whether nodes that die in flight are started again; needs a process for each.
     """
 
     scenario: str | None = None
@@ -80,10 +83,12 @@ class FlightOrder:
     rate_hz: int | None = None
     figures: bool = False
     faults: Path | None = None
+    respawn: bool = False
 
     def resolved(self, seed: int | None = None) -> Settings:
         """What is flown, or its seed and what this draws replaced; raises ParameterError."""
-        over = {"plant": {"faults": read_faults(self.faults)}} if self.faults else None
+        read = read_all_faults(self.faults) if self.faults else None
+        over = {"plant": {"faults": read.plant}} if read else None
         return resolve(
             self.scenario,
             self.gps,
@@ -96,6 +101,7 @@ class FlightOrder:
             world=hover_test_world(self.world, self.scenario, self.params),
             laws=self.laws,
             rate_hz=self.rate_hz,
+            process_faults=read.process if read else None,
         )
 
 
@@ -157,6 +163,8 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
     out = out or silent()
     settings = order.resolved()
     _refuse_composed(order, settings)
+    _refuse_respawn(order, settings)
+    _refuse_process_faults(settings, order.composed or settings.mode == ONE_PROCESS)
     _refuse_rate(order, settings)
     for remark in settings.remarks:
         _say(out)(remark)
@@ -225,6 +233,21 @@ def _refuse_composed(order: FlightOrder, settings: Settings) -> None:
         raise ParameterError("--composed: needs the ROS graph; it does not go with --one-process")
 
 
+def _refuse_respawn(order: FlightOrder, settings: Settings) -> None:
+    """Only who has a process of its own can be started again."""
+    if order.respawn and settings.mode == ONE_PROCESS:
+        raise ParameterError("--respawn: needs the ROS graph; it does not go with --one-process")
+    if order.respawn and order.composed:
+        raise ParameterError(
+            "--respawn: needs a process for each node; it does not go with --composed"
+        )
+
+
+def _refuse_process_faults(settings: Settings, none_has_one: bool) -> None:
+    if none_has_one and settings.process_faults != (NONE,):
+        raise ParameterError(f"faults: what: {PROCESS}: {NO_PROCESSES}")
+
+
 def _refuse_rate(order: FlightOrder, settings: Settings) -> None:
     """The live view counts samples of 10 ms."""
     if settings.rate.fold != 1 and order.live:
@@ -235,10 +258,13 @@ def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
     """What each aircraft flies, by its name."""
     if not 1 < count <= MOST_AIRCRAFT:
         raise ParameterError(f"--aircraft {count}: allowed are 1 to {MOST_AIRCRAFT}")
+    if order.respawn:
+        raise ParameterError("--respawn: is for one aircraft; it does not go with --aircraft")
     if order.live:
         raise ParameterError("--live: shows one aircraft; it does not go with --aircraft")
 
     base = order.resolved()
+    _refuse_process_faults(base, True)
     if base.mode == ONE_PROCESS:
         raise ParameterError("--aircraft: needs the ROS graph; it does not go with one process")
     if base.rate.fold != 1:
@@ -287,7 +313,7 @@ def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Conso
     live = live_view(order.live, settings) if order.live else None
     with _in_flight(settings, folder, out) as progress:
         result, extra, flight = fly_graph(
-            settings, folder.path, progress, live, _say(out), order.composed
+            settings, folder.path, progress, live, _say(out), order.composed, order.respawn
         )
     return _Flown(result, extra, flight.record, flight.remarks)
 

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node leaves to its successor, should it be killed and started again. No ROS.
+
+After each step a node writes into a file of its own what it would need to go on: two records in
+turn, so that a record that was cut off leaves the one before. The file is mapped into memory: it
+outlives the process, and nothing waits for a disk.
+"""
+
+import mmap
+import os
+import pickle
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+FOLDER = "HELI_MEMORY"
+"""Environment variable: the folder of these files. Where it is set, nodes are started again."""
+SUPERVISOR = "scenario"
+"""Name of the supervisor's node."""
+RESPAWNED = "respawned."
+"""Key by which the supervisor says in /diagnostics how often a node was started again."""
+_RECORD_BYTES = 8 << 20
+"""Of a record; what is not written takes no space."""
+_HEAD = struct.Struct("<qqq")  # number, tick, length
+_NONE = 0
+
+
+def respawns() -> bool:
+    """Whether a node of this process that dies is started again."""
+    return bool(os.environ.get(FOLDER))
+
+
+@dataclass(frozen=True)
+class Recalled:
+    """The newest record: tick of the step, and what was kept then."""
+
+    tick: int
+    content: Any
+
+
+class Memory:
+    """The file of one node.
+
+    Parameters
+    ----------
+    path : Path
+        Made at the first record.
+
+    Attributes
+    ----------
+    too_long : bool
+        Whether what should have been kept did not fit.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._lasting = path, path.with_suffix(".lasting")
+        self._map: mmap.mmap | None = None
+        self._number = 0
+        self.too_long = False
+
+    def keep(self, tick: int, content: Any) -> None:
+        """Write a record; what can be pickled, of at most 8 MB."""
+        raw = pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
+        self.too_long = _HEAD.size + len(raw) > _RECORD_BYTES
+        if self.too_long:
+            return
+        if self._map is None:
+            self._map = self._open()
+        number = self._number + 1
+        at = (number % 2) * _RECORD_BYTES
+        body = at + _HEAD.size
+        # Not a whole record until its number stands there, which is written last.
+        self._map[body : body + len(raw)] = raw
+        self._map[at : at + _HEAD.size] = _HEAD.pack(number, tick, len(raw))
+        self._number = number
+
+    def recall(self) -> Recalled | None:
+        """The newest whole record; None if there is none."""
+        if not self._path.exists():
+            return None
+        self._map = self._open()
+        heads = [_HEAD.unpack_from(self._map, i * _RECORD_BYTES) for i in range(2)]
+        newest = max(range(2), key=lambda i: heads[i][0])
+        self._number, tick, length = heads[newest]
+        if self._number == _NONE:
+            return None
+        body = newest * _RECORD_BYTES + _HEAD.size
+        return Recalled(tick, pickle.loads(self._map[body : body + length]))
+
+    def keep_lasting(self, content: Any) -> None:
+        """Keep what took long to work out, beside the records; what was kept before is replaced."""
+        fresh = self._lasting.with_suffix(".new")
+        fresh.write_bytes(pickle.dumps(content, pickle.HIGHEST_PROTOCOL))
+        fresh.replace(self._lasting)
+
+    def lasting(self) -> Any:
+        """What was kept by `keep_lasting`; None for nothing."""
+        return pickle.loads(self._lasting.read_bytes()) if self._lasting.exists() else None
+
+    def _open(self) -> mmap.mmap:
+        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            os.ftruncate(descriptor, 2 * _RECORD_BYTES)
+            return mmap.mmap(descriptor, 2 * _RECORD_BYTES)
+        finally:
+            os.close(descriptor)
+
+
+def memory_of(name: str) -> Memory | None:
+    """The memory of a node of this process; None where nobody is started again."""
+    folder = os.environ.get(FOLDER)
+    return Memory(Path(folder) / f"{name}.memory") if folder else None
