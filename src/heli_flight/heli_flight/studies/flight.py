@@ -20,7 +20,7 @@ from heli_flight import interrupts
 from heli_flight.errors import BrokenFlightError, FlightError, StartError
 from heli_flight.graph.live import LiveOrder, live_view
 from heli_flight.graph.processes import check_middleware, start_server
-from heli_flight.loop.fault_file import read_faults
+from heli_flight.loop.fault_file import fault_overrides
 from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import ONE_PROCESS, hover_test_world
 from heli_flight.loop.record import FlightRecord
@@ -83,7 +83,7 @@ class FlightOrder:
 
     def resolved(self, seed: int | None = None) -> Settings:
         """What is flown, or its seed and what this draws replaced; raises ParameterError."""
-        over = {"plant": {"faults": read_faults(self.faults)}} if self.faults else None
+        over = fault_overrides(self.faults)
         return resolve(
             self.scenario,
             self.gps,
