@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the actuator side flies in real time while nobody commands it. No ROS.
+"""What the actuator side flies while nobody commands it. No ROS.
 
 It knows the commands so far and a gyro, as a receiver or a servo board with failsafe positions
 does. While commands come it averages them: that is the trim. It also keeps by how much the attitude
@@ -13,12 +13,13 @@ one takes over from the other the difference fades away, so that no command jump
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_math.arrays import copy, scratch
+from heli_math.jit import njit
 from heli_math.rows import ACTUATOR
 from heli_math.ticks import Rate
 
@@ -29,10 +30,11 @@ _TURNED_RAD = 0.6
 """Turned further it is no small angle any more."""
 _LATE_TICKS = 2
 """Ticks that are made up for at once count as so many: nobody could answer between them."""
+_N = ACTUATOR.size
+_AGE, _FADING, _ACTING, _TIMES, _TICKS = range(5)
 
 
-@dataclass(frozen=True)
-class FallbackNumbers:
+class FallbackNumbers(NamedTuple):
     """Numbers of the fallback, as `parameter_table` describes them.
 
     Attributes
@@ -66,6 +68,84 @@ class FallbackNumbers:
         )
 
 
+class FallbackState(NamedTuple):
+    """What is remembered; changed in place."""
+
+    mean: Array  # (4,) of the commands
+    command: Array  # (4,) the last one
+    turned: Array  # (3,) angles off the slow mean attitude, rad
+    left: Array  # (4,) difference that fades away
+    out: Array  # (4,) what is flown
+    count: NDArray[np.int64]  # (5,) age of the command, ticks left to fade, acting, times, ticks
+
+
+def initial_fallback(trim: Array) -> FallbackState:
+    """Before any command (4,) has come, the trim is flown."""
+    return FallbackState(
+        trim.copy(), trim.copy(), np.zeros(3), np.zeros(_N), trim.copy(), np.zeros(5, np.int64)
+    )
+
+
+@njit
+def _fallback(state, n, gyro, out):
+    """The command without commands, into out (4,)."""
+    copy(out, state.mean)
+    for i in range(gyro.shape[0]):
+        out[i] -= n.rate[i] * gyro[i] + n.angle[i] * state.turned[i]
+    for i in range(out.shape[0]):
+        out[i] = min(max(out[i], -_MOST), _MOST)
+
+
+@njit
+def _fade_from(state, n, goal):
+    """Go on from what is flown towards a goal (4,)."""
+    for i in range(goal.shape[0]):
+        state.left[i] = state.out[i] - goal[i]
+    state.count[_FADING] = n.blend_ticks
+
+
+@njit
+def hear(state, n, command):
+    """A command (4,) has come."""
+    copy(state.command, command)
+    state.count[_AGE] = 0
+    if state.count[_ACTING]:
+        state.count[_ACTING] = 0
+        _fade_from(state, n, state.command)
+
+
+@njit
+def step(state, n, gyro_radps, made_up):
+    """What is flown for a tick, into state.out; as `Fallback.step`."""
+    count, goal, gyro = state.count, scratch(_N), scratch(3)
+    for i in range(gyro_radps.shape[0]):
+        gyro[i] = gyro_radps[i] if np.isfinite(gyro_radps[i]) else 0.0
+    count[_AGE] += made_up < _LATE_TICKS
+    for i in range(gyro.shape[0]):
+        state.turned[i] += n.tick_s * gyro[i]
+    if not count[_ACTING] and count[_AGE] > n.timeout_ticks:
+        count[_ACTING], count[_TIMES] = 1, count[_TIMES] + 1
+        _fallback(state, n, gyro, goal)
+        _fade_from(state, n, goal)
+    if count[_ACTING]:
+        count[_TICKS] += 1
+        _fallback(state, n, gyro, goal)
+    else:
+        copy(goal, state.command)
+        for i in range(goal.shape[0]):
+            state.mean[i] += (1.0 - n.kept) * (state.command[i] - state.mean[i])
+        for i in range(gyro.shape[0]):
+            state.turned[i] *= n.kept
+    for i in range(gyro.shape[0]):
+        state.turned[i] = min(max(state.turned[i], -_TURNED_RAD), _TURNED_RAD)
+    if count[_FADING]:
+        count[_FADING] -= 1
+        share = count[_FADING] / n.blend_ticks
+        for i in range(goal.shape[0]):
+            goal[i] = min(max(goal[i] + state.left[i] * share, -_MOST), _MOST)
+    copy(state.out, goal)
+
+
 class Fallback:
     """The command in force, from who commands or without.
 
@@ -74,28 +154,29 @@ class Fallback:
     numbers : FallbackNumbers
     trim : (4,) array
         Command before any has come.
-
-    Attributes
-    ----------
-    acting : bool
-        True while nobody commands.
-    times, ticks : int
-        How often and how long it has acted.
     """
 
     def __init__(self, numbers: FallbackNumbers, trim: Array) -> None:
-        self._n, self._mean, self._command = numbers, trim.copy(), trim.copy()
-        self._turned, self._left, self._fading = np.zeros(3), np.zeros(ACTUATOR.size), 0
-        self._out, self._age = trim.copy(), 0
-        self.acting, self.times, self.ticks = False, 0, 0
+        self._n, self._state = numbers, initial_fallback(trim)
+
+    @property
+    def acting(self) -> bool:
+        """True while nobody commands."""
+        return bool(self._state.count[_ACTING])
+
+    @property
+    def times(self) -> int:
+        """How often it has acted."""
+        return int(self._state.count[_TIMES])
+
+    @property
+    def ticks(self) -> int:
+        """How long it has acted."""
+        return int(self._state.count[_TICKS])
 
     def hear(self, command: Array) -> None:
         """A command (4,) has come."""
-        self._command[:] = command
-        self._age = 0
-        if self.acting:
-            self.acting = False
-            self._fade_from(self._command)
+        hear(self._state, self._n, command)
 
     def step(self, gyro_radps: Array, made_up: int = 0) -> Array:
         """What is flown for a tick.
@@ -112,25 +193,8 @@ class Fallback:
         (4,) array
             Actuators within -1..1; valid until the next call.
         """
-        n, gyro = self._n, np.nan_to_num(gyro_radps)
-        self._age += made_up < _LATE_TICKS
-        self._turned += n.tick_s * gyro
-        if not self.acting and self._age > n.timeout_ticks:
-            self.acting, self.times = True, self.times + 1
-            self._fade_from(self._fallback(gyro))
-        if self.acting:
-            self.ticks += 1
-            goal = self._fallback(gyro)
-        else:
-            self._mean += (1.0 - n.kept) * (self._command - self._mean)
-            self._turned *= n.kept
-            goal = self._command
-        np.clip(self._turned, -_TURNED_RAD, _TURNED_RAD, out=self._turned)
-        if self._fading:
-            self._fading -= 1
-            goal = np.clip(goal + self._left * (self._fading / n.blend_ticks), -_MOST, _MOST)
-        self._out[:] = goal
-        return self._out
+        step(self._state, self._n, gyro_radps, made_up)
+        return self._state.out
 
     def facts(self) -> dict[str, str]:
         """How often and how long nobody has commanded, for /diagnostics; empty if never."""
@@ -138,13 +202,3 @@ class Fallback:
             return {}
         lasted_s = self.ticks * self._n.tick_s
         return {"without_commands": f"{self.times} times, {lasted_s:.2f} s in all"}
-
-    def _fallback(self, gyro: Array) -> Array:
-        n, u = self._n, self._mean.copy()
-        u[ACTUATOR.attitude] -= n.rate * gyro + n.angle * self._turned
-        return np.clip(u, -_MOST, _MOST)
-
-    def _fade_from(self, goal: Array) -> None:
-        """Go on from what is flown towards a goal."""
-        self._left[:] = self._out - goal
-        self._fading = self._n.blend_ticks

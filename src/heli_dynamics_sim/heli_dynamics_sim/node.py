@@ -261,9 +261,15 @@ class PlantNode(TickNode[Aircraft, Flight]):
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """Lockstep: the command of this tick has come, or is not waited for; go on to the next."""
+        core = self.core
         _, u = arrived.get(topics.ACTUATORS, (0, None))
-        if u is not None:
-            self.core.u[:] = u
+        if self.links.has(topics.ACTUATORS):
+            # What was lost on the way is lost here, too: as in real time.
+            if u is not None:
+                core.fallback.hear(u)
+            core.u[:] = core.fallback.step(core.y[MEAS.rate])
+        elif u is not None:
+            core.u[:] = u
         self._go_on(tick)
 
     def _go_on(self, tick: int) -> None:
@@ -384,7 +390,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def _take_command(self) -> None:
         pace = self.core.pace
         assert isinstance(pace, RealTime)
-        _, u = pace.collect().get(topics.ACTUATORS, (0, None))
+        arrived = self.links.through(self.tick, pace.collect())
+        _, u = arrived.get(topics.ACTUATORS, (0, None))
         if u is not None:
             self.core.fallback.hear(u)
             pace.silent.clear()

@@ -10,7 +10,7 @@ from scipy import stats
 
 from heli_flight.cli.app import main
 from heli_flight.loop import closed_loop
-from heli_flight.loop.fault_file import flown_faults, read_faults
+from heli_flight.loop.fault_file import fault_overrides, flown_faults
 from heli_flight.loop.result import Result, fault_words
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import resolve
@@ -57,7 +57,7 @@ def test_a_file_is_flown_told_and_flown_again(fly, file, tmp_path, capsys):
 
 
 def test_the_report_shows_when_they_were(file):
-    settings = resolve("hover", "rtk", 3, 4.0, overrides={"plant": {"faults": read_faults(file)}})
+    settings = resolve("hover", "rtk", 3, 4.0, overrides=fault_overrides(file))
     flight = closed_loop.simulate(settings)
     result = Result(score(flight.record, settings.scenario), "", 4.0, 1.0)
     (panel,) = timeline_charts(Report(flight.record, settings, result, "one process"))[0].panels
@@ -72,7 +72,7 @@ def test_the_report_shows_when_they_were(file):
 
 
 def test_before_its_faults_a_flight_is_the_sound_one(file):
-    over = {"plant": {"faults": read_faults(file)}}
+    over = fault_overrides(file)
     sound, hurt = (
         closed_loop.simulate(resolve("hover", "rtk", 3, 4.0, overrides=o)).record
         for o in (None, over)
@@ -86,8 +86,8 @@ def test_before_its_faults_a_flight_is_the_sound_one(file):
 def test_an_empty_list_takes_the_faults_of_a_parameter_file_away(tmp_path):
     path = tmp_path / "none.yaml"
     path.write_text("faults: []\n")
-    assert read_faults(path) == ("none",)
-    assert flown_faults(resolve(overrides={"plant": {"faults": read_faults(path)}})) == ()
+    assert fault_overrides(path)["plant"]["faults"] == ("none",)
+    assert flown_faults(resolve(overrides=fault_overrides(path))) == ()
 
 
 @pytest.mark.parametrize(
@@ -176,4 +176,4 @@ def test_the_interval_of_a_share_is_scipys(hits):
 
 
 def test_the_example_is_read():
-    assert len(read_faults(EXAMPLES / "faults.yaml")) == 3
+    assert len(fault_overrides(EXAMPLES / "faults.yaml")["plant"]["faults"]) == 3

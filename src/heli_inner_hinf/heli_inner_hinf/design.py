@@ -38,6 +38,7 @@ from heli_inner_hinf.weights import checked, output_selector, weights
 from heli_math.rows import ACTUATOR
 from heli_math.ticks import TICK_S, Rate
 
+_OF_LINKS = ("link_faults", "link_seed")
 _FROM_HOVER = 0.1
 """Least distance of the collective of standing from hover's."""
 
@@ -269,7 +270,8 @@ def attitude_kernel(parameters: Mapping[str, Any]) -> AttitudeKernel:
     SynthesisError
         As `AttitudeConfig.from_parameters`.
     """
-    return _kernel_of(pickle.dumps(sorted(parameters.items())))
+    designed = {key: value for key, value in parameters.items() if key not in _OF_LINKS}
+    return _kernel_of(pickle.dumps(sorted(designed.items())))
 
 
 @lru_cache(maxsize=8)

@@ -12,6 +12,15 @@ import numpy as np
 from heli_inner_hinf.attitude_disturbance import PLACES, disturbance_kernel
 from heli_inner_hinf.attitude_law import AttitudeStatus
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign
+from heli_inner_hinf.estimate import (
+    EstimateKernel,
+    EstimateState,
+    commanded,
+    estimate,
+    estimate_kernel,
+    hear,
+    initial_estimate,
+)
 from heli_inner_hinf.excitation import (
     SENT,
     ExcitationKernel,
@@ -24,8 +33,7 @@ from heli_inner_hinf.ground_law import law_or_hand
 from heli_inner_hinf.law_state import RUN, AttitudeKernel, initial_law_state, nine_states
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_math.direct import direct
-from heli_math.rows import ACTUATOR, NAV, NINE, SETPOINT
-from heli_math.state_names import UNMEASURED
+from heli_math.rows import ACTUATOR, NAV, NINE, ROTOR, SETPOINT
 from heli_math.sweep import NOTHING, SweepKernel, add_sweep
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
@@ -36,6 +44,7 @@ from heli_msgs_bridge.stamps import AHEAD_TICKS
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
+_NO_ROTOR = np.full(ROTOR.size, np.nan)
 _WAITS = "waits for navigation: the trim is held"
 
 
@@ -78,6 +87,8 @@ class Loop(TickCore):
     disturber : Disturber or None
     collective : float
         As the outer loop sent it last; before that, the trim's.
+    model, known : EstimateKernel, EstimateState
+        The newest estimate, and what carries it on to now.
     flown_tick : int or None
         Tick of the last command that was sent.
     x9, u3 : arrays
@@ -97,6 +108,8 @@ class Loop(TickCore):
     exciter: Exciter | None
     disturber: Disturber | None
     collective: float
+    model: EstimateKernel
+    known: EstimateState
     flown_tick: int | None = None
     x9: np.ndarray = field(default_factory=lambda: np.full(len(NINE), np.nan))
     u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -143,8 +156,11 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             Input(topics.ATTITUDE_SETPOINT, outer, off_tick=True),
             Input(topics.COLLECTIVE, outer, off_tick=True),
         )
+        model = estimate_kernel(self.values)
         core = Loop(
             design=LiveDesign(config),
+            model=model,
+            known=initial_estimate(model),
             send=self.create_sender(topics.ACTUATORS),
             exciter=self._make_exciter(),
             disturber=self._make_disturber(),
@@ -190,6 +206,10 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         core.law(core.x9, np.zeros(3), rest, core.hand3, kernel, state, core.u3)
         nav = np.full(NAV.size, np.nan)
         nine_states(nav, nav[NAV.rotor], core.x9)
+        spare = initial_estimate(core.model)
+        hear(spare, 0, core.x9, 0, core.model)
+        commanded(spare, 0, core.u3, core.model)
+        estimate(spare, 0, core.model, core.x9)
         if core.exciter is not None:
             law, own = initial_law_state(kernel), initial_excitation_state()
             excite(-1.0, core.x9, core.exciter.kernel, own, law, core.total)
@@ -235,7 +255,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         core, run = self.core, self.run
         if run.first:
             self._begin_flight(tick)
-        self._take_navigation(arrived)
+        self._take_navigation(tick, arrived)
         self._take_setpoint(arrived)
         if core.disturber is not None:
             core.disturber.disturb(tick, self.stamp_ns(tick), core.x9)
@@ -257,6 +277,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             self._excite(core.exciter, tick)
         core.send(core.total, self.stamp_ns(tick))
         core.flown_tick = tick
+        commanded(core.known, tick, core.total[ACTUATOR.attitude], core.model)
         self._tell(code, stale)
 
     def _begin_flight(self, tick: int) -> None:
@@ -265,6 +286,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         run.first = False
         run.resumes = core.flown_tick is not None and tick > core.flown_tick
         core.hand3[:] = np.nan
+        core.known = initial_estimate(core.model)
         if not run.resumes:
             core.design.start()
             core.collective = core.design.config.u_trim[ACTUATOR.col]
@@ -277,21 +299,18 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         exciter.status = ExcitationStatus(code)
         exciter.send(state[SENT : SENT + ACTUATOR.size], self.stamp_ns(tick))
 
-    def _take_navigation(self, arrived: Arrived) -> None:
-        x9, r3 = self.core.x9, self.run.r3
-        _, nav = arrived.get(topics.ODOM, (0, None))
-        _, rotor = arrived.get(topics.ROTOR_STATE, (0, None))
-        if nav is None or (rotor is None and self.values["lockstep"]):
-            # Not a number: the law repeats its last command and says so.
-            x9[:] = np.nan
-            return
-        if rotor is None:
-            # Real time: as they were known last; at first, the trim's.
-            known = x9 if np.isfinite(x9[NINE.a_s]) else self.core.design.config.x_trim
-            rotor = known[list(UNMEASURED)]
-        nine_states(nav, rotor, x9)
+    def _take_navigation(self, tick: int, arrived: Arrived) -> None:
+        """The states of this tick, by what has come or by the model; NaN if nothing is known."""
+        core, r3 = self.core, self.run.r3
+        stamp, nav = arrived.get(topics.ODOM, (0, None))
+        rotor_stamp, rotor = arrived.get(topics.ROTOR_STATE, (0, None))
+        if nav is not None:
+            nine_states(nav, _NO_ROTOR if rotor is None else rotor, core.x9)
+            hear(core.known, stamp, core.x9, rotor_stamp, core.model)
+        # Not a number: the law repeats its last command and says so.
+        estimate(core.known, tick, core.model, core.x9)
         if math.isnan(r3[SETPOINT.psi]):
-            r3[SETPOINT.psi] = x9[NINE.psi]
+            r3[SETPOINT.psi] = core.x9[NINE.psi]
 
     def _take_setpoint(self, arrived: Arrived) -> None:
         stamp, attitude = arrived.get(topics.ATTITUDE_SETPOINT, (0, None))

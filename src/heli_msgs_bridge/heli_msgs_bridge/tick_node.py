@@ -24,6 +24,7 @@ from heli_msgs_bridge.floods import (
     too_long,
 )
 from heli_msgs_bridge.frames import Datum
+from heli_msgs_bridge.heard_links import HeardLinks
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import ManagedNode, Run
 from heli_msgs_bridge.memory import Recalled, memory_of
@@ -139,6 +140,7 @@ class TickNode(ManagedNode[Core, Run]):
         self._said_tick: int | None = None
         # Per topic its sender's name, if it was the only one when it was first heard.
         self._alone: dict[str, str] = {}
+        self.links = HeardLinks(self.SPEC.name, {}, values)
 
     # --- for sub-classes to implement ----------------------------------------------------------
 
@@ -196,6 +198,8 @@ class TickNode(ManagedNode[Core, Run]):
         pace: Pace
         owners: dict[str, Owner] = {}
         self._owners, self._alone = owners, {}
+        lags = {i.topic: i.demand.lag_ticks for i in inputs}
+        self.links = HeardLinks(self.SPEC.name, lags, self.values)
         refused = self._refuse_stamp
         if self.values["lockstep"]:
             pace = Lockstep(
@@ -408,13 +412,19 @@ class TickNode(ManagedNode[Core, Run]):
 
     def warn_or_ok(self, level: Level, message: str, facts: Mapping[str, Any]) -> None:
         """Report the core's state, or what peers do wrong if that is worse."""
-        wrong = self.silence() or self.refusal() or next(iter(self.core.rivals.values()), "")
+        wrong = (
+            self.silence()
+            or self.refusal()
+            or self.links.acting(self.rate.seconds(self.tick))
+            or next(iter(self.core.rivals.values()), "")
+        )
         if wrong and level < Level.WARN:
             level, message = Level.WARN, wrong
         changed = (level, message) != (self.health.level, self.health.message)
         if changed or self.tick % self.rate.hz == 0:
             unused = {f"messages_{k}": n for k, n in asdict(self.core.pace.counters).items() if n}
-            self.report(level, message, {**facts, **unused, **self._refused_facts()})
+            facts = {**facts, **unused, **self.links.facts()}
+            self.report(level, message, {**facts, **self._refused_facts()})
 
     def has_news(self, message: str) -> bool:
         """Whether `warn_or_ok` may have anything to say beyond what was said last."""
@@ -477,9 +487,10 @@ class TickNode(ManagedNode[Core, Run]):
             self.get_logger().warning("time has begun anew: another flight")
             for refusals in self.core.refusals.values():
                 refusals.tick = tick
+            self.links.begin_anew()
             self.begin_anew()
         self.tick = tick
-        self.step(tick, arrived)
+        self.step(tick, self.links.through(tick, arrived))
         if self.memory is not None and (content := self.remember()) is not None:
             self.memory.keep(tick, (self.changed, content))
         self.send_report()

@@ -62,7 +62,9 @@ C_GPS_OFFSET = 36  # fixes for which the receiver has been off by a velocity tha
 C_GPS_GROWS = 37  # refused velocities through which a line was drawn so far
 C_IMU_DOUBTS = 38  # how often the inertial sensors' errors began anew for that
 C_GPS_KEPT = 39  # tick at which it was so last
-N_COUNT = 40
+C_IMU_LATE = 40  # tick at which a sample of an earlier tick came last
+C_IMU_MENDED = 41  # samples that came late, and in time for the filter
+N_COUNT = 42
 NO_TICK = -(2**40)
 
 COUNTER_NAMES = {
@@ -85,6 +87,7 @@ COUNTER_NAMES = {
     "realignments": C_REALIGNED,
     "gps_jumps": C_GPS_JUMPS,
     "imu_samples_replaced": C_IMU_REPLACED,
+    "imu_samples_late": C_IMU_MENDED,
     "gps_fixes_repeated": C_GPS_REPEATED,
     "imu_doubts": C_IMU_DOUBTS,
 }

@@ -19,6 +19,7 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_msgs_bridge.transforms import FrameTree, encode_transforms
+from heli_observer.buffers import hear_fix, hear_imu
 from heli_observer.layout import COUNTER_NAMES, ObserverState
 from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
 from heli_observer.parameter_table import NODE_NAME, TABLE
@@ -99,6 +100,8 @@ class ObserverNode(TickNode[Navigation, None]):
         core.y[:] = np.nan
         core.observe(state, 0, core.y, core.u, core.config.kernel, core.out)
         core.status(state, core.config.kernel)
+        hear_imu(state, 0, 0, core.y[MEAS.imu], core.config.kernel, core.y)
+        hear_fix(0, core.config.kernel, core.y)
 
     def engage(self) -> None:
         """Begin with a new alignment, and a new frame odom."""
@@ -120,7 +123,7 @@ class ObserverNode(TickNode[Navigation, None]):
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the filter."""
         core = self.core
-        self._fill_measurements(core.y, arrived)
+        self._fill_measurements(tick, arrived)
         _, u = arrived.get(topics.ACTUATORS, (0, None))
         # Not a number: the reduced-order observer goes on with the command before.
         core.u[:] = np.nan if u is None else u
@@ -133,10 +136,16 @@ class ObserverNode(TickNode[Navigation, None]):
                 core.send_tf(encode_transforms(core.frames.transforms(core.out), stamp_ns))
         self._tell()
 
-    def _fill_measurements(self, y: np.ndarray, arrived: Arrived) -> None:
+    def _fill_measurements(self, tick: int, arrived: Arrived) -> None:
+        core = self.core
+        y, state, k = core.y, core.state, core.config.kernel
         y[:] = 0.0
-        _, imu = arrived.get(topics.IMU, (0, None))
-        y[MEAS.imu] = np.nan if imu is None else imu
+        y[MEAS.imu] = np.nan
+        stamp, imu = arrived.get(topics.IMU, (0, None))
+        if imu is not None and stamp == tick:
+            y[MEAS.imu] = imu
+        elif imu is not None:
+            hear_imu(state, tick, stamp, imu, k, y)
         _, mag = arrived.get(topics.MAG, (0, None))
         if mag is not None:
             y[MEAS.mag], y[MEAS.mag_valid] = mag, 1.0
@@ -145,10 +154,12 @@ class ObserverNode(TickNode[Navigation, None]):
             y[MEAS.baro], y[MEAS.baro_valid] = baro[0], 1.0
         stamp, fix = arrived.get(topics.GPS_FIX, (0, None))
         if fix is not None:
-            _, velocity = arrived.get(topics.GPS_VELOCITY, (0, None))
+            of, velocity = arrived.get(topics.GPS_VELOCITY, (0, None))
             y[MEAS.gps_pos] = fix
-            y[MEAS.gps_vel] = np.nan if velocity is None else velocity
+            y[MEAS.gps_vel] = velocity if velocity is not None and of == stamp else np.nan
             y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, stamp
+            if stamp < tick - k.horizon_ticks:
+                hear_fix(tick, k, y)
 
     def _tell(self) -> None:
         core = self.core

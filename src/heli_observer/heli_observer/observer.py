@@ -63,7 +63,7 @@ def initial_state(config: ObserverConfig) -> ObserverState:
     count = np.zeros(L.N_COUNT, dtype=np.int64)
     count[L.C_TICK] = L.NO_TICK
     count[L.C_IMU_OK : L.C_GPS_SEEN + 1] = L.NO_TICK
-    count[L.C_GPS_KEPT] = L.NO_TICK
+    count[L.C_GPS_KEPT] = count[L.C_IMU_LATE] = L.NO_TICK
     return ObserverState(
         nominal=np.zeros(L.N_NOMINAL),
         P=np.zeros((L.N_ERROR, L.N_ERROR)),

@@ -31,6 +31,7 @@ from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.fence import outside
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import with_hand
+from heli_outer_pd.late import Heard, hear, navigation_at, nothing_heard
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
@@ -82,6 +83,8 @@ class Law(TickCore):
         From `given` to `way`; None until the law has engaged.
     home_ned_m : (3,) array or None
         Where the first reference began, or the first position that was held without one.
+    heard : Heard
+        The newest navigation row.
     nav, out : arrays
         Navigation row of this tick and what the law makes of it.
     commanders : dict of set of str
@@ -90,7 +93,7 @@ class Law(TickCore):
         Sends a way that is followed as a reference.
     own : deque of tuple
         References of this node that it has not yet heard back.
-    heard : deque of tuple
+    followed : deque of tuple
         Those of others that were followed.
     repeated : list of tuple
         Of those, what a predecessor has heard and this node will hear once more.
@@ -110,11 +113,12 @@ class Law(TickCore):
     way: Trajectory | None = None
     offset_ned_m: np.ndarray | None = None
     home_ned_m: np.ndarray | None = None
+    heard: Heard = field(default_factory=nothing_heard)
     nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
     commanders: dict[str, set[str]] = field(default_factory=lambda: {t: set() for t in _COMMANDS})
     own: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
-    heard: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
+    followed: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
     repeated: list[tuple[Any, ...]] = field(default_factory=list)
     armed: bool = True
 
@@ -193,6 +197,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         encode_reference(core.goto.plan(_NOWHERE, 0, np.ones(3), 1.0))
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
         warm_up(core.kernel, state)
+        hear(core.heard, 0, core.nav)
+        navigation_at(core.heard, 0, 1, self.rate.tick_s, core.nav)
+        core.heard = nothing_heard()
 
     def _name_commanders(self) -> None:
         """Say who sends commands if they are several: each may, so all of them are followed."""
@@ -233,7 +240,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         if self.active and not first and (why := self.core.commands.refusal_of_reference()):
             self.refuse_aloud(topics.REFERENCE, why)
             return
-        core.heard.append(key)
+        core.followed.append(key)
         core.given, core.way, core.home_ned_m = way, way, home.copy()
         if not self.active or not self.run.phases.phase.on_ground:
             self._as_given(way)
@@ -276,7 +283,7 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def engage(self) -> Following:
         """Begin; wait for the reference only if somebody is there to send it."""
-        self.core.state = initial_state(self.core.kernel)
+        self.core.state, self.core.heard = initial_state(self.core.kernel), nothing_heard()
         others = self.count_publishers(topics.REFERENCE) - 1  # it is one itself
         awaited = "scenario" in self.values["peers"] or others > 0
         return Following(time.monotonic(), awaited, self._phases())
@@ -292,7 +299,7 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def begin_anew(self) -> None:
         """Another flight: the law begins anew, and with it what is held without a reference."""
-        self.core.state = initial_state(self.core.kernel)
+        self.core.state, self.core.heard = initial_state(self.core.kernel), nothing_heard()
         self.core.way, self.core.offset_ned_m = self.core.given, None
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
         self.run.phases = self._phases()
@@ -300,7 +307,7 @@ class OuterLoopNode(TickNode[Law, Following]):
     def remember(self) -> Any:
         """Law, references, and where the flight is between the ground and the ground."""
         core, run = self.core, self.run
-        ways = core.given, core.way, core.offset_ned_m, core.home_ned_m, core.heard, core.armed
+        ways = core.given, core.way, core.offset_ned_m, core.home_ned_m, core.followed, core.armed
         return core.state, ways, vars(run)
 
     def recall(self, content: Any, gap: bool) -> None:
@@ -311,23 +318,26 @@ class OuterLoopNode(TickNode[Law, Following]):
         """
         core = self.core
         core.state, ways, run = content
-        core.given, core.way, core.offset_ned_m, core.home_ned_m, core.heard, core.armed = ways
-        core.repeated = list(core.heard)
+        core.given, core.way, core.offset_ned_m, core.home_ned_m, core.followed, core.armed = ways
+        core.repeated = list(core.followed)
         for name, value in run.items():
             setattr(self.run, name, value)
         self.run.rejoins = gap
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
+        core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
+        stamp, nav = arrived.get(topics.ODOM, (0, None))
+        if nav is not None:
+            hear(core.heard, stamp, nav)
         if tick % self.rate.of(self.values["period_ticks"]):
             return
-        core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
-        _, nav = arrived.get(topics.ODOM, (0, None))
-        core.nav[:] = np.nan if nav is None else nav
-        if run.rejoins and flyable(core.nav):
+        navigation_at(core.heard, tick, self._oldest_ticks(), self.rate.tick_s, core.nav)
+        nav = core.nav
+        if run.rejoins and flyable(nav):
             run.rejoins = False
-            core.state[MEMORY.vel] = core.nav[NAV.vel]
-        if core.given is None and run.held is None and nav is not None:
+            core.state[MEMORY.vel] = nav[NAV.vel]
+        if core.given is None and run.held is None and flyable(nav):
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
             if core.home_ned_m is None:
                 core.home_ned_m = nav[NAV.pos].copy()
@@ -351,6 +361,10 @@ class OuterLoopNode(TickNode[Law, Following]):
         core.send_collective(with_hand(core.out[[SETPOINT.col]], core.state), stamp_ns)
         self._look(stamp_ns)
         self._tell(code)
+
+    def _oldest_ticks(self) -> int:
+        """Age of navigation that is none any more."""
+        return max(1, self.rate.ticks_in(self.values["navigation_timeout_s"]))
 
     def _look(self, stamp_ns: int) -> None:
         """After a step: what follows from it, and what was ordered for now."""

@@ -43,6 +43,9 @@ JOY_ROWS: tuple[Parameter, ...] = (
 TABLE: tuple[Parameter, ...] = (
     _row("lockstep", "bool", "Act on the set of messages of a tick instead of on arrival",
          read_only=True),
+    _row("navigation_timeout_s", "double",
+         "Age over which navigation is carried on; older it is none, the last command is held", "s",
+         lower=0.01, upper=2.0, read_only=True),
     _row("period_ticks", "int", "Law runs every so many ticks of 10 ms", "ticks",
          choices=(1, 2, 4, 5, 10, 20), read_only=True),
     _row("K_P", "double[]", "Position gains, forward, right, down", "1/s2",

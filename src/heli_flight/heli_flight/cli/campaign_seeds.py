@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from heli_flight.loop.fault_file import flown_faults, read_faults
+from heli_flight.loop.fault_file import fault_overrides, flown_faults
 from heli_flight.loop.flight_section import flown, hover_test_world
 from heli_flight.loop.layers import GPS_PRESETS
 from heli_flight.loop.result import fault_words, judged_by
@@ -33,7 +33,7 @@ class Asked:
 
     def settings(self, gps: str) -> Settings:
         """What is flown with a receiver; raises ParameterError."""
-        over = {"plant": {"faults": read_faults(self.faults)}} if self.faults else None
+        over = fault_overrides(self.faults)
         world = hover_test_world(self.world, self.scenario, self.params)
         return resolve(
             self.scenario, gps, duration_s=self.duration_s, params=self.params, overrides=over,

@@ -30,7 +30,7 @@ def epilog(prog: str) -> str:
         ("--scenario attitude --controller pid", "the attitude test under another law"),
         ("--params my_weights.yaml", "any node's parameters, changed"),
         ("--params flights/a/params.yaml", "a flight again"),
-        ("--faults my_faults.yaml", "with sensors or actuators that fail"),
+        ("--faults my_faults.yaml", "with sensors, actuators or links that fail"),
         ("--rate 400", "IMU, observer and inner loop at 400 Hz"),
         ("--live", "in real time, to be watched in a browser"),
     )

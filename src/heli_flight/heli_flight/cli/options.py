@@ -32,7 +32,7 @@ Faults = Annotated[
     typer.Option(
         "--faults",
         metavar="FILE",
-        help="YAML file of faults of sensors and actuators, each with its time "
+        help="YAML file of faults of sensors, actuators and links, each with its time "
         "(default: the parameter file's, else none)",
     ),
 ]

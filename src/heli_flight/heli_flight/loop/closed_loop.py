@@ -13,6 +13,14 @@ import numpy as np
 
 from heli_dynamics_sim import noise, plant
 from heli_dynamics_sim.wind import injected_gust
+from heli_flight.loop.linked import (
+    Linked,
+    linked,
+    to_inner_loop,
+    to_observer,
+    to_outer_loop,
+    to_plant,
+)
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
 from heli_inner_hinf import attitude_law as inner
@@ -59,6 +67,7 @@ from heli_outer_pd.script import script_of
 
 _CHUNK_TICKS = 6000
 _N_MEAS, _N_NAV, _N_STATES, _N_REFERENCE = MEAS.size, NAV.size, len(NINE), REFERENCE.size
+_N_SETPOINT, _N_ACTUATOR = SETPOINT.size, ACTUATOR.size
 
 
 class Loop(NamedTuple):
@@ -82,6 +91,8 @@ class Loop(NamedTuple):
     anchor: np.ndarray
     tick_ns: int
     tick_s: float
+    links: Linked
+    seen: np.ndarray  # (31,) navigation as the outer loop had it last
 
 
 class Track(NamedTuple):
@@ -143,32 +154,51 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     """
     y, nav, x9, u3 = scratch(_N_MEAS), scratch(_N_NAV), scratch(_N_STATES), scratch(3)
     reference, offset = scratch(_N_REFERENCE), scratch(3)
+    # What is heard of it: the same, but for links that have faults.
+    heard, flown, aim, hand = (
+        scratch(_N_MEAS),
+        scratch(_N_ACTUATOR),
+        scratch(_N_SETPOINT),
+        scratch(3),
+    )
+    links, seen = loop.links, loop.seen
     fill(y, 0.0)
     fill(nav, 0.0)
     for i in range(n_ticks):
         tick = first_tick + i
         plant.measure(loop.plant_s, tick, noise_rows[i], loop.plant_k, y)
         _write_truth(loop.plant_s, y, track.truth[tick])
-        observer.observe(loop.observer_s, tick, y, u, loop.observer_k, nav)
+        copy(heard, y)
+        copy(flown, u)
+        if links.k.on:
+            to_observer(links, tick, loop.observer_s, loop.observer_k, heard, flown)
+        observer.observe(loop.observer_s, tick, heard, flown, loop.observer_k, nav)
         if loop.true_navigation:
             _replace_by_truth(track.truth[tick], nav)
-        if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(nav):
-            fill_offset(nav[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
+        copy(seen, nav)
+        if links.k.on:
+            to_outer_loop(links, tick, seen)
+        if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(seen):
+            fill_offset(seen[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
             move(points, offset)
             loop.anchor[0], loop.anchor[1] = 0, tick
         reference_at(tick * loop.tick_ns, times_ns, points, reference)
         sight = loop.outer_s[outer.MEMORY.sight]
         if tick % loop.period_ticks == 0:
             outer.follow(
-                nav, tick * loop.tick_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
+                seen, tick * loop.tick_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
             )
             hand_of(loop.outer_s, loop.hand)
         nine_states(nav, nav[NAV.rotor], x9)
+        copy(aim, setpoint)
+        copy(hand, loop.hand)
+        if links.k.on:
+            to_inner_loop(links, tick, loop.period_ticks, nav, aim, hand, x9)
         add_sweep(tick * loop.tick_s, loop.disturbance_k, x9)
-        attitude, collective = setpoint[SETPOINT.attitude], setpoint[SETPOINT.col]
-        law_or_hand(x9, attitude, collective, loop.hand, loop.inner_k, loop.inner_s, u3)
+        attitude, collective = aim[SETPOINT.attitude], aim[SETPOINT.col]
+        law_or_hand(x9, attitude, collective, hand, loop.inner_k, loop.inner_s, u3)
         copy(u[ACTUATOR.attitude], u3)
-        u[ACTUATOR.col] = setpoint[SETPOINT.col]
+        u[ACTUATOR.col] = aim[SETPOINT.col]
         if loop.excitation_k.on:
             excite(tick * loop.tick_s, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
         if track.imu.shape[0] > 0:
@@ -183,7 +213,10 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
         status = plant.status(loop.plant_s, loop.plant_k)
         if status != 0:
             return i + 1, status
-        plant.advance(loop.plant_s, u, loop.plant_k)
+        copy(flown, u)
+        if links.k.on:
+            to_plant(links, tick, y[MEAS.rate], flown)
+        plant.advance(loop.plant_s, flown, loop.plant_k)
         if loop.outer_s[outer.MEMORY.sight] != sight:
             return i + 1, 0
     return n_ticks, 0
@@ -224,9 +257,10 @@ def build(
     observer_config = observer.ObserverConfig(settings.nodes["observer"])
     law = law or attitude_kernel(settings.nodes["inner_loop"])
     outer_k, rate = outer_kernel(settings.nodes["outer_loop"]), settings.rate
+    plant_s = plant.initial_state(plant_config, settings.seed)
     return Loop(
         plant_config.kernel,
-        plant.initial_state(plant_config, settings.seed),
+        plant_s,
         observer_config.kernel,
         observer.initial_state(observer_config),
         law,
@@ -242,6 +276,8 @@ def build(
         np.array([settings.nodes["outer_loop"]["reference_anchor"] == "engagement", 0], np.int64),
         rate.tick_ns,
         rate.tick_s,
+        linked(settings.nodes, settings.seed, plant_s.commands),
+        np.full(NAV.size, np.nan),
     )
 
 
@@ -305,7 +341,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
         tick, rows = tick + flown, rows[flown:]
         last = tick - 1
         if (asked or phases.lost) and status == 0 and last % loop.period_ticks == 0:
-            went_on = phases.after(last * rate.tick_ns, track.nav[last], setpoint)
+            went_on = phases.after(last * rate.tick_ns, loop.seen, setpoint)
             if went_on and phases.way is not None:
                 times_ns, points = phases.way.times_ns, phases.way.points
             scripted = scripted or phases.phase in LANDING

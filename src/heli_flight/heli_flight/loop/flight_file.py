@@ -23,6 +23,7 @@ NAME = "params.yaml"
 _LONGEST = 60
 # Decided by the flight itself, or by the scenario: no change of its own.
 _DERIVED = {*SHORT_FOR.values(), ("plant", "duration_s")}
+_OF_FLIGHT = ("lockstep", "link_seed")
 _DERIVED |= {("plant", "initial.pos_ned_m"), ("plant", "initial.psi_deg")}
 
 
@@ -75,7 +76,7 @@ def changes(settings: Settings) -> list[Change]:
         Change(section, key, value, packaged[section][key])
         for section, values in sections(settings).items()
         for key, value in values.items()
-        if key != "lockstep"
+        if key not in _OF_FLIGHT
         and (section, key) not in _DERIVED
         and not np.array_equal(value, packaged[section][key])
     ]

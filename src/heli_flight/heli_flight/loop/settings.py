@@ -34,6 +34,7 @@ from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_flight.loop.worlds import PAPER, WORLDS, Draw
 from heli_math.rows import ACTUATOR, SETPOINT
 from heli_math.ticks import Rate
+from heli_msgs_bridge.link_faults import link_faults_of
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.script import script_of
 from heli_outer_pd.thrust_map import collective_for_thrust
@@ -105,9 +106,9 @@ class Settings:
 
     def with_seed(self, seed: int) -> "Settings":
         """The same flight in other wind, with other sensor errors, on what else the seed draws."""
-        plant = {**self.nodes["plant"], "seed": seed}
-        plant |= {key: draw.value(seed) for key, draw in self.drawn.items()}
-        return replace(self, seed=seed, nodes={**self.nodes, "plant": plant})
+        nodes = {name: {**values, "link_seed": seed} for name, values in self.nodes.items()}
+        nodes["plant"] |= {"seed": seed, **{k: draw.value(seed) for k, draw in self.drawn.items()}}
+        return replace(self, seed=seed, nodes=nodes)
 
 
 class _CommandLine:
@@ -240,7 +241,7 @@ def resolve(
     layers = layered(read, name, receiver, around, fitting, drawn_by, control)
     values = _over(layers, fitting, line, options, overrides or {})
     for node in NODES:
-        values[node.name]["lockstep"] = mode != REAL_TIME
+        values[node.name] |= {"lockstep": mode != REAL_TIME, "link_seed": values["plant"]["seed"]}
     return Settings(
         {node.name: values[node.name] for node in NODES},
         _scenario(values),
@@ -386,6 +387,11 @@ def _check_faults(nodes: Mapping[str, Mapping[str, Any]]) -> None:
         faults_of(nodes["plant"]["faults"])
     except PlantConfigError as error:
         raise ParameterError(f"plant: {error}") from None
+    for node in NODES:
+        try:
+            link_faults_of(nodes[node.name]["link_faults"])
+        except ParameterError as error:
+            raise ParameterError(f"{node.name}: {error}") from None
 
 
 def _set(section: str, values: dict[str, Any], key: str, value: Any, where: str) -> None:

@@ -20,7 +20,7 @@ from heli_flight import interrupts
 from heli_flight.errors import BrokenFlightError, FlightError, StartError
 from heli_flight.graph.live import LiveOrder, live_view
 from heli_flight.graph.processes import check_middleware, start_server
-from heli_flight.loop.fault_file import NO_PROCESSES, read_all_faults
+from heli_flight.loop.fault_file import NO_PROCESSES, read_faults
 from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import ONE_PROCESS, hover_test_world
 from heli_flight.loop.process_fault import NONE, PROCESS
@@ -87,8 +87,7 @@ class FlightOrder:
 
     def resolved(self, seed: int | None = None) -> Settings:
         """What is flown, or its seed and what this draws replaced; raises ParameterError."""
-        read = read_all_faults(self.faults) if self.faults else None
-        over = {"plant": {"faults": read.plant}} if read else None
+        read = read_faults(self.faults)
         return resolve(
             self.scenario,
             self.gps,
@@ -96,12 +95,12 @@ class FlightOrder:
             self.duration_s,
             self.mode,
             self.params,
-            over,
+            read.nodes,
             controller=self.controller,
             world=hover_test_world(self.world, self.scenario, self.params),
             laws=self.laws,
             rate_hz=self.rate_hz,
-            process_faults=read.process if read else None,
+            process_faults=read.process,
         )
 
 

@@ -24,7 +24,7 @@ import yaml
 
 from heli_dynamics_sim.aircraft_file import read_groups
 from heli_dynamics_sim.parameters import find_aircraft
-from heli_flight.loop.fault_file import read_faults
+from heli_flight.loop.fault_file import fault_overrides
 from heli_flight.loop.layers import GPS_PRESETS, TABLES
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.dispersion.distribution import Distribution, distribution_of
@@ -276,7 +276,8 @@ def _faults(told: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         return {}
     if _FAULTS in _mapping(told, "set"):
         raise ParameterError(f"faults: {told['faults']}; allowed: one of faults and set: {_FAULTS}")
-    return {_FAULTS: list(read_faults(folder / told["faults"]))}
+    over = fault_overrides(folder / told["faults"]) or {}
+    return {f"{node}.{key}": list(v) for node, said in over.items() for key, v in said.items()}
 
 
 def _list(told: Mapping[str, Any], key: str) -> Sequence[Any]:

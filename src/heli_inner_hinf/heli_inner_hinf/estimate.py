@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The nine states of now, from an estimate that may be late or missing.
+
+Messages carry stamps, so the age of an estimate is known, and this node knows what it has commanded
+since. Over that age the linear model of eq. (9) is integrated, one tick after another, with the
+commands behind transport delay and servos (`actuation`):
+
+    x(t+1) = x_trim + Phi (x(t) - x_trim) + Gamma (servo(t) - u_trim)
+
+An estimate of this very tick is flown to the last bit. One that is older than `timeout_ticks` is
+none: the law then repeats its last command, which the model has brought near to that of a level
+attitude by then.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from heli_inner_hinf.design import shaped
+from heli_inner_hinf.law_state import all_finite
+from heli_math.arrays import copy, fill, scratch
+from heli_math.jit import njit
+from heli_math.linear_systems import held
+from heli_math.rotations import wrap_pi
+from heli_math.rows import ACTUATOR, NINE
+from heli_math.state_names import UNMEASURED
+from heli_math.ticks import Rate
+
+_N = len(NINE)
+_NEVER = -(2**62)
+_WITH_TICKS = 1
+"""Rotor states of so many ticks away belong to an estimate, too: they are sent behind it."""
+
+
+class EstimateKernel(NamedTuple):
+    """Numbers of the model between two ticks; states of eq. (9), commands in (-1, 1).
+
+    Attributes
+    ----------
+    Phi, Gamma : (9, 9), (9, 3) arrays
+    x_trim, u_trim : (9,), (3,) arrays
+    servo, drive : (2, 2), (2,) arrays
+        A servo's position and speed a tick later, by what they were and by the command.
+    delay_ticks : int
+        From a command to its servo.
+    timeout_ticks : int
+        Age of an estimate that is none any more.
+    """
+
+    Phi: np.ndarray
+    Gamma: np.ndarray
+    x_trim: np.ndarray
+    u_trim: np.ndarray
+    servo: np.ndarray
+    drive: np.ndarray
+    delay_ticks: int
+    timeout_ticks: int
+
+
+class EstimateState(NamedTuple):
+    """The newest estimate, and where the servos have been since; changed in place."""
+
+    x: np.ndarray  # (9,) NaN before the first
+    tick: np.ndarray  # (2,) int64: of it; of the last position in `moved`
+    moved: np.ndarray  # (slots, 3) mean position of each servo from a tick to the next
+    servos: np.ndarray  # (3, 2) their positions and speeds, deviations from trim
+
+
+def estimate_kernel(parameters: Mapping[str, Any]) -> EstimateKernel:
+    """Numbers of the inner loop's parameters."""
+    p, rate = parameters, Rate.of_parameters(parameters)
+    A, B = shaped("model.A", p["model.A"], (9, 9)), shaped("model.B", p["model.B"], (9, 3))
+    Phi, Gamma = held(A, B, rate.tick_s)
+    w, zeta = p["servo.frequency_radps"], p["servo.damping"]
+    servo, drive = held(
+        np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([[0.0], [w * w]]), rate.tick_s
+    )
+    return EstimateKernel(
+        np.ascontiguousarray(Phi),
+        np.ascontiguousarray(Gamma),
+        shaped("trim.x", p["trim.x"], (9,)),
+        shaped("trim.u", p["trim.u"], (4,))[ACTUATOR.attitude].copy(),
+        np.ascontiguousarray(servo),
+        drive.ravel().copy(),
+        rate.of(int(p["delay_ticks"])),
+        max(1, rate.ticks_in(p["estimate_timeout_s"])),
+    )
+
+
+def initial_estimate(k: EstimateKernel) -> EstimateState:
+    """Nothing has been heard; the trim has been flown so far."""
+    slots = k.timeout_ticks + k.delay_ticks + 2
+    return EstimateState(
+        np.full(_N, np.nan),
+        np.full(2, _NEVER, np.int64),
+        np.zeros((slots, len(k.u_trim))),
+        np.zeros((len(k.u_trim), 2)),
+    )
+
+
+@njit
+def _step(x, moved, k):
+    """x (9,), deviations from trim, one tick later, in place."""
+    after = scratch(_N)
+    for i in range(_N):
+        total = 0.0
+        for j in range(_N):
+            total += k.Phi[i, j] * x[j]
+        for j in range(moved.shape[0]):
+            total += k.Gamma[i, j] * moved[j]
+        after[i] = total
+    copy(x, after)
+
+
+@njit
+def _carried(state, tick, k, x9):
+    """The newest estimate carried to a tick, into x9 (9,)."""
+    copy(x9, state.x)
+    age = tick - state.tick[0]
+    if age <= 0:
+        return
+    for i in range(_N):
+        x9[i] -= k.x_trim[i]
+    slots = state.moved.shape[0]
+    for t in range(state.tick[0], tick):
+        _step(x9, state.moved[t % slots], k)
+    for i in range(_N):
+        x9[i] += k.x_trim[i]
+    x9[NINE.psi] = wrap_pi(x9[NINE.psi])
+
+
+@njit
+def hear(state, stamp, given, rotor_stamp, k):
+    """Take an estimate, if it is newer than the last one.
+
+    Parameters
+    ----------
+    state : EstimateState
+        In place.
+    stamp : int
+        Its tick.
+    given : (9,) array
+        Absolute, rad and rad/s, places of `NINE`; NaN where the rotor's states are not known.
+    rotor_stamp : int
+        Tick of the rotor's states; of another time than the rest, those of the model are taken.
+    k : EstimateKernel
+    """
+    if stamp <= state.tick[0]:
+        return
+    taken = abs(stamp - rotor_stamp) <= _WITH_TICKS
+    for i in UNMEASURED:
+        taken = taken and np.isfinite(given[i])
+    if not taken:
+        known = scratch(_N)
+        if stamp - state.tick[0] <= k.timeout_ticks:
+            _carried(state, stamp, k, known)
+        else:
+            copy(known, k.x_trim)
+        for i in UNMEASURED:
+            given[i] = known[i]
+    if all_finite(given):
+        copy(state.x, given)
+        state.tick[0] = stamp
+
+
+@njit
+def estimate(state, tick, k, x9):
+    """The states of a tick into x9 (9,); NaN if nothing is known of them."""
+    age = tick - state.tick[0]
+    if not 0 <= age <= k.timeout_ticks:
+        fill(x9, np.nan)
+        return
+    _carried(state, tick, k, x9)
+
+
+@njit
+def commanded(state, tick, u3, k):
+    """Remember a command (3,), absolute, sent at a tick; one that was skipped is taken for it."""
+    slots, until = state.moved.shape[0], tick + k.delay_ticks
+    first = max(state.tick[1] + 1, until - slots + 1)
+    for t in range(first if state.tick[1] != _NEVER else until, until + 1):
+        for i in range(u3.shape[0]):
+            before = state.servos[i, 0]
+            speed = state.servos[i, 1]
+            u = u3[i] - k.u_trim[i]
+            state.servos[i, 0] = k.servo[0, 0] * before + k.servo[0, 1] * speed + k.drive[0] * u
+            state.servos[i, 1] = k.servo[1, 0] * before + k.servo[1, 1] * speed + k.drive[1] * u
+            state.moved[t % slots, i] = 0.5 * (before + state.servos[i, 0])
+    state.tick[1] = until
