@@ -200,6 +200,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
         variances = _variances(v)
         status = FIX_STATUS[v["sensors.gps.augmentation"]]
         names = [*variances, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR]
+        if config.sensors.imu2:
+            names.append(topics.IMU2)
+            variances[topics.IMU2] = variances[topics.IMU]
         if config.wind.sines.on:
             names.append(topics.EXCITATION_WIND)
         return {
@@ -220,7 +223,11 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def awaited_links(self) -> dict[str, set[str]]:
         """The whole graph: once time runs, lockstep does not wait long for who still compiles."""
         peers = set(self.values["peers"])
-        rows = [row for row in topics.TABLE if peers.intersection(row.source) and row.sinks]
+        rows = [
+            row
+            for row in topics.TABLE
+            if peers.intersection(row.source) and row.sinks and not row.optional
+        ]
         return {row.name: peers.intersection(row.sinks).difference(row.source) for row in rows}
 
     def engage(self) -> Flight:
@@ -292,6 +299,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
             fixed = y[MEAS.gps_valid]
             send[topics.GPS_FIX](y[MEAS.gps_pos] if fixed else _NOTHING, fix_ns)
             send[topics.GPS_VELOCITY](y[MEAS.gps_vel] if fixed else _NOTHING, fix_ns)
+        if k.sensors.imu2:
+            send[topics.IMU2](y[MEAS.imu2], stamp_ns)
         # Last of the sensors: in real time it triggers the observer, which then has the others.
         send[topics.IMU](y[MEAS.imu], stamp_ns)
         send[topics.TRUTH_ODOM](x[PLANT.rigid], stamp_ns)
