@@ -137,7 +137,7 @@ def slope_per_hour(hours: list[float], mb: list[float]) -> float:
 def expected(name: str, ticks: int) -> int | None:
     """Messages of a topic in a flight of so many ticks; None where there is no schedule."""
     topic = topics.BY_NAME[name]
-    if topic.every_ticks == 0 or name.startswith("excitation/"):
+    if topic.every_ticks == 0 or topic.optional:
         return None
     return len(range(0, ticks, topic.every_ticks))
 

@@ -28,7 +28,9 @@ HOVER_TEST = [
     sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--world", "paper",
 ]  # fmt: skip
 NODES = {"plant", "observer", "inner_loop", "outer_loop"}
-INPUTS = [t.name for t in topics.TABLE if t.name in CHANNELS and NODES & set(t.sinks)]
+INPUTS = [
+    t.name for t in topics.TABLE if t.name in CHANNELS and NODES & set(t.sinks) and not t.optional
+]
 LATE_2026_NS = 1_795_299_400_000_000_000
 
 

@@ -43,7 +43,7 @@ def test_hover_test_flies_records_and_agrees_with_the_one_process_loop(hover_tes
     recorded = set(bag.streams) | {topics.REFERENCE, topics.DIAGNOSTICS, topics.CLOCK}
     # Without a datum the reader leaves fixes out; that they are there, the reader's index says.
     of_pilots = {topic.name for topic in topics.TABLE if not topic.source}
-    unused = {name for name in topics.BY_NAME if name.startswith("excitation/")} | of_pilots
+    unused = {topic.name for topic in topics.TABLE if topic.optional} | of_pilots
     assert recorded | {topics.GPS_FIX} == {topic.name for topic in topics.TABLE} - unused
     for name, stream in bag.streams.items():
         every = topics.BY_NAME[name].every_ticks

@@ -29,6 +29,7 @@ def mounts(aircraft: HelicopterParameters) -> dict[str, Point]:
         "main_rotor": (0.0, 0.0, aircraft.hub_height_m),
         "tail_rotor": (-aircraft.tail_arm_m, 0.0, aircraft.tail_height_m),
         "imu_link": (0.0, 0.0, 0.0),
+        "imu2_link": (0.0, 0.0, 0.0),
         "gps_link": (0.0, 0.0, 0.0),
     }
 

@@ -12,6 +12,7 @@ import yaml
 
 from heli_dynamics_sim.config_error import PlantConfigError
 from heli_dynamics_sim.faults import FAULT, KINDS, FaultKernel
+from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.sensors import SensorKernel
 from heli_math.rows import ACTUATOR, MEAS
 from heli_math.ticks import Rate
@@ -38,18 +39,37 @@ class _Sensor(NamedTuple):
     axes: int  # numbers that a value has
     numbers: int  # of a sample
     flag: int  # place of its flag, negative: none
-    lost: int  # which of the normals decides what is lost
+    lost: int  # place in the row of normals of the one that decides what is lost
+    normals: int  # and of the first of those for its numbers
 
 
-_GPS, _IMU = MEAS.gps_pos.start, MEAS.imu.start
+_GPS, _IMU, _IMU2 = MEAS.gps_pos.start, MEAS.imu.start, MEAS.imu2.start
+_LOST = NOISE.fault_lost.start
+
+
+def _sensor(first: int, axes: int, numbers: int, flag: int, lost: int) -> _Sensor:
+    return _Sensor(first, axes, numbers, flag, _LOST + lost, NOISE.fault.start + first)
+
+
+def _second(first: int, axes: int) -> _Sensor:
+    normals = NOISE.fault_imu2.start + first - _IMU2
+    return _Sensor(first, axes, axes, -1, NOISE.fault_imu2_lost, normals)
+
+
+_SECOND = {
+    "imu2": _second(_IMU2, 6),
+    "accel2": _second(MEAS.force2.start, 3),
+    "gyro2": _second(MEAS.rate2.start, 3),
+}
 _SENSORS = {
-    "gps": _Sensor(_GPS, 3, 6, MEAS.gps_valid, 0),
-    "gps_velocity": _Sensor(MEAS.gps_vel.start, 3, 3, -1, 1),
-    "imu": _Sensor(_IMU, 6, 6, -1, 2),
-    "accel": _Sensor(MEAS.force.start, 3, 3, -1, 2),
-    "gyro": _Sensor(MEAS.rate.start, 3, 3, -1, 2),
-    "mag": _Sensor(MEAS.mag.start, 3, 3, MEAS.mag_valid, 3),
-    "baro": _Sensor(MEAS.baro, 1, 1, MEAS.baro_valid, 4),
+    "gps": _sensor(_GPS, 3, 6, MEAS.gps_valid, 0),
+    "gps_velocity": _sensor(MEAS.gps_vel.start, 3, 3, -1, 1),
+    "imu": _sensor(_IMU, 6, 6, -1, 2),
+    "accel": _sensor(MEAS.force.start, 3, 3, -1, 2),
+    "gyro": _sensor(MEAS.rate.start, 3, 3, -1, 2),
+    "mag": _sensor(MEAS.mag.start, 3, 3, MEAS.mag_valid, 3),
+    "baro": _sensor(MEAS.baro, 1, 1, MEAS.baro_valid, 4),
+    **_SECOND,
 }
 _ACTUATORS = {
     "delta_lat": ACTUATOR.lat,
@@ -354,6 +374,10 @@ def _row(fault: Fault, rate: Rate, first: int, count: int) -> np.ndarray:
 
 def _sensor_row(fault: Fault, sensors: SensorKernel, rate: Rate, where: str) -> np.ndarray:
     of = _SENSORS[fault.what]
+    if fault.what in _SECOND and not sensors.imu2:
+        raise PlantConfigError(
+            f"{where}: what: {fault.what}: there is no second IMU; set sensors.imu2.enabled"
+        )
     row = _row(
         fault, rate, of.first, of.axes if fault.kind in (*_PER_AXIS, "noise") else of.numbers
     )
@@ -362,12 +386,14 @@ def _sensor_row(fault: Fault, sensors: SensorKernel, rate: Rate, where: str) -> 
         "gps": sensors.gps.period, "gps_velocity": sensors.gps.period,
     }.get(fault.what, 1)  # fmt: skip
     row[FAULT.period], row[FAULT.flag], row[FAULT.lost] = period, of.flag, of.lost
+    row[FAULT.normals] = of.normals
     values = row[FAULT.value]
     if fault.kind == "loss" and not fault.value:
         values[0] = 1.0
     if fault.kind == "noise":
         more = math.sqrt(fault.value[0] ** 2 - 1.0)
-        values[: of.axes] = more * _white(sensors)[of.first : of.first + of.axes]
+        like = of.first - _IMU2 + _IMU if fault.what in _SECOND else of.first
+        values[: of.axes] = more * _white(sensors)[like : like + of.axes]
     if fault.kind == "delay":
         values[0] = max(1, round(rate.ticks_in(fault.value[0]) / period)) * period
     slowest = {"delay": values[0], "duplicate": period, "reorder": 3 * period}

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heli_dynamics_sim.noise import NOISE
 from heli_math.arrays import copy, fill, scratch
 from heli_math.jit import njit
 from heli_math.rows import AIR, MEAS
@@ -29,7 +28,7 @@ KINDS = (
 
 
 class FaultRow(NamedTuple):
-    """A fault as its kernel takes it (14,)."""
+    """A fault as its kernel takes it (15,)."""
 
     kind: int = 0
     begin: int = 1  # tick from which it acts
@@ -38,9 +37,10 @@ class FaultRow(NamedTuple):
     numbers: int = 4  # how many from there on
     period: int = 5  # ticks from sample to sample
     flag: int = 6  # place of the sensor's valid flag; negative: it has none of its own
-    lost: int = 7  # place among the normals that decide what is lost
-    value: slice = slice(8, 14)
-    size: int = 14
+    lost: int = 7  # place in the row of normals of the one that decides what is lost
+    normals: int = 8  # and of the first of those for its numbers
+    value: slice = slice(9, 15)
+    size: int = 15
 
 
 FAULT = FaultRow()
@@ -51,9 +51,9 @@ _N_SENSED = MEAS.sensed
 class FaultKernel(NamedTuple):
     """The faults of a flight, and what is to be known of its sensors."""
 
-    sensors: np.ndarray  # (n, 14), a FaultRow each
-    actuators: np.ndarray  # (n, 14)
-    gusts: np.ndarray  # (n, 14)
+    sensors: np.ndarray  # (n, 15), a FaultRow each
+    actuators: np.ndarray  # (n, 15)
+    gusts: np.ndarray  # (n, 15)
     latency: int  # of a fix, ticks
     tick_s: float
 
@@ -62,8 +62,8 @@ class FaultState(NamedTuple):
     """What is remembered of a flight with faults or without: they may come while it flies."""
 
     tick: np.ndarray  # (1,) int64, that was measured last
-    held: np.ndarray  # (20,) what each sensor said last, places of `rows.MEAS`
-    past: np.ndarray  # (slots, 20) what the sensors read at each of the last ticks
+    held: np.ndarray  # (26,) what each sensor said last, places of `rows.MEAS`
+    past: np.ndarray  # (slots, 26) what the sensors read at each of the last ticks
     u: np.ndarray  # (4,) the last command that reached the servos
 
 
@@ -111,7 +111,7 @@ def _take(row, source, y):
 def _spoil(row, tick, state, noise, k, y):
     """One sensor's fault at a tick at which it has a sample."""
     kind, first, count = int(row[FAULT.kind]), int(row[FAULT.first]), int(row[FAULT.numbers])
-    normals = noise[NOISE.fault]
+    normals = int(row[FAULT.normals])
     if kind == _FREEZE:
         _take(row, state.held, y)
         return
@@ -119,7 +119,7 @@ def _spoil(row, tick, state, noise, k, y):
         lag = min(_lag(row, tick), tick)
         _take(row, state.past[(tick - lag) % state.past.shape[0]], y)
         return
-    chance = 0.5 * math.erfc(-noise[NOISE.fault_lost.start + int(row[FAULT.lost])] / math.sqrt(2.0))
+    chance = 0.5 * math.erfc(-noise[int(row[FAULT.lost])] / math.sqrt(2.0))
     for i in range(count):
         value, at = row[_VALUE + i], first + i
         if kind == _NAN or (kind == _LOSS and chance < row[_VALUE]):
@@ -131,9 +131,9 @@ def _spoil(row, tick, state, noise, k, y):
         elif kind == _DRIFT:
             y[at] += value * (tick - row[FAULT.begin]) * k.tick_s
         elif kind == _JUMP:
-            y[at] += math.copysign(value, normals[at])
+            y[at] += math.copysign(value, noise[normals + i])
         elif kind == _NOISE:
-            y[at] += value * normals[at]
+            y[at] += value * noise[normals + i]
 
 
 @njit
@@ -147,9 +147,11 @@ def _finite(values):
 @njit
 def _settle(tick, k, y):
     """What a listener takes of the messages: nothing of one with a number that is not finite."""
-    imu, mag = y[MEAS.imu], y[MEAS.mag]
+    imu, imu2, mag = y[MEAS.imu], y[MEAS.imu2], y[MEAS.mag]
     if not _finite(imu):
         fill(imu, math.nan)
+    if not _finite(imu2):
+        fill(imu2, math.nan)
     if not _finite(mag):
         y[MEAS.mag_valid] = 0.0
     if y[MEAS.mag_valid] == 0.0:
@@ -195,7 +197,7 @@ def spoil_sensors(state, tick, noise, k, y):
     noise : (NOISE.size,) array
         Standard normals of the tick.
     k : FaultKernel
-    y : (>= 20,) array
+    y : (>= 26,) array
         Places of `rows.MEAS`.
     """
     state.tick[0] = tick
@@ -212,6 +214,7 @@ def spoil_sensors(state, tick, noise, k, y):
     if k.sensors.shape[0] > 0:
         _settle(tick, k, y)
     _hold(y, MEAS.imu.start, 6, -1, stuck, held)
+    _hold(y, MEAS.imu2.start, 6, -1, stuck, held)
     _hold(y, MEAS.mag.start, 3, MEAS.mag_valid, stuck, held)
     _hold(y, MEAS.baro, 1, MEAS.baro_valid, stuck, held)
     _hold(y, MEAS.gps_pos.start, 6, MEAS.gps_valid, stuck, held)

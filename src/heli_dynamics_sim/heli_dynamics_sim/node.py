@@ -202,8 +202,11 @@ class PlantNode(TickNode[Aircraft, Flight]):
         origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
         status = FIX_STATUS[v["sensors.gps.augmentation"]]
         sines = (topics.EXCITATION_WIND,) if config.wind.sines.on else ()
-        names = (*_VARIED, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR, *sines)
+        second = (topics.IMU2,) if config.sensors.imu2 else ()
+        truth = (topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR)
+        names = (*_VARIED, *truth, *second, *sines)
         varied = dict(zip(_VARIED, message_variances(v), strict=True))
+        varied[topics.IMU2] = varied[topics.IMU]
         places = {topics.GPS_FIX: origin}
         return {
             name: self.create_sender(
@@ -227,7 +230,11 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def awaited_links(self) -> dict[str, set[str]]:
         """The whole graph: once time runs, lockstep does not wait long for who still compiles."""
         peers = set(self.values["peers"])
-        rows = [row for row in topics.TABLE if peers.intersection(row.source) and row.sinks]
+        rows = [
+            row
+            for row in topics.TABLE
+            if peers.intersection(row.source) and row.sinks and not row.optional
+        ]
         return {row.name: peers.intersection(row.sinks).difference(row.source) for row in rows}
 
     def engage(self) -> Flight:
@@ -300,6 +307,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
             fixed = y[MEAS.gps_valid]
             send[topics.GPS_FIX](y[MEAS.gps_pos] if fixed else _NOTHING, fix_ns)
             send[topics.GPS_VELOCITY](y[MEAS.gps_vel] if fixed else _NOTHING, fix_ns)
+        if k.sensors.imu2:
+            send[topics.IMU2](y[MEAS.imu2], stamp_ns)
         # Last of the sensors: in real time it triggers the observer, which then has the others.
         send[topics.IMU](y[MEAS.imu], stamp_ns)
         send[topics.TRUTH_ODOM](x[PLANT.rigid], stamp_ns)

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 
 class NoiseRow(NamedTuple):
-    """Standard normals of a tick (66,), source by source in the order of `_SOURCES`."""
+    """Standard normals of a tick (86,), source by source in the order of `_SOURCES`."""
 
     wind: slice = slice(0, 5)  # along, across (2), down (2)
+    imu: slice = slice(5, 17)  # the next four
     gyro: slice = slice(5, 8)  # white
     accel: slice = slice(8, 11)  # white
     gyro_walk: slice = slice(11, 14)
@@ -38,7 +39,11 @@ class NoiseRow(NamedTuple):
     gps_jump_now: int = 44
     fault: slice = slice(45, 61)  # of faults, for each number that a sensor says
     fault_lost: slice = slice(61, 66)  # whether a sensor's sample is lost by a fault
-    size: int = 66
+    imu2: slice = slice(66, 78)  # of a second IMU, as `imu`
+    imu2_clock: int = 78
+    fault_imu2: slice = slice(79, 85)  # as `fault`
+    fault_imu2_lost: int = 85
+    size: int = 86
 
 
 class Source(NamedTuple):
@@ -65,9 +70,11 @@ _SOURCES = (
     Source(1, 19, 20),  # outages
     Source(4, 21, 22),  # jumps
     Source(21, 24, 25),  # faults
+    Source(20, 26, 27),  # second IMU: errors, clock, faults
 )
 _GUSTS = 12  # child of the random gusts
 _ONCE = 23  # child for what the sensors of a flight draw once
+_ONCE_IMU2 = 28  # and for what its second IMU does
 
 
 def gust_generator(seed: int) -> np.random.Generator:
@@ -92,11 +99,12 @@ class NoiseStreams:
     def __init__(self, seed: int) -> None:
         if seed < 0:
             raise ValueError(f"seed {seed} is not allowed; allowed: an integer >= 0")
-        last = max(_ONCE, *(child for s in _SOURCES for child in (s.stream, s.start)))
+        last = max(_ONCE_IMU2, *(child for s in _SOURCES for child in (s.stream, s.start)))
         children = np.random.SeedSequence(seed).spawn(last + 1)
         self._streams = [np.random.default_rng(children[s.stream]) for s in _SOURCES]
         self._initial = [np.random.default_rng(children[s.start]) for s in _SOURCES]
         self._once = np.random.default_rng(children[_ONCE])
+        self._once_imu2 = np.random.default_rng(children[_ONCE_IMU2])
 
     @staticmethod
     def _draw(streams: list[np.random.Generator], n: int) -> NDArray[np.float64]:
@@ -107,20 +115,24 @@ class NoiseStreams:
         return np.hstack(parts)
 
     def rows(self, n: int) -> NDArray[np.float64]:
-        """The next n rows (n, 66); n calls of `row` give exactly the same."""
+        """The next n rows (n, 86); n calls of `row` give exactly the same."""
         return self._draw(self._streams, n)
 
     def row(self) -> NDArray[np.float64]:
-        """The next row (66,)."""
+        """The next row (86,)."""
         return self._draw(self._streams, 1)[0]
 
     def initial_rows(self, n: int) -> NDArray[np.float64]:
-        """n rows (n, 66) for the state before the first tick, from streams of their own."""
+        """n rows (n, 86) for the state before the first tick, from streams of their own."""
         return self._draw(self._initial, n)
 
     def once(self, n: int) -> NDArray[np.float64]:
         """n numbers of what stays for a flight (scale factors, iron), from their own stream."""
         return self._once.standard_normal(n)
+
+    def once_imu2(self, n: int) -> NDArray[np.float64]:
+        """The same of a second IMU."""
+        return self._once_imu2.standard_normal(n)
 
 
 _DRAWN = 64

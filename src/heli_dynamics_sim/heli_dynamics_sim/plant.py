@@ -72,6 +72,7 @@ _SENTENCES = {
     PlantStatus.NOT_FINITE: "The aircraft's state is not finite: a command or parameter broke it.",
 }
 _N_ACTUATOR = ACTUATOR.size
+_GAINS = ONCE.gains.stop - ONCE.gains.start
 _OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in PlantStatus)
 
 
@@ -127,7 +128,9 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     start = _at_start(config, mean_wind if config.trimmed_in_wind else np.zeros(3))
     x = start.x.copy()
     wind_rows = np.concatenate([rows[:1], rows[slots:]])
-    sensors = initial_sensors(k.sensors, rows[:slots], streams.once(ONCE.size), x)
+    sensors = initial_sensors(
+        k.sensors, rows[:slots], streams.once(ONCE.size), streams.once_imu2(_GAINS), x
+    )
     return PlantState(
         x,
         initial_air(k.wind, altitude_m, wind_rows, seed, k.tick_s),
@@ -182,7 +185,7 @@ def measure(state, tick, noise_row, k, y):
     noise_row : (NOISE.size,) array
         Standard normals of this tick, places of `noise.NOISE`.
     k : PlantKernel
-    y : (23,) array
+    y : (29,) array
         Filled; places of `rows.MEAS`. What does not arrive at this tick is 0, its valid flag too.
     """
     if tick > 0 and k.wind.turbulence:

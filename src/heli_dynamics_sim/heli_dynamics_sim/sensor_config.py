@@ -68,7 +68,8 @@ def sensor_kernel(
         get("baro.clock_jitter_s"),
         _port(get, helicopter),
     )
-    return SensorKernel(_imu(get, helicopter, rate.tick_s), mag, baro, _gps(get, rate))
+    imu2 = bool(get("imu2.enabled"))
+    return SensorKernel(_imu(get, helicopter, rate.tick_s), mag, baro, _gps(get, rate), imu2)
 
 
 def _imu(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuKernel:

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from heli_dynamics_sim.gps_errors import FEWEST_SATELLITES, GpsErrorKernel, GpsErrorState, uniform
 from heli_dynamics_sim.imu_errors import ImuErrorState
 from heli_dynamics_sim.noise import NOISE
-from heli_dynamics_sim.sensors import FIX, GpsKernel, SensorKernel, SensorState, take_fix
+from heli_dynamics_sim.sensors import (
+    FIX,
+    GpsKernel,
+    ImuKernel,
+    ImuState,
+    SensorKernel,
+    SensorState,
+    take_fix,
+)
 from heli_math.rows import IMU
 
 
@@ -36,6 +44,7 @@ def initial_sensors(
     k: SensorKernel,
     rows: NDArray[np.float64],
     once: NDArray[np.float64],
+    once_imu2: NDArray[np.float64],
     x: NDArray[np.float64],
 ) -> SensorState:
     """Biases, drifts, scale factors, iron and the fixes under way of a flight.
@@ -47,11 +56,12 @@ def initial_sensors(
         Standard normals, places of `noise.NOISE`.
     once : (28,) array
         Standard normals, places of ONCE.
+    once_imu2 : (18,) array
+        The same of a second IMU: scale and misalignment of both triads.
     x : (n,) array
         State of the plant at the start, places of `rows.PLANT`: the fixes under way are its.
     """
     gps, first = k.gps, rows[0]
-    gains = once[ONCE.gains].reshape(2, 3, 3)
     # The rotor stands anywhere, all azimuths alike.
     azimuth = 2.0 * math.pi * uniform(once[ONCE.azimuth])
     sensors = SensorState(
@@ -60,18 +70,29 @@ def initial_sensors(
         baro_drift=np.array([k.baro.drift * first[NOISE.baro]]),
         gps_drift=gps.drift_m * first[NOISE.gps_drift],
         gps_queue=np.zeros((rows.shape[0], FIX.size)),
-        imu=ImuErrorState(
-            np.eye(3) + k.imu.errors.gain_sigma * gains, np.array([azimuth]), np.zeros(IMU.size)
-        ),
+        imu=_imu_errors(k.imu, once[ONCE.gains], azimuth),
         soft_iron=k.mag.soft_iron + k.mag.soft_sigma * _symmetric(once[ONCE.soft_iron]),
         hard_iron_t=k.mag.hard_iron_t + k.mag.hard_sigma_t * once[ONCE.hard_iron],
         gps=_gps_errors(gps.errors, first),
+        imu2=ImuState(
+            k.imu.gyro_bias * first[NOISE.imu2][0:3],
+            k.imu.accel_bias * first[NOISE.imu2][3:6],
+            _imu_errors(k.imu, once_imu2, azimuth),
+        ),
     )
     for i in range(rows.shape[0]):
         valid = i * gps.period - gps.latency
         if valid < 0:
             take_fix(sensors, valid, x, rows[i], gps)
     return sensors
+
+
+def _imu_errors(k: ImuKernel, gains: NDArray[np.float64], azimuth: float) -> ImuErrorState:
+    """Scale and misalignment (18 normals); the rotor's azimuth is that of the aircraft."""
+    sigma = k.errors.gain_sigma
+    return ImuErrorState(
+        np.eye(3) + sigma * gains.reshape(2, 3, 3), np.array([azimuth]), np.zeros(IMU.size)
+    )
 
 
 def _symmetric(six: NDArray[np.float64]) -> NDArray[np.float64]:

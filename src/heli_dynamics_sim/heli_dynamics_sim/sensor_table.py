@@ -48,6 +48,7 @@ SENSORS: tuple[Parameter, ...] = (
     _amplitude("rev_radps", "Rate at 1/rev, each axis", "rad/s", 50.0),
     _amplitude("blade_mps2", "Acceleration at N/rev, each axis", "m/s2", 500.0),
     _amplitude("blade_radps", "Rate at N/rev, each axis", "rad/s", 50.0),
+    row("sensors.imu2.enabled", "bool", "Whether there is a second IMU of the same kind"),
     real("sensors.mag.field_ned_t", "Local magnetic field, NED", "T", -1e-4, 1e-4, (3,)),
     real("sensors.mag.hard_iron_t", "Constant offset, body", "T", -1e-4, 1e-4, (3,)),
     real("sensors.mag.soft_iron", "Distortion of the field, body", "", -2.0, 2.0, (3, 3)),

@@ -24,9 +24,10 @@ from heli_dynamics_sim.installation import (
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.rigid_body import to_body, to_ned
 from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
+from heli_math.arrays import fill
 from heli_math.atmosphere import pressure_pa
 from heli_math.jit import njit
-from heli_math.rows import MEAS, PLANT
+from heli_math.rows import IMU, MEAS, PLANT
 
 
 class FixRow(NamedTuple):
@@ -101,6 +102,15 @@ class SensorKernel(NamedTuple):
     mag: MagKernel
     baro: BaroKernel
     gps: GpsKernel
+    imu2: bool  # whether there is a second one, of the same kind as the first
+
+
+class ImuState(NamedTuple):
+    """What an IMU remembers."""
+
+    gyro_bias: np.ndarray  # (3,) rad/s
+    accel_bias: np.ndarray  # (3,) m/s2
+    errors: ImuErrorState
 
 
 class SensorState(NamedTuple):
@@ -115,6 +125,7 @@ class SensorState(NamedTuple):
     soft_iron: np.ndarray  # (3, 3) of this flight
     hard_iron_t: np.ndarray  # (3,)
     gps: GpsErrorState
+    imu2: ImuState  # of the second one, if there is one
 
 
 @njit
@@ -130,25 +141,45 @@ def rotor_speed(x, aircraft):
 
 
 @njit
-def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
-    """Fill specific force and rates of the measurement row y; biases walk."""
-    force, rate, true_rate = y[MEAS.force], y[MEAS.rate], x[PLANT.rate]
-    gyro, accel = noise[NOISE.gyro], noise[NOISE.accel]
-    gyro_walk, accel_walk = noise[NOISE.gyro_walk], noise[NOISE.accel_walk]
+def _read_imu(imu, tick, x, air, normals, clock, aircraft, k, out):
+    """What one IMU (ImuState) says, (6,), places of `rows.IMU`; its biases walk.
+
+    Its standard normals (12,): white of gyros and accelerometers, then walks of both.
+    """
+    force, rate, true_rate = out[IMU.force], out[IMU.rate], x[PLANT.rate]
+    gyro, accel, gyro_walk, accel_walk = normals[0:3], normals[3:6], normals[6:9], normals[9:12]
     specific_force(x, air, aircraft, force)
     for i in range(3):
         rate[i] = true_rate[i]
     if k.errors.on:
-        speed, clock = rotor_speed(x, aircraft), noise[NOISE.imu_clock]
-        distort(sensors.imu, tick, speed, clock, k.errors, y[MEAS.imu])
+        distort(imu.errors, tick, rotor_speed(x, aircraft), clock, k.errors, out)
     for i in range(3):
         if tick > 0:
-            sensors.gyro_bias[i] += k.gyro_walk * gyro_walk[i]
-            sensors.accel_bias[i] += k.accel_walk * accel_walk[i]
-        force[i] += sensors.accel_bias[i] + k.accel_white * accel[i]
-        rate[i] = rate[i] + sensors.gyro_bias[i] + k.gyro_white * gyro[i]
+            imu.gyro_bias[i] += k.gyro_walk * gyro_walk[i]
+            imu.accel_bias[i] += k.accel_walk * accel_walk[i]
+        force[i] += imu.accel_bias[i] + k.accel_white * accel[i]
+        rate[i] = rate[i] + imu.gyro_bias[i] + k.gyro_white * gyro[i]
     if k.errors.on:
-        clip(k.errors, y[MEAS.imu])
+        clip(k.errors, out)
+
+
+@njit
+def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
+    """Fill specific force and rates of the measurement row y; biases walk."""
+    first = ImuState(sensors.gyro_bias, sensors.accel_bias, sensors.imu)
+    clock = noise[NOISE.imu_clock]
+    _read_imu(first, tick, x, air, noise[NOISE.imu], clock, aircraft, k, y[MEAS.imu])
+
+
+@njit
+def read_imu2(sensors, tick, x, air, noise, aircraft, k, y):
+    """The same of the second IMU: errors of its own, shaken by the same rotor; zeros without it."""
+    if k.imu2:
+        clock = noise[NOISE.imu2_clock]
+        normals, out = noise[NOISE.imu2], y[MEAS.imu2]
+        _read_imu(sensors.imu2, tick, x, air, normals, clock, aircraft, k.imu, out)
+    else:
+        fill(y[MEAS.imu2], 0.0)
 
 
 @njit
@@ -253,3 +284,4 @@ def read_sensors(sensors, tick, x, air, noise, aircraft, k, y):
     read_mag(sensors, tick, x, air, noise, aircraft, k.mag, y)
     read_baro(sensors, tick, x, air, noise, aircraft, k.baro, y)
     read_gps(sensors, tick, x, noise, k.gps, y)
+    read_imu2(sensors, tick, x, air, noise, aircraft, k, y)

@@ -22,9 +22,10 @@ class ImuRow(NamedTuple):
 
 
 class MeasurementRow(NamedTuple):
-    """What the plant's sensors say at a tick (20,), and the wind that none of them measures (23,).
+    """What the plant's sensors say at a tick (26,), and the wind that none of them measures (29,).
 
-    A value that did not arrive at this tick is 0, and so is its flag.
+    A value that did not arrive at this tick is 0, and so is its flag; so is all of a second IMU
+    where there is none.
     """
 
     force: slice = slice(0, 3)  # specific force, body, m/s2
@@ -38,9 +39,12 @@ class MeasurementRow(NamedTuple):
     baro_valid: int = 17
     gps_valid: int = 18
     gps_tick: int = 19  # tick at which the arriving fix was true
-    sensed: int = 20  # length of what a sensor said: an observer reads nothing behind it
-    wind: slice = slice(20, 23)  # true velocity of the air, NED, m/s
-    size: int = 23
+    force2: slice = slice(20, 23)  # of a second IMU: specific force, body, m/s2
+    rate2: slice = slice(23, 26)  # body rates, rad/s
+    imu2: slice = slice(20, 26)  # both, an ImuRow
+    sensed: int = 26  # length of what a sensor said: an observer reads nothing behind it
+    wind: slice = slice(26, 29)  # true velocity of the air, NED, m/s
+    size: int = 29
 
 
 class NavigationRow(NamedTuple):

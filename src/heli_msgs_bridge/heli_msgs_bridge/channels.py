@@ -23,7 +23,7 @@ from heli_msgs_bridge.blocks import (
     VECTOR,
 )
 from heli_msgs_bridge.cdr import Layout
-from heli_msgs_bridge.frame_ids import BASE, GPS_LINK, IMU_LINK, MAP, in_namespace
+from heli_msgs_bridge.frame_ids import BASE, GPS_LINK, IMU2_LINK, IMU_LINK, MAP, in_namespace
 from heli_parameters.printable import printable
 
 STATUS_FIX, STATUS_NO_FIX, _SERVICE_GPS = 0, -1, 1
@@ -201,6 +201,15 @@ class Channel:
 
 
 _P = packing
+
+
+def _imu(frame: str) -> Channel:
+    return Channel(
+        rows.IMU.size, (frame,), _doubles(IMU.size), _P.pack_imu, _P.unpack_imu, _imu_block,
+        ((IMU.rate_cov.start, 3), (IMU.accel_cov.start, 3)),
+    )  # fmt: skip
+
+
 _BODY, _WORLD = (BASE,), (MAP,)
 _TWIST_AT = ((TWIST.cov.start, 6), (TWIST.cov.start + 21, 6))
 _RATE_AT = ODOMETRY.twist_cov.start + 21
@@ -214,10 +223,8 @@ _BY_HAND = Channel(
     _joint_block(_HANDED), joints=_HANDED,
 )  # fmt: skip
 CHANNELS: dict[str, Channel] = {
-    topics.IMU: Channel(
-        rows.IMU.size, (IMU_LINK,), _doubles(IMU.size), _P.pack_imu, _P.unpack_imu, _imu_block,
-        ((IMU.rate_cov.start, 3), (IMU.accel_cov.start, 3)),
-    ),
+    topics.IMU: _imu(IMU_LINK),
+    topics.IMU2: _imu(IMU2_LINK),
     topics.MAG: Channel(
         3, (IMU_LINK,), _doubles(FIELD.size), _P.pack_body_vector, _P.unpack_body_vector,
         _mag_block, ((FIELD.cov.start, 3),),

@@ -11,7 +11,7 @@ ODOM = "odom"
 """ENU, drifts, never jumps: the estimated velocity, summed up (`transforms`)."""
 BASE = "base_link"
 """FLU, at the centre of gravity."""
-IMU_LINK, GPS_LINK = "imu_link", "gps_link"
+IMU_LINK, IMU2_LINK, GPS_LINK = "imu_link", "imu2_link", "gps_link"
 """Where the sensors sit. The simulated ones sit at the centre of gravity."""
 
 

@@ -92,7 +92,7 @@ class Encoder:
         self._wider = None if wider is None else FixedMessage(wider.layout(namespace))
         if topic == topics.GPS_FIX and datum is None:
             raise ValueError(f"{topic}: needs a datum")
-        if topic == topics.IMU:
+        if topic in (topics.IMU, topics.IMU2):
             # No orientation is given (message definition; REP-145).
             self._block[IMU.quat_cov.start] = -1.0
         given = [*variances, *[channel.variance] * len(channel.variance_at)]

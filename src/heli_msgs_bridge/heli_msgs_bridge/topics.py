@@ -15,7 +15,7 @@ DEPTH = 2000
 not take (512 messages of all topics together) only while the message is in its history."""
 
 CLOCK = "/clock"
-IMU = "imu/data_raw"
+IMU, IMU2 = "imu/data_raw", "imu2/data_raw"
 MAG = "imu/mag"
 GPS_FIX = "gps/fix"
 GPS_VELOCITY = "gps/fix_velocity"
@@ -82,6 +82,8 @@ class Topic:
         True if a late listener gets the last messages (transient local).
     kept : int
         History depth of a latched topic: how many a late or slow listener gets.
+    optional : bool
+        True if it is sent, and listened to, only where both are configured for it.
     """
 
     name: str
@@ -91,6 +93,7 @@ class Topic:
     every_ticks: int
     latched: bool = False
     kept: int = 1
+    optional: bool = False
 
     @property
     def rate_hz(self) -> float:
@@ -111,6 +114,7 @@ _POSE = "geometry_msgs/msg/PoseStamped"
 TABLE: tuple[Topic, ...] = (
     Topic(CLOCK, "rosgraph_msgs/msg/Clock", _PLANT, (), 1),
     Topic(IMU, "sensor_msgs/msg/Imu", _PLANT, _OBSERVER, 1),
+    Topic(IMU2, "sensor_msgs/msg/Imu", _PLANT, _OBSERVER, 1, optional=True),
     Topic(MAG, "sensor_msgs/msg/MagneticField", _PLANT, _OBSERVER, 2),
     Topic(GPS_FIX, "sensor_msgs/msg/NavSatFix", _PLANT, _OBSERVER, 20),
     Topic(GPS_VELOCITY, "geometry_msgs/msg/TwistWithCovarianceStamped", _PLANT, _OBSERVER, 20),
@@ -139,10 +143,16 @@ TABLE: tuple[Topic, ...] = (
     Topic(TRUTH_ODOM, _ODOMETRY, _PLANT, (), 1),
     Topic(TRUTH_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1),
     Topic(TRUTH_ROTOR, _JOINTS, _PLANT, (), 1),
-    # These three only while their senders are configured for it.
-    Topic(EXCITATION_ACTUATORS, _JOINTS, _INNER, (), 1),
-    Topic(EXCITATION_ATTITUDE, "geometry_msgs/msg/QuaternionStamped", _INNER, (), 1),
-    Topic(EXCITATION_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1),
+    Topic(EXCITATION_ACTUATORS, _JOINTS, _INNER, (), 1, optional=True),
+    Topic(
+        EXCITATION_ATTITUDE,
+        "geometry_msgs/msg/QuaternionStamped",
+        _INNER,
+        (),
+        1,
+        optional=True,
+    ),
+    Topic(EXCITATION_WIND, "geometry_msgs/msg/Vector3Stamped", _PLANT, (), 1, optional=True),
     Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", _ALL, (), 0),
 )
 

@@ -22,7 +22,7 @@ RATE_FADES_S = 0.2
 
 
 @njit
-def _imu_usable(y, j, k):
+def usable_imu(y, j, k):
     """Whether component j of the IMU's sample y is finite and within the sensor's range."""
     limit = k.accel_limit_mps2 if j < IMU.rate.start else k.rate_limit_radps
     return abs(y[j]) <= limit
@@ -55,7 +55,7 @@ def _judge_imu(state, sample, k):
     fx, fy, fz = sample[0], sample[1], sample[2]
     force = force and not (fx == 0.0 and fy == 0.0 and fz == 0.0)
     for j in range(IMU.size):
-        if not _imu_usable(sample, j, k):
+        if not usable_imu(sample, j, k):
             count[L.C_IMU_DROPPED] += 1
             force = force and j >= IMU.rate.start
             rate = rate and j < IMU.rate.start
@@ -269,7 +269,7 @@ def _restart(state, tick, sample, k):
     state.count[L.C_ALIGNED] = 0
     state.count[L.C_TICK] = L.NO_TICK
     for j in range(IMU.size):
-        if not _imu_usable(sample, j, k.ekf):
+        if not usable_imu(sample, j, k.ekf):
             state.count[L.C_IMU_DROPPED] += 1
             return False
     for slot in range(state.imu.shape[0]):
@@ -282,7 +282,7 @@ def _restart(state, tick, sample, k):
 
 
 @njit
-def take_tick(state, tick, y, k):
+def take_tick(state, tick, sample, k):
     """Store the IMU sample of a tick.
 
     Parameters
@@ -290,8 +290,8 @@ def take_tick(state, tick, y, k):
     state : ObserverState
         In place.
     tick : int
-    y : ndarray (>= 20,)
-        Measurement row.
+    sample : ndarray (6,)
+        Places of `rows.IMU`.
     k : ObserverKernel
 
     Returns
@@ -308,10 +308,10 @@ def take_tick(state, tick, y, k):
     if tick - last > k.max_gap_ticks:
         if last != L.NO_TICK:
             count[L.C_REALIGNED] += 1
-        return 1 if _restart(state, tick, y[MEAS.imu], k) else 0
+        return 1 if _restart(state, tick, sample, k) else 0
     count[L.C_TICK_GAPS] += tick - last > 1
     for t in range(last + 1, tick):
         fill(state.aid[t % state.aid.shape[0]], 0.0)
-    _store_imu(state, tick, last, y[MEAS.imu], k.ekf)
+    _store_imu(state, tick, last, sample, k.ekf)
     count[L.C_TICK] = tick
     return tick - last

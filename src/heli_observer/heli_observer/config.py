@@ -26,6 +26,7 @@ from heli_observer.reduced_order import (
     reduced_order_model,
     rotor_kernel,
 )
+from heli_observer.two_imus import PairKernel
 
 
 class ObserverConfigError(ValueError):
@@ -81,6 +82,13 @@ def _ekf_kernel(v: Mapping[str, Any], tick_s: float) -> EkfKernel:
         rate_limit_radps=v["ekf.imu.rate_limit_radps"],
         var0=_initial_variances(v),
     )
+
+
+def _pair_kernel(v: Mapping[str, Any]) -> PairKernel:
+    def six(name: str) -> np.ndarray:
+        return np.repeat([v[f"imu2.{name}_mps2"], v[f"imu2.{name}_radps"]], 3)
+
+    return PairKernel(bool(v["imu2.enabled"]), six("offset"), six("apart"))
 
 
 @dataclass(frozen=True)
@@ -159,6 +167,7 @@ class ObserverConfig:
         return ObserverKernel(
             ekf=_ekf_kernel(v, rate.tick_s),
             rotor=rotor,
+            pair=_pair_kernel(v),
             horizon_ticks=rate.of(v["ekf.horizon_ticks"]),
             align_ticks=rate.of(v["ekf.initial.align_ticks"]),
             max_gap_ticks=rate.of(v["ekf.max_gap_ticks"]),

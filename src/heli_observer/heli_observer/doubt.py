@@ -5,8 +5,7 @@ measured.
 A refused velocity tells who is wrong by how it goes on. A receiver that is off by a step stays off
 by it, since the inertial sensors have felt none: it is refused for as long as it keeps to that,
 however wide the gate opens meanwhile. What grows steadily is an error of tilt or of the inertial
-sensors, as no receiver accelerates: what the filter believes of those begins anew, and it learns
-from the fixes.
+sensors, as no receiver accelerates: these are solved again over the last seconds (`relearn`).
 """
 
 import math
@@ -29,8 +28,8 @@ MIN_FIXES, MAX_FIXES = 5, 25
 """Refused fixes over which growth is looked for."""
 GROWTH_MPS2, GROWTH_SIGMA = 0.4, 4.0
 """What counts as growth: so much, and so many standard deviations."""
-POS_M, MOST_MPS, ATT_RAD, GYRO_RADPS, ACCEL_MPS2 = 1.0, 3.0, 0.1, 0.1, 1.0
-"""What is then taken for unknown, sigma; of the velocity what the fix says, at most so much."""
+GYRO_RADPS, ACCEL_MPS2 = 0.1, 1.0
+"""By how much biases may then have jumped, sigma."""
 
 
 @njit
@@ -139,19 +138,3 @@ def refuse(state, row, time_s, k):
             certain += moment * moment / (spread * _velocity_noise(i, k))
     enough = n >= MIN_FIXES and certain > GROWTH_SIGMA * GROWTH_SIGMA
     return enough and growth_sq > GROWTH_MPS2 * GROWTH_MPS2
-
-
-@njit
-def doubt_inertial(state, row):
-    """Begin anew with what is believed of tilt, biases and of what came of them; P in place."""
-    x, P, count = state.nominal, state.P, state.count
-    count[L.C_IMU_DOUBTS] += 1
-    count[L.C_GPS_OFFSET] = 0
-    count[L.C_GPS_GROWS] = 0
-    for i in range(3):
-        r = min(abs(row[L.AID_GPS_VEL + i] - x[L.X_VEL + i]), MOST_MPS)
-        P[L.E_POS + i, L.E_POS + i] += POS_M * POS_M
-        P[L.E_VEL + i, L.E_VEL + i] += r * r
-        P[L.E_ATT + i, L.E_ATT + i] += ATT_RAD * ATT_RAD
-        P[L.E_GYRO_BIAS + i, L.E_GYRO_BIAS + i] += GYRO_RADPS * GYRO_RADPS
-        P[L.E_ACCEL_BIAS + i, L.E_ACCEL_BIAS + i] += ACCEL_MPS2 * ACCEL_MPS2

@@ -6,12 +6,16 @@ name is where a part begins, as the filter's loops count through vectors and mat
 """
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heli_math.state_names import INPUT_NAMES, MEASURED, UNMEASURED
+
+if TYPE_CHECKING:
+    from heli_observer.relearn import Window
+    from heli_observer.two_imus import ImuPair, PairKernel
 
 # --- nominal state of the filter
 X_POS, X_VEL, X_QUAT, X_GYRO_BIAS, X_ACCEL_BIAS = 0, 3, 6, 10, 13
@@ -120,6 +124,8 @@ class ObserverStatus(IntEnum):
     BARO_REJECTED = 9
     GPS_STUCK = 10
     IMU_FROZEN = 11
+    IMU_LEFT = 12
+    IMUS_DISAGREE = 13
 
     @property
     def sentence(self) -> str:
@@ -143,6 +149,9 @@ _SENTENCES = {
     "reckoning",
     ObserverStatus.IMU_FROZEN: "IMU repeats one sample or says zero; what is likely is flown "
     "instead",
+    ObserverStatus.IMU_LEFT: "one of two IMUs is not followed; the other one is flown alone",
+    ObserverStatus.IMUS_DISAGREE: "two IMUs disagree; their mean is flown until the fixes or the "
+    "compass tell which one is wrong",
 }
 
 
@@ -178,6 +187,10 @@ class ObserverState(NamedTuple):
         What the sensors said last, indices H_*.
     count : ndarray of int64 (40,)
         Ticks, flags and counters, indices C_*.
+    window : Window
+        What was taken lately, to be taken again.
+    pair : ImuPair
+        What is remembered of two IMUs.
     """
 
     nominal: NDArray[np.float64]
@@ -193,6 +206,8 @@ class ObserverState(NamedTuple):
     diag: NDArray[np.float64]
     heard: NDArray[np.float64]
     count: NDArray[np.int64]  # type: ignore[assignment]  # hides tuple.count, which nobody needs
+    window: "Window"
+    pair: "ImuPair"
 
 
 class EkfKernel(NamedTuple):
@@ -246,6 +261,7 @@ class ObserverKernel(NamedTuple):
 
     ekf: EkfKernel
     rotor: RotorKernel
+    pair: "PairKernel"
     horizon_ticks: int
     align_ticks: int
     max_gap_ticks: int

@@ -23,6 +23,7 @@ from heli_observer.buffers import hear_fix, hear_imu
 from heli_observer.layout import COUNTER_NAMES, ObserverState
 from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
 from heli_observer.parameter_table import NODE_NAME, TABLE
+from heli_observer.two_imus import NAMES, P_LEFT, P_SWITCHES, P_WHY, WHY_WORDS
 
 _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
 
@@ -73,8 +74,10 @@ class ObserverNode(TickNode[Navigation, None]):
         v, of = self.values, self.rate.of
         config = ObserverConfig.from_parameters(v)
         gps = Demand(of(v["schedule.gps_period_ticks"]), of(v["schedule.gps_latency_ticks"]))
+        imu = Demand(self.rate.every(v["schedule.imu_period_ticks"]))
         inputs = (
-            Input(topics.IMU, Demand(self.rate.every(v["schedule.imu_period_ticks"]))),
+            Input(topics.IMU, imu),
+            *([Input(topics.IMU2, imu)] if v["imu2.enabled"] else []),
             Input(topics.MAG, Demand(of(v["schedule.mag_period_ticks"]))),
             Input(topics.BARO, Demand(of(v["schedule.baro_period_ticks"]))),
             Input(topics.GPS_FIX, gps),
@@ -146,6 +149,8 @@ class ObserverNode(TickNode[Navigation, None]):
             y[MEAS.imu] = imu
         elif imu is not None:
             hear_imu(state, tick, stamp, imu, k, y)
+        stamp, imu2 = arrived.get(topics.IMU2, (0, None))
+        y[MEAS.imu2] = imu2 if imu2 is not None and stamp == tick else np.nan
         _, mag = arrived.get(topics.MAG, (0, None))
         if mag is not None:
             y[MEAS.mag], y[MEAS.mag_valid] = mag, 1.0
@@ -172,6 +177,7 @@ class ObserverNode(TickNode[Navigation, None]):
                 "sigma_attitude_deg": np.round(np.degrees(core.out[NAV.sigma_att]), 3).tolist(),
                 "refused_messages": len(core.refused),
                 **_events(core.state),
+                **_left(core.state),
             }
             self.warn_or_ok(_LEVELS.get(named, Level.WARN), named.sentence, facts)
 
@@ -180,6 +186,18 @@ def _events(state: ObserverState) -> dict[str, int]:
     """What has been fused, rejected and dropped since the alignment began, and how often."""
     counts = {name: int(state.count[place]) for name, place in COUNTER_NAMES.items()}
     return {name: count for name, count in counts.items() if count}
+
+
+def _left(state: ObserverState) -> dict[str, str | int]:
+    """Which of two IMUs is not followed and why, and how often one was left."""
+    count = state.pair.count
+    if not count[P_SWITCHES]:
+        return {}
+    return {
+        "imu_left": NAMES[count[P_LEFT]],
+        "imu_left_because": WHY_WORDS[count[P_WHY]],
+        "imus_left": int(count[P_SWITCHES]),
+    }
 
 
 def main(args: Sequence[str] | None = None) -> int:

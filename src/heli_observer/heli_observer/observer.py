@@ -14,7 +14,7 @@ import numpy as np
 from heli_math.arrays import copy_part, fill, fill_matrix, scratch, scratch_matrix
 from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat, wrap_pi
-from heli_math.rows import ACTUATOR, IMU, NAV
+from heli_math.rows import ACTUATOR, IMU, MEAS, NAV
 from heli_observer import layout as L
 from heli_observer.alignment import align
 from heli_observer.buffers import (
@@ -25,7 +25,7 @@ from heli_observer.buffers import (
     take_tick,
 )
 from heli_observer.config import ObserverConfig
-from heli_observer.doubt import believe, doubt_inertial, keeps_its_offset, refuse, widen
+from heli_observer.doubt import believe, keeps_its_offset, refuse, widen
 from heli_observer.ins_ekf import (
     coast,
     fuse_baro,
@@ -37,12 +37,14 @@ from heli_observer.ins_ekf import (
 )
 from heli_observer.layout import ObserverState, ObserverStatus
 from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
+from heli_observer.relearn import empty_window, remember, solve_again
 from heli_observer.strapdown import glide, strapdown
+from heli_observer.two_imus import P_LEFT, P_TRIAL, combine, follow_trial, new_pair
 
 __all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state", "observe"]
 __all__ += ["status"]
 
-_N_ERROR, _N_OUTPUT = L.N_ERROR, L.N_OUTPUT  # lengths of what lies on the stack
+_N_ERROR, _N_OUTPUT, _N_IMU = L.N_ERROR, L.N_OUTPUT, IMU.size  # lengths of what lies on the stack
 _OK = int(ObserverStatus.OK)
 _ALIGNING = int(ObserverStatus.ALIGNING)
 _NOT_FINITE = int(ObserverStatus.NOT_FINITE)
@@ -55,6 +57,8 @@ _BARO_TIMEOUT = int(ObserverStatus.BARO_TIMEOUT)
 _BARO_REJECTED = int(ObserverStatus.BARO_REJECTED)
 _GPS_STUCK = int(ObserverStatus.GPS_STUCK)
 _IMU_FROZEN = int(ObserverStatus.IMU_FROZEN)
+_IMU_LEFT = int(ObserverStatus.IMU_LEFT)
+_IMUS_DISAGREE = int(ObserverStatus.IMUS_DISAGREE)
 
 
 def initial_state(config: ObserverConfig) -> ObserverState:
@@ -78,6 +82,8 @@ def initial_state(config: ObserverConfig) -> ObserverState:
         diag=np.zeros(L.N_DIAG),
         heard=np.full(L.N_HEARD, np.nan),
         count=count,
+        window=empty_window(),
+        pair=new_pair(slots),
     )
 
 
@@ -100,7 +106,7 @@ def _fuse_fix(state, tick, horizon, row, observer_k):
     if velocity == 1:
         believe(state)
     elif velocity == 0 and refuse(state, row, horizon * k.dt_s, k):
-        doubt_inertial(state, row)
+        solve_again(state, horizon, k)
     if position == 1 and velocity != 0:
         count[L.C_GPS_OK] = tick
     elif late and velocity == 1:
@@ -165,6 +171,7 @@ def _filter_step(state, horizon, tick, k):
         predict(x, P, imu[(horizon - 1) % size], imu[horizon % size], k.ekf)
         if replaced_for_long(imu, horizon):
             widen(P, k.ekf.dt_s)
+    remember(state, horizon, imu[horizon % size], state.aid[horizon % size])
     return _fuse_slot(state, tick, horizon, state.aid[horizon % size], k)
 
 
@@ -311,7 +318,7 @@ def observe(state, tick, y, u_prev, k, out):
         In place.
     tick : int
         The tick that y belongs to. Ticks may be missing (held), not come twice.
-    y : ndarray (>= 20,)
+    y : ndarray (>= 26,)
         Measurement row, places of `heli_math.rows.MEAS`; nothing behind what is sensed is read.
     u_prev : ndarray (4,)
         Actuators computed at tick - 1: lateral, longitudinal, pedal, collective.
@@ -320,7 +327,11 @@ def observe(state, tick, y, u_prev, k, out):
         Navigation row, places of `heli_math.rows.NAV`; NaN while the observer is aligning or not
         finite.
     """
-    ticks = take_tick(state, tick, y, k)
+    sample = scratch(_N_IMU)
+    copy_part(sample, 0, y, MEAS.imu.start, IMU.size)
+    if k.pair.on:
+        combine(state, tick, y, k, sample)
+    ticks = take_tick(state, tick, sample, k)
     fill(out, math.nan)
     count = state.count
     now = count[L.C_TICK]
@@ -334,6 +345,8 @@ def observe(state, tick, y, u_prev, k, out):
                 store_gps(state, now, y, k.horizon_ticks)
             if started:
                 lost = _filter_step(state, t - k.horizon_ticks, now, k) or lost
+                if k.pair.on:
+                    follow_trial(state, t - k.horizon_ticks, now, k.ekf)
     if lost and align(state, now, k.horizon_ticks, k.ekf):
         count[L.C_REALIGNED] += 1
     if not started and now - count[L.C_BEGUN] < k.align_ticks:
@@ -362,6 +375,10 @@ def status(state, k):
     if now - count[L.C_IMU_OK] > k.imu_timeout_ticks:
         stuck = max(count[L.C_FORCE_SAME], count[L.C_RATE_SAME]) >= SAME
         return _IMU_FROZEN if stuck else _IMU_TIMEOUT
+    if state.pair.count[P_LEFT] > 0:
+        return _IMU_LEFT
+    if state.pair.count[P_TRIAL] == 1:
+        return _IMUS_DISAGREE
     if max(count[L.C_GPS_POS_SAME], count[L.C_GPS_VEL_SAME]) >= SAME:
         return _GPS_STUCK
     if now - count[L.C_GPS_OK] > k.gps_timeout_ticks:

@@ -75,7 +75,7 @@ class WorldClockNode(ManagedNode[World, None]):
 
     def _ready(self, aircraft: str) -> bool:
         """Whether every link within an aircraft's graph has its listeners."""
-        rows = [r for r in topics.TABLE if r.sinks and not r.latched]
+        rows = [r for r in topics.TABLE if r.sinks and not (r.latched or r.optional)]
         return all(
             self.count_subscribers(f"/{aircraft}/{row.name}") >= len(row.sinks) for row in rows
         )

@@ -340,6 +340,7 @@ _AGREEMENTS = (
     ("outer_loop", "period_ticks", "inner_loop", "outer_period_ticks"),
     ("plant", "start.on_ground", "outer_loop", "start.on_ground"),
     ("plant", "ground.idle_collective", "outer_loop", "takeoff.idle_collective"),
+    ("plant", "sensors.imu2.enabled", "observer", "imu2.enabled"),
     ("plant", "sensors.mag.period_ticks", "observer", "schedule.mag_period_ticks"),
     ("plant", "sensors.baro.period_ticks", "observer", "schedule.baro_period_ticks"),
     ("plant", "sensors.gps.period_ticks", "observer", "schedule.gps_period_ticks"),
