@@ -114,6 +114,12 @@ PRODUCERS = (
         loose={"pieces": NOT_COMPARED, "largest_psi": NOT_COMPARED},
     ),
     Producer(
+        "gamma",
+        "./heli python scripts/gamma_table.py --seeds 1..10",
+        "What gamma and the weights do to the state feedback and to its flights in gusts.",
+        tuple(range(1, 11)),
+    ),
+    Producer(
         "takeoff",
         "./heli python scripts/takeoff_table.py --seeds 1..20",
         "The scenario takeoff_land in winds, on slopes, in two worlds, with both receivers.",

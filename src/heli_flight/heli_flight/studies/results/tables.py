@@ -41,6 +41,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "position_doubts": position.position_doubts,
     "robustness": flights.robustness,
     "robust": of_laws.robust,
+    "gamma": of_laws.gamma,
     "airspeed": of_speed.airspeed,
     "airspeed_flown": of_speed.airspeed_flown,
     "identification": flights.identification,

@@ -141,3 +141,43 @@ def _inverse(disk: Mapping[str, float]) -> str:
 
 def _size(size: float | None) -> str:
     return "–" if size is None else f"{size:.3f}"
+
+
+def gamma(results: Results) -> str:
+    """What gamma and the weights do to the state feedback and to its flights in gusts."""
+    found = results["gamma"]
+    head = [
+        "variant",
+        "gamma",
+        "gamma*",
+        "wind to angles, deg per m/s",
+        "wind to commands, per m/s",
+    ]
+    head += [f"{axis}, `{name}`, deg" for name in found["flown"] for axis in AXES]
+    rows, refused = [], []
+    for row in found["rows"]:
+        if row["refused"]:
+            refused.append(f"- {row['variant']}: {row['refused']}.")
+            continue
+        rows.append(
+            [
+                row["variant"],
+                f"{row['gamma']:g}",
+                f"{row['gamma_star']:.4f}",
+                f"{row['angles_deg_per_mps']:.3f}",
+                f"{row['commands_per_mps']:.5f}",
+                *(
+                    f"{row['errors_deg'][name][axis]:.2f}"
+                    for name in found["flown"]
+                    for axis in AXES
+                ),
+            ]
+        )
+    lines = "\n".join(refused)
+    seeds = results.read["gamma"]["seeds"]
+    return (
+        f"{grid(head, rows)}\n\nGains: the largest over frequency, without servos, delay and "
+        "observer. Errors: the largest from truth after 5 s, median over seeds "
+        f"{seeds[0]} to {seeds[-1]}. "
+        f"{world({name: [told] for name, told in found['flown'].items()})}\n\nRefused:\n\n{lines}"
+    )
