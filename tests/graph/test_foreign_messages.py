@@ -29,9 +29,7 @@ HOVER_TEST = [
 ]  # fmt: skip
 NODES = {"plant", "observer", "inner_loop", "outer_loop"}
 INPUTS = [
-    t.name
-    for t in topics.TABLE
-    if t.name in CHANNELS and NODES & set(t.sinks) and not t.optional
+    t.name for t in topics.TABLE if t.name in CHANNELS and NODES & set(t.sinks) and not t.optional
 ]
 LATE_2026_NS = 1_795_299_400_000_000_000
 
