@@ -53,26 +53,43 @@ ROWS: tuple[tuple[str, tuple[str, ...], float | None, bool], ...] = (
     ("barometer silent", (_fault("baro", "loss"),), None, False),
 )  # fmt: skip
 """Words, faults, goal in m, whether it should land by itself."""
+TWO: tuple[tuple[str, tuple[str, ...], float | None, bool], ...] = (
+    ("of two IMUs one not a number", (_fault("imu", "nan"),), 2.0, False),
+    ("of two IMUs one zero", (_fault("imu2", "zero"),), 2.0, False),
+    ("of two IMUs one frozen", (_fault("imu", "freeze"),), 2.0, False),
+    ("of two gyros one biased, 0.1 rad/s", (_fault("gyro", "bias", None, 0.1, 0.0, 0.0),), 2.0,
+     False),
+    ("of two gyros one drifts, 0.01 rad/s2", (_fault("gyro2", "drift", None, 0.0, 0.01, 0.0),), 2.0,
+     False),
+    ("of two accelerometers one biased, 1 m/s2", (_fault("accel", "bias", None, 1.0, 0.0, 0.0),),
+     2.0, False),
+)  # fmt: skip
+"""The same with a second IMU."""
+_WITH_TWO = {"plant": {"sensors.imu2.enabled": True}, "observer": {"imu2.enabled": True}}
 
 
-def settings(faults: tuple[str, ...], lands: bool, gps: str, seed: int) -> Settings:
-    """A hover at its place, with faults from `BEGIN_S` on."""
-    over = {"plant": {"faults": faults}, "scenario": _STAYS}
+def settings(
+    faults: tuple[str, ...], lands: bool, gps: str, seed: int, two: bool = False
+) -> Settings:
+    """A hover at its place, with faults from `BEGIN_S` on, with one IMU or two."""
+    more = _WITH_TWO if two else {"plant": {}, "observer": {}}
+    over = {**more, "plant": {**more["plant"], "faults": faults}, "scenario": _STAYS}
     return resolve("hover", gps, seed, LANDED_S if lands else END_S, world=WORLD, overrides=over)
 
 
 @cache
-def sound(gps: str, seed: int) -> np.ndarray:
+def sound(gps: str, seed: int, two: bool = False) -> np.ndarray:
     """Positions, NED, m, of the flight without a fault."""
-    return simulate(settings(("none",), True, gps, seed)).record.truth_pos_ned_m
+    return simulate(settings(("none",), True, gps, seed, two)).record.truth_pos_ned_m
 
 
 def flown(given: Settings) -> dict[str, Any]:
     """Figures of a flight."""
     flight = simulate(given)
     record, begun = flight.record, round(BEGIN_S * TICKS_PER_S)
+    two = bool(given.nodes["observer"]["imu2.enabled"])
     pos = record.truth_pos_ned_m
-    off = np.linalg.norm((pos - sound(given.gps, given.seed)[: len(pos)])[begun:], axis=1)
+    off = np.linalg.norm((pos - sound(given.gps, given.seed, two)[: len(pos)])[begun:], axis=1)
     found: dict[str, Any] = {"lost": bool(flight.status), "landing_s": None, "down_s": None,
                              "sink_mps": None}  # fmt: skip
     if record.mode is not None and (record.mode == "land").any():
@@ -90,9 +107,9 @@ def flown(given: Settings) -> dict[str, Any]:
 
 
 def row(words: str, faults: tuple[str, ...], goal_m: float | None, lands: bool, gps: str,
-        seeds: list[int]) -> dict[str, Any]:  # fmt: skip
+        seeds: list[int], two: bool = False) -> dict[str, Any]:  # fmt: skip
     """Figures of a fault with a receiver."""
-    found = [flown(settings(faults, lands, gps, seed)) for seed in seeds]
+    found = [flown(settings(faults, lands, gps, seed, two)) for seed in seeds]
 
     def of(key: str) -> list[float]:
         return [one[key] for one in found if one.get(key) is not None]
@@ -117,6 +134,7 @@ def main() -> None:
     """Print the rows."""
     seeds = parser_with_seeds(__doc__, "1..10").parse_args().seeds
     rows = [row(*told, gps, seeds) for told in ROWS for gps in RECEIVERS]
+    rows += [row(*told, gps, seeds, True) for told in TWO for gps in RECEIVERS]
     content = {"seeds": seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
     print(json.dumps(content | {"landed_s": LANDED_S, "rows": rows}, indent=2))
 

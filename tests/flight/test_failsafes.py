@@ -12,6 +12,15 @@ from heli_flight.loop.settings import resolve
 from heli_modes.failsafes import Condition, of
 from heli_observer import layout as L
 from heli_observer.observer import ObserverStatus, status
+from heli_observer.two_imus import (
+    P_COMPARED,
+    P_LEFT,
+    P_SWITCHES,
+    P_WHY,
+    WHY_COMPASS,
+    WHY_FIXES,
+    WHY_STOPPED,
+)
 
 BEGIN_S = 12.0
 AT = int(BEGIN_S * 100)
@@ -22,12 +31,17 @@ DOUBTS = (L.C_IMU_DOUBTS, L.C_IMU_REPLACED, L.C_GPS_REPEATED, L.C_GPS_OFFSET)
 class Flown:
     """A hover with faults: its record, the observer at its end, and what is said of both."""
 
-    def __init__(self, faults, seed, seconds, gps="standalone", world="paper", scenario=STAYS):
+    def __init__(
+        self, faults, seed, seconds, gps="standalone", world="paper", scenario=STAYS, two=False
+    ):
         over = {"plant": {"faults": tuple(faults) or ("none",)}, "scenario": scenario}
+        over["plant"]["sensors.imu2.enabled"] = two
+        over["observer"] = {"imu2.enabled": two}
         settings = resolve("hover", gps, seed, seconds, world=world, overrides=over)
         loop = closed_loop.build(settings)
         flight = closed_loop.fly_loop(loop, settings)
         self.record, self.count = flight.record, loop.observer_s.count
+        self.pair = loop.observer_s.pair.count
         self.said = ObserverStatus(status(loop.observer_s, loop.observer_k))
         assert flight.status == 0, flight.sentence
 
@@ -91,7 +105,76 @@ def test_a_bias_that_jumps_is_learnt_in_flight(what, value, seed):
     soon = Flown([fault(what, "bias", None, value)], seed, BEGIN_S + within_s)
     assert soon.count[L.C_IMU_DOUBTS] >= 1
     flown = Flown([fault(what, "bias", None, value)], seed, 45.0)
-    assert flown.off_m(3500) < 15.0 and flown.off_m() < 30.0
+    assert flown.off_m(3500) < 2.0 and flown.off_m() < 8.0
+
+
+ONE_STOPS = [("imu", "nan"), ("imu", "zero"), ("imu", "freeze"), ("imu", "loss"),
+             ("imu2", "nan"), ("imu2", "zero"), ("imu2", "freeze"), ("imu2", "loss")]  # fmt: skip
+ONE_WRONG = [("gyro", "bias", [0.1, 0.0, 0.0]), ("gyro2", "bias", [0.0, -0.1, 0.0]),
+             ("gyro", "bias", [0.0, 0.0, 0.1]), ("accel", "bias", [1.0, 0.0, 0.0]),
+             ("accel2", "bias", [0.0, 0.0, -1.0])]  # fmt: skip
+
+
+def number_of(what):
+    return 2 if what.endswith("2") else 1
+
+
+def apart_m(faults, seed, world="paper", gps="standalone"):
+    """How far a flight with two IMUs comes from the same without the fault, m; and that flight."""
+    sound = Flown([], seed, 40.0, gps, world, two=True)
+    hurt = Flown(faults, seed, 40.0, gps, world, two=True)
+    apart = sound.record.truth_pos_ned_m - hurt.record.truth_pos_ned_m
+    return np.linalg.norm(apart, axis=1).max(), hurt
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("what", "kind"), ONE_STOPS)
+def test_of_two_imus_one_that_stops_is_left_at_once(what, kind, seed):
+    soon = Flown(
+        [fault(what, kind)], seed, BEGIN_S + of(Condition.ONE_IMU_STOPS).within_s, two=True
+    )
+    assert soon.said is ObserverStatus.IMU_LEFT
+    assert soon.said.name in of(Condition.ONE_IMU_STOPS).status
+    far_m, flown = apart_m([fault(what, kind)], seed)
+    assert far_m < 0.3
+    assert flown.pair[P_LEFT] == number_of(what) and flown.pair[P_WHY] == WHY_STOPPED
+    assert flown.pair[P_SWITCHES] == 1 and not flown.count[L.C_IMU_REPLACED]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("what", "kind", "value"), ONE_WRONG)
+def test_of_two_imus_one_that_is_wrong_is_found_by_fixes_and_compass(what, kind, value, seed):
+    faults = [fault(what, kind, None, value)]
+    within_s = of(Condition.ONE_IMU_WRONG).within_s
+    soon = Flown(faults, seed, BEGIN_S + within_s, two=True)
+    assert soon.said is ObserverStatus.IMU_LEFT
+    assert soon.said.name in of(Condition.ONE_IMU_WRONG).status
+    far_m, flown = apart_m(faults, seed)
+    assert far_m < 1.0
+    assert flown.pair[P_LEFT] == number_of(what)
+    assert flown.pair[P_WHY] in (WHY_FIXES, WHY_COMPASS) and flown.pair[P_SWITCHES] == 1
+
+
+@pytest.mark.parametrize("gps", ["standalone", "rtk"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_of_two_imus_one_may_drift_in_the_honest_world(seed, gps):
+    """Slowly, so that what is known has been spoilt a little when they are found to disagree."""
+    far_m, flown = apart_m([fault("gyro2", "drift", None, [0.0, 0.01, 0.0])], seed, "honest", gps)
+    assert far_m < 2.0 and flown.pair[P_LEFT] == 2
+
+
+def test_of_two_imus_one_that_is_sound_again_is_believed_again():
+    far_m, flown = apart_m([fault("imu", "nan", 0.3)], 3)
+    assert far_m < 0.3 and flown.said is ObserverStatus.OK
+    assert flown.pair[P_LEFT] == 0 and flown.pair[P_SWITCHES] == 1
+
+
+def test_who_was_left_is_flown_where_the_other_one_stops():
+    """Less what he was off by."""
+    stops = "{what: imu2, kind: nan, start_s: 20.0, duration_s: 0.5}"
+    far_m, flown = apart_m([fault("gyro", "bias", None, [0.1, 0.0, 0.0]), stops], 2)
+    assert far_m < 0.5 and flown.pair[P_LEFT] == 1
+    assert not flown.count[L.C_IMU_REPLACED]
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -116,10 +199,12 @@ def test_an_outage_that_ends_is_flown_through(seed):
     assert flown.off_m(3500) < 6.0
 
 
+@pytest.mark.parametrize("two", [False, True])
 @pytest.mark.parametrize("world", ["paper", "honest"])
 @pytest.mark.parametrize("gps", ["standalone", "rtk"])
 @pytest.mark.parametrize("seed", range(1, 6))
-def test_a_sound_flight_raises_no_alarm(seed, gps, world):
-    flown = Flown([], seed, 60.0, gps, world, scenario={})
+def test_a_sound_flight_raises_no_alarm(seed, gps, world, two):
+    flown = Flown([], seed, 60.0, gps, world, scenario={}, two=two)
+    assert not flown.pair[P_SWITCHES] and flown.pair[P_COMPARED] == 6000 * two
     assert not flown.count[list(DOUBTS)].any()
     assert flown.said is ObserverStatus.OK and flown.record.mode is None

@@ -93,32 +93,38 @@ class Recipe:
 
 def add_to_plant(r):
     """Step 1: the model, its noise, its places, its parameters."""
-    r.after("src/heli_math/heli_math/rows.py", "tick at which the arriving fix was true\n",
-            "    doppler: slice = slice(20, 23)  # velocity over ground, body, m/s\n"
-            "    doppler_valid: int = 23\n")  # fmt: skip
-    r.replace("src/heli_math/heli_math/rows.py", "sensed: int = 20 ", "sensed: int = 24 ")
+    r.after("src/heli_math/heli_math/rows.py", "imu2: slice = slice(20, 26)  # both, an ImuRow\n",
+            "    doppler: slice = slice(26, 29)  # velocity over ground, body, m/s\n"
+            "    doppler_valid: int = 29\n")  # fmt: skip
+    r.replace("src/heli_math/heli_math/rows.py", "sensed: int = 26 ", "sensed: int = 30 ")
     r.replace("src/heli_math/heli_math/rows.py",
-              "    wind: slice = slice(20, 23)  # true velocity of the air, NED, m/s\n"
-              "    size: int = 23\n",
-              "    wind: slice = slice(24, 27)  # true velocity of the air, NED, m/s\n"
-              "    size: int = 27\n")  # fmt: skip
-    r.before(f"{SIM}/noise.py", "    size: int = 66\n",
-             "    doppler: slice = slice(66, 69)  # white\n")  # fmt: skip
-    r.replace(f"{SIM}/noise.py", "    size: int = 66\n", "    size: int = 69\n")
-    r.after(f"{SIM}/noise.py", "    Source(21, 24, 25),  # faults\n", "    Source(3, 26, 27),\n")
+              "    wind: slice = slice(26, 29)  # true velocity of the air, NED, m/s\n"
+              "    size: int = 29\n",
+              "    wind: slice = slice(30, 33)  # true velocity of the air, NED, m/s\n"
+              "    size: int = 33\n")  # fmt: skip
+    r.before(f"{SIM}/noise.py", "    size: int = 86\n",
+             "    doppler: slice = slice(86, 89)  # white\n")  # fmt: skip
+    r.replace(f"{SIM}/noise.py", "    size: int = 86\n", "    size: int = 89\n")
+    r.after(
+        f"{SIM}/noise.py",
+        "    Source(20, 26, 27),  # second IMU: errors, clock, faults\n",
+        "    Source(3, 29, 30),\n",
+    )
     r.before(f"{SIM}/sensors.py", "class SensorKernel(", KERNEL)
-    r.after(f"{SIM}/sensors.py", "    gps: GpsKernel\n", "    doppler: DopplerKernel\n")
+    r.replace(
+        f"{SIM}/sensors.py", "    imu2: bool  #", "    doppler: DopplerKernel\n    imu2: bool  #"
+    )
     r.before(f"{SIM}/sensors.py", "@njit\ndef read_sensors(", READ)
     r.after(f"{SIM}/sensors.py", "    read_gps(sensors, tick, x, noise, k.gps, y)\n",
             "    read_doppler(tick, x, noise, k.doppler, y)\n")  # fmt: skip
     r.after(f"{SIM}/sensor_config.py", "    BaroKernel,\n", "    DopplerKernel,\n")
     r.replace(f"{SIM}/sensor_config.py",
               "    return SensorKernel("
-              "_imu(get, helicopter, rate.tick_s), mag, baro, _gps(get, rate))\n",
+              "_imu(get, helicopter, rate.tick_s), mag, baro, _gps(get, rate), imu2)\n",
               "    period = rate.of(get(\"doppler.period_ticks\"))\n"
               '    doppler = DopplerKernel(get("doppler.white_mps"), period)\n'
               "    imu = _imu(get, helicopter, rate.tick_s)\n"
-              "    return SensorKernel(imu, mag, baro, _gps(get, rate), doppler)\n"
+              "    return SensorKernel(imu, mag, baro, _gps(get, rate), doppler, imu2)\n"
               )  # fmt: skip
     r.after(f"{SIM}/sensor_table.py",
             '    ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),\n',
@@ -152,7 +158,7 @@ def add_to_bridge(r):
 
 def add_to_tests(r):
     """The layouts spelled out a second time, as the tests of rows and bytes demand."""
-    r.replace(SPELLED, "gps? tick wn we wd", "gps? tick u v w doppler? wn we wd")
+    r.replace(SPELLED, "p2 q2 r2 wn we wd", "p2 q2 r2 u v w doppler? wn we wd")
     r.after(SPELLED, '"baro_valid": "baro?", ',
             '"doppler": "u v w", "doppler_valid": "doppler?",\n    ')  # fmt: skip
     r.replace(BYTES, 'def twist(b, stamp_ns):\n    message = TwistWithCovarianceStamped('
@@ -175,8 +181,8 @@ def add_to_observer(r):
               "C_DOPPLER_OK, C_DOPPLER_SEEN, C_DOPPLER_DROPPED = 42, 43, 44\n"
               "C_DOPPLER_REJECTED, C_DOPPLER_FUSED = 45, 46\nN_COUNT = 47\n")  # fmt: skip
     r.replace(layout, "N_DIAG = 7\n", "D_NIS_DOPPLER = 7\nN_DIAG = 8\n")
-    r.after(layout, "    IMU_FROZEN = 11\n",
-            "    DOPPLER_TIMEOUT = 12\n    DOPPLER_REJECTED = 13\n")  # fmt: skip
+    r.after(layout, "    IMUS_DISAGREE = 13\n",
+            "    DOPPLER_TIMEOUT = 14\n    DOPPLER_REJECTED = 15\n")  # fmt: skip
     r.after(layout, '"barometer persistently contradicts the filter, not followed",\n',
             '    ObserverStatus.DOPPLER_TIMEOUT: "no Doppler sample within its time-out",\n'
             '    ObserverStatus.DOPPLER_REJECTED: "Doppler contradicts the filter, not followed",\n'
@@ -265,7 +271,7 @@ state, streams, y = plant.initial_state(config, 3), NoiseStreams(3), np.zeros(ME
 u, seen = state.commands[-1].copy(), hashlib.sha256()
 for tick in range(200):
     plant.measure(state, tick, streams.row(), config.kernel, y)
-    seen.update(y[:20].tobytes() + y[MEAS.wind].tobytes() + state.x.tobytes())
+    seen.update(y[:26].tobytes() + y[MEAS.wind].tobytes() + state.x.tobytes())
     plant.advance(state, u, config.kernel)
 print(seen.hexdigest())
 """

@@ -18,6 +18,7 @@ TICKS, BEGIN, END = 240, 50, 170
 NUMBERS = {
     "gps": MEAS.gps_pos, "gps_velocity": MEAS.gps_vel, "imu": MEAS.imu, "accel": MEAS.force,
     "gyro": MEAS.rate, "mag": MEAS.mag, "baro": slice(MEAS.baro, MEAS.baro + 1),
+    "imu2": MEAS.imu2, "accel2": MEAS.force2, "gyro2": MEAS.rate2,
 }  # fmt: skip
 FLAGS = {"gps": MEAS.gps_valid, "gps_velocity": MEAS.gps_valid, "mag": MEAS.mag_valid,
          "baro": MEAS.baro_valid}  # fmt: skip
@@ -35,6 +36,7 @@ def flown(plant_config):
     """flown(*faults): measurements (ticks, 23) of the aircraft in wind with its trim's command."""
 
     def fly(*faults, ticks=TICKS, **changes):
+        changes = {"sensors.imu2.enabled": True} | changes
         config = plant_config(faults=faults or ("none",), **changes)
         state, y = initial_state(config, 3), np.zeros((ticks, MEAS.size))
         u, rows = state.faults.u.copy(), NoiseStreams(3).rows(ticks)

@@ -11,7 +11,8 @@ from heli_math.rows import MEAS, NAV, PLANT, TRUTH
 # Spelled out a second time, in words of eq. (1) to (10) and of the topics: bags hold these rows.
 SPELLED = {
     "IMU": "fx fy fz p q r",
-    "MEAS": "fx fy fz p q r mx my mz baro n e d vn ve vd mag? baro? gps? tick wn we wd",
+    "MEAS": "fx fy fz p q r mx my mz baro n e d vn ve vd mag? baro? gps? tick "
+    "fx2 fy2 fz2 p2 q2 r2 wn we wd",
     "NAV": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int bp bq br bx by bz "
     "sn se sd svn sve svd srn sre srd",
     "TRUTH": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int wn we wd",
@@ -35,6 +36,7 @@ PARTS = {
     "sigma_pos": "sn se sd", "sigma_vel": "svn sve svd", "sigma_att": "srn sre srd",
     "servo": "lat lon ped col", "servo_rate": "lat' lon' ped' col'", "acc": "an ae ad",
     "flapping": "a_s b_s", "imu": "fx fy fz p q r",
+    "force2": "fx2 fy2 fz2", "rate2": "p2 q2 r2", "imu2": "fx2 fy2 fz2 p2 q2 r2",
     "down_vel": "vd", "down": "d", "north": "n", "east": "e", "mag_valid": "mag?",
     "baro_valid": "baro?", "gps_valid": "gps?", "gps_tick": "tick", "servo_lat": "lat",
     "servo_lon": "lon", "servo_ped": "ped", "servo_col": "col",

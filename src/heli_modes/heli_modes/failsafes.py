@@ -15,10 +15,11 @@ class Action(IntEnum):
 
     NONE = 0
     NOTE = 1
-    DEAD_RECKON = 2
-    RELEARN = 3
-    HOLD_LEAN = 4
-    LAND = 5
+    OTHER_IMU = 2
+    DEAD_RECKON = 3
+    RELEARN = 4
+    HOLD_LEAN = 5
+    LAND = 6
 
     @property
     def words(self) -> str:
@@ -29,8 +30,9 @@ class Action(IntEnum):
 _WORDS = {
     Action.NONE: "nothing",
     Action.NOTE: "flies on, and says so",
+    Action.OTHER_IMU: "flies on with the other IMU alone",
     Action.DEAD_RECKON: "flies on by what the other sensors say",
-    Action.RELEARN: "begins anew with tilt and biases, and learns them from the fixes",
+    Action.RELEARN: "solves tilt and biases again from the fixes of the last seconds",
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
     Action.LAND: "lands level on the barometer",
 }
@@ -45,6 +47,8 @@ class Condition(StrEnum):
     GPS_JUMPS = "GPS position jumps, or drifts without its velocity"
     IMU_STOPS = "IMU not a number, zero or frozen, to 0.2 s"
     IMU_BIASED = "gyro or accelerometer bias jumps"
+    ONE_IMU_STOPS = "of two IMUs one silent, not a number, zero or frozen"
+    ONE_IMU_WRONG = "of two IMUs one with a bias that jumps or drifts"
     MAG_LOST = "magnetometer silent or contradicting"
     BARO_LOST = "barometer silent or contradicting"
     POSITION_LOST = "position lost"
@@ -93,8 +97,16 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "the next sample that differs; sigma has grown meanwhile",
              "IMU_FROZEN or IMU_TIMEOUT"),
     Failsafe(Condition.IMU_BIASED, "observer: refused velocities that are further off from fix to "
-             "fix, which no receiver is", 4.0, Action.RELEARN, "learnt from the fixes",
-             "counter imu_doubts"),
+             "fix, which no receiver is", 4.0, Action.RELEARN,
+             "at once: tilt and velocity follow from the biases", "counter imu_doubts"),
+    Failsafe(Condition.ONE_IMU_STOPS, "observer: range, no force at all, or three samples in a row "
+             "the same to the last bit", 0.1, Action.OTHER_IMU,
+             "once it agrees with the other for 2 s", "IMU_LEFT"),
+    Failsafe(Condition.ONE_IMU_WRONG, "observer: they differ by more than `imu2.apart_*` beside "
+             "what stays; then, of two filters with one of them each, which predicts fixes and "
+             "compass",
+             2.0, Action.OTHER_IMU, "once it agrees with the other for 2 s",
+             "IMUS_DISAGREE, then IMU_LEFT"),
     Failsafe(Condition.MAG_LOST, "observer: time-out, field strength, gate of the heading", 1.5,
              Action.NOTE, "the next sample that agrees", "MAG_TIMEOUT or MAG_REJECTED"),
     Failsafe(Condition.BARO_LOST, "observer: time-out, gate", 2.5, Action.NOTE,

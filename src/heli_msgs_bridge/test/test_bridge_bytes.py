@@ -109,8 +109,8 @@ def odometry(frame):
     return build
 
 
-def imu(b, stamp_ns):
-    message = Imu(header=header(stamp_ns, "imu_link"), orientation=xyzw(b[0:4]))
+def imu(b, stamp_ns, frame="imu_link"):
+    message = Imu(header=header(stamp_ns, frame), orientation=xyzw(b[0:4]))
     message.orientation_covariance = b[4:13]
     message.angular_velocity, message.angular_velocity_covariance = xyz(b[13:16]), b[16:25]
     message.linear_acceleration, message.linear_acceleration_covariance = xyz(b[25:28]), b[28:37]
@@ -163,6 +163,7 @@ SERVOS = tuple(f"servo_{name}" for name in ACTUATORS)
 ATTITUDES = (topics.ATTITUDE_SETPOINT, topics.EXCITATION_ATTITUDE)
 MESSAGES = {
     "imu/data_raw": imu,
+    "imu2/data_raw": lambda b, stamp_ns: imu(b, stamp_ns, "imu2_link"),
     "imu/mag": mag,
     "gps/fix": fix,
     "gps/fix_velocity": twist,
@@ -288,7 +289,7 @@ def expected_odometry(frame, pos_ned, q_nb, linear_flu, rate_frd):
 
 def simple_block(topic, row):
     """The doubles of a row that only swaps axes and signs; variances as Encoder gets them."""
-    if topic == topics.IMU:
+    if topic in (topics.IMU, topics.IMU2):
         block = np.zeros(37)
         block[4] = -1.0
         block[13:16], block[25:28] = flu(row[3:6]), flu(row[0:3])

@@ -39,7 +39,7 @@ from heli_observer.layout import ObserverState, ObserverStatus
 from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
 from heli_observer.relearn import empty_window, remember, solve_again
 from heli_observer.strapdown import glide, strapdown
-from heli_observer.two_imus import P_LEFT, P_TRIAL, combine, follow_trial, new_pair
+from heli_observer.two_imus import P_LEFT, P_TRIAL, begin_pair, combine, follow_trial, new_pair
 
 __all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state", "observe"]
 __all__ += ["status"]
@@ -83,7 +83,7 @@ def initial_state(config: ObserverConfig) -> ObserverState:
         heard=np.full(L.N_HEARD, np.nan),
         count=count,
         window=empty_window(),
-        pair=new_pair(slots),
+        pair=new_pair(),
     )
 
 
@@ -329,7 +329,7 @@ def observe(state, tick, y, u_prev, k, out):
     """
     sample = scratch(_N_IMU)
     copy_part(sample, 0, y, MEAS.imu.start, IMU.size)
-    if k.pair.on:
+    if k.pair.on and tick > state.count[L.C_TICK]:
         combine(state, tick, y, k, sample)
     ticks = take_tick(state, tick, sample, k)
     fill(out, math.nan)
@@ -349,10 +349,13 @@ def observe(state, tick, y, u_prev, k, out):
                     follow_trial(state, t - k.horizon_ticks, now, k.ekf)
     if lost and align(state, now, k.horizon_ticks, k.ekf):
         count[L.C_REALIGNED] += 1
+        begin_pair(state)
     if not started and now - count[L.C_BEGUN] < k.align_ticks:
         return
-    if not started and not align(state, now, k.horizon_ticks, k.ekf):
-        return
+    if not started:
+        if not align(state, now, k.horizon_ticks, k.ekf):
+            return
+        begin_pair(state)
     _navigation_output(state, now, k, out)
     if ticks > 0 or not started:
         _rotor_update(state, ticks, u_prev, started, k.rotor, out)

@@ -50,7 +50,7 @@ TABLE: tuple[Parameter, ...] = (
     _sigma("ekf.imu.accel_limit_mps2", "Larger specific forces are not believed", "m/s2", 1e4),
     _sigma("ekf.imu.rate_limit_radps", "Larger rates are not believed", "rad/s", 1e3),
     _row("imu2.enabled", "bool", "Whether there is a second IMU, on imu2/data_raw"),
-    _sigma("imu2.offset_mps2", "Largest difference of two IMUs that stays, each axis", "m/s2", 10.0),
+    _sigma("imu2.offset_mps2", "Largest lasting difference of two IMUs, each axis", "m/s2", 10.0),
     _sigma("imu2.offset_radps", "The same of their rates", "rad/s", 1.0),
     _sigma("imu2.apart_mps2", "Larger differences beside it are a fault of one", "m/s2", 10.0),
     _sigma("imu2.apart_radps", "The same of their rates", "rad/s", 1.0),

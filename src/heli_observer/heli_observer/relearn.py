@@ -26,12 +26,12 @@ FIXES = 32
 TICKS = 700
 """And so many ticks."""
 BEFORE_S = 1.0
-"""The jump may have been so long before the first refusal: a velocity error grows with the square of
-that time, and is refused when the gate sees it."""
+"""The jump may have been so long before the first refusal: the gate sees a velocity error late,
+as it grows with the square of that time."""
 
 
 class Window(NamedTuple):
-    """What the filter took lately, slot = tick mod TICKS, and what it knew before its last fixes."""
+    """What the filter took lately, slot = tick mod TICKS, and what it knew at its last fixes."""
 
     imu: NDArray[np.float64]  # (TICKS, 7) as the ring of the observer
     aid: NDArray[np.float64]  # (TICKS, 13)
@@ -74,7 +74,7 @@ def remember(state, horizon, sample, aid):
 
 
 @njit
-def _from_where(window, horizon, wanted):
+def from_where(window, horizon, wanted):
     """Place of the newest knowledge that is not after a tick; else of the oldest, else -1."""
     best, oldest = -1, -1
     for slot in range(FIXES):
@@ -117,7 +117,7 @@ def solve_again(state, horizon, k):
     count[L.C_GPS_OFFSET] = 0
     count[L.C_GPS_GROWS] = 0
     refused = int(round(state.heard[L.H_FIT_BEGAN] / k.dt_s))
-    slot = _from_where(window, horizon, refused - int(round(BEFORE_S / k.dt_s)))
+    slot = from_where(window, horizon, refused - int(round(BEFORE_S / k.dt_s)))
     if slot < 0:
         return
     first = window.tick[slot]

@@ -6,7 +6,7 @@ half and half, so that either alone says what their mean says: who is left out l
 that is silent, out of range, zero or repeats itself to the last bit is left at once.
 
 Where both measure and disagree, no majority tells who is wrong. Then, beside the filter, which goes
-on with the mean, two more begin from what it knew a horizon ago, each with one IMU alone, and fuse
+on with the mean, two more begin from what it knew a while ago, each with one IMU alone, and fuse
 what it fuses: the sum of their normalised innovations of velocity and heading tells who predicts
 the fixes and the compass better (D. T. Magill, "Optimal adaptive estimation of sampled stochastic
 processes", IEEE Trans. Automatic Control 10(4), 1965). The better one takes the filter's place, as
@@ -24,8 +24,9 @@ from heli_math.jit import njit
 from heli_math.rows import IMU, MEAS
 from heli_observer import layout as L
 from heli_observer.buffers import SAME, usable_imu
+from heli_observer.doubt import believe
 from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict
-from heli_observer.relearn import forget
+from heli_observer.relearn import TICKS, forget, from_where
 
 FAST_S, OFFSET_S = 0.1, 20.0
 """Time constants: of how far they are apart now, and of what of that stays."""
@@ -33,6 +34,8 @@ LEARN_TICKS = 50
 """Samples after which what stays is known well enough to judge."""
 RETURN_S = 2.0
 """Who agrees for so long without a gap is believed again."""
+BACK_S = 2.0
+"""So long ago they were still one: what grows slowly has spoilt little of what was known then."""
 TRIAL_S = 5.0
 """A comparison that has told nothing begins anew after so long."""
 LEAD = 15.0
@@ -64,7 +67,7 @@ NAMES = ("none", "first", "second")
 class ImuPair(NamedTuple):
     """What is remembered of two IMUs."""
 
-    ring: NDArray[np.float64]  # (2, slots, 7) of each, as the mean would say it
+    ring: NDArray[np.float64]  # (2, TICKS, 7) of each, as the mean would say it
     heard: NDArray[np.float64]  # (2, 6) what each said last
     offset: NDArray[np.float64]  # (6,) second - first, what stays
     apart: NDArray[np.float64]  # (6,) what they differ by besides, smoothed
@@ -82,10 +85,10 @@ class PairKernel(NamedTuple):
     apart: NDArray[np.float64]  # (6,) largest one besides
 
 
-def new_pair(slots: int) -> ImuPair:
-    """Nothing is known yet; rings as long as the observer's."""
+def new_pair() -> ImuPair:
+    """Nothing is known yet."""
     return ImuPair(
-        np.zeros((2, slots, L.N_IMU)),
+        np.zeros((2, TICKS, L.N_IMU)),
         np.full((2, IMU.size), np.nan),
         np.zeros(IMU.size),
         np.zeros(IMU.size),
@@ -94,6 +97,13 @@ def new_pair(slots: int) -> ImuPair:
         np.zeros((2, 2)),
         np.zeros(N_PAIR, dtype=np.int64),
     )
+
+
+@njit
+def begin_pair(state):
+    """The filter was aligned: what was known before leads nowhere."""
+    state.pair.count[P_TRIAL] = 0
+    forget(state.window)
 
 
 @njit
@@ -123,13 +133,47 @@ def _leave(pair, which, why):
 
 
 @njit
-def _begin_trial(state, tick):
-    """Two filters from what the one knows at its horizon."""
+def _judge(state, which, row, k):
+    """Let one of the two filters fuse what a tick measured (aid row), and add to its sums."""
     pair = state.pair
+    x, P, score = pair.nominal[which], pair.P[which], pair.score[which]
+    trial, dx, diag = state.trial, state.dx, state.diag
+    if row[L.AID_GPS_VALID] > 0.0:
+        _, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
+        if velocity >= 0:
+            score[0] += min(diag[L.D_NIS_VEL], MOST)
+    if row[L.AID_BARO_VALID] > 0.0:
+        fuse_baro(x, P, trial, dx, diag, row, k)
+    if row[L.AID_MAG_VALID] > 0.0:
+        diag[L.D_NIS_MAG] = 0.0  # stays so where the field is none
+        fuse_mag(x, P, trial, dx, diag, row, k)
+        score[1] += min(diag[L.D_NIS_MAG], MOST)
+
+
+@njit
+def _carry(state, which, tick, k):
+    """Bring one of the two filters to a tick."""
+    pair = state.pair
+    before, now = pair.ring[which, (tick - 1) % TICKS], pair.ring[which, tick % TICKS]
+    predict(pair.nominal[which], pair.P[which], before, now, k)
+
+
+@njit
+def _begin_trial(state, tick, horizon, k):
+    """Two filters from what the one knew `BACK_S` ago, brought to the horizon with one IMU each."""
+    pair, window = state.pair, state.window
+    slot = from_where(window, horizon, horizon - int(round(BACK_S / k.dt_s)))
     for which in range(2):
-        copy_part(pair.nominal[which], 0, state.nominal, 0, L.N_NOMINAL)
-        copy_matrix(pair.P[which], state.P)
+        nominal, P, first = state.nominal, state.P, horizon
+        if slot >= 0:
+            nominal, P, first = window.nominal[slot], window.P[slot], window.tick[slot]
+        copy_part(pair.nominal[which], 0, nominal, 0, L.N_NOMINAL)
+        copy_matrix(pair.P[which], P)
         fill(pair.score[which], 0.0)
+        for t in range(first, horizon + 1 if slot >= 0 else horizon):
+            if t > first:
+                _carry(state, which, t, k)
+            _judge(state, which, window.aid[t % TICKS], k)
     pair.count[P_TRIAL], pair.count[P_BEGAN] = 1, tick
 
 
@@ -155,7 +199,7 @@ def _compare(state, tick, first, second, k):
         return
     if not agree and count[P_COMPARED] >= LEARN_TICKS:
         if state.count[L.C_ALIGNED] == 1:
-            _begin_trial(state, tick)
+            _begin_trial(state, tick, tick - 1 - k.horizon_ticks, k.ekf)
         return
     count[P_COMPARED] += 1
     share = max(1.0 / count[P_COMPARED], k.ekf.dt_s / OFFSET_S)
@@ -190,7 +234,7 @@ def combine(state, tick, y, k, out):
             bad = 1 if good[0] else 0
             if count[P_LEFT] == 0:
                 _leave(pair, bad, WHY_STOPPED)
-    slot = tick % pair.ring.shape[1]
+    slot = tick % TICKS
     for i in range(IMU.size):
         pair.ring[0, slot, i] = first[i] + 0.5 * offset[i]
         pair.ring[1, slot, i] = second[i] - 0.5 * offset[i]
@@ -207,27 +251,9 @@ def combine(state, tick, y, k, out):
     for which in range(2):
         if not good[which]:
             copy_part(pair.ring[which, slot], 0, out, 0, IMU.size)
-
-
-@njit
-def _judge(pair, which, horizon, row, state, k):
-    """Bring one of the two filters to the horizon, fuse what was measured there, and add to its
-    score.
-    """
-    x, P, ring, score = pair.nominal[which], pair.P[which], pair.ring[which], pair.score[which]
-    trial, dx, diag = state.trial, state.dx, state.diag
-    size = ring.shape[0]
-    predict(x, P, ring[(horizon - 1) % size], ring[horizon % size], k)
-    if row[L.AID_GPS_VALID] > 0.0:
-        _, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
-        if velocity >= 0:
-            score[0] += min(diag[L.D_NIS_VEL], MOST)
-    if row[L.AID_BARO_VALID] > 0.0:
-        fuse_baro(x, P, trial, dx, diag, row, k)
-    if row[L.AID_MAG_VALID] > 0.0:
-        diag[L.D_NIS_MAG] = 0.0  # stays so where the field is none
-        fuse_mag(x, P, trial, dx, diag, row, k)
-        score[1] += min(diag[L.D_NIS_MAG], MOST)
+        # ticks that never came
+        for t in range(max(state.count[L.C_TICK] + 1, tick - k.max_gap_ticks), tick):
+            copy_part(pair.ring[which, t % TICKS], 0, pair.ring[which, slot], 0, IMU.size)
 
 
 @njit
@@ -245,13 +271,13 @@ def follow_trial(state, horizon, tick, k):
     count, score, size = pair.count, pair.score, state.imu.shape[0]
     if count[P_TRIAL] == 0:
         return
-    row = state.aid[horizon % size]
-    _judge(pair, 0, horizon, row, state, k)
-    _judge(pair, 1, horizon, row, state, k)
+    for which in range(2):
+        _carry(state, which, horizon, k)
+        _judge(state, which, state.aid[horizon % size], k)
     lead = score[0, 0] + score[0, 1] - score[1, 0] - score[1, 1]
     if abs(lead) < LEAD:
         if (tick - count[P_BEGAN]) * k.dt_s >= TRIAL_S:
-            _begin_trial(state, tick)
+            _begin_trial(state, tick, horizon, k)
         return
     worse = 0 if lead > 0.0 else 1
     better = 1 - worse
@@ -260,5 +286,6 @@ def follow_trial(state, horizon, tick, k):
     copy_part(state.nominal, 0, pair.nominal[better], 0, L.N_NOMINAL)
     copy_matrix(state.P, pair.P[better])
     for t in range(horizon, tick + 1):
-        copy_part(imu[t % size], 0, pair.ring[better, t % size], 0, IMU.size)
+        copy_part(imu[t % size], 0, pair.ring[better, t % TICKS], 0, IMU.size)
+    believe(state)
     forget(state.window)
