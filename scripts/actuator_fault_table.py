@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hovers with faults of the actuators: lost or not, how far off, landed; both receivers; JSON.
+"""Hovers with faults of the actuators: lost or not, how far off and turned; both receivers; JSON.
 
 Usage: ./heli python scripts/actuator_fault_table.py [--seeds 1..10]
 """
@@ -14,6 +14,7 @@ from seeds_option import parser_with_seeds
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings, resolve
+from heli_math.rotations import euler_from_quat
 from heli_math.ticks import TICKS_PER_S
 
 WORLD, RECEIVERS = "honest", ("rtk", "standalone")
@@ -56,53 +57,44 @@ def sound(gps: str, seed: int) -> FlightRecord:
 
 def flown(given: Settings) -> dict[str, Any]:
     """Figures of a flight."""
-    flight = simulate(given)
+    flight, whole = simulate(given), sound(given.gps, given.seed)
     record, begun = flight.record, round(BEGIN_S * TICKS_PER_S)
-    pos = record.truth_pos_ned_m
-    off = np.linalg.norm((pos - sound(given.gps, given.seed).truth_pos_ned_m[: len(pos)]), axis=1)
-    found: dict[str, Any] = {
+    n = len(record)
+    off = np.linalg.norm(record.truth_pos_ned_m - whole.truth_pos_ned_m[:n], axis=1)
+    psi = [
+        np.array([euler_from_quat(quat)[2] for quat in one.truth_q_nb[begun:n]])
+        for one in (record, whole)
+    ]
+    return {
         "lost": bool(flight.status),
         "cause": flight.sentence if flight.status else "",
-        "lost_s": len(record) / TICKS_PER_S - BEGIN_S if flight.status else None,
+        "lost_s": n / TICKS_PER_S - BEGIN_S if flight.status else None,
         "off_m": float(off[begun:].max()),
-        "landing_s": None, "down_s": None, "sink_mps": None,
-    }  # fmt: skip
-    if record.mode is not None and (record.mode == "land").any():
-        lands = np.flatnonzero(record.mode == "land")
-        found["landing_s"] = lands[0] / TICKS_PER_S - BEGIN_S
-        found["off_m"] = float(off[begun : max(lands[0], begun + 1)].max())
-        if record.mode[-1] == "standing":
-            before = lands[-1] - TICKS_PER_S
-            found["down_s"] = lands[-1] / TICKS_PER_S - BEGIN_S
-            found["sink_mps"] = float(np.abs(record.truth_vel_ned_mps[before : lands[-1], 2]).max())
-    return found
+        "turned_deg": float(np.degrees(np.abs(np.unwrap(psi[0]) - np.unwrap(psi[1]))).max()),
+    }
 
 
 def row(what: str, told: tuple[str, str, float | None, float | None], gps: str,
         seeds: list[int]) -> dict[str, Any]:  # fmt: skip
-    """Figures of a fault with a receiver."""
+    """Figures of a fault with a receiver; off and turned are of the flights that were not lost."""
     words, kind, duration_s, value = told
     text = fault(what, kind, duration_s, value)
     found = [flown(settings(text, gps, seed)) for seed in seeds]
+    lost, kept = ([one for one in found if one["lost"] is is_lost] for is_lost in (True, False))
 
-    def of(key: str) -> list[float]:
-        return [one[key] for one in found if one[key] is not None]
+    def most(key: str) -> float | None:
+        return max((one[key] for one in kept), default=None)
 
-    kept = [one["off_m"] for one in found if not one["lost"]]
     return {
         "what": what,
         "fault": words,
         "gps": gps,
         "text": text,
-        "lost": sum(one["lost"] for one in found),
-        "causes": sorted({one["cause"] for one in found if one["lost"]}),
-        "down": len(of("down_s")),
-        "median": {"off_m": float(np.median(kept)) if kept else None},
-        "min": {"lost_s": min(of("lost_s"), default=None)},
-        "max": {
-            "off_m": max(kept, default=None),
-            **{key: max(of(key), default=None) for key in ("landing_s", "down_s", "sink_mps")},
-        },
+        "lost": len(lost),
+        "causes": sorted({one["cause"] for one in lost}),
+        "median": {"off_m": float(np.median([one["off_m"] for one in kept])) if kept else None},
+        "min": {"lost_s": min((one["lost_s"] for one in lost), default=None)},
+        "max": {"off_m": most("off_m"), "turned_deg": most("turned_deg")},
     }
 
 

@@ -134,6 +134,14 @@ PRODUCERS = (
         MARGIN,
     ),
     Producer(
+        "actuator_faults",
+        "./heli python scripts/actuator_fault_table.py --seeds 1..10",
+        "Hovers with faults of the actuators, with both receivers.",
+        tuple(range(1, 11)),
+        # An aircraft that is not held keeps no difference small.
+        MARGIN,
+    ),
+    Producer(
         "blind_landing",
         "./heli python scripts/blind_landing_table.py --seeds 1..20",
         "Landings after the last fix, in two worlds with both receivers.",

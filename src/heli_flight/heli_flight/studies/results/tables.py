@@ -30,6 +30,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "paths": position.paths,
     "takeoff": position.takeoff,
     "failsafes": of_ground.failsafes,
+    "actuator_faults": of_ground.actuator_faults,
     "blind_landing": of_ground.blind_landing,
     "into_wind": position.into_wind,
     "sequence": position.sequence,

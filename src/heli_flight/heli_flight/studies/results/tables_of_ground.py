@@ -98,6 +98,32 @@ def failsafes(results: Results) -> str:
     )
 
 
+def actuator_faults(results: Results) -> str:
+    """Faults of actuators in the hover: who survives, how far off, how far turned."""
+    found = results["actuator_faults"]
+    channels = {"delta_lat": "lateral cyclic", "delta_lon": "longitudinal cyclic",
+                "delta_ped": "pedal", "delta_col": "collective"}  # fmt: skip
+    n = len(found["seeds"])
+    rows = []
+    for row in found["rows"]:
+        lost_s, most = row["min"]["lost_s"], row["max"]
+        rows.append([
+            channels[row["what"]], row["fault"], row["gps"], f"{n - row['lost']} of {n}",
+            "" if lost_s is None else f"{lost_s:.1f}",
+            "–" if most["off_m"] is None else f"{row['median']['off_m']:.2f} / {most['off_m']:.2f}",
+            "–" if most["turned_deg"] is None else f"{most['turned_deg']:.0f}",
+        ])  # fmt: skip
+    head = ["channel", "fault", "receiver", "survived", "first lost after, s",
+            "off, m: median / worst", "turned, deg: worst"]  # fmt: skip
+    return (
+        f"{grid(head, rows)}\n\nSeeds {found['seeds'][0]} to {found['seeds'][-1]}: hover at 10 m, "
+        f"world {found['world']}, default laws, the fault from {found['begin_s']:g} s on, flown to "
+        f"{found['end_s']:g} s; no failsafe acts on it. Off and turned: largest distance and change "
+        "of heading from the same flight without the fault, of those that survived, from truth. "
+        "A pedal keeps its aircraft pointed without commands by the yaw gyro behind it."
+    )
+
+
 def blind_landing(results: Results) -> str:
     """Landings so long after the last fix, world by world and receiver by receiver."""
     found = results["blind_landing"]
