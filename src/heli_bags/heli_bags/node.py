@@ -18,9 +18,9 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.memory import RESPAWNED, SUPERVISOR
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
-from heli_msgs_bridge.memory import RESPAWNED, SUPERVISOR
 from heli_msgs_bridge.senders import (
     NOT_YET_NAMED,
     SENDERS,
