@@ -9,7 +9,7 @@ import numpy as np
 from heli_flight.studies.results.files import Results
 from heli_flight.studies.results.grid import grid
 
-_GOALS = {
+_GOALS: Mapping[str, Mapping[str, float | None]] = {
     "kill": {"noticed_s": 0.2, "back_s": 1.5, "lost_m": 3.0},
     "pause": {"noticed_s": None, "back_s": None, "lost_m": 1.0},
 }
