@@ -12,7 +12,6 @@ import sys
 import lifecycle_msgs.srv
 import rcl_interfaces.srv
 import rclpy.experimental.events_executor  # noqa: F401
-import type_description_interfaces.srv
 from rclpy.type_support import check_for_type_support
 
 import heli_bags.node  # noqa: F401
@@ -23,7 +22,7 @@ import heli_outer_pd.node  # noqa: F401
 from heli_flight.graph.warm_up import load_kernels
 from heli_msgs_bridge import topics
 
-_SERVICES = (lifecycle_msgs.srv, rcl_interfaces.srv, type_description_interfaces.srv)
+_SERVICES = (lifecycle_msgs.srv, rcl_interfaces.srv)
 
 
 def _load_types() -> None:

@@ -2,7 +2,6 @@
 """Faults of a flight's processes, as a file of faults has them: killed, paused, short of time."""
 
 import difflib
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -117,7 +116,7 @@ def process_fault_of(node: yaml.Node | None, where: str) -> ProcessFault:
     start_s = _number(said, "start_s", _LONGEST_S, where)
     name = _one_of(said, "node", NODES, where) if "node" in wanted else ""
     duration_s = _number(said, "duration_s", _LONGEST_S, where) if "duration_s" in wanted else 0.0
-    hogs = 0
+    hogs = 0.0
     if kind == HOG:
         hogs = _number(said, "value", _MOST_HOGS, where)
         if hogs != int(hogs) or hogs < 1:
@@ -158,8 +157,8 @@ def _one_of(said: Mapping[str, Any], key: str, allowed: Sequence[str], where: st
 
 def _number(said: Mapping[str, Any], key: str, most: float, where: str) -> float:
     value = said.get(key)
-    right = not isinstance(value, bool) and isinstance(value, int | float)
-    if not right or not (math.isfinite(value) and 0.0 <= value <= most):
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if value is None or not is_number or not 0.0 <= value <= most:
         shown = "missing" if value is None else f"{value} is not allowed"
         raise ParameterError(f"{where}: {key}: {shown}; allowed: a number in [0, {most:g}]")
     return float(value)

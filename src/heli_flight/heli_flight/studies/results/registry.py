@@ -300,6 +300,13 @@ PRODUCERS = (
         loose={key: NOT_COMPARED for key in ("rates", "ratios", "machine")},
     ),
     Producer(
+        "respawn",
+        "./heli python scripts/respawn_table.py --seeds 1..10",
+        "Hovers in real time in which nodes are killed or paused, with --respawn.",
+        tuple(range(1, 11)),
+        loose={key: NOT_COMPARED for key in ("machine", "flights")},
+    ),
+    Producer(
         "latency",
         "./heli python benchmarks/latency.py --seconds 600 --json",
         "The node graph in real time for ten minutes beside a bare ring at its pace.",

@@ -11,6 +11,7 @@ from heli_flight.studies.results import tables_of_handling as handling
 from heli_flight.studies.results import tables_of_laws as of_laws
 from heli_flight.studies.results import tables_of_parts as parts
 from heli_flight.studies.results import tables_of_position as position
+from heli_flight.studies.results import tables_of_processes as of_processes
 from heli_flight.studies.results import tables_of_scale as of_scale
 from heli_flight.studies.results import tables_of_speed as of_speed
 from heli_flight.studies.results import tables_of_terms as terms
@@ -64,6 +65,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "closed_loop": of_scale.closed_loop,
     "graph": of_scale.graph,
     "latency": of_scale.latency,
+    "respawn": of_processes.respawn,
     "fuzz": of_scale.fuzz,
     "soak": of_scale.soak,
     "latency_400": of_scale.latency_400,
