@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What README and CONTRIBUTING say of the graph, of kernels and of gamma, against the code."""
+"""What README, tutorial and CONTRIBUTING say of graph, kernels and gamma, against the code."""
 
 import ast
 import re
@@ -14,6 +14,7 @@ from heli_msgs_bridge import topics
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+TUTORIAL = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
 MODULES = sorted((ROOT / "src").glob("*/heli_*/**/*.py"))
 EDGES = [
     (source, words.split(", "), sink)
@@ -72,8 +73,8 @@ def test_kernels_are_compiled_by_the_one_decorator_and_draw_no_random_numbers():
 
 
 def test_gamma_closer_to_its_bound_lets_less_of_the_worst_wind_through():
-    """The README's example: largest gains over frequency, wind to attitude and to actuators."""
-    (example,) = re.findall(r"gamma: ([\d.]+) +# closer to gamma\*", README)
+    """The tutorial's example: largest gains over frequency, wind to attitude and to actuators."""
+    (example,) = re.findall(r"gamma: ([\d.]+) +# closer to gamma\*", TUTORIAL)
     gains = []
     for changes in ({}, {"gamma": float(example)}):
         values = resolve(overrides={"inner_loop": changes}).nodes["inner_loop"]

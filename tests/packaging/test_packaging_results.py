@@ -29,6 +29,8 @@ DESCRIPTIVE = {
     "| name | args | what happens |",
     "| call | gives |",
     "| package | what lives there |",
+    "| I want to | |",
+    "| what | the paper's figure | from |",
     "| step | what happens | where |",
     "| it is about | it belongs to |",
     # docs/ros.md, out of the code's tables
@@ -50,6 +52,13 @@ def test_what_stands_between_markers_is_what_the_files_give(name):
     """If not: ./heli results render"""
     text = MARKDOWN[name].read_text(encoding="utf-8")
     assert text == rendered(text, MARKDOWN[name], ROOT)
+
+
+@pytest.mark.parametrize("name", MARKDOWN)
+def test_no_line_begins_with_a_marker_of_a_number(name):
+    """In Markdown a line that begins with a comment ends the paragraph before it."""
+    text = MARKDOWN[name].read_text(encoding="utf-8")
+    assert re.findall(r"(?m)^\s*<!-- value: .*$", re.sub(r"(?s)```.*?```", "", text)) == []
 
 
 @pytest.mark.parametrize("name", MARKDOWN)
@@ -142,6 +151,32 @@ def test_what_the_readmes_say_of_paths_is_so():
     }
     assert {n for (_, world), n in inside.items() if world == "paper"} == {20}
     assert sum(n for (_, world), n in inside.items() if world == "honest") < 0.5 * 60
+
+
+def test_what_the_tutorial_says_of_gamma_and_the_weights_is_so():
+    """Gamma alone hardly moves the errors; dear angles nearly halve them; dear commands double."""
+    rows = {row["variant"]: row for row in files.read(ROOT, "gamma")["found"]["rows"]}
+    soft, close = rows["gamma 0.2"], rows["gamma 0.056"]
+    assert 3.5 < soft["gamma"] / soft["gamma_star"] < 4.5
+    assert close["angles_deg_per_mps"] < soft["angles_deg_per_mps"]
+    assert close["commands_per_mps"] > soft["commands_per_mps"]
+    for axis in ("roll", "pitch"):
+        errors = {name: row["errors_deg"] for name, row in rows.items() if not row["refused"]}
+        before = errors["gamma 0.2"]["honest"][axis]
+        assert abs(errors["gamma 0.056"]["honest"][axis] / before - 1.0) < 0.06
+        assert 0.5 < errors["angles three times as dear"]["honest"][axis] / before < 0.6
+        assert errors["commands four times as dear"]["honest"][axis] / before > 2.0
+        spread = [row["paper"][axis] for row in errors.values()]
+        assert max(spread) - min(spread) < 0.2
+    assert "stabilise the loop as flown" in rows["commands a quarter as dear"]["refused"]
+    assert "above gamma*" in rows["gamma 0.05"]["refused"]
+
+
+def test_what_the_first_page_says_of_the_whole_flight_is_so():
+    """Vertical speed is outside the paper's figure on every flight of the table of worlds."""
+    for place in files.read(ROOT, "worlds")["found"]["places"]:
+        rows = [r for r in place["metrics"] if (r["stretch"], r["key"]) == ("whole", "v_z")]
+        assert len(rows) >= 2 and {row["inside"] for row in rows} == {0}
 
 
 @pytest.mark.nightly
