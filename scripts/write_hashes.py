@@ -47,12 +47,6 @@ def text_of(*names: str) -> str:
     return "\n".join((REQUIREMENTS / f"{name}.txt").read_text("utf-8") for name in names)
 
 
-def pins(text: str) -> dict[str, str]:
-    """Name, as the index writes it, to version of every line that pins one."""
-    found = (_PIN.match(line) for line in text.splitlines())
-    return {re.sub(r"[-_.]+", "-", m[1]).lower(): m[2] for m in found if m}
-
-
 def write(name: str, blocks: Sequence[str]) -> None:
     """Write a list."""
     folder = REQUIREMENTS / "hashes"

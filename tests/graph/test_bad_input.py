@@ -143,7 +143,11 @@ def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env,
     assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500
 
 
-@pytest.mark.parametrize("home", ["/dev/null", None], ids=["not to be written", "unset"])
+@pytest.mark.parametrize(
+    "home",
+    ["/dev/null", "/proc", "/proc/nowhere", "", None],
+    ids=["no folder", "not to be written", "not there", "empty", "unset"],
+)
 def test_a_flight_needs_no_home(hover_test, tmp_path, ros_env, home):
     """ROS keeps its log, and the kernels their cache, in the temporary folder then."""
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")

@@ -27,7 +27,7 @@ case "$first_line" in
     "-m pip "*" --target "*)
         [ -z "${UV_MISSING:-}" ] || { echo "ERROR: No matching distribution: uv"; exit 1; }
         uv=${!#}/bin/uv; mkdir -p "${uv%/uv}"; : >"$uv"; chmod +x "$uv" ;;
-    "-m pip "*) exit "${PIP_FAILS:-0}" ;;
+    "-m pip "*) echo "${PIP_SAYS:-}"; exit "${PIP_FAILS:-0}" ;;
     */uv_install.py*) [ -z "${UV_FAILS:-}" ] || { echo "$UV_FAILS"; exit 1; } ;;
 esac
 """

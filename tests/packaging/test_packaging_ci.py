@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTEST_SAYS = "==== 812 passed, 3 skipped in 500.00s ===="
@@ -111,3 +112,27 @@ def test_nothing_stays_behind(run, tmp_path):
     run("apt-get")
     kept = {".ci", "bin", "calls", "run_tests.sh"}
     assert {path.name for path in tmp_path.iterdir()} == kept
+
+
+@pytest.mark.parametrize("name", ["ci", "nightly"])
+def test_a_workflow_runs_what_there_is(name):
+    """They cannot run here: what they call exists, on a Python that set-up takes, and it ends."""
+    flow = yaml.safe_load((ROOT / f".github/workflows/{name}.yml").read_text())
+    assert flow["permissions"] == {"contents": "read"}
+    commands = []
+    for job in flow["jobs"].values():
+        assert job["timeout-minutes"] <= 360
+        steps = job["steps"]
+        assert all(step.get("uses", "actions/").startswith("actions/") for step in steps)
+        commands += [step["run"] for step in steps if "run" in step]
+    for command in commands:
+        first, *words = command.split()
+        assert first in ("pip-audit", "python") or os.access(ROOT / first, os.X_OK), command
+        files = [word for word in words if word.endswith((".txt", ".py"))]
+        assert all((ROOT / file).is_file() for file in files), command
+    if name == "nightly":
+        assert "./run_tests.sh -m nightly" in commands
+        assert any("fuzz_counts.py --cases 10000" in command for command in commands)
+        lists = {f"requirements/hashes/{kind}.txt" for kind in ("flight", "test", "uv")}
+        (audit,) = [command for command in commands if command.startswith("pip-audit")]
+        assert lists <= set(audit.split()) and "--require-hashes" in audit

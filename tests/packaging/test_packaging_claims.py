@@ -93,3 +93,13 @@ def test_gamma_closer_to_its_bound_lets_less_of_the_worst_wind_through():
     (angles, rates, actuators), (angles_closer, rates_closer, actuators_closer) = gains
     assert angles_closer < 0.99 * angles and rates_closer < 0.99 * rates
     assert actuators_closer > 1.05 * actuators
+
+
+def test_every_attack_that_is_held_names_a_test_that_there_is():
+    text = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(test_\w+)`", text))
+    files = [*(ROOT / "tests").rglob("test_*.py"), *(ROOT / "src").glob("*/test/test_*.py")]
+    known = {name for file in files for name in re.findall(r"def (test_\w+)", file.read_text())}
+    assert len(named) >= 12 and named <= known, named - known
+    modules = set(re.findall(r"`(test_\w+\.py)`", text))
+    assert modules <= {file.name for file in files}

@@ -227,3 +227,40 @@ def test_a_long_tmpdir_is_no_hindrance(tmp_path):
     made, mode = done.stdout.split()
     assert len(str(folder)) >= 120 and len(made) < 60 and mode == "0o700"
     assert not Path(made).exists() and list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("reach", "said"),
+    [
+        ("", ""),
+        ("LOCALHOST", ""),
+        ("SUBNET", ""),
+        ("SYSTEM_DEFAULT", ""),
+        ("OFF", "nodes do not find each other"),
+        ("localhost", "allowed are LOCALHOST, SUBNET, SYSTEM_DEFAULT"),
+    ],
+)
+def test_nodes_must_find_each_other(monkeypatch, reach, said):
+    """With OFF a flight waited 30 s for itself; a misspelt range was another one, silently."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", reach)
+    monkeypatch.delenv("ROS_STATIC_PEERS", raising=False)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
+    if not said:
+        processes.check_middleware()
+        return
+    with pytest.raises(StartError, match=said):
+        processes.check_middleware()
+
+
+@pytest.mark.parametrize("reach", ["SUBNET", "LOCALHOST", ""])
+def test_a_range_beyond_this_machine_is_said_first(monkeypatch, reach):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", reach)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "229")
+    said = []
+    with flight.running(flight.Graph(None, None, None, said.append)):
+        expected = (
+            "flying in ROS domain 229 with ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET, as it is set: "
+            "other machines may listen and send"
+        )
+        assert said == [expected] * (reach == "SUBNET")

@@ -21,10 +21,17 @@ from heli_flight.graph.outcome import outcome
 from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.plant_truth import TRUTH_SUMS
 from heli_flight.graph.process_faults import ProcessFaults
-from heli_flight.graph.processes import DOMAIN, NodeProcess, domain_reserved, others_in, stop
+from heli_flight.graph.processes import (
+    DISCOVERY,
+    DOMAIN,
+    NodeProcess,
+    domain_reserved,
+    others_in,
+    stop,
+)
 from heli_flight.graph.programs import programs
 from heli_flight.graph.respawn import AGAIN, Respawn
-from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
+from heli_flight.graph.ros_session import prepare_environment
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.process_fault import process_faults_of
@@ -49,6 +56,8 @@ _HEARD_ALL_S = 4.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
 _BAG_LIMIT_S = 10.0
+# How far discovery reaches unless the user says otherwise.
+_HERE = "LOCALHOST"
 # How long the end of a flight waits for the live view to have shown it, and for last words.
 _END_LIMIT_S = 10.0
 
@@ -372,7 +381,13 @@ def running(*graphs: Graph) -> Iterator[None]:
             graphs[0].say(
                 f"flying in ROS domain {domain}: to listen in, {DOMAIN}={domain} ./heli topics"
             )
-        on_this_machine = os.environ.get(DISCOVERY, "LOCALHOST") == "LOCALHOST"
+        reach = os.environ.get(DISCOVERY, "").strip() or _HERE
+        on_this_machine = reach == _HERE
+        if not on_this_machine:
+            graphs[0].say(
+                f"flying in ROS domain {domain} with {DISCOVERY}={reach}, as it is set: other "
+                "machines may listen and send"
+            )
         company = not on_this_machine or others_in(domain)
         for graph in graphs:
             graph.company = company

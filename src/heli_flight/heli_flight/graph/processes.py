@@ -32,6 +32,9 @@ _MAX_DOMAIN = 232
 # Above it ports are those that Linux gives to clients.
 _CHOSEN_DOMAINS = 102
 DOMAIN = "ROS_DOMAIN_ID"
+DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+# Of rcl's four values the one with which nodes of one machine find each other by nothing at all.
+_RANGES, _NO_RANGE = ("LOCALHOST", "SUBNET", "SYSTEM_DEFAULT"), "OFF"
 # UDP ports of a ROS domain (DDSI-RTPS 2.3, 9.6.1.1): the first, and how many.
 _FIRST_PORT, _PORTS = 7400, 250
 _UDP_SOCKETS = Path("/proc/net/udp")
@@ -220,13 +223,14 @@ def check_middleware() -> None:
     """Raise StartError for an environment in which rcl or Fast DDS would end the whole process.
 
     The library that RMW_IMPLEMENTATION names must be there; ROS_DOMAIN_ID must leave room for port
-    numbers.
+    numbers; nodes must be able to find each other.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
     if domain and not (domain.isdecimal() and int(domain) <= _MAX_DOMAIN):
         raise StartError(
             f"ROS 2 cannot start with ROS_DOMAIN_ID={domain}: allowed are 0 to {_MAX_DOMAIN}"
         )
+    _check_range()
     name = os.environ.get("RMW_IMPLEMENTATION")
     if not name:
         return
@@ -236,6 +240,18 @@ def check_middleware() -> None:
         raise StartError(
             f"ROS 2 cannot start with RMW_IMPLEMENTATION={name}: not installed"
         ) from None
+
+
+def _check_range() -> None:
+    """Raise StartError for a range of discovery that is none, or with which none is found."""
+    wanted = os.environ.get(DISCOVERY, "").strip()
+    if wanted and wanted not in (*_RANGES, _NO_RANGE):
+        # rcl would warn, deep in a log, and take another.
+        raise StartError(f"{DISCOVERY}={wanted}: allowed are {', '.join(_RANGES)}")
+    if wanted == _NO_RANGE and not os.environ.get("ROS_STATIC_PEERS", "").strip():
+        raise StartError(
+            f"{DISCOVERY}={wanted}: nodes do not find each other; allowed are {', '.join(_RANGES)}"
+        )
 
 
 def _lock_path(domain: int) -> Path:

@@ -13,10 +13,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from heli_flight import interrupts
 from heli_flight.errors import StartError
-from heli_flight.graph.processes import check_middleware
+from heli_flight.graph.processes import DISCOVERY, check_middleware
 from heli_parameters.locate import config_folder
 
-DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
 
@@ -25,7 +24,8 @@ def _keep_log() -> None:
     if "ROS_LOG_DIR" in os.environ or "ROS_HOME" in os.environ:
         return
     try:
-        log = Path(os.environ["HOME"]) / ".ros" / "log"
+        # An empty one is none: the log would go to wherever the command is run.
+        log = Path(os.environ["HOME"] or os.devnull) / ".ros" / "log"
         log.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=log).close()
     except (OSError, KeyError):
