@@ -17,8 +17,9 @@ class Action(IntEnum):
     NOTE = 1
     DEAD_RECKON = 2
     RELEARN = 3
-    HOLD_LEAN = 4
-    LAND = 5
+    HOVER = 4
+    HOLD_LEAN = 5
+    LAND = 6
 
     @property
     def words(self) -> str:
@@ -31,6 +32,7 @@ _WORDS = {
     Action.NOTE: "flies on, and says so",
     Action.DEAD_RECKON: "flies on by what the other sensors say",
     Action.RELEARN: "begins anew with tilt and biases, and learns them from the fixes",
+    Action.HOVER: "comes to rest where it can, inside the fence, and hovers there",
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
     Action.LAND: "lands level on the barometer",
 }
@@ -49,6 +51,8 @@ class Condition(StrEnum):
     BARO_LOST = "barometer silent or contradicting"
     POSITION_LOST = "position lost"
     POSITION_LOST_LONG = "position lost for long"
+    BEYOND_FENCE = "beyond the radius or the ceiling of the fence"
+    COMMANDER_SILENT = "velocity, attitude or sticks no longer renewed"
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,12 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.POSITION_LOST_LONG, "outer loop: so for `failsafe.land_after_s`", 75.0,
              Action.LAND, "what comes back in the descent is used; the landing goes on",
              "position lost: level descent"),
+    Failsafe(Condition.BEYOND_FENCE, "outer loop: navigated position beyond `fence.radius_m` or "
+             "`fence.ceiling_m`", 0.1, Action.HOVER,
+             "hovers `fence.margin_m` inside; commands that lead outward are refused until then",
+             "outside the fence: coming back"),
+    Failsafe(Condition.COMMANDER_SILENT, "outer loop: none for `command.timeout_s`", 0.6,
+             Action.HOVER, "the next command, from the motion that it has", "mode: hover"),
 )  # fmt: skip
 """Every failsafe of navigation that is built and flown."""
 
