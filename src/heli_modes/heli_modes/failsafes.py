@@ -2,7 +2,7 @@
 """Failsafes of navigation: what goes wrong, how it is found, what the aircraft does, what is said.
 
 One table, pure. Who detects and who acts stands in the row; `docs/failsafes.md` is drawn from it
-(`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes.py`.
+(`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes*.py`.
 """
 
 from collections.abc import Iterable
