@@ -2,7 +2,7 @@
 """Failsafes of navigation: what goes wrong, how it is found, what the aircraft does, what is said.
 
 One table, pure. Who detects and who acts stands in the row; `docs/failsafes.md` is drawn from it
-(`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes.py`.
+(`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes*.py`.
 """
 
 from collections.abc import Iterable
@@ -18,8 +18,9 @@ class Action(IntEnum):
     OTHER_IMU = 2
     DEAD_RECKON = 3
     RELEARN = 4
-    HOLD_LEAN = 5
-    LAND = 6
+    HOVER = 5
+    HOLD_LEAN = 6
+    LAND = 7
 
     @property
     def words(self) -> str:
@@ -33,6 +34,7 @@ _WORDS = {
     Action.OTHER_IMU: "flies on with the other IMU alone",
     Action.DEAD_RECKON: "flies on by what the other sensors say",
     Action.RELEARN: "solves tilt and biases again from the fixes of the last seconds",
+    Action.HOVER: "comes to rest where it can, inside the fence, and hovers there",
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
     Action.LAND: "lands level on the barometer",
 }
@@ -53,6 +55,8 @@ class Condition(StrEnum):
     BARO_LOST = "barometer silent or contradicting"
     POSITION_LOST = "position lost"
     POSITION_LOST_LONG = "position lost for long"
+    BEYOND_FENCE = "beyond the radius or the ceiling of the fence"
+    COMMANDER_SILENT = "velocity, attitude or sticks no longer renewed"
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,12 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.POSITION_LOST_LONG, "outer loop: so for `failsafe.land_after_s`", 75.0,
              Action.LAND, "what comes back in the descent is used; the landing goes on",
              "position lost: level descent"),
+    Failsafe(Condition.BEYOND_FENCE, "outer loop: navigated position beyond `fence.radius_m` or "
+             "`fence.ceiling_m`", 0.1, Action.HOVER,
+             "hovers `fence.margin_m` inside; commands that lead outward are refused until then",
+             "outside the fence: coming back"),
+    Failsafe(Condition.COMMANDER_SILENT, "outer loop: none for `command.timeout_s`", 0.6,
+             Action.HOVER, "the next command, from the motion that it has", "mode: hover"),
 )  # fmt: skip
 """Every failsafe of navigation that is built and flown."""
 
