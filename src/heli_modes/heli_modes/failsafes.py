@@ -2,7 +2,8 @@
 """Failsafes of navigation: what goes wrong, how it is found, what the aircraft does, what is said.
 
 One table, pure. Who detects and who acts stands in the row; `docs/failsafes.md` is drawn from it
-(`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes.py`.
+(`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes.py`
+or, of nodes, in `tests/graph/test_respawn.py`.
 """
 
 from collections.abc import Iterable
@@ -17,8 +18,10 @@ class Action(IntEnum):
     NOTE = 1
     DEAD_RECKON = 2
     RELEARN = 3
-    HOLD_LEAN = 4
-    LAND = 5
+    HOLD_SETPOINT = 4
+    HOLD_TRIM = 5
+    HOLD_LEAN = 6
+    LAND = 7
 
     @property
     def words(self) -> str:
@@ -31,6 +34,8 @@ _WORDS = {
     Action.NOTE: "flies on, and says so",
     Action.DEAD_RECKON: "flies on by what the other sensors say",
     Action.RELEARN: "begins anew with tilt and biases, and learns them from the fixes",
+    Action.HOLD_SETPOINT: "holds the last attitude setpoint, soon the trim attitude; no place",
+    Action.HOLD_TRIM: "flies the last-known trim with damped rates; no place",
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
     Action.LAND: "lands level on the barometer",
 }
@@ -49,6 +54,9 @@ class Condition(StrEnum):
     BARO_LOST = "barometer silent or contradicting"
     POSITION_LOST = "position lost"
     POSITION_LOST_LONG = "position lost for long"
+    COMMANDS_GONE = "observer or inner loop killed or paused, real time"
+    OUTER_GONE = "outer loop killed, real time"
+    NODE_GONE = "observer, inner or outer loop killed, lockstep"
 
 
 @dataclass(frozen=True)
@@ -105,6 +113,16 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.POSITION_LOST_LONG, "outer loop: so for `failsafe.land_after_s`", 75.0,
              Action.LAND, "what comes back in the descent is used; the landing goes on",
              "position lost: level descent"),
+    Failsafe(Condition.COMMANDS_GONE, "plant: no actuators for `actuator_timeout_s`; supervisor: "
+             "the process has ended", 0.2, Action.HOLD_TRIM, "the next command; `--respawn` starts "
+             "the node again, without it a killed one ends the flight, named",
+             "no message on 'actuators'"),
+    Failsafe(Condition.OUTER_GONE, "supervisor: the process has ended; inner loop: setpoint older "
+             "than `setpoint_timeout_s`", 0.2, Action.HOLD_SETPOINT, "as above; the reference goes "
+             "on from its start stamp", "started again"),
+    Failsafe(Condition.NODE_GONE, "supervisor: the process has ended", 0.2, Action.NOTE,
+             "`--respawn`: time stands still until the node has made up for what it missed",
+             "started again"),
 )  # fmt: skip
 """Every failsafe of navigation that is built and flown."""
 
