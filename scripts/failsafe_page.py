@@ -19,6 +19,7 @@ What goes wrong, how it is found, and what the aircraft does by itself; the same
 in the graph, as detection stands in the kernels of the observer and of the outer loop. Drawn from
 `heli_modes/failsafes.py` by `./heli python scripts/failsafe_page.py`; each row is flown in
 `tests/flight/test_failsafes*.py`. Of several actions the one further down in the second table wins.
+Nodes that are gone are of the graph alone, flown in `tests/graph/test_respawn.py`.
 
 """
 

@@ -30,6 +30,7 @@ class Voices:
         self._heard = {f"{self._space}/{name}".strip("/") for name in own}
         self._numbers: dict[str, int] = {}
         self._times: dict[str, int] = {}
+        self._anew: set[str] = set()
         self.foreign: set[str] = set()
 
     def hear(self, names: Sequence[str], number: int) -> bool:
@@ -51,16 +52,22 @@ class Voices:
                 continue
             if self._numbers.setdefault(name, number - 1) + 1 == number:
                 self._numbers[name] = number
+            elif name in self._anew:
+                self._anew.discard(name)
+                self._numbers[name] = number
             else:
                 self.foreign.add(name)
                 fits = False
         return fits
 
     def forget(self, name: str, times: int) -> None:
-        """A node of ours was started again, so many times by now: its number begins anew, once."""
+        """A node of ours was started again, so many times by now: its number begins anew, once.
+
+        The last words of its predecessor may still come before.
+        """
         if times > self._times.get(name, 0):
             self._times[name] = times
-            self._numbers.pop(f"{self._space}/{name}".strip("/"), None)
+            self._anew.add(f"{self._space}/{name}".strip("/"))
 
     def strangers(self, senders: Iterable[tuple[str, str]]) -> list[str]:
         """Of the senders of /diagnostics, those that may have said it.

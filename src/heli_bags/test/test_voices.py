@@ -38,3 +38,16 @@ def test_strangers_are_those_without_a_name_of_their_own():
     assert voices.strangers(known) == []
     assert voices.strangers([*known, ("/", "pilot")]) == ["/pilot"]
     assert voices.strangers([*known, ("/heli1", "plant")]) == ["/heli1/plant"]
+
+
+def test_the_successor_of_a_node_that_was_started_again_is_taken_once():
+    """As the supervisor says; the last words of the dead one may come after it has."""
+    voices = Voices("/heli1", OWN)
+    name = "heli1/observer"
+    assert voices.hear([name], 40)
+    voices.forget("observer", 1)
+    assert voices.hear([name], 41) and voices.hear([name], 1) and voices.hear([name], 2)
+    voices.forget("observer", 1)
+    assert not voices.hear([name], 70) and voices.foreign == {name}
+    voices.forget("observer", 2)
+    assert voices.hear([name], 1)

@@ -2,7 +2,8 @@
 """Failsafes of navigation: what goes wrong, how it is found, what the aircraft does, what is said.
 
 One table, pure. Who detects and who acts stands in the row; `docs/failsafes.md` is drawn from it
-(`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes*.py`.
+(`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes*.py` or, of
+nodes, in `tests/graph/test_respawn.py`.
 """
 
 from collections.abc import Iterable
@@ -19,8 +20,10 @@ class Action(IntEnum):
     DEAD_RECKON = 3
     RELEARN = 4
     HOVER = 5
-    HOLD_LEAN = 6
-    LAND = 7
+    HOLD_SETPOINT = 6
+    HOLD_TRIM = 7
+    HOLD_LEAN = 8
+    LAND = 9
 
     @property
     def words(self) -> str:
@@ -35,6 +38,8 @@ _WORDS = {
     Action.DEAD_RECKON: "flies on by what the other sensors say",
     Action.RELEARN: "solves tilt and biases again from the fixes of the last seconds",
     Action.HOVER: "comes to rest where it can, inside the fence, and hovers there",
+    Action.HOLD_SETPOINT: "holds the last attitude setpoint, soon the trim attitude; no place",
+    Action.HOLD_TRIM: "flies the last-known trim with damped rates; no place",
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
     Action.LAND: "lands level on the barometer",
 }
@@ -57,6 +62,9 @@ class Condition(StrEnum):
     POSITION_LOST_LONG = "position lost for long"
     BEYOND_FENCE = "beyond the radius or the ceiling of the fence"
     COMMANDER_SILENT = "velocity, attitude or sticks no longer renewed"
+    COMMANDS_GONE = "observer or inner loop killed or paused, real time"
+    OUTER_GONE = "outer loop killed, real time"
+    NODE_GONE = "observer, inner or outer loop killed, lockstep"
 
 
 @dataclass(frozen=True)
@@ -127,6 +135,16 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "outside the fence: coming back"),
     Failsafe(Condition.COMMANDER_SILENT, "outer loop: none for `command.timeout_s`", 0.6,
              Action.HOVER, "the next command, from the motion that it has", "mode: hover"),
+    Failsafe(Condition.COMMANDS_GONE, "plant: no actuators for `actuator_timeout_s`; supervisor: "
+             "the process has ended", 0.2, Action.HOLD_TRIM, "the next command; `--respawn` starts "
+             "the node again, without it a killed one ends the flight, named",
+             "no message on 'actuators'"),
+    Failsafe(Condition.OUTER_GONE, "supervisor: the process has ended; inner loop: setpoint older "
+             "than `setpoint_timeout_s`", 0.2, Action.HOLD_SETPOINT, "as above; the reference goes "
+             "on from its start stamp", "started again"),
+    Failsafe(Condition.NODE_GONE, "supervisor: the process has ended", 0.2, Action.NOTE,
+             "`--respawn`: time stands still until the node has made up for what it missed",
+             "started again"),
 )  # fmt: skip
 """Every failsafe of navigation that is built and flown."""
 

@@ -58,8 +58,10 @@ class Backlog:
             return False
         newest = max(self._kept[self._trigger])
         level = all(
-            newest - max(ticks) <= self._demands[topic].lag_ticks + self._demands[topic].every_ticks
-            for topic, ticks in self._kept.items()
+            newest - max(self._kept[topic]) <= demand.lag_ticks + demand.every_ticks
+            for topic, demand in self._demands.items()
+            # What answers this node's own messages cannot have come since.
+            if self._kept[topic] and not demand.first_tick
         )
         return (self._is_new and level) or self._now_s() - self._begun_s > _LIMIT_S
 

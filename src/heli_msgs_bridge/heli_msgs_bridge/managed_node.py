@@ -86,8 +86,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
-        self.failure, self.finished, self.exit_code = "", False, 0
-        self.respawns = respawns()
+        self.failure, self.finished, self.exit_code, self.respawns = "", False, 0, respawns()
         self.sent: dict[str, bytes] | None = None
         self.crash: Exception | None = None
         self.asked_to_end: Callable[[], bool] = lambda: False
@@ -183,8 +182,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def create_output(self, topic: str) -> Callable[[Any], None]:
         """Lifecycle publisher of a graph topic; returns its publish function (bytes or message)."""
         cls = topics.message_class(topics.KNOWN[topic].type)
-        repeats = self.respawns and bool(topics.KNOWN[topic].every_ticks)
-        kept = topics.qos(topic, self._history(), repeats)
+        again = self.respawns and bool(topics.KNOWN[topic].every_ticks)
+        kept = topics.qos(topic, self._history(), again)
         publisher = self.create_lifecycle_publisher(cls, topic, kept)
         self.outputs[topic] = publisher
 

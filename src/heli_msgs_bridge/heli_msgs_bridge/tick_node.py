@@ -3,9 +3,9 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from functools import partial
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,7 @@ from heli_msgs_bridge.floods import (
 )
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.heard_links import HeardLinks
-from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.managed_node import ManagedNode, Run
-from heli_msgs_bridge.memory import Recalled, memory_of
+from heli_msgs_bridge.managed_node import Run
 from heli_msgs_bridge.messages import (
     CHANNELS,
     ClockDecoder,
@@ -49,13 +47,13 @@ from heli_msgs_bridge.senders import (
 from heli_msgs_bridge.services import in_words as in_line
 from heli_msgs_bridge.stamps import in_words
 from heli_msgs_bridge.stepping import Arrived, Lockstep, Pace, RealTime
+from heli_msgs_bridge.successor import Successor
+from heli_msgs_bridge.tick_core import Input, Refusals, TickCore
 
 __all__ = ["Arrived", "Input", "Send", "TickCore", "TickNode"]
 Send = Callable[[NDArray[np.float64], int], None]
 """Sends a row (NED/FRD), stamped in ns."""
 _WATCH_PERIOD_S = 0.05
-# After a start in flight, for so many ticks, messages that nobody answers are sent again.
-_AGAIN_S, _AGAIN_TICKS = 0.1, 50
 # Of a message that holds a stamp.
 _LEAST_BYTES = 12
 _SENDERS_PERIOD_S = 1.0
@@ -67,77 +65,15 @@ _SILENT_PILOT_S = 1.0
 _FIRST_TICKS = 10
 
 
-@dataclass(frozen=True)
-class Input:
-    """A topic that a step uses.
-
-    Attributes
-    ----------
-    topic : str
-    demand : Demand
-        When lockstep waits for it.
-    off_tick : bool
-        True if stamps between ticks are allowed (they count for the tick before).
-    """
-
-    topic: str
-    demand: Demand
-    off_tick: bool = False
-
-
-@dataclass(kw_only=True)
-class TickCore:
-    """What every tick node has while it is configured.
-
-    Attributes
-    ----------
-    pace : Lockstep or RealTime
-        When it steps; made by `TickNode.listen`.
-    stepped : int or None
-        Newest tick of the present activation.
-    refused : dict of str
-        Per topic, why its last refused message was refused.
-    refusals : dict of Refusals
-        Per topic, the messages that /diagnostics speaks of: those whose stamps did not fit to the
-        clock, references that were not followed.
-    rivals : dict of str
-        Per topic that has more than one sender now, a sentence that names them.
-    senders : dict of str
-        The same of all that had more than one, with what was ignored.
-    """
-
-    pace: Pace
-    stepped: int | None = None
-    refused: dict[str, str] = field(default_factory=dict)
-    refusals: dict[str, "Refusals"] = field(default_factory=dict)
-    rivals: dict[str, str] = field(default_factory=dict)
-    senders: dict[str, str] = field(default_factory=dict)
-
-
-@dataclass
-class Refusals:
-    """Messages of a topic that were refused: how many, why, tick of the last."""
-
-    count: int = 0
-    why: str = ""
-    tick: int = 0
-
-
 Core = TypeVar("Core", bound=TickCore)
 
 
-class TickNode(ManagedNode[Core, Run]):
+class TickNode(Successor[Core, Run]):
     """Collects inputs by tick and calls `step` (`stepping` says when)."""
 
-    CATCHES_UP: ClassVar[bool] = False
-    """Whether in real time, too, it steps through what it has missed when it is started again."""
-
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
-        self.memory = memory_of(self.SPEC.name)
-        self._recalled: Recalled | None = self.memory.recall() if self.memory else None
-        super().__init__({**values, **self._changed_before()}, **options)
+        super().__init__(values, **options)
         self._owners: dict[str, Owner] = {}
-        self._said_tick: int | None = None
         # Per topic its sender's name, if it was the only one when it was first heard.
         self._alone: dict[str, str] = {}
         self.links = HeardLinks(self.SPEC.name, {}, values)
@@ -150,21 +86,6 @@ class TickNode(ManagedNode[Core, Run]):
 
     def begin_anew(self) -> None:
         """The plant has begun another flight while this node was active: forget the past one."""
-
-    def remember(self) -> Any:
-        """What a successor would go on from, if this node were killed now; None for nothing."""
-        return None
-
-    def recall(self, content: Any, gap: bool) -> None:
-        """Go on from what a predecessor has remembered; called before the first step.
-
-        Parameters
-        ----------
-        content : object
-            What `remember` gave.
-        gap : bool
-            Whether ticks were flown without this node that it will not step through.
-        """
 
     def is_ready(self) -> bool:
         """Whether steps may be made at all; a node that waits for something else says it here."""
@@ -231,16 +152,11 @@ class TickNode(ManagedNode[Core, Run]):
             receive = self._receiver(item, decoder, pace)
             ignored = partial(self._look_at_senders, item.topic, owner)
             self.hear(
-                item.topic, receive, qos=self._repeated(), raw=True, owner=owner, ignored=ignored
+                item.topic, receive, qos=self.repeated(), raw=True, owner=owner, ignored=ignored
             )
         self.repeat(_SENDERS_PERIOD_S, partial(self._look_at_all_senders, owners))
         self._demands = {item.topic: item.demand for item in inputs}
         return pace
-
-    def _repeated(self) -> Any:
-        """QoS by which a node that is started again hears what it has missed; None for others."""
-        wanted = self._recalled is not None and (self.values["lockstep"] or self.CATCHES_UP)
-        return topics.qos(topics.IMU, repeats=True) if wanted else None
 
     def _tell_silence(self) -> None:
         """Real time: nobody triggers this node; it says so at once."""
@@ -443,39 +359,16 @@ class TickNode(ManagedNode[Core, Run]):
         """Begin to step, with what came while the node was getting ready; or go on in the place of
         a predecessor."""
         self.core.stepped = None
-        known, self._recalled = self._recalled, None
+        known = self.take_over()
         if known is None:
             self.core.pace.start()
             return
-        self.tick = self.core.stepped = known.tick
-        self.changed, content = known.content
-        self.recall(content, not (self.values["lockstep"] or self.CATCHES_UP))
-        said = f"started again in flight, after {self.rate.seconds(known.tick):.2f} s of it"
-        self.get_logger().warning(said)
+        self.core.stepped = known
         backlog = None
         if self.CATCHES_UP:
             trigger, half_s = next(iter(self._demands)), 0.5 * self.rate.tick_s
             backlog = Backlog(trigger, self._demands, half_s)
-        if self.values["lockstep"]:
-            # Each waits for the other there, so whoever did not know this node yet hears it again.
-            self.sent = {}
-            self.repeat(_AGAIN_S, partial(self._say_again, known.tick + _AGAIN_TICKS))
-        self.core.pace.start(known.tick, backlog)
-
-    def _say_again(self, until: int) -> None:
-        """Lockstep, soon after a start in flight: send the last messages again if none followed."""
-        if self.sent is None:
-            return
-        if self.tick > until:
-            self.sent = None
-        elif self.tick == self._said_tick:
-            for topic, raw in self.sent.items():
-                self.outputs[topic].handle.publish_raw(raw)
-        self._said_tick = self.tick
-
-    def _changed_before(self) -> Mapping[str, Any]:
-        """Parameters that a predecessor was told in flight."""
-        return {} if self._recalled is None else self._recalled.content[0]
+        self.core.pace.start(known, backlog)
 
     def disengage(self) -> None:
         """Cease to step and forget what has been collected."""
@@ -491,8 +384,7 @@ class TickNode(ManagedNode[Core, Run]):
             self.begin_anew()
         self.tick = tick
         self.step(tick, self.links.through(tick, arrived))
-        if self.memory is not None and (content := self.remember()) is not None:
-            self.memory.keep(tick, (self.changed, content))
+        self.keep(tick)
         self.send_report()
 
     def _receiver(
@@ -503,7 +395,7 @@ class TickNode(ManagedNode[Core, Run]):
         earliest, tick_ns = -item.demand.lag_ticks, self.rate.tick_ns
         decode, refuse = decoder.decode, partial(self.refuse, item.topic)
         aloud = partial(self.refuse_aloud, item.topic)
-        since = self._recalled.tick if self._recalled else None
+        since = self.heard_until
         lag = item.demand.lag_ticks
 
         def receive(raw: bytes) -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.arrivals import Owner
+from heli_msgs_bridge.arrivals import HEIR_S, Owner
 from heli_msgs_bridge.messages import Encoder
 
 PERIOD_NS = 10_000_000
@@ -81,3 +81,22 @@ def test_a_silent_owner_is_succeeded_and_comes_back(topic):
 
 def test_without_info_a_message_is_the_owners(topic):
     assert topic.owner.admits(b"", None) and topic.owner.ignored == 0
+
+
+def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
+    """A node that was started again; its predecessor is in the graph for seconds."""
+    topic.senders, names = 2, [True]
+    topic.owner = Owner(
+        lambda: topic.senders, 10.0, PERIOD_NS, lambda: topic.time_s, lambda: names[0]
+    )
+    assert topic.hears(50)
+    topic.time_s += HEIR_S / 2
+    assert not topic.hears(1)
+    topic.time_s += HEIR_S
+    names[0] = False
+    assert not topic.hears(7)
+    names[0] = True
+    assert topic.hears(2) and topic.hears(3)
+    assert topic.owner.heirs == 1 and topic.owner.successions == 0
+    # Who only was paused is the owner still.
+    assert topic.hears(51) and not topic.hears(4)

@@ -29,6 +29,7 @@ from heli_outer_pd.anchor import warm_up
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands, key_of
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.fence import outside
+from heli_outer_pd.following import Following
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import with_hand
 from heli_outer_pd.late import Heard, hear, navigation_at, nothing_heard
@@ -121,37 +122,6 @@ class Law(TickCore):
     followed: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
     repeated: list[tuple[Any, ...]] = field(default_factory=list)
     armed: bool = True
-
-
-@dataclass
-class Following:
-    """What the outer loop has while it is active.
-
-    Attributes
-    ----------
-    begun_s : float
-        Wall time of the activation.
-    awaits_reference : bool
-        In lockstep: no step is made before a reference has come.
-    held : Trajectory or None
-        The position of activation, held while there is no reference.
-    engaged : bool
-        True once the law has followed; before that its command is the trim.
-    phases : Phases
-        What the flight does, from the ground to the ground.
-    diverted : Trajectory or None
-        The way of the last command, followed until a reference comes.
-    rejoins : bool
-        True until the first step after a gap.
-    """
-
-    begun_s: float
-    awaits_reference: bool
-    phases: Phases
-    held: Trajectory | None = None
-    engaged: bool = False
-    diverted: Trajectory | None = None
-    rejoins: bool = False
 
 
 class OuterLoopNode(TickNode[Law, Following]):
@@ -311,18 +281,12 @@ class OuterLoopNode(TickNode[Law, Following]):
         return core.state, ways, vars(run)
 
     def recall(self, content: Any, gap: bool) -> None:
-        """Go on in the same phase, along the same reference.
-
-        After a gap the law's estimates of velocity and lag are those of another moment: the next
-        step begins with them from what it sees, and keeps what it knows of the disturbance.
-        """
+        """Go on in the same phase, along the same reference."""
         core = self.core
         core.state, ways, run = content
         core.given, core.way, core.offset_ned_m, core.home_ned_m, core.followed, core.armed = ways
         core.repeated = list(core.followed)
-        for name, value in run.items():
-            setattr(self.run, name, value)
-        self.run.rejoins = gap
+        self.run.take(run, gap)
 
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
@@ -334,9 +298,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             return
         navigation_at(core.heard, tick, self._oldest_ticks(), self.rate.tick_s, core.nav)
         nav = core.nav
-        if run.rejoins and flyable(nav):
-            run.rejoins = False
-            core.state[MEMORY.vel] = nav[NAV.vel]
+        run.rejoin(nav, core.state)
         if core.given is None and run.held is None and flyable(nav):
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
             if core.home_ned_m is None:

@@ -2,10 +2,8 @@
 """A flight of the real graph: processes over DDS, brought up in order, recorded, scored."""
 
 import os
-import signal
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,17 +19,11 @@ from heli_flight.graph.outcome import outcome
 from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.plant_truth import TRUTH_SUMS
 from heli_flight.graph.process_faults import ProcessFaults
-from heli_flight.graph.processes import (
-    DISCOVERY,
-    DOMAIN,
-    NodeProcess,
-    domain_reserved,
-    others_in,
-    stop,
-)
+from heli_flight.graph.processes import NodeProcess, stop, why_ended
 from heli_flight.graph.programs import programs
 from heli_flight.graph.respawn import AGAIN, Respawn
 from heli_flight.graph.ros_session import prepare_environment
+from heli_flight.graph.running import running
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.process_fault import process_faults_of
@@ -57,19 +49,8 @@ _HEARD_ALL_S = 4.0
 _SILENCE_LIMIT_S = 30.0
 _BAG_LIMIT_S = 10.0
 # How far discovery reaches unless the user says otherwise.
-_HERE = "LOCALHOST"
 # How long the end of a flight waits for the live view to have shown it, and for last words.
 _END_LIMIT_S = 10.0
-
-
-def _named(process: NodeProcess, nodes: Sequence[str]) -> str:
-    """Why a process ended, in its own last words, in front the name of the node or of all of it."""
-    code = process.exit_code() or 0
-    if code < 0:
-        return f"{', '.join(nodes)}: killed by {signal.Signals(-code).name}"
-    reason = process.last_line() or f"exit code {code}"
-    own = tuple(f"{name}: " for name in (process.name, *nodes))
-    return reason if reason.startswith(own) else f"{process.name}: {reason}"
 
 
 class Graph:
@@ -136,8 +117,7 @@ class Graph:
         """
         refuse_unscorable(self.settings)
         started = programs(self.composed, live=self.live is not None)
-        logs = self.folder / "logs"
-        logs.mkdir()
+        (logs := self.folder / "logs").mkdir()
         prepare_environment()
         env = {**os.environ, **(self._respawn.environment() if self._respawn else {})}
         parameters = logs.parent / "graph.yaml"
@@ -186,7 +166,7 @@ class Graph:
         for name, process in list(self.processes.items()):
             if process.exit_code() is None:
                 continue
-            why = _named(process, self._nodes[name])
+            why = why_ended(process, self._nodes[name])
             if self._flies and self._respawn and name in AGAIN and self.supervisor:
                 self.processes[name] = self._respawn.again(name, why, self.supervisor)
                 continue
@@ -338,14 +318,13 @@ class Graph:
         self, result: Result, extra: Mapping[str, Any], flight: BagFlight
     ) -> tuple[Result, Mapping[str, Any], BagFlight]:
         """An outcome with what became of the processes in flight."""
-        restarts = self._respawn.restarts if self._respawn else []
-        notes = (*(restart.words for restart in restarts), *result.notes)
         more: dict[str, Any] = {}
         if self._respawn:
-            more["restarts"] = [restart.as_dict() for restart in restarts]
+            notes = (*self._respawn.words(), *result.notes)
+            result, more["restarts"] = replace(result, notes=notes), self._respawn.as_dicts()
         if self._faults:
             more["process_faults_done"] = self._faults.as_dicts()
-        return replace(result, notes=notes), {**extra, **more}, flight
+        return result, {**extra, **more}, flight
 
     def close(self) -> list[str]:
         """End everything; returns the names of processes that had to be killed."""
@@ -364,44 +343,6 @@ class Graph:
         if self._began_ros and rclpy.ok():
             rclpy.shutdown()
         return killed
-
-
-@contextmanager
-def running(*graphs: Graph) -> Iterator[None]:
-    """Hold a ROS domain and Ctrl-C for graphs that fly together; nothing of them stays."""
-    chosen = not os.environ.get(DOMAIN, "").strip()
-
-    def on_interrupt(*_: Any) -> None:
-        # Remembered only; raised inside rclpy it would come out as something else.
-        for graph in graphs:
-            graph.interrupted = True
-
-    with domain_reserved() as domain:
-        if chosen and domain:
-            graphs[0].say(
-                f"flying in ROS domain {domain}: to listen in, {DOMAIN}={domain} ./heli topics"
-            )
-        reach = os.environ.get(DISCOVERY, "").strip() or _HERE
-        on_this_machine = reach == _HERE
-        if not on_this_machine:
-            graphs[0].say(
-                f"flying in ROS domain {domain} with {DISCOVERY}={reach}, as it is set: other "
-                "machines may listen and send"
-            )
-        company = not on_this_machine or others_in(domain)
-        for graph in graphs:
-            graph.company = company
-        before = signal.signal(signal.SIGINT, on_interrupt)
-        try:
-            yield
-        finally:
-            # The first has begun ROS, and ends it.
-            for graph in reversed(graphs):
-                graph.close()
-            interrupted = graphs[0].interrupted
-            signal.signal(signal.SIGINT, signal.SIG_IGN if interrupted else before)
-    if interrupted:
-        raise KeyboardInterrupt
 
 
 def _last_word(recorder: NodeStatus | None) -> bool:

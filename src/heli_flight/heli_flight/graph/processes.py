@@ -206,6 +206,16 @@ class NodeProcess:
         self._process.join()
 
 
+def why_ended(process: NodeProcess, nodes: Sequence[str]) -> str:
+    """Why a process ended, in its own last words, in front the name of the node or of all of it."""
+    code = process.exit_code() or 0
+    if code < 0:
+        return f"{', '.join(nodes)}: killed by {signal.Signals(-code).name}"
+    reason = process.last_line() or f"exit code {code}"
+    own = tuple(f"{name}: " for name in (process.name, *nodes))
+    return reason if reason.startswith(own) else f"{process.name}: {reason}"
+
+
 def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> list[str]:
     """End processes together; returns the names of those that had to be killed."""
     for process in processes:

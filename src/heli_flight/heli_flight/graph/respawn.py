@@ -154,6 +154,14 @@ class Respawn:
                 restart.back_s = up.flight_s()
                 self._say(restart.words)
 
+    def words(self) -> list[str]:
+        """A sentence for each restart."""
+        return [restart.words for restart in self.restarts]
+
+    def as_dicts(self) -> list[dict[str, Any]]:
+        """Restarts as JSON has them."""
+        return [restart.as_dict() for restart in self.restarts]
+
     def close(self) -> list[str]:
         """End who stands by and remove the memories; returns who had to be killed."""
         killed = stop([self._standby.process]) if self._standby is not None else []

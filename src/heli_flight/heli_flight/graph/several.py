@@ -9,9 +9,10 @@ from typing import Any
 
 from heli_flight.errors import FlightError
 from heli_flight.graph.bag_record import BagFlight
-from heli_flight.graph.flight import Graph, ended, running
+from heli_flight.graph.flight import Graph, ended
 from heli_flight.graph.outcome import outcome
 from heli_flight.graph.processes import NodeProcess, stop
+from heli_flight.graph.running import running
 from heli_flight.loop.result import Result
 from heli_flight.loop.settings import Settings
 

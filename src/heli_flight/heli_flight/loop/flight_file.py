@@ -13,6 +13,7 @@ from heli_flight.loop.commit import sources_commit
 from heli_flight.loop.fault_file import flown_faults
 from heli_flight.loop.flight_section import NODE_NAME, SHORT_FOR
 from heli_flight.loop.layers import Reader, layered
+from heli_flight.loop.process_fault import NONE
 from heli_flight.loop.scenario import NODE_NAME as SCENARIO
 from heli_flight.loop.settings import Settings
 from heli_flight.loop.worlds import DRAWN
@@ -122,13 +123,14 @@ def custom_data(settings: Settings) -> list[str]:
 
 def identity(settings: Settings, changed: Sequence[Change]) -> dict[str, Any]:
     """The section `flight`: what makes this flight this one; `changed` as of `changes`."""
+    broken = settings.process_faults
     return {
         "scenario": settings.scenario_name,
         "gps": settings.gps,
         "world": settings.world,
         "laws": settings.laws,
         "mode": settings.mode,
-        "process_faults": settings.process_faults,
+        **({} if broken == (NONE,) else {"process_faults": broken}),
         "seed": settings.seed,
         "controller": settings.nodes["inner_loop"]["controller"],
         "duration_s": settings.scenario_parameters["duration_s"],

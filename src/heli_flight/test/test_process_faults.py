@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of processes: read, refused, told, flown again; done and undone."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from heli_flight.cli.app import main
+from heli_flight.errors import FlightError
+from heli_flight.graph.process_faults import ProcessFaults
+from heli_flight.graph.respawn import MOST, WITHIN_S, Respawn
+from heli_flight.loop.fault_file import flown_faults, read_all_faults, read_faults
+from heli_flight.loop.flight_file import write_parameters
+from heli_flight.loop.process_fault import ProcessFault, process_faults_of
+from heli_flight.loop.settings import resolve
+from heli_parameters.parameters import ParameterError
+
+FILE = """\
+faults:
+  - {what: process, node: observer, kind: kill, start_s: 8.0}
+  - {what: gps, kind: loss, start_s: 2.0}
+  - {what: process, node: inner_loop, kind: pause, start_s: 12, duration_s: 0.5}
+  - {what: process, kind: hog, start_s: 14.0, duration_s: 1.0, value: 2}
+"""
+KILL, PAUSE, HOG = (
+    ProcessFault("kill", "observer", 8.0),
+    ProcessFault("pause", "inner_loop", 12.0, 0.5),
+    ProcessFault("hog", "", 14.0, 1.0, 2),
+)
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "faults.yaml"
+    path.write_text(FILE)
+    return path
+
+
+def test_one_file_has_faults_of_sensors_and_of_processes(file, tmp_path):
+    read = read_all_faults(file)
+    assert process_faults_of(read.process) == (KILL, PAUSE, HOG)
+    assert len(read.plant) == 1
+    over = {"plant": {"faults": read.plant}}
+    settings = resolve(overrides=over, process_faults=read.process)
+    assert [fault.words for fault in flown_faults(settings)] == [
+        "gps loss from 2 s on", "observer kill at 8 s", "inner_loop pause from 12 to 12.5 s",
+        "hog by 2 processes from 14 to 15 s",
+    ]  # fmt: skip
+    write_parameters(settings, tmp_path / "params.yaml")
+    again = resolve(params=[tmp_path / "params.yaml"])
+    assert again.process_faults == read.process and again.nodes["plant"]["faults"] == read.plant
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("node: observer, kind: kill", "start_s: missing"),
+        ("node: observer, kind: kil, start_s: 1", "kil is not allowed: did you mean kill?"),
+        ("node: observers, kind: kill, start_s: 1", "did you mean observer?"),
+        ("kind: kill, start_s: 1", "node: missing"),
+        ("node: plant, kind: pause, start_s: 1", "duration_s: missing"),
+        ("node: plant, kind: kill, start_s: 1, duration_s: 2", "duration_s: kill has none"),
+        ("kind: hog, node: plant, start_s: 1, duration_s: 2, value: 1", "node: hog has none"),
+        ("kind: hog, start_s: 1, duration_s: 2, value: 1.5", "1.5 is not allowed"),
+        ("kind: hog, start_s: 1, duration_s: 2, value: 17", "allowed: a number in [0, 16]"),
+        ("kind: hog, start_s: .nan, duration_s: 2, value: 1", "start_s: nan is not allowed"),
+        ("nodes: observer, kind: kill, start_s: 1", "nodes: unknown key"),
+        ("kind: [kill], start_s: 1", "kind: expected a value"),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_exit_code_2(tmp_path, capsys, entry, said):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(f"faults:\n  - {{what: process, {entry}}}\n")
+    assert main(["hover", "--faults", str(path)]) == 2
+    captured = capsys.readouterr().err
+    assert f"{path}:2: " in captured and said in captured and captured.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", [["--one-process"], ["--composed"], ["--aircraft", "2"]])
+def test_where_nodes_have_no_process_of_their_own_they_are_refused(file, capsys, words):
+    assert main(["hover", "--faults", str(file), *words]) == 2
+    assert "process: needs the ROS graph with a process for each" in capsys.readouterr().err
+    assert main(["hover", "--respawn", *words]) == 2
+    assert f"it does not go with {words[0]}" in capsys.readouterr().err
+    with pytest.raises(ParameterError, match="needs the ROS graph"):
+        read_faults(file)
+
+
+class Stopped:
+    """A process that does nothing, as the graph has them."""
+
+    def __init__(self):
+        self._process = subprocess.Popen([sys.executable, "-c", "import signal; signal.pause()"])
+        self.pid = self._process.pid
+
+    def exit_code(self):
+        return self._process.poll()
+
+    def state(self):
+        return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+    def becomes(self, *states):
+        while self.state() not in states:
+            os.sched_yield()
+
+    def end(self):
+        self._process.kill()
+        self._process.wait()
+
+
+@pytest.fixture
+def process():
+    found = Stopped()
+    yield found
+    found.end()
+
+
+def test_a_pause_ends_by_itself_and_with_the_flight(process, tmp_path):
+    said = []
+    faults = ProcessFaults([PAUSE], {"inner_loop": process}, tmp_path / "log", said.append)
+    faults.look(11.9)
+    assert faults.done == [] and process.state() != "T"
+    faults.look(12.01)
+    process.becomes("T")
+    faults.look(12.4)
+    assert process.state() == "T"
+    faults.look(12.52)
+    process.becomes("S", "R")
+    again = ProcessFaults([PAUSE], {"inner_loop": process}, tmp_path / "log", said.append)
+    again.look(13.0)
+    process.becomes("T")
+    again.undo()
+    process.becomes("S", "R")
+    assert said == ["fault: inner_loop pause from 12 to 12.5 s"] * 2
+    assert again.as_dicts()[0]["begun_s"] == 13.0
+
+
+def test_a_kill_kills(process, tmp_path):
+    faults = ProcessFaults([KILL], {"observer": process}, tmp_path / "log", print)
+    faults.look(8.0)
+    assert process._process.wait() == -signal.SIGKILL
+
+
+class Up:
+    """What is asked of the supervisor."""
+
+    def __init__(self):
+        self.statuses, self.said, self.forgotten = {}, [], []
+        self.forget = self.forgotten.append
+
+    def flight_s(self):
+        return 7.5
+
+    def announce(self, level, message, facts):
+        self.said.append((message, facts))
+
+
+class Spare:
+    process = None
+
+    def become(self, name, log):
+        return name, log.name
+
+
+def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path):
+    now, up = [0.0], Up()
+    respawn = Respawn(tmp_path, lambda line: None, lambda: now[0])
+    respawn._make = Spare
+    respawn._standby = Spare()
+    for _ in range(MOST):
+        # Spread out it may die as often as it likes.
+        assert respawn.again("observer", "observer: killed", up) == ("observer", "observer.log")
+        now[0] += WITHIN_S
+    for _ in range(MOST - 1):
+        respawn.again("inner_loop", "inner_loop: killed", up)
+    with pytest.raises(FlightError, match="inner_loop: killed, 3 times in 10 s: not started again"):
+        respawn.again("inner_loop", "inner_loop: killed", up)
+    assert up.said[0] == ("observer: killed at 7.50 s: started again", {"respawned.observer": "1"})
+    assert up.said[2][1] == {"respawned.observer": "3"}

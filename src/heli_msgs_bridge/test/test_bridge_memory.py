@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node leaves to its successor, and in what order that makes up for what it missed."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from heli_msgs_bridge.backlog import Backlog
+from heli_msgs_bridge.lockstep import Demand
+from heli_msgs_bridge.memory import Memory, memory_of, respawns
+from heli_msgs_bridge.stepping import Lockstep, RealTime
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "observer.memory"
+
+
+def test_a_successor_finds_the_newest_record(path):
+    assert Memory(path).recall() is None
+    left = Memory(path)
+    for tick in range(7):
+        left.keep(tick, {"x": np.full(3, float(tick)), "way": [tick] * tick})
+    found = Memory(path).recall()
+    assert found.tick == 6 and found.content["way"] == [6] * 6
+    found.content["x"][:] += 1.0  # its own, to be changed
+    assert (found.content["x"] == 7.0).all()
+
+
+@pytest.mark.parametrize("cut", [0, 1, 24, 60, 200])
+def test_a_record_that_was_cut_off_leaves_the_one_before(path, cut):
+    """Whatever part of the third record had been written, without the number at its end."""
+    left = Memory(path)
+    for tick in (1, 2):
+        left.keep(tick, np.full(50, tick))
+    raw = bytearray(path.read_bytes())
+    half = len(raw) // 2
+    first = half  # of tick 1, which the third record would overwrite
+    raw[first + 24 : first + 24 + cut] = b"\xff" * cut
+    path.write_bytes(raw)
+    assert Memory(path).recall().tick == 2
+
+
+def test_what_is_too_long_is_left_out_and_said(path):
+    left = Memory(path)
+    left.keep(1, b"short")
+    left.keep(2, bytes(9 << 20))
+    assert left.too_long and Memory(path).recall().tick == 1
+
+
+def test_it_outlives_a_process_that_is_killed(path):
+    pid = os.fork()
+    if pid == 0:
+        left = Memory(path)
+        for tick in range(10_000_000):
+            left.keep(tick, (tick, np.full(100, tick)))
+    while not path.exists() or (found := Memory(path).recall()) is None:
+        pass
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    found = Memory(path).recall()
+    assert found.content[0] == found.tick and (found.content[1] == found.tick).all()
+
+
+def test_what_took_long_is_kept_beside_the_records(path):
+    left = Memory(path)
+    assert left.lasting() is None
+    left.keep_lasting([1, 2])
+    left.keep_lasting([3])
+    assert Memory(path).lasting() == [3]
+
+
+def test_only_a_flight_that_starts_nodes_again_has_memories(monkeypatch, tmp_path):
+    monkeypatch.delenv("HELI_MEMORY", raising=False)
+    assert memory_of("observer") is None and not respawns()
+    monkeypatch.setenv("HELI_MEMORY", str(tmp_path))
+    assert memory_of("observer") is not None and respawns()
+
+
+DEMANDS = {"imu": Demand(), "mag": Demand(2), "fix": Demand(4, lag_ticks=3), "u": Demand(1, 1, 1)}
+
+
+def stepped(order):
+    """Steps of a node in real time that hears the messages in this order, the last one late."""
+    made, now = [], [0.0]
+    backlog = Backlog("imu", DEMANDS, 0.005, lambda: now[0])
+    real = RealTime("imu", lambda tick, arrived: made.append((tick, arrived)),
+                    now_s=lambda: now[0])  # fmt: skip
+    real.start(9, backlog)
+    for topic, tick in order:
+        real.take(topic, tick, f"{topic} {tick}")
+    now[0] += 0.01
+    return real, made, now
+
+
+def test_what_was_missed_is_stepped_through_in_the_order_of_time():
+    """However the topics come one after the other; who died itself has sent nothing since."""
+    imu = [("imu", tick) for tick in range(10, 30)]
+    rest = [("mag", tick) for tick in range(10, 31, 2)]
+    rest += [("fix", tick) for tick in (9, 13, 17, 21, 25)] + [("u", 9)]
+    for order in (imu + rest, rest + imu):
+        real, made, _ = stepped(order)
+        real.take("imu", 30, "imu 30")
+        assert [tick for tick, _ in made] == list(range(10, 31))
+        for tick, arrived in made:
+            assert arrived["imu"] == (tick, f"imu {tick}")
+            assert ("mag" in arrived) == (tick % 2 == 0)
+            assert ("fix" in arrived) == (tick in (12, 16, 20, 24, 28))
+            assert ("u" in arrived) == (tick == 10)
+        real.take("imu", 31, "imu 31")
+        assert made[-1] == (31, {"imu": (31, "imu 31")})
+
+
+def test_a_topic_that_still_comes_is_waited_for_but_not_for_long():
+    real, made, now = stepped([("mag", 10), *(("imu", tick) for tick in range(10, 30))])
+    real.take("imu", 30, "imu 30")
+    assert made == []
+    now[0] += 0.2
+    real.take("imu", 31, "imu 31")
+    assert [tick for tick, _ in made] == list(range(10, 32))
+
+
+def test_lockstep_goes_on_after_the_predecessors_tick():
+    made = []
+    lock = Lockstep({"imu": Demand(), "mag": Demand(2)}, lambda tick, a: made.append(tick), 1.0)
+    lock.take("imu", 12, 0)
+    lock.start(11)
+    assert made == []
+    lock.take("mag", 12, 0)
+    assert made == [12]
