@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Failsafes of navigation: what goes wrong, how it is found, what the aircraft does, what is said.
+"""Failsafes of navigation and links: what goes wrong, how it is found, what is done and said.
 
 One table, pure. Who detects and who acts stands in the row; `docs/failsafes.md` is drawn from it
 (`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes.py`.
@@ -15,10 +15,13 @@ class Action(IntEnum):
 
     NONE = 0
     NOTE = 1
-    DEAD_RECKON = 2
-    RELEARN = 3
-    HOLD_LEAN = 4
-    LAND = 5
+    MODEL = 2
+    HOLD_COMMAND = 3
+    TRIM = 4
+    DEAD_RECKON = 5
+    RELEARN = 6
+    HOLD_LEAN = 7
+    LAND = 8
 
     @property
     def words(self) -> str:
@@ -29,6 +32,9 @@ class Action(IntEnum):
 _WORDS = {
     Action.NONE: "nothing",
     Action.NOTE: "flies on, and says so",
+    Action.MODEL: "flies on by what was heard last, carried on to now",
+    Action.HOLD_COMMAND: "holds the last command",
+    Action.TRIM: "flies the trim; the actuator side damps rates and takes turns back",
     Action.DEAD_RECKON: "flies on by what the other sensors say",
     Action.RELEARN: "begins anew with tilt and biases, and learns them from the fixes",
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
@@ -49,6 +55,13 @@ class Condition(StrEnum):
     BARO_LOST = "barometer silent or contradicting"
     POSITION_LOST = "position lost"
     POSITION_LOST_LONG = "position lost for long"
+    LINK_FAULTY = "messages lost, late, exchanged or repeated on a link"
+    IMU_LATE = "IMU samples late, or some of them lost, on their way to the observer"
+    ESTIMATE_LATE = "estimate late or missing at the inner loop"
+    ESTIMATE_GONE = "no estimate at the inner loop for long"
+    NAVIGATION_GONE = "no navigation at the outer loop for long"
+    SETPOINT_GONE = "no set-point at the inner loop"
+    COMMANDS_GONE = "no command at the actuator side"
 
 
 @dataclass(frozen=True)
@@ -105,8 +118,27 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.POSITION_LOST_LONG, "outer loop: so for `failsafe.land_after_s`", 75.0,
              Action.LAND, "what comes back in the descent is used; the landing goes on",
              "position lost: level descent"),
+    Failsafe(Condition.LINK_FAULTY, "who hears: what came is older than its tick, or did not come",
+             1.0, Action.NOTE, "the next message in time",
+             "link fault: topic and kind; counted in link.<topic>"),
+    Failsafe(Condition.IMU_LATE, "observer: stamp of the sample", 0.01, Action.MODEL,
+             "in time for the filter's horizon it is read as if it had come in time; a gap to 0.06 "
+             "s is closed by a straight line", "counters imu_samples_late, imu_samples_replaced"),
+    Failsafe(Condition.ESTIMATE_LATE, "inner loop: stamp of `odom`; carried on by the linear model "
+             "with the commands since", 0.01, Action.MODEL, "the next one", "counted in link.odom"),
+    Failsafe(Condition.ESTIMATE_GONE, "inner loop: age over `estimate_timeout_s`", 0.6,
+             Action.HOLD_COMMAND, "the next one",
+             "the estimate or the setpoint is not finite: the last good command is held"),
+    Failsafe(Condition.NAVIGATION_GONE, "outer loop: age over `navigation_timeout_s`; until then "
+             "position goes on with its velocity", 0.6, Action.HOLD_COMMAND, "the next one",
+             "the navigation solution is not finite: the last command is held"),
+    Failsafe(Condition.SETPOINT_GONE, "inner loop: age over `setpoint_timeout_s`", 0.6, Action.TRIM,
+             "the next one", "the attitude setpoint is too old: trim attitude is held"),
+    Failsafe(Condition.COMMANDS_GONE, "actuator side: age over `actuator_timeout_s`, in real time "
+             "or with faults on that link", 0.12, Action.TRIM, "the next one, within "
+             "`fallback.blend_s`", "counter without_commands"),
 )  # fmt: skip
-"""Every failsafe of navigation that is built and flown."""
+"""Every failsafe that is built and flown."""
 
 
 def of(condition: Condition) -> Failsafe:
