@@ -14,6 +14,7 @@ from seeds_option import parser_with_seeds
 from heli_flight.loop.closed_loop import Flight, simulate
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.settings import Settings, resolve
+from heli_math.rows import REFERENCE
 from heli_math.ticks import TICKS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.links import LINKS
@@ -82,14 +83,16 @@ def sound(gps: str, seed: int) -> tuple[np.ndarray, float]:
 
 def row(words: str, faults: tuple[str, ...], gps: str, seeds: list[int]) -> dict[str, Any]:
     """Figures of a fault with a receiver."""
-    off, tilt, place, lost = [], [], [], 0
+    off, tilt, place, lost, gave_up = [], [], [], 0, 0
     begun = round(BEGIN_S * TICKS_PER_S)
     for seed in seeds:
         flight = simulate(settings(faults, gps, seed))
         pos = flight.record.truth_pos_ned_m
         lost += bool(flight.status)
+        asked = flight.record.reference[begun:, REFERENCE.pos]
+        gave_up += bool((asked != asked[0]).any())
         off.append(np.linalg.norm((pos - sound(gps, seed)[0][: len(pos)])[begun:], axis=1).max())
-        away = pos[begun:] - flight.record.reference[begun:, :3]
+        away = pos[begun:] - asked[0]
         place.append(np.linalg.norm(away, axis=1).max())
         tilt.append(tilt_deg(flight))
     return {
@@ -97,6 +100,7 @@ def row(words: str, faults: tuple[str, ...], gps: str, seeds: list[int]) -> dict
         "gps": gps,
         "faults": list(faults),
         "lost": lost,
+        "gave_up": gave_up,
         "median": {"off_m": float(np.median(off))},
         "max": {"off_m": float(max(off)), "tilt_deg": max(tilt), "place_m": float(max(place))},
         "sound": {"tilt_deg": max(sound(gps, seed)[1] for seed in seeds)},

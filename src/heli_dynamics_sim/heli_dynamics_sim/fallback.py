@@ -76,7 +76,7 @@ class FallbackState(NamedTuple):
     turned: Array  # (3,) angles off the slow mean attitude, rad
     left: Array  # (4,) difference that fades away
     out: Array  # (4,) what is flown
-    count: NDArray[np.int64]  # (5,) age of the command, ticks left to fade, acting, times, ticks
+    counts: NDArray[np.int64]  # (5,) age of the command, ticks left to fade, acting, times, ticks
 
 
 def initial_fallback(trim: Array) -> FallbackState:
@@ -101,23 +101,23 @@ def _fade_from(state, n, goal):
     """Go on from what is flown towards a goal (4,)."""
     for i in range(goal.shape[0]):
         state.left[i] = state.out[i] - goal[i]
-    state.count[_FADING] = n.blend_ticks
+    state.counts[_FADING] = n.blend_ticks
 
 
 @njit
 def hear(state, n, command):
     """A command (4,) has come."""
     copy(state.command, command)
-    state.count[_AGE] = 0
-    if state.count[_ACTING]:
-        state.count[_ACTING] = 0
+    state.counts[_AGE] = 0
+    if state.counts[_ACTING]:
+        state.counts[_ACTING] = 0
         _fade_from(state, n, state.command)
 
 
 @njit
 def step(state, n, gyro_radps, made_up):
     """What is flown for a tick, into state.out; as `Fallback.step`."""
-    count, goal, gyro = state.count, scratch(_N), scratch(3)
+    count, goal, gyro = state.counts, scratch(_N), scratch(3)
     for i in range(gyro_radps.shape[0]):
         gyro[i] = gyro_radps[i] if np.isfinite(gyro_radps[i]) else 0.0
     count[_AGE] += made_up < _LATE_TICKS
@@ -162,17 +162,17 @@ class Fallback:
     @property
     def acting(self) -> bool:
         """True while nobody commands."""
-        return bool(self._state.count[_ACTING])
+        return bool(self._state.counts[_ACTING])
 
     @property
     def times(self) -> int:
         """How often it has acted."""
-        return int(self._state.count[_TIMES])
+        return int(self._state.counts[_TIMES])
 
     @property
     def ticks(self) -> int:
         """How long it has acted."""
-        return int(self._state.count[_TICKS])
+        return int(self._state.counts[_TICKS])
 
     def hear(self, command: Array) -> None:
         """A command (4,) has come."""
@@ -195,6 +195,12 @@ class Fallback:
         """
         step(self._state, self._n, gyro_radps, made_up)
         return self._state.out
+
+    def after(self, command: Array | None, gyro_radps: Array) -> Array:
+        """What is flown for a tick at which a command (4,) has come, or none; as `step`."""
+        if command is not None:
+            self.hear(command)
+        return self.step(gyro_radps)
 
     def facts(self) -> dict[str, str]:
         """How often and how long nobody has commanded, for /diagnostics; empty if never."""

@@ -267,16 +267,11 @@ class PlantNode(TickNode[Aircraft, Flight]):
         self.core.pace.pause()
 
     def step(self, tick: int, arrived: Arrived) -> None:
-        """Lockstep: the command of this tick has come, or is not waited for; go on to the next."""
-        core = self.core
-        _, u = arrived.get(topics.ACTUATORS, (0, None))
+        """Lockstep: the command of this tick has come, is lost, or is not waited for; go on."""
+        core, (_, u) = self.core, arrived.get(topics.ACTUATORS, (0, None))
         if self.links.has(topics.ACTUATORS):
-            # What was lost on the way is lost here, too: as in real time.
-            if u is not None:
-                core.fallback.hear(u)
-            core.u[:] = core.fallback.step(core.y[MEAS.rate])
-        elif u is not None:
-            core.u[:] = u
+            u = core.fallback.after(u, core.y[MEAS.rate])
+        core.u[:] = core.u if u is None else u
         self._go_on(tick)
 
     def _go_on(self, tick: int) -> None:
@@ -399,8 +394,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def _take_command(self) -> None:
         pace = self.core.pace
         assert isinstance(pace, RealTime)
-        arrived = self.links.through(self.tick, pace.collect())
-        _, u = arrived.get(topics.ACTUATORS, (0, None))
+        _, u = self.links.through(self.tick, pace.collect()).get(topics.ACTUATORS, (0, None))
         if u is not None:
             self.core.fallback.hear(u)
             pace.silent.clear()

@@ -100,6 +100,10 @@ def test_an_empty_list_takes_the_faults_of_a_parameter_file_away(tmp_path):
         ("faults:\n  - gps\n", ":2: expected a mapping of what"),
         ("faults:\n  - {what: gsp, kind: loss, start_s: 1}\n", ":2: what: gsp is not allowed"),
         ("faults:\n\n  - {what: gps, kind: bias, start_s: 1}\n", ":3: value: missing"),
+        (
+            "faults:\n  - {what: link, from: observer, to: plant, kind: loss, start_s: 1}\n",
+            ":2: from observer to plant goes no topic; known: plant to observer: imu/data_raw",
+        ),
         (b"\xff\xfe\x00", "it is not UTF-8"),
     ],
 )
@@ -111,6 +115,61 @@ def test_bad_files_are_one_line_and_exit_code_2(tmp_path, capsys, content, said)
     assert str(path) in captured
     assert said in captured
     assert captured.count("\n") == 1
+
+
+LINKS = """\
+faults:
+  - {what: link, from: any, to: any, kind: loss, value: 0.3, start_s: 1.0}
+  - {what: link, from: observer, to: inner_loop, topic: odom, kind: delay, value: 0.05, start_s: 2}
+  - {what: gps, kind: loss, start_s: 2.0}
+"""
+
+
+def test_faults_of_links_are_flown_told_and_flown_again(fly, tmp_path, capsys):
+    path = tmp_path / "links.yaml"
+    path.write_text(LINKS)
+    words = ("--one-process", "--duration", 4, "--seed", 3)
+    _, result = fly(tmp_path / "a", *words, "--faults", path)
+    said = (
+        "link any to any loss 0.3 from 1 s on; link odom observer to inner_loop delay 0.05 from 2"
+    )
+    assert said in capsys.readouterr().out
+    assert [fault["what"] for fault in result["faults"]] == ["gps", "link", "link"]
+    assert result["faults"][2] == {
+        "what": "link", "from": "observer", "to": "inner_loop", "topic": "odom", "kind": "delay",
+        "start_s": 2.0, "duration_s": None, "value": [0.05],
+    }  # fmt: skip
+    assert not any("link_seed" in name for name in result["changed"])
+    _, again = fly(tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
+    assert again["faults"] == result["faults"] and again["metrics"] == result["metrics"]
+    _, other = fly(tmp_path / "c", *words)
+    assert other["metrics"] != result["metrics"]
+
+
+def test_what_is_lost_hangs_on_the_seed_of_the_flight(tmp_path):
+    path = tmp_path / "links.yaml"
+    path.write_text(LINKS)
+    settings = resolve("hover", "rtk", 3, 3.0, overrides=fault_overrides(path))
+    assert {values["link_seed"] for values in settings.nodes.values()} == {3}
+    other = settings.with_seed(4)
+    assert {values["link_seed"] for values in other.nodes.values()} == {4}
+    lost = []
+    for flown in (settings, settings, other):
+        loop = closed_loop.build(flown)
+        closed_loop.fly_loop(loop, flown)
+        lost.append(loop.links.s.counts.tolist())
+    assert lost[0] == lost[1] != lost[2]
+
+
+def test_a_campaign_flies_faults_of_links(tmp_path):
+    (tmp_path / "links.yaml").write_text(LINKS)
+    path = tmp_path / "spec.yaml"
+    path.write_text("flights: 2\nfaults: links.yaml\n")
+    spec = spec_of(path)
+    for number in range(2):
+        settings = spec.settings(number)
+        assert len(flown_faults(settings)) == 3
+        assert settings.nodes["observer"]["link_seed"] == settings.seed
 
 
 def test_a_missing_file(tmp_path, capsys):

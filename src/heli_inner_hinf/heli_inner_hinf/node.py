@@ -45,6 +45,9 @@ from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
 _NO_ROTOR = np.full(ROTOR.size, np.nan)
+_LATE = "the estimate is late: the model carries it on"
+_LATE_TICKS = 5
+"""Of 10 ms: an estimate that is older is spoken of."""
 _WAITS = "waits for navigation: the trim is held"
 
 
@@ -344,6 +347,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             level, message = Level.WARN, _WAITS
         elif code == AttitudeStatus.NOT_FINITE:
             level = Level.ERROR
+        elif self.tick - self.core.known.tick[0] > self.rate.of(_LATE_TICKS):
+            level, message = Level.WARN, _LATE
         elif stale:
             level, message = Level.WARN, "the attitude setpoint is too old: trim attitude is held"
         elif excited > ExcitationStatus.EXCITING:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Failsafes of navigation: what goes wrong, how it is found, what the aircraft does, what is said.
+"""Failsafes of navigation and links: what goes wrong, how it is found, what is done and said.
 
 One table, pure. Who detects and who acts stands in the row; `docs/failsafes.md` is drawn from it
 (`testing/failsafe_page.py`), and each row is flown in `tests/flight/test_failsafes*.py` or, of
@@ -16,14 +16,17 @@ class Action(IntEnum):
 
     NONE = 0
     NOTE = 1
-    OTHER_IMU = 2
-    DEAD_RECKON = 3
-    RELEARN = 4
-    HOVER = 5
-    HOLD_SETPOINT = 6
-    HOLD_TRIM = 7
-    HOLD_LEAN = 8
-    LAND = 9
+    MODEL = 2
+    OTHER_IMU = 3
+    HOLD_COMMAND = 4
+    TRIM = 5
+    DEAD_RECKON = 6
+    RELEARN = 7
+    HOVER = 8
+    HOLD_SETPOINT = 9
+    HOLD_TRIM = 10
+    HOLD_LEAN = 11
+    LAND = 12
 
     @property
     def words(self) -> str:
@@ -35,6 +38,9 @@ _WORDS = {
     Action.NONE: "nothing",
     Action.NOTE: "flies on, and says so",
     Action.OTHER_IMU: "flies on with the other IMU alone",
+    Action.MODEL: "flies on by what was heard last, carried on to now",
+    Action.HOLD_COMMAND: "holds the last command",
+    Action.TRIM: "flies the trim; the actuator side damps rates and takes turns back",
     Action.DEAD_RECKON: "flies on by what the other sensors say",
     Action.RELEARN: "solves tilt and biases again from the fixes of the last seconds",
     Action.HOVER: "comes to rest where it can, inside the fence, and hovers there",
@@ -65,6 +71,13 @@ class Condition(StrEnum):
     COMMANDS_GONE = "observer or inner loop killed or paused, real time"
     OUTER_GONE = "outer loop killed, real time"
     NODE_GONE = "observer, inner or outer loop killed, lockstep"
+    LINK_FAULTY = "messages lost, late, exchanged or repeated on a link"
+    IMU_LATE = "IMU samples late, or some of them lost, on their way to the observer"
+    ESTIMATE_LATE = "estimate late or missing at the inner loop"
+    ESTIMATE_GONE = "no estimate at the inner loop for long"
+    NAVIGATION_GONE = "no navigation at the outer loop for long"
+    SETPOINT_GONE = "no set-point at the inner loop"
+    COMMANDS_LOST = "no command at the actuator side"
 
 
 @dataclass(frozen=True)
@@ -145,8 +158,27 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.NODE_GONE, "supervisor: the process has ended", 0.2, Action.NOTE,
              "`--respawn`: time stands still until the node has made up for what it missed",
              "started again"),
+    Failsafe(Condition.LINK_FAULTY, "who hears: what came is older than its tick, or did not come",
+             1.0, Action.NOTE, "the next message in time",
+             "link fault: topic and kind; counted in link.<topic>"),
+    Failsafe(Condition.IMU_LATE, "observer: stamp of the sample", 0.01, Action.MODEL,
+             "in time for the filter's horizon it is read as if it had come in time; a gap to 0.06 "
+             "s is closed by a straight line", "counters imu_samples_late, imu_samples_replaced"),
+    Failsafe(Condition.ESTIMATE_LATE, "inner loop: stamp of `odom`; carried on by the linear model "
+             "with the commands since", 0.01, Action.MODEL, "the next one", "counted in link.odom"),
+    Failsafe(Condition.ESTIMATE_GONE, "inner loop: age over `estimate_timeout_s`", 0.6,
+             Action.HOLD_COMMAND, "the next one",
+             "the estimate or the setpoint is not finite: the last good command is held"),
+    Failsafe(Condition.NAVIGATION_GONE, "outer loop: age over `navigation_timeout_s`; until then "
+             "position goes on with its velocity", 0.6, Action.HOLD_COMMAND, "the next one",
+             "the navigation solution is not finite: the last command is held"),
+    Failsafe(Condition.SETPOINT_GONE, "inner loop: age over `setpoint_timeout_s`", 0.6, Action.TRIM,
+             "the next one", "the attitude setpoint is too old: trim attitude is held"),
+    Failsafe(Condition.COMMANDS_LOST, "actuator side: age over `actuator_timeout_s`, in real time "
+             "or with faults on that link", 0.12, Action.TRIM, "the next one, within "
+             "`fallback.blend_s`", "counter without_commands"),
 )  # fmt: skip
-"""Every failsafe of navigation that is built and flown."""
+"""Every failsafe that is built and flown."""
 
 
 def of(condition: Condition) -> Failsafe:

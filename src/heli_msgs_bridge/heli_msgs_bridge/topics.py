@@ -224,11 +224,14 @@ def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:
 
 
 def _profile(depth: int, latched: bool) -> Any:
-    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+    # As `message_class`: whoever reads the table alone is not bound to ROS.
+    from importlib import import_module
 
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
+    ros = import_module("rclpy.qos")
+    kept = ros.DurabilityPolicy.TRANSIENT_LOCAL if latched else ros.DurabilityPolicy.VOLATILE
+    return ros.QoSProfile(
+        history=ros.HistoryPolicy.KEEP_LAST,
         depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=ros.ReliabilityPolicy.RELIABLE,
+        durability=kept,
     )

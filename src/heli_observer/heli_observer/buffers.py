@@ -15,8 +15,6 @@ HELD = 2
 """Ticks without a sample over which the last one is held."""
 MEAN_TICKS = 16
 """Ticks before it over which the mean is taken."""
-LATE_S = 0.2
-"""By so much a fix may be older than the filter's horizon, s."""
 RATE_FADES_S = 0.2
 """Time constant with which a rate that nothing says is taken to fade: the law damps it."""
 
@@ -41,7 +39,7 @@ def _repeats(z, heard, at):
 
 
 @njit
-def _judge_imu(state, sample, k):
+def judge_imu(state, sample, k):
     """Whether specific force and rate of a sample (6,) may be integrated: finite, within range,
     measured anew. No specific force at all is free fall, or a sensor that has lost its supply.
     """
@@ -106,7 +104,7 @@ def _store_imu(state, tick, last, sample, k):
     imu, count = state.imu, state.count
     size = imu.shape[0]
     slot = tick % size
-    force, rate = _judge_imu(state, sample, k)
+    force, rate = judge_imu(state, sample, k)
     row = scratch(_N_IMU)
     copy_part(row, 0, sample, 0, IMU.size)
     if not force:
@@ -125,70 +123,6 @@ def _store_imu(state, tick, last, sample, k):
         part = (t - last) / (tick - last)
         for j in range(L.N_IMU):
             imu[t % size, j] = (1.0 - part) * imu[last % size, j] + part * imu[slot, j]
-
-
-@njit
-def _mend_imu(state, stamp, sample, k):
-    """Put a sample (6,) that came late into its slot, and hold it on until now.
-
-    The filter, at its horizon, then reads it as if it had come in time.
-    """
-    imu, count = state.imu, state.count
-    size, now = imu.shape[0], count[L.C_TICK]
-    slot = stamp % size
-    if not now - k.horizon_ticks < stamp <= now or stamp <= count[L.C_BEGUN]:
-        return
-    force, rate = _judge_imu(state, sample, k.ekf)
-    if not (force and rate) or imu[slot, L.I_REPLACED] == 0.0:
-        return
-    copy_part(imu[slot], 0, sample, 0, IMU.size)
-    imu[slot, L.I_REPLACED] = 0.0
-    for t in range(stamp + 1, now + 1):
-        if imu[t % size, L.I_REPLACED] == 0.0:
-            break
-        copy_part(imu[t % size], 0, sample, 0, IMU.size)
-    count[L.C_IMU_OK] = max(count[L.C_IMU_OK], stamp)
-    count[L.C_IMU_LATE] = now + 1
-    count[L.C_IMU_MENDED] += 1
-
-
-@njit
-def hear_imu(state, tick, stamp, sample, k, y):
-    """Take an IMU's sample, of this tick or of an earlier one, before `observe`.
-
-    Parameters
-    ----------
-    state : ObserverState
-        In place.
-    tick, stamp : int
-        The next one of `observe`; that of the sample.
-    sample : (6,) array
-        Places of `rows.IMU`.
-    k : ObserverKernel
-    y : (>= 20,) array
-        Measurement row of the tick; its IMU is written, NaN for a sample of an earlier tick.
-    """
-    if stamp == tick or state.count[L.C_TICK] == L.NO_TICK:
-        copy_part(y, MEAS.imu.start, sample, 0, IMU.size)
-        return
-    fill(y[MEAS.imu], math.nan)
-    _mend_imu(state, stamp, sample, k)
-
-
-@njit
-def hear_fix(tick, k, y):
-    """Bring a fix of a measurement row y that came too late for the filter to its horizon.
-
-    By its own velocity, over `LATE_S` at most; one that has none stays too late.
-    """
-    horizon = tick - k.horizon_ticks
-    late = horizon - y[MEAS.gps_tick]
-    if y[MEAS.gps_valid] > 0.5 and 0.0 < late <= LATE_S / k.ekf.dt_s:
-        pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
-        if math.isfinite(vel[0] + vel[1] + vel[2]):
-            for i in range(pos.shape[0]):
-                pos[i] += late * k.ekf.dt_s * vel[i]
-            y[MEAS.gps_tick] = float(horizon)
 
 
 @njit

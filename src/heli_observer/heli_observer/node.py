@@ -19,7 +19,7 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
 from heli_msgs_bridge.transforms import FrameTree, encode_transforms
-from heli_observer.buffers import hear_fix, hear_imu
+from heli_observer.late import hear_fix, hear_imu
 from heli_observer.layout import COUNTER_NAMES, ObserverState
 from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
 from heli_observer.parameter_table import NODE_NAME, TABLE

@@ -35,6 +35,7 @@ from heli_observer.ins_ekf import (
     start_baro,
     take_for_jump,
 )
+from heli_observer.late import bridge
 from heli_observer.layout import ObserverState, ObserverStatus
 from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
 from heli_observer.relearn import empty_window, remember, solve_again
@@ -168,8 +169,9 @@ def _filter_step(state, horizon, tick, k):
     if horizon <= state.count[L.C_BEGUN]:
         coast(x, P, k.ekf)
     else:
+        bridged = bridge(imu, horizon, tick, k.ekf.dt_s, P)
         predict(x, P, imu[(horizon - 1) % size], imu[horizon % size], k.ekf)
-        if replaced_for_long(imu, horizon):
+        if not bridged and replaced_for_long(imu, horizon):
             widen(P, k.ekf.dt_s)
     remember(state, horizon, imu[horizon % size], state.aid[horizon % size])
     return _fuse_slot(state, tick, horizon, state.aid[horizon % size], k)

@@ -4,10 +4,12 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heli_math.arrays import copy, fill
 from heli_math.jit import njit
 from heli_math.rows import NAV
+from heli_math.ticks import Rate
 
 _NEVER = -(2**62)
 
@@ -47,3 +49,36 @@ def navigation_at(heard, tick, timeout_ticks, tick_s, out):
         pos, vel = out[NAV.pos], out[NAV.vel]
         for i in range(pos.shape[0]):
             pos[i] += age * tick_s * vel[i]
+
+
+class LateNavigation:
+    """The navigation of a node, whose kernels are loaded before the first tick.
+
+    Parameters
+    ----------
+    timeout_s : float
+        Age of navigation that is none any more.
+    rate : Rate
+        Of the ticks.
+    """
+
+    def __init__(self, timeout_s: float, rate: Rate) -> None:
+        self._oldest, self._tick_s = max(1, rate.ticks_in(timeout_s)), rate.tick_s
+        self.forget()
+        spare = np.full(NAV.size, np.nan)
+        hear(self._heard, 0, spare)
+        self.fill(0, spare)
+        self.forget()
+
+    def forget(self) -> None:
+        """Another flight: nothing has been heard."""
+        self._heard = nothing_heard()
+
+    def hear(self, stamp: int, nav: NDArray[np.float64] | None) -> None:
+        """A row (31,) stamped with a tick has come; None: it has not."""
+        if nav is not None:
+            hear(self._heard, stamp, nav)
+
+    def fill(self, tick: int, out: NDArray[np.float64]) -> None:
+        """Navigation at a tick into out (31,)."""
+        navigation_at(self._heard, tick, self._oldest, self._tick_s, out)

@@ -32,7 +32,7 @@ from heli_outer_pd.fence import outside
 from heli_outer_pd.following import Following
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import with_hand
-from heli_outer_pd.late import Heard, hear, navigation_at, nothing_heard
+from heli_outer_pd.late import LateNavigation
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
@@ -84,8 +84,7 @@ class Law(TickCore):
         From `given` to `way`; None until the law has engaged.
     home_ned_m : (3,) array or None
         Where the first reference began, or the first position that was held without one.
-    heard : Heard
-        The newest navigation row.
+    heard : LateNavigation
     nav, out : arrays
         Navigation row of this tick and what the law makes of it.
     commanders : dict of set of str
@@ -110,11 +109,11 @@ class Law(TickCore):
     tell_way: Callable[[Any], None]
     limits: ReferenceLimits
     goto: Goto
+    heard: LateNavigation
     given: Trajectory | None = None
     way: Trajectory | None = None
     offset_ned_m: np.ndarray | None = None
     home_ned_m: np.ndarray | None = None
-    heard: Heard = field(default_factory=nothing_heard)
     nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
     commanders: dict[str, set[str]] = field(default_factory=lambda: {t: set() for t in _COMMANDS})
@@ -141,6 +140,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             tell_way=self._way_teller(),
             limits=ReferenceLimits.from_parameters(self.values),
             goto=Goto.from_parameters(self.values),
+            heard=LateNavigation(self.values["navigation_timeout_s"], self.rate),
             pace=self.listen((Input(topics.ODOM, Demand()),)),
         )
         script_of(self.values)  # now: an order that cannot be is no matter of the flight
@@ -167,9 +167,6 @@ class OuterLoopNode(TickNode[Law, Following]):
         encode_reference(core.goto.plan(_NOWHERE, 0, np.ones(3), 1.0))
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
         warm_up(core.kernel, state)
-        hear(core.heard, 0, core.nav)
-        navigation_at(core.heard, 0, 1, self.rate.tick_s, core.nav)
-        core.heard = nothing_heard()
 
     def _name_commanders(self) -> None:
         """Say who sends commands if they are several: each may, so all of them are followed."""
@@ -253,7 +250,8 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def engage(self) -> Following:
         """Begin; wait for the reference only if somebody is there to send it."""
-        self.core.state, self.core.heard = initial_state(self.core.kernel), nothing_heard()
+        self.core.state = initial_state(self.core.kernel)
+        self.core.heard.forget()
         others = self.count_publishers(topics.REFERENCE) - 1  # it is one itself
         awaited = "scenario" in self.values["peers"] or others > 0
         return Following(time.monotonic(), awaited, self._phases())
@@ -269,7 +267,8 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def begin_anew(self) -> None:
         """Another flight: the law begins anew, and with it what is held without a reference."""
-        self.core.state, self.core.heard = initial_state(self.core.kernel), nothing_heard()
+        self.core.state = initial_state(self.core.kernel)
+        self.core.heard.forget()
         self.core.way, self.core.offset_ned_m = self.core.given, None
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
         self.run.phases = self._phases()
@@ -291,13 +290,11 @@ class OuterLoopNode(TickNode[Law, Following]):
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
         core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
-        stamp, nav = arrived.get(topics.ODOM, (0, None))
-        if nav is not None:
-            hear(core.heard, stamp, nav)
+        core.heard.hear(*arrived.get(topics.ODOM, (0, None)))
         if tick % self.rate.of(self.values["period_ticks"]):
             return
-        navigation_at(core.heard, tick, self._oldest_ticks(), self.rate.tick_s, core.nav)
         nav = core.nav
+        core.heard.fill(tick, nav)
         run.rejoin(nav, core.state)
         if core.given is None and run.held is None and flyable(nav):
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
@@ -310,23 +307,12 @@ class OuterLoopNode(TickNode[Law, Following]):
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
             core.nav[:] = np.nan
             way = _NOWHERE
-        code = follow(
-            core.nav,
-            stamp_ns - way.start_ns,
-            way.times_ns,
-            way.points,
-            core.kernel,
-            core.state,
-            core.out,
-        )
+        since_ns, k = stamp_ns - way.start_ns, core.kernel
+        code = follow(nav, since_ns, way.times_ns, way.points, k, core.state, core.out)
         core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
         core.send_collective(with_hand(core.out[[SETPOINT.col]], core.state), stamp_ns)
         self._look(stamp_ns)
         self._tell(code)
-
-    def _oldest_ticks(self) -> int:
-        """Age of navigation that is none any more."""
-        return max(1, self.rate.ticks_in(self.values["navigation_timeout_s"]))
 
     def _look(self, stamp_ns: int) -> None:
         """After a step: what follows from it, and what was ordered for now."""

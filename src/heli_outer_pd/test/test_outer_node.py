@@ -79,7 +79,7 @@ def test_it_is_waited_for_so_long_and_no_longer(bench):
 
 
 def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
-    """While it aligns nothing is wrong; after the law has engaged, its loss is an error."""
+    """While it aligns nothing is wrong; once the law has engaged, its loss for long is an error."""
     outer = bench(OuterLoopNode)
     outer.fly()
 
@@ -95,7 +95,9 @@ def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
     assert outer.sent[topics.COLLECTIVE][-1] == pytest.approx(trim[3:], abs=0.0)
     fly_ticks(outer, [8])
     assert outer.node.health.level == Level.OK
-    level, said = lost(12)
+    told = [lost(tick) for tick in range(12, 64, 4)]
+    assert {level for level, _ in told[:-1]} == {Level.OK}, "carried on by its velocity for 0.5 s"
+    level, said = told[-1]
     assert level == Level.ERROR and said.endswith("the last command is held")
     fly_ticks(outer, [0])
     outer.node.begin_anew()

@@ -23,6 +23,7 @@ from heli_flight.loop.linked import (
 )
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.settings import Settings
+from heli_flight.loop.track import empty_track, record_of
 from heli_inner_hinf import attitude_law as inner
 from heli_inner_hinf.attitude_disturbance import disturbance_kernel
 from heli_inner_hinf.design import attitude_kernel
@@ -40,7 +41,6 @@ from heli_math.jit import njit, njit_counted, njit_unlocked
 from heli_math.rotations import fill_R_nb
 from heli_math.rows import (
     ACTUATOR,
-    IMU,
     MEAS,
     NAV,
     NINE,
@@ -93,20 +93,6 @@ class Loop(NamedTuple):
     tick_s: float
     links: Linked
     seen: np.ndarray  # (31,) navigation as the outer loop had it last
-
-
-class Track(NamedTuple):
-    """What is recorded, one row per tick; places of `heli_math.rows`."""
-
-    truth: np.ndarray  # (n, 19) TRUTH
-    nav: np.ndarray  # (n, 31) NAV
-    reference: np.ndarray  # (n, 7) REFERENCE
-    setpoint: np.ndarray  # (n, 4) SETPOINT
-    u: np.ndarray  # (n, 4) ACTUATOR
-    # no rows unless something is excited:
-    excitation: np.ndarray  # (n, 4) ACTUATOR, what was added to u
-    gust: np.ndarray  # (n, 3) NED, m/s
-    imu: np.ndarray  # (n, 6) IMU
 
 
 @njit_counted
@@ -317,14 +303,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     """
     rate = settings.rate
     n = rate.of(settings.scenario.n_ticks)
-    track = Track(
-        np.zeros((n, TRUTH.size)),
-        np.zeros((n, NAV.size)),
-        np.zeros((n, REFERENCE.size)),
-        np.zeros((n, SETPOINT.size)),
-        np.zeros((n, ACTUATOR.size)),
-        *(np.zeros((n if _excited(loop) else 0, size)) for size in (ACTUATOR.size, 3, IMU.size)),
-    )
+    track = empty_track(n, _excited(loop))
     streams = noise.NoiseStreams(settings.seed)
     reference = settings.scenario.reference
     times_ns, points = reference.times_ns, reference.points.copy()
@@ -351,7 +330,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
         reference_at(before * rate.tick_ns, times_ns, points, track.reference[before])
     named = plant.PlantStatus(status)
     modes = _modes(phases, tick, rate) if scripted else None
-    record = replace(_as_record(track, tick, rate), mode=modes)
+    record = replace(record_of(track, tick, rate), mode=modes)
     return Flight(record, named, "" if status == 0 else named.sentence)
 
 
@@ -388,30 +367,3 @@ def _unasked(phases: Phases, tick: int, loop: Loop) -> int:
 
 def _excited(loop: Loop) -> bool:
     return bool(loop.excitation_k.on or loop.plant_k.wind.sines.on)
-
-
-def _as_record(track: Track, n: int, rate: Rate) -> FlightRecord:
-    truth, nav = track.truth[:n], track.nav[:n]
-    return FlightRecord(
-        time_s=rate.seconds(np.arange(n)),
-        truth_pos_ned_m=truth[:, TRUTH.pos],
-        truth_vel_ned_mps=truth[:, TRUTH.vel],
-        truth_rate_body_radps=truth[:, TRUTH.rate],
-        truth_q_nb=truth[:, TRUTH.quat],
-        truth_rotor=truth[:, TRUTH.rotor],
-        wind_ned_mps=truth[:, TRUTH.wind],
-        nav_pos_ned_m=nav[:, NAV.pos],
-        nav_vel_ned_mps=nav[:, NAV.vel],
-        nav_rate_body_radps=nav[:, NAV.rate],
-        nav_q_nb=nav[:, NAV.quat],
-        nav_rotor=nav[:, NAV.rotor],
-        reference=track.reference[:n],
-        setpoint=track.setpoint[:n, SETPOINT.attitude],
-        u=track.u[:n],
-        nav_sigma_pos_m=nav[:, NAV.sigma_pos],
-        nav_sigma_vel_mps=nav[:, NAV.sigma_vel],
-        nav_sigma_att_rad=nav[:, NAV.sigma_att],
-        excitation_u=track.excitation[:n] if track.imu.size else None,
-        gust_ned_mps=track.gust[:n] if track.imu.size else None,
-        imu=track.imu[:n] if track.imu.size else None,
-    )

@@ -28,7 +28,7 @@ from heli_msgs_bridge.links import (
     link_kernel,
     pass_on,
 )
-from heli_observer.buffers import hear_fix, hear_imu
+from heli_observer.late import hear_fix, hear_imu
 from heli_outer_pd import late
 
 _N_IMU, _N_NINE, _N_NAV, _N_HANDED = IMU.size, len(NINE), NAV.size, 4

@@ -142,6 +142,14 @@ PRODUCERS = (
         MARGIN,
     ),
     Producer(
+        "links",
+        "./heli python scripts/link_table.py --seeds 1..10",
+        "Hovers with faults of the links between nodes, with both receivers.",
+        tuple(range(1, 11)),
+        # What is nearly lost keeps no difference small.
+        MARGIN,
+    ),
+    Producer(
         "blind_landing",
         "./heli python scripts/blind_landing_table.py --seeds 1..20",
         "Landings after the last fix, in two worlds with both receivers.",

@@ -9,6 +9,7 @@ from heli_flight.studies.results import tables_of_flights as flights
 from heli_flight.studies.results import tables_of_ground as of_ground
 from heli_flight.studies.results import tables_of_handling as handling
 from heli_flight.studies.results import tables_of_laws as of_laws
+from heli_flight.studies.results import tables_of_links as of_links
 from heli_flight.studies.results import tables_of_parts as parts
 from heli_flight.studies.results import tables_of_position as position
 from heli_flight.studies.results import tables_of_processes as of_processes
@@ -32,6 +33,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "takeoff": position.takeoff,
     "failsafes": of_ground.failsafes,
     "actuator_faults": of_ground.actuator_faults,
+    "links": of_links.links,
     "blind_landing": of_ground.blind_landing,
     "into_wind": position.into_wind,
     "sequence": position.sequence,

@@ -15,8 +15,9 @@ from heli_dynamics_sim import plant
 from heli_dynamics_sim.linearize import reduced_state
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.trim import Trim, trim
-from heli_flight.loop.closed_loop import Loop, Track, build, fly
+from heli_flight.loop.closed_loop import Loop, build, fly
 from heli_flight.loop.settings import Settings
+from heli_flight.loop.track import Track
 from heli_flight.studies.robust.aircraft import EXACT, AircraftSet, with_values
 from heli_math.rows import ACTUATOR, NAV, NINE, PLANT, REFERENCE, SETPOINT, TRUTH
 from heli_math.ticks import TICK_S, ticks_in
