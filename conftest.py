@@ -148,6 +148,10 @@ class Bench:
         """
         own = [s for s in self.node.subscriptions if s.topic_name == f"/{topic}"]
         assert own
+        if own[0].raw and not isinstance(message, bytes):
+            from rclpy.serialization import serialize_message
+
+            message = serialize_message(message)
         own[0].callback(message)
         if self.node.crash is not None:
             raise self.node.crash

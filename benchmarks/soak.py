@@ -225,11 +225,16 @@ def starts(count: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _heeds_interrupts() -> None:
+    """What a shell starts with `&` ignores Ctrl-C, and so would what is started from here."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def interrupted(command: list[str], after_s: float, environment: dict[str, str]) -> int | None:
     """Exit code of a flight that gets Ctrl-C, as a terminal sends it; None: it hung."""
     flying = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-        env=environment,
+        env=environment, preexec_fn=_heeds_interrupts,
     )  # fmt: skip
     time.sleep(after_s)
     os.killpg(flying.pid, signal.SIGINT)
