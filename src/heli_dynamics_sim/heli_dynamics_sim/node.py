@@ -223,11 +223,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def awaited_links(self) -> dict[str, set[str]]:
         """The whole graph: once time runs, lockstep does not wait long for who still compiles."""
         peers = set(self.values["peers"])
-        rows = [
-            row
-            for row in topics.TABLE
-            if peers.intersection(row.source) and row.sinks and not row.optional
-        ]
+        rows = [row for row in topics.TABLE if peers.intersection(row.source) and row.sinks]
+        rows = [row for row in rows if not row.optional]
         return {row.name: peers.intersection(row.sinks).difference(row.source) for row in rows}
 
     def engage(self) -> Flight:
