@@ -167,8 +167,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         shape = robot_description(helicopter, name, lambda frame: in_namespace(frame, own))
         base = in_namespace(BASE, own)
         fixed = [
-            Transform(base, in_namespace(child, own), at)
-            for child, at in mounts(helicopter).items()
+            Transform(base, in_namespace(to, own), at) for to, at in mounts(helicopter).items()
         ]
         described = {
             topics.ROBOT_DESCRIPTION: encode_text(shape),
@@ -198,19 +197,15 @@ class PlantNode(TickNode[Aircraft, Flight]):
         v = self.values
         origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
         variances = _variances(v)
-        status = FIX_STATUS[v["sensors.gps.augmentation"]]
-        names = [*variances, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR]
         if config.sensors.imu2:
-            names.append(topics.IMU2)
             variances[topics.IMU2] = variances[topics.IMU]
+        names = [*variances, topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR]
         if config.wind.sines.on:
             names.append(topics.EXCITATION_WIND)
-        return {
-            name: self.create_sender(
-                name, variances.get(name, ()), origin if name == topics.GPS_FIX else None, status
-            )
-            for name in names
-        }
+        place = {topics.GPS_FIX: origin}
+        kind = FIX_STATUS[v["sensors.gps.augmentation"]]
+        make = self.create_sender
+        return {n: make(n, variances.get(n, ()), place.get(n), kind) for n in names}
 
     def _warm_up(self, core: Aircraft) -> None:
         """Load the compiled plant before the first tick, on a state of its own."""
@@ -223,9 +218,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def awaited_links(self) -> dict[str, set[str]]:
         """The whole graph: once time runs, lockstep does not wait long for who still compiles."""
         peers = set(self.values["peers"])
-        rows = [row for row in topics.TABLE if peers.intersection(row.source) and row.sinks]
-        rows = [row for row in rows if not row.optional]
-        return {row.name: peers.intersection(row.sinks).difference(row.source) for row in rows}
+        rows = [r for r in topics.TABLE if peers.intersection(r.source) and not r.optional]
+        return {r.name: peers.intersection(r.sinks).difference(r.source) for r in rows if r.sinks}
 
     def engage(self) -> Flight:
         """Time begins, or goes on."""
