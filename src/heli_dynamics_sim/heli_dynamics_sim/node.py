@@ -230,12 +230,8 @@ class PlantNode(TickNode[Aircraft, Flight]):
     def awaited_links(self) -> dict[str, set[str]]:
         """The whole graph: once time runs, lockstep does not wait long for who still compiles."""
         peers = set(self.values["peers"])
-        rows = [
-            row
-            for row in topics.TABLE
-            if peers.intersection(row.source) and row.sinks and not row.optional
-        ]
-        return {row.name: peers.intersection(row.sinks).difference(row.source) for row in rows}
+        rows = [r for r in topics.TABLE if peers.intersection(r.source) and not r.optional]
+        return {r.name: peers.intersection(r.sinks).difference(r.source) for r in rows if r.sinks}
 
     def engage(self) -> Flight:
         """Time begins, or goes on."""

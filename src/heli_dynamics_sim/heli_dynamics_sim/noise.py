@@ -16,7 +16,6 @@ class NoiseRow(NamedTuple):
     """Standard normals of a tick (86,), source by source in the order of `_SOURCES`."""
 
     wind: slice = slice(0, 5)  # along, across (2), down (2)
-    imu: slice = slice(5, 17)  # the next four
     gyro: slice = slice(5, 8)  # white
     accel: slice = slice(8, 11)  # white
     gyro_walk: slice = slice(11, 14)
@@ -39,7 +38,10 @@ class NoiseRow(NamedTuple):
     gps_jump_now: int = 44
     fault: slice = slice(45, 61)  # of faults, for each number that a sensor says
     fault_lost: slice = slice(61, 66)  # whether a sensor's sample is lost by a fault
-    imu2: slice = slice(66, 78)  # of a second IMU, as `imu`
+    gyro2: slice = slice(66, 69)  # of a second IMU, as above
+    accel2: slice = slice(69, 72)
+    gyro2_walk: slice = slice(72, 75)
+    accel2_walk: slice = slice(75, 78)
     imu2_clock: int = 78
     fault_imu2: slice = slice(79, 85)  # as `fault`
     fault_imu2_lost: int = 85

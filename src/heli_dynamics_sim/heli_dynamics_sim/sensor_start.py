@@ -75,8 +75,8 @@ def initial_sensors(
         hard_iron_t=k.mag.hard_iron_t + k.mag.hard_sigma_t * once[ONCE.hard_iron],
         gps=_gps_errors(gps.errors, first),
         imu2=ImuState(
-            k.imu.gyro_bias * first[NOISE.imu2][0:3],
-            k.imu.accel_bias * first[NOISE.imu2][3:6],
+            k.imu.gyro_bias * first[NOISE.gyro2],
+            k.imu.accel_bias * first[NOISE.accel2],
             _imu_errors(k.imu, once_imu2, azimuth),
         ),
     )

@@ -140,25 +140,31 @@ def rotor_speed(x, aircraft):
     return x[PLANT.omega] if aircraft.terms.rotor_speed else aircraft.main.speed
 
 
-@njit
-def _read_imu(imu, tick, x, air, normals, clock, aircraft, k, out):
-    """What one IMU (ImuState) says, (6,), places of `rows.IMU`; its biases walk.
+class ImuNormals(NamedTuple):
+    """Standard normals of an IMU at a tick, (3,) each, and of its clock."""
 
-    Its standard normals (12,): white of gyros and accelerometers, then walks of both.
-    """
+    gyro: np.ndarray
+    accel: np.ndarray
+    gyro_walk: np.ndarray
+    accel_walk: np.ndarray
+    clock: float
+
+
+@njit
+def _read_imu(imu, tick, x, air, normals, aircraft, k, out):
+    """What one IMU (ImuState) says, (6,), places of `rows.IMU`; its biases walk."""
     force, rate, true_rate = out[IMU.force], out[IMU.rate], x[PLANT.rate]
-    gyro, accel, gyro_walk, accel_walk = normals[0:3], normals[3:6], normals[6:9], normals[9:12]
     specific_force(x, air, aircraft, force)
     for i in range(3):
         rate[i] = true_rate[i]
     if k.errors.on:
-        distort(imu.errors, tick, rotor_speed(x, aircraft), clock, k.errors, out)
+        distort(imu.errors, tick, rotor_speed(x, aircraft), normals.clock, k.errors, out)
     for i in range(3):
         if tick > 0:
-            imu.gyro_bias[i] += k.gyro_walk * gyro_walk[i]
-            imu.accel_bias[i] += k.accel_walk * accel_walk[i]
-        force[i] += imu.accel_bias[i] + k.accel_white * accel[i]
-        rate[i] = rate[i] + imu.gyro_bias[i] + k.gyro_white * gyro[i]
+            imu.gyro_bias[i] += k.gyro_walk * normals.gyro_walk[i]
+            imu.accel_bias[i] += k.accel_walk * normals.accel_walk[i]
+        force[i] += imu.accel_bias[i] + k.accel_white * normals.accel[i]
+        rate[i] = rate[i] + imu.gyro_bias[i] + k.gyro_white * normals.gyro[i]
     if k.errors.on:
         clip(k.errors, out)
 
@@ -167,19 +173,30 @@ def _read_imu(imu, tick, x, air, normals, clock, aircraft, k, out):
 def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill specific force and rates of the measurement row y; biases walk."""
     first = ImuState(sensors.gyro_bias, sensors.accel_bias, sensors.imu)
-    clock = noise[NOISE.imu_clock]
-    _read_imu(first, tick, x, air, noise[NOISE.imu], clock, aircraft, k, y[MEAS.imu])
+    normals = ImuNormals(
+        noise[NOISE.gyro],
+        noise[NOISE.accel],
+        noise[NOISE.gyro_walk],
+        noise[NOISE.accel_walk],
+        noise[NOISE.imu_clock],
+    )
+    _read_imu(first, tick, x, air, normals, aircraft, k, y[MEAS.imu])
 
 
 @njit
 def read_imu2(sensors, tick, x, air, noise, aircraft, k, y):
     """The same of the second IMU: errors of its own, shaken by the same rotor; zeros without it."""
-    if k.imu2:
-        clock = noise[NOISE.imu2_clock]
-        normals, out = noise[NOISE.imu2], y[MEAS.imu2]
-        _read_imu(sensors.imu2, tick, x, air, normals, clock, aircraft, k.imu, out)
-    else:
+    if not k.imu2:
         fill(y[MEAS.imu2], 0.0)
+        return
+    normals = ImuNormals(
+        noise[NOISE.gyro2],
+        noise[NOISE.accel2],
+        noise[NOISE.gyro2_walk],
+        noise[NOISE.accel2_walk],
+        noise[NOISE.imu2_clock],
+    )
+    _read_imu(sensors.imu2, tick, x, air, normals, aircraft, k.imu, y[MEAS.imu2])
 
 
 @njit

@@ -102,8 +102,9 @@ class TestSensors:
     def test_what_is_lost_or_not_a_number_has_not_come(self, flown, clean, what, kind):
         ticks, _ = samples(clean, what)
         y = flown(text(what, kind))
-        if what in ("imu", "accel", "gyro"):
-            assert np.isnan(y[BEGIN:END, MEAS.imu]).all()
+        if what in ("imu", "accel", "gyro", "imu2", "accel2", "gyro2"):
+            whole = MEAS.imu2 if what.endswith("2") else MEAS.imu
+            assert np.isnan(y[BEGIN:END, whole]).all()
             np.testing.assert_array_equal(y[:BEGIN], clean[:BEGIN])
             np.testing.assert_array_equal(y[END:], clean[END:])
             return

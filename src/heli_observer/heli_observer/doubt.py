@@ -28,8 +28,8 @@ MIN_FIXES, MAX_FIXES = 5, 25
 """Refused fixes over which growth is looked for."""
 GROWTH_MPS2, GROWTH_SIGMA = 0.4, 4.0
 """What counts as growth: so much, and so many standard deviations."""
-GYRO_RADPS, ACCEL_MPS2 = 0.1, 1.0
-"""By how much biases may then have jumped, sigma."""
+ATT_RAD, GYRO_RADPS, ACCEL_MPS2 = 0.1, 0.1, 1.0
+"""By how much attitude or biases may then have jumped, sigma."""
 
 
 @njit

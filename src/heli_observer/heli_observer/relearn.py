@@ -4,11 +4,13 @@
 A bias that jumps shows only after a while, as tilt that has grown and as velocity that grew with
 it: three errors that belong together. Widening each for itself lets the next fixes share them out
 wrongly, and far too much of it. So the filter keeps what it knew at each of the last fixes, and all
-that it took since; when doubted it goes back to before the first refusal, lets the biases wander
-until then as far as they may have jumped, and takes the same samples and fixes again. What it then
-believes of tilt and velocity follows from the biases.
+that it took since; when doubted it goes back to before the first refusal and takes the same samples
+and fixes again, once with gyro biases that may have jumped, once with those of the accelerometers,
+once with the attitude itself: two do not fail at once, and all together explain anything. What
+surprised least on the way is believed, and with it the tilt and velocity that follow from it.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +20,13 @@ from heli_math.arrays import copy_matrix, copy_part, fill
 from heli_math.jit import njit
 from heli_observer import layout as L
 from heli_observer.buffers import replaced_for_long
-from heli_observer.doubt import ACCEL_MPS2, GYRO_RADPS, widen
+from heli_observer.doubt import ACCEL_MPS2, ATT_RAD, GYRO_RADPS, widen
 from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict
 
+MOST = 30.0
+"""Of one innovation squared that counts."""
+HANDICAP = 60.0
+"""Of a tilt from nowhere: it explains a bias, too, until that tilts it again."""
 FIXES = 32
 """So many fixes back at most."""
 TICKS = 700
@@ -35,8 +41,8 @@ class Window(NamedTuple):
 
     imu: NDArray[np.float64]  # (TICKS, 7) as the ring of the observer
     aid: NDArray[np.float64]  # (TICKS, 13)
-    nominal: NDArray[np.float64]  # (FIXES, 21)
-    P: NDArray[np.float64]  # (FIXES, 20, 20)
+    nominal: NDArray[np.float64]  # (FIXES + 1, 21) and one to spare
+    P: NDArray[np.float64]  # (FIXES + 1, 20, 20)
     tick: NDArray[np.int64]  # (FIXES + 1,) of these, NO_TICK: none; then the newest one's place
 
 
@@ -47,8 +53,8 @@ def empty_window() -> Window:
     return Window(
         np.zeros((TICKS, L.N_IMU)),
         np.zeros((TICKS, L.N_AID)),
-        np.zeros((FIXES, L.N_NOMINAL)),
-        np.zeros((FIXES, L.N_ERROR, L.N_ERROR)),
+        np.zeros((FIXES + 1, L.N_NOMINAL)),
+        np.zeros((FIXES + 1, L.N_ERROR, L.N_ERROR)),
         tick,
     )
 
@@ -90,14 +96,43 @@ def from_where(window, horizon, wanted):
 
 @njit
 def _take_again(state, row, k):
-    """Fuse what the filter took at a tick (aid row), each by its gate."""
+    """Fuse what the filter took at a tick (aid row), each by its gate; innovations squared."""
     x, P, trial, dx, diag = state.nominal, state.P, state.trial, state.dx, state.diag
+    surprise = 0.0
     if row[L.AID_GPS_VALID] > 0.0:
-        fuse_gps(x, P, trial, dx, diag, row, k)
+        _, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
+        surprise += min(diag[L.D_NIS_VEL], MOST) if velocity >= 0 else 0.0
     if row[L.AID_BARO_VALID] > 0.0:
         fuse_baro(x, P, trial, dx, diag, row, k)
     if row[L.AID_MAG_VALID] > 0.0:
+        diag[L.D_NIS_MAG] = 0.0  # stays so where the field is none
         fuse_mag(x, P, trial, dx, diag, row, k)
+        surprise += min(diag[L.D_NIS_MAG], MOST)
+    return surprise
+
+
+@njit
+def _from_there(state, slot, refused, horizon, at, sigma, k):
+    """Take all again from a fix on, three errors from `at` on wandering until the refusal.
+
+    Returns the sum of what surprised on the way: normalised innovations squared.
+    """
+    window, x, P = state.window, state.nominal, state.P
+    first = window.tick[slot]
+    copy_part(x, 0, window.nominal[slot], 0, L.N_NOMINAL)
+    copy_matrix(P, window.P[slot])
+    fill(state.dx[0], 0.0)
+    steps, surprise = max(refused - first, 1), 0.0
+    for tick in range(first, horizon + 1):
+        if tick > first:
+            predict(x, P, window.imu[(tick - 1) % TICKS], window.imu[tick % TICKS], k)
+            if replaced_for_long(window.imu, tick):
+                widen(P, k.dt_s)
+        if tick < first + steps:
+            for i in range(at, at + 3):
+                P[i, i] += sigma * sigma / steps
+        surprise += _take_again(state, window.aid[tick % TICKS], k)
+    return surprise
 
 
 @njit
@@ -120,20 +155,18 @@ def solve_again(state, horizon, k):
     slot = from_where(window, horizon, refused - int(round(BEFORE_S / k.dt_s)))
     if slot < 0:
         return
-    first = window.tick[slot]
-    copy_part(x, 0, window.nominal[slot], 0, L.N_NOMINAL)
-    copy_matrix(P, window.P[slot])
-    fill(state.dx[0], 0.0)
-    steps = max(refused - first, 1)
-    for tick in range(first, horizon + 1):
-        if tick > first:
-            predict(x, P, window.imu[(tick - 1) % TICKS], window.imu[tick % TICKS], k)
-            if replaced_for_long(window.imu, tick):
-                widen(P, k.dt_s)
-        if tick < first + steps:
-            for i in range(3):
-                P[L.E_GYRO_BIAS + i, L.E_GYRO_BIAS + i] += GYRO_RADPS * GYRO_RADPS / steps
-                P[L.E_ACCEL_BIAS + i, L.E_ACCEL_BIAS + i] += ACCEL_MPS2 * ACCEL_MPS2 / steps
-        _take_again(state, window.aid[tick % TICKS], k)
+    least = math.inf
+    for at, sigma, handicap in (
+        (L.E_GYRO_BIAS, GYRO_RADPS, 0.0),
+        (L.E_ACCEL_BIAS, ACCEL_MPS2, 0.0),
+        (L.E_ATT, ATT_RAD, HANDICAP),
+    ):
+        surprise = handicap + _from_there(state, slot, refused, horizon, at, sigma, k)
+        if surprise < least:
+            least = surprise
+            copy_part(window.nominal[FIXES], 0, x, 0, L.N_NOMINAL)
+            copy_matrix(window.P[FIXES], P)
+    copy_part(x, 0, window.nominal[FIXES], 0, L.N_NOMINAL)
+    copy_matrix(P, window.P[FIXES])
     # What was kept belongs to what was believed before.
     forget(window)

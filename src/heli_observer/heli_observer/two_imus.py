@@ -26,7 +26,7 @@ from heli_observer import layout as L
 from heli_observer.buffers import SAME, usable_imu
 from heli_observer.doubt import believe
 from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict
-from heli_observer.relearn import TICKS, forget, from_where
+from heli_observer.relearn import MOST, TICKS, forget, from_where
 
 FAST_S, OFFSET_S = 0.1, 20.0
 """Time constants: of how far they are apart now, and of what of that stays."""
@@ -40,9 +40,6 @@ TRIAL_S = 5.0
 """A comparison that has told nothing begins anew after so long."""
 LEAD = 15.0
 """By so much one sum of innovations is larger: odds of exp(LEAD / 2), 1800 to 1."""
-MOST = 30.0
-"""Of one innovation that counts."""
-
 # --- integer record `count` of an ImuPair
 P_LEFT = 0  # who is left: 0 none, 1 the first, 2 the second
 P_WHY = 1  # a Why

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from heli_math.rows import MEAS, NAV
 from heli_observer import layout as L
 from heli_observer.observer import ObserverStatus
+from heli_observer.relearn import forget
 from heli_observer.testing.synthetic import hover_path, synthesize, turning_path
 
 
@@ -54,7 +55,7 @@ def test_a_jump_of_the_receiver_is_taken_for_one_after_a_while(parameters, run_o
 
 
 def rolled_and_sure_of_it(parameters, run_observer, degrees):
-    """Rolled by so much at 6 s and told it is not: every fix contradicts the filter."""
+    """Rolled by so much at 6 s, sure that it is not, what it knew before forgotten."""
     flight = synthesize(hover_path(), parameters, 25.0, seed=6)
     run = run_observer(parameters).fly(flight.y[:600])
     x = run.state.nominal
@@ -63,6 +64,7 @@ def rolled_and_sure_of_it(parameters, run_observer, degrees):
     )
     x[L.X_QUAT : L.X_QUAT + 4] = np.roll(rolled.as_quat(), 1)
     run.state.P[:] = 1e-8 * np.eye(L.N_ERROR)
+    forget(run.state.window)
     return flight, run
 
 
