@@ -19,6 +19,7 @@ class Action(IntEnum):
     RELEARN = 3
     HOLD_LEAN = 4
     LAND = 5
+    LAND_BY_THRUST = 6
 
     @property
     def words(self) -> str:
@@ -33,6 +34,7 @@ _WORDS = {
     Action.RELEARN: "begins anew with tilt and biases, and learns them from the fixes",
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
     Action.LAND: "lands level on the barometer",
+    Action.LAND_BY_THRUST: "lands at the thrust that sinks slowly, and feels for the ground",
 }
 
 
@@ -49,6 +51,8 @@ class Condition(StrEnum):
     BARO_LOST = "barometer silent or contradicting"
     POSITION_LOST = "position lost"
     POSITION_LOST_LONG = "position lost for long"
+    POSITION_ASTRAY = "dead reckoning has led too far astray"
+    ALTITUDE_LOST = "GPS and barometer lost together"
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,13 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.POSITION_LOST_LONG, "outer loop: so for `failsafe.land_after_s`", 75.0,
              Action.LAND, "what comes back in the descent is used; the landing goes on",
              "position lost: level descent"),
+    Failsafe(Condition.POSITION_ASTRAY, "outer loop: sigma of the horizontal velocity, summed up "
+             "since the last fix, over `failsafe.land_astray_m`", 25.0, Action.LAND,
+             "what comes back in the descent is used; the landing goes on", "position astray"),
+    Failsafe(Condition.ALTITUDE_LOST, "outer loop: sigma of the vertical velocity over "
+             "`land.blind_sigma_down_mps`, half of it in a landing", 60.0, Action.LAND_BY_THRUST,
+             "what comes back is flown from where it says that the aircraft is, without a step",
+             "altitude lost: descent by thrust alone"),
 )  # fmt: skip
 """Every failsafe of navigation that is built and flown."""
 
