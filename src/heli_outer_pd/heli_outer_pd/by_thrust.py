@@ -7,8 +7,8 @@ or sinks at the speed at which its map gives that thrust, and its own damping ho
 collective is that of the descent that is wanted, with the disturbance as it was at rest; of the
 navigation's velocity what is fast is fed back, what is slow is its error.
 
-That the ground carries it shows in the same way: thrust is taken away for a moment now and then, and
-in the air that speeds up the descent at once, which the accelerometer sees.
+That the ground carries it shows in the same way: thrust is taken away for a moment now and then,
+and in the air that speeds up the descent at once, which the accelerometer sees.
 """
 
 import math
@@ -31,7 +31,7 @@ a rotor weaker than its map."""
 _CHANGE_MPS2 = 0.5
 """So fast the descent's speed is changed."""
 _LATE_M, _HASTE = 2.0, 0.2
-"""Where it should be so far below the ground it sinks too slowly: faster by so much, 1/s, of more."""
+"""Where it should be so far below the ground it sinks too slowly: faster by so much, 1/s, of it."""
 _EVERY_S, _EASE_MPS3, _MOST_MPS2, _FALLS_MPS = 3.0, 3.0, 4.5, 0.35
 """So often thrust is taken away, more and more, to the most, until it has sped up by the last."""
 
@@ -91,7 +91,7 @@ def _ease(v_down, k, state):
 
 @njit
 def sink(nav, ref, k, state, d_h):
-    """Fly on, or down in a landing, by thrust: reference (10,) and disturbance d_h (3,), changed."""
+    """Fly on, or down in a landing, by thrust: changes reference (10,) and disturbance d_h (3,)."""
     v_down, wanted, eased = nav[NAV.down_vel], 0.0, 0.0
     if state[MEMORY.lands] > 0.5 and ref[SHAPED.down_vel] > 0.0:
         late_m = max(state[MEMORY.sunk_m] - state[MEMORY.ground_m] - _LATE_M, 0.0)

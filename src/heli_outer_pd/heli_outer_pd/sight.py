@@ -45,9 +45,7 @@ _REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
 """At rest is slower than the first; the disturbance there is averaged over the second."""
 
 
-def seen(
-    phase: Phase, state: NDArray[np.float64], low: bool
-) -> Fact | None:
+def seen(phase: Phase, state: NDArray[np.float64], low: bool) -> Fact | None:
     """Position lost, or to be landed without for long; or found again, unless the ground
     is too near (`low`) to begin anew.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Down by thrust alone: a rotor in heave, a navigation whose vertical velocity drifts, the ground."""
+"""Down by thrust alone: a rotor in heave, a navigation whose vertical speed drifts, the ground."""
 
 import numpy as np
 import pytest
@@ -37,8 +37,9 @@ class Heave:
     def __init__(self, strength=1.0, drift_mps2=0.0):
         self.k = config.outer_kernel(VALUES)
         self.state = position_law.initial_state(self.k)
-        self.phases = Phases(PhaseNumbers.from_parameters(VALUES), Goto.from_parameters(VALUES),
-                             self.k, self.state, ReferenceLimits.from_parameters(VALUES))  # fmt: skip
+        goto, fence = Goto.from_parameters(VALUES), ReferenceLimits.from_parameters(VALUES)
+        numbers = PhaseNumbers.from_parameters(VALUES)
+        self.phases = Phases(numbers, goto, self.k, self.state, fence)
         self.phases.follow(Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.0), 0)
         self.now_ns, self.out, self.nav = 0, self.k.trim.copy(), np.zeros(NAV.size)
         self.nav[NAV.quat] = quat_from_euler(*self.k.trim[: SETPOINT.psi], 0.0)
