@@ -27,6 +27,7 @@ class Action(IntEnum):
     HOLD_TRIM = 10
     HOLD_LEAN = 11
     LAND = 12
+    LAND_BY_THRUST = 13
 
     @property
     def words(self) -> str:
@@ -48,6 +49,7 @@ _WORDS = {
     Action.HOLD_TRIM: "flies the last-known trim with damped rates; no place",
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
     Action.LAND: "lands level on the barometer",
+    Action.LAND_BY_THRUST: "lands at the thrust that sinks slowly, and feels for the ground",
 }
 
 
@@ -78,6 +80,8 @@ class Condition(StrEnum):
     NAVIGATION_GONE = "no navigation at the outer loop for long"
     SETPOINT_GONE = "no set-point at the inner loop"
     COMMANDS_LOST = "no command at the actuator side"
+    POSITION_ASTRAY = "dead reckoning has led too far astray"
+    ALTITUDE_LOST = "GPS and barometer lost together"
 
 
 @dataclass(frozen=True)
@@ -177,6 +181,13 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.COMMANDS_LOST, "actuator side: age over `actuator_timeout_s`, in real time "
              "or with faults on that link", 0.12, Action.TRIM, "the next one, within "
              "`fallback.blend_s`", "counter without_commands"),
+    Failsafe(Condition.POSITION_ASTRAY, "outer loop: sigma of the horizontal velocity, summed up "
+             "since the last fix, over `failsafe.land_astray_m`", 25.0, Action.LAND,
+             "what comes back in the descent is used; the landing goes on", "position astray"),
+    Failsafe(Condition.ALTITUDE_LOST, "outer loop: sigma of the vertical velocity over "
+             "`land.blind_sigma_down_mps`, half of it in a landing", 60.0, Action.LAND_BY_THRUST,
+             "what comes back is flown from where it says that the aircraft is, without a step",
+             "altitude lost: descent by thrust alone"),
 )  # fmt: skip
 """Every failsafe that is built and flown."""
 

@@ -67,6 +67,9 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
         lead_filter_s=p["attitude_lead.filter_s"],
         blind_sigma=p["land.blind_sigma_mps"],
         land_after_s=p["failsafe.land_after_s"],
+        land_astray_m=p["failsafe.land_astray_m"],
+        blind_sigma_down=p["land.blind_sigma_down_mps"],
+        blind_descent_mps=p["land.blind_descent_mps"],
         dt_s=p["period_ticks"] * TICK_S,
         sweep=sweep_kernel(p),
     )

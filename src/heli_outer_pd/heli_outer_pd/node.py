@@ -47,7 +47,7 @@ from heli_outer_pd.position_law import (
 from heli_outer_pd.reference import moved, offset_to
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
 from heli_outer_pd.script import script_of
-from heli_outer_pd.sight import answer, plight, told
+from heli_outer_pd.sight import answer, told_of
 from heli_sticks.mapping import StickMap
 
 _COMMANDERS_PERIOD_S = 1.0
@@ -345,8 +345,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         message, phases = status.sentence, self.run.phases
         if status == OuterStatus.OK:
             self.run.engaged = True
-            level = Level.WARN if phases.lost or phases.beyond_m > 0.0 else Level.OK
-            message = plight(phases.phase) if phases.lost else told(phases.phase, message)
+            adrift = phases.lost or phases.gone
+            level = Level.WARN if adrift or phases.beyond_m > 0.0 else Level.OK
+            message = told_of(phases.phase, core.state, message)
             message = outside(phases.beyond_m, message)
         elif status == OuterStatus.BAD_NAVIGATION and not self.run.engaged:
             level, message = Level.WARN, _WAITS
@@ -356,7 +357,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             facts = {
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,
-                "failsafe": answer(phases.phase, phases.lost).name,
+                "failsafe": answer(phases.phase, core.state).name,
                 "armed": core.armed,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),

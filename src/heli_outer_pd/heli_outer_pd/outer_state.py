@@ -11,7 +11,7 @@ from heli_outer_pd.thrust_map import RotorMap
 
 
 class Memory(NamedTuple):
-    """State of the law (41,)."""
+    """State of the law (60,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -39,7 +39,22 @@ class Memory(NamedTuple):
     sigma: int = 38  # of the horizontal velocity at the last step, m/s
     lands: int = 39  # 1.0 while it comes down to land
     lost_s: int = 40  # for so long no position is known
-    size: int = 41
+    astray_m: int = 41  # sigma of the horizontal velocity, summed up since the last fix, m
+    was_pos: slice = slice(42, 44)  # navigation at the last step, NED: position, m
+    was_vel: slice = slice(44, 46)  # and velocity, m/s
+    shift: slice = slice(46, 49)  # of the reference, NED, m: what a fix has moved the navigation
+    sinks: int = 49  # one of SEES, SINKS, RISES
+    rest_down: int = 50  # mean disturbance downwards, m/s2
+    sink_mps: int = 51  # speed of the descent by thrust
+    slow_mps: int = 52  # what the vertical velocity is off by meanwhile, in the long run
+    probe_s: int = 53  # time since the last probe for the ground
+    probe_mps: int = 54  # vertical velocity when a probe began
+    eased_mps2: int = 55  # thrust that it takes away
+    gone: int = 56  # 1.0: it should land for want of a position or of a vertical speed
+    ground_m: int = 57  # where the ground is in a descent, as far as it is known, NED, m
+    sunk_m: int = 58  # where the aircraft is if it sinks as it should, NED, m
+    settles_s: int = 59  # for so long fixes are taken for those after a gap
+    size: int = 60
 
 
 MEMORY = Memory()
@@ -48,6 +63,9 @@ FLIES, STANDS, LEAVES, STEERED, BY_HAND, LOW_BY_HAND = 0.0, 1.0, 2.0, 3.0, 4.0, 
 attitude, climb and turn by a pilot's sticks; actuators by them; the same near the ground."""
 KNOWN, LOST, FOUND = 0.0, 1.0, 2.0
 """The horizontal position is known; is not; is again, and a reference from there is awaited."""
+
+SEES, SINKS, RISES = 0.0, 1.0, 2.0
+"""The vertical velocity is known; is not, and thrust alone flies; is again, since this step."""
 
 
 class OuterStatus(enum.IntEnum):
@@ -96,12 +114,15 @@ class OuterKernel(NamedTuple):
     lead_filter_s: float
     blind_sigma: float  # m/s, of the horizontal velocity: with more its position is not known
     land_after_s: float  # without a position it lands after so long
+    land_astray_m: float  # or once sigma of the way since the last fix is so much
+    blind_sigma_down: float  # m/s, of the vertical velocity: with more that is not known
+    blind_descent_mps: float  # it then descends so
     dt_s: float
     sweep: SweepKernel
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (41,) of a law that is not engaged yet; its last command is the trim."""
+    """State (60,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state

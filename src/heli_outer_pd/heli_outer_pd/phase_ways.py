@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 _BELOW_M = 10.0
 """A descent goes so far below the ground as it is remembered."""
+_FAST_MPS, _SLOW_MPS = 0.7, 0.3
+"""Where position or altitude are doubtful: its speed at most, as the ground may be met anywhere,
+and that of its last part at least, as an error of the speed must not keep it in the air."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,12 @@ def way_up(n: PhaseNumbers, nav: Array, now_ns: int, start_ns: int) -> Trajector
 
 
 def way_down(
-    n: PhaseNumbers, hover: Trajectory, ground_down_m: float, now_ns: int, start_ns: int
+    n: PhaseNumbers,
+    hover: Trajectory,
+    ground_down_m: float,
+    now_ns: int,
+    start_ns: int,
+    doubtful: bool = False,
 ) -> Trajectory:
     """From where a trajectory ends down, fast and then slow, through the ground.
 
@@ -105,11 +113,17 @@ def way_down(
     hover : Trajectory
     ground_down_m : float
         Where the ground is, as far as it is known, NED.
+    doubtful : bool, optional
+        Whether it lands for want of a position or of a vertical speed.
     """
+    fast, slow = n.descent, n.touch_down
+    if doubtful:
+        fast = replace(fast, climb_mps=min(fast.climb_mps, _FAST_MPS))
+        slow = replace(slow, climb_mps=max(slow.climb_mps, _SLOW_MPS))
     pos, psi = hover.points[-1, REFERENCE.pos].copy(), float(hover.points[-1, REFERENCE.psi])
     fast_m = max(ground_down_m - n.slow_below_m - pos[2], 0.0)
     slow_m = max(ground_down_m - pos[2] - fast_m, 0.0) + _BELOW_M
-    return _legs(pos, psi, [(n.descent, fast_m), (n.touch_down, slow_m)], now_ns, start_ns)
+    return _legs(pos, psi, [(fast, fast_m), (slow, slow_m)], now_ns, start_ns)
 
 
 def _legs(

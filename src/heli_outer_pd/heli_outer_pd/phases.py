@@ -110,10 +110,15 @@ class Phases:
         """True while the horizontal position is not known, or not yet flown by again."""
         return bool(self._state[MEMORY.sight] != KNOWN)
 
+    @property
+    def gone(self) -> bool:
+        """True while it should land for want of a position or of a vertical speed."""
+        return bool(self._state[MEMORY.gone] > 0.5)
+
     def is_watched(self) -> bool:
         """True where something may follow after any step, without a command."""
         rests = self.phase in (Phase.STANDING, Phase.HOVER) and self.goto.heading != WIND
-        return not rests or self.way is None or self.lost
+        return not rests or self.way is None or self.lost or self.gone
 
     def next_order_ns(self) -> int | None:
         """Stamp at which something is due that was ordered before the flight; None for nothing."""
@@ -264,7 +269,7 @@ class Phases:
         """What is so now of what the present phase waits for."""
         if not flyable(nav):
             return Fact.BLIND if self.phase.on_ground else None
-        if (sight := seen(self.phase, self._state, self._is_low(nav), self.kernel)) is not None:
+        if (sight := seen(self.phase, self._state, self._is_low(nav))) is not None:
             return sight
         if self.beyond_m > 0.0 and decide(self.phase, Fact.FENCED) is not None:
             return Fact.FENCED
@@ -366,7 +371,10 @@ class Phases:
                 )  # fmt: skip
                 self.cruise_ns = now_ns
             case Phase.DESCENDING:
-                self.way = way_down(n, self.way, self.ground_down_m, now_ns, self._start_ns)
+                self.way = way_down(
+                    n, self.way, self.ground_down_m, now_ns, self._start_ns, self.gone
+                )
+                self._state[MEMORY.ground_m] = self.ground_down_m
                 carried = float(hover_share(self._state[MEMORY.command][SETPOINT.col], self.kernel))
                 self._contact = TouchDown(carried, float(nav[NAV.down_vel]))
             case Phase.SETTLING:

@@ -25,6 +25,7 @@ from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import NAV, SETPOINT, SHAPED
 from heli_math.sweep import add_sweep
 from heli_math.ticks import NS_PER_S
+from heli_outer_pd.by_thrust import remember_thrust, sink
 from heli_outer_pd.disturbance import (
     all_finite,
     clip,
@@ -42,6 +43,9 @@ from heli_outer_pd.outer_state import (
     KNOWN,
     LEAVES,
     MEMORY,
+    RISES,
+    SEES,
+    SINKS,
     STANDS,
     STEERED,
     OuterKernel,
@@ -49,6 +53,7 @@ from heli_outer_pd.outer_state import (
     initial_state,
 )
 from heli_outer_pd.reference import shaped_reference_at
+from heli_outer_pd.rejoin import begin_at_height, move_reference
 from heli_outer_pd.sight import hold_lean, look, remember_lean
 from heli_outer_pd.thrust_map import collective_for_thrust
 
@@ -180,7 +185,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_math.rows.SHAPED`; changed where no position is known.
     k : OuterKernel
         Gains and limits.
-    state : (41,) ndarray
+    state : (60,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.
@@ -202,10 +207,17 @@ def position_law(nav, ref, k, state, out):
     d_h = scratch(3)
     fill(d_h, 0.0)
     estimate(nav, phi, theta, c, s, k, state, d_h)
+    if state[MEMORY.sinks] == RISES:
+        begin_at_height(nav, ref, state)
+        state[MEMORY.sinks] = SEES
+    move_reference(ref, k, state)
     if state[MEMORY.sight] == KNOWN:
         remember_lean(nav, psi, k, state)
     else:
         hold_lean(nav, ref, c, s, state, d_h)
+    remember_thrust(k, state)
+    if state[MEMORY.sinks] == SINKS:
+        sink(nav, ref, k, state, d_h)
     _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), k, state, out)
     for i in range(SETPOINT.size):
         last[i] = out[i]

@@ -12,35 +12,49 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_math.arrays import fill
 from heli_math.jit import njit
 from heli_math.rotations import wrap_pi
 from heli_math.rows import NAV, SHAPED
 from heli_modes.failsafes import Action, Condition, severest
 from heli_modes.machine import decide
 from heli_modes.table import LANDING, STEERED, Fact, Phase
+from heli_outer_pd.by_thrust import look_down
 from heli_outer_pd.disturbance import to_heading
-from heli_outer_pd.outer_state import FLIES, FOUND, KNOWN, LEAVES, LOST, MEMORY, OuterKernel
+from heli_outer_pd.outer_state import (
+    FLIES,
+    FOUND,
+    KNOWN,
+    LEAVES,
+    LOST,
+    MEMORY,
+    SEES,
+)
+from heli_outer_pd.rejoin import move_with, remember_place
 
 _HOLDING = (Phase.HOVER, Phase.TRAJECTORY)
-_AGAIN, _DOUBT = 0.5, 0.2
-"""Known again with so much of the limit; a position that is better known jumps by little."""
+_AGAIN, _DOUBT, _JUMPS = 0.5, 0.2, 0.1
+"""Known again with so much of the limit; a position that is better known jumps by little in a
+landing, or anywhere."""
+_SETTLES_S = 2.0
+"""So long the fixes after a gap move it, each by less."""
+_FUSED = 0.94
+"""Sigma falls to less than so much of it where a fix is fused, several times a second, and only
+there: how the aircraft shakes changes it by less."""
 _REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
 """At rest is slower than the first; the disturbance there is averaged over the second."""
 
 
-def seen(
-    phase: Phase, state: NDArray[np.float64], low: bool, k: OuterKernel | None = None
-) -> Fact | None:
-    """Position lost, or so for longer than a law's numbers allow; or found again, unless the ground
+def seen(phase: Phase, state: NDArray[np.float64], low: bool) -> Fact | None:
+    """Position lost, or to be landed without for long; or found again, unless the ground
     is too near (`low`) to begin anew.
 
     None where that means nothing in a phase.
     """
-    fact = None
-    if state[MEMORY.sight] == LOST:
+    fact, gone = None, state[MEMORY.gone] > 0.5
+    if state[MEMORY.sight] == LOST or gone:
         fact = Fact.BLIND
-        long = k is not None and state[MEMORY.lost_s] > k.land_after_s
-        if long and decide(phase, fact) is None:
+        if gone and decide(phase, fact) is None:
             fact = Fact.BLIND_LONG
     elif state[MEMORY.sight] == FOUND and not low:
         fact = Fact.FOUND
@@ -63,10 +77,28 @@ def plight(phase: Phase) -> str:
     return "position lost: level at its altitude, no place is held; land, or take the sticks"
 
 
-def answer(phase: Phase, lost: bool) -> Action:
-    """What the aircraft does in a phase for want of a position."""
-    long = [Condition.POSITION_LOST_LONG] if phase in LANDING else []
-    return severest([Condition.POSITION_LOST, *long] if lost else [])
+def told_of(phase: Phase, state: NDArray[np.float64], held: str) -> str:
+    """What is flown in a phase, in a sentence, by a law's state; `held` where a place is held."""
+    if state[MEMORY.sinks] != SEES:
+        return "altitude lost: descent by thrust alone"
+    if state[MEMORY.sight] != KNOWN:
+        return plight(phase)
+    if state[MEMORY.gone] > 0.5:
+        return "position astray: lands where dead reckoning leads"
+    return told(phase, held)
+
+
+def answer(phase: Phase, state: NDArray[np.float64]) -> Action:
+    """What the aircraft does in a phase for want of a position or of a vertical speed."""
+    wants = []
+    if state[MEMORY.sight] != KNOWN:
+        wants.append(Condition.POSITION_LOST)
+        wants += [Condition.POSITION_LOST_LONG] if phase in LANDING else []
+    if state[MEMORY.sinks] != SEES:
+        wants.append(Condition.ALTITUDE_LOST)
+    elif state[MEMORY.gone] > 0.5:
+        wants.append(Condition.POSITION_ASTRAY)
+    return severest(wants)
 
 
 @njit
@@ -86,16 +118,51 @@ def well_known(nav, k, state):
 
 
 @njit
+def _count(sigma, last, along, k, state):
+    """For how long no position is known, how far that has led astray; and whether it should land.
+
+    Counted where a reference is flown: by hand the pilot decides.
+    """
+    lost = state[MEMORY.sight] == LOST
+    state[MEMORY.lost_s] += k.dt_s if lost and along else -state[MEMORY.lost_s]
+    fused = not along or sigma < _FUSED * last or sigma < _JUMPS * k.blind_sigma
+    state[MEMORY.astray_m] += -state[MEMORY.astray_m] if fused else k.dt_s * sigma
+    long = state[MEMORY.lost_s] > k.land_after_s or state[MEMORY.astray_m] > k.land_astray_m
+    state[MEMORY.gone] = 1.0 if long or state[MEMORY.sinks] != SEES else 0.0
+
+
+@njit
 def look(nav, k, state):
     """Bring what is known up to a navigation row; True at the step at which fixes have come back.
 
     What flies along a reference waits for another one that begins where the aircraft is: FOUND.
     """
+    found = _look(nav, k, state)
+    remember_place(nav, state)
+    return found
+
+
+@njit
+def _jumps(sigma, last, k, state):
+    """Whether a fix has come after a gap, or soon after such a one."""
+    state[MEMORY.settles_s] = max(state[MEMORY.settles_s] - k.dt_s, 0.0)
+    if last > _JUMPS * k.blind_sigma and sigma < _AGAIN * last:
+        state[MEMORY.settles_s] = _SETTLES_S
+    return state[MEMORY.settles_s] > 0.0 and sigma < last
+
+
+@njit
+def _look(nav, k, state):
+    """As `look`."""
     sigma, before, last = sigma_of_speed(nav), state[MEMORY.sight], state[MEMORY.sigma]
     along = state[MEMORY.ground] == FLIES or state[MEMORY.ground] == LEAVES
     state[MEMORY.sigma] = sigma
-    # Counted where a reference is flown: by hand the pilot decides.
-    state[MEMORY.lost_s] += k.dt_s if before == LOST and along else -state[MEMORY.lost_s]
+    if along:
+        look_down(nav, k, state)
+    else:
+        state[MEMORY.sinks] = SEES
+        fill(state[MEMORY.shift], 0.0)
+    _count(sigma, last, along, k, state)
     if sigma > k.blind_sigma:
         state[MEMORY.sight] = LOST
         if along and before == KNOWN:
@@ -105,6 +172,9 @@ def look(nav, k, state):
     # A landing that nearly lost it is as far off when the fixes come back.
     fell = last > _DOUBT * k.blind_sigma and sigma < _AGAIN * last
     again = again or (before == KNOWN and fell and state[MEMORY.lands] > 0.5)
+    if along and before == KNOWN and _jumps(sigma, last, k, state):
+        move_with(nav, k, state)
+        state[MEMORY.takes_over] = 1.0
     if not again or math.isnan(nav[NAV.down_vel]):
         return False
     state[MEMORY.sight] = FOUND if along else KNOWN

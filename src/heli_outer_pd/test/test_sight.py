@@ -12,6 +12,7 @@ from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_modes import Command, Fact, Phase, Refusal
+from heli_modes.failsafes import Action
 from heli_modes.table import LANDING
 from heli_outer_pd import config, position_law
 from heli_outer_pd.goto import Goto
@@ -21,7 +22,7 @@ from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_law import MEMORY, follow
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
-from heli_outer_pd.sight import plight, seen, sigma_of_speed
+from heli_outer_pd.sight import answer, plight, seen, sigma_of_speed, told_of
 
 VALUES = OuterLoopNode.SPEC.resolve()
 LIMIT = VALUES["land.blind_sigma_mps"]
@@ -136,7 +137,8 @@ def test_a_way_that_is_flown_is_braked_by_what_the_reference_decelerates():
     """From 3 m/s: the sum of what is commanded beyond the lean takes it to rest."""
     path = FlightPath(np.array([0.0, 0.0, -10.0]), 0.0, Goto.from_parameters(VALUES).limits)
     way = path.go_to(np.array([60.0, 0.0, -10.0])).trajectory()
-    flight, at_ns = Flight(way=way, psi=0.0), 10 * NS_PER_S
+    never = {"failsafe.land_astray_m": 1e4}
+    flight, at_ns = Flight(way=way, psi=0.0, **never), 10 * NS_PER_S
     while flight.now_ns < at_ns:
         row = way.at(flight.now_ns)
         flight.nav[NAV.pos], flight.nav[NAV.vel] = row[:3], row[3:6]
@@ -215,6 +217,39 @@ def test_what_is_lost_for_long_is_landed_without_being_told(lost_s):
         for _ in range(15):
             flight.step(2.0 * LIMIT)
         assert flight.phases.phase == Phase.HOVER
+
+
+@pytest.mark.parametrize("fix", [False, True])
+def test_what_dead_reckoning_leads_astray_lands(fix):
+    """Long before the position counts as lost; a fix in time ends the count."""
+    flight, sigma = hovering(), 0.4 * LIMIT
+    steps = round(flight.k.land_astray_m / sigma / flight.k.dt_s)
+    for step in range(steps + 5):
+        flight.step(0.5 * sigma if fix and step == steps // 2 else sigma)
+        assert not flight.phases.lost
+        assert step > steps - 5 or flight.phases.phase not in LANDING
+    assert (flight.phases.phase in LANDING) != fix
+    said = told_of(flight.phases.phase, flight.state, "")
+    assert said.startswith("position astray") != fix
+    assert answer(flight.phases.phase, flight.state) == (Action.NONE if fix else Action.LAND)
+
+
+def test_a_fix_after_a_gap_is_flown_back_to_without_a_step():
+    """The navigation jumps by 5 m and 0.5 m/s: the command goes on, then returns slowly."""
+    flight = hovering()
+    for _ in range(20):
+        flight.step(0.8 * LIMIT)
+    flight.nav[NAV.pos][:2] += (3.0, -4.0)
+    flight.nav[NAV.vel][:2] += (0.3, -0.4)
+    before, after = flight.step(0.1 * LIMIT)
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    assert flight.phases.phase in (Phase.TRAJECTORY, Phase.HOVER)
+    assert math.hypot(*flight.state[MEMORY.shift][:2]) == pytest.approx(5.0, abs=0.1)
+    for _ in range(round(12 / flight.k.dt_s)):
+        shift = flight.state[MEMORY.shift].copy()
+        flight.step(0.1 * LIMIT)
+        assert np.linalg.norm(flight.state[MEMORY.shift] - shift) <= 1.001 * flight.k.dt_s
+    np.testing.assert_allclose(flight.state[MEMORY.shift], 0.0, atol=0.1)
 
 
 def test_near_the_ground_it_stays_blind():

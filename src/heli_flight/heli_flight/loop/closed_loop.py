@@ -169,7 +169,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
             move(points, offset)
             loop.anchor[0], loop.anchor[1] = 0, tick
         reference_at(tick * loop.tick_ns, times_ns, points, reference)
-        sight = loop.outer_s[outer.MEMORY.sight]
+        sight, gone = loop.outer_s[outer.MEMORY.sight], loop.outer_s[outer.MEMORY.gone]
         if tick % loop.period_ticks == 0:
             outer.follow(
                 seen, tick * loop.tick_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
@@ -203,7 +203,8 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
         if links.k.on:
             to_plant(links, tick, y[MEAS.rate], flown)
         plant.advance(loop.plant_s, flown, loop.plant_k)
-        if loop.outer_s[outer.MEMORY.sight] != sight:
+        known = loop.outer_s[outer.MEMORY.sight] == sight
+        if not known or loop.outer_s[outer.MEMORY.gone] != gone:
             return i + 1, 0
     return n_ticks, 0
 
@@ -313,13 +314,13 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
     u = np.append(loop.inner_k.u_trim, setpoint[SETPOINT.col])
     tick, status, rows = 0, 0, streams.rows(0)
     while tick < n and status == 0:
-        asked = scripted or phases.lost
+        asked = scripted or phases.lost or phases.gone
         count = min(_unasked(phases, tick, loop) if asked else _CHUNK_TICKS, n - tick)
         rows = np.concatenate((rows, streams.rows(max(count - len(rows), 0))))
         flown, status = fly(loop, tick, count, rows[:count], times_ns, points, setpoint, u, track)
         tick, rows = tick + flown, rows[flown:]
         last = tick - 1
-        if (asked or phases.lost) and status == 0 and last % loop.period_ticks == 0:
+        if (asked or phases.lost or phases.gone) and status == 0 and last % loop.period_ticks == 0:
             went_on = phases.after(last * rate.tick_ns, loop.seen, setpoint)
             if went_on and phases.way is not None:
                 times_ns, points = phases.way.times_ns, phases.way.points

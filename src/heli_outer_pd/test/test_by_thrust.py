@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Down by thrust alone: a rotor in heave, a navigation whose vertical speed drifts, the ground."""
+
+import numpy as np
+import pytest
+
+from heli_math.rotations import quat_from_euler
+from heli_math.rows import NAV, SETPOINT
+from heli_math.ticks import NS_PER_S
+from heli_math.trajectory import Trajectory
+from heli_modes import Command, Phase
+from heli_modes.failsafes import Action
+from heli_outer_pd import config, position_law
+from heli_outer_pd.disturbance import trim_thrust
+from heli_outer_pd.goto import Goto
+from heli_outer_pd.node import OuterLoopNode
+from heli_outer_pd.outer_state import SEES, SINKS
+from heli_outer_pd.phase_ways import PhaseNumbers
+from heli_outer_pd.phases import Phases
+from heli_outer_pd.position_law import MEMORY, follow
+from heli_outer_pd.reference_limits import ReferenceLimits
+from heli_outer_pd.sight import answer, told_of
+from heli_outer_pd.thrust_map import thrust_for_collective
+
+VALUES = OuterLoopNode.SPEC.resolve()
+STEP_NS = NS_PER_S // 25
+SURE, UNSURE = 0.03, 0.3
+
+
+class Heave:
+    """An aircraft that only climbs and sinks, 10 m up; the ground holds it at height 0.
+
+    Its rotor gives `strength` of its map; the navigation's velocity is off by `drift` times the
+    time since it knew it.
+    """
+
+    def __init__(self, strength=1.0, drift_mps2=0.0):
+        self.k = config.outer_kernel(VALUES)
+        self.state = position_law.initial_state(self.k)
+        goto, fence = Goto.from_parameters(VALUES), ReferenceLimits.from_parameters(VALUES)
+        numbers = PhaseNumbers.from_parameters(VALUES)
+        self.phases = Phases(numbers, goto, self.k, self.state, fence)
+        self.phases.follow(Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.0), 0)
+        self.now_ns, self.out, self.nav = 0, self.k.trim.copy(), np.zeros(NAV.size)
+        self.nav[NAV.quat] = quat_from_euler(*self.k.trim[: SETPOINT.psi], 0.0)
+        self.strength, self.drift, self.error = strength, drift_mps2, np.zeros(2)
+        self.down, self.speed, self.touched = -10.0, 0.0, None
+
+    def step(self, sigma):
+        self.nav[NAV.sigma_vel] = 0.02, 0.02, sigma
+        if sigma > SURE:
+            self.error += self.k.dt_s * np.array([self.error[1], self.drift])
+        self.nav[NAV.pos][2], self.nav[NAV.down_vel] = (
+            self.down + self.error[0],
+            self.speed + self.error[1],
+        )
+        way, before = self.phases.way, self.out.copy()
+        assert follow(self.nav, self.now_ns - way.start_ns, way.times_ns, way.points, self.k,
+                      self.state, self.out) == 0  # fmt: skip
+        self.phases.after(self.now_ns, self.nav, self.out)
+        self.now_ns += STEP_NS
+        thrust = self.strength * thrust_for_collective(
+            self.out[SETPOINT.col], self.speed, trim_thrust(self.k), self.k.trim[SETPOINT.col],
+            self.k.rotor,
+        )  # fmt: skip
+        self.speed += self.k.dt_s * (self.k.g - thrust * np.cos(self.k.trim[0]) / self.k.mass)
+        self.down += self.k.dt_s * self.speed
+        if self.down >= 0.0:
+            self.touched = self.speed if self.touched is None else self.touched
+            self.down, self.speed = 0.0, min(self.speed, 0.0)
+        return before, self.out
+
+
+def settled(**changes):
+    craft = Heave(**changes)
+    for _ in range(25 * 40):
+        craft.step(SURE)
+    assert craft.down == pytest.approx(-10.0, abs=0.05)
+    return craft
+
+
+@pytest.mark.parametrize("strength", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("drift", [-0.03, 0.0, 0.03])
+def test_it_lands_softly_whatever_the_navigation_drifts_to(strength, drift):
+    """Without a word of a pilot; a climb of the navigation or a sinking of it leads nowhere."""
+    craft = settled(strength=strength, drift_mps2=drift)
+    highest, seconds = craft.down, 0
+    while craft.phases.phase != Phase.STANDING:
+        craft.step(UNSURE)
+        highest = min(highest, craft.down)
+        seconds += craft.k.dt_s
+        assert seconds < 60.0
+    assert highest > -11.0 and craft.touched < 0.95 and craft.down == 0.0
+
+
+def test_it_is_told_and_no_pilot_is_needed():
+    craft = settled()
+    before, after = craft.step(UNSURE)
+    np.testing.assert_allclose(after, before, atol=0.01)
+    assert craft.state[MEMORY.sinks] == SINKS and craft.phases.gone
+    assert told_of(craft.phases.phase, craft.state, "") == "altitude lost: descent by thrust alone"
+    assert answer(craft.phases.phase, craft.state) == Action.LAND_BY_THRUST
+    craft.step(UNSURE)
+    assert craft.phases.phase == Phase.HALTING
+
+
+def test_in_the_air_feeling_for_the_ground_is_no_fall():
+    craft = settled()
+    fastest = 0.0
+    for _ in range(25 * 12):
+        craft.step(UNSURE)
+        fastest = max(fastest, craft.speed)
+    assert craft.phases.phase == Phase.DESCENDING and craft.down < -1.0
+    assert 0.6 < fastest < 1.3
+
+
+def test_what_comes_back_is_flown_from_where_it_is():
+    """The barometer says 3 m lower than dead reckoning: no step, and back at a limited speed."""
+    craft = settled()
+    for _ in range(25 * 6):
+        craft.step(UNSURE)
+    craft.error[0] = 3.0
+    before, after = craft.step(SURE)
+    assert craft.state[MEMORY.sinks] == SEES
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    for _ in range(25 * 6):
+        craft.step(SURE)
+        assert craft.speed > -0.6
+
+
+def test_a_sound_landing_does_not_look_at_it():
+    craft = settled()
+    assert craft.phases.command(Command.LAND, craft.now_ns, craft.nav) is None
+    for _ in range(25 * 40):
+        craft.step(0.08)
+        assert craft.state[MEMORY.sinks] == SEES
+    assert craft.phases.phase == Phase.STANDING
