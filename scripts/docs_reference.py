@@ -49,7 +49,7 @@ def _signature(found: Any) -> str:
     if len(text) <= 80:
         return text
     head, arrow, result = text.rpartition(") -> ")
-    inner = head[1:] if arrow else text[1:-1]
+    inner = (head if arrow else text.removesuffix(")")).removeprefix("(")
     parts = "".join(f"    {part},\n" for part in _split(inner))
     return f"(\n{parts}){' -> ' + result if arrow else ''}"
 

@@ -1,4 +1,3 @@
-// Diagrams are drawn in their own size, so that their words can be read; a wide one scrolls.
+// Flow charts are drawn in their own size, so that their words can be read; a wide one scrolls.
 const initialize = mermaid.initialize;
-mermaid.initialize = (options) =>
-  initialize({ ...options, flowchart: { useMaxWidth: false }, state: { useMaxWidth: false } });
+mermaid.initialize = (options) => initialize({ ...options, flowchart: { useMaxWidth: false } });

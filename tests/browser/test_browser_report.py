@@ -217,6 +217,48 @@ def test_phone_needs_no_sideways_scrolling(page, hover):
     assert page.errors == []
 
 
+def test_charts_are_no_stops_of_the_tab_key(page, hover):
+    """What Tab reaches is read on the page: links, buttons, tables that scroll; no chart's."""
+    page.open(hover, READY)
+    inside = "[...document.querySelectorAll('.chart *')].filter(e => e.tabIndex >= 0).length"
+    assert page.value("document.querySelectorAll('.chart .modebar-btn').length") > 10
+    assert page.value(inside) == 0
+    # A zoom and another theme draw anew.
+    page.value("document.getElementById('theme').click()")
+    page.wait("document.getElementById('chart-wind')._fullLayout.width > 0")
+    page.value("Plotly.relayout('chart-wind', {'xaxis.range': [5, 9]}).then(() => true)")
+    assert page.value(inside) == 0
+    named = "[...document.querySelectorAll('.chart')].every(e => e.getAttribute('aria-label'))"
+    assert page.value(named)
+
+
+def test_a_table_that_scrolls_says_so_and_no_other_does(page, hover):
+    boxes = """[...document.querySelectorAll('.scroll')].filter(e => e.offsetParent).map(e => [
+      e.scrollWidth > e.clientWidth, e.tabIndex === 0, e.getAttribute('role') === 'region',
+      getComputedStyle(e.previousElementSibling).display !== 'none'])"""
+    wide = {}
+    for width in (390, 1280):
+        page.size(width, 844, phone=width == 390)
+        page.open(hover, READY)
+        found = page.value(boxes)
+        assert found and all(len(set(said)) == 1 for said in found), found
+        wide[width] = sum(said[0] for said in found)
+    assert wide[390] > wide[1280]
+    # Tables that are opened are looked at when they are.
+    page.size(390, 844, phone=True)
+    page.open(hover, READY)
+    page.value("document.querySelectorAll('details').forEach(e => { e.open = true; })")
+    page.wait(f"{boxes}.every(said => new Set(said).size === 1)")
+    assert page.errors == []
+
+
+def test_the_header_has_commit_and_changed_parameters(page, hover):
+    page.open(hover, READY)
+    facts = page.text(".facts")
+    assert re.search(r"Commit\s+([0-9a-f]{10}|unknown)", facts)
+    assert re.search(r"Changed\s+nothing", facts)
+
+
 def test_what_nodes_said_is_text_not_markup(page, hover):
     page.open(hover, READY)
     assert "GPS <timeout> & more" in page.value("document.getElementById('timeline').innerText")

@@ -30,6 +30,8 @@ DESCRIPTIVE = {
     "| call | gives |",
     "| package | what lives there |",
     "| I want to | |",
+    # docs/site/README.md: files of others
+    "| file | package | source | licence | SHA-256 starts with |",
     "| what | the paper's figure | from |",
     "| step | what happens | where |",
     "| it is about | it belongs to |",

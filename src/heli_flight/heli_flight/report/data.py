@@ -82,6 +82,8 @@ class Report:
         Sentences: what could not be shown, and why.
     assumed : bool
         True if the settings are not known to be those of the flight.
+    commit : str
+        Of the sources that flew; empty if it was not recorded.
     """
 
     record: FlightRecord
@@ -92,6 +94,7 @@ class Report:
     rival: Rival | None = None
     missing: Sequence[str] = field(default=())
     assumed: bool = False
+    commit: str = ""
 
     @property
     def kind(self) -> str:

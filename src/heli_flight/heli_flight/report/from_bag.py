@@ -90,7 +90,10 @@ def report_of_bag(
     events = events_of(flight.remarks, settings)
     how = f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag"
     progress(1)
-    page = write_report(record, settings, result, folder, how, events, missing, not known, figures)
+    page = write_report(
+        record, settings, result, folder, how, events, missing, not known, figures,
+        commit=str(told.get("commit", "")),
+    )  # fmt: skip
     progress(STEPS)
     return page
 

@@ -14,6 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from heli_flight.loop.flight_file import changes
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import fault_words, mean_wind, verdict, versions
 from heli_flight.loop.scenario import NODE_NAME, TABLE
@@ -37,6 +38,7 @@ _TITLES = {
     "scope": "What is simulated, and what is not",
     "parameters": "Parameters, seed, versions",
 }
+_DIGITS = 10
 _FOLDER = Path(__file__).with_name("page")
 _TEMPLATES = Environment(
     loader=FileSystemLoader(_FOLDER),
@@ -198,7 +200,22 @@ def _facts(report: Report) -> list[tuple[str, str]]:
         ("GPS", settings.gps),
         ("Seed", "not recorded" if report.assumed else str(settings.seed)),
         *([("Faults", faults)] if faults else []),
+        ("Changed", _changed(report)),
+        ("Commit", _short(report.commit) or "not recorded"),
     ]
+
+
+def _changed(report: Report) -> str:
+    """Names of the parameters that are not the packaged ones."""
+    if report.assumed:
+        return "not recorded"
+    return ", ".join(change.name for change in changes(report.settings)) or "nothing"
+
+
+def _short(commit: str) -> str:
+    """A commit's first digits, and what is said beside it."""
+    number, blank, more = commit.partition(" ")
+    return f"{number[:_DIGITS]}{blank}{more}"
 
 
 def _parameters(report: Report) -> Iterable[tuple[str, Any]]:

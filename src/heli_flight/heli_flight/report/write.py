@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from heli_flight.loop import closed_loop
+from heli_flight.loop.commit import sources_commit
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
@@ -31,6 +32,7 @@ def write_report(
     missing: Sequence[str] = (),
     assumed: bool = False,
     figures: bool = False,
+    commit: str | None = None,
 ) -> Path:
     """Write report.html, and if asked for figures/*.png, *.svg, into a folder.
 
@@ -53,6 +55,8 @@ def write_report(
         True if the settings are not known to be those of the flight.
     figures : bool
         True: the page's charts also as files for a paper, which takes far longer than the page.
+    commit : str, optional
+        Of the sources that flew, empty if it was not recorded; default: of these.
 
     Returns
     -------
@@ -65,7 +69,8 @@ def write_report(
         The folder cannot be written.
     """
     rival = _rival(settings) if settings.scenario.kind == "attitude" else None
-    report = Report(record, settings, result, how, events, rival, tuple(missing), assumed)
+    commit = sources_commit() if commit is None else commit
+    report = Report(record, settings, result, how, events, rival, tuple(missing), assumed, commit)
     design = flown_design(settings)
     charts = [*paper_charts(report), *path_charts(report), *flight_charts(report)]
     if design is not None:

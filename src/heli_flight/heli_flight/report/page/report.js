@@ -83,6 +83,8 @@
     const place = document.getElementById(`chart-${figure.key}`);
     const width = place.clientWidth;
     await Plotly.react(place, paintedData(figure), paintedLayout(figure, width), config(figure));
+    // A chart is a picture with a name: the buttons above it are the pointer's, no stops of the Tab key.
+    for (const button of place.querySelectorAll(".modebar-btn")) button.tabIndex = -1;
     if (drawn.has(figure.key)) return;
     drawn.set(figure.key, place);
     if (figure.time) place.on("plotly_relayout", (change) => follow(figure, change));
@@ -109,8 +111,25 @@
     return axis === "xaxis" || figure.layout[axis].matches === "x";
   }
 
+  // A table that is wider than the page says so, and can be scrolled by keys; no other is a stop.
+  function hintTables() {
+    for (const box of document.querySelectorAll(".scroll")) {
+      const more = box.scrollWidth > box.clientWidth;
+      box.classList.toggle("more", more);
+      if (more) {
+        box.tabIndex = 0;
+        box.setAttribute("role", "region");
+        box.setAttribute("aria-label", "Table, scrolls sideways");
+      } else {
+        for (const name of ["tabindex", "role", "aria-label"]) box.removeAttribute(name);
+      }
+      box.previousElementSibling.hidden = !more;
+    }
+  }
+
   async function drawAll() {
     narrow = window.innerWidth < 640;
+    hintTables();
     for (const figure of figures) {
       await draw(figure);
       await new Promise((resume) => setTimeout(resume, 0));
@@ -129,6 +148,7 @@
     drawAll();
   });
   prefersDark.addEventListener("change", () => { applyTheme(); drawAll(); });
+  for (const details of document.querySelectorAll("details")) details.addEventListener("toggle", hintTables);
   let pending = 0;
   let lastWidth = window.innerWidth;
   window.addEventListener("resize", () => {
