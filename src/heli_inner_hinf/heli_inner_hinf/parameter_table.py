@@ -22,6 +22,8 @@ TABLE: tuple[Parameter, ...] = (
          "Age of the newest attitude setpoint after which trim attitude is held", "s",
          lower=0.04, upper=60.0),
     _row("controller", "string", "Which attitude law flies", choices=tuple(CONTROLLERS)),
+    _row("own_law", "string", "A law in Python that flies in its place, MODULE:NAME or "
+         "FILE.py:NAME: its code runs", read_only=True),
     _row("gamma", "double", "Bound on the H-infinity norm wind -> h, above gamma*", "",
          lower=0.0, lower_open=True),
     _row("C11", "double[]", "Weights on phi, theta (1/rad), p, q (s/rad), eq. (12)", "",
