@@ -30,8 +30,7 @@ class MyLaw:
         allowed = {"phi": 0.15, "theta": 0.15, "psi": 0.15, "p": 5.0, "q": 5.0, "r": 5.0}
         costs = [1.0 / allowed[name] ** 2 if name in allowed else 0.0 for name in NINE._fields]
         Q = np.diag([*costs, 10.0, 10.0, 10.0])
-        # What an actuator costs. Servos and delay are not in the model: with 0.25 instead of 0.1
-        # the law is too fast for them, and the aircraft rolls over.
+        # What an actuator costs: servos and delay are not in the model, so not too little.
         R = np.eye(3) / 0.1**2
         self.K, _, _ = control.lqr(A, B, Q, R)
 
