@@ -75,7 +75,7 @@ class Flight:
     def __init__(self, flown: Recorded, folder: Path | None = None) -> None:
         self._flown, self.folder = flown, folder
         self.time_s: NDArray[np.float64] = flown.record.time_s.view()
-        self.time_s.flags.writeable = False
+        self.time_s.setflags(write=False)
         self.mode = flown.record.mode
         for name, group in groups_of(flown.record).items():
             setattr(self, name, group)

@@ -46,7 +46,7 @@ class Signals(Mapping[str, NDArray]):
     def __init__(self, name: str, signals: Mapping[str, Signal]) -> None:
         self._name, self._signals = name, dict(signals)
         for signal in self._signals.values():
-            signal.values.flags.writeable = False
+            signal.values.setflags(write=False)
 
     def __getitem__(self, name: str) -> NDArray:
         return self._found(name, KeyError).values
@@ -93,9 +93,9 @@ class Signals(Mapping[str, NDArray]):
 
     def __repr__(self) -> str:
         rows = self._rows()
-        widths = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         return "\n".join(
-            "  ".join([*(row[i].ljust(widths[i]) for i in range(3)), row[3]]).rstrip()
+            "  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True)).rstrip()
             for row in rows
         )
 
