@@ -100,7 +100,7 @@ def started():
 
 
 def reached():
-    """Modules that are imported, directly or not, by what a user starts or from `heli`, the face."""
+    """Modules that are imported, directly or not, by what a user starts, or from `heli`."""
     face = {name for name in modules() if name.split(".")[0] == "heli"}
     seen, waiting = set(), commands().union(face, *map(named_in, started()))
     while waiting:
