@@ -312,7 +312,7 @@ def help_of(capsys, words):
 
     What follows the script of `heli python` belongs to the script.
     """
-    if words[0] == "python" and words[1].endswith(".py"):
+    if words[0] == "python" and len(words) > 1 and words[1].endswith(".py"):
         assert (ROOT / words[1]).is_file()
         if not any(word.startswith("--") for word in words):
             return ""

@@ -47,15 +47,14 @@ READ_BY_FIELD = {
     "force_per_collective_sigma": "IdentifiedCollective, written by asdict",
     "force_per_w": "IdentifiedCollective, written by asdict",
     "force_per_w_sigma": "IdentifiedCollective, written by asdict",
-    "truth_rate_body_radps": "FlightRecord, compared by fields (scripts/compare_cpu_types.py)",
-    "nav_rate_body_radps": "FlightRecord, compared by fields (scripts/compare_cpu_types.py)",
 }
+OFFERED = {"to_dataframe": "by scripts and notebooks that have pandas (heli)"}
 READ_BY_TEMPLATE = {"verdicts": "report/page/base.html"}
 NUMBERED = {
     "STALE": "a level that others send (heli_flight.report.data.LEVELS)",
 }  # fmt: skip
 """Names that the search for dead code does not see used, and what uses them."""
-KNOWN = CALLED_BY_OTHERS | SET_FOR_OTHERS | READ_BY_FIELD | READ_BY_TEMPLATE | NUMBERED
+KNOWN = CALLED_BY_OTHERS | SET_FOR_OTHERS | READ_BY_FIELD | READ_BY_TEMPLATE | OFFERED | NUMBERED
 
 
 @cache
@@ -101,8 +100,9 @@ def started():
 
 
 def reached():
-    """Modules that are imported, directly or not, by what a user starts."""
-    seen, waiting = set(), commands().union(*map(named_in, started()))
+    """Modules that are imported, directly or not, by what a user starts, or from `heli`."""
+    face = {name for name in modules() if name.split(".")[0] == "heli"}
+    seen, waiting = set(), commands().union(face, *map(named_in, started()))
     while waiting:
         seen |= waiting
         waiting = set().union(*(named_in(modules()[name]) for name in waiting)) - seen

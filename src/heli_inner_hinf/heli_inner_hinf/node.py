@@ -31,6 +31,7 @@ from heli_inner_hinf.excitation import (
 )
 from heli_inner_hinf.ground_law import law_or_hand
 from heli_inner_hinf.law_state import RUN, AttitudeKernel, initial_law_state, nine_states
+from heli_inner_hinf.own_law import OwnAttitudeLaw, own_law
 from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
 from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, NAV, NINE, ROTOR, SETPOINT
@@ -42,6 +43,7 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.stamps import AHEAD_TICKS
 from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
+from heli_parameters.python_law import PARAMETER
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
 _NO_ROTOR = np.full(ROTOR.size, np.nan)
@@ -104,6 +106,8 @@ class Loop(TickCore):
         Numbers that `law` is compiled for.
     law : callable
         `law_or_hand`, compiled.
+    own : OwnAttitudeLaw
+        Its place, taken by one in Python or by none.
     """
 
     design: LiveDesign
@@ -120,6 +124,7 @@ class Loop(TickCore):
     total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
     flown: AttitudeKernel | None = None
     law: Callable[..., int] = law_or_hand
+    own: OwnAttitudeLaw = field(default_factory=lambda: OwnAttitudeLaw(None))
 
 
 @dataclass
@@ -168,6 +173,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             exciter=self._make_exciter(),
             disturber=self._make_disturber(),
             collective=config.u_trim[ACTUATOR.col],
+            own=own_law(self.values[PARAMETER]),
             pace=self.listen(inputs),
         )
         self._warm_up(core)
@@ -272,8 +278,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         kernel = core.design.take()
         if kernel is not core.flown:
             self._load(core, kernel)
-        law, col = core.design.state, core.collective
-        code = core.law(core.x9, r3, col, core.hand3, kernel, law, core.u3)
+        given = core.x9, r3, core.collective, core.hand3, kernel, core.design.state, core.u3
+        code = core.own.step(tick, tick * self.rate.tick_s, *given, core.law)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
         core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, core.collective
         if core.exciter is not None:
@@ -290,6 +296,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         run.resumes = core.flown_tick is not None and tick > core.flown_tick
         core.hand3[:] = np.nan
         core.known = initial_estimate(core.model)
+        core.own.begin(in_flight=run.resumes)
         if not run.resumes:
             core.design.start()
             core.collective = core.design.config.u_trim[ACTUATOR.col]
@@ -343,7 +350,9 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         exciter = self.core.exciter
         excited = ExcitationStatus.SILENT if exciter is None else exciter.status
         level, message = Level.OK, AttitudeStatus(code).sentence
-        if code == AttitudeStatus.NOT_FINITE and not self.core.design.state[RUN]:
+        if self.core.own.failure:
+            level, message = Level.ERROR, self.core.own.failure
+        elif code == AttitudeStatus.NOT_FINITE and not self.core.design.state[RUN]:
             level, message = Level.WARN, _WAITS
         elif code == AttitudeStatus.NOT_FINITE:
             level = Level.ERROR
@@ -361,6 +370,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
     def _facts_now(self) -> dict[str, Any]:
         core, stamp = self.core, self.run.setpoint_tick
         facts = dict(core.design.config.summary())
+        if core.own.law is not None:
+            facts["own_law"] = core.own.law.name
         if core.exciter is not None:
             facts["excitation"] = core.exciter.status.sentence
         facts["setpoint_tick"] = "none" if stamp is None else stamp

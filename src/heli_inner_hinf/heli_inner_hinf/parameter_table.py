@@ -25,6 +25,8 @@ TABLE: tuple[Parameter, ...] = (
          "Age of an estimate over which the model is integrated; older ones are none", "s",
          lower=0.01, upper=2.0, read_only=True),
     _row("controller", "string", "Which attitude law flies", choices=tuple(CONTROLLERS)),
+    _row("own_law", "string", "A law in Python that flies in its place, MODULE:NAME or "
+         "FILE.py:NAME: its code runs", read_only=True),
     _row("gamma", "double", "Bound on the H-infinity norm wind -> h, above gamma*", "",
          lower=0.0, lower_open=True),
     _row("C11", "double[]", "Weights on phi, theta (1/rad), p, q (s/rad), eq. (12)", "",

@@ -147,6 +147,19 @@ def cache_folder(module: str, path: Path) -> Path:
     return folder
 
 
+def is_compiled(kernel: Callable[..., Any]) -> bool:
+    """Whether machine code of a kernel waits in the cache, as far as the files there tell.
+
+    A process that has it in memory is not asked: who has called the kernel knows.
+    """
+    function = getattr(kernel, "py_func", None)
+    if function is None or os.environ.get("NUMBA_CACHE_DIR"):
+        return True
+    path = Path(function.__code__.co_filename)
+    folder = cache_folder(function.__module__, path)
+    return any(folder.rglob(f"{path.stem}.{function.__qualname__}-*.nbi"))
+
+
 def njit(
     function: Callable[..., Any],
     inlined: bool = False,

@@ -33,6 +33,7 @@ from heli_outer_pd.following import Following
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import with_hand
 from heli_outer_pd.late import LateNavigation
+from heli_outer_pd.own_law import OwnPositionLaw, own_law
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
@@ -99,6 +100,8 @@ class Law(TickCore):
         Of those, what a predecessor has heard and this node will hear once more.
     armed : bool
         Whether a take-off is obeyed.
+    flies : OwnPositionLaw
+        The law's place, taken by one in Python or by none.
     """
 
     commands: Commands
@@ -121,6 +124,7 @@ class Law(TickCore):
     followed: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
     repeated: list[tuple[Any, ...]] = field(default_factory=list)
     armed: bool = True
+    flies: OwnPositionLaw = field(default_factory=lambda: OwnPositionLaw(None))
 
 
 class OuterLoopNode(TickNode[Law, Following]):
@@ -141,6 +145,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             limits=ReferenceLimits.from_parameters(self.values),
             goto=Goto.from_parameters(self.values),
             heard=LateNavigation(self.values["navigation_timeout_s"], self.rate),
+            flies=own_law(self.values["own_law"]),
             pace=self.listen((Input(topics.ODOM, Demand()),)),
         )
         script_of(self.values)  # now: an order that cannot be is no matter of the flight
@@ -261,6 +266,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         core, numbers = self.core, PhaseNumbers.from_parameters(self.values)
         orders = script_of(self.values)
         core.commands.begin()
+        core.flies.begin()
         return Phases(
             numbers, core.goto, core.kernel, core.state, core.limits, orders, self.start_ns
         )
@@ -305,10 +311,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         way = self._way()
         if way is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
-            core.nav[:] = np.nan
-            way = _NOWHERE
-        since_ns, k = stamp_ns - way.start_ns, core.kernel
-        code = follow(nav, since_ns, way.times_ns, way.points, k, core.state, core.out)
+            core.nav[:], way = np.nan, _NOWHERE
+        given = core.nav, stamp_ns - way.start_ns, way.times_ns, way.points, core.kernel
+        code = core.flies.step(tick, tick * self.rate.tick_s, *given, core.state, core.out, follow)
         core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
         core.send_collective(with_hand(core.out[[SETPOINT.col]], core.state), stamp_ns)
         self._look(stamp_ns)
@@ -353,6 +358,8 @@ class OuterLoopNode(TickNode[Law, Following]):
             level, message = Level.WARN, _WAITS
         else:
             level = Level.ERROR
+        if core.flies.failure:
+            level, message = Level.ERROR, core.flies.failure
         if self.tick % self.rate.hz == 0 or message != self.health.message:
             facts = {
                 "reference": self._what(),

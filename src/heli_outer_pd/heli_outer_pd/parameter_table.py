@@ -48,6 +48,8 @@ TABLE: tuple[Parameter, ...] = (
          lower=0.01, upper=2.0, read_only=True),
     _row("period_ticks", "int", "Law runs every so many ticks of 10 ms", "ticks",
          choices=(1, 2, 4, 5, 10, 20), read_only=True),
+    _row("own_law", "string", "A law in Python that flies in its place, MODULE:NAME or "
+         "FILE.py:NAME: its code runs", read_only=True),
     _row("K_P", "double[]", "Position gains, forward, right, down", "1/s2",
          shape=(3,), lower=0.0, upper=20.0),
     _row("K_D", "double[]", "Velocity gains, forward, right, down", "1/s",

@@ -209,7 +209,8 @@ def _plain(value: Any) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def _unknown(table: Mapping[str, Parameter], key: str) -> str:
+def suggestion(table: Mapping[str, Parameter], key: str) -> str:
+    """Words about a name that a table does not have: what it may have been meant for."""
     renamed = next((row.name for row in table.values() if row.was == key), None)
     if renamed is not None:
         return f"is called '{renamed}' now; change the name"
@@ -288,7 +289,7 @@ def stated(
             continue
         row = rows.get(entry.key)
         if row is None:
-            raise ParameterError(f"{entry.where}: {entry.key}: {_unknown(rows, entry.key)}")
+            raise ParameterError(f"{entry.where}: {entry.key}: {suggestion(rows, entry.key)}")
         try:
             value = row.check(entry.value)
         except ParameterError as error:
@@ -357,7 +358,7 @@ def judge(table: Iterable[Parameter], name: str, value: Any) -> str:
     rows = _index(table)
     row = rows.get(name)
     if row is None:
-        return "" if _is_of_ros(name) else f"{name}: {_unknown(rows, name)}"
+        return "" if _is_of_ros(name) else f"{name}: {suggestion(rows, name)}"
     if row.read_only:
         return f"{name}: is fixed while the node runs; restart the node to change it"
     try:

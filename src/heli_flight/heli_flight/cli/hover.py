@@ -28,6 +28,7 @@ def epilog(prog: str) -> str:
         ("--world hard --seed 7", "another aircraft than its laws know, in gusts"),
         ("--laws paper --world paper", "the paper's own laws, in its own world"),
         ("--scenario attitude --controller pid", "the attitude test under another law"),
+        ("--law examples/my_law.py:MyLaw", "a law of your own"),
         ("--params my_weights.yaml", "any node's parameters, changed"),
         ("--params flights/a/params.yaml", "a flight again"),
         ("--faults my_faults.yaml", "with sensors, actuators or links that fail"),
@@ -46,6 +47,15 @@ Law = Annotated[
         help="attitude law: hinf_output, hinf, lqg, lqr, pid, indi, matrices "
         "(default: the parameter of inner_loop)",
         autocompletion=completion.controllers,
+    ),
+]
+OwnLaw = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--law",
+        metavar="LAW",
+        help="a law of your own in Python, MODULE:NAME or FILE.py:NAME, in the place of the "
+        'attitude law, or of the position law (loop = "outer"); its code runs; repeatable',
     ),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")]
@@ -135,6 +145,7 @@ def hover(
     world: World = None,
     laws: Laws = None,
     controller: Law = None,
+    law: OwnLaw = None,
     seed: Seed = None,
     duration: Duration = None,
     params: Params = None,
@@ -168,7 +179,7 @@ def hover(
     order = FlightOrder(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
         _live(live, live_port, foxglove_port, allow_commands), world, laws, composed, rate,
-        figures, faults, respawn,
+        figures, faults, respawn, law=law or (),
     )  # fmt: skip
     if aircraft == 1:
         outcomes = [fly_and_write(order, console(stderr=as_json))]

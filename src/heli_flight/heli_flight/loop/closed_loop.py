@@ -13,6 +13,7 @@ import numpy as np
 
 from heli_dynamics_sim import noise, plant
 from heli_dynamics_sim.wind import injected_gust
+from heli_flight.loop.laws import refuse_own_laws
 from heli_flight.loop.linked import (
     Linked,
     linked,
@@ -104,7 +105,8 @@ def _turn(q, v, out):
 
 
 @njit
-def _write_truth(s, y, out):
+def write_truth(s, y, out):
+    """Truth row (19,) of a plant's state and what it measures."""
     x = s.x
     copy(out[TRUTH.pos], x[PLANT.pos])
     _turn(x[PLANT.quat], x[PLANT.vel], out[TRUTH.vel])
@@ -115,7 +117,7 @@ def _write_truth(s, y, out):
 
 
 @njit
-def _replace_by_truth(truth, nav):
+def replace_by_truth(truth, nav):
     """Ideal navigation: what the sensors cannot spoil (for analysis, never for a score)."""
     copy(nav[NAV.motion], truth[TRUTH.motion])
 
@@ -153,14 +155,14 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     for i in range(n_ticks):
         tick = first_tick + i
         plant.measure(loop.plant_s, tick, noise_rows[i], loop.plant_k, y)
-        _write_truth(loop.plant_s, y, track.truth[tick])
+        write_truth(loop.plant_s, y, track.truth[tick])
         copy(heard, y)
         copy(flown, u)
         if links.k.on:
             to_observer(links, tick, loop.observer_s, loop.observer_k, heard, flown)
         observer.observe(loop.observer_s, tick, heard, flown, loop.observer_k, nav)
         if loop.true_navigation:
-            _replace_by_truth(track.truth[tick], nav)
+            replace_by_truth(track.truth[tick], nav)
         copy(seen, nav)
         if links.k.on:
             to_outer_loop(links, tick, seen)
@@ -228,6 +230,7 @@ def build(
     Parameters
     ----------
     settings : Settings
+        Without a law in Python: that is flown by `own_loop`.
     true_navigation : bool
         As in `simulate`.
     plant_config : PlantConfig, optional
@@ -240,6 +243,7 @@ def build(
     ParameterError, TrimError, InfeasibleGammaError
         As the parts raise them, each with a sentence.
     """
+    refuse_own_laws(settings)
     plant_config = plant_config or plant.PlantConfig.from_parameters(settings.nodes["plant"])
     observer_config = observer.ObserverConfig(settings.nodes["observer"])
     law = law or attitude_kernel(settings.nodes["inner_loop"])
@@ -286,7 +290,7 @@ def simulate(settings: Settings, true_navigation: bool = False, progress=None) -
     return fly_loop(build(settings, true_navigation), settings, progress)
 
 
-def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
+def fly_loop(loop: Loop, settings: Settings, progress=None, ticks=fly) -> Flight:
     """Fly a loop that is built already; its states are used up.
 
     Parameters
@@ -297,6 +301,8 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
         Seed and scenario.
     progress : callable, optional
         Called with the flight time (s) now and then.
+    ticks : callable
+        What flies, with the arguments and the outcome of `fly`; below zero: it has given up.
 
     Returns
     -------
@@ -317,7 +323,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
         asked = scripted or phases.lost or phases.gone
         count = min(_unasked(phases, tick, loop) if asked else _CHUNK_TICKS, n - tick)
         rows = np.concatenate((rows, streams.rows(max(count - len(rows), 0))))
-        flown, status = fly(loop, tick, count, rows[:count], times_ns, points, setpoint, u, track)
+        flown, status = ticks(loop, tick, count, rows[:count], times_ns, points, setpoint, u, track)
         tick, rows = tick + flown, rows[flown:]
         last = tick - 1
         if (asked or phases.lost or phases.gone) and status == 0 and last % loop.period_ticks == 0:
@@ -329,10 +335,10 @@ def fly_loop(loop: Loop, settings: Settings, progress=None) -> Flight:
             progress(rate.seconds(tick))
     for before in range(loop.anchor[1]):
         reference_at(before * rate.tick_ns, times_ns, points, track.reference[before])
-    named = plant.PlantStatus(status)
+    named = plant.PlantStatus(max(status, 0))
     modes = _modes(phases, tick, rate) if scripted else None
     record = replace(record_of(track, tick, rate), mode=modes)
-    return Flight(record, named, "" if status == 0 else named.sentence)
+    return Flight(record, named, "" if status <= 0 else named.sentence)
 
 
 def _phases(loop: Loop, settings: Settings, given: Trajectory) -> tuple[Phases, bool]:

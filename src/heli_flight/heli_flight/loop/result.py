@@ -16,6 +16,7 @@ from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.gusts import GUST, draw_gusts
 from heli_flight.loop.fault_file import flown_faults
 from heli_flight.loop.flight_file import changes, drawn, drawn_words, identity
+from heli_flight.loop.laws import own_laws, own_words
 from heli_flight.loop.scoring import (
     DECIDES,
     METRICS,
@@ -207,6 +208,8 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
     if drawn(settings):
         console.print(drawn_words(settings), highlight=False)
     console.print(f"laws: {Path(settings.laws).stem}", highlight=False)
+    if own_words(settings):
+        console.print(f"own law: {own_words(settings)}", highlight=False)
     for note in result.notes:
         console.print(f"note: {note}", highlight=False)
     if result.lost:
@@ -312,6 +315,7 @@ def write_result(
         "aircraft": result.aircraft or None,
         **identity(settings, changes(settings)),
         "rate_hz": settings.rate.hz,
+        "own_laws": own_laws(settings),
         "draw": drawn(settings),
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,

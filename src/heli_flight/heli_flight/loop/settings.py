@@ -39,7 +39,12 @@ from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.script import script_of
 from heli_outer_pd.thrust_map import collective_for_thrust
 from heli_parameters.locate import config_folder
-from heli_parameters.parameters import ParameterError, ParameterFile, check_node_names
+from heli_parameters.parameters import (
+    ParameterError,
+    ParameterFile,
+    check_node_names,
+    suggestion,
+)
 
 _FILES = {"scenario": scenario_file, "world": WORLDS.file, "laws": LAWS.file}
 _SECTIONS = (*TABLES, flight_section.NODE_NAME, "live_view", "identify", "robust")
@@ -266,7 +271,8 @@ def _seed(
 ) -> int | None:
     """The seed that will be flown, None for that of scenario or packages."""
     if option is not None:
-        return option
+        # One that cannot be is refused when it is put in.
+        return option if option >= 0 else None
     said = flight_section.assigned([told.file for told in user], "plant", "seed")
     given = overrides.get("plant", {}).get("seed", None if said is None else said.value)
     return given if isinstance(given, int) and given >= 0 else None
@@ -397,9 +403,10 @@ def _check_faults(nodes: Mapping[str, Mapping[str, Any]]) -> None:
 
 def _set(section: str, values: dict[str, Any], key: str, value: Any, where: str) -> None:
     """Put one checked value over a loaded one."""
-    row = next((row for row in TABLES[section] if row.name == key), None)
+    rows = {row.name: row for row in TABLES[section]}
+    row = rows.get(key)
     if row is None:
-        raise ParameterError(f"{where}: unknown parameter {key}")
+        raise ParameterError(f"{where}: {key}: {suggestion(rows, key)}")
     try:
         values[key] = row.check(value)
     except ParameterError as error:

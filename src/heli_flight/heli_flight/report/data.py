@@ -9,11 +9,13 @@ import numpy as np
 
 from heli_bags.reader import Remark
 from heli_flight.loop.flight_file import drawn, drawn_words
+from heli_flight.loop.laws import own_laws
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, conditions
 from heli_flight.loop.scoring import WINDOWS, Figures, Score, counted, errors
 from heli_flight.loop.settings import Settings
 from heli_math.rotations import euler_angles
+from heli_parameters.python_law import INNER, short_name
 
 LEVELS = ("OK", "WARN", "ERROR", "STALE")
 
@@ -103,8 +105,9 @@ class Report:
 
     @property
     def controller(self) -> str:
-        """The law that flew, one of `CONTROLLERS`."""
-        return str(self.settings.nodes["inner_loop"]["controller"])
+        """The attitude law that flew: one of `CONTROLLERS`, or the name of one's own."""
+        own = own_laws(self.settings).get(INNER, "")
+        return short_name(own) if own else str(self.settings.nodes["inner_loop"]["controller"])
 
     @property
     def conditions(self) -> str:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heli_dynamics_sim.plant import PlantConfig
+from heli_flight.loop.laws import own_laws
 from heli_flight.loop.settings import Settings
 from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.design import AttitudeConfig
+from heli_parameters.python_law import INNER
 
 if TYPE_CHECKING:
     from heli_inner_hinf.analysis import LoopReport
@@ -73,6 +75,8 @@ def flown_design(settings: Settings) -> Design | None:
     ValueError
         As the design's parts raise it, each with a sentence.
     """
+    if INNER in own_laws(settings):
+        return None
     # python-control takes seconds to import: not before it is needed
     from heli_inner_hinf import analysis
 

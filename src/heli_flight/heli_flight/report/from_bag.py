@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A report of a bag: of the graph's own recorder, or of `ros2 bag record`."""
+"""A recorded flight, and its report: the bag of the graph's own recorder, one of `ros2 bag record`,
+or the record of a flight of one process."""
 
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,14 @@ import numpy as np
 
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
 from heli_flight.loop.flight_file import NAME
-from heli_flight.loop.flight_section import flown
+from heli_flight.loop.flight_section import ONE_PROCESS, flown
 from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.record_file import NAME as RECORD
+from heli_flight.loop.record_file import read_record
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings, resolve
-from heli_flight.report.data import events_of
+from heli_flight.report.data import Event, events_of
 from heli_flight.report.write import write_report
 from heli_parameters.parameters import ParameterError
 
@@ -35,6 +38,99 @@ class Choice:
     params: Sequence[Path] = ()
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """A flight as it was recorded.
+
+    Attributes
+    ----------
+    record : FlightRecord
+    settings : Settings
+    result : Result
+    folder : Path
+        Where its report belongs.
+    how : str
+        How it was flown, a few words.
+    events : sequence of Event
+        Changes of the nodes' health.
+    missing : sequence of str
+        Sentences: what is not in the record, and what was taken instead.
+    assumed : bool
+        True if the settings are not known to be those of the flight.
+    commit : str
+        Of the sources that flew; empty if that is not recorded.
+    """
+
+    record: FlightRecord
+    settings: Settings
+    result: Result
+    folder: Path
+    how: str
+    events: Sequence[Event] = ()
+    missing: Sequence[str] = field(default=())
+    assumed: bool = False
+    commit: str = ""
+
+
+def recorded(path: Path, choice: Choice | None = None) -> Recorded:
+    """Read a flight: its folder, or its bag.
+
+    Parameters
+    ----------
+    path : Path
+        rosbag2 folder, or the folder of a flight that holds `bag/` or `record.npz`.
+    choice : Choice, optional
+
+    Raises
+    ------
+    ParameterError, FlightError
+        Each with one line that names the file.
+    """
+    choice = choice or Choice()
+    if (path / RECORD).is_file() and not (path / "bag").is_dir():
+        return _of_one_process(path, choice)
+    bag = path / "bag" if (path / "bag").is_dir() else path
+    beside = bag.resolve().parent
+    told = _result_beside(beside)
+    saved = beside / NAME
+    known = bool(choice.params) or saved.is_file()
+    settings = _settings(choice, told, saved)
+    flight = flight_from_bag(bag, settings, truth_needed=False)
+    record, missing = _completed(flight.record, settings)
+    if flight.foreign:
+        missing.append(f"Not of the graph, so not shown: {', '.join(flight.foreign)}.")
+    if not known:
+        missing.insert(
+            0,
+            "No params.yaml beside the bag and none given: the packaged parameters of scenario "
+            f"{settings.scenario_name} were taken, so wind, seed, limits, scored phases and design "
+            "may not be those of this flight.",
+        )
+    return Recorded(
+        record=record,
+        settings=settings,
+        result=_result(record, settings, flight, told),
+        folder=beside if saved.is_file() else bag.with_name(f"{bag.name}_report"),
+        how=f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag",
+        events=events_of(flight.remarks, settings),
+        missing=missing,
+        assumed=not known,
+        commit=str(told.get("commit", "")),
+    )
+
+
+def _of_one_process(folder: Path, choice: Choice) -> Recorded:
+    told = _result_beside(folder)
+    settings = _settings(choice, told, folder / NAME)
+    flight = BagFlight(read_record(folder / RECORD), (), ())
+    result = _result(flight.record, settings, flight, told)
+    known = bool(choice.params) or (folder / NAME).is_file()
+    mode = told.get("mode", ONE_PROCESS)
+    how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
+    commit = str(told.get("commit", ""))
+    return Recorded(flight.record, settings, result, folder, how, assumed=not known, commit=commit)
+
+
 def report_of_bag(
     path: Path,
     choice: Choice | None = None,
@@ -42,12 +138,12 @@ def report_of_bag(
     progress: Callable[[int], None] = lambda done: None,
     figures: bool = False,
 ) -> Path:
-    """Write the report of a bag.
+    """Write the report of a recorded flight.
 
     Parameters
     ----------
     path : Path
-        rosbag2 folder, or the folder of a flight that holds `bag/`.
+        rosbag2 folder, or the folder of a flight.
     choice : Choice, optional
     out : Path, optional
         Folder for report.html; default: the flight's folder, or <bag>_report.
@@ -66,34 +162,22 @@ def report_of_bag(
     ParameterError, FlightError, OSError
         Each with one line that names the file.
     """
-    choice = choice or Choice()
-    bag = path / "bag" if (path / "bag").is_dir() else path
-    beside = bag.resolve().parent
-    told = _result_beside(beside)
-    saved = beside / NAME
-    known = bool(choice.params) or saved.is_file()
-    settings = _settings(choice, told, saved)
-    flight = flight_from_bag(bag, settings, truth_needed=False)
-    record, missing = _completed(flight.record, settings)
-    if flight.foreign:
-        missing.append(f"Not of the graph, so not shown: {', '.join(flight.foreign)}.")
-    if not known:
-        missing.insert(
-            0,
-            "No params.yaml beside the bag and none given: the packaged parameters of scenario "
-            f"{settings.scenario_name} were taken, so wind, seed, limits, scored phases and design "
-            "may not be those of this flight.",
-        )
-    folder = out or (beside if saved.is_file() else bag.with_name(f"{bag.name}_report"))
+    flight = recorded(path, choice)
+    folder = out or flight.folder
     folder.mkdir(parents=True, exist_ok=True)
-    result = _result(record, settings, flight, told)
-    events = events_of(flight.remarks, settings)
-    how = f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag"
     progress(1)
     page = write_report(
-        record, settings, result, folder, how, events, missing, not known, figures,
-        commit=str(told.get("commit", "")),
-    )  # fmt: skip
+        flight.record,
+        flight.settings,
+        flight.result,
+        folder,
+        flight.how,
+        flight.events,
+        flight.missing,
+        flight.assumed,
+        figures,
+        commit=flight.commit,
+    )
     progress(STEPS)
     return page
 

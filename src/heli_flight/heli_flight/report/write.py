@@ -7,6 +7,7 @@ from pathlib import Path
 
 from heli_flight.loop import closed_loop
 from heli_flight.loop.commit import sources_commit
+from heli_flight.loop.laws import without_own
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
@@ -92,6 +93,6 @@ def _rival(settings: Settings) -> Rival:
     inner = settings.nodes["inner_loop"]
     law = "hinf_output" if inner["controller"] == "pid" else "pid"
     nodes = {**settings.nodes, "inner_loop": {**inner, "controller": law}}
-    flight = closed_loop.simulate(replace(settings, nodes=nodes))
+    flight = closed_loop.simulate(without_own(replace(settings, nodes=nodes)))
     figures = score(flight.record, settings.scenario)
     return Rival(law, flight.record, figures, flight.sentence)

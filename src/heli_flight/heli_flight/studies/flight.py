@@ -1,21 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """One flight from order to folder: resolve, fly, score, write. What every command that flies calls.
 
-The folder holds params.yaml, result.json, report.html, figures/ if asked for, and of a flight of
-the graph bag/, logs/ and graph.yaml.
+The folder holds params.yaml, result.json, report.html, figures/ if asked for, of a flight of the
+graph bag/, logs/ and graph.yaml, of one of this process record.npz.
 """
 
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from heli_bags.reader import Remark
 from heli_flight import interrupts
 from heli_flight.errors import BrokenFlightError, FlightError, StartError
 from heli_flight.graph.live import LiveOrder, live_view
@@ -23,14 +22,17 @@ from heli_flight.graph.processes import check_middleware, start_server
 from heli_flight.loop.fault_file import NO_PROCESSES, read_faults
 from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import ONE_PROCESS, hover_test_world
+from heli_flight.loop.laws import NODES, refuse_unnamed
 from heli_flight.loop.process_fault import NONE, PROCESS
-from heli_flight.loop.record import FlightRecord
+from heli_flight.loop.record_file import write_record
 from heli_flight.loop.result import Result, print_table, write_result
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
+from heli_flight.studies.one_process import Flown, fly_one_process
 from heli_flight.terminal import NewFolder, being_filled, flight_time, silent
 from heli_math.ticks import seconds
 from heli_parameters.parameters import ParameterError
+from heli_parameters.python_law import PARAMETER, find
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,11 @@ class FlightOrder:
         File of faults; they take the place of those of the parameter files.
     respawn : bool
         Whether nodes that die in flight are started again; needs a process for each.
+    over : mapping of node name to mapping of parameter name to value
+        Stronger than all files, as `overrides` of `resolve`.
+    law : sequence of str
+        Laws in Python, MODULE:NAME or FILE.py:NAME: **their code runs**. One that files name is
+        flown only if it is named here, too.
     """
 
     scenario: str | None = None
@@ -84,24 +91,33 @@ class FlightOrder:
     figures: bool = False
     faults: Path | None = None
     respawn: bool = False
+    over: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    law: Sequence[str] = ()
 
     def resolved(self, seed: int | None = None) -> Settings:
         """What is flown, or its seed and what this draws replaced; raises ParameterError."""
         read = read_faults(self.faults)
-        return resolve(
+        over = {section: dict(values) for section, values in self.over.items()}
+        for section, values in (read.nodes or {}).items():
+            over.setdefault(section, {}).update(values)
+        for law in map(find, self.law):
+            over.setdefault(NODES[law.loop], {})[PARAMETER] = law.source
+        settings = resolve(
             self.scenario,
             self.gps,
             self.seed if seed is None else seed,
             self.duration_s,
             self.mode,
             self.params,
-            read.nodes,
+            over,
             controller=self.controller,
             world=hover_test_world(self.world, self.scenario, self.params),
             laws=self.laws,
             rate_hz=self.rate_hz,
             process_faults=read.process,
         )
+        refuse_unnamed(settings, over)
+        return settings
 
 
 @dataclass(frozen=True)
@@ -125,16 +141,6 @@ class Outcome:
     def exit_code(self) -> int:
         """As `Result.exit_code`."""
         return self.result.exit_code(self.settings.gps)
-
-
-@dataclass(frozen=True)
-class _Flown:
-    """A flight before it is written: `extra` is what result.json holds beside the result."""
-
-    result: Result
-    extra: Mapping[str, Any]
-    record: FlightRecord
-    remarks: Sequence[Remark] = ()
 
 
 def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
@@ -167,11 +173,13 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
     _refuse_rate(order, settings)
     for remark in settings.remarks:
         _say(out)(remark)
-    folder = order.out or _free_name(settings)
+    folder = order.out or free_name(settings)
     with being_filled(folder) as new:
         flight = _flown(order, settings, new, out)
         with interrupts.held_back():
             write_result(flight.result, settings, folder, flight.extra)
+            if settings.mode == ONE_PROCESS:
+                write_record(flight.record, folder)
             new.stays = True
     return _shown(order, flight, Outcome(settings, flight.result, folder), out)
 
@@ -203,7 +211,7 @@ def fly_several_and_write(
     settings = _of_several(order, count)
     for remark in settings["heli1"].remarks:
         _say(out)(remark)
-    folder = order.out or _free_name(settings["heli1"])
+    folder = order.out or free_name(settings["heli1"])
     with being_filled(folder) as new:
         flights = _flown_together(order, settings, new, out)
         with interrupts.held_back():
@@ -218,7 +226,7 @@ def fly_several_and_write(
     return outcomes
 
 
-def _shown(order: FlightOrder, flight: _Flown, outcome: Outcome, out: Console) -> Outcome:
+def _shown(order: FlightOrder, flight: Flown, outcome: Outcome, out: Console) -> Outcome:
     """The outcome of a flight that is written, after table, report and how it ended."""
     print_table(flight.result, outcome.settings, out)
     if order.report:
@@ -273,7 +281,7 @@ def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
 
 def _flown_together(
     order: FlightOrder, settings: Mapping[str, Settings], folder: NewFolder, out: Console
-) -> dict[str, _Flown]:
+) -> dict[str, Flown]:
     for name, own in settings.items():
         (folder.path / name).mkdir()
         write_parameters(own, folder.path / name / NAME)
@@ -284,10 +292,10 @@ def _flown_together(
     interrupts.check()
     with _in_flight(settings["heli1"], folder, out) as progress:
         found = fly_several(settings, folder.path, progress, _say(out), order.composed)
-    return {name: _Flown(r, extra, f.record, f.remarks) for name, (r, extra, f) in found.items()}
+    return {name: Flown(r, extra, f.record, f.remarks) for name, (r, extra, f) in found.items()}
 
 
-def _free_name(settings: Settings) -> Path:
+def free_name(settings: Settings) -> Path:
     """Name of the folder of a flight that is not told where to write."""
     stamp = time.strftime("%Y%m%d-%H%M%S")
     name = f"{stamp}-{settings.scenario_name}-{settings.gps}-seed{settings.seed}"
@@ -299,11 +307,11 @@ def _free_name(settings: Settings) -> Path:
     return wanted
 
 
-def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Console) -> _Flown:
+def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Console) -> Flown:
     """Fly, in this process or through the graph."""
     write_parameters(settings, folder.path / NAME)
     if settings.mode == ONE_PROCESS:
-        return _fly_one_process(settings, out)
+        return fly_one_process(settings, out)
     check_middleware()
     start_server()
     from heli_flight.graph.flight import fly_graph
@@ -314,22 +322,7 @@ def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Conso
         result, extra, flight = fly_graph(
             settings, folder.path, progress, live, _say(out), order.composed, order.respawn
         )
-    return _Flown(result, extra, flight.record, flight.remarks)
-
-
-def _fly_one_process(settings: Settings, out: Console) -> _Flown:
-    from heli_flight.loop import closed_loop
-    from heli_flight.loop.scoring import score
-
-    # Loads the compiled loop, so that flying is timed.
-    closed_loop.simulate(replace(settings, scenario=replace(settings.scenario, n_ticks=4)))
-    start = time.monotonic()
-    with flight_time(out, seconds(settings.scenario.n_ticks)) as progress:
-        flight = closed_loop.simulate(settings, progress=progress)
-    wall_s = time.monotonic() - start
-    figures = score(flight.record, settings.scenario)
-    result = Result(figures, flight.sentence, settings.rate.seconds(len(flight.record)), wall_s)
-    return _Flown(result, {"mode": ONE_PROCESS}, flight.record)
+    return Flown(result, extra, flight.record, flight.remarks)
 
 
 @contextmanager
@@ -352,7 +345,7 @@ def _in_flight(
             raise BrokenFlightError(str(error)) from error
 
 
-def _report(flight: _Flown, outcome: Outcome, out: Console, figures: bool) -> None:
+def _report(flight: Flown, outcome: Outcome, out: Console, figures: bool) -> None:
     """Write the report; a disk that is full costs the report, not the flight."""
     from heli_flight.report import FIGURES, PAGE, events_of, write_report
 

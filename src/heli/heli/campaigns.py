@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli.campaign`: many flights, one row each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heli.flying import flown, laws_of, ordered
+from heli.signals import html_table
+from heli_dynamics_sim.trim import TrimError
+from heli_flight.studies.campaign import parse_seeds
+from heli_flight.studies.dispersion.cluster import fly_by_dask, fly_here, tasks
+from heli_flight.studies.dispersion.spec import spec_of
+from heli_flight.terminal import long_steps, silent
+from heli_parameters.parameters import ParameterError
+
+if TYPE_CHECKING:
+    import pyarrow
+
+_SHOWN = 12
+
+
+class Campaign(Sequence[Mapping[str, Any]]):
+    """Rows of flights: `campaign[0]["seed"]`, `campaign.column("max.altitude (navigation)")`.
+
+    Every row has `seed`, `cause` (flown, lost ...), `sentence` (why), `exit_code`, and per metric
+    and record the largest magnitude: `max.` over the scored windows, `max_whole.` over the flight.
+    """
+
+    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        self._rows = list(rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        return Campaign(self._rows[index]) if isinstance(index, slice) else self._rows[index]
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __iter__(self) -> Iterator[Mapping[str, Any]]:
+        return iter(self._rows)
+
+    @property
+    def names(self) -> list[str]:
+        """Columns that any row has."""
+        return list(dict.fromkeys(name for row in self._rows for name in row))
+
+    def column(self, name: str) -> list[Any]:
+        """One column, None where a row has it not; KeyError for a name that no row has."""
+        if name not in self.names:
+            raise KeyError(f"no column {name!r}; known: {', '.join(self.names)}")
+        return [row.get(name) for row in self._rows]
+
+    @property
+    def inside(self) -> int:
+        """How many flights were inside the paper's figures in the scored windows."""
+        return sum(row["exit_code"] == 0 for row in self._rows)
+
+    @property
+    def lost(self) -> int:
+        """How many flights did not reach their end."""
+        return sum(row["cause"] != "flown" for row in self._rows)
+
+    def to_arrow(self) -> pyarrow.Table:
+        """The rows as a table of pyarrow."""
+        import pyarrow
+
+        return pyarrow.table({name: self.column(name) for name in self.names})
+
+    def to_dataframe(self) -> Any:
+        """The rows as a DataFrame of pandas; ImportError with a sentence where there is none."""
+        from heli.flight import as_dataframe
+
+        return as_dataframe(self.to_arrow())
+
+    def _told(self) -> str:
+        return (
+            f"{len(self)} flights, {self.inside} inside the paper's figures in the scored windows, "
+            f"{self.lost} lost"
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
+        known = ("seed", "cause", "exit_code")
+        figures = [n for n in self.names if n.startswith("max.") and n.endswith("(navigation)")]
+        head = [*known, *(n.removeprefix("max.").split(" ")[0] for n in figures)]
+        rows = []
+        for row in self._rows[:_SHOWN]:
+            values = [row.get(name) for name in figures]
+            cells = ["-" if value is None else f"{value:.3f}" for value in values]
+            rows.append([*(str(row[name]) for name in known), *cells])
+        return head, rows
+
+    def __repr__(self) -> str:
+        head, rows = self._table()
+        widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+        lines = (
+            "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+            for row in [head, *rows]
+        )
+        more = ["..."] if len(self) > _SHOWN else []
+        return "\n".join([self._told(), *lines, *more])
+
+    def _repr_html_(self) -> str:
+        return html_table(*self._table(), self._told())
+
+
+def campaign(
+    spec: str | os.PathLike[str] | None = None,
+    *,
+    seeds: str | Iterable[int] | None = None,
+    workers: int = 0,
+    quiet: bool = False,
+    **options: Any,
+) -> Campaign:
+    """Fly a scenario on many seeds, or a spec with dispersed parameters.
+
+    Parameters
+    ----------
+    spec : path, optional
+        A campaign's YAML file, as of `heli campaign SPEC.yaml`; it says all but the next two.
+    seeds : "1..20", or integers, optional
+        Of the flights of one scenario.
+    workers : int
+        Of a spec: so many processes; 0: this one.
+    quiet : bool
+        True: no progress.
+    **options
+        Of seeds: scenario, gps, world, laws, controller, duration_s, params, faults, law, as of
+        `heli.fly`.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    ParameterError, LawError
+        Each with one sentence. A flight that is lost, or whose aircraft cannot hover, is a row.
+
+    Examples
+    --------
+    >>> table = heli.campaign(seeds="1..20", gps="rtk")
+    >>> max(table.column("max.altitude (truth)"))
+    """
+    if (spec is None) == (seeds is None):
+        raise ParameterError("campaign: give a spec or seeds, one of them")
+    if spec is not None:
+        if options:
+            raise ParameterError(f"campaign: {', '.join(options)}: a spec's own keys say it")
+        return _of_spec(Path(spec), workers, quiet)
+    if workers:
+        raise ParameterError("campaign: workers: belongs to a spec")
+    wanted = parse_seeds(seeds) if isinstance(seeds, str) else [int(seed) for seed in seeds or ()]
+    if not wanted or min(wanted) < 0:
+        raise ParameterError(f"campaign: seeds {wanted}: not allowed; allowed: integers from 0")
+    return _of_seeds(wanted, options, quiet)
+
+
+def _of_spec(path: Path, workers: int, quiet: bool) -> Campaign:
+    spec, rows = spec_of(path), []
+    todo = tasks(spec, set())
+    coming = fly_by_dask(spec, todo, workers, None) if workers else fly_here(spec, todo)
+    with _progress(len(spec.inputs), quiet) as progress:
+        for some in coming:
+            rows += some
+            progress(len(rows), "")
+    return Campaign(sorted(rows, key=lambda row: row["flight"]))
+
+
+def _progress(total: int, quiet: bool) -> Any:
+    return nullcontext(lambda done, remark: None) if quiet else long_steps("flights", total)
+
+
+def _of_seeds(seeds: Sequence[int], options: Mapping[str, Any], quiet: bool) -> Campaign:
+    law = options.get("law")
+    settings = ordered(laws_of(law), **{n: v for n, v in options.items() if n != "law"}).resolved()
+    rows = []
+    with _progress(len(seeds), quiet) as progress:
+        for seed in seeds:
+            rows.append(_row(settings.with_seed(seed), law))
+            progress(len(rows), "")
+    return Campaign(rows)
+
+
+def _row(settings: Any, law: Any) -> dict[str, Any]:
+    begun = {"seed": settings.seed}
+    try:
+        # Made anew: a law remembers.
+        flight = flown(settings, silent(), laws_of(law))
+    except TrimError as error:
+        return begun | {"cause": "no trim holds it", "sentence": str(error), "exit_code": 1}
+    cause = "lost" if flight.lost else "flown"
+    row = begun | {"cause": cause, "sentence": flight.lost, "exit_code": flight.exit_code}
+    if flight.lost:
+        return row
+    for stretch, name in (("windows", "max"), ("whole", "max_whole")):
+        for source in ("navigation", "truth", "truth_less_drift"):
+            for metric in flight.metrics.of(source, stretch).values():
+                row[f"{name}.{metric.name} ({source})"] = metric.value
+    return row
