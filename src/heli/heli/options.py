@@ -12,7 +12,7 @@ import numpy as np
 
 from heli_dynamics_sim.config_error import PlantConfigError
 from heli_dynamics_sim.fault_table import NONE, faults_of
-from heli_flight.loop.fault_file import read_faults
+from heli_flight.loop.fault_file import fault_overrides
 from heli_flight.loop.layers import TABLES
 from heli_parameters.parameters import Parameter, ParameterError, suggestion
 
@@ -107,7 +107,7 @@ def _as_kind(row: Parameter, value: Any) -> Any:
 
 
 def faults_over(faults: Any) -> Over:
-    """The plant's parameter `faults`: of a file, or of mappings as its entries are.
+    """What faults set, by node: of a file, or of mappings as its entries are (of the plant alone).
 
     Raises
     ------
@@ -117,7 +117,7 @@ def faults_over(faults: Any) -> Over:
     if faults is None:
         return {}
     if isinstance(faults, (str, os.PathLike)):
-        return {"plant": {"faults": read_faults(Path(faults))}}
+        return fault_overrides(Path(faults)) or {}
     try:
         # JSON is YAML: a mapping is judged as an entry of a file.
         told = tuple(fault.text for fault in faults_of([json.dumps(dict(f)) for f in faults]))

@@ -13,7 +13,7 @@ from heli_flight.cli.app import main
 from heli_flight.errors import FlightError
 from heli_flight.graph.process_faults import ProcessFaults
 from heli_flight.graph.respawn import MOST, WITHIN_S, Respawn
-from heli_flight.loop.fault_file import flown_faults, read_all_faults, read_faults
+from heli_flight.loop.fault_file import fault_overrides, flown_faults, read_faults
 from heli_flight.loop.flight_file import write_parameters
 from heli_flight.loop.process_fault import ProcessFault, process_faults_of
 from heli_flight.loop.settings import resolve
@@ -41,10 +41,10 @@ def file(tmp_path):
 
 
 def test_one_file_has_faults_of_sensors_and_of_processes(file, tmp_path):
-    read = read_all_faults(file)
+    read = read_faults(file)
     assert process_faults_of(read.process) == (KILL, PAUSE, HOG)
-    assert len(read.plant) == 1
-    over = {"plant": {"faults": read.plant}}
+    assert len(read.nodes["plant"]["faults"]) == 1
+    over = read.nodes
     settings = resolve(overrides=over, process_faults=read.process)
     assert [fault.words for fault in flown_faults(settings)] == [
         "gps loss from 2 s on", "observer kill at 8 s", "inner_loop pause from 12 to 12.5 s",
@@ -52,7 +52,7 @@ def test_one_file_has_faults_of_sensors_and_of_processes(file, tmp_path):
     ]  # fmt: skip
     write_parameters(settings, tmp_path / "params.yaml")
     again = resolve(params=[tmp_path / "params.yaml"])
-    assert again.process_faults == read.process and again.nodes["plant"]["faults"] == read.plant
+    assert again.process_faults == read.process and again.nodes["plant"]["faults"] == read.nodes["plant"]["faults"]
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_where_nodes_have_no_process_of_their_own_they_are_refused(file, capsys,
     assert main(["hover", "--respawn", *words]) == 2
     assert f"it does not go with {words[0]}" in capsys.readouterr().err
     with pytest.raises(ParameterError, match="needs the ROS graph"):
-        read_faults(file)
+        fault_overrides(file)
 
 
 class Stopped:
