@@ -66,6 +66,7 @@ class TickNode(Successor[Core, Run]):
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
         self._owners: dict[str, Owner] = {}
+        self._demands: dict[str, Demand] = {}
         # Per topic its sender's name, if it was the only one when it was first heard.
         self._alone: dict[str, str] = {}
 
