@@ -17,6 +17,7 @@ from heli_msgs_bridge.backlog import Backlog
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import NO_MESSAGE, Level
 from heli_msgs_bridge.frames import Datum
+from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import Run
 from heli_msgs_bridge.messages import (
     CHANNELS,
