@@ -19,6 +19,7 @@ import numpy as np
 from seeds_option import parser_with_seeds
 
 from heli_bags.reader import Bag, read_bag
+from heli_math.rows import PLANT
 from heli_math.ticks import NS_PER_S
 
 WORLD = "honest"
@@ -70,7 +71,10 @@ class _Times:
     def __init__(self, bag: Bag) -> None:
         truth = bag.streams["ground_truth/odom"]
         self._zero_ns = truth.stamp_ns[0]
-        self.time_s, self.pos = (truth.stamp_ns - self._zero_ns) / NS_PER_S, truth.rows[:, :3]
+        self.time_s, self.pos = (
+            (truth.stamp_ns - self._zero_ns) / NS_PER_S,
+            truth.rows[:, PLANT.pos],
+        )
         said = [r for r in bag.remarks if r.node == "plant"]
         self.plant = [((r.stamp_ns - self._zero_ns) / NS_PER_S, r.message) for r in said]
 

@@ -115,9 +115,7 @@ class Owner:
     ignored : int
         Messages of others, so far.
     successions : int
-        How often another sender has become the owner.
-    heirs : int
-        How often an heir has.
+        How often another sender has become the owner; heirs do not count.
     """
 
     def __init__(
@@ -136,7 +134,7 @@ class Owner:
         self._raw = b""
         self._heard_s = 0.0
         self._others: set[int] = set()
-        self.ignored = self.successions = self.heirs = 0
+        self.ignored = self.successions = 0
 
     def admits(self, raw: bytes, info: Info | None) -> bool:
         """Whether a serialised message is the owner's; without info it counts as the owner's."""
@@ -163,7 +161,6 @@ class Owner:
             return True
         alone, silent_s = not next_one and self._count() <= 1, self._now_s() - self._heard_s
         if silent_s > HEIR_S and self._heir():
-            self.heirs += 1
             self._others.clear()
             self._before = own
             return True

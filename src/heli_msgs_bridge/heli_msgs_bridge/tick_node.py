@@ -25,6 +25,7 @@ from heli_msgs_bridge.floods import (
 )
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.heard_links import HeardLinks
+from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.managed_node import Run
 from heli_msgs_bridge.messages import (
     CHANNELS,
@@ -74,6 +75,7 @@ class TickNode(Successor[Core, Run]):
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
         self._owners: dict[str, Owner] = {}
+        self._demands: dict[str, Demand] = {}
         # Per topic its sender's name, if it was the only one when it was first heard.
         self._alone: dict[str, str] = {}
         self.links = HeardLinks(self.SPEC.name, {}, values)

@@ -201,8 +201,10 @@ class NodeProcess:
 
     def kill(self) -> None:
         """End it and whatever it started, now."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self.pid, signal.SIGKILL)
+        for end in (os.killpg, os.kill):
+            # One that has just begun leads no group yet.
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                end(self.pid, signal.SIGKILL)
         self._process.join()
 
 
