@@ -52,7 +52,8 @@ def test_one_file_has_faults_of_sensors_and_of_processes(file, tmp_path):
     ]  # fmt: skip
     write_parameters(settings, tmp_path / "params.yaml")
     again = resolve(params=[tmp_path / "params.yaml"])
-    assert again.process_faults == read.process and again.nodes["plant"]["faults"] == read.nodes["plant"]["faults"]
+    assert again.process_faults == read.process
+    assert again.nodes["plant"]["faults"] == read.nodes["plant"]["faults"]
 
 
 @pytest.mark.parametrize(
