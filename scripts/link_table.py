@@ -17,7 +17,7 @@ from heli_flight.loop.settings import Settings, resolve
 from heli_math.rows import REFERENCE
 from heli_math.ticks import TICKS_PER_S
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.links import LINKS
+from heli_msgs_bridge.links import ALWAYS
 
 WORLD, RECEIVERS = "honest", ("rtk", "standalone")
 BEGIN_S, END_S = 12.0, 60.0
@@ -44,7 +44,7 @@ ROWS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("every message twice on all", (_fault("duplicate", 1.0),)),
     *(
         (f"50 % loss on `{topic}` to {sink}", (_one(topic, sink, "loss", 0.5),))
-        for topic, sink in LINKS
+        for topic, sink in ALWAYS
     ),
     ("100 ms on `odom`", (_fault("delay", 0.1, topic=_ODOM),)),
     ("100 ms on `odom` to inner_loop", (_one(_ODOM, "inner_loop", "delay", 0.1),)),

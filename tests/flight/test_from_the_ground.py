@@ -82,7 +82,7 @@ def test_it_lands_without_fixes():
 def lost_and_landed(seed, gps="standalone", world="paper", until_s=-1.0):
     """Up to 10 m at 1 m/s, the last fix at 8 s, so that it is soon lost; a landing at 26 s."""
     orders = {"commands.at_s": [2.0, 26.0], "commands.what": ["takeoff", "land"],
-              "commands.goto_ned_m": []}  # fmt: skip
+              "commands.goto_ned_m": [], "failsafe.land_astray_m": 1e4}  # fmt: skip
     lost = {"sensors.gps.outage.from_s": 8.0, "sensors.gps.outage.until_s": until_s}
     overrides = {"plant": lost, "outer_loop": orders}
     settings = resolve("takeoff_land", gps, seed, 62.0, world=world, overrides=overrides)
@@ -128,7 +128,9 @@ def test_a_fix_that_comes_back_in_the_descent_is_taken_over_without_a_step():
 def test_a_plain_hover_that_is_lost_flies_level_and_is_held_where_it_is_found_again():
     """Without a landing, too: the scenario has no commands."""
     lost = {"sensors.gps.outage.from_s": 6.0, "sensors.gps.outage.until_s": 36.0}
-    flight = simulate(resolve("hover", "rtk", 3, world="paper", overrides={"plant": lost}))
+    patient = {"failsafe.land_astray_m": 1e4}
+    overrides = {"plant": lost, "outer_loop": patient}
+    flight = simulate(resolve("hover", "rtk", 3, world="paper", overrides=overrides))
     assert flight.status == 0, flight.sentence
     pos = flight.record.truth_pos_ned_m
     drifted = np.linalg.norm((pos[3600] - pos[600])[:2])

@@ -12,7 +12,7 @@ from heli_flight.loop.layers import NODES
 from heli_flight.loop.settings import resolve
 from heli_math.rows import NINE
 from heli_modes.failsafes import Condition, of
-from heli_msgs_bridge.links import COUNTED, PLACE
+from heli_msgs_bridge.links import ALWAYS, COUNTED, PLACE
 from heli_observer import layout as L
 from heli_observer.observer import ObserverStatus, status
 
@@ -89,7 +89,7 @@ def test_a_fifth_lost_and_30_ms_on_every_link(seed, gps, sound):
     assert flown.said is ObserverStatus.OK and flown.record.mode is None
     count = flown.loop.observer_s.count
     assert count[L.C_IMU_MENDED] > 0.7 * 2800 and count[L.C_IMU_DOUBTS] == 0
-    for topic, sink in PLACE:
+    for topic, sink in ALWAYS:
         assert flown.counted(topic, sink)["lost"] > 0, (topic, sink)
 
 
@@ -145,7 +145,7 @@ def test_an_actuator_side_without_commands_flies_on_by_itself(seed, sound):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize(("topic", "sink"), sorted(PLACE))
+@pytest.mark.parametrize(("topic", "sink"), sorted(ALWAYS))
 def test_half_lost_on_any_link(topic, sink, seed, sound):
     flown = Flown([fault("loss", 0.5, to=sink, topic=topic)], seed)
     assert flown.off_m(sound(seed)) < 1.0

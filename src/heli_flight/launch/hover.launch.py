@@ -138,6 +138,8 @@ def _overrides(given):
             found[name]["lockstep"] = given["lockstep"] == "true"
     if given["seed"]:
         found["plant"]["seed"] = _seed(given["seed"])
+        for _, name in NODES:
+            found[name]["link_seed"] = _seed(given["seed"])
     if given["duration"]:
         found["plant"]["duration_s"] = _duration_s(given["duration"])
     if given["clock"]:

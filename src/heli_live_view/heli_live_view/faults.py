@@ -17,7 +17,7 @@ NONE = "none"
 """As the plant's parameter says that there is no fault."""
 _LONGEST_S = 86400.0
 _MOST_NUMBERS = 6
-_WORD = re.compile(r"[a-z][a-z_]{0,30}")
+_WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
 def _kind(example: Iterable[float] = (), unit: str = "", optional: bool = False) -> Form:
@@ -55,6 +55,9 @@ WHAT: dict[str, dict[str, Form]] = {
     "gyro": _of_sensor(3, "rad/s", 0.05, _BODY),
     "mag": _of_sensor(3, "T", 1e-5, _BODY),
     "baro": _of_sensor(1, "Pa", 50.0),
+    "imu2": _of_sensor(6, "m/s² and rad/s", 0.5, _BODY),
+    "accel2": _of_sensor(3, "m/s²", 0.5, _BODY),
+    "gyro2": _of_sensor(3, "rad/s", 0.05, _BODY),
     "delta_lat": _ACTUATOR,
     "delta_lon": _ACTUATOR,
     "delta_ped": _ACTUATOR,

@@ -21,9 +21,15 @@ KINDS = ("loss", "delay", "reorder", "duplicate")
 """What a link does; a kernel takes the place of its name."""
 _LOSS, _DELAY, _REORDER, _DUPLICATE = range(len(KINDS))
 LINKS = tuple(
-    (row.name, sink) for row in topics.TABLE if row.every_ticks for sink in row.sinks
-)  # fmt: skip
-"""Every link of the graph, topic and receiver, in the order of the table of topics."""
+    (row.name, sink)
+    for row in sorted(topics.TABLE, key=lambda row: row.optional)
+    if row.every_ticks
+    for sink in row.sinks
+)
+"""Every link of the graph, topic and receiver, in the order of the table of topics; what is an
+option comes last, so that the draws of the others do not depend on it."""
+ALWAYS = tuple(link for link in LINKS if not topics.BY_NAME[link[0]].optional)
+"""Those that every flight has."""
 PLACE = {link: place for place, link in enumerate(LINKS)}
 LATEST_S = 1.0
 """The longest delay, s."""

@@ -165,7 +165,7 @@ def test_a_value_that_is_not_finite(topic, bad, usual):
     layout = CHANNELS[topic].layout()
     kind = topics.message_class(topics.BY_NAME[topic].type)
     used = {topics.IMU: range(13, 16), topics.GPS_VELOCITY: range(3), topics.BARO: [0]}
-    used |= {topics.MAG: range(3), topics.GPS_FIX: range(3)}
+    used |= {topics.MAG: range(3), topics.GPS_FIX: range(3), topics.IMU2: used[topics.IMU]}
     for number in used.get(topic, range(layout.block_size)):
         at = layout.block_at + 8 * number
         changed = raw[:at] + np.float64(bad).tobytes() + raw[at + 8 :]

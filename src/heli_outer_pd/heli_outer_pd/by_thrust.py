@@ -20,6 +20,8 @@ from heli_outer_pd.outer_state import KNOWN, LEAVES, MEMORY, RISES, SEES, SINKS
 
 _AGAIN, _LANDING = 0.8, 0.5
 """Known again with so much of the limit; in a landing the limit is so much of it."""
+_LASTS_S = 1.0
+"""Not known for so long: an IMU that stops for a moment leaves a doubt that the next fixes take."""
 _MEAN_S = 10.0
 """The disturbance is averaged over so long."""
 _FAST_S, _DAMPING = 2.0, 1.5
@@ -51,14 +53,16 @@ def look_down(nav, k, state):
     """Bring up to a navigation row whether the vertical velocity is known."""
     blind = state[MEMORY.sinks] == SINKS
     limit = k.blind_sigma_down * (_LANDING if state[MEMORY.lands] > 0.5 else 1.0)
-    if sigma_of_climb(nav) > limit * (_AGAIN if blind else 1.0):
+    doubtful = sigma_of_climb(nav) > limit * (_AGAIN if blind else 1.0)
+    state[MEMORY.doubt_s] = state[MEMORY.doubt_s] + k.dt_s if doubtful else 0.0
+    if doubtful and (blind or state[MEMORY.doubt_s] > _LASTS_S):
         if not blind:
             state[MEMORY.takes_over] = 1.0
             state[MEMORY.sink_mps], state[MEMORY.slow_mps] = nav[NAV.down_vel], 0.0
             state[MEMORY.probe_s] = state[MEMORY.eased_mps2] = 0.0
             state[MEMORY.sunk_m] = nav[NAV.pos][2]
         state[MEMORY.sinks] = SINKS
-    elif blind:
+    elif blind and not doubtful:
         state[MEMORY.takes_over] = 1.0
         state[MEMORY.sinks] = RISES
 

@@ -11,7 +11,7 @@ from heli_outer_pd.thrust_map import RotorMap
 
 
 class Memory(NamedTuple):
-    """State of the law (60,)."""
+    """State of the law (61,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -54,7 +54,8 @@ class Memory(NamedTuple):
     ground_m: int = 57  # where the ground is in a descent, as far as it is known, NED, m
     sunk_m: int = 58  # where the aircraft is if it sinks as it should, NED, m
     settles_s: int = 59  # for so long fixes are taken for those after a gap
-    size: int = 60
+    doubt_s: int = 60  # the vertical velocity has not been known for so long
+    size: int = 61
 
 
 MEMORY = Memory()
@@ -122,7 +123,7 @@ class OuterKernel(NamedTuple):
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (60,) of a law that is not engaged yet; its last command is the trim."""
+    """State (61,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state

@@ -46,7 +46,8 @@ class Pilot:
         for _ in range(ticks):
             nav = np.zeros(CHANNELS[topics.ODOM].size)
             nav[NAV.pos], nav[NAV.quat] = self.position, [1.0, 0.0, 0.0, 0.0]
-            nav[NAV.sigma_vel] = self.sigma_mps
+            # Of the horizontal velocity; the barometer knows the vertical one.
+            nav[NAV.sigma_vel] = self.sigma_mps, self.sigma_mps, 0.0
             self.outer.send(topics.ODOM, self.tick, nav)
             self.tick += 1
 

@@ -22,8 +22,8 @@ RIGHTS = {
 }
 # Only where the flight asks for it, or its messages are installed.
 CONDITIONAL = {
-    "publisher": {f"/{t}" for t in topics.BY_NAME if t.startswith("excitation/")},
-    "subscriber": set(),
+    "publisher": {f"/{t}" for t in topics.BY_NAME if topics.BY_NAME[t].optional},
+    "subscriber": {f"/{topics.IMU2}"},
     "service": set(),
     "client": set(),
 }

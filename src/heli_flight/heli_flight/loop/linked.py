@@ -33,10 +33,10 @@ from heli_outer_pd import late
 
 _N_IMU, _N_NINE, _N_NAV, _N_HANDED = IMU.size, len(NINE), NAV.size, 4
 _TO_OBSERVER = "observer"
-_IMU, _MAG, _BARO, _FIX, _VELOCITY, _FLOWN = (
+_IMU, _IMU2, _MAG, _BARO, _FIX, _VELOCITY, _FLOWN = (
     PLACE[topic, _TO_OBSERVER]
-    for topic in (topics.IMU, topics.MAG, topics.BARO, topics.GPS_FIX, topics.GPS_VELOCITY,
-                  topics.ACTUATORS)
+    for topic in (topics.IMU, topics.IMU2, topics.MAG, topics.BARO, topics.GPS_FIX,
+                  topics.GPS_VELOCITY, topics.ACTUATORS)
 )  # fmt: skip
 _ODOM, _ROTOR, _ATTITUDE, _COLLECTIVE = (
     PLACE[topic, "inner_loop"]
@@ -166,7 +166,7 @@ def to_observer(links, tick, observer_s, observer_k, y, u):
     links : Linked
     tick : int
     observer_s, observer_k : ObserverState, ObserverKernel
-    y : (>= 20,) array
+    y : (>= 26,) array
         Measurement row as it was sent; as it was heard.
     u : (4,) array
         Command of the tick before, the same; NaN for none.
@@ -177,6 +177,11 @@ def to_observer(links, tick, observer_s, observer_k, y, u):
     fill(y[MEAS.imu], math.nan)
     if stamp != NOTHING:
         hear_imu(observer_s, tick, stamp, sample, observer_k, y)
+    copy(sample, y[MEAS.imu2])
+    stamp = pass_on(links.s, links.k, _IMU2, tick, tick, _finite(sample), sample, sample)
+    fill(y[MEAS.imu2], math.nan)
+    if stamp == tick:
+        copy(y[MEAS.imu2], sample)
     _value(links, _MAG, tick, MEAS.mag_valid, y, MEAS.mag.start, 3)
     _value(links, _BARO, tick, MEAS.baro_valid, y, MEAS.baro, 1)
     _fix(links, tick, observer_k, y)
