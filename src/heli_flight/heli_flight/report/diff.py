@@ -189,7 +189,7 @@ def _parameters(flights: Sequence[Named]) -> list[Difference]:
     own = [own_parameters(named.flight.settings) for named in flights]
     defaults = [packaged(named.flight.settings) for named in flights]
     for section, key in dict.fromkeys(name for one in own for name in one):
-        given = [one.get((section, key)) for one in own]
+        given: list[Any] = [one.get((section, key)) for one in own]
         if all(np.array_equal(given[0], value) for value in given[1:]):
             continue
         before = [one.get(section, {}).get(key) for one in defaults]
@@ -217,8 +217,8 @@ def _rows(name: str, given: Sequence[Any], before: Sequence[Any]) -> list[Differ
     return [
         Difference(
             f"{name}[{', '.join(str(int(k)) for k in np.unravel_index(i, shape))}]",
-            _joined(defaults[:, i]),
-            [text(value) for value in table[:, i]],
+            _joined(defaults[:, i].tolist()),
+            [text(value) for value in table[:, i].tolist()],
         )
         for i in range(table.shape[1])
         if len(set(table[:, i].tolist())) > 1

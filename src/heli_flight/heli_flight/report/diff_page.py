@@ -14,6 +14,7 @@ from heli_flight.report.diff_charts import charts
 from heli_flight.report.page import Head, filled
 from heli_flight.report.tables import Table, mark
 from heli_flight.terminal import table
+from heli_flight.text_table import FittingTable
 
 PAGE = "diff.html"
 _TITLES = {
@@ -67,32 +68,43 @@ def render(found: Diff) -> str:
 
 def print_diff(found: Diff, console: Console) -> None:
     """The same tables in text."""
-    rows = table("What differs", console)
-    for name in ("parameter", "packaged default", *found.names):
-        rows.add_column(name)
-    for row in found.parameters:
-        rows.add_row(row.name, row.packaged, *row.values)
-    console.print(rows if found.parameters else "no parameter differs")
+    differing = [[row.name, row.packaged, *row.values] for row in found.parameters]
+    if differing:
+        head = ["parameter", "packaged default", *found.names]
+        console.print(_text_table("What differs", head, differing, console))
+    else:
+        console.print("no parameter differs")
     for stretch in dict.fromkeys(row.stretch for row in found.metrics):
-        figures = table(f"{STRETCHES[stretch].capitalize()}: largest magnitude (rms)", console)
-        for i, name in enumerate(_head(found)):
-            figures.add_column(name or "metric", justify="right" if i > 1 else "left")
-        for row in _of(found, stretch):
-            cells = [ABSENT if s is None else _plain(s) for s in row.scores]
-            figures.add_row(*_about(row), *cells, *_changed(row))
-        console.print(figures)
+        title = f"{STRETCHES[stretch].capitalize()}: largest magnitude (rms)"
+        figures = [
+            [
+                *_about(row),
+                *(ABSENT if s is None else _plain(s) for s in row.scores),
+                *_changed(row),
+            ]
+            for row in _of(found, stretch)
+        ]
+        console.print(_text_table(title, ["metric", *_head(found)[1:]], figures, console))
     if found.climb:
-        rows = table("Climb and ground", console)
-        for name in ("figure", *found.names):
-            rows.add_column(name)
-        for name, cells in found.climb:
-            rows.add_row(name, *cells)
-        console.print(rows)
+        climb = [[name, *cells] for name, cells in found.climb]
+        head = ["figure", *found.names]
+        console.print(_text_table("Climb and ground", head, climb, console))
     console.print("! outside the paper's figure, or the goal")
     for named in found.flights:
         console.print(_verdict(named)[2], soft_wrap=True, markup=False)
         for said in _notes(named):
             console.print(f"note: {named.name}: {said}", soft_wrap=True, markup=False)
+
+
+def _text_table(
+    title: str, head: Sequence[str], rows: Iterable[Sequence[str]], console: Console
+) -> FittingTable:
+    made = table(title, console)
+    for name in head:
+        made.add_column(name)
+    for row in rows:
+        made.add_row(*row)
+    return made
 
 
 def _verdict(named: Named) -> tuple[str, str, str]:
