@@ -30,6 +30,7 @@ MOST = 6
 ABSENT = "–"
 _SHORT_ARRAY = 4
 _DIGITS = 6
+_COMMIT_DIGITS = 10
 
 
 @dataclass(frozen=True)
@@ -200,7 +201,9 @@ def _parameters(flights: Sequence[Named]) -> list[Difference]:
 def _identity(flight: Recorded) -> dict[str, str]:
     """Scenario, receiver, world, laws, mode, seed, controller, length, sources: as text."""
     told = identity(flight.settings, ())
-    told |= {"rate_hz": flight.settings.rate.hz, "commit": flight.commit or "not recorded"}
+    number, blank, more = flight.commit.partition(" ")
+    commit = f"{number[:_COMMIT_DIGITS]}{blank}{more}" or "not recorded"
+    told |= {"rate_hz": flight.settings.rate.hz, "commit": commit}
     return {
         f"{NODE_NAME}.{key}": text(value) for key, value in told.items() if key != "changed"
     }  # fmt: skip
