@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, campaign, design, identify, compare, report, score, bag, echo, topics,
-fault, joy, results, run, python.
+"""The command `heli`: hover, campaign, design, identify, compare, report, score, diff, bag, echo,
+topics, fault, joy, results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -19,6 +19,8 @@ from heli_flight.cli.campaign import campaigns
 from heli_flight.cli.campaign_rare import RARE_EPILOG, WORST_EPILOG, rare, worst
 from heli_flight.cli.campaign_report import REPORT_EPILOG, campaign_report
 from heli_flight.cli.compare import compare
+from heli_flight.cli.diff import EPILOG as DIFF_EPILOG
+from heli_flight.cli.diff import diff
 from heli_flight.cli.fault import fault
 from heli_flight.cli.graph import graph
 from heli_flight.cli.hover import epilog, hover
@@ -64,6 +66,7 @@ app.command(epilog=EPILOG)(identify)
 app.command(epilog=JOY_EPILOG)(joy)
 app.command(epilog=epilog("heli hover"))(hover)
 app.command(epilog=SCORE_EPILOG)(score)
+app.command(epilog=DIFF_EPILOG)(diff)
 
 
 @app.command(

@@ -63,9 +63,9 @@ def sections(settings: Settings) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def changes(settings: Settings) -> list[Change]:
-    """What the flight has changed; seed, law, length and mode are told apart from it."""
-    packaged = layered(
+def packaged(settings: Settings) -> Mapping[str, Mapping[str, Any]]:
+    """Packaged parameters by section, of the flight's scenario, receiver, world, laws and seed."""
+    return layered(
         Reader(),
         settings.scenario_name,
         settings.gps,
@@ -73,13 +73,25 @@ def changes(settings: Settings) -> list[Change]:
         seed=settings.seed,
         laws=settings.laws,
     ).values
-    return [
-        Change(section, key, value, packaged[section][key])
+
+
+def own_parameters(settings: Settings) -> dict[tuple[str, str], Any]:
+    """Parameters by section and key; without seed, law, length and mode, and what these decide."""
+    return {
+        (section, key): value
         for section, values in sections(settings).items()
         for key, value in values.items()
-        if key not in _OF_FLIGHT
-        and (section, key) not in _DERIVED
-        and not np.array_equal(value, packaged[section][key])
+        if key not in _OF_FLIGHT and (section, key) not in _DERIVED
+    }
+
+
+def changes(settings: Settings) -> list[Change]:
+    """What the flight has changed; seed, law, length and mode are told apart from it."""
+    before = packaged(settings)
+    return [
+        Change(section, key, value, before[section][key])
+        for (section, key), value in own_parameters(settings).items()
+        if not np.array_equal(value, before[section][key])
     ]
 
 
@@ -151,14 +163,14 @@ def write_parameters(settings: Settings, path: Path) -> None:
     flight = identity(settings, changed)
     kind = f"{settings.scenario_name}, {settings.gps} GPS, "
     kind += f"world {settings.world}, laws {settings.laws}"
-    packaged = f"the packaged parameters of {kind}"
+    of_package = f"the packaged parameters of {kind}"
     head = [
         "A flight, all of its parameters; flown again by: ./hover_test.sh --params <this file>",
         f"{kind}, seed {settings.seed}, {flight['controller']}, {flight['duration_s']:g} s, "
         f"{settings.mode}",
         *([drawn_words(settings)] if drawn(settings) else []),
         f"sources: commit {flight['commit']}",
-        f"changed from {packaged}:" if changed else f"nothing was changed from {packaged}",
+        f"changed from {of_package}:" if changed else f"nothing was changed from {of_package}",
         *(f"  {change}" for change in changed),
     ]
     # rcl does not take an empty array.
