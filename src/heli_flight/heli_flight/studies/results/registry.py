@@ -150,6 +150,12 @@ PRODUCERS = (
         MARGIN,
     ),
     Producer(
+        "dead_reckoning",
+        "./heli python scripts/dead_reckoning_table.py --seeds 1..10",
+        "What dead reckoning is off by after the last fix, and of what that is made.",
+        tuple(range(1, 11)),
+    ),
+    Producer(
         "blind_landing",
         "./heli python scripts/blind_landing_table.py --seeds 1..20",
         "Landings after the last fix, in two worlds with both receivers.",
