@@ -5,6 +5,7 @@ Usage: ./heli python scripts/dead_reckoning_table.py [--seeds 1..10]
 """
 
 import json
+from itertools import pairwise
 from math import comb, exp, log, pi, sqrt
 from typing import Any, NamedTuple
 
@@ -22,11 +23,14 @@ from heli_observer import layout
 WORLD, RECEIVERS = "honest", ("rtk", "standalone")
 FIXES_S, FLOWN_S, SILENT_S = (12.0, 60.0, 180.0), 12.0, (10.0, 30.0)
 """Fixes for so long; flown are those of the second; looked at so long after the last one."""
-_HOVERS = {
+_HOVERS: dict[str, dict[str, Any]] = {
     "scenario": {"climb.start_s": 400.0, "climb.end_s": 402.0},
     "outer_loop": {"failsafe.land_astray_m": 10000.0, "failsafe.land_after_s": 3600.0},
 }
-_QUAT = slice(6, 10)
+_SIZE = 6
+_WAY, _SPEED, _TILT, _TURN, _GUST, _FIRST = range(_SIZE)
+"""Way, velocity, acceleration, its rate, gust, velocity at the last fix."""
+_LEARNT = _SPEED, _TILT, _TURN
 _STEP_S, _EXACT_MPS = 0.05, 1e-3
 
 Array = NDArray[np.float64]
@@ -57,7 +61,7 @@ def settings(gps: str, end_s: float, seed: int, faults: tuple[str, ...] = ("none
 def start(loop: Loop) -> Start:
     """The filter's own state of knowledge at the end of a flight."""
     k, P = loop.observer_k.ekf, loop.observer_s.P
-    R = quat_to_R_nb(loop.observer_s.nominal[_QUAT])
+    R = quat_to_R_nb(loop.observer_s.nominal[layout.X_QUAT : layout.X_GYRO_BIAS])
     rows = np.zeros((3, len(P)))
     rows[0, layout.E_VEL] = 1.0
     # A tilt about east lets gravity push north; so does what the gyros turn it by.
@@ -83,25 +87,25 @@ def with_drag(begin: Start, t: float, gust_mps: float, gust_s: float) -> float:
     A bound: drag gives the speed through the air without error, the mean wind and the gust at the
     last fix are known as well as the speed is, and from then on the gust is a first-order process.
     """
-    F = np.zeros((6, 6))  # way, velocity, acceleration, its rate, gust, velocity at the last fix
-    F[0, 1] = F[1, 2] = F[2, 3] = 1.0
-    F[4, 4] = -1.0 / gust_s
-    P = np.zeros((6, 6))
-    P[1:4, 1:4] = begin.cov
-    P[5, :] = P[1, :]
-    P[:, 5] = P[:, 1]
-    Phi = expm(F * _STEP_S)
-    Q = np.diag([0.0, *(begin.noise * _STEP_S), 0.0, 0.0])
+    F, P, noise = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, _SIZE)), np.zeros(_SIZE)
+    for state, rate in pairwise((_WAY, *_LEARNT)):
+        F[state, rate] = 1.0
+    F[_GUST, _GUST] = -1.0 / gust_s
+    P[np.ix_(_LEARNT, _LEARNT)] = begin.cov
+    P[_FIRST], P[:, _FIRST] = P[_SPEED], P[:, _SPEED]
+    P[_FIRST, _FIRST] = P[_SPEED, _SPEED]
+    noise[list(_LEARNT)] = begin.noise * _STEP_S
     reads = np.isfinite(gust_mps)
-    Q[4, 4] = gust_mps**2 * (1.0 - exp(-2.0 * _STEP_S / gust_s)) if reads else 0.0
-    H = np.array([0.0, 1.0, 0.0, 0.0, -1.0, -1.0])
+    noise[_GUST] = gust_mps**2 * (1.0 - exp(-2.0 * _STEP_S / gust_s)) if reads else 0.0
+    Phi, Q, H = expm(F * _STEP_S), np.diag(noise), np.zeros(_SIZE)
+    H[_SPEED], H[_GUST], H[_FIRST] = 1.0, -1.0, -1.0
     for _ in range(round(t / _STEP_S)):
         P = Phi @ P @ Phi.T + Q
         if reads:
             gain = P @ H / (H @ P @ H + _EXACT_MPS**2)
-            keep = np.eye(6) - np.outer(gain, H)
+            keep = np.eye(_SIZE) - np.outer(gain, H)
             P = keep @ P @ keep.T + _EXACT_MPS**2 * np.outer(gain, gain)
-    return sqrt(P[0, 0])
+    return sqrt(P[_WAY, _WAY])
 
 
 def worst_of(n: int) -> float:
