@@ -23,6 +23,8 @@ LAST_FIX_S = 40.0
 """The hover begins about 16 s after the start."""
 WAITS_S = (5.0, 30.0, 60.0)
 """From the last fix to the landing."""
+ORDERED_ONLY_M = 10000.0
+"""Its widest: the landing that is ordered is measured, not the one that would come of itself."""
 _DESCENT_S = 45.0
 _LIFTED_M, _BEFORE_S = 0.05, 0.5
 """Higher than it ends by the first it is in the air; its sideways speed is of the second before."""
@@ -34,6 +36,7 @@ def settings(world: str, gps: str, wait_s: float, seed: int = 1) -> Settings:
         "commands.at_s": [2.0, LAST_FIX_S + wait_s],
         "commands.what": ["takeoff", "land"],
         "commands.goto_ned_m": [],
+        "failsafe.land_astray_m": ORDERED_ONLY_M,
     }
     lost: dict[str, Any] = {"sensors.gps.outage.from_s": LAST_FIX_S}
     overrides = {"plant": lost, "outer_loop": orders}

@@ -11,10 +11,9 @@ import numpy as np
 import yaml
 
 from heli_dynamics_sim.config_error import PlantConfigError
+from heli_dynamics_sim.fault_places import ACTUATORS, IMU, IMU2, SECOND, SENSORS
 from heli_dynamics_sim.faults import FAULT, KINDS, FaultKernel
-from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.sensors import SensorKernel
-from heli_math.rows import ACTUATOR, MEAS
 from heli_math.ticks import Rate
 from heli_parameters.rcl_dump import number
 from heli_parameters.rcl_yaml import scalar
@@ -32,56 +31,11 @@ _NEVER = 2.0**52
 _MOST = 64
 
 
-class _Sensor(NamedTuple):
-    """Where a sensor's numbers are."""
-
-    first: int  # place in the measurement row
-    axes: int  # numbers that a value has
-    numbers: int  # of a sample
-    flag: int  # place of its flag, negative: none
-    lost: int  # place in the row of normals of the one that decides what is lost
-    normals: int  # and of the first of those for its numbers
-
-
-_GPS, _IMU, _IMU2 = MEAS.gps_pos.start, MEAS.imu.start, MEAS.imu2.start
-_LOST = NOISE.fault_lost.start
-
-
-def _sensor(first: int, axes: int, numbers: int, flag: int, lost: int) -> _Sensor:
-    return _Sensor(first, axes, numbers, flag, _LOST + lost, NOISE.fault.start + first)
-
-
-def _second(first: int, axes: int) -> _Sensor:
-    normals = NOISE.fault_imu2.start + first - _IMU2
-    return _Sensor(first, axes, axes, -1, NOISE.fault_imu2_lost, normals)
-
-
-_SECOND = {
-    "imu2": _second(_IMU2, 6),
-    "accel2": _second(MEAS.force2.start, 3),
-    "gyro2": _second(MEAS.rate2.start, 3),
-}
-_SENSORS = {
-    "gps": _sensor(_GPS, 3, 6, MEAS.gps_valid, 0),
-    "gps_velocity": _sensor(MEAS.gps_vel.start, 3, 3, -1, 1),
-    "imu": _sensor(_IMU, 6, 6, -1, 2),
-    "accel": _sensor(MEAS.force.start, 3, 3, -1, 2),
-    "gyro": _sensor(MEAS.rate.start, 3, 3, -1, 2),
-    "mag": _sensor(MEAS.mag.start, 3, 3, MEAS.mag_valid, 3),
-    "baro": _sensor(MEAS.baro, 1, 1, MEAS.baro_valid, 4),
-    **_SECOND,
-}
-_ACTUATORS = {
-    "delta_lat": ACTUATOR.lat,
-    "delta_lon": ACTUATOR.lon,
-    "delta_ped": ACTUATOR.ped,
-    "delta_col": ACTUATOR.col,
-}
 _WIND = "wind"
 _OF_SENSORS = ("loss", "freeze", "zero", "nan", "bias", "drift", "jump", "noise", "delay",
                "duplicate", "reorder")  # fmt: skip
 _OF_ACTUATORS = ("stuck", "offset", "slow", "dead_zone", "runaway")
-WHAT = (*_SENSORS, *_ACTUATORS, _WIND)
+WHAT = (*SENSORS, *ACTUATORS, _WIND)
 """What may have a fault."""
 _PER_AXIS = ("bias", "drift", "jump")
 _ALONE = ("freeze", "zero", "nan", "duplicate", "reorder")
@@ -281,7 +235,7 @@ def _one_of(said: Mapping[str, Any], key: str, allowed: Sequence[str], where: st
 
 def _kind(said: Mapping[str, Any], where: str) -> str:
     what = said["what"]
-    of = _OF_SENSORS if what in _SENSORS else _OF_ACTUATORS if what in _ACTUATORS else ("gust",)
+    of = _OF_SENSORS if what in SENSORS else _OF_ACTUATORS if what in ACTUATORS else ("gust",)
     return _one_of(said, "kind", of, f"{where}: of {what}")
 
 
@@ -302,7 +256,7 @@ def _values(said: Mapping[str, Any], what: str, kind: str, where: str) -> tuple[
         if given is not None:
             raise PlantConfigError(f"{where}: value: {kind} has none; leave it out")
         return ()
-    axes = _SENSORS[what].axes if what in _SENSORS else 3 if what == _WIND else 1
+    axes = SENSORS[what].axes if what in SENSORS else 3 if what == _WIND else 1
     axes = axes if kind in _PER_AXIS or kind == "gust" else 1
     single = _SINGLE.get(kind)
     meaning = f" ({single.meaning})" if single else ""
@@ -348,10 +302,10 @@ def fault_kernel(faults: Iterable[Fault], sensors: SensorKernel, rate: Rate) -> 
     """
     groups: dict[str, list[np.ndarray]] = {"sensors": [], "actuators": [], "gusts": []}
     for i, fault in enumerate(faults):
-        if fault.what in _SENSORS:
+        if fault.what in SENSORS:
             groups["sensors"].append(_sensor_row(fault, sensors, rate, f"faults: entry {i + 1}"))
-        elif fault.what in _ACTUATORS:
-            groups["actuators"].append(_row(fault, rate, _ACTUATORS[fault.what], 1))
+        elif fault.what in ACTUATORS:
+            groups["actuators"].append(_row(fault, rate, ACTUATORS[fault.what], 1))
         else:
             groups["gusts"].append(_row(fault, rate, 0, 3))
     rows = {name: np.array(group, float).reshape(-1, FAULT.size) for name, group in groups.items()}
@@ -373,8 +327,8 @@ def _row(fault: Fault, rate: Rate, first: int, count: int) -> np.ndarray:
 
 
 def _sensor_row(fault: Fault, sensors: SensorKernel, rate: Rate, where: str) -> np.ndarray:
-    of = _SENSORS[fault.what]
-    if fault.what in _SECOND and not sensors.imu2:
+    of = SENSORS[fault.what]
+    if fault.what in SECOND and not sensors.imu2:
         raise PlantConfigError(
             f"{where}: what: {fault.what}: there is no second IMU; set sensors.imu2.enabled"
         )
@@ -392,7 +346,7 @@ def _sensor_row(fault: Fault, sensors: SensorKernel, rate: Rate, where: str) -> 
         values[0] = 1.0
     if fault.kind == "noise":
         more = math.sqrt(fault.value[0] ** 2 - 1.0)
-        like = of.first - _IMU2 + _IMU if fault.what in _SECOND else of.first
+        like = of.first - IMU2 + IMU if fault.what in SECOND else of.first
         values[: of.axes] = more * _white(sensors)[like : like + of.axes]
     if fault.kind == "delay":
         values[0] = max(1, round(rate.ticks_in(fault.value[0]) / period)) * period

@@ -4,8 +4,7 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,11 +18,11 @@ from heli_dynamics_sim.description import mounts, robot_description
 from heli_dynamics_sim.fallback import Fallback, FallbackNumbers
 from heli_dynamics_sim.fault_log import CLEAR_FAULTS, FAULTS, FaultLog
 from heli_dynamics_sim.fault_table import NONE, acting, begun
+from heli_dynamics_sim.node_core import Aircraft, Flight
 from heli_dynamics_sim.noise import NOISE, NoiseStreams, one_by_one
 from heli_dynamics_sim.parameter_table import TABLE
 from heli_dynamics_sim.sensor_config import message_variances
 from heli_dynamics_sim.wind import injected_gust
-from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, JOINTS, MEAS, PLANT
 from heli_msgs_bridge import sums, topics
 from heli_msgs_bridge.diagnostics import Level
@@ -35,7 +34,7 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.senders import others_in_words
 from heli_msgs_bridge.stepping import RealTime
-from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
+from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickNode
 from heli_msgs_bridge.transforms import encode_text, encode_transforms, fixed_to_base
 
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
@@ -50,79 +49,6 @@ _FLYING = "flying"
 _ENCODE_CLOCK = ClockEncoder().encode
 _NOTHING = np.full(3, np.nan)
 _VARIED = (topics.IMU, topics.MAG, topics.BARO, topics.GPS_FIX, topics.GPS_VELOCITY)
-
-
-@dataclass(kw_only=True)
-class Aircraft(TickCore):
-    """What the plant has while it is configured.
-
-    Attributes
-    ----------
-    config : PlantConfig
-        Swapped when the gusts change.
-    state : PlantState
-    noise : iterator of (NOISE.size,) array
-        One row a tick.
-    n_ticks : int
-        Length of the flight.
-    u : (4,) array
-        Command in force, -1..1; in real time by `fallback`.
-    send : dict
-        Per topic what sends a row.
-    send_clock : callable
-        Sends the bytes of a clock message; None: another node does.
-    begun : bool
-        Whether tick 0 has been sent.
-    wall_s : float
-        Wall time that has been flown, up to the last pause.
-    over : str
-        How the flight ended, if it did.
-    fault_log : FaultLog
-        What came and went in flight.
-    describe : list of callable
-        Send what the aircraft looks like, latched.
-    truth_sums : sums.SumWriter or None
-        Of the ground truth that is sent, for who scores the flight.
-    measure, advance : callable
-        Compiled, for numbers of these types.
-    """
-
-    config: plant.PlantConfig
-    state: plant.PlantState
-    noise: Iterator[np.ndarray]
-    n_ticks: int
-    u: np.ndarray
-    fallback: Fallback
-    send: dict[str, Send]
-    send_clock: Callable[[bytes], None] | None
-    y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.size))
-    joints: np.ndarray = field(default_factory=lambda: np.zeros(JOINTS.size))
-    gust: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    begun: bool = False
-    wall_s: float = 0.0
-    over: str = ""
-    fault_log: FaultLog = field(default_factory=FaultLog)
-    describe: list[Callable[[], None]] = field(default_factory=list)
-    truth_sums: sums.SumWriter | None = None
-    measure: Callable[..., None] = field(init=False)
-    advance: Callable[..., None] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.fly(self.config)
-
-    def fly(self, config: plant.PlantConfig) -> None:
-        """Fly these numbers from now on."""
-        k, state = config.kernel, self.state
-        self.config = config
-        self.measure = direct(plant.measure, state, 0, np.zeros(NOISE.size), k, self.y)
-        self.advance = direct(plant.advance, state, self.u, k)
-
-
-@dataclass
-class Flight:
-    """What the plant has while time runs: wall time (s) of flight time 0 without pauses."""
-
-    zero_s: float
 
 
 class PlantNode(TickNode[Aircraft, Flight]):

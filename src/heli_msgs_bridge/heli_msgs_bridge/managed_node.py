@@ -1,16 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Base of the graph's nodes: the stages of their life, inputs and outputs, peers."""
 
-import math
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -18,11 +14,18 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, Owner, owned, telling, with_info
 from heli_msgs_bridge.diagnostics import FACT_FLOOD, REPEAT_S, Level
-from heli_msgs_bridge.floods import REQUESTS_AT_ONCE, REQUESTS_PER_S, Limit
+from heli_msgs_bridge.floods import Requests
 from heli_msgs_bridge.memory import respawns
 from heli_msgs_bridge.node_spec import StartError
 from heli_msgs_bridge.peers import wait_for_peers
-from heli_msgs_bridge.services import chosen, guard, not_flooded
+from heli_msgs_bridge.publishing import publishing
+from heli_msgs_bridge.services import (
+    ALWAYS_ANSWERED,
+    chosen,
+    guard,
+    not_flooded,
+    trigger_of,
+)
 from heli_msgs_bridge.table_node import TableNode
 from heli_parameters.parameters import ParameterError
 
@@ -34,10 +37,6 @@ _REPEATED_TICKS = 400
 """Real time: of so many ticks a sender repeats its messages to who is started again."""
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 _ERROR = TransitionCallbackReturn.ERROR
-# Answered however often they come: that takes no longer than a refusal, and who ends the flight
-# must be heard in a flood, too.
-_ALWAYS_ANSWERED = (ChangeState, GetState)
-_TELL_AGAIN_S = 1.0
 
 Core = TypeVar("Core")
 """Data of a node while it is configured."""
@@ -68,8 +67,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         0, or 1 if what the node did came to a bad end.
     crash : Exception or None
         What a callback raised; the process then ends with code 1.
-    requests : Limit
-        Of the service calls that are answered while it is active.
+    requests : Requests
+        The service calls that are answered while it is active.
     respawns : bool
         Whether nodes that die are started again.
     sent : dict or None
@@ -100,11 +99,10 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPEAT_S, self.guarded(self.repeat_report), clock=steady)
         self._service_change_state.callback = self._change_state
-        self.requests = Limit(REQUESTS_PER_S, REQUESTS_AT_ONCE, "requests to this node")
-        self._flood_told_s = -math.inf
+        self.requests = Requests(lambda: self.active, self.get_logger().warning)
         for service in self.services:
-            limited = service.srv_type not in _ALWAYS_ANSWERED
-            guard(service, self.get_logger().warning, self._flooded if limited else not_flooded)
+            limited = service.srv_type not in ALWAYS_ANSWERED
+            guard(service, self.requests.warn, self.requests.flooded if limited else not_flooded)
 
     # --- for sub-classes to implement ----------------------------------------------------------
 
@@ -192,19 +190,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             self.destroy_lifecycle_publisher(publisher)
 
         self.at_end(end)
-        publish_raw = publisher.handle.publish_raw
-
-        def publish(message: Any) -> None:
-            # Bytes, nearly always: rclpy's own way goes through four functions, each message.
-            if type(message) is bytes:
-                if publisher.is_activated:
-                    publish_raw(message)
-                    if self.sent is not None:
-                        self.sent[topic] = message
-            else:
-                publisher.publish(message)
-
-        return publish
+        return publishing(self, publisher, topic)
 
     def _history(self) -> int:
         """How many messages of a stream are kept; where they are repeated, what is soon flown."""
@@ -252,23 +238,13 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def serve(self, kind: Any, name: str, answer: Callable[[Any, Any], Any]) -> None:
         """Answer a service; an exception is a refusal and ends no node (`services.guard`)."""
         service = self.create_service(kind, name, answer)
-        guard(service, self.get_logger().warning, self._flooded)
+        guard(service, self.requests.warn, self.requests.flooded)
         self.at_end(partial(self.destroy_service, service))
-
-    def _flooded(self) -> str:
-        """Why a service call is refused unheard: they come too often for a node that flies."""
-        if not self.active or self.requests.admits():
-            return ""
-        now_s = time.monotonic()
-        if now_s - self._flood_told_s > _TELL_AGAIN_S:
-            self._flood_told_s = now_s
-            self.get_logger().warning(f"request refused: {self.requests.sentence}")
-        return self.requests.sentence
 
     def flood_facts(self) -> dict[str, str]:
         """How many requests came too often, if any did."""
-        requests = self.requests
-        return {FACT_FLOOD: f"{requests.refused}; {requests.sentence}"} if requests.refused else {}
+        told = self.requests.told()
+        return {FACT_FLOOD: told} if told else {}
 
     def repeat(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call this every so many seconds of wall time."""
@@ -328,13 +304,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             self.get_logger().warning(f"refused: {error}")
             response.success = False
             return response
-        trigger = {
-            Transition.TRANSITION_CONFIGURE: self.trigger_configure,
-            Transition.TRANSITION_CLEANUP: self.trigger_cleanup,
-            Transition.TRANSITION_ACTIVATE: self.trigger_activate,
-            Transition.TRANSITION_DEACTIVATE: self.trigger_deactivate,
-        }.get(number, self.trigger_shutdown)
-        response.success = trigger() == _SUCCESS
+        response.success = trigger_of(self, number)() == _SUCCESS
         return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:

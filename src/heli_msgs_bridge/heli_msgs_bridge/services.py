@@ -8,12 +8,16 @@ client could raise one, by a transition that is not possible or a parameter of n
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 
 Transitions = Mapping[str, int]
 """Label to id of the transitions that may be asked for in the present state."""
+ALWAYS_ANSWERED = (ChangeState, GetState)
+"""Answered however often they come: that takes no longer than a refusal, and who ends the flight
+must be heard in a flood, too."""
 
 
 class Later:
@@ -128,3 +132,13 @@ def chosen(asked: Any, possible: Transitions, state: str) -> int:
     name = f"'{asked.label}'" if asked.label else f"transition {asked.id}"
     others = ", ".join(f"{label} ({number})" for label, number in possible.items()) or "nothing"
     raise ValueError(f"{name} is not possible in state '{state}'; possible is {others}")
+
+
+def trigger_of(node: Any, number: int) -> Callable[[], Any]:
+    """What of a lifecycle node begins the transition of a number; all others shut it down."""
+    return {
+        Transition.TRANSITION_CONFIGURE: node.trigger_configure,
+        Transition.TRANSITION_CLEANUP: node.trigger_cleanup,
+        Transition.TRANSITION_ACTIVATE: node.trigger_activate,
+        Transition.TRANSITION_DEACTIVATE: node.trigger_deactivate,
+    }.get(number, node.trigger_shutdown)

@@ -14,7 +14,6 @@ from rclpy.serialization import deserialize_message
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Owner
 from heli_msgs_bridge.backlog import Backlog
-from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import NO_MESSAGE, Level
 from heli_msgs_bridge.floods import (
     COMMANDS_AT_ONCE,
@@ -30,13 +29,11 @@ from heli_msgs_bridge.managed_node import Run
 from heli_msgs_bridge.messages import (
     CHANNELS,
     ClockDecoder,
-    CutOffError,
     Decoder,
     Encoder,
-    FrameError,
-    MessageError,
     Variance,
 )
+from heli_msgs_bridge.receiver import receiver
 from heli_msgs_bridge.senders import (
     NOT_YET_NAMED,
     SENDERS,
@@ -55,8 +52,6 @@ __all__ = ["Arrived", "Input", "Send", "TickCore", "TickNode"]
 Send = Callable[[NDArray[np.float64], int], None]
 """Sends a row (NED/FRD), stamped in ns."""
 _WATCH_PERIOD_S = 0.05
-# Of a message that holds a stamp.
-_LEAST_BYTES = 12
 _SENDERS_PERIOD_S = 1.0
 # Real time: wall time after which a silent sender is succeeded by another one of its topic.
 _SILENT_OWNER_S = 0.5
@@ -123,7 +118,7 @@ class TickNode(Successor[Core, Run]):
         self._owners, self._alone = owners, {}
         lags = {i.topic: i.demand.lag_ticks for i in inputs}
         self.links = HeardLinks(self.SPEC.name, lags, self.values)
-        refused = self._refuse_stamp
+        refused = self.refuse_stamp
         if self.values["lockstep"]:
             pace = Lockstep(
                 {i.topic: i.demand for i in inputs},
@@ -151,7 +146,7 @@ class TickNode(Successor[Core, Run]):
                 place = datum if item.topic == topics.GPS_FIX else None
                 decoder = Decoder(item.topic, place, namespace=self.get_namespace())
             owner = owners[item.topic] = self._owner(item.topic)
-            receive = self._receiver(item, decoder, pace)
+            receive = receiver(self, item, decoder, pace)
             ignored = partial(self._look_at_senders, item.topic, owner)
             self.hear(
                 item.topic, receive, qos=self.repeated(), raw=True, owner=owner, ignored=ignored
@@ -320,7 +315,8 @@ class TickNode(Successor[Core, Run]):
         newest = max(recent, key=lambda r: r.tick, default=None)
         return f"message refused: {newest.why}" if newest is not None else ""
 
-    def _refuse_stamp(self, topic: str, tick: int, clock_tick: int) -> None:
+    def refuse_stamp(self, topic: str, tick: int, clock_tick: int) -> None:
+        """Refuse aloud a message whose stamp does not fit to the clock."""
         stamp_ns, clock_ns = self.stamp_ns(tick), self.stamp_ns(clock_tick)
         self.refuse_aloud(topic, in_words(topic, stamp_ns, clock_ns, self.start_ns))
 
@@ -388,42 +384,3 @@ class TickNode(Successor[Core, Run]):
         self.step(tick, self.links.through(tick, arrived))
         self.keep(tick)
         self.send_report()
-
-    def _receiver(
-        self, item: Input, decoder: Decoder | ClockDecoder, pace: Pace
-    ) -> Callable[[bytes], None]:
-        """Callback for the serialised messages of a topic."""
-        topic, off_tick, start_ns = item.topic, item.off_tick, self.start_ns
-        earliest, tick_ns = -item.demand.lag_ticks, self.rate.tick_ns
-        decode, refuse = decoder.decode, partial(self.refuse, item.topic)
-        aloud = partial(self.refuse_aloud, item.topic)
-        since = self.heard_until
-        lag = item.demand.lag_ticks
-
-        def receive(raw: bytes) -> None:
-            nonlocal since
-            if since is not None and len(raw) >= _LEAST_BYTES:
-                # Of what is repeated, what the predecessor has heard.
-                if (stamp_of(raw) - start_ns) // tick_ns + lag <= since:
-                    return
-                since = None
-            try:
-                value = decode(raw).copy()
-            except CutOffError as error:
-                refuse(str(error))
-                return
-            except FrameError as error:
-                value = None
-                aloud(str(error))
-            except MessageError as error:
-                value = None
-                refuse(str(error))
-            tick, rest = divmod(decoder.stamp_ns - start_ns, tick_ns)
-            if tick < earliest:
-                self._refuse_stamp(topic, tick, self.tick)
-            elif rest and not off_tick:
-                refuse(f"{topic}: stamp {decoder.stamp_ns} ns is not on a tick")
-            else:
-                pace.take(topic, tick, value)
-
-        return receive

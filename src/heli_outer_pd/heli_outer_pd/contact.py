@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, SETPOINT
+from heli_modes.table import Guard
+from heli_outer_pd.disturbance import hover_share
 from heli_outer_pd.outer_state import OuterKernel
 
 Array = NDArray[np.float64]
@@ -20,6 +22,7 @@ _MISSING_MPS, _FALLEN = 2.0, 0.3
 it: touched down. Differences of the speed alone, so that an error of the navigation's is none."""
 _USUAL_S = 1.0
 """Time constant of the thrust that carries it."""
+_AT_LIMIT = 1e-3
 
 
 def lean(nav: Array, k: OuterKernel) -> Array:
@@ -61,3 +64,28 @@ class TouchDown:
         self._missing_mps += (self._usual - share) * g * dt_s
         fallen = v_down_mps - self._began_mps
         return self._missing_mps > _MISSING_MPS and fallen < _FALLEN * self._missing_mps
+
+
+def not_flown(nav: Array, col: float, lean_max_rad: float, k: OuterKernel) -> set[Guard]:
+    """Guards of tilt and thrust that do not hold.
+
+    Parameters
+    ----------
+    nav : array
+        Navigation row.
+    col : float
+        Collective as commanded.
+    lean_max_rad : float
+        Off hover's attitude, for a take-off.
+    k : OuterKernel
+    """
+    fails: set[Guard] = set()
+    tilt = float(np.abs(lean(nav, k)).max())
+    if tilt > lean_max_rad:
+        fails.add(Guard.UPRIGHT)
+    if tilt > k.tilt_limit:
+        fails.add(Guard.ENVELOPE)
+    low, high = k.thrust_limits
+    if not low + _AT_LIMIT < hover_share(col, k) < high - _AT_LIMIT:
+        fails.add(Guard.UNSATURATED)
+    return fails

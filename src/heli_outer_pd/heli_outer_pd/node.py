@@ -3,9 +3,7 @@
 
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -24,7 +22,7 @@ from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.reference_message import decode_reference, encode_reference
 from heli_msgs_bridge.senders import NOT_YET_NAMED, full_name, senders_of
-from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
+from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
 from heli_outer_pd.anchor import warm_up
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands, key_of
 from heli_outer_pd.config import outer_kernel
@@ -33,7 +31,8 @@ from heli_outer_pd.following import Following
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import with_hand
 from heli_outer_pd.late import LateNavigation
-from heli_outer_pd.own_law import OwnPositionLaw, own_law
+from heli_outer_pd.node_core import Law
+from heli_outer_pd.own_law import own_law
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
@@ -52,79 +51,10 @@ from heli_outer_pd.sight import answer, told_of
 from heli_sticks.mapping import StickMap
 
 _COMMANDERS_PERIOD_S = 1.0
-_COMMANDS = (topics.REFERENCE, topics.GOTO, topics.COMMAND_POSE)
-_UNHEARD = topics.BY_NAME[topics.REFERENCE].kept
-"""References of its own that may be under way to itself."""
 _WAITS = "waits for navigation: the trim is commanded"
 Judged = tuple[tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits], StickMap]
 """What a change of parameters makes of the node."""
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
-
-
-@dataclass(kw_only=True)
-class Law(TickCore):
-    """What the outer loop has while it is configured.
-
-    Attributes
-    ----------
-    commands : Commands
-        What pilots ask, done or refused.
-    kernel : OuterKernel
-        Numbers of the law; swapped when parameters change.
-    state : array
-        State of the law.
-    limits : ReferenceLimits
-        What a reference may ask for.
-    goto : Goto
-        How a goto is flown.
-    given : Trajectory or None
-        The reference, once it has come.
-    way : Trajectory or None
-        What is followed of it: itself, or from where the law has engaged.
-    offset_ned_m : (3,) array or None
-        From `given` to `way`; None until the law has engaged.
-    home_ned_m : (3,) array or None
-        Where the first reference began, or the first position that was held without one.
-    heard : LateNavigation
-    nav, out : arrays
-        Navigation row of this tick and what the law makes of it.
-    commanders : dict of set of str
-        Per topic of commands who sends them, or has sent one.
-    tell_way : callable
-        Sends a way that is followed as a reference.
-    own : deque of tuple
-        References of this node that it has not yet heard back.
-    followed : deque of tuple
-        Those of others that were followed.
-    repeated : list of tuple
-        Of those, what a predecessor has heard and this node will hear once more.
-    armed : bool
-        Whether a take-off is obeyed.
-    flies : OwnPositionLaw
-        The law's place, taken by one in Python or by none.
-    """
-
-    commands: Commands
-    kernel: OuterKernel
-    state: np.ndarray
-    send_attitude: Send
-    send_collective: Send
-    tell_way: Callable[[Any], None]
-    limits: ReferenceLimits
-    goto: Goto
-    heard: LateNavigation
-    given: Trajectory | None = None
-    way: Trajectory | None = None
-    offset_ned_m: np.ndarray | None = None
-    home_ned_m: np.ndarray | None = None
-    nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
-    out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
-    commanders: dict[str, set[str]] = field(default_factory=lambda: {t: set() for t in _COMMANDS})
-    own: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
-    followed: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=_UNHEARD))
-    repeated: list[tuple[Any, ...]] = field(default_factory=list)
-    armed: bool = True
-    flies: OwnPositionLaw = field(default_factory=lambda: OwnPositionLaw(None))
 
 
 class OuterLoopNode(TickNode[Law, Following]):

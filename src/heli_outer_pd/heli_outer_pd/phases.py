@@ -17,7 +17,7 @@ from heli_math.trajectory import Trajectory
 from heli_modes.machine import Refusal, decide
 from heli_modes.table import STEERED as BY_STICKS
 from heli_modes.table import Command, Fact, Guard, Phase
-from heli_outer_pd.contact import TouchDown, lean, leans_beyond, lifts_more
+from heli_outer_pd.contact import TouchDown, lean, leans_beyond, lifts_more, not_flown
 from heli_outer_pd.disturbance import flyable, hover_share
 from heli_outer_pd.fence import left
 from heli_outer_pd.goto import WIND, Goto
@@ -33,7 +33,6 @@ from heli_outer_pd.stick_flight import RISES_MPS, Now, StickFlight
 Array = NDArray[np.float64]
 
 _STUCK_S = 4.0  # so long after hover's thrust it should climb
-_AT_LIMIT = 1e-3
 _RENEWED = (Phase.VELOCITY, Phase.ATTITUDE)  # commanded many times a second
 
 
@@ -239,17 +238,9 @@ class Phases:
             return fails | {Guard.NAVIGATION, Guard.LEVEL}
         fails |= {Guard.NAVIGATION} if self.lost else set()
         fails |= {Guard.FENCE} if self.beyond_m > 0.0 else set()
-        tilt = float(np.abs(lean(nav, k)).max())
-        if tilt > self.numbers.lean_max_rad:
-            fails.add(Guard.UPRIGHT)
-        if tilt > k.tilt_limit:
-            fails.add(Guard.ENVELOPE)
-        if self._is_low(nav):
-            fails.add(Guard.CLEAR)
-        share = hover_share(self._state[MEMORY.command][SETPOINT.col], k)
-        low, high = k.thrust_limits
-        if not low + _AT_LIMIT < share < high - _AT_LIMIT:
-            fails.add(Guard.UNSATURATED)
+        col = self._state[MEMORY.command][SETPOINT.col]
+        fails |= not_flown(nav, col, self.numbers.lean_max_rad, k)
+        fails |= {Guard.CLEAR} if self._is_low(nav) else set()
         return fails
 
     def _is_low(self, nav: Array) -> bool:

@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from heli_flight.errors import FlightError, StartError
 from heli_flight.graph.bag_record import BagFlight
 from heli_flight.graph.live import LiveView, addresses
-from heli_flight.graph.outcome import outcome
+from heli_flight.graph.outcome import last_word, outcome
 from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.plant_truth import TRUTH_SUMS
 from heli_flight.graph.process_faults import ProcessFaults
@@ -48,7 +48,6 @@ _HEARD_ALL_S = 4.0
 # Wall time without any sign of life from the plant after which the flight is given up.
 _SILENCE_LIMIT_S = 30.0
 _BAG_LIMIT_S = 10.0
-# How far discovery reaches unless the user says otherwise.
 # How long the end of a flight waits for the live view to have shown it, and for last words.
 _END_LIMIT_S = 10.0
 
@@ -311,7 +310,7 @@ class Graph:
         # Whatever has reached the recorder is in the bag once it has confirmed.
         up.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, _BAG_LIMIT_S, lambda: None)
         # Its last word, of gaps perhaps, comes by another way than the confirmation.
-        up.wait_until(lambda: _last_word(up.statuses.get("recorder")), _END_LIMIT_S, lambda: None)
+        up.wait_until(lambda: last_word(up.statuses.get("recorder")), _END_LIMIT_S, lambda: None)
         up.name_senders(lambda: None)
 
     def told(
@@ -343,11 +342,6 @@ class Graph:
         if self._began_ros and rclpy.ok():
             rclpy.shutdown()
         return killed
-
-
-def _last_word(recorder: NodeStatus | None) -> bool:
-    """Whether the recorder has said how the bag is."""
-    return recorder is not None and (recorder.level > 0 or recorder.message == INACTIVE)
 
 
 def fly_graph(

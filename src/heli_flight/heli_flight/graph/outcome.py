@@ -14,6 +14,7 @@ from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_msgs_bridge.diagnostics import FACT_FLOOD
+from heli_msgs_bridge.managed_node import INACTIVE
 from heli_msgs_bridge.senders import SENDERS
 
 
@@ -85,3 +86,8 @@ def outcome(
     result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft, forged)
     mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
     return result, {"mode": mode, "composed": composed, "start_up_s": start_up_s}, flight
+
+
+def last_word(recorder: NodeStatus | None) -> bool:
+    """Whether the recorder has said how the bag is."""
+    return recorder is not None and (recorder.level > 0 or recorder.message == INACTIVE)

@@ -54,6 +54,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "pid_axes": parts.pid_axes,
     "fusion": parts.fusion,
     "navigation": parts.navigation,
+    "dead_reckoning": parts.dead_reckoning,
     "deviations": parts.deviations,
     "term_effects": terms.term_effects,
     "term_deviations": terms.term_deviations,

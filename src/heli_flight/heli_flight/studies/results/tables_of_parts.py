@@ -242,3 +242,33 @@ def setup(results: Results) -> str:
         f"{found['flown_s']:g} s flown in {found['flight_s']:.1f} s, then the report. "
         f"The environment takes {found['installed_mb']} MB."
     )
+
+
+def dead_reckoning(results: Results) -> str:
+    """What dead reckoning is off by after the last fix: causes, bound with drag, flown."""
+    found = results["dead_reckoning"]
+    rows = []
+    for row in found["rows"]:
+        causes = [f"{row['sigma_m'][key]:.2f}" for key in ("velocity", "tilt", "gyro", "noise")]
+        flown = row["flown"]
+        rows.append([
+            row["gps"], f"{row['fixes_s']:.0f}", f"{row['silent_s']:.0f}", *causes,
+            f"{row['sigma_m']['all']:.2f}", f"{row['with_drag_m']:.2f}",
+            f"{row['expected_worst_m']:.1f}",
+            "" if flown is None else f"{flown['rms_m']:.2f} / {flown['worst_m']:.1f}",
+        ])  # fmt: skip
+    head = ["receiver", "fixes for, s", "then none for, s", "velocity", "tilt, accelerometers",
+            "gyro bias", "noise", "all", "drag read, at least", "worst of all, expected",
+            "flown: rms / worst"]  # fmt: skip
+    gust, n = found["rows"][-1], len(found["seeds"])
+    return (
+        f"{grid(head, rows)}\n\nMetres since the last fix; one standard deviation northward, from "
+        f"the filter's covariance at the last fix (hover, world {found['world']}, seed "
+        f"{found['seeds'][0]}) and its noise since. All: with the links between the causes. Worst "
+        f"expected: the mean of the largest of {n} distances in the plane, "
+        f"{found['worst_of_sigma']:.2f} times all. Drag read: speed through the air without error, "
+        "mean wind and gust at the last fix known, gusts then a first-order process of "
+        f"{gust['gust_mps']:.2f} m/s and {gust['gust_s']:.0f} s, which the flights' wind has. "
+        f"Flown: error of the navigation against truth, seeds {found['seeds'][0]} to "
+        f"{found['seeds'][-1]}, rms of an axis / largest distance."
+    )
