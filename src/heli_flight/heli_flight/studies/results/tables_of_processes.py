@@ -45,9 +45,11 @@ def respawn(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\nMedian / worst of {len(flights)} hovers in real time (seeds "
         f"{flights[0]['seed']} to {flights[-1]['seed']}), world {found['world']}, --respawn, each "
-        f"with all six, {lost} lost; bags with every tick of ground truth: {whole}. Lost: how far "
-        f"from its place within {found['look_s']:g} s, by truth; without a fault it wanders "
-        f"{np.median(sound):.2f} / {max(sound):.2f} m. On {machine['cores']} cores with other work "
-        f"on them: load {machine['load_before']:.1f} at the beginning, "
-        f"{machine['load_after']:.1f} at the end."
+        f"with all six, {lost} lost; bags with every tick of ground truth: {whole}. Back: the new "
+        f"node steps, and the actuator side has commands for the last time within "
+        f"{found['look_s']:g} s that it lacked them, so that what other work stops meanwhile "
+        f"counts, too. Lost: how far from its place within {found['look_s']:g} s, by truth; "
+        f"without a fault it wanders {np.median(sound):.2f} / {max(sound):.2f} m. On "
+        f"{machine['cores']} cores with other work on them: load {machine['load_before']:.1f} at "
+        f"the beginning, {machine['load_after']:.1f} at the end."
     )
