@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.closed_loop import simulate
@@ -15,7 +16,7 @@ from heli_math.ticks import TICKS_PER_S
 
 HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--scenario", "takeoff_land"]
 BY_HAND = [*HOVER[:-1], "by_hand", "--world", "paper", "--gps", "rtk", "--seed", "5", "--no-report"]
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "takeoff_goto_land.py"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def _in_order(modes):
@@ -48,8 +49,11 @@ def test_the_graph_flies_from_the_ground_to_the_ground_as_one_process_does(ros_e
     assert "From the ground to the ground" in done.stdout
 
 
-def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path):
-    """The example, beside an aircraft that waits on the ground."""
+@pytest.mark.parametrize(
+    "example", [["takeoff_goto_land.py", "9", "6", "12"], ["ten_lines.py"]], ids=lambda e: e[0]
+)
+def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path, example):
+    """The examples, beside an aircraft that waits on the ground."""
     folder = tmp_path / "f"
     flight = subprocess.Popen(
         [*BY_HAND, "--out", str(folder)],
@@ -60,7 +64,7 @@ def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path):
     )
     try:
         pilot = subprocess.run(
-            [sys.executable, str(EXAMPLE), "9", "6", "12"],
+            [sys.executable, str(EXAMPLES / example[0]), *example[1:]],
             env=ros_env,
             capture_output=True,
             text=True,

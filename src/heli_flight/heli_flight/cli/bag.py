@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli bag`: info, play, echo, csv, repair. A sub-command imports what it needs."""
+"""The command `heli bag`: a sub-command imports what it needs."""
 
 import json
 from dataclasses import asdict
@@ -151,6 +151,37 @@ def csv(
         print(json.dumps({str(out / name): rows for name, rows in written.items()}, indent=2))
         return 0
     print(f"written: {out} ({len(written)} tables, {sum(written.values())} rows)")
+    return 0
+
+
+@bag.command(
+    epilog="\b\nexample:\n  heli bag ulog flights/my_flight\n"
+    "  heli bag ulog flights/my_flight --out my_flight.ulg"
+)
+def ulog(
+    path: Bag,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="file to make (default: flight.ulg beside it)"),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Write a flight as ULog, for PX4 Flight Review and PlotJuggler."""
+    from heli_flight.report.as_ulog import ulog_of
+    from heli_flight.report.from_bag import recorded
+    from heli_flight.terminal import refuse_existing
+
+    refuse_existing(out)
+    flight = recorded(path)
+    # Without --out it is made anew, as a report is.
+    written = out or flight.folder / "flight.ulg"
+    content = ulog_of(flight)
+    written.parent.mkdir(parents=True, exist_ok=True)
+    written.write_bytes(content)
+    if as_json:
+        print(json.dumps({"ulog": str(written), "bytes": len(content)}))
+        return 0
+    print(f"written: {written} ({len(content) / 1e6:.2f} MB)")
     return 0
 
 
