@@ -205,7 +205,7 @@ TABLE: tuple[Transition | Refused, ...] = (
             "stands"),
     Transition((Phase.TRAJECTORY,), Fact.ARRIVED, Phase.HOVER),
     Transition((Phase.TRAJECTORY, Phase.VELOCITY), Fact.BLIND, Phase.HOVER),
-    Transition((Phase.CLIMBING, Phase.HOVER), Fact.BLIND_LONG, Phase.HALTING),
+    Transition((Phase.CLIMBING, *GUIDED), Fact.BLIND_LONG, Phase.HALTING),
     Transition((Phase.TRAJECTORY, Phase.VELOCITY, *STEERED), Fact.FENCED, Phase.HOVER),
     Transition((Phase.CLIMBING, *GUIDED), Fact.FOUND, Phase.HOVER),
     Transition(_LANDS, Fact.FOUND, Phase.HALTING),

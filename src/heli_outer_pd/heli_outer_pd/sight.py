@@ -53,9 +53,9 @@ def seen(phase: Phase, state: NDArray[np.float64], low: bool) -> Fact | None:
     """
     fact, gone = None, state[MEMORY.gone] > 0.5
     if state[MEMORY.sight] == LOST or gone:
-        fact = Fact.BLIND
-        if gone and decide(phase, fact) is None:
-            fact = Fact.BLIND_LONG
+        # At once, whatever it followed: a node has its phases from another moment on than a loop.
+        long = gone and decide(phase, Fact.BLIND_LONG) is not None
+        fact = Fact.BLIND_LONG if long else Fact.BLIND
     elif state[MEMORY.sight] == FOUND and not low:
         fact = Fact.FOUND
     return fact if fact is not None and decide(phase, fact) is not None else None
