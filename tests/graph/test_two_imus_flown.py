@@ -10,7 +10,7 @@ import numpy as np
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.fault_file import read_faults
+from heli_flight.loop.fault_file import fault_overrides
 from heli_flight.loop.settings import resolve
 from heli_msgs_bridge import topics
 
@@ -41,7 +41,7 @@ def test_the_graph_leaves_the_wrong_imu_as_one_process_does(ros_env, tmp_path):
         [*HOVER, *words], env=ros_env, capture_output=True, text=True, timeout=280
     )
     assert done.returncode in (0, 1), done.stdout + done.stderr
-    overrides = {"plant": {"faults": read_faults(faults)}}
+    overrides = fault_overrides(faults)
     settings = resolve("hover", seed=3, duration_s=SECONDS, world="honest", params=[params],
                        overrides=overrides)  # fmt: skip
     alone = simulate(settings).record

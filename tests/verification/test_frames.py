@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from heli_dynamics_sim.plant import initial_state
 from heli_dynamics_sim.state import make_state
+from heli_math.rows import MEAS
 from heli_msgs_bridge.frames import (
     frd_to_flu,
     ned_to_enu,
@@ -127,7 +128,7 @@ def test_wind_is_where_the_air_goes(plant_config, record, towards_deg, enu):
     state.x[13:15] = 0.0
     y = record(config, 1, state=state)
     out = np.empty(3)
-    ned_to_enu(y[0, 20:23], out)
+    ned_to_enu(y[0, MEAS.wind], out)
     assert out == pytest.approx(np.array(enu, dtype=float), abs=1e-12)
     calm_state = initial_state(plant_config(**CALM, **QUIET), 1)
     calm_state.x[:] = state.x

@@ -61,7 +61,7 @@ def air(plant_config, record):
                 initial__pos_ned_m=[0.0, 0.0, -altitude],
             )
             y = record(config, round(seconds / TICK_S), seed=11)
-            kept[seconds, altitude] = y[:, 20:23] - [SPEED, 0.0, 0.0]
+            kept[seconds, altitude] = y[:, MEAS.wind] - [SPEED, 0.0, 0.0]
         return kept[seconds, altitude]
 
     return build
@@ -133,7 +133,9 @@ def test_mean_wind_over_a_climb_is_the_profile(plant_config, record):
     y = record(config, 601, velocity_ned=(0.0, 0.0, -2.5))
     altitude = 10.0 + 2.5 * TICK_S * np.arange(601)
     speed = np.interp(altitude, [0.0, 10.0, 20.0], [3.0, 3.0, 5.0])
-    assert y[:, 20:22] == pytest.approx(-np.sqrt(0.5) * np.outer(speed, [1.0, 1.0]), abs=1e-12)
+    assert y[:, MEAS.wind][:, :2] == pytest.approx(
+        -np.sqrt(0.5) * np.outer(speed, [1.0, 1.0]), abs=1e-12
+    )
     assert (y[:, 22] == 0.0).all()
 
 
@@ -146,7 +148,7 @@ def test_discrete_gust_is_one_minus_cosine(plant_config, record):
         wind__gust__duration_s=[2.0],
         wind__gust__amplitude_mps=[0.0, 4.0, -1.0],
     )
-    y = record(config, 401)[:, 20:23]
+    y = record(config, 401)[:, MEAS.wind]
     t = np.clip(TICK_S * np.arange(401) - 1.0, 0.0, 2.0)
     shape = 0.5 * (1.0 - np.cos(np.pi * t))
     assert y == pytest.approx(np.outer(shape, [0.0, 4.0, -1.0]), abs=1e-12)

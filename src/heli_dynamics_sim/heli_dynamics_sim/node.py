@@ -275,8 +275,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
 
     def prepared(self, name: str, value: Any) -> Any:
         """Faults without a beginning begin at the next tick, which who sends them does not know."""
-        if name == FAULTS and self.configured and isinstance(value, Sequence):
-            return list(begun(map(str, value), self._next_s))
+        if name == FAULTS and isinstance(value, Sequence):
+            now_s = self._next_s if self.configured else 0.0
+            return list(begun(map(str, value), now_s))
         return value
 
     @property
