@@ -149,8 +149,10 @@ def add_to_bridge(r):
              "        _P.unpack_body_vector, _twist_block, _TWIST_AT,\n    ),\n"
              )  # fmt: skip
     node = f"{SIM}/node.py"
-    r.after(node, '        topics.GPS_VELOCITY: (v["sensors.gps.velocity_mps"] ** 2,),\n',
-            '        topics.DOPPLER: (v["sensors.doppler.white_mps"] ** 2,),\n')  # fmt: skip
+    r.replace(node, "topics.GPS_FIX, topics.GPS_VELOCITY)\n",
+              "topics.GPS_FIX, topics.GPS_VELOCITY,\n           topics.DOPPLER)\n")  # fmt: skip
+    r.after(f"{SIM}/sensor_config.py", '        (v["sensors.gps.velocity_mps"] ** 2,),\n',
+            '        (v["sensors.doppler.white_mps"] ** 2,),\n')  # fmt: skip
     r.before(node, "        # Last of the sensors: in real time",
              "        if y[MEAS.doppler_valid]:\n"
              "            send[topics.DOPPLER](y[MEAS.doppler], stamp_ns)\n")  # fmt: skip
