@@ -232,7 +232,7 @@ def add_to_observer(r):
              "        _, doppler = arrived.get(topics.DOPPLER, (0, None))\n"
              "        if doppler is not None:\n"
              "            y[MEAS.doppler], y[MEAS.doppler_valid] = doppler, 1.0\n")  # fmt: skip
-    r.after("src/heli_flight/heli_flight/loop/settings.py",
+    r.after("src/heli_flight/heli_flight/loop/agreement.py",
             '"observer", "schedule.baro_period_ticks"),\n',
             '    ("plant", "sensors.doppler.period_ticks", "observer", '
             '"schedule.doppler_period_ticks"),\n')  # fmt: skip
