@@ -36,7 +36,7 @@ pose.pose.position.z = 900.0
 deadline = time.monotonic() + 20.0
 while not (asks[0][0].service_is_ready() and goto.get_subscription_count()):
     assert time.monotonic() < deadline
-    time.sleep(0.02)
+    rclpy.spin_once(node, timeout_sec=0.02)
 print("floods", flush=True)
 reasons, sent, begun = set(), 0, time.monotonic()
 while time.monotonic() - begun < float(sys.argv[1]):

@@ -9,16 +9,21 @@ import numpy as np
 
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.closed_loop import build, fly_loop
 from heli_flight.loop.fault_file import fault_overrides
 from heli_flight.loop.settings import resolve
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.links import COUNTED, PLACE
 
 HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--no-report"]
 SECONDS = 14.0
 FAULTS = """\
 faults:
   - {what: gyro2, kind: bias, start_s: 6.0, value: [0.1, 0.0, 0.0]}
+  - {what: link, from: plant, to: observer, topic: imu2/data_raw, kind: loss, value: 0.3,
+     start_s: 3.0, duration_s: 2.0}
+  - {what: link, from: plant, to: observer, topic: imu2/data_raw, kind: delay, value: 0.03,
+     start_s: 8.0, duration_s: 1.0}
   - {what: imu2, kind: nan, start_s: 12.0, duration_s: 0.5}
 """
 TWO = """\
@@ -44,7 +49,10 @@ def test_the_graph_leaves_the_wrong_imu_as_one_process_does(ros_env, tmp_path):
     overrides = fault_overrides(faults)
     settings = resolve("hover", seed=3, duration_s=SECONDS, world="honest", params=[params],
                        overrides=overrides)  # fmt: skip
-    alone = simulate(settings).record
+    loop = build(settings)
+    alone = fly_loop(loop, settings).record
+    counted = loop.links.s.counts[PLACE[topics.IMU2, "observer"]]
+    alone_counts = dict(zip(COUNTED, counted.tolist(), strict=True))
     flown = flight_from_bag(folder / "bag", settings).record
     np.testing.assert_allclose(flown.truth_pos_ned_m, alone.truth_pos_ned_m, atol=1e-6)
     np.testing.assert_allclose(flown.u, alone.u, atol=1e-6)
@@ -57,4 +65,6 @@ def test_the_graph_leaves_the_wrong_imu_as_one_process_does(ros_env, tmp_path):
     assert abs(np.mean(apart[:600])) < 0.02 and abs(np.mean(apart[600:]) - 0.1) < 0.02
     told = [remark for remark in bag.remarks if remark.node == "observer"]
     said = json.dumps([str(remark) for remark in told])
+    lost = alone_counts["lost"]
+    assert lost > 40 and f"lost {lost}, delayed 100" in told[-1].facts["link.imu2/data_raw"]
     assert "one of two IMUs is not followed" in said

@@ -65,6 +65,14 @@ def test_each_figure_is_what_was_built_in():
     assert all(figure.inside for figure in found.values())
 
 
+def test_a_pilot_whose_goal_waits_leaves_no_hover_behind_the_climb():
+    """The goal is taken in the very tick of the first hover, which then no record has."""
+    on = record()
+    on.mode[700:DOWN] = "trajectory"
+    values = {figure.metric.key: figure.value for figure in ground_figures(on, gear())}
+    assert values["takeoff_height"] == pytest.approx(0.25)
+
+
 def test_what_did_not_happen_is_no_success():
     stays = record()
     stays = replace(stays, truth_pos_ned_m=np.tile([0.0, 0.0, -STOOD], (N, 1)))

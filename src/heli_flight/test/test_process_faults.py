@@ -70,7 +70,7 @@ def test_one_file_has_faults_of_sensors_and_of_processes(file, tmp_path):
         ("kind: hog, start_s: 1, duration_s: 2, value: 17", "allowed: a number in [0, 16]"),
         ("kind: hog, start_s: .nan, duration_s: 2, value: 1", "start_s: nan is not allowed"),
         ("nodes: observer, kind: kill, start_s: 1", "nodes: unknown key"),
-        ("kind: [kill], start_s: 1", "kind: expected a value"),
+        ("kind: [kill], start_s: 1", "kind: expected one value"),
     ],
 )
 def test_what_is_wrong_is_one_line_and_exit_code_2(tmp_path, capsys, entry, said):

@@ -4,9 +4,8 @@
 {what: link, from: observer, to: inner_loop, topic: odom, kind: loss, value: 0.5, start_s: 12}
 """
 
-import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,21 +15,19 @@ import yaml
 from heli_math.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.links import KINDS, LATEST_S, LINKS, PLACE, ROW
+from heli_parameters.entry import entries, mapping, number_of, one_of
 from heli_parameters.parameters import ParameterError
 from heli_parameters.rcl_dump import number
-from heli_parameters.rcl_yaml import scalar
 
 WHAT = "link"
 """What a fault of a link says under `what`, in a file of faults."""
 ANY = "any"
-NONE = "none"
-"""What the parameter `link_faults` says where there is none: rcl does not take an empty array."""
 _KEYS = ("what", "from", "to", "topic", "kind", "start_s", "duration_s", "value")
 _NODES = tuple(
     dict.fromkeys(name for topic, sink in LINKS for name in (*topics.BY_NAME[topic].source, sink))
 )
 _TOPICS = tuple(dict.fromkeys(topic for topic, _ in LINKS))
-_LONGEST_S, _NEVER, _MOST = 86400.0, 2.0**52, 64
+_LONGEST_S, _NEVER = 86400.0, 2.0**52
 
 
 @dataclass(frozen=True)
@@ -116,39 +113,22 @@ def link_faults_of(texts: Iterable[str]) -> tuple[LinkFault, ...]:
     ParameterError
         One sentence: which of them, key, value, and what is allowed.
     """
-    found: list[LinkFault] = []
-    for i, text in enumerate(texts):
-        if text == NONE:
-            continue
-        where = f"link_faults: entry {i + 1}"
-        try:
-            node = yaml.compose(text, Loader=yaml.SafeLoader)
-        except yaml.YAMLError:
-            raise ParameterError(
-                f"{where}: {text!r} is not valid YAML; allowed: a mapping of {', '.join(_KEYS)}"
-            ) from None
-        found.append(link_fault_of(node, where))
-    if len(found) > _MOST:
-        raise ParameterError(f"link_faults: {len(found)} entries; allowed: at most {_MOST}")
-    return tuple(found)
+    return entries(texts, "link_faults", _KEYS, link_fault_of)
 
 
 def link_fault_of(node: yaml.Node | None, where: str) -> LinkFault:
     """A fault of a YAML mapping; `where` begins the sentence of a ParameterError."""
-    said = _mapping(node, where)
-    for key in ("what", "from", "to", "kind", "start_s"):
-        if key not in said:
-            raise ParameterError(f"{where}: {key}: missing")
-    _one_of(said, "what", (WHAT,), where)
-    kind = _one_of(said, "kind", KINDS, f"{where}: of a {WHAT}")
-    start_s = _number(said["start_s"], "start_s", 0.0, _LONGEST_S, where)
+    said = mapping(node, _KEYS, where)
+    one_of(said, "what", (WHAT,), where)
+    kind = one_of(said, "kind", KINDS, f"{where}: of a {WHAT}")
+    start_s = number_of(said, "start_s", _LONGEST_S, where)
     duration_s = math.inf
     if "duration_s" in said:
-        duration_s = _number(said["duration_s"], "duration_s", 0.0, _LONGEST_S, where)
+        duration_s = number_of(said, "duration_s", _LONGEST_S, where)
     fault = LinkFault(
-        _one_of(said, "from", (ANY, *_NODES), where),
-        _one_of(said, "to", (ANY, *_NODES), where),
-        _one_of({"topic": ANY, **said}, "topic", (ANY, *_TOPICS), where),
+        one_of(said, "from", (ANY, *_NODES), where),
+        one_of(said, "to", (ANY, *_NODES), where),
+        one_of({"topic": ANY, **said}, "topic", (ANY, *_TOPICS), where),
         kind,
         start_s,
         duration_s,
@@ -193,44 +173,6 @@ def _row(fault: LinkFault, link: int, rate: Rate) -> np.ndarray:
     return row
 
 
-def _mapping(node: yaml.Node | None, where: str) -> dict[str, Any]:
-    if not isinstance(node, yaml.MappingNode):
-        raise ParameterError(f"{where}: expected a mapping of {', '.join(_KEYS)}")
-    said: dict[str, Any] = {}
-    for key_node, value_node in node.value:
-        key = key_node.value if isinstance(key_node, yaml.ScalarNode) else "?"
-        if key not in _KEYS:
-            near = difflib.get_close_matches(key, _KEYS, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(_KEYS)}"
-            raise ParameterError(f"{where}: {key}: unknown key; {hint}")
-        if key in said:
-            raise ParameterError(f"{where}: {key}: the key stands here twice")
-        if not isinstance(value_node, yaml.ScalarNode):
-            raise ParameterError(f"{where}: {key}: expected one value")
-        said[key] = scalar(value_node.value, bool(value_node.style))
-    return said
-
-
-def _one_of(said: Mapping[str, Any], key: str, allowed: Sequence[str], where: str) -> str:
-    value = said[key]
-    if value in allowed:
-        return str(value)
-    near = difflib.get_close_matches(str(value), allowed, n=1)
-    hint = f": did you mean {near[0]}?" if near else ""
-    raise ParameterError(
-        f"{where}: {key}: {value} is not allowed{hint}; allowed: one of {', '.join(allowed)}"
-    )
-
-
-def _number(value: Any, key: str, lower: float, upper: float, where: str) -> float:
-    right = not isinstance(value, bool) and isinstance(value, int | float)
-    if not right or not lower <= value <= upper:
-        raise ParameterError(
-            f"{where}: {key}: {value} is not allowed; allowed: a number in [{lower:g}, {upper:g}]"
-        )
-    return float(value)
-
-
 def _value(said: Mapping[str, Any], kind: str, where: str) -> float:
     """Share of the messages, all of them if it is left out, or how late they are."""
     delays = kind == "delay"
@@ -239,7 +181,7 @@ def _value(said: Mapping[str, Any], kind: str, where: str) -> float:
     largest, meaning = (LATEST_S, "s") if delays else (1.0, "the share of the messages")
     if "value" not in said:
         raise ParameterError(f"{where}: value: missing; allowed: a number in (0, 1] ({meaning})")
-    found = _number(said["value"], "value", 0.0, largest, where)
+    found = number_of(said, "value", largest, where)
     if found == 0.0:
         raise ParameterError(
             f"{where}: value: 0 is not allowed; allowed: a number in (0, {largest:g}] ({meaning})"

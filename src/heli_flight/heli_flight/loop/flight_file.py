@@ -13,11 +13,11 @@ from heli_flight.loop.commit import sources_commit
 from heli_flight.loop.fault_file import flown_faults
 from heli_flight.loop.flight_section import NODE_NAME, SHORT_FOR
 from heli_flight.loop.layers import Reader, layered
-from heli_flight.loop.process_fault import NONE
 from heli_flight.loop.scenario import NODE_NAME as SCENARIO
 from heli_flight.loop.settings import Settings
 from heli_flight.loop.worlds import DRAWN
 from heli_flight.loop.worlds import NODE_NAME as WORLD
+from heli_parameters.entry import NONE
 from heli_parameters.parameters import dump_all
 
 NAME = "params.yaml"

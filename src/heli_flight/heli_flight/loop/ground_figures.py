@@ -120,10 +120,12 @@ def _begins_by_hand(record: FlightRecord) -> bool:
 
 
 def _height(record: FlightRecord) -> float | None:
-    """Height at which the first hover begins, above the start, by the navigation record, m."""
+    """Height at which the climb was done, above the start, by the navigation record, m."""
     if record.mode is None:
         return None
-    hovers = np.flatnonzero((record.mode == "hover") & np.isfinite(record.nav_pos_ned_m[:, 2]))
+    # Only a hover is open to a goal; a pilot who asks for one without end ends it within a tick.
+    done = np.isin(record.mode, ("hover", "trajectory"))
+    hovers = np.flatnonzero(done & np.isfinite(record.nav_pos_ned_m[:, 2]))
     began = np.flatnonzero((record.mode == "takeoff") & np.isfinite(record.nav_pos_ned_m[:, 2]))
     if not hovers.size or not began.size:
         return None

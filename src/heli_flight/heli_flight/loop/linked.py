@@ -12,7 +12,7 @@ import numpy as np
 
 from heli_dynamics_sim import fallback
 from heli_inner_hinf import estimate
-from heli_inner_hinf.law_state import nine_states
+from heli_inner_hinf.law_state import all_finite, nine_states
 from heli_math.arrays import copy, fill, scratch
 from heli_math.jit import njit
 from heli_math.rows import ACTUATOR, IMU, MEAS, NAV, NINE, SETPOINT
@@ -119,14 +119,6 @@ def linked(nodes: Mapping[str, Mapping[str, Any]], seed: int, under_way: np.ndar
 
 
 @njit
-def _finite(values):
-    for value in values:
-        if not math.isfinite(value):
-            return False
-    return True
-
-
-@njit
 def _value(links, link, tick, flag, y, first, count):
     """A sensor whose message comes at once: its numbers and its flag in the row y, in place."""
     row = y[first : first + count]
@@ -142,7 +134,7 @@ def _fix(links, tick, k, y):
     """A fix and its velocity, two messages with one stamp, in the row y, in place."""
     pos, vel, s = y[MEAS.gps_pos], y[MEAS.gps_vel], links.s
     came, stamp = y[MEAS.gps_valid] > 0.5, int(y[MEAS.gps_tick])
-    of = pass_on(s, links.k, _VELOCITY, tick, stamp, came and _finite(vel), vel, vel)
+    of = pass_on(s, links.k, _VELOCITY, tick, stamp, came and all_finite(vel), vel, vel)
     stamp = pass_on(s, links.k, _FIX, tick, stamp, came, pos, pos)
     y[MEAS.gps_valid] = 1.0 if stamp != NOTHING else 0.0
     if stamp == NOTHING:
@@ -173,12 +165,12 @@ def to_observer(links, tick, observer_s, observer_k, y, u):
     """
     sample = scratch(_N_IMU)
     copy(sample, y[MEAS.imu])
-    stamp = pass_on(links.s, links.k, _IMU, tick, tick, _finite(sample), sample, sample)
+    stamp = pass_on(links.s, links.k, _IMU, tick, tick, all_finite(sample), sample, sample)
     fill(y[MEAS.imu], math.nan)
     if stamp != NOTHING:
         hear_imu(observer_s, tick, stamp, sample, observer_k, y)
     copy(sample, y[MEAS.imu2])
-    stamp = pass_on(links.s, links.k, _IMU2, tick, tick, _finite(sample), sample, sample)
+    stamp = pass_on(links.s, links.k, _IMU2, tick, tick, all_finite(sample), sample, sample)
     fill(y[MEAS.imu2], math.nan)
     if stamp == tick:
         copy(y[MEAS.imu2], sample)

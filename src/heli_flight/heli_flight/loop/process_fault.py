@@ -1,25 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of a flight's processes, as a file of faults has them: killed, paused, short of time."""
 
-import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import yaml
 
+from heli_parameters.entry import entries, mapping, number_of, one_of
 from heli_parameters.parameters import ParameterError
 from heli_parameters.rcl_dump import number
-from heli_parameters.rcl_yaml import scalar
 
 PROCESS = "process"
 """`what` of such a fault."""
 NODES = ("observer", "inner_loop", "outer_loop", "plant", "recorder")
 KILL, PAUSE, HOG = "kill", "pause", "hog"
 KINDS = (KILL, PAUSE, HOG)
-NONE = "none"
 _LONGEST_S = 86400.0
-_MOST_HOGS, _MOST = 16, 64
+_MOST_HOGS = 16
 _KEYS = ("what", "node", "kind", "start_s", "duration_s", "value")
 
 
@@ -89,76 +87,27 @@ def is_of_process(node: yaml.Node) -> bool:
 
 def process_faults_of(texts: Iterable[str]) -> tuple[ProcessFault, ...]:
     """The faults of the parameter `process_faults`; ParameterError says what is wrong with one."""
-    found = []
-    for i, text in enumerate(texts):
-        if text == NONE:
-            continue
-        where = f"process_faults: entry {i + 1}"
-        try:
-            node = yaml.compose(text, Loader=yaml.SafeLoader)
-        except yaml.YAMLError:
-            raise ParameterError(f"{where}: {text!r} is not valid YAML") from None
-        found.append(process_fault_of(node, where))
-    if len(found) > _MOST:
-        raise ParameterError(f"process_faults: {len(found)} entries; allowed: at most {_MOST}")
-    return tuple(found)
+    return entries(texts, "process_faults", _KEYS, process_fault_of)
 
 
 def process_fault_of(node: yaml.Node | None, where: str) -> ProcessFault:
     """The fault of a YAML mapping; `where` begins the sentence of a ParameterError."""
-    said = _mapping(node, where)
-    _one_of(said, "what", (PROCESS,), where)
-    kind = _one_of(said, "kind", KINDS, f"{where}: of {PROCESS}")
+    said = mapping(node, _KEYS, where)
+    one_of(said, "what", (PROCESS,), where)
+    kind = one_of(said, "kind", KINDS, f"{where}: of {PROCESS}")
     wanted = {KILL: ("node",), PAUSE: ("node", "duration_s"), HOG: ("duration_s", "value")}[kind]
     for key in ("node", "duration_s", "value"):
         if key in said and key not in wanted:
             raise ParameterError(f"{where}: {key}: {kind} has none; leave it out")
-    start_s = _number(said, "start_s", _LONGEST_S, where)
-    name = _one_of(said, "node", NODES, where) if "node" in wanted else ""
-    duration_s = _number(said, "duration_s", _LONGEST_S, where) if "duration_s" in wanted else 0.0
+    start_s = number_of(said, "start_s", _LONGEST_S, where)
+    name = one_of(said, "node", NODES, where) if "node" in wanted else ""
+    duration_s = number_of(said, "duration_s", _LONGEST_S, where) if "duration_s" in wanted else 0.0
     hogs = 0.0
     if kind == HOG:
-        hogs = _number(said, "value", _MOST_HOGS, where)
+        hogs = number_of(said, "value", _MOST_HOGS, where)
         if hogs != int(hogs) or hogs < 1:
             raise ParameterError(
                 f"{where}: value: {said['value']} is not allowed; allowed: a whole number of busy "
                 f"processes from 1 to {_MOST_HOGS}"
             )
     return ProcessFault(kind, name, start_s, duration_s, int(hogs))
-
-
-def _mapping(node: yaml.Node | None, where: str) -> dict[str, Any]:
-    if not isinstance(node, yaml.MappingNode):
-        raise ParameterError(f"{where}: expected a mapping of {', '.join(_KEYS)}")
-    said: dict[str, Any] = {}
-    for key_node, value_node in node.value:
-        key = str(key_node.value)
-        if key not in _KEYS or key in said:
-            wrong = "the key stands here twice" if key in said else "unknown key"
-            raise ParameterError(f"{where}: {key}: {wrong}; known: {', '.join(_KEYS)}")
-        if not isinstance(value_node, yaml.ScalarNode):
-            raise ParameterError(f"{where}: {key}: expected a value, not a list or a mapping")
-        said[key] = scalar(value_node.value, bool(value_node.style))
-    return said
-
-
-def _one_of(said: Mapping[str, Any], key: str, allowed: Sequence[str], where: str) -> str:
-    if key not in said:
-        raise ParameterError(f"{where}: {key}: missing; allowed: one of {', '.join(allowed)}")
-    value = said[key]
-    if value in allowed:
-        return str(value)
-    near = difflib.get_close_matches(str(value), allowed, n=1)
-    hint = f": did you mean {near[0]}?" if near else ""
-    raise ParameterError(
-        f"{where}: {key}: {value} is not allowed{hint}; allowed: one of {', '.join(allowed)}"
-    )
-
-
-def _number(said: Mapping[str, Any], key: str, most: float, where: str) -> float:
-    value = said.get(key)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if value is None or not is_number or not 0.0 <= value <= most:
-        shown = "missing" if value is None else f"{value} is not allowed"
-        raise ParameterError(f"{where}: {key}: {shown}; allowed: a number in [0, {most:g}]")
-    return float(value)

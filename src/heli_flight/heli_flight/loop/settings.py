@@ -26,12 +26,13 @@ from heli_flight.loop.layers import (
     layered,
     scenario_file,
 )
-from heli_flight.loop.process_fault import NONE, process_faults_of
+from heli_flight.loop.process_fault import process_faults_of
 from heli_flight.loop.rates import check_rate, refused
 from heli_flight.loop.worlds import NODE_NAME as WORLD
 from heli_flight.loop.worlds import PAPER, WORLDS, Draw
 from heli_math.ticks import Rate
 from heli_outer_pd.script import script_of
+from heli_parameters.entry import NONE
 from heli_parameters.locate import config_folder
 from heli_parameters.parameters import (
     ParameterError,

@@ -23,7 +23,7 @@ from heli_flight.loop.fault_file import NO_PROCESSES, read_faults
 from heli_flight.loop.flight_file import NAME, write_parameters
 from heli_flight.loop.flight_section import ONE_PROCESS, hover_test_world
 from heli_flight.loop.laws import NODES, refuse_unnamed
-from heli_flight.loop.process_fault import NONE, PROCESS
+from heli_flight.loop.process_fault import PROCESS
 from heli_flight.loop.record_file import write_record
 from heli_flight.loop.result import Result, print_table, write_result
 from heli_flight.loop.settings import Settings, resolve
@@ -31,6 +31,7 @@ from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
 from heli_flight.studies.one_process import Flown, fly_one_process
 from heli_flight.terminal import NewFolder, being_filled, flight_time, silent
 from heli_math.ticks import seconds
+from heli_parameters.entry import NONE
 from heli_parameters.parameters import ParameterError
 from heli_parameters.python_law import PARAMETER, find
 
