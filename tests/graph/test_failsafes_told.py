@@ -65,3 +65,23 @@ def test_each_is_told_and_flown_as_in_one_process(hover_test, tmp_path, cases):
         assert {remark.node for remark in said} == {"observer"}, status
         first_s = min(remark.stamp_ns for remark in said) * 1e-9 - start_s - at_s
         assert 0.0 <= first_s <= of(condition).within_s, status
+
+
+def test_a_slow_servo_is_told_by_the_outer_loop_and_flown_as_in_one_process(hover_test, tmp_path):
+    file, folder = tmp_path / "faults.yaml", tmp_path / "flight"
+    file.write_text("faults:\n  - {what: delta_lat, kind: slow, start_s: 12.0, value: 0.5}\n")
+    done = hover_test("--composed", "--seed", SEED, "--duration", 20.0, "--world", "honest",
+                      "--faults", file, "--out", folder)  # fmt: skip
+    assert done.returncode in (0, 1), done.stdout + done.stderr
+    assert not json.loads((folder / "result.json").read_text())["lost"]
+    settings = resolve("hover", seed=SEED, duration_s=20.0, world="honest",
+                       overrides=fault_overrides(file))  # fmt: skip
+    alone, flown = simulate(settings).record, flight_from_bag(folder / "bag", settings).record
+    np.testing.assert_allclose(flown.u, alone.u, atol=1e-6)
+    told, row = read_bag(folder / "bag").remarks, of(Condition.SERVO_SLOW)
+    said = [remark for remark in told if remark.facts.get("failsafe") == row.action.name]
+    assert {remark.node for remark in said} == {"outer_loop"}
+    assert all(remark.message.startswith(row.status) for remark in said)
+    start_s = settings.nodes["plant"]["start_time_s"]
+    first_s = min(remark.stamp_ns for remark in said) * 1e-9 - start_s - 12.0
+    assert 0.0 < first_s <= row.within_s

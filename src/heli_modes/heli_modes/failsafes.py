@@ -22,12 +22,13 @@ class Action(IntEnum):
     TRIM = 5
     DEAD_RECKON = 6
     RELEARN = 7
-    HOVER = 8
-    HOLD_SETPOINT = 9
-    HOLD_TRIM = 10
-    HOLD_LEAN = 11
-    LAND = 12
-    LAND_BY_THRUST = 13
+    SOFT = 8
+    HOVER = 9
+    HOLD_SETPOINT = 10
+    HOLD_TRIM = 11
+    HOLD_LEAN = 12
+    LAND = 13
+    LAND_BY_THRUST = 14
 
     @property
     def words(self) -> str:
@@ -44,6 +45,7 @@ _WORDS = {
     Action.TRIM: "flies the trim; the actuator side damps rates and takes turns back",
     Action.DEAD_RECKON: "flies on by what the other sensors say",
     Action.RELEARN: "solves tilt and biases again from the fixes of the last seconds",
+    Action.SOFT: "holds its place softly: small gains, small tilts, slack attitude",
     Action.HOVER: "comes to rest where it can, inside the fence, and hovers there",
     Action.HOLD_SETPOINT: "holds the last attitude setpoint, soon the trim attitude; no place",
     Action.HOLD_TRIM: "flies the last-known trim with damped rates; no place",
@@ -80,6 +82,8 @@ class Condition(StrEnum):
     NAVIGATION_GONE = "no navigation at the outer loop for long"
     SETPOINT_GONE = "no set-point at the inner loop"
     COMMANDS_LOST = "no command at the actuator side"
+    SERVO_SLOW = "a cyclic servo slow: the attitude oscillates"
+    SERVO_STUCK = "a cyclic servo stuck, or runs away"
     POSITION_ASTRAY = "dead reckoning has led too far astray"
     ALTITUDE_LOST = "GPS and barometer lost together"
 
@@ -181,6 +185,13 @@ FAILSAFES: tuple[Failsafe, ...] = (
     Failsafe(Condition.COMMANDS_LOST, "actuator side: age over `actuator_timeout_s`, in real time "
              "or with faults on that link", 0.12, Action.TRIM, "the next one, within "
              "`fallback.blend_s`", "counter without_commands"),
+    Failsafe(Condition.SERVO_SLOW, "outer loop: attitude swings about what the attitude loop "
+             "should have made of its command, standard deviation of a second over "
+             "`failsafe.unfollowed_deg`", 4.0, Action.SOFT, "full gains once it stands",
+             "attitude not followed: flown softly"),
+    Failsafe(Condition.SERVO_STUCK, "outer loop: as above; in soft flight it hangs to one side "
+             "for 2 s", 8.0, Action.NOTE, "once it stands; full gains hold what the other axes "
+             "can, a landing would cost the aircraft", "attitude not followed, nor softly"),
     Failsafe(Condition.POSITION_ASTRAY, "outer loop: sigma of the horizontal velocity, summed up "
              "since the last fix, over `failsafe.land_astray_m`", 25.0, Action.LAND,
              "what comes back in the descent is used; the landing goes on", "position astray"),

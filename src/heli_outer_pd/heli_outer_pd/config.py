@@ -70,6 +70,7 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
         land_astray_m=p["failsafe.land_astray_m"],
         blind_sigma_down=p["land.blind_sigma_down_mps"],
         blind_descent_mps=p["land.blind_descent_mps"],
+        unfollowed=np.radians(np.asarray(p["failsafe.unfollowed_deg"], float)),
         dt_s=p["period_ticks"] * TICK_S,
         sweep=sweep_kernel(p),
     )

@@ -8,6 +8,7 @@ from heli_math.jit import njit
 from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, SETPOINT
 from heli_outer_pd.outer_state import LEAVES, LOW_BY_HAND, MEMORY
+from heli_outer_pd.softness import d_share, p_share
 from heli_outer_pd.thrust_map import thrust_for_collective
 
 
@@ -96,8 +97,11 @@ def estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
     to_heading(state[MEMORY.disturbance], c, s, d_h)
     for i in range(3):
         innovation = vel_h[i] - v_hat[i]
-        v_hat[i] += k.dt_s * (a_h[i] + d_h[i] + k.observer_l1[i] * innovation)
-        d_h[i] = clip(d_h[i] + k.dt_s * k.observer_l2[i] * innovation, k.disturbance_limit[i])
+        l1, l2 = k.observer_l1[i], k.observer_l2[i]
+        if i < 2:
+            l1, l2 = d_share(state) * l1, p_share(state) * l2
+        v_hat[i] += k.dt_s * (a_h[i] + d_h[i] + l1 * innovation)
+        d_h[i] = clip(d_h[i] + k.dt_s * l2 * innovation, k.disturbance_limit[i])
     to_ned(v_hat, c, s, state[MEMORY.vel])
     to_ned(d_h, c, s, state[MEMORY.disturbance])
 

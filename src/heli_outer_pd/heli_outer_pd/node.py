@@ -32,6 +32,7 @@ from heli_outer_pd.goto import Goto
 from heli_outer_pd.hand_law import with_hand
 from heli_outer_pd.late import LateNavigation
 from heli_outer_pd.node_core import Law
+from heli_outer_pd.outer_state import FULL
 from heli_outer_pd.own_law import own_law
 from heli_outer_pd.parameter_table import NODE_NAME, TABLE
 from heli_outer_pd.phase_ways import PhaseNumbers
@@ -280,7 +281,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         message, phases = status.sentence, self.run.phases
         if status == OuterStatus.OK:
             self.run.engaged = True
-            adrift = phases.lost or phases.gone
+            adrift = phases.lost or phases.gone or core.state[MEMORY.soft] != FULL
             level = Level.WARN if adrift or phases.beyond_m > 0.0 else Level.OK
             message = told_of(phases.phase, core.state, message)
             message = outside(phases.beyond_m, message)

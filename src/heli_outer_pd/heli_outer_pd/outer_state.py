@@ -11,7 +11,7 @@ from heli_outer_pd.thrust_map import RotorMap
 
 
 class Memory(NamedTuple):
-    """State of the law (61,)."""
+    """State of the law (67,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -55,7 +55,11 @@ class Memory(NamedTuple):
     sunk_m: int = 58  # where the aircraft is if it sinks as it should, NED, m
     settles_s: int = 59  # for so long fixes are taken for those after a gap
     doubt_s: int = 60  # the vertical velocity has not been known for so long
-    size: int = 61
+    off_mean: slice = slice(61, 63)  # mean of what theta and phi are off by, rad
+    off_square: slice = slice(63, 65)  # and mean square, rad2
+    soft: int = 65  # one of FULL, SOFT, STUCK
+    hangs_s: int = 66  # for so long it has been off to one side in soft flight
+    size: int = 67
 
 
 MEMORY = Memory()
@@ -67,6 +71,10 @@ KNOWN, LOST, FOUND = 0.0, 1.0, 2.0
 
 SEES, SINKS, RISES = 0.0, 1.0, 2.0
 """The vertical velocity is known; is not, and thrust alone flies; is again, since this step."""
+
+FULL, SOFT, STUCK = 0.0, 1.0, 2.0
+"""With the gains as they are; softly, as the attitude does not follow; again with them, for good,
+as softness was of no help."""
 
 
 class OuterStatus(enum.IntEnum):
@@ -118,12 +126,13 @@ class OuterKernel(NamedTuple):
     land_astray_m: float  # or once sigma of the way since the last fix is so much
     blind_sigma_down: float  # m/s, of the vertical velocity: with more that is not known
     blind_descent_mps: float  # it then descends so
+    unfollowed: np.ndarray  # (2,) rad, pitch and roll: with more swing it is not followed
     dt_s: float
     sweep: SweepKernel
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (61,) of a law that is not engaged yet; its last command is the trim."""
+    """State (67,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state

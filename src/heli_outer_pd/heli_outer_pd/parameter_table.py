@@ -136,6 +136,9 @@ TABLE: tuple[Parameter, ...] = (
     _row("failsafe.land_astray_m", "double", "Or once it is likely (one sigma, each axis) that it "
          "has gone astray by so much since the last fix that was fused", "m", lower=0.5,
          upper=1e4),
+    _row("failsafe.unfollowed_deg", "double[]", "Attitude swings about what the attitude loop "
+         "should have made of its command, standard deviation of a second, pitch and roll: with "
+         "more it flies softly", "deg", shape=(2,), lower=1.0, upper=180.0),
     *STICK_ROWS,
     *SCRIPT_ROWS,
     _row("attitude_lead.lead_s", "double[]",

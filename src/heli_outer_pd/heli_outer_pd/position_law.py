@@ -30,6 +30,7 @@ from heli_outer_pd.disturbance import (
     all_finite,
     clip,
     estimate,
+    flown_acceleration,
     flyable,
     hover_share,
     to_heading,
@@ -46,6 +47,7 @@ from heli_outer_pd.outer_state import (
     RISES,
     SEES,
     SINKS,
+    SOFT,
     STANDS,
     STEERED,
     OuterKernel,
@@ -55,6 +57,7 @@ from heli_outer_pd.outer_state import (
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.rejoin import begin_at_height, move_reference
 from heli_outer_pd.sight import hold_lean, look, remember_lean
+from heli_outer_pd.softness import d_share, ease, forget_swings, p_share, softly, watch_attitude
 from heli_outer_pd.thrust_map import collective_for_thrust
 
 __all__ = [
@@ -117,6 +120,7 @@ def _stand(nav, ref, k, state, out):
     for i in range(SETPOINT.size):
         last[i] = out[i]
     fill(state[MEMORY.disturbance], 0.0)
+    forget_swings(state)
     state[MEMORY.engaged] = 0.0
     return _OK if known else _BAD_NAVIGATION
 
@@ -138,12 +142,14 @@ def _with_lead(a, c, s, k, state):
         wanted[i] -= led[i]
         led[i] += (1.0 - keep) * wanted[i]
     to_heading(wanted, c, s, beyond)
+    if state[MEMORY.soft] == SOFT:
+        return
     for i in range(2):
         a[i] += k.attitude_lead[i] / k.lead_filter_s * beyond[i]
 
 
 @njit
-def _command(nav, ref, d_h, c, s, lift, k, state, out):
+def _command(nav, ref, d_h, c, s, lift, phi, theta, k, state, out):
     """PD action, lift compensation and the inversions of (20) and (21); writes out (4,)."""
     error, pos_error_h, vel_error_h, a = scratch(3), scratch(3), scratch(3), scratch(3)
     difference(ref[SHAPED.pos], nav[NAV.pos], error)
@@ -152,15 +158,20 @@ def _command(nav, ref, d_h, c, s, lift, k, state, out):
     to_heading(error, c, s, vel_error_h)
     to_heading(ref[SHAPED.acc], c, s, a)
     for i in range(3):
-        back = clip(k.K_P[i] * pos_error_h[i], k.K_D[i] * k.approach_speed_mps)
-        a[i] += back + k.K_D[i] * vel_error_h[i] - d_h[i]
+        K_P, K_D = k.K_P[i], k.K_D[i]
+        if i < 2:
+            K_P, K_D = p_share(state) * K_P, d_share(state) * K_D
+        back = clip(K_P * pos_error_h[i], K_D * k.approach_speed_mps)
+        a[i] += back + K_D * vel_error_h[i] - d_h[i]
     _with_lead(a, c, s, k, state)
+    softly(a, k, state)
     if k.hold_horizontal > 0.5:
         out[SETPOINT.phi] = k.trim[SETPOINT.phi] + tilt_for(a[1], k)
         out[SETPOINT.theta] = k.trim[SETPOINT.theta] - tilt_for(a[0], k)
     else:
         out[SETPOINT.phi] = k.level_phi_theta[0]
         out[SETPOINT.theta] = k.level_phi_theta[1]
+    ease(phi, theta, state, out)
     out[SETPOINT.psi] = ref[SHAPED.psi]
     weight = k.mass * k.g
     thrust = k.mass * (k.g - a[2]) / max(lift, _MIN_LIFT_FRACTION)
@@ -185,7 +196,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_math.rows.SHAPED`; changed where no position is known.
     k : OuterKernel
         Gains and limits.
-    state : (61,) ndarray
+    state : (67,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.
@@ -207,6 +218,9 @@ def position_law(nav, ref, k, state, out):
     d_h = scratch(3)
     fill(d_h, 0.0)
     estimate(nav, phi, theta, c, s, k, state, d_h)
+    flown = scratch(2)
+    flown_acceleration(phi, theta, k, flown)
+    watch_attitude(flown, k, state)
     if state[MEMORY.sinks] == RISES:
         begin_at_height(nav, ref, state)
         state[MEMORY.sinks] = SEES
@@ -218,7 +232,7 @@ def position_law(nav, ref, k, state, out):
     remember_thrust(k, state)
     if state[MEMORY.sinks] == SINKS:
         sink(nav, ref, k, state, d_h)
-    _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), k, state, out)
+    _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), phi, theta, k, state, out)
     for i in range(SETPOINT.size):
         last[i] = out[i]
     state[MEMORY.engaged] = 1.0

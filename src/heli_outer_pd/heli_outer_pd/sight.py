@@ -24,11 +24,14 @@ from heli_outer_pd.disturbance import to_heading
 from heli_outer_pd.outer_state import (
     FLIES,
     FOUND,
+    FULL,
     KNOWN,
     LEAVES,
     LOST,
     MEMORY,
     SEES,
+    SOFT,
+    STUCK,
 )
 from heli_outer_pd.rejoin import move_with, remember_place
 
@@ -85,7 +88,16 @@ def told_of(phase: Phase, state: NDArray[np.float64], held: str) -> str:
         return plight(phase)
     if state[MEMORY.gone] > 0.5:
         return "position astray: lands where dead reckoning leads"
-    return told(phase, held)
+    return unfollowed(state[MEMORY.soft]) or told(phase, held)
+
+
+def unfollowed(soft: float) -> str:
+    """What is wrong with how the attitude follows, in a sentence; empty if nothing is."""
+    if soft == SOFT:
+        return "attitude not followed: flown softly, as a servo may be slow"
+    if soft == STUCK:
+        return "attitude not followed, nor softly: a servo may be stuck; do not land"
+    return ""
 
 
 def answer(phase: Phase, state: NDArray[np.float64]) -> Action:
@@ -98,6 +110,9 @@ def answer(phase: Phase, state: NDArray[np.float64]) -> Action:
         wants.append(Condition.ALTITUDE_LOST)
     elif state[MEMORY.gone] > 0.5:
         wants.append(Condition.POSITION_ASTRAY)
+    if state[MEMORY.soft] != FULL:
+        soft = state[MEMORY.soft] == SOFT
+        wants.append(Condition.SERVO_SLOW if soft else Condition.SERVO_STUCK)
     return severest(wants)
 
 

@@ -170,8 +170,8 @@ def east_north_up(east, north, up, start_ns=0):
     ids=["low", "high", "far", "future"],
 )
 def test_a_reference_outside_is_refused_with_a_sentence_and_the_old_one_stays(bench, message, said):
-    """Whoever sends it: the page's bounds, kept by the node."""
-    outer = bench(OuterLoopNode)
+    """Whoever sends it: the page's bounds, kept by the node. The aircraft here never moves."""
+    outer = bench(OuterLoopNode, failsafe__unfollowed_deg=[180.0, 180.0])
     outer.fly()
     outer.receive(topics.REFERENCE, east_north_up(2.0, 1.0, 10.0))
     given = outer.node.core.given

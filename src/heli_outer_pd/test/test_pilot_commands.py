@@ -220,7 +220,8 @@ def test_on_the_ground_it_is_refused_and_nothing_moves(standing, asks, said):
 
 
 def test_a_velocity_that_cannot_stop_inside_the_fence_is_refused(bench):
-    pilot = Pilot(bench(OuterLoopNode, reference_limits__distance_m=4.0))
+    never = {"failsafe__unfollowed_deg": [180.0, 180.0]}  # the aircraft here never moves
+    pilot = Pilot(bench(OuterLoopNode, reference_limits__distance_m=4.0, **never))
     said = [pilot.move((3.0, 0.0, 0.0)) for _ in range(50)]
     assert (
         said[0] == "velocity" and "m from where the flight began; allowed: at most 4 m" in said[-1]

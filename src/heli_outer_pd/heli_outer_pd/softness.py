@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the attitude follows what is commanded, and how softly is flown while it does not.
+
+A servo that has grown slow turns brisk loops into a growing oscillation, first where a GPS of
+metres steps the set-point. What shows it is the attitude, which is not where the attitude loop
+would have brought it: the difference to the command behind that loop's lag. How much it swings,
+over a second, stays below `failsafe.unfollowed_deg` in flights without a fault.
+
+Beyond, position is held softly: small gains and tilts, and of the command only a part, the rest is
+the attitude as it is. That takes three quarters of its stiffness from the attitude loop and leaves
+its damping: little is asked of the servo's speed, and the oscillation dies. A servo that is stuck
+follows that no better: the attitude hangs to one side. Then the gains are as before, for good:
+with them the other axes hold what they can.
+"""
+
+import math
+
+from heli_math.arrays import fill
+from heli_math.jit import njit
+from heli_math.rows import SETPOINT
+from heli_outer_pd.outer_state import FLIES, FULL, MEMORY, SOFT, STUCK
+
+_MEAN_S = 1.0
+_HANGS, _HALF, _HANGS_S = 0.6, 0.5, 2.0
+"""It hangs to one side if its mean has so much of its mean square, at half the limit, for so
+long."""
+K_P_SHARE, K_D_SHARE, AS_IT_IS = 0.1, 0.3, 0.75
+"""In soft flight, of the horizontal gains, and of those of the disturbance's observer (l2, l1): the
+bandwidth falls to a third, its damping stays; of the attitude as it is in what is commanded."""
+SOFT_TILT_RAD = math.radians(8.0)
+
+
+@njit
+def p_share(state):
+    """Share of the gains that act on what is off: 1.0 unless it flies softly."""
+    return K_P_SHARE if state[MEMORY.soft] == SOFT else 1.0
+
+
+@njit
+def d_share(state):
+    """Share of the gains that act on speeds."""
+    return K_D_SHARE if state[MEMORY.soft] == SOFT else 1.0
+
+
+@njit
+def softly(a, k, state):
+    """Cut the wanted acceleration (3,), horizontally and in place, to that of a small tilt."""
+    if state[MEMORY.soft] == SOFT:
+        limit = k.g * math.tan(SOFT_TILT_RAD)
+        for i in range(2):
+            a[i] = min(max(a[i], -limit), limit)
+
+
+@njit
+def ease(phi, theta, state, out):
+    """Bring the commanded roll and pitch of out (4,) near those that are flown, rad."""
+    if state[MEMORY.soft] == SOFT:
+        out[SETPOINT.phi] += AS_IT_IS * (phi - out[SETPOINT.phi])
+        out[SETPOINT.theta] += AS_IT_IS * (theta - out[SETPOINT.theta])
+
+
+@njit
+def forget_swings(state):
+    """Full gains, and nothing seen so far."""
+    fill(state[MEMORY.off_mean], 0.0)
+    fill(state[MEMORY.off_square], 0.0)
+    state[MEMORY.soft] = FULL
+
+
+@njit
+def watch_attitude(flown, k, state):
+    """Bring up to what the attitude explains, (2,) m/s2, whether commands are followed.
+
+    Only where the law itself holds a place, and estimates the disturbance, behind that: there the
+    command is known behind the attitude loop's lag.
+    """
+    own = k.wind_compensation > 0.5 and k.hold_horizontal > 0.5 and k.sweep.shape == 0
+    if state[MEMORY.ground] != FLIES or not own:
+        forget_swings(state)
+        return
+    mean, square, lagged = state[MEMORY.off_mean], state[MEMORY.off_square], state[MEMORY.lagged]
+    swings, hangs = False, False
+    for i in range(2):
+        off = math.atan((flown[i] - lagged[i]) / k.g)
+        mean[i] += k.dt_s / _MEAN_S * (off - mean[i])
+        square[i] += k.dt_s / _MEAN_S * (off * off - square[i])
+        swings = swings or square[i] - mean[i] ** 2 > k.unfollowed[i] ** 2
+        beyond = square[i] > (_HALF * k.unfollowed[i]) ** 2
+        hangs = hangs or (beyond and mean[i] ** 2 > _HANGS * square[i])
+    if state[MEMORY.soft] == FULL and swings:
+        state[MEMORY.soft], state[MEMORY.hangs_s] = SOFT, 0.0
+    elif state[MEMORY.soft] == SOFT:
+        state[MEMORY.hangs_s] = state[MEMORY.hangs_s] + k.dt_s if hangs else 0.0
+        if state[MEMORY.hangs_s] > _HANGS_S:
+            state[MEMORY.soft] = STUCK

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An attitude that does not follow: when it counts, what soft flight asks for, what is told."""
+
+import math
+
+import numpy as np
+import pytest
+
+from heli_math.rotations import quat_from_euler
+from heli_math.rows import NAV, SETPOINT, SHAPED
+from heli_modes import Phase
+from heli_modes.failsafes import Action
+from heli_outer_pd import config, position_law
+from heli_outer_pd.node import OuterLoopNode
+from heli_outer_pd.outer_state import FULL, LEAVES, MEMORY, SOFT, STUCK
+from heli_outer_pd.sight import answer, told_of
+from heli_outer_pd.softness import AS_IT_IS, K_P_SHARE, SOFT_TILT_RAD, watch_attitude
+
+VALUES = OuterLoopNode.SPEC.resolve()
+PITCH, ROLL = VALUES["failsafe.unfollowed_deg"]
+AXES = [(0, PITCH), (1, ROLL)]
+
+
+class Watched:
+    """What the attitude explains beside a command of nothing, step by step."""
+
+    def __init__(self, **changes):
+        self.k = config.outer_kernel(VALUES | changes)
+        self.state = position_law.initial_state(self.k)
+
+    def see(self, axis, off_deg, seconds):
+        """off_deg(t) is what the attitude is off by; returns when it changed, s, and to what."""
+        before, changes = self.state[MEMORY.soft], []
+        for i in range(round(seconds / self.k.dt_s)):
+            flown = np.zeros(2)
+            flown[axis] = self.k.g * math.tan(math.radians(off_deg(i * self.k.dt_s)))
+            watch_attitude(flown, self.k, self.state)
+            if self.state[MEMORY.soft] != before:
+                before = self.state[MEMORY.soft]
+                changes.append((i * self.k.dt_s, before))
+        return changes
+
+
+def swing(amplitude_deg, period_s=1.5):
+    return lambda t: amplitude_deg * math.sin(2.0 * math.pi * t / period_s)
+
+
+@pytest.mark.parametrize(("axis", "limit"), AXES)
+def test_a_swing_over_the_limit_is_flown_softly_and_one_below_it_is_not(axis, limit):
+    """Of a sine the standard deviation is its amplitude by the root of two."""
+    assert Watched().see(axis, swing(0.85 * math.sqrt(2.0) * limit), 60.0) == []
+    ((at_s, now),) = Watched().see(axis, swing(1.6 * math.sqrt(2.0) * limit), 60.0)
+    assert now == SOFT and at_s < 3.0
+
+
+@pytest.mark.parametrize(("axis", "limit"), AXES)
+def test_what_hangs_to_one_side_is_no_swing_and_of_itself_changes_nothing(axis, limit):
+    """A steady error grows as slowly as wind turns; that is for the disturbance's estimate."""
+    assert Watched().see(axis, lambda t: min(t, 8.0) / 8.0 * 1.5 * limit, 60.0) == []
+
+
+@pytest.mark.parametrize(("axis", "limit"), AXES)
+def test_a_swing_that_ends_to_one_side_is_a_servo_that_is_stuck_and_stays_one(axis, limit):
+    watched = Watched()
+    assert [now for _, now in watched.see(axis, swing(3.0 * limit), 5.0)] == [SOFT]
+    ((at_s, now),) = watched.see(axis, lambda t: limit, 20.0)
+    assert now == STUCK and 2.0 < at_s < 8.0
+    assert watched.see(axis, swing(3.0 * limit), 5.0) == []
+
+
+def test_on_the_ground_and_without_an_estimate_it_is_forgotten():
+    watched = Watched()
+    watched.see(1, swing(3.0 * ROLL), 5.0)
+    watched.state[MEMORY.ground] = LEAVES
+    assert [now for _, now in watched.see(1, swing(3.0 * ROLL), 5.0)] == [FULL]
+    assert not watched.state[MEMORY.off_square].any()
+    for off in ({"wind_compensation": False}, {"horizontal": "level"}):
+        assert Watched(**off).see(1, swing(3.0 * ROLL), 5.0) == []
+
+
+def test_180_deg_is_never():
+    never = {"failsafe.unfollowed_deg": [180.0, 180.0]}
+    assert Watched(**never).see(1, swing(80.0), 20.0) == []
+
+
+def command(soft, pos_ned_m, roll_rad=0.0):
+    """phi and theta off trim, rad, of a law at rest that is off by a way."""
+    k = config.outer_kernel(VALUES | {"attitude_lead.lead_s": [0.0, 0.0]})
+    state, nav, out = position_law.initial_state(k), np.zeros(NAV.size), np.zeros(SETPOINT.size)
+    nav[NAV.pos] = pos_ned_m
+    phi, theta = k.trim[SETPOINT.phi] + roll_rad, k.trim[SETPOINT.theta]
+    nav[NAV.quat] = quat_from_euler(phi, theta, 0.0)
+    state[MEMORY.engaged], state[MEMORY.soft] = 1.0, soft
+    assert position_law.position_law(nav, np.zeros(SHAPED.size), k, state, out) == 0
+    return k, out[SETPOINT.phi] - k.trim[SETPOINT.phi], out[SETPOINT.theta] - k.trim[SETPOINT.theta]
+
+
+def test_soft_flight_asks_for_a_part_of_the_gain_and_of_the_attitude():
+    off = np.array([0.0, -0.5, 0.0])
+    k, full, _ = command(FULL, off)
+    _, soft, _ = command(SOFT, off)
+    assert math.tan(full) == pytest.approx(k.K_P[1] * 0.5 / k.g)
+    eased = soft / (1.0 - AS_IT_IS)
+    assert math.tan(eased) == pytest.approx(K_P_SHARE * k.K_P[1] * 0.5 / k.g)
+    # What is rolled already stays commanded, but for a quarter of it.
+    _, rolled, _ = command(SOFT, off, roll_rad=0.02)
+    assert rolled - soft == pytest.approx(AS_IT_IS * 0.02, abs=1e-4)
+    assert command(STUCK, off)[1] == full
+
+
+def test_soft_flight_cuts_the_tilt():
+    for off in ([-500.0, 0.0, 0.0], [0.0, 500.0, 0.0]):
+        k, phi, theta = command(SOFT, np.array(off))
+        assert max(abs(phi), abs(theta)) <= (1.0 - AS_IT_IS) * SOFT_TILT_RAD * (1.0 + 1e-9)
+        _, phi, theta = command(FULL, np.array(off))
+        assert max(abs(phi), abs(theta)) > 2.0 * SOFT_TILT_RAD
+
+
+def test_it_is_told_and_counts_among_the_failsafes():
+    state = position_law.initial_state(config.outer_kernel(VALUES))
+    assert told_of(Phase.HOVER, state, "held") == "held"
+    assert answer(Phase.HOVER, state) is Action.NONE
+    state[MEMORY.soft] = SOFT
+    assert told_of(Phase.HOVER, state, "held").startswith("attitude not followed: flown softly")
+    assert answer(Phase.HOVER, state) is Action.SOFT
+    state[MEMORY.soft] = STUCK
+    assert told_of(Phase.HOVER, state, "held").startswith("attitude not followed, nor softly")
+    assert answer(Phase.HOVER, state) is Action.NOTE
