@@ -18,6 +18,8 @@ from pathlib import Path
 
 REQUIREMENTS = Path(__file__).resolve().parents[1] / "requirements"
 OLDEST = "3.11"
+# What scripts/fuzz_atheris.py needs besides; set-up does not install it, so it is in no other list.
+FUZZER = "atheris==3.0.0"
 HEAD = "# Written by scripts/write_hashes.py from requirements/*.txt and constraints.txt.\n"
 _BEGIN = re.compile(r"^(?=\S)", re.MULTILINE)
 _PIN = re.compile(r"([\w.-]+)==([^\s;\\]+)")
@@ -55,12 +57,13 @@ def write(name: str, blocks: Sequence[str]) -> None:
 
 
 def main() -> int:
-    """Write the lists: of uv, of what flies, and of what tests need besides."""
+    """Write the lists: of uv, of what flies, and of what tests and the guided fuzz need besides."""
     flying = locked(text_of("ros", "python") + "\npip\n")
     both = locked(text_of("ros", "python", "ros_test", "test") + "\npip\n")
     write("uv", locked("uv\n"))
     write("flight", flying)
     write("test", [block for block in both if block not in flying])
+    write("fuzz", locked(f"{FUZZER}\n"))
     return 0
 
 

@@ -88,6 +88,9 @@ class Node:
     ros_arguments: tuple = ()
     output: str = "log"
     on_exit: object = None
+    additional_env: object = None
+    respawn: bool = False
+    respawn_delay: float = 0.0
 
     def execute(self, context):
         namespace = self.namespace
@@ -103,7 +106,7 @@ class Node:
         return [
             Started(
                 self.package, self.executable, self.name, namespace, tuple(layers), words,
-                self.on_exit,
+                self.on_exit, dict(self.additional_env or {}), self.respawn, self.respawn_delay,
             )
         ]  # fmt: skip
 
@@ -119,6 +122,9 @@ class Started:
     layers: tuple
     ros_arguments: tuple = ()
     on_exit: object = None
+    env: dict = field(default_factory=dict)
+    respawn: bool = False
+    respawn_delay: float = 0.0
 
     def ended(self, returncode, shutting_down=False):
         """What launch does when the node's process has ended: its exit code, None if it goes on.

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from heli_flight.testing.fuzz_parsers import PARSERS
+
 ROOT = Path(__file__).resolve().parents[2]
 PYTEST_SAYS = "==== 812 passed, 3 skipped in 500.00s ===="
 TESTS = f"""#!/usr/bin/env bash
@@ -133,6 +135,8 @@ def test_a_workflow_runs_what_there_is(name):
     if name == "nightly":
         assert "./run_tests.sh -m nightly" in commands
         assert any("fuzz_counts.py --cases 10000" in command for command in commands)
-        lists = {f"requirements/hashes/{kind}.txt" for kind in ("flight", "test", "uv")}
+        for parser in PARSERS:
+            assert any(f"fuzz_atheris.py {parser} " in command for command in commands)
+        lists = {f"requirements/hashes/{kind}.txt" for kind in ("flight", "test", "uv", "fuzz")}
         (audit,) = [command for command in commands if command.startswith("pip-audit")]
         assert lists <= set(audit.split()) and "--require-hashes" in audit

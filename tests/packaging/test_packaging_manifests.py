@@ -261,6 +261,10 @@ def test_every_file_that_is_installed_has_its_hash():
     assert together - elsewhere <= set(pinned)
     # What flies wants colorama elsewhere alone, the tools of the documents' site everywhere.
     assert set(lists["flight"]) & set(lists["test"]) <= elsewhere
+    # The guided fuzz has a pin of its own: set-up does not install it.
+    (fuzzer,) = hashed("fuzz").items()
+    assert f'"{fuzzer[0]}=={fuzzer[1][0]}"' in (ROOT / "scripts/write_hashes.py").read_text()
+    assert fuzzer[1][1] and fuzzer[0] not in pinned
     for found in lists.values():
         for package, (version, hashes) in found.items():
             assert hashes, package

@@ -26,6 +26,8 @@ from rosbags.rosbag2.storage_mcap import (
 )
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
+from heli_bags.chunk_index import ChunkIndex
+
 _NEVER_NS = 2**63 - 1
 # Pages of 4 KiB after which the write-ahead log is moved into the database.
 _WAL_PAGES = 256
@@ -52,6 +54,8 @@ class McapFile(McapWriter):
         # rosbags names the file after its folder; the parts of a split bag have names of their own.
         super().__init__(path.parent, mode)
         self.path = self.path.rename(path)
+        self._index = ChunkIndex(path.parent)
+        self.chunks = cast("list[BytesIO]", self._index)
         self._safe: tuple[int, int, int, int, dict[int, int]] = (0, 0, _NEVER_NS, 0, {})
 
     @property
@@ -143,7 +147,17 @@ class McapFile(McapWriter):
         """Write index and summary."""
         if not any(self.channel_stats.values()):
             self.message_start_time = 0
+        if self.chunk.bio.tell():
+            self.close_chunk()
+        # Its room is needed when the disk is full.
+        self.chunks = list(self.chunks)
+        self._index.close()
         super().close(version, metadata)
+
+    def abort(self) -> None:
+        """Let go of the file without its index."""
+        self._index.close()
+        super().abort()
 
 
 class SqliteFile(Sqlite3Writer):

@@ -18,7 +18,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.memory import RESPAWNED, SUPERVISOR
+from heli_msgs_bridge.memory import RESPAWNED, SUPERVISOR, Restarts
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.senders import (
@@ -59,6 +59,8 @@ class Recording:
         Per stream whose messages are recorded.
     voices : Voices
         Who speaks in /diagnostics.
+    restarts : Restarts
+        Which nodes were started again, where no supervisor says so.
     trouble : str
         Why the recording ended or has gaps; empty if it did not.
     """
@@ -69,6 +71,7 @@ class Recording:
     plain: list[Any] = field(default_factory=list)
     once: dict[str, Once] = field(default_factory=dict)
     owners: dict[str, Owner] = field(default_factory=dict)
+    restarts: Restarts = field(default_factory=Restarts)
     trouble: str = ""
 
 
@@ -200,21 +203,24 @@ class RecorderNode(ManagedNode[Recording, None]):
         super().report(level, message, facts)
 
     def _write(self, name: str, raw: bytes, info: Info | None) -> None:
-        once, owner = self.core.once.get(name), self.core.owners.get(name)
+        core = self.core
+        once, owner = core.once.get(name), core.owners.get(name)
         if once is not None and not once.is_new(info):
             return
         if owner is not None and not owner.admits(raw, info):
             self._name_senders(name, owner)
             return
         if name == topics.DIAGNOSTICS and info is not None:
-            said = deserialize_message(raw, self.core.subscriptions[name].msg_type)
+            said = deserialize_message(raw, core.subscriptions[name].msg_type)
             number = info["publication_sequence_number"]
-            if not self.core.voices.hear([status.name for status in said.status], number):
+            for node, times in core.restarts.news().items():
+                core.voices.forget(node, times)
+            if not core.voices.hear([status.name for status in said.status], number):
                 self._name_strangers()
             elif self.respawns:
                 self._hear_successors(said.status)
         try:
-            self.core.bag.write(name, raw)
+            core.bag.write(name, raw)
         except BagError as error:
             self._complain(error)
 

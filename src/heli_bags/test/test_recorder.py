@@ -6,6 +6,8 @@ import re
 import sqlite3
 import subprocess
 import sys
+import tracemalloc
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapWriter
 
+from heli_bags import files
+from heli_bags.chunk_index import ChunkIndex
 from heli_bags.files import McapFile
 from heli_bags.node import RecorderNode
 from heli_bags.recorder import BagError, BagRecorder, Format
@@ -109,6 +113,71 @@ def test_mcap_bytes_are_those_of_the_writer_of_rosbags(tmp_path, monkeypatch):
     record(tmp_path / "other" / "bag", FORMS["mcap"])
     ours, theirs = (tmp_path / where / "bag_0.mcap" for where in ("bag", "other/bag"))
     assert ours.read_bytes() == theirs.read_bytes()
+
+
+def test_index_beside_the_file_gives_the_bytes_of_a_list(tmp_path, monkeypatch):
+    record(tmp_path / "bag", FORMS["mcap"], flush_every=3)
+    monkeypatch.setattr(files, "ChunkIndex", _PlainIndex)
+    record(tmp_path / "other" / "bag", FORMS["mcap"], flush_every=3)
+    ours, theirs = (tmp_path / where / "bag_0.mcap" for where in ("bag", "other/bag"))
+    assert ours.read_bytes() == theirs.read_bytes()
+    with open(ours, "rb") as file:
+        assert len(make_reader(file).get_summary().chunk_indexes) > 3 * 64
+
+
+class _PlainIndex(list):
+    """What the writer of rosbags has."""
+
+    def __init__(self, folder):
+        super().__init__()
+
+    def close(self):
+        """Nothing is to be given back."""
+
+
+def test_memory_does_not_grow_with_the_number_of_chunks(tmp_path):
+    recorder, sent = BagRecorder(tmp_path / "bag", NAMES), list(stream(4000))
+
+    def fly(messages):
+        for name, _, raw in messages:
+            recorder.write(name, raw)
+            recorder.flush()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        first = fly(sent[:2000])
+        grown = fly(sent[2000:]) - first
+    finally:
+        tracemalloc.stop()
+    # A list of them would take some 250 bytes for each of the 10 000 chunks.
+    assert grown < 100_000
+    recorder.close()
+    assert len(by_rosbags(tmp_path / "bag")) == len(sent)
+
+
+@pytest.mark.parametrize("kept", [0, 30, 64, 150, 200])
+def test_index_is_cut_where_asked(tmp_path, kept):
+    records, index = [bytes([n]) * (n + 1) for n in range(200)], ChunkIndex(tmp_path)
+    for record_ in records[:170]:
+        index.append(BytesIO(record_))
+    del index[kept:]
+    for record_ in records[170:]:
+        index.append(BytesIO(record_))
+    expected = records[: min(kept, 170)] + records[170:]
+    assert [one.getvalue() for one in index] == expected and len(index) == len(expected)
+    assert all(one.tell() == len(one.getvalue()) for one in index)
+    index.close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_index_stays_in_memory_where_the_disk_takes_none(small_disk):
+    index, record_ = ChunkIndex(small_disk), bytes(5000)
+    for _ in range(1500):
+        index.append(BytesIO(record_))
+    assert index.in_memory > 64
+    assert [one.getvalue() for one in index] == [record_] * 1500
+    index.close()
 
 
 @pytest.mark.parametrize("form", [FORMS["mcap"], FORMS["zstd"]], ids=["plain", "zstd"])

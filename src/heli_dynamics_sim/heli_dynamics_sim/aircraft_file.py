@@ -9,6 +9,8 @@ from typing import Any
 
 import yaml
 
+from heli_parameters.printable import printable
+
 # libyaml where it is built in, ten times faster.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -81,9 +83,10 @@ def flatten(tree: Any) -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for group, content in tree.items():
         if not isinstance(content, dict):
-            raise AircraftError(f"{group}: expected a group of keys, found {_shown(content)}")
+            said = f"expected a group of keys, found {_shown(content)}"
+            raise AircraftError(f"{printable(str(group))}: {said}")
         for key, value in content.items():
-            flat[f"{group}.{key}"] = value
+            flat[printable(f"{group}.{key}")] = value
     return flat
 
 

@@ -15,6 +15,7 @@ from heli_dynamics_sim.fault_places import ACTUATORS, IMU, IMU2, SECOND, SENSORS
 from heli_dynamics_sim.faults import FAULT, KINDS, FaultKernel
 from heli_dynamics_sim.sensors import SensorKernel
 from heli_math.ticks import Rate
+from heli_parameters.printable import printable
 from heli_parameters.rcl_dump import number
 from heli_parameters.rcl_yaml import scalar
 
@@ -205,7 +206,7 @@ def _mapping(node: yaml.Node | None, where: str) -> dict[str, Any]:
         if key not in _KEYS:
             near = difflib.get_close_matches(key, _KEYS, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(_KEYS)}"
-            raise PlantConfigError(f"{where}: {key}: unknown key; {hint}")
+            raise PlantConfigError(f"{where}: {printable(key)}: unknown key; {hint}")
         if key in said:
             raise PlantConfigError(f"{where}: {key}: the key stands here twice")
         said[key] = _plain(value_node, key, where)

@@ -41,6 +41,8 @@ def write(tmp_path):
     [
         ("mass_kg: 9.750", "# ", "body.mass_kg: missing; allowed: a number in (0, 1000) kg"),
         ("mass_kg: 9.750", "masss_kg: 9.750", "body.masss_kg: unknown key; did you mean body.mass"),
+        ("mass_kg: 9.750", '"ma\u00adss": 9.750', "body.ma\\xadss: unknown key"),
+        ("body:", '"bo\\e[2J\\ndy": 3\nrest:', "bo\\x1b[2J\\ndy: expected a group of keys"),
         ("mass_kg: 9.750", "mass_kg: -9.750", "body.mass_kg: -9.75 is not allowed; allowed: a"),
         ("mass_kg: 9.750", "mass_kg: 0", "body.mass_kg: 0.0 is not allowed"),
         ("mass_kg: 9.750", "mass_kg: .nan", "body.mass_kg: nan is not allowed"),

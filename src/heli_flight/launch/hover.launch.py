@@ -21,13 +21,22 @@ from launch.actions import OpaqueFunction
 from heli_bags.choice import unrecorded
 from heli_bags.parameter_table import NODE_NAME as RECORDER
 from heli_bags.parameter_table import TABLE as RECORDER_TABLE
+from heli_flight.graph.respawn import AGAIN, MOST, WITHIN_S
 from heli_flight.loop.laws import LAWS as LAW_FILES
 from heli_flight.loop.laws import PACKAGED
 from heli_flight.loop.layers import Reader, layered
 from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
 from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, WORLDS
 from heli_flight.loop.worlds import NODE_NAME as WORLD
-from heli_msgs_bridge.launching import COMMON, Argument, declare, node, together, users_files
+from heli_msgs_bridge.launching import (
+    COMMON,
+    Again,
+    Argument,
+    declare,
+    node,
+    together,
+    users_files,
+)
 from heli_parameters.common_table import with_common
 from heli_parameters.parameters import load
 
@@ -92,6 +101,12 @@ ARGUMENTS = (
         "false",
         ["true", "false"],
         "Plant, observer, inner and outer loop in one process, still by topics; twice as fast",
+    ),
+    Argument(
+        "respawn",
+        "false",
+        ["true", "false"],
+        "Start observer, inner or outer loop again when its process dies in flight",
     ),
     Argument("record", "true", ["true", "false"], "Write a bag"),
     Argument(
@@ -188,22 +203,35 @@ def _unrecorded(given, users):
     return list(unrecorded(values["topics"], values["exclude"]))
 
 
+def _again(given):
+    """Who is started again, if asked for."""
+    if given["respawn"] != "true":
+        return None
+    for name, plain in (("composed", "false"), ("aircraft", "1")):
+        if given[name] != plain:
+            raise ValueError(f"respawn:=true: does not go with {name}:={given[name]}")
+    return Again(AGAIN, MOST, WITHIN_S)
+
+
 def _aircraft(given):
     """Nodes of one aircraft; each configures and activates itself, the plant waits for the rest."""
     arguments, users = _overrides(given), users_files(given)
     scenario = _config("heli_flight", f"scenarios/{given['scenario']}.yaml")
     sensors, files, drawn = _around(given, users)
     recorded = given["record"] == "true"
+    again = _again(given)
     # So that the bag begins with the first tick.
     peers = {"peers": [*(name for _, name in NODES), *(["recorder"] if recorded else [])]}
     peers["unrecorded"] = _unrecorded(given, users)
-    found = [node("heli_flight", "scenario", given, [scenario, *users])]
+    found = [node("heli_flight", "scenario", given, [scenario, *users], again=again)]
     if recorded:
-        found.append(node("heli_bags", "recorder", given, [*users, arguments["recorder"]]))
+        own = [*users, arguments["recorder"]]
+        found.append(node("heli_bags", "recorder", given, own, again=again))
     if given["live"] == "true":
-        found.append(node("heli_live_view", "live_view", given, [*users, arguments["live_view"]]))
+        own = [*users, arguments["live_view"]]
+        found.append(node("heli_live_view", "live_view", given, own, again=again))
     if given["actions"] == "true":
-        found.append(node("heli_actions", "actions", given, users))
+        found.append(node("heli_actions", "actions", given, users, again=again))
     layers = {}
     for package, name in NODES:
         receiver, grade = (
@@ -218,7 +246,7 @@ def _aircraft(given):
         return [*found, together("heli_flight", "composed", given, layers, alone)]
     for package, name in NODES:
         own = [layer for group in layers[name] for layer in group]
-        found.append(node(package, name, given, own, name != "plant" or alone))
+        found.append(node(package, name, given, own, name != "plant" or alone, again))
     return found
 
 

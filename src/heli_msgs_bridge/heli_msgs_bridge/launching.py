@@ -3,8 +3,10 @@
 
 import atexit
 import os
+import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +15,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
+from heli_msgs_bridge.memory import FOLDER, note_restart
 from heli_parameters.parameters import dump_all
 
 
@@ -51,9 +54,67 @@ def users_files(given: Mapping[str, str]) -> list[str]:
     return [path] if path else []
 
 
-def _when_one_ends(needed: bool, event: Any, context: Any) -> list[Shutdown]:
+class Again:
+    """Starts nodes again that die, up to a number of times; the others are told.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Which; a node that is not one of them ends the launch.
+    most, within_s
+        A node that dies so often within so many seconds of wall time ends the launch, too.
+    now_s : callable, optional
+        Wall time, s.
+
+    Attributes
+    ----------
+    folder : Path
+        Of what nodes leave to their successors; removed at launch's end.
+    """
+
+    DELAY_S = 0.05
+    """Wall time until the next one starts: so long launch has to hear that all is to end."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        most: int,
+        within_s: float,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._most, self._within_s, self._now_s = most, within_s, now_s
+        self._died_s: dict[str, list[float]] = {name: [] for name in names}
+        self.folder = Path(tempfile.mkdtemp(prefix="heli_launch_"))
+        atexit.register(shutil.rmtree, self.folder, ignore_errors=True)
+
+    def options(self, name: str) -> dict[str, Any]:
+        """What launch is to know of a node beyond the usual."""
+        options: dict[str, Any] = {"additional_env": {FOLDER: str(self.folder)}}
+        if name in self._died_s:
+            options |= {"respawn": True, "respawn_delay": self.DELAY_S}
+        return options
+
+    def takes(self, name: str, returncode: int) -> bool:
+        """Whether a node that has ended is started again: one that has died, not too often.
+
+        With 0 it is done, with 2 it could not start.
+        """
+        died = self._died_s.get(name)
+        if died is None or returncode in (0, 2):
+            return False
+        now_s = self._now_s()
+        died[:] = [*(s for s in died if now_s - s < self._within_s), now_s]
+        if len(died) >= self._most:
+            return False
+        note_restart(self.folder, name)
+        return True
+
+
+def _when_one_ends(
+    needed: bool, name: str, again: Again | None, event: Any, context: Any
+) -> list[Shutdown]:
     """End the others, too. A failure is launch's own: what is raised makes its exit code 1."""
-    if context.is_shutdown:
+    if context.is_shutdown or (again is not None and again.takes(name, event.returncode)):
         return []
     if event.returncode:
         raise RuntimeError(f"{event.process_name} ended with exit code {event.returncode}")
@@ -66,10 +127,12 @@ def node(
     given: Mapping[str, str],
     layers: Sequence[Any],
     needed: bool = True,
+    again: Again | None = None,
 ) -> Node:
     """A node with its parameter layers, the weakest first.
 
-    Its end ends the launch, unless it is not needed to the end and has not failed.
+    Its end ends the launch, unless it is not needed to the end and has not failed, or is started
+    again.
     """
     return Node(
         package=package,
@@ -79,7 +142,8 @@ def node(
         parameters=[layer for layer in layers if layer],
         ros_arguments=["--log-level", given["log_level"]],
         output="screen",
-        on_exit=partial(_when_one_ends, needed),
+        on_exit=partial(_when_one_ends, needed, name, again),
+        **(again.options(name) if again is not None else {}),
     )
 
 
@@ -106,7 +170,7 @@ def together(
         parameters=list(files),
         ros_arguments=["--log-level", given["log_level"]],
         output="screen",
-        on_exit=partial(_when_one_ends, needed),
+        on_exit=partial(_when_one_ends, needed, executable, None),
     )
 
 

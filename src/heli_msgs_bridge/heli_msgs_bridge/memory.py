@@ -10,6 +10,8 @@ import mmap
 import os
 import pickle
 import struct
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,10 @@ _RECORD_BYTES = 8 << 20
 """Of a record; what is not written takes no space."""
 _HEAD = struct.Struct("<qqq")  # number, tick, length
 _NONE = 0
+
+
+RESTARTS = "restarts"
+"""Of these files, that of who was started again where no supervisor says so: a name a line."""
 
 
 def respawns() -> bool:
@@ -105,6 +111,34 @@ class Memory:
             return mmap.mmap(descriptor, 2 * _RECORD_BYTES)
         finally:
             os.close(descriptor)
+
+
+def note_restart(folder: Path, name: str) -> None:
+    """Say for all nodes of the flight that one of them is started again."""
+    with open(folder / RESTARTS, "a", encoding="utf-8") as file:
+        file.write(f"{name}\n")
+
+
+class Restarts:
+    """What `note_restart` has said by now, read again when there is more of it."""
+
+    def __init__(self) -> None:
+        folder = os.environ.get(FOLDER)
+        self._path = Path(folder) / RESTARTS if folder else None
+        self._size = 0
+
+    def news(self) -> Mapping[str, int]:
+        """How often nodes were started again; empty as long as nothing new has been said."""
+        if self._path is None:
+            return {}
+        try:
+            size = self._path.stat().st_size
+        except OSError:
+            return {}
+        if size == self._size:
+            return {}
+        self._size = size
+        return Counter(self._path.read_text(encoding="utf-8").split())
 
 
 def memory_of(name: str) -> Memory | None:

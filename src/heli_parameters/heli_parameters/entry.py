@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import yaml
 
 from heli_parameters.parameters import ParameterError
+from heli_parameters.printable import printable
 from heli_parameters.rcl_yaml import scalar
 
 NONE = "none"
@@ -53,7 +54,7 @@ def mapping(node: yaml.Node | None, keys: Sequence[str], where: str) -> dict[str
         if key not in keys:
             near = difflib.get_close_matches(key, keys, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(keys)}"
-            raise ParameterError(f"{where}: {key}: unknown key; {hint}")
+            raise ParameterError(f"{where}: {printable(key)}: unknown key; {hint}")
         if key in said:
             raise ParameterError(f"{where}: {key}: the key stands here twice")
         if not isinstance(value_node, yaml.ScalarNode):

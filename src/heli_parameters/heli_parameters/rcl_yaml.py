@@ -17,6 +17,8 @@ from typing import Any
 
 import yaml
 
+from heli_parameters.printable import printable
+
 _TRUE = frozenset("Y y yes Yes YES true True TRUE on On ON".split())
 _FALSE = frozenset("N n no No NO false False FALSE off Off OFF".split())
 _NAN = frozenset((".nan", ".NaN", ".NAN"))
@@ -149,16 +151,17 @@ def _root(path: Path, text: str) -> yaml.MappingNode:
 
 
 def _pairs(node: yaml.MappingNode, path: Path) -> Iterator[tuple[str, yaml.Node, str]]:
-    """(key, value node, place) of a mapping; a repeated key is an error."""
+    """(printable key, value node, place) of a mapping; a repeated key is an error."""
     seen: set[str] = set()
     for key_node, value_node in node.value:
         where = f"{path}:{key_node.start_mark.line + 1}"
         if not isinstance(key_node, yaml.ScalarNode):
             raise ParameterError(f"{where}: a key must be a word")
-        if key_node.value in seen:
-            raise ParameterError(f"{where}: {key_node.value}: the key stands here twice")
-        seen.add(key_node.value)
-        yield key_node.value, value_node, where
+        key = printable(key_node.value)
+        if key in seen:
+            raise ParameterError(f"{where}: {key}: the key stands here twice")
+        seen.add(key)
+        yield key, value_node, where
 
 
 def _parameters(node: yaml.Node, path: Path, pattern: str, prefix: str) -> Iterator[Entry]:

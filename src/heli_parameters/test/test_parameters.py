@@ -136,6 +136,8 @@ BAD = [
     ("table: [1.0, 2.0]", ["table", "2 elements", "multiple of 3"]),
     ("topics: [1.0]", ["topics", "1.0", "texts"]),
     ("mass_kg: 9.0\n    mass_kg: 8.0", ["mass_kg", "twice"]),
+    ('"ma\u00adss\\e[2J\\n": 1.0', ["ma\\xadss\\x1b[2J\\n: unknown parameter"]),
+    ("a" * 300 + ": 1.0", ["a" * 200 + "...: unknown parameter"]),
 ]
 
 

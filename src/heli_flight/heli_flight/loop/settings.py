@@ -329,7 +329,10 @@ def _initial_state(scenario: Mapping[str, Any]) -> dict[str, Any]:
 def _scenario(values: Mapping[str, Mapping[str, Any]]) -> scenario_table.Scenario:
     """The scenario; of one that begins on the ground with what it is judged by."""
     found = scenario_table.Scenario.from_parameters(values[scenario_table.NODE_NAME])
-    script_of(values["outer_loop"])
+    try:
+        script_of(values["outer_loop"])
+    except ParameterError as error:
+        raise ParameterError(f"outer_loop: {error}") from None
     if not values["plant"]["start.on_ground"]:
         return found
     ground = PlantConfig.from_parameters(values["plant"]).kernel.aircraft.ground

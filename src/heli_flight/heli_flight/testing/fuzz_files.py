@@ -26,13 +26,18 @@ from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
 from heli_parameters.locate import config_folder
-from heli_parameters.parameters import ParameterError
+from heli_parameters.parameters import ParameterError, stated
 
 FORMS = {"mcap": Format(), "zstd": Format(zstd=True), "sqlite3": Format("sqlite3")}
+_NODES = (
+    ("heli_dynamics_sim", "plant"), ("heli_observer", "observer"),
+    ("heli_inner_hinf", "inner_loop"), ("heli_outer_pd", "outer_loop"), ("heli_bags", "recorder"),
+)  # fmt: skip
 _STREAMS = (
     topics.TRUTH_ODOM, topics.ODOM, topics.ACTUATORS, topics.ATTITUDE_SETPOINT, topics.BARO,
     topics.GPS_VELOCITY, topics.TRUTH_WIND,
 )  # fmt: skip
+_SCENARIO = config_folder("heli_flight") / "scenarios" / "mte_pirouette.yaml"
 _TICKS = 60
 _SPEC = """\
 flights: 4
@@ -100,7 +105,27 @@ def _parameters(package: str, node: str) -> Target:
             return _naming(str(error), path)
         return ""
 
-    return Target(f"parameters {node}", attempt, 0.2)
+    return Target(f"parameters {node}", attempt, 300)
+
+
+def _yaml() -> Target:
+    """A node's file by itself: reader, keys and bounds, without the flight's other files."""
+    texts = {
+        node: (config_folder(package) / f"{node}.yaml").read_text(encoding="utf-8")
+        for package, node in _NODES
+    } | {"scenario": _SCENARIO.read_text(encoding="utf-8")}
+
+    def attempt(numbers: random.Random, folder: Path) -> str:
+        node = numbers.choice(tuple(texts))
+        path = _write(numbers, folder / f"{node}.yaml", texts[node])
+        try:
+            stated(TABLES[node], [path], node)
+        except ParameterError as error:
+            assert str(path) in str(error), error
+            return str(error)
+        return ""
+
+    return Target("parameters read", attempt)
 
 
 def _naming(said: str, path: Path) -> str:
@@ -110,8 +135,7 @@ def _naming(said: str, path: Path) -> str:
 
 
 def _scenario() -> Target:
-    source = config_folder("heli_flight") / "scenarios" / "mte_pirouette.yaml"
-    text = source.read_text(encoding="utf-8")
+    text = _SCENARIO.read_text(encoding="utf-8")
 
     def attempt(numbers: random.Random, folder: Path) -> str:
         path = _write(numbers, folder / "scenario_fuzzed.yaml", text)
@@ -121,7 +145,7 @@ def _scenario() -> Target:
             return str(error)
         return ""
 
-    return Target("scenario file", attempt, 0.2)
+    return Target("scenario file", attempt, 300)
 
 
 def _campaign() -> Target:
@@ -133,7 +157,7 @@ def _campaign() -> Target:
             return _naming(str(error), path)
         return ""
 
-    return Target("campaign spec", attempt, 0.1)
+    return Target("campaign spec", attempt, 200)
 
 
 def _aircraft() -> Target:
@@ -148,7 +172,7 @@ def _aircraft() -> Target:
             return _naming(str(error), path)
         return ""
 
-    return Target("aircraft file", attempt, 0.2)
+    return Target("aircraft file", attempt)
 
 
 # --- bags ----------------------------------------------------------------------------------------
@@ -238,7 +262,7 @@ def damaged_bag(numbers: random.Random, folder: Path) -> Path:
     return bag
 
 
-def _command(name: str, words: Callable[[Path, Path], tuple[str, ...]], share: float) -> Target:
+def _command(name: str, words: Callable[[Path, Path], tuple[str, ...]], short: int) -> Target:
     def attempt(numbers: random.Random, folder: Path) -> str:
         out = folder / "out"
         shutil.rmtree(out, ignore_errors=True)
@@ -246,22 +270,19 @@ def _command(name: str, words: Callable[[Path, Path], tuple[str, ...]], share: f
         assert not (said and out.exists()), f"left behind: {list(out.iterdir())}"
         return said
 
-    return Target(f"heli {name}", attempt, share)
+    return Target(f"heli {name}", attempt, short)
 
 
 TARGETS = (
-    _parameters("heli_dynamics_sim", "plant"),
-    _parameters("heli_observer", "observer"),
-    _parameters("heli_inner_hinf", "inner_loop"),
-    _parameters("heli_outer_pd", "outer_loop"),
-    _parameters("heli_bags", "recorder"),
+    _yaml(),
+    *(_parameters(package, node) for package, node in _NODES),
     _scenario(),
     _campaign(),
     _aircraft(),
-    _command("bag info", lambda bag, out: ("bag", "info", str(bag)), 0.1),
-    _command("bag echo", lambda bag, out: ("bag", "echo", str(bag), "odom", "--count", "3"), 0.1),
-    _command("bag csv", lambda bag, out: ("bag", "csv", str(bag), "--out", str(out)), 0.1),
-    _command("bag repair", lambda bag, out: ("bag", "repair", str(bag), "--out", str(out)), 0.1),
-    _command("score", lambda bag, out: ("score", str(bag), "--mte", "hover"), 0.1),
-    _command("report", lambda bag, out: ("report", str(bag), "--out", str(out)), 0.01),
+    _command("bag info", lambda bag, out: ("bag", "info", str(bag)), 40),
+    _command("bag echo", lambda bag, out: ("bag", "echo", str(bag), "odom", "--count", "3"), 40),
+    _command("bag csv", lambda bag, out: ("bag", "csv", str(bag), "--out", str(out)), 40),
+    _command("bag repair", lambda bag, out: ("bag", "repair", str(bag), "--out", str(out)), 40),
+    _command("score", lambda bag, out: ("score", str(bag), "--mte", "hover"), 40),
+    _command("report", lambda bag, out: ("report", str(bag), "--out", str(out)), 5),
 )

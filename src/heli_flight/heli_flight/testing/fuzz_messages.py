@@ -26,14 +26,16 @@ from heli_msgs_bridge.velocity_message import decode_velocity
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _PLACE = datum(45.0, 10.0, 100.0)
 _STAMP_NS = 3 * NS_PER_S
-_LONG = 1_000_000
+# What is too long is so slow to make that it comes in one of so many cases.
+_LONG, _SELDOM = 1_000_000, 40
 # Of the messages in a sequence.
 _LOOKED_AT = 4
 _TEXTS = ("", "map", "base_link", "heli2/base_link", "map_ned", "\x1b[2J", "é" * 50, "x" * 100_000)
 _NORMALISED = (topics.ACTUATORS, topics.COLLECTIVE)
 
 
-def _place(name: str) -> Any:
+def place(name: str) -> Any:
+    """Where a fix is; None for what speaks of no place."""
     return _PLACE if name == topics.GPS_FIX else None
 
 
@@ -49,7 +51,7 @@ def good_row(name: str) -> np.ndarray:
 
 def good_bytes(name: str) -> bytes:
     """A serialised message of a stream."""
-    return Encoder(name, (), _place(name)).encode(good_row(name), _STAMP_NS)
+    return Encoder(name, (), place(name)).encode(good_row(name), _STAMP_NS)
 
 
 def _spoilt_number(numbers: random.Random, value: Any) -> Any:
@@ -58,10 +60,15 @@ def _spoilt_number(numbers: random.Random, value: Any) -> Any:
     return numbers.choice(NASTY_INTS if isinstance(value, int) else NASTY)
 
 
+def _length(numbers: random.Random, longest: int, *others: int) -> int:
+    """A length for an array or a text, now and then the longest."""
+    return longest if numbers.randrange(_SELDOM) == 0 else numbers.choice(others)
+
+
 def _spoilt_array(numbers: random.Random, array: np.ndarray) -> np.ndarray:
     kind, spoilt = numbers.randrange(5), array.copy()
     if kind == 0 or not array.size:
-        return np.zeros(numbers.choice((0, 1, 7, _LONG)), array.dtype)
+        return np.zeros(_length(numbers, _LONG, 0, 1, 7), array.dtype)
     if kind == 1:
         return spoilt[: numbers.randrange(array.size)]
     if array.dtype.kind == "f":
@@ -84,9 +91,9 @@ def _spoilt(numbers: random.Random, owner: Any, name: str) -> Any:
         if kind == 0 or not value:
             return []
         if kind == 1:
-            return value * numbers.choice((2, 1000))
+            return value * _length(numbers, 1000, 2, 3)
         if kind == 2 and isinstance(value[0], str):
-            return ["x"] * numbers.choice((1, _LONG // 10))
+            return ["x"] * _length(numbers, _LONG // 10, 1, 2)
         return numbers.sample(value, len(value))
     return _spoilt_number(numbers, value)
 
@@ -146,10 +153,10 @@ def hostile(numbers: random.Random, raw: bytes, type_name: str) -> bytes:
 def _stream(name: str) -> Target:
     whole, type_name = good_bytes(name), topics.BY_NAME[name].type
     # Not all of a row is in its message.
-    expected = Decoder(name, _place(name)).decode(whole).copy()
+    expected = Decoder(name, place(name)).decode(whole).copy()
 
     def attempt(numbers: random.Random, folder: Path) -> str:
-        decoder = Decoder(name, _place(name), namespace="")
+        decoder = Decoder(name, place(name), namespace="")
         raw = hostile(numbers, whole, type_name)
         said = ""
         try:

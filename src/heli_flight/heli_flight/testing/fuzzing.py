@@ -16,8 +16,10 @@ NASTY = (
     1.7976931348623157e308, float("inf"), float("-inf"), float("nan"),
 )  # fmt: skip
 NASTY_INTS = (0, 1, -1, 127, 128, 255, 2**15, 2**31 - 1, -(2**31), 2**32 - 1, 2**63 - 1, -(2**63))
+MANY = 10_000
+"""Cases of a target that is cheap, and of every one in the long form."""
 _MOST_CHARACTERS = 8000
-_KEPT, _SHOWN, _BEGINNING = 5, 300, 40
+_KEPT, _SHOWN, _BEGINNING = 5, 300, 60
 
 
 @dataclass(frozen=True)
@@ -29,13 +31,13 @@ class Target:
     name : str
         Kind and name, such as `message odom`.
     attempt : callable
-    share : float
-        Cases of it to one of a cheap one: it is so slow.
+    short : int
+        Cases of it in the short form, that of every test run: fewer where one takes milliseconds.
     """
 
     name: str
     attempt: Attempt
-    share: float = 1.0
+    short: int = MANY
 
 
 @dataclass
@@ -50,7 +52,7 @@ class Tally:
     failures : list of str
         The first of them: number, and what happened.
     sentences : set of str
-        Beginnings of refusals: that the input is not refused always for the same.
+        Beginnings of refusals, without the folder: not always the same one.
     """
 
     cases: int = 0
@@ -85,7 +87,7 @@ def tally(target: Target, numbers: Iterable[int], folder: Path) -> Tally:
             found.taken += 1
         elif is_sentence(said):
             found.refused += 1
-            found.sentences.add(said[:_BEGINNING])
+            found.sentences.add(said.replace(str(folder), "")[:_BEGINNING])
         else:
             _fail(found, number, f"no sentence: {said[:_SHOWN]!r} ({len(said)} characters)")
     return found

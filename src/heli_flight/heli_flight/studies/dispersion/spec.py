@@ -30,6 +30,7 @@ from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.dispersion.distribution import Distribution, distribution_of
 from heli_flight.studies.dispersion.sampling import GRID, SAMPLINGS, correlated, unit_points
 from heli_parameters.parameters import Parameter, ParameterError
+from heli_parameters.printable import printable
 
 AIRCRAFT = "aircraft"
 EACH = "each"
@@ -235,7 +236,7 @@ def _checked(told: Any, folder: Path) -> Spec:
 def _unknown(where: str, key: str, known: Sequence[str]) -> str:
     near = difflib.get_close_matches(key, known, n=1)
     hint = f"did you mean {where}{near[0]}?" if near else f"allowed: {', '.join(known[:_SHOWN])}"
-    return f"{where}{key}: unknown key; {hint}"
+    return f"{where}{printable(key)}: unknown key; {hint}"
 
 
 def _numbers(told: Mapping[str, Any]) -> None:
