@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Runs every check: lint, format, types, import contracts, tests (on all cores). Arguments go to pytest, which then runs
-# in one process (./run_tests.sh src/heli_observer -k bias).
+# in one process (./run_tests.sh src/heli_observer -k bias). --help: tells what it does, and sets nothing up.
 set -euo pipefail
 shopt -s lastpipe
 trap 'echo interrupted >&2; exit 130' INT
@@ -13,6 +13,30 @@ HELI_ROOT=$PWD
 cd -- "$OLDPWD"
 # shellcheck source=scripts/setup_env.sh
 source "$HELI_ROOT/scripts/setup_env.sh"
+
+if [ "${1:-}" = --help ]; then
+    heli_result setup_size test_mb
+    cat <<END
+Usage: ./run_tests.sh [ARGUMENTS OF PYTEST]
+
+  Run every check: ruff (lint, format), mypy, import contracts, then pytest.
+
+  Without arguments all tests run, on all cores. With arguments pytest has one
+  process and gets them:
+
+    ./run_tests.sh src/heli_observer -k bias    one package, tests with that word
+    ./run_tests.sh tests/flight -x              one folder, until the first failure
+    ./run_tests.sh -m nightly                   the long forms
+
+  What pytest itself takes: ./heli python -m pytest --help
+
+  exit code: 0 all passed, another one of the first check that failed
+
+Set-up, once: $(heli_told_costs).
+The test tools are $heli_number MB more to download.
+END
+    exit 0
+fi
 heli_setup_env test
 
 if [ $# = 0 ]; then

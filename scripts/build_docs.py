@@ -17,11 +17,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from docs_notebooks import notebook_page, with_page_links
 from docs_reference import command_page, names_page
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = "docs/site/mkdocs.yml"
-PAGES = ("*.md", "docs/**/*.md", "src/*/README.md", "benchmarks/*.md")
+PAGES = ("*.md", "docs/**/*.md", "src/*/README.md", "benchmarks/*.md", "examples/**/*.md")
+NOTEBOOKS = "examples/**/*.ipynb"
 ASSETS = ("docs/site/*.css", "docs/site/*.js", "docs/site/vendor/*.js")
 REFERENCE = "reference"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
@@ -75,7 +77,16 @@ def lay_out(root: Path, folder: Path) -> list[Path]:
     for page in pages(root):
         text = (root / page).read_text(encoding="utf-8")
         files |= set(linked_files(text, page, root))
+        _write(folder / page, as_on_github(with_page_links(text)))
+    for file in root.glob(NOTEBOOKS):
+        page = file.relative_to(root).with_suffix(".md")
+        text, pictures = notebook_page(file)
+        files |= set(linked_files(text, page, root))
+        # The one link to the notebook itself leads to the file.
+        text = with_page_links(text).replace(f"({page.name})", f"({file.name})")
         _write(folder / page, as_on_github(text))
+        for name, content in pictures.items():
+            (folder / page).with_name(name).write_bytes(content)
     for file in files:
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(root / file, folder / file)

@@ -173,6 +173,32 @@ heli_leave_setup() {
     fi
 }
 
+# Sets heli_number to the number of a key in a committed result, or to "?".
+heli_result() {
+    heli_number="?"
+    heli_read "$HELI_ROOT/docs/results/$1.json"
+    [[ ! $heli_text =~ \"$2\":\ *([0-9]+) ]] || heli_number=${BASH_REMATCH[1]}
+}
+
+# Prints what set-up costs, as it was measured.
+heli_told_costs() {
+    local download installed seconds cores name load
+    heli_result setup_size download_mb && download=$heli_number
+    heli_result setup installed_mb && installed=$heli_number
+    heli_result setup setup_s && seconds=$heli_number
+    heli_result setup cores && cores=$heli_number
+    [[ ! $heli_text =~ \"name\":\ *\"([^\"]+)\" ]] || name=${BASH_REMATCH[1]}
+    [[ ! $heli_text =~ \"load\":\ *([0-9.]+) ]] || load=${BASH_REMATCH[1]}
+    printf 'it downloads %s MB, takes %s MB of disk, and took %s s from empty caches on %s cores of an %s at load %s (docs/results/setup.json)' \
+        "$download" "$installed" "$seconds" "$cores" "${name:-?}" "${load:-?}"
+}
+
+# Prints the MB that a folder takes of the disk.
+heli_size_of() {
+    local size
+    size=$(du --summarize --block-size=MB -- "$1" 2>/dev/null) && printf '%s' "${size%%MB*}"
+}
+
 # Notes what the time since the last mark was spent on.
 heli_mark() {
     heli_split+="${heli_split:+, }$1 $((SECONDS - heli_marked_s)) s"
@@ -188,7 +214,7 @@ heli_make_environment() {
     if [ -e "$heli_venv" ] && [ ! -e "$heli_venv/heli_made_here" ]; then
         heli_fail "$heli_venv exists but was not made by this set-up; move it away, or choose another folder with HELI_VENV=/path"
     fi
-    printf 'Setting up %s with Python %s, once, one to two minutes ...\n' "$heli_venv" "$heli_base_version" >&2
+    printf 'Setting up %s with Python %s, once: %s ...\n' "$heli_venv" "$heli_base_version" "$(heli_told_costs)" >&2
     heli_discard_environment
     { mkdir -p -- "$heli_venv" && : >"$heli_venv/heli_made_here"; } 2>/dev/null || heli_fail "cannot write $heli_venv"
     printf '%s\n' "$heli_base_python" >"$heli_venv/heli_python"
@@ -340,7 +366,8 @@ heli_make_missing() {
     ! env --block-signal=INT true 2>/dev/null || : >"$heli_venv/heli_blocks_signals"
     printf '%s' "$heli_want_env" >"$heli_venv/heli_stamp"
     if [ "$1" = test ]; then
-        printf 'Adding the test tools, once ...\n' >&2
+        heli_result setup_size test_mb
+        printf 'Adding the test tools, once: %s MB to download ...\n' "$heli_number" >&2
         heli_base_python=$heli_venv/bin/python
         packages=(-c "$pins" -r "$requirements/test.txt")
         [ "$heli_mode" = ros ] || packages=(--no-deps --require-hashes -r "$requirements/hashes/test.txt")
@@ -349,6 +376,7 @@ heli_make_missing() {
         heli_mark "test tools"
     fi
     printf 'Set up in %d s: %s.\n' "$((SECONDS - begun_s))" "$heli_split" >&2
+    printf '%s takes %s MB of disk.\n' "$heli_venv" "$(heli_size_of "$heli_venv")" >&2
 }
 
 # One set-up at a time; whoever waited looks again at what is missing.
@@ -371,7 +399,8 @@ heli_make_missing_alone() {
     rm -f -- "$heli_log" "$heli_log.pins"
 }
 
-heli_setup_env() {
+# Sets what set-up wants, and cleans the environment for what is started.
+heli_look() {
     heli_choose_mode
     heli_clean_environment
     heli_read "$HELI_ROOT"/requirements/*.txt
@@ -380,6 +409,10 @@ heli_setup_env() {
     printf -v heli_want_layout '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,config,web,launch/*,scripts/*}
     heli_want_layout+=$heli_text
     if [ "$heli_mode" = ros ] && heli_can_generate; then heli_want_layout+=generated; fi
+}
+
+heli_setup_env() {
+    heli_look
     heli_all_stands "${1:-}" || heli_make_missing_alone "${1:-}"
     export VIRTUAL_ENV="$heli_venv" PATH="$heli_venv/bin:$PATH"
     heli_source_workspace

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli.options import split
+from heli.waiting import told_when_long
 from heli_flight.loop.settings import resolve
 from heli_flight.loop.worlds import HOVER_TEST_WORLD
 from heli_flight.studies.design.make import Design as Made
@@ -125,6 +126,7 @@ def design(
     aircraft: str | None = None,
     gamma: float | None = None,
     gamma_factor: float | None = None,
+    quiet: bool = False,
 ) -> Design:
     """Trim, linearise, synthesise, choose the observer, analyse: as `heli design`.
 
@@ -137,6 +139,8 @@ def design(
     gamma, gamma_factor : float, optional
         Bound of state feedback (`controller: hinf`), or the same as a multiple of gamma*; that of
         the packaged law is the parameter `output.gamma`.
+    quiet : bool
+        True: nothing is printed. Else what is being worked out goes to stderr from 2 s on.
 
     Returns
     -------
@@ -157,5 +161,7 @@ def design(
         raise ParameterError("gamma and gamma_factor: give one of them, not both")
     settings = resolve(params=files, overrides=over).at_100_hz("heli.design")
     air = resolve(params=files, overrides=over, world=HOVER_TEST_WORLD).nodes["plant"]
-    basis = aircraft_basis(settings, aircraft)
-    return Design(design_of(basis, settings, gamma, gamma_factor, air))
+    with told_when_long("heli.design", quiet) as tell:
+        tell("trim and linear model")
+        basis = aircraft_basis(settings, aircraft)
+        return Design(design_of(basis, settings, gamma, gamma_factor, air, tell=tell))

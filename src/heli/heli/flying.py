@@ -15,6 +15,7 @@ from heli.loading import load
 from heli.options import Over, faults_over, merged, split
 from heli_dynamics_sim import plant
 from heli_flight.loop.closed_loop import fly as one_process_kernel
+from heli_flight.loop.commit import sources_commit
 from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
 from heli_flight.loop.laws import NODES
 from heli_flight.loop.settings import Settings
@@ -184,5 +185,7 @@ def flown(settings: Settings, say: Console, laws: Sequence[PythonLaw] = ()) -> F
     if not getattr(kernel, "signatures", True) and not is_compiled(kernel):
         say.print(_COMPILES, highlight=False, soft_wrap=True, markup=False)
     found = fly_one_process(settings, say, laws)
-    recorded = Recorded(found.record, settings, found.result, Path("."), ONE_PROCESS)
+    recorded = Recorded(
+        found.record, settings, found.result, Path("."), ONE_PROCESS, commit=sources_commit()
+    )
     return Flight(recorded)

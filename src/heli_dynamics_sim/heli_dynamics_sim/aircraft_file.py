@@ -100,8 +100,8 @@ def config_folders() -> list[Path]:
 def find_aircraft(path: str | Path) -> Path:
     """The file of an aircraft: a bare name in the packaged folder, else a path that exists.
 
-    A packaged name means the packaged file, whatever lies in the working directory; `./name` is
-    the way to one there.
+    A packaged name, with or without `.yaml`, means the packaged file, whatever lies in the working
+    directory; `./name` is the way to one there.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def find_aircraft(path: str | Path) -> Path:
     known: set[str] = set()
     for folder in config_folders() if bare else ():
         for candidate in sorted((folder / "aircraft").glob("*.yaml")):
-            if candidate.name == str(path):
+            if str(path) in (candidate.name, candidate.stem):
                 return candidate
             known.add(candidate.name)
     if Path(path).is_file():

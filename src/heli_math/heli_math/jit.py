@@ -156,7 +156,9 @@ def is_compiled(kernel: Callable[..., Any]) -> bool:
     if function is None or os.environ.get("NUMBA_CACHE_DIR"):
         return True
     path = Path(function.__code__.co_filename)
-    folder = cache_folder(function.__module__, path)
+    # Of this source file: the same sources elsewhere on the machine have a folder of their own.
+    cache: Any = getattr(kernel, "_cache", None)
+    folder = Path(getattr(cache, "cache_path", cache_folder(function.__module__, path)))
     return any(folder.rglob(f"{path.stem}.{function.__qualname__}-*.nbi"))
 
 

@@ -2,6 +2,7 @@
 """A change of any source that a kernel depends on starts a fresh cache; other changes do not."""
 
 import os
+import shutil
 import subprocess
 import sys
 
@@ -51,6 +52,29 @@ def call(tree, module="probe_pkg.deep.kernel", name="scaled"):
 def test_a_kernel_comes_from_the_cache_the_second_time(tree):
     assert call(tree) == (6.0, 0)
     assert call(tree) == (6.0, 1)
+
+
+def test_whether_it_is_compiled_is_a_question_of_this_source_file(tree, tmp_path):
+    """The same sources in another folder share the digest, and nothing else."""
+
+    def waits(top):
+        code = (
+            "from heli_math.jit import is_compiled; from probe_pkg.deep.kernel import scaled; "
+            "print(is_compiled(scaled))"
+        )
+        env = {**os.environ, "PYTHONPATH": str(top), "XDG_CACHE_HOME": str(tree / "cache")}
+        env.pop("NUMBA_CACHE_DIR", None)
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+        )
+        return done.stdout.strip() == "True"
+
+    twin = tmp_path / "twin"
+    for name in ("probe_pkg", "heli_probe"):
+        shutil.copytree(tree / name, twin / name)
+    assert not waits(tree)
+    call(tree)
+    assert waits(tree) and not waits(twin)
 
 
 def test_a_changed_constant_of_another_package_is_compiled_in(tree):

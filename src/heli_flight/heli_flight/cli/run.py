@@ -29,6 +29,10 @@ def run(app: typer.Typer, argv: Sequence[str] | None, prog: str) -> int:
         with interrupts.told():
             code = app(args=argv, prog_name=prog, standalone_mode=False)
     except TyperException as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            # Not a mistake in a line, but the whole help, as it stands.
+            print(_text_of(error), file=sys.stderr)
+            return EXIT_BAD_INPUT
         print(f"{name}: {_one_line(_text_of(error))}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except Exception as error:

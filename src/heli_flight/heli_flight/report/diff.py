@@ -35,11 +35,16 @@ _COMMIT_DIGITS = 10
 
 @dataclass(frozen=True)
 class Named:
-    """A recorded flight and what it is called: by its folder."""
+    """A recorded flight and what it is called: by its folder; path None: it lies nowhere."""
 
     name: str
-    path: Path
+    path: Path | None
     flight: Recorded
+
+    @property
+    def place(self) -> str:
+        """Where it was read."""
+        return str(self.path) if self.path else f"in memory ({self.flight.how})"
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,7 @@ class Diff:
             "flights": [
                 {
                     "name": named.name,
-                    "path": str(named.path),
+                    "path": named.place,
                     "how": named.flight.how,
                     "flown_s": named.flight.result.flown_s,
                     "lost": named.flight.result.lost,
@@ -158,16 +163,28 @@ def diff(paths: Sequence[Path]) -> Diff:
     ParameterError, FlightError
         Each with one line that names the file.
     """
-    if not 2 <= len(paths) <= MOST:
-        raise ParameterError(f"name two to {MOST} flights, not {len(paths)}")
-    flights = [
-        Named(name, path, recorded(path))
-        for name, path in zip(_names(paths), paths, strict=True)
-    ]  # fmt: skip
+    refuse_count(len(paths))
+    names = names_of(paths)
+    return beside([Named(name, p, recorded(p)) for name, p in zip(names, paths, strict=True)])
+
+
+def refuse_count(count: int) -> None:
+    """Refuse so many flights, or so few.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if not 2 <= count <= MOST:
+        raise ParameterError(f"name two to {MOST} flights, not {count}")
+
+
+def beside(flights: Sequence[Named]) -> Diff:
+    """Lay flights beside each other that have been read; two to `MOST`, each with its own name."""
     return Diff(flights, _parameters(flights), _metrics(flights), _climb(flights))
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
+def names_of(paths: Sequence[Path]) -> list[str]:
     """Last parts of the paths, as many as tell them apart."""
     parts = [path.resolve().parts for path in paths]
     if len(set(parts)) < len(parts):

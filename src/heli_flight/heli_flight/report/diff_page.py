@@ -62,7 +62,7 @@ def render(found: Diff) -> str:
         parameters=_parameter_table(found),
         metrics=_metric_tables(found),
         notes=[f"{n.name}: {said}" for n in found.flights for said in _notes(n)],
-        paths=[f"{n.name}: {n.path}" for n in found.flights],
+        paths=[f"{n.name}: {n.place}" for n in found.flights],
     )
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`heli design`: from aircraft and weights to every number that the nodes load, with its proof."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,20 +17,17 @@ from heli_flight.loop.settings import Settings, resolve
 from heli_flight.loop.worlds import HOVER_TEST_WORLD
 from heli_flight.studies.design.attitude import beyond_the_box, searched_output, yardstick
 from heli_flight.studies.design.between_samples import norm_between_samples
+from heli_flight.studies.design.bounds import bound_of, output_bound_of
 from heli_flight.studies.design.outer import attitude_lags_s, position_loop
 from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.analysis import LoopReport, analyse, loops_of, model_of
 from heli_inner_hinf.attitude_search import Yardstick
-from heli_inner_hinf.design import AttitudeConfig, added_weights
+from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.disk_margin import DiskMargin
 from heli_inner_hinf.loops import Loop, Model
 from heli_inner_hinf.margins import further_delay_s
 from heli_inner_hinf.observer_gain import Candidate, choose_observer_gain
-from heli_inner_hinf.output_feedback import generalised_plant
 from heli_inner_hinf.pid_tuning import AxisGains, gains_of, tune_pid
-from heli_inner_hinf.synthesis import gamma_star
-from heli_inner_hinf.weights import weights
-from heli_math.central_controller import NoControllerError, optimal_gamma
 from heli_math.rows import ACTUATOR, NINE
 from heli_math.state_names import INPUT_NAMES
 from heli_math.ticks import TICK_S, ticks_in
@@ -40,7 +37,6 @@ from heli_robust.lifting import SampledNorm
 
 _MAX_DELAY_TICKS = 2
 LONGEST_DELAY_S = 0.2
-_OUTPUT_GAMMA_FACTOR = 1.05  # least output.gamma over gamma*: nearer the law loses its margins
 
 
 @dataclass(frozen=True)
@@ -237,6 +233,7 @@ def design_of(
     air: Mapping[str, Any] | None = None,
     search: bool = False,
     measure: Yardstick | None = None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Design:
     """Synthesise, choose the observer, tune the PID, analyse; no aircraft file is read.
 
@@ -254,6 +251,8 @@ def design_of(
         default: the settings'.
     measure : Yardstick, optional
         Search by it for the numbers of `output`.
+    tell : callable
+        Told what comes next, a few words.
 
     Raises
     ------
@@ -262,6 +261,7 @@ def design_of(
     if gamma is not None and gamma_factor is not None:
         raise ParameterError("--gamma and --gamma-factor: give one of them, not both")
     actuation = basis.actuation
+    tell("attitude law and its certificate")
     inner: dict[str, Any] = {
         **settings.nodes["inner_loop"],
         "model.A": basis.A,
@@ -274,15 +274,17 @@ def design_of(
         "delay_ticks": ticks_in(actuation.delay_s),
         "prediction_s": round(actuation.known_lag_s, 3),
     }
-    inner["gamma"] = _gamma(inner, gamma, gamma_factor)
-    inner["output.gamma"] = _output_gamma(inner, actuation)
+    inner["gamma"] = bound_of(inner, gamma, gamma_factor)
+    inner["output.gamma"] = output_bound_of(inner, actuation)
     if measure is not None:
         inner |= searched_output(inner, measure)
     attitude = AttitudeConfig.from_parameters(inner)
     feed = observer_input(actuation)
     model = model_of(attitude)
+    tell("observer")
     plain = replace(model, shift_rate=0.0)
     best, _ = choose_observer_gain(plain, attitude.prediction_s, actuation, feed)
+    tell("PID")
     pid = tune_pid(plain, actuation)
     inner |= {f"pid.{name}": gains for name, gains in gains_of(pid).items()}
     loops = loops_of(attitude, best.K, feed, actuation)
@@ -294,6 +296,7 @@ def design_of(
     outer: tuple[AxisReport, ...] = ()
     together = None
     if basis.plant:
+        tell("position loop")
         values["plant"] = dict(basis.plant)
         own = {**settings.nodes["outer_loop"], **values["outer_loop"]}
         around = {**(air or settings.nodes["plant"]), **basis.plant}
@@ -302,6 +305,7 @@ def design_of(
             values["outer_loop"] |= position.chosen(own)
         outer = position.reports(own | values["outer_loop"])
         together = position.common_margin(own | values["outer_loop"])
+    tell("margins of the loop as flown")
     return Design(
         basis=basis,
         attitude=attitude,
@@ -331,29 +335,6 @@ def observer_input(actuation: Actuation) -> ObserverInput:
     return ObserverInput(
         ticks_in(actuation.delay_s), actuation.servo_radps, actuation.servo_damping
     )
-
-
-def _gamma(inner: Mapping[str, Any], gamma: float | None, factor: float | None) -> float:
-    if gamma is not None:
-        return gamma
-    if factor is None:
-        return float(inner["gamma"])
-    C, D = weights(inner["C11"], inner["C22"], inner["D11"])
-    plant = (inner["model.A"], inner["model.B"], inner["model.E"])
-    return factor * gamma_star(*plant, C, D).value
-
-
-def _output_gamma(inner: Mapping[str, Any], actuation: Actuation) -> float:
-    """`output.gamma`, or a bound above gamma* for an aircraft that has no law below it."""
-    model = inner["model.A"], inner["model.B"], inner["model.E"]
-    C, D = weights(inner["C11"], inner["C22"], inner["D11"])
-    gamma = float(inner["output.gamma"])
-    plant = generalised_plant(*model, C, D, added_weights(inner), actuation)
-    try:
-        least = _OUTPUT_GAMMA_FACTOR * optimal_gamma(plant, gamma).value
-    except NoControllerError:
-        return gamma  # what flies it says why
-    return gamma if gamma >= least else float(f"{least:.3g}")
 
 
 def _observer_values(

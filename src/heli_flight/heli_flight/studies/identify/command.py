@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`heli identify`: fly two experiments or take their bags, fit, design, compare, report, fly."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,8 @@ class Wanted:
     gps : str or None
     gamma_factor : float or None
     one_process : bool
+    quiet : bool
+        Whether nothing is told of its progress.
     """
 
     actuators: Path | None = None
@@ -61,6 +64,11 @@ class Wanted:
     gps: str | None = None
     gamma_factor: float | None = None
     one_process: bool = False
+    quiet: bool = False
+
+    def progress(self, what: str, total: int) -> AbstractContextManager[Callable[[float], None]]:
+        """Progress on stderr, or none."""
+        return nullcontext(lambda done: None) if self.quiet else steps(what, total)
 
     @property
     def from_bags(self) -> bool:
@@ -143,7 +151,7 @@ def run(wanted: Wanted, folder: Path | None) -> Outcome:
         kind: _experiment(wanted, kind, given, folder) for kind in ("actuators", "gusts")
     }
     known = not wanted.from_bags or wanted.aircraft is not None
-    with steps("identification", _STEPS) as progress:
+    with wanted.progress("identification", _STEPS) as progress:
         done = [0]
 
         def tell(_: str) -> None:
@@ -171,7 +179,7 @@ def _experiment(wanted: Wanted, kind: str, given: Given, folder: Path | None) ->
             f"identify: periods: {given.periods} of {given.period_s:g} s from {given.start_s:g} s "
             f"on do not fit into the scenario's duration_s = {length_s:g} s"
         )
-    with steps(f"flight: {kind}, s", round(length_s)) as progress:
+    with wanted.progress(f"flight: {kind}, s", round(length_s)) as progress:
         if wanted.one_process or folder is None:
             return _fly_alone(settings, given, lambda s: progress(int(s)))
         _fly_graph(settings, folder / kind, lambda s: progress(int(s)))

@@ -232,7 +232,7 @@ def recorder(results: Results) -> str:
 
 def setup(results: Results) -> str:
     """What the first call of a command costs."""
-    found, made = results["setup"], results.read["setup"]
+    found, made, size = results["setup"], results.read["setup"], results["setup_size"]
     split = ", ".join(f"{name} {seconds} s" for name, seconds in found["split_s"].items())
     return (
         "From a fresh clone with empty caches `./hover_test.sh` ends after "
@@ -240,7 +240,8 @@ def setup(results: Results) -> str:
         f"{found['setup_s']} s of "
         f"set-up ({split}), {found['start_up_s']:.0f} s until all nodes are up, "
         f"{found['flown_s']:g} s flown in {found['flight_s']:.1f} s, then the report. "
-        f"The environment takes {found['installed_mb']} MB."
+        f"It downloads {size['download_mb']} MB; the environment takes {found['installed_mb']} MB. "
+        f"The test tools are {size['test_mb']} MB more to download."
     )
 
 

@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`heli.diff`: flights beside each other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heli.flight import Flight, as_dataframe
+from heli.metrics import NAVIGATION, WINDOWS
+from heli.signals import html_table
+from heli_flight.report import diff as beside
+from heli_parameters.parameters import ParameterError
+
+if TYPE_CHECKING:
+    import pyarrow
+
+    from heli_flight.report.diff import Beside
+
+_SAME_BELOW = 5e-4
+ABSENT = "-"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One metric of all flights.
+
+    Attributes
+    ----------
+    name, label, unit : str
+    paper : float
+        The largest that the paper shows; of a path, a goal.
+    source, stretch : str
+        As of a `Metric`.
+    values, rms : tuple of float or None
+        Of each flight the largest magnitude and the rms; None where it was not taken.
+    inside : tuple of bool or None
+        Whether each flight's value is inside the paper's.
+    change : float or None
+        Of two flights the second value over the first, less 1; None of more.
+    """
+
+    name: str
+    label: str
+    unit: str
+    paper: float
+    source: str
+    stretch: str
+    values: tuple[float | None, ...]
+    rms: tuple[float | None, ...]
+    inside: tuple[bool | None, ...]
+    change: float | None
+
+    def __str__(self) -> str:
+        cells = (ABSENT if value is None else f"{value:.3g}" for value in self.values)
+        more = "" if self.change is None else f" ({_changed(self.change)})"
+        return f"{' / '.join(cells)} {self.unit}{more}"
+
+
+class ComparedMetrics(Mapping[str, Compared]):
+    """Metrics of all flights by name, from the navigation record over the scored windows.
+
+    Parameters
+    ----------
+    rows : sequence of Beside
+        Of every record and stretch.
+    source, stretch : str
+        Which of them this mapping shows; others by `of`.
+    """
+
+    def __init__(
+        self, rows: Sequence[Beside], source: str = NAVIGATION, stretch: str = WINDOWS
+    ) -> None:
+        self._rows, self.source, self.stretch = rows, source, stretch
+        self._found = {
+            row.metric.key: _compared(row)
+            for row in rows
+            if (row.source, row.stretch) == (source, stretch)
+        }
+
+    def of(self, source: str = NAVIGATION, stretch: str = WINDOWS) -> ComparedMetrics:
+        """The same flights measured from another record, or over another stretch.
+
+        Raises
+        ------
+        ParameterError
+            There is none of that name.
+        """
+        known = sorted({(row.source, row.stretch) for row in self._rows})
+        if (source, stretch) not in known:
+            told = "; ".join(", ".join(pair) for pair in known)
+            raise ParameterError(f"{source!r}, {stretch!r} is not allowed; allowed: {told}")
+        return ComparedMetrics(self._rows, source, stretch)
+
+    def __getitem__(self, name: str) -> Compared:
+        if name not in self._found:
+            raise KeyError(f"no metric {name!r}; known: {', '.join(self._found) or 'none'}")
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+
+class Diff:
+    """Flights beside each other: what `heli.diff` gives.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What the flights are called.
+    parameters : mapping of name to tuple of str
+        Only those that are not the same in all flights: `section.name`, each flight's value as a
+        table shows it. First what the flight was (`flight.seed`, `flight.world` ...).
+    metrics : ComparedMetrics
+        By name: `diff.metrics["altitude"].values`, `.change`; `.of("truth", "whole")`.
+    """
+
+    def __init__(self, found: beside.Diff) -> None:
+        self._found = found
+        self.names = tuple(found.names)
+        self.parameters: Mapping[str, tuple[str, ...]] = {
+            row.name: tuple(row.values) for row in found.parameters
+        }
+        self.packaged: Mapping[str, str] = {row.name: row.packaged for row in found.parameters}
+        self.metrics = ComparedMetrics(found.metrics)
+
+    @cached_property
+    def columns(self) -> dict[str, list[Any]]:
+        """Every metric of every flight, one below the other."""
+        found: dict[str, list[Any]] = {
+            key: []
+            for key in ("flight", "metric", "source", "stretch", "unit", "paper", "max", "rms",
+                        "inside")
+        }  # fmt: skip
+        for row in self._found.metrics:
+            for name, score in zip(self.names, row.scores, strict=True):
+                told = (None, None, None) if score is None else (score.max, score.rms, score.inside)
+                about = row.metric.key, row.source, row.stretch, row.metric.unit, row.metric.paper
+                for column, cell in zip(found.values(), (name, *about, *told), strict=True):
+                    column.append(cell)
+        return found
+
+    def to_arrow(self) -> pyarrow.Table:
+        """The metrics as a table of pyarrow: a row per flight, metric, record and stretch."""
+        import pyarrow
+
+        return pyarrow.table(self.columns)
+
+    def to_dataframe(self) -> Any:
+        """The same as a DataFrame of pandas; ImportError with a sentence where there is none."""
+        return as_dataframe(self.to_arrow())
+
+    def page(self, path: str | os.PathLike[str] = "diff.html") -> Path:
+        """Write the page of `heli diff`: tables, and every flight in each chart; needs no network.
+
+        Parameters
+        ----------
+        path : path
+            Must end in .html; a file that is there is replaced.
+
+        Raises
+        ------
+        ParameterError
+            It cannot be written.
+        """
+        from heli_flight.report.diff_page import write_diff
+
+        page = Path(path)
+        if page.suffix != ".html":
+            raise ParameterError(f"page {page}: its name must end in .html")
+        try:
+            page.parent.mkdir(parents=True, exist_ok=True)
+            write_diff(self._found, page)
+        except OSError as error:
+            raise ParameterError(f"page {page}: cannot be written: {error.strerror}") from None
+        return page
+
+    def _tables(self) -> list[tuple[str, list[str], list[list[str]]]]:
+        """Title, head and rows of what differs, and of the metrics that decide."""
+        differing = [
+            [name, self.packaged[name], *values] for name, values in self.parameters.items()
+        ]
+        pair = len(self.names) == 2
+        figures = []
+        for m in self.metrics.values():
+            cells = [
+                ABSENT if value is None else f"{value:.3f}{'' if inside else ' !'}"
+                for value, inside in zip(m.values, m.inside, strict=True)
+            ]
+            last = [ABSENT if m.change is None else _changed(m.change)] if pair else []
+            figures.append([f"{m.name}, {m.unit}", f"{m.paper:g}", *cells, *last])
+        more = ["change"] if pair else []
+        return [
+            ("what differs", ["parameter", "packaged", *self.names], differing),
+            (
+                "largest magnitude, navigation, scored windows (! outside the paper's figure)",
+                ["metric", "paper", *self.names, *more],
+                figures,
+            ),
+        ]
+
+    def __repr__(self) -> str:
+        parts = []
+        for title, head, rows in self._tables():
+            if not rows:
+                parts.append(f"{title}: nothing")
+                continue
+            widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+            parts.append(title)
+            for row in [head, *rows]:
+                cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+                parts.append("  ".join(cells).rstrip())
+        return "\n".join(parts)
+
+    def _repr_html_(self) -> str:
+        return "".join(
+            html_table(head, rows, title) if rows else f"<p>{title}: nothing</p>"
+            for title, head, rows in self._tables()
+        )
+
+
+def _compared(row: Beside) -> Compared:
+    metric, scores = row.metric, row.scores
+    return Compared(
+        metric.key,
+        metric.label,
+        metric.unit,
+        metric.paper,
+        row.source,
+        row.stretch,
+        tuple(None if s is None else float(s.max) for s in scores),
+        tuple(None if s is None else float(s.rms) for s in scores),
+        tuple(None if s is None else bool(s.inside) for s in scores),
+        row.change,
+    )
+
+
+def _changed(change: float) -> str:
+    return "same" if abs(change) < _SAME_BELOW else f"{100.0 * change:+.1f} %"
+
+
+def diff(*flights: Flight | str | os.PathLike[str], names: Sequence[str] | None = None) -> Diff:
+    """Lay flights beside each other: parameters that differ, metrics, a page with charts.
+
+    Parameters
+    ----------
+    *flights : Flight, or path
+        Two to six: flights, folders of flights, or rosbag2 folders.
+    names : sequence of str, optional
+        What they are called, each another name; default: their folders, `flight 1`, `flight 2` of
+        those that lie nowhere.
+
+    Returns
+    -------
+    Diff
+
+    Raises
+    ------
+    ParameterError, FlightError
+        Each with one sentence.
+
+    Examples
+    --------
+    >>> found = heli.diff(heli.fly(seed=1), heli.fly(seed=1, laws="hinf"))
+    >>> found.parameters, found.metrics["altitude"].change
+    >>> found.page("diff.html")
+    """
+    beside.refuse_count(len(flights))
+    read = [_read(one) for one in flights]
+    called = _default_names(read) if names is None else [str(name) for name in names]
+    if len(called) != len(read) or len(set(called)) < len(called):
+        raise ParameterError(
+            f"names {called} is not allowed; allowed: {len(read)} names that differ"
+        )
+    return Diff(
+        beside.beside(
+            [
+                beside.Named(name, flight.folder or place, flight._flown)
+                for name, (flight, place) in zip(called, read, strict=True)
+            ]
+        )
+    )
+
+
+def _read(given: Any) -> tuple[Flight, Path | None]:
+    from heli.loading import load
+
+    if isinstance(given, Flight):
+        return given, None
+    if isinstance(given, (str, os.PathLike)):
+        return load(given), Path(given)
+    raise ParameterError(
+        f"diff: {type(given).__name__} is not allowed; allowed: flights, or folders of flights"
+    )
+
+
+def _default_names(read: Sequence[tuple[Flight, Path | None]]) -> list[str]:
+    folders = [place or flight.folder for flight, place in read]
+    known = [folder for folder in folders if folder is not None]
+    found = iter(beside.names_of(known) if known else ())
+    return [
+        f"flight {i + 1}" if folder is None else next(found) for i, folder in enumerate(folders)
+    ]
