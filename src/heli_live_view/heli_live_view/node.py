@@ -102,7 +102,7 @@ class LiveViewNode(ManagedNode[View, None]):
         if token:
             screen.commander = Commander(self, screen.live, Limits.from_parameters(values))
             self.at_end(screen.commander.close)
-        core = View(screen, page, foxglove, scene, full, {"page": page.url})
+        core = View(screen, page, foxglove, scene, full, {"page": page.url, "viewers": 0})
         if foxglove is not None:
             core.facts["foxglove"] = foxglove.url
         for topic in topics.TABLE:
@@ -237,6 +237,10 @@ class LiveViewNode(ManagedNode[View, None]):
     def _show(self) -> None:
         core, wall_s = self.core, time.monotonic()
         self._take_newest(wall_s)
+        if core.facts["viewers"] != core.page.viewers:
+            # At once: a flight may wait for the first one.
+            core.facts["viewers"] = core.page.viewers
+            self._say_what_is_shown()
         if core.screen.commander is not None:
             core.screen.commander.poll()
         row = self._send_row(wall_s)

@@ -102,6 +102,7 @@ class Screen:
         """First message of a connection; called by the page server's thread."""
         head = greeting(self._values, self._commands) | {
             "foxglove_url": self.foxglove_url,
+            "after": self._values["flight.report"],
             "events": list(self._past_events),
         }
         return f'{compact(head)[:-1]},"history":[{",".join(list(self._history.rows))}]}}'

@@ -52,6 +52,8 @@ function hello(message) {
   topLine.flight(message);
   commands.permit(message);
   replay.hello(message);
+  // After the flight its report is served here: look for it often.
+  connection.longest = message.after ? 1 : 8;
   scene.setRadius(message.aircraft?.rotor_radius_m || 0.7);
   put(byId("foxglove"), message.foxglove_url ? `All topics for Foxglove: ${message.foxglove_url}` : "");
 }
