@@ -239,7 +239,7 @@ def test_lift_off_and_touch_down_are_found():
     ],
 )  # fmt: skip
 def test_how_it_ended_is_said_by_what_the_result_holds(told, sentence):
-    assert ended(told) == sentence
+    assert ended(told, "the goals") == sentence
 
 
 def test_help_names_the_keys(capsys):

@@ -183,7 +183,7 @@ def test_the_end_says_how_it_ended_and_links_the_report(page, shown):
     paused(page, shown, 7.99)
     page.wait("document.getElementById('connection').dataset.state === 'over'")
     assert page.text("#banner-text") == (
-        "Flown to its end after 8.00 s. Scored windows (5 to 8 s): inside the goals."
+        "Flown to its end after 8.00 s. Scored windows (5 to 8 s): inside the paper's figures."
     )
     assert page.value("document.getElementById('banner-report').href") == f"{shown}report.html"
     assert page.text("#replay-notes summary") == "1 note"

@@ -48,9 +48,9 @@ def _serve(folder: Path, port: int, stay_s: float, say: Callable[[str], None]) -
 
     replay, beside = replay_of(folder, at_end=True)
     with served(replay, port, beside, ("port", "--live-port")) as server:
+        say(f"report and replay: {server.url} (while the page is open; Ctrl-C ends it)")
         if not server.came.wait(_BACK_S):
             return
-        say(f"report and replay: {server.url} (while the page is open; Ctrl-C ends it)")
         begun_s = seen_s = time.monotonic()
         pause = threading.Event()
         while (now_s := time.monotonic()) - seen_s < _AWAY_S and now_s - begun_s < stay_s:

@@ -85,8 +85,16 @@ def _entries(told: Mapping[str, Any], key: str, time: str) -> list[dict[str, Any
     ]
 
 
-def ended(told: Mapping[str, Any]) -> str:
-    """How the flight ended, by its result.json: one or two sentences; empty: it says nothing."""
+def ended(told: Mapping[str, Any], figures: str) -> str:
+    """How the flight ended, by its result.json: one or two sentences; empty: it says nothing.
+
+    Parameters
+    ----------
+    told : mapping
+        Content of result.json; it may hold anything.
+    figures : str
+        What a flight of this kind is judged by.
+    """
     if told.get("forged"):
         return f"Forged: {told['forged']}"
     flown, lost = told.get("flown_s"), told.get("lost")
@@ -97,17 +105,17 @@ def ended(told: Mapping[str, Any]) -> str:
     if not isinstance(verdicts, dict):
         return ""
     judged = [v for v in verdicts.values() if isinstance(v, dict) and v.get("decides")]
-    return f"Flown to its end{after}. " + " ".join(_verdict(v) for v in judged)
+    return f"Flown to its end{after}. " + " ".join(_verdict(v, figures) for v in judged)
 
 
-def _verdict(row: Mapping[str, Any]) -> str:
+def _verdict(row: Mapping[str, Any], figures: str) -> str:
     stretch = str(row.get("stretch", "")).capitalize()
     where = f"{stretch} ({row.get('when')})"
     if row.get("inside") is None:
         return f"{where}: not scored."
     outside = row.get("outside")
     if row["inside"] or not isinstance(outside, list):
-        return f"{where}: inside the goals."
+        return f"{where}: inside {figures}."
     return f"{where}: outside in {', '.join(map(str, outside))}."
 
 

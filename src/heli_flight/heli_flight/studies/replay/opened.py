@@ -8,6 +8,7 @@ from typing import Any
 from heli_flight.errors import FlightError
 from heli_flight.graph.live import LiveOrder, live_view
 from heli_flight.loop.record_file import read_record
+from heli_flight.loop.scoring import figures_of
 from heli_flight.loop.settings import Settings
 from heli_flight.report.from_bag import Choice, told_beside
 from heli_flight.report.write import PAGE
@@ -66,7 +67,7 @@ def replay_of(
     report = place.beside / PAGE
     beside = {PAGE: report} if report.is_file() else {}
     page = PAGE if beside else ""
-    telling = Telling(known.ended(told), notes, page, at_end)
+    telling = Telling(known.ended(told, figures_of(settings.scenario.kind)), notes, page, at_end)
     events = [*known.of_result(told), *_ground(recording, settings)]
     values = _values(settings, is_known)
     return Replay(recording, values, telling, events, progress), beside
