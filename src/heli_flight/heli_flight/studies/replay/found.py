@@ -4,6 +4,7 @@
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from heli_bags.check import listed_files, storage_files, trouble
@@ -16,6 +17,9 @@ from heli_flight.loop.record_file import NAME as RECORD
 from heli_flight.loop.settings import Settings
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
+
+# Of the flights in a folder, so many are named.
+_NAMED = 4
 
 
 @dataclass(frozen=True)
@@ -73,15 +77,16 @@ def _place_of(path: Path) -> Place:
     if path.name == RECORD and path.is_file():
         return Place(path, path.resolve().parent)
     if _is_bag(path):
-        near = path.resolve().parents
-        return Place(path, next((p for p in near[:2] if (p / NAME).is_file()), near[0]))
+        # Beside the bag, or of one of its files, beside the folder of these.
+        near = path.resolve().parent
+        known = next((p for p in (near, near.parent) if (p / NAME).is_file()), near)
+        return Place(path, known)
     if path.is_file():
         raise FlightError(f"{path}: not a flight: neither a bag's file (.mcap, .db3) nor {RECORD}")
-    inside = [
-        p.name for p in sorted(path.iterdir()) if _is_bag(p / "bag") or (p / RECORD).is_file()
-    ]
+    inside = [one.name for one in sorted(path.iterdir()) if _is_flight(one)]
     if inside:
-        names = ", ".join(inside[:4]) + (" ..." if len(inside) > 4 else "")
+        more = " ..." if len(inside) > _NAMED else ""
+        names = f"{', '.join(islice(inside, _NAMED))}{more}"
         raise FlightError(f"{path}: holds several flights: name one ({names})")
     raise FlightError(f"{path}: not a flight: it holds neither a bag nor {RECORD}")
 

@@ -101,10 +101,10 @@ def ended(told: Mapping[str, Any], figures: str) -> str:
     after = f" after {flown:.2f} s" if isinstance(flown, int | float) else ""
     if lost:
         return f"Lost{after}: {lost}"
-    verdicts = told.get("verdicts")
-    if not isinstance(verdicts, dict):
+    rows = told.get("verdicts")
+    if not isinstance(rows, dict):
         return ""
-    judged = [v for v in verdicts.values() if isinstance(v, dict) and v.get("decides")]
+    judged = [v for v in rows.values() if isinstance(v, dict) and v.get("decides")]
     return f"Flown to its end{after}. " + " ".join(_verdict(v, figures) for v in judged)
 
 
