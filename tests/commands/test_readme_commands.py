@@ -51,7 +51,7 @@ SHORTER = {
 # Commands that look at a running graph: one flies in real time beside them.
 NEED_A_GRAPH = ("./heli topics", "./heli echo", "./heli fault", "./heli python examples/")
 # Commands that run until they are interrupted: their first words are waited for.
-ENDLESS = ("./heli run",)
+ENDLESS = ("./heli run", "./heli replay")
 PROGRAMS = ("./", "heli ", "ros2 ", "rosdep ", "python ", "colcon ")
 NOT_SHELL = ("mermaid", "yaml", "json", "text")
 # How long a failure takes at most; on loaded cores an identification takes minutes.

@@ -10,6 +10,9 @@ __getattr__, __dir__, __all__ = face(
         "page_server": ["PageServer"],
         "foxglove_server": ["FoxgloveServer"],
         "access": ["Access"],
+        "recording": ["Recording"],
+        "replay": ["Replay"],
+        "viewer": ["Viewer"],
     },
     modules=["plan", "scene"],
 )

@@ -11,6 +11,7 @@ TOKEN_VARIABLE = "HELI_LIVE_TOKEN"
 _TRIES, _WINDOW_S = 5, 30.0
 
 VIEW_ONLY = "view only: start with --allow-commands (parameter allow_commands) to command"
+RECORDED = "a record cannot be commanded: its flight is over"
 WRONG = "wrong token"
 TAKEN = "the token is in use by another browser"
 SLOW_DOWN = "too many wrong tokens: wait half a minute"
@@ -28,10 +29,12 @@ class Access:
     ----------
     token : str
         What must be shown; empty: nobody may command.
+    why : str
+        Why nobody may command without a token.
     """
 
-    def __init__(self, token: str) -> None:
-        self._token = token.encode()
+    def __init__(self, token: str, why: str = VIEW_ONLY) -> None:
+        self._token, self._why = token.encode(), why
         self._owner: str | None = None
         self._wrong_s: deque[float] = deque()
 
@@ -53,7 +56,7 @@ class Access:
             Steady time, for the limit on wrong tries.
         """
         if not self.enabled:
-            return VIEW_ONLY
+            return self._why
         while self._wrong_s and now_s - self._wrong_s[0] > _WINDOW_S:
             self._wrong_s.popleft()
         if len(self._wrong_s) >= _TRIES and browser != self._owner:

@@ -6,33 +6,25 @@ second, and runs behind the flight's nodes: whoever looks must not hold up what 
 """
 
 import contextlib
-import json
 import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from heli_live_view.access import TOKEN_VARIABLE, VIEW_ONLY, Access, new_token
-from heli_live_view.faults import WHAT
-from heli_live_view.history import History
-from heli_live_view.live_state import COUNTED, SHOWN, LiveState
-from heli_live_view.page_server import Command, PageServer
-from heli_live_view.parameter_table import (
-    COMMAND_LIMITS,
-    NODE_NAME,
-    SHOWN_TO_THE_END,
-    TABLE,
-)
+from heli_live_view.access import TOKEN_VARIABLE, Access, new_token
+from heli_live_view.live_state import COUNTED, SHOWN
+from heli_live_view.page_server import PageServer
+from heli_live_view.parameter_table import NODE_NAME, SHOWN_TO_THE_END, TABLE
 from heli_live_view.plan import Limits
 from heli_live_view.ros_commands import Commander
 from heli_live_view.scene_sender import SceneSender
-from heli_live_view.vehicle import bounds
+from heli_live_view.screen import STATE_HZ, Screen, compact
+from heli_live_view.web_folder import web_folder
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
@@ -41,11 +33,9 @@ from heli_msgs_bridge.messages import Decoder, MessageError, has_fix
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.reference_message import decode_reference
-from heli_parameters import locate
+from heli_parameters.locate import MissingFileError
 
-STATE_HZ = 30
 _DEPTH = 10
-_EVENTS_KEPT = 200
 _SLOW_PERIOD_S = 1.0
 
 
@@ -54,92 +44,6 @@ def _be_nice(nice: int) -> None:
     if nice and sys.platform.startswith("linux"):
         for thread in os.listdir("/proc/self/task"):
             os.setpriority(os.PRIO_PROCESS, int(thread), nice)
-
-
-def _text(content: Any) -> str:
-    return json.dumps(content, separators=(",", ":"), allow_nan=False)
-
-
-class Screen:
-    """What the browsers are told: the state, its past, events; commands that come back.
-
-    Parameters
-    ----------
-    values : mapping
-        Parameters of the node.
-    start_ns : int
-        Message stamp of tick 0.
-    commands : bool
-        Whether commands are admitted.
-
-    Attributes
-    ----------
-    live : LiveState
-    foxglove_url : str or None
-        Where Foxglove is served, once it is.
-    commander : Commander or None
-        Who carries commands out, once there is one.
-    """
-
-    def __init__(self, values: Mapping[str, Any], start_ns: int, commands: bool) -> None:
-        self._values, self._commands = values, commands
-        self._history, self._past_events = History(), list[dict[str, Any]]()
-        windows_s = values["flight.windows_s"].ravel().tolist()
-        self.live = LiveState(start_ns, values["stale_s"], windows_s)
-        self.foxglove_url: str | None = None
-        self.commander: Commander | None = None
-
-    def hello(self) -> str:
-        """First message of a connection; called by the page server's thread."""
-        v = self._values
-        head = {
-            "type": "hello",
-            "commands": self._commands,
-            "flight": {
-                "scenario": v["flight.scenario"],
-                "seed": v["flight.seed"] if v["flight.seed"] >= 0 else None,
-                "duration_s": v["flight.duration_s"] or None,
-                "realtime": not v["lockstep"],
-            },
-            "aircraft": {
-                "name": v["aircraft.name"],
-                "rotor_radius_m": v["aircraft.rotor_radius_m"],
-            },
-            "bounds": bounds(v),
-            "faults": WHAT,
-            "limits": {name.partition(".")[2]: v[name] for name in COMMAND_LIMITS},
-            "foxglove_url": self.foxglove_url,
-            "state_hz": STATE_HZ,
-            "events": list(self._past_events),
-        }
-        return f'{_text(head)[:-1]},"history":[{",".join(list(self._history.rows))}]}}'
-
-    def obey(self, command: Command) -> None:
-        """Called by the page server's thread, for commands of the token's owner only."""
-        if self.commander is None:
-            command.reply(False, VIEW_ONLY)
-        else:
-            self.commander.put(command)
-
-    def row(self, wall_s: float) -> dict[str, Any]:
-        """The present state, kept for those who come later."""
-        row = self.live.row(wall_s)
-        time_s = row["t"]
-        if time_s is not None and self._history.wants(time_s):
-            self._history.add(time_s, _text({**row, "nodes": {}, "alarms": [], "largest": None}))
-        return row
-
-    def events(self) -> list[dict[str, Any]]:
-        """Messages of what has happened since the last call."""
-        messages = [event.message() for event in self.live.take_events()]
-        self._past_events += messages
-        del self._past_events[:-_EVENTS_KEPT]
-        return messages
-
-    def begin_anew(self) -> None:
-        """Another flight: forget the past one."""
-        self._history.clear()
-        self._past_events.clear()
 
 
 @dataclass
@@ -198,7 +102,7 @@ class LiveViewNode(ManagedNode[View, None]):
         if token:
             screen.commander = Commander(self, screen.live, Limits.from_parameters(values))
             self.at_end(screen.commander.close)
-        core = View(screen, page, foxglove, scene, full, {"page": page.url})
+        core = View(screen, page, foxglove, scene, full, {"page": page.url, "viewers": 0})
         if foxglove is not None:
             core.facts["foxglove"] = foxglove.url
         for topic in topics.TABLE:
@@ -221,14 +125,10 @@ class LiveViewNode(ManagedNode[View, None]):
 
     def _open_page(self, screen: Screen, token: str) -> PageServer:
         try:
-            folder = locate.share_folder("heli_live_view") / "web"
-        except locate.MissingFileError as error:
+            folder = web_folder()
+        except MissingFileError as error:
             raise StartError(str(error)) from error
-        if not (folder / "index.html").is_file():
-            raise StartError(f"the page is not installed: no {folder}/index.html")
-        page = PageServer(
-            Path(folder), self.values["port"], Access(token), screen.hello, screen.obey
-        )
+        page = PageServer(folder, self.values["port"], Access(token), screen.hello, screen.obey)
         self.at_end(page.stop)
         return page
 
@@ -337,6 +237,10 @@ class LiveViewNode(ManagedNode[View, None]):
     def _show(self) -> None:
         core, wall_s = self.core, time.monotonic()
         self._take_newest(wall_s)
+        if core.facts["viewers"] != core.page.viewers:
+            # At once: a flight may wait for the first one.
+            core.facts["viewers"] = core.page.viewers
+            self._say_what_is_shown()
         if core.screen.commander is not None:
             core.screen.commander.poll()
         row = self._send_row(wall_s)
@@ -349,8 +253,8 @@ class LiveViewNode(ManagedNode[View, None]):
         core = self.core
         row = core.screen.row(wall_s)
         for event in core.screen.events():
-            core.page.send(_text(event))
-        text = _text(row)
+            core.page.send(compact(event))
+        text = compact(row)
         core.page.send_state(text)
         if core.foxglove is not None and row["t"] is not None:
             core.foxglove.set_time(core.screen.live.now_ns)

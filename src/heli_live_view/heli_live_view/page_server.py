@@ -6,6 +6,7 @@ the newest state (a slow one skips states) and a short queue for what must not b
 """
 
 import asyncio
+import contextlib
 import json
 import logging
 import mimetypes
@@ -13,10 +14,10 @@ import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from aiohttp import WSMsgType, web
 
@@ -31,12 +32,21 @@ _MAX_WAITING = 256
 _MAX_COMMANDS = 8
 _HEARTBEAT_S = 10.0
 _STOP_S = 1.0
+_FRAME_S = 1.0 / 30.0
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "font-src 'self'; connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
 _TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm"}
+_REPORT_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
+    "sandbox allow-scripts allow-downloads"
+)
+"""Of a flight's own page, which stands in one file: it gets an origin of its own, so that whatever
+a foreign flight's folder holds can neither read this server nor send anything."""
+_LIVE = "this is a flight, not a replay: there is nothing to wind"
 _NOT_JSON = "not understood: expected a JSON object with type, id and token"
 
 
@@ -58,14 +68,34 @@ class Command:
     reply: Callable[[bool, str], None]
 
 
+class Watcher(Protocol):
+    """One browser's own way through what is shown, where each has one: a replay.
+
+    Attributes
+    ----------
+    runs : bool
+        Whether a new state is due 30 times a second; else only after a wish.
+    """
+
+    runs: bool
+
+    def ask(self, wish: Mapping[str, Any]) -> None:
+        """Take a wish; ValueError: it is refused, in a sentence."""
+
+    def text(self) -> str:
+        """The state that is to be sent now."""
+
+
 class _Browser:
     """One WebSocket and what waits to be sent to it."""
 
-    def __init__(self, socket: web.WebSocketResponse, identity: str) -> None:
-        self.socket, self.identity = socket, identity
-        self.state: str | None = None
+    def __init__(
+        self, socket: web.WebSocketResponse, identity: str, watcher: Watcher | None
+    ) -> None:
+        self.socket, self.identity, self.watcher = socket, identity, watcher
+        self.state: str | Callable[[], str] | None = None
         self.waiting: deque[str] = deque(maxlen=_MAX_WAITING)
-        self.news = asyncio.Event()
+        self.news, self.asked = asyncio.Event(), asyncio.Event()
         self.running_commands = 0
 
     async def send_all(self) -> None:
@@ -77,7 +107,19 @@ class _Browser:
                 await self.socket.send_str(self.waiting.popleft())
             if self.state is not None:
                 state, self.state = self.state, None
-                await self.socket.send_str(state)
+                # Of a replay it is made only now: a slow browser skips states, not rows.
+                await self.socket.send_str(state if isinstance(state, str) else state())
+
+    async def watch(self) -> None:
+        """Have states sent as the watcher goes on; at once after a wish."""
+        watcher = self.watcher
+        while watcher is not None:
+            self.state = watcher.text
+            self.news.set()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_FRAME_S if watcher.runs else None):
+                    await self.asked.wait()
+            self.asked.clear()
 
 
 class PageServer:
@@ -95,6 +137,12 @@ class PageServer:
         Makes the first message (JSON text) of a connection; called in the server's thread.
     on_command : callable
         Takes an admitted `Command`; called in the server's thread.
+    watch : callable, optional
+        Makes the `Watcher` of a new connection; None: all see the same states, which are sent.
+    beside : mapping, optional
+        Files of elsewhere by the names under which they are served, each a page in one file.
+    port_names : (str, str)
+        Parameter and option by which the user names the port, for the error.
 
     Raises
     ------
@@ -105,6 +153,8 @@ class PageServer:
     ----------
     url : str
         Where the page is.
+    came : threading.Event
+        Set as soon as a browser has been there.
     """
 
     def __init__(
@@ -114,15 +164,20 @@ class PageServer:
         access: Access,
         hello: Callable[[], str],
         on_command: Callable[[Command], None],
+        watch: Callable[[], Watcher] | None = None,
+        beside: Mapping[str, Path] | None = None,
+        port_names: tuple[str, str] = ("port", "--live-port"),
     ) -> None:
         self._folder = folder.resolve()
         self._access, self._hello, self._on_command = access, hello, on_command
-        self._socket = listen(port, "port", "--live-port")
+        self._watch, self._beside = watch, dict(beside or {})
+        self._socket = listen(port, *port_names)
         self.port = self._socket.getsockname()[1]
         self.url = f"http://{LOOPBACK}:{self.port}/"
         self._browsers: set[_Browser] = set()
         self._loop = asyncio.new_event_loop()
         self._stopping = asyncio.Event()
+        self.came = threading.Event()
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
 
     # --- from any thread ---------------------------------------------------------------------
@@ -137,6 +192,11 @@ class PageServer:
             self._call(self._stopping.set)
             self._thread.join(2.0 * _STOP_S)
         self._socket.close()
+
+    @property
+    def viewers(self) -> int:
+        """Browsers that look now."""
+        return len(self._browsers)
 
     def send_state(self, text: str) -> None:
         """Give a state to all browsers; one that has not taken the last one loses that."""
@@ -202,13 +262,16 @@ class PageServer:
             except web.HTTPException as error:
                 response = error
         if not response.prepared:
-            response.headers.update(_headers(host))
+            policy = _REPORT_POLICY if request.match_info.get("path") in self._beside else _POLICY
+            response.headers.update(_headers(host, policy))
         return response
 
     async def _on_file(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info["path"] or "index.html"
         try:
-            path = (self._folder / (request.match_info["path"] or "index.html")).resolve()
-            known = path.is_relative_to(self._folder) and path.is_file()
+            path = self._beside.get(name) or (self._folder / name).resolve()
+            known = name in self._beside or path.is_relative_to(self._folder)
+            known = known and path.is_file()
         except (OSError, ValueError):  # a name that no file can have
             known = False
         if not known:
@@ -231,19 +294,21 @@ class PageServer:
             heartbeat=_HEARTBEAT_S, compress=False, max_msg_size=_MAX_REQUEST_BYTES
         )
         await socket.prepare(request)
-        browser = _Browser(socket, request.cookies.get(_COOKIE) or secrets.token_urlsafe(16))
+        identity = request.cookies.get(_COOKIE) or secrets.token_urlsafe(16)
+        browser = _Browser(socket, identity, self._watch() if self._watch else None)
         browser.waiting.append(self._hello())
         browser.news.set()
         self._browsers.add(browser)
-        sender = asyncio.ensure_future(browser.send_all())
+        self.came.set()
+        sending = asyncio.gather(browser.send_all(), browser.watch())
         try:
             async for message in socket:
                 if message.type == WSMsgType.TEXT:
                     self._take(browser, message.data)
         finally:
             self._browsers.discard(browser)
-            sender.cancel()
-            results = await asyncio.gather(sender, return_exceptions=True)
+            sending.cancel()
+            results = await asyncio.gather(sending, return_exceptions=True)
             _LOG.debug("a browser went away: %s", results[0])
         return socket
 
@@ -261,7 +326,11 @@ class PageServer:
             answer = {"type": "answer", "id": number, "ok": ok, "text": sentence}
             self._call(self._answer, browser, json.dumps(answer))
 
-        if not isinstance(request, dict) or request.get("type") not in ("auth", "command"):
+        kind = request.get("type") if isinstance(request, dict) else None
+        if kind == "replay":
+            self._wish(browser, request, reply)
+            return
+        if not isinstance(request, dict) or kind not in ("auth", "command"):
             reply(False, _NOT_JSON)
             return
         now_s = time.monotonic()
@@ -272,6 +341,21 @@ class PageServer:
             reply(True, "commands are allowed in this browser")
         else:
             self._admit(browser, request, reply)
+
+    @staticmethod
+    def _wish(
+        browser: _Browser, request: Mapping[str, Any], reply: Callable[[bool, str], None]
+    ) -> None:
+        """Where a browser wants to be in a replay: its own affair, so it needs no token."""
+        if browser.watcher is None:
+            reply(False, _LIVE)
+            return
+        try:
+            browser.watcher.ask(request)
+        except ValueError as error:
+            reply(False, str(error))
+            return
+        browser.asked.set()
 
     def _admit(
         self, browser: _Browser, request: dict[str, Any], reply: Callable[[bool, str], None]
@@ -296,10 +380,10 @@ class PageServer:
         browser.news.set()
 
 
-def _headers(host: str) -> dict[str, str]:
+def _headers(host: str, policy: str) -> dict[str, str]:
     """Security headers of every answer to a request for this (already accepted) host."""
     return {
-        "Content-Security-Policy": _POLICY.format(host=host if _is_plain(host) else LOOPBACK),
+        "Content-Security-Policy": policy.format(host=host if _is_plain(host) else LOOPBACK),
         "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer",
         "Cross-Origin-Opener-Policy": "same-origin",

@@ -12,10 +12,11 @@ class PortError(OSError):
 
 
 def port_error(port: int, parameter: str, option: str, why: str) -> PortError:
-    """The sentence about a port that cannot be bound."""
+    """The sentence about a port that cannot be bound; parameter: empty for none."""
+    ways = f"the parameter {parameter} or {option}" if parameter else option
     return PortError(
-        f"{parameter}: port {port} on {LOOPBACK} {why}; choose another with the parameter "
-        f"{parameter} or {option} (0: any free one)"
+        f"{parameter or option}: port {port} on {LOOPBACK} {why}; choose another with {ways} "
+        "(0: any free one)"
     )
 
 
@@ -27,7 +28,7 @@ def listen(port: int, parameter: str, option: str) -> socket.socket:
     port : int
         0 for any free one.
     parameter, option : str
-        What the user may change, for the error.
+        What the user may change, for the error; parameter: empty for none.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 
-from heli_live_view.access import TAKEN, VIEW_ONLY, Access
+from heli_live_view.access import RECORDED, TAKEN, VIEW_ONLY, Access
 from heli_live_view.page_server import PageServer
 from heli_live_view.ports import PortError
 
@@ -192,3 +192,84 @@ def test_the_page_itself_forbids_it_too_and_loads_nothing_foreign():
     for script in WEB.glob("*.js"):
         code = script.read_text(encoding="utf-8")
         assert not re.search(r"https?://|fetch\(|sendBeacon|XMLHttpRequest|window\.open", code)
+
+
+class Place:
+    """Where one browser is: the least that a watcher must be."""
+
+    def __init__(self):
+        self.runs, self.at = False, 0
+
+    def ask(self, wish):
+        if not isinstance(wish.get("at"), int):
+            raise ValueError("at: not allowed")
+        self.at = wish["at"]
+
+    def text(self):
+        return json.dumps({"type": "state", "at": self.at})
+
+
+async def state_of(connection, at):
+    while True:
+        message = json.loads((await connection.receive(10.0)).data)
+        if message["type"] == "state" and message["at"] == at:
+            return
+
+
+def test_each_browser_of_a_replay_has_its_own_time_and_needs_no_token(tmp_path):
+    report = tmp_path / "elsewhere" / "report.html"
+    report.parent.mkdir()
+    report.write_text("<script>1</script>")
+    (tmp_path / "web").mkdir()
+    (tmp_path / "web/index.html").write_text("<p>page</p>")
+    server = PageServer(
+        tmp_path / "web", 0, Access("", RECORDED), lambda: '{"type":"hello"}', print, Place,
+        {"report.html": report},
+    )  # fmt: skip
+    server.start()
+
+    async def use():
+        async with browser() as session, browser() as other:
+            first = await session.ws_connect(f"{server.url}ws")
+            second = await other.ws_connect(f"{server.url}ws")
+            for connection, at in ((first, 5), (second, 9)):
+                await state_of(connection, 0)
+                await connection.send_str(json.dumps({"type": "replay", "id": 1, "at": at}))
+                await state_of(connection, at)
+            assert server.viewers == 2 and server.came.is_set()
+            assert (await answer(first, {"type": "replay", "at": "x"}))["text"] == "at: not allowed"
+            assert (await answer(first, COMMAND))["text"] == RECORDED
+            await refused_as_ever(session)
+
+    async def refused_as_ever(session):
+        port = urlsplit(server.url).port
+        for host in (f"rebound.example:{port}", "rebound.example"):
+            async with session.get(server.url, headers={"Host": host}) as page:
+                assert page.status == 403
+        with pytest.raises(aiohttp.WSServerHandshakeError):
+            await session.ws_connect(f"{server.url}ws", headers={"Origin": "http://other.example"})
+        # What a flight's folder holds runs in an origin of its own and can send nothing.
+        async with session.get(f"{server.url}report.html") as page:
+            policy = policy_of(page.headers["Content-Security-Policy"])
+            assert page.status == 200 and await page.text() == "<script>1</script>"
+            assert "allow-same-origin" not in policy["sandbox"] and "connect-src" not in policy
+            assert policy["default-src"] == policy["form-action"] == ["'none'"]
+        for path in ("result.json", "elsewhere/report.html", "%2e%2e/elsewhere/report.html"):
+            async with session.get(f"{server.url}{path}") as page:
+                assert page.status == 404
+
+    try:
+        asyncio.run(use())
+    finally:
+        server.stop()
+
+
+def test_a_live_flight_cannot_be_wound(serve):
+    server, _ = serve()
+
+    async def use():
+        async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
+            told = await answer(connection, {"type": "replay", "at": 3.0})
+            assert not told["ok"] and "not a replay" in told["text"]
+
+    asyncio.run(use())

@@ -22,8 +22,9 @@ function mark(level, quiet = false) {
 }
 
 export class Alarms {
-  constructor({ nodes, alarms, events }) {
-    Object.assign(this, { nodes, alarms, events, told: "", shown: "", listed: -1 });
+  // jump(time) is for events of a record.
+  constructor({ nodes, alarms, events }, jump) {
+    Object.assign(this, { nodes, alarms, events, jump, told: "", shown: "", listed: -1 });
   }
 
   update(state, flight) {
@@ -74,10 +75,18 @@ export class Alarms {
     const key = `${flight.generation}:${events.length}:${events.at(-1)?.t}:${events.at(-1)?.text}`;
     if (key === this.listed) return;
     this.listed = key;
-    const items = events.slice(-LINES).reverse().map(({ t, level, source, text }) => {
+    const recorded = Boolean(flight.info?.replay);
+    this.events.setAttribute("aria-label", recorded ? "Events of the flight" : "Events, newest first");
+    const lines = recorded ? events : events.slice(-LINES).reverse();
+    const items = lines.map(({ t, level, source, text }) => {
       const item = document.createElement("li");
-      const time = document.createElement("time");
+      const time = document.createElement(recorded ? "button" : "time");
       time.textContent = fixed(t, 1, t === null ? "" : "s");
+      if (recorded) {
+        time.type = "button";
+        time.setAttribute("aria-label", `Go to ${fixed(t, 2)} s: ${source} ${text}`);
+        time.addEventListener("click", () => this.jump(t));
+      }
       const words = span("");
       const who = document.createElement("b");
       who.textContent = source;

@@ -28,10 +28,13 @@ const CHARTS = [
     ["ped", "green", (row) => row.u?.[2] ?? null], ["col", "purple", (row) => row.u?.[3] ?? null]] },
 ];
 
-// Lowest and highest of the drawn lines, at least so far apart, with some air.
-function span(data, least) {
+// Room beyond the outermost bound, so that its line is not on the edge.
+const BEYOND = 1.08;
+
+// Lowest and highest of the drawn lines and of the bounds (pairs), at least so far apart, with some air.
+function span(data, least, bounds = []) {
   let [low, high] = [Infinity, -Infinity];
-  for (const series of data.slice(1)) {
+  for (const series of [...data.slice(1), ...bounds]) {
     for (const y of series) {
       if (y === null) continue;
       if (y < low) low = y;
@@ -149,12 +152,20 @@ class Chart {
     g.stroke();
   }
 
+  // Both bounds, as far as they are drawn: about zero, or about what was asked for.
+  bounds() {
+    const half = BEYOND * (this.bound ?? 0);
+    if (!half || this.spec.limit) return [];
+    if (!this.spec.around) return [[-half, half]];
+    return this.data[2].filter((y) => y !== null).map((y) => [y - half, y + half]);
+  }
+
   update(rows, shown, end, bounds, warnings) {
     const { spec } = this;
     this.data = [rows.map((row) => row.t), ...spec.lines.map(([, , value]) => rows.map((row) => value(row, shown)))];
     this.bound = spec.limit ?? bounds[spec.bound ?? spec.around];
     this.warnings = warnings;
-    this.range = span(this.data, spec.bound && this.bound ? 1.15 * this.bound : spec.least);
+    this.range = span(this.data, spec.least, this.bounds());
     const start = Math.max(0, end - SHOWN_S);
     this.plot.batch(() => {
       this.plot.setData(this.data, false);
@@ -178,7 +189,7 @@ export class Charts {
     const end = flight.last?.t;
     if (!Number.isFinite(end)) return;
     const rows = flight.rows.filter((row) => row.t >= end - SHOWN_S);
-    const warnings = flight.events.filter((e) => e.level > 0 && e.t >= end - SHOWN_S).map((e) => e.t);
+    const warnings = flight.events.filter((e) => e.level > 0 && e.t >= end - SHOWN_S && e.t <= end).map((e) => e.t);
     this.charts[this.turn].update(rows, shown, end, flight.info?.bounds ?? {}, warnings);
     this.turn = (this.turn + 1) % this.charts.length;
   }

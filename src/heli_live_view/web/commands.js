@@ -57,9 +57,10 @@ export class Commands {
     const allowed = Boolean(info.commands);
     this.info = info;
     this.root.hidden = !allowed;
+    const record = "A record: its flight is over, so no gust, mode, reference or fault can be sent.";
     this.permission.textContent = allowed
       ? ""
-      : "View only. Who starts the live view with --allow-commands can send gusts, modes, references and faults from here.";
+      : info.replay ? record : "View only. Who starts the live view with --allow-commands can send gusts, modes, references and faults from here.";
     this.faults.offer(info.faults);
     this.gust.elements.amplitude_mps.max = info.limits.gust_mps;
     this.gust.elements.duration_s.max = info.limits.gust_s;

@@ -13,6 +13,7 @@ export class Connection {
     this.everOpen = false;
     this.attempt = 0;
     this.retryAt = null;
+    this.longest = LONGEST_PAUSE_S;
     this.lastId = 0;
   }
 
@@ -35,7 +36,7 @@ export class Connection {
 
   lost() {
     this.open = false;
-    const pause = Math.min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2 ** this.attempt);
+    const pause = Math.min(this.longest, FIRST_PAUSE_S * 2 ** this.attempt);
     this.attempt += 1;
     this.retryAt = performance.now() + 1000 * pause;
     this.timer = setTimeout(() => this.connect(), 1000 * pause);

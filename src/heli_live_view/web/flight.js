@@ -65,7 +65,7 @@ export class Flight {
     this.info = message;
     const history = message.history ?? [];
     const behind = this.last && !(history.at(-1)?.t >= this.last.t - 1);
-    if (other || behind) this.clear();
+    if (other || behind || message.replay) this.clear();
     for (const row of history) if (!this.last || row.t > this.last.t) this.remember(row);
     if (message.events) this.events = [...message.events];
   }
@@ -81,6 +81,10 @@ export class Flight {
       this.waiting = message; // The clock has not started: nothing can be drawn on a time axis.
       return;
     }
+    if (message.replay) {
+      this.wind(message);
+      return;
+    }
     // Time that runs backwards is another flight.
     if (this.last && message.t < this.last.t - 1e-6) this.clear();
     if (!this.last || message.t > this.last.t) this.advanced = this.arrived;
@@ -89,15 +93,34 @@ export class Flight {
     if (this.recent.length > 40) this.recent.shift();
   }
 
+  // A state of a replay brings the rows since the last one; after a jump, those before it.
+  wind(message) {
+    if (message.replay.anew) {
+      [this.rows, this.recent, this.playout] = [[], [], null];
+    }
+    for (const row of message.past) this.keep(row);
+    this.last = message;
+    this.recent.push({ at: this.arrived, state: message });
+    if (this.recent.length > 40) this.recent.shift();
+  }
+
   remember(state) {
     this.last = state;
     const newest = this.rows.at(-1);
-    if (newest && state.t - newest.t < ROW_STEP_S - 1e-6) return;
+    if (!newest || state.t - newest.t >= ROW_STEP_S - 1e-6) this.keep(state);
+  }
+
+  keep(state) {
     const of = (body) => body && { p: body.p, euler: body.euler_deg, error: body.error };
     this.rows.push({
       t: state.t, truth: of(state.truth), nav: of(state.nav), set: state.setpoint_deg, u: state.u,
     });
     while (this.rows.length && this.rows[0].t < state.t - KEPT_S) this.rows.shift();
+  }
+
+  // Whether the time of a record stands: then nothing lies between states.
+  get stands() {
+    return this.last?.replay?.runs === false;
   }
 
   // How the flight ended: { kind, text }, or null while it goes on.
@@ -115,7 +138,7 @@ export class Flight {
   }
 
   get stale() {
-    return this.standingMs > STALE_MS;
+    return !this.last?.replay && this.standingMs > STALE_MS;
   }
 
   // The source that is shown: the chosen one, the other where there is none.
@@ -128,7 +151,7 @@ export class Flight {
   // Flight seconds per second on this machine, out of the newest arrivals.
   pace() {
     const [first, last] = [this.recent[0], this.recent.at(-1)];
-    if (!first || last.at - first.at < 100) return this.last?.rtf || 1;
+    if (!first || last.at - first.at < 100) return this.last?.replay?.speed || this.last?.rtf || 1;
     return (1000 * (last.state.t - first.state.t)) / (last.at - first.at);
   }
 
@@ -137,6 +160,7 @@ export class Flight {
     if (!this.recent.length) return this.last;
     const pace = this.pace();
     const newest = this.recent.at(-1);
+    if (this.stands) return this.at(newest.state.t);
     const lag = 2.2 / (this.info?.state_hz || 30);
     const target = newest.state.t + pace * ((now - newest.at) / 1000 - lag);
     const dt = Math.max(0, now - (this.sampledAt ?? now)) / 1000;

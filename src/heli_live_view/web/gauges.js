@@ -189,7 +189,9 @@ export class TopLine {
     const { mode, time, rtf, gps } = this.parts;
     put(mode, state?.mode ?? UNKNOWN);
     put(time, clock(state?.t ?? NaN));
-    put(rtf, fixed(state?.rtf, 2));
+    const speed = state?.replay?.speed;
+    put(this.parts.rtfName, speed ? "speed" : "real-time factor");
+    put(rtf, speed ? `${speed}×` : fixed(state?.rtf, 2));
     put(gps, fixed(state?.gps?.age_s, 2, "s"));
   }
 }

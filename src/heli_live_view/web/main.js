@@ -9,6 +9,7 @@ import { Flight } from "./flight.js";
 import { fixed, put } from "./format.js";
 import { Actuators, BoundsTable, TopLine, WindCompass } from "./gauges.js";
 import { Horizon } from "./horizon.js";
+import { Replay } from "./replay.js";
 import { Scene3d } from "./scene3d.js";
 import { Theme } from "./theme.js";
 import { Track } from "./track.js";
@@ -34,10 +35,11 @@ const wind = new WindCompass(byId("wind"), {
 const bounds = new BoundsTable(byId("bounds"));
 const actuators = new Actuators(byId("actuators"));
 const topLine = new TopLine({
-  name: byId("flight-name"), mode: byId("mode"), time: byId("time"), rtf: byId("rtf"), gps: byId("gps"),
+  name: byId("flight-name"), mode: byId("mode"), time: byId("time"), rtf: byId("rtf"), rtfName: byId("rtf-name"), gps: byId("gps"),
 });
-const alarms = new Alarms({ nodes: byId("nodes"), alarms: byId("alarms"), events: byId("events") });
+const alarms = new Alarms({ nodes: byId("nodes"), alarms: byId("alarms"), events: byId("events") }, (t) => replay.jump(t));
 const commands = new Commands(byId("commands"), byId("permission"), byId("ask"), (message) => connection.send(message), track);
+const replay = new Replay(byId, flight, (message) => connection.send(message));
 const sources = [...document.querySelectorAll("input[name=source]")];
 for (const input of sources) {
   input.addEventListener("change", () => {
@@ -49,6 +51,9 @@ function hello(message) {
   flight.hello(message);
   topLine.flight(message);
   commands.permit(message);
+  replay.hello(message);
+  // After the flight its report is served here: look for it often.
+  connection.longest = message.after ? 1 : 8;
   scene.setRadius(message.aircraft?.rotor_radius_m || 0.7);
   put(byId("foxglove"), message.foxglove_url ? `All topics for Foxglove: ${message.foxglove_url}` : "");
 }
@@ -56,7 +61,10 @@ function hello(message) {
 const scheme = location.protocol === "https:" ? "wss" : "ws";
 const connection = new Connection(`${scheme}://${location.host}/ws`, {
   hello,
-  state: (message) => flight.state(message),
+  state: (message) => {
+    flight.state(message);
+    replay.state(message);
+  },
   event: (message) => flight.event(message),
   answer: (message) => commands.answer(message),
   change: () => tellConnection(),
@@ -77,11 +85,12 @@ const NOT_HELD = "Attitude only: nothing holds position and altitude. The helico
 function situation() {
   const { open, everOpen, retryAt } = connection;
   const { end } = flight;
+  if (replay.shown) return replay.situation(connection, ENDS);
   const pause = retryAt === null ? "Trying now." : `Next try in ${Math.max(0, Math.ceil((retryAt - performance.now()) / 1000))} s.`;
   if (end) {
     const [word, sentence] = ENDS[end.kind];
     const cause = end.kind === "over" ? "" : ` ${end.text}`;
-    const gone = open ? "" : " Its server has ended, too.";
+    const gone = open ? "" : flight.info?.after ? " Its report is being written: this page will show it, and the flight again." : " Its server has ended, too.";
     return [end.kind, word, `${sentence(fixed(flight.last.t, 1, "s"))}${cause} What is shown is its end.${gone}`, open ? "" : pause];
   }
   if (!open) {
@@ -98,6 +107,7 @@ function situation() {
 }
 
 function tellConnection() {
+  const { end } = flight;
   const [state, word, sentence, count] = situation();
   const chip = byId("connection");
   chip.dataset.state = state;
@@ -108,9 +118,11 @@ function tellConnection() {
   put(byId("banner-text"), sentence);
   // By itself, so that a screen reader says the sentence once and does not count.
   put(byId("banner-count"), count);
+  replay.tellReport(byId("banner-report"), Boolean(sentence) && Boolean(end));
   byId("retry").hidden = connection.open || connection.retryAt === null;
-  document.body.dataset.live = String(state === "live" || Boolean(flight.end));
-  document.title = state === "lost" ? `✖ LOST · ${title}` : title;
+  document.body.dataset.live = String(["live", "replay"].includes(state) || Boolean(flight.end));
+  const name = replay.shown ? title.replace("Live view", "Replay") : title;
+  document.title = state === "lost" ? `✖ LOST · ${name}` : name;
 }
 
 // The climb's figures, once the reference has arrived.

@@ -61,7 +61,7 @@ export class Track {
     const g = this.surface.begin();
     if (!state) return;
     const bounds = flight.info?.bounds ?? {};
-    const rows = flight.rows.filter((row) => row.t > state.t - SHOWN_S);
+    const rows = flight.rows.filter((row) => row.t > state.t - SHOWN_S && row.t <= state.t);
     this.choose(state, rows, shown, bounds);
     this.grid(g);
     if (state.ref) this.bounds(g, state.ref, bounds);

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `heli`: hover, campaign, design, identify, compare, report, score, diff, bag, echo,
-topics, fault, joy, results, run, python.
+"""The command `heli`: hover, replay, campaign, design, identify, compare, report, score, diff, bag,
+echo, topics, fault, joy, results, run, python.
 
 A sub-command imports what it needs when it runs, so that help and completion are quick.
 """
@@ -37,6 +37,8 @@ from heli_flight.cli.options import (
     RecordedScenario,
 )
 from heli_flight.cli.programs import programs
+from heli_flight.cli.replay import EPILOG as REPLAY_EPILOG
+from heli_flight.cli.replay import replay
 from heli_flight.cli.results import results
 from heli_flight.cli.run import run
 from heli_flight.cli.score import EPILOG as SCORE_EPILOG
@@ -65,6 +67,7 @@ app.add_typer(results, name="results")
 app.command(epilog=EPILOG)(identify)
 app.command(epilog=JOY_EPILOG)(joy)
 app.command(epilog=epilog("heli hover"))(hover)
+app.command(epilog=REPLAY_EPILOG)(replay)
 app.command(epilog=SCORE_EPILOG)(score)
 app.command(epilog=DIFF_EPILOG)(diff)
 

@@ -34,6 +34,7 @@ def epilog(prog: str) -> str:
         ("--faults my_faults.yaml", "with sensors, actuators or links that fail"),
         ("--rate 400", "IMU, observer and inner loop at 400 Hz"),
         ("--live", "in real time, to be watched in a browser"),
+        ("--live --live-wait", "the same, beginning when a browser looks"),
     )
     width = max(len(options) for options, _ in lines)
     shown = "\n".join(f"  {prog} {options:<{width}}  {what}" for options, what in lines)
@@ -120,6 +121,14 @@ FoxglovePort = Annotated[
         metavar="PORT", help="with --live: serve Foxglove, too, on this port, 0: any (else closed)"
     ),
 ]
+LiveWait = Annotated[
+    bool,
+    typer.Option(
+        "--live-wait",
+        help="with --live: wait for the first browser before the flight begins, for at most the "
+        "parameter viewer_limit_s of live_view (600 s)",
+    ),
+]
 AllowCommands = Annotated[
     bool,
     typer.Option(
@@ -164,6 +173,7 @@ def hover(
     live_port: LivePort = None,
     foxglove_port: FoxglovePort = None,
     allow_commands: AllowCommands = False,
+    live_wait: LiveWait = False,
     aircraft: Aircraft = 1,
 ) -> int:
     """Fly the helicopter in wind, by itself, and compare with the paper."""
@@ -176,10 +186,10 @@ def hover(
         raise ParameterError("--figures: draws the report's charts; not with --no-report")
     modes = {"--realtime": realtime, "--live": live, "--lockstep": lockstep}
     modes["--one-process"] = one_process
+    watched = _live(live, live_port, foxglove_port, allow_commands, live_wait, not no_report)
     order = FlightOrder(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
-        _live(live, live_port, foxglove_port, allow_commands), world, laws, composed, rate,
-        figures, faults, respawn, law=law or (),
+        watched, world, laws, composed, rate, figures, faults, respawn, law=law or (),
     )  # fmt: skip
     if aircraft == 1:
         outcomes = [fly_and_write(order, console(stderr=as_json))]
@@ -212,7 +222,14 @@ def _mode(asked: dict[str, bool]) -> str | None:
     return meant[given[0]] if given else None
 
 
-def _live(live: bool, port: int | None, foxglove_port: int | None, allow_commands: bool) -> Any:
+def _live(
+    live: bool,
+    port: int | None,
+    foxglove_port: int | None,
+    allow_commands: bool,
+    wait: bool,
+    report: bool,
+) -> Any:
     """The live view that is asked for, None for none; its options need --live."""
     from heli_flight.graph.live import LiveOrder
     from heli_parameters.parameters import ParameterError
@@ -221,8 +238,9 @@ def _live(live: bool, port: int | None, foxglove_port: int | None, allow_command
         "--live-port": port is not None,
         "--foxglove-port": foxglove_port is not None,
         "--allow-commands": allow_commands,
+        "--live-wait": wait,
     }
     for name, is_given in given.items():
         if is_given and not live:
             raise ParameterError(f"{name}: needs --live")
-    return LiveOrder(port, foxglove_port, allow_commands) if live else None
+    return LiveOrder(port, foxglove_port, allow_commands, wait, report) if live else None

@@ -14,7 +14,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from heli_flight.errors import FlightError, StartError
 from heli_flight.graph.bag_record import BagFlight
-from heli_flight.graph.live import LiveView, addresses
+from heli_flight.graph.live import LiveView
+from heli_flight.graph.live_up import bring_up_live, wait_for_viewer
 from heli_flight.graph.outcome import last_word, outcome
 from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.plant_truth import TRUTH_SUMS
@@ -207,13 +208,17 @@ class Graph:
         up.wait_for_services(_APPEAR_LIMIT_S, self.check)
         up.refuse_doubles()
         up.refuse_strangers(self.check)
-        self._bring_up_live(up)
+        if self.live is not None:
+            bring_up_live(up, self.live, self.say, self.check)
+            self.watched = True
         self._configure(up, [node.name for node in NODES])
         if self.company:
             left_s = self._joined_s + _HEARD_ALL_S - time.monotonic()
             up.wait_until(lambda: False, max(left_s, 0.0), self.check)
             up.refuse_doubles()
             up.refuse_strangers(self.check)
+        if self.live is not None:
+            wait_for_viewer(up, self.live, self.say, self.check)
         start_ns = stamp_at(self.settings.nodes["plant"]["start_time_s"])
         up.publish_reference(self.settings.scenario, start_ns)
 
@@ -234,24 +239,6 @@ class Graph:
                 self.say("the nodes compile their kernels: once, a minute or two ...")
 
         up.transition(names, Transition.TRANSITION_CONFIGURE, READY_LIMIT_S, check)
-
-    def _bring_up_live(self, up: Supervisor) -> None:
-        """Serve before anything flies, and say where."""
-        if self.live is None:
-            return
-        limit = _TRANSITION_LIMIT_S
-        for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
-            up.transition([LIVE], step, limit, self.check)
-
-        def facts() -> Mapping[str, str]:
-            status = up.statuses.get(LIVE)
-            return status.facts if status else {}
-
-        if not up.wait_until(lambda: "page" in facts(), limit, self.check):
-            raise BringUpError(f"{LIVE}: has not said where the page is")
-        for line in addresses(facts(), self.live):
-            self.say(line)
-        self.watched = True
 
     def _with_reason(self, sentence: str) -> str:
         """The node's own words, where it has said why it refused."""
@@ -396,4 +383,6 @@ def fly_graph(
 def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:
     """End a graph; returns what its nodes said last, and who had to be killed."""
     statuses = dict(graph.supervisor.statuses) if graph.supervisor else {}
+    if graph.live is not None and LIVE in statuses:
+        graph.live.told.update(statuses[LIVE].facts)
     return statuses, graph.close()

@@ -2,7 +2,7 @@
 """A flight's live view: its parameters, its token, where to look."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +28,16 @@ class LiveView:
     token : str
         Lets its holder command; empty: view only. Handed over by the environment of the process
         alone, never by a file or a topic.
+    wait : bool
+        Whether the flight waits for the first browser.
+    told : dict
+        What the node said last, once the flight is over.
     """
 
     parameters: Mapping[str, Any]
     token: str = ""
+    wait: bool = False
+    told: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -44,11 +50,17 @@ class LiveOrder:
         0: any free one. A port for Foxglove opens it.
     allow_commands : bool
         Whether a token is made that lets its holder command.
+    wait : bool
+        Whether the flight waits for the first browser.
+    report : bool
+        Whether a report will be written, which the page then shows.
     """
 
     port: int | None = None
     foxglove_port: int | None = None
     allow_commands: bool = False
+    wait: bool = False
+    report: bool = False
 
 
 def live_view(order: LiveOrder, settings: Settings) -> LiveView:
@@ -72,7 +84,8 @@ def live_view(order: LiveOrder, settings: Settings) -> LiveView:
     values["foxglove"] = values["foxglove"] or order.foxglove_port is not None
     if order.allow_commands:
         values["allow_commands"] = True
-    return LiveView(values, new_token() if values["allow_commands"] else "")
+    values["flight.report"] = order.report and values["stay_s"] > 0.0
+    return LiveView(values, new_token() if values["allow_commands"] else "", order.wait)
 
 
 def _checked(row: Any, value: int, option: str) -> int:
@@ -106,6 +119,12 @@ def addresses(facts: Mapping[str, str], view: LiveView) -> list[str]:
     if view.token:
         lines.append(f"command token: {view.token}")
     return lines
+
+
+def viewers(facts: Mapping[str, str]) -> int:
+    """How many browsers look, by what the node says in /diagnostics."""
+    told = facts.get("viewers", "0")
+    return int(told) if told.isdecimal() else 0
 
 
 def layout_file() -> Path:

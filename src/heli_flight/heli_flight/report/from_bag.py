@@ -182,6 +182,21 @@ def report_of_bag(
     return page
 
 
+def told_beside(
+    folder: Path, choice: Choice | None = None
+) -> tuple[dict[str, Any], Settings, bool]:
+    """What lies beside a record: result.json's content, the settings, whether these are known.
+
+    Raises
+    ------
+    ParameterError
+        Of the user's choice, or of params.yaml; one line that names the file.
+    """
+    choice, saved = choice or Choice(), folder / NAME
+    told = _result_beside(folder)
+    return told, _settings(choice, told, saved), bool(choice.params) or saved.is_file()
+
+
 def _result_beside(folder: Path) -> dict[str, Any]:
     """Content of result.json beside the bag, empty if there is none that can be read."""
     try:

@@ -29,6 +29,7 @@ from heli_flight.loop.result import Result, print_table, write_result
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
 from heli_flight.studies.one_process import Flown, fly_one_process
+from heli_flight.studies.replay.after import serve_after
 from heli_flight.terminal import NewFolder, being_filled, flight_time, silent
 from heli_math.ticks import seconds
 from heli_parameters.entry import NONE
@@ -182,7 +183,10 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
             if settings.mode == ONE_PROCESS:
                 write_record(flight.record, folder)
             new.stays = True
-    return _shown(order, flight, Outcome(settings, flight.result, folder), out)
+    outcome = _shown(order, flight, Outcome(settings, flight.result, folder), out)
+    if order.report and flight.live is not None:
+        serve_after(folder, flight.live, _say(out))
+    return outcome
 
 
 def fly_several_and_write(
@@ -323,7 +327,7 @@ def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Conso
         result, extra, flight = fly_graph(
             settings, folder.path, progress, live, _say(out), order.composed, order.respawn
         )
-    return Flown(result, extra, flight.record, flight.remarks)
+    return Flown(result, extra, flight.record, flight.remarks, live)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from heli_bags.reader import Remark
+from heli_flight.graph.live import LiveView
 from heli_flight.loop.flight_section import ONE_PROCESS
 from heli_flight.loop.laws import own_laws
 from heli_flight.loop.record import FlightRecord
@@ -22,12 +23,16 @@ from heli_parameters.python_law import PythonLaw
 
 @dataclass(frozen=True)
 class Flown:
-    """A flight before it is written: `extra` is what result.json holds beside the result."""
+    """A flight before it is written: `extra` is what result.json holds beside the result.
+
+    `live` is its live view, if it had one.
+    """
 
     result: Result
     extra: Mapping[str, Any]
     record: FlightRecord
     remarks: Sequence[Remark] = ()
+    live: LiveView | None = None
 
 
 def fly_one_process(settings: Settings, out: Console, laws: Sequence[PythonLaw] = ()) -> Flown:
