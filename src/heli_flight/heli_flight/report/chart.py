@@ -132,6 +132,11 @@ class Chart:
         return any(bool(np.isfinite(trace.y).any()) for trace in drawn)
 
 
+def unit_of(label: str) -> str:
+    """Unit in an axis' label, what stands behind the last comma: "v_z, m/s"; else empty."""
+    return label.rpartition(", ")[2] if ", " in label else ""
+
+
 FEW_DECADES = 2.0
 """A logarithmic axis over at most so many decades has ticks between the powers of ten."""
 

@@ -12,7 +12,6 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from heli_flight.loop.flight_file import changes
 from heli_flight.loop.layers import NODES
@@ -39,6 +38,7 @@ _TITLES = {
     "parameters": "Parameters, seed, versions",
 }
 _DIGITS = 10
+_PLOTLY = "plotly-basic.min.js"
 _FOLDER = Path(__file__).with_name("page")
 _TEMPLATES = Environment(
     loader=FileSystemLoader(_FOLDER),
@@ -126,7 +126,7 @@ def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -
     The page may run its own two scripts and nothing else, load nothing and send nothing: its
     security policy names the scripts by their hashes.
     """
-    plotly = get_plotlyjs().replace("</script", "<\\/script")
+    plotly = (_FOLDER / _PLOTLY).read_text(encoding="utf-8").replace("</script", "<\\/script")
     script = (_FOLDER / "report.js").read_text(encoding="utf-8")
     return _TEMPLATES.get_template(template).render(
         head=head,
