@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from heli_bags.reader import Remark
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
 from heli_flight.loop.flight_file import NAME
 from heli_flight.loop.flight_section import ONE_PROCESS, flown
@@ -20,6 +21,8 @@ from heli_flight.loop.record_file import read_record
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings, resolve
+from heli_flight.report.bands import bands_of
+from heli_flight.report.chart import Band
 from heli_flight.report.data import Event, events_of
 from heli_flight.report.write import write_report
 from heli_parameters.parameters import ParameterError
@@ -59,6 +62,8 @@ class Recorded:
         True if the settings are not known to be those of the flight.
     commit : str
         Of the sources that flew; empty if that is not recorded.
+    remarks : sequence of Remark
+        What the nodes said.
     """
 
     record: FlightRecord
@@ -70,6 +75,12 @@ class Recorded:
     missing: Sequence[str] = field(default=())
     assumed: bool = False
     commit: str = ""
+    remarks: Sequence[Remark] = ()
+
+    @property
+    def bands(self) -> list[Band]:
+        """Modes, faults, failsafes, health as they were recorded."""
+        return bands_of(self.record, self.settings, self.remarks, self.events)
 
 
 def recorded(path: Path, choice: Choice | None = None) -> Recorded:
@@ -116,6 +127,7 @@ def recorded(path: Path, choice: Choice | None = None) -> Recorded:
         missing=missing,
         assumed=not known,
         commit=str(told.get("commit", "")),
+        remarks=flight.remarks,
     )
 
 
@@ -177,6 +189,7 @@ def report_of_bag(
         flight.assumed,
         figures,
         commit=flight.commit,
+        remarks=flight.remarks,
     )
     progress(STEPS)
     return page

@@ -18,11 +18,12 @@ from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import fault_words, mean_wind, verdict, versions
 from heli_flight.loop.scenario import NODE_NAME, TABLE
 from heli_flight.loop.scoring import DECIDES, STRETCHES, TRUTH
+from heli_flight.report.bands import legend
 from heli_flight.report.chart import PALETTE, Chart
 from heli_flight.report.data import Report
 from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import LAWS
-from heli_flight.report.plotly_json import figure, with_indices
+from heli_flight.report.plotly_json import page_data, with_indices
 from heli_flight.report.tables import event_table, margin_table, parameter_table, result_tables
 from heli_flight.report.words import scope
 
@@ -47,6 +48,8 @@ _TEMPLATES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+_TEMPLATES.globals["colours"] = PALETTE
+_TEMPLATES.filters["legend"] = legend
 _TEMPLATES.filters["with_indices"] = lambda text: Markup(with_indices(text))
 
 
@@ -133,7 +136,7 @@ def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -
         charts=charts,
         versions=versions(),
         written=time.strftime("%Y-%m-%d %H:%M"),
-        data=_json([figure(chart) for chart in charts]),
+        data=_json(page_data(charts)),
         palette=_json(PALETTE),
         css=Markup((_FOLDER / "report.css").read_text(encoding="utf-8")),
         plotly=Markup(plotly),
@@ -149,7 +152,8 @@ def _hash(script: str) -> str:
 
 
 def _json(value: object) -> Markup:
-    return Markup(json.dumps(value, separators=(",", ":")).replace("</", "<\\/"))
+    """JSON that can stand in a script: no text in it can end that, nor begin a comment."""
+    return Markup(json.dumps(value, separators=(",", ":")).replace("<", "\\u003c"))
 
 
 def _verdicts(report: Report) -> list[tuple[str, str, str]]:

@@ -6,8 +6,10 @@ The dictionaries are what Plotly.js reads (https://plotly.com/javascript/referen
 
 import base64
 import html
+import json
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -32,7 +34,7 @@ def figure(chart: Chart) -> _Json:
     Returns
     -------
     dict
-        key, data, layout, panels (weights that set the height), time, square.
+        key, data, layout, panels (weights that set the height), time, square, bands.
     """
     seen: set[str] = set()
     data = [
@@ -48,7 +50,32 @@ def figure(chart: Chart) -> _Json:
         "panels": [panel.height for panel in chart.panels],
         "time": chart.time,
         "square": chart.square,
+        "bands": [asdict(band) for band in chart.bands or ()],
     }
+
+
+def page_data(charts: Sequence[Chart]) -> _Json:
+    """Charts for a page: `figures`, of which arrays and bands that are alike are there once.
+
+    A trace's x and y are numbers of `arrays`, a figure's bands the number of a list of `bands`.
+    """
+    figures = [figure(chart) for chart in charts]
+    arrays: list[Any] = []
+    bands: list[Any] = []
+    known: dict[str, int] = {}
+
+    def place(value: Any, among: list[Any]) -> int:
+        key = json.dumps(value, sort_keys=True)
+        if key not in known:
+            known[key] = len(among)
+            among.append(value)
+        return known[key]
+
+    for drawn in figures:
+        for trace in drawn["data"]:
+            trace |= {axis: place(trace[axis], arrays) for axis in ("x", "y")}
+        drawn["bands"] = place(drawn["bands"], bands)
+    return {"figures": figures, "arrays": arrays, "bands": bands}
 
 
 def _number(row: int) -> str:
