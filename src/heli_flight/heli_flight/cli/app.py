@@ -172,7 +172,9 @@ def robust(
 
 @app.command(
     epilog="\b\nexample:\n  heli report flights/my_flight --figures\n"
-    "  heli report rosbag2_2026_11_21 --params my.yaml"
+    "  heli report rosbag2_2026_11_21 --params my.yaml\n\n"
+    "exit code: 0 written, 1 written, but its ground truth is not what the plant sent, 2 bad input "
+    "(one line)"
 )
 def report(
     bag: Annotated[Path, typer.Argument(help="rosbag2 folder, or the folder of a flight")],
@@ -189,18 +191,25 @@ def report(
     as_json: Json = False,
 ) -> int:
     """Write report.html, the flight beside the paper's figures, of a recorded flight."""
-    from heli_flight.report import STEPS, Choice, report_of_bag
+    from heli_flight.report import STEPS, Choice, recorded, report_of
     from heli_flight.terminal import json_text, steps
 
     choice = Choice(scenario, gps, seed, params or [])
     with steps("report", STEPS) as progress:
-        page = report_of_bag(bag, choice, out, progress, figures)
+        flight = recorded(bag, choice)
+        progress(1)
+        page = report_of(flight, out, figures)
+        progress(STEPS)
+    result = flight.result
     if as_json:
         drawn = sorted(str(path) for path in (page.parent / "figures").iterdir()) if figures else []
-        print(json_text({"report": str(page), "figures": drawn}), end="")
-        return 0
+        content = {"report": str(page), "figures": drawn, "forged": result.forged}
+        print(json_text(content), end="")
+        return 1 if result.forged else 0
+    if result.forged:
+        print(f"FORGED: {result.forged}")
     print(f"written: {page}")
-    return 0
+    return 1 if result.forged else 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -114,6 +114,8 @@ def _text_table(
 
 def _verdict(named: Named) -> tuple[str, str, str]:
     result, settings = named.flight.result, named.flight.settings
+    if result.forged:
+        return "✗", "bad", f"{named.name}: forged: {result.forged}"
     if result.lost:
         return "✗", "bad", f"{named.name}: lost after {result.flown_s:.2f} s: {result.lost}"
     said = f"{named.name}: {verdict(result, settings, DECIDES)}"

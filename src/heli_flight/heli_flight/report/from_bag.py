@@ -13,6 +13,7 @@ import numpy as np
 
 from heli_bags.reader import Remark
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.graph.plant_truth import judged_truth
 from heli_flight.loop.flight_file import NAME
 from heli_flight.loop.flight_section import ONE_PROCESS, flown
 from heli_flight.loop.record import FlightRecord
@@ -117,10 +118,12 @@ def recorded(path: Path, choice: Choice | None = None) -> Recorded:
             f"{settings.scenario_name} were taken, so wind, seed, limits, scored phases and design "
             "may not be those of this flight.",
         )
+    forged, unknown = judged_truth(flight, beside, settings.rate)
+    missing += [unknown] if unknown else []
     return Recorded(
         record=record,
         settings=settings,
-        result=_result(record, settings, flight, told),
+        result=replace(_result(record, settings, flight, told), forged=forged),
         folder=beside if saved.is_file() else bag.with_name(f"{bag.name}_report"),
         how=f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag",
         events=events_of(flight.remarks, settings),
@@ -175,10 +178,23 @@ def report_of_bag(
         Each with one line that names the file.
     """
     flight = recorded(path, choice)
+    progress(1)
+    page = report_of(flight, out, figures)
+    progress(STEPS)
+    return page
+
+
+def report_of(flight: Recorded, out: Path | None = None, figures: bool = False) -> Path:
+    """The same of a flight that has been read.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written.
+    """
     folder = out or flight.folder
     folder.mkdir(parents=True, exist_ok=True)
-    progress(1)
-    page = write_report(
+    return write_report(
         flight.record,
         flight.settings,
         flight.result,
@@ -191,8 +207,6 @@ def report_of_bag(
         commit=flight.commit,
         remarks=flight.remarks,
     )
-    progress(STEPS)
-    return page
 
 
 def _result_beside(folder: Path) -> dict[str, Any]:
