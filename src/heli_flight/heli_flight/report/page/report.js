@@ -12,7 +12,7 @@
   // No policy of a page can forbid windows of other sites: this one opens none.
   window.open = () => null;
   // On paper: A4 and Letter have room for so many pixels between the margins of the style sheet.
-  const PAPER_PX = 690;
+  const PAPER_PX = 700;
   const STRIP_PX = 6;
   let narrow = false;
   let paper = false;
@@ -104,10 +104,10 @@
   }
 
   function height(figure, width) {
-    if (figure.square) return Math.min(width, paper ? 440 : 620) + (narrow ? 130 : 80);
-    const each = paper ? 112 : narrow ? 150 : 175;
+    if (figure.square) return Math.min(width, paper ? 330 : 620) + (narrow ? 130 : 80);
+    const each = paper ? 78 : narrow ? 150 : 175;
     const sum = figure.panels.reduce((total, share) => total + share, 0);
-    return Math.round(each * sum + 26 * (figure.panels.length - 1) + (narrow ? 120 : 90));
+    return Math.round(each * sum + (paper ? 14 : 26) * (figure.panels.length - 1) + (narrow ? 120 : 90));
   }
 
   function paintedLayout(figure, width, zoom) {
@@ -119,12 +119,12 @@
       width,
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: font, size: narrow || paper ? 11 : 12.5, color: ink },
+      font: { family: font, size: paper ? 9.5 : narrow ? 11 : 12.5, color: ink },
       // A square chart leaves room beside it; above it the legend would meet the buttons.
       modebar: { orientation: figure.square ? "v" : "h", bgcolor: "rgba(0,0,0,0)", color: dark() ? "#6d7780" : "#a9b1b8", activecolor: ink },
-      margin: { l: narrow ? 50 : 64, r: narrow ? 8 : figure.square ? 44 : 14, t: 34, b: 44, pad: 0 },
+      margin: { l: narrow ? 50 : 64, r: narrow ? 8 : figure.square && !paper ? 44 : 14, t: paper ? 26 : 34, b: paper ? 34 : 44, pad: 0 },
       hoverlabel: { bgcolor: dark() ? "#20262b" : "#ffffff", bordercolor: grid, font: { color: ink, size: 12 } },
-      legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", font: { size: narrow ? 10.5 : 12 }, bgcolor: "rgba(0,0,0,0)", itemwidth: 30 },
+      legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", font: { size: paper ? 9.5 : narrow ? 10.5 : 12 }, bgcolor: "rgba(0,0,0,0)", itemwidth: 30 },
       dragmode: coarse ? false : "zoom",
       uirevision: "kept",
     };
