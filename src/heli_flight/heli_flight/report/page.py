@@ -24,7 +24,14 @@ from heli_flight.report.data import Report
 from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import LAWS
 from heli_flight.report.plotly_json import page_data, with_indices
-from heli_flight.report.tables import event_table, margin_table, parameter_table, result_tables
+from heli_flight.report.spectrum_charts import Spectra, loop_table, spectrum_table
+from heli_flight.report.tables import (
+    Table,
+    event_table,
+    margin_table,
+    parameter_table,
+    result_tables,
+)
 from heli_flight.report.words import scope
 
 _TITLES = {
@@ -34,6 +41,7 @@ _TITLES = {
     "flight": "Wind, actuators, attitude",
     "estimate": "Estimates against truth",
     "design": "The design that flew",
+    "spectra": "Spectra",
     "timeline": "Timeline",
     "scope": "What is simulated, and what is not",
     "parameters": "Parameters, seed, versions",
@@ -79,7 +87,11 @@ class Head:
 
 
 def render(
-    report: Report, charts: Sequence[Chart], design: Design | None, files: bool = False
+    report: Report,
+    charts: Sequence[Chart],
+    design: Design | None,
+    spectra: Spectra | None = None,
+    files: bool = False,
 ) -> str:
     """The flight's page as text.
 
@@ -89,6 +101,8 @@ def render(
     charts : sequence of Chart
     design : Design, optional
         None if the flown law has no such analysis.
+    spectra : Spectra, optional
+        None if there are none.
     files : bool
         True if figures/ beside the page holds each chart as PNG and SVG.
     """
@@ -116,11 +130,21 @@ def render(
         conditions=report.conditions,
         notes=[*report.result.notes, *report.missing],
         margins=margins,
+        spectra=_spectrum_tables(spectra, design),
         events=events,
         scope=scope(report.settings.nodes["plant"]),
         seed=report.settings.seed,
         parameters=_parameters(report),
     )
+
+
+def _spectrum_tables(spectra: Spectra | None, design: Design | None) -> list[Table]:
+    """What the flight's spectra say, and what the design does; nothing without spectra."""
+    measured = spectrum_table(spectra) if spectra else None
+    if measured is None:
+        return []
+    designed = loop_table(design) if design else None
+    return [measured, *([designed] if designed else [])]
 
 
 def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -> str:

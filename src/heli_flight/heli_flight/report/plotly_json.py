@@ -86,7 +86,8 @@ def _number(row: int) -> str:
 def _layout(chart: Chart) -> _Json:
     """The chart's axes, spans and notes."""
     lowest = max((i for i, p in enumerate(chart.panels) if p.x_range is None), default=0)
-    layout: _Json = {"hovermode": "x unified" if chart.time else "closest"}
+    along = chart.time or chart.log_x
+    layout: _Json = {"hovermode": "x unified" if along else "closest"}
     shapes, notes = [], []
     for row, (panel, domain) in enumerate(zip(chart.panels, _domains(chart.panels), strict=True)):
         end = _number(row)
@@ -145,6 +146,8 @@ def _x_axis(chart: Chart, panel: Panel, row: int, lowest: int) -> _Json:
         axis["showticklabels"] = False
     if chart.time:
         axis["unifiedhovertitle"] = {"text": "%{x:.2f} s"}
+    elif chart.log_x:
+        axis["unifiedhovertitle"] = {"text": f"%{{x:.3g}} {html.escape(unit_of(chart.x_label))}"}
     if panel.x_range is not None:
         axis["range"] = list(panel.x_range)
     elif row > 0:
@@ -220,7 +223,7 @@ def _told(trace: Trace, chart: Chart, panel: Panel) -> str:
     if trace.kind == "bar":
         return f"{name}: %{{x:.2f}} s<extra></extra>"
     value = f"%{{y:.4g}} {html.escape(unit_of(panel.y_label))}".rstrip()
-    if chart.time:
+    if chart.time or chart.log_x:
         return value
     at = f"%{{x:.4g}} {html.escape(unit_of(chart.x_label))}".rstrip()
     return f"{at}: {value}<extra>{name}</extra>"

@@ -20,6 +20,7 @@ from heli_flight.report.design import flown_design
 from heli_flight.report.page import render
 from heli_flight.report.paper_charts import paper_charts
 from heli_flight.report.path_charts import path_charts
+from heli_flight.report.spectrum_charts import spectra_of, spectrum_charts
 from heli_flight.report.system_charts import design_charts, flight_charts, timeline_charts
 
 PAGE = "report.html"
@@ -86,9 +87,12 @@ def write_report(
     if design is not None:
         charts += design_charts(design)
     charts += timeline_charts(report)
+    spectra = spectra_of(report)
+    charts += spectrum_charts(report, spectra, design)
     charts = with_bands([chart for chart in charts if chart.has_data], bands)
     page = folder / PAGE
-    page.write_text(render(report, charts, design, files=figures), encoding="utf-8")
+    text = render(report, charts, design, spectra, files=figures)
+    page.write_text(text, encoding="utf-8")
     if figures:
         # matplotlib takes half a second to import.
         from heli_flight.report.figures import write_figures
