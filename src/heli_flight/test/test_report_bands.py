@@ -121,6 +121,7 @@ def test_a_fault_that_was_ordered_and_taken_back_ends_then(flown):
 def test_health_is_what_nodes_complained_of(flown):
     record, settings = flown
     events = [Event(-0.5, "outer_loop", 1, "waits"), Event(-0.2, "outer_loop", 0, "flies"),
+              Event(0.0, "inner_loop", 1, "starts"), Event(0.2, "inner_loop", 0, "flies"),
               Event(3.0, "observer", 1, "GPS <lost>"), Event(5.0, "observer", 0, "ok"),
               Event(7.0, "plant", 9, "?")]  # fmt: skip
     found = of(bands_of(record, settings, (), events), "health")

@@ -35,6 +35,8 @@ _WORDS = re.compile(
 )
 _MOST_HEALTH, _MOST_TIMES = 60, 4
 _MOMENT_S = 0.005
+_START_UP_S = 1.0
+"""What is over by then is the start of nodes that wait for each other; the timeline has it."""
 
 
 def bands_of(
@@ -197,7 +199,8 @@ def _health(events: Sequence[Event], end_s: float) -> Iterator[Band]:
         own = [event for event in events if event.node == node]
         after = [*(event.time_s for event in own[1:]), end_s]
         for event, until in zip(own, after, strict=True):
-            if event.level == 0 or until < 0.0 or shown >= _MOST_HEALTH:
+            started = event.time_s < _START_UP_S and until < _START_UP_S
+            if event.level == 0 or started or shown >= _MOST_HEALTH:
                 continue
             shown += 1
             level = min(event.level, len(LEVELS) - 1)

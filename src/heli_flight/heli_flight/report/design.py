@@ -12,9 +12,8 @@ import numpy as np
 from heli_dynamics_sim.plant import PlantConfig
 from heli_flight.loop.laws import own_laws
 from heli_flight.loop.settings import Settings
-from heli_handling.boundaries import AXES
-from heli_handling.response import FrequencyResponse, bandwidth, rejection
 from heli_inner_hinf.actuation import Actuation, ObserverInput
+from heli_inner_hinf.attitude_disturbance import AXES
 from heli_inner_hinf.design import AttitudeConfig
 from heli_parameters.python_law import INNER
 
@@ -142,6 +141,7 @@ def flown_design(settings: Settings) -> Design | None:
 
 
 def _axes(loop: Loop) -> list[AxisNumbers]:
+    from heli_handling.response import FrequencyResponse, bandwidth, rejection
     from heli_inner_hinf.attitude_responses import attitude_responses
 
     if loop.stability() >= 0.0:

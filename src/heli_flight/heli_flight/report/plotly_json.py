@@ -222,6 +222,8 @@ def _told(trace: Trace, chart: Chart, panel: Panel) -> str:
     name = html.escape(trace.label or trace.role)
     if trace.kind == "bar":
         return f"{name}: %{{x:.2f}} s<extra></extra>"
+    if not chart.time and trace.kind in ("dash", "dot") and np.ptp(trace.x) == 0.0:
+        return f"{name}: %{{x:.3g}} {html.escape(unit_of(chart.x_label))}<extra></extra>"
     value = f"%{{y:.4g}} {html.escape(unit_of(panel.y_label))}".rstrip()
     if chart.time or chart.log_x:
         return value

@@ -151,7 +151,7 @@ def _chart(
         Trace(s.hertz, s.density, name, role, width=1.2)
         for s, name, role in zip(signal.spectra, signal.names, _ROLES, strict=False)
     ]
-    top, bottom = _reach(signal.spectra)
+    (top, bottom), drawn = _reach(signal.spectra), ""
     if signal.key in ("spectrum_force", "spectrum_rate"):
         for hertz, words in rotor_lines(report):
             seen = folded(hertz, found.rate_hz)
@@ -165,8 +165,8 @@ def _chart(
                 (numbers.crossover_radps, "crossover", "dot"),
             ):
                 if radps is not None:
-                    words = f"{what} {AXES[axis]}, {radps / (2.0 * np.pi):.2f} Hz"
-                    lines.append(_at(radps / (2.0 * np.pi), words, role, kind, (bottom, top)))
+                    lines.append(_at(radps / (2.0 * np.pi), what, role, kind, (bottom, top)))
+        drawn = "; dashed: disturbance rejection bandwidth (DRB), dotted: crossover, as designed"
     rms = ", ".join(
         f"{name} {s.rms:.3g}" for name, s in zip(signal.names, signal.spectra, strict=True)
     )
@@ -176,7 +176,7 @@ def _chart(
     return Chart(
         signal.key,
         f"{signal.title}: power spectral density",
-        f"{signal.told} {stretch}; rms about the mean: {rms}{told}.{filled}",
+        f"{signal.told} {stretch}; rms about the mean: {rms}{told}{drawn}.{filled}",
         [Panel(f"density, {unit}", lines, 1.6, y_range=(bottom, top), log_y=True)],
         SECTION,
         x_label="frequency, Hz",
@@ -237,16 +237,19 @@ def loop_table(design: Design) -> Table | None:
         return Markup("{:.2f} <small>({:.2f} Hz)</small>").format(radps, radps / (2.0 * np.pi))
 
     head = ("", *AXES)
-    kinds = (
-        ("disturbance rejection bandwidth (DRB), rad/s", "rejection_radps"),
-        ("crossover, broken at the actuator, rad/s", "crossover_radps"),
-        ("bandwidth of attitude to command, by phase, rad/s", "phase_bandwidth_radps"),
-        ("the same by gain, rad/s", "gain_bandwidth_radps"),
-    )
-    rows = [[name, *(told(getattr(axis, key)) for axis in design.axes)] for name, key in kinds]
+    axes = design.axes
+    kinds = {
+        "disturbance rejection bandwidth (DRB), rad/s": [a.rejection_radps for a in axes],
+        "crossover, broken at the actuator, rad/s": [a.crossover_radps for a in axes],
+        "bandwidth of attitude to command, by phase, rad/s": [
+            a.phase_bandwidth_radps for a in axes
+        ],
+        "the same by gain, rad/s": [a.gain_bandwidth_radps for a in axes],
+    }
+    rows = [[name, *map(told, values)] for name, values in kinds.items()]
     peaks = [
         Markup("{:.1f} dB <small>at {:.1f} rad/s</small>").format(a.peak_db, a.peak_radps)
-        for a in design.axes
+        for a in axes
     ]
     rows.insert(1, ["peak of disturbance rejection (DRP)", *peaks])
     caption = (
