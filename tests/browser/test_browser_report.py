@@ -3,7 +3,9 @@
 
 import re
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from heli_flight.loop.closed_loop import simulate
@@ -19,11 +21,14 @@ EVENTS = (
     Event(7.0, "observer", 1, "GPS <timeout> & more"),
     Event(9.0, "observer", 0, "active"),
 )
-# The page is about 6.0 MB, 4.8 of them Plotly.
-LARGEST_PAGE_BYTES = 6_300_000
+# The page is about 2.2 MB, 1.2 of them Plotly.
+LARGEST_PAGE_BYTES = 3_000_000
 BUTTONS = {
     "Download plot", "Zoom", "Pan", "Zoom in", "Zoom out", "Reset axes",
 }  # fmt: skip
+
+
+FAULTS = ("{what: gps, kind: loss, start_s: 8, duration_s: 4}",)
 
 
 def written(folder, scenario, **options):
@@ -59,6 +64,17 @@ def identification(identified_once):
 @pytest.fixture(params=["hover", "attitude", "identification"])
 def any_page(request):
     return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory):
+    """A flight with a fault and two modes."""
+    settings = resolve(duration_s=20.0, overrides={"plant": {"faults": FAULTS}})
+    flight = simulate(settings)
+    mode = np.where(flight.record.time_s < 15.0, "hover", "land")
+    result = Result(score(flight.record, settings.scenario), flight.sentence, 20.0, 1.0)
+    record, folder = replace(flight.record, mode=mode), tmp_path_factory.mktemp("faulty")
+    return write_report(record, settings, result, folder, "one process", EVENTS)
 
 
 def foreign_requests(page):
@@ -183,6 +199,63 @@ def test_zoom_is_shared_by_the_charts_of_time(page, hover):
     assert (low, high) == pytest.approx((15.0, 30.0), abs=1.0)
     # The track has no time axis: it stays.
     assert page.value(shown("fig9_track"))[0] < -1.0
+    assert page.errors == []
+
+
+def hover_over(page, key, share):
+    """Move the pointer over a chart's first panel; what the chart then tells."""
+    left, top, width, height = page.value(
+        f"(() => {{ const d = document.getElementById('chart-{key}');"
+        " d.scrollIntoView({behavior: 'instant', block: 'center'});"
+        " const r = d.querySelector('.nsewdrag').getBoundingClientRect();"
+        " return [r.left, r.top, r.width, r.height]; })()"
+    )
+    at = {"x": left + share * width, "y": top + 0.5 * height}
+    page.call("Input.dispatchMouseEvent", type="mouseMoved", **at)
+    told = (
+        f"[...document.querySelectorAll('#chart-{key} .hoverlayer text')].map(e => e.textContent)"
+    )
+    page.wait(f"{told}.length > 1")
+    return page.value(told)
+
+
+def test_bands_are_shaded_named_and_told_in_every_chart_over_time(page, faulty):
+    page.size(1280, 900)
+    page.open(faulty, READY)
+    charts = page.value(
+        "[...document.querySelectorAll('.chart')].map(d => [d.id,"
+        " Object.values(d._fullLayout).some(a => a?.title?.text === 'flight time, s'),"
+        " d._fullLayout.shapes.filter(s => s.x0 === 8 && s.x1 === 12).length,"
+        " d.parentElement.querySelectorAll('.bands .key').length])"
+    )
+    over_time = [row for row in charts if row[1] and row[0] != "chart-timeline"]
+    assert len(over_time) > 8
+    assert all(shaded >= 1 and named == 4 for _, _, shaded, named in over_time), over_time
+    assert all(row[2:] == [0, 0] for row in charts if row not in over_time)
+    inside = hover_over(page, "wind", 0.5)
+    number, unit = inside[0].split()
+    assert float(number) == pytest.approx(10.0, abs=0.1) and unit == "s"
+    assert "wind at the aircraft : " in inside[1]
+    assert inside[1].endswith(" m/s")
+    assert "mode: hover" in inside[-1] and "fault: gps loss, 8.00 to 12.00 s" in inside[-1], inside
+    after = hover_over(page, "attitude", 0.9)
+    assert "mode: land" in after[-1] and "gps loss" not in after[-1] and "°" in after[1], after
+    assert page.errors == []
+
+
+def test_what_is_looked_at_is_drawn_first(page, hover):
+    """At an anchor far down the charts there come first, and nothing moves when others come."""
+    page.size(1280, 900)
+    page.call("Page.addScriptToEvaluateOnNewDocument", source=(
+        "new MutationObserver(() => { const first = document.querySelector('.chart .scatterlayer');"
+        " if (first && !window.firstDrawn) window.firstDrawn = first.closest('.chart').id;"
+        " if (document.documentElement?.dataset.view && !window.placed) window.placed ="
+        " document.getElementById('rotor').offsetTop; })"
+        ".observe(document, {subtree: true, childList: true, attributes: true})"
+    ))  # fmt: skip
+    page.open(f"{hover.as_uri()}#rotor", READY)
+    assert page.value("window.firstDrawn") in ("chart-rotor", "chart-estimate_attitude")
+    assert page.value("document.getElementById('rotor').offsetTop - window.placed") == 0
     assert page.errors == []
 
 

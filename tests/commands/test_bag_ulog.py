@@ -66,15 +66,13 @@ def test_a_topic_has_the_numbers_of_the_flight(flown, topic, fields, of_record):
 
 
 def test_the_imu_is_there_where_it_was_recorded(flown, tmp_path):
-    assert flown.record.imu is None  # flights in one process keep none
-    assert "sensor_combined" not in {data.name for data in flown.log.data_list}
-    imu = np.random.default_rng(1).normal(size=(len(flown.record), 6))
+    names = _array("accelerometer_m_s2", 3) + _array("gyro_rad", 3)
+    read = _columns(flown.log, "sensor_combined", *names)
+    np.testing.assert_array_equal(read, flown.record.imu.astype(np.float32))
     flight = recorded(flown.folder)
     file = tmp_path / "x.ulg"
-    file.write_bytes(ulog_of(replace(flight, record=replace(flight.record, imu=imu))))
-    names = _array("accelerometer_m_s2", 3) + _array("gyro_rad", 3)
-    read = _columns(ULog(str(file)), "sensor_combined", *names)
-    np.testing.assert_array_equal(read, imu.astype(np.float32))
+    file.write_bytes(ulog_of(replace(flight, record=replace(flight.record, imu=None))))
+    assert "sensor_combined" not in {data.name for data in ULog(str(file)).data_list}
 
 
 def test_angles_of_the_setpoint_and_its_quaternion_agree(flown):

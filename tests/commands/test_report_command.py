@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`heli report` on bags: whole ones, poor ones, and what is none."""
 
+import json
 import math
 import re
 import shutil
@@ -10,15 +11,19 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+import heli
 from heli_flight.cli import app as cli
 from heli_flight.graph.bag_record import flight_from_bag
+from heli_flight.graph.plant_truth import TRUTH_SUMS
 from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.flight_file import write_parameters
 from heli_flight.loop.settings import resolve
 from heli_math.rotations import quat_to_R_nb
 from heli_math.rows import NAV
 from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.sums import sum_of
 
 DURATION_S = 8.0
 START_NS = 1_000_000_000
@@ -161,6 +166,79 @@ def test_bag_with_foreign_topics_only_is_refused(capsys, tmp_path, record):
     bag = write_bag(tmp_path / "foreign", record, (topics.ACTUATORS,), other="/lidar")
     said = "holds neither ground_truth/odom nor odom: no flight; of other kinds: /lidar"
     assert said in refused(capsys, bag)
+
+
+def sums_of(record):
+    """What the plant would have written of its ground truth."""
+    encoder, truth = Encoder(topics.TRUTH_ODOM), rows(record)[topics.TRUTH_ODOM]
+    stamps = (START_NS + tick * TICK_NS for tick in range(len(truth)))
+    return [
+        sum_of(encoder.encode(np.ascontiguousarray(row), stamp))
+        for row, stamp in zip(truth, stamps, strict=True)
+    ]
+
+
+@pytest.fixture
+def flown(tmp_path, record):
+    """A flight's folder with what the plant sent."""
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    write_bag(folder / "bag", record, FULL)
+    write_parameters(resolve(duration_s=DURATION_S), folder / "params.yaml")
+    (folder / "result.json").write_text('{"mode": "lockstep"}')
+    (folder / TRUTH_SUMS).write_bytes(b"".join(sums_of(record)))
+    return folder
+
+
+def verdicts(folder):
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    return [" ".join(v.split()) for v in re.findall(r'class="verdict (.*?)</p>', text, re.DOTALL)]
+
+
+def test_ground_truth_that_the_plant_sent_is_taken(capsys, flown):
+    code, out, _ = run(capsys, flown)
+    assert (code, out) == (0, f"written: {flown / 'report.html'}\n")
+    assert len(verdicts(flown)) == 2
+    assert "what the plant sent" not in (flown / "report.html").read_text(encoding="utf-8")
+
+
+def test_ground_truth_of_somebody_else_is_said_and_is_exit_code_1(capsys, flown, record):
+    sums = sums_of(record)
+    sums[200] = sums[199]
+    (flown / TRUTH_SUMS).write_bytes(b"".join(sums))
+    said = (
+        f"ground_truth/odom in the bag is not what the plant sent: 1 of {len(record)} messages, "
+        "the first at 2.00 s; somebody else sends on it"
+    )
+    code, out, _ = run(capsys, flown)
+    assert (code, out) == (1, f"FORGED: {said}\nwritten: {flown / 'report.html'}\n")
+    (shown,) = verdicts(flown)
+    assert shown.startswith('bad"') and f"Forged: {said}" in shown
+    code, out, _ = run(capsys, flown, "--json")
+    assert (code, json.loads(out)["forged"]) == (1, said)
+    flight = heli.load(flown)
+    assert (flight.verdict, flight.exit_code) == (said, 1)
+    again = shutil.copytree(flown, flown.with_name("again"))
+    assert cli.main(["diff", str(flown), str(again), "--out", str(flown / "d.html")]) == 0
+    assert f"forged: {said}" in capsys.readouterr().out
+
+
+def test_sums_that_are_missing_are_said(capsys, flown):
+    (flown / TRUTH_SUMS).unlink()
+    (flown / "graph.yaml").write_text("")
+    assert run(capsys, flown)[0] == 0
+    text = (flown / "report.html").read_text(encoding="utf-8")
+    assert "truth.sums is not beside the bag: whether its ground truth is what the plant" in text
+
+
+def test_a_plant_that_was_killed_has_not_written_its_last_sums(capsys, flown, record):
+    """That is no forgery, but where the flight ended in order it is one."""
+    (flown / TRUTH_SUMS).write_bytes(b"".join(sums_of(record)[:-50]))
+    assert run(capsys, flown)[0] == 1
+    (flown / "result.json").unlink()
+    assert run(capsys, flown)[0] == 0
+    text = (flown / "report.html").read_text(encoding="utf-8")
+    assert "whether the last 50 messages of ground truth are what the plant sent is not" in text
 
 
 def test_unknown_scenario_is_refused(capsys, full):

@@ -12,13 +12,17 @@ from rosbags.typesys import Stores, get_typestore
 from scipy import signal
 from scipy.optimize import brentq
 
+from heli_bags.tools import opened
 from heli_flight.cli import app as cli
+from heli_flight.graph.plant_truth import TRUTH_SUMS
 from heli_flight.loop.flight_file import write_parameters
 from heli_flight.loop.settings import resolve
 from heli_handling.testing.made_flights import vertical
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_math.ticks import NS_PER_S
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.sums import sum_of
 
 EVERY_S = 0.02
 START_NS = 1_700_000_000_000_000_000
@@ -32,7 +36,7 @@ def motion(drift_m):
     return t, np.column_stack([north, 0.0 * t, 0.0 * t - 10.0])
 
 
-def write_bag(folder, names, drift_m=0.5, flown=None):
+def write_bag(folder, names, drift_m=0.5, flown=None, start_ns=START_NS):
     """A bag with the hover, or another motion (times, positions), on each of the topics."""
     store = get_typestore(Stores.ROS2_JAZZY)
     kind = topics.BY_NAME[topics.TRUTH_ODOM].type
@@ -50,7 +54,7 @@ def write_bag(folder, names, drift_m=0.5, flown=None):
         for k in range(t.size):
             body = quat_to_R_nb(quat).T @ vel[k]
             row = np.concatenate([pos[k], body, quat, np.zeros(3)])
-            stamp = START_NS + round(t[k] * 1e9)
+            stamp = start_ns + round(t[k] * 1e9)
             for line in lines:
                 writer.write(line, stamp, encoder.encode(row, stamp))
     return folder
@@ -209,6 +213,29 @@ def test_a_disturbance_gives_its_rejection(bags, capsys):
     code, out, _ = run(capsys, bags["sweep"], "--response", "--disturbance", topic,
                        "--scale", "froude", "--rotor-diameter", "0.4")  # fmt: skip
     assert code == 1 and "below" in out
+
+
+def test_ground_truth_that_the_plant_did_not_send_is_exit_code_1(bags, capsys, tmp_path):
+    """A manoeuvre as it is defined, but somebody else has sent one of its messages."""
+    climb = vertical()
+    motion = climb.time_s, climb.pos_ned_m
+    write_bag(tmp_path / "bag", ["/ground_truth/odom"], flown=motion, start_ns=NS_PER_S)
+    write_parameters(resolve(), tmp_path / "params.yaml")
+    (tmp_path / "result.json").write_text("{}")
+    with opened(tmp_path / "bag") as reader:
+        lines = [line for line in reader.connections if line.topic == "/ground_truth/odom"]
+        raw = [message for _, _, message in reader.messages(lines)]
+    # A message every other tick: the sums between them are of messages that were lost.
+    sums = [b"".join((sum_of(message), bytes(8))) for message in raw]
+    (tmp_path / TRUTH_SUMS).write_bytes(b"".join(sums))
+    words = (tmp_path, "--mte", "vertical", "--target", 0, 0, 10)
+    code, out, _ = run(capsys, *words, "--json")
+    assert (code, json.loads(out)["forged"]) == (0, "")
+    sums[7] = bytes(16)
+    (tmp_path / TRUTH_SUMS).write_bytes(b"".join(sums))
+    code, out, _ = run(capsys, *words)
+    said = f"1 of {len(raw)} messages, the first at 0.14 s"
+    assert code == 1 and "FORGED: ground_truth/odom in the bag" in out and said in out
 
 
 @pytest.mark.parametrize(

@@ -45,3 +45,6 @@ def test_the_graph_lands_what_is_lost_as_one_process_does(ros_env, tmp_path):
     np.testing.assert_allclose(flown.truth_pos_ned_m, alone.truth_pos_ned_m, atol=1e-6)
     np.testing.assert_allclose(flown.u, alone.u, atol=1e-6)
     assert alone.mode[-1] == flown.mode[-1] == "land"
+    # What it did by itself is in both records, from the same tick on.
+    np.testing.assert_array_equal(flown.failsafe, alone.failsafe)
+    assert "LAND" in alone.failsafe

@@ -92,6 +92,10 @@ def test_recorded_truth_that_is_not_the_plants_is_named_and_fails(ros_env, tmp_p
     said = f"ground_truth/odom in the bag is not what the plant sent: {false} of {len(rows)} "
     assert code == 1 and forged.startswith(f"{said}messages, the first at 0.00 s"), forged
     assert len(read_sums(tmp_path / "f" / TRUTH_SUMS)) == TICKS
+    # Whoever reads the folder later is told the same.
+    command = [sys.executable, "-m", "heli_flight.cli.app", "report", str(tmp_path / "f")]
+    done = subprocess.run(command, env=ros_env, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1 and f"FORGED: {said}" in done.stdout, done.stdout
 
 
 def test_what_the_plant_sent_is_taken_for_what_it_is(ros_env, tmp_path):

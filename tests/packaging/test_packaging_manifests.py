@@ -62,7 +62,7 @@ DISTRIBUTIONS = {"yaml": "pyyaml", "foxglove": "foxglove-sdk", "pygame": "pygame
 # By pip, into an environment that sees the system's packages (CONTRIBUTING.md): noble has no such
 # package, or, of typer, one that is too old.
 BY_PIP = {
-    "cma", "control", "distributed", "foxglove", "mcap", "plotly", "pyarrow", "rosbags", "ruckig",
+    "cma", "control", "distributed", "foxglove", "mcap", "pyarrow", "rosbags", "ruckig",
     "typer", "zstandard",
 }  # fmt: skip
 

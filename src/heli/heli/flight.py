@@ -116,7 +116,8 @@ class Flight:
     @property
     def verdict(self) -> str:
         """One sentence: inside the paper's figures in the scored windows, or what is not."""
-        return self.lost or verdict(self._flown.result, self.settings, DECIDES)
+        forged = self._flown.result.forged
+        return self.lost or forged or verdict(self._flown.result, self.settings, DECIDES)
 
     def __len__(self) -> int:
         return int(self.time_s.size)

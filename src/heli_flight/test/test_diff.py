@@ -80,7 +80,7 @@ def test_page_overlays_the_flights_and_loads_nothing(flights, tmp_path, capsys):
     told(capsys, page, flights / "before", flights / "after")
     text = page.read_text(encoding="utf-8")
     data = re.search(r'id="charts">(.*?)</script>', text, re.DOTALL)
-    drawn = json.loads(data[1].replace("<\\/", "</"))
+    drawn = json.loads(data[1])["figures"]
     keys = [chart["key"] for chart in drawn]
     assert keys == ["position_truth", "position_navigation", "altitude", "attitude",
                     "attitude_error", "actuators"]  # fmt: skip

@@ -19,6 +19,9 @@ FACT_OFFSET = "reference_offset_ned_m"
 an empty list until it has engaged."""
 FACT_MODE = "mode"
 """What the outer loop calls the mode that it flies; what it says changes with it."""
+FACT_FAILSAFE = "failsafe"
+"""What the outer loop calls what it does by itself, a name of `heli_modes.failsafes.Action`; what
+it says changes with it."""
 FACT_FLOOD = "refused.requests"
 """What every node calls the number of service calls that came too often, with the reason."""
 REPEAT_S = 1.0

@@ -14,7 +14,7 @@ from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_MODE, FACT_OFFSET, Level
+from heli_msgs_bridge.diagnostics import FACT_FAILSAFE, FACT_MODE, FACT_OFFSET, Level
 from heli_msgs_bridge.floods import MOST_WAY_BYTES
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import MessageError
@@ -295,7 +295,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             facts = {
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,
-                "failsafe": answer(phases.phase, core.state).name,
+                FACT_FAILSAFE: answer(phases.phase, core.state).name,
                 "armed": core.armed,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),

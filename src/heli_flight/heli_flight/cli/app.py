@@ -174,8 +174,10 @@ def robust(
 
 
 @app.command(
-    epilog="\b\nexample:\n  heli report flights/my_flight --figures\n"
-    "  heli report rosbag2_2026_11_21 --params my.yaml"
+    epilog="\b\nexample:\n  heli report flights/my_flight --figures --pdf\n"
+    "  heli report rosbag2_2026_11_21 --params my.yaml\n\n"
+    "exit code: 0 written, 1 written, but its ground truth is not what the plant sent, 2 bad input "
+    "(one line)"
 )
 def report(
     bag: Annotated[Path, typer.Argument(help="rosbag2 folder, or the folder of a flight")],
@@ -189,21 +191,37 @@ def report(
     ] = None,
     params: Params = None,
     figures: Figures = False,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="also report.pdf: the page, printed by a Chromium")
+    ] = False,
     as_json: Json = False,
 ) -> int:
     """Write report.html, the flight beside the paper's figures, of a recorded flight."""
-    from heli_flight.report import STEPS, Choice, report_of_bag
+    from heli_flight.report import STEPS, Choice, recorded, report_of
+    from heli_flight.report.pdf import printer, write_pdf
     from heli_flight.terminal import json_text, steps
 
     choice = Choice(scenario, gps, seed, params or [])
-    with steps("report", STEPS) as progress:
-        page = report_of_bag(bag, choice, out, progress, figures)
+    program = printer() if pdf else ""
+    with steps("report", STEPS + pdf) as progress:
+        flight = recorded(bag, choice)
+        progress(1)
+        page = report_of(flight, out, figures)
+        progress(STEPS)
+        printed = write_pdf(page, program) if pdf else None
+        progress(STEPS + pdf)
+    result = flight.result
     if as_json:
         drawn = sorted(str(path) for path in (page.parent / "figures").iterdir()) if figures else []
-        print(json_text({"report": str(page), "figures": drawn}), end="")
-        return 0
-    print(f"written: {page}")
-    return 0
+        content = {"report": str(page), "figures": drawn, "forged": result.forged}
+        content |= {"pdf": str(printed)} if printed else {}
+        print(json_text(content), end="")
+        return 1 if result.forged else 0
+    if result.forged:
+        print(f"FORGED: {result.forged}")
+    for written in filter(None, (page, printed)):
+        print(f"written: {written}")
+    return 1 if result.forged else 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

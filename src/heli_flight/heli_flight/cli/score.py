@@ -14,8 +14,8 @@ EPILOG = (
     "\b\nexample:\n  heli score flights/my_flight --mte hover --plot hover.png\n"
     "  heli score rosbag2_2026_11_21 --odom /mavros/odom --mte vertical --start 12 --end 60\n"
     "  heli score flights/my_sweep --response --axis pitch --plot bode.svg\n\n"
-    "exit code: 0 desired or adequate and flown as defined (Level 1 or 2), 1 neither or not flown "
-    "as defined, 2 bad input (one line)"
+    "exit code: 0 desired or adequate and flown as defined (Level 1 or 2), 1 neither, not flown as "
+    "defined, or ground truth that is not what the plant sent, 2 bad input (one line)"
 )
 
 

@@ -20,8 +20,9 @@ from heli_math.rotations import quat_to_R_nb
 from heli_math.rows import ACTUATOR, IMU, JOINTS, NAV, PLANT, REFERENCE, ROTOR
 from heli_math.ticks import Rate, stamp_at
 from heli_math.trajectory import Trajectory
+from heli_modes.failsafes import Action
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_MODE, NO_MESSAGE, offset_of
+from heli_msgs_bridge.diagnostics import FACT_FAILSAFE, FACT_MODE, NO_MESSAGE, offset_of
 from heli_outer_pd.parameter_table import NODE_NAME as OUTER_LOOP
 from heli_outer_pd.reference import moved
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
@@ -70,6 +71,18 @@ def _mode(bag: Bag, ticks: NDArray[np.int64], clock: _Clock) -> np.ndarray | Non
     for stamp_ns, mode in told:
         modes[np.searchsorted(ticks, clock.ticks(stamp_ns)) :] = mode
     return modes
+
+
+def _failsafe(bag: Bag, ticks: NDArray[np.int64], clock: _Clock) -> np.ndarray | None:
+    """What the outer loop did by itself (N,) at the ticks; None where it never did anything."""
+    told = [(r.stamp_ns, r.facts[FACT_FAILSAFE]) for r in bag.remarks
+            if r.node == OUTER_LOOP and FACT_FAILSAFE in r.facts]  # fmt: skip
+    if all(action == Action.NONE.name for _, action in told):
+        return None
+    actions = np.full(ticks.size, Action.NONE.name, "U14")
+    for stamp_ns, action in sorted(told, key=lambda what: what[0]):
+        actions[np.searchsorted(ticks, clock.ticks(stamp_ns)) :] = action
+    return actions
 
 
 def _followed(bag: Bag, limits: ReferenceLimits) -> list[tuple[int, Trajectory]]:
@@ -227,6 +240,7 @@ def _record(
         nav_sigma_att_rad=nav[:, NAV.sigma_att],
         excitation_u=at(topics.EXCITATION_ACTUATORS, ACTUATOR.size) if excited else None,
         gust_ned_mps=at(topics.EXCITATION_WIND, 3) if excited else None,
-        imu=at(topics.IMU, IMU.size) if excited else None,
+        imu=at(topics.IMU, IMU.size) if topics.IMU in bag.streams else None,
         mode=_mode(bag, ticks, clock),
+        failsafe=_failsafe(bag, ticks, clock),
     )

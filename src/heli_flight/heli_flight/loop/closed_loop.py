@@ -53,6 +53,7 @@ from heli_math.rows import (
 from heli_math.sweep import SweepKernel, add_sweep
 from heli_math.ticks import Rate
 from heli_math.trajectory import Trajectory, reference_at
+from heli_modes.failsafes import Action
 from heli_modes.table import LANDING
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
@@ -65,6 +66,7 @@ from heli_outer_pd.phases import Phases
 from heli_outer_pd.reference import fill_offset, move
 from heli_outer_pd.reference_limits import ReferenceLimits
 from heli_outer_pd.script import script_of
+from heli_outer_pd.sight import answer
 
 _CHUNK_TICKS = 6000
 _N_MEAS, _N_NAV, _N_STATES, _N_REFERENCE = MEAS.size, NAV.size, len(NINE), REFERENCE.size
@@ -189,10 +191,10 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
         u[ACTUATOR.col] = aim[SETPOINT.col]
         if loop.excitation_k.on:
             excite(tick * loop.tick_s, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
-        if track.imu.shape[0] > 0:
+        copy(track.imu[tick], y[MEAS.imu])
+        if track.gust.shape[0] > 0:
             sines, time_s = loop.plant_k.wind.sines, tick * loop.tick_s
             copy(track.excitation[tick], loop.excitation_s[SENT : SENT + ACTUATOR.size])
-            copy(track.imu[tick], y[MEAS.imu])
             injected_gust(loop.plant_s.x, time_s, sines, track.gust[tick])
         copy(track.nav[tick], nav)
         copy(track.reference[tick], reference)
@@ -319,6 +321,7 @@ def fly_loop(loop: Loop, settings: Settings, progress=None, ticks=fly) -> Flight
     setpoint[SETPOINT.psi] = reference.points[0, REFERENCE.psi]
     u = np.append(loop.inner_k.u_trim, setpoint[SETPOINT.col])
     tick, status, rows = 0, 0, streams.rows(0)
+    acted = [(0, Action.NONE)]
     while tick < n and status == 0:
         asked = scripted or phases.lost or phases.gone
         count = min(_unasked(phases, tick, loop) if asked else _CHUNK_TICKS, n - tick)
@@ -331,13 +334,15 @@ def fly_loop(loop: Loop, settings: Settings, progress=None, ticks=fly) -> Flight
             if went_on and phases.way is not None:
                 times_ns, points = phases.way.times_ns, phases.way.points
             scripted = scripted or phases.phase in LANDING
+        action = answer(phases.phase, loop.outer_s)
+        acted += [(last, action)] if action != acted[-1][1] else []
         if progress is not None:
             progress(rate.seconds(tick))
     for before in range(loop.anchor[1]):
         reference_at(before * rate.tick_ns, times_ns, points, track.reference[before])
     named = plant.PlantStatus(max(status, 0))
     modes = _modes(phases, tick, rate) if scripted else None
-    record = replace(record_of(track, tick, rate), mode=modes)
+    record = replace(record_of(track, tick, rate), mode=modes, failsafe=_actions(acted, tick))
     return Flight(record, named, "" if status <= 0 else named.sentence)
 
 
@@ -359,6 +364,16 @@ def _modes(phases: Phases, n: int, rate: Rate) -> np.ndarray:
     for began_ns, phase in phases.history:
         modes[began_ns // rate.tick_ns :] = phase.mode
     return modes
+
+
+def _actions(acted: list[tuple[int, Action]], n: int) -> np.ndarray | None:
+    """What the position loop did by itself (n,) at each tick; None for nothing throughout."""
+    if len(acted) == 1:
+        return None
+    actions = np.empty(n, "U14")
+    for tick, action in acted:
+        actions[tick:] = action.name
+    return actions
 
 
 def _unasked(phases: Phases, tick: int, loop: Loop) -> int:

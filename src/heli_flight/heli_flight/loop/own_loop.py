@@ -118,7 +118,8 @@ class _Ticks:
             if tick % loop.period_ticks == 0:
                 self._follow(loop, tick, times_ns, points, setpoint)
             self._act(loop, tick, setpoint, u)
-            if track.imu.shape[0] > 0:
+            track.imu[tick] = self._y[MEAS.imu]
+            if track.gust.shape[0] > 0:
                 self._write_excited(loop, tick, track)
             track.nav[tick], track.setpoint[tick], track.u[tick] = self._nav, setpoint, u
             if any(law.failure for law in self._laws):
@@ -199,8 +200,7 @@ class _Ticks:
             excite(time_s, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
 
     def _write_excited(self, loop: Loop, tick: int, track: Track) -> None:
-        sent = loop.excitation_s[SENT : SENT + ACTUATOR.size]
-        track.excitation[tick], track.imu[tick] = sent, self._y[MEAS.imu]
+        track.excitation[tick] = loop.excitation_s[SENT : SENT + ACTUATOR.size]
         sines, time_s = loop.plant_k.wind.sines, tick * loop.tick_s
         injected_gust(loop.plant_s.x, time_s, sines, track.gust[tick])
 

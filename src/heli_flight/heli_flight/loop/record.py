@@ -37,13 +37,16 @@ class FlightRecord:
     nav_sigma_att_rad : (N, 3) ndarray, optional
         The same of its attitude, as a rotation about north, east and down.
     excitation_u : (N, 4) ndarray, optional
-        What identification added to u; this and the next two are None where nothing was excited.
+        What identification added to u; this and the next are None where nothing was excited.
     gust_ned_mps : (N, 3) ndarray, optional
         Injected periodic gust alone, NED.
     imu : (N, 6) ndarray, optional
-        As measured: specific force, m/s2, and rates, rad/s, body.
+        As measured: specific force, m/s2, and rates, rad/s, body; None where it is not recorded.
     mode : (N,) ndarray of str, optional
         Mode that was flown; None where it was never another than to follow the reference.
+    failsafe : (N,) ndarray of str, optional
+        What the position loop did by itself for want of a position or a vertical speed, names of
+        `heli_modes.failsafes.Action`; None where it never did anything.
     """
 
     time_s: np.ndarray
@@ -68,6 +71,7 @@ class FlightRecord:
     gust_ned_mps: np.ndarray | None = None
     imu: np.ndarray | None = None
     mode: np.ndarray | None = None
+    failsafe: np.ndarray | None = None
 
     def __len__(self) -> int:
         return self.time_s.size

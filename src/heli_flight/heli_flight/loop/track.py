@@ -18,16 +18,16 @@ class Track(NamedTuple):
     reference: np.ndarray  # (n, 7) REFERENCE
     setpoint: np.ndarray  # (n, 4) SETPOINT
     u: np.ndarray  # (n, 4) ACTUATOR
+    imu: np.ndarray  # (n, 6) IMU
     # no rows unless something is excited:
     excitation: np.ndarray  # (n, 4) ACTUATOR, what was added to u
     gust: np.ndarray  # (n, 3) NED, m/s
-    imu: np.ndarray  # (n, 6) IMU
 
 
 def empty_track(n: int, excited: bool) -> Track:
     """Rows for n ticks; those of what is excited only if something is."""
-    sizes = (TRUTH.size, NAV.size, REFERENCE.size, SETPOINT.size, ACTUATOR.size)
-    added = (ACTUATOR.size, 3, IMU.size)
+    sizes = (TRUTH.size, NAV.size, REFERENCE.size, SETPOINT.size, ACTUATOR.size, IMU.size)
+    added = (ACTUATOR.size, 3)
     return Track(
         *(np.zeros((n, size)) for size in sizes),
         *(np.zeros((n if excited else 0, size)) for size in added),
@@ -56,7 +56,7 @@ def record_of(track: Track, n: int, rate: Rate) -> FlightRecord:
         nav_sigma_pos_m=nav[:, NAV.sigma_pos],
         nav_sigma_vel_mps=nav[:, NAV.sigma_vel],
         nav_sigma_att_rad=nav[:, NAV.sigma_att],
-        excitation_u=track.excitation[:n] if track.imu.size else None,
-        gust_ned_mps=track.gust[:n] if track.imu.size else None,
-        imu=track.imu[:n] if track.imu.size else None,
+        excitation_u=track.excitation[:n] if track.gust.size else None,
+        gust_ned_mps=track.gust[:n] if track.gust.size else None,
+        imu=track.imu[:n],
     )

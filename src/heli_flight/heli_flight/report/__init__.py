@@ -2,7 +2,7 @@
 """A flight's report: a page for the browser and figures for a paper."""
 
 from heli_flight.report.data import Event, events_of
-from heli_flight.report.from_bag import STEPS, Choice, Recorded, recorded, report_of_bag
+from heli_flight.report.from_bag import STEPS, Choice, Recorded, recorded, report_of, report_of_bag
 from heli_flight.report.write import FIGURES, PAGE, write_report
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Recorded",
     "events_of",
     "recorded",
+    "report_of",
     "report_of_bag",
     "write_report",
 ]

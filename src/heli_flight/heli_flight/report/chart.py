@@ -6,7 +6,7 @@ which people with any colour vision tell apart.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,6 +89,32 @@ class Panel:
 
 
 @dataclass(frozen=True)
+class Band:
+    """A stretch of flight time of which something was recorded, shaded in charts over time.
+
+    Attributes
+    ----------
+    start_s, end_s : float
+        Flight time; equal ends: a moment.
+    kind : str
+        "mode" (along the upper edge), "health" (along the lower edge), "fault", "failsafe".
+    name : str
+        Short, for a legend.
+    role : str
+        Key of PALETTE.
+    told : str
+        A sentence more, for a table; or empty.
+    """
+
+    start_s: float
+    end_s: float
+    kind: str
+    name: str
+    role: str
+    told: str = ""
+
+
+@dataclass(frozen=True)
 class Chart:
     """A figure.
 
@@ -108,6 +134,8 @@ class Chart:
         Whether x is flight time, so that its zoom is shared with the other charts of time.
     spans : sequence of (start, end)
         Shaded stretches of x: the scored phases.
+    bands : sequence of Band, optional
+        What was recorded of modes, faults, failsafes; None: not settled yet (`with_bands`).
     log_x, square : bool
         square: equal scales and a 1 m grid.
     """
@@ -123,6 +151,7 @@ class Chart:
     spans: Sequence[tuple[float, float]] = ()
     log_x: bool = False
     square: bool = False
+    bands: Sequence[Band] | None = None
 
     @property
     def has_data(self) -> bool:
@@ -130,6 +159,19 @@ class Chart:
         traces = [trace for panel in self.panels for trace in panel.traces]
         drawn = [trace for trace in traces if trace.role not in ("bound", "reference")]
         return any(bool(np.isfinite(trace.y).any()) for trace in drawn)
+
+
+def with_bands(charts: Sequence[Chart], bands: Sequence[Band]) -> list[Chart]:
+    """The charts, those over flight time with the bands, but for those that have their own."""
+    return [
+        replace(chart, bands=tuple(bands)) if chart.time and chart.bands is None else chart
+        for chart in charts
+    ]
+
+
+def unit_of(label: str) -> str:
+    """Unit in an axis' label, what stands behind the last comma: "v_z, m/s"; else empty."""
+    return label.rpartition(", ")[2] if ", " in label else ""
 
 
 FEW_DECADES = 2.0
@@ -147,6 +189,18 @@ def largest(values: np.ndarray) -> float:
     """Largest magnitude of the finite values, 0 if there is none."""
     finite = values[np.isfinite(values)]
     return float(np.abs(finite).max()) if finite.size else 0.0
+
+
+def beyond(x: np.ndarray, lines: Sequence[np.ndarray], reach: float, unit: str) -> str:
+    """Where lines over flight time leave an axis to +-reach, for a note; empty if they do not."""
+    if not len(x):
+        return ""
+    magnitude = np.max(np.abs([np.nan_to_num(line) for line in lines]), axis=0)
+    at = int(np.argmax(magnitude))
+    if magnitude[at] <= reach:
+        return ""
+    space = "" if unit == "°" else " "
+    return f"to {magnitude[at]:.1f}{space}{unit} at {x[at]:.1f} s, beyond this axis"
 
 
 def limits(x: np.ndarray, value: float, label: str, role: str = "bound") -> Trace:

@@ -14,6 +14,7 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result, conditions
 from heli_flight.loop.scoring import WINDOWS, Figures, Score, counted, errors
 from heli_flight.loop.settings import Settings
+from heli_flight.report.chart import Band
 from heli_math.rotations import euler_angles
 from heli_parameters.python_law import INNER, short_name
 
@@ -86,6 +87,8 @@ class Report:
         True if the settings are not known to be those of the flight.
     commit : str
         Of the sources that flew; empty if it was not recorded.
+    bands : sequence of Band
+        Modes, faults, failsafes, health as they were recorded.
     """
 
     record: FlightRecord
@@ -97,6 +100,7 @@ class Report:
     missing: Sequence[str] = field(default=())
     assumed: bool = False
     commit: str = ""
+    bands: Sequence[Band] = ()
 
     @property
     def kind(self) -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,13 @@ from heli_dynamics_sim.plant import PlantConfig
 from heli_flight.loop.laws import own_laws
 from heli_flight.loop.settings import Settings
 from heli_inner_hinf.actuation import Actuation, ObserverInput
+from heli_inner_hinf.attitude_disturbance import AXES
 from heli_inner_hinf.design import AttitudeConfig
 from heli_parameters.python_law import INNER
 
 if TYPE_CHECKING:
     from heli_inner_hinf.analysis import LoopReport
+    from heli_inner_hinf.loops import Loop
 
 _POINTS = 240
 
@@ -39,6 +42,30 @@ class Bound:
 
 
 @dataclass(frozen=True)
+class AxisNumbers:
+    """What the attitude loop as flown is worth about one axis, the others closed.
+
+    Attributes
+    ----------
+    rejection_radps : float or None
+        Disturbance rejection bandwidth: below it more than 3 dB are taken off; None: nowhere.
+    peak_db, peak_radps : float
+        Where it adds most to a disturbance.
+    crossover_radps : float or None
+        Of the loop broken at the axis' actuator.
+    phase_bandwidth_radps, gain_bandwidth_radps : float or None
+        Of attitude to its command, as ADS-33E defines them.
+    """
+
+    rejection_radps: float | None
+    peak_db: float
+    peak_radps: float
+    crossover_radps: float | None
+    phase_bandwidth_radps: float | None
+    gain_bandwidth_radps: float | None
+
+
+@dataclass(frozen=True)
 class Design:
     """The flown design's numbers.
 
@@ -56,6 +83,8 @@ class Design:
         Singular values of each loop from wind (m/s).
     rate_hz : int
         At which the law steps.
+    axes : sequence of AxisNumbers
+        Roll, pitch, yaw of the loop as flown; empty for an unstable one.
     """
 
     controller: str
@@ -65,6 +94,7 @@ class Design:
     wind_to_h: list[np.ndarray]
     wind_to_u: list[np.ndarray]
     rate_hz: int
+    axes: Sequence[AxisNumbers] = ()
 
 
 def flown_design(settings: Settings) -> Design | None:
@@ -106,7 +136,35 @@ def flown_design(settings: Settings) -> Design | None:
         [hv for hv, _ in values],
         [uv for _, uv in values],
         plant.rate.hz,
+        _axes(loops[-1]),
     )
+
+
+def _axes(loop: Loop) -> list[AxisNumbers]:
+    from heli_handling.response import FrequencyResponse, bandwidth, rejection
+    from heli_inner_hinf.attitude_responses import attitude_responses
+
+    if loop.stability() >= 0.0:
+        return []
+    found = attitude_responses(loop)
+    numbers = []
+    for axis in range(len(AXES)):
+        known = np.ones(found.omega_radps.size)
+        rejected = rejection(
+            FrequencyResponse(found.omega_radps, found.to_disturbance[axis], known)
+        )
+        answered = bandwidth(FrequencyResponse(found.omega_radps, found.to_command[axis], known))
+        numbers.append(
+            AxisNumbers(
+                rejected.bandwidth_radps,
+                rejected.peak_db,
+                rejected.peak_radps,
+                found.crossover_radps(axis),
+                answered.phase_radps,
+                answered.gain_radps,
+            )
+        )
+    return numbers
 
 
 def _bound(config: AttitudeConfig) -> Bound | None:

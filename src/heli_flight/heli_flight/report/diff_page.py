@@ -9,6 +9,8 @@ from rich.console import Console
 
 from heli_flight.loop.result import phases, verdict
 from heli_flight.loop.scoring import DECIDES, SOURCE_NAMES, STRETCHES, Score
+from heli_flight.report.bands import bands_beside
+from heli_flight.report.chart import with_bands
 from heli_flight.report.diff import ABSENT, Beside, Diff, Named
 from heli_flight.report.diff_charts import charts
 from heli_flight.report.page import Head, filled
@@ -43,7 +45,10 @@ def write_diff(found: Diff, page: Path) -> None:
 
 def render(found: Diff) -> str:
     """The page as text."""
-    drawn = charts(found.flights)
+    drawn = with_bands(
+        charts(found.flights),
+        bands_beside({named.name: named.flight.bands for named in found.flights}),
+    )
     sections = {chart.section for chart in drawn} | {"parameters", "metrics", "read"}
     names = " and ".join((", ".join(found.names[:-1]), found.names[-1]))
     head = Head(
@@ -109,6 +114,8 @@ def _text_table(
 
 def _verdict(named: Named) -> tuple[str, str, str]:
     result, settings = named.flight.result, named.flight.settings
+    if result.forged:
+        return "✗", "bad", f"{named.name}: forged: {result.forged}"
     if result.lost:
         return "✗", "bad", f"{named.name}: lost after {result.flown_s:.2f} s: {result.lost}"
     said = f"{named.name}: {verdict(result, settings, DECIDES)}"

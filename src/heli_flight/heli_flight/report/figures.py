@@ -14,9 +14,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
+from heli_flight.report.bands import legend
 from heli_flight.report.chart import (
     FEW_DECADES,
     PALETTE,
+    Band,
     Chart,
     Panel,
     Trace,
@@ -110,6 +112,7 @@ def draw(chart: Chart, conditions: str) -> Figure:
 def _legend_shape(chart: Chart) -> tuple[int, int]:
     """Columns and rows of the legend, so that the longest labels have room."""
     labels = {trace.label for panel in chart.panels for trace in panel.traces if trace.label}
+    labels |= {band.name for band in legend(chart.bands or ())}
     if not labels:
         return 1, 0
     room = max(1, _LEGEND_CHARACTERS // (max(map(len, labels)) + 7))
@@ -137,6 +140,8 @@ def _panel(ax, chart: Chart, panel: Panel, span: tuple[float, float] | None) -> 
         _log_ticks(ax.yaxis, [np.array(ends)] if ends else [t.y for t in panel.traces])
     for start, end in chart.spans if panel.x_range is None else ():
         ax.axvspan(start, end, color="#000000", alpha=0.045, linewidth=0)
+    for band in (chart.bands or ()) if chart.time else ():
+        _band(ax, band)
     for trace in panel.traces:
         _trace(ax, thinned(_cut(trace, panel), _POINTS, planar=chart.square))
     ax.set_ylabel(_with_indices(panel.y_label), labelpad=3)
@@ -154,6 +159,19 @@ def _panel(ax, chart: Chart, panel: Panel, span: tuple[float, float] | None) -> 
         ax.yaxis.set_major_locator(MultipleLocator(1.0))
     if panel.note:
         ax.set_title(panel.note, loc="right", fontsize=7.5, color="#555555", pad=2.5)
+
+
+def _band(ax, band: Band) -> None:
+    """A mode along the upper edge, health along the lower one, a fault or failsafe over all."""
+    colour, label = PALETTE[band.role][0], legend([band])[0].name
+    if band.end_s - band.start_s <= 0.0:
+        ax.axvline(band.start_s, color=colour, linewidth=1.0, label=label)
+        return
+    low, high = {"mode": (0.95, 1.0), "health": (0.0, 0.05)}.get(band.kind, (0.0, 1.0))
+    alpha = 0.8 if high - low < 1.0 else 0.2
+    ax.axvspan(
+        band.start_s, band.end_s, low, high, color=colour, alpha=alpha, linewidth=0, label=label
+    )
 
 
 def _log_ticks(axis, values: Sequence[np.ndarray]) -> None:

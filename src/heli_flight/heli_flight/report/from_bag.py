@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from heli_bags.reader import Remark
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.graph.plant_truth import judged_truth
 from heli_flight.loop.flight_file import NAME
 from heli_flight.loop.flight_section import ONE_PROCESS, flown
 from heli_flight.loop.record import FlightRecord
@@ -20,6 +22,8 @@ from heli_flight.loop.record_file import read_record
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings, resolve
+from heli_flight.report.bands import bands_of
+from heli_flight.report.chart import Band
 from heli_flight.report.data import Event, events_of
 from heli_flight.report.write import write_report
 from heli_parameters.parameters import ParameterError
@@ -59,6 +63,8 @@ class Recorded:
         True if the settings are not known to be those of the flight.
     commit : str
         Of the sources that flew; empty if that is not recorded.
+    remarks : sequence of Remark
+        What the nodes said.
     """
 
     record: FlightRecord
@@ -70,6 +76,12 @@ class Recorded:
     missing: Sequence[str] = field(default=())
     assumed: bool = False
     commit: str = ""
+    remarks: Sequence[Remark] = ()
+
+    @property
+    def bands(self) -> list[Band]:
+        """Modes, faults, failsafes, health as they were recorded."""
+        return bands_of(self.record, self.settings, self.remarks, self.events)
 
 
 def recorded(path: Path, choice: Choice | None = None) -> Recorded:
@@ -106,16 +118,19 @@ def recorded(path: Path, choice: Choice | None = None) -> Recorded:
             f"{settings.scenario_name} were taken, so wind, seed, limits, scored phases and design "
             "may not be those of this flight.",
         )
+    forged, unknown = judged_truth(flight, beside, settings.rate)
+    missing += [unknown] if unknown else []
     return Recorded(
         record=record,
         settings=settings,
-        result=_result(record, settings, flight, told),
+        result=replace(_result(record, settings, flight, told), forged=forged),
         folder=beside if saved.is_file() else bag.with_name(f"{bag.name}_report"),
         how=f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag",
         events=events_of(flight.remarks, settings),
         missing=missing,
         assumed=not known,
         commit=str(told.get("commit", "")),
+        remarks=flight.remarks,
     )
 
 
@@ -163,10 +178,23 @@ def report_of_bag(
         Each with one line that names the file.
     """
     flight = recorded(path, choice)
+    progress(1)
+    page = report_of(flight, out, figures)
+    progress(STEPS)
+    return page
+
+
+def report_of(flight: Recorded, out: Path | None = None, figures: bool = False) -> Path:
+    """The same of a flight that has been read.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written.
+    """
     folder = out or flight.folder
     folder.mkdir(parents=True, exist_ok=True)
-    progress(1)
-    page = write_report(
+    return write_report(
         flight.record,
         flight.settings,
         flight.result,
@@ -177,9 +205,8 @@ def report_of_bag(
         flight.assumed,
         figures,
         commit=flight.commit,
+        remarks=flight.remarks,
     )
-    progress(STEPS)
-    return page
 
 
 def told_beside(

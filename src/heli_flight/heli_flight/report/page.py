@@ -12,19 +12,26 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from heli_flight.loop.flight_file import changes
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.result import fault_words, mean_wind, verdict, versions
 from heli_flight.loop.scenario import NODE_NAME, TABLE
 from heli_flight.loop.scoring import DECIDES, STRETCHES, TRUTH
+from heli_flight.report.bands import legend
 from heli_flight.report.chart import PALETTE, Chart
 from heli_flight.report.data import Report
 from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import LAWS
-from heli_flight.report.plotly_json import figure, with_indices
-from heli_flight.report.tables import event_table, margin_table, parameter_table, result_tables
+from heli_flight.report.plotly_json import page_data, with_indices
+from heli_flight.report.spectrum_charts import Spectra, loop_table, spectrum_table
+from heli_flight.report.tables import (
+    Table,
+    event_table,
+    margin_table,
+    parameter_table,
+    result_tables,
+)
 from heli_flight.report.words import scope
 
 _TITLES = {
@@ -34,11 +41,13 @@ _TITLES = {
     "flight": "Wind, actuators, attitude",
     "estimate": "Estimates against truth",
     "design": "The design that flew",
+    "spectra": "Spectra",
     "timeline": "Timeline",
     "scope": "What is simulated, and what is not",
     "parameters": "Parameters, seed, versions",
 }
 _DIGITS = 10
+_PLOTLY = "plotly-basic.min.js"
 _FOLDER = Path(__file__).with_name("page")
 _TEMPLATES = Environment(
     loader=FileSystemLoader(_FOLDER),
@@ -47,6 +56,8 @@ _TEMPLATES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+_TEMPLATES.globals["colours"] = PALETTE
+_TEMPLATES.filters["legend"] = legend
 _TEMPLATES.filters["with_indices"] = lambda text: Markup(with_indices(text))
 
 
@@ -76,7 +87,11 @@ class Head:
 
 
 def render(
-    report: Report, charts: Sequence[Chart], design: Design | None, files: bool = False
+    report: Report,
+    charts: Sequence[Chart],
+    design: Design | None,
+    spectra: Spectra | None = None,
+    files: bool = False,
 ) -> str:
     """The flight's page as text.
 
@@ -86,6 +101,8 @@ def render(
     charts : sequence of Chart
     design : Design, optional
         None if the flown law has no such analysis.
+    spectra : Spectra, optional
+        None if there are none.
     files : bool
         True if figures/ beside the page holds each chart as PNG and SVG.
     """
@@ -113,11 +130,21 @@ def render(
         conditions=report.conditions,
         notes=[*report.result.notes, *report.missing],
         margins=margins,
+        spectra=_spectrum_tables(spectra, design),
         events=events,
         scope=scope(report.settings.nodes["plant"]),
         seed=report.settings.seed,
         parameters=_parameters(report),
     )
+
+
+def _spectrum_tables(spectra: Spectra | None, design: Design | None) -> list[Table]:
+    """What the flight's spectra say, and what the design does; nothing without spectra."""
+    measured = spectrum_table(spectra) if spectra else None
+    if measured is None:
+        return []
+    designed = loop_table(design) if design else None
+    return [measured, *([designed] if designed else [])]
 
 
 def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -> str:
@@ -126,14 +153,14 @@ def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -
     The page may run its own two scripts and nothing else, load nothing and send nothing: its
     security policy names the scripts by their hashes.
     """
-    plotly = get_plotlyjs().replace("</script", "<\\/script")
+    plotly = (_FOLDER / _PLOTLY).read_text(encoding="utf-8").replace("</script", "<\\/script")
     script = (_FOLDER / "report.js").read_text(encoding="utf-8")
     return _TEMPLATES.get_template(template).render(
         head=head,
         charts=charts,
         versions=versions(),
         written=time.strftime("%Y-%m-%d %H:%M"),
-        data=_json([figure(chart) for chart in charts]),
+        data=_json(page_data(charts)),
         palette=_json(PALETTE),
         css=Markup((_FOLDER / "report.css").read_text(encoding="utf-8")),
         plotly=Markup(plotly),
@@ -149,7 +176,8 @@ def _hash(script: str) -> str:
 
 
 def _json(value: object) -> Markup:
-    return Markup(json.dumps(value, separators=(",", ":")).replace("</", "<\\/"))
+    """JSON that can stand in a script: no text in it can end that, nor begin a comment."""
+    return Markup(json.dumps(value, separators=(",", ":")).replace("<", "\\u003c"))
 
 
 def _verdicts(report: Report) -> list[tuple[str, str, str]]:

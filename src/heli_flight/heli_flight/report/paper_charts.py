@@ -5,7 +5,8 @@ import numpy as np
 
 from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.scoring import SOURCE_NAMES, STRETCHES, errors
-from heli_flight.report.chart import Chart, Panel, Trace, largest, limits
+from heli_flight.report.bands import bands_of
+from heli_flight.report.chart import Chart, Panel, Trace, beyond, largest, limits
 from heli_flight.report.data import Report
 from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY
 from heli_math.rows import REFERENCE
@@ -207,16 +208,16 @@ def _track(report: Report) -> Chart:
 
 def _attitude_charts(report: Report) -> list[Chart]:
     """Fig. 3 (PID) and Fig. 4 (H-infinity), whichever of the two this flight is."""
-    own = [(report.controller, report.record, "this flight")]
+    flights = [(report.controller, report.record, "this flight")]
     if report.rival is not None:
         again = "the same wind, sensors and seed, flown again in one process"
-        own.append((report.rival.controller, report.rival.record, again))
-    own.sort(key=lambda row: row[0] != "pid")
+        flights.append((report.rival.controller, report.rival.record, again))
+    flights.sort(key=lambda row: row[0] != "pid")
     scale = (
-        max(_reach(report, record) for _, record, _ in own),
-        max(_scored_reach(report, record) for _, record, _ in own),
+        max(_reach(report, record) for _, record, _ in flights),
+        max(_scored_reach(report, record) for _, record, _ in flights),
     )
-    return [_attitude(report, law, record, origin, scale) for law, record, origin in own]
+    return [_attitude(report, law, record, origin, scale) for law, record, origin in flights]
 
 
 def _attitude_error_deg(record: FlightRecord, source: str) -> np.ndarray:
@@ -224,8 +225,14 @@ def _attitude_error_deg(record: FlightRecord, source: str) -> np.ndarray:
 
 
 def _reach(report: Report, record: FlightRecord) -> float:
-    """Common scale of Fig. 3 and Fig. 4, deg, so that they can be compared by eye."""
-    worst = max(largest(_attitude_error_deg(record, s)) for s in report.sources())
+    """Common scale of Fig. 3 and Fig. 4, deg, so that they can be compared by eye.
+
+    By the scored phases: a take-off or a loss before or after them does not squash what is judged.
+    """
+    scored = report.settings.scenario.scored(record.time_s)
+    if not scored.any():
+        scored = np.ones(len(record), bool)
+    worst = max(largest(_attitude_error_deg(record, s)[scored]) for s in report.sources())
     return float(np.clip(1.08 * worst, 1.15 * ATTITUDE_DEG["pid"][0], 30.0))
 
 
@@ -248,7 +255,9 @@ def _attitude(
             for s in reversed(report.sources())
         ]
         bound = limits(t, paper, f"paper, {'PID' if law == 'pid' else 'H-infinity'}: ±{paper:g}°")
-        panels.append(Panel(f"{name} error, °", [*lines, bound], y_range=(-scale[0], scale[0])))
+        note = beyond(t, [line.y for line in lines], scale[0], "°")
+        reach = (-scale[0], scale[0])
+        panels.append(Panel(f"{name} error, °", [*lines, bound], y_range=reach, note=note))
     source = report.sources()[0]
     error = _attitude_error_deg(record, source)
     close = [Trace(t, error[:, 0], "roll", "green"), Trace(t, error[:, 1], "pitch", "purple")]
@@ -271,4 +280,5 @@ def _attitude(
         SECTION,
         figure,
         spans=report.spans,
+        bands=None if record is report.record else bands_of(record, report.settings),
     )

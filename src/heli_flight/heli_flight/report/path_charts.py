@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A path from above, its height, and how far the aircraft was from its point."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from heli_flight.loop.scoring import SOURCE_NAMES, errors
-from heli_flight.report.chart import Chart, Panel, Trace, largest, level, limits
+from heli_flight.report.chart import Chart, Panel, Trace, beyond, largest, level, limits
 from heli_flight.report.data import Report
 from heli_math.paper_metrics import BY_KEY, PATH
 from heli_math.rows import REFERENCE
@@ -50,6 +52,14 @@ def _from_above(report: Report) -> Chart:
     )
 
 
+def _reach(report: Report, lines: Sequence[Trace], goal: float) -> float:
+    """End of an axis: by the scored phases, so that no take-off squashes what is judged."""
+    scored = report.settings.scenario.scored(report.record.time_s)
+    if not scored.any():
+        scored = np.ones(len(report.record), bool)
+    return 1.08 * max(1.08 * goal, *(largest(line.y[scored]) for line in lines))
+
+
 def _errors(report: Report) -> Chart:
     """Height, distance and heading error over time, with the goals."""
     r, kinds = report.record, report.sources()
@@ -65,6 +75,12 @@ def _errors(report: Report) -> Chart:
         for key in ("position", "heading")
     }
     away, turned = BY_KEY["position"].paper, BY_KEY["heading"].paper
+    reach = {"position": _reach(report, lines["position"], away)}
+    reach["heading"] = _reach(report, lines["heading"], turned)
+    notes = {
+        key: beyond(r.time_s, [line.y for line in lines[key]], reach[key], unit)
+        for key, unit in (("position", "m"), ("heading", "°"))
+    }
     return Chart(
         "path_errors",
         "On the path",
@@ -74,10 +90,14 @@ def _errors(report: Report) -> Chart:
             Panel(
                 "distance, m",
                 [*lines["position"], level(r.time_s, away, f"goal: {away:g} m")],
+                y_range=(-0.05 * reach["position"], reach["position"]),
+                note=notes["position"],
             ),
             Panel(
                 "heading error, °",
                 [*lines["heading"], limits(r.time_s, turned, f"goal: ±{turned:g}°")],
+                y_range=(-reach["heading"], reach["heading"]),
+                note=notes["heading"],
             ),
         ],
         SECTION,

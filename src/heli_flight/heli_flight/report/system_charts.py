@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_dynamics_sim.wind import log_law
-from heli_flight.loop.fault_file import flown_faults
 from heli_flight.loop.scoring import SETTLED_S, drift_at_engagement
-from heli_flight.report.chart import Chart, Panel, Trace, largest, level, limits
+from heli_flight.report.bands import FAILSAFE, FAULT, MODE
+from heli_flight.report.chart import Band, Chart, Panel, Trace, largest, level, limits
 from heli_flight.report.data import LEVELS, Report
 from heli_flight.report.design import Design
 from heli_math.paper_metrics import heading_frame
@@ -21,10 +21,6 @@ from heli_math.rows import ACTUATOR, REFERENCE
 _ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
 _ACTUATOR_ROLES = ("nav", "truth", "green", "rival")
 _LEVEL_ROLES = ("good", "warn", "bad", "muted")
-_MODE_ROLES = {
-    "standing": "muted", "takeoff": "green", "hover": "nav", "trajectory": "truth",
-    "land": "purple", "velocity": "truth", "attitude": "green", "manual": "rival",
-}  # fmt: skip
 _AXES = ("north", "east", "down")
 _LEAST_SHARE = 0.004
 _LOOP_ROLES = ("muted", "green", "nav")
@@ -302,14 +298,16 @@ def timeline_charts(report: Report) -> list[Chart]:
     climbing = np.abs(report.record.reference[:, REFERENCE.down_vel]) > 1e-6
     add("reference", _stretches(report, ~climbing), "hover", "nav")
     add("reference", _stretches(report, climbing), "climb", "muted")
-    if report.record.mode is not None:
-        for mode, role in _MODE_ROLES.items():
-            add("mode", _stretches(report, report.record.mode == mode), mode, role)
+    for band in report.bands:
+        if band.kind == MODE:
+            add("mode", [(band.start_s, band.end_s)], band.name, band.role)
     add("scored", report.spans, "scored", "purple")
-    end_s = float(report.record.time_s[-1])
-    for fault in flown_faults(report.settings):
-        lasted = [(fault.start_s, min(fault.end_s, end_s))] if fault.start_s < end_s else []
-        add(f"fault: {fault.what}", lasted, "a fault that was flown", "rival")
+    for band in report.bands:
+        if band.kind == FAULT:
+            add(f"fault: {band.name}", [_wide(report, band)], "a fault that was flown", band.role)
+    for band in report.bands:
+        if band.kind == FAILSAFE:
+            add("failsafe", [_wide(report, band)], f"failsafe: {band.name}", band.role)
     limit = float(report.settings.nodes["inner_loop"]["actuator_limit"])
     at_limit = (np.abs(report.record.u) >= limit - 1e-9).any(axis=1)
     add("at limit", _stretches(report, at_limit), "an actuator at its limit", "bad")
@@ -329,8 +327,15 @@ def timeline_charts(report: Report) -> list[Chart]:
             f"Phase of the flight, scored stretches, actuators at their limit. {said}",
             [Panel("", traces, height, y_range=(bottom, -0.6), y_ticks=lanes)],
             "timeline",
+            bands=(),
         )
     ]
+
+
+def _wide(report: Report, band: Band) -> tuple[float, float]:
+    """A band's start and end, s; a moment is drawn wide enough to be seen."""
+    end_s = float(report.record.time_s[-1])
+    return band.start_s, max(band.end_s, band.start_s + _LEAST_SHARE * end_s)
 
 
 def _stretches(report: Report, mask: np.ndarray) -> list[tuple[float, float]]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from heli_bags.reader import Remark
 from heli_flight.loop import closed_loop
 from heli_flight.loop.commit import sources_commit
 from heli_flight.loop.laws import without_own
@@ -12,11 +13,14 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
+from heli_flight.report.bands import bands_of
+from heli_flight.report.chart import with_bands
 from heli_flight.report.data import Event, Report, Rival
 from heli_flight.report.design import flown_design
 from heli_flight.report.page import render
 from heli_flight.report.paper_charts import paper_charts
 from heli_flight.report.path_charts import path_charts
+from heli_flight.report.spectrum_charts import spectra_of, spectrum_charts
 from heli_flight.report.system_charts import design_charts, flight_charts, timeline_charts
 
 PAGE = "report.html"
@@ -34,6 +38,7 @@ def write_report(
     assumed: bool = False,
     figures: bool = False,
     commit: str | None = None,
+    remarks: Sequence[Remark] = (),
 ) -> Path:
     """Write report.html, and if asked for figures/*.png, *.svg, into a folder.
 
@@ -58,6 +63,8 @@ def write_report(
         True: the page's charts also as files for a paper, which takes far longer than the page.
     commit : str, optional
         Of the sources that flew, empty if it was not recorded; default: of these.
+    remarks : sequence of Remark
+        What the nodes said, for the faults that were given in flight.
 
     Returns
     -------
@@ -71,15 +78,21 @@ def write_report(
     """
     rival = _rival(settings) if settings.scenario.kind == "attitude" else None
     commit = sources_commit() if commit is None else commit
-    report = Report(record, settings, result, how, events, rival, tuple(missing), assumed, commit)
+    bands = bands_of(record, settings, remarks, events)
+    report = Report(
+        record, settings, result, how, events, rival, tuple(missing), assumed, commit, bands
+    )
     design = flown_design(settings)
     charts = [*paper_charts(report), *path_charts(report), *flight_charts(report)]
     if design is not None:
         charts += design_charts(design)
     charts += timeline_charts(report)
-    charts = [chart for chart in charts if chart.has_data]
+    spectra = spectra_of(report)
+    charts += spectrum_charts(report, spectra, design)
+    charts = with_bands([chart for chart in charts if chart.has_data], bands)
     page = folder / PAGE
-    page.write_text(render(report, charts, design, files=figures), encoding="utf-8")
+    text = render(report, charts, design, spectra, files=figures)
+    page.write_text(text, encoding="utf-8")
     if figures:
         # matplotlib takes half a second to import.
         from heli_flight.report.figures import write_figures

@@ -361,8 +361,9 @@ def _report(flight: Flown, outcome: Outcome, out: Console, figures: bool) -> Non
     try:
         with interrupts.told():
             page = write_report(
-                flight.record, settings, flight.result, folder, how, events, figures=figures
-            )
+                flight.record, settings, flight.result, folder, how, events, figures=figures,
+                remarks=flight.remarks,
+            )  # fmt: skip
     except OSError as error:
         _say(out)(f"no report: {error}")
         return

@@ -1,6 +1,6 @@
 "use strict";
 (() => {
-  const figures = JSON.parse(document.getElementById("charts").textContent);
+  const { figures, arrays, bands } = JSON.parse(document.getElementById("charts").textContent);
   const palette = JSON.parse(document.getElementById("palette").textContent);
   const root = document.documentElement;
   const button = document.getElementById("theme");
@@ -11,11 +11,21 @@
   const drawn = new Map();
   // No policy of a page can forbid windows of other sites: this one opens none.
   window.open = () => null;
+  // On paper: A4 and Letter have room for so many pixels between the margins of the style sheet.
+  const PAPER_PX = 700;
+  const STRIP_PX = 6;
   let narrow = false;
+  let paper = false;
   let following = false;
   let chosen = null;
+  let round = 0;
 
-  const dark = () => root.dataset.theme === "dark";
+  for (const figure of figures) {
+    figure.bands = bands[figure.bands];
+    for (const trace of figure.data) for (const axis of ["x", "y"]) trace[axis] = arrays[trace[axis]];
+  }
+
+  const dark = () => !paper && root.dataset.theme === "dark";
   const colour = (role) => palette[role][dark() ? 1 : 0];
   const faded = (hex, alpha) => {
     const value = parseInt(hex.slice(1), 16);
@@ -23,20 +33,81 @@
   };
 
   function paintedData(figure) {
-    return figure.data.map((trace) => {
+    const painted = figure.data.map((trace) => {
       const paint = colour(trace.meta.role);
       const copy = { ...trace, line: { ...trace.line, color: paint } };
       if (trace.marker) copy.marker = { ...trace.marker, color: paint };
       if (trace.meta.fill) copy.fillcolor = faded(paint, dark() ? 0.26 : 0.18);
       return copy;
     });
+    return figure.bands.length ? [...painted, ...tellers(figure)] : painted;
+  }
+
+  function numbers(array) {
+    const bytes = Uint8Array.from(atob(array.bdata), (c) => c.charCodeAt(0));
+    return array.dtype === "f8" ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
+  }
+
+  // In each panel an invisible line whose points tell the bands that they are in.
+  function tellers(figure) {
+    figure.tellers ??= timePanels(figure).map((panel) => {
+      const own = figure.data.filter((trace) => trace.xaxis === panel.x && trace.hoverinfo !== "skip");
+      const longest = own.reduce((best, t) => (!best || t.x.bdata.length > best.x.bdata.length ? t : best), null);
+      if (!longest) return null;
+      const [x, y, text] = [[], [], []];
+      const [times, values] = [numbers(longest.x), numbers(longest.y)];
+      times.forEach((time, i) => {
+        const now = figure.bands.filter((band) => band.start_s <= time && time < Math.max(band.end_s, band.start_s + 1e-3));
+        if (!now.length || !Number.isFinite(values[i])) return;
+        x.push(time);
+        y.push(values[i]);
+        text.push(now.map(words).join("<br>"));
+      });
+      return {
+        type: "scatter", mode: "lines", xaxis: panel.x, yaxis: panel.y, x, y, text, meta: { role: "muted" },
+        hovertemplate: "%{text}<extra></extra>", showlegend: false, line: { width: 0, color: "rgba(0,0,0,0)" },
+      };
+    }).filter(Boolean);
+    return figure.tellers;
+  }
+
+  const safe = (text) => text.replace(/[&<>]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[c]);
+  const words = (band) => safe(
+    band.kind === "health" ? `${band.name}: ${band.told}`
+      : `${band.kind}: ${band.name}${band.kind === "mode" ? "" : `, ${band.start_s.toFixed(2)} to ${band.end_s.toFixed(2)} s`}`,
+  );
+
+  // Panels over flight time, by the names of their axes in traces.
+  function timePanels(figure) {
+    return Object.keys(figure.layout).filter((name) => figure.time && /^xaxis/.test(name))
+      .map((name) => ({ x: `x${name.slice(5)}`, y: `y${name.slice(5)}` }));
+  }
+
+  function bandShapes(figure) {
+    const shapes = [];
+    for (const panel of timePanels(figure)) {
+      for (const band of figure.bands) {
+        const paint = colour(band.role);
+        const shape = { type: "rect", xref: panel.x, yref: `${panel.y} domain`, x0: band.start_s, x1: band.end_s, y0: 0, y1: 1, layer: "below", line: { width: 0 } };
+        if (band.kind === "mode" || band.kind === "health") {
+          const at = band.kind === "mode" ? { yanchor: 1, y0: 0, y1: -STRIP_PX } : { yanchor: 0, y0: 0, y1: STRIP_PX };
+          Object.assign(shape, at, { ysizemode: "pixel", fillcolor: faded(paint, 0.85), layer: "above" });
+        } else if (band.end_s - band.start_s < 0.005) {
+          Object.assign(shape, { type: "line", line: { width: 2, color: paint } });
+        } else {
+          Object.assign(shape, { fillcolor: faded(paint, dark() ? 0.2 : 0.15), line: { width: 1, color: faded(paint, 0.6) } });
+        }
+        shapes.push(shape);
+      }
+    }
+    return shapes;
   }
 
   function height(figure, width) {
-    if (figure.square) return Math.min(width, 620) + (narrow ? 130 : 80);
-    const each = narrow ? 150 : 175;
+    if (figure.square) return Math.min(width, paper ? 330 : 620) + (narrow ? 130 : 80);
+    const each = paper ? 78 : narrow ? 150 : 175;
     const sum = figure.panels.reduce((total, share) => total + share, 0);
-    return Math.round(each * sum + 26 * (figure.panels.length - 1) + (narrow ? 120 : 90));
+    return Math.round(each * sum + (paper ? 14 : 26) * (figure.panels.length - 1) + (narrow ? 120 : 90));
   }
 
   function paintedLayout(figure, width, zoom) {
@@ -45,14 +116,15 @@
     const layout = {
       ...figure.layout,
       height: height(figure, width),
+      width,
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: font, size: narrow ? 11 : 12.5, color: ink },
+      font: { family: font, size: paper ? 9.5 : narrow ? 11 : 12.5, color: ink },
       // A square chart leaves room beside it; above it the legend would meet the buttons.
       modebar: { orientation: figure.square ? "v" : "h", bgcolor: "rgba(0,0,0,0)", color: dark() ? "#6d7780" : "#a9b1b8", activecolor: ink },
-      margin: { l: narrow ? 50 : 64, r: narrow ? 8 : figure.square ? 44 : 14, t: 34, b: 44, pad: 0 },
+      margin: { l: narrow ? 50 : 64, r: narrow ? 8 : figure.square && !paper ? 44 : 14, t: paper ? 26 : 34, b: paper ? 34 : 44, pad: 0 },
       hoverlabel: { bgcolor: dark() ? "#20262b" : "#ffffff", bordercolor: grid, font: { color: ink, size: 12 } },
-      legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", font: { size: narrow ? 10.5 : 12 }, bgcolor: "rgba(0,0,0,0)", itemwidth: 30 },
+      legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", font: { size: paper ? 9.5 : narrow ? 10.5 : 12 }, bgcolor: "rgba(0,0,0,0)", itemwidth: 30 },
       dragmode: coarse ? false : "zoom",
       uirevision: "kept",
     };
@@ -65,7 +137,8 @@
       };
       if (zoom && zoom[name]) layout[name].range = zoom[name];
     }
-    layout.shapes = (figure.layout.shapes ?? []).map((shape) => ({ ...shape, fillcolor: dark() ? "rgba(255,255,255,0.06)" : "rgba(0,0,0,0.045)" }));
+    const spans = figure.layout.shapes.map((shape) => ({ ...shape, fillcolor: dark() ? "rgba(255,255,255,0.06)" : "rgba(0,0,0,0.045)" }));
+    layout.shapes = [...spans, ...bandShapes(figure)];
     return layout;
   }
 
@@ -79,15 +152,22 @@
     };
   }
 
+  const placeOf = (figure) => document.getElementById(`chart-${figure.key}`);
+  const widthOf = (figure) => (paper ? PAPER_PX : placeOf(figure).clientWidth);
+
   async function draw(figure) {
-    const place = document.getElementById(`chart-${figure.key}`);
-    const width = place.clientWidth;
-    await Plotly.react(place, paintedData(figure), paintedLayout(figure, width), config(figure));
+    const place = placeOf(figure);
+    const width = widthOf(figure);
+    figure.round = round;
+    // Plotly draws before it answers; the answer is that fonts and all else have settled.
+    const settled = Plotly.react(place, paintedData(figure), paintedLayout(figure, width), config(figure));
+    if (!drawn.has(figure.key)) {
+      drawn.set(figure.key, place);
+      if (figure.time) place.on("plotly_relayout", (change) => follow(figure, change));
+    }
+    await settled;
     // A chart is a picture with a name: the buttons above it are the pointer's, no stops of the Tab key.
     for (const button of place.querySelectorAll(".modebar-btn")) button.tabIndex = -1;
-    if (drawn.has(figure.key)) return;
-    drawn.set(figure.key, place);
-    if (figure.time) place.on("plotly_relayout", (change) => follow(figure, change));
   }
 
   function follow(source, change) {
@@ -127,19 +207,53 @@
     }
   }
 
+  // How far a chart is from what is looked at, px; 0 in the window.
+  function away(figure) {
+    const { top, bottom } = placeOf(figure).getBoundingClientRect();
+    return Math.max(0, top - window.innerHeight, -bottom);
+  }
+
   async function drawAll() {
-    narrow = window.innerWidth < 640;
+    const mine = ++round;
+    narrow = !paper && window.innerWidth < 640;
     hintTables();
-    for (const figure of figures) {
-      await draw(figure);
+    // So that nothing moves when charts come in, and an anchor leads where it should.
+    for (const figure of figures) placeOf(figure).style.minHeight = `${height(figure, widthOf(figure))}px`;
+    const wanted = mine === 1 && location.hash && document.getElementById(location.hash.slice(1));
+    if (wanted) wanted.scrollIntoView({ behavior: "instant" });
+    let left = [...figures];
+    while (left.length && round === mine) {
+      const next = left.reduce((best, figure) => (away(figure) < away(best) ? figure : best));
+      if (away(next) > 0) root.dataset.view = "true";
+      await draw(next);
+      left = left.filter((figure) => figure.round !== mine);
       await new Promise((resume) => setTimeout(resume, 0));
     }
+    if (round !== mine) return;
+    root.dataset.view = "true";
     root.dataset.ready = "true";
   }
 
   function applyTheme() {
     root.dataset.theme = chosen || (prefersDark.matches ? "dark" : "light");
     button.textContent = dark() ? "Light" : "Dark";
+  }
+
+  // Everything as it stands on paper, before the printer's picture of the page is taken.
+  function print(begins) {
+    if (paper === begins) return;
+    paper = begins;
+    round += 1;
+    root.dataset.theme = paper ? "light" : chosen || (prefersDark.matches ? "dark" : "light");
+    if (!paper) {
+      drawAll();
+      return;
+    }
+    narrow = false;
+    for (const figure of figures) {
+      placeOf(figure).style.minHeight = "0";
+      draw(figure);
+    }
   }
 
   button.addEventListener("click", () => {
@@ -152,11 +266,13 @@
   let pending = 0;
   let lastWidth = window.innerWidth;
   window.addEventListener("resize", () => {
-    if (window.innerWidth === lastWidth) return;
+    if (paper || window.innerWidth === lastWidth) return;
     lastWidth = window.innerWidth;
     cancelAnimationFrame(pending);
     pending = requestAnimationFrame(drawAll);
   });
+  window.addEventListener("beforeprint", () => print(true));
+  window.addEventListener("afterprint", () => print(false));
   applyTheme();
   drawAll();
 })();

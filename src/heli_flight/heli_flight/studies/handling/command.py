@@ -56,9 +56,10 @@ class Scored:
 
     @property
     def exit_code(self) -> int:
-        """0 for desired or adequate, if it was the manoeuvre as it is defined."""
+        """0 for desired or adequate, if it was the manoeuvre as it is defined, and really flown."""
         found = self.score
-        return EXIT_NEITHER if found.level is Level.NEITHER or not found.complete else 0
+        failed = found.level is Level.NEITHER or not found.complete or bool(self.flight.forged)
+        return EXIT_NEITHER if failed else 0
 
     def as_dict(self, path: Path) -> dict[str, Any]:
         """For JSON."""
@@ -67,6 +68,7 @@ class Scored:
             "flight": str(path),
             "topic": self.flight.topic,
             "start_ns": self.flight.start_ns,
+            "forged": self.flight.forged,
             "remarks": list(self.remarks),
         }
 
@@ -141,6 +143,13 @@ def print_score(scored: Scored, out: Console) -> None:
     out.print(f"{scored.flight.topic}: {phases}", soft_wrap=True, markup=False)
     for remark in scored.remarks:
         out.print(remark, soft_wrap=True, markup=False)
+    print_forged(scored.flight, out)
+
+
+def print_forged(flight: Flight, out: Console) -> None:
+    """Say where the ground truth is not the plant's."""
+    if flight.forged:
+        out.print(f"FORGED: {flight.forged}", soft_wrap=True, markup=False)
 
 
 def _flown(value: float, at_s: float | None) -> tuple[str, str]:

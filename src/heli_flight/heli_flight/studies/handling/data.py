@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from heli_bags.folder import BagError
 from heli_bags.message_text import flatten
 from heli_bags.tools import BagReader, bag_of, chosen, opened
 from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_flight.graph.plant_truth import Heard, judged_truth
 from heli_flight.loop.flight_file import NAME
 from heli_flight.loop.scenario_mte import LEAD_IN_S, scale_flown, target_of
 from heli_flight.loop.settings import resolve
@@ -21,9 +23,10 @@ from heli_handling.definitions import FULL, Scale, froude
 from heli_handling.tracks import Array, Track, track_of
 from heli_math.rotations import euler_angles
 from heli_math.rows import PLANT
-from heli_math.ticks import NS_PER_S
+from heli_math.ticks import NS_PER_S, stamp_at
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Decoder, MessageError
+from heli_msgs_bridge.sums import SUM, sum_of
 
 _ODOMETRY = topics.BY_NAME[topics.TRUTH_ODOM].type
 _ATTITUDE = topics.BY_NAME[topics.ATTITUDE_SETPOINT].type
@@ -41,12 +44,15 @@ class Flight:
     start_ns : int
         Stamp of the first message.
     remarks : tuple of str
+    forged : str
+        Why the ground truth in the bag is not the plant's, one sentence; empty if it is.
     """
 
     track: Track
     topic: str
     start_ns: int
     remarks: tuple[str, ...] = ()
+    forged: str = ""
 
 
 def flight_of(path: Path, topic: str | None = None) -> Flight:
@@ -70,11 +76,12 @@ def flight_of(path: Path, topic: str | None = None) -> Flight:
         decoder = Decoder(
             topics.TRUTH_ODOM, None, lambda raw: reader.deserialize(raw, connection.msgtype)
         )
-        stamps, rows, why, refused = [], [], "", 0
+        stamps, rows, sums, why, refused = [], [], [], "", 0
         for _, bag_ns, raw in reader.messages(connections=chosen(reader, path, [name])):
             try:
                 rows.append(decoder.decode(raw).copy())
                 stamps.append(decoder.stamp_ns or bag_ns)
+                sums.append(sum_of(raw))
             except MessageError as error:
                 why, refused = why or str(error).partition(": ")[2], refused + 1
     if not rows:
@@ -90,7 +97,19 @@ def flight_of(path: Path, topic: str | None = None) -> Flight:
         euler_angles(quat),
     )
     said = (f"{refused} messages on {name} could not be used: {why}",) if refused else ()
-    return Flight(track, name, start_ns, said)
+    forged = unknown = ""
+    if name.endswith(f"/{topics.TRUTH_ODOM}"):
+        forged, unknown = _judged(path, times, np.frombuffer(b"".join(sums), SUM))
+    return Flight(track, name, start_ns, (*said, *([unknown] if unknown else [])), forged)
+
+
+def _judged(path: Path, stamps_ns: NDArray[np.int64], sums: NDArray[np.uint64]) -> tuple[str, str]:
+    """As `judged_truth`, of a bag's ground truth."""
+    beside = bag_of(path).resolve().parent
+    saved = beside / NAME
+    settings = resolve(params=[saved] if saved.is_file() else [])
+    rate, first_ns = settings.rate, stamp_at(settings.nodes["plant"]["start_time_s"])
+    return judged_truth(Heard((stamps_ns - first_ns) // rate.tick_ns, sums), beside, rate)
 
 
 def _odometry(reader: BagReader, path: Path, topic: str | None) -> str:

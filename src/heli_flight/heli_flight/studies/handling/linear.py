@@ -8,15 +8,11 @@ from heli_handling.boundaries import AXES
 from heli_handling.response import FrequencyResponse
 from heli_inner_hinf.actuation import ObserverInput
 from heli_inner_hinf.analysis import loops_of
+from heli_inner_hinf.attitude_responses import to_command, to_disturbance
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.frequency import response
-from heli_inner_hinf.loops import COMMANDS, MEASURED_NAMES, N_U, N_Y, N_Z
-from heli_math.state_names import ATTITUDE, STATE_NAMES
+from heli_inner_hinf.loops import N_Y, N_Z
 from heli_math.ticks import TICK_S
 from heli_parameters.parameters import ParameterError
-
-_PLACES = tuple(MEASURED_NAMES.index(STATE_NAMES[i]) for i in ATTITUDE)
-"""Of roll, pitch and yaw among what is measured."""
 
 
 class LinearLoop:
@@ -43,26 +39,17 @@ class LinearLoop:
             raise ParameterError(f"controller {config.controller}: is not linear")
         self._loop = loops[-1]
 
-    def _parts(self, omega: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Plant u -> y, controller y -> u, controller commands -> u."""
-        plant, law = self._loop.plant, response(self._loop.controller, omega)
-        measured = plant.noutputs - len(COMMANDS) - N_Y
-        P = response(plant, omega)[:, measured : measured + N_Y, -N_U:]
-        return P, law[:, :, :N_Y], law[:, :, N_Y:]
-
     def to_command(self, omega: np.ndarray, axis: str) -> FrequencyResponse:
         """Attitude's response to its command at omega (m,), rad/s, below Nyquist's."""
-        P, K, K_r = self._parts(omega)
-        T = np.linalg.solve(np.eye(N_Y) - P @ K, P @ K_r)
         k = AXES.index(axis)
-        return FrequencyResponse(omega, T[:, _PLACES[k], k], np.ones(omega.size))
+        found = to_command(self._loop, omega)[:, k, k]
+        return FrequencyResponse(omega, found, np.ones(omega.size))
 
     def to_disturbance(self, omega: np.ndarray, axis: str) -> FrequencyResponse:
         """The disturbed attitude's response to a disturbance of the measured attitude."""
-        P, K, _ = self._parts(omega)
-        S = np.linalg.inv(np.eye(N_Y) - P @ K)
-        k = _PLACES[AXES.index(axis)]
-        return FrequencyResponse(omega, S[:, k, k], np.ones(omega.size))
+        k = AXES.index(axis)
+        found = to_disturbance(self._loop, omega)[:, k, k]
+        return FrequencyResponse(omega, found, np.ones(omega.size))
 
 
 def grid_radps(points: int = 2000) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from heli_flight.report.plot_style import BLUE, GREEN, GREY, ORANGE, picture
-from heli_flight.studies.handling.command import EXIT_NEITHER, Wanted, checked_scale
+from heli_flight.studies.handling.command import EXIT_NEITHER, Wanted, checked_scale, print_forged
 from heli_flight.studies.handling.data import Flight, flight_of, signal_of
 from heli_flight.terminal import table
 from heli_handling.boundaries import AXES, Measure, check_axis, of_bandwidth, of_rejection
@@ -59,8 +59,9 @@ class Responses:
 
     @property
     def exit_code(self) -> int:
-        """0 unless a measure is below its levels."""
-        return EXIT_NEITHER if any(m.level == "below" for m in self.measures) else 0
+        """0 unless a measure is below its levels, or the ground truth is forged."""
+        failed = any(m.level == "below" for m in self.measures) or bool(self.flight.forged)
+        return EXIT_NEITHER if failed else 0
 
     def as_dict(self, path: Path) -> dict[str, Any]:
         """For JSON."""
@@ -80,6 +81,7 @@ class Responses:
             "flight": str(path),
             "topic": self.flight.topic,
             "start_ns": self.flight.start_ns,
+            "forged": self.flight.forged,
             "remarks": list(self.remarks),
         }
 
@@ -138,6 +140,7 @@ def print_response(responses: Responses, out: Console) -> None:
         what = f"quickness, {change.peak_deg:.1f} deg at {change.start_s:.1f} s"
         shown.add_row(what, f"{change.quickness_per_s:.3g} 1/s", "", "", "")
     out.print(shown)
+    print_forged(responses.flight, out)
     omega = responses.found.omega_radps
     out.print(
         f"{responses.flight.topic}: coherence above {LEAST_COHERENCE:g} from {omega[0]:.3g} to "

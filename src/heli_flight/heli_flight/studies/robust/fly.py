@@ -17,9 +17,9 @@ from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.trim import Trim, trim
 from heli_flight.loop.closed_loop import Loop, build, fly
 from heli_flight.loop.settings import Settings
-from heli_flight.loop.track import Track
+from heli_flight.loop.track import empty_track
 from heli_flight.studies.robust.aircraft import EXACT, AircraftSet, with_values
-from heli_math.rows import ACTUATOR, NAV, NINE, PLANT, REFERENCE, SETPOINT, TRUTH
+from heli_math.rows import ACTUATOR, NINE, PLANT, TRUTH
 from heli_math.ticks import TICK_S, ticks_in
 
 _SETTLED_S = 3.0
@@ -56,11 +56,7 @@ def growth_in_flight(
     loop, at = _loop(settings, aircraft, aircraft.values(deltas), delay_ticks)
     settled = ticks_in(_SETTLED_S)
     width = ticks_in(max(_WINDOW_S, 2.0 * np.pi * _PERIODS / frequency_radps))
-    track = Track(
-        *(np.zeros((settled + _WINDOWS * width, size)) for size in
-          (TRUTH.size, NAV.size, REFERENCE.size, SETPOINT.size, ACTUATOR.size)),
-        *(np.zeros((0, 3)) for _ in range(3)),
-    )  # fmt: skip
+    track = empty_track(settled + _WINDOWS * width, excited=False)
     setpoint = np.append(reduced_state(at.x)[[NINE.phi, NINE.theta, NINE.psi]], at.u[ACTUATOR.col])
     u = at.u.copy()
     points = settings.scenario.reference.points.copy()

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What shakes and what answers: spectra of IMU, actuators, attitude and position.
+
+Beside them stand the frequencies that the design knows: disturbance rejection bandwidth and
+crossover of the attitude loop, and the lines of the rotor where its vibration is simulated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from heli_dynamics_sim.plant import PlantConfig
+from heli_flight.loop.scoring import SOURCE_NAMES
+from heli_flight.report.chart import Chart, Panel, Trace
+from heli_flight.report.data import Report
+from heli_flight.report.design import AXES, Design
+from heli_flight.report.spectrum import Array, Spectrum, even, folded, spectrum
+from heli_flight.report.tables import Table
+from heli_math.paper_metrics import heading_frame
+from heli_math.rows import IMU, REFERENCE
+
+SECTION = "spectra"
+_BODY, _HEADING = ("forward", "right", "down"), ("forward", "right", "down")
+_ROLES = ("nav", "truth", "green", "rival")
+_VIBRATION = ("rev_mps2", "rev_radps", "blade_mps2", "blade_radps")
+_LEAST_SHARE = 1e-9
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A recorded signal of some axes and its spectra.
+
+    Attributes
+    ----------
+    key, title, unit, told : str
+        Of its chart; `told` is a sentence.
+    names : sequence of str
+        Of the axes.
+    spectra : sequence of Spectrum
+    """
+
+    key: str
+    title: str
+    unit: str
+    told: str
+    names: Sequence[str]
+    spectra: Sequence[Spectrum]
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """All spectra of a flight, of one stretch of it.
+
+    Attributes
+    ----------
+    start_s, end_s : float
+        The stretch.
+    rate_hz : float
+        Of the samples; 0: nothing was long enough.
+    filled : int
+        Samples that were not recorded.
+    signals : sequence of Signal
+    """
+
+    start_s: float
+    end_s: float
+    rate_hz: float
+    filled: int
+    signals: Sequence[Signal]
+
+
+def spectra_of(report: Report) -> Spectra:
+    """Spectra of the longest scored stretch, of the whole flight where nothing is scored."""
+    r = report.record
+    nothing = Spectra(0.0, 0.0, 0.0, 0, ())
+    if not len(r):
+        return nothing
+    whole = (float(r.time_s[0]), float(r.time_s[-1]))
+    start_s, end_s = max(report.spans, key=lambda span: span[1] - span[0], default=whole)
+    inside = (r.time_s >= start_s) & (r.time_s <= end_s)
+    found, rate_hz, filled = [], 0.0, 0
+    for key, title, unit, told, names, values in _recorded(report):
+        made = even(r.time_s[inside], values[inside])
+        if made is None:
+            continue
+        rate_hz, samples, filled = made
+        spectra = [spectrum(column, rate_hz) for column in samples.T]
+        found.append(Signal(key, title, unit, told, names, spectra))
+    return Spectra(start_s, end_s, rate_hz, filled, found) if found else nothing
+
+
+def _recorded(report: Report) -> list[tuple[str, str, str, str, Sequence[str], Array]]:
+    """Key, title, unit, a sentence, axes and values (N, k) of each signal."""
+    r, source = report.record, "truth" if report.has_truth else "navigation"
+    found: list[tuple[str, str, str, str, Sequence[str], Array]] = []
+    if r.imu is not None:
+        said = "as the IMU measured them, body axes"
+        found += [
+            ("spectrum_force", "Specific force", "m/s²", f"Specific forces {said}.", _BODY,
+             r.imu[:, IMU.force]),
+            ("spectrum_rate", "Rates", "rad/s", f"Rates {said}.", ("p", "q", "r"),
+             r.imu[:, IMU.rate]),
+        ]  # fmt: skip
+    names = ("lateral", "longitudinal", "pedal", "collective")
+    told = "Commands to the servos, of (-1, 1)."
+    found.append(("spectrum_actuators", "Actuators", "", told, names, r.u))
+    command = np.unwrap(r.setpoint, axis=0)
+    angle = np.unwrap(np.radians(report.euler_deg(source)), axis=0)
+    error = np.degrees(angle - command)
+    told = f"Attitude ({SOURCE_NAMES[source]}) less its command."
+    found.append(("spectrum_attitude", "Attitude", "°", told, AXES, error))
+    if report.kind != "attitude":
+        place = r.truth_pos_ned_m if source == "truth" else r.nav_pos_ned_m
+        heading = r.reference[:, REFERENCE.psi]
+        away = heading_frame(place - r.reference[:, REFERENCE.pos], heading)
+        told = f"Position ({SOURCE_NAMES[source]}) less its reference, in the heading frame."
+        found.append(("spectrum_position", "Position", "m", told, _HEADING, away))
+    return found
+
+
+def rotor_lines(report: Report) -> list[tuple[float, str]]:
+    """Frequencies, Hz, at which the rotor shakes the IMU in the simulation, and in words."""
+    plant = report.settings.nodes["plant"]
+    shaken = [np.any(plant[f"sensors.imu.vibration.{name}"]) for name in _VIBRATION]
+    if not any(shaken):
+        return []
+    aircraft = PlantConfig.from_parameters(plant).helicopter
+    turns_hz = aircraft.main_speed_radps / (2.0 * np.pi)
+    orders = [(1.0, any(shaken[:2])), (float(aircraft.main_blades), any(shaken[2:]))]
+    return [
+        (order * turns_hz, f"{order:g} per revolution, {order * turns_hz:.1f} Hz")
+        for order, on in orders
+        if on
+    ]
+
+
+def spectrum_charts(report: Report, found: Spectra, design: Design | None) -> list[Chart]:
+    """A chart of each signal."""
+    if not found.signals:
+        return []
+    stretch = f"{found.start_s:g} to {found.end_s:g} s"
+    return [_chart(report, found, signal, design, stretch) for signal in found.signals]
+
+
+def _chart(
+    report: Report, found: Spectra, signal: Signal, design: Design | None, stretch: str
+) -> Chart:
+    lines = [
+        Trace(s.hertz, s.density, name, role, width=1.2)
+        for s, name, role in zip(signal.spectra, signal.names, _ROLES, strict=False)
+    ]
+    (top, bottom), drawn = _reach(signal.spectra), ""
+    if signal.key in ("spectrum_force", "spectrum_rate"):
+        for hertz, words in rotor_lines(report):
+            seen = folded(hertz, found.rate_hz)
+            more = f", seen at {seen:.1f} Hz" if abs(seen - hertz) > 0.05 else ""
+            lines.append(_at(seen, f"{words}{more}", "muted", "dot", (bottom, top)))
+    if signal.key == "spectrum_attitude" and design is not None:
+        for axis, numbers in enumerate(design.axes):
+            role = _ROLES[axis]
+            for radps, what, kind in (
+                (numbers.rejection_radps, "DRB", "dash"),
+                (numbers.crossover_radps, "crossover", "dot"),
+            ):
+                if radps is not None:
+                    lines.append(_at(radps / (2.0 * np.pi), what, role, kind, (bottom, top)))
+        drawn = "; dashed: disturbance rejection bandwidth (DRB), dotted: crossover, as designed"
+    rms = ", ".join(
+        f"{name} {s.rms:.3g}" for name, s in zip(signal.names, signal.spectra, strict=True)
+    )
+    unit = f"({signal.unit})²/Hz" if signal.unit else "1/Hz"
+    told = f" {signal.unit}".rstrip()
+    filled = f" {found.filled} samples were not recorded." if found.filled else ""
+    return Chart(
+        signal.key,
+        f"{signal.title}: power spectral density",
+        f"{signal.told} {stretch}; rms about the mean: {rms}{told}{drawn}.{filled}",
+        [Panel(f"density, {unit}", lines, 1.6, y_range=(bottom, top), log_y=True)],
+        SECTION,
+        x_label="frequency, Hz",
+        time=False,
+        log_x=True,
+    )
+
+
+def _at(hertz: float, label: str, role: str, kind: str, ends: tuple[float, float]) -> Trace:
+    """A vertical line."""
+    return Trace(np.full(2, hertz), np.array(ends), label, role, kind, width=1.3)
+
+
+def _reach(spectra: Sequence[Spectrum]) -> tuple[float, float]:
+    """Top and bottom of the axis: at most nine decades, as what is constant has no density."""
+    top = max(float(s.density.max()) for s in spectra)
+    if top <= 0.0:
+        return 1.0, _LEAST_SHARE
+    lowest = min(float(s.density[s.density > 0.0].min(initial=top)) for s in spectra)
+    return 2.0 * top, max(0.5 * lowest, _LEAST_SHARE * top)
+
+
+def spectrum_table(found: Spectra) -> Table | None:
+    """Numbers of each signal's spectrum; None without any."""
+    if not found.signals:
+        return None
+    rows = []
+    for signal in found.signals:
+        unit = f", {signal.unit}" if signal.unit else ""
+        for name, s in zip(signal.names, signal.spectra, strict=True):
+            peak = float(s.hertz[int(np.argmax(s.density))])
+            rows.append(
+                [
+                    f"{signal.title.lower()}, {name}{unit}", f"{s.rms:.3g}", f"{s.area_rms:.3g}",
+                    f"{s.median_hz:.2f}", f"{peak:.2f}", f"{100.0 * s.below(1.0):.0f} %",
+                ]
+            )  # fmt: skip
+    first = found.signals[0].spectra[0]
+    windows = max(1, round(2.0 * (found.end_s - found.start_s) * first.step_hz) - 1)
+    caption = (
+        f"Welch's method over {found.start_s:g} to {found.end_s:g} s, {found.rate_hz:.0f} samples "
+        f"a second, {windows} windows of {1.0 / first.step_hz:.1f} s (Hann, overlapping by half, "
+        "without their means), one-sided: the area below a density is the variance. Both rms must "
+        "agree but for what is slower than a window."
+    )
+    head = ("", "rms", "root of the area", "half below, Hz", "largest at, Hz", "below 1 Hz")
+    return Table(head, rows, caption)
+
+
+def loop_table(design: Design) -> Table | None:
+    """Disturbance rejection, crossover and bandwidth of the attitude loop as designed."""
+    if not design.axes:
+        return None
+
+    def told(radps: float | None) -> str | Markup:
+        if radps is None:
+            return "not reached"
+        return Markup("{:.2f} <small>({:.2f} Hz)</small>").format(radps, radps / (2.0 * np.pi))
+
+    head = ("", *AXES)
+    axes = design.axes
+    kinds = {
+        "disturbance rejection bandwidth (DRB), rad/s": [a.rejection_radps for a in axes],
+        "crossover, broken at the actuator, rad/s": [a.crossover_radps for a in axes],
+        "bandwidth of attitude to command, by phase, rad/s": [
+            a.phase_bandwidth_radps for a in axes
+        ],
+        "the same by gain, rad/s": [a.gain_bandwidth_radps for a in axes],
+    }
+    rows = [[name, *map(told, values)] for name, values in kinds.items()]
+    peaks = [
+        Markup("{:.1f} dB <small>at {:.1f} rad/s</small>").format(a.peak_db, a.peak_radps)
+        for a in axes
+    ]
+    rows.insert(1, ["peak of disturbance rejection (DRP)", *peaks])
+    caption = (
+        "The attitude loop as designed and as it is flown (sampled, with servos and delay), by its "
+        "linear model: below the DRB it takes more than 3 dB off a disturbance of the attitude, at "
+        "the DRP it adds most. Bandwidths: ADS-33E, -135° and 6 dB. Computed, beside the measured "
+        "spectra."
+    )
+    return Table(head, rows, caption)

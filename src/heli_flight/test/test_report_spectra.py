@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Spectra of a flight against what is known without them, and the design's numbers beside them."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from heli_dynamics_sim.plant import PlantConfig
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.flight_file import write_parameters
+from heli_flight.loop.record_file import write_record
+from heli_flight.loop.result import Result
+from heli_flight.loop.scoring import Figures
+from heli_flight.loop.settings import resolve
+from heli_flight.report import recorded, report_of
+from heli_flight.report.data import Report
+from heli_flight.report.design import flown_design
+from heli_flight.report.spectrum import LEAST_SAMPLES, even, folded, spectrum
+from heli_flight.report.spectrum_charts import (
+    loop_table,
+    rotor_lines,
+    spectra_of,
+    spectrum_charts,
+    spectrum_table,
+)
+
+RATE_HZ = 100.0
+SEED = 3
+RESPONSE = Path(__file__).resolve().parents[3] / "docs/results/response.json"
+
+
+def drifting(n, keep, sigma):
+    """A first-order Gauss-Markov sequence, stationary from the start."""
+    rng = np.random.default_rng(SEED)
+    values = np.empty(n)
+    values[0] = sigma * rng.normal()
+    for k, step in enumerate(rng.normal(scale=sigma * np.sqrt(1.0 - keep**2), size=n - 1)):
+        values[k + 1] = keep * values[k] + step
+    return values
+
+
+@pytest.mark.parametrize("n", [LEAST_SAMPLES, 1251, 3500, 60_000])
+def test_the_area_below_a_density_is_the_variance(n):
+    """Parseval: of noise that changes fast beside a window."""
+    values = 7.0 + np.random.default_rng(n).normal(scale=0.3, size=n)
+    found = spectrum(values, RATE_HZ)
+    assert found.rms == pytest.approx(np.std(values), rel=1e-12)
+    assert found.area_rms == pytest.approx(found.rms, rel=2.5 / np.sqrt(n) + 0.01)
+    assert found.hertz[-1] == pytest.approx(0.5 * RATE_HZ, abs=found.step_hz)
+    assert found.hertz[0] == found.step_hz
+
+
+def test_a_drift_has_the_density_that_it_must_have():
+    """One-sided density of a Gauss-Markov sequence, in closed form."""
+    keep, sigma = 0.95, 0.4
+    found = spectrum(drifting(400_000, keep, sigma), RATE_HZ)
+    phase = 2.0 * np.pi * found.hertz / RATE_HZ
+    exact = 2.0 / RATE_HZ * sigma**2 * (1.0 - keep**2)
+    exact = exact / (1.0 + keep**2 - 2.0 * keep * np.cos(phase))
+    # Each line scatters; a third of a decade of them must not be off.
+    edges = np.geomspace(0.1, 45.0, 9)
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        some = (found.hertz >= low) & (found.hertz < high)
+        assert some.sum() >= 4
+        assert np.mean(found.density[some] / exact[some]) == pytest.approx(1.0, abs=0.08)
+
+
+@pytest.mark.parametrize("hertz", [1.0, 7.3, 30.87])
+def test_a_sine_has_its_power_at_its_frequency(hertz):
+    time_s = np.arange(6000) / RATE_HZ
+    found = spectrum(2.0 + 0.6 * np.sin(2.0 * np.pi * hertz * time_s), RATE_HZ)
+    peak = found.hertz[np.argmax(found.density)]
+    assert peak == pytest.approx(hertz, abs=0.51 * found.step_hz)
+    near = np.abs(found.hertz - hertz) < 4.0 * found.step_hz
+    assert found.density[near].sum() * found.step_hz == pytest.approx(0.6**2 / 2.0, rel=0.02)
+    assert found.median_hz == pytest.approx(hertz, abs=1.1 * found.step_hz)
+    assert found.below(hertz + 1.0) == pytest.approx(1.0, abs=0.01)
+    assert found.below(hertz - 0.9) < 0.02
+
+
+def test_where_a_sine_is_seen_in_samples():
+    assert folded(30.8, 100.0) == pytest.approx(30.8)
+    assert folded(61.7, 100.0) == pytest.approx(38.3)
+    assert folded(130.0, 100.0) == pytest.approx(30.0)
+    time_s = np.arange(6000) / RATE_HZ
+    found = spectrum(np.sin(2.0 * np.pi * 61.7 * time_s), RATE_HZ)
+    assert found.hertz[np.argmax(found.density)] == pytest.approx(38.3, abs=found.step_hz)
+
+
+def test_samples_that_are_missing_are_filled_and_counted():
+    time_s = np.arange(1000) / RATE_HZ
+    values = np.column_stack([time_s, -2.0 * time_s])
+    kept = np.ones(1000, bool)
+    kept[[3, 500, 501]] = False
+    rate_hz, samples, filled = even(time_s[kept], values[kept])
+    assert (rate_hz, filled) == (pytest.approx(RATE_HZ), 3)
+    np.testing.assert_allclose(samples, values, atol=1e-12)
+    assert even(time_s[:100], values[:100]) is None
+    values[700] = np.nan
+    assert even(time_s, values) is None
+
+
+@pytest.fixture(scope="module")
+def honest():
+    """A hover in the honest world, whose rotor shakes the IMU."""
+    settings = resolve(world="honest", seed=SEED)
+    record = simulate(settings).record
+    return Report(record, settings, Result(Figures(), "", 60.0, 1.0), "one process")
+
+
+def test_the_rotor_is_seen_where_it_is_simulated(honest):
+    found = spectra_of(honest)
+    assert (found.start_s, found.rate_hz) == (25.0, pytest.approx(RATE_HZ))
+    force = next(s for s in found.signals if s.key == "spectrum_force")
+    (turn, words), (blade, blades) = rotor_lines(honest)
+    aircraft = PlantConfig.from_parameters(honest.settings.nodes["plant"]).helicopter
+    assert turn == pytest.approx(aircraft.main_speed_radps / (2.0 * np.pi))
+    assert blade == pytest.approx(aircraft.main_blades * turn)
+    assert words.startswith("1 per revolution, ") and blades.endswith(f"{blade:.1f} Hz")
+    down = force.spectra[2]
+    # With the governor the rotor turns up to some parts in a hundred slower or faster.
+    assert down.hertz[np.argmax(down.density)] == pytest.approx(turn, rel=0.03)
+    high = down.hertz > turn + 3.0
+    second = down.hertz[high][np.argmax(down.density[high])]
+    assert second == pytest.approx(folded(blade, RATE_HZ), rel=0.05)
+    charts = {chart.key: chart for chart in spectrum_charts(honest, found, None)}
+    labels = [trace.label for trace in charts["spectrum_rate"].panels[0].traces]
+    assert labels[:3] == ["p", "q", "r"] and len(labels) == 5
+    assert labels[4].endswith(f"seen at {folded(blade, RATE_HZ):.1f} Hz")
+    still = replace(honest, settings=resolve(world="paper"))
+    assert rotor_lines(still) == []
+
+
+def test_charts_and_table_say_units_and_numbers(honest):
+    found, design = spectra_of(honest), flown_design(honest.settings)
+    charts = {chart.key: chart for chart in spectrum_charts(honest, found, design)}
+    assert list(charts) == ["spectrum_force", "spectrum_rate", "spectrum_actuators",
+                            "spectrum_attitude", "spectrum_position"]  # fmt: skip
+    units = [chart.panels[0].y_label for chart in charts.values()]
+    assert units == ["density, (m/s²)²/Hz", "density, (rad/s)²/Hz", "density, 1/Hz",
+                     "density, (°)²/Hz", "density, (m)²/Hz"]  # fmt: skip
+    assert all(chart.x_label == "frequency, Hz" and not chart.time for chart in charts.values())
+    table = spectrum_table(found)
+    row = next(row for row in table.rows if row[0] == "specific force, down, m/s²")
+    inside = honest.record.time_s >= found.start_s
+    assert float(row[1]) == pytest.approx(np.std(honest.record.imu[inside, 2]), rel=0.01)
+    lines = charts["spectrum_attitude"].panels[0].traces
+    for name, of in (("DRB", "rejection_radps"), ("crossover", "crossover_radps")):
+        drawn = [trace.x[0] for trace in lines if trace.label == name]
+        wanted = [getattr(numbers, of) / (2.0 * np.pi) for numbers in design.axes]
+        assert drawn == pytest.approx(wanted)
+    assert "attitude, roll, °" in {row[0] for row in table.rows}
+    assert loop_table(design).rows[0][0].startswith("disturbance rejection bandwidth (DRB)")
+
+
+def test_without_imu_or_time_there_is_less(honest):
+    without = replace(honest, record=replace(honest.record, imu=None))
+    assert [s.key for s in spectra_of(without).signals][0] == "spectrum_actuators"
+    short = replace(honest, record=simulate(resolve(duration_s=1.0)).record)
+    assert spectra_of(short).signals == () and spectrum_table(spectra_of(short)) is None
+    assert spectrum_charts(short, spectra_of(short), None) == []
+
+
+@pytest.mark.parametrize("laws", ["hinf_output", "hinf", "pid"])
+def test_the_designs_rejection_is_what_sweeps_in_flight_gave(laws):
+    """Flown: a sweep added to the measured attitude (docs/results/response.json)."""
+    rows = [row for row in json.loads(RESPONSE.read_text())["found"]["rows"] if row["laws"] == laws]
+    assert [row["axis"] for row in rows] == ["roll", "pitch", "yaw"]
+    axes = flown_design(resolve("attitude", world="paper", laws=laws)).axes
+    for row, numbers in zip(rows, axes, strict=True):
+        flown = np.mean(row["rejection"]["bandwidth_radps"])
+        assert numbers.rejection_radps == pytest.approx(flown, rel=0.05), row["axis"]
+        # A sweep's windows flatten a narrow peak, by up to 0.6 dB (pid).
+        flown = np.mean(row["rejection"]["peak_db"])
+        assert numbers.peak_db == pytest.approx(flown, abs=0.7), row["axis"]
+        assert numbers.peak_db == pytest.approx(row["linear_rejection"]["peak_db"], abs=0.15)
+        by_phase = np.mean(row["flown"]["phase_radps"])
+        assert numbers.phase_bandwidth_radps == pytest.approx(by_phase, rel=0.06), row["axis"]
+        linear = row["linear"]["phase_radps"]
+        assert numbers.phase_bandwidth_radps == pytest.approx(linear, rel=0.01), row["axis"]
+
+
+def test_a_flight_that_is_loaded_has_them_too(honest, tmp_path):
+    write_parameters(honest.settings, tmp_path / "params.yaml")
+    write_record(honest.record, tmp_path)
+    text = report_of(recorded(tmp_path)).read_text(encoding="utf-8")
+    assert '<section id="spectra">' in text and 'id="chart-spectrum_force"' in text
+    assert "specific force, down, m/s²" in text and "(DRB), rad/s" in text
