@@ -227,6 +227,6 @@ def _record(
         nav_sigma_att_rad=nav[:, NAV.sigma_att],
         excitation_u=at(topics.EXCITATION_ACTUATORS, ACTUATOR.size) if excited else None,
         gust_ned_mps=at(topics.EXCITATION_WIND, 3) if excited else None,
-        imu=at(topics.IMU, IMU.size) if excited else None,
+        imu=at(topics.IMU, IMU.size) if topics.IMU in bag.streams else None,
         mode=_mode(bag, ticks, clock),
     )
