@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write scripts/help.txt: what every command answers to --help, for a checkout without environment.
+"""Write scripts/help.txt: what commands answer to --help, for a checkout without environment.
 
-    ./heli python scripts/help_text.py            write it (--check: say whether it is what would be)
+    ./heli python scripts/help_text.py            write it; --check: say whether it is so
 
-`./heli COMMAND --help` and `./hover_test.sh --help` print from it (scripts/help_text.sh) until set-up
-has been made; from then on the commands answer themselves. A test compares the two.
+`./heli COMMAND --help` and `./hover_test.sh --help` print from it (scripts/help_text.sh) until
+set-up has been made; from then on the commands answer themselves. A test compares the two.
 """
 
 import argparse
@@ -18,8 +18,8 @@ from typing import Any
 
 FILE = Path(__file__).resolve().with_name("help.txt")
 HEAD = (
-    "Written by scripts/help_text.py: what commands answer to --help. A line that begins with a form "
-    "feed names one.\n"
+    "Written by scripts/help_text.py: what commands answer to --help. A line that begins with a "
+    "form feed names one.\n"
 )
 MARK = "\f"
 COLUMNS = 80

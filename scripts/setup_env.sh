@@ -193,10 +193,11 @@ heli_told_costs() {
         "$download" "$installed" "$seconds" "$cores" "${name:-?}" "${load:-?}"
 }
 
-# Prints the MB that a folder takes of the disk.
-heli_size_of() {
+# Says how much of the disk the environment takes, where there is du.
+heli_tell_size() {
     local size
-    size=$(du --summarize --block-size=MB -- "$1" 2>/dev/null) && printf '%s' "${size%%MB*}"
+    ! size=$(du --summarize --block-size=MB -- "$heli_venv" 2>/dev/null) ||
+        printf '%s takes %s MB of disk.\n' "$heli_venv" "${size%%MB*}" >&2
 }
 
 # Notes what the time since the last mark was spent on.
@@ -376,7 +377,7 @@ heli_make_missing() {
         heli_mark "test tools"
     fi
     printf 'Set up in %d s: %s.\n' "$((SECONDS - begun_s))" "$heli_split" >&2
-    printf '%s takes %s MB of disk.\n' "$heli_venv" "$(heli_size_of "$heli_venv")" >&2
+    heli_tell_size
 }
 
 # One set-up at a time; whoever waited looks again at what is missing.

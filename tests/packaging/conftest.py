@@ -44,7 +44,11 @@ class Checkout:
         self.top = top
         for name in ("scripts", "requirements"):
             shutil.copytree(ROOT / name, top / name, ignore=shutil.ignore_patterns("__pycache__"))
-        for name in ("hover_test.sh", "run_tests.sh"):
+        results = top / "docs/results"
+        results.mkdir(parents=True)
+        for name in ("setup", "setup_size"):
+            shutil.copy2(ROOT / f"docs/results/{name}.json", results)
+        for name in ("heli", "hover_test.sh", "run_tests.sh"):
             shutil.copy2(ROOT / name, top / name)
         for setup in (ROOT / "src").glob("*/setup.py"):
             package = top / "src" / setup.parent.name
@@ -76,9 +80,9 @@ class Checkout:
             **extra,
         }
 
-    def start(self, script: str = "hover_test.sh", **extra: str):
+    def start(self, script: str = "hover_test.sh", *words: str, **extra: str):
         return subprocess.run(
-            [self.top / script],
+            [self.top / script, *words],
             env=self.environment(**extra),
             capture_output=True,
             text=True,

@@ -15,7 +15,7 @@ from heli_msgs_bridge import topics
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 TUTORIAL = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
-MODULES = sorted((ROOT / "src").glob("*/heli_*/**/*.py"))
+MODULES = sorted((ROOT / "src").glob("*/heli*/**/*.py"))
 EDGES = [
     (source, words.split(", "), sink)
     for source, words, sink in re.findall(

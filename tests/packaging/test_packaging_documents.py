@@ -57,6 +57,6 @@ def test_every_package_and_wing_is_in_the_picture_and_in_the_contracts():
 
 
 def test_every_testing_folder_is_in_the_table():
-    folders = {f"{p.parent.name}/testing" for p in ROOT.glob("src/*/heli_*/testing")}
+    folders = {f"{p.parent.name}/testing" for p in ROOT.glob("src/*/heli*/testing")}
     assert folders
     assert set(re.findall(r"`(\w+/testing)`", ARCHITECTURE)) == folders

@@ -14,7 +14,7 @@ from heli_msgs_bridge.table_node import TableNode
 from heli_msgs_bridge.tick_node import TickNode
 
 SRC = Path(__file__).resolve().parents[2] / "src"
-MODULES = sorted(f"{path.parent.name}.node" for path in SRC.glob("*/heli_*/node.py"))
+MODULES = sorted(f"{path.parent.name}.node" for path in SRC.glob("*/heli*/node.py"))
 MODULES += ["heli_flight.graph.scenario_node", "heli_flight.graph.world_clock_node"]
 
 

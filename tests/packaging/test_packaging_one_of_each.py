@@ -42,7 +42,7 @@ def imported(text):
 
 @pytest.mark.parametrize("module", ONLY_IN)
 def test_a_second_one_is_not_imported(module):
-    files = list(sources("src/heli_*/heli_*/**/*.py", "src/heli_*/launch/*.py"))
+    files = list(sources("src/*/heli*/**/*.py", "src/*/launch/*.py"))
     users = {
         name
         for name, path in files
@@ -60,7 +60,7 @@ def test_nobody_draws_progress_by_hand():
     """A carriage return goes back to the beginning of the line: a progress bar of one's own."""
     found = {
         name
-        for name, path in sources("src/heli_*/heli_*/**/*.py", "scripts/*.py")
+        for name, path in sources("src/*/heli*/**/*.py", "scripts/*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and "\r" in node.value
     }

@@ -88,7 +88,9 @@ def test_the_sentence_has_every_number(measure, tmp_path):
     content = {"found": measure(), "processor": {"cores": 2}, "load": 0.4}
     content["found"]["total_s"] = 46.7
     files.write(tmp_path, "setup", content)
+    files.write(tmp_path, "setup_size", {"found": {"download_mb": 321, "test_mb": 65}})
     text = setup(files.Results(tmp_path))
     for words in ("ends after 47 s on 2 cores (load 0.4)", "31 s of set-up", "kernels 22 s)",
-                  "60 s flown in 4.6 s", "3 MB"):  # fmt: skip
+                  "60 s flown in 4.6 s", "takes 3 MB", "downloads 321 MB",
+                  "65 MB more"):  # fmt: skip
         assert words in text

@@ -54,7 +54,7 @@ class Copy:
         cache = self.prefix / "cache"
         self.variables["XDG_CACHE_HOME"] = str(cache)
         named = _CacheLocator.get_suitable_cache_subpath
-        modules = [file.relative_to(ROOT) for file in ROOT.glob("src/*/heli_*/**/*.py")]
+        modules = [file.relative_to(ROOT) for file in ROOT.glob("src/*/heli*/**/*.py")]
         theirs = {named(str(ROOT / file)): named(str(self.top / file)) for file in modules}
         for folder in cache_root().glob("*/*"):
             if folder.name in theirs:

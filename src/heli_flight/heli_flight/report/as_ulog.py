@@ -15,7 +15,7 @@ from heli_bags.ulog import Table, ulog
 from heli_flight.report.from_bag import Recorded
 from heli_math.rotations import quat_from_euler
 from heli_math.rows import IMU, REFERENCE
-from heli_math.ticks import TICK_NS
+from heli_math.ticks import Rate
 
 HELICOPTER = 4
 """MAV_TYPE_HELICOPTER of MAVLink."""
@@ -38,7 +38,7 @@ def ulog_of(flight: Recorded) -> bytes:
         _servos(record.u),
     ]  # fmt: skip
     if record.imu is not None:
-        tables.append(_sensed(record.imu))
+        tables.append(_sensed(record.imu, flight.settings.rate))
     infos = {"sys_name": "heli-hover", "ver_sw": flight.commit or "unknown"}
     return ulog(time_us, tables, infos, _parameters(flight.settings.nodes))
 
@@ -82,11 +82,11 @@ def _servos(u: _Array) -> Table:
     return Table(known.name, {"control": control}, known.present)
 
 
-def _sensed(imu: _Array) -> Table:
+def _sensed(imu: _Array, rate: Rate) -> Table:
     table = _table(
         "sensor_combined", {"gyro_rad": imu[:, IMU.rate], "accelerometer_m_s2": imu[:, IMU.force]}
     )
-    step = np.full(len(imu), TICK_NS // 1000, dtype=np.uint32)
+    step = np.full(len(imu), rate.tick_ns // 1000, dtype=np.uint32)
     steps = {"gyro_integral_dt": step, "accelerometer_integral_dt": step}
     return Table(table.name, {**table.fields, **steps}, table.present)
 
