@@ -187,10 +187,11 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "`fallback.blend_s`", "counter without_commands"),
     Failsafe(Condition.SERVO_SLOW, "outer loop: attitude swings about what the attitude loop "
              "should have made of its command, standard deviation of a second over "
-             "`failsafe.unfollowed_deg`", 4.0, Action.SOFT, "full gains once it stands",
+             "`failsafe.unfollowed_deg`", 4.0, Action.SOFT,
+             "5 s of calm, each time twice as long; full gains fade in",
              "attitude not followed: flown softly"),
     Failsafe(Condition.SERVO_STUCK, "outer loop: as above; in soft flight it hangs to one side "
-             "for 2 s", 8.0, Action.NOTE, "once it stands; full gains hold what the other axes "
+             "for 2 s", 8.0, Action.NOTE, "calm, as above; full gains hold what the other axes "
              "can, a landing would cost the aircraft", "attitude not followed, nor softly"),
     Failsafe(Condition.POSITION_ASTRAY, "outer loop: sigma of the horizontal velocity, summed up "
              "since the last fix, over `failsafe.land_astray_m`", 25.0, Action.LAND,

@@ -11,7 +11,7 @@ from heli_outer_pd.thrust_map import RotorMap
 
 
 class Memory(NamedTuple):
-    """State of the law (67,)."""
+    """State of the law (69,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -59,7 +59,9 @@ class Memory(NamedTuple):
     off_square: slice = slice(63, 65)  # and mean square, rad2
     soft: int = 65  # one of FULL, SOFT, STUCK
     hangs_s: int = 66  # for so long it has been off to one side in soft flight
-    size: int = 67
+    calm_s: int = 67  # calm again for so long
+    calm_wanted_s: int = 68  # which is enough
+    size: int = 69
 
 
 MEMORY = Memory()
@@ -73,8 +75,8 @@ SEES, SINKS, RISES = 0.0, 1.0, 2.0
 """The vertical velocity is known; is not, and thrust alone flies; is again, since this step."""
 
 FULL, SOFT, STUCK = 0.0, 1.0, 2.0
-"""With the gains as they are; softly, as the attitude does not follow; again with them, for good,
-as softness was of no help."""
+"""With the gains as they are; softly, as the attitude does not follow; again with them, as softness
+was of no help."""
 
 
 class OuterStatus(enum.IntEnum):
@@ -132,7 +134,7 @@ class OuterKernel(NamedTuple):
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (67,) of a law that is not engaged yet; its last command is the trim."""
+    """State (69,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state

@@ -196,7 +196,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_math.rows.SHAPED`; changed where no position is known.
     k : OuterKernel
         Gains and limits.
-    state : (67,) ndarray
+    state : (69,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.
@@ -220,7 +220,7 @@ def position_law(nav, ref, k, state, out):
     estimate(nav, phi, theta, c, s, k, state, d_h)
     flown = scratch(2)
     flown_acceleration(phi, theta, k, flown)
-    watch_attitude(flown, k, state)
+    watch_attitude(flown, psi, nav[NAV.rate], k, state)
     if state[MEMORY.sinks] == RISES:
         begin_at_height(nav, ref, state)
         state[MEMORY.sinks] = SEES

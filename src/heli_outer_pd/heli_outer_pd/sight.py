@@ -94,7 +94,7 @@ def told_of(phase: Phase, state: NDArray[np.float64], held: str) -> str:
 def unfollowed(soft: float) -> str:
     """What is wrong with how the attitude follows, in a sentence; empty if nothing is."""
     if soft == SOFT:
-        return "attitude not followed: flown softly, as a servo may be slow"
+        return "attitude not followed: flown softly, as a servo may be slow; land"
     if soft == STUCK:
         return "attitude not followed, nor softly: a servo may be stuck; do not land"
     return ""

@@ -9,14 +9,15 @@ over a second, stays below `failsafe.unfollowed_deg` in flights without a fault.
 Beyond, position is held softly: small gains and tilts, and of the command only a part, the rest is
 the attitude as it is. That takes three quarters of its stiffness from the attitude loop and leaves
 its damping: little is asked of the servo's speed, and the oscillation dies. A servo that is stuck
-follows that no better: the attitude hangs to one side. Then the gains are as before, for good:
-with them the other axes hold what they can.
+follows that no better: the attitude hangs to one side. Then the gains are as before: with them the
+other axes hold what they can. What has become calm has its gains again, each time later.
 """
 
 import math
 
 from heli_math.arrays import fill
 from heli_math.jit import njit
+from heli_math.rotations import wrap_pi
 from heli_math.rows import SETPOINT
 from heli_outer_pd.outer_state import FLIES, FULL, MEMORY, SOFT, STUCK
 
@@ -24,10 +25,13 @@ _MEAN_S = 1.0
 _HANGS, _HALF, _HANGS_S = 0.6, 0.5, 2.0
 """It hangs to one side if its mean has so much of its mean square, at half the limit, for so
 long."""
-K_P_SHARE, K_D_SHARE, AS_IT_IS = 0.1, 0.3, 0.75
+_CALM_S = 5.0
+"""Below half the limit for so long, each time twice as long, it has its gains again."""
+_TURNED_RAD, _TURNS_RADPS = math.radians(30.0), 1.5
+K_P_SHARE, K_D_SHARE, AS_IT_IS = 0.1, 0.5, 0.75
 """In soft flight, of the horizontal gains, and of those of the disturbance's observer (l2, l1): the
-bandwidth falls to a third, its damping stays; of the attitude as it is in what is commanded."""
-SOFT_TILT_RAD = math.radians(8.0)
+bandwidth falls to a third, damping grows; of the attitude as it is in what is commanded."""
+SOFT_TILT_RAD = math.radians(15.0)
 
 
 @njit
@@ -65,21 +69,23 @@ def forget_swings(state):
     fill(state[MEMORY.off_mean], 0.0)
     fill(state[MEMORY.off_square], 0.0)
     state[MEMORY.soft] = FULL
+    state[MEMORY.calm_wanted_s] = 0.0
 
 
 @njit
-def watch_attitude(flown, k, state):
+def watch_attitude(flown, psi, rate, k, state):
     """Bring up to what the attitude explains, (2,) m/s2, whether commands are followed.
 
     Only where the law itself holds a place, and estimates the disturbance, behind that: there the
-    command is known behind the attitude loop's lag.
+    command is known behind the attitude loop's lag. A nose that turns away takes roll and pitch
+    along: nothing is said of their servos, and the full gains hold a place even so.
     """
     own = k.wind_compensation > 0.5 and k.hold_horizontal > 0.5 and k.sweep.shape == 0
     if state[MEMORY.ground] != FLIES or not own:
         forget_swings(state)
         return
     mean, square, lagged = state[MEMORY.off_mean], state[MEMORY.off_square], state[MEMORY.lagged]
-    swings, hangs = False, False
+    swings, hangs, calm = False, False, True
     for i in range(2):
         off = math.atan((flown[i] - lagged[i]) / k.g)
         mean[i] += k.dt_s / _MEAN_S * (off - mean[i])
@@ -87,9 +93,26 @@ def watch_attitude(flown, k, state):
         swings = swings or square[i] - mean[i] ** 2 > k.unfollowed[i] ** 2
         beyond = square[i] > (_HALF * k.unfollowed[i]) ** 2
         hangs = hangs or (beyond and mean[i] ** 2 > _HANGS * square[i])
-    if state[MEMORY.soft] == FULL and swings:
-        state[MEMORY.soft], state[MEMORY.hangs_s] = SOFT, 0.0
-    elif state[MEMORY.soft] == SOFT:
-        state[MEMORY.hangs_s] = state[MEMORY.hangs_s] + k.dt_s if hangs else 0.0
-        if state[MEMORY.hangs_s] > _HANGS_S:
-            state[MEMORY.soft] = STUCK
+        calm = calm and not beyond
+    off_rad = abs(wrap_pi(psi - state[MEMORY.command][SETPOINT.psi]))
+    turned = off_rad > _TURNED_RAD or abs(rate[2]) > _TURNS_RADPS
+    _decide(swings and not turned, hangs or turned, calm, k, state)
+
+
+@njit
+def _decide(swings, hangs, calm, k, state):
+    """The next of FULL, SOFT, STUCK."""
+    soft, wanted_s = state[MEMORY.soft], state[MEMORY.calm_wanted_s]
+    lands = state[MEMORY.lands] > 0.5
+    if soft == FULL:
+        # A landing is no place for another try.
+        if swings or (lands and wanted_s > 0.0):
+            state[MEMORY.soft], state[MEMORY.hangs_s], state[MEMORY.calm_s] = SOFT, 0.0, 0.0
+            state[MEMORY.calm_wanted_s] = max(2.0 * wanted_s, _CALM_S)
+        return
+    state[MEMORY.hangs_s] = state[MEMORY.hangs_s] + k.dt_s if hangs else 0.0
+    state[MEMORY.calm_s] = state[MEMORY.calm_s] + k.dt_s if calm else 0.0
+    if soft == SOFT and state[MEMORY.hangs_s] > _HANGS_S:
+        state[MEMORY.soft] = STUCK
+    elif state[MEMORY.calm_s] > wanted_s and not lands:
+        state[MEMORY.soft], state[MEMORY.takes_over] = FULL, 1.0

@@ -28,13 +28,13 @@ class Watched:
         self.k = config.outer_kernel(VALUES | changes)
         self.state = position_law.initial_state(self.k)
 
-    def see(self, axis, off_deg, seconds):
+    def see(self, axis, off_deg, seconds, psi=0.0, turns=0.0):
         """off_deg(t) is what the attitude is off by; returns when it changed, s, and to what."""
         before, changes = self.state[MEMORY.soft], []
         for i in range(round(seconds / self.k.dt_s)):
             flown = np.zeros(2)
             flown[axis] = self.k.g * math.tan(math.radians(off_deg(i * self.k.dt_s)))
-            watch_attitude(flown, self.k, self.state)
+            watch_attitude(flown, psi, np.array([0.0, 0.0, turns]), self.k, self.state)
             if self.state[MEMORY.soft] != before:
                 before = self.state[MEMORY.soft]
                 changes.append((i * self.k.dt_s, before))
@@ -60,12 +60,45 @@ def test_what_hangs_to_one_side_is_no_swing_and_of_itself_changes_nothing(axis, 
 
 
 @pytest.mark.parametrize(("axis", "limit"), AXES)
-def test_a_swing_that_ends_to_one_side_is_a_servo_that_is_stuck_and_stays_one(axis, limit):
+def test_a_swing_that_ends_to_one_side_is_a_servo_that_is_stuck(axis, limit):
     watched = Watched()
     assert [now for _, now in watched.see(axis, swing(3.0 * limit), 5.0)] == [SOFT]
     ((at_s, now),) = watched.see(axis, lambda t: limit, 20.0)
     assert now == STUCK and 2.0 < at_s < 8.0
     assert watched.see(axis, swing(3.0 * limit), 5.0) == []
+
+
+@pytest.mark.parametrize(("axis", "limit"), AXES)
+def test_what_is_calm_again_has_its_gains_again_each_time_later(axis, limit):
+    watched, after_s = Watched(), []
+    for _ in range(3):
+        assert [now for _, now in watched.see(axis, swing(3.0 * limit), 2.0)] == [SOFT]
+        assert watched.state[MEMORY.takes_over] == 0.0
+        ((at_s, now),) = watched.see(axis, lambda t: 0.0, 60.0)
+        assert now == FULL and watched.state[MEMORY.takes_over] == 1.0, "without a step"
+        watched.state[MEMORY.takes_over] = 0.0
+        after_s.append(at_s)
+    assert np.diff(after_s) == pytest.approx([5.0, 10.0], abs=0.1)
+
+
+def test_a_landing_is_soft_once_it_has_been():
+    watched = Watched()
+    watched.see(1, swing(3.0 * ROLL), 2.0)
+    watched.see(1, lambda t: 0.0, 10.0)
+    assert watched.state[MEMORY.soft] == FULL
+    watched.state[MEMORY.lands] = 1.0
+    assert watched.see(1, lambda t: 0.0, 60.0) == [(0.0, SOFT)]
+    sound = Watched()
+    sound.state[MEMORY.lands] = 1.0
+    assert sound.see(1, lambda t: 0.0, 60.0) == []
+
+
+def test_a_nose_that_turns_away_says_nothing_of_roll_and_pitch():
+    for turned in ({"psi": 0.6}, {"turns": -1.6}):
+        assert Watched().see(1, swing(3.0 * ROLL), 20.0, **turned) == []
+        watched = Watched()
+        watched.see(1, swing(3.0 * ROLL), 3.0)
+        assert [now for _, now in watched.see(1, swing(3.0 * ROLL), 9.0, **turned)] == [STUCK]
 
 
 def test_on_the_ground_and_without_an_estimate_it_is_forgotten():
@@ -90,7 +123,7 @@ def command(soft, pos_ned_m, roll_rad=0.0):
     nav[NAV.pos] = pos_ned_m
     phi, theta = k.trim[SETPOINT.phi] + roll_rad, k.trim[SETPOINT.theta]
     nav[NAV.quat] = quat_from_euler(phi, theta, 0.0)
-    state[MEMORY.engaged], state[MEMORY.soft] = 1.0, soft
+    state[MEMORY.engaged], state[MEMORY.soft], state[MEMORY.calm_wanted_s] = 1.0, soft, 9.0
     assert position_law.position_law(nav, np.zeros(SHAPED.size), k, state, out) == 0
     return k, out[SETPOINT.phi] - k.trim[SETPOINT.phi], out[SETPOINT.theta] - k.trim[SETPOINT.theta]
 
