@@ -231,7 +231,10 @@ def _heeds_interrupts() -> None:
 
 
 def interrupted(command: list[str], after_s: float, environment: dict[str, str]) -> int | None:
-    """Exit code of a flight that gets Ctrl-C, as a terminal sends it; None: it hung."""
+    """Exit code of a flight that gets Ctrl-C, as a terminal sends it; None: it hung.
+
+    As a shell tells it: 130 for one that SIGINT has ended, too, before Python could take it.
+    """
     flying = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
         env=environment, preexec_fn=_heeds_interrupts,
@@ -239,7 +242,8 @@ def interrupted(command: list[str], after_s: float, environment: dict[str, str])
     time.sleep(after_s)
     os.killpg(flying.pid, signal.SIGINT)
     try:
-        return flying.wait(_LIMIT_S)
+        code = flying.wait(_LIMIT_S)
+        return 128 - code if code < 0 else code
     except subprocess.TimeoutExpired:
         os.killpg(flying.pid, signal.SIGKILL)
         flying.wait()

@@ -6,6 +6,7 @@
 """
 
 import sqlite3
+from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -18,10 +19,10 @@ from rosbags.interfaces import (
     QosTime,
 )
 
-from heli_bags.bag_clock import LATE, BagClock
+from heli_bags.bag_clock import LATE, WINDOW_NS, BagClock
 from heli_bags.definitions import Definitions, UnknownTypeError
 from heli_bags.folder import BagError, BagFolder, Channel, Format, reason
-from heli_math.ticks import OF_100_HZ, Rate
+from heli_math.ticks import NS_PER_S, OF_100_HZ, Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 
@@ -30,6 +31,9 @@ __all__ = ["BagError", "BagRecorder", "Format", "row_of"]
 _FOREVER = QosTime(9223372036, 854775807)
 # So many messages are kept at most until a stream has told the time.
 _MOST_WAITING = 500
+# After a pause of the recorder the queue of a topic that does not tell the time may be emptied
+# before those that do: so far ahead it waits for them.
+_AHEAD_NS = 100 * NS_PER_S
 
 
 def row_of(wanted: str) -> topics.Topic:
@@ -129,6 +133,7 @@ class BagRecorder:
         self._late_ns: dict[str, int] = {}
         self._clock = BagClock(start_ns, self.rows)
         self._waiting: list[tuple[str, bytes]] = []
+        self._ahead: deque[tuple[str, bytes]] = deque()
         self._failed = self._closed = False
 
     @property
@@ -164,13 +169,16 @@ class BagRecorder:
         for name, raw in waiting:
             self._write(name, raw)
 
-    def _write(self, name: str, raw: bytes) -> None:
+    def _write(self, name: str, raw: bytes, last: bool = False) -> None:
         if self._failed:
             return
         clock, fits = self._clock, False
         given_ns = stamp_ns = clock.now_ns
         if name in topics.BY_NAME:
             given_ns = stamp_of(raw)
+            if name in LATE and WINDOW_NS < given_ns - clock.now_ns <= _AHEAD_NS and not last:
+                self._ahead.append((name, raw))
+                return
             fits = clock.admits(name, given_ns)
             if not fits:
                 self.odd_stamps[name] = self.odd_stamps.get(name, 0) + 1
@@ -181,6 +189,8 @@ class BagRecorder:
         except (OSError, sqlite3.Error) as error:
             self._give_up(error)
         self.counts[name] += 1
+        if self._ahead and fits and name not in LATE:
+            self._write_ahead()
         if fits:
             self._first.setdefault(name, given_ns)
             self._last[name] = max(given_ns, self._last.get(name, 0))
@@ -188,6 +198,12 @@ class BagRecorder:
                 # A tick more: it may come before the rest of its own.
                 late_ns = stamp_ns - given_ns + self._rate.tick_ns
                 self._late_ns[name] = max(late_ns, self._late_ns.get(name, 0))
+
+    def _write_ahead(self) -> None:
+        """Write what has waited for the time that has come now."""
+        ahead, until_ns = self._ahead, self._clock.now_ns + WINDOW_NS
+        while ahead and stamp_of(ahead[0][1]) <= until_ns:
+            self._write(*ahead.popleft())
 
     def flush(self) -> None:
         """Hand all messages to the operating system.
@@ -250,6 +266,8 @@ class BagRecorder:
         if self._closed:
             return
         self._write_waiting()
+        while self._ahead:
+            self._write(*self._ahead.popleft(), last=True)
         if self._failed:
             return
         self._closed = True

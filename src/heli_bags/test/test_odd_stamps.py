@@ -6,6 +6,7 @@ import functools
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import Reader
 
 from heli_bags.bag_clock import BagClock
 from heli_bags.reader import read_bag
@@ -14,6 +15,7 @@ from heli_bags.tools import bag_info, bag_messages, write_csv
 from heli_math.ticks import NS_PER_S, TICK_NS
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.messages import CHANNELS, ClockEncoder, Encoder
 from heli_msgs_bridge.reference_message import encode_reference
 
@@ -197,3 +199,30 @@ def test_a_status_that_is_heard_late_is_of_when_it_was_said(tmp_path):
     recorder.close()
     remarks = read_bag(tmp_path / "bag").remarks
     assert [(r.message, r.stamp_ns) for r in remarks] == list(said_ns.items())
+
+
+def test_fixes_that_are_heard_before_the_time_wait_for_it(tmp_path):
+    """After a pause of the recorder: the whole queue of one topic, then that of the next."""
+    bag = BagRecorder(tmp_path / "bag", (topics.IMU, topics.GPS_VELOCITY))
+    encoders = {name: Encoder(name) for name in bag.rows}
+
+    def queue(name, first, last):
+        for tick in range(first, last, topics.BY_NAME[name].every_ticks):
+            row = np.zeros(CHANNELS[name].size)
+            bag.write(name, encoders[name].encode(row, NS_PER_S + tick * TICK_NS))
+
+    queue(topics.IMU, 0, 100)
+    queue(topics.GPS_VELOCITY, 0, 6000)
+    queue(topics.IMU, 100, 6000)
+    # This one's time never comes.
+    bag.write(topics.GPS_VELOCITY, encoders[topics.GPS_VELOCITY].encode(np.zeros(3), 90 * NS_PER_S))
+    assert bag.odd_stamps == {} and bag.missing() == []
+    bag.close()
+    assert bag.odd_stamps == {topics.GPS_VELOCITY: 1}
+    with Reader(tmp_path / "bag") as reader:
+        late_ns = [
+            stamp_ns - stamp_of(raw)
+            for connection, stamp_ns, raw in reader.messages()
+            if connection.topic == f"/{topics.GPS_VELOCITY}"
+        ]
+    assert len(late_ns) == 301 and sum(abs(ns) <= 2 * NS_PER_S for ns in late_ns) == 300

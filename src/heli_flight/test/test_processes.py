@@ -168,6 +168,25 @@ def test_a_lock_that_another_user_made_is_a_lock(monkeypatch, tmp_path):
         assert domain == 7
 
 
+def test_a_domain_is_held_whatever_the_folder_of_temporary_files(monkeypatch, tmp_path):
+    """As where each user has one of his own; no file is left in either."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", "229")
+    folders = [tmp_path / "one", tmp_path / "other"]
+    for folder in folders:
+        folder.mkdir()
+    monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(folders[0]))
+    with processes.domain_reserved():
+        monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(folders[1]))
+        with pytest.raises(StartError, match="ROS domain 229"), processes.domain_reserved():
+            raise AssertionError("two flights in one domain")
+        assert list(folders[0].iterdir()) and not list(folders[1].iterdir())
+        monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(folders[0]))
+    monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(folders[1]))
+    with processes.domain_reserved() as domain:
+        assert domain == 229
+    assert not any(list(folder.iterdir()) for folder in folders)
+
+
 def test_a_lock_leaves_no_file(monkeypatch, tmp_path):
     monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")

@@ -195,7 +195,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def _history(self) -> int:
         """How many messages of a stream are kept; where they are repeated, what is soon flown."""
         paced = self.respawns and not self.values["lockstep"]
-        return self.rate.of(_REPEATED_TICKS) if paced else topics.DEPTH
+        own = topics.DEPTH if self.respawns else topics.UNHEARD
+        return self.rate.of(_REPEATED_TICKS) if paced else own
 
     def hear(
         self,

@@ -13,6 +13,9 @@ from heli_math.ticks import TICKS_PER_S, Rate
 DEPTH = 2000
 """History depth of every stream. A sender can repeat what a listener's full shared-memory queue did
 not take (512 messages of all topics together) only while the message is in its history."""
+UNHEARD = 10_000
+"""That of a sender which keeps nothing for who comes later: only what is not acknowledged yet takes
+memory. Nobody waits for the recorder: in lockstep these are nine seconds in which it cannot run."""
 
 CLOCK = "/clock"
 IMU, IMU2 = "imu/data_raw", "imu2/data_raw"

@@ -8,6 +8,7 @@ import importlib
 import multiprocessing
 import os
 import signal
+import socket
 import sys
 import tempfile
 import time
@@ -314,6 +315,22 @@ def _give_back(domain: int, lock: int) -> None:
     os.close(lock)
 
 
+def _claimed(domain: int) -> socket.socket | None:
+    """A name for a domain that one process has; None if another flight has it.
+
+    The file of `_held_lock` lies in the folder of temporary files, which users may choose. This
+    name is known wherever the domain's ports are (unix(7), abstract sockets), and ends with its
+    process.
+    """
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0heli_hover-domain-{domain}")
+    except OSError:
+        claim.close()
+        return None
+    return claim
+
+
 def others_in(domain: int) -> bool:
     """Whether another DDS participant may be in a ROS domain: one of its ports is taken here.
 
@@ -344,8 +361,12 @@ def domain_reserved() -> Iterator[int]:
     wanted = os.environ.get(DOMAIN, "").strip()
     for domain in [int(wanted)] if wanted else range(_CHOSEN_DOMAINS):
         lock = _held_lock(domain)
-        if lock is not None:
+        if lock is None:
+            continue
+        claim = _claimed(domain)
+        if claim is not None:
             break
+        _give_back(domain, lock)
     else:
         if not wanted:
             raise StartError(f"flights hold all ROS domains below {_CHOSEN_DOMAINS}")
@@ -360,4 +381,5 @@ def domain_reserved() -> Iterator[int]:
     finally:
         if not wanted:
             os.environ.pop(DOMAIN, None)
+        claim.close()
         _give_back(domain, lock)

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorder that cannot run for a while, as on a machine full of other work, loses nothing."""
+
+import json
+
+import numpy as np
+
+from heli_bags.reader import read_bag
+from heli_bags.tools import bag_info
+from heli_msgs_bridge import topics
+
+SECONDS = 60.0
+# More than senders keep for each other, and more than the window in which a stamp is believed.
+PAUSE_S = 35.0
+
+
+def test_in_lockstep_its_pause_costs_no_message(hover_test, tmp_path):
+    """Nobody waits for it: the others are 3500 ticks on when it runs again."""
+    faults, folder = tmp_path / "faults.yaml", tmp_path / "f"
+    pause = f"node: recorder, kind: pause, start_s: 10, duration_s: {PAUSE_S}"
+    faults.write_text(f"faults:\n  - {{what: process, {pause}}}\n")
+    done = hover_test("--duration", SECONDS, "--faults", faults, "--out", folder)
+    assert done.returncode in (0, 1), done.stderr
+    result = json.loads((folder / "result.json").read_text())
+    assert [fault["begun_s"] for fault in result["process_faults_done"]] == [10.0]
+    assert not any("gaps" in note or "lacks" in note for note in result["notes"])
+    counts = {row.topic.lstrip("/"): row.messages for row in bag_info(folder).topics}
+    for topic in topics.TABLE:
+        if topic.every_ticks and not topic.optional and topic.name.lstrip("/") in counts:
+            due = len(range(0, round(SECONDS * 100), topic.every_ticks))
+            assert counts[topic.name.lstrip("/")] == due, topic.name
+    bag = read_bag(folder / "bag")
+    assert not bag.refused
+    stamps = bag.streams[topics.GPS_VELOCITY].stamp_ns
+    assert np.all(np.diff(stamps) > 0)
