@@ -19,6 +19,8 @@ FACT_OFFSET = "reference_offset_ned_m"
 an empty list until it has engaged."""
 FACT_MODE = "mode"
 """What the outer loop calls the mode that it flies; what it says changes with it."""
+FACT_LAW_FAILED = "own_law_failed"
+"""Key of the sentence with which a law in Python has failed; it is not asked again."""
 FACT_FLOOD = "refused.requests"
 """What every node calls the number of service calls that came too often, with the reason."""
 REPEAT_S = 1.0
