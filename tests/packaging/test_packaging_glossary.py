@@ -29,7 +29,7 @@ WORDS = {
 }
 # What is no running text: code, headings, what is rendered from results, links, comments.
 NO_TEXT = re.compile(
-    r"```.*?```|(?m:^#[^\n]*$)|(?m:^    [^\n]*$)|<!-- results:.*?<!-- end -->|<!-- value:.*?<!-- end -->"
+    r"```.*?```|(?m:^#[^\n]*$)|(?m:^    [^\n]*$)|<!-- (?:results|value):.*?<!-- end -->"
     r"|`[^`\n]*`|\[[^\]\n]*\]\([^)\n]*\)|<[^>\n]+>",
     re.DOTALL,
 )
