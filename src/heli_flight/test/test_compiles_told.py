@@ -40,10 +40,10 @@ def words(tmp_path):
 @pytest.mark.parametrize("name", ["hover", "campaign", "attitude", "worlds"])
 def test_a_command_says_it_once_before_it_flies(name, tmp_path, cold, capsys):
     cli.main(words(tmp_path)[name])
-    assert TOLD not in capsys.readouterr().err
+    assert TOLD not in "".join(capsys.readouterr())
     cold()
     cli.main(words(tmp_path / "again")[name])
-    assert capsys.readouterr().err.count(TOLD) == 1
+    assert "".join(capsys.readouterr()).count(TOLD) == 1
 
 
 def test_python_says_it_unless_it_is_quiet(cold, capsys):
