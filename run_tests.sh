@@ -15,6 +15,7 @@ cd -- "$OLDPWD"
 source "$HELI_ROOT/scripts/setup_env.sh"
 
 if [ "${1:-}" = --help ]; then
+    heli_result setup_size test_disk_mb && test_disk=$heli_number
     heli_result setup_size test_mb
     cat <<END
 Usage: ./run_tests.sh [ARGUMENTS OF PYTEST]
@@ -33,7 +34,7 @@ Usage: ./run_tests.sh [ARGUMENTS OF PYTEST]
   exit code: 0 all passed, another one of the first check that failed
 
 Set-up, once: $(heli_told_costs).
-The test tools are $heli_number MB more to download.
+The test tools add $heli_number MB to download, $test_disk MB of disk.
 END
     exit 0
 fi

@@ -184,7 +184,7 @@ heli_result() {
 heli_told_costs() {
     local download installed seconds cores name load
     heli_result setup_size download_mb && download=$heli_number
-    heli_result setup installed_mb && installed=$heli_number
+    heli_result setup_size disk_mb && installed=$heli_number
     heli_result setup setup_s && seconds=$heli_number
     heli_result setup cores && cores=$heli_number
     [[ ! $heli_text =~ \"name\":\ *\"([^\"]+)\" ]] || name=${BASH_REMATCH[1]}

@@ -10,8 +10,9 @@ from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.own_loop import fly_settings
 from heli_flight.loop.settings import resolve
+from heli_flight.report.from_bag import recorded
 
-LAWS = """
+LAWS = '''
 import numpy as np
 
 TRIM = np.array([0.007, -0.006, 0.0])
@@ -38,7 +39,14 @@ class Position:
 class Breaks(Attitude):
     def step(self, x, r, t):
         return super().step(x, r, t) if t < 1.995 else 1 / 0
-"""
+
+
+class Late(Position):
+    """So late that nothing becomes of it."""
+
+    def step(self, x, r, t):
+        return super().step(x, r, t) if t < 7.895 else [np.nan] * 4
+'''
 
 
 @pytest.fixture
@@ -70,19 +78,48 @@ def test_a_law_flies_the_same_in_the_graph_as_in_one_process(hover_test, tmp_pat
     assert np.abs(graph.u - packaged.u).max() > 0.01
 
 
-def test_a_law_that_breaks_is_named_and_its_last_good_command_is_held(hover_test, tmp_path, laws):
+@pytest.mark.parametrize(
+    ("law", "at", "sentence"),
+    [
+        (
+            "Breaks",
+            200,
+            "The inner law own_laws:Breaks failed at tick 200 (2.00 s): step raised Zero",
+        ),
+        (
+            "Late",
+            790,
+            "The outer law own_laws:Late failed at tick 792 (7.92 s): step gave nan for phi",
+        ),
+    ],
+)
+def test_a_law_that_fails_is_the_loss_in_the_graph_as_in_one_process(
+    hover_test, tmp_path, laws, law, at, sentence
+):
+    """Its last good command is held, and the flight goes on; that it did is no success."""
     folder = tmp_path / "flight"
-    words = ("--world", "honest", "--seed", 3, "--duration", 8)
-    done = hover_test("--out", folder, *words, "--law", f"{laws}:Breaks")
+    words = ("--world", "honest", "--seed", 3, "--duration", 8, "--law", f"{laws}:{law}")
+    done = hover_test("--out", folder, *words)
     result = json.loads((folder / "result.json").read_text())
-    sentence = "The inner law own_laws:Breaks failed at tick 200 (2.00 s): step raised ZeroDivision"
-    assert any(sentence in note for note in result["notes"]), done.stdout
+    assert done.returncode == result["exit_code"] == 1
+    assert result["lost"].startswith(sentence) and "the last good command is held" in result["lost"]
+    assert "LOST after " in done.stdout and sentence in done.stdout
+    assert not any(sentence in note for note in result["notes"])
     bag = read_bag(folder / "bag")
-    said = [r for r in bag.remarks if r.node == "inner_loop" and sentence in r.message]
+    said = [r for r in bag.remarks if r.node.endswith("_loop") and sentence in r.message]
     assert said and said[0].level == 2
     u = bag.streams["actuators"].rows
-    assert (u[200:, :3] == u[199, :3]).all()
-    assert (u[198, :3] != u[199, :3]).any()
+    if law == "Breaks":
+        assert (u[at:, :3] == u[at - 1, :3]).all()
+        assert (u[at - 2, :3] != u[at - 1, :3]).any()
+    # Without result.json the bag alone says it, and in one process it is the same sentence.
+    alone = recorded(folder / "bag")
+    (folder / "result.json").unlink()
+    assert recorded(folder).result.lost == result["lost"] == alone.result.lost
+    one = hover_test("--one-process", "--out", tmp_path / "one", *words)
+    told = json.loads((tmp_path / "one/result.json").read_text())
+    assert one.returncode == told["exit_code"] == 1
+    assert result["lost"].startswith(told["lost"]) and told["lost"].startswith(sentence)
 
 
 @pytest.mark.parametrize(

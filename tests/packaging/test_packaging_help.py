@@ -40,7 +40,7 @@ def test_every_command_answers_without_set_up(checkout, name):
     costs = done.stdout.removeprefix(SECTIONS[name].rstrip())
     for number in (
         f"downloads {found('setup_size')['download_mb']} MB",
-        f"takes {found('setup')['installed_mb']} MB",
+        f"takes {found('setup_size')['disk_mb']} MB of disk",
         f"took {found('setup')['setup_s']} s",
     ):
         assert number in costs
@@ -114,7 +114,7 @@ def test_the_tests_tell_what_they_are_without_set_up(checkout):
     done = checkout.start("run_tests.sh", "--help")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("Usage: ./run_tests.sh")
-    assert f"test tools are {found('setup_size')['test_mb']} MB" in done.stdout
+    assert f"test tools add {found('setup_size')['test_mb']} MB" in done.stdout
     assert not list(checkout.top.glob(".venv*"))
 
 

@@ -13,9 +13,10 @@ from heli.flying import flown, laws_of, ordered
 from heli.signals import html_table
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.studies.campaign import parse_seeds
+from heli_flight.studies.compiles import tell_if_it_compiles
 from heli_flight.studies.dispersion.cluster import fly_by_dask, fly_here, tasks
 from heli_flight.studies.dispersion.spec import spec_of
-from heli_flight.terminal import long_steps, silent
+from heli_flight.terminal import console, long_steps, silent
 from heli_parameters.parameters import ParameterError
 
 if TYPE_CHECKING:
@@ -160,6 +161,7 @@ def campaign(
 
 
 def _of_spec(path: Path, workers: int, quiet: bool) -> Campaign:
+    tell_if_it_compiles(silent() if quiet else console(stderr=True))
     spec, rows = spec_of(path), []
     todo = tasks(spec, set())
     coming = fly_by_dask(spec, todo, workers, None) if workers else fly_here(spec, todo)
@@ -178,6 +180,7 @@ def _of_seeds(seeds: Sequence[int], options: Mapping[str, Any], quiet: bool) -> 
     law = options.get("law")
     settings = ordered(laws_of(law), **{n: v for n, v in options.items() if n != "law"}).resolved()
     rows = []
+    tell_if_it_compiles(silent() if quiet else console(stderr=True), law is not None)
     with _progress(len(seeds), quiet) as progress:
         for seed in seeds:
             rows.append(_row(settings.with_seed(seed), law))

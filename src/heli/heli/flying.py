@@ -13,8 +13,6 @@ from rich.console import Console
 from heli.flight import Flight
 from heli.loading import load
 from heli.options import Over, faults_over, merged, split
-from heli_dynamics_sim import plant
-from heli_flight.loop.closed_loop import fly as one_process_kernel
 from heli_flight.loop.commit import sources_commit
 from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
 from heli_flight.loop.laws import NODES
@@ -23,14 +21,8 @@ from heli_flight.report.from_bag import Recorded
 from heli_flight.studies.flight import FlightOrder, fly_and_write
 from heli_flight.studies.one_process import fly_one_process
 from heli_flight.terminal import console, silent
-from heli_math.jit import is_compiled
 from heli_parameters.parameters import ParameterError
 from heli_parameters.python_law import GIVEN, PARAMETER, LawError, PythonLaw, find, source_of
-
-_COMPILES = (
-    "heli: compiles the loop for this machine: once, half a minute to a minute; from then on a "
-    "flight of 60 s takes about a second"
-)
 
 
 def fly(
@@ -181,9 +173,6 @@ def _in_this_process(order: FlightOrder, laws: Sequence[PythonLaw], say: Console
 
 def flown(settings: Settings, say: Console, laws: Sequence[PythonLaw] = ()) -> Flight:
     """Fly resolved settings in this process; `say` gets what is compiled, and progress."""
-    kernel: Any = plant.advance if laws else one_process_kernel
-    if not getattr(kernel, "signatures", True) and not is_compiled(kernel):
-        say.print(_COMPILES, highlight=False, soft_wrap=True, markup=False)
     found = fly_one_process(settings, say, laws)
     recorded = Recorded(
         found.record, settings, found.result, Path("."), ONE_PROCESS, commit=sources_commit()

@@ -34,7 +34,7 @@ from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, NAV, NINE, ROTOR, SETPOINT
 from heli_math.sweep import NOTHING, add_sweep
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import FACT_LAW_FAILED, Level
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
@@ -273,6 +273,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         facts = dict(core.design.config.summary())
         if core.own.law is not None:
             facts["own_law"] = core.own.law.name
+        if core.own.failure:
+            facts[FACT_LAW_FAILED] = core.own.failure
         if core.exciter is not None:
             facts["excitation"] = core.exciter.status.sentence
         facts["setpoint_tick"] = "none" if stamp is None else stamp

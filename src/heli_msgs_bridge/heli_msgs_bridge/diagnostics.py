@@ -22,6 +22,8 @@ FACT_MODE = "mode"
 FACT_FAILSAFE = "failsafe"
 """What the outer loop calls what it does by itself, a name of `heli_modes.failsafes.Action`; what
 it says changes with it."""
+FACT_LAW_FAILED = "own_law_failed"
+"""Key of the sentence with which a law in Python has failed; it is not asked again."""
 FACT_FLOOD = "refused.requests"
 """What every node calls the number of service calls that came too often, with the reason."""
 REPEAT_S = 1.0

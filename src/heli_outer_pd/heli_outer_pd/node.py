@@ -14,7 +14,13 @@ from heli_math.rotations import euler_from_quat
 from heli_math.rows import NAV, REFERENCE, SETPOINT
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_FAILSAFE, FACT_MODE, FACT_OFFSET, Level
+from heli_msgs_bridge.diagnostics import (
+    FACT_FAILSAFE,
+    FACT_LAW_FAILED,
+    FACT_MODE,
+    FACT_OFFSET,
+    Level,
+)
 from heli_msgs_bridge.floods import MOST_WAY_BYTES
 from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import MessageError
@@ -300,6 +306,7 @@ class OuterLoopNode(TickNode[Law, Following]):
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
                 "disturbance_ned_mps2": np.round(core.state[MEMORY.disturbance], 4).tolist(),
+                **({FACT_LAW_FAILED: core.flies.failure} if core.flies.failure else {}),
             }
             self.warn_or_ok(level, message, facts)
 

@@ -117,6 +117,7 @@ def _spec(
 ) -> int:  # fmt: skip
     """Fly a spec; rows into a folder as they come; then a sample of them through the graph."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from heli_flight.studies.compiles import tell_if_it_compiles
     from heli_flight.studies.dispersion.again import write_again
     from heli_flight.studies.dispersion.cluster import fly_by_dask, fly_here, tasks
     from heli_flight.studies.dispersion.row import EXIT_CODE
@@ -141,6 +142,8 @@ def _spec(
         here = scheduler is None and many == 0
         coming = fly_here(spec, todo) if here else fly_by_dask(spec, todo, many, scheduler)
         flights = long_steps("flights", len(spec.inputs), flown)
+        if scheduler is None:
+            tell_if_it_compiles(console(stderr=True))
         with store.kept_if_flown(), flights as progress:
             for rows in coming:
                 store.put(rows)

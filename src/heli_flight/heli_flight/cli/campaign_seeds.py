@@ -16,6 +16,7 @@ from heli_flight.loop.result import fault_words, judged_by
 from heli_flight.loop.scoring import STRETCHES
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies import campaign as many
+from heli_flight.studies.compiles import tell_if_it_compiles
 from heli_flight.terminal import console, json_text, steps
 
 
@@ -60,6 +61,7 @@ def many_seeds(seeds: str, asked: Asked, as_json: bool) -> int:
     presets = [asked.gps] if asked.gps else list(GPS_PRESETS)
     settings = {name: asked.settings(name) for name in presets}
     start, columns, done = time.monotonic(), {}, 0
+    tell_if_it_compiles(console(stderr=True))
     with steps("flights", len(numbers) * len(presets)) as progress:
         for name in presets:
             told = partial(_told, progress, done)

@@ -62,12 +62,14 @@ def compare_attitude(
     from heli_flight.studies.campaign import parse_seeds
     from heli_flight.studies.compare import attitude
     from heli_flight.studies.compare.laws import parse_laws
+    from heli_flight.studies.compiles import tell_if_it_compiles
     from heli_flight.terminal import being_filled, console, json_text, steps
 
     laws, numbers = parse_laws(controllers), parse_seeds(seeds)
     scenario = "attitude_gusts" if gusts else "attitude"
     settings = resolve(scenario, gps, duration_s=duration, params=params or [], world=world)
     start = time.monotonic()
+    tell_if_it_compiles(console(stderr=True))
     with being_filled(out) if out else nullcontext():
         with steps("flights", len(numbers) * len(laws)) as progress:
             result = attitude.compare(settings, laws, numbers, ideal, flap_back, progress)
@@ -152,12 +154,14 @@ def compare_worlds(
     from heli_flight.loop.layers import GPS_PRESETS
     from heli_flight.studies.campaign import parse_seeds
     from heli_flight.studies.compare import worlds as study
+    from heli_flight.studies.compiles import tell_if_it_compiles
     from heli_flight.terminal import console, json_text, steps
 
     numbers = parse_seeds(seeds)
     receivers = [gps] if gps else list(GPS_PRESETS)
     where = study.places(worlds.split(","), receivers, _speeds(w20), duration, params or [], laws)
     start = time.monotonic()
+    tell_if_it_compiles(console(stderr=True))
     with steps("flights", len(numbers) * len(where)) as progress:
         content = study.as_dict(where, study.compare(where, numbers, progress))
     if as_json:
@@ -201,12 +205,14 @@ def compare_laws(
     """Fly files of laws against each other: worlds, both receivers, perturbed aircraft."""
     from heli_flight.studies.campaign import parse_seeds
     from heli_flight.studies.compare import everywhere
+    from heli_flight.studies.compiles import tell_if_it_compiles
     from heli_flight.terminal import being_filled, console, json_text, steps
 
     rivals = everywhere.parse_laws(laws)
     where = everywhere.places(worlds.split(","), parse_seeds(seeds), n)
     start, total = time.monotonic(), len(rivals) * sum(map(len, where.values()))
     at_once = jobs or len(os.sched_getaffinity(0))
+    tell_if_it_compiles(console(stderr=True))
     with being_filled(out) if out else nullcontext():
         with steps("flights", total) as progress:
             result = everywhere.compare(rivals, where, duration, at_once, progress)

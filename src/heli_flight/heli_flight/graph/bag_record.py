@@ -3,7 +3,7 @@
 
 import bisect
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,13 @@ from heli_math.ticks import Rate, stamp_at
 from heli_math.trajectory import Trajectory
 from heli_modes.failsafes import Action
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_FAILSAFE, FACT_MODE, NO_MESSAGE, offset_of
+from heli_msgs_bridge.diagnostics import (
+    FACT_FAILSAFE,
+    FACT_LAW_FAILED,
+    FACT_MODE,
+    NO_MESSAGE,
+    offset_of,
+)
 from heli_outer_pd.parameter_table import NODE_NAME as OUTER_LOOP
 from heli_outer_pd.reference import moved
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
@@ -155,6 +161,20 @@ class BagFlight:
     aircraft: str = ""
     truth_ticks: NDArray[np.int64] | None = None
     truth_sums: NDArray[np.uint64] | None = None
+
+
+def lost_with_law(said: str, told: Iterable[Mapping[str, str]]) -> str:
+    """Why a flight was lost: a law in Python that failed comes before what became of the aircraft.
+
+    Parameters
+    ----------
+    said : str
+        What the plant said of the aircraft; empty if it flies.
+    told : iterable of mapping
+        Facts of the nodes' diagnostics.
+    """
+    failures = dict.fromkeys(facts[FACT_LAW_FAILED] for facts in told if FACT_LAW_FAILED in facts)
+    return ". Then: ".join([*failures, *([said] if said else [])])
 
 
 def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -> BagFlight:

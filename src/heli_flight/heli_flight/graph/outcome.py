@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.graph.bag_record import BagFlight, flight_from_bag, lost_with_law
 from heli_flight.graph.plant_truth import TRUTH_SUMS, foreign_truth
 from heli_flight.graph.supervisor import NodeStatus
 from heli_flight.loop.flight_section import LOCKSTEP, REAL_TIME
@@ -13,7 +13,7 @@ from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_live_view.parameter_table import NODE_NAME as LIVE
-from heli_msgs_bridge.diagnostics import FACT_FLOOD
+from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED
 from heli_msgs_bridge.managed_node import INACTIVE
 from heli_msgs_bridge.senders import SENDERS
 
@@ -33,7 +33,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
     complaints = [
         f"{name}: {status.message}"
         for name, status in sorted(statuses.items())
-        if status.level > 0 and name != "plant"
+        if status.level > 0 and name != "plant" and FACT_LAW_FAILED not in status.facts
     ]
     broken = [f"faults given in flight: {given}"] if given else []
     return [*(commanded if commands != "0" else []), *broken, *rivals, *complaints]
@@ -76,10 +76,12 @@ def outcome(
     plant = statuses.get("plant")
     # The plant's own clock: without start-up, and without the recorder's finishing.
     wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
-    lost = plant.message if plant is not None and plant.level > 1 else ""
+    said = plant.message if plant is not None and plant.level > 1 else ""
+    facts = (*(s.facts for _, s in sorted(statuses.items())), *(r.facts for r in flight.remarks))
+    lost = lost_with_law(said, facts)
     notes = [*_notes(statuses), *(f"{name} had to be killed" for name in killed)]
     missing = settings.rate.of(settings.scenario.n_ticks) - len(record)
-    if missing > 0 and not lost:
+    if missing > 0 and not said:
         notes.append(f"the bag lacks {missing} ticks of ground truth")
     scores, flown_s = score(record, settings.scenario), settings.rate.seconds(len(record))
     forged = foreign_truth(flight, folder / TRUTH_SUMS, settings.rate)

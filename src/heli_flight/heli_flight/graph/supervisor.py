@@ -278,7 +278,10 @@ class Supervisor(Node):
             silent = ", ".join(answers.silent())
             raise BringUpError(f"{silent}: no answer to '{label}' in {limit_s:g} s")
         if refused := answers.refused():
-            raise BringUpError(f"{', '.join(refused)}: refused to {label}")
+            # One refuses for a reason of its own, which it logs; several were not ours to ask.
+            hint = "; another flight may be in this ROS domain: end it or set ROS_DOMAIN_ID to a "
+            more = f"{hint}free one" if len(refused) > 1 else ""
+            raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}")
 
     def close(self) -> None:
         """Take the node out of the graph."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from heli_bags.reader import Remark
-from heli_flight.graph.bag_record import BagFlight, flight_from_bag
+from heli_flight.graph.bag_record import BagFlight, flight_from_bag, lost_with_law
 from heli_flight.graph.plant_truth import judged_truth
 from heli_flight.loop.flight_file import NAME
 from heli_flight.loop.flight_section import ONE_PROCESS, flown
@@ -279,7 +279,8 @@ def _result(
 ) -> Result:
     figures = score(record, settings.scenario).finite()
     said = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
-    lost = told.get("lost", said[-1].message if said else "")
+    fallen = said[-1].message if said else ""
+    lost = told.get("lost", lost_with_law(fallen, (r.facts for r in flight.remarks)))
     flown = float(record.time_s[-1] - record.time_s[0]) + settings.rate.tick_s
     wall = told.get("wall_s")
     wall_s = float(wall) if isinstance(wall, int | float) else math.nan

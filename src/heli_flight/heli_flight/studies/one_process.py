@@ -16,6 +16,7 @@ from heli_flight.loop.record import FlightRecord
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
+from heli_flight.studies.compiles import tell_if_it_compiles
 from heli_flight.terminal import flight_time
 from heli_math.ticks import seconds
 from heli_parameters.python_law import PythonLaw
@@ -42,13 +43,15 @@ def fly_one_process(settings: Settings, out: Console, laws: Sequence[PythonLaw] 
     ----------
     settings : Settings
     out : Console
-        Gets the progress.
+        Gets the progress, and is told if the loop is compiled first.
     laws : sequence of PythonLaw
         Flown in the place of those that the settings name.
     """
     from heli_flight.loop.own_loop import fly_settings
 
-    if not (laws or own_laws(settings)):
+    own = bool(laws or own_laws(settings))
+    tell_if_it_compiles(out, own)
+    if not own:
         # Loads the compiled loop, so that flying is timed.
         fly_settings(replace(settings, scenario=replace(settings.scenario, n_ticks=4)))
     start = time.monotonic()

@@ -17,6 +17,7 @@ from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
 from heli_flight.loop.result import versions
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.loop.worlds import PAPER
+from heli_flight.studies.compiles import tell_if_it_compiles
 from heli_flight.studies.flight import FlightOrder, fly_and_write
 from heli_flight.studies.identify.compare import Row, Truth, misses, table, truth_of
 from heli_flight.studies.identify.data import (
@@ -25,7 +26,7 @@ from heli_flight.studies.identify.data import (
 )
 from heli_flight.studies.identify.fit import Identification, identify
 from heli_flight.studies.identify.parameter_table import Given, read_given
-from heli_flight.terminal import being_filled, json_text, steps
+from heli_flight.terminal import being_filled, console, json_text, silent, steps
 from heli_flight.terminal import table as text_table
 from heli_identification.experiment import Experiment
 from heli_math.ticks import seconds
@@ -181,14 +182,15 @@ def _experiment(wanted: Wanted, kind: str, given: Given, folder: Path | None) ->
         )
     with wanted.progress(f"flight: {kind}, s", round(length_s)) as progress:
         if wanted.one_process or folder is None:
-            return _fly_alone(settings, given, lambda s: progress(int(s)))
+            return _fly_alone(settings, given, lambda s: progress(int(s)), wanted.quiet)
         _fly_graph(settings, folder / kind, lambda s: progress(int(s)))
     return experiment_of_bag(folder / kind, kind, given, start_time_s)
 
 
-def _fly_alone(settings: Settings, given: Given, progress: Any) -> Experiment:
+def _fly_alone(settings: Settings, given: Given, progress: Any, quiet: bool) -> Experiment:
     from heli_flight.loop import closed_loop
 
+    tell_if_it_compiles(silent() if quiet else console(stderr=True))
     flight = closed_loop.simulate(settings, progress=progress)
     if flight.sentence:
         raise FlightError(f"{settings.scenario_name}: {flight.sentence}")

@@ -143,9 +143,12 @@ OF_SCALE = (
     Producer(
         "setup_size",
         "./heli python scripts/setup_size.py",
-        "What set-up downloads, by the index's sizes of the pinned files.",
+        "What set-up downloads and takes of the disk, by the files that are pinned.",
         loose={
-            **{f"{name}_mb": 0.2 for name in ("download", "flight", "uv", "test")},
+            **{
+                f"{name}_mb": 0.2
+                for name in ("download", "flight", "uv", "test", "disk", "test_disk")
+            },
             **{f"{name}_files": 0.1 for name in ("flight", "uv", "test")},
         },
     ),

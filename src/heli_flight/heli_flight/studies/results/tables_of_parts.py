@@ -240,8 +240,9 @@ def setup(results: Results) -> str:
         f"{found['setup_s']} s of "
         f"set-up ({split}), {found['start_up_s']:.0f} s until all nodes are up, "
         f"{found['flown_s']:g} s flown in {found['flight_s']:.1f} s, then the report. "
-        f"It downloads {size['download_mb']} MB; the environment takes {found['installed_mb']} MB. "
-        f"The test tools are {size['test_mb']} MB more to download."
+        f"It downloads {size['download_mb']} MB; the environment takes {size['disk_mb']} MB of "
+        "disk. "
+        f"The test tools add {size['test_mb']} MB and {size['test_disk_mb']} MB."
     )
 
 

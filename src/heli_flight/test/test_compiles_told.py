@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who flies in one process is told if the loop has to be compiled first, and only then."""
+
+import pytest
+
+import heli
+from heli_flight.cli import app as cli
+from heli_flight.studies import compiles
+
+TOLD = "heli: compiles the loop for this machine"
+
+
+class Uncompiled:
+    """Stands for the loop before this process has called it."""
+
+    signatures = ()
+
+
+@pytest.fixture
+def cold(monkeypatch):
+    """As in a process that begins, on a machine that has never flown in one process."""
+
+    def begin():
+        monkeypatch.setattr("heli_flight.loop.closed_loop.fly", Uncompiled())
+        monkeypatch.setattr(compiles, "is_compiled", lambda kernel: False)
+
+    return begin
+
+
+def words(tmp_path):
+    flight = ["--duration", "2"]
+    return {
+        "hover": ["hover", "--one-process", "--no-report", "--out", str(tmp_path / "f"), *flight],
+        "campaign": ["campaign", "--seeds", "1", "--gps", "rtk", *flight],
+        "attitude": ["compare", "attitude", "--seeds", "1", "--controllers", "hinf", *flight],
+        "worlds": ["compare", "worlds", "--seeds", "1", "--worlds", "paper", *flight],
+    }
+
+
+@pytest.mark.parametrize("name", ["hover", "campaign", "attitude", "worlds"])
+def test_a_command_says_it_once_before_it_flies(name, tmp_path, cold, capsys):
+    cli.main(words(tmp_path)[name])
+    assert TOLD not in "".join(capsys.readouterr())
+    cold()
+    cli.main(words(tmp_path / "again")[name])
+    assert "".join(capsys.readouterr()).count(TOLD) == 1
+
+
+def test_python_says_it_unless_it_is_quiet(cold, capsys):
+    cold()
+    for call in (heli.fly, lambda **options: heli.campaign(seeds=[1], **options)):
+        call(duration_s=2)
+        assert capsys.readouterr().err.count(TOLD) >= 1
+        call(duration_s=2, quiet=True)
+        assert TOLD not in capsys.readouterr().err
