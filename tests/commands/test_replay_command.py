@@ -181,10 +181,11 @@ def test_bad_options_are_refused(capsys, flight):
 
 
 def start(flight, *words):
-    """The command with a free port, and the page's address."""
+    """The command with a free port, and the page's address; Python's output is buffered."""
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
     process = subprocess.Popen(
         [sys.executable, "-m", "heli_flight.start", "heli", "replay", str(flight), "--port", "0",
-         *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ),
+         *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env,
     )  # fmt: skip
     for line in process.stdout:
         if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
