@@ -39,6 +39,8 @@ READMES += sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("docs/**/*.m
 SHORTER = {
     "./hover_test.sh": "--duration 4 --no-report",
     "./hover_test.sh --live": "--duration 2 --no-report --live-port 0 --foxglove-port 0",
+    "./hover_test.sh --live --live-wait": "--live-port 0",
+    "./heli replay": "--port 0",
     "./heli hover": "--duration 4",
     "./heli campaign --seeds": "--seeds 1 --duration 6",
     "./heli compare attitude": "--seeds 1 --duration 6",
@@ -51,7 +53,7 @@ SHORTER = {
 # Commands that look at a running graph: one flies in real time beside them.
 NEED_A_GRAPH = ("./heli topics", "./heli echo", "./heli fault", "./heli python examples/")
 # Commands that run until they are interrupted: their first words are waited for.
-ENDLESS = ("./heli run", "./heli replay")
+ENDLESS = ("./heli run", "./heli replay", "./hover_test.sh --live --live-wait")
 PROGRAMS = ("./", "heli ", "ros2 ", "rosdep ", "python ", "colcon ")
 NOT_SHELL = ("mermaid", "yaml", "json", "text")
 # How long a failure takes at most; on loaded cores an identification takes minutes.
@@ -291,7 +293,7 @@ def test_commands_of_the_code_blocks(readme, clone, bare_env, beside_a_flight, l
             elif command.startswith(NEED_A_GRAPH):
                 beside_a_flight(command)
             elif command.startswith(ENDLESS):
-                run_until_it_speaks(command, clone, bare_env)
+                run_until_it_speaks(shortened(command), clone, bare_env)
             else:
                 run(shortened(command), clone, bare_env)
 

@@ -113,6 +113,19 @@ def test_a_bag_that_was_cut_off_is_shown_as_far_as_it_goes(flight, tmp_path, sha
     assert sorted((p.name, p.read_bytes()) for p in (folder / "bag").iterdir()) == before
 
 
+def test_a_bag_that_is_damaged_inside_is_shown_where_it_is_not(flight, tmp_path):
+    folder = tmp_path / "spoilt"
+    shutil.copytree(flight, folder)
+    (file,) = (folder / "bag").glob("*.mcap")
+    content = bytearray(file.read_bytes())
+    end = len(content)
+    content[end // 2 :] = bytes(end - end // 2 - 60) + content[end - 60 :]
+    file.write_bytes(content)
+    replay, _ = replay_of(folder)
+    assert any(note.startswith("The bag is not whole (") for note in replay.notes)
+    assert file.read_bytes() == content
+
+
 def make(folder, kind, flight):
     """What is no flight."""
     path = folder / "x"
@@ -181,10 +194,11 @@ def test_bad_options_are_refused(capsys, flight):
 
 
 def start(flight, *words):
-    """The command with a free port, and the page's address."""
+    """The command with a free port, and the page's address; Python's output is buffered."""
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
     process = subprocess.Popen(
         [sys.executable, "-m", "heli_flight.start", "heli", "replay", str(flight), "--port", "0",
-         *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ),
+         *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env,
     )  # fmt: skip
     for line in process.stdout:
         if found := re.search(r"http://127\.0\.0\.1:\d+/", line):

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
 
+    from heli_live_view.page_server import PageServer
+
 _NO_PANDAS = (
     "pandas is not installed here: pip install pandas brings it; to_arrow() gives the same table "
     "without it"
@@ -208,6 +210,33 @@ class Flight:
         if self.folder is None:
             self.folder = path
         return path
+
+    def replay(self, port: int = 0) -> PageServer:
+        """Serve the flight's replay to browsers of this machine, as `heli replay` does.
+
+        Parameters
+        ----------
+        port : int
+            0: any free one.
+
+        Returns
+        -------
+        PageServer
+            Serves until the program ends or `stop()`; its `url` is where the page is. The flight is
+            saved first if it lies nowhere.
+
+        Raises
+        ------
+        PortError
+            The port is in use; one line.
+        """
+        from heli_flight.studies.replay.opened import replay_of
+        from heli_flight.studies.replay.serving import server_of
+
+        shown, beside = replay_of(self.save())
+        server = server_of(shown, port, beside, ("", "port"))
+        server.start()
+        return server
 
     def report(self, folder: str | os.PathLike[str] | None = None, figures: bool = False) -> Path:
         """Write the HTML report, the same as the commands'.

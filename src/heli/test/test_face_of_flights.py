@@ -4,6 +4,8 @@
 import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 from importlib.util import find_spec
 
 import numpy as np
@@ -88,6 +90,18 @@ def test_a_saved_flight_is_read_back_and_reported(flight, tmp_path):
     assert again.report().read_text(encoding="utf-8").startswith("<!")
     with pytest.raises(heli.ParameterError, match="exists already"):
         flight.save(folder)
+
+
+def test_a_flight_is_served_to_a_browser_until_it_is_stopped(flight, tmp_path):
+    flight.save(tmp_path / "flown")
+    server = heli.load(tmp_path / "flown").replay()
+    try:
+        with urllib.request.urlopen(server.url) as page:
+            assert b"heli-hover" in page.read()
+    finally:
+        server.stop()
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(server.url)
 
 
 def test_the_command_leaves_a_flight_that_can_be_read(tmp_path, flight):

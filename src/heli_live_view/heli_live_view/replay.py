@@ -17,7 +17,8 @@ from heli_math.ticks import NS_PER_S, TICK_NS
 
 ROW_TICKS = 7
 """Ticks between the rows of charts and track: as many as the live page keeps, 14 a second."""
-_MOST_ROWS = 20_000
+# In longer records the rows lie further apart, and the largest errors are renewed less often.
+_MOST_ROWS, _MOST_COUNTS = 20_000, 3_000
 _BODY = ("p", "euler_deg", "error")
 
 
@@ -105,7 +106,8 @@ class Replay:
         stamps = [*range(r.first_ns, r.last_ns, ticks * TICK_NS), r.last_ns]
         said = referred = 0
         before_ns = r.first_ns - 1
-        for stamp_ns in stamps:
+        batch = -(-len(stamps) // _MOST_COUNTS)
+        for k, stamp_ns in enumerate(stamps):
             while referred < len(r.references) and (
                 referred == 0 or r.references[referred][0] <= stamp_ns
             ):
@@ -114,13 +116,14 @@ class Replay:
             while said < len(r.remarks) and r.remarks[said].stamp_ns <= stamp_ns:
                 r.hear(live, r.remarks[said])
                 said += 1
-            for name, sample_ns, row in r.samples(before_ns, stamp_ns):
-                live.take_sample(name, sample_ns, row)
+            if k % batch == 0 or stamp_ns == r.last_ns:
+                for name, sample_ns, row in r.samples(before_ns, stamp_ns):
+                    live.take_sample(name, sample_ns, row)
+                before_ns = stamp_ns
             r.fill(live, stamp_ns)
             self._keep(passed, stamp_ns, live.row(stamp_ns / NS_PER_S))
             told = map(as_happening, live.take_events())
             passed.events += [happening for happening in told if happening is not None]
-            before_ns = stamp_ns
             progress(int(r.seconds(stamp_ns) - r.seconds(r.first_ns)), total_s)
         return passed
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `heli replay`: a recorded flight on the live view's page."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -46,5 +47,6 @@ def replay(
 
     with amount("replay") as progress:
         shown, beside = replay_of(flight, Choice(scenario, gps, None, params or []), progress)
-    serve(shown, port, beside, print)
+    # At once, where there is no terminal, too: whoever waits for the address reads it.
+    serve(shown, port, beside, partial(print, flush=True))
     return 0

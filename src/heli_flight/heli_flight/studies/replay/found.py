@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from heli_bags.check import listed_files, storage_files, trouble
-from heli_bags.folder import SUFFIXES
+from heli_bags.folder import SUFFIXES, BagError
 from heli_bags.reader import Bag, read_bag
 from heli_bags.repair import repair
 from heli_flight.errors import FlightError
@@ -16,7 +16,7 @@ from heli_flight.loop.flight_file import NAME
 from heli_flight.loop.record_file import NAME as RECORD
 from heli_flight.loop.settings import Settings
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.frames import datum
+from heli_msgs_bridge.frames import Datum, datum
 
 # Of the flights in a folder, so many are named.
 _NAMED = 4
@@ -116,20 +116,33 @@ def bag_at(
     axes = ("latitude_deg", "longitude_deg", "altitude_m")
     origin = datum(*(plant[f"origin.{axis}"] for axis in axes))
     notes: list[str] = []
-    if wrong := trouble(path):
-        with tempfile.TemporaryDirectory(prefix="heli_replay_") as folder:
-            done = repair(path, Path(folder) / "bag", progress=progress)
-            bag = read_bag(done.folder if done else path, origin)
-        lost = (
-            f", {done.lost_bytes} bytes hold no whole message" if done and done.lost_bytes else ""
-        )
-        notes.append(f"The bag is not whole ({wrong}): shown is what could be restored{lost}.")
-    else:
-        bag = read_bag(path, origin)
+    wrong = trouble(path)
+    if not wrong:
+        try:
+            bag = read_bag(path, origin)
+        except BagError as error:
+            # Its file has begin and end; what lies between may still be restored in parts.
+            wrong = str(error).removeprefix(f"{path}: ")
+    if wrong:
+        bag, more = _restored(path, origin, progress)
+        notes.append(f"The bag is not whole ({wrong}): shown is what could be restored{more}.")
     _refuse_none(path, bag)
     if "," in bag.aircraft:
         raise FlightError(f"{path}: holds several aircraft ({bag.aircraft}): a replay shows one")
     return bag, notes
+
+
+def _restored(path: Path, origin: Datum, progress: Callable[[int, int], None]) -> tuple[Bag, str]:
+    """What can be restored of a damaged bag, in a copy that is gone again, and what is lost."""
+    with tempfile.TemporaryDirectory(prefix="heli_replay_") as folder:
+        copy = Path(folder) / "bag"
+        done = repair(path, copy, progress=progress)
+        try:
+            bag = read_bag(copy if done else path, origin)
+        except BagError as error:
+            raise BagError(str(error).replace(str(copy), str(path))) from None
+    lost = done.lost_bytes if done else 0
+    return bag, f", {lost} bytes hold no whole message" if lost else ""
 
 
 def _refuse_none(path: Path, bag: Bag) -> None:
