@@ -24,7 +24,7 @@ from heli_flight.report.data import Report
 from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import LAWS
 from heli_flight.report.plotly_json import page_data, with_indices
-from heli_flight.report.spectrum_charts import Spectra, loop_table, spectrum_table
+from heli_flight.report.spectrum_charts import Spectra, loop_tables, spectrum_table
 from heli_flight.report.tables import (
     Table,
     event_table,
@@ -143,8 +143,7 @@ def _spectrum_tables(spectra: Spectra | None, design: Design | None) -> list[Tab
     measured = spectrum_table(spectra) if spectra else None
     if measured is None:
         return []
-    designed = loop_table(design) if design else None
-    return [measured, *([designed] if designed else [])]
+    return [measured, *(loop_tables(design) if design else [])]
 
 
 def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -> str:
