@@ -122,6 +122,7 @@ def test_health_is_what_nodes_complained_of(flown):
     record, settings = flown
     events = [Event(-0.5, "outer_loop", 1, "waits"), Event(-0.2, "outer_loop", 0, "flies"),
               Event(0.0, "inner_loop", 1, "starts"), Event(0.2, "inner_loop", 0, "flies"),
+              Event(2.0, "plant", 1, "fault: gps loss"), Event(5.0, "plant", 0, "flying"),
               Event(3.0, "observer", 1, "GPS <lost>"), Event(5.0, "observer", 0, "ok"),
               Event(7.0, "plant", 9, "?")]  # fmt: skip
     found = of(bands_of(record, settings, (), events), "health")
