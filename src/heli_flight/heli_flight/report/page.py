@@ -27,6 +27,7 @@ from heli_flight.report.plotly_json import page_data, with_indices
 from heli_flight.report.spectrum_charts import Spectra, loop_tables, spectrum_table
 from heli_flight.report.tables import (
     Table,
+    band_table,
     event_table,
     margin_table,
     parameter_table,
@@ -131,6 +132,7 @@ def render(
         notes=[*report.result.notes, *report.missing],
         margins=margins,
         spectra=_spectrum_tables(spectra, design),
+        bands=band_table(report),
         events=events,
         scope=scope(report.settings.nodes["plant"]),
         seed=report.settings.seed,
