@@ -17,12 +17,13 @@ import numpy as np
 from seeds_option import parser_with_seeds
 
 from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.position_axes import NAMES
 from heli_flight.loop.result import conditions
 from heli_flight.loop.scoring import WINDOWS
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.studies.campaign import fly_seeds, inside_of, worst
 from heli_flight.studies.compare.flown import loop_as_flown
-from heli_flight.studies.design.outer import NAMES, PositionLoop, position_loop
+from heli_flight.studies.design.outer import PositionLoop, position_loop
 from heli_inner_hinf.analysis import model_of
 from heli_inner_hinf.design import AttitudeConfig
 from heli_math.rows import REFERENCE

@@ -54,6 +54,21 @@ def steps(what: str, total: int) -> contextlib.AbstractContextManager[Callable[[
     )
 
 
+@contextlib.contextmanager
+def in_turn() -> Iterator[Callable[[str, int, int], None]]:
+    """Progress of pieces of work one after the other: a function of what, steps done and total."""
+    with contextlib.ExitStack() as shown:
+        now: dict[str, Callable[[float], None]] = {}
+
+        def tell(what: str, done: int, total: int) -> None:
+            if what not in now:
+                shown.close()
+                now[what] = shown.enter_context(steps(what, total))
+            now[what](done)
+
+        yield tell
+
+
 def flight_time(
     out: Console, duration_s: float
 ) -> contextlib.AbstractContextManager[Callable[[float], None]]:

@@ -21,6 +21,7 @@ from heli_flight.report.page import render
 from heli_flight.report.paper_charts import paper_charts
 from heli_flight.report.plotly_json import page_data
 from heli_flight.report.system_charts import timeline_charts
+from heli_flight.report.tables import band_table
 
 FAULTS = (
     "{what: gps, kind: loss, start_s: 2, duration_s: 3}",
@@ -122,6 +123,7 @@ def test_health_is_what_nodes_complained_of(flown):
     record, settings = flown
     events = [Event(-0.5, "outer_loop", 1, "waits"), Event(-0.2, "outer_loop", 0, "flies"),
               Event(0.0, "inner_loop", 1, "starts"), Event(0.2, "inner_loop", 0, "flies"),
+              Event(2.0, "plant", 1, "fault: gps loss"), Event(5.0, "plant", 0, "flying"),
               Event(3.0, "observer", 1, "GPS <lost>"), Event(5.0, "observer", 0, "ok"),
               Event(7.0, "plant", 9, "?")]  # fmt: skip
     found = of(bands_of(record, settings, (), events), "health")
@@ -155,6 +157,10 @@ def test_the_page_tells_them_and_when(flown):
     text = render(report, charts, None)
     assert 'title="2.00 to 5.00 s">fault: gps loss</span>' in text
     assert 'title="at 1.00 s">fault: &lt;kill&gt;</span>' in text and "<kill>" not in text
+    rows = [row for row in band_table(report).rows if row[2] == "fault"]
+    assert rows[0][:4] == ["1.00", "1.00", "fault", "<kill>"]
+    assert rows[1] == ["2.00", "5.00", "fault", "gps loss", "ordered by the flight's parameters"]
+    assert band_table(replace(report, bands=())) is None
     (lanes,) = timeline_charts(report)
     assert "fault: gps loss" in lanes.panels[0].y_ticks and lanes.bands == ()
 

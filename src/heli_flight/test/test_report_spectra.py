@@ -20,12 +20,17 @@ from heli_flight.report.data import Report
 from heli_flight.report.design import flown_design
 from heli_flight.report.spectrum import LEAST_SAMPLES, even, folded, spectrum
 from heli_flight.report.spectrum_charts import (
-    loop_table,
+    loop_tables,
     rotor_lines,
     spectra_of,
     spectrum_charts,
     spectrum_table,
 )
+from heli_flight.studies.design.outer import position_loop
+from heli_inner_hinf.actuation import Actuation, ObserverInput
+from heli_inner_hinf.analysis import loops_of, model_of
+from heli_inner_hinf.design import AttitudeConfig
+from heli_math.ticks import TICK_S
 
 RATE_HZ = 100.0
 SEED = 3
@@ -153,7 +158,10 @@ def test_charts_and_table_say_units_and_numbers(honest):
         wanted = [getattr(numbers, of) / (2.0 * np.pi) for numbers in design.axes]
         assert drawn == pytest.approx(wanted)
     assert "attitude, roll, °" in {row[0] for row in table.rows}
-    assert loop_table(design).rows[0][0].startswith("disturbance rejection bandwidth (DRB)")
+    attitude, position = loop_tables(design)
+    for of_loop in (attitude, position):
+        assert of_loop.rows[0][0].startswith("disturbance rejection bandwidth (DRB)")
+    assert attitude.head[1:] == ("roll", "pitch", "yaw") and position.head[1] == "forward"
 
 
 def test_without_imu_or_time_there_is_less(honest):
@@ -181,6 +189,31 @@ def test_the_designs_rejection_is_what_sweeps_in_flight_gave(laws):
         assert numbers.phase_bandwidth_radps == pytest.approx(by_phase, rel=0.06), row["axis"]
         linear = row["linear"]["phase_radps"]
         assert numbers.phase_bandwidth_radps == pytest.approx(linear, rel=0.01), row["axis"]
+
+
+def test_the_position_loops_numbers_are_those_of_its_design(honest):
+    """`heli design` has the same axes, and finds their crossovers by python-control."""
+    design = flown_design(honest.settings)
+    nodes = honest.settings.nodes
+    config = AttitudeConfig.from_parameters(nodes["inner_loop"])
+    feed = ObserverInput.from_parameters(nodes["observer"])
+    K = np.reshape(nodes["observer"]["K"], (3, 6))
+    plant = PlantConfig.from_parameters(nodes["plant"])
+    servos = plant.helicopter.servo_bandwidth_radps, plant.helicopter.servo_damping
+    actuation = Actuation(*servos, TICK_S * plant.delay_ticks, TICK_S)
+    attitude = loops_of(config, K, feed, actuation)[-1]
+    of = nodes["plant"], nodes["outer_loop"], attitude, model_of(config)
+    reports = position_loop(*of, actuation).reports(nodes["outer_loop"])
+    for numbers, report in zip(design.position, reports, strict=True):
+        assert numbers.crossover_radps == pytest.approx(report.crossover_radps, rel=0.01)
+        # A displacement is answered below the crossover, and overshot near it.
+        assert 0.0 < numbers.rejection_radps < numbers.crossover_radps
+        assert 0.0 < numbers.peak_db < 12.0 and numbers.peak_radps > numbers.rejection_radps
+
+
+def test_an_attitude_test_has_no_position_loop():
+    design = flown_design(resolve("attitude", world="paper"))
+    assert design.position == [] and len(loop_tables(design)) == 1
 
 
 def test_a_flight_that_is_loaded_has_them_too(honest, tmp_path):

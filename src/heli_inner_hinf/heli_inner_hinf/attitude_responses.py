@@ -39,15 +39,15 @@ class AttitudeResponses:
     to_disturbance: tuple[_Complex, ...]
     broken: tuple[_Complex, ...]
 
-    def crossover_radps(self, axis: int) -> float | None:
-        """Highest frequency at which the gain of an axis' open loop falls through one."""
-        gain = np.abs(self.broken[axis])
-        falls = np.flatnonzero((gain[:-1] >= 1.0) & (gain[1:] < 1.0))
-        if not falls.size:
-            return None
-        at = slice(int(falls[-1]), int(falls[-1]) + 2)
-        logs = np.log(gain[at])[::-1], np.log(self.omega_radps[at])[::-1]
-        return float(np.exp(np.interp(0.0, *logs)))
+
+def crossover_radps(omega: NDArray[np.float64], broken: _Complex) -> float | None:
+    """Highest of omega (m,), rad/s, at which an open loop (m,) falls through one; None: nowhere."""
+    gain = np.abs(broken)
+    falls = np.flatnonzero((gain[:-1] >= 1.0) & (gain[1:] < 1.0))
+    if not falls.size:
+        return None
+    at = slice(int(falls[-1]), int(falls[-1]) + 2)
+    return float(np.exp(np.interp(0.0, np.log(gain[at])[::-1], np.log(omega[at])[::-1])))
 
 
 def to_command(loop: Loop, omega: NDArray[np.float64]) -> _Complex:

@@ -199,17 +199,22 @@ def report(
     """Write report.html, the flight beside the paper's figures, of a recorded flight."""
     from heli_flight.report import STEPS, Choice, recorded, report_of
     from heli_flight.report.pdf import printer, write_pdf
-    from heli_flight.terminal import json_text, steps
+    from heli_flight.terminal import in_turn, json_text
 
     choice = Choice(scenario, gps, seed, params or [])
     program = printer() if pdf else ""
-    with steps("report", STEPS + pdf) as progress:
+    with in_turn() as tell:
+        tell("report", 0, STEPS)
         flight = recorded(bag, choice)
-        progress(1)
-        page = report_of(flight, out, figures)
-        progress(STEPS)
-        printed = write_pdf(page, program) if pdf else None
-        progress(STEPS + pdf)
+        tell("report", 1, STEPS)
+        page = report_of(flight, out, figures, partial(tell, "figures"))
+        if not figures:
+            tell("report", STEPS, STEPS)
+        printed = None
+        if pdf:
+            tell("pdf", 0, 1)
+            printed = write_pdf(page, program)
+            tell("pdf", 1, 1)
     result = flight.result
     if as_json:
         drawn = sorted(str(path) for path in (page.parent / "figures").iterdir()) if figures else []

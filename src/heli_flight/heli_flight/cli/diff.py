@@ -28,12 +28,13 @@ def diff(
     """Lay flights beside each other: parameters that differ, figures, charts in one page."""
     from heli_flight.report.diff import diff as compared
     from heli_flight.report.diff_page import print_diff, write_diff
-    from heli_flight.terminal import answer
+    from heli_flight.terminal import amount, answer
     from heli_parameters.parameters import ParameterError
 
     if out.suffix != ".html":
         raise ParameterError(f"--out {out}: a page; its name must end in .html")
-    found = compared(flights)
+    with amount("flights read") as progress:
+        found = compared(flights, progress)
     try:
         write_diff(found, out)
     except OSError as error:

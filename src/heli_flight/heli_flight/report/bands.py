@@ -29,6 +29,7 @@ MODE_ROLES = {
 _ROLES = {FAULT: "rival", FAILSAFE: "bad"}
 _LEVEL_ROLES = ("good", "warn", "bad", "muted")
 _PLANT, _GIVEN = "plant", "faults_in_flight"
+_ACTS = "fault: "  # how the plant says that a fault acts, which has a band of its own
 _WORDS = re.compile(
     r"(?P<name>.+?) from (?P<start>[\d.e+-]+)(?: to (?P<end>[\d.e+-]+) s| s on)"
     r"(?:, cleared at (?P<cleared>[\d.e+-]+) s)?"
@@ -200,7 +201,8 @@ def _health(events: Sequence[Event], end_s: float) -> Iterator[Band]:
         after = [*(event.time_s for event in own[1:]), end_s]
         for event, until in zip(own, after, strict=True):
             started = event.time_s < _START_UP_S and until < _START_UP_S
-            if event.level == 0 or started or shown >= _MOST_HEALTH:
+            has_band = node == _PLANT and event.message.startswith(_ACTS)
+            if event.level == 0 or started or has_band or shown >= _MOST_HEALTH:
                 continue
             shown += 1
             level = min(event.level, len(LEVELS) - 1)

@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from heli_dynamics_sim.plant import PlantConfig
+from heli_dynamics_sim.trim import TrimError
 from heli_flight.loop.laws import own_laws
 from heli_flight.loop.settings import Settings
 from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.attitude_disturbance import AXES
 from heli_inner_hinf.design import AttitudeConfig
-from heli_parameters.python_law import INNER
+from heli_parameters.python_law import INNER, OUTER
 
 if TYPE_CHECKING:
     from heli_inner_hinf.analysis import LoopReport
-    from heli_inner_hinf.loops import Loop
+    from heli_inner_hinf.loops import Loop, Model
 
 _POINTS = 240
 
@@ -42,8 +43,8 @@ class Bound:
 
 
 @dataclass(frozen=True)
-class AxisNumbers:
-    """What the attitude loop as flown is worth about one axis, the others closed.
+class LoopNumbers:
+    """What a loop as flown is worth along or about one axis.
 
     Attributes
     ----------
@@ -52,15 +53,26 @@ class AxisNumbers:
     peak_db, peak_radps : float
         Where it adds most to a disturbance.
     crossover_radps : float or None
-        Of the loop broken at the axis' actuator.
-    phase_bandwidth_radps, gain_bandwidth_radps : float or None
-        Of attitude to its command, as ADS-33E defines them.
+        Of the attitude loop broken at the axis' actuator, the others closed; of the position loop
+        broken at the commanded acceleration.
     """
 
     rejection_radps: float | None
     peak_db: float
     peak_radps: float
     crossover_radps: float | None
+
+
+@dataclass(frozen=True)
+class AxisNumbers(LoopNumbers):
+    """The same of attitude, with its response to its command.
+
+    Attributes
+    ----------
+    phase_bandwidth_radps, gain_bandwidth_radps : float or None
+        As ADS-33E defines them.
+    """
+
     phase_bandwidth_radps: float | None
     gain_bandwidth_radps: float | None
 
@@ -85,6 +97,8 @@ class Design:
         At which the law steps.
     axes : sequence of AxisNumbers
         Roll, pitch, yaw of the loop as flown; empty for an unstable one.
+    position : sequence of LoopNumbers
+        Forward, right, down; empty where no such loop flew, or the aircraft has no trim.
     """
 
     controller: str
@@ -95,6 +109,7 @@ class Design:
     wind_to_u: list[np.ndarray]
     rate_hz: int
     axes: Sequence[AxisNumbers] = ()
+    position: Sequence[LoopNumbers] = ()
 
 
 def flown_design(settings: Settings) -> Design | None:
@@ -137,12 +152,40 @@ def flown_design(settings: Settings) -> Design | None:
         [uv for _, uv in values],
         plant.rate.hz,
         _axes(loops[-1]),
+        _position(settings, loops[-1], analysis.model_of(config), actuation),
     )
+
+
+def _position(
+    settings: Settings, loop: Loop, model: Model, actuation: Actuation
+) -> list[LoopNumbers]:
+    from heli_flight.loop.position_axes import position_axes
+    from heli_handling.response import FrequencyResponse, rejection
+    from heli_inner_hinf.attitude_responses import crossover_radps
+    from heli_outer_pd.axis_analysis import Gains, open_loop
+
+    plant, outer = settings.nodes["plant"], settings.nodes["outer_loop"]
+    flown = settings.scenario.kind != "attitude" and OUTER not in own_laws(settings)
+    if not flown or settings.rate.fold != 1 or loop.stability() >= 0.0:
+        return []
+    try:
+        around = position_axes(plant, outer, loop, model)
+    except TrimError:
+        return []
+    numbers = []
+    for i, axis in enumerate(around.axes(actuation)):
+        omega, broken = open_loop(axis, Gains.of(around.kernel, i))
+        found = FrequencyResponse(omega, 1.0 / (1.0 + broken), np.ones(omega.size))
+        rejected, crossover = rejection(found), crossover_radps(omega, broken)
+        numbers.append(
+            LoopNumbers(rejected.bandwidth_radps, rejected.peak_db, rejected.peak_radps, crossover)
+        )
+    return numbers
 
 
 def _axes(loop: Loop) -> list[AxisNumbers]:
     from heli_handling.response import FrequencyResponse, bandwidth, rejection
-    from heli_inner_hinf.attitude_responses import attitude_responses
+    from heli_inner_hinf.attitude_responses import attitude_responses, crossover_radps
 
     if loop.stability() >= 0.0:
         return []
@@ -159,7 +202,7 @@ def _axes(loop: Loop) -> list[AxisNumbers]:
                 rejected.bandwidth_radps,
                 rejected.peak_db,
                 rejected.peak_radps,
-                found.crossover_radps(axis),
+                crossover_radps(found.omega_radps, found.broken[axis]),
                 answered.phase_radps,
                 answered.gain_radps,
             )

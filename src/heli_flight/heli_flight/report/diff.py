@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flights beside each other: where their parameters differ, and their figures in one table."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -150,13 +150,15 @@ class Diff:
         }
 
 
-def diff(paths: Sequence[Path]) -> Diff:
+def diff(paths: Sequence[Path], read: Callable[[int, int], None] = lambda done, n: None) -> Diff:
     """Read flights and lay them beside each other.
 
     Parameters
     ----------
     paths : sequence of Path
         Two to `MOST`: folders of flights, or rosbag2 folders.
+    read : callable, optional
+        Told how many flights are read, and of how many.
 
     Raises
     ------
@@ -165,7 +167,11 @@ def diff(paths: Sequence[Path]) -> Diff:
     """
     refuse_count(len(paths))
     names = names_of(paths)
-    return beside([Named(name, p, recorded(p)) for name, p in zip(names, paths, strict=True)])
+    flights = []
+    for name, path in zip(names, paths, strict=True):
+        flights.append(Named(name, path, recorded(path)))
+        read(len(flights), len(paths))
+    return beside(flights)
 
 
 def refuse_count(count: int) -> None:

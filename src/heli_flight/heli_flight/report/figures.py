@@ -3,7 +3,7 @@
 
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,12 @@ _STYLE: Any = {
 _DASHES = {"dash": (0, (5, 2.5)), "dot": (0, (1.2, 1.6))}
 
 
-def write_figures(charts: Sequence[Chart], conditions: str, folder: Path) -> list[Path]:
+def write_figures(
+    charts: Sequence[Chart],
+    conditions: str,
+    folder: Path,
+    drawn: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Path]:
     """Write each chart as <key>.png and <key>.svg.
 
     Parameters
@@ -62,6 +67,8 @@ def write_figures(charts: Sequence[Chart], conditions: str, folder: Path) -> lis
         Wind, sensors, seed: stands under every figure.
     folder : Path
         Made if missing; files of the same name are replaced.
+    drawn : callable, optional
+        Told how many charts are drawn, and of how many.
 
     Returns
     -------
@@ -71,12 +78,14 @@ def write_figures(charts: Sequence[Chart], conditions: str, folder: Path) -> lis
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     with matplotlib.rc_context(_STYLE):
-        for chart in charts:
-            drawn = draw(chart, conditions)
+        for i, chart in enumerate(charts):
+            drawn(i, len(charts))
+            figure = draw(chart, conditions)
             for ending, extra in (("png", {"Software": None}), ("svg", {"Date": None})):
                 path = folder / f"{chart.key}.{ending}"
-                drawn.savefig(path, dpi=_DPI, metadata=extra)
+                figure.savefig(path, dpi=_DPI, metadata=extra)
                 written.append(path)
+    drawn(len(charts), len(charts))
     return written
 
 

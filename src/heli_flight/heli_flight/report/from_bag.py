@@ -184,8 +184,13 @@ def report_of_bag(
     return page
 
 
-def report_of(flight: Recorded, out: Path | None = None, figures: bool = False) -> Path:
-    """The same of a flight that has been read.
+def report_of(
+    flight: Recorded,
+    out: Path | None = None,
+    figures: bool = False,
+    drawn: Callable[[int, int], None] = lambda done, total: None,
+) -> Path:
+    """The same of a flight that has been read; `drawn` as of `write_report`.
 
     Raises
     ------
@@ -206,6 +211,7 @@ def report_of(flight: Recorded, out: Path | None = None, figures: bool = False) 
         figures,
         commit=flight.commit,
         remarks=flight.remarks,
+        drawn=drawn,
     )
 
 

@@ -24,9 +24,10 @@ from heli_flight.report.data import Report
 from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import LAWS
 from heli_flight.report.plotly_json import page_data, with_indices
-from heli_flight.report.spectrum_charts import Spectra, loop_table, spectrum_table
+from heli_flight.report.spectrum_charts import Spectra, loop_tables, spectrum_table
 from heli_flight.report.tables import (
     Table,
+    band_table,
     event_table,
     margin_table,
     parameter_table,
@@ -131,6 +132,7 @@ def render(
         notes=[*report.result.notes, *report.missing],
         margins=margins,
         spectra=_spectrum_tables(spectra, design),
+        bands=band_table(report),
         events=events,
         scope=scope(report.settings.nodes["plant"]),
         seed=report.settings.seed,
@@ -143,8 +145,7 @@ def _spectrum_tables(spectra: Spectra | None, design: Design | None) -> list[Tab
     measured = spectrum_table(spectra) if spectra else None
     if measured is None:
         return []
-    designed = loop_table(design) if design else None
-    return [measured, *([designed] if designed else [])]
+    return [measured, *(loop_tables(design) if design else [])]
 
 
 def filled(template: str, head: Head, charts: Sequence[Chart], **content: Any) -> str:

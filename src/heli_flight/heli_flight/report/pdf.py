@@ -77,4 +77,4 @@ def write_pdf(page: Path, program: str) -> Path:
         lines = done.stderr.decode(errors="replace").strip().splitlines()
         why = f": {lines[-1]}" if lines else ""
         raise ParameterError(f"--pdf: {program} ended with {done.returncode}, no PDF{why}")
-    return pdf
+    return page.with_suffix(".pdf")

@@ -15,7 +15,7 @@ from heli_dynamics_sim.plant import PlantConfig
 from heli_flight.loop.scoring import SOURCE_NAMES
 from heli_flight.report.chart import Chart, Panel, Trace
 from heli_flight.report.data import Report
-from heli_flight.report.design import AXES, Design
+from heli_flight.report.design import AXES, Design, LoopNumbers
 from heli_flight.report.spectrum import Array, Spectrum, even, folded, spectrum
 from heli_flight.report.tables import Table
 from heli_math.paper_metrics import heading_frame
@@ -157,8 +157,9 @@ def _chart(
             seen = folded(hertz, found.rate_hz)
             more = f", seen at {seen:.1f} Hz" if abs(seen - hertz) > 0.05 else ""
             lines.append(_at(seen, f"{words}{more}", "muted", "dot", (bottom, top)))
-    if signal.key == "spectrum_attitude" and design is not None:
-        for axis, numbers in enumerate(design.axes):
+    designed = _designed(signal, design)
+    if designed:
+        for axis, numbers in enumerate(designed):
             role = _ROLES[axis]
             for radps, what, kind in (
                 (numbers.rejection_radps, "DRB", "dash"),
@@ -183,6 +184,15 @@ def _chart(
         time=False,
         log_x=True,
     )
+
+
+def _designed(signal: Signal, design: Design | None) -> Sequence[LoopNumbers]:
+    """What the design says of the axes of a signal."""
+    if design is None:
+        return ()
+    known: dict[str, Sequence[LoopNumbers]]
+    known = {"spectrum_attitude": design.axes, "spectrum_position": design.position}
+    return known.get(signal.key, ())
 
 
 def _at(hertz: float, label: str, role: str, kind: str, ends: tuple[float, float]) -> Trace:
@@ -226,16 +236,39 @@ def spectrum_table(found: Spectra) -> Table | None:
     return Table(head, rows, caption)
 
 
-def loop_table(design: Design) -> Table | None:
-    """Disturbance rejection, crossover and bandwidth of the attitude loop as designed."""
-    if not design.axes:
-        return None
+def _radps(radps: float | None) -> str | Markup:
+    if radps is None:
+        return "not reached"
+    return Markup("{:.2f} <small>({:.2f} Hz)</small>").format(radps, radps / (2.0 * np.pi))
 
-    def told(radps: float | None) -> str | Markup:
-        if radps is None:
-            return "not reached"
-        return Markup("{:.2f} <small>({:.2f} Hz)</small>").format(radps, radps / (2.0 * np.pi))
 
+def _peak(numbers: LoopNumbers) -> Markup:
+    told = Markup("{:.1f} dB <small>at {:.1f} rad/s</small>")
+    return told.format(numbers.peak_db, numbers.peak_radps)
+
+
+def loop_tables(design: Design) -> list[Table]:
+    """Disturbance rejection, crossover and bandwidth of the loops as designed."""
+    tables = [_attitude_table(design)] if design.axes else []
+    return [*tables, *([_position_table(design)] if design.position else [])]
+
+
+def _position_table(design: Design) -> Table:
+    rows = [
+        ["disturbance rejection bandwidth (DRB), rad/s",
+         *(_radps(axis.rejection_radps) for axis in design.position)],
+        ["peak of disturbance rejection (DRP)", *map(_peak, design.position)],
+        ["crossover, broken at the commanded acceleration, rad/s",
+         *(_radps(axis.crossover_radps) for axis in design.position)],
+    ]  # fmt: skip
+    caption = (
+        "The position loop around it, each axis alone, about the trim in the mean wind: what it "
+        "takes off a displacement that the aircraft is pushed by."
+    )
+    return Table(("", *_HEADING), rows, caption)
+
+
+def _attitude_table(design: Design) -> Table:
     head = ("", *AXES)
     axes = design.axes
     kinds = {
@@ -246,12 +279,8 @@ def loop_table(design: Design) -> Table | None:
         ],
         "the same by gain, rad/s": [a.gain_bandwidth_radps for a in axes],
     }
-    rows = [[name, *map(told, values)] for name, values in kinds.items()]
-    peaks = [
-        Markup("{:.1f} dB <small>at {:.1f} rad/s</small>").format(a.peak_db, a.peak_radps)
-        for a in axes
-    ]
-    rows.insert(1, ["peak of disturbance rejection (DRP)", *peaks])
+    rows = [[name, *map(_radps, values)] for name, values in kinds.items()]
+    rows.insert(1, ["peak of disturbance rejection (DRP)", *map(_peak, axes)])
     caption = (
         "The attitude loop as designed and as it is flown (sampled, with servos and delay), by its "
         "linear model: below the DRB it takes more than 3 dB off a disturbance of the attitude, at "

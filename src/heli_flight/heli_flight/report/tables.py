@@ -23,6 +23,7 @@ from heli_flight.loop.scoring import (
     errors,
     sources_of,
 )
+from heli_flight.report.bands import HEALTH
 from heli_flight.report.data import LEVELS, Report
 from heli_flight.report.design import Design
 from heli_flight.report.paper_charts import (
@@ -262,6 +263,21 @@ def event_table(report: Report) -> Table | None:
     more = f" The first {len(rows)}; {left} more are in the bag." if left else ""
     head = ("flight time, s", "node", "health", "message")
     return Table(head, rows, f"Changes of health.{more}", words=True)
+
+
+def band_table(report: Report) -> Table | None:
+    """Modes, faults and failsafes with their times, as charts shade them; None without any."""
+    shaded = [band for band in report.bands if band.kind != HEALTH]
+    if not shaded:
+        return None
+    rows = [
+        [f"{band.start_s:.2f}", f"{band.end_s:.2f}", band.kind, band.name, band.told]
+        for band in sorted(shaded, key=lambda band: band.start_s)[:_MOST_EVENTS]
+    ]
+    left = len(shaded) - len(rows)
+    more = f" The first {len(rows)} of {len(shaded)}." if left else ""
+    head = ("from, s", "to, s", "what", "name", "told")
+    return Table(head, rows, f"Shaded in the charts over time.{more}", words=True)
 
 
 def margin_table(design: Design) -> Table:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes report.html of a flight, and figures/ where they are asked for."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,6 +39,7 @@ def write_report(
     figures: bool = False,
     commit: str | None = None,
     remarks: Sequence[Remark] = (),
+    drawn: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
     """Write report.html, and if asked for figures/*.png, *.svg, into a folder.
 
@@ -65,6 +66,8 @@ def write_report(
         Of the sources that flew, empty if it was not recorded; default: of these.
     remarks : sequence of Remark
         What the nodes said, for the faults that were given in flight.
+    drawn : callable, optional
+        Told how many figures are drawn, and of how many; the page is written before the first.
 
     Returns
     -------
@@ -97,7 +100,7 @@ def write_report(
         # matplotlib takes half a second to import.
         from heli_flight.report.figures import write_figures
 
-        write_figures(charts, report.conditions, folder / FIGURES)
+        write_figures(charts, report.conditions, folder / FIGURES, drawn)
     return page
 
 

@@ -5,7 +5,6 @@ The folder holds params.yaml, result.json, report.html, figures/ if asked for, o
 graph bag/, logs/ and graph.yaml, of one of this process record.npz.
 """
 
-import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,6 +27,7 @@ from heli_flight.loop.record_file import write_record
 from heli_flight.loop.result import Result, print_table, write_result
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
+from heli_flight.studies.flight_report import report_of_flight
 from heli_flight.studies.one_process import Flown, fly_one_process
 from heli_flight.studies.replay.after import serve_after
 from heli_flight.terminal import NewFolder, being_filled, flight_time, silent
@@ -235,7 +235,7 @@ def _shown(order: FlightOrder, flight: Flown, outcome: Outcome, out: Console) ->
     """The outcome of a flight that is written, after table, report and how it ended."""
     print_table(flight.result, outcome.settings, out)
     if order.report:
-        _report(flight, outcome, out, order.figures)
+        report_of_flight(flight, outcome.settings, outcome.folder, _say(out), order.figures)
     print_end(outcome, out)
     return outcome
 
@@ -348,30 +348,6 @@ def _in_flight(
         except FlightError as error:
             folder.stays = True
             raise BrokenFlightError(str(error)) from error
-
-
-def _report(flight: Flown, outcome: Outcome, out: Console, figures: bool) -> None:
-    """Write the report; a disk that is full costs the report, not the flight."""
-    from heli_flight.report import FIGURES, PAGE, events_of, write_report
-
-    settings, folder, mode = outcome.settings, outcome.folder, flight.extra["mode"]
-    how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
-    how += ", its nodes in one process" if flight.extra.get("composed") else ""
-    events = events_of(flight.remarks, settings)
-    try:
-        with interrupts.told():
-            page = write_report(
-                flight.record, settings, flight.result, folder, how, events, figures=figures,
-                remarks=flight.remarks,
-            )  # fmt: skip
-    except OSError as error:
-        _say(out)(f"no report: {error}")
-        return
-    except KeyboardInterrupt:
-        (folder / PAGE).unlink(missing_ok=True)
-        shutil.rmtree(folder / FIGURES, ignore_errors=True)
-        raise
-    _say(out)(f"report: {page}")
 
 
 def print_end(outcome: Outcome, out: Console) -> None:

@@ -13,12 +13,13 @@ from heli_dynamics_sim.aircraft_file import find_aircraft
 from heli_dynamics_sim.linearize import linearize
 from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
+from heli_flight.loop.position_axes import attitude_lags_s
 from heli_flight.loop.settings import Settings, resolve
 from heli_flight.loop.worlds import HOVER_TEST_WORLD
 from heli_flight.studies.design.attitude import beyond_the_box, searched_output, yardstick
 from heli_flight.studies.design.between_samples import norm_between_samples
 from heli_flight.studies.design.bounds import bound_of, output_bound_of
-from heli_flight.studies.design.outer import attitude_lags_s, position_loop
+from heli_flight.studies.design.outer import position_loop
 from heli_inner_hinf.actuation import Actuation, ObserverInput
 from heli_inner_hinf.analysis import LoopReport, analyse, loops_of, model_of
 from heli_inner_hinf.attitude_search import Yardstick

@@ -15,15 +15,13 @@ import numpy as np
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.linearize import linearize_moving
 from heli_dynamics_sim.trim import trim
-from heli_dynamics_sim.wind import dryden_scales, mean_speed, passing_speed
+from heli_dynamics_sim.wind import dryden_scales, passing_speed
+from heli_flight.loop.position_axes import NAMES, downwind, position_axes
 from heli_flight.studies.design.coupled import CoupledPlant, common_disk_margin, coupled_plant
 from heli_inner_hinf.actuation import Actuation
 from heli_inner_hinf.disk_margin import DiskMargin
-from heli_inner_hinf.loops import POSITIONS, Loop, Model, sampled_plant
+from heli_inner_hinf.loops import Loop, Model
 from heli_math.grid_search import search
-from heli_math.linear_systems import held_late, with_delay_line
-from heli_math.state_names import INPUT_NAMES, STATE_NAMES
-from heli_math.state_space import WIND
 from heli_math.ticks import TICK_S
 from heli_outer_pd.axis_analysis import (
     Axis,
@@ -33,16 +31,10 @@ from heli_outer_pd.axis_analysis import (
     analyse,
     drifting,
     dryden_across,
-    modelled_heave_damping_per_s,
 )
 from heli_outer_pd.config import OBSERVER_DAMPING, outer_kernel
 from heli_outer_pd.gain_search import NoGainsError, Wanted, best_gains, cost, gains_at
 
-NAMES = ("forward", "right", "down")
-_COMMANDS = (("theta_ref", -1.0), ("phi_ref", 1.0))
-# Errors of the navigation with RTK in the hover test's world, as flown: rms and correlation time.
-_POSITION_ERROR = drifting(0.012, 1.5)
-_SPEED_ERROR = drifting(0.008, 0.5)
 # A half of the paper's speeds and a quarter of its positions at 3.5 sigma; the margins that issue
 # from the doubt of mass, thrust and delay.
 _WANTED = tuple(
@@ -147,21 +139,6 @@ class PositionLoop:
         return rows(found)
 
 
-def attitude_lags_s(attitude: Loop) -> np.ndarray:
-    """Lag (2,), s, of pitch and roll of a sampled loop behind their commands: -T'/T at z = 1."""
-    closed = attitude.closed
-    labels, inputs = closed.state_labels, closed.input_labels
-    lags = []
-    for command, _ in _COMMANDS:
-        row = np.eye(closed.nstates)[labels.index(command.removesuffix("_ref"))]
-        once = np.linalg.solve(
-            np.eye(closed.nstates) - closed.A, closed.B[:, inputs.index(command)]
-        )
-        twice = np.linalg.solve(np.eye(closed.nstates) - closed.A, once)
-        lags.append(closed.dt * (row @ twice) / (row @ once))
-    return np.array(lags)
-
-
 def position_loop(
     plant: Mapping[str, Any],
     outer: Mapping[str, Any],
@@ -186,62 +163,40 @@ def position_loop(
     ------
     PlantConfigError, TrimError
     """
-    config = PlantConfig.from_parameters(plant)
-    wind, altitude_m = config.wind, -float(config.pos_ned_m[2])
-    off_nose = wind.towards_rad - config.psi
-    downwind = np.array([np.cos(off_nose), np.sin(off_nose), 0.0])
-    at = trim(config.helicopter, mean_speed(altitude_m, wind) * downwind, 0.0)
-    moving = linearize_moving(config.helicopter, at)
-    nine, inputs = len(STATE_NAMES), len(INPUT_NAMES)
-    moved = replace(model, A=moving.A[:nine], B=moving.B[:nine, :inputs], E=moving.E[:nine])
-    acceleration = moving.A[nine:], moving.B[nine:, :inputs], moving.E[nine:]
-    sigma, sigma_w, length_m, length_w_m = dryden_scales(altitude_m, wind.w20_mps)
-    speed_mps = passing_speed(altitude_m, wind)
-    time_s = length_m / speed_mps
-    along, across = np.abs(downwind[:2])
-    gusts = (
-        (drifting(along * sigma, time_s), dryden_across(across * sigma, time_s)),
-        (drifting(across * sigma, time_s), dryden_across(along * sigma, time_s)),
-        (dryden_across(sigma_w, length_w_m / speed_mps),),
-    )
-    lags_s = attitude_lags_s(attitude)
-    kernel = outer_kernel(outer)
-
-    def axes(actuation: Actuation) -> tuple[Axis, ...]:
-        flown = replace(attitude, plant=sampled_plant(moved, actuation))
-        blocks = [_tilted(flown, *acceleration, i, kernel.g) for i in range(2)]
-        blocks.append(_lifted(actuation, acceleration[2][2, 2]))
-        heave = modelled_heave_damping_per_s(kernel)
-        modelled = [(lags_s[0], 0.0), (lags_s[1], 0.0), (0.0, heave)]
-        return tuple(
-            Axis(
-                blocks[i],
-                *modelled[i],
-                gusts[i],
-                _POSITION_ERROR,
-                _SPEED_ERROR,
-                outer["period_ticks"],
-            )
-            for i in range(len(NAMES))
-        )
-
-    nominal = axes(actuation)
+    around = position_axes(plant, outer, attitude, model)
+    gusts = _gusts(around.config)
+    nominal = around.axes(actuation, gusts)
     late = replace(actuation, delay_s=actuation.delay_s + TICK_S)
     slow_and_late = replace(late, servo_radps=(1.0 - _DOUBT) * late.servo_radps)
     others = tuple(
         (*later, _stronger(axis, 1.0 + _DOUBT), _stronger(axis, 1.0 - _DOUBT))
-        for axis, *later in zip(nominal, axes(late), axes(slow_and_late), strict=True)
+        for axis, *later in zip(
+            nominal, around.axes(late, gusts), around.axes(slow_and_late, gusts), strict=True
+        )
     )
-    period = outer["period_ticks"]
-    coupled = coupled_plant(moving, at, attitude, actuation, kernel, period)
+    flown = attitude, actuation, around.kernel, around.period_ticks
+    coupled = coupled_plant(around.moving, around.at, *flown)
     banked = []
     for speed_mps, floor in _BANKED:
         for side in (-1.0, 1.0):
-            held = trim(config.helicopter, np.array([0.0, side * speed_mps, 0.0]), 0.0)
-            leaning = linearize_moving(config.helicopter, held)
-            flown = coupled_plant(leaning, held, attitude, actuation, kernel, period)
-            banked.append((flown, floor))
-    return PositionLoop(nominal, others, lags_s, coupled, tuple(banked))
+            held = trim(around.config.helicopter, np.array([0.0, side * speed_mps, 0.0]), 0.0)
+            leaning = linearize_moving(around.config.helicopter, held)
+            banked.append((coupled_plant(leaning, held, *flown), floor))
+    return PositionLoop(nominal, others, around.lags_s, coupled, tuple(banked))
+
+
+def _gusts(config: PlantConfig) -> tuple[tuple[Sampled, ...], ...]:
+    """Turbulence along each axis where the flight begins."""
+    wind, altitude_m = config.wind, -float(config.pos_ned_m[2])
+    sigma, sigma_w, length_m, length_w_m = dryden_scales(altitude_m, wind.w20_mps)
+    speed_mps = passing_speed(altitude_m, wind)
+    time_s = length_m / speed_mps
+    along, across = np.abs(downwind(config)[:2])
+    return (
+        (drifting(along * sigma, time_s), dryden_across(across * sigma, time_s)),
+        (drifting(across * sigma, time_s), dryden_across(along * sigma, time_s)),
+        (dryden_across(sigma_w, length_w_m / speed_mps),),
+    )
 
 
 def _stronger(axis: Axis, factor: float) -> Axis:
@@ -249,26 +204,3 @@ def _stronger(axis: Axis, factor: float) -> Axis:
     act = axis.actuation
     commanded = np.array([factor, 1.0])
     return replace(axis, actuation=act._replace(B=act.B * commanded, D=act.D * commanded))
-
-
-def _tilted(
-    flown: Loop, A: np.ndarray, B: np.ndarray, E: np.ndarray, axis: int, g: float
-) -> Sampled:
-    """Commanded acceleration and air -> acceleration, of pitch (0) or roll (1)."""
-    closed = flown.closed
-    labels, inputs = closed.state_labels, closed.input_labels
-    command, sign = _COMMANDS[axis]
-    C = np.zeros((1, closed.nstates))
-    C[0, [labels.index(name) for name in STATE_NAMES]] = A[axis]
-    C[0, [labels.index(name) for name in POSITIONS]] = B[axis]
-    columns = closed.B[:, [inputs.index(command), inputs.index(WIND[axis])]]
-    return Sampled(closed.A, columns * [sign / g, 1.0], C, np.array([[0.0, E[axis, axis]]]))
-
-
-def _lifted(actuation: Actuation, damping_per_s: float) -> Sampled:
-    """The same of the collective: transport delay, servo, unit static gain."""
-    w, zeta = actuation.servo_radps, actuation.servo_damping
-    servo = np.array([[0.0, 1.0], [-(w**2), -2.0 * zeta * w]]), np.array([[0.0], [w**2]])
-    A, B = with_delay_line(held_late(*servo, TICK_S, actuation.delay_s))
-    C = np.eye(1, len(A))
-    return Sampled(A, np.hstack([B, 0.0 * B]), C, np.array([[0.0, damping_per_s]]))

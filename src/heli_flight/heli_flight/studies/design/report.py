@@ -11,9 +11,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from heli_flight.loop.position_axes import NAMES
 from heli_flight.studies.design.between_samples import norms_on_the_way
 from heli_flight.studies.design.make import LONGEST_DELAY_S, Design
-from heli_flight.studies.design.outer import NAMES
 from heli_flight.terminal import table
 from heli_inner_hinf.law_state import CONTROLLERS, STATE_FEEDBACK
 from heli_inner_hinf.margins import ChannelMargin, DiskMargin
