@@ -198,3 +198,22 @@ def test_theme_and_camera_by_keyboard(page, flown):
     )
     assert nameless == 0
     assert page.errors == []
+
+
+def test_charts_keep_both_bounds_in_view(page, flown):
+    """Also where the lines are far on one side; about the setpoint where the bound is so."""
+    flight = flown(history_s=0.0)
+    away = flight.body(0.0, 0.0) | {"p": [0.0, 0.0, 13.0]}
+    flight.change = {"truth": away, "nav": away, "setpoint_deg": [-12.0, 9.0, 0.0]}
+    flight.open_in(page)
+    charts = "heliView.parts.charts.charts"
+    page.wait(f"{charts}.every(c => c.data[0].length > 3) && {charts}[0].range[1] > 3")
+    shown = page.value(f"{charts}.map(c => [c.plot.scales.y.min, c.plot.scales.y.max, c.bound])")
+    for low, high, bound in shown[:3]:
+        assert low < -bound < bound < high
+    assert shown[0][1] > 3.0 and shown[0][0] > -1.0, "not symmetric for its own sake"
+    for (low, high, bound), asked, flies in zip(shown[3:5], (-12.0, 9.0), (4.0, 2.0), strict=True):
+        assert low < asked - bound and asked + bound < high and low < flies < high
+    # The actuators' limits are none of the paper's figures: small movements stay large.
+    assert shown[5][1] - shown[5][0] < 2.0
+    assert page.errors == []
