@@ -48,6 +48,8 @@ export class Replay {
       });
     }
     this.atPart.addEventListener("input", () => this.seek(Number(this.atPart.value)));
+    // The list has the room that nodes and alarms leave it: what was last stays in view.
+    new ResizeObserver(() => this.shown && this.scrollTo(this.list.children[Math.max(0, this.told)])).observe(this.list);
     addEventListener("keydown", (event) => this.key(event));
     addEventListener("hashchange", () => this.byAddress());
   }
@@ -199,9 +201,7 @@ export class Replay {
       if (k === i) item.setAttribute("aria-current", "true");
       else item.removeAttribute("aria-current");
     });
-    // Once the alarms have found their room: the list has what they leave.
-    clearTimeout(this.scrolling);
-    this.scrolling = setTimeout(() => this.scrollTo(this.list.children[Math.max(0, i)]), 250);
+    this.scrollTo(this.list.children[Math.max(0, i)]);
   }
 
   scrollTo(item) {
