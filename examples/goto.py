@@ -20,3 +20,8 @@ goal.pose.position.x, goal.pose.position.y, goal.pose.position.z = map(float, sy
 goal.pose.orientation.z = goal.pose.orientation.w = 0.5**0.5
 goto.publish(goal)
 goto.wait_for_all_acked()
+print(
+    "sent: east {} m, north {} m, up {} m; it says in /diagnostics if it refuses".format(
+        *sys.argv[1:]
+    )
+)
