@@ -179,9 +179,9 @@ def add_to_observer(r):
     """Step 3: storing, fusing with a gate, time-out and sentence; step 4: the schedule."""
     layout = f"{OBSERVER}/layout.py"
     r.replace(layout, "N_AID = 13\n", "AID_DOPPLER_VALID, AID_DOPPLER = 13, 14\nN_AID = 17\n")
-    r.replace(layout, "N_COUNT = 42\n",
-              "C_DOPPLER_OK, C_DOPPLER_SEEN, C_DOPPLER_DROPPED = 42, 43, 44\n"
-              "C_DOPPLER_REJECTED, C_DOPPLER_FUSED = 45, 46\nN_COUNT = 47\n")  # fmt: skip
+    r.replace(layout, "N_COUNT = 43\n",
+              "C_DOPPLER_OK, C_DOPPLER_SEEN, C_DOPPLER_DROPPED = 43, 44, 45\n"
+              "C_DOPPLER_REJECTED, C_DOPPLER_FUSED = 46, 47\nN_COUNT = 48\n")  # fmt: skip
     r.replace(layout, "N_DIAG = 7\n", "D_NIS_DOPPLER = 7\nN_DIAG = 8\n")
     r.after(layout, "    IMUS_DISAGREE = 13\n",
             "    DOPPLER_TIMEOUT = 14\n    DOPPLER_REJECTED = 15\n")  # fmt: skip

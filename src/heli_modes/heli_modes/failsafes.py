@@ -66,6 +66,7 @@ class Condition(StrEnum):
     IMU_BIASED = "gyro or accelerometer bias jumps"
     ONE_IMU_STOPS = "of two IMUs one silent, not a number, zero or frozen"
     ONE_IMU_WRONG = "of two IMUs one with a bias that jumps or drifts"
+    ESTIMATOR_DIVERGED = "estimator's state not finite, not a covariance, or absurd"
     MAG_LOST = "magnetometer silent or contradicting"
     BARO_LOST = "barometer silent or contradicting"
     POSITION_LOST = "position lost"
@@ -140,6 +141,10 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "compass",
              2.0, Action.OTHER_IMU, "once it agrees with the other for 2 s",
              "IMUS_DISAGREE, then IMU_LEFT"),
+    Failsafe(Condition.ESTIMATOR_DIVERGED, "observer: each tick, state and covariance finite, "
+             "correlations within 1, unit quaternion, speed below 150 m/s", 0.01, Action.RELEARN,
+             "in the same tick, from what the filter knew at its last sound fix; without one it is "
+             "aligned anew, and the last command held until then", "counter recoveries"),
     Failsafe(Condition.MAG_LOST, "observer: time-out, field strength, gate of the heading", 1.5,
              Action.NOTE, "the next sample that agrees", "MAG_TIMEOUT or MAG_REJECTED"),
     Failsafe(Condition.BARO_LOST, "observer: time-out, gate", 2.5, Action.NOTE,

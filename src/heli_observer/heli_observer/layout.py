@@ -48,7 +48,7 @@ N_HEARD = 31
 # --- integer record `count`
 C_TICK = 0  # newest tick seen, NO_TICK before the first
 C_ALIGNED = 1  # 1 after the alignment
-C_NOT_FINITE = 2  # 1 after a state or variance ceased to be finite
+C_NOT_FINITE = 2  # 1 while the state is none
 C_IMU_OK, C_MAG_OK, C_BARO_OK, C_GPS_OK = 3, 4, 5, 6  # tick of the last sample accepted
 C_MAG_SEEN, C_BARO_SEEN, C_GPS_SEEN = 7, 8, 9  # tick of the last sample judged
 C_BARO_READY = 10  # 1 after the barometer's bias has been started
@@ -68,7 +68,8 @@ C_IMU_DOUBTS = 38  # how often the inertial sensors' errors began anew for that
 C_GPS_KEPT = 39  # tick at which it was so last
 C_IMU_LATE = 40  # tick at which a sample of an earlier tick came last
 C_IMU_MENDED = 41  # samples that came late, and in time for the filter
-N_COUNT = 42
+C_RECOVERED = 42  # how often the filter went back to what it knew, as its state was none
+N_COUNT = 43
 NO_TICK = -(2**40)
 
 COUNTER_NAMES = {
@@ -94,6 +95,7 @@ COUNTER_NAMES = {
     "imu_samples_late": C_IMU_MENDED,
     "gps_fixes_repeated": C_GPS_REPEATED,
     "imu_doubts": C_IMU_DOUBTS,
+    "recoveries": C_RECOVERED,
 }
 """Name (for diagnostics) of each event counter in `ObserverState.count`."""
 
@@ -136,7 +138,7 @@ class ObserverStatus(IntEnum):
 _SENTENCES = {
     ObserverStatus.OK: "navigation is aligned and every sensor is being fused",
     ObserverStatus.ALIGNING: "waiting for unaccelerated IMU, magnetometer and a GPS fix to align",
-    ObserverStatus.NOT_FINITE: "the filter state is not finite; start the observer again",
+    ObserverStatus.NOT_FINITE: "the filter's state was none; waiting for sensors to align anew",
     ObserverStatus.IMU_TIMEOUT: "no usable IMU sample within its time-out; the last one is held",
     ObserverStatus.GPS_TIMEOUT: "no GPS fix within its time-out; position is dead reckoning",
     ObserverStatus.GPS_REJECTED: "GPS fixes arrive but persistently contradict the filter",

@@ -37,6 +37,7 @@ from heli_observer.ins_ekf import (
 )
 from heli_observer.late import bridge
 from heli_observer.layout import ObserverState, ObserverStatus
+from heli_observer.recover import is_rotor, is_state, recover
 from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
 from heli_observer.relearn import empty_window, remember, solve_again
 from heli_observer.strapdown import glide, strapdown
@@ -296,21 +297,6 @@ def _rotor_update(state, ticks, u_prev, started, k, out):
 
 
 @njit
-def _finite(state):
-    """Whether the filter's state is finite and its variances are positive."""
-    for i in range(L.N_NOMINAL):
-        if not math.isfinite(state.nominal[i]):
-            return False
-    for i in range(L.N_ERROR):
-        if not (math.isfinite(state.P[i, i]) and state.P[i, i] >= 0.0):
-            return False
-    for i in range(L.N_ROTOR_W):
-        if not math.isfinite(state.rotor[i]):
-            return False
-    return True
-
-
-@njit
 def observe(state, tick, y, u_prev, k, out):
     """One tick of the observer.
 
@@ -337,7 +323,7 @@ def observe(state, tick, y, u_prev, k, out):
     fill(out, math.nan)
     count = state.count
     now = count[L.C_TICK]
-    if now == L.NO_TICK or count[L.C_NOT_FINITE] == 1:
+    if now == L.NO_TICK:
         return
     started, lost = count[L.C_ALIGNED] == 1, False
     if ticks > 0:
@@ -349,9 +335,17 @@ def observe(state, tick, y, u_prev, k, out):
                 lost = _filter_step(state, t - k.horizon_ticks, now, k) or lost
                 if k.pair.on:
                     follow_trial(state, t - k.horizon_ticks, now, k.ekf)
-    if lost and align(state, now, k.horizon_ticks, k.ekf):
+    broken = started and not is_state(state.nominal, state.P)
+    if broken and recover(state, now - k.horizon_ticks, k.ekf):
+        begin_pair(state)
+        broken = False
+    if (lost or broken) and align(state, now, k.horizon_ticks, k.ekf):
         count[L.C_REALIGNED] += 1
         begin_pair(state)
+        broken = False
+    count[L.C_NOT_FINITE] = broken
+    if broken:
+        return
     if not started and now - count[L.C_BEGUN] < k.align_ticks:
         return
     if not started:
@@ -360,12 +354,9 @@ def observe(state, tick, y, u_prev, k, out):
         begin_pair(state)
     _navigation_output(state, now, k, out)
     if ticks > 0 or not started:
-        _rotor_update(state, ticks, u_prev, started, k.rotor, out)
+        _rotor_update(state, ticks, u_prev, started and is_rotor(state.rotor), k.rotor, out)
     else:
         rotor_output(state.rotor, state.y[0], k.rotor, out[NAV.rotor])
-    if not _finite(state):
-        count[L.C_NOT_FINITE] = 1
-        fill(out, math.nan)
 
 
 @njit

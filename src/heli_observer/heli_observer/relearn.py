@@ -136,6 +136,12 @@ def _from_there(state, slot, refused, horizon, at, sigma, k):
 
 
 @njit
+def take_again_from(state, slot, horizon, k):
+    """Take all again from a fix on, as it was taken; nominal and P in place."""
+    _from_there(state, slot, 0, horizon, 0, 0.0, k)
+
+
+@njit
 def solve_again(state, horizon, k):
     """Take the last seconds again with biases that may have jumped; nominal and P in place.
 
