@@ -170,8 +170,9 @@ def with_bands(charts: Sequence[Chart], bands: Sequence[Band]) -> list[Chart]:
 
 
 def unit_of(label: str) -> str:
-    """Unit in an axis' label, what stands behind the last comma: "v_z, m/s"; else empty."""
-    return label.rpartition(", ")[2] if ", " in label else ""
+    """Unit in an axis' label, what stands behind the last comma: "v_z, m/s"; empty for none."""
+    unit = label.rpartition(", ")[2] if ", " in label else ""
+    return "" if unit == "1" else unit
 
 
 FEW_DECADES = 2.0
