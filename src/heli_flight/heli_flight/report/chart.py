@@ -104,6 +104,8 @@ class Band:
         Key of PALETTE.
     told : str
         A sentence more, for a table; or empty.
+    of : str
+        What a fault is of, which names its lane of the timeline; empty for other kinds.
     """
 
     start_s: float
@@ -112,6 +114,7 @@ class Band:
     name: str
     role: str
     told: str = ""
+    of: str = ""
 
 
 @dataclass(frozen=True)
