@@ -25,6 +25,7 @@ from heli_flight.report.chart import (
     envelope,
     limits,
     thinned,
+    unit_of,
 )
 from heli_flight.report.data import Report, events_of
 from heli_flight.report.figures import draw
@@ -117,6 +118,23 @@ def test_a_short_logarithmic_axis_of_a_figure_is_labelled_with_numbers(tmp_path)
     )
     assert {"3", "4", "5", "6", "7", "8"} <= set(lower) and upper == []
     assert {"0.5", "1", "2", "5", "10"} <= {t.get_text() for t in drawn.axes[0].get_yticklabels()}
+
+
+@pytest.mark.parametrize(
+    ("label", "unit"),
+    [("v_z, m/s", "m/s"), ("v_z - reference, m/s", "m/s"), ("roll error, °", "°"), ("added, 1", ""),
+     ("command", "")],
+)  # fmt: skip
+def test_what_the_pointer_is_told_has_the_axis_unit(label, unit):
+    assert unit_of(label) == unit
+    trace = Trace(np.arange(3.0), np.arange(3.0), "<a>", "nav")
+    chart = Chart("key", "", "", [Panel(label, [trace])], "flight", x_label="east, m")
+    (over_time,) = figure(chart)["data"]
+    assert over_time["hovertemplate"] == f"%{{y:.4g}} {unit}".rstrip()
+    assert figure(chart)["layout"]["xaxis"]["unifiedhovertitle"] == {"text": "%{x:.2f} s"}
+    (planar,) = figure(replace(chart, time=False))["data"]
+    value = f"%{{y:.4g}} {unit}".rstrip()
+    assert planar["hovertemplate"] == f"%{{x:.4g}} m: {value}<extra>&lt;a&gt;</extra>"
 
 
 def test_symbols_get_their_indices():

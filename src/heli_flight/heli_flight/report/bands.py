@@ -148,11 +148,12 @@ def _faults(settings: Settings, remarks: Iterable[Remark], end_s: float) -> list
     """Faults that were ordered, and those given or taken back in flight."""
     ordered = [
         Band(fault.start_s, fault.end_s, FAULT, _without_times(fault.words), _ROLES[FAULT],
-             "ordered by the flight's parameters")
+             "ordered by the flight's parameters", fault.what)
         for fault in flown_faults(settings)
     ]  # fmt: skip
     for name, start_s, stop_s, cleared_s in given_in_flight(remarks):
-        band = Band(start_s, stop_s, FAULT, name, _ROLES[FAULT], "given in flight, told by plant")
+        said, what = "given in flight, told by plant", name.partition(" ")[0]
+        band = Band(start_s, stop_s, FAULT, name, _ROLES[FAULT], said, what)
         same = [i for i, old in enumerate(ordered) if (old.name, old.start_s) == (name, start_s)]
         if cleared_s is not None:
             band = replace(band, end_s=cleared_s, told=f"taken back at {cleared_s:g} s")

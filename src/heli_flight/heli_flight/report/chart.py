@@ -104,6 +104,8 @@ class Band:
         Key of PALETTE.
     told : str
         A sentence more, for a table; or empty.
+    of : str
+        What a fault is of, which names its lane of the timeline; empty for other kinds.
     """
 
     start_s: float
@@ -112,6 +114,7 @@ class Band:
     name: str
     role: str
     told: str = ""
+    of: str = ""
 
 
 @dataclass(frozen=True)
@@ -170,8 +173,9 @@ def with_bands(charts: Sequence[Chart], bands: Sequence[Band]) -> list[Chart]:
 
 
 def unit_of(label: str) -> str:
-    """Unit in an axis' label, what stands behind the last comma: "v_z, m/s"; else empty."""
-    return label.rpartition(", ")[2] if ", " in label else ""
+    """Unit in an axis' label, what stands behind the last comma: "v_z, m/s"; empty for none."""
+    unit = label.rpartition(", ")[2] if ", " in label else ""
+    return "" if unit == "1" else unit
 
 
 FEW_DECADES = 2.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from heli_dynamics_sim.wind import log_law
 from heli_flight.loop.scoring import SETTLED_S, drift_at_engagement
-from heli_flight.report.bands import FAILSAFE, FAULT, MODE
+from heli_flight.report.bands import FAILSAFE, FAULT, MODE, bands_of
 from heli_flight.report.chart import Band, Chart, Panel, Trace, largest, level, limits
 from heli_flight.report.data import LEVELS, Report
 from heli_flight.report.design import Design
@@ -298,14 +298,15 @@ def timeline_charts(report: Report) -> list[Chart]:
     climbing = np.abs(report.record.reference[:, REFERENCE.down_vel]) > 1e-6
     add("reference", _stretches(report, ~climbing), "hover", "nav")
     add("reference", _stretches(report, climbing), "climb", "muted")
-    for band in report.bands:
+    bands = report.bands or bands_of(report.record, report.settings, (), report.events)
+    for band in bands:
         if band.kind == MODE:
             add("mode", [(band.start_s, band.end_s)], band.name, band.role)
     add("scored", report.spans, "scored", "purple")
-    for band in report.bands:
+    for band in bands:
         if band.kind == FAULT:
-            add(f"fault: {band.name}", [_wide(report, band)], "a fault that was flown", band.role)
-    for band in report.bands:
+            add(f"fault: {band.of}", [_wide(report, band)], "a fault that was flown", band.role)
+    for band in bands:
         if band.kind == FAILSAFE:
             add("failsafe", [_wide(report, band)], f"failsafe: {band.name}", band.role)
     limit = float(report.settings.nodes["inner_loop"]["actuator_limit"])
