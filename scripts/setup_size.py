@@ -73,7 +73,8 @@ def chosen_bytes(package: Mapping[str, Any], tags: Mapping[Tag, int]) -> int:
     ranked = []
     for wheel in package.get("wheels", ()):
         name = wheel.get("name") or wheel["url"].rpartition("/")[2]
-        ranks = [tags[tag] for tag in parse_wheel_filename(name)[3] if tag in tags]
+        *_, offered = parse_wheel_filename(name)
+        ranks = [tags[tag] for tag in offered if tag in tags]
         if ranks:
             ranked.append((min(ranks), wheel["size"]))
     if ranked:
