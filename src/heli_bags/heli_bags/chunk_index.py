@@ -30,11 +30,6 @@ class ChunkIndex:
         self._end = self._moved = 0
         self._recent: list[bytes] = []
 
-    @property
-    def in_memory(self) -> int:
-        """Records that are not in the file."""
-        return len(self._recent)
-
     def append(self, record: BytesIO) -> None:
         """Add a record; where the disk takes none, it stays in memory."""
         self._recent.append(record.getvalue())
