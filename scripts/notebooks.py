@@ -53,6 +53,8 @@ def run(path: Path) -> Any:
             kernel_name="python3",
             resources={"metadata": {"path": str(path.parent)}},
             record_timing=False,
+            # On a loaded machine one text comes in several messages.
+            coalesce_streams=True,
         )
         client.execute()
     return tidied(book)

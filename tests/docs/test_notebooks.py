@@ -50,6 +50,8 @@ def test_what_is_stored_is_whole_and_tidy(path):
         o for c in book.cells for o in c.get("outputs", []) if "image/png" in o.get("data", {})
     ]
     assert drawn
+    for cell in book.cells:  # else a text that comes in two messages would be another one
+        assert sum(o.output_type == "stream" for o in cell.get("outputs", [])) <= 1, cell.id
     assert all(cell.execution_count for cell in book.cells if cell.cell_type == "code")
 
 
