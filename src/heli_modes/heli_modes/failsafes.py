@@ -197,7 +197,8 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "attitude not followed: flown softly"),
     Failsafe(Condition.SERVO_STUCK, "outer loop: as above; in soft flight it hangs to one side "
              "for 2 s", 8.0, Action.NOTE, "calm, as above; full gains hold what the other axes "
-             "can, a landing would cost the aircraft", "attitude not followed, nor softly"),
+             "can, a landing would cost the aircraft",
+             "attitude not followed: a servo may be stuck"),
     Failsafe(Condition.POSITION_ASTRAY, "outer loop: sigma of the horizontal velocity, summed up "
              "since the last fix, over `failsafe.land_astray_m`", 25.0, Action.LAND,
              "what comes back in the descent is used; the landing goes on", "position astray"),

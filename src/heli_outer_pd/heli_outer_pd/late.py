@@ -38,17 +38,18 @@ def hear(heard, stamp, nav):
 def navigation_at(heard, tick, timeout_ticks, tick_s, out):
     """The newest row, its position carried on by its velocity, into out (31,); NaN if too old.
 
-    Attitude and velocity stay as they were heard.
+    Attitude and velocity stay as they were heard. True if it is of another tick, or none.
     """
     age = tick - heard.tick[0]
     if not 0 <= age <= timeout_ticks:
         fill(out, np.nan)
-        return
+        return True
     copy(out, heard.nav)
     if age > 0:
         pos, vel = out[NAV.pos], out[NAV.vel]
         for i in range(pos.shape[0]):
             pos[i] += age * tick_s * vel[i]
+    return age > 0
 
 
 class LateNavigation:
@@ -79,6 +80,6 @@ class LateNavigation:
         if nav is not None:
             hear(self._heard, stamp, nav)
 
-    def fill(self, tick: int, out: NDArray[np.float64]) -> None:
-        """Navigation at a tick into out (31,)."""
-        navigation_at(self._heard, tick, self._oldest, self._tick_s, out)
+    def fill(self, tick: int, out: NDArray[np.float64]) -> bool:
+        """Navigation at a tick into out (31,); whether it is of another tick, or none."""
+        return navigation_at(self._heard, tick, self._oldest, self._tick_s, out)

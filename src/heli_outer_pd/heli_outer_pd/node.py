@@ -237,7 +237,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         if tick % self.rate.of(self.values["period_ticks"]):
             return
         nav = core.nav
-        core.heard.fill(tick, nav)
+        core.state[MEMORY.is_late] = core.heard.fill(tick, nav)
         run.rejoin(nav, core.state)
         if core.given is None and run.held is None and flyable(nav):
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])

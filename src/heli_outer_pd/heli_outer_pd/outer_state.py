@@ -11,7 +11,7 @@ from heli_outer_pd.thrust_map import RotorMap
 
 
 class Memory(NamedTuple):
-    """State of the law (69,)."""
+    """State of the law (76,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -61,7 +61,12 @@ class Memory(NamedTuple):
     hangs_s: int = 66  # for so long it has been off to one side in soft flight
     calm_s: int = 67  # calm again for so long
     calm_wanted_s: int = 68  # which is enough
-    size: int = 69
+    soft_s: int = 69  # in soft flight for so long
+    is_late: int = 70  # 1.0: the navigation is of another tick
+    late: int = 71  # share of the last second's steps at which it was
+    side: slice = slice(72, 74)  # -1, 1: beyond which end theta and phi were last
+    turns: slice = slice(74, 76)  # how often they went from there to the other, lately
+    size: int = 76
 
 
 MEMORY = Memory()
@@ -134,7 +139,7 @@ class OuterKernel(NamedTuple):
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (69,) of a law that is not engaged yet; its last command is the trim."""
+    """State (76,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
     return state

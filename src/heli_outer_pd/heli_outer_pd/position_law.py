@@ -196,7 +196,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_math.rows.SHAPED`; changed where no position is known.
     k : OuterKernel
         Gains and limits.
-    state : (69,) ndarray
+    state : (76,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.

@@ -96,7 +96,7 @@ def unfollowed(soft: float) -> str:
     if soft == SOFT:
         return "attitude not followed: flown softly, as a servo may be slow; land"
     if soft == STUCK:
-        return "attitude not followed, nor softly: a servo may be stuck; do not land"
+        return "attitude not followed: a servo may be stuck, or commands are late; do not land"
     return ""
 
 

@@ -49,7 +49,7 @@ def swing(amplitude_deg, period_s=1.5):
 def test_a_swing_over_the_limit_is_flown_softly_and_one_below_it_is_not(axis, limit):
     """Of a sine the standard deviation is its amplitude by the root of two."""
     assert Watched().see(axis, swing(0.85 * math.sqrt(2.0) * limit), 60.0) == []
-    ((at_s, now),) = Watched().see(axis, swing(1.6 * math.sqrt(2.0) * limit), 60.0)
+    ((at_s, now), *_) = Watched().see(axis, swing(3.0 * limit, 3.0), 60.0)
     assert now == SOFT and at_s < 3.0
 
 
@@ -62,7 +62,7 @@ def test_what_hangs_to_one_side_is_no_swing_and_of_itself_changes_nothing(axis, 
 @pytest.mark.parametrize(("axis", "limit"), AXES)
 def test_a_swing_that_ends_to_one_side_is_a_servo_that_is_stuck(axis, limit):
     watched = Watched()
-    assert [now for _, now in watched.see(axis, swing(3.0 * limit), 5.0)] == [SOFT]
+    assert [now for _, now in watched.see(axis, swing(3.0 * limit, 3.0), 1.6)] == [SOFT]
     ((at_s, now),) = watched.see(axis, lambda t: limit, 20.0)
     assert now == STUCK and 2.0 < at_s < 8.0
     assert watched.see(axis, swing(3.0 * limit), 5.0) == []
@@ -79,6 +79,23 @@ def test_what_is_calm_again_has_its_gains_again_each_time_later(axis, limit):
         watched.state[MEMORY.takes_over] = 0.0
         after_s.append(at_s)
     assert np.diff(after_s) == pytest.approx([5.0, 10.0], abs=0.1)
+
+
+@pytest.mark.parametrize(("axis", "limit"), AXES)
+def test_a_swing_that_has_grown_quickly_to_and_fro_is_no_servo(axis, limit):
+    """Commands that are 0.1 s late make it swing each 1.2 s, a little more each time."""
+    watched = Watched()
+    grows = lambda t: min(0.25 * t, 3.0) * swing(limit, 1.2)(t)  # noqa: E731
+    assert [now for _, now in watched.see(axis, grows, 12.0)] == [STUCK]
+    assert [now for _, now in watched.see(axis, lambda t: 0.0, 20.0)] == [FULL]
+    assert [now for _, now in watched.see(axis, grows, 12.0)] == [STUCK]
+
+
+def test_late_navigation_says_nothing_of_servos():
+    watched = Watched()
+    watched.state[MEMORY.is_late] = 1.0
+    watched.see(1, lambda t: 0.0, 2.0)
+    assert watched.see(1, swing(3.0 * ROLL), 20.0) == []
 
 
 def test_a_landing_is_soft_once_it_has_been():
@@ -157,5 +174,7 @@ def test_it_is_told_and_counts_among_the_failsafes():
     assert told_of(Phase.HOVER, state, "held").startswith("attitude not followed: flown softly")
     assert answer(Phase.HOVER, state) is Action.SOFT
     state[MEMORY.soft] = STUCK
-    assert told_of(Phase.HOVER, state, "held").startswith("attitude not followed, nor softly")
+    assert told_of(Phase.HOVER, state, "held").startswith(
+        "attitude not followed: a servo may be stuck"
+    )
     assert answer(Phase.HOVER, state) is Action.NOTE

@@ -167,7 +167,8 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
             replace_by_truth(track.truth[tick], nav)
         copy(seen, nav)
         if links.k.on:
-            to_outer_loop(links, tick, seen)
+            is_late = to_outer_loop(links, tick, seen)
+            loop.outer_s[outer.MEMORY.is_late] = 1.0 if is_late else 0.0
         if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(seen):
             fill_offset(seen[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
             move(points, offset)

@@ -183,12 +183,16 @@ def to_observer(links, tick, observer_s, observer_k, y, u):
 
 @njit
 def to_outer_loop(links, tick, nav):
-    """The navigation row (31,) as it was sent; in place, what the outer loop knows by then."""
+    """The navigation row (31,) as it was sent; in place, what the outer loop knows by then.
+
+    True if that is of another tick, or nothing.
+    """
     came = math.isfinite(nav[NAV.quat][0])
     stamp = pass_on(links.s, links.k, _NAVIGATION, tick, tick, came, nav, nav)
     if stamp != NOTHING:
         late.hear(links.navigation, stamp, nav)
-    late.navigation_at(links.navigation, tick, links.navigation_ticks, links.tick_s, nav)
+    oldest = links.navigation_ticks
+    return late.navigation_at(links.navigation, tick, oldest, links.tick_s, nav)
 
 
 @njit

@@ -163,7 +163,7 @@ class _Ticks:
             replace_by_truth(track.truth[tick], nav)
         seen[:] = nav
         if loop.links.k.on:
-            to_outer_loop(loop.links, tick, seen)
+            loop.outer_s[outer.MEMORY.is_late] = to_outer_loop(loop.links, tick, seen)
         if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(seen):
             offset = np.zeros(3)
             fill_offset(seen[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)

@@ -118,7 +118,8 @@ def actuator_faults(results: Results) -> str:
     return (
         f"{grid(head, rows)}\n\nSeeds {found['seeds'][0]} to {found['seeds'][-1]}: hover at 10 m, "
         f"world {found['world']}, default laws, the fault from {found['begin_s']:g} s on, flown to "
-        f"{found['end_s']:g} s; where the attitude does not follow, it flies softly. Off and turned: largest distance and "
+        f"{found['end_s']:g} s; where the attitude does not follow, "
+        "it flies softly. Off and turned: largest distance and "
         "change of heading from the same flight without the fault, of those that survived, from "
         "truth: survived is not held. Behind a stuck pedal the yaw gyro goes on: the heading "
         "drifts and does not spin."
