@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hovers with faults of the actuators: lost or not, how far off and turned; both receivers; JSON.
 
-Usage: ./heli python scripts/actuator_fault_table.py [--seeds 1..10]
+Usage: ./heli python scripts/actuator_fault_table.py [--seeds 11..20]
 """
 
 import json
@@ -100,7 +100,7 @@ def row(what: str, told: tuple[str, str, float | None, float | None], gps: str,
 
 def main() -> None:
     """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..10").parse_args().seeds
+    seeds = parser_with_seeds(__doc__, "11..20").parse_args().seeds
     rows = [row(what, told, gps, seeds) for what in CHANNELS for told in KINDS for gps in RECEIVERS]
     content = {"seeds": seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
     print(json.dumps(content | {"rows": rows}, indent=2))
