@@ -45,7 +45,8 @@ def fault(what: str, kind: str, duration_s: float | None, value: float | None) -
 
 def settings(text: str, gps: str, seed: int) -> Settings:
     """A hover at its place."""
-    over = {"plant": {"faults": (text,)}, "scenario": _STAYS}
+    watched = {"failsafe.unfollowed_deg": [8.0, 5.5]}
+    over = {"plant": {"faults": (text,)}, "scenario": _STAYS, "outer_loop": watched}
     return resolve("hover", gps, seed, END_S, world=WORLD, overrides=over)
 
 

@@ -17,7 +17,8 @@ STAYS = {"climb.start_s": 200.0, "climb.end_s": 202.0}
 
 def flown(fault, seed, seconds, gps="standalone", scenario="hover", world="honest", **outer):
     """The flight, and how the law flies at its end."""
-    over = {"plant": {"faults": (fault,)}, "outer_loop": outer}
+    watched = {"failsafe.unfollowed_deg": [8.0, 5.5]}
+    over = {"plant": {"faults": (fault,)}, "outer_loop": watched | outer}
     over |= {"scenario": STAYS} if scenario == "hover" else {}
     settings = resolve(scenario, gps, seed, seconds, world=world, overrides=over)
     loop = closed_loop.build(settings)

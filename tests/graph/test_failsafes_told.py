@@ -70,12 +70,16 @@ def test_each_is_told_and_flown_as_in_one_process(hover_test, tmp_path, cases):
 def test_a_slow_servo_is_told_by_the_outer_loop_and_flown_as_in_one_process(hover_test, tmp_path):
     file, folder = tmp_path / "faults.yaml", tmp_path / "flight"
     file.write_text("faults:\n  - {what: delta_lat, kind: slow, start_s: 12.0, value: 0.5}\n")
+    params = tmp_path / "params.yaml"
+    params.write_text(
+        "/**/outer_loop:\n  ros__parameters:\n    failsafe.unfollowed_deg: [8.0, 5.5]\n"
+    )
     done = hover_test("--composed", "--seed", SEED, "--duration", 20.0, "--world", "honest",
-                      "--faults", file, "--out", folder)  # fmt: skip
+                      "--params", params, "--faults", file, "--out", folder)  # fmt: skip
     assert done.returncode in (0, 1), done.stdout + done.stderr
     assert not json.loads((folder / "result.json").read_text())["lost"]
-    settings = resolve("hover", seed=SEED, duration_s=20.0, world="honest",
-                       overrides=fault_overrides(file))  # fmt: skip
+    over = fault_overrides(file) | {"outer_loop": {"failsafe.unfollowed_deg": [8.0, 5.5]}}
+    settings = resolve("hover", seed=SEED, duration_s=20.0, world="honest", overrides=over)
     alone, flown = simulate(settings).record, flight_from_bag(folder / "bag", settings).record
     np.testing.assert_allclose(flown.u, alone.u, atol=1e-6)
     told, row = read_bag(folder / "bag").remarks, of(Condition.SERVO_SLOW)

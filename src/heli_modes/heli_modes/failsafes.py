@@ -192,7 +192,7 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "`fallback.blend_s`", "counter without_commands"),
     Failsafe(Condition.SERVO_SLOW, "outer loop: attitude swings about what the attitude loop "
              "should have made of its command, standard deviation of a second over "
-             "`failsafe.unfollowed_deg`", 4.0, Action.SOFT,
+             "`failsafe.unfollowed_deg` (off unless set)", 4.0, Action.SOFT,
              "5 s of calm, each time twice as long; full gains fade in",
              "attitude not followed: flown softly"),
     Failsafe(Condition.SERVO_STUCK, "outer loop: as above; in soft flight it hangs to one side "

@@ -16,8 +16,8 @@ from heli_outer_pd.outer_state import FULL, LEAVES, MEMORY, SOFT, STUCK
 from heli_outer_pd.sight import answer, told_of
 from heli_outer_pd.softness import AS_IT_IS, K_P_SHARE, SOFT_TILT_RAD, watch_attitude
 
-VALUES = OuterLoopNode.SPEC.resolve()
-PITCH, ROLL = VALUES["failsafe.unfollowed_deg"]
+PITCH, ROLL = 8.0, 5.5
+VALUES = OuterLoopNode.SPEC.resolve() | {"failsafe.unfollowed_deg": [PITCH, ROLL]}
 AXES = [(0, PITCH), (1, ROLL)]
 
 

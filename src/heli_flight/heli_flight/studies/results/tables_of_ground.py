@@ -116,9 +116,10 @@ def actuator_faults(results: Results) -> str:
     head = ["channel", "fault", "receiver", "survived", "first lost after, s",
             "off, m: median / worst", "turned, deg: worst"]  # fmt: skip
     return (
-        f"{grid(head, rows)}\n\nSeeds {found['seeds'][0]} to {found['seeds'][-1]}, none of those on which "
-        "soft flight was made: hover at 10 m, "
-        f"world {found['world']}, default laws, the fault from {found['begin_s']:g} s on, flown to "
+        f"{grid(head, rows)}\n\nSeeds {found['seeds'][0]} to {found['seeds'][-1]}, none of "
+        "those on which soft flight was made: hover at 10 m, "
+        f"world {found['world']}, default laws, "
+        f"`failsafe.unfollowed_deg: [8.0, 5.5]`, the fault from {found['begin_s']:g} s on, flown to "
         f"{found['end_s']:g} s; where the attitude does not follow, "
         "it flies softly. Off and turned: largest distance and "
         "change of heading from the same flight without the fault, of those that survived, from "
