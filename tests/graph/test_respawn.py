@@ -52,7 +52,8 @@ def told(folder):
     for restart in result["restarts"]:
         assert f"{restart['node']}: killed by SIGKILL" in restart["why"]
         assert any(restart["why"] in note and "back after" in note for note in result["notes"])
-    assert not any("somebody else" in note or "sent by" in note for note in result["notes"])
+    strange = [n for n in result["notes"] if "somebody else" in n or "sent by" in n]
+    assert not strange, strange
     assert not (folder / "memory").exists()
     return result, bag
 

@@ -18,13 +18,12 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.memory import RESPAWNED, SUPERVISOR, Restarts
+from heli_msgs_bridge.memory import Restarts
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.senders import (
     NOT_YET_NAMED,
     SENDERS,
-    full_name,
     senders_of,
     several_in_words,
     strangers_of,
@@ -35,10 +34,12 @@ _DEPTH = 10_000
 # Wall time without a message after which a stream counts as ended.
 _QUIET_S = 0.1
 _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
-# Wall time for a sender that we know after it knows us: it repeats what it has sent.
-_UNHEARD_S = 2.0
+# Wall time for a sender that we know after it knows us: it repeats what it has sent, and that it is
+# there, with its heartbeat.
+_UNHEARD_S = 6.0
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
+_PLANT = "plant"
 _VOICES, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
 
 
@@ -60,7 +61,7 @@ class Recording:
     voices : Voices
         Who speaks in /diagnostics.
     restarts : Restarts
-        Which nodes were started again, where no supervisor says so.
+        Which nodes were started again.
     trouble : str
         Why the recording ended or has gaps; empty if it did not.
     """
@@ -217,19 +218,10 @@ class RecorderNode(ManagedNode[Recording, None]):
                 core.voices.forget(node, times)
             if not core.voices.hear([status.name for status in said.status], number):
                 self._name_strangers()
-            elif self.respawns:
-                self._hear_successors(said.status)
         try:
             core.bag.write(name, raw)
         except BagError as error:
             self._complain(error)
-
-    def _hear_successors(self, said: Sequence[Any]) -> None:
-        """A node was started again, as the supervisor says: its successor's voice is new."""
-        supervisor = full_name((self.get_namespace(), SUPERVISOR)).strip("/")
-        for pair in (v for status in said if status.name == supervisor for v in status.values):
-            if pair.key.startswith(RESPAWNED):
-                self.core.voices.forget(pair.key.removeprefix(RESPAWNED), int(pair.value))
 
     def _name_senders(self, name: str, owner: Owner) -> None:
         """Say whose messages of a topic are not recorded."""
@@ -289,14 +281,20 @@ class RecorderNode(ManagedNode[Recording, None]):
         return core.bag.missing(until_ns)
 
     def _none_came(self) -> bool:
-        """Whether a plant is there and none of what it sends with every tick has come."""
-        bag = self.core.bag
-        return any(
-            bag.rows[name].every_ticks == 1
-            and "plant" in bag.rows[name].source
-            and not bag.counts[name]
-            and self.count_publishers(self.resolve_topic_name(name))
+        """Whether a plant is there and none of what it sends with every tick has come.
+
+        A node and its senders are made known by ways of their own, either of which may be late.
+        """
+        bag, plant = self.core.bag, (_PLANT, self.get_namespace())
+        silent = [
+            name
             for name in self.core.subscriptions
+            if bag.rows[name].every_ticks == 1
+            and _PLANT in bag.rows[name].source
+            and not bag.counts[name]
+        ]
+        return (bool(silent) and plant in self.get_node_names_and_namespaces()) or any(
+            self.count_publishers(self.resolve_topic_name(name)) for name in silent
         )
 
     def _write_arrived(self, name: str) -> int:

@@ -17,6 +17,7 @@ from heli_flight.loop.fault_file import fault_overrides, flown_faults, read_faul
 from heli_flight.loop.flight_file import write_parameters
 from heli_flight.loop.process_fault import ProcessFault, process_faults_of
 from heli_flight.loop.settings import resolve
+from heli_msgs_bridge.memory import FOLDER, Restarts
 from heli_parameters.parameters import ParameterError
 
 FILE = """\
@@ -167,10 +168,16 @@ class Spare:
         return name, log.name
 
 
-def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path):
+def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path, monkeypatch):
     now, up = [0.0], Up()
     respawn = Respawn(tmp_path, lambda line: None, lambda: now[0])
-    respawn._make = Spare
+    monkeypatch.setenv(FOLDER, respawn.environment()[FOLDER])
+    told, respawn._make = [], Spare
+    # Before the successor exists it is known to all nodes that one comes.
+    restarts, become = Restarts(), Spare.become
+    monkeypatch.setattr(
+        Spare, "become", lambda *it: told.append(dict(restarts.news())) or become(*it)
+    )
     respawn._standby = Spare()
     for _ in range(MOST):
         # Spread out it may die as often as it likes.
@@ -180,5 +187,6 @@ def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path):
         respawn.again("inner_loop", "inner_loop: killed", up)
     with pytest.raises(FlightError, match="inner_loop: killed, 3 times in 10 s: not started again"):
         respawn.again("inner_loop", "inner_loop: killed", up)
-    assert up.said[0] == ("observer: killed at 7.50 s: started again", {"respawned.observer": "1"})
-    assert up.said[2][1] == {"respawned.observer": "3"}
+    assert up.said[0] == ("observer: killed at 7.50 s: started again", {})
+    assert told[:MOST] == [{"observer": times + 1} for times in range(MOST)]
+    assert told[-1] == {"observer": MOST, "inner_loop": MOST - 1}

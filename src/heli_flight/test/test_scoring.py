@@ -187,3 +187,13 @@ def test_one_line_chooses_what_decides_the_exit_code():
     assert DECIDES == WINDOWS
     assert result.judged("standalone") == result.judged("standalone", DECIDES)
     assert result.exit_code("standalone") == EXIT_INSIDE
+
+
+@pytest.mark.parametrize(("duration_s", "begin_s"), [(100.0, 99.0), (200.0, 199.0), (0.5, 0.0)])
+def test_a_window_that_begins_before_the_end_moves_with_it(duration_s, begin_s):
+    """Nobody knows where a pilot goes: of by_hand the last second is judged, however long."""
+    folder = config_folder("heli_flight")
+    layers = [folder / "scenario.yaml", folder / "scenarios" / "by_hand.yaml"]
+    values = dict(load(TABLE, layers, "scenario")) | {"duration_s": duration_s}
+    windows_s = Scenario.from_parameters(values).windows_s
+    np.testing.assert_allclose(windows_s, [[begin_s, duration_s]])

@@ -105,7 +105,8 @@ class Owner:
     period_ns : int
         Distance of two stamps; 0 where there is none: any later one within a second goes on.
     now_s : callable, optional
-        Wall time, s.
+        Wall time, s, where the middleware does not say when a message came. What waited in a
+        queue came earlier than it is judged: a reader that lags sees no silence in its own time.
     heir : callable, optional
         Whether all who send on the topic have the owner's name, of whom the owner may be dead;
         asked only about unexpected numbers after `HEIR_S` of silence.
@@ -141,13 +142,14 @@ class Owner:
         if info is None:
             return True
         number = info["publication_sequence_number"]
-        if (number - 1 == self._number and not self._others) or self._judge(number, raw):
-            self._number, self._raw, self._heard_s = number, raw, self._now_s()
+        came_s = info.get("received_timestamp", 0) / NS_PER_S or self._now_s()
+        if (number - 1 == self._number and not self._others) or self._judge(number, raw, came_s):
+            self._number, self._raw, self._heard_s = number, raw, came_s
             return True
         self.ignored += 1
         return False
 
-    def _judge(self, number: int, raw: bytes) -> bool:
+    def _judge(self, number: int, raw: bytes, came_s: float) -> bool:
         """Whether a message is the owner's, though its number says so not by itself."""
         own, before = self._number, self._before
         if own is None:
@@ -159,7 +161,7 @@ class Owner:
             self._others.add(own + 1)
             self._before = None
             return True
-        alone, silent_s = not next_one and self._count() <= 1, self._now_s() - self._heard_s
+        alone, silent_s = not next_one and self._count() <= 1, came_s - self._heard_s
         if silent_s > HEIR_S and self._heir():
             self._others.clear()
             self._before = own

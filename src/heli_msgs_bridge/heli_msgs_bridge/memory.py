@@ -18,10 +18,6 @@ from typing import Any
 
 FOLDER = "HELI_MEMORY"
 """Environment variable: the folder of these files. Where it is set, nodes are started again."""
-SUPERVISOR = "scenario"
-"""Name of the supervisor's node."""
-RESPAWNED = "respawned."
-"""Key by which the supervisor says in /diagnostics how often a node was started again."""
 _RECORD_BYTES = 8 << 20
 """Of a record; what is not written takes no space."""
 _HEAD = struct.Struct("<qqq")  # number, tick, length
@@ -29,7 +25,7 @@ _NONE = 0
 
 
 RESTARTS = "restarts"
-"""Of these files, that of who was started again where no supervisor says so: a name a line."""
+"""Of these files, that of who was started again: a name a line."""
 
 
 def respawns() -> bool:

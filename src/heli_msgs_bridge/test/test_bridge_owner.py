@@ -100,3 +100,21 @@ def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
     assert topic.owner.successions == 0
     # Who only was paused is the owner still.
     assert topic.hears(51) and not topic.hears(4)
+
+
+def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged(topic):
+    """A reader that lags finds the owner's last message and the heir's first in one queue."""
+    topic.senders = 2
+    topic.owner = Owner(lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda: True)
+    came_ns = 1_795_613_931 * 10**9
+
+    def hears(number, after_s):
+        info = {"publication_sequence_number": number}
+        received_ns = came_ns + round(after_s * 1e9)
+        return topic.owner.admits(b"", info | {"received_timestamp": received_ns})
+
+    assert hears(50, 0.0)
+    topic.time_s += 60.0
+    assert not hears(1, HEIR_S / 2)
+    assert hears(2, 2 * HEIR_S) and hears(3, 2 * HEIR_S)
+    assert topic.owner.successions == 0

@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from heli_flight import interrupts
 from heli_flight.cli.bag import bag
 from heli_flight.cli.campaign import campaigns
 from heli_flight.cli.campaign_rare import RARE_EPILOG, WORST_EPILOG, rare, worst
@@ -235,4 +236,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(interrupts.run(lambda: main))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import typer
 
+from heli_flight import interrupts
 from heli_flight.cli.hover import epilog, hover
 from heli_flight.cli.run import run
 
@@ -21,4 +22,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(interrupts.run(lambda: main))

@@ -20,7 +20,7 @@ from heli_flight.graph.processes import NodeProcess, stop
 from heli_flight.graph.supervisor import NodeStatus, Supervisor
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.managed_node import BEFORE_STEPS
-from heli_msgs_bridge.memory import FOLDER, RESPAWNED
+from heli_msgs_bridge.memory import FOLDER, note_restart
 
 AGAIN = ("observer", "inner_loop", "outer_loop")
 """Nodes that are started again. The plant is the world, and the recorder's bag cannot be gone on
@@ -136,13 +136,14 @@ class Respawn:
             raise FlightError(f"{why}, {MOST} times in {WITHIN_S:g} s: not started again")
         assert self._make is not None and self._standby is not None, "stand_by comes first"
         up.forget(name)
+        # Before the successor can say a word: what is said in DDS may come after it.
+        note_restart(self._folder, name)
         process = self._standby.become(name, self._logs / f"{name}.log")
         restart = Restart(name, why, up.flight_s())
         self.restarts.append(restart)
         said = f"{why} at {restart.noticed_s:.2f} s: started again"
         self._say(said)
-        times = sum(known.node == name for known in self.restarts)
-        up.announce(Level.WARN, said, {f"{RESPAWNED}{name}": str(times)})
+        up.announce(Level.WARN, said, {})
         self._standby = self._make()
         return process
 

@@ -37,7 +37,8 @@ TABLE: tuple[Parameter, ...] = (
     Parameter(
         "score.windows_s",
         "double[]",
-        "Pairs of flight times that are scored; a negative end means the end of the flight",
+        "Pairs of flight times that are scored; a negative begin counts from the end of the "
+        "flight, a negative end means the end",
         "s",
         shape=(None, 2),
     ),
@@ -73,7 +74,9 @@ class Scenario:
         """From checked parameters (`TABLE`); ParameterError if the path cannot be flown."""
         n_ticks = ticks_in(p["duration_s"])
         windows = np.array(p["score.windows_s"], float).reshape(-1, 2)
-        windows[windows[:, 1] < 0.0, 1] = seconds(n_ticks)
+        end_s, begin_s = seconds(n_ticks), windows[:, 0]
+        windows[windows[:, 1] < 0.0, 1] = end_s
+        windows[:, 0] = np.where(begin_s < 0.0, np.maximum(0.0, end_s + begin_s), begin_s)
         start, heading = np.asarray(p["start_pos_ned_m"], float), np.radians(p["heading_deg"])
         if p["path.kind"] != CLIMB:
             reference = path_of(start, heading, p)
