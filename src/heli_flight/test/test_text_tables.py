@@ -23,8 +23,9 @@ WIDTHS = (60, 80, 100, 140, 250)
 
 
 def terminal(width):
-    return Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None,
-                   highlight=False)  # fmt: skip
+    # Without a height a terminal that calls itself dumb is 80 wide, whatever is said.
+    return Console(file=io.StringIO(), width=width, height=25, force_terminal=True,
+                   color_system=None, highlight=False)  # fmt: skip
 
 
 def printed(width, show):
