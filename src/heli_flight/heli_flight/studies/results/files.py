@@ -180,11 +180,19 @@ def refuse_changes(root: Path) -> None:
 
 
 def processor() -> dict[str, Any]:
-    """Name of the processor, and what numba compiles for."""
+    """Name of the processor, and what numba compiles for and OpenBLAS is told to compute for.
+
+    Not told, OpenBLAS chooses by the processor; its last bits then are others.
+    """
     from numba.core.registry import cpu_target
 
     compiled_for = cpu_target.target_context.codegen().magic_tuple()[1]
-    return {"name": _processor_name(), "compiled_for": compiled_for, "cores": os.cpu_count()}
+    return {
+        "name": _processor_name(),
+        "compiled_for": compiled_for,
+        "blas": os.environ.get("OPENBLAS_CORETYPE", "by itself"),
+        "cores": os.cpu_count(),
+    }
 
 
 def _processor_name() -> str:
