@@ -281,6 +281,14 @@ class TestDifferences:
         assert len(self.differing(machine, t="y")) == 1
         assert len(self.differing(machine, v=None)) == 1
 
+    def test_blas_for_another_processor_is_another_machine(self, monkeypatch):
+        """OPENBLAS_CORETYPE chooses among sums of another order."""
+        monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell")
+        told = {"processor": files.processor()}
+        monkeypatch.delenv("OPENBLAS_CORETYPE")
+        assert told != {"processor": files.processor()}
+        assert told["processor"]["blas"] == "Haswell"
+
     def test_what_depends_on_the_load_is_not_held_to_bits(self):
         assert self.differing({}, s=4.0, n=105) == []
         assert len(self.differing({}, n=120)) == 1

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -145,6 +146,22 @@ def test_a_kill_kills(process, tmp_path):
     faults = ProcessFaults([KILL], {"observer": process}, tmp_path / "log", print)
     faults.look(8.0)
     assert process._process.wait() == -signal.SIGKILL
+
+
+def test_a_second_kill_waits_for_the_successor_of_the_first(process, tmp_path):
+    """In lockstep half a second of flight may pass between two looks."""
+    kills = [replace(KILL, start_s=start_s) for start_s in (8.0, 8.5)]
+    there = {"observer": process}
+    faults = ProcessFaults(kills, there, tmp_path / "log", print)
+    faults.look(9.0)
+    assert len(faults.done) == 1
+    process._process.wait()
+    faults.look(9.1)
+    assert len(faults.done) == 1
+    there["observer"] = successor = Stopped()
+    faults.look(9.2)
+    assert successor._process.wait() == -signal.SIGKILL
+    assert [at_s for _, at_s in faults.done] == [9.0, 9.2]
 
 
 class Up:

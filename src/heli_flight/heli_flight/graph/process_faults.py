@@ -41,17 +41,25 @@ class ProcessFaults:
         self._left = sorted(faults, key=lambda fault: fault.start_s)
         self._processes, self._log, self._say = processes, log, say
         self._paused: list[tuple[float, int]] = []
+        self._killed: set[int] = set()
         self._busy: list[tuple[float, list[NodeProcess]]] = []
         self.done: list[tuple[ProcessFault, float]] = []
 
     def look(self, flight_s: float) -> None:
-        """Begin and end what is due."""
-        while self._left and self._left[0].start_s <= flight_s:
-            fault = self._left.pop(0)
+        """Begin and end what is due; what is due of a node that is dead waits for its successor."""
+        for fault in [fault for fault in self._left if fault.start_s <= flight_s]:
+            if not self._is_there(fault):
+                continue
+            self._left.remove(fault)
             self._begin(fault, fault.duration_s + flight_s)
             self.done.append((fault, flight_s))
             self._say(f"fault: {fault.words}")
         self._end(lambda end_s: end_s <= flight_s)
+
+    def _is_there(self, fault: ProcessFault) -> bool:
+        """Whether it can be done: in lockstep two kills may be due before the first is noticed."""
+        process = self._processes.get(fault.node)
+        return process is None or (process.exit_code() is None and process.pid not in self._killed)
 
     def _begin(self, fault: ProcessFault, end_s: float) -> None:
         if fault.kind == HOG:
@@ -61,12 +69,14 @@ class ProcessFaults:
             )
             return
         process = self._processes.get(fault.node)
-        if process is None or process.exit_code() is not None:
+        if process is None:
             return
         number = signal.SIGKILL if fault.kind == KILL else signal.SIGSTOP
         with contextlib.suppress(ProcessLookupError):
             os.kill(process.pid, number)
-        if fault.kind != KILL:
+        if fault.kind == KILL:
+            self._killed.add(process.pid)
+        else:
             self._paused.append((end_s, process.pid))
 
     def _end(self, is_over: Callable[[float], bool]) -> None:
