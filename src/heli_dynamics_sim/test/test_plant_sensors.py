@@ -69,9 +69,8 @@ def test_a_new_source_changes_no_other(monkeypatch):
 
 def test_children_of_the_seed_are_drawn_from_once():
     children = [child for source in noise._SOURCES for child in (source.stream, source.start)]
-    assert sorted([*children, noise._GUSTS, noise._ONCE]) == list(
-        range(2 * len(noise._SOURCES) + 2)
-    )
+    once = [noise._GUSTS, noise._ONCE, noise._ONCE_IMU2]
+    assert sorted([*children, *once]) == list(range(2 * len(noise._SOURCES) + 3))
 
 
 def test_negative_seed_is_refused():

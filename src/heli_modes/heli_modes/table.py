@@ -217,7 +217,7 @@ TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.AUTOROTATING,), Fact.TOUCHED_DOWN, Phase.SETTLING),
     *(
         Refused((Phase.AUTOROTATING,), command, _FALLING)
-        for command in (Command.LAND, Command.HOLD, Command.GOTO, Command.FOLLOW, Command.VELOCITY,
+        for command in (Command.HOLD, Command.GOTO, Command.FOLLOW, Command.VELOCITY,
                         Command.ATTITUDE)
     ),
     Transition((Phase.CLIMBING, *GUIDED), Fact.FOUND, Phase.HOVER),

@@ -228,13 +228,15 @@ def pack_rotor_speed(speed, block):
 
     Seen from above it turns clockwise, so the sign changes (REP-103).
     """
-    block[0] = -speed[0]
+    for i in range(speed.size):
+        block[i] = -speed[i]
 
 
 @njit
 def unpack_rotor_speed(block, speed):
     """A joint's velocity into the speed of the main rotor (1,), rad/s."""
-    speed[0] = -block[0]
+    for i in range(speed.size):
+        speed[i] = -block[i]
     return OK if _finite(speed) else NOT_FINITE
 
 
