@@ -84,9 +84,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             goto=Goto.from_parameters(self.values),
             heard=LateNavigation(self.values["navigation_timeout_s"], self.rate),
             flies=own_law(self.values["own_law"]),
-            pace=self.listen(
-                (Input(topics.ODOM, Demand()), Input(topics.ROTOR_SPEED, Demand(self._spins_every)))
-            ),
+            pace=self.listen((Input(topics.ODOM, Demand()), self._rotor_speed())),
         )
         script_of(self.values)  # now: an order that cannot be is no matter of the flight
         self._warm_up(core)
@@ -103,10 +101,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         self.repeat(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
-    @property
-    def _spins_every(self) -> int:
-        """Ticks from one sample of the rotor's speed to the next."""
-        return self.rate.of(self.values["rotor_speed_period_ticks"])
+    def _rotor_speed(self) -> Input:
+        every = self.rate.of(self.values["rotor_speed_period_ticks"])
+        return Input(topics.ROTOR_SPEED, Demand(every))
 
     def _warm_up(self, core: Law) -> None:
         """Load the compiled law before the first tick."""
