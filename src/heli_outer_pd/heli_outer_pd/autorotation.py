@@ -16,14 +16,14 @@ from heli_outer_pd.disturbance import clip, trim_thrust
 from heli_outer_pd.outer_state import MEMORY
 from heli_outer_pd.thrust_map import RotorMap, blade_pitch
 
-_FASTEST_MPS, _TOUCH_MPS, _SLOWS_MPS2, _LAST_S = 7.0, 0.7, 5.0, 0.6
+_FASTEST_MPS, _TOUCH_MPS, _SLOWS_MPS2, _LAST_S = 9.0, 0.7, 5.0, 0.6
 """Of the profile: speed at most and at the ground, m/s; deceleration; height over speed at last, s.
-These and the next ones are tuned on flights from 10 m, worlds honest and hard, seeds 1 to 6."""
-_BACK = 3.0
+These and the next ones are tuned on flights from 10 m and 20 m, worlds honest and hard, seeds 1 to 6."""
+_BACK = 4.0
 """A speed that is off is brought back so, 1/s."""
-_LEAST, _MOST = 0.1, 2.0
+_LEAST, _MOST = 0.05, 2.0
 """Thrust over weight."""
-_THROUGH_MPS = 1.5
+_THROUGH_MPS = 2.0
 """The map is read at no faster descent: beyond it the air through the disc is turbulent."""
 _SLOWEST = 0.35
 """Nor at a rotor speed below this share: there the blades stall."""

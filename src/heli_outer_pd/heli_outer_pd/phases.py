@@ -89,8 +89,7 @@ class Phases:
         self.way: Trajectory | None = None
         self.home_ned_m, self.ground_down_m, self.beyond_m = np.zeros(3), 0.0, 0.0
         self.phase = Phase.STANDING if numbers.on_ground else Phase.HOVER
-        self.history = [(start_ns, self.phase)]
-        self._orders = Orders(orders, start_ns)
+        self.history, self._orders = [(start_ns, self.phase)], Orders(orders, start_ns)
         self._state, self._start_ns, self.remarks = state, start_ns, self._orders.remarks
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
         self._contact, self.cruise_ns, self.sticks = TouchDown(), start_ns, StickFlight(state)
@@ -216,8 +215,7 @@ class Phases:
         place = nav[NAV.pos], self.home_ned_m, self.ground_down_m
         self.beyond_m = self.numbers.fence.beyond_m(*place) if fenced else 0.0
         self._orders.renew(self, now_ns, nav)
-        fact = self._fact(now_ns, nav, out)
-        if fact is not None:
+        if (fact := self._fact(now_ns, nav, out)) is not None:
             found = decide(self.phase, fact)
             if fact == Fact.FENCED:
                 self.remarks.append(left(self.phase.mode, self.beyond_m))
@@ -337,8 +335,10 @@ class Phases:
                 self._steer(now_ns, nav)
             return
         assert self.way is not None  # a guard, or the phases before, have seen to it
-        before, found = self.way, event in (Fact.FOUND, Fact.ROTOR_BACK)
-        if found or (steered and not self.stands):
+        before, found = self.way, event == Fact.FOUND
+        if event == Fact.ROTOR_BACK:
+            before = way_here(nav, self._start_ns)
+        elif found or (steered and not self.stands):
             before = self.sticks.leave(self.phase, self._at(now_ns, nav))
         begins = steered or event != Fact.ARRIVED
         ramp = abs(n.idle_collective - self.kernel.trim[SETPOINT.col])
