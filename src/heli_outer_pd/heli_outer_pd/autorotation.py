@@ -18,7 +18,7 @@ from heli_outer_pd.thrust_map import RotorMap, blade_pitch
 
 _FASTEST_MPS, _TOUCH_MPS, _SLOWS_MPS2, _LAST_S = 9.0, 0.7, 5.0, 0.6
 """Of the profile: speed at most and at the ground, m/s; deceleration; height over speed at last, s.
-These and the next ones are tuned on flights from 10 m and 20 m, worlds honest and hard, seeds 1 to 6."""
+These and the next ones are tuned from 10 m and 20 m, worlds honest and hard, seeds 1 to 6."""
 _BACK = 4.0
 """A speed that is off is brought back so, 1/s."""
 _LEAST, _MOST = 0.05, 2.0

@@ -21,8 +21,8 @@ the engine off the default aircraft loses 0.13 a second in hover."""
 _SILENT_S = 0.1
 _STUCK = 10
 """So many samples in a row the same to the last bit are no measurement."""
-_AGAIN, _AGAIN_S, _SINKS_MPS = 0.97, 0.2, 3.0
-"""At this share for so long an engine drives it, as at less sink the air does not."""
+_AGAIN, _AGAIN_S, _SINKS_MPS = 0.97, 0.1, 6.0
+"""At this share for so long an engine drives it; without one it stays below 0.93."""
 _STILL_MPS, _STILL_S, _NEAR_M = 0.2, 0.32, 4.0
 """On the ground: it sinks no more, for so long, and is near it, as far as that is known."""
 
