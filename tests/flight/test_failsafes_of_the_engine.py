@@ -100,7 +100,8 @@ def test_a_speed_that_comes_back_is_flown_on_with(seed):
     assert back - found[0] < 100
     step = np.abs(np.diff(record.setpoint[back - 8 : back + 100, :2], axis=0))
     assert np.degrees(step.max()) < 4.0
-    assert np.abs(np.diff(record.u[back - 8 : back + 100, ACTUATOR.col])).max() < 0.15
+    # At once only to the least thrust that the law flies; 0.8 is what lies between.
+    assert np.abs(np.diff(record.u[back - 8 : back + 100, ACTUATOR.col])).max() < 0.3
     assert (record.mode[back + 8 :] == "hover").all()
     height = -record.truth_pos_ned_m[:, 2]
     assert height[back:].min() > 5.0
