@@ -93,22 +93,22 @@ class Recipe:
 
 def add_to_plant(r):
     """Step 1: the model, its noise, its places, its parameters."""
-    r.after("src/heli_math/heli_math/rows.py", "imu2: slice = slice(20, 26)  # both, an ImuRow\n",
-            "    doppler: slice = slice(26, 29)  # velocity over ground, body, m/s\n"
-            "    doppler_valid: int = 29\n")  # fmt: skip
-    r.replace("src/heli_math/heli_math/rows.py", "sensed: int = 26 ", "sensed: int = 30 ")
+    r.after("src/heli_math/heli_math/rows.py", "rotor_valid: int = 27\n",
+            "    doppler: slice = slice(28, 31)  # velocity over ground, body, m/s\n"
+            "    doppler_valid: int = 31\n")  # fmt: skip
+    r.replace("src/heli_math/heli_math/rows.py", "sensed: int = 28 ", "sensed: int = 32 ")
     r.replace("src/heli_math/heli_math/rows.py",
-              "    wind: slice = slice(26, 29)  # true velocity of the air, NED, m/s\n"
-              "    size: int = 29\n",
-              "    wind: slice = slice(30, 33)  # true velocity of the air, NED, m/s\n"
-              "    size: int = 33\n")  # fmt: skip
-    r.before(f"{SIM}/noise.py", "    size: int = 86\n",
-             "    doppler: slice = slice(86, 89)  # white\n")  # fmt: skip
-    r.replace(f"{SIM}/noise.py", "    size: int = 86\n", "    size: int = 89\n")
+              "    wind: slice = slice(28, 31)  # true velocity of the air, NED, m/s\n"
+              "    size: int = 31\n",
+              "    wind: slice = slice(32, 35)  # true velocity of the air, NED, m/s\n"
+              "    size: int = 35\n")  # fmt: skip
+    r.before(f"{SIM}/noise.py", "    size: int = 89\n",
+             "    doppler: slice = slice(89, 92)  # white\n")  # fmt: skip
+    r.replace(f"{SIM}/noise.py", "    size: int = 89\n", "    size: int = 92\n")
     r.after(
         f"{SIM}/noise.py",
-        "    Source(20, 26, 27),  # second IMU: errors, clock, faults\n",
-        "    Source(3, 29, 30),\n",
+        "    Source(3, 29, 30),  # rotor's speed: white, faults\n",
+        "    Source(3, 31, 32),\n",
     )
     r.before(f"{SIM}/sensors.py", "class SensorKernel(", KERNEL)
     r.replace(
@@ -119,12 +119,10 @@ def add_to_plant(r):
             "    read_doppler(tick, x, noise, k.doppler, y)\n")  # fmt: skip
     r.after(f"{SIM}/sensor_config.py", "    BaroKernel,\n", "    DopplerKernel,\n")
     r.replace(f"{SIM}/sensor_config.py",
-              "    return SensorKernel("
-              "_imu(get, helicopter, rate.tick_s), mag, baro, _gps(get, rate), imu2)\n",
+              "    return SensorKernel(imu, mag, baro, _gps(get, rate), rotor, imu2)\n",
               "    period = rate.of(get(\"doppler.period_ticks\"))\n"
               '    doppler = DopplerKernel(get("doppler.white_mps"), period)\n'
-              "    imu = _imu(get, helicopter, rate.tick_s)\n"
-              "    return SensorKernel(imu, mag, baro, _gps(get, rate), doppler, imu2)\n"
+              "    return SensorKernel(imu, mag, baro, _gps(get, rate), rotor, doppler, imu2)\n"
               )  # fmt: skip
     r.after(f"{SIM}/sensor_table.py",
             '    ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),\n',
@@ -160,7 +158,7 @@ def add_to_bridge(r):
 
 def add_to_tests(r):
     """The layouts spelled out a second time, as the tests of rows and bytes demand."""
-    r.replace(SPELLED, "p2 q2 r2 wn we wd", "p2 q2 r2 u v w doppler? wn we wd")
+    r.replace(SPELLED, "omega omega? wn we wd", "omega omega? u v w doppler? wn we wd")
     r.after(SPELLED, '"baro_valid": "baro?", ',
             '"doppler": "u v w", "doppler_valid": "doppler?",\n    ')  # fmt: skip
     r.replace(BYTES, 'def twist(b, stamp_ns):\n    message = TwistWithCovarianceStamped('
@@ -273,7 +271,7 @@ state, streams, y = plant.initial_state(config, 3), NoiseStreams(3), np.zeros(ME
 u, seen = state.commands[-1].copy(), hashlib.sha256()
 for tick in range(200):
     plant.measure(state, tick, streams.row(), config.kernel, y)
-    seen.update(y[:26].tobytes() + y[MEAS.wind].tobytes() + state.x.tobytes())
+    seen.update(y[:28].tobytes() + y[MEAS.wind].tobytes() + state.x.tobytes())
     plant.advance(state, u, config.kernel)
 print(seen.hexdigest())
 """

@@ -202,6 +202,12 @@ class PlantConfig:
 def _faults(values: Mapping[str, Any], sensors: SensorKernel, rate: Rate) -> tuple[Fault, ...]:
     """The faults, each of which these sensors can have."""
     faults = faults_of(values["faults"])
+    engine = any(fault.kind == "stop" for fault in faults)
+    if engine and not values["terms.rotor_speed"]:
+        raise PlantConfigError(
+            "faults: what: engine is not allowed while terms.rotor_speed is off: without it there "
+            "is no engine"
+        )
     fault_kernel(faults, sensors, rate)
     return faults
 

@@ -44,6 +44,9 @@ SENSORS = {
     "gyro": _sensor(MEAS.rate.start, 3, 3, -1, 2),
     "mag": _sensor(MEAS.mag.start, 3, 3, MEAS.mag_valid, 3),
     "baro": _sensor(MEAS.baro, 1, 1, MEAS.baro_valid, 4),
+    "rotor_speed": Sensor(
+        MEAS.rotor, 1, 1, MEAS.rotor_valid, NOISE.fault_rotor_lost, NOISE.fault_rotor
+    ),
     **SECOND,
 }
 ACTUATORS = {

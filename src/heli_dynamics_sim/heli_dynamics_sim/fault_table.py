@@ -14,6 +14,7 @@ from heli_dynamics_sim.config_error import PlantConfigError
 from heli_dynamics_sim.fault_places import ACTUATORS, IMU, IMU2, SECOND, SENSORS
 from heli_dynamics_sim.faults import FAULT, KINDS, FaultKernel
 from heli_dynamics_sim.sensors import SensorKernel
+from heli_math.rows import MEAS
 from heli_math.ticks import Rate
 from heli_parameters.printable import printable
 from heli_parameters.rcl_dump import number
@@ -32,14 +33,14 @@ _NEVER = 2.0**52
 _MOST = 64
 
 
-_WIND = "wind"
+_WIND, _ENGINE = "wind", "engine"
 _OF_SENSORS = ("loss", "freeze", "zero", "nan", "bias", "drift", "jump", "noise", "delay",
                "duplicate", "reorder")  # fmt: skip
 _OF_ACTUATORS = ("stuck", "offset", "slow", "dead_zone", "runaway")
-WHAT = (*SENSORS, *ACTUATORS, _WIND)
+WHAT = (*SENSORS, *ACTUATORS, _WIND, _ENGINE)
 """What may have a fault."""
 _PER_AXIS = ("bias", "drift", "jump")
-_ALONE = ("freeze", "zero", "nan", "duplicate", "reorder")
+_ALONE = ("freeze", "zero", "nan", "duplicate", "reorder", "stop")
 
 
 class _Bounds(NamedTuple):
@@ -194,6 +195,8 @@ def fault_of(node: yaml.Node | None, where: str, now_s: float | None = None) -> 
         duration_s = _number(said["duration_s"], "duration_s", (0.0, _LONGEST_S), where)
     if kind == "gust" and not math.isfinite(duration_s):
         raise PlantConfigError(f"{where}: duration_s: missing; a gust needs it")
+    if kind == "stop" and "duration_s" in said:
+        raise PlantConfigError(f"{where}: duration_s: an engine that stops stays off; leave it out")
     return Fault(what, kind, start_s, duration_s, _values(said, what, kind, where))
 
 
@@ -236,7 +239,8 @@ def _one_of(said: Mapping[str, Any], key: str, allowed: Sequence[str], where: st
 
 def _kind(said: Mapping[str, Any], where: str) -> str:
     what = said["what"]
-    of = _OF_SENSORS if what in SENSORS else _OF_ACTUATORS if what in ACTUATORS else ("gust",)
+    others = {_WIND: ("gust",), _ENGINE: ("stop",)}
+    of = _OF_SENSORS if what in SENSORS else others.get(what, _OF_ACTUATORS)
     return _one_of(said, "kind", of, f"{where}: of {what}")
 
 
@@ -302,15 +306,18 @@ def fault_kernel(faults: Iterable[Fault], sensors: SensorKernel, rate: Rate) -> 
     PlantConfigError
     """
     groups: dict[str, list[np.ndarray]] = {"sensors": [], "actuators": [], "gusts": []}
+    stops = _NEVER
     for i, fault in enumerate(faults):
         if fault.what in SENSORS:
             groups["sensors"].append(_sensor_row(fault, sensors, rate, f"faults: entry {i + 1}"))
         elif fault.what in ACTUATORS:
             groups["actuators"].append(_row(fault, rate, ACTUATORS[fault.what], 1))
-        else:
+        elif fault.what == _WIND:
             groups["gusts"].append(_row(fault, rate, 0, 3))
+        else:
+            stops = min(stops, float(rate.ticks_in(fault.start_s)))
     rows = {name: np.array(group, float).reshape(-1, FAULT.size) for name, group in groups.items()}
-    return FaultKernel(**rows, latency=sensors.gps.latency, tick_s=rate.tick_s)
+    return FaultKernel(**rows, engine_out=stops, latency=sensors.gps.latency, tick_s=rate.tick_s)
 
 
 def _row(fault: Fault, rate: Rate, first: int, count: int) -> np.ndarray:
@@ -339,6 +346,7 @@ def _sensor_row(fault: Fault, sensors: SensorKernel, rate: Rate, where: str) -> 
     period = {
         "mag": sensors.mag.period, "baro": sensors.baro.period,
         "gps": sensors.gps.period, "gps_velocity": sensors.gps.period,
+        "rotor_speed": sensors.rotor.period,
     }.get(fault.what, 1)  # fmt: skip
     row[FAULT.period], row[FAULT.flag], row[FAULT.lost] = period, of.flag, of.lost
     row[FAULT.normals] = of.normals
@@ -348,7 +356,8 @@ def _sensor_row(fault: Fault, sensors: SensorKernel, rate: Rate, where: str) -> 
     if fault.kind == "noise":
         more = math.sqrt(fault.value[0] ** 2 - 1.0)
         like = of.first - IMU2 + IMU if fault.what in SECOND else of.first
-        values[: of.axes] = more * _white(sensors)[like : like + of.axes]
+        white = _white(sensors)[like : like + of.axes]
+        values[: of.axes] = more * (sensors.rotor.white if of.first == MEAS.rotor else white)
     if fault.kind == "delay":
         values[0] = max(1, round(rate.ticks_in(fault.value[0]) / period)) * period
     slowest = {"delay": values[0], "duplicate": period, "reorder": 3 * period}

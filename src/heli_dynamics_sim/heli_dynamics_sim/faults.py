@@ -18,12 +18,12 @@ from heli_math.rows import AIR, MEAS
 
 KINDS = (
     "loss", "freeze", "zero", "nan", "bias", "drift", "jump", "noise", "delay", "duplicate",
-    "reorder", "stuck", "offset", "slow", "dead_zone", "runaway", "gust",
+    "reorder", "stuck", "offset", "slow", "dead_zone", "runaway", "gust", "stop",
 )  # fmt: skip
 """What goes wrong; a kernel takes the place of its name."""
 (
     _LOSS, _FREEZE, _ZERO, _NAN, _BIAS, _DRIFT, _JUMP, _NOISE, _DELAY, _DUPLICATE, _REORDER, _STUCK,
-    _OFFSET, _SLOW, _DEAD_ZONE, _RUNAWAY, _GUST,
+    _OFFSET, _SLOW, _DEAD_ZONE, _RUNAWAY, _GUST, _STOP,
 ) = range(len(KINDS))  # fmt: skip
 
 
@@ -54,6 +54,7 @@ class FaultKernel(NamedTuple):
     sensors: np.ndarray  # (n, 15), a FaultRow each
     actuators: np.ndarray  # (n, 15)
     gusts: np.ndarray  # (n, 15)
+    engine_out: float  # tick from which on the engine has stopped
     latency: int  # of a fix, ticks
     tick_s: float
 
@@ -62,8 +63,8 @@ class FaultState(NamedTuple):
     """What is remembered of a flight with faults or without: they may come while it flies."""
 
     tick: np.ndarray  # (1,) int64, that was measured last
-    held: np.ndarray  # (26,) what each sensor said last, places of `rows.MEAS`
-    past: np.ndarray  # (slots, 26) what the sensors read at each of the last ticks
+    held: np.ndarray  # (28,) what each sensor said last, places of `rows.MEAS`
+    past: np.ndarray  # (slots, 28) what the sensors read at each of the last ticks
     u: np.ndarray  # (4,) the last command that reached the servos
 
 
@@ -160,6 +161,10 @@ def _settle(tick, k, y):
         y[MEAS.baro_valid] = 0.0
     if y[MEAS.baro_valid] == 0.0:
         y[MEAS.baro] = 0.0
+    if not math.isfinite(y[MEAS.rotor]):
+        y[MEAS.rotor_valid] = 0.0
+    if y[MEAS.rotor_valid] == 0.0:
+        y[MEAS.rotor] = 0.0
     pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
     if not _finite(pos):
         y[MEAS.gps_valid] = 0.0
@@ -197,7 +202,7 @@ def spoil_sensors(state, tick, noise, k, y):
     noise : (NOISE.size,) array
         Standard normals of the tick.
     k : FaultKernel
-    y : (>= 26,) array
+    y : (>= 28,) array
         Places of `rows.MEAS`.
     """
     state.tick[0] = tick
@@ -218,6 +223,7 @@ def spoil_sensors(state, tick, noise, k, y):
     _hold(y, MEAS.mag.start, 3, MEAS.mag_valid, stuck, held)
     _hold(y, MEAS.baro, 1, MEAS.baro_valid, stuck, held)
     _hold(y, MEAS.gps_pos.start, 6, MEAS.gps_valid, stuck, held)
+    _hold(y, MEAS.rotor, 1, MEAS.rotor_valid, stuck, held)
 
 
 @njit

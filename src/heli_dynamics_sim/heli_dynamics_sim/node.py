@@ -129,8 +129,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
         status = FIX_STATUS[v["sensors.gps.augmentation"]]
         sines = (topics.EXCITATION_WIND,) if config.wind.sines.on else ()
         second = (topics.IMU2,) if config.sensors.imu2 else ()
+        rotor = (topics.ROTOR_SPEED,)
         truth = (topics.TRUTH_ODOM, topics.TRUTH_WIND, topics.TRUTH_ROTOR)
-        names = (*_VARIED, *truth, *second, *sines)
+        names = (*_VARIED, *rotor, *truth, *second, *sines)
         varied = dict(zip(_VARIED, message_variances(v), strict=True))
         varied[topics.IMU2] = varied[topics.IMU]
         places = {topics.GPS_FIX: origin}
@@ -212,7 +213,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         k, y, x, send = core.config.kernel, core.y, core.state.x, core.send
         core.measure(core.state, tick, next(core.noise), k, y)
         stamp_ns = self.stamp_ns(tick)
-        mag, baro, gps = k.sensors.mag, k.sensors.baro, k.sensors.gps
+        mag, baro, gps, rotor = k.sensors.mag, k.sensors.baro, k.sensors.gps, k.sensors.rotor
         # Who has nothing to say says so, by NaN: in lockstep silence would be waited for.
         if tick % mag.period == 0:
             send[topics.MAG](y[MEAS.mag] if y[MEAS.mag_valid] else _NOTHING, stamp_ns)
@@ -224,6 +225,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
             fixed = y[MEAS.gps_valid]
             send[topics.GPS_FIX](y[MEAS.gps_pos] if fixed else _NOTHING, fix_ns)
             send[topics.GPS_VELOCITY](y[MEAS.gps_vel] if fixed else _NOTHING, fix_ns)
+        if tick % rotor.period == 0:
+            said = y[[MEAS.rotor]] if y[MEAS.rotor_valid] else _NOTHING[:1]
+            send[topics.ROTOR_SPEED](said, stamp_ns)
         if k.sensors.imu2:
             send[topics.IMU2](y[MEAS.imu2], stamp_ns)
         # Last of the sensors: in real time it triggers the observer, which then has the others.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 
 class NoiseRow(NamedTuple):
-    """Standard normals of a tick (86,), source by source in the order of `_SOURCES`."""
+    """Standard normals of a tick (89,), source by source in the order of `_SOURCES`."""
 
     wind: slice = slice(0, 5)  # along, across (2), down (2)
     gyro: slice = slice(5, 8)  # white
@@ -45,7 +45,10 @@ class NoiseRow(NamedTuple):
     imu2_clock: int = 78
     fault_imu2: slice = slice(79, 85)  # as `fault`
     fault_imu2_lost: int = 85
-    size: int = 86
+    rotor: int = 86  # of the rotor's speed: white
+    fault_rotor: int = 87  # as `fault`
+    fault_rotor_lost: int = 88
+    size: int = 89
 
 
 class Source(NamedTuple):
@@ -73,6 +76,7 @@ _SOURCES = (
     Source(4, 21, 22),  # jumps
     Source(21, 24, 25),  # faults
     Source(20, 26, 27),  # second IMU: errors, clock, faults
+    Source(3, 29, 30),  # rotor's speed: white, faults
 )
 _GUSTS = 12  # child of the random gusts
 _ONCE = 23  # child for what the sensors of a flight draw once
@@ -117,15 +121,15 @@ class NoiseStreams:
         return np.hstack(parts)
 
     def rows(self, n: int) -> NDArray[np.float64]:
-        """The next n rows (n, 86); n calls of `row` give exactly the same."""
+        """The next n rows (n, 89); n calls of `row` give exactly the same."""
         return self._draw(self._streams, n)
 
     def row(self) -> NDArray[np.float64]:
-        """The next row (86,)."""
+        """The next row (89,)."""
         return self._draw(self._streams, 1)[0]
 
     def initial_rows(self, n: int) -> NDArray[np.float64]:
-        """n rows (n, 86) for the state before the first tick, from streams of their own."""
+        """n rows (n, 89) for the state before the first tick, from streams of their own."""
         return self._draw(self._initial, n)
 
     def once(self, n: int) -> NDArray[np.float64]:

@@ -185,13 +185,13 @@ def measure(state, tick, noise_row, k, y):
     noise_row : (NOISE.size,) array
         Standard normals of this tick, places of `noise.NOISE`.
     k : PlantKernel
-    y : (29,) array
+    y : (31,) array
         Filled; places of `rows.MEAS`. What does not arrive at this tick is 0, its valid flag too.
     """
     if tick > 0 and k.wind.turbulence:
         altitude_m = -state.x[PLANT.down]
         step_air(state.turbulence, altitude_m, k.tick_s, noise_row, k.wind)
-    if 0 <= k.fail_tick <= tick:
+    if 0 <= k.fail_tick <= tick or k.faults.engine_out <= tick:
         state.x[PLANT.engine_out] = 1.0
     air_at(state.turbulence, state.x, tick * k.tick_s, k.wind, state.air)
     if tick * k.tick_s < k.onset_s:

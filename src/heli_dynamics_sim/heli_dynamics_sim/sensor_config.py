@@ -17,6 +17,7 @@ from heli_dynamics_sim.sensors import (
     GpsKernel,
     ImuKernel,
     MagKernel,
+    RotorSpeedKernel,
     SensorKernel,
 )
 from heli_math.ticks import TICK_S, Rate
@@ -68,8 +69,13 @@ def sensor_kernel(
         get("baro.clock_jitter_s"),
         _port(get, helicopter),
     )
-    imu2 = bool(get("imu2.enabled"))
-    return SensorKernel(_imu(get, helicopter, rate.tick_s), mag, baro, _gps(get, rate), imu2)
+    rotor = RotorSpeedKernel(
+        get("rotor_speed.white_radps"),
+        get("rotor_speed.step_radps"),
+        rate.of(get("rotor_speed.period_ticks")),
+    )
+    imu, imu2 = _imu(get, helicopter, rate.tick_s), bool(get("imu2.enabled"))
+    return SensorKernel(imu, mag, baro, _gps(get, rate), rotor, imu2)
 
 
 def _imu(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuKernel:

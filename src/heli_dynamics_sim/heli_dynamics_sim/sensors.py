@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors: IMU, magnetometer, barometer, GPS. All in body FRD and NED, SI.
+"""Sensors: IMU, magnetometer, barometer, GPS, rotor speed. All in body FRD and NED, SI.
 
 Every error is a function of the standard normals that are passed in. First-order Gauss-Markov
 processes and random walks are stepped exactly. Noise, bias and drift are here; what sensors of some
@@ -95,6 +95,14 @@ class GpsKernel(NamedTuple):
     errors: GpsErrorKernel
 
 
+class RotorSpeedKernel(NamedTuple):
+    """A Hall sensor beside the mast: time between the passes of a magnet, told in steps."""
+
+    white: float  # rad/s
+    step: float  # rad/s; 0: none
+    period: int  # ticks
+
+
 class SensorKernel(NamedTuple):
     """All sensors."""
 
@@ -102,6 +110,7 @@ class SensorKernel(NamedTuple):
     mag: MagKernel
     baro: BaroKernel
     gps: GpsKernel
+    rotor: RotorSpeedKernel
     imu2: bool  # whether there is a second one, of the same kind as the first
 
 
@@ -295,10 +304,22 @@ def read_gps(sensors, tick, x, noise, k, y):
 
 
 @njit
+def read_rotor(tick, x, noise, aircraft, k, y):
+    """Fill the rotor speed's places of the row y; zero between the periods."""
+    y[MEAS.rotor_valid] = 1.0 if tick % k.period == 0 else 0.0
+    if y[MEAS.rotor_valid] == 0.0:
+        y[MEAS.rotor] = 0.0
+        return
+    speed = rotor_speed(x, aircraft) + k.white * noise[NOISE.rotor]
+    y[MEAS.rotor] = k.step * round(speed / k.step) if k.step > 0.0 else speed
+
+
+@njit
 def read_sensors(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill what sensors say of the measurement row y at a tick."""
     read_imu(sensors, tick, x, air, noise, aircraft, k.imu, y)
     read_mag(sensors, tick, x, air, noise, aircraft, k.mag, y)
     read_baro(sensors, tick, x, air, noise, aircraft, k.baro, y)
     read_gps(sensors, tick, x, noise, k.gps, y)
+    read_rotor(tick, x, noise, aircraft, k.rotor, y)
     read_imu2(sensors, tick, x, air, noise, aircraft, k, y)

@@ -12,16 +12,17 @@ from heli_dynamics_sim.fault_log import FaultLog
 from heli_dynamics_sim.fault_table import NONE, Fault, begun, faults_of
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.plant import advance, initial_state, measure
-from heli_math.rows import ACTUATOR, AIR, MEAS
+from heli_math.rows import ACTUATOR, AIR, MEAS, PLANT
 
 TICKS, BEGIN, END = 240, 50, 170
 NUMBERS = {
     "gps": MEAS.gps_pos, "gps_velocity": MEAS.gps_vel, "imu": MEAS.imu, "accel": MEAS.force,
     "gyro": MEAS.rate, "mag": MEAS.mag, "baro": slice(MEAS.baro, MEAS.baro + 1),
     "imu2": MEAS.imu2, "accel2": MEAS.force2, "gyro2": MEAS.rate2,
+    "rotor_speed": slice(MEAS.rotor, MEAS.rotor + 1),
 }  # fmt: skip
 FLAGS = {"gps": MEAS.gps_valid, "gps_velocity": MEAS.gps_valid, "mag": MEAS.mag_valid,
-         "baro": MEAS.baro_valid}  # fmt: skip
+         "baro": MEAS.baro_valid, "rotor_speed": MEAS.rotor_valid}  # fmt: skip
 WHOLE = {**NUMBERS, "gps": slice(MEAS.gps_pos.start, MEAS.gps_vel.stop)}
 
 
@@ -55,7 +56,8 @@ def clean(flown):
 
 def samples(y, what):
     """Ticks of a sensor's samples while the faults last."""
-    every = {"gps": 20, "gps_velocity": 20, "mag": 2, "baro": 5}.get(what, 1)
+    periods = {"gps": 20, "gps_velocity": 20, "mag": 2, "baro": 5, "rotor_speed": 2}
+    every = periods.get(what, 1)
     ticks = [t for t in range(BEGIN, END) if t % every == 0]
     if what in FLAGS:
         assert (y[ticks, FLAGS[what]] == 1.0).all()
@@ -232,6 +234,28 @@ def test_a_gust_begins_and_ends_at_rest(plant_config, flown, clean):
         assert state.air[part] == pytest.approx([4.0, -2.0, 1.0])
 
 
+def test_an_engine_that_stops_stays_off(plant_config, parameters):
+    """From the tick of its beginning on, as by `engine.fail_time_s`; cleared or not."""
+    on = {"terms__rotor_speed": True}
+    stops = text("engine", "stop", until=False)
+    config = plant_config(faults=(stops,), **on)
+    failed = plant_config(engine__fail_time_s=BEGIN / 100, **on)
+    assert failed.kernel.fail_tick == BEGIN
+    states = initial_state(config, 3), initial_state(failed, 3)
+    for tick, noise in enumerate(NoiseStreams(3).rows(BEGIN + 30)):
+        for state, of in zip(states, (config, failed), strict=True):
+            measure(state, tick, noise, of.kernel, np.zeros(MEAS.size))
+            advance(state, state.faults.u.copy(), of.kernel)
+        assert states[0].x[PLANT.engine_out] == float(tick >= BEGIN)
+    np.testing.assert_array_equal(states[0].x, states[1].x)
+    assert states[0].x[PLANT.omega] < 0.97 * config.kernel.aircraft.engine.speed
+    cleared = config.in_flight(parameters(terms__rotor_speed=True))
+    measure(states[0], BEGIN + 30, np.zeros(NOISE.size), cleared.kernel, np.zeros(MEAS.size))
+    assert states[0].x[PLANT.engine_out] == 1.0
+    with pytest.raises(PlantConfigError, match="what: engine is not allowed while terms"):
+        plant_config(faults=(stops,))
+
+
 def test_faults_that_are_over_or_far_leave_every_bit(flown, clean):
     far = Fault("gps", "bias", 1000.0, value=(1.0, 2.0, 3.0)), Fault("delta_col", "stuck", 1000.0)
     np.testing.assert_array_equal(flown(*(fault.text for fault in far)), clean)
@@ -253,6 +277,7 @@ def test_they_come_in_flight_with_the_same_types(plant_config, parameters):
         Fault("baro", "noise", 0.0, 3.0, (7.5,)),
         Fault("delta_ped", "stuck", 3.0, math.inf, (-0.25,)),
         Fault("wind", "gust", 3.0, 2.0, (1.0, 2.0, 3.0)),
+        Fault("engine", "stop", 3.0),
     ],
 )
 def test_a_fault_reads_back_as_it_was_written(fault):
@@ -303,6 +328,9 @@ def test_words():
         ("{what: delta_col, kind: loss, start_s: 1.0}", "of delta_col: kind: loss is not"),
         ("{what: wind, kind: bias, start_s: 1.0}", "allowed: one of gust"),
         ("{what: gps, kind: loss}", "start_s: missing"),
+        ("{what: engine, kind: loss, start_s: 1.0}", "allowed: one of stop"),
+        ("{what: engine, kind: stop, start_s: 1.0, duration_s: 3.0}", "stays off; leave it out"),
+        ("{what: engine, kind: stop, start_s: 1.0, value: 3.0}", "stop has none; leave it out"),
         ("{kind: loss, start_s: 1.0}", "what: missing"),
         ("{what: gps, kind: loss, start_s: 1.0, durations: 3.0}", "did you mean duration_s?"),
         ("{what: gps, kind: loss, start_s: 1.0, what: imu}", "what: the key stands here twice"),

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensors and noise: what an ideal sensor reads, noise levels, schedule of the fixes."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -69,9 +71,8 @@ def test_a_new_source_changes_no_other(monkeypatch):
 
 def test_children_of_the_seed_are_drawn_from_once():
     children = [child for source in noise._SOURCES for child in (source.stream, source.start)]
-    assert sorted([*children, noise._GUSTS, noise._ONCE]) == list(
-        range(2 * len(noise._SOURCES) + 2)
-    )
+    once = [noise._GUSTS, noise._ONCE, noise._ONCE_IMU2]
+    assert sorted([*children, *once]) == list(range(2 * len(noise._SOURCES) + 3))
 
 
 def test_negative_seed_is_refused():
@@ -254,3 +255,20 @@ def test_first_fix_is_drawn_with_the_full_error(plant_config):
     first = np.array([initial_state(config, seed).sensors.gps_queue[0] for seed in range(80)])
     assert first[:, :2].std() == pytest.approx(np.hypot(0.3, 1.0), rel=0.2)
     assert (first[:, 6] == -15).all()
+
+
+# --- Rotor speed ---------------------------------------------------------------------------------
+
+
+def test_the_rotor_speed_is_that_of_the_rotor_in_whole_turns_per_minute(plant_config):
+    """Every second tick, its noise as it should be: 500 samples, 5 sigma of their deviation."""
+    config = plant_config(sensors__rotor_speed__white_radps=2.0)
+    y, _ = readings(config, 1000)
+    came = y[:, MEAS.rotor_valid] == 1.0
+    np.testing.assert_array_equal(np.flatnonzero(came), np.arange(0, 1000, 2))
+    assert not y[~came, MEAS.rotor].any()
+    speed, told = config.kernel.aircraft.main.speed, y[came, MEAS.rotor]
+    turns = told * 60.0 / (2.0 * math.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+    assert np.std(told - speed) == pytest.approx(2.0, rel=5.0 / math.sqrt(1000.0))
+    assert np.mean(told - speed) == pytest.approx(0.0, abs=5.0 * 2.0 / math.sqrt(500.0))

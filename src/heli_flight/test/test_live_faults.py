@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults from browser and terminal: what they offer is what the plant has; the plant's own text."""
 
+import math
+
 import pytest
 
 from heli_dynamics_sim.fault_table import WHAT as PLANTS_WHAT
@@ -22,13 +24,15 @@ def test_the_page_offers_every_fault_of_the_plant():
 @pytest.mark.parametrize(("what", "kind"), OFFERED)
 def test_the_plant_takes_each_as_its_example_has_it(what, kind):
     form = WHAT[what][kind]
-    args = {"what": what, "kind": kind, "value": form["example"], "duration_s": 2.0}
+    # An engine that has stopped stays off: that has no duration.
+    given_s, lasts_s = (None, math.inf) if what == "engine" else (2.0, 2.0)
+    args = {"what": what, "kind": kind, "value": form["example"], "duration_s": given_s}
     (text,) = begun([judge_fault(args, LIMITS)], 5.0)
     (fault,) = faults_of([text])
-    assert (fault.what, fault.kind, fault.start_s, fault.duration_s) == (what, kind, 5.0, 2.0)
+    assert (fault.what, fault.kind, fault.start_s, fault.duration_s) == (what, kind, 5.0, lasts_s)
     assert list(fault.value) == form["example"]
     words = [str(v) for v in form["example"]]
-    assert begun([fault_text(what, kind, words, 2.0)], 5.0) == (text,)
+    assert begun([fault_text(what, kind, words, given_s)], 5.0) == (text,)
     if form["optional"]:
         assert faults_of(begun([judge_fault({"what": what, "kind": kind}, LIMITS)], 5.0))
 

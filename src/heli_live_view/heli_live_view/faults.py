@@ -55,6 +55,7 @@ WHAT: dict[str, dict[str, Form]] = {
     "gyro": _of_sensor(3, "rad/s", 0.05, _BODY),
     "mag": _of_sensor(3, "T", 1e-5, _BODY),
     "baro": _of_sensor(1, "Pa", 50.0),
+    "rotor_speed": _of_sensor(1, "rad/s", -20.0),
     "imu2": _of_sensor(6, "m/s² and rad/s", 0.5, _BODY),
     "accel2": _of_sensor(3, "m/s²", 0.5, _BODY),
     "gyro2": _of_sensor(3, "rad/s", 0.05, _BODY),
@@ -63,6 +64,7 @@ WHAT: dict[str, dict[str, Form]] = {
     "delta_ped": _ACTUATOR,
     "delta_col": _ACTUATOR,
     _WIND: {"gust": _kind([3.0, 0.0, 0.0], f"m/s, {_NED}")},
+    "engine": {"stop": _kind()},
 }
 """What may fail and how."""
 

@@ -4,8 +4,8 @@
 import { put } from "./format.js";
 
 const NAMES = {
-  gps: "GPS", gps_velocity: "GPS velocity", imu: "IMU", accel: "accelerometer", gyro: "gyro", mag: "magnetometer", baro: "barometer",
-  delta_lat: "lateral cyclic", delta_lon: "longitudinal cyclic", delta_ped: "pedal", delta_col: "collective", wind: "wind",
+  gps: "GPS", gps_velocity: "GPS velocity", imu: "IMU", accel: "accelerometer", gyro: "gyro", mag: "magnetometer", baro: "barometer", rotor_speed: "rotor speed",
+  delta_lat: "lateral cyclic", delta_lon: "longitudinal cyclic", delta_ped: "pedal", delta_col: "collective", wind: "wind", engine: "engine",
 };
 
 export const nameOf = (what) => NAMES[what] ?? what;

@@ -22,7 +22,7 @@ class ImuRow(NamedTuple):
 
 
 class MeasurementRow(NamedTuple):
-    """What the plant's sensors say at a tick (26,), and the wind that none of them measures (29,).
+    """What the plant's sensors say at a tick (28,), and the wind that none of them measures (31,).
 
     A value that did not arrive at this tick is 0, and so is its flag; so is all of a second IMU
     where there is none.
@@ -42,9 +42,11 @@ class MeasurementRow(NamedTuple):
     force2: slice = slice(20, 23)  # of a second IMU: specific force, body, m/s2
     rate2: slice = slice(23, 26)  # body rates, rad/s
     imu2: slice = slice(20, 26)  # both, an ImuRow
-    sensed: int = 26  # length of what a sensor said: an observer reads nothing behind it
-    wind: slice = slice(26, 29)  # true velocity of the air, NED, m/s
-    size: int = 29
+    rotor: int = 26  # speed of the main rotor, rad/s
+    rotor_valid: int = 27
+    sensed: int = 28  # length of what a sensor said: an observer reads nothing behind it
+    wind: slice = slice(28, 31)  # true velocity of the air, NED, m/s
+    size: int = 31
 
 
 class NavigationRow(NamedTuple):

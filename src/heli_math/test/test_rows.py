@@ -12,7 +12,7 @@ from heli_math.rows import MEAS, NAV, PLANT, TRUTH
 SPELLED = {
     "IMU": "fx fy fz p q r",
     "MEAS": "fx fy fz p q r mx my mz baro n e d vn ve vd mag? baro? gps? tick "
-    "fx2 fy2 fz2 p2 q2 r2 wn we wd",
+    "fx2 fy2 fz2 p2 q2 r2 omega omega? wn we wd",
     "NAV": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int bp bq br bx by bz "
     "sn se sd svn sve svd srn sre srd",
     "TRUTH": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int wn we wd",
@@ -38,7 +38,8 @@ PARTS = {
     "flapping": "a_s b_s", "imu": "fx fy fz p q r",
     "force2": "fx2 fy2 fz2", "rate2": "p2 q2 r2", "imu2": "fx2 fy2 fz2 p2 q2 r2",
     "down_vel": "vd", "down": "d", "north": "n", "east": "e", "mag_valid": "mag?",
-    "baro_valid": "baro?", "gps_valid": "gps?", "gps_tick": "tick", "servo_lat": "lat",
+    "baro_valid": "baro?", "rotor_valid": "omega?", "gps_valid": "gps?", "gps_tick": "tick",
+    "servo_lat": "lat",
     "servo_lon": "lon", "servo_ped": "ped", "servo_col": "col",
     "motion": "n e d vn ve vd qw qx qy qz p q r a_s b_s d_int",
     "rigid": "n e d u v w qw qx qy qz p q r",
@@ -52,6 +53,7 @@ OF_ONE_ROW = {
     ("AIR", "velocity"): "main_n main_e main_d tail_n tail_e tail_d "
     "fuselage_n fuselage_e fuselage_d",
     ("AIR", "rates"): "p q r",
+    ("MEAS", "rotor"): "omega",
     ("PLANT", "vel"): "u v w",
     ("PLANT", "stick"): "stick_1n stick_1e stick_2n stick_2e stick_3n stick_3e stick_4n stick_4e",
     ("ACTUATOR", "attitude"): "lat lon ped",

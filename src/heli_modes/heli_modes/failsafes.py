@@ -29,6 +29,7 @@ class Action(IntEnum):
     HOLD_LEAN = 12
     LAND = 13
     LAND_BY_THRUST = 14
+    AUTOROTATE = 15
 
     @property
     def words(self) -> str:
@@ -52,6 +53,8 @@ _WORDS = {
     Action.HOLD_LEAN: "holds altitude, heading and the lean that the wind took; no place",
     Action.LAND: "lands level on the barometer",
     Action.LAND_BY_THRUST: "lands at the thrust that sinks slowly, and feels for the ground",
+    Action.AUTOROTATE: "lowers the collective, sinks fast, and spends the rotor's energy on a slow "
+    "touch-down",
 }
 
 
@@ -87,6 +90,7 @@ class Condition(StrEnum):
     SERVO_STUCK = "a cyclic servo stuck, or runs away"
     POSITION_ASTRAY = "dead reckoning has led too far astray"
     ALTITUDE_LOST = "GPS and barometer lost together"
+    ROTOR_SLOW = "rotor slow: the engine has stopped, or carries too much"
 
 
 @dataclass(frozen=True)
@@ -206,6 +210,11 @@ FAILSAFES: tuple[Failsafe, ...] = (
              "`land.blind_sigma_down_mps`, half of it in a landing", 60.0, Action.LAND_BY_THRUST,
              "what comes back is flown from where it says that the aircraft is, without a step",
              "altitude lost: descent by thrust alone"),
+    Failsafe(Condition.ROTOR_SLOW, "outer loop: rotor speed below `failsafe.rotor_slow_share` of "
+             "the governed one for `failsafe.rotor_slow_s`, by a sensor that has gone on from "
+             "sample to sample as a rotor can", 0.7, Action.AUTOROTATE,
+             "the governed speed again at little sink, as by an engine alone: it hovers there",
+             "rotor slow: autorotation"),
 )  # fmt: skip
 """Every failsafe that is built and flown."""
 

@@ -21,13 +21,14 @@ class Phase(StrEnum):
     HALTING = "halting"
     DESCENDING = "descending"
     SETTLING = "settling"
+    AUTOROTATING = "autorotating"
     VELOCITY = "velocity"
     ATTITUDE = "attitude"
     MANUAL = "manual"
 
     @property
     def mode(self) -> str:
-        """The mode that it is a part of: takeoff and land have three phases each."""
+        """The mode that it is a part of: takeoff has three phases, land four."""
         return _MODES.get(self, self.value)
 
     @property
@@ -38,7 +39,7 @@ class Phase(StrEnum):
 
 ON_GROUND = (Phase.STANDING, Phase.SPOOLING, Phase.LIFTING, Phase.SETTLING)
 TAKING_OFF = (Phase.SPOOLING, Phase.LIFTING, Phase.CLIMBING)
-LANDING = (Phase.HALTING, Phase.DESCENDING, Phase.SETTLING)
+LANDING = (Phase.HALTING, Phase.DESCENDING, Phase.SETTLING, Phase.AUTOROTATING)
 GUIDED = (Phase.HOVER, Phase.TRAJECTORY, Phase.VELOCITY)
 """In the air along a reference."""
 STEERED = (Phase.ATTITUDE, Phase.MANUAL)
@@ -87,6 +88,8 @@ class Fact(StrEnum):
     IDLE = "collective idle"
     SILENT = "nothing commanded for too long"
     FENCED = "outside the fence"
+    ROTOR_SLOW = "rotor slow"
+    ROTOR_BACK = "rotor at speed again"
 
 
 class Guard(Enum):
@@ -132,11 +135,12 @@ class Refused:
     reason: str
 
 
-_AIRBORNE = (*GUIDED, Phase.ATTITUDE, Phase.HALTING, Phase.DESCENDING)
+_AIRBORNE = (*GUIDED, Phase.ATTITUDE, Phase.HALTING, Phase.DESCENDING, Phase.AUTOROTATING)
 _LANDS = (Phase.HALTING, Phase.DESCENDING)
 _GROUNDED = "the aircraft is on the ground: take off first"
 _RISING = "the aircraft is taking off: wait until it hovers, or hold"
 _SINKING = "the aircraft is landing: hold first"
+_FALLING = "the rotor is slow: the aircraft lands without its engine"
 _HELD = (Guard.ENVELOPE, Guard.CLEAR)
 _BY_HAND = (Guard.NAVIGATION, *_HELD)
 """For whatever takes over from a pilot's hand and holds a position."""
@@ -195,7 +199,7 @@ TABLE: tuple[Transition | Refused, ...] = (
     Refused(ON_GROUND, Command.ATTITUDE, _GROUNDED),
     Refused((Phase.CLIMBING,), Command.ATTITUDE, _RISING),
     Refused(_LANDS, Command.ATTITUDE, _SINKING),
-    Transition((*FLYING, Phase.CLIMBING, *_LANDS), Command.MANUAL, Phase.MANUAL,
+    Transition((*FLYING, Phase.CLIMBING, *_LANDS, Phase.AUTOROTATING), Command.MANUAL, Phase.MANUAL,
                (Guard.STICKS, Guard.FENCE)),
     Transition((Phase.STANDING,), Command.MANUAL, Phase.MANUAL,
                (Guard.NAVIGATION, Guard.STICKS, Guard.LOWERED)),
@@ -207,6 +211,15 @@ TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.TRAJECTORY, Phase.VELOCITY), Fact.BLIND, Phase.HOVER),
     Transition((Phase.CLIMBING, *GUIDED), Fact.BLIND_LONG, Phase.HALTING),
     Transition((Phase.TRAJECTORY, Phase.VELOCITY, *STEERED), Fact.FENCED, Phase.HOVER),
+    Transition((Phase.CLIMBING, *GUIDED, Phase.ATTITUDE, *_LANDS), Fact.ROTOR_SLOW,
+               Phase.AUTOROTATING),
+    Transition((Phase.AUTOROTATING,), Fact.ROTOR_BACK, Phase.HOVER),
+    Transition((Phase.AUTOROTATING,), Fact.TOUCHED_DOWN, Phase.SETTLING),
+    *(
+        Refused((Phase.AUTOROTATING,), command, _FALLING)
+        for command in (Command.HOLD, Command.GOTO, Command.FOLLOW, Command.VELOCITY,
+                        Command.ATTITUDE)
+    ),
     Transition((Phase.CLIMBING, *GUIDED), Fact.FOUND, Phase.HOVER),
     Transition(_LANDS, Fact.FOUND, Phase.HALTING),
     Transition((Phase.VELOCITY, *STEERED), Fact.SILENT, Phase.HOVER),

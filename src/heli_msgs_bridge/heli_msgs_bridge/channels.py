@@ -36,6 +36,7 @@ EXACT_VARIANCE = 1e-18
 """Of what is known exactly, SI^2: below every sensor's. Zero would be read as "unknown"."""
 # Of the joints in a message: an aircraft has few, and each is looked for.
 _MOST_JOINTS, _SHOWN, _LONGEST_TEXT = 64, 8, 40
+_PLURAL = {"position": "positions", "velocity": "velocities"}
 
 
 class MessageError(ValueError):
@@ -63,6 +64,11 @@ def _joints(names: tuple[str, ...]) -> _Lay:
     return lambda layout: layout.texts(names).put("I", count).doubles(count).put("I", 0).put("I", 0)
 
 
+def _velocities(names: tuple[str, ...]) -> _Lay:
+    count = len(names)
+    return lambda layout: layout.texts(names).put("I", 0).put("I", count).doubles(count).put("I", 0)
+
+
 def _fix(layout: Layout) -> Layout:
     layout.put("b", STATUS_FIX, free=True).put("H", _SERVICE_GPS).doubles(FIX.size)
     return layout.put("B", COVARIANCE_DIAGONAL_KNOWN, free=True)
@@ -73,15 +79,18 @@ def quoted(text: str) -> str:
     return f"'{printable(text, _LONGEST_TEXT)}'"
 
 
-def _joint_block(names: tuple[str, ...]) -> Callable[[Any, str, NDArray], None]:
+def _joint_block(
+    names: tuple[str, ...], field: str = "position"
+) -> Callable[[Any, str, NDArray], None]:
     def read(message: Any, topic: str, block: NDArray) -> None:
+        numbers = getattr(message, field)
         if len(message.name) > _MOST_JOINTS:
             raise MessageError(
                 f"{topic}: names {len(message.name)} joints; allowed: at most {_MOST_JOINTS}"
             )
-        if len(message.position) != len(message.name):
+        if len(numbers) != len(message.name):
             raise MessageError(
-                f"{topic}: {len(message.name)} names but {len(message.position)} positions"
+                f"{topic}: {len(message.name)} names but {len(numbers)} {_PLURAL[field]}"
             )
         for i, name in enumerate(names):
             if name not in message.name:
@@ -91,7 +100,7 @@ def _joint_block(names: tuple[str, ...]) -> Callable[[Any, str, NDArray], None]:
                 )
                 got += ", ..." if len(message.name) > _SHOWN else ""
                 raise MessageError(f"{topic}: no joint '{name}'; the message names {got}")
-            block[i] = message.position[list(message.name).index(name)]
+            block[i] = numbers[list(message.name).index(name)]
 
     return read
 
@@ -239,6 +248,10 @@ CHANNELS: dict[str, Channel] = {
     topics.BARO: Channel(
         1, _BODY, _doubles(PRESSURE.size), _P.pack_values, _P.unpack_values, _pressure_block,
         ((PRESSURE.variance, 1),),
+    ),
+    topics.ROTOR_SPEED: Channel(
+        1, _BODY, _velocities(topics.ROTOR_SPEED_NAMES), _P.pack_rotor_speed,
+        _P.unpack_rotor_speed, _joint_block(topics.ROTOR_SPEED_NAMES, "velocity"),
     ),
     topics.ODOM: Channel(
         rows.NAV.size, (MAP, BASE), _doubles(ODOMETRY.size), _P.pack_nav, _P.unpack_nav,

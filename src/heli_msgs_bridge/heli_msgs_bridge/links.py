@@ -22,12 +22,12 @@ KINDS = ("loss", "delay", "reorder", "duplicate")
 _LOSS, _DELAY, _REORDER, _DUPLICATE = range(len(KINDS))
 LINKS = tuple(
     (row.name, sink)
-    for row in sorted(topics.TABLE, key=lambda row: row.optional)
+    for row in sorted(topics.TABLE, key=lambda row: (row.name == topics.ROTOR_SPEED, row.optional))
     if row.every_ticks
     for sink in row.sinks
 )
 """Every link of the graph, topic and receiver, in the order of the table of topics; what is an
-option comes last, so that the draws of the others do not depend on it."""
+option comes behind, and last what the others had their draws before, so that these stay."""
 ALWAYS = tuple(link for link in LINKS if not topics.BY_NAME[link[0]].optional)
 """Those that every flight has."""
 PLACE = {link: place for place, link in enumerate(LINKS)}

@@ -223,6 +223,24 @@ def unpack_normalised(block, values):
 
 
 @njit
+def pack_rotor_speed(speed, block):
+    """Speed of the main rotor (1,), rad/s, as a joint's velocity about the axis that points up.
+
+    Seen from above it turns clockwise, so the sign changes (REP-103).
+    """
+    for i in range(speed.size):
+        block[i] = -speed[i]
+
+
+@njit
+def unpack_rotor_speed(block, speed):
+    """A joint's velocity into the speed of the main rotor (1,), rad/s."""
+    for i in range(speed.size):
+        speed[i] = -block[i]
+    return OK if _finite(speed) else NOT_FINITE
+
+
+@njit
 def pack_attitude(euler, block):
     """phi, theta, psi (3,), rad, NED/FRD, into a quaternion block (4,), ENU/FLU."""
     phi, theta, psi = euler[SETPOINT.phi], euler[SETPOINT.theta], euler[SETPOINT.psi]

@@ -23,6 +23,7 @@ MAG = "imu/mag"
 GPS_FIX = "gps/fix"
 GPS_VELOCITY = "gps/fix_velocity"
 BARO = "baro"
+ROTOR_SPEED = "rotor_speed"
 ODOM = "odom"
 ROTOR_STATE = "rotor_state"
 REFERENCE = "reference"
@@ -53,6 +54,7 @@ COLLECTIVE_NAMES = ("collective",)
 HAND_NAMES = ("hand_lateral", "hand_longitudinal", "hand_pedal")
 """Named beside the collective while a pilot flies by hand: deflections about trim."""
 ROTOR_NAMES = ("a_s", "b_s", "d_int")
+ROTOR_SPEED_NAMES = ("main_rotor",)
 TRUTH_ROTOR_NAMES = (
     "a_s",
     "b_s",
@@ -122,6 +124,7 @@ TABLE: tuple[Topic, ...] = (
     Topic(GPS_FIX, "sensor_msgs/msg/NavSatFix", _PLANT, _OBSERVER, 20),
     Topic(GPS_VELOCITY, "geometry_msgs/msg/TwistWithCovarianceStamped", _PLANT, _OBSERVER, 20),
     Topic(BARO, "sensor_msgs/msg/FluidPressure", _PLANT, _OBSERVER, 5),
+    Topic(ROTOR_SPEED, _JOINTS, _PLANT, _OUTER, 2),
     Topic(ODOM, _ODOMETRY, _OBSERVER, _INNER + _OUTER, 1),
     Topic(ROTOR_STATE, _JOINTS, _OBSERVER, _INNER, 1),
     Topic(

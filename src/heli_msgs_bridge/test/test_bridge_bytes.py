@@ -168,6 +168,9 @@ MESSAGES = {
     "gps/fix": fix,
     "gps/fix_velocity": twist,
     "baro": pressure,
+    "rotor_speed": lambda b, stamp_ns: JointState(
+        header=header(stamp_ns, "base_link"), name=["main_rotor"], velocity=list(b)
+    ),
     "odom": odometry("map"),
     "rotor_state": joints(*ROTOR),
     "attitude_setpoint": quaternion,
@@ -302,6 +305,8 @@ def simple_block(topic, row):
         block[0:3], block[[6, 13, 20]], block[[27, 34, 41]] = enu(row), 0.25, 4.0
     elif topic == topics.BARO:
         block = np.array([row[0], 0.25])
+    elif topic == topics.ROTOR_SPEED:
+        block = -row
     elif topic in (topics.TRUTH_WIND, topics.EXCITATION_WIND):
         block = np.array(enu(row))
     else:

@@ -256,8 +256,11 @@ def test_a_joint_that_is_missing(topic):
 def test_more_names_than_positions_or_fewer(topic, change):
     message = good_message(topic)
     count = len(message.name)
-    message.position = [0.0] * (count + change)
-    refused(topic, message, f"{count} names but {count + change} positions")
+    field, plural = ("position", "positions")
+    if topic == topics.ROTOR_SPEED:
+        field, plural = ("velocity", "velocities")
+    setattr(message, field, [0.0] * (count + change))
+    refused(topic, message, f"{count} names but {count + change} {plural}")
 
 
 @pytest.mark.parametrize("topic", STREAMS)

@@ -71,6 +71,8 @@ def outer_kernel(parameters: Mapping[str, Any]) -> OuterKernel:
         blind_sigma_down=p["land.blind_sigma_down_mps"],
         blind_descent_mps=p["land.blind_descent_mps"],
         unfollowed=np.radians(np.asarray(p["failsafe.unfollowed_deg"], float)),
+        rotor_slow_share=p["failsafe.rotor_slow_share"],
+        rotor_slow_s=p["failsafe.rotor_slow_s"],
         dt_s=p["period_ticks"] * TICK_S,
         sweep=sweep_kernel(p),
     )

@@ -53,6 +53,7 @@ from heli_outer_pd.position_law import (
 )
 from heli_outer_pd.reference import moved, offset_to
 from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.rotor_watch import hear_rotor
 from heli_outer_pd.script import script_of
 from heli_outer_pd.sight import answer, told_of
 from heli_sticks.mapping import StickMap
@@ -83,7 +84,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             goto=Goto.from_parameters(self.values),
             heard=LateNavigation(self.values["navigation_timeout_s"], self.rate),
             flies=own_law(self.values["own_law"]),
-            pace=self.listen((Input(topics.ODOM, Demand()),)),
+            pace=self.listen((Input(topics.ODOM, Demand()), self._rotor_speed())),
         )
         script_of(self.values)  # now: an order that cannot be is no matter of the flight
         self._warm_up(core)
@@ -100,10 +101,15 @@ class OuterLoopNode(TickNode[Law, Following]):
         self.repeat(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
+    def _rotor_speed(self) -> Input:
+        every = self.rate.of(self.values["rotor_speed_period_ticks"])
+        return Input(topics.ROTOR_SPEED, Demand(every))
+
     def _warm_up(self, core: Law) -> None:
         """Load the compiled law before the first tick."""
         state = initial_state(core.kernel)
         follow(core.nav, 0, _NOWHERE.times_ns, _NOWHERE.points, core.kernel, state, core.out)
+        hear_rotor(state, 0.0, 0.0, core.kernel)
         offset_to(core.nav[NAV.pos], 0, _NOWHERE.times_ns, _NOWHERE.points)
         moved(_NOWHERE, np.zeros(3))
         encode_reference(core.goto.plan(_NOWHERE, 0, np.ones(3), 1.0))
@@ -234,6 +240,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
         core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
         core.heard.hear(*arrived.get(topics.ODOM, (0, None)))
+        of, speed = arrived.get(topics.ROTOR_SPEED, (0, None))
+        if speed is not None:
+            hear_rotor(core.state, of * self.rate.tick_s, float(speed[0]), core.kernel)
         if tick % self.rate.of(self.values["period_ticks"]):
             return
         nav = core.nav

@@ -11,7 +11,7 @@ from heli_outer_pd.thrust_map import RotorMap
 
 
 class Memory(NamedTuple):
-    """State of the law (76,)."""
+    """State of the law (85,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -66,7 +66,17 @@ class Memory(NamedTuple):
     late: int = 71  # share of the last second's steps at which it was
     side: slice = slice(72, 74)  # -1, 1: beyond which end theta and phi were last
     turns: slice = slice(74, 76)  # how often they went from there to the other, lately
-    size: int = 76
+    # The rotor's speed as it is heard (`rotor_watch`), over the governed one.
+    rotor: int = 76  # of the last sample
+    rotor_s: int = 77  # flight time of it, s
+    rotor_same: int = 78  # so many samples in a row were the same
+    rotor_sound: int = 79  # so many were sound; enough: it is believed
+    rotor_known: int = 80  # of the last one that was believed
+    slow_s: int = 81  # too slow for so long
+    driven_s: int = 82  # near the governed speed for so long
+    spin: int = 83  # one of TURNS, AUTOROTATES, DOWN
+    still_s: int = 84  # it does not sink any more for so long
+    size: int = 85
 
 
 MEMORY = Memory()
@@ -82,6 +92,10 @@ SEES, SINKS, RISES = 0.0, 1.0, 2.0
 FULL, SOFT, STUCK = 0.0, 1.0, 2.0
 """With the gains as they are; softly, as the attitude does not follow; again with them, as softness
 was of no help."""
+
+
+TURNS, AUTOROTATES, DOWN = 0.0, 1.0, 2.0
+"""The rotor has its speed, as far as it is known; has not, and lands the aircraft; has done so."""
 
 
 class OuterStatus(enum.IntEnum):
@@ -134,12 +148,15 @@ class OuterKernel(NamedTuple):
     blind_sigma_down: float  # m/s, of the vertical velocity: with more that is not known
     blind_descent_mps: float  # it then descends so
     unfollowed: np.ndarray  # (2,) rad, pitch and roll: with more swing it is not followed
+    rotor_slow_share: float  # slower than this share of the governed speed
+    rotor_slow_s: float  # for so long the rotor is too slow
     dt_s: float
     sweep: SweepKernel
 
 
 def initial_state(k: OuterKernel) -> np.ndarray:
-    """State (76,) of a law that is not engaged yet; its last command is the trim."""
+    """State (85,) of a law that is not engaged yet; its last command is the trim."""
     state = np.zeros(MEMORY.size)
     state[MEMORY.command] = k.trim
+    state[MEMORY.rotor_s], state[MEMORY.rotor_known] = -1.0, 1.0
     return state

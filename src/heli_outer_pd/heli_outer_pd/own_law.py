@@ -20,7 +20,7 @@ from heli_math.rotations import wrap_pi
 from heli_math.rows import SETPOINT, SHAPED
 from heli_math.sweep import add_sweep
 from heli_math.ticks import NS_PER_S
-from heli_outer_pd.outer_state import FLIES, KNOWN, MEMORY, OuterKernel, OuterStatus
+from heli_outer_pd.outer_state import FLIES, KNOWN, MEMORY, TURNS, OuterKernel, OuterStatus
 from heli_outer_pd.reference import shaped_reference_at
 from heli_parameters.python_law import OUTER, LawError, PythonLaw, find
 
@@ -77,7 +77,7 @@ class OwnPositionLaw:
         code = packaged(nav, way_ns, times_ns, points, k, state, out)
         if code != OuterStatus.OK:
             return code
-        if state[MEMORY.ground] != FLIES or state[MEMORY.sight] != KNOWN:
+        if not _leads(state):
             self._begins, self._from_trim = True, False
             return code
         ref = self._reference
@@ -109,6 +109,12 @@ class OwnPositionLaw:
             made[place] = min(max(made[place], low), high)
         made[SETPOINT.col] = min(max(made[SETPOINT.col], -_COLLECTIVE_LIMIT), _COLLECTIVE_LIMIT)
         return made
+
+
+def _leads(state: Array) -> bool:
+    """Whether the law is asked: along a reference, with a position and a rotor at its speed."""
+    known = state[MEMORY.ground] == FLIES and state[MEMORY.sight] == KNOWN
+    return bool(known and state[MEMORY.spin] == TURNS)
 
 
 def own_law(source: str) -> OwnPositionLaw:

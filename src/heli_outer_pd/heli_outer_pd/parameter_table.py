@@ -48,6 +48,8 @@ TABLE: tuple[Parameter, ...] = (
          lower=0.01, upper=2.0, read_only=True),
     _row("period_ticks", "int", "Law runs every so many ticks of 10 ms", "ticks",
          choices=(1, 2, 4, 5, 10, 20), read_only=True),
+    _row("rotor_speed_period_ticks", "int", "Period of the rotor speed's samples", "ticks",
+         lower=1, upper=100, read_only=True),
     _row("own_law", "string", "A law in Python that flies in its place, MODULE:NAME or "
          "FILE.py:NAME: its code runs", read_only=True),
     _row("K_P", "double[]", "Position gains, forward, right, down", "1/s2",
@@ -139,6 +141,9 @@ TABLE: tuple[Parameter, ...] = (
     _row("failsafe.unfollowed_deg", "double[]", "Attitude swings about what the attitude loop "
          "should have made of its command, standard deviation of a second, pitch and roll: with "
          "more it flies softly", "deg", shape=(2,), lower=1.0, upper=180.0),
+    _row("failsafe.rotor_slow_share", "double", "The rotor is too slow below this share of the "
+         "governed speed: it autorotates", "1", lower=0.0, upper=0.99),
+    _row("failsafe.rotor_slow_s", "double", "For so long", "s", lower=0.0, upper=10.0),
     *STICK_ROWS,
     *SCRIPT_ROWS,
     _row("attitude_lead.lead_s", "double[]",

@@ -23,7 +23,7 @@ from heli_outer_pd.fence import left
 from heli_outer_pd.goto import WIND, Goto
 from heli_outer_pd.into_wind import IntoWind
 from heli_outer_pd.orders import Orders
-from heli_outer_pd.outer_state import FLIES, KNOWN, LEAVES, MEMORY, STANDS, OuterKernel
+from heli_outer_pd.outer_state import FLIES, KNOWN, LEAVES, MEMORY, STANDS, TURNS, OuterKernel
 from heli_outer_pd.phase_ways import PhaseNumbers, way_down, way_here, way_up
 from heli_outer_pd.reference_limits import ReferenceLimits
 from heli_outer_pd.script import Scripted
@@ -89,12 +89,10 @@ class Phases:
         self.way: Trajectory | None = None
         self.home_ned_m, self.ground_down_m, self.beyond_m = np.zeros(3), 0.0, 0.0
         self.phase = Phase.STANDING if numbers.on_ground else Phase.HOVER
-        self.history = [(start_ns, self.phase)]
-        self._orders = Orders(orders, start_ns)
+        self.history, self._orders = [(start_ns, self.phase)], Orders(orders, start_ns)
         self._state, self._start_ns, self.remarks = state, start_ns, self._orders.remarks
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
-        self._contact, self.cruise_ns = TouchDown(), start_ns
-        self.sticks = StickFlight(state)
+        self._contact, self.cruise_ns, self.sticks = TouchDown(), start_ns, StickFlight(state)
         if numbers.on_ground:
             state[MEMORY.command][SETPOINT.col] = numbers.idle_collective
             self._stand(numbers.idle_collective, 1.0)
@@ -111,8 +109,8 @@ class Phases:
 
     @property
     def gone(self) -> bool:
-        """True while it should land for want of a position or of a vertical speed."""
-        return bool(self._state[MEMORY.gone] > 0.5)
+        """True while it should land: no position, no vertical speed, or the rotor is slow."""
+        return bool(self._state[MEMORY.gone] > 0.5 or self._state[MEMORY.spin] != TURNS)
 
     def is_watched(self) -> bool:
         """True where something may follow after any step, without a command."""
@@ -212,12 +210,12 @@ class Phases:
             # The first position: where it stands, or what it holds.
             self.way = way_here(nav, self._start_ns)
             self.home_ned_m, self.ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
+            self._state[MEMORY.ground_m] = self.ground_down_m
         fenced = flyable(nav) and not self.lost and self.kernel.hold_horizontal > 0.5
         place = nav[NAV.pos], self.home_ned_m, self.ground_down_m
         self.beyond_m = self.numbers.fence.beyond_m(*place) if fenced else 0.0
         self._orders.renew(self, now_ns, nav)
-        fact = self._fact(now_ns, nav, out)
-        if fact is not None:
+        if (fact := self._fact(now_ns, nav, out)) is not None:
             found = decide(self.phase, fact)
             if fact == Fact.FENCED:
                 self.remarks.append(left(self.phase.mode, self.beyond_m))
@@ -311,8 +309,7 @@ class Phases:
 
     def _touched_down(self, nav: Array, out: Array) -> bool:
         """It has not fallen, though the thrust no longer carries it."""
-        k = self.kernel
-        share = float(hover_share(out[SETPOINT.col], k))
+        k, share = self.kernel, float(hover_share(out[SETPOINT.col], self.kernel))
         return self._contact.found(share, float(nav[NAV.down_vel]), k.g, k.dt_s)
 
     def _at(self, now_ns: int, nav: Array) -> Now:
@@ -339,8 +336,11 @@ class Phases:
             return
         assert self.way is not None  # a guard, or the phases before, have seen to it
         before, found = self.way, event == Fact.FOUND
-        if found or (steered and not self.stands):
+        if event == Fact.ROTOR_BACK:
+            before = way_here(nav, self._start_ns)
+        elif found or (steered and not self.stands):
             before = self.sticks.leave(self.phase, self._at(now_ns, nav))
+        begins = steered or event != Fact.ARRIVED
         ramp = abs(n.idle_collective - self.kernel.trim[SETPOINT.col])
         match phase:
             case Phase.LIFTING:
@@ -349,10 +349,10 @@ class Phases:
             case Phase.CLIMBING:
                 self.way = way_up(n, nav, now_ns, self._start_ns)
                 self._state[MEMORY.ground] = LEAVES
-            case Phase.HOVER if (steered or event != Fact.ARRIVED) and not self.lost:
+            case Phase.HOVER if begins and not self.lost:
                 ground = self.ground_down_m
                 self.way = n.fence.halt(self.goto, before, now_ns, self.home_ned_m, ground)
-            case Phase.HALTING | Phase.HOVER if steered or event != Fact.ARRIVED:
+            case Phase.HALTING | Phase.HOVER | Phase.AUTOROTATING if begins:
                 self.way = self.goto.halt(before, now_ns)
             case Phase.VELOCITY:
                 vel, rate = goal or (np.zeros(3), 0.0)

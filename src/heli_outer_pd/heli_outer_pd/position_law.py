@@ -25,6 +25,7 @@ from heli_math.rotations import euler_from_quat, wrap_pi
 from heli_math.rows import NAV, SETPOINT, SHAPED
 from heli_math.sweep import add_sweep
 from heli_math.ticks import NS_PER_S
+from heli_outer_pd.autorotation import autorotate
 from heli_outer_pd.by_thrust import remember_thrust, sink
 from heli_outer_pd.disturbance import (
     all_finite,
@@ -50,12 +51,14 @@ from heli_outer_pd.outer_state import (
     SOFT,
     STANDS,
     STEERED,
+    TURNS,
     OuterKernel,
     OuterStatus,
     initial_state,
 )
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.rejoin import begin_at_height, move_reference
+from heli_outer_pd.rotor_watch import watch_rotor
 from heli_outer_pd.sight import hold_lean, look, remember_lean
 from heli_outer_pd.softness import d_share, ease, forget_swings, p_share, softly, watch_attitude
 from heli_outer_pd.thrust_map import collective_for_thrust
@@ -196,7 +199,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_math.rows.SHAPED`; changed where no position is known.
     k : OuterKernel
         Gains and limits.
-    state : (76,) ndarray
+    state : (85,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_math.rows.SETPOINT`, absolute.
@@ -285,6 +288,7 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     ref, before = scratch(_N_SHAPED), scratch(_N_SETPOINT)
     shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
     ground, found = state[MEMORY.ground], look(nav, k, state)
+    watch_rotor(nav[NAV.pos][2], nav[NAV.down_vel], k, state)
     if ground == STANDS:
         return _stand(nav, ref, k, state, out)
     copy(before, state[MEMORY.command])
@@ -299,6 +303,8 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
         code = position_law(nav, ref, k, state, out)
     if code == _OK or ground >= BY_HAND:
         take_over(before, k, state, out)
+    if code == _OK and state[MEMORY.spin] != TURNS:
+        autorotate(nav, k, state, out)
     if k.sweep.shape != 0:
         add_sweep(time_ns / NS_PER_S, k.sweep, out)
     return code

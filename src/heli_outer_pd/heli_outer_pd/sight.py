@@ -22,6 +22,7 @@ from heli_modes.table import LANDING, STEERED, Fact, Phase
 from heli_outer_pd.by_thrust import look_down
 from heli_outer_pd.disturbance import to_heading
 from heli_outer_pd.outer_state import (
+    DOWN,
     FLIES,
     FOUND,
     FULL,
@@ -32,6 +33,7 @@ from heli_outer_pd.outer_state import (
     SEES,
     SOFT,
     STUCK,
+    TURNS,
 )
 from heli_outer_pd.rejoin import move_with, remember_place
 
@@ -49,11 +51,13 @@ _REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
 
 
 def seen(phase: Phase, state: NDArray[np.float64], low: bool) -> Fact | None:
-    """Position lost, or to be landed without for long; or found again, unless the ground
-    is too near (`low`) to begin anew.
+    """The rotor slow, or at its speed again; position lost, or to be landed without for long; or
+    found again, unless the ground is too near (`low`) to begin anew.
 
     None where that means nothing in a phase.
     """
+    if (spun := _spun(phase, state[MEMORY.spin])) is not None:
+        return spun
     fact, gone = None, state[MEMORY.gone] > 0.5
     if state[MEMORY.sight] == LOST or gone:
         # At once, whatever it followed: a node has its phases from another moment on than a loop.
@@ -62,6 +66,14 @@ def seen(phase: Phase, state: NDArray[np.float64], low: bool) -> Fact | None:
     elif state[MEMORY.sight] == FOUND and not low:
         fact = Fact.FOUND
     return fact if fact is not None and decide(phase, fact) is not None else None
+
+
+def _spun(phase: Phase, spin: float) -> Fact | None:
+    """What is so of the rotor that means something in a phase."""
+    if phase == Phase.AUTOROTATING:
+        return {TURNS: Fact.ROTOR_BACK, DOWN: Fact.TOUCHED_DOWN}.get(spin)
+    slow = spin != TURNS and decide(phase, Fact.ROTOR_SLOW) is not None
+    return Fact.ROTOR_SLOW if slow else None
 
 
 def told(phase: Phase, held: str) -> str:
@@ -82,6 +94,8 @@ def plight(phase: Phase) -> str:
 
 def told_of(phase: Phase, state: NDArray[np.float64], held: str) -> str:
     """What is flown in a phase, in a sentence, by a law's state; `held` where a place is held."""
+    if state[MEMORY.spin] != TURNS:
+        return "rotor slow: autorotation"
     if state[MEMORY.sinks] != SEES:
         return "altitude lost: descent by thrust alone"
     if state[MEMORY.sight] != KNOWN:
@@ -101,8 +115,8 @@ def unfollowed(soft: float) -> str:
 
 
 def answer(phase: Phase, state: NDArray[np.float64]) -> Action:
-    """What the aircraft does in a phase for want of a position or of a vertical speed."""
-    wants = []
+    """What the aircraft does in a phase for want of a position, a vertical or a rotor speed."""
+    wants = [Condition.ROTOR_SLOW] if state[MEMORY.spin] != TURNS else []
     if state[MEMORY.sight] != KNOWN:
         wants.append(Condition.POSITION_LOST)
         wants += [Condition.POSITION_LOST_LONG] if phase in LANDING else []

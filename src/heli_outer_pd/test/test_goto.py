@@ -141,6 +141,8 @@ def nav_at(position):
 
 def fly_ticks(outer, ticks, position=START):
     for tick in ticks:
+        if tick % 2 == 0:
+            outer.send(topics.ROTOR_SPEED, tick, np.array([193.73]))
         outer.send(topics.ODOM, tick, nav_at(position))
 
 

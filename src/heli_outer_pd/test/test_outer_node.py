@@ -29,6 +29,8 @@ def nav_at(position):
 def fly_ticks(outer, ticks, position=(0.0, 0.0, -10.0)):
     for tick in ticks:
         outer.send(topics.ODOM, tick, nav_at(position))
+        if tick % 2 == 0:
+            outer.send(topics.ROTOR_SPEED, tick, np.array([193.73]))
 
 
 def held(outer):

@@ -48,6 +48,8 @@ class Pilot:
             nav[NAV.pos], nav[NAV.quat] = self.position, [1.0, 0.0, 0.0, 0.0]
             # Of the horizontal velocity; the barometer knows the vertical one.
             nav[NAV.sigma_vel] = self.sigma_mps, self.sigma_mps, 0.0
+            if self.tick % 2 == 0:
+                self.outer.send(topics.ROTOR_SPEED, self.tick, np.array([193.73]))
             self.outer.send(topics.ODOM, self.tick, nav)
             self.tick += 1
 

@@ -33,6 +33,7 @@ from heli_observer import observer
 from heli_outer_pd import anchor, position_law
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.reference import moved, offset_to
+from heli_outer_pd.rotor_watch import hear_rotor
 
 # numba makes many objects that live long: looking for garbage as often as usual costs an eighth.
 _GARBAGE_THRESHOLD = 100_000
@@ -58,6 +59,7 @@ def _plant(settings: Settings) -> None:
 def _laws(settings: Settings) -> None:
     outer, way = outer_kernel(settings.nodes["outer_loop"]), settings.scenario.reference
     state, out = position_law.initial_state(outer), np.zeros(SETPOINT.size)
+    hear_rotor(state, 0.0, 0.0, outer)
     nav = np.zeros(NAV.size)
     moved(way, offset_to(nav[NAV.pos], 0, way.times_ns, way.points))
     position_law.follow(nav, 0, way.times_ns, way.points, outer, state, out)

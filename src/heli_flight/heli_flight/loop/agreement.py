@@ -25,6 +25,7 @@ _AGREEMENTS = (
     ("plant", "sensors.baro.period_ticks", "observer", "schedule.baro_period_ticks"),
     ("plant", "sensors.gps.period_ticks", "observer", "schedule.gps_period_ticks"),
     ("plant", "sensors.gps.latency_ticks", "observer", "schedule.gps_latency_ticks"),
+    ("plant", "sensors.rotor_speed.period_ticks", "outer_loop", "rotor_speed_period_ticks"),
     *(
         ("plant", key, name, key)
         for name in ("observer", "inner_loop", "outer_loop")

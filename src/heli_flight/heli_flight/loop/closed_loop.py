@@ -17,6 +17,7 @@ from heli_flight.loop.laws import refuse_own_laws
 from heli_flight.loop.linked import (
     Linked,
     linked,
+    rotor_heard,
     to_inner_loop,
     to_observer,
     to_outer_loop,
@@ -55,6 +56,7 @@ from heli_math.ticks import Rate
 from heli_math.trajectory import Trajectory, reference_at
 from heli_modes.failsafes import Action
 from heli_modes.table import LANDING
+from heli_msgs_bridge.links import NOTHING
 from heli_observer import observer
 from heli_observer.layout import ObserverKernel
 from heli_outer_pd import position_law as outer
@@ -65,6 +67,7 @@ from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
 from heli_outer_pd.reference import fill_offset, move
 from heli_outer_pd.reference_limits import ReferenceLimits
+from heli_outer_pd.rotor_watch import hear_rotor
 from heli_outer_pd.script import script_of
 from heli_outer_pd.sight import answer
 
@@ -175,6 +178,9 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
             loop.anchor[0], loop.anchor[1] = 0, tick
         reference_at(tick * loop.tick_ns, times_ns, points, reference)
         sight, gone = loop.outer_s[outer.MEMORY.sight], loop.outer_s[outer.MEMORY.gone]
+        spin, spun = loop.outer_s[outer.MEMORY.spin], rotor_heard(links, tick, heard)
+        if spun != NOTHING:
+            hear_rotor(loop.outer_s, spun * loop.tick_s, heard[MEAS.rotor], loop.outer_k)
         if tick % loop.period_ticks == 0:
             outer.follow(
                 seen, tick * loop.tick_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
@@ -209,6 +215,7 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
             to_plant(links, tick, y[MEAS.rate], flown)
         plant.advance(loop.plant_s, flown, loop.plant_k)
         known = loop.outer_s[outer.MEMORY.sight] == sight
+        known = known and loop.outer_s[outer.MEMORY.spin] == spin
         if not known or loop.outer_s[outer.MEMORY.gone] != gone:
             return i + 1, 0
     return n_ticks, 0

@@ -43,6 +43,7 @@ _ODOM, _ROTOR, _ATTITUDE, _COLLECTIVE = (
     for topic in (topics.ODOM, topics.ROTOR_STATE, topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
 )
 _NAVIGATION = PLACE[topics.ODOM, "outer_loop"]
+_SPINS = PLACE[topics.ROTOR_SPEED, "outer_loop"]
 _COMMAND = PLACE[topics.ACTUATORS, "plant"]
 
 
@@ -158,7 +159,7 @@ def to_observer(links, tick, observer_s, observer_k, y, u):
     links : Linked
     tick : int
     observer_s, observer_k : ObserverState, ObserverKernel
-    y : (>= 26,) array
+    y : (>= 28,) array
         Measurement row as it was sent; as it was heard.
     u : (4,) array
         Command of the tick before, the same; NaN for none.
@@ -193,6 +194,19 @@ def to_outer_loop(links, tick, nav):
         late.hear(links.navigation, stamp, nav)
     oldest = links.navigation_ticks
     return late.navigation_at(links.navigation, tick, oldest, links.tick_s, nav)
+
+
+@njit
+def rotor_heard(links, tick, y):
+    """Stamp of the rotor speed's sample that the outer loop hears at a tick, or NOTHING.
+
+    y (>= 28,) is the measurement row as it was sent; in place, what it hears.
+    """
+    came = y[MEAS.rotor_valid] > 0.5
+    if not links.k.on:
+        return tick if came else NOTHING
+    speed = y[MEAS.rotor : MEAS.rotor + 1]
+    return pass_on(links.s, links.k, _SPINS, tick, tick, came, speed, speed)
 
 
 @njit

@@ -23,7 +23,7 @@ from heli_flight.loop.closed_loop import (
     write_truth,
 )
 from heli_flight.loop.laws import own_laws, without_own
-from heli_flight.loop.linked import to_inner_loop, to_observer, to_outer_loop, to_plant
+from heli_flight.loop.linked import rotor_heard, to_inner_loop, to_observer, to_outer_loop, to_plant
 from heli_flight.loop.settings import Settings
 from heli_flight.loop.track import Track
 from heli_inner_hinf.excitation import SENT, excite
@@ -32,13 +32,16 @@ from heli_inner_hinf.law_state import nine_states
 from heli_inner_hinf.own_law import OwnAttitudeLaw
 from heli_math.direct import direct
 from heli_math.rows import ACTUATOR, MEAS, NAV, NINE, REFERENCE, SETPOINT
-from heli_math.sweep import NOTHING, add_sweep
+from heli_math.sweep import NOTHING as NO_SWEEP
+from heli_math.sweep import add_sweep
 from heli_math.trajectory import reference_at
+from heli_msgs_bridge.links import NOTHING
 from heli_observer import observer
 from heli_outer_pd import position_law as outer
 from heli_outer_pd.hand_law import hand_of
 from heli_outer_pd.own_law import OwnPositionLaw
 from heli_outer_pd.reference import fill_offset, move
+from heli_outer_pd.rotor_watch import hear_rotor
 from heli_parameters.python_law import INNER, OUTER, LawError, PythonLaw, find
 
 GAVE_UP = -1
@@ -136,9 +139,11 @@ class _Ticks:
         return n_ticks, 0
 
     @staticmethod
-    def _sight(loop: Loop) -> tuple[float, float]:
+    def _sight(loop: Loop) -> tuple[float, float, float]:
         """What ends a stretch of ticks when it changes."""
-        return loop.outer_s[outer.MEMORY.sight], loop.outer_s[outer.MEMORY.gone]
+        places = outer.MEMORY.sight, outer.MEMORY.gone, outer.MEMORY.spin
+        sight, gone, spin = loop.outer_s[list(places)]
+        return sight, gone, spin
 
     def _sense(
         self,
@@ -164,6 +169,10 @@ class _Ticks:
         seen[:] = nav
         if loop.links.k.on:
             loop.outer_s[outer.MEMORY.is_late] = to_outer_loop(loop.links, tick, seen)
+        spun = rotor_heard(loop.links, tick, heard)
+        if spun != NOTHING:
+            now_s = spun * loop.tick_s
+            self._calls["spins"](loop.outer_s, now_s, heard[MEAS.rotor], loop.outer_k)
         if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(seen):
             offset = np.zeros(3)
             fill_offset(seen[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
@@ -190,7 +199,7 @@ class _Ticks:
         aim[:], hand[:] = setpoint, loop.hand
         if loop.links.k.on:
             to_inner_loop(loop.links, tick, loop.period_ticks, self._nav, aim, hand, x9)
-        if loop.disturbance_k.shape != NOTHING:
+        if loop.disturbance_k.shape != NO_SWEEP:
             add_sweep(time_s, loop.disturbance_k, x9)
         given = x9, aim[SETPOINT.attitude], aim[SETPOINT.col], hand
         numbers = loop.inner_k, loop.inner_s, self._u3
@@ -215,6 +224,7 @@ def _compiled(loop: Loop, ticks: _Ticks) -> dict[str, Callable[..., Any]]:
         "measure": (plant.measure, p[0], 0, np.zeros(NOISE.size), p[1], y),
         "observe": (observer.observe, loop.observer_s, 0, y, four, loop.observer_k, nav),
         "follow": (outer.follow, nav, 0, times, points, *o),
+        "spins": (hear_rotor, loop.outer_s, 0.0, 0.0, loop.outer_k),
         "law": (law_or_hand, x9, three, 0.0, three, loop.inner_k, loop.inner_s, three),
         "status": (plant.status, *p),
         "advance": (plant.advance, p[0], four, p[1]),

@@ -143,6 +143,14 @@ PRODUCERS = (
         MARGIN,
     ),
     Producer(
+        "engine_out",
+        "./heli python scripts/engine_out_table.py --seeds 11..20",
+        "Hovers whose engine stops, with the failsafe and without.",
+        tuple(range(11, 21)),
+        # What falls without an engine keeps no difference small.
+        MARGIN,
+    ),
+    Producer(
         "links",
         "./heli python scripts/link_table.py --seeds 1..10",
         "Hovers with faults of the links between nodes, with both receivers.",

@@ -33,6 +33,7 @@ TABLES: Mapping[str, Callable[[Results], str]] = {
     "takeoff": position.takeoff,
     "failsafes": of_ground.failsafes,
     "actuator_faults": of_ground.actuator_faults,
+    "engine_out": of_ground.engine_out,
     "links": of_links.links,
     "blind_landing": of_ground.blind_landing,
     "into_wind": position.into_wind,

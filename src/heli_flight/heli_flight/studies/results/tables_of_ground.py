@@ -128,6 +128,41 @@ def actuator_faults(results: Results) -> str:
     )
 
 
+def engine_out(results: Results) -> str:
+    """Hovers whose engine stops: touch-down before and after the failsafe."""
+    found = results["engine_out"]
+    n = len(found["seeds"])
+
+    def key(row: Any) -> tuple[Any, ...]:
+        return row["world"], row["height_m"], row["navigation"]
+
+    before = {key(row): row for row in found["rows"] if not row["failsafe"]}
+    rows = []
+    for row in found["rows"]:
+        if not row["failsafe"]:
+            continue
+        most, was = row["max"], before[key(row)]
+        rows.append([
+            row["world"], f"{row['height_m']:g}", row["navigation"],
+            f"{was['median']['down_mps']:.1f} / {was['max']['down_mps']:.1f}",
+            f"{row['median']['down_mps']:.1f} / {most['down_mps']:.1f}",
+            f"{was['kept']} to {row['kept']} of {n}", f"{row['stands']} of {n}",
+            f"{most['tilt_deg']:.0f}", f"{most['along_mps']:.1f}", f"{most['after_s']:.1f}",
+        ])  # fmt: skip
+    head = ["world", "from, m", "navigation", "before, m/s: median / worst",
+            "with it, m/s: median / worst", "gear kept", "stood", "tilt, deg", "along, m/s",
+            "after, s"]  # fmt: skip
+    return (
+        f"{grid(head, rows)}\n\nOf {n} flights each (seeds {found['seeds'][0]} to "
+        f"{found['seeds'][-1]}, none of those on which it was made): speed downwards at the "
+        f"touch-down, the failsafe off and on. Gear kept: slower than {found['gear_mps']:g} m/s "
+        f"and tilted less than {found['tilt_deg']:g} deg. Stood: the mode standing was reached. "
+        "The last three: worst with the failsafe. Navigation truth: the loops get the true state. "
+        f"At its speed the rotor holds {found['rotor_j']:.0f} J; the weight gives "
+        f"{found['fall_j_per_m']:.0f} J per metre of height."
+    )
+
+
 def blind_landing(results: Results) -> str:
     """Landings so long after the last fix, world by world and receiver by receiver."""
     found = results["blind_landing"]
