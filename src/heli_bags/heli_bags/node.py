@@ -39,7 +39,6 @@ _REPEAT_S, _DRAIN_S, _POLL_S = 4.0, 8.0, 0.002
 _UNHEARD_S = 6.0
 # Wall time after which whatever was sent before has come, while a flight goes on.
 _SETTLED_S = 0.5
-_PLANT = "plant"
 _VOICES, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
 
 
@@ -281,20 +280,19 @@ class RecorderNode(ManagedNode[Recording, None]):
         return core.bag.missing(until_ns)
 
     def _none_came(self) -> bool:
-        """Whether a plant is there and none of what it sends with every tick has come.
+        """Whether a node is there and none of something has come that it sends with every tick.
 
         A node and its senders are made known by ways of their own, either of which may be late.
         """
-        bag, plant = self.core.bag, (_PLANT, self.get_namespace())
-        silent = [
-            name
+        bag, space = self.core.bag, self.get_namespace()
+        there = {name for name, own in self.get_node_names_and_namespaces() if own == space}
+        return any(
+            not there.isdisjoint(bag.rows[name].source)
+            or self.count_publishers(self.resolve_topic_name(name))
             for name in self.core.subscriptions
             if bag.rows[name].every_ticks == 1
-            and _PLANT in bag.rows[name].source
+            and not bag.rows[name].optional
             and not bag.counts[name]
-        ]
-        return (bool(silent) and plant in self.get_node_names_and_namespaces()) or any(
-            self.count_publishers(self.resolve_topic_name(name)) for name in silent
         )
 
     def _write_arrived(self, name: str) -> int:

@@ -11,7 +11,7 @@ from heli_msgs_bridge.messages import Encoder
 
 
 @pytest.mark.parametrize("known", ["sender", "name", ""])
-def test_the_end_waits_for_the_plant_it_has_not_heard(bench, tmp_path, monkeypatch, known):
+def test_the_end_waits_for_a_node_it_has_not_heard(bench, tmp_path, monkeypatch, known):
     """The message comes when the queues have been silent for so long that it would be over.
 
     The recorder may know of the sender before it knows whose it is, and of the plant before its
