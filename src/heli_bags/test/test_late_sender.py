@@ -37,3 +37,12 @@ def test_the_end_waits_for_a_node_it_has_not_heard(bench, tmp_path, monkeypatch,
     node.disengage()
     assert sent == [True] * bool(known)
     assert node.core.bag.counts[topics.IMU] == bool(known)
+
+
+@pytest.mark.parametrize(("there", "awaited"), [("observer", True), ("plant", False)])
+def test_whoever_sends_with_every_tick_is_waited_for(bench, tmp_path, monkeypatch, there, awaited):
+    """A composed flight may be over before its recorder knows all of its senders."""
+    recorder = bench(RecorderNode, bag=str(tmp_path / "bag"), topics=(topics.ODOM,))
+    recorder.fly()
+    monkeypatch.setattr(recorder.node, "get_node_names_and_namespaces", lambda: [(there, "/")])
+    assert recorder.node._none_came() is awaited
