@@ -24,9 +24,9 @@ from heli_msgs_bridge.node_spec import NodeSpec, StartError
 from heli_msgs_bridge.senders import (
     NOT_YET_NAMED,
     SENDERS,
+    heirs_of,
     senders_of,
     several_in_words,
-    strangers_of,
 )
 
 # Deep enough for a pause of seconds at ten times real time.
@@ -155,10 +155,7 @@ class RecorderNode(ManagedNode[Recording, None]):
         """Who decides whose messages of a stream are recorded: a second sender's are not."""
         name = self.resolve_topic_name(row.name)
         silence_s, period_ns = self.values["peer_timeout_s"], row.period_ns(self.rate)
-
-        def heir() -> bool:
-            return self.respawns and strangers_of(self, row.name) is False
-
+        heir = heirs_of(self, row.name)
         return Owner(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
 
     def _unsubscribe(self, core: Recording) -> None:

@@ -108,8 +108,8 @@ class Owner:
         Wall time, s, where the middleware does not say when a message came. What waited in a
         queue came earlier than it is judged: a reader that lags sees no silence in its own time.
     heir : callable, optional
-        Whether all who send on the topic have the owner's name, of whom the owner may be dead;
-        asked only about unexpected numbers after `HEIR_S` of silence.
+        Whether an unexpected number is that of an heir of the owner, which may be dead; told
+        whether the owner has been silent for `HEIR_S`; before that not asked about known others.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Owner:
         silence_s: float,
         period_ns: int,
         now_s: Callable[[], float] = time.monotonic,
-        heir: Callable[[], bool] = lambda: False,
+        heir: Callable[[bool], bool] = lambda silent: False,
     ) -> None:
         self._count, self._silence_s, self._now_s = count, silence_s, now_s
         self._heir = heir
@@ -162,7 +162,8 @@ class Owner:
             self._before = None
             return True
         alone, silent_s = not next_one and self._count() <= 1, came_s - self._heard_s
-        if silent_s > HEIR_S and self._heir():
+        silent = silent_s > HEIR_S
+        if (silent or not (known or next_one)) and self._heir(silent):
             self._others.clear()
             self._before = own
             return True

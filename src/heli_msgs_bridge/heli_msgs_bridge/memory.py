@@ -11,7 +11,7 @@ import os
 import pickle
 import struct
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -135,6 +135,33 @@ class Restarts:
             return {}
         self._size = size
         return Counter(self._path.read_text(encoding="utf-8").split())
+
+
+class Successors:
+    """Whether one of some nodes is started again, from now on, and its successor not met yet.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The nodes.
+    """
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._names = tuple(names)
+        self._restarts = Restarts()
+        self._noted = self._met = 0
+        self.due()
+        self.meet()
+
+    def due(self) -> bool:
+        """Whether `note_restart` has named one of them more often than `meet` was called."""
+        if news := self._restarts.news():
+            self._noted = sum(news.get(name, 0) for name in self._names)
+        return self._noted > self._met
+
+    def meet(self) -> None:
+        """Whoever was due has come."""
+        self._met = self._noted
 
 
 def memory_of(name: str) -> Memory | None:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who sends on a topic, in names and in words."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from heli_msgs_bridge.memory import Successors, respawns
 from heli_msgs_bridge.topics import BY_NAME
 
 # What the middleware calls a node whose publishers it has discovered, but not yet its name.
@@ -20,10 +22,34 @@ def senders_of(node: Node, topic: str) -> list[tuple[str, str]]:
     A name comes after its publishers, by a topic of its own: until then it is NOT_YET_NAMED.
     """
     infos = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    return sorted(
-        ("", NOT_YET_NAMED) if i.node_name in _UNKNOWN else (i.node_namespace, i.node_name)
-        for i in infos
-    )
+    return sorted(map(_sender_of, infos))
+
+
+def _sender_of(info: TopicEndpointInfo) -> tuple[str, str]:
+    if info.node_name in _UNKNOWN:
+        return "", NOT_YET_NAMED
+    return info.node_namespace, info.node_name
+
+
+class EverSent:
+    """Who sends on a topic, or has sent on it and left: full names, one per publisher.
+
+    By publishers, because only so a name that comes later takes the place of NOT_YET_NAMED.
+    """
+
+    def __init__(self) -> None:
+        self._names: dict[bytes, str] = {}
+
+    def look(self, node: Node, topic: str) -> None:
+        """Add who sends now; a name that was known once stays known."""
+        for info in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
+            gid, name = bytes(info.endpoint_gid), full_name(_sender_of(info))
+            if name != NOT_YET_NAMED or gid not in self._names:
+                self._names[gid] = name
+
+    def names(self, besides: str) -> list[str]:
+        """Sorted, each once; `besides` is the full name of who asks."""
+        return sorted(set(self._names.values()) - {besides})
 
 
 def strangers_of(node: Node, topic: str) -> bool | None:
@@ -35,6 +61,26 @@ def strangers_of(node: Node, topic: str) -> bool | None:
     own = {(space, name) for name in BY_NAME[topic].source}
     others = set(senders_of(node, topic)) - own
     return None if others == {("", NOT_YET_NAMED)} else bool(others)
+
+
+def heirs_of(node: Node, topic: str) -> Callable[[bool], bool]:
+    """For `Owner`: whether who sends on a topic now is the successor of one that was killed.
+
+    A restart is noted before the successor can speak, so the first that comes after it is an heir
+    even before its name has come. Later ones are, when the owner is silent and all have its name.
+    """
+    successors = Successors(BY_NAME[topic].source)
+
+    def heir(silent: bool) -> bool:
+        if not respawns():
+            return False
+        strangers = strangers_of(node, topic)
+        if not strangers and successors.due():
+            successors.meet()
+            return True
+        return silent and strangers is False
+
+    return heir
 
 
 def full_name(sender: tuple[str, str]) -> str:

@@ -38,6 +38,7 @@ from heli_msgs_bridge.senders import (
     NOT_YET_NAMED,
     SENDERS,
     full_name,
+    heirs_of,
     senders_of,
     several_in_words,
     strangers_of,
@@ -221,11 +222,7 @@ class TickNode(Successor[Core, Run]):
         """Who decides whose messages of a topic are used."""
         silence_s = self.values["peer_timeout_s"] if self.values["lockstep"] else _SILENT_OWNER_S
         period_ns = topics.BY_NAME[topic].period_ns(self.rate)
-        name = self.resolve_topic_name(topic)
-
-        def heir() -> bool:
-            return self.respawns and strangers_of(self, topic) is False
-
+        name, heir = self.resolve_topic_name(topic), heirs_of(self, topic)
         return Owner(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
 
     def _look_at_all_senders(self, owners: Mapping[str, Owner]) -> None:

@@ -9,7 +9,14 @@ import pytest
 
 from heli_msgs_bridge.backlog import Backlog
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.memory import Memory, memory_of, respawns
+from heli_msgs_bridge.memory import (
+    FOLDER,
+    Memory,
+    Successors,
+    memory_of,
+    note_restart,
+    respawns,
+)
 from heli_msgs_bridge.stepping import Lockstep, RealTime
 
 
@@ -130,3 +137,19 @@ def test_lockstep_goes_on_after_the_predecessors_tick():
     assert made == []
     lock.take("mag", 12, 0)
     assert made == [12]
+
+
+def test_a_successor_is_due_from_its_restart_until_it_is_met(tmp_path, monkeypatch):
+    """Each restart once; those before a listener's own beginning are no news to it."""
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    early = Successors(("observer",))
+    assert not early.due()
+    note_restart(tmp_path, "inner_loop")
+    assert not early.due()
+    note_restart(tmp_path, "observer")
+    assert early.due() and early.due()
+    late = Successors(("observer",))
+    early.meet()
+    assert not early.due() and not late.due()
+    note_restart(tmp_path, "observer")
+    assert early.due() and late.due()

@@ -87,7 +87,11 @@ def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
     """A node that was started again; its predecessor is in the graph for seconds."""
     topic.senders, names = 2, [True]
     topic.owner = Owner(
-        lambda: topic.senders, 10.0, PERIOD_NS, lambda: topic.time_s, lambda: names[0]
+        lambda: topic.senders,
+        10.0,
+        PERIOD_NS,
+        lambda: topic.time_s,
+        lambda silent: silent and names[0],
     )
     assert topic.hears(50)
     topic.time_s += HEIR_S / 2
@@ -105,7 +109,7 @@ def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
 def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged(topic):
     """A reader that lags finds the owner's last message and the heir's first in one queue."""
     topic.senders = 2
-    topic.owner = Owner(lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda: True)
+    topic.owner = Owner(lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda silent: silent)
     came_ns = 1_795_613_931 * 10**9
 
     def hears(number, after_s):
@@ -118,3 +122,15 @@ def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged(topic):
     assert not hears(1, HEIR_S / 2)
     assert hears(2, 2 * HEIR_S) and hears(3, 2 * HEIR_S)
     assert topic.owner.successions == 0
+
+
+def test_who_is_known_to_be_an_heir_need_not_wait_for_silence(topic):
+    """It was started in the owner's place; others that are known by their numbers are not asked."""
+    due = [False]
+    topic.senders = 2
+    topic.owner = Owner(lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda silent: due[0])
+    assert topic.hears(50) and not topic.hears(7)
+    due[0] = True
+    assert not topic.hears(8)
+    assert topic.hears(1) and topic.hears(2)
+    assert topic.owner.successions == 0 and topic.owner.ignored == 2

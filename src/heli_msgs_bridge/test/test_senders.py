@@ -3,14 +3,31 @@
 
 from types import SimpleNamespace
 
-from heli_msgs_bridge.senders import NOT_YET_NAMED, full_name, senders_of, several_in_words
+from heli_msgs_bridge.memory import FOLDER, note_restart
+from heli_msgs_bridge.senders import (
+    NOT_YET_NAMED,
+    EverSent,
+    full_name,
+    heirs_of,
+    senders_of,
+    several_in_words,
+)
+
+UNKNOWN = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"
 
 
 class Graph:
     """A node's look at the graph."""
 
     def __init__(self, *senders):
-        self.infos = [SimpleNamespace(node_namespace=s, node_name=n) for s, n in senders]
+        self.now(*((s, n, number) for number, (s, n) in enumerate(senders)))
+
+    def now(self, *senders):
+        """Namespace, name and number of each publisher that is there."""
+        self.infos = [
+            SimpleNamespace(node_namespace=s, node_name=n, endpoint_gid=[number])
+            for s, n, number in senders
+        ]
 
     def resolve_topic_name(self, topic):
         return f"/red/{topic}"
@@ -18,6 +35,9 @@ class Graph:
     def get_publishers_info_by_topic(self, topic):
         assert topic == "/red/odom"
         return self.infos
+
+    def get_namespace(self):
+        return "/red"
 
 
 def test_senders_are_named_in_order():
@@ -30,6 +50,51 @@ def test_senders_are_named_in_order():
 
 def test_a_node_whose_name_has_not_come_is_no_name_of_the_middleware():
     """rmw's own words for it are no name that a user could look for."""
-    unknown = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"
-    (sender,) = senders_of(Graph(unknown), "odom")
+    (sender,) = senders_of(Graph(UNKNOWN), "odom")
     assert full_name(sender) == NOT_YET_NAMED == "a node that is not named yet"
+
+
+def test_a_name_takes_the_place_of_not_yet_named_whenever_it_comes():
+    """Also that of a node that is known by another publisher; nobody is counted twice."""
+    graph, ever = Graph(), EverSent()
+    seen = []
+    for now in (
+        [("/", "scenario", 1), (*UNKNOWN, 2)],
+        [("/", "scenario", 1), ("/", "outer_loop", 2)],
+        [(*UNKNOWN, 1), ("/", "outer_loop", 2), ("/", "outer_loop", 3)],
+    ):
+        graph.now(*now)
+        ever.look(graph, "odom")
+        seen.append(ever.names(besides="/outer_loop"))
+    assert seen == [["/scenario", NOT_YET_NAMED], ["/scenario"], ["/scenario"]]
+
+
+def test_who_has_sent_and_left_stays_named():
+    graph, ever = Graph(), EverSent()
+    for now in ([(*UNKNOWN, 7), ("/", "pilot", 8)], []):
+        graph.now(*now)
+        ever.look(graph, "odom")
+    assert ever.names(besides="/outer_loop") == ["/pilot", NOT_YET_NAMED]
+
+
+def test_the_first_after_a_restart_is_an_heir_before_its_name_has_come(tmp_path, monkeypatch):
+    """Without a note who has no name is none; with one it is, once; nor is another by name."""
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    old, heir, pilot = ("/red", "observer", 1), (*UNKNOWN, 2), ("/", "pilot", 3)
+    graph = Graph()
+    is_heir = heirs_of(graph, "odom")
+    graph.now(old, heir)
+    assert not is_heir(False) and not is_heir(True)
+    note_restart(tmp_path, "observer")
+    graph.now(old, heir, pilot)
+    assert not is_heir(False) and not is_heir(True)
+    graph.now(old, heir)
+    assert is_heir(False)
+    assert not is_heir(False) and not is_heir(True)
+    graph.now(old, ("/red", "observer", 2))
+    assert is_heir(True) and not is_heir(False)
+
+
+def test_nobody_is_an_heir_where_nobody_is_started_again(monkeypatch):
+    monkeypatch.delenv(FOLDER, raising=False)
+    assert not heirs_of(Graph(("/red", "observer"), ("/red", "observer")), "odom")(True)

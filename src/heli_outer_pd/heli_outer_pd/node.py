@@ -27,7 +27,7 @@ from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
 from heli_msgs_bridge.reference_message import decode_reference, encode_reference
-from heli_msgs_bridge.senders import NOT_YET_NAMED, full_name, senders_of
+from heli_msgs_bridge.senders import NOT_YET_NAMED
 from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
 from heli_outer_pd.anchor import warm_up
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands, key_of
@@ -118,16 +118,18 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def _name_commanders(self) -> None:
         """Say who sends commands if they are several: each may, so all of them are followed."""
-        for topic, known in self.core.commanders.items():
-            names = set(map(full_name, senders_of(self, topic)))
-            names.discard(self.get_fully_qualified_name())
-            if NOT_YET_NAMED not in names and names - known:
-                # Its name has come.
-                known.discard(NOT_YET_NAMED)
-            known |= names
-            if len(known) > 1:
-                said = f"{topic}: sent by {', '.join(sorted(known))}"
+        for topic, commanders in self.core.commanders.items():
+            commanders.look(self, topic)
+            names = commanders.names(besides=self.get_fully_qualified_name())
+            if self.respawns and NOT_YET_NAMED in names:
+                # This node's predecessor stays in the graph for some seconds, dead and nameless.
+                names.remove(NOT_YET_NAMED)
+            if len(names) > 1:
+                said = f"{topic}: sent by {', '.join(names)}"
                 self.core.senders[topic] = f"{said}; each {topic} is followed as it comes"
+            else:
+                # What had no name was of this node, or of the other one.
+                self.core.senders.pop(topic, None)
 
     def _on_reference(self, message: Any) -> None:
         core = self.core

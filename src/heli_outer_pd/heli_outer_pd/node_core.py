@@ -11,6 +11,7 @@ import numpy as np
 from heli_math.rows import NAV, SETPOINT
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.senders import EverSent
 from heli_msgs_bridge.tick_node import Send, TickCore
 from heli_outer_pd.commands import Commands
 from heli_outer_pd.goto import Goto
@@ -52,7 +53,7 @@ class Law(TickCore):
     heard : LateNavigation
     nav, out : arrays
         Navigation row of this tick and what the law makes of it.
-    commanders : dict of set of str
+    commanders : dict of EverSent
         Per topic of commands who sends them, or has sent one.
     tell_way : callable
         Sends a way that is followed as a reference.
@@ -83,7 +84,9 @@ class Law(TickCore):
     home_ned_m: np.ndarray | None = None
     nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
     out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
-    commanders: dict[str, set[str]] = field(default_factory=lambda: {t: set() for t in COMMANDS})
+    commanders: dict[str, EverSent] = field(
+        default_factory=lambda: {t: EverSent() for t in COMMANDS}
+    )
     own: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=UNHEARD))
     followed: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=UNHEARD))
     repeated: list[tuple[Any, ...]] = field(default_factory=list)

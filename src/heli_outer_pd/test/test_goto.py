@@ -2,6 +2,7 @@
 """Goto in flight: the reference never jumps, stays within its limits, and is refused in words."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -244,9 +245,14 @@ def test_hold_is_refused_where_nothing_is_held(bench):
     np.testing.assert_allclose(outer.node.run.diverted.points[-1, REFERENCE.pos], START)
 
 
+def publisher(name, number):
+    return SimpleNamespace(node_namespace="/", node_name=name, endpoint_gid=[number])
+
+
 def test_two_pilots_are_followed_and_named(hovering, monkeypatch):
-    pilots = {topics.GOTO: [("/", "one"), ("/", "two")]}
-    monkeypatch.setattr("heli_outer_pd.node.senders_of", lambda node, topic: pilots.get(topic, []))
+    pilots = {"/goto": [publisher("one", 1), publisher("two", 2), publisher("outer_loop", 3)]}
+    look = "get_publishers_info_by_topic"
+    monkeypatch.setattr(hovering.node, look, lambda topic: pilots.get(topic, []))
     hovering.receive(topics.GOTO, pose(hovering))
     fly_ticks(hovering, range(601, 701))
     said = "goto: sent by /one, /two; each goto is followed as it comes"

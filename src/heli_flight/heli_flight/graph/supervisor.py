@@ -239,7 +239,9 @@ class Supervisor(Node):
 
         self.wait_until(named, _NAME_LIMIT_S, check)
         for node, key in unnamed():
-            status, senders = self.statuses[node], known(key)
+            # Not the node itself, and of one that was started again not its predecessor too.
+            own = (self.get_namespace(), node)
+            status, senders = self.statuses[node], sorted(set(known(key)) - {own})
             if len(senders) < 2:
                 # Whom it was about has left without a name.
                 continue
