@@ -17,6 +17,11 @@ from heli_msgs_bridge.stamps import AHEAD_TICKS, Refused, Setting
 Arrived = Mapping[str, tuple[int, Any]]
 """Per topic: stamp tick, and the array or None if the message could not be used."""
 Step = Callable[[int, Arrived], None]
+_REPEATED_TICKS = 2
+"""Lockstep, after a start in a predecessor's place: ticks whose messages are repeated, each topic
+by itself, so that a later one of the trigger does not mean that no more will come. Time stands
+still meanwhile: the trigger is ahead by one tick, if the predecessor died before it noted a step.
+"""
 SILENT_S = 0.15
 """Real time: wall time after which a node that nothing triggers says so."""
 
@@ -75,6 +80,7 @@ class Lockstep:
         self._peer_timeout_s, self._leads = peer_timeout_s, leads
         self._collecting, self._stepping = True, False
         self._newest_trigger: int | None = None
+        self._repeated_until = -1
         self._progress_s = 0.0
         self.silent: set[str] = set()
 
@@ -99,6 +105,7 @@ class Lockstep:
             return
         if after is not None:
             self._assembler.start(after + 1)
+            self._repeated_until = after + _REPEATED_TICKS
             self._newest_trigger = self._newest_in_a_row()
             self.resume()
             return
@@ -125,7 +132,7 @@ class Lockstep:
         """Cease to step and forget what has been collected."""
         self._collecting = self._stepping = False
         self._assembler.reset()
-        self._newest_trigger = None
+        self._newest_trigger, self._repeated_until = None, -1
         self._setting.fits()
         self.silent.clear()
 
@@ -204,7 +211,7 @@ class Lockstep:
     def _is_passed(self) -> bool:
         """Whether the trigger's sender has gone on to a later tick than that of the next step."""
         tick, newest = self._assembler.next_tick, self._newest_trigger
-        return tick is not None and newest is not None and tick < newest
+        return tick is not None and newest is not None and self._repeated_until < tick < newest
 
     def _make_step(self) -> None:
         tick = self._assembler.next_tick

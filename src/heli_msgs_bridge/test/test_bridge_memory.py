@@ -139,6 +139,45 @@ def test_lockstep_goes_on_after_the_predecessors_tick():
     assert made == [12]
 
 
+def test_in_lockstep_what_is_repeated_is_waited_for_though_the_trigger_is_ahead():
+    """Who died between what it sent and its note of it: the trigger of the next tick is out."""
+    made, now = [], [0.0]
+    lock = Lockstep(
+        {"imu": Demand(), "u": Demand(1, 1, 1)},
+        lambda tick, arrived: made.append((tick, sorted(arrived))),
+        1.0,
+        now_s=lambda: now[0],
+    )
+    lock.take("imu", 12, 0)
+    lock.take("imu", 13, 0)
+    lock.start(11)
+    assert made == []
+    lock.take("u", 11, 0)
+    assert made == [(12, ["imu", "u"])]
+    lock.take("u", 12, 0)
+    assert made[1:] == [(13, ["imu", "u"])]
+    # From then on a tick that the trigger's sender has left behind gets nothing more.
+    lock.take("imu", 14, 0)
+    lock.take("imu", 15, 0)
+    assert made[2:] == [(14, ["imu"])]
+
+
+def test_in_lockstep_what_a_successor_does_not_get_is_not_waited_for_for_ever():
+    made, now = [], [0.0]
+    lock = Lockstep(
+        {"imu": Demand(), "u": Demand(1, 1, 1)},
+        lambda tick, arrived: made.append((tick, sorted(arrived))),
+        1.0,
+        now_s=lambda: now[0],
+    )
+    lock.start(11)
+    lock.take("imu", 12, 0)
+    lock.take("imu", 13, 0)
+    now[0] += 1.1
+    lock.look()
+    assert made == [(12, ["imu"]), (13, ["imu"])] and lock.silent == {"u"}
+
+
 def test_a_successor_is_due_from_its_restart_until_it_is_met(tmp_path, monkeypatch):
     """Each restart once; those before a listener's own beginning are no news to it."""
     monkeypatch.setenv(FOLDER, str(tmp_path))
