@@ -51,7 +51,8 @@ def kills(tmp_path, first_s, apart_s):
 def told(folder):
     """result.json and bag of a flight in which all three came back; nobody is called a stranger."""
     result, bag = json.loads((folder / "result.json").read_text()), read_bag(folder / "bag")
-    assert not result["lost"] and [r["node"] for r in result["restarts"]] == list(NODES)
+    # Two that are due at once, as on loaded cores, are noticed in either order.
+    assert not result["lost"] and sorted(r["node"] for r in result["restarts"]) == sorted(NODES)
     for restart in result["restarts"]:
         assert f"{restart['node']}: killed by SIGKILL" in restart["why"]
         assert any(restart["why"] in note and "back after" in note for note in result["notes"])
@@ -59,6 +60,12 @@ def told(folder):
     assert not strange, strange
     assert not (folder / "memory").exists()
     return result, bag
+
+
+def in_pairs(result):
+    """Each restart with the flight time of the kill that it answers."""
+    begun_s = {fault["node"]: fault["begun_s"] for fault in result["process_faults_done"]}
+    return [(restart, begun_s[restart["node"]]) for restart in result["restarts"]]
 
 
 def went_with_its_sender(bag, result, topic, sent_ns, recorded_ns):
@@ -80,9 +87,13 @@ def went_with_its_sender(bag, result, topic, sent_ns, recorded_ns):
     )
 
 
-def test_in_lockstep_it_is_the_same_flight_number_for_number(ros_env, tmp_path, living):
-    """The row NODE_GONE: time stands still, and each successor makes up for what it missed."""
-    words = ("--respawn", *kills(tmp_path, 3.0, 1.0))
+@pytest.mark.parametrize("apart_s", [1.0, 0.0])
+def test_in_lockstep_it_is_the_same_flight_number_for_number(ros_env, tmp_path, living, apart_s):
+    """The row NODE_GONE: time stands still, and each successor makes up for what it missed.
+
+    Also if all three die at once: what one of them has sent last comes from its successor.
+    """
+    words = ("--respawn", *kills(tmp_path, 3.0, apart_s))
     bags = []
     for name, more in (("sound", ()), ("killed", words)):
         done = fly(ros_env, tmp_path / name, "--duration", "7", *more)
@@ -91,10 +102,7 @@ def test_in_lockstep_it_is_the_same_flight_number_for_number(ros_env, tmp_path, 
         bags.append(read_bag(tmp_path / name / "bag"))
     result, bag = told(tmp_path / "killed")
     # The supervisor knows the flight's time by messages, which on loaded cores may come late.
-    noticed_s = [
-        restart["noticed_s"] - fault["begun_s"]
-        for restart, fault in zip(result["restarts"], result["process_faults_done"], strict=True)
-    ]
+    noticed_s = [restart["noticed_s"] - begun_s for restart, begun_s in in_pairs(result)]
     assert np.median(noticed_s) <= of(Condition.NODE_GONE).within_s, noticed_s
     for topic in ("ground_truth/odom", "odom", "rotor_state", "actuators", "attitude_setpoint"):
         a, b = (flown.streams[topic] for flown in bags)
@@ -123,8 +131,8 @@ def test_in_real_time_they_are_back_soon_and_little_is_lost(ros_env, tmp_path, l
         begun_ns = truth.stamp_ns[0]
         assert truth.stamp_ns.size == 1500
         late.append([])
-        for restart, fault in zip(result["restarts"], result["process_faults_done"], strict=True):
-            node, at_s = fault["node"], fault["begun_s"]
+        for restart, at_s in in_pairs(result):
+            node = restart["node"]
             condition = Condition.OUTER_GONE if node == "outer_loop" else Condition.COMMANDS_GONE
             seen_s = (truth.stamp_ns - begun_ns) / NS_PER_S - at_s
             gone = truth.rows[(seen_s >= 0.0) & (seen_s < 4.0), :3]

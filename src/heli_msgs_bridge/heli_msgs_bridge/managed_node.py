@@ -2,6 +2,7 @@
 """Base of the graph's nodes: the stages of their life, inputs and outputs, peers."""
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from functools import partial
@@ -72,7 +73,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     respawns : bool
         Whether nodes that die are started again.
     sent : dict or None
-        Per topic the last message that was sent, while somebody wants to know.
+        Per topic the last messages that were sent, where somebody wants to know.
     asked_to_end : callable
         Whether the process has been sent a signal.
     told_end : callable
@@ -86,7 +87,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
         self.failure, self.finished, self.exit_code, self.respawns = "", False, 0, respawns()
-        self.sent: dict[str, bytes] | None = None
+        self.sent: dict[str, deque[bytes]] | None = None
         self.crash: Exception | None = None
         self.asked_to_end: Callable[[], bool] = lambda: False
         self.told_end: Callable[[], None] = lambda: None

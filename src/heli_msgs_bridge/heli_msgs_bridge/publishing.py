@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The way of a message out of a node, which is taken some hundred times a second."""
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
 
 class Sender(Protocol):
-    """A node that keeps the last message of each topic, while somebody wants to know."""
+    """A node that keeps the last messages of each topic, where somebody wants to know."""
 
-    sent: dict[str, bytes] | None
+    sent: dict[str, deque[bytes]] | None
 
 
 def publishing(node: Sender, publisher: Any, topic: str) -> Callable[[Any], None]:
@@ -21,7 +22,7 @@ def publishing(node: Sender, publisher: Any, topic: str) -> Callable[[Any], None
             if publisher.is_activated:
                 publish_raw(message)
                 if node.sent is not None:
-                    node.sent[topic] = message
+                    node.sent[topic].append(message)
         else:
             publisher.publish(message)
 

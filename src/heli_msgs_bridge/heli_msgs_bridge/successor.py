@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node that goes on in flight where its predecessor, which was killed, has ended."""
 
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar
@@ -8,9 +9,13 @@ from typing import Any, ClassVar
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.managed_node import Core, ManagedNode, Run
 from heli_msgs_bridge.memory import Recalled, memory_of
+from heli_msgs_bridge.stamps import AHEAD_TICKS
 
 # After a start in flight, for so many ticks, messages that nobody answers are sent again.
 _AGAIN_S, _AGAIN_TICKS = 0.1, 50
+# So many of each topic: who hears it may be dead, too, and some ticks behind. None is then so old
+# that it could set a clock.
+_LAST = AHEAD_TICKS
 
 
 class Successor(ManagedNode[Core, Run]):
@@ -32,6 +37,8 @@ class Successor(ManagedNode[Core, Run]):
         before = self._recalled.content[0] if self._recalled else {}
         super().__init__({**values, **before}, **options)
         self._said_tick: int | None = None
+        if self.memory is not None and self.values["lockstep"]:
+            self.sent = defaultdict(partial(deque, maxlen=_LAST))
 
     def remember(self) -> Any:
         """What a successor would go on from, if this node were killed now; None for nothing."""
@@ -51,7 +58,7 @@ class Successor(ManagedNode[Core, Run]):
     def keep(self, tick: int) -> None:
         """After the step of a tick: write down what a successor would need."""
         if self.memory is not None and (content := self.remember()) is not None:
-            self.memory.keep(tick, (self.changed, content))
+            self.memory.keep(tick, (self.changed, dict(self.sent or {}), content))
 
     @property
     def heard_until(self) -> int | None:
@@ -69,23 +76,24 @@ class Successor(ManagedNode[Core, Run]):
         if known is None:
             return None
         self.tick = known.tick
-        self.changed, content = known.content
+        self.changed, sent, content = known.content
         self.recall(content, not (self.values["lockstep"] or self.CATCHES_UP))
         said = f"started again in flight, after {self.rate.seconds(known.tick):.2f} s of it"
         self.get_logger().warning(said)
-        if self.values["lockstep"]:
-            # Each waits for the other there, so whoever did not know this node yet hears it again.
-            self.sent = {}
+        if self.sent is not None:
+            # Each waits for the other there, so whoever did not know this node yet hears it again,
+            # and another that died with it what only the dead one had sent.
+            for topic, raws in sent.items():
+                self.sent[topic].extend(raws)
             self.repeat(_AGAIN_S, partial(self._say_again, known.tick + _AGAIN_TICKS))
         return known.tick
 
     def _say_again(self, until: int) -> None:
         """Lockstep, soon after a start in flight: send the last messages again if none followed."""
-        if self.sent is None:
+        if self.tick > until or self.sent is None:
             return
-        if self.tick > until:
-            self.sent = None
-        elif self.tick == self._said_tick:
-            for topic, raw in self.sent.items():
-                self.outputs[topic].handle.publish_raw(raw)
+        if self.tick == self._said_tick:
+            for topic, raws in self.sent.items():
+                for raw in raws:
+                    self.outputs[topic].handle.publish_raw(raw)
         self._said_tick = self.tick
