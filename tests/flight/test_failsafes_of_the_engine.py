@@ -57,6 +57,16 @@ def test_an_engine_that_stops_is_found_in_time_and_landed_without(seed, world):
     assert (record.mode == "standing").any(), "the collective has come down"
 
 
+@pytest.mark.parametrize("world", ["honest", "hard"])
+@pytest.mark.parametrize("seed", [1, 4])
+def test_what_has_landed_so_stands_while_its_rotor_runs_down(seed, world):
+    flight, record = flown(STOPS, seed, world=world, seconds=45.0)
+    at, _, _ = touched(record)
+    _, x, y, _ = record.truth_q_nb[at:].T
+    assert flight.status == 0
+    assert np.degrees(np.arccos(1.0 - 2.0 * (x * x + y * y))).max() < 20.0
+
+
 @pytest.mark.parametrize("gps", ["rtk", "standalone"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_without_it_the_outer_loop_stalls_the_rotor(seed, gps):

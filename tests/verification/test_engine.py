@@ -316,3 +316,26 @@ def test_a_battery_keeps_its_mass(helicopter):
     derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), electric.kernel, out)
     assert out[PLANT.fuel] == 0.0
     assert 0.1 < x[PLANT.engine] < 0.9
+
+
+@pytest.mark.parametrize("share", [1.0, 0.95, 0.9, 0.899, 0.83, 0.7, 0.4, 0.1])
+def test_no_speed_of_the_rotor_makes_the_disc_diverge(on, share):
+    """Two by two of the flapping by differences: stable; couplings as 1/Omega down to 0.9."""
+    point = trim(on)
+    x = point.x.copy()
+    x[PLANT.pos], x[PLANT.omega] = HIGH, share * x[PLANT.omega]
+    air, u, out = same_air(np.zeros(3)), point.u, [np.empty(PLANT.size) for _ in range(2)]
+    disc = [PLANT.a_s, PLANT.b_s]
+    jacobian = np.empty((2, 2))
+    for column, place in enumerate(disc):
+        for sign, filled in zip((1.0, -1.0), out, strict=True):
+            moved = x.copy()
+            moved[place] += sign * 1e-4
+            derivative_kernel(moved, u, air, on.kernel, filled)
+        jacobian[:, column] = (out[0] - out[1])[disc] / 2e-4
+    assert np.linalg.eigvals(jacobian).real.max() < 0.0
+    flapping = on.kernel.flapping
+    law = share if share >= 0.9 else 0.81 / share
+    np.testing.assert_allclose(jacobian[0, 1], flapping.a_bs / law, rtol=1e-6)
+    np.testing.assert_allclose(jacobian[1, 0], flapping.b_as / law, rtol=1e-6)
+    np.testing.assert_allclose(np.diag(jacobian), -flapping.rate * share, rtol=1e-6)

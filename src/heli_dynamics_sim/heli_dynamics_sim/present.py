@@ -3,8 +3,10 @@
 
 Thrust and induced velocity of both rotors by their blades' speed, the tail's stall by its square,
 profile power by momentum theory; 1/tau of the flapping grows with the speed, as gamma Omega / 16
-does; the couplings, eq. (7) over tau, and the disc's tilt per air speed fall with it. The tank is
-near the c.g.: inertia and c.g. stay.
+does; the disc's tilt per air speed falls with it. So do the couplings, eq. (7) over tau, down to
+0.9 of the governed speed. Below that they keep their ratio to 1/tau: those of `helion.yaml` are
+identified at full speed and of one sign, so that the law would make the disc of a rotor that turns
+slower than 0.83 of it diverge, which none does. The tank is near the c.g.: inertia and c.g. stay.
 """
 
 from heli_dynamics_sim.aircraft_kernel import HelicopterKernel
@@ -16,6 +18,8 @@ from heli_math.rows import PLANT
 
 _SLOWEST = 0.05
 """Rotor speed over the governed one below which the numbers are those of this ratio."""
+_COUPLED = 0.9
+"""That below which the couplings of flapping keep their ratio to its rate."""
 
 
 @njit_inlined
@@ -38,10 +42,11 @@ def _main(k, ratio):
 
 @njit_inlined
 def _flapping(k, ratio):
+    falls = ratio if ratio >= _COUPLED else _COUPLED * _COUPLED / ratio
     return FlappingKernel(
         k.rate * ratio,
-        k.a_bs / ratio,
-        k.b_as / ratio,
+        k.a_bs / falls,
+        k.b_as / falls,
         k.lon_from_lon,
         k.lon_from_lat,
         k.lat_from_lat,

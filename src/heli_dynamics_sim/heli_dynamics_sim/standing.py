@@ -8,8 +8,7 @@ an aircraft comes to that was put there. The c.g. is then moved along the ground
 While the rotor spools up its speed rises in proportion to time, whatever its torques: a soft start
 or a clutch does that, not the governor in flight. The fuselage feels the rotor's drag and the
 torque that accelerates it. Couplings of flapping, flap-back and dynamic inflow are left out until
-the rotor has its speed: as numbers of full speed they grow as it falls (`present`), and the
-couplings alone are unstable below 0.83 of it.
+the rotor has its speed: they are numbers of full speed, which grow as it falls (`present`).
 """
 
 import math
