@@ -2,7 +2,8 @@
 """A bag of the graph as arrays (NED/FRD), without ROS; also bags that `ros2 bag record` made."""
 
 import contextlib
-from collections.abc import Collection, Mapping, Sequence
+import gc
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -243,6 +244,18 @@ def require_whole(path: Path) -> None:
         raise BagError(f"{path}: not a readable bag: {said}")
 
 
+@contextlib.contextmanager
+def _uncollected() -> Iterator[None]:
+    """Pause the search for cyclic garbage: it would look through all that is read, many times."""
+    paused = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if paused:
+            gc.enable()
+
+
 def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
     """Read a bag of the graph.
 
@@ -264,6 +277,12 @@ def read_bag(path: str | Path, datum: Datum | None = None) -> Bag:
     """
     path = Path(path)
     require_whole(path)
+    with _uncollected():
+        return _read(path, datum)
+
+
+def _read(path: Path, datum: Datum | None) -> Bag:
+    """A bag that is whole; raises as `read_bag`."""
     collector = _Collector(datum)
     try:
         reader = Reader(path)
