@@ -52,30 +52,38 @@ def crossover_radps(omega: NDArray[np.float64], broken: _Complex) -> float | Non
 
 def to_command(loop: Loop, omega: NDArray[np.float64]) -> _Complex:
     """Attitude's response (m, 3, 3) to its commands, roll, pitch, yaw, at omega (m,), rad/s."""
-    P, K, K_r = _parts(loop, omega)
-    T = np.linalg.solve(np.eye(N_Y) - P @ K, P @ K_r)
-    return T[:, _PLACES, :]
+    return _commanded(*_parts(loop, omega))
 
 
 def to_disturbance(loop: Loop, omega: NDArray[np.float64]) -> _Complex:
     """The disturbed attitude's response (m, 3, 3) to disturbances of the measured attitude."""
     P, K, _ = _parts(loop, omega)
-    S = np.linalg.inv(np.eye(N_Y) - P @ K)
-    return S[:, _PLACES, :][:, :, _PLACES]
+    return _disturbed(P, K)
 
 
 def attitude_responses(loop: Loop) -> AttitudeResponses:
     """Of a stable loop that reads the six measured states."""
     omega = np.geomspace(_LOWEST_RADPS, min(top(loop.plant, 1e3), 1e3), _POINTS)
-    L = loop.at_input(omega)
-    inside = np.linalg.inv(np.eye(N_U) + L)
-    T, S = to_command(loop, omega), to_disturbance(loop, omega)
+    # Each once: they are what takes long.
+    P, K, K_r = _parts(loop, omega)
+    inside = np.linalg.inv(np.eye(N_U) - K @ P)
+    T, S = _commanded(P, K, K_r), _disturbed(P, K)
     return AttitudeResponses(
         omega,
         tuple(T[:, i, i] for i in range(N_U)),
         tuple(S[:, i, i] for i in range(N_U)),
         tuple(1.0 / inside[:, i, i] - 1.0 for i in range(N_U)),
     )
+
+
+def _commanded(P: _Complex, K: _Complex, K_r: _Complex) -> _Complex:
+    T = np.linalg.solve(np.eye(N_Y) - P @ K, P @ K_r)
+    return T[:, _PLACES, :]
+
+
+def _disturbed(P: _Complex, K: _Complex) -> _Complex:
+    S = np.linalg.inv(np.eye(N_Y) - P @ K)
+    return S[:, _PLACES, :][:, :, _PLACES]
 
 
 def _parts(loop: Loop, omega: NDArray[np.float64]) -> tuple[_Complex, _Complex, _Complex]:
