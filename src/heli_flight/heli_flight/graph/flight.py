@@ -25,6 +25,7 @@ from heli_flight.graph.programs import programs
 from heli_flight.graph.respawn import AGAIN, Respawn
 from heli_flight.graph.ros_session import prepare_environment
 from heli_flight.graph.running import running
+from heli_flight.graph.shared_memory import remove_left
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
 from heli_flight.loop.layers import NODES
 from heli_flight.loop.process_fault import process_faults_of
@@ -317,6 +318,7 @@ class Graph:
         if self._faults:
             self._faults.undo()
         nodes = [p for name, p in self.processes.items() if name != "recorder"]
+        died = [p for p in self.processes.values() if (p.exit_code() or 0) < 0]
         killed = stop(nodes)
         if "recorder" in self.processes:
             # Last, so that it hears everything; it writes its index before it ends.
@@ -328,6 +330,8 @@ class Graph:
             self.supervisor = None
         if self._began_ros and rclpy.ok():
             rclpy.shutdown()
+        if killed or died or self._respawn:
+            remove_left()
         return killed
 
 
