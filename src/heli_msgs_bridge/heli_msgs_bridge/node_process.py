@@ -25,6 +25,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from heli_msgs_bridge.leaving import limited
 from heli_msgs_bridge.managed_node import ManagedNode
 from heli_msgs_bridge.node_spec import StartError
 from heli_msgs_bridge.usage import asks_for_help, usage
@@ -253,7 +254,7 @@ def run_together(classes: Sequence[type[ManagedNode]], argv: Sequence[str], name
         As `run`.
     """
     nodes: list[ManagedNode] = []
-    ending = None
+    ending, code = None, 1
     try:
         ending = Ending()
         given = [_values(cls, argv) for cls in classes]
@@ -264,19 +265,19 @@ def run_together(classes: Sequence[type[ManagedNode]], argv: Sequence[str], name
         for cls, values in zip(classes, given, strict=True):
             nodes.append(_named(cls.SPEC.name, partial(cls, values)))
             nodes[-1].asked_to_end = lambda: ending.asked
-        return _spin(nodes, ending)
+        code = _spin(nodes, ending)
     except _Failed as error:
         complain(error.name, str(error))
-        return error.code
+        code = error.code
     except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
+        code = 0
     except Exception as error:
         complain(name, f"failed in flight: {type(error).__name__}: {error}")
-        return 1
     finally:
-        _end(nodes)
+        _end(nodes, code)
         if ending is not None:
             ending.close()
+    return code
 
 
 Order = tuple[type[ManagedNode], Sequence[str]]
@@ -304,6 +305,7 @@ def stand_by(
     """
     nodes: list[ManagedNode] = []
     ending = own = None
+    code = 1
     try:
         ending = Ending()
         options = SignalHandlerOptions.NO
@@ -315,19 +317,17 @@ def stand_by(
             name = cls.SPEC.name
             nodes.append(_named(name, partial(cls, _values(cls, [*argv, *more]))))
             nodes[-1].asked_to_end = lambda: ending.asked
-        return _spin(nodes, ending) if nodes else 0
+        code = _spin(nodes, ending) if nodes else 0
     except _Failed as error:
         complain(error.name, str(error))
-        return error.code
+        code = error.code
     except Exception as error:
         complain(name, f"failed in flight: {type(error).__name__}: {error}")
-        return 1
     finally:
-        if own is not None:
-            _attempt(own.destroy_node)
-        _end(nodes)
+        _end(nodes, code, *([own] if own is not None else []))
         if ending is not None:
             ending.close()
+    return code
 
 
 def _stand_back() -> None:
@@ -340,12 +340,14 @@ def _stand_back() -> None:
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-def _end(nodes: Sequence[ManagedNode]) -> None:
+def _end(nodes: Sequence[ManagedNode], code: int, *others: Node) -> None:
     """Last words and clean-up, whatever the state is in; no signal disturbs it."""
     for node in nodes:
         _attempt(node.end)
-        _attempt(node.destroy_node)
-    _attempt(rclpy.try_shutdown)
+    with limited(code):
+        for left in (*others, *nodes):
+            _attempt(left.destroy_node)
+        _attempt(rclpy.try_shutdown)
 
 
 def _attempt(action: Callable[[], Any]) -> None:

@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from heli_flight import interrupts
 from heli_flight.errors import StartError
 from heli_flight.graph.processes import DISCOVERY, check_middleware
+from heli_msgs_bridge.leaving import wait_for_quiet
 from heli_parameters.locate import config_folder
 
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
@@ -64,5 +65,6 @@ def ros_node(name: str) -> Iterator[Node]:
         with interrupts.told():
             yield node
     finally:
+        wait_for_quiet(node)
         node.destroy_node()
         rclpy.try_shutdown()

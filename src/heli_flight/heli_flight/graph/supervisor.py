@@ -27,6 +27,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.arrivals import Info, Owner, with_info
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
+from heli_msgs_bridge.leaving import wait_for_quiet
 from heli_msgs_bridge.reference_message import encode_reference
 from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, full_name, senders_of, several_in_words
 
@@ -287,6 +288,7 @@ class Supervisor(Node):
 
     def close(self) -> None:
         """Take the node out of the graph."""
+        wait_for_quiet(self)
         self._executor.remove_node(self)
         self._executor.shutdown(timeout_sec=0.5)
         self.destroy_node()

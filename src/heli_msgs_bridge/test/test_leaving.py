@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who leaves DDS does so with its exit code, though Fast DDS turn in a loop for ever."""
+
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from heli_msgs_bridge import leaving
+from heli_msgs_bridge.leaving import limited, wait_for_quiet
+
+# PyDLL keeps Python's lock, as rclpy does while it destroys a node.
+STUCK = """
+import ctypes, threading
+from heli_msgs_bridge.leaving import limited
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+with limited({code}, 0.1):
+    while True:
+        ctypes.PyDLL(None).sleep(100)
+"""
+
+
+@pytest.mark.parametrize("code", [0, 1, 2])
+def test_who_cannot_leave_ends_with_its_code(code):
+    stuck = [sys.executable, "-c", STUCK.format(code=code)]
+    assert subprocess.run(stuck, timeout=30.0, check=False).returncode == code
+
+
+def test_who_leaves_in_time_goes_on():
+    before = signal.getsignal(signal.SIGALRM)
+    with limited(3, 1000.0):
+        assert signal.getitimer(signal.ITIMER_REAL)[0] > 0.0
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
+    assert signal.getsignal(signal.SIGALRM) == before
+
+
+class Graph:
+    """A node's look at a graph in which somebody leaves with each look, so many times."""
+
+    def __init__(self, leave):
+        self.looks, self.leave = 0, leave
+
+    def get_node_names_and_namespaces(self):
+        self.looks += 1
+        return [(f"node{i}", "/") for i in range(max(self.leave - self.looks, 0))]
+
+    def get_topic_names_and_types(self):
+        return [("/odom", [])]
+
+    def count_publishers(self, name):
+        return 1
+
+    count_subscribers = count_publishers
+
+
+@pytest.mark.parametrize(("leave", "looks"), [(0, 6), (5, 10), (1000, 51)])
+def test_one_waits_until_nobody_leaves_but_not_for_ever(monkeypatch, leave, looks):
+    now = [0.0]
+    clock = SimpleNamespace(
+        monotonic=lambda: round(now[0], 6), sleep=lambda s: now.__setitem__(0, now[0] + s)
+    )
+    monkeypatch.setattr(leaving, "time", clock)
+    graph = Graph(leave)
+    wait_for_quiet(graph)
+    assert abs(graph.looks - looks) <= 1
