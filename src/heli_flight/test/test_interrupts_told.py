@@ -96,7 +96,8 @@ def test_a_command_that_fails_of_an_interrupt_ends_as_interrupted(capsys, monkey
 @pytest.mark.parametrize(("seen", "comes"), [(True, KeyboardInterrupt), (False, RuntimeError)])
 def test_a_ctrl_c_that_rclpy_dropped_is_one_all_the_same(monkeypatch, seen, comes):
     """Its C++ then fails to convert an argument; seen once, in `heli echo`."""
-    node = SimpleNamespace(destroy_node=lambda: None)
+    ended = SimpleNamespace(ok=lambda: False)
+    node = SimpleNamespace(destroy_node=lambda: None, context=ended)
     monkeypatch.setattr(ros_session, "check_middleware", lambda: None)
     monkeypatch.setattr(ros_session, "Node", lambda *_, **__: node)
     monkeypatch.setattr(ros_session.rclpy, "init", lambda **_: None)

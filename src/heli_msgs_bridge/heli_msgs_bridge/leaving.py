@@ -45,16 +45,19 @@ def limited(code: int, limit_s: float = LIMIT_S) -> Iterator[None]:
 
 
 def wait_for_quiet(node: Node) -> None:
-    """Wait until nobody comes or leaves, for half a second at most.
+    """Wait until nobody comes or leaves, for half a second at most; not where ROS has ended.
 
     For who has work left when its node is destroyed.
     """
-    seen, since_s = _others(node), time.monotonic()
-    begun_s = since_s
-    while (now_s := time.monotonic()) - since_s < _QUIET_S and now_s - begun_s < _WAIT_S:
-        time.sleep(_LOOK_S)
+    seen: object = None
+    begun_s = since_s = time.monotonic()
+    while node.context.ok():
+        now_s = time.monotonic()
         if (found := _others(node)) != seen:
             seen, since_s = found, now_s
+        if now_s - since_s >= _QUIET_S or now_s - begun_s >= _WAIT_S:
+            return
+        time.sleep(_LOOK_S)
 
 
 def _others(node: Node) -> tuple[object, ...]:

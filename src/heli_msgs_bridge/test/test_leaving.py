@@ -39,8 +39,9 @@ def test_who_leaves_in_time_goes_on():
 class Graph:
     """A node's look at a graph in which somebody leaves with each look, so many times."""
 
-    def __init__(self, leave):
+    def __init__(self, leave, there=True):
         self.looks, self.leave = 0, leave
+        self.context = SimpleNamespace(ok=lambda: there)
 
     def get_node_names_and_namespaces(self):
         self.looks += 1
@@ -65,3 +66,9 @@ def test_one_waits_until_nobody_leaves_but_not_for_ever(monkeypatch, leave, look
     graph = Graph(leave)
     wait_for_quiet(graph)
     assert abs(graph.looks - looks) <= 1
+
+
+def test_where_ros_has_ended_nobody_is_waited_for():
+    graph = Graph(5, there=False)
+    wait_for_quiet(graph)
+    assert graph.looks == 0
