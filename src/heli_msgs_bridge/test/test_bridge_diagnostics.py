@@ -3,6 +3,7 @@
 
 import time
 
+import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -30,14 +31,16 @@ class Idle(ManagedNode[None, None]):
 
 @pytest.fixture
 def said(ros_context):
-    """A node in a namespace that nothing happens to: what it says, and when (wall time)."""
+    """A node in a namespace that nothing happens to: what it says, and when it was sent, s."""
     values = load(with_common(()), [config_folder("heli_parameters") / "common.yaml"], "idle")
     node = Idle(values | {"peers": []}, context=ros_context, namespace="heli2")
     listener = rclpy.create_node("listener", context=ros_context)
     executor, heard = SingleThreadedExecutor(context=ros_context), []
-    listener.create_subscription(
-        DiagnosticArray, "/diagnostics", lambda m: heard.append((time.monotonic(), m)), 10
-    )
+
+    def hear(message, info):
+        heard.append((info["source_timestamp"] / NS_PER_S, message))
+
+    listener.create_subscription(DiagnosticArray, "/diagnostics", hear, 10)
     executor.add_node(node)
     executor.add_node(listener)
 
@@ -57,9 +60,9 @@ def said(ros_context):
 
 def test_a_node_whose_time_stands_still_speaks_once_a_second(said):
     _, wait_for = said
-    times = [at for at, _ in wait_for(4)]
-    # The timer does not drift: three periods together, whatever a crowded machine does to one.
-    assert 2.5 < times[3] - times[0] < 5.5
+    times = [at for at, _ in wait_for(6)]
+    # A crowded machine makes one late, and so the period after it short.
+    assert 0.8 < np.median(np.diff(times)) < 1.5, times
 
 
 def test_a_status_is_of_an_aircraft_and_of_now(said):
