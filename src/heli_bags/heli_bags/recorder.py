@@ -33,6 +33,7 @@ _FOREVER = QosTime(9223372036, 854775807)
 _MOST_WAITING = 500
 # After a pause of the recorder the queue of a topic that does not tell the time may be emptied
 # before those that do: so far ahead it waits for them.
+_RECENT = 64
 _AHEAD_NS = 100 * NS_PER_S
 
 
@@ -129,6 +130,9 @@ class BagRecorder:
         self.odd_stamps: dict[str, int] = {}
         self._first: dict[str, int] = {}
         self._last: dict[str, int] = {}
+        # A node that was started again repeats some messages: they fill no gap.
+        self._recent = {name: deque[int](maxlen=_RECENT) for name in self.rows}
+        self._repeated = dict.fromkeys(self.rows, 0)
         # By how much a sensor's stamps are behind the time at which they come.
         self._late_ns: dict[str, int] = {}
         self._clock = BagClock(start_ns, self.rows)
@@ -193,6 +197,9 @@ class BagRecorder:
             self._write_ahead()
         if fits:
             self._first.setdefault(name, given_ns)
+            if given_ns <= self._last.get(name, -1) and given_ns in self._recent[name]:
+                self._repeated[name] += 1
+            self._recent[name].append(given_ns)
             self._last[name] = max(given_ns, self._last.get(name, 0))
             if name in LATE:
                 # A tick more: it may come before the rest of its own.
@@ -249,7 +256,7 @@ class BagRecorder:
             if not period_ns or self._failed:
                 continue
             expected = (last - self._first[name]) // period_ns + 1
-            fitting = self.counts[name] - self.odd_stamps.get(name, 0)
+            fitting = self.counts[name] - self.odd_stamps.get(name, 0) - self._repeated[name]
             newest_ns = last + self._late_ns.get(name, 0)
             if fitting < expected or newest_ns <= end_ns - period_ns:
                 found.append(name)

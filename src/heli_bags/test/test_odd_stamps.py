@@ -166,6 +166,19 @@ def test_a_gap_is_still_a_gap(tmp_path):
     assert recorder.odd_stamps == {topics.ODOM: 1}
 
 
+def test_what_is_said_twice_fills_no_gap(tmp_path):
+    """As by a node that was started again: its predecessor took one message with it."""
+    recorder = BagRecorder(tmp_path / "bag", NAMES, "/heli", start_ns=START_NS)
+    for name, raw in flight(0, 100):
+        stamp_ns = stamp_of(raw)
+        if name == topics.ODOM and stamp_ns == START_NS + 50 * TICK_NS:
+            continue
+        for _ in range(1 + (name == topics.ODOM and stamp_ns == START_NS + 60 * TICK_NS)):
+            recorder.write(name, raw)
+    recorder.close()
+    assert recorder.missing() == [topics.ODOM]
+
+
 def test_messages_that_dds_repeats_after_long_are_where_they_belong(tmp_path):
     """A full queue: two topics come half a minute of the flight after the others."""
     names = (*NAMES, topics.GPS_VELOCITY)
