@@ -31,9 +31,10 @@ __all__ = ["BagError", "BagRecorder", "Format", "row_of"]
 _FOREVER = QosTime(9223372036, 854775807)
 # So many messages are kept at most until a stream has told the time.
 _MOST_WAITING = 500
+# Stamps of a topic among which one that goes back may be a repetition.
+_RECENT = 64
 # After a pause of the recorder the queue of a topic that does not tell the time may be emptied
 # before those that do: so far ahead it waits for them.
-_RECENT = 64
 _AHEAD_NS = 100 * NS_PER_S
 
 

@@ -139,8 +139,8 @@ def test_lockstep_goes_on_after_the_predecessors_tick():
     assert made == [12]
 
 
-def test_in_lockstep_what_is_repeated_is_waited_for_though_the_trigger_is_ahead():
-    """Who died between what it sent and its note of it: the trigger of the next tick is out."""
+def answered():
+    """A node in lockstep that needs the answer to its own last message; its steps; the time, s."""
     made, now = [], [0.0]
     lock = Lockstep(
         {"imu": Demand(), "u": Demand(1, 1, 1)},
@@ -148,6 +148,12 @@ def test_in_lockstep_what_is_repeated_is_waited_for_though_the_trigger_is_ahead(
         1.0,
         now_s=lambda: now[0],
     )
+    return lock, made, now
+
+
+def test_in_lockstep_what_is_repeated_is_waited_for_though_the_trigger_is_ahead():
+    """Who died between what it sent and its note of it: the trigger of the next tick is out."""
+    lock, made, _ = answered()
     lock.take("imu", 12, 0)
     lock.take("imu", 13, 0)
     lock.start(11)
@@ -163,13 +169,7 @@ def test_in_lockstep_what_is_repeated_is_waited_for_though_the_trigger_is_ahead(
 
 
 def test_in_lockstep_what_a_successor_does_not_get_is_not_waited_for_for_ever():
-    made, now = [], [0.0]
-    lock = Lockstep(
-        {"imu": Demand(), "u": Demand(1, 1, 1)},
-        lambda tick, arrived: made.append((tick, sorted(arrived))),
-        1.0,
-        now_s=lambda: now[0],
-    )
+    lock, made, now = answered()
     lock.start(11)
     lock.take("imu", 12, 0)
     lock.take("imu", 13, 0)
