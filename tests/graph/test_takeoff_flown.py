@@ -12,7 +12,6 @@ import pytest
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop.closed_loop import simulate
 from heli_flight.loop.settings import resolve
-from heli_math.ticks import TICKS_PER_S
 
 HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--scenario", "takeoff_land"]
 # On loaded cores a pilot is seconds late, at ten times the wall clock's pace: time enough is given.
@@ -42,12 +41,10 @@ def test_the_graph_flies_from_the_ground_to_the_ground_as_one_process_does(ros_e
     alone = simulate(settings).record
     np.testing.assert_allclose(flown.truth_pos_ned_m, alone.truth_pos_ned_m, atol=1e-6)
     np.testing.assert_allclose(flown.u, alone.u, atol=1e-6)
-    # Modes and ways count in the record from when the recorder hears them, on loaded cores seconds
-    # later than they are flown: their order is the same, and so is the reference once it is heard.
     assert _in_order(flown.mode) == _in_order(alone.mode)
+    # Ways count from when they were flown, not from when a recorder on loaded cores heard of them.
     away = np.linalg.norm((flown.reference - alone.reference)[:, :3], axis=1) > 1e-6
-    assert away.mean() < 0.3
-    assert not away[-5 * TICKS_PER_S :].any()
+    assert not away.any()
     result = json.loads((folder / "result.json").read_text())
     assert [figure["inside"] for figure in result["ground"]] == [True] * 5
     assert "From the ground to the ground" in done.stdout

@@ -21,9 +21,10 @@ from heli_bags.folder import SUFFIXES, BagError, reason
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import ways_of
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
-from heli_msgs_bridge.reference_message import decode_reference
+from heli_msgs_bridge.reference_message import decode_reference, key_of
 from heli_msgs_bridge.sums import SUM, sum_of
 from heli_parameters.printable import printable
 
@@ -63,7 +64,8 @@ class Bag:
     streams : dict
         Topic name (relative, as in `topics.TABLE`) to its Stream.
     references : list of (int, Trajectory)
-        In the order in which they came, each with the bag's time of that, ns.
+        In the order in which they came, each with the time from which it counts, ns: as the outer
+        loop tells it, else the bag's time of it.
     remarks : list of Remark
         In the order of their stamps; of the bag's aircraft, though /diagnostics carries others.
     refused : dict
@@ -133,6 +135,7 @@ class _Collector:
         self._remarks: list[tuple[int, Remark]] = []
         self._rows: dict[str, list[NDArray[np.float64]]] = {}
         self._sums: list[bytes] = []
+        self._keys: list[int] = []
 
     def _decoder(self, name: str) -> Decoder:
         if name not in self._decoders:
@@ -150,6 +153,7 @@ class _Collector:
             if name == topics.REFERENCE:
                 message = self._deserialized(name, raw)
                 self.bag.references.append((bag_ns, decode_reference(message)))
+                self._keys.append(key_of(message))
             elif name == topics.DIAGNOSTICS:
                 said = _remarks(self._deserialized(name, raw), self.namespaces)
                 self._remarks += [(bag_ns, remark) for remark in said]
@@ -225,7 +229,21 @@ class _Collector:
         self.bag.remarks.sort(key=lambda remark: remark.stamp_ns)
         if not self._in_flight_time:
             self.bag.references = [(way.start_ns, way) for _, way in self.bag.references]
+        self._date_references()
         return self.bag
+
+    def _date_references(self) -> None:
+        """Have references count from when they were followed, not from when they were recorded.
+
+        On loaded cores that is seconds later, of flight time that runs ten times as fast.
+        """
+        told: dict[int, list[int]] = {}
+        for since_ns, key in sorted({w for r in self.bag.remarks for w in ways_of(r.facts)}):
+            told.setdefault(key, []).append(since_ns)
+        for index, key in enumerate(self._keys):
+            if told.get(key):
+                way = self.bag.references[index][1]
+                self.bag.references[index] = told[key].pop(0), way
 
 
 def require_whole(path: Path) -> None:

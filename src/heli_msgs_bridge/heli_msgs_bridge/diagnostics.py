@@ -22,6 +22,9 @@ FACT_MODE = "mode"
 FACT_FAILSAFE = "failsafe"
 """What the outer loop calls what it does by itself, a name of `heli_modes.failsafes.Action`; what
 it says changes with it."""
+FACT_WAYS = "reference_since_ns"
+"""What the outer loop calls its newest references, each as the flight's time from which it counts,
+ns, and its `heli_msgs_bridge.reference_message.key_of`."""
 FACT_LAW_FAILED = "own_law_failed"
 """Key of the sentence with which a law in Python has failed; it is not asked again."""
 FACT_FLOOD = "refused.requests"
@@ -36,6 +39,13 @@ def offset_of(facts: Mapping[str, str]) -> tuple[float, float, float] | None:
         north, east, down = json.loads(facts[FACT_OFFSET])
         return float(north), float(east), float(down)
     return None
+
+
+def ways_of(facts: Mapping[str, str]) -> list[tuple[int, int]]:
+    """From when on references count, ns, and their keys, as the outer loop tells; none if not."""
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        return [(int(since_ns), int(key)) for since_ns, key in json.loads(facts[FACT_WAYS])]
+    return []
 
 
 def hardware_of(namespace: str) -> str:

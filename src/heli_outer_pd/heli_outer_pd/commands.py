@@ -20,7 +20,7 @@ from heli_msgs_bridge.attitude_message import decode_attitude, decode_climb
 from heli_msgs_bridge.goto_message import decode_goto
 from heli_msgs_bridge.joy_message import decode_joy
 from heli_msgs_bridge.messages import MessageError
-from heli_msgs_bridge.reference_message import encode_reference
+from heli_msgs_bridge.reference_message import encode_reference, key_of
 from heli_msgs_bridge.stamps import AHEAD_TICKS, in_words
 from heli_msgs_bridge.velocity_message import VelocityCommand, decode_velocity
 from heli_outer_pd.reference_limits import ReferenceRefused
@@ -290,7 +290,9 @@ class Commands:
         node = self._node
         run, told = node.run, encode_reference(way, node.get_namespace())
         run.diverted = way
-        node.core.own.append(key_of(told))
+        key = key_of(told)
+        node.core.own.append(key)
+        node.core.ways.append((node.stamp_ns(node.tick + 1), key))
         node.core.tell_way(told)
         last, end_ns = way.points[-1], way.start_ns + way.times_ns[-1]
         north, east, down = last[REFERENCE.pos]
@@ -365,10 +367,3 @@ class Commands:
             )
         if not node.run.engaged or node.run.phases.way is None:
             raise ReferenceRefused("no position is held yet: the law waits for navigation")
-
-
-def key_of(reference: Any) -> tuple[Any, ...]:
-    """What tells a reference message from others."""
-    stamp, points = reference.header.stamp, reference.points
-    ends = [points[i].time_from_start for i in (0, -1)] if points else []
-    return (stamp.sec, stamp.nanosec, len(points), *((e.sec, e.nanosec) for e in ends))

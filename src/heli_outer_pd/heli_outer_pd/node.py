@@ -19,6 +19,7 @@ from heli_msgs_bridge.diagnostics import (
     FACT_LAW_FAILED,
     FACT_MODE,
     FACT_OFFSET,
+    FACT_WAYS,
     Level,
 )
 from heli_msgs_bridge.floods import MOST_WAY_BYTES
@@ -26,11 +27,11 @@ from heli_msgs_bridge.lockstep import Demand
 from heli_msgs_bridge.messages import MessageError
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.node_spec import NodeSpec
-from heli_msgs_bridge.reference_message import decode_reference, encode_reference
+from heli_msgs_bridge.reference_message import decode_reference, encode_reference, key_of
 from heli_msgs_bridge.senders import NOT_YET_NAMED
 from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
 from heli_outer_pd.anchor import warm_up
-from heli_outer_pd.commands import ARM, MODE, SERVED, Commands, key_of
+from heli_outer_pd.commands import ARM, MODE, SERVED, Commands
 from heli_outer_pd.config import outer_kernel
 from heli_outer_pd.fence import outside
 from heli_outer_pd.following import Following
@@ -158,6 +159,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             self.refuse_aloud(topics.REFERENCE, why)
             return
         core.followed.append(key)
+        core.ways.append((self.stamp_ns(self.tick + 1), key))
         core.given, core.way, core.home_ned_m = way, way, home.copy()
         if not self.active or not self.run.phases.phase.on_ground:
             self._as_given(way)
@@ -313,6 +315,7 @@ class OuterLoopNode(TickNode[Law, Following]):
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,
                 FACT_FAILSAFE: answer(phases.phase, core.state).name,
+                FACT_WAYS: [list(way) for way in core.ways],
                 "armed": core.armed,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),

@@ -24,6 +24,8 @@ COMMANDS = (topics.REFERENCE, topics.GOTO, topics.COMMAND_POSE)
 """Topics on which references and goals come."""
 UNHEARD = topics.BY_NAME[topics.REFERENCE].kept
 """References of its own that may be under way to itself."""
+# References that diagnostics name; once a second is often enough for those of a loaded recorder.
+_TOLD = 16
 
 
 @dataclass(kw_only=True)
@@ -57,11 +59,13 @@ class Law(TickCore):
         Per topic of commands who sends them, or has sent one.
     tell_way : callable
         Sends a way that is followed as a reference.
-    own : deque of tuple
-        References of this node that it has not yet heard back.
-    followed : deque of tuple
+    own : deque of int
+        References of this node that it has not yet heard back, each by its key.
+    followed : deque of int
         Those of others that were followed.
-    repeated : list of tuple
+    ways : deque of (int, int)
+        Of both the newest, each with the stamp from which it counts, ns, before its key.
+    repeated : list of int
         Of those, what a predecessor has heard and this node will hear once more.
     armed : bool
         Whether a take-off is obeyed.
@@ -87,8 +91,9 @@ class Law(TickCore):
     commanders: dict[str, EverSent] = field(
         default_factory=lambda: {t: EverSent() for t in COMMANDS}
     )
-    own: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=UNHEARD))
-    followed: deque[tuple[Any, ...]] = field(default_factory=lambda: deque(maxlen=UNHEARD))
-    repeated: list[tuple[Any, ...]] = field(default_factory=list)
+    own: deque[int] = field(default_factory=lambda: deque(maxlen=UNHEARD))
+    followed: deque[int] = field(default_factory=lambda: deque(maxlen=UNHEARD))
+    ways: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_TOLD))
+    repeated: list[int] = field(default_factory=list)
     armed: bool = True
     flies: OwnPositionLaw = field(default_factory=lambda: OwnPositionLaw(None))

@@ -13,9 +13,9 @@ from heli_math.rows import NAV, REFERENCE, SHAPED
 from heli_math.ticks import NS_PER_S
 from heli_math.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import FACT_WAYS, Level
 from heli_msgs_bridge.messages import CHANNELS
-from heli_msgs_bridge.reference_message import encode_reference
+from heli_msgs_bridge.reference_message import encode_reference, key_of
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.reference import shaped_reference_at
@@ -185,6 +185,8 @@ def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering, mon
     assert hovering.node.health.facts["reference"] == "goto"
     # Its own reference, heard back, changes nothing; another one takes over.
     (message,) = told
+    since = [[hovering.node.stamp_ns(601), key_of(message)]]
+    assert hovering.node.health.facts[FACT_WAYS] == since
     hovering.receive(topics.REFERENCE, message)
     assert hovering.node.run.diverted is way and hovering.node.core.given is None
     assert not hovering.node.core.own

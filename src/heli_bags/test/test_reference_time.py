@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A reference counts from when the outer loop followed it, whenever the recorder heard of it."""
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from heli_bags.reader import read_bag
+from heli_bags.recorder import BagRecorder, Format
+from heli_math.ticks import NS_PER_S, TICK_NS
+from heli_math.trajectory import Trajectory
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import FACT_WAYS
+from heli_msgs_bridge.messages import CHANNELS, Encoder
+from heli_msgs_bridge.reference_message import encode_reference, key_of
+
+START_NS, LATE_TICK = NS_PER_S, 250
+NAMES = (topics.ACTUATORS, topics.REFERENCE, topics.DIAGNOSTICS)
+
+
+def hover(north_m):
+    return encode_reference(Trajectory.hover(np.array([north_m, 0.0, -10.0]), 0.0))
+
+
+def told(ways, stamp_ns):
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    facts = [KeyValue(key=FACT_WAYS, value=str(ways))]
+    message = DiagnosticArray(status=[DiagnosticStatus(name="heli/outer_loop", values=facts)])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+    return serialize_message(message)
+
+
+def recorded(folder, late, said):
+    """References that are recorded 2.5 s after the flight began, and what is told at its end."""
+    recorder = BagRecorder(folder, NAMES, "/heli", Format("mcap"), START_NS)
+    actuators = Encoder(topics.ACTUATORS)
+    for tick in range(400):
+        stamp_ns = START_NS + tick * TICK_NS
+        recorder.write(
+            topics.ACTUATORS, actuators.encode(np.zeros(CHANNELS[topics.ACTUATORS].size), stamp_ns)
+        )
+        if tick == LATE_TICK:
+            for message in late:
+                recorder.write(topics.REFERENCE, serialize_message(message))
+    for ways in said:
+        recorder.write(topics.DIAGNOSTICS, told(ways, stamp_ns))
+    recorder.close()
+    return [
+        (round(since_ns / NS_PER_S, 2), way.points[0, 0].item())
+        for since_ns, way in read_bag(folder).references
+    ]
+
+
+def ways(*pairs):
+    return [[round(since_s * NS_PER_S), key_of(hover(north_m))] for since_s, north_m in pairs]
+
+
+def test_what_is_told_counts_and_else_when_it_was_recorded(tmp_path):
+    late = [hover(1.0), hover(2.0), hover(3.0)]
+    found = recorded(tmp_path / "b", late, [ways((1.2, 1.0), (1.7, 2.0)), ways((1.7, 2.0))])
+    assert found == [(1.2, 1.0), (1.7, 2.0), (3.5, 3.0)]
+
+
+def test_the_same_way_flown_again_counts_again(tmp_path):
+    late = [hover(1.0), hover(2.0), hover(1.0)]
+    found = recorded(tmp_path / "b", late, [ways((1.2, 1.0), (1.7, 2.0), (2.4, 1.0))])
+    assert found == [(1.2, 1.0), (1.7, 2.0), (2.4, 1.0)]
+
+
+def test_what_cannot_be_read_is_as_if_it_were_not_told(tmp_path):
+    for number, said in enumerate(["[[1", "[1, 2]", "[[1, 2, 3]]", "{}", [["a", "b"]]]):
+        assert recorded(tmp_path / str(number), [hover(1.0)], [said]) == [(3.5, 1.0)]
+
+
+def test_ways_that_differ_in_one_place_have_another_key():
+    keys = {key_of(hover(north_m)) for north_m in (0.0, 1.0, -1.0, 1e-9)}
+    assert len(keys) == 4 and key_of(hover(1.0)) in keys
