@@ -11,6 +11,7 @@ import time
 from collections import defaultdict
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 _DOMAINS = itertools.count((os.getpid() * 7) % 90)
@@ -35,6 +36,9 @@ def pytest_configure():
     # A test run started with `&` ignores SIGINT, and so would everything that it starts.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    # How long an example takes says nothing on loaded cores.
+    hypothesis.settings.register_profile("heli", deadline=None)
+    hypothesis.settings.load_profile("heli")
 
 
 @pytest.fixture

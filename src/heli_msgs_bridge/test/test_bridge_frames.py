@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from heli_math.rotations import quat_from_euler, quat_to_R_nb
@@ -74,7 +74,6 @@ def test_attitude_cardinal_cases(ned, enu):
     np.testing.assert_allclose(enu_flu(*ned), enu, atol=1e-12)
 
 
-@settings(deadline=None)  # the first example compiles the kernel
 @given(ANGLES, PITCHES, ANGLES)
 def test_attitude_agrees_with_matrices_and_returns(phi, theta, psi):
     q_nb = quat_from_euler(phi, theta, psi)
