@@ -14,14 +14,31 @@ SECONDS = 60.0
 PAUSE_S = 35.0
 
 
-def test_in_lockstep_its_pause_costs_no_message(hover_test, tmp_path):
-    """Nobody waits for it: the others are 3500 ticks on when it runs again."""
-    faults, folder = tmp_path / "faults.yaml", tmp_path / "f"
+# Of a process that is stopped for seconds Fast DDS may take the shared memory away, and not all of
+# it comes back (rarely, on loaded cores): the recorder then does not hear some nodes any more.
+FLIGHTS = 3
+
+
+def with_pause(hover_test, tmp_path):
+    """Folder and result of a flight; one whose recorder no longer answers says so."""
+    faults = tmp_path / "faults.yaml"
     pause = f"node: recorder, kind: pause, start_s: 10, duration_s: {PAUSE_S}"
     faults.write_text(f"faults:\n  - {{what: process, {pause}}}\n")
-    done = hover_test("--duration", SECONDS, "--faults", faults, "--out", folder)
-    assert done.returncode in (0, 1), done.stderr
-    result = json.loads((folder / "result.json").read_text())
+    for number in range(FLIGHTS):
+        folder = tmp_path / f"f{number}"
+        done = hover_test("--duration", SECONDS, "--faults", faults, "--out", folder)
+        assert done.returncode in (0, 1), done.stderr
+        assert (folder / "result.json").is_file(), done.stdout + done.stderr
+        result = json.loads((folder / "result.json").read_text())
+        if not result["partial"]:
+            return folder, result
+        assert done.returncode == 1 and f"PARTIAL: recorder: {result['partial']}" in done.stdout
+    raise AssertionError(f"{FLIGHTS} recorders in turn no longer answered after a pause")
+
+
+def test_in_lockstep_its_pause_costs_no_message(hover_test, tmp_path):
+    """Nobody waits for it: the others are 3500 ticks on when it runs again."""
+    folder, result = with_pause(hover_test, tmp_path)
     # In lockstep the flight goes on while somebody looks whether a fault is due.
     (fault,) = result["process_faults_done"]
     assert 10.0 <= fault["begun_s"] < SECONDS - PAUSE_S

@@ -142,6 +142,28 @@ def test_a_pause_ends_by_itself_and_with_the_flight(process, tmp_path):
     assert again.as_dicts()[0]["begun_s"] == 13.0
 
 
+def test_a_paused_recorder_that_the_flight_waits_for_is_let_out_of_its_lock(process, tmp_path):
+    """Nobody waits for a recorder, but who wants what it holds; an inner loop is waited for."""
+    now, ran = [0.0], []
+
+    def run(for_s):
+        process.becomes("S", "R")
+        ran.append(for_s)
+
+    for node in ("recorder", "inner_loop"):
+        there, pause = {node: process}, replace(PAUSE, node=node)
+        faults = ProcessFaults(
+            [pause], there, tmp_path / "log", print, now_s=lambda: now[0], wait=run
+        )
+        for flight_s, after_s in [(12.0, 0.0), (12.1, 5.0), (12.1, 0.9), (12.1, 0.2), (12.1, 0.9)]:
+            now[0] += after_s
+            faults.look(flight_s)
+            process.becomes("T")
+        faults.undo()
+        process.becomes("S", "R")
+    assert ran == [0.02]
+
+
 def test_a_kill_kills(process, tmp_path):
     faults = ProcessFaults([KILL], {"observer": process}, tmp_path / "log", print)
     faults.look(8.0)

@@ -16,7 +16,7 @@ from heli_flight.errors import FlightError, StartError
 from heli_flight.graph.bag_record import BagFlight
 from heli_flight.graph.live import LiveView
 from heli_flight.graph.live_up import bring_up_live, wait_for_viewer
-from heli_flight.graph.outcome import last_word, outcome
+from heli_flight.graph.outcome import outcome
 from heli_flight.graph.parameters import of_graph, refuse_unscorable
 from heli_flight.graph.plant_truth import TRUTH_SUMS
 from heli_flight.graph.process_faults import ProcessFaults
@@ -295,10 +295,7 @@ class Graph:
             up.wait_until(
                 lambda: up.statuses[LIVE].message == SHOWN_TO_THE_END, _END_LIMIT_S, alive
             )
-        # Whatever has reached the recorder is in the bag once it has confirmed.
-        up.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, _BAG_LIMIT_S, lambda: None)
-        # Its last word, of gaps perhaps, comes by another way than the confirmation.
-        up.wait_until(lambda: last_word(up.statuses.get("recorder")), _END_LIMIT_S, lambda: None)
+        up.close_bag(_BAG_LIMIT_S)
         up.name_senders(lambda: None)
 
     def told(

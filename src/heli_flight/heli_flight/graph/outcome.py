@@ -7,14 +7,13 @@ from typing import Any
 
 from heli_flight.graph.bag_record import BagFlight, flight_from_bag, lost_with_law
 from heli_flight.graph.plant_truth import TRUTH_SUMS, foreign_truth
-from heli_flight.graph.supervisor import NodeStatus
+from heli_flight.graph.supervisor import DEAF, NodeStatus
 from heli_flight.loop.flight_section import LOCKSTEP, REAL_TIME
 from heli_flight.loop.result import Result
 from heli_flight.loop.scoring import score
 from heli_flight.loop.settings import Settings
 from heli_live_view.parameter_table import NODE_NAME as LIVE
 from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED
-from heli_msgs_bridge.managed_node import INACTIVE
 from heli_msgs_bridge.senders import SENDERS
 
 
@@ -85,11 +84,8 @@ def outcome(
         notes.append(f"the bag lacks {missing} ticks of ground truth")
     scores, flown_s = score(record, settings.scenario), settings.rate.seconds(len(record))
     forged = foreign_truth(flight, folder / TRUTH_SUMS, settings.rate)
-    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft, forged)
+    recorder = statuses.get("recorder")
+    partial = recorder.facts.get(DEAF, "") if recorder is not None else ""
+    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft, forged, partial)
     mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
     return result, {"mode": mode, "composed": composed, "start_up_s": start_up_s}, flight
-
-
-def last_word(recorder: NodeStatus | None) -> bool:
-    """Whether the recorder has said how the bag is."""
-    return recorder is not None and (recorder.level > 0 or recorder.message == INACTIVE)

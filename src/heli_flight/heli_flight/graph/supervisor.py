@@ -5,6 +5,7 @@ It waits for events (a service that appears, a transition that is confirmed, the
 word), never for time; limits are only there to name who is silent.
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +29,7 @@ from heli_msgs_bridge.arrivals import Info, Owner, with_info
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
 from heli_msgs_bridge.leaving import wait_for_quiet
+from heli_msgs_bridge.managed_node import INACTIVE
 from heli_msgs_bridge.reference_message import encode_reference
 from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, full_name, senders_of, several_in_words
 
@@ -35,6 +37,8 @@ from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, full_name, senders_
 _NAME_LIMIT_S = 5.0
 # Wall time after which somebody else is believed who speaks as a node; nodes repeat themselves.
 _SILENT_S = 3.0
+DEAF = "deaf"
+"""Key of the sentence that the recorder did not answer at the end."""
 _LOOP = ("observer", "inner_loop", "outer_loop")
 
 
@@ -285,6 +289,26 @@ class Supervisor(Node):
             hint = "; another flight may be in this ROS domain: end it or set ROS_DOMAIN_ID to a "
             more = f"{hint}free one" if len(refused) > 1 else ""
             raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}")
+
+    def close_bag(self, limit_s: float) -> None:
+        """Deactivate the recorder: what has reached it is in the bag once it has confirmed.
+
+        For one that does not answer, whom its signal ends like all others, `DEAF` is told.
+        """
+        try:
+            self.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, limit_s, lambda: None)
+        except BringUpError as error:
+            deaf = (
+                f"{str(error).removeprefix('recorder: ')}; what it did not hear is not in the bag"
+            )
+            self.statuses["recorder"] = NodeStatus(Level.ERROR, deaf, math.nan, {DEAF: deaf})
+            return
+        # Its last word, of gaps perhaps, comes by another way than the confirmation.
+        self.wait_until(self._has_last_word, limit_s, lambda: None)
+
+    def _has_last_word(self) -> bool:
+        said = self.statuses.get("recorder")
+        return said is not None and (said.level > 0 or said.message == INACTIVE)
 
     def close(self) -> None:
         """Take the node out of the graph."""

@@ -64,6 +64,8 @@ class Result:
         Namespace that it flew in, among others; empty if it flew alone.
     forged : str
         Why the recorded ground truth is not the plant's, one sentence; empty if it is.
+    partial : str
+        Why only a part of the flight was recorded, one sentence; empty if all was.
     """
 
     figures: Figures
@@ -73,6 +75,7 @@ class Result:
     notes: Sequence[str] = field(default=())
     aircraft: str = ""
     forged: str = ""
+    partial: str = ""
 
     def outside(self, stretch: str = DECIDES) -> list[Score]:
         """Scores of a stretch outside the paper's figures, of all records."""
@@ -83,9 +86,9 @@ class Result:
         return [s for s in self.outside(stretch) if decides(s.source, gps)]
 
     def exit_code(self, gps: str) -> int:
-        """0: nothing that is judged is outside the paper's figures; 1: outside, lost, or forged."""
+        """0: what is judged is inside the paper's figures; 1: not, or lost, forged, partial."""
         grounded = any(not figure.inside for figure in self.figures.ground)
-        failed = self.lost or self.forged or grounded or self.judged(gps)
+        failed = self.lost or self.forged or self.partial or grounded or self.judged(gps)
         return EXIT_OUTSIDE if failed else EXIT_INSIDE
 
 
@@ -216,6 +219,8 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
         console.print(f"LOST after {result.flown_s:.2f} s: {result.lost}", highlight=False)
     if result.forged:
         console.print(f"FORGED: {result.forged}", highlight=False)
+    if result.partial:
+        console.print(f"PARTIAL: recorder: {result.partial}", highlight=False)
 
 
 def _stretch_table(
@@ -320,6 +325,7 @@ def write_result(
         "exit_code": result.exit_code(settings.gps),
         "lost": result.lost,
         "forged": result.forged,
+        "partial": result.partial,
         "judged": judged_by(settings),
         "outside": [s.name for s in result.judged(settings.gps)],
         "verdicts": {stretch: _verdict_row(result, settings, stretch) for stretch in STRETCHES},

@@ -118,6 +118,8 @@ def _verdict(named: Named) -> tuple[str, str, str]:
         return "✗", "bad", f"{named.name}: forged: {result.forged}"
     if result.lost:
         return "✗", "bad", f"{named.name}: lost after {result.flown_s:.2f} s: {result.lost}"
+    if result.partial:
+        return "✗", "bad", f"{named.name}: partial: {result.partial}"
     said = f"{named.name}: {verdict(result, settings, DECIDES)}"
     if not result.figures.of(DECIDES):
         return "–", "", said

@@ -291,4 +291,5 @@ def _result(
     wall = told.get("wall_s")
     wall_s = float(wall) if isinstance(wall, int | float) else math.nan
     notes = tuple(map(str, told.get("notes", ())))
-    return Result(figures, str(lost), flown, wall_s, notes, flight.aircraft)
+    partial = str(told.get("partial", ""))
+    return Result(figures, str(lost), flown, wall_s, notes, flight.aircraft, partial=partial)

@@ -190,7 +190,8 @@ def _verdicts(report: Report) -> list[tuple[str, str, str]]:
         return [("✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}")]
     if not result.figures.all:
         return [("–", "", "Not scored: nothing was recorded that could be.")]
-    return [_verdict(report, stretch) for stretch in STRETCHES]
+    partial = [("✗", "bad", f"Partial: {result.partial}")] if result.partial else []
+    return [*partial, *(_verdict(report, stretch) for stretch in STRETCHES)]
 
 
 def _verdict(report: Report, stretch: str) -> tuple[str, str, str]:

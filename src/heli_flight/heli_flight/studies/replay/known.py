@@ -97,6 +97,8 @@ def ended(told: Mapping[str, Any], figures: str) -> str:
     """
     if told.get("forged"):
         return f"Forged: {told['forged']}"
+    if told.get("partial"):
+        return f"Partial: {told['partial']}"
     flown, lost = told.get("flown_s"), told.get("lost")
     after = f" after {flown:.2f} s" if isinstance(flown, int | float) else ""
     if lost:

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorder that no longer answers costs the rest of its bag, and the flight says so."""
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from heli_flight.graph import outcome as outcomes
+from heli_flight.graph.bag_record import BagFlight
+from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
+from heli_flight.loop.closed_loop import simulate
+from heli_flight.loop.result import print_table, write_result
+from heli_flight.loop.settings import resolve
+from heli_flight.studies.replay.known import ended
+from heli_msgs_bridge.managed_node import INACTIVE
+
+WHY = "recorder: no answer to 'deactivate' in 10 s"
+SAID = "no answer to 'deactivate' in 10 s; what it did not hear is not in the bag"
+
+
+class Up:
+    """What closing a bag needs of the supervisor."""
+
+    def __init__(self, refuses=""):
+        self.statuses, self.refuses, self.limits_s = {}, refuses, []
+
+    def transition(self, names, transition_id, limit_s, check):
+        assert names == ["recorder"]
+        if self.refuses:
+            raise BringUpError(self.refuses)
+
+    def wait_until(self, done, limit_s, check):
+        assert not done()
+        self.statuses["recorder"] = NodeStatus(0, INACTIVE, 1.0, {})
+        assert self._has_last_word()
+
+    _has_last_word = Supervisor._has_last_word
+
+
+def test_one_that_answers_has_the_last_word():
+    up = Up()
+    Supervisor.close_bag(up, 10.0)
+    assert up.statuses["recorder"].message == INACTIVE
+
+
+@pytest.fixture(scope="module")
+def flown():
+    settings = resolve(overrides={"scenario": {"duration_s": 20.0}}, world="paper")
+    return settings, simulate(settings).record
+
+
+def test_of_one_that_does_not_the_flight_is_partial(flown, monkeypatch, tmp_path):
+    up = Up(WHY)
+    Supervisor.close_bag(up, 10.0)
+    settings, record = flown
+    monkeypatch.setattr(outcomes, "flight_from_bag", lambda *_: BagFlight(record, (), ()))
+    monkeypatch.setattr(outcomes, "foreign_truth", lambda *_: "")
+    result, _, _ = outcomes.outcome(settings, tmp_path, up.statuses, [], 1.0)
+    assert result.partial == SAID and f"recorder: {SAID}" in result.notes
+    assert not result.judged(settings.gps) and result.exit_code(settings.gps) == 1
+    said = io.StringIO()
+    print_table(result, settings, Console(file=said, width=200))
+    assert f"PARTIAL: recorder: {SAID}" in said.getvalue()
+    write_result(result, settings, tmp_path, {})
+    told = json.loads((tmp_path / "result.json").read_text())
+    assert (told["partial"], told["exit_code"]) == (SAID, 1)
+    assert ended(told, "") == f"Partial: {SAID}"
