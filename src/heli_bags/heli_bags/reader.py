@@ -127,7 +127,7 @@ class _Collector:
     def __init__(self, datum: Datum | None) -> None:
         self.bag = Bag()
         self.namespaces: frozenset[str] = frozenset()
-        self.start_ns, self._in_flight_time = 0, False
+        self.start_ns, self._end_ns, self._in_flight_time = 0, 0, False
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._datum = datum
         self._decoders: dict[str, Decoder] = {}
@@ -149,6 +149,7 @@ class _Collector:
 
     def take(self, name: str, bag_ns: int, raw: bytes) -> None:
         """One message of the graph, and the bag's time of it."""
+        self._end_ns = max(self._end_ns, bag_ns)
         try:
             if name == topics.REFERENCE:
                 message = self._deserialized(name, raw)
@@ -198,9 +199,9 @@ class _Collector:
             return self.start_ns - WINDOW_NS <= stamp_ns <= bag_ns + WINDOW_NS
         begun = stamp_ns >= self.start_ns - _EARLY_NS
         if name == topics.DIAGNOSTICS:
-            # Said in order, heard seconds late on loaded cores: one put where it was heard would
-            # come behind what was said after it.
-            return begun and stamp_ns <= bag_ns + WINDOW_NS
+            # Said in order; on loaded cores heard seconds late, or before the messages that tell
+            # the recorder the time. Put where it was heard it would change places with others.
+            return begun and stamp_ns <= self._end_ns + WINDOW_NS
         return begun and abs(bag_ns - stamp_ns) <= WINDOW_NS
 
     def finish(self) -> Bag:

@@ -75,3 +75,19 @@ def test_what_cannot_be_read_is_as_if_it_were_not_told(tmp_path):
 def test_ways_that_differ_in_one_place_have_another_key():
     keys = {key_of(hover(north_m)) for north_m in (0.0, 1.0, -1.0, 1e-9)}
     assert len(keys) == 4 and key_of(hover(1.0)) in keys
+
+
+def test_what_is_said_counts_when_it_was_so_however_early_it_was_heard(tmp_path):
+    """Before the messages that tell a lagging recorder the time, seconds of flight time."""
+    recorder = BagRecorder(tmp_path / "b", NAMES, "/heli", Format("mcap"), START_NS)
+    row = np.zeros(CHANNELS[topics.ACTUATORS].size)
+    for tick in range(1000):
+        stamp_ns = START_NS + tick * TICK_NS
+        recorder.write(topics.ACTUATORS, Encoder(topics.ACTUATORS).encode(row, stamp_ns))
+        if tick == LATE_TICK:
+            for said_s in (2.0, 9.0, 10.0):
+                recorder.write(topics.DIAGNOSTICS, told([], round(said_s * NS_PER_S)))
+            recorder.write(topics.DIAGNOSTICS, told([], 3600 * NS_PER_S))
+    recorder.close()
+    found = [remark.stamp_ns / NS_PER_S for remark in read_bag(tmp_path / "b").remarks]
+    assert found == [2.0, 3.5, 9.0, 10.0]
