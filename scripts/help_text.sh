@@ -2,9 +2,9 @@
 # shellcheck shell=bash
 # Sourced by heli and hover_test.sh after setup_env.sh: help without set-up.
 #
-# heli_help NAME ARGUMENT...   answers --help out of scripts/help.txt (and `heli` alone, which is exit code 2), and ends, if there
-#                              is no environment yet that could answer itself. Else, and for all that is no question for
-#                              help, it does nothing.
+# heli_help NAME ARGUMENT...   answers --help out of scripts/help.txt (and `heli` or `heli bag` alone, where a command has to follow,
+#                              which is exit code 2), and ends, if there is no environment yet that could answer itself.
+#                              Else, and for all that is no question for help, it does nothing.
 
 # Sets heli_words to the names that the arguments begin with; 1: they do not ask for help.
 heli_help_is_asked() {
@@ -35,11 +35,18 @@ heli_print_help() {
     return "$found"
 }
 
+# Whether these words of `heli` are nothing without a command that follows.
+heli_is_unfinished() {
+    local text
+    [ $# = 0 ] || { text=$(heli_print_help "heli $*") && [[ $text == *" COMMAND [ARGS]..."* ]]; }
+}
+
 heli_help() {
-    local program=$1 name text count
+    local program=$1 name text count unfinished=1
     shift
     [ -z "${_HELI_COMPLETE:-}" ] || return 0
-    heli_help_is_asked "$@" || return 0
+    [ "$program" != heli ] || ! heli_is_unfinished "$@" || unfinished=0
+    heli_help_is_asked "$@" || [ "$unfinished" = 0 ] || return 0
     [ "$program" = heli ] || [ $# -gt 0 ] || return 0
     heli_look
     ! heli_all_stands "" || return 0
@@ -56,7 +63,7 @@ heli_help() {
     done
     text+=$'\n\n'"Nothing is set up yet: this is the stored help. The first command that does something sets up, once:"
     text+=$'\n'"$(heli_told_costs)."
-    if [ $# = 0 ]; then
+    if [ "$unfinished" = 0 ]; then
         printf '%s\n' "$text" >&2
         exit 2
     fi

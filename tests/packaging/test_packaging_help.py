@@ -60,15 +60,18 @@ def test_what_stands_before_help_decides(checkout, words, name):
     assert checkout.start("heli", *words).stdout.startswith(SECTIONS[name])
 
 
-def test_without_words_it_is_the_help_and_exit_code_2_with_and_without_environment(checkout):
-    bare = checkout.start("heli")
+@pytest.mark.parametrize("name", ["heli", "heli bag", "heli compare", "heli results"])
+def test_where_a_command_has_to_follow_it_is_the_help_and_exit_code_2(checkout, name):
+    """With and without environment."""
+    bare = checkout.start(*name.split())
     assert bare.returncode == 2 and bare.stdout == ""
-    assert bare.stderr.startswith(SECTIONS["heli"])
-    command = [sys.executable, "-m", "heli_flight.start", "heli"]
+    assert bare.stderr.startswith(SECTIONS[name])
+    assert not list(checkout.top.glob(".venv*"))
+    command = [sys.executable, "-m", "heli_flight.start", *name.split()]
     env = os.environ | {"COLUMNS": "80"}
     own = subprocess.run(command, capture_output=True, text=True, env=env)
     assert own.returncode == 2 and own.stdout == ""
-    assert own.stderr.split() == SECTIONS["heli"].split()
+    assert own.stderr.split() == SECTIONS[name].split()
 
 
 def test_a_command_that_is_none_is_refused(checkout):
