@@ -12,8 +12,6 @@ from heli_msgs_bridge import topics
 SECONDS = 60.0
 # More than senders keep for each other, and more than the window in which a stamp is believed.
 PAUSE_S = 35.0
-
-
 # Of a process that is stopped for seconds Fast DDS may take the shared memory away, and not all of
 # it comes back (rarely, on loaded cores): the recorder then does not hear some nodes any more.
 FLIGHTS = 3
@@ -32,7 +30,7 @@ def with_pause(hover_test, tmp_path):
         result = json.loads((folder / "result.json").read_text())
         if not result["partial"]:
             return folder, result
-        assert done.returncode == 1 and f"PARTIAL: recorder: {result['partial']}" in done.stdout
+        assert done.returncode == 1 and f"PARTIAL: {result['partial']}" in done.stdout
     raise AssertionError(f"{FLIGHTS} recorders in turn no longer answered after a pause")
 
 

@@ -7,7 +7,7 @@ from rclpy.serialization import serialize_message
 from heli_bags.reader import read_bag
 from heli_bags.recorder import BagRecorder, Format
 from heli_math.ticks import NS_PER_S, TICK_NS
-from heli_math.trajectory import Trajectory
+from heli_math.trajectory import MAX_POINTS, Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_WAYS
 from heli_msgs_bridge.messages import CHANNELS, Encoder
@@ -75,6 +75,15 @@ def test_what_cannot_be_read_is_as_if_it_were_not_told(tmp_path):
 def test_ways_that_differ_in_one_place_have_another_key():
     keys = {key_of(hover(north_m)) for north_m in (0.0, 1.0, -1.0, 1e-9)}
     assert len(keys) == 4 and key_of(hover(1.0)) in keys
+
+
+def test_of_a_message_that_is_too_long_to_be_decoded_no_more_is_read_for_its_key():
+    message = hover(1.0)
+    message.points = message.points * MAX_POINTS
+    as_long = key_of(message)
+    message.points = message.points + hover(2.0).points * 10
+    message.points[0].transforms = message.points[0].transforms * 3
+    assert key_of(message) == as_long
 
 
 def test_what_is_said_counts_when_it_was_so_however_early_it_was_heard(tmp_path):

@@ -298,10 +298,8 @@ class Supervisor(Node):
         try:
             self.transition(["recorder"], Transition.TRANSITION_DEACTIVATE, limit_s, lambda: None)
         except BringUpError as error:
-            deaf = (
-                f"{str(error).removeprefix('recorder: ')}; what it did not hear is not in the bag"
-            )
-            self.statuses["recorder"] = NodeStatus(Level.ERROR, deaf, math.nan, {DEAF: deaf})
+            sentence = f"{error}; what it did not hear is not in the bag"
+            self.statuses["recorder"] = NodeStatus(Level.OK, "", math.nan, {DEAF: sentence})
             return
         # Its last word, of gaps perhaps, comes by another way than the confirmation.
         self.wait_until(self._has_last_word, limit_s, lambda: None)

@@ -220,7 +220,7 @@ def print_table(result: Result, settings: Settings, console: Console) -> None:
     if result.forged:
         console.print(f"FORGED: {result.forged}", highlight=False)
     if result.partial:
-        console.print(f"PARTIAL: recorder: {result.partial}", highlight=False)
+        console.print(f"PARTIAL: {result.partial}", highlight=False)
 
 
 def _stretch_table(

@@ -182,7 +182,7 @@ def _json(value: object) -> Markup:
 
 
 def _verdicts(report: Report) -> list[tuple[str, str, str]]:
-    """Mark, class and sentence: of a forgery or a loss alone, else of each stretch in turn."""
+    """Mark, class and sentence: of what makes it count for nothing alone, else of each stretch."""
     result = report.result
     if result.forged:
         return [("✗", "bad", f"Forged: {result.forged}")]
@@ -190,8 +190,9 @@ def _verdicts(report: Report) -> list[tuple[str, str, str]]:
         return [("✗", "bad", f"Lost after {result.flown_s:.2f} s: {result.lost}")]
     if not result.figures.all:
         return [("–", "", "Not scored: nothing was recorded that could be.")]
-    partial = [("✗", "bad", f"Partial: {result.partial}")] if result.partial else []
-    return [*partial, *(_verdict(report, stretch) for stretch in STRETCHES)]
+    if result.partial:
+        return [("✗", "bad", f"Partial: {result.partial}")]
+    return [_verdict(report, stretch) for stretch in STRETCHES]
 
 
 def _verdict(report: Report, stretch: str) -> tuple[str, str, str]:
