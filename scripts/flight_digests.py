@@ -52,12 +52,12 @@ def orders(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def digest(arrays: dict[str, Any]) -> str:
-    """SHA-256 (hex, 16 characters) of names, shapes, types and bytes of arrays."""
+    """SHA-256 (hex) of names, shapes, types and bytes of arrays."""
     total = hashlib.sha256()
     for name, values in sorted(arrays.items()):
         array = np.ascontiguousarray(values)
         total.update(f"{name} {array.shape} {array.dtype}".encode() + array.tobytes())
-    return total.hexdigest()[:16]
+    return total.hexdigest()
 
 
 def of_flight(order: dict[str, Any]) -> str:

@@ -24,7 +24,6 @@ ALWAYS = ("__*__", *(f"on_{name}" for name in TRANSITIONS))
 """What Python itself reads, and the transitions that rclpy calls."""
 CALLED_BY_OTHERS = {
     "generate_launch_description": "by launch",
-    "heli": "by the command of pyproject.toml",
     "user_law": "by whoever copies law_template",
     "signum": "of a signal handler's arguments, which Python gives",
     "setup_package": "by src/*/setup.py",
