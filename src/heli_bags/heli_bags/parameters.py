@@ -1,7 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder's parameters; their values stand in config/recorder.yaml. No ROS."""
 
-from heli_parameters.parameters import Parameter
+from collections.abc import Collection
+
+from heli_core.parameters import Parameter
+from heli_msgs_bridge import topics
+
+# -------------------------------------------------------------------------------------------------
+# Parameter table.
+# -------------------------------------------------------------------------------------------------
 
 NODE_NAME = "recorder"
 
@@ -62,3 +69,29 @@ TABLE: tuple[Parameter, ...] = (
         read_only=True,
     ),
 )
+
+
+# -------------------------------------------------------------------------------------------------
+# What the recorder leaves out, by its parameters. No ROS, no rosbags: launch files need it.
+# -------------------------------------------------------------------------------------------------
+
+
+def unrecorded(wanted: Collection[str], exclude: Collection[str]) -> tuple[str, ...]:
+    """Topics of the graph that a recorder does not take: nobody may wait for it there.
+
+    Parameters
+    ----------
+    wanted, exclude : collection of str
+        Its parameters `topics` and `exclude`.
+
+    Returns
+    -------
+    tuple of str
+        "none" alone if it takes all: rcl has no empty array.
+    """
+    left = tuple(
+        topic.name
+        for topic in topics.TABLE
+        if topic.name in exclude or not {"all", topic.name}.intersection(wanted)
+    )
+    return left or ("none",)

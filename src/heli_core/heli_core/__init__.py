@@ -1,27 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mathematics that every package of the stack shares: kernels, named rows, ticks, rotations."""
+"""What every package shares: kernels, rows, ticks, rotations, linear systems, parameters."""
 
-from heli_math.faces import face
+from heli_core.faces import face
 
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
+        "command_line": ["MissingFileError", "config_folder", "executable", "share_folder"],
         "jit": ["njit"],
-        "multisine": ["Multisine", "design_multisine"],
-        "state_space": ["hover_system"],
+        "linear": ["hover_system"],
+        "parameters": ["Parameter", "why_refused", "load", "with_common"],
+        "rcl_yaml": ["ParameterError", "dump_all"],
+        "signals": ["Multisine", "design_multisine"],
         "trajectory": ["Trajectory", "TrajectoryError"],
     },
     modules=[
-        "arrays",
-        "atmosphere",
         "central_controller",
-        "climb",
-        "grid_search",
-        "linear_systems",
-        "paper_metrics",
+        "command_line",
+        "jit",
+        "linear",
+        "metrics",
+        "rcl_yaml",
         "rotations",
         "rows",
-        "state_names",
+        "search",
         "ticks",
         "trajectory",
     ],

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Standard atmosphere, troposphere (ICAO Doc 7488): pressure and pressure altitude."""
 
-from heli_math.jit import njit
+from heli_core.jit import njit
 
 SEA_LEVEL_PRESSURE_PA = 101325.0
 SEA_LEVEL_TEMPERATURE_K = 288.15

@@ -1,5 +1,134 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Named causes why a design is refused; each message is one sentence for the user."""
+"""Named causes for which a path is refused."""
+
+from enum import Enum
+
+# -------------------------------------------------------------------------------------------------
+# Refusals with a named cause: the base of the packages' errors.
+# -------------------------------------------------------------------------------------------------
+
+
+class CausedError(ValueError):
+    """Something that is refused.
+
+    Attributes
+    ----------
+    cause : Enum
+        For programs; the message is one sentence for people and names what is wrong and its number.
+    """
+
+    def __init__(self, cause: Enum, sentence: str) -> None:
+        super().__init__(sentence)
+        self.cause = cause
+
+
+# -------------------------------------------------------------------------------------------------
+# Errors.
+# -------------------------------------------------------------------------------------------------
+
+
+class PathCause(Enum):
+    """Why it was refused."""
+
+    NOT_FINITE = "a position, a heading or a time is not finite"
+    BAD_LIMIT = "a limit is not a positive number"
+    BAD_SIZE = "a length, a radius or a number of laps is not positive"
+    TOO_FAST = "the motion at the start is beyond the limits"
+    TOO_TIGHT = "the curve cannot be flown within the limits"
+    TOO_LONG = "the trajectory would have too many points"
+
+
+class PathError(CausedError):
+    """A path that is refused; `cause` is a `PathCause`."""
+
+
+# -------------------------------------------------------------------------------------------------
+# Named causes for which a flight is not scored.
+# -------------------------------------------------------------------------------------------------
+
+
+class HandlingCause(Enum):
+    """Why a flight was not scored."""
+
+    NOT_FINITE = "a signal holds a value that is not finite"
+    SHAPE = "a signal has the wrong shape"
+    UNKNOWN = "no such manoeuvre, scale or axis"
+    TOO_SHORT = "the flight is shorter than the manoeuvre"
+    NO_PHASES = "the manoeuvre is not in the flight"
+    NO_EXCITATION = "the input does not move"
+    LOW_COHERENCE = "the response is lost in noise"
+
+
+class HandlingError(CausedError):
+    """A flight that is not scored; `cause` is a `HandlingCause`."""
+
+
+# -------------------------------------------------------------------------------------------------
+# Named causes for which an identification is refused.
+# -------------------------------------------------------------------------------------------------
+
+
+class IdentificationCause(Enum):
+    """Why an identification was refused."""
+
+    NOT_FINITE = "a signal holds a value that is not finite"
+    SHAPE = "a signal has the wrong shape"
+    GAP = "the samples are not one tick apart"
+    TOO_SHORT = "the record ends before the excitation's periods do"
+    NO_EXCITATION = "a channel is not excited"
+    NOT_PERIODIC = "the excitation is not the same in every period"
+    LOW_COHERENCE = "the response is lost in noise"
+    TOO_FEW_LINES = "fewer frequencies are excited than the model needs"
+    NOT_CONVERGED = "the fit did not converge"
+    UNSTABLE = "the fitted model is unphysical"
+
+
+class IdentificationError(CausedError):
+    """An identification that is refused; `cause` is a `IdentificationCause`."""
+
+
+# -------------------------------------------------------------------------------------------------
+# Named causes for which a proof or a synthesis is refused.
+# -------------------------------------------------------------------------------------------------
+
+
+class RobustCause(Enum):
+    """Why it was refused."""
+
+    NOT_FINITE = "a matrix holds a value that is not finite"
+    UNSTABLE = "the loop is not stable"
+    BAD_RANGE = "a range is upside down or does not include the nominal value"
+    NO_CERTIFICATE = "no scalings certify the level asked for"
+    NOT_CONVERGED = "the synthesis does not converge"
+
+
+class RobustError(CausedError):
+    """A proof or a synthesis that is refused; `cause` is a `RobustCause`."""
+
+
+# -------------------------------------------------------------------------------------------------
+# Named causes for which a joystick's reading, or a map of its axes, is refused.
+# -------------------------------------------------------------------------------------------------
+
+
+class StickCause(Enum):
+    """Why it was refused."""
+
+    NOT_FINITE = "an axis is not finite"
+    OUT_OF_RANGE = "an axis or a button is out of its range"
+    TOO_FEW_AXES = "an axis that a stick is on is missing"
+    TOO_FEW_BUTTONS = "a button of a command is missing"
+    SEVERAL_BUTTONS = "buttons of several commands are pressed at once"
+    TAKEN_TWICE = "two sticks share an axis, or two commands a button"
+
+
+class StickError(CausedError):
+    """A reading or a map that is refused; `cause` is a `StickCause`."""
+
+
+# -------------------------------------------------------------------------------------------------
+# Named causes why a design is refused; each message is one sentence for the user.
+# -------------------------------------------------------------------------------------------------
 
 
 class SynthesisError(ValueError):
@@ -111,3 +240,29 @@ def _mode(value: complex) -> str:
     if value.imag == 0.0:
         return f"{value.real:.3g}"
     return f"{value.real:.3g} {'+' if value.imag > 0 else '-'} {abs(value.imag):.3g}j"
+
+
+# -------------------------------------------------------------------------------------------------
+# Named causes for a flight that could not be made.
+# -------------------------------------------------------------------------------------------------
+
+
+class FlightError(Exception):
+    """The graph could not be brought up or kept up; the message is one line for the user."""
+
+
+class StartError(FlightError):
+    """The graph could not be brought up; nothing was flown."""
+
+
+class BrokenFlightError(FlightError):
+    """The graph broke in flight; what was recorded until then is kept."""
+
+
+# -------------------------------------------------------------------------------------------------
+# What is wrong with a plant's parameters.
+# -------------------------------------------------------------------------------------------------
+
+
+class PlantConfigError(ValueError):
+    """Parameters that do not fit together; the message names the key and what is allowed."""

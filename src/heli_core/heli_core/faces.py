@@ -20,7 +20,8 @@ def face(
     package : str
         The package's `__name__`.
     names : mapping of module name to names
-        What users import, by the module of the package that defines it.
+        What users import, by the module of the package that defines it; a module of another
+        package is named whole (`heli_core.errors`).
     modules : iterable of str
         Modules of the package that are public themselves.
     """
@@ -32,6 +33,8 @@ def face(
             return import_module(f"{package}.{name}")
         if name not in owner:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(f"{package}.{owner[name]}"), name)
+        module = owner[name]
+        home = module if module.startswith("heli_") else f"{package}.{module}"
+        return getattr(import_module(home), name)
 
     return load, lambda: public, public

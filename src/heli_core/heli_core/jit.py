@@ -11,6 +11,7 @@ the module's own top-level package and of the packages of this stack (`heli_*`),
 """
 
 import hashlib
+import math
 import os
 import re
 import sys
@@ -21,6 +22,14 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numba.core import cgutils, types
+from numba.extending import lower_builtin, type_callable
+
+# -------------------------------------------------------------------------------------------------
+# Jit.
+# -------------------------------------------------------------------------------------------------
 
 _STACK = "heli_"
 _KEPT_S = 30 * 86400.0
@@ -173,7 +182,7 @@ def njit(
     Deliberately without fastmath: the same inputs give the same bits in the one-process loop and in
     the nodes, and NaN checks stay meaningful. NUMBA_CACHE_DIR, if set, is left in charge.
     Nobody counts references to arrays, which cost a third of a tick: a kernel makes its arrays by
-    `heli_math.arrays.scratch`, numba refuses others, and it gives none back but to kernels.
+    `heli_core.jit.scratch`, numba refuses others, and it gives none back but to kernels.
     `inlined`, `unlocked`, `counted`: see `njit_inlined`, `njit_unlocked`, `njit_counted`.
     """
     import numba
@@ -209,3 +218,166 @@ def njit_unlocked(function: Callable[..., Any]) -> Callable[..., Any]:
     For a kernel that takes long, on arrays that its caller's thread alone knows.
     """
     return njit(function, unlocked=True)
+
+
+# -------------------------------------------------------------------------------------------------
+# Compiled kernels, called without the look at their arguments' types.
+#
+# numba looks at every number in a tuple of hundreds at each call, to find the code for its types.
+# Where the types are known to stay, this look can be made once: it takes ten times as long as to
+# hand
+# the numbers over.
+# -------------------------------------------------------------------------------------------------
+
+
+def direct(kernel: Callable[..., Any], *like: Any) -> Callable[..., Any]:
+    """The machine code of a kernel for arguments of these types.
+
+    Parameters
+    ----------
+    kernel : callable
+        As `heli_core.jit.njit` gives it.
+    *like : object
+        Arguments, all of them, as those of each call will be.
+
+    Returns
+    -------
+    callable
+        Computes the same, bit for bit. It takes positional arguments only, and does not check them:
+        an array of another number of dimensions, kind or order would be read as if it were the
+        one of `like`. So ask again when a tuple of numbers is swapped.
+    """
+    import numba
+
+    if not hasattr(kernel, "overloads"):  # NUMBA_DISABLE_JIT
+        return kernel
+    code: Callable[..., Any] = kernel.compile(tuple(map(numba.typeof, like)))  # type: ignore[attr-defined]
+    return code
+
+
+# -------------------------------------------------------------------------------------------------
+# Small arrays in kernels: made on the stack, copied and filled by plain loops.
+#
+# numba's own slice assignment makes a copy where source and target may overlap, and costs seconds
+# of
+# compilation.
+# -------------------------------------------------------------------------------------------------
+
+
+def scratch(length: int) -> np.ndarray:
+    """A float64 vector that lives as long as the kernel that asks for it; its numbers are anything.
+
+    It lies on the stack: nothing is allocated, and a short one ends up in registers. So it must not
+    be returned, nor kept.
+
+    Parameters
+    ----------
+    length : int
+        A number, or the name of a module's constant.
+    """
+    return np.empty(length)
+
+
+def scratch_matrix(rows: int, columns: int) -> np.ndarray:
+    """As `scratch`, a float64 matrix."""
+    return np.empty((rows, columns))
+
+
+def _type_of(*lengths: Any) -> Any:
+    """Type of an array of these lengths; None, which numba asks for, if one is not a constant."""
+    if all(isinstance(length, types.IntegerLiteral) for length in lengths):
+        return types.Array(types.float64, len(lengths), "C")
+    return None
+
+
+@type_callable(scratch)
+def _type_of_vector(_context: Any) -> Any:
+    def typer(length):  # type: ignore[no-untyped-def]  # numba reads its signature
+        return _type_of(length)
+
+    return typer
+
+
+@type_callable(scratch_matrix)
+def _type_of_matrix(_context: Any) -> Any:
+    def typer(rows, columns):  # type: ignore[no-untyped-def]
+        return _type_of(rows, columns)
+
+    return typer
+
+
+@lower_builtin(scratch, types.IntegerLiteral)
+@lower_builtin(scratch_matrix, types.IntegerLiteral, types.IntegerLiteral)
+def _on_stack(context: Any, builder: Any, signature: Any, _arguments: Any) -> Any:
+    """Code of an array in the frame of the kernel; nobody counts references to it."""
+    shape = [length.literal_value for length in signature.args]
+    number = context.get_data_type(types.float64)
+    width = context.get_abi_sizeof(number)
+
+    def integers(values: list[int]) -> Any:
+        words = [context.get_constant(types.intp, value) for value in values]
+        return cgutils.pack_array(builder, words)
+
+    made = context.make_array(signature.return_type)(context, builder)
+    context.populate_array(
+        made,
+        data=cgutils.alloca_once(builder, number, size=math.prod(shape)),
+        shape=integers(shape),
+        strides=integers([width * math.prod(shape[i + 1 :]) for i in range(len(shape))]),
+        itemsize=context.get_constant(types.intp, width),
+        meminfo=None,
+    )
+    return made._getvalue()
+
+
+@njit
+def copy_part(target, i, source, j, n):
+    """target[i : i + n] = source[j : j + n] of contiguous vectors."""
+    for m in range(n):
+        target[i + m] = source[j + m]
+
+
+@njit
+def copy(target, source):
+    """target[:] = source of vectors of one length."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
+
+
+@njit
+def difference(a, b, out):
+    """out[:] = a - b of vectors of one length."""
+    for i in range(out.shape[0]):
+        out[i] = a[i] - b[i]
+
+
+@njit
+def is_zero(values):
+    """Whether every number of a vector is 0; NaN is not."""
+    for value in values:
+        if value != 0.0:
+            return False
+    return True
+
+
+@njit
+def copy_matrix(target, source):
+    """target[:, :] = source."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@njit
+def fill(target, value):
+    """target[:] = value of a contiguous vector."""
+    for i in range(target.shape[0]):
+        target[i] = value
+
+
+@njit
+def fill_matrix(target, value):
+    """target[:, :] = value."""
+    for i in range(target.shape[0]):
+        for j in range(target.shape[1]):
+            target[i, j] = value

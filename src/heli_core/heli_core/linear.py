@@ -2,13 +2,24 @@
 """Linear systems x' = A x + B u as plain arrays: exact sampling, servos, delay, eq. (19).
 
 What flies and what is searched over is worked out with these. For analysis there is python-control
-(`heli_math.state_space` makes its systems of the same arrays), which also checks them in the tests.
+(`heli_core.linear` makes its systems of the same arrays), which also checks them in the tests.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from heli_core.rows import INPUT_NAMES, STATE_NAMES, WIND_NAMES
+
+if TYPE_CHECKING:
+    import control
+
+# -------------------------------------------------------------------------------------------------
+# Linear systems.
+# -------------------------------------------------------------------------------------------------
 
 Matrix = NDArray[np.float64]
 _SHORTEST_S = 1e-9  # a part of a tick that is shorter than this is rounding
@@ -157,3 +168,45 @@ def diagonal_observer_gain(
     """
     m, u = list(measured), list(unmeasured)
     return np.asarray((A[np.ix_(u, u)] - np.diag(poles)) @ np.linalg.pinv(A[np.ix_(m, u)]))
+
+
+# -------------------------------------------------------------------------------------------------
+# The linear helicopter of eq. (9) and (10) as a system of python-control with named signals.
+#
+# For analysis: python-control takes seconds to import, so whatever flies does not import this
+# module.
+# -------------------------------------------------------------------------------------------------
+
+WIND = tuple(f"wind_{name}" for name in WIND_NAMES)
+"""Velocity of the air in body axes as inputs, m/s (`u`, `v`, `w` of E)."""
+
+
+def hover_system(
+    A: NDArray[np.float64], B: NDArray[np.float64], E: NDArray[np.float64], name: str
+) -> control.StateSpace:
+    """x' = A x + B u + E w, deviations from trim, all states as outputs.
+
+    Parameters
+    ----------
+    A, B, E : (9, 9), (9, 3), (9, 3) arrays
+        SI and rad; states `STATE_NAMES`.
+    name : str
+        Of the system.
+
+    Returns
+    -------
+    control.StateSpace
+        Inputs d_lat d_lon d_ped, then `WIND`.
+    """
+    import control
+
+    return control.ss(
+        A,
+        np.hstack([B, E]),
+        np.eye(len(STATE_NAMES)),
+        np.zeros((len(STATE_NAMES), len(INPUT_NAMES) + len(WIND))),
+        name=name,
+        states=list(STATE_NAMES),
+        inputs=[*INPUT_NAMES, *WIND],
+        outputs=list(STATE_NAMES),
+    )

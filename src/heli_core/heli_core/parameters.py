@@ -1,31 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameter tables: from one row per parameter, files are checked and ROS parameters declared.
 
-A node package has `parameter_table.py` with `TABLE: tuple[Parameter, ...]`. The table holds no
+A node package has `parameters.py` with `TABLE: tuple[Parameter, ...]`. The table holds no
 values: these stand in the packaged YAML of the node (`config/<node>.yaml`); later files override.
 Nothing here imports ROS.
 """
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+import yaml
 
-from heli_parameters.rcl_dump import dump_all
-from heli_parameters.rcl_yaml import (
+from heli_core.rcl_yaml import (
     Entry,
     ParameterError,
     ParameterFile,
     applicable,
     check_node_names,
+    dump_all,
     opened,
+    printable,
     scalar,
     value_of,
 )
+from heli_core.ticks import LATITUDE_DEG, LONGITUDE_DEG, RATES_HZ
+
+# -------------------------------------------------------------------------------------------------
+# Parameters.
+# -------------------------------------------------------------------------------------------------
 
 __all__ = [
     "KINDS",
@@ -35,7 +42,7 @@ __all__ = [
     "ParameterFile",
     "check_node_names",
     "dump_all",
-    "judge",
+    "why_refused",
     "load",
     "opened",
     "stated",
@@ -343,7 +350,7 @@ def load(
     return {name: found[name].value for name in rows}
 
 
-def judge(table: Iterable[Parameter], name: str, value: Any) -> str:
+def why_refused(table: Iterable[Parameter], name: str, value: Any) -> str:
     """Reason why a run-time change is refused, as one sentence; empty if it is allowed.
 
     Parameters
@@ -366,3 +373,165 @@ def judge(table: Iterable[Parameter], name: str, value: Any) -> str:
     except ParameterError as error:
         return f"{name}: {error}"
     return ""
+
+
+# -------------------------------------------------------------------------------------------------
+# Parameters that every managed node of the graph has; values in `config/common.yaml`. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+
+def _origin(name: str, description: str, unit: str, lower: float, upper: float) -> Parameter:
+    return Parameter(
+        f"origin.{name}", "double", description, unit, lower=lower, upper=upper, read_only=True
+    )
+
+
+COMMON_TABLE: tuple[Parameter, ...] = (
+    Parameter("autostart", "bool", "Configure and activate itself when started", read_only=True),
+    Parameter(
+        "lockstep",
+        "bool",
+        "Act on the set of messages of a tick instead of on arrival",
+        read_only=True,
+    ),
+    Parameter(
+        "start_time_s",
+        "double",
+        "Message stamp of tick 0",
+        unit="s",
+        lower=1.0,
+        upper=1e9,
+        read_only=True,
+    ),
+    Parameter(
+        "rate_hz",
+        "int",
+        "Ticks a second: IMU, observer and inner loop; what is counted in ticks stays of 10 ms",
+        unit="Hz",
+        choices=RATES_HZ,
+        read_only=True,
+    ),
+    Parameter("peers", "string[]", "Nodes that take part in the flight", read_only=True),
+    Parameter("unrecorded", "string[]", "Topics for which no recorder is awaited", read_only=True),
+    Parameter(
+        "connect_timeout_s",
+        "double",
+        "Wall time to wait for peers to connect",
+        unit="s",
+        lower=0.1,
+        upper=3600.0,
+        read_only=True,
+    ),
+    Parameter(
+        "peer_timeout_s",
+        "double",
+        "Wall time that lockstep waits for a silent peer",
+        unit="s",
+        lower=0.01,
+        upper=3600.0,
+        read_only=True,
+    ),
+    Parameter(
+        "link_faults",
+        "string[]",
+        "Messages to this node that are lost, late, exchanged or repeated, a mapping each; or none",
+        read_only=True,
+    ),
+    Parameter(
+        "link_seed",
+        "int",
+        "Seed of what happens on links; of a flight that of the plant",
+        lower=0,
+        upper=2**63 - 1,
+        read_only=True,
+    ),
+    _origin("latitude_deg", "Latitude of the NED origin", "deg", -LATITUDE_DEG, LATITUDE_DEG),
+    _origin("longitude_deg", "Longitude of the NED origin", "deg", -LONGITUDE_DEG, LONGITUDE_DEG),
+    _origin("altitude_m", "Altitude of the NED origin", "m", -500.0, 9000.0),
+)
+
+
+def with_common(table: Iterable[Parameter]) -> tuple[Parameter, ...]:
+    """A node's table with the common rows in front; the node's own row wins where both have one."""
+    own = tuple(table)
+    names = {row.name for row in own}
+    return tuple(row for row in COMMON_TABLE if row.name not in names) + own
+
+
+# -------------------------------------------------------------------------------------------------
+# Entries of a list that are mappings of YAML, each of a line: read and judged.
+#
+# What is wrong is a ParameterError of one sentence that begins with `where`.
+# -------------------------------------------------------------------------------------------------
+
+NONE = "none"
+"""What a parameter of such entries says where there is none: rcl does not take an empty array."""
+_MOST = 64
+T = TypeVar("T")
+
+
+def entries(
+    texts: Iterable[str],
+    name: str,
+    keys: Sequence[str],
+    read: Callable[[yaml.Node | None, str], T],
+) -> tuple[T, ...]:
+    """What `read(node, where)` makes of each text, a mapping of `keys`, that is not `NONE`."""
+    found: list[T] = []
+    for i, text in enumerate(texts):
+        if text == NONE:
+            continue
+        where = f"{name}: entry {i + 1}"
+        try:
+            node = yaml.compose(text, Loader=yaml.SafeLoader)
+        except yaml.YAMLError:
+            raise ParameterError(
+                f"{where}: {text!r} is not valid YAML; allowed: a mapping of {', '.join(keys)}"
+            ) from None
+        found.append(read(node, where))
+    if len(found) > _MOST:
+        raise ParameterError(f"{name}: {len(found)} entries; allowed: at most {_MOST}")
+    return tuple(found)
+
+
+def mapping(node: yaml.Node | None, keys: Sequence[str], where: str) -> dict[str, Any]:
+    """Values by key, each key one of `keys`."""
+    if not isinstance(node, yaml.MappingNode):
+        raise ParameterError(f"{where}: expected a mapping of {', '.join(keys)}")
+    said: dict[str, Any] = {}
+    for key_node, value_node in node.value:
+        key = key_node.value if isinstance(key_node, yaml.ScalarNode) else "?"
+        if key not in keys:
+            near = difflib.get_close_matches(key, keys, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(keys)}"
+            raise ParameterError(f"{where}: {printable(key)}: unknown key; {hint}")
+        if key in said:
+            raise ParameterError(f"{where}: {key}: the key stands here twice")
+        if not isinstance(value_node, yaml.ScalarNode):
+            raise ParameterError(f"{where}: {key}: expected one value, no list and no mapping")
+        said[key] = scalar(value_node.value, bool(value_node.style))
+    return said
+
+
+def one_of(said: Mapping[str, Any], key: str, allowed: Sequence[str], where: str) -> str:
+    """The value of a key that is one of some words."""
+    if key not in said:
+        raise ParameterError(f"{where}: {key}: missing; allowed: one of {', '.join(allowed)}")
+    value = said[key]
+    if value in allowed:
+        return str(value)
+    near = difflib.get_close_matches(str(value), allowed, n=1)
+    hint = f": did you mean {near[0]}?" if near else ""
+    raise ParameterError(
+        f"{where}: {key}: {value} is not allowed{hint}; allowed: one of {', '.join(allowed)}"
+    )
+
+
+def number_of(said: Mapping[str, Any], key: str, most: float, where: str) -> float:
+    """The value of a key that is a number from 0 to `most`."""
+    value = said.get(key)
+    right = isinstance(value, int | float) and not isinstance(value, bool)
+    if value is None or not right or not 0.0 <= value <= most:
+        shown = "missing" if value is None else f"{value} is not allowed"
+        raise ParameterError(f"{where}: {key}: {shown}; allowed: a number in [0, {most:g}]")
+    return float(value)

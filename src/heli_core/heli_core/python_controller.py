@@ -4,9 +4,9 @@
 A law is a function `step(x, r, t)`, or a class with `step(self, x, r, t)` and, if it remembers
 something, `reset(self)` or `reset(self, x, r, u)`, called before its first step and whenever it
 begins again. Its attribute `loop` says in whose place it flies: `inner` (default) or `outer`. What
-x, r and the result are is said by the loop that flies it (`heli_inner_hinf.own_law`,
-`heli_outer_pd.own_law`). It gets copies and cannot harm the loop; whatever it does wrong is a
-sentence.
+x, r and the result are is said by the loop that flies it (`heli_inner_hinf.ground_and_manual`,
+`heli_outer_pd.python_controller`). It gets copies and cannot harm the loop; whatever it does wrong
+is a sentence.
 """
 
 import importlib
@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_parameters.parameters import ParameterError
+from heli_core.rcl_yaml import ParameterError
 
 INNER, OUTER = "inner", "outer"
 LOOPS = (INNER, OUTER)

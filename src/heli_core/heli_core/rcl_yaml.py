@@ -9,15 +9,34 @@ integer. Aliases and mixed arrays are refused, as rcl does. Source: ros2/rcl, rc
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
-from heli_parameters.printable import printable
+# -------------------------------------------------------------------------------------------------
+# A text out of a file or a message, fit for a sentence.
+# -------------------------------------------------------------------------------------------------
+
+LONGEST = 200
+"""Characters: what is damaged or hostile may hold a text of any length."""
+
+
+def printable(text: str, longest: int = LONGEST) -> str:
+    """The beginning of a text, without what would end the line or steer a terminal."""
+    if len(text) <= longest and text.isprintable():
+        return text
+    short = text if len(text) <= longest else f"{text[:longest]}..."
+    return "".join(c if c.isprintable() else repr(c).strip("'") for c in short)
+
+
+# -------------------------------------------------------------------------------------------------
+# Rcl yaml.
+# -------------------------------------------------------------------------------------------------
 
 _TRUE = frozenset("Y y yes Yes YES true True TRUE on On ON".split())
 _FALSE = frozenset("N n no No NO false False FALSE off Off OFF".split())
@@ -308,3 +327,61 @@ def check_node_names(
             raise ParameterError(
                 f"{where}: {pattern}: unknown node '{name}'; {hint}allowed: {', '.join(known)}"
             )
+
+
+# -------------------------------------------------------------------------------------------------
+# Writes ROS 2 parameter files that rcl, and the reader here, read back bit for bit.
+# -------------------------------------------------------------------------------------------------
+
+
+def number(value: float) -> str:
+    """Shortest text that reads back as the same double, in YAML 1.1 and in rcl alike."""
+    text = repr(float(value))
+    if "e" in text and "." not in text:
+        mantissa, exponent = text.split("e")
+        text = f"{mantissa}.0e{exponent}"
+    if "e" in text and text.split("e")[1][0] not in "+-":
+        text = text.replace("e", "e+")
+    return text
+
+
+def _yaml_value(value: Any) -> str:
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, (float, np.floating)):
+        return number(float(value))
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    items = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
+    return "[" + ", ".join(_yaml_value(item) for item in items) + "]"
+
+
+def dump_all(
+    values_by_node: Mapping[str, Mapping[str, Any]], path: str | Path, head: Sequence[str] = ()
+) -> None:
+    """Write resolved parameters as one rcl parameter file that reads back bit for bit.
+
+    Parameters
+    ----------
+    values_by_node : mapping of node name to mapping of parameter name to value
+        As `load` returns them.
+    path : path
+        File to write.
+    head : sequence of str
+        Lines of a comment to begin with.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be written.
+    """
+    lines = [f"# {line}".rstrip() for line in head]
+    for node_name, values in values_by_node.items():
+        lines += [f"/**/{node_name.strip('/')}:", "  ros__parameters:"]
+        lines += [f"    {name}: {_yaml_value(value)}" for name, value in values.items()]
+    try:
+        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot write parameters: {error.strerror}") from error

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from heli_math.jit import njit, njit_counted
+from heli_core.jit import njit, njit_counted
 
 
 @njit

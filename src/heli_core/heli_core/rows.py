@@ -12,6 +12,10 @@ NED and FRD, SI, rad; quaternions are (w, x, y, z), body -> NED. What a package 
 
 from typing import NamedTuple
 
+# -------------------------------------------------------------------------------------------------
+# Rows.
+# -------------------------------------------------------------------------------------------------
+
 
 class ImuRow(NamedTuple):
     """What the inertial sensors say at a tick (6,)."""
@@ -83,7 +87,7 @@ class TruthRow(NamedTuple):
     size: int = 19
 
 
-class PlantState(NamedTuple):
+class PlantRow(NamedTuple):
     """State of the simulated aircraft (42,); its first 13 places are the message of its truth."""
 
     pos: slice = slice(0, 3)  # of the c.g., NED, m
@@ -114,7 +118,7 @@ class PlantState(NamedTuple):
     servo_ped: int = 18
     servo_col: int = 19
     servo_rate: slice = slice(20, 24)  # their rates, 1/s
-    # States of terms (`heli_dynamics_sim.terms`); of one that is off they stay as they are.
+    # States of terms (`heli_dynamics_sim.aircraft`); of one that is off they stay as they are.
     inflow: slice = slice(24, 27)  # induced velocity of the main rotor, m/s
     inflow_mean: int = 24  # over the disc
     inflow_right: int = 25  # what the disc's right edge has more
@@ -236,7 +240,7 @@ IMU = ImuRow()
 MEAS = MeasurementRow()
 NAV = NavigationRow()
 TRUTH = TruthRow()
-PLANT = PlantState()
+PLANT = PlantRow()
 AIR = AirRow()
 ROTOR = RotorRow()
 JOINTS = JointRow()
@@ -246,3 +250,23 @@ SHAPED = ShapedReferenceRow()
 SETPOINT = SetpointRow()
 STICKS = StickRow()
 NINE = NineStates()
+
+
+# -------------------------------------------------------------------------------------------------
+# States, inputs and wind of the linear model of eq. (10): names, units, and which are measured.
+# -------------------------------------------------------------------------------------------------
+
+STATE_NAMES = NINE._fields
+"""phi theta p q a_s b_s r d_int psi: the order of every A, B, E of the stack; rad, p q r rad/s."""
+ACTUATOR_NAMES = ("d_lat", "d_lon", "d_ped", "d_col")
+INPUT_NAMES = ACTUATOR_NAMES[ACTUATOR.attitude]
+"""The three inputs of B, -1..1; the collective belongs to the altitude law."""
+WIND_NAMES = ("u", "v", "w")
+"""The three inputs of E: velocity of the air in body axes, m/s."""
+
+MEASURED = (NINE.phi, NINE.theta, NINE.p, NINE.q, NINE.r, NINE.psi)
+"""Places of y in x, eq. (10)."""
+UNMEASURED = (NINE.a_s, NINE.b_s, NINE.d_int)
+"""Places in x of what the reduced-order observer (19) estimates, in the order of a RotorRow."""
+ATTITUDE = (NINE.phi, NINE.theta, NINE.psi)
+"""Places in x of what follows a command: the rows of C_out in eq. (15)."""

@@ -11,11 +11,16 @@ Source of the method: Pintelon, Schoukens, System Identification (2nd ed., IEEE,
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_math.jit import njit
+from heli_core.jit import njit
+
+# -------------------------------------------------------------------------------------------------
+# Multisine.
+# -------------------------------------------------------------------------------------------------
 
 _STARTS = 20
 _ROUNDS = 200
@@ -244,3 +249,55 @@ def design_multisine(
         amplitude[own, j] = raw * wanted / math.sqrt(0.5 * float(np.sum(raw**2)))
         phase[own, j] = low_crest_phases(period_s, lines[own], amplitude[own, j], seed + j)
     return Multisine(float(period_s), lines, amplitude, phase)
+
+
+# -------------------------------------------------------------------------------------------------
+# Sweeps and steps of an angle over time.
+#
+# A sweep is a sine whose frequency grows by the same factor in equal times (Tischler, Remple,
+# Aircraft and Rotorcraft System Identification, 2nd ed., AIAA 2012, ch. 5); steps go up, back,
+# down
+# and back, then the same at half the size.
+# -------------------------------------------------------------------------------------------------
+
+NOTHING, SWEEP, STEPS = range(3)
+"""Shapes."""
+PARTS = 8
+"""Of steps: up, back, down, back, twice."""
+_UP, _DOWN, _HALF = 0, 2, 4
+
+
+class SweepParams(NamedTuple):
+    """Numbers of what is added; `shape` 0: nothing, 1: a sweep, 2: steps."""
+
+    shape: int
+    place: int  # of the angle in the array that it is added to
+    amplitude: float  # rad
+    from_radps: float
+    growth: float  # natural logarithm of last over first frequency
+    start_s: float
+    duration_s: float
+
+
+@njit
+def swept_angle(time_s, k):
+    """What is added at a time, rad."""
+    since = time_s - k.start_s
+    if k.shape == NOTHING or since < 0.0 or since >= k.duration_s:
+        return 0.0
+    share = since / k.duration_s
+    if k.shape == SWEEP:
+        turns = share if k.growth == 0.0 else math.expm1(k.growth * share) / k.growth
+        fade = fade_in_and_out(since, k.duration_s, 0.5 * math.pi / k.from_radps)
+        return fade * k.amplitude * math.sin(k.from_radps * k.duration_s * turns)
+    part = int(PARTS * share)
+    size = k.amplitude if part < _HALF else 0.5 * k.amplitude
+    if part % _HALF == _UP:
+        return size
+    return -size if part % _HALF == _DOWN else 0.0
+
+
+@njit
+def add_sweep(time_s, k, out):
+    """Add to the array in which `k.place` is the place of the angle, in place."""
+    out[k.place] += swept_angle(time_s, k)

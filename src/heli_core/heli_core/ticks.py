@@ -11,9 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload
 
-if TYPE_CHECKING:  # the command line counts ticks, too, and its help shall not wait for numpy
+if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
 
 NS_PER_S = 1_000_000_000
 TICK_NS = 10_000_000
@@ -113,3 +114,12 @@ class Rate:
 
 OF_100_HZ = Rate()
 """The rate of a flight that is not told one."""
+
+
+# -------------------------------------------------------------------------------------------------
+# Where on the earth the origin of the NED frame may lie.
+# -------------------------------------------------------------------------------------------------
+
+LATITUDE_DEG = 85.0
+"""Largest magnitude; near a pole east and north have no meaning."""
+LONGITUDE_DEG = 180.0

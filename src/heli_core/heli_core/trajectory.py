@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.arrays import copy, fill
-from heli_math.jit import njit
-from heli_math.rows import REFERENCE
-from heli_math.ticks import NS_PER_S
+from heli_core.jit import copy, fill, njit
+from heli_core.rows import REFERENCE
+from heli_core.ticks import NS_PER_S
 
 MAX_POINTS = 4096
 
@@ -29,7 +28,7 @@ class Trajectory:
     times_ns : (N,) int64 ndarray
         Strictly increasing, ns.
     points : (N, 7) float64 ndarray
-        A `heli_math.rows.REFERENCE` each: position NED m, velocity NED m/s from this point to the
+        A `heli_core.rows.REFERENCE` each: position NED m, velocity NED m/s from this point to the
         next, heading rad (0 is north).
 
     Raises

@@ -4,21 +4,141 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 
-from heli_bags.parameter_table import NODE_NAME as RECORDER
-from heli_flight.loop.commit import sources_commit
-from heli_flight.loop.fault_file import flown_faults
-from heli_flight.loop.flight_section import NODE_NAME, SHORT_FOR
-from heli_flight.loop.layers import Reader, layered
-from heli_flight.loop.scenario import NODE_NAME as SCENARIO
-from heli_flight.loop.settings import Settings
-from heli_flight.loop.worlds import DRAWN
-from heli_flight.loop.worlds import NODE_NAME as WORLD
-from heli_parameters.entry import NONE
-from heli_parameters.parameters import dump_all
+from heli_bags.parameters import NODE_NAME as RECORDER
+from heli_core.errors import PlantConfigError
+from heli_core.parameters import NONE
+from heli_core.rcl_yaml import ParameterError, dump_all
+from heli_dynamics_sim.faults import Fault, fault_of, faults_of
+from heli_flight.scenario import NODE_NAME as SCENARIO
+from heli_flight.settings import (
+    DRAWN,
+    FLIGHT_SECTION,
+    NODES,
+    PROCESS,
+    SHORT_FOR,
+    WORLD_SECTION,
+    ProcessFault,
+    Reader,
+    Settings,
+    is_of_process,
+    layered,
+    process_fault_of,
+    process_faults_of,
+    sources_commit,
+)
+from heli_msgs_bridge.links import WHAT as LINK
+from heli_msgs_bridge.links import LinkFault, link_fault_of, link_faults_of
+
+# -------------------------------------------------------------------------------------------------
+# A file of faults, as `--faults` takes it, and the faults of a flight.
+# -------------------------------------------------------------------------------------------------
+
+_KEY, _LINKS = "faults", "link_faults"
+NO_PROCESSES = "needs the ROS graph with a process for each node, of one aircraft"
+_FORM = f"'{_KEY}:' and a list of mappings"
+
+
+class FaultsRead(NamedTuple):
+    """What a file of faults sets.
+
+    `nodes`: by node and parameter, as `resolve` takes it; faults of sensors, actuators and air are
+    the plant's, those of links are told every node. `process`: of the flight; None for no file.
+    """
+
+    nodes: dict[str, dict[str, Any]] | None
+    process: tuple[str, ...] | None
+
+
+def fault_overrides(path: Path | None) -> dict[str, dict[str, Any]] | None:
+    """What a file sets by node and parameter, for a flight without processes; None for no file.
+
+    Raises
+    ------
+    ParameterError
+        One sentence: file and line, key, value, and what is allowed.
+    """
+    read = read_faults(path)
+    if read.process is not None and read.process != (NONE,):
+        raise ParameterError(f"{path}: what: {PROCESS}: {NO_PROCESSES}")
+    return read.nodes
+
+
+def read_faults(path: Path | None) -> FaultsRead:
+    """All faults of a file; raises as `fault_overrides`, but for those of processes."""
+    if path is None:
+        return FaultsRead(None, None)
+    entries = _entries(path)
+    of_links = [node for node in entries if _what(node) == LINK]
+    of_processes = [node for node in entries if is_of_process(node)]
+    others = [node for node in entries if node not in of_links and node not in of_processes]
+    try:
+        found = [fault_of(node, _place(path, node)) for node in others]
+        # Together they may be too many.
+        faults_of(texts := _texts(found))
+    except PlantConfigError as error:
+        raise ParameterError(str(error)) from None
+    links = _texts([link_fault_of(node, _place(path, node)) for node in of_links])
+    link_faults_of(links)
+    process = _texts([process_fault_of(node, _place(path, node)) for node in of_processes])
+    process_faults_of(process)
+    over: dict[str, dict[str, Any]] = {node.name: {_LINKS: links} for node in NODES}
+    over["plant"][_KEY] = texts
+    return FaultsRead(over, process)
+
+
+def _entries(path: Path) -> list[yaml.Node]:
+    """The list of a file."""
+    try:
+        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot read faults: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ParameterError(f"{path}: cannot read faults: it is not UTF-8") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark is not None else ""
+        raise ParameterError(f"{path}{line}: not valid YAML; expected {_FORM}") from None
+    pairs = root.value if isinstance(root, yaml.MappingNode) else []
+    entries = pairs[0][1] if [key.value for key, _ in pairs] == [_KEY] else None
+    if not isinstance(entries, yaml.SequenceNode):
+        raise ParameterError(f"{path}: expected {_FORM}")
+    return entries.value
+
+
+def _what(node: yaml.Node) -> str:
+    """What an entry says under `what`; empty for nothing."""
+    pairs = node.value if isinstance(node, yaml.MappingNode) else []
+    return next((str(value.value) for key, value in pairs if key.value == "what"), "")
+
+
+def _place(path: Path, node: yaml.Node) -> str:
+    return f"{path}:{node.start_mark.line + 1}"
+
+
+def _texts(faults: list[Fault] | list[LinkFault] | list[ProcessFault]) -> tuple[str, ...]:
+    return tuple(fault.text for fault in faults) or (NONE,)
+
+
+def flown_faults(settings: Settings) -> tuple[Fault | LinkFault | ProcessFault, ...]:
+    """The faults that a flight is to have."""
+    links = [
+        fault
+        for name, values in settings.nodes.items()
+        for fault in link_faults_of(values[_LINKS])
+        if any(sink == name for _, sink in fault.links)
+    ]
+    plant = faults_of(settings.nodes["plant"][_KEY])
+    return (*plant, *dict.fromkeys(links), *process_faults_of(settings.process_faults))
+
+
+# -------------------------------------------------------------------------------------------------
+# Flight file.
+# -------------------------------------------------------------------------------------------------
 
 NAME = "params.yaml"
 _LONGEST = 60
@@ -29,7 +149,7 @@ _DERIVED |= {("plant", "initial.pos_ned_m"), ("plant", "initial.psi_deg")}
 
 
 @dataclass(frozen=True)
-class Change:
+class ParameterChange:
     """A parameter unlike the packaged one of the flight's scenario, receiver, world and laws."""
 
     section: str
@@ -58,7 +178,7 @@ def sections(settings: Settings) -> dict[str, Mapping[str, Any]]:
     return {
         **settings.nodes,
         SCENARIO: settings.scenario_parameters,
-        WORLD: settings.world_parameters,
+        WORLD_SECTION: settings.world_parameters,
         RECORDER: settings.recorder,
     }
 
@@ -85,11 +205,11 @@ def own_parameters(settings: Settings) -> dict[tuple[str, str], Any]:
     }
 
 
-def changes(settings: Settings) -> list[Change]:
+def changes(settings: Settings) -> list[ParameterChange]:
     """What the flight has changed; seed, law, length and mode are told apart from it."""
     before = packaged(settings)
     return [
-        Change(section, key, value, before[section][key])
+        ParameterChange(section, key, value, before[section][key])
         for (section, key), value in own_parameters(settings).items()
         if not np.array_equal(value, before[section][key])
     ]
@@ -133,7 +253,7 @@ def custom_data(settings: Settings) -> list[str]:
     return [f"{name}: {value}" for name, value in said.items()]
 
 
-def identity(settings: Settings, changed: Sequence[Change]) -> dict[str, Any]:
+def identity(settings: Settings, changed: Sequence[ParameterChange]) -> dict[str, Any]:
     """The section `flight`: what makes this flight this one; `changed` as of `changes`."""
     broken = settings.process_faults
     return {
@@ -175,4 +295,4 @@ def write_parameters(settings: Settings, path: Path) -> None:
     ]
     # rcl does not take an empty array.
     flight["changed"] = flight["changed"] or ("none",)
-    dump_all({NODE_NAME: flight, **sections(settings)}, path, head)
+    dump_all({FLIGHT_SECTION: flight, **sections(settings)}, path, head)

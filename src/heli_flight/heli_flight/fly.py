@@ -5,36 +5,182 @@ The folder holds params.yaml, result.json, report.html, figures/ if asked for, o
 graph bag/, logs/ and graph.yaml, of one of this process record.npz.
 """
 
+import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from heli_bags.reader import Remark
+from heli_core.errors import BrokenFlightError, FlightError, StartError
+from heli_core.jit import is_compiled
+from heli_core.parameters import NONE
+from heli_core.python_controller import PARAMETER, PythonLaw, find
+from heli_core.rcl_yaml import ParameterError
+from heli_core.ticks import seconds
 from heli_flight import interrupts
-from heli_flight.errors import BrokenFlightError, FlightError, StartError
-from heli_flight.graph.live import LiveOrder, live_view
+from heli_flight.flight_file import NAME, NO_PROCESSES, read_faults, write_parameters
+from heli_flight.graph.live import LiveOrder, LiveView, live_view
 from heli_flight.graph.processes import check_middleware, start_server
-from heli_flight.loop.fault_file import NO_PROCESSES, read_faults
-from heli_flight.loop.flight_file import NAME, write_parameters
-from heli_flight.loop.flight_section import ONE_PROCESS, hover_test_world
-from heli_flight.loop.laws import NODES, refuse_unnamed
-from heli_flight.loop.process_fault import PROCESS
-from heli_flight.loop.record_file import write_record
-from heli_flight.loop.result import Result, print_table, write_result
-from heli_flight.loop.settings import Settings, resolve
-from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
-from heli_flight.studies.flight_report import report_of_flight
-from heli_flight.studies.one_process import Flown, fly_one_process
-from heli_flight.studies.replay.after import serve_after
-from heli_flight.terminal import NewFolder, being_filled, flight_time, silent
-from heli_math.ticks import seconds
-from heli_parameters.entry import NONE
-from heli_parameters.parameters import ParameterError
-from heli_parameters.python_law import PARAMETER, find
+from heli_flight.record import FlightRecord, write_record
+from heli_flight.replay import serve_after
+from heli_flight.result import Result, print_table, write_result
+from heli_flight.scoring import score
+from heli_flight.settings import (
+    LAW_NODES,
+    MOST_AIRCRAFT,
+    ONE_PROCESS,
+    PROCESS,
+    Settings,
+    hover_test_world,
+    own_laws,
+    refuse_unnamed,
+    resolve,
+    seed_of,
+)
+from heli_flight.terminal import NewFolder, being_filled, flight_time, in_turn, silent
+
+# -------------------------------------------------------------------------------------------------
+# What the first flight in one process on a machine waits for, said before it waits.
+#
+# Set-up compiles what the nodes fly; the loop of one process is compiled by whom flies it first.
+# -------------------------------------------------------------------------------------------------
+
+COMPILES = (
+    "heli: compiles the loop for this machine: once, half a minute to a minute; from then on a "
+    "flight of 60 s takes about a second"
+)
+
+
+def tell_if_it_compiles(say: Console, own_laws: bool = False) -> None:
+    """Say so if a flight in this process would compile the loop.
+
+    Parameters
+    ----------
+    say : Console
+    own_laws : bool
+        Whether laws in Python fly: they need only the kernels of the nodes.
+    """
+    from heli_dynamics_sim import plant
+    from heli_flight.loop import fly
+
+    kernel: Any = plant.advance if own_laws else fly
+    if not getattr(kernel, "signatures", True) and not is_compiled(kernel):
+        say.print(COMPILES, highlight=False, soft_wrap=True, markup=False)
+
+
+# -------------------------------------------------------------------------------------------------
+# One flight in this process, scored; nothing is written.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class UnwrittenFlight:
+    """A flight before it is written: `extra` is what result.json holds beside the result.
+
+    `live` is its live view, if it had one.
+    """
+
+    result: Result
+    extra: Mapping[str, Any]
+    record: FlightRecord
+    remarks: Sequence[Remark] = ()
+    live: LiveView | None = None
+
+
+def fly_one_process(
+    settings: Settings, out: Console, laws: Sequence[PythonLaw] = ()
+) -> UnwrittenFlight:
+    """Fly in this process and score; nothing is written.
+
+    Parameters
+    ----------
+    settings : Settings
+    out : Console
+        Gets the progress, and is told if the loop is compiled first.
+    laws : sequence of PythonLaw
+        Flown in the place of those that the settings name.
+    """
+    from heli_flight.loop import fly_settings
+
+    own = bool(laws or own_laws(settings))
+    tell_if_it_compiles(out, own)
+    if not own:
+        # Loads the compiled loop, so that flying is timed.
+        fly_settings(replace(settings, scenario=replace(settings.scenario, n_ticks=4)))
+    start = time.monotonic()
+    with flight_time(out, seconds(settings.scenario.n_ticks)) as progress:
+        flight = fly_settings(settings, laws, progress)
+    wall_s = time.monotonic() - start
+    figures = score(flight.record, settings.scenario)
+    result = Result(figures, flight.sentence, settings.rate.seconds(len(flight.record)), wall_s)
+    return UnwrittenFlight(result, {"mode": ONE_PROCESS}, flight.record)
+
+
+# -------------------------------------------------------------------------------------------------
+# The report of a flight that has just ended: the page at once, its figures after it.
+# -------------------------------------------------------------------------------------------------
+
+
+def report_of_flight(
+    flight: UnwrittenFlight,
+    settings: Settings,
+    folder: Path,
+    say: Callable[[str], None],
+    figures: bool,
+) -> None:
+    """Write the report and say where it is; a disk that is full costs the report, not the flight.
+
+    Parameters
+    ----------
+    flight : UnwrittenFlight
+    settings : Settings
+        What was flown.
+    folder : Path
+        The flight's.
+    say : callable
+        Prints a line.
+    figures : bool
+        Whether to write the page's charts as files, too; their progress goes to stderr.
+    """
+    from heli_flight.report.data import events_of
+    from heli_flight.report.write import FIGURES, PAGE, write_report
+
+    mode = flight.extra["mode"]
+    how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
+    how += ", its nodes in one process" if flight.extra.get("composed") else ""
+    events, said = events_of(flight.remarks, settings), f"report: {folder / PAGE}"
+    try:
+        with interrupts.interrupts_reported(), in_turn() as tell:
+
+            def drawn(done: int, total: int) -> None:
+                # The page is there before the first of its figures.
+                if done == 0:
+                    say(said)
+                tell("figures", done, total)
+
+            write_report(
+                flight.record, settings, flight.result, folder, how, events, figures=figures,
+                remarks=flight.remarks, drawn=drawn,
+            )  # fmt: skip
+    except OSError as error:
+        say(f"no report: {error}")
+        return
+    except KeyboardInterrupt:
+        (folder / PAGE).unlink(missing_ok=True)
+        shutil.rmtree(folder / FIGURES, ignore_errors=True)
+        raise
+    if not figures:
+        say(said)
+
+
+# -------------------------------------------------------------------------------------------------
+# Flight.
+# -------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -103,7 +249,7 @@ class FlightOrder:
         for section, values in (read.nodes or {}).items():
             over.setdefault(section, {}).update(values)
         for law in map(find, self.law):
-            over.setdefault(NODES[law.loop], {})[PARAMETER] = law.source
+            over.setdefault(LAW_NODES[law.loop], {})[PARAMETER] = law.source
         settings = resolve(
             self.scenario,
             self.gps,
@@ -123,7 +269,7 @@ class FlightOrder:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FinishedFlight:
     """A flight that is over.
 
     Attributes
@@ -145,7 +291,7 @@ class Outcome:
         return self.result.exit_code(self.settings.gps)
 
 
-def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
+def fly_and_write(order: FlightOrder, out: Console | None = None) -> FinishedFlight:
     """Resolve, fly, score, write.
 
     Parameters
@@ -156,7 +302,7 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
 
     Returns
     -------
-    Outcome
+    FinishedFlight
 
     Raises
     ------
@@ -183,7 +329,7 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
             if settings.mode == ONE_PROCESS:
                 write_record(flight.record, folder)
             new.stays = True
-    outcome = _shown(order, flight, Outcome(settings, flight.result, folder), out)
+    outcome = _shown(order, flight, FinishedFlight(settings, flight.result, folder), out)
     if order.report and flight.live is not None:
         serve_after(folder, flight.live, _say(out))
     return outcome
@@ -191,7 +337,7 @@ def fly_and_write(order: FlightOrder, out: Console | None = None) -> Outcome:
 
 def fly_several_and_write(
     order: FlightOrder, count: int, out: Console | None = None
-) -> list[Outcome]:
+) -> list[FinishedFlight]:
     """The same for several aircraft side by side, each with a folder, a seed and a report.
 
     Parameters
@@ -226,12 +372,14 @@ def fly_several_and_write(
     outcomes = []
     for name, flight in flights.items():
         _say(out)(f"{name}, seed {settings[name].seed}:")
-        outcome = Outcome(settings[name], flight.result, folder / name)
+        outcome = FinishedFlight(settings[name], flight.result, folder / name)
         outcomes.append(_shown(order, flight, outcome, out))
     return outcomes
 
 
-def _shown(order: FlightOrder, flight: Flown, outcome: Outcome, out: Console) -> Outcome:
+def _shown(
+    order: FlightOrder, flight: UnwrittenFlight, outcome: FinishedFlight, out: Console
+) -> FinishedFlight:
     """The outcome of a flight that is written, after table, report and how it ended."""
     print_table(flight.result, outcome.settings, out)
     if order.report:
@@ -286,18 +434,21 @@ def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
 
 def _flown_together(
     order: FlightOrder, settings: Mapping[str, Settings], folder: NewFolder, out: Console
-) -> dict[str, Flown]:
+) -> dict[str, UnwrittenFlight]:
     for name, own in settings.items():
         (folder.path / name).mkdir()
         write_parameters(own, folder.path / name / NAME)
     check_middleware()
     start_server()
-    from heli_flight.graph.several import fly_several
+    from heli_flight.graph.flight import fly_several
 
     interrupts.check()
     with _in_flight(settings["heli1"], folder, out) as progress:
         found = fly_several(settings, folder.path, progress, _say(out), order.composed)
-    return {name: Flown(r, extra, f.record, f.remarks) for name, (r, extra, f) in found.items()}
+    return {
+        name: UnwrittenFlight(r, extra, f.record, f.remarks)
+        for name, (r, extra, f) in found.items()
+    }
 
 
 def free_name(settings: Settings) -> Path:
@@ -312,7 +463,9 @@ def free_name(settings: Settings) -> Path:
     return wanted
 
 
-def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Console) -> Flown:
+def _flown(
+    order: FlightOrder, settings: Settings, folder: NewFolder, out: Console
+) -> UnwrittenFlight:
     """Fly, in this process or through the graph."""
     write_parameters(settings, folder.path / NAME)
     if settings.mode == ONE_PROCESS:
@@ -327,7 +480,7 @@ def _flown(order: FlightOrder, settings: Settings, folder: NewFolder, out: Conso
         result, extra, flight = fly_graph(
             settings, folder.path, progress, live, _say(out), order.composed, order.respawn
         )
-    return Flown(result, extra, flight.record, flight.remarks, live)
+    return UnwrittenFlight(result, extra, flight.record, flight.remarks, live)
 
 
 @contextmanager
@@ -350,7 +503,7 @@ def _in_flight(
             raise BrokenFlightError(str(error)) from error
 
 
-def print_end(outcome: Outcome, out: Console) -> None:
+def print_end(outcome: FinishedFlight, out: Console) -> None:
     """How fast it was, where it lies, and what was outside."""
     result, say = outcome.result, _say(out)
     factor = result.flown_s / result.wall_s if result.wall_s > 0 else 0.0

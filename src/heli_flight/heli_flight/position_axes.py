@@ -11,24 +11,17 @@ from typing import Any
 
 import numpy as np
 
+from heli_core.linear import WIND, held_late, with_delay_line
+from heli_core.rows import INPUT_NAMES, STATE_NAMES
+from heli_core.ticks import TICK_S
 from heli_dynamics_sim.config import PlantConfig
-from heli_dynamics_sim.linearize import MovingModel, linearize_moving
-from heli_dynamics_sim.trim import Trim, trim
+from heli_dynamics_sim.trim import MovingModel, TrimPoint, linearize_moving, trim
 from heli_dynamics_sim.wind import mean_speed
-from heli_inner_hinf.actuation import Actuation
+from heli_inner_hinf.controller_state import Actuation
 from heli_inner_hinf.loops import POSITIONS, Loop, Model, sampled_plant
-from heli_math.linear_systems import held_late, with_delay_line
-from heli_math.state_names import INPUT_NAMES, STATE_NAMES
-from heli_math.state_space import WIND
-from heli_math.ticks import TICK_S
-from heli_outer_pd.axis_analysis import (
-    Axis,
-    Sampled,
-    drifting,
-    modelled_heave_damping_per_s,
-)
-from heli_outer_pd.config import outer_kernel
-from heli_outer_pd.outer_state import OuterKernel
+from heli_outer_pd.analysis import Axis, Sampled, drifting, modelled_heave_damping_per_s
+from heli_outer_pd.parameters import outer_params
+from heli_outer_pd.state import OuterParams
 
 NAMES = ("forward", "right", "down")
 _COMMANDS = (("theta_ref", -1.0), ("phi_ref", 1.0))
@@ -49,13 +42,13 @@ class PositionAxes:
         As flown.
     moved : Model
         What the attitude loop was designed for, about the trim in the mean wind.
-    at : Trim
+    at : TrimPoint
         In the mean wind.
     moving : MovingModel
         The aircraft about it, with the accelerations of its place.
     lags_s : (2,) array
         Lag of pitch and roll behind their commands at low frequency.
-    kernel : OuterKernel
+    params : OuterParams
     period_ticks : int
         Of the law.
     """
@@ -63,10 +56,10 @@ class PositionAxes:
     config: PlantConfig
     attitude: Loop
     moved: Model
-    at: Trim
+    at: TrimPoint
     moving: MovingModel
     lags_s: np.ndarray
-    kernel: OuterKernel
+    params: OuterParams
     period_ticks: int
 
     def axes(
@@ -76,9 +69,9 @@ class PositionAxes:
         nine, inputs = len(STATE_NAMES), len(INPUT_NAMES)
         A, B, E = self.moving.A[nine:], self.moving.B[nine:, :inputs], self.moving.E[nine:]
         flown = replace(self.attitude, plant=sampled_plant(self.moved, actuation))
-        blocks = [_tilted(flown, A, B, E, i, self.kernel.g) for i in range(2)]
+        blocks = [_tilted(flown, A, B, E, i, self.params.g) for i in range(2)]
         blocks.append(_lifted(actuation, E[2, 2]))
-        heave = modelled_heave_damping_per_s(self.kernel)
+        heave = modelled_heave_damping_per_s(self.params)
         modelled = [(self.lags_s[0], 0.0), (self.lags_s[1], 0.0), (0.0, heave)]
         errors = _POSITION_ERROR, _SPEED_ERROR
         return tuple(
@@ -112,7 +105,7 @@ def position_axes(
     at = trim(config.helicopter, wind_mps, 0.0)
     moving = linearize_moving(config.helicopter, at)
     moved = replace(model, A=moving.A[:nine], B=moving.B[:nine, :inputs], E=moving.E[:nine])
-    lags_s, kernel = attitude_lags_s(attitude), outer_kernel(outer)
+    lags_s, kernel = attitude_lags_s(attitude), outer_params(outer)
     return PositionAxes(config, attitude, moved, at, moving, lags_s, kernel, outer["period_ticks"])
 
 

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from heli_core.metrics import CLIMB_METRICS, METRICS, PATH, ClimbFigure
+from heli_core.ticks import seconds
 from heli_dynamics_sim.config import PlantConfig
-from heli_dynamics_sim.gusts import GUST, draw_gusts
-from heli_flight.loop.fault_file import flown_faults
-from heli_flight.loop.flight_file import changes, drawn, drawn_words, identity
-from heli_flight.loop.laws import own_laws, own_words
-from heli_flight.loop.scoring import (
+from heli_dynamics_sim.wind import GUST, draw_gusts
+from heli_flight.flight_file import changes, drawn, drawn_words, flown_faults, identity
+from heli_flight.scoring import (
     DECIDES,
-    METRICS,
     SOURCE_NAMES,
     STRETCHES,
     WHOLE,
@@ -29,13 +28,8 @@ from heli_flight.loop.scoring import (
     figures_of,
     sources_of,
 )
-from heli_flight.loop.settings import Settings
-from heli_flight.loop.worlds import PAPER
-from heli_flight.terminal import table
-from heli_flight.text_table import FittingTable
-from heli_math.climb import CLIMB_METRICS, ClimbFigure
-from heli_math.paper_metrics import PATH
-from heli_math.ticks import seconds
+from heli_flight.settings import PAPER, Settings, own_laws, own_words
+from heli_flight.terminal import FittingTable, table
 
 RESULT = "result.json"
 EXIT_INSIDE = 0

@@ -15,22 +15,22 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from heli_flight.loop.ground_figures import GroundFigure, ground_figures
-from heli_flight.loop.record import FlightRecord
-from heli_flight.loop.scenario import Scenario
-from heli_math import paper_metrics
-from heli_math.climb import ClimbFigure, climb_figures
-from heli_math.paper_metrics import (
+from heli_core import metrics
+from heli_core.metrics import (
     METRICS,
     PATH,
     POSITIONS,
     SETTLED_S,
-    Metric,
+    ClimbFigure,
+    PaperMetric,
     attitude_errors,
+    climb_figures,
     hover_errors,
     path_errors,
     size,
 )
+from heli_flight.record import FlightRecord
+from heli_flight.scenario import GroundFigure, Scenario, ground_figures
 
 __all__ = [
     "DECIDES",
@@ -43,7 +43,7 @@ __all__ = [
     "WHOLE",
     "WINDOWS",
     "Figures",
-    "Metric",
+    "PaperMetric",
     "Score",
     "counted",
     "decides",
@@ -75,7 +75,7 @@ DECIDES = WINDOWS
 class Score:
     """A metric of one flight: largest magnitude and rms over a stretch."""
 
-    metric: Metric
+    metric: PaperMetric
     source: str
     max: float
     rms: float
@@ -202,7 +202,7 @@ def drift_at_engagement(record: FlightRecord) -> np.ndarray | None:
     None if the flight ended before, or one of the two was not recorded.
     """
     since_s = record.time_s - record.time_s[:1]
-    return paper_metrics.drift_at_engagement(since_s, record.nav_pos_ned_m, record.truth_pos_ned_m)
+    return metrics.drift_at_engagement(since_s, record.nav_pos_ned_m, record.truth_pos_ned_m)
 
 
 def counted(record: FlightRecord, scenario: Scenario, stretch: str) -> np.ndarray:

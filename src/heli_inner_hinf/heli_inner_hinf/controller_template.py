@@ -4,21 +4,21 @@ graph.
 
 1. Copy this file and write the law: the five arguments of `attitude_law`, in njit's subset of
    Python.
-2. Give it a name in `law_state.CONTROLLERS` (`"mine": 3`, a kind of its own): this makes
+2. Give it a name in `controller_state.CONTROLLERS` (`"mine": 3`, a kind of its own): this makes
    `controller: mine` a valid parameter. Its margins are not judged: the kernel's linear form is
-   known for the kinds that are there (`as_flown.linear_law_of`). A linear law needs no kernel:
+   known for the kinds that are there (`loops.linear_law_of`). A linear law needs no kernel:
    `controller: matrices`.
-3. Call it in a branch of `attitude_law.attitude_law`, beside `pid_law`. Limits, NaN, status and the
+3. Call it in a branch of `controllers.attitude_law`, beside `pid_law`. Limits, NaN, status and the
    bumpless offset are done there: the law only writes its unlimited command.
-4. Numbers that it needs go into `AttitudeKernel` and, as parameters, into `parameter_table.TABLE`
+4. Numbers that it needs go into `AttitudeParams` and, as parameters, into `parameters.TABLE`
    and `config/inner_loop.yaml`.
 
 The example is a law that works: angles by proportional gain, rates by damping, one axis each.
 """
 
-from heli_math.jit import njit
-from heli_math.rotations import wrap_pi
-from heli_math.rows import NINE, SETPOINT
+from heli_core.jit import njit
+from heli_core.rotations import wrap_pi
+from heli_core.rows import NINE, SETPOINT
 
 
 @njit
@@ -31,10 +31,10 @@ def user_law(x9, r3, k, state, u3):
         Absolute phi theta p q a_s b_s r d_int psi, rad and rad/s, places of `NINE`; finite.
     r3 : (3,) array
         Commanded phi, theta, psi, absolute, rad, places of `SETPOINT`; finite.
-    k : AttitudeKernel
+    k : AttitudeParams
         Numbers of the law; here K_P, K_D and u_trim.
     state : (N_LAW_STATE,) array
-        Memory; see the layout in `law_state`. This law has none.
+        Memory; see the layout in `controller_state`. This law has none.
     u3 : (3,) array
         Out: d_lat, d_lon, d_ped, absolute.
     """

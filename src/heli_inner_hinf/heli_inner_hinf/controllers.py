@@ -3,39 +3,85 @@
 
 `attitude_law(x9, r3, k, state, u3)` reads the nine absolute states of eq. (10) (places `NINE`, rad,
 rad/s) and the absolute commands phi, theta, psi (places `SETPOINT`, rad), and writes the absolute
-actuators d_lat, d_lon, d_ped. An own law goes into a branch here; `law_template` shows one.
+actuators d_lat, d_lon, d_ped. an own law goes into a branch here; `controller_template` shows one.
 """
 
 import numpy as np
 
-from heli_inner_hinf.law_state import (
+from heli_core.jit import njit, scratch
+from heli_core.rotations import wrap_pi
+from heli_core.rows import NINE, SETPOINT
+from heli_inner_hinf.controller_state import (
     INTEGRAL,
     LAST_R,
     LAST_U,
     LAST_X,
     MEMORY,
     N_LAW_STATE,
+    N_V,
     OFFSET,
     OUTPUT_FEEDBACK,
     PID,
     RUN,
     SHIFT_LIMIT_RAD,
     STATE_FEEDBACK,
-    AttitudeKernel,
+    AttitudeParams,
     AttitudeStatus,
+    advance,
     all_finite,
+    command,
     initial_law_state,
+    read_inputs,
     remember,
+    state_at_rest,
 )
-from heli_inner_hinf.output_law import N_V, advance, command, read_inputs, state_at_rest
-from heli_inner_hinf.pid import pid_law, pid_terms
-from heli_math.arrays import scratch
-from heli_math.jit import njit
-from heli_math.rotations import wrap_pi
-from heli_math.rows import NINE, SETPOINT
+
+# -------------------------------------------------------------------------------------------------
+# PID attitude law for roll, pitch, yaw: the baseline of the paper's Fig. 3.
+#
+# Three single loops on the same nine-state estimate, from which it takes phi, theta, psi and p, q,
+# r:
+# derivative on measurement, clamping anti-windup. The gains are found by `pid_tuning`.
+# -------------------------------------------------------------------------------------------------
+
+
+@njit
+def pid_terms(x9, r3, k, error, held):
+    """Tracking error (3,) into `error`, proportional and derivative part plus trim (3,) into
+    `held`."""
+    error[0] = r3[SETPOINT.phi] - x9[NINE.phi]
+    error[1] = r3[SETPOINT.theta] - x9[NINE.theta]
+    error[2] = wrap_pi(r3[SETPOINT.psi] - x9[NINE.psi])
+    held[0] = k.u_trim[0] + k.K_P[0] * error[0] - k.K_D[0] * x9[NINE.p]
+    held[1] = k.u_trim[1] + k.K_P[1] * error[1] - k.K_D[1] * x9[NINE.q]
+    held[2] = k.u_trim[2] + k.K_P[2] * error[2] - k.K_D[2] * x9[NINE.r]
+
+
+@njit
+def pid_law(x9, r3, k, state, u3):
+    """Unlimited PID command (3,) into u3; integrators in state[INTEGRAL:INTEGRAL+3].
+
+    An integrator stands still while its actuator is at the limit and the error would drive it
+    further.
+    """
+    error = scratch(3)
+    pid_terms(x9, r3, k, error, u3)
+    for i in range(3):
+        rate = k.K_I[i] * error[i]
+        integral = state[INTEGRAL + i] + k.tick_s * rate
+        raw = u3[i] + integral + state[OFFSET + i]
+        if (raw > k.limit and rate > 0.0) or (raw < -k.limit and rate < 0.0):
+            integral = state[INTEGRAL + i]
+        state[INTEGRAL + i] = integral
+        u3[i] += integral
+
+
+# -------------------------------------------------------------------------------------------------
+# Attitude law.
+# -------------------------------------------------------------------------------------------------
 
 __all__ = [
-    "AttitudeKernel",
+    "AttitudeParams",
     "AttitudeStatus",
     "attitude_law",
     "initial_law_state",
@@ -112,9 +158,9 @@ def attitude_law(x9, r3, k, state, u3):
         Absolute states, places of `NINE`, rad and rad/s.
     r3 : (3,) array
         Commanded phi, theta, psi, absolute, rad.
-    k : AttitudeKernel
+    k : AttitudeParams
     state : (N_LAW_STATE,) array
-        Changed in place; layout in `law_state`.
+        Changed in place; layout in `controller_state`.
     u3 : (3,) array
         Out: d_lat, d_lon, d_ped, absolute, within +-k.limit, always finite.
 
@@ -163,7 +209,7 @@ def attitude_law(x9, r3, k, state, u3):
 
 
 def swap_bumpless(
-    state: np.ndarray, k_new: AttitudeKernel, u_flown: np.ndarray | None = None
+    state: np.ndarray, k_new: AttitudeParams, u_flown: np.ndarray | None = None
 ) -> None:
     """Prepare `state` (in place) so that `k_new` goes on from what is flown.
 
@@ -174,7 +220,7 @@ def swap_bumpless(
     Parameters
     ----------
     state : (N_LAW_STATE,) array
-    k_new : AttitudeKernel
+    k_new : AttitudeParams
     u_flown : (3,) array, optional
         d_lat, d_lon, d_ped as flown; default: the law's own last output.
     """

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inner loop's parameters; their values stand in config/inner_loop.yaml."""
 
-from heli_inner_hinf.attitude_disturbance import DISTURBANCE_ROWS
-from heli_inner_hinf.law_state import CONTROLLERS
-from heli_parameters.parameters import Parameter
+from heli_core.parameters import Parameter
+from heli_inner_hinf.controller_state import CONTROLLERS
+from heli_inner_hinf.excitation import DISTURBANCE_ROWS
 
 NODE_NAME = "inner_loop"
 

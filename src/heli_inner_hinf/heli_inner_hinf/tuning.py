@@ -8,27 +8,67 @@ disk and delay margins of the nominal aircraft, and a smaller disk margin of eac
 A family of laws is a function of positive numbers, so that all are searched alike.
 """
 
+from __future__ import annotations
+
+import cmath
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.as_flown import closed, feedback_of_law, flown_plant, sampled_response
-from heli_inner_hinf.disk_margin import disk_margins
-from heli_inner_hinf.errors import SynthesisError
-from heli_inner_hinf.output_law import INPUTS, N_U, N_V, OutputLaw
-from heli_inner_hinf.regular_form import Matrix
-from heli_inner_hinf.weights import N_X
-from heli_math.central_controller import NoControllerError
-from heli_math.grid_search import BETTER, STRIDES, search
-from heli_math.linear_systems import held, stationary, with_servos
-from heli_math.rows import NINE
-from heli_math.state_names import ATTITUDE, MEASURED
-from heli_math.ticks import TICK_S
+from heli_core.central_controller import NoControllerError
+from heli_core.errors import SynthesisError
+from heli_core.linear import diagonal_observer_gain, held, stationary, with_servos
+from heli_core.rows import ATTITUDE, INPUT_NAMES, MEASURED, NINE, STATE_NAMES, UNMEASURED
+from heli_core.search import BETTER, STRIDES, search
+from heli_core.ticks import TICK_S
+from heli_inner_hinf.controller_state import (
+    CONTROLLERS,
+    INPUTS,
+    N_V,
+    OUTPUT_FEEDBACK,
+    STATE_FEEDBACK,
+    Actuation,
+    ObserverInput,
+    OutputLaw,
+)
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.loops import (
+    COMMANDS,
+    MEASURED_NAMES,
+    N_Y,
+    ChannelMargin,
+    Loop,
+    Model,
+    channel_margins,
+    closed,
+    disk_margin,
+    feedback_of_law,
+    flown_loop,
+    flown_plant,
+    further_delay_s,
+    linear_law_of,
+    observer_loop,
+    output_loop,
+    sampled_controller,
+    sampled_plant,
+    sampled_response,
+    state_feedback_loop,
+)
+from heli_inner_hinf.mu import DiskMargin, disk_margins, peak_gain, response, top
+from heli_inner_hinf.synthesis import N_U, N_X, Matrix, checked
+
+if TYPE_CHECKING:
+    import control
+
+# -------------------------------------------------------------------------------------------------
+# Attitude search.
+# -------------------------------------------------------------------------------------------------
 
 # Closer where the lightly damped flapping makes margins narrow.
 _OMEGA = np.unique(
@@ -87,7 +127,7 @@ class Surroundings(NamedTuple):
     heading_radps05: float = 0.007
 
 
-class Wanted(NamedTuple):
+class CostScales(NamedTuple):
     """Units of the cost and the nominal aircraft's floors.
 
     Attributes
@@ -109,7 +149,7 @@ class Wanted(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Aircraft:
+class SampledAircraft:
     """One of the set.
 
     Attributes
@@ -119,7 +159,7 @@ class Aircraft:
         Eq. (9), SI and rad.
     actuation : Actuation
     disk_margin : float
-        Floor at the plant's input; the first of a set has those of `Wanted` instead.
+        Floor at the plant's input; the first of a set has those of `CostScales` instead.
     """
 
     name: str
@@ -134,7 +174,7 @@ class Aircraft:
         """A, B of `flown_plant`."""
         return flown_plant(self.A, self.B, self.actuation)
 
-    def later(self, ticks: int) -> "Aircraft":
+    def later(self, ticks: int) -> SampledAircraft:
         """The same with further delay."""
         delay_s = self.actuation.delay_s + ticks * TICK_S
         return replace(self, actuation=replace(self.actuation, delay_s=delay_s))
@@ -156,7 +196,7 @@ class Aircraft:
         return sampled_response(*self.flown, _OMEGA)[:, list(MEASURED)]
 
 
-class Family(NamedTuple):
+class LawFamily(NamedTuple):
     """Laws of one kind.
 
     Attributes
@@ -190,22 +230,22 @@ class Yardstick:
 
     Attributes
     ----------
-    nominal : Aircraft
-    others : tuple of Aircraft
-    wanted : Wanted
+    nominal : SampledAircraft
+    others : tuple of SampledAircraft
+    wanted : CostScales
     air : Surroundings
-    held_stable : tuple of Aircraft
+    held_stable : tuple of SampledAircraft
         Further ones, which count neither by their cost nor by their margins.
     """
 
-    nominal: Aircraft
-    others: tuple[Aircraft, ...]
-    wanted: Wanted = Wanted()
+    nominal: SampledAircraft
+    others: tuple[SampledAircraft, ...]
+    wanted: CostScales = CostScales()
     air: Surroundings = Surroundings()
-    held_stable: tuple[Aircraft, ...] = ()
+    held_stable: tuple[SampledAircraft, ...] = ()
 
     @cached_property
-    def _later(self) -> tuple[Aircraft, ...]:
+    def _later(self) -> tuple[SampledAircraft, ...]:
         return tuple(self.nominal.later(1 + i) for i in range(self.wanted.delay_ticks))
 
     def cost(self, law: OutputLaw) -> float:
@@ -244,7 +284,7 @@ class Yardstick:
 
     def best(
         self,
-        family: Family,
+        family: LawFamily,
         strides: Sequence[int] = STRIDES,
         pairs: bool = True,
         better: float = BETTER,
@@ -253,7 +293,7 @@ class Yardstick:
 
         Parameters
         ----------
-        family : Family
+        family : LawFamily
         strides, pairs, better
             As of `search`.
 
@@ -279,7 +319,7 @@ class Yardstick:
         return found
 
 
-def variances(law: OutputLaw, one: Aircraft, air: Surroundings) -> Variances:
+def variances(law: OutputLaw, one: SampledAircraft, air: Surroundings) -> Variances:
     """Stationary variances of a stable loop, by one Lyapunov equation.
 
     States: the plant's, wind, load, the navigation's slow errors and commands, the law's.
@@ -363,3 +403,458 @@ def _diagonal(rows: Matrix, P: Matrix) -> Matrix:
 def _growth_radps(A: Matrix) -> float:
     """Of the least stable mode."""
     return float(np.log(np.max(np.abs(np.linalg.eigvals(A)))) / TICK_S)
+
+
+# -------------------------------------------------------------------------------------------------
+# How an attitude loop answers commands, disturbances of its attitude, and itself.
+#
+# For analysis: whatever flies does not import this module, as python-control takes seconds to
+# import.
+# -------------------------------------------------------------------------------------------------
+
+_PLACES = tuple(MEASURED_NAMES.index(STATE_NAMES[i]) for i in ATTITUDE)
+"""Of roll, pitch and yaw among what is measured."""
+_LOWEST_RADPS, _POINTS = 0.05, 2000
+_Complex = np.ndarray
+
+
+@dataclass(frozen=True)
+class AttitudeResponses:
+    """Responses (m,) of each axis, roll, pitch, yaw, the others closed.
+
+    Attributes
+    ----------
+    omega_radps : (m,) array
+    to_command : tuple of (m,) complex array
+        Attitude to its command.
+    to_disturbance : tuple of (m,) complex array
+        Attitude with a disturbance of the measured attitude, to that disturbance: the sensitivity.
+    broken : tuple of (m,) complex array
+        Open loop at the actuators: lateral, longitudinal, pedal, one at a time.
+    """
+
+    omega_radps: NDArray[np.float64]
+    to_command: tuple[_Complex, ...]
+    to_disturbance: tuple[_Complex, ...]
+    broken: tuple[_Complex, ...]
+
+
+def crossover_radps(omega: NDArray[np.float64], broken: _Complex) -> float | None:
+    """Highest of omega (m,), rad/s, at which an open loop (m,) falls through one; None: nowhere."""
+    gain = np.abs(broken)
+    falls = np.flatnonzero((gain[:-1] >= 1.0) & (gain[1:] < 1.0))
+    if not falls.size:
+        return None
+    at = slice(int(falls[-1]), int(falls[-1]) + 2)
+    return float(np.exp(np.interp(0.0, np.log(gain[at])[::-1], np.log(omega[at])[::-1])))
+
+
+def to_command(loop: Loop, omega: NDArray[np.float64]) -> _Complex:
+    """Attitude's response (m, 3, 3) to its commands, roll, pitch, yaw, at omega (m,), rad/s."""
+    return _commanded(*_parts(loop, omega))
+
+
+def to_disturbance(loop: Loop, omega: NDArray[np.float64]) -> _Complex:
+    """The disturbed attitude's response (m, 3, 3) to disturbances of the measured attitude."""
+    P, K, _ = _parts(loop, omega)
+    return _disturbed(P, K)
+
+
+def attitude_responses(loop: Loop) -> AttitudeResponses:
+    """Of a stable loop that reads the six measured states."""
+    omega = np.geomspace(_LOWEST_RADPS, min(top(loop.plant, 1e3), 1e3), _POINTS)
+    # Each once: they are what takes long.
+    P, K, K_r = _parts(loop, omega)
+    inside = np.linalg.inv(np.eye(N_U) - K @ P)
+    T, S = _commanded(P, K, K_r), _disturbed(P, K)
+    return AttitudeResponses(
+        omega,
+        tuple(T[:, i, i] for i in range(N_U)),
+        tuple(S[:, i, i] for i in range(N_U)),
+        tuple(1.0 / inside[:, i, i] - 1.0 for i in range(N_U)),
+    )
+
+
+def _commanded(P: _Complex, K: _Complex, K_r: _Complex) -> _Complex:
+    T = np.linalg.solve(np.eye(N_Y) - P @ K, P @ K_r)
+    return T[:, _PLACES, :]
+
+
+def _disturbed(P: _Complex, K: _Complex) -> _Complex:
+    S = np.linalg.inv(np.eye(N_Y) - P @ K)
+    return S[:, _PLACES, :][:, :, _PLACES]
+
+
+def _parts(loop: Loop, omega: NDArray[np.float64]) -> tuple[_Complex, _Complex, _Complex]:
+    """Plant u -> y, controller y -> u, controller commands -> u."""
+    plant, law = loop.plant, response(loop.controller, omega)
+    measured = plant.noutputs - len(COMMANDS) - N_Y
+    P = response(plant, omega)[:, measured : measured + N_Y, -N_U:]
+    return P, law[:, :, :N_Y], law[:, :, N_Y:]
+
+
+# -------------------------------------------------------------------------------------------------
+# The gain K of the reduced-order observer (19) and the prediction time, chosen by the loop as
+#
+# flown.
+#
+# A fast observer turns servo lag and transport delay into phase lag on the flapping mode near 27
+# rad/s; a slow one leaves the estimate to the model. Both are told by the margins of the sampled
+# loop, not by the speed of the observer's error.
+# -------------------------------------------------------------------------------------------------
+
+ROTOR_POLES = (3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
+GYRO_POLES = (5.0, 10.0, 20.0)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One observer and its price.
+
+    Attributes
+    ----------
+    poles : tuple of three floats
+        Poles of the error of a_s, b_s, d_int, rad/s.
+    K : (3, 6) array
+    prediction_s : float
+    disk_input, disk_output : float
+        Disk margin of the loop as flown, all channels at once.
+    further_delay_s : float
+        Further delay that it survives, s.
+    norm : float
+        ||T_hw||_inf of the loop as flown.
+    noise_gain : float
+        RMS of the largest actuator command per RMS of white p, q, r noise (1/(rad/s)), loop open.
+    """
+
+    poles: tuple[float, float, float]
+    K: Matrix
+    prediction_s: float
+    disk_input: float
+    disk_output: float
+    further_delay_s: float
+    norm: float
+    noise_gain: float
+
+    @property
+    def worst_disk(self) -> float:
+        """The smaller of the two disk margins."""
+        return min(self.disk_input, self.disk_output)
+
+
+def diagonal_gain(A: ArrayLike, poles: Sequence[float]) -> Matrix:
+    """K (3, 6) for which A' of eq. (19) is diag(poles), of least norm.
+
+    Parameters
+    ----------
+    A : (9, 9) array
+    poles : three floats
+        Of the errors of a_s, b_s, d_int; rad/s, negative.
+    """
+    A = checked("A", A, (9, 9))
+    return diagonal_observer_gain(A, tuple(poles), MEASURED, UNMEASURED)
+
+
+def assess(
+    model: Model,
+    poles: tuple[float, float, float],
+    prediction_s: float,
+    feed: ObserverInput | None = None,
+    actuation: Actuation | None = None,
+) -> Candidate:
+    """Margins, norm and noise of the loop as flown with the observer that has these poles."""
+    K = diagonal_gain(model.A, poles)
+    loop = flown_loop(model, K, prediction_s, feed, actuation)
+    omega = np.unique(np.concatenate([np.geomspace(0.1, 300.0, 80), np.linspace(10.0, 60.0, 60)]))
+    stable = loop.stability() < 0.0
+    return Candidate(
+        poles=poles,
+        K=K,
+        prediction_s=prediction_s,
+        disk_input=disk_margin(loop, "input", omega).alpha,
+        disk_output=disk_margin(loop, "output", omega).alpha,
+        further_delay_s=further_delay_s(loop, model, actuation),
+        norm=peak_gain(loop.wind_to_h)[0] if stable else np.inf,
+        noise_gain=_noise_gain(sampled_controller(model, K, prediction_s, feed or ObserverInput())),
+    )
+
+
+def choose_observer_gain(
+    model: Model,
+    prediction_s: float | None = None,
+    actuation: Actuation | None = None,
+    feed: ObserverInput | None = None,
+    wanted_disk: float = 0.5,
+    wanted_delay_s: float = 0.02,
+) -> tuple[Candidate, list[Candidate]]:
+    """K by the margins of the loop as flown.
+
+    Among a grid of pole sets: of those that reach `wanted_disk` at input and output and survive
+    `wanted_delay_s`, and whose worse disk margin is not below 90 % of the best, the one that passes
+    least noise; if none reaches them, the one with the largest disk margin.
+
+    Parameters
+    ----------
+    model : Model
+    prediction_s : float, optional
+        Prediction time; default: the lag that is known (`Actuation.known_lag_s`).
+    actuation, feed : optional
+        Servo and delay; how u enters the observer.
+    wanted_disk, wanted_delay_s : float
+        Targets.
+
+    Returns
+    -------
+    best : Candidate
+    tried : list of Candidate
+        The trade-off.
+    """
+    actuation = actuation or Actuation()
+    prediction_s = actuation.known_lag_s if prediction_s is None else prediction_s
+    tried = [
+        assess(model, (-rotor, -rotor, -gyro), prediction_s, feed, actuation)
+        for rotor in ROTOR_POLES
+        for gyro in GYRO_POLES
+    ]
+    good = [c for c in tried if c.worst_disk >= wanted_disk and c.further_delay_s >= wanted_delay_s]
+    if not good:
+        return max(tried, key=lambda c: c.worst_disk), tried
+    top = max(c.worst_disk for c in good)
+    return min((c for c in good if c.worst_disk >= 0.9 * top), key=lambda c: c.noise_gain), tried
+
+
+def _noise_gain(controller: control.StateSpace) -> float:
+    """Largest actuator RMS per RMS of white noise on p, q, r; inf if the controller is unstable."""
+    import control
+
+    noisy = controller[list(INPUT_NAMES), ["p", "q", "r"]]
+    if np.max(np.abs(noisy.poles())) >= 1.0:
+        return np.inf
+    spread = control.dlyap(noisy.A, noisy.B @ noisy.B.T)
+    power = noisy.C @ spread @ noisy.C.T + noisy.D @ noisy.D.T
+    return float(np.sqrt(np.max(np.diag(power))))
+
+
+# -------------------------------------------------------------------------------------------------
+# Gains of a PID from the linear model alone, by a rule: the most integral gain at a given
+#
+# robustness. What is packaged for the default aircraft is searched for (`attitude_search`).
+#
+# For each axis the loop as flown is taken (servo, transport delay, 100 Hz; angle for P and I, body
+# rate for D). At a crossover w_c and a phase margin the complex equation L(w_c) = exp(j (margin -
+# pi)) has one pair K_P, K_D, with K_I = K_P w_c times a share of 0.1 to 0.5 (at 0.2 the integrator
+# costs 11 degrees at crossover). Over a grid of all three, the one with the most integral gain
+# whose
+# sensitivity peak max |S| stays below `PEAK` wins: the rule of Astrom, Panagopoulos, Hagglund
+# (Automatica 34(5), 1998: load disturbance rejection at a given robustness).
+# -------------------------------------------------------------------------------------------------
+
+PEAK = 1.7
+"""Largest |S| of each axis: a modulus margin of 0.59."""
+AXES = ("roll", "pitch", "yaw")
+_ANGLE = ("phi", "theta", "psi")
+_RATE = ("p", "q", "r")
+_INTEGRAL_SHARES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
+
+
+@dataclass(frozen=True)
+class AxisGains:
+    """Gains of one axis: K_P 1/rad, K_I 1/(rad s), K_D s/rad; crossover rad/s, margin deg, max
+    |S|."""
+
+    axis: str
+    K_P: float
+    K_I: float
+    K_D: float
+    crossover_radps: float
+    phase_margin_deg: float
+    peak: float
+
+
+def tune_pid(
+    model: Model, actuation: Actuation | None = None, peak: float = PEAK
+) -> tuple[AxisGains, AxisGains, AxisGains]:
+    """Gains of roll, pitch, yaw by the module's rule.
+
+    Parameters
+    ----------
+    model : Model
+        Its F, G, C, D do not matter.
+    actuation : Actuation, optional
+    peak : float
+        Bound on max |S| of each axis.
+
+    Raises
+    ------
+    ValueError
+        No pair on the grid reaches the bound; names the axis.
+    """
+    plant = sampled_plant(model, actuation or Actuation())
+    roll, pitch, yaw = (_tune_axis(plant, axis, peak) for axis in range(N_U))
+    return roll, pitch, yaw
+
+
+def gains_of(axes: tuple[AxisGains, ...]) -> dict[str, np.ndarray]:
+    """K_P, K_I, K_D (3,) by name, as the YAML holds them."""
+    return {
+        "K_P": np.array([a.K_P for a in axes]),
+        "K_I": np.array([a.K_I for a in axes]),
+        "K_D": np.array([a.K_D for a in axes]),
+    }
+
+
+def _tune_axis(plant: control.StateSpace, axis: int, peak: float) -> AxisGains:
+    single = plant[[_ANGLE[axis], _RATE[axis]], [INPUT_NAMES[axis]]]
+    grid = np.geomspace(0.05, 0.999 * np.pi / TICK_S, 1500)
+    over_grid = response(single, grid)[:, :, 0]
+    best: AxisGains | None = None
+    for crossover in np.geomspace(0.3, 30.0, 140):
+        at = response(single, np.array([crossover]))[0, :, 0]
+        trials = product(np.arange(35.0, 86.0, 5.0), _INTEGRAL_SHARES)
+        for margin, share in trials:
+            gains = _pair(at, crossover, margin, share)
+            if gains is None or (best is not None and abs(gains[1]) <= abs(best.K_I)):
+                continue
+            L = _open_loop(over_grid, grid, *gains)
+            top = float(np.max(1.0 / np.abs(1.0 + L)))
+            if top <= peak and _stable(single, *gains):
+                best = AxisGains(AXES[axis], *gains, float(crossover), float(margin), top)
+    if best is None:
+        raise ValueError(f"no PID of the {AXES[axis]} axis keeps max |S| below {peak:g}")
+    return best
+
+
+def _pair(
+    at: np.ndarray, crossover: float, margin_deg: float, share: float
+) -> tuple[float, float, float] | None:
+    """K_P, K_I, K_D for which L(crossover) has gain one and the phase margin; None for K_D against
+    K_P."""
+    step = TICK_S / (1.0 - cmath.exp(-1j * crossover * TICK_S))
+    angle, rate = complex(at[0] * (1.0 + share * crossover * step)), complex(at[1])
+    target = cmath.exp(1j * (math.radians(margin_deg) - math.pi))
+    # Cramer's rule for K_P angle + K_D rate = target, real and imaginary part
+    determinant = angle.real * rate.imag - angle.imag * rate.real
+    if determinant == 0.0:
+        return None
+    K_P = (target.real * rate.imag - target.imag * rate.real) / determinant
+    K_D = (angle.real * target.imag - angle.imag * target.real) / determinant
+    if K_P * K_D < 0.0:
+        return None
+    return float(K_P), float(share * crossover * K_P), float(K_D)
+
+
+def _open_loop(at: np.ndarray, omega: np.ndarray, K_P: float, K_I: float, K_D: float) -> np.ndarray:
+    step = TICK_S / (1.0 - np.exp(-1j * omega * TICK_S))
+    return at[:, 0] * (K_P + K_I * step) + at[:, 1] * K_D
+
+
+def _stable(single: control.StateSpace, K_P: float, K_I: float, K_D: float) -> bool:
+    """Whether the axis is stable with this PID, apart from modes that it does not reach."""
+    row = (K_P + TICK_S * K_I) * single.C[0] + K_D * single.C[1]
+    n = single.A.shape[0]
+    A = np.zeros((n + 1, n + 1))
+    A[:n, :n] = single.A - np.outer(single.B[:, 0], row)
+    A[:n, n] = single.B[:, 0]
+    A[n, :n] = -TICK_S * K_I * single.C[0]
+    A[n, n] = 1.0
+    return bool(np.max(np.abs(np.linalg.eigvals(A))) <= 1.0 + 1e-7)
+
+
+# -------------------------------------------------------------------------------------------------
+# What a design is worth: norms, singular values and margins of the three loops.
+#
+# The loops are python-control's systems (`loops`), and so is the analysis, but for what the
+# library
+# has not without slycot, a Fortran build: the norm with its frequency (`frequency`), disk margins
+# of
+# several channels at once (`disk_margin`), and the delay that the loop as flown survives
+# (`margins`).
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LoopReport:
+    """Numbers of one loop.
+
+    Attributes
+    ----------
+    name : str
+    stability : float
+        Largest real part of its modes, rad/s (sampled: of their logarithm over the tick).
+    norm, norm_frequency : float
+        ||T_hv||_inf from wind (m/s) to h, and where (rad/s).
+    disk_input, disk_output : DiskMargin
+        All channels at once.
+    channels_input : list of ChannelMargin
+        One at a time: d_lat d_lon d_ped.
+    """
+
+    name: str
+    stability: float
+    norm: float
+    norm_frequency: float
+    disk_input: DiskMargin
+    disk_output: DiskMargin
+    channels_input: list[ChannelMargin]
+
+
+def model_of(config: AttitudeConfig) -> Model:
+    """The model of a judged design, with its law's gains."""
+    own = config.lqr if config.controller == "lqr" else config.synthesis
+    plant = (config.A, config.B, config.E, config.C, config.D)
+    return Model(*plant, own.F, own.G, config.offset_free_radps)
+
+
+def three_loops(
+    model: Model,
+    K: ArrayLike,
+    prediction_s: float = 0.0,
+    feed: ObserverInput | None = None,
+    actuation: Actuation | None = None,
+) -> tuple[Loop, Loop, Loop]:
+    """State feedback; with the reduced-order observer; as flown."""
+    return (
+        state_feedback_loop(model),
+        observer_loop(model, K),
+        flown_loop(model, K, prediction_s, feed, actuation),
+    )
+
+
+def loops_of(
+    config: AttitudeConfig, K: ArrayLike, feed: ObserverInput, actuation: Actuation
+) -> tuple[Loop, ...]:
+    """The loops of a judged design: three of state feedback, that as flown of any other law."""
+    model = model_of(config)
+    if CONTROLLERS[config.controller] == STATE_FEEDBACK:
+        return three_loops(model, K, config.prediction_s, feed, actuation)
+    law = linear_law_of(config.params)
+    if law is None:
+        return ()
+    turned = CONTROLLERS[config.controller] == OUTPUT_FEEDBACK
+    return (replace(output_loop(model, law, actuation), turned=turned),)
+
+
+def analyse(loop: Loop) -> LoopReport:
+    """Norm and margins of a loop; an unstable one has norm inf and disk margins 0."""
+    stability = loop.stability()
+    norm, frequency = np.inf, 0.0
+    if stability < 0.0:
+        norm, frequency = peak_gain(loop.wind_to_h)
+    return LoopReport(
+        name=loop.name,
+        stability=stability,
+        norm=norm,
+        norm_frequency=frequency,
+        disk_input=disk_margin(loop, "input"),
+        disk_output=disk_margin(loop, "output"),
+        channels_input=channel_margins(loop),
+    )
+
+
+def singular_values(loop: Loop, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values (m, 3) of T_hv and (m, 3) of T_uv at omega (m,), rad/s."""
+    import control
+
+    systems = loop.wind_to_h, loop.wind_to_u
+    hv, uv = (control.singular_values_response(s, omega).magnitude[:, 0].T for s in systems)
+    return hv, uv

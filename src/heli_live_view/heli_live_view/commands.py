@@ -2,18 +2,23 @@
 """Commands from a browser: judged, and turned into gusts and reference trajectories. No ROS."""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.rotations import wrap_pi
-from heli_math.rows import REFERENCE
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
+from heli_core.rotations import wrap_pi
+from heli_core.rows import REFERENCE
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge.frames import enu_to_ned, ned_to_enu
+
+# -------------------------------------------------------------------------------------------------
+# Plan.
+# -------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 MODES = ("hover", "attitude")
@@ -32,7 +37,7 @@ class CommandError(ValueError):
 
 
 @dataclass(frozen=True)
-class Limits:
+class CommandLimits:
     """What may be commanded; parameters `command_limits.*`, SI and deg."""
 
     altitude_min_m: float
@@ -45,7 +50,7 @@ class Limits:
     gust_s: float
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> "Limits":
+    def from_parameters(cls, values: Mapping[str, Any]) -> "CommandLimits":
         """From the parameters of the node `live_view`."""
         return cls(**{name: values[f"command_limits.{name}"] for name in cls.__annotations__})
 
@@ -76,7 +81,7 @@ def _number(args: Mapping[str, Any], name: str, lower: float, upper: float, unit
     return float(value)
 
 
-def judge_gust(args: Mapping[str, Any], limits: Limits) -> Gust:
+def judge_gust(args: Mapping[str, Any], limits: CommandLimits) -> Gust:
     """The gust that a browser asks for; raises CommandError."""
     return Gust(
         _number(args, "amplitude_mps", 0.0, limits.gust_mps, "m/s"),
@@ -138,14 +143,14 @@ def judge_mode(args: Mapping[str, Any]) -> str:
     return str(mode)
 
 
-def judge_reference(args: Mapping[str, Any], limits: Limits, home_ned_m: Array) -> Array:
+def judge_reference(args: Mapping[str, Any], limits: CommandLimits, home_ned_m: Array) -> Array:
     """The point that a browser asks for, as a reference row.
 
     Parameters
     ----------
     args : mapping
         p: east, north, up, m; yaw_deg: heading clockwise from north.
-    limits : Limits
+    limits : CommandLimits
     home_ned_m : (3,) array
         Where the flight began.
 
@@ -178,7 +183,7 @@ def judge_reference(args: Mapping[str, Any], limits: Limits, home_ned_m: Array) 
 
 
 def move(
-    before: Trajectory | None, start: Array, target: Array, now_ns: int, limits: Limits
+    before: Trajectory | None, start: Array, target: Array, now_ns: int, limits: CommandLimits
 ) -> tuple[Trajectory, float]:
     """A trajectory from the present reference to a point, straight, at safe speeds.
 
@@ -191,7 +196,7 @@ def move(
         Rows `REFERENCE`.
     now_ns : int
         Stamp of the beginning.
-    limits : Limits
+    limits : CommandLimits
 
     Returns
     -------
@@ -250,3 +255,122 @@ def in_words(row: Array) -> str:
     ned_to_enu(row[REFERENCE.pos], p)
     heading = math.degrees(row[REFERENCE.psi]) % 360.0
     return f"{p[0]:.1f} m east, {p[1]:.1f} m north, {p[2]:.1f} m high, heading {heading:.0f} deg"
+
+
+# -------------------------------------------------------------------------------------------------
+# Faults that a browser may send: what the page offers, a command made a text. No ROS.
+#
+# The plant judges a fault; here is only what keeps its text a mapping of words and numbers, and
+# gusts
+# within the limits of commands. A test holds `WHAT` against the plant's own table.
+# -------------------------------------------------------------------------------------------------
+
+Form = dict[str, Any]
+NONE = "none"
+"""As the plant's parameter says that there is no fault."""
+_LONGEST_S = 86400.0
+_MOST_NUMBERS = 6
+_WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
+
+
+def _kind(example: Iterable[float] = (), unit: str = "", optional: bool = False) -> Form:
+    """Numbers that a kind needs: an example of them, what they are, may they be left out."""
+    return {"example": list(example), "unit": unit, "optional": optional}
+
+
+def _of_sensor(axes: int, unit: str, bias: float, names: str = "") -> dict[str, Form]:
+    first = [bias] + [0.0] * (axes - 1)
+    said = f"{unit}{', ' + names if names else ''}"
+    return {
+        "loss": _kind([1.0], "share that is lost", True),
+        "freeze": _kind(), "zero": _kind(), "nan": _kind(),
+        "bias": _kind(first, said), "drift": _kind(first, f"{said}, per second"),
+        "jump": _kind(first, f"{said}, with a sign that each sample draws anew"),
+        "noise": _kind([5.0], "times the noise"), "delay": _kind([0.2], "s"),
+        "duplicate": _kind(), "reorder": _kind(),
+    }  # fmt: skip
+
+
+_NED, _BODY = "north, east, down", "forward, right, down"
+_ACTUATOR = {
+    "stuck": _kind([0.0], "command; none: the last one", True),
+    "offset": _kind([0.1], "added to the command"),
+    "slow": _kind([0.5], "largest change per second"),
+    "dead_zone": _kind([0.05], "smaller changes do nothing"),
+    "runaway": _kind([0.1], "per second, to the end stop"),
+}
+_WIND = "wind"
+WHAT: dict[str, dict[str, Form]] = {
+    "gps": _of_sensor(3, "m", 2.0, _NED),
+    "gps_velocity": _of_sensor(3, "m/s", 1.0, _NED),
+    "imu": _of_sensor(6, "m/s² and rad/s", 0.5, _BODY),
+    "accel": _of_sensor(3, "m/s²", 0.5, _BODY),
+    "gyro": _of_sensor(3, "rad/s", 0.05, _BODY),
+    "mag": _of_sensor(3, "T", 1e-5, _BODY),
+    "baro": _of_sensor(1, "Pa", 50.0),
+    "rotor_speed": _of_sensor(1, "rad/s", -20.0),
+    "imu2": _of_sensor(6, "m/s² and rad/s", 0.5, _BODY),
+    "accel2": _of_sensor(3, "m/s²", 0.5, _BODY),
+    "gyro2": _of_sensor(3, "rad/s", 0.05, _BODY),
+    "delta_lat": _ACTUATOR,
+    "delta_lon": _ACTUATOR,
+    "delta_ped": _ACTUATOR,
+    "delta_col": _ACTUATOR,
+    _WIND: {"gust": _kind([3.0, 0.0, 0.0], f"m/s, {_NED}")},
+    "engine": {"stop": _kind()},
+}
+"""What may fail and how."""
+
+
+def _finite(value: Any, name: str, least: float, most: float) -> float:
+    known = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not known or not least <= value <= most:
+        raise CommandError(f"{name}: {value!r} is not allowed; allowed: {least:g} to {most:g}")
+    return float(value)
+
+
+def judge_fault(args: Mapping[str, Any], limits: CommandLimits) -> str:
+    """The plant's text of the fault that a browser asks for, beginning when the plant hears of it.
+
+    Parameters
+    ----------
+    args : mapping
+        what, kind; value: a list of numbers, may be absent; duration_s: absent, to the end.
+    limits : CommandLimits
+
+    Raises
+    ------
+    CommandError
+    """
+    what, kind = args.get("what"), args.get("kind")
+    for name, word in (("what", what), ("kind", kind)):
+        if not isinstance(word, str) or not _WORD.fullmatch(word):
+            raise CommandError(f"{name}: {word!r} is not allowed; allowed: a word of the table")
+    given = args.get("value") or []
+    if not isinstance(given, list) or len(given) > _MOST_NUMBERS:
+        raise CommandError(f"value: allowed: a list of at most {_MOST_NUMBERS} numbers")
+    values = [_finite(v, "value", -1e6, 1e6) for v in given]
+    parts = [f"what: {what}", f"kind: {kind}"]
+    longest_s = _LONGEST_S
+    if what == _WIND:
+        longest_s = limits.gust_s
+        if math.hypot(*values) > limits.gust_mps:
+            raise CommandError(
+                f"value: a gust of {math.hypot(*values):.3g} m/s is not allowed; allowed: at most "
+                f"{limits.gust_mps:g} m/s"
+            )
+    if args.get("duration_s") is not None:
+        parts.append(f"duration_s: {_finite(args['duration_s'], 'duration_s', 0.01, longest_s)!r}")
+    if values:
+        parts.append(f"value: [{', '.join(map(repr, values))}]")
+    return f"{{{', '.join(parts)}}}"
+
+
+def with_fault(present: Iterable[str], text: str) -> list[str]:
+    """The plant's parameter with one more fault."""
+    return [*(one for one in present if one != NONE), text]
+
+
+def listed(facts: Mapping[str, str]) -> list[str]:
+    """The faults that act or are to come, of what the plant says in /diagnostics."""
+    return facts["faults"].split("; ") if facts.get("faults") else []

@@ -15,14 +15,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from aiohttp import WSMsgType, web
 
-from heli_live_view.access import Access
-from heli_live_view.ports import LOOPBACK, listen
+from heli_core import command_line
+from heli_live_view.access import LOOPBACK, Access, BrowserCommand, listen
+
+# -------------------------------------------------------------------------------------------------
+# Page server.
+# -------------------------------------------------------------------------------------------------
 
 _LOG = logging.getLogger(__name__)
 _HOSTS = (LOOPBACK, "localhost", "[::1]")
@@ -48,24 +51,6 @@ _REPORT_POLICY = (
 a foreign flight's folder holds can neither read this server nor send anything."""
 _LIVE = "this is a flight, not a replay: there is nothing to wind"
 _NOT_JSON = "not understood: expected a JSON object with type, id and token"
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command of a browser that may command.
-
-    Attributes
-    ----------
-    name : str
-    args : dict
-        As received, not yet judged.
-    reply : callable
-        `(ok, sentence)`, from any thread, once.
-    """
-
-    name: str
-    args: dict[str, Any]
-    reply: Callable[[bool, str], None]
 
 
 class Watcher(Protocol):
@@ -136,7 +121,7 @@ class PageServer:
     hello : callable
         Makes the first message (JSON text) of a connection; called in the server's thread.
     on_command : callable
-        Takes an admitted `Command`; called in the server's thread.
+        Takes an admitted `BrowserCommand`; called in the server's thread.
     watch : callable, optional
         Makes the `Watcher` of a new connection; None: all see the same states, which are sent.
     beside : mapping, optional
@@ -163,7 +148,7 @@ class PageServer:
         port: int,
         access: Access,
         hello: Callable[[], str],
-        on_command: Callable[[Command], None],
+        on_command: Callable[[BrowserCommand], None],
         watch: Callable[[], Watcher] | None = None,
         beside: Mapping[str, Path] | None = None,
         port_names: tuple[str, str] = ("port", "--live-port"),
@@ -373,7 +358,7 @@ class PageServer:
             browser.running_commands -= 1
             reply(ok, sentence)
 
-        self._on_command(Command(name, args, done))
+        self._on_command(BrowserCommand(name, args, done))
 
     def _answer(self, browser: _Browser, text: str) -> None:
         browser.waiting.append(text)
@@ -395,3 +380,22 @@ def _headers(host: str, policy: str) -> dict[str, str]:
 
 def _is_plain(host: str) -> bool:
     return host.replace(":", "").replace(".", "").replace("[", "").replace("]", "").isalnum()
+
+
+# -------------------------------------------------------------------------------------------------
+# Where the page's files are. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+
+def web_folder() -> Path:
+    """Folder with the page.
+
+    Raises
+    ------
+    MissingFileError
+        The page is not installed.
+    """
+    folder = command_line.share_folder("heli_live_view") / "web"
+    if not (folder / "index.html").is_file():
+        raise command_line.MissingFileError(f"the page is not installed: no {folder}/index.html")
+    return folder

@@ -5,26 +5,329 @@ World vectors on the page are ENU, body vectors FLU, as on the topics; attitudes
 quaternion and as the paper's Euler angles (NED/FRD). What has not come or is stale is None.
 """
 
+import json
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_live_view.faults import listed
-from heli_live_view.largest import Largest
-from heli_live_view.vehicle import body_row, enu, plain, reference_row
-from heli_math.rotations import quat_to_R_nb
-from heli_math.rows import NAV, PLANT, REFERENCE, ROTOR
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
+from heli_core.metrics import (
+    ABOUT_S,
+    BY_KEY,
+    OVERSHOOT_S,
+    POSITIONS,
+    SETTLED_S,
+    climb_figures,
+    drift_at_engagement,
+    hover_errors,
+    in_windows,
+    size,
+)
+from heli_core.rotations import euler_from_quat, quat_to_R_nb
+from heli_core.rows import NAV, PLANT, REFERENCE, ROTOR
+from heli_core.ticks import NS_PER_S, TICK_NS, TICKS_PER_S, seconds
+from heli_core.trajectory import Trajectory
+from heli_live_view.access import VIEW_ONLY, BrowserCommand
+from heli_live_view.commands import WHAT, listed
+from heli_live_view.parameters import BOUNDS, COMMAND_LIMITS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import offset_of
+from heli_msgs_bridge.frames import frd_to_flu, ned_to_enu, quat_ned_frd_to_enu_flu
+
+# -------------------------------------------------------------------------------------------------
+# Aircraft and reference as the page gets them: ENU and FLU, with the paper's errors. No ROS.
+# -------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
+
+
+def plain(values: Iterable[float], digits: int = 4) -> list[float]:
+    """Finite values as short floats for JSON, without a negative zero."""
+    return [round(float(v), digits) + 0.0 for v in values]
+
+
+def bounds(parameters: Mapping[str, Any]) -> dict[str, float]:
+    """Bounds for the page by name: the parameter's, or the paper's where that is negative."""
+    given = {name: parameters[f"bounds.{name}"] for name in BOUNDS}
+    return {
+        name: value if value >= 0.0 else BY_KEY[BOUNDS[name]].paper for name, value in given.items()
+    }
+
+
+def error_row(pos_ned_m: Array, vel_ned_mps: Array, reference: Array) -> dict[str, float]:
+    """The paper's errors of a vehicle (3,), (3,) from its reference (7,), by name of the bound.
+
+    In the frame of the reference's heading: forward, right, and **up**, as people look at it.
+    """
+    found = hover_errors(pos_ned_m[None], vel_ned_mps[None], reference[None])
+    up = {"altitude": -1.0, "v_z": -1.0}
+    return {
+        name: plain(up.get(key, 1.0) * found[key])[0]
+        for name, key in BOUNDS.items()
+        if key in found
+    }
+
+
+def body_row(
+    pos_ned_m: Array,
+    vel_ned_mps: Array,
+    q_nb: Array,
+    rate_body_radps: Array,
+    reference: Array | None = None,
+) -> dict[str, Any]:
+    """A vehicle for the page.
+
+    Parameters
+    ----------
+    pos_ned_m, vel_ned_mps : (3,) array
+    q_nb : (4,) array
+        FRD -> NED, w x y z.
+    rate_body_radps : (3,) array
+        FRD.
+    reference : (7,) array, optional
+        Where it should be now.
+
+    Returns
+    -------
+    dict
+        p, v_enu (ENU), q (x, y, z, w; FLU -> ENU), v_body (forward, left, up), euler_deg
+        (phi, theta, psi) and rates_dps (p, q, r) in NED/FRD; error as of `error_row`, None
+        without a reference.
+    """
+    p, v_enu, v_flu, q = np.empty(3), np.empty(3), np.empty(3), np.empty(4)
+    ned_to_enu(pos_ned_m, p)
+    ned_to_enu(vel_ned_mps, v_enu)
+    frd_to_flu(quat_to_R_nb(q_nb).T @ vel_ned_mps, v_flu)
+    quat_ned_frd_to_enu_flu(q_nb, q)
+    return {
+        "p": plain(p),
+        "q": plain(q, 6),
+        "v_body": plain(v_flu),
+        "v_enu": plain(v_enu),
+        "euler_deg": plain(np.degrees(euler_from_quat(q_nb)), 3),
+        "rates_dps": plain(np.degrees(rate_body_radps), 3),
+        "error": None if reference is None else error_row(pos_ned_m, vel_ned_mps, reference),
+    }
+
+
+def reference_row(reference: Array) -> dict[str, Any]:
+    """Where the aircraft should be (7,), for the page: p, v (ENU), yaw_deg clockwise from north."""
+    return {
+        "p": plain(enu(reference[REFERENCE.pos])),
+        "v": plain(enu(reference[REFERENCE.vel])),
+        "yaw_deg": round(math.degrees(reference[REFERENCE.psi]), 3),
+    }
+
+
+def enu(v_ned: Array) -> Array:
+    """A NED vector (3,) in ENU."""
+    v_enu = np.empty(3)
+    ned_to_enu(v_ned, v_enu)
+    return v_enu
+
+
+# -------------------------------------------------------------------------------------------------
+# The flight's climb as the live page gives it, by the function that makes the report's. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+# A height that is not reached so long after the reference's arrival is not waited for any longer.
+_LONGEST_S = 60.0
+Figures = dict[str, float | None]
+
+
+@dataclass
+class _Kept:
+    """Samples of one record from the climb's start on, batch by batch."""
+
+    time_s: list[Array] = field(default_factory=list)
+    height_m: list[Array] = field(default_factory=list)
+    reference: list[Array] = field(default_factory=list)
+    over: bool = False
+
+
+class RunningClimb:
+    """Figures of the first commanded climb, per record, once the reference has arrived."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, _Kept] = {}
+        self._found: dict[str, Figures] = {}
+
+    def hold(self, record: str, time_s: Array, height_m: Array, reference: Array) -> None:
+        """Samples (N,) of a record, times rising, with the reference (N, 7) at each."""
+        kept = self._kept.setdefault(record, _Kept())
+        if kept.over:
+            return
+        moving = np.flatnonzero(reference[:, REFERENCE.down_vel])
+        first = 0 if kept.time_s else (int(moving[0]) if moving.size else time_s.size)
+        if first == time_s.size:
+            return
+        kept.time_s.append(time_s[first:])
+        kept.height_m.append(height_m[first:])
+        kept.reference.append(reference[first:])
+        if moving.size and moving[-1] == time_s.size - 1:
+            return
+        self._measure(record, kept)
+
+    def _measure(self, record: str, kept: _Kept) -> None:
+        time_s, reference = np.concatenate(kept.time_s), np.concatenate(kept.reference)
+        figures = climb_figures(time_s, np.concatenate(kept.height_m), reference, record)
+        self._found[record] = {
+            figure.metric.key: None if figure.value is None else round(figure.value, 4)
+            for figure in figures
+        }
+        still = np.flatnonzero(reference[:, REFERENCE.down_vel] == 0.0)
+        since_s = time_s[-1] - time_s[still[0]]
+        known = None not in self._found[record].values()
+        if since_s > OVERSHOOT_S and (known or since_s > _LONGEST_S):
+            kept.over = True
+            kept.time_s, kept.height_m, kept.reference = [], [], []
+
+    def row(self) -> dict[str, Figures]:
+        """Per record the figures by key; a value that was not reached is None."""
+        return self._found
+
+
+# -------------------------------------------------------------------------------------------------
+# The receiver's drift at engagement, by the function that gives the report's. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+_FIRST, _LAST = (round((SETTLED_S + side) * TICKS_PER_S) for side in (-ABOUT_S, ABOUT_S))
+
+
+class RunningDrift:
+    """What the navigation's position is off by once it has settled.
+
+    Attributes
+    ----------
+    ned_m : (3,) array or None
+        None before, and for good if what is needed was missed.
+    """
+
+    def __init__(self) -> None:
+        self._pos: dict[str, dict[int, Array]] = {"nav": {}, "truth": {}}
+        self._over: set[str] = set()
+        self.ned_m: Array | None = None
+
+    def add(self, record: str, tick: int, pos_ned_m: Array) -> None:
+        """A sample of a record, "nav" or "truth": position (3,)."""
+        if record in self._over:
+            return
+        if tick <= _LAST:
+            self._pos[record][tick] = pos_ned_m
+            return
+        self._over.add(record)
+        if self._over == self._pos.keys():
+            self._measure()
+
+    def _measure(self) -> None:
+        nav, truth = self._pos["nav"], self._pos["truth"]
+        ticks = sorted(nav.keys() & truth.keys())
+        if ticks and ticks[0] <= _FIRST:
+            pos = (np.array([record[tick] for tick in ticks]) for record in (nav, truth))
+            self.ned_m = drift_at_engagement(seconds(np.array(ticks)), *pos)
+        nav.clear()
+        truth.clear()
+
+
+# -------------------------------------------------------------------------------------------------
+# Largest errors of the flight so far, beside the paper's: every sample counts. No ROS.
+#
+# The same functions give the figures of result.json and report (`heli_flight.scoring`): errors
+# from the reference as commanded, over the whole flight and over the scenario's windows; of
+# positions
+# also those of ground truth less the receiver's drift at engagement.
+# -------------------------------------------------------------------------------------------------
+
+WHOLE, WINDOWS = "whole", "windows"
+LESS_DRIFT = "truth_less_drift"
+# Samples that wait for the outer loop to say from where its reference counts: half a minute.
+_MOST_WAITING = 3000
+
+
+class RunningMaxima:
+    """Largest magnitudes by stretch, record and metric.
+
+    Parameters
+    ----------
+    start_ns : int
+        Stamp of flight time 0.
+    windows_s : sequence of float
+        Pairs of flight times that are scored; none: unknown.
+    """
+
+    def __init__(self, start_ns: int, windows_s: Sequence[float]) -> None:
+        self._start_ns = start_ns
+        self._windows_s = np.asarray(windows_s, float).reshape(-1, 2)
+        self._waiting: dict[str, deque[tuple[int, Array, Array]]] = {}
+        self._found: dict[str, dict[str, dict[str, float]]] = {WHOLE: {}, WINDOWS: {}}
+        self._since_s: float | None = None
+        self._climb, self._drift = RunningClimb(), RunningDrift()
+
+    def add(self, record: str, stamp_ns: int, pos_ned_m: Array, vel_ned_mps: Array) -> None:
+        """A sample of a record, "nav" or "truth": position and velocity (3,)."""
+        sample = stamp_ns, pos_ned_m.copy(), vel_ned_mps.copy()
+        for name in (record, LESS_DRIFT) if record == "truth" else (record,):
+            self._waiting.setdefault(name, deque(maxlen=_MOST_WAITING)).append(sample)
+        self._drift.add(record, (stamp_ns - self._start_ns) // TICK_NS, sample[1])
+
+    def count(self, way: Trajectory, offset_ned_m: Sequence[float]) -> None:
+        """Hold what has come against the reference, moved by an offset (3,), NED, m."""
+        for record, samples in self._waiting.items():
+            drift_ned_m = self._drift.ned_m if record == LESS_DRIFT else np.zeros(3)
+            if drift_ned_m is None:
+                continue
+            known = [s for s in samples if np.isfinite(s[1]).all() and np.isfinite(s[2]).all()]
+            samples.clear()
+            if not known:
+                continue
+            reference = np.array([way.at(stamp_ns) for stamp_ns, _, _ in known])
+            reference[:, REFERENCE.pos] += np.asarray(offset_ned_m)
+            pos, vel = (np.array([sample[i] for sample in known]) for i in (1, 2))
+            pos += drift_ned_m
+            ticks = (np.array([stamp_ns for stamp_ns, _, _ in known]) - self._start_ns) // TICK_NS
+            errors = hover_errors(pos, vel, reference)
+            if record == LESS_DRIFT:
+                errors = {key: errors[key] for key in POSITIONS}
+            self._hold(record, seconds(ticks), errors)
+            self._climb.hold(record, seconds(ticks), -pos[:, 2], reference)
+
+    def _hold(self, record: str, time_s: Array, errors: dict[str, Array]) -> None:
+        if self._since_s is None:
+            self._since_s = float(time_s[0])
+        masks = {WHOLE: np.ones(time_s.shape, bool), WINDOWS: in_windows(time_s, self._windows_s)}
+        for stretch, mask in masks.items():
+            if not mask.any():
+                continue
+            found = self._found[stretch].setdefault(record, {})
+            for name, key in BOUNDS.items():
+                if key in errors:
+                    largest, _ = size(errors[key][mask])
+                    found[name] = max(largest, found.get(name, 0.0))
+
+    def row(self) -> dict[str, object] | None:
+        """For the page: per stretch and record the largest by name of the bound, the climb's
+        figures per record, and from when on; None before.
+        """
+        if self._since_s is None:
+            return None
+        shown = {
+            stretch: {
+                record: {name: round(value, 4) for name, value in values.items()}
+                for record, values in records.items()
+            }
+            for stretch, records in self._found.items()
+        }
+        return {**shown, "climb": self._climb.row(), "since_s": round(self._since_s, 2)}
+
+
+# -------------------------------------------------------------------------------------------------
+# Live state.
+# -------------------------------------------------------------------------------------------------
+
 GRAPH_NODES = ("plant", "observer", "inner_loop", "outer_loop")
 SHOWN = (
     topics.TRUTH_ODOM, topics.ODOM, topics.ATTITUDE_SETPOINT, topics.ACTUATORS, topics.ROTOR_STATE,
@@ -55,7 +358,7 @@ LOST, OVER, INTERRUPTED, SILENT = "lost", "over", "interrupted", "silent"
 
 
 @dataclass(frozen=True)
-class End:
+class FlightEnd:
     """How a flight ended.
 
     Attributes
@@ -75,7 +378,7 @@ class End:
 
 
 @dataclass(frozen=True)
-class Event:
+class TimelineEvent:
     """One line of the timeline: flight time s (None before the clock), level 0 to 2, who, what."""
 
     time_s: float | None
@@ -111,7 +414,7 @@ class LiveState:
     def reset(self) -> None:
         """Forget the flight."""
         self.now_ns = 0
-        self.end: End | None = None
+        self.end: FlightEnd | None = None
         self.reference: Trajectory | None = None
         self.home_ned_m: Array | None = None
         self.nodes: dict[str, NodeNews] = {name: NodeNews() for name in GRAPH_NODES}
@@ -121,9 +424,9 @@ class LiveState:
         self._arrived: dict[str, float] = {}
         self._fix_ns = 0
         self._pace: deque[tuple[float, int]] = deque()
-        self._events: list[Event] = []
+        self._events: list[TimelineEvent] = []
         self._mode, self._mode_since_s = "idle", 0.0
-        self._largest = Largest(self.start_ns, self._windows_s)
+        self._largest = RunningMaxima(self.start_ns, self._windows_s)
 
     # --- what comes in -----------------------------------------------------------------------
 
@@ -199,29 +502,29 @@ class LiveState:
         self._known |= self._present
         left = "plant" not in self._present and ("plant" in self._known or not truth_is_sent)
         if left and self.now_ns and not self.end and not self.is_fresh(topics.CLOCK, wall_s):
-            self.end = End(SILENT, "The plant has left the graph without a word.")
+            self.end = FlightEnd(SILENT, "The plant has left the graph without a word.")
             self.tell(_ERROR, "plant", self.end.text)
 
     def interrupt(self) -> None:
         """Whoever shows the flight has been asked to end; before the flight's end: interrupted."""
         if self.now_ns and not self.end:
-            self.end = End(INTERRUPTED, "The flight was stopped before its end.")
+            self.end = FlightEnd(INTERRUPTED, "The flight was stopped before its end.")
             self.tell(_WARN, OWN_NAME, self.end.text)
 
-    def _end_by_plant(self, level: int, message: str) -> End:
+    def _end_by_plant(self, level: int, message: str) -> FlightEnd:
         """The end that the plant tells; a loss with what had been given up before."""
         if level < _ERROR:
-            return End(OVER, message)
+            return FlightEnd(OVER, message)
         held_s = (self.time_s or 0.0) - self._mode_since_s
         if self._mode == "attitude":
             message += f" Nothing had held position and altitude for {held_s:.0f} s."
-        return End(LOST, message)
+        return FlightEnd(LOST, message)
 
     def tell(self, level: int, source: str, text: str) -> None:
         """Put a line on the timeline."""
-        self._events.append(Event(self.time_s, level, source, text))
+        self._events.append(TimelineEvent(self.time_s, level, source, text))
 
-    def take_events(self) -> list[Event]:
+    def take_events(self) -> list[TimelineEvent]:
         """Events since the last call."""
         events, self._events = self._events, []
         return events
@@ -357,3 +660,175 @@ class LiveState:
         if flying and topics.ODOM in self._arrived and not self.is_fresh(topics.ODOM, wall_s):
             alarms.append({"level": _ERROR, "source": "observer", "text": "no navigation"})
         return alarms
+
+
+# -------------------------------------------------------------------------------------------------
+# Past states for browsers that join late: thinned, bounded, the whole flight. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+MAX_ROWS = 1200
+_FIRST_PERIOD_S = 0.1
+
+
+class History:
+    """State rows, ready as JSON texts, at most ten a second and at most `limit`.
+
+    When it is full, every second row is dropped and the spacing doubles, so that it always covers
+    the flight from its beginning.
+    """
+
+    def __init__(self, limit: int = MAX_ROWS) -> None:
+        self._limit = limit
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the flight."""
+        self._period_s = _FIRST_PERIOD_S
+        self._next_s = -float("inf")
+        self.rows: list[str] = []
+
+    def wants(self, time_s: float) -> bool:
+        """True if a row of this flight time is to be kept."""
+        return time_s >= self._next_s
+
+    def add(self, time_s: float, row: str) -> None:
+        """Keep a row (JSON text) of a flight time (s)."""
+        if len(self.rows) >= self._limit:
+            self.rows = self.rows[::2]
+            self._period_s *= 2.0
+        self.rows.append(row)
+        self._next_s = time_s + self._period_s - 1e-6
+
+
+# -------------------------------------------------------------------------------------------------
+# What the browsers are told: greeting, the state, its past, events. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+STATE_HZ = 30
+"""States that a browser gets per second."""
+_EVENTS_KEPT = 200
+
+
+def compact(content: Any) -> str:
+    """JSON without blanks; a number that is not finite is null."""
+    try:
+        return json.dumps(content, separators=(",", ":"), allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(content), separators=(",", ":"), allow_nan=False)
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def greeting(values: Mapping[str, Any], commands: bool) -> dict[str, Any]:
+    """What a connection is told first of flight and aircraft, by the live view's parameters.
+
+    Parameters
+    ----------
+    values : mapping
+        Parameters of the node `live_view`.
+    commands : bool
+        Whether commands are admitted.
+    """
+    return {
+        "type": "hello",
+        "commands": commands,
+        "flight": {
+            "scenario": values["flight.scenario"],
+            "seed": values["flight.seed"] if values["flight.seed"] >= 0 else None,
+            "duration_s": values["flight.duration_s"] or None,
+            "realtime": not values["lockstep"],
+        },
+        "aircraft": {
+            "name": values["aircraft.name"],
+            "rotor_radius_m": values["aircraft.rotor_radius_m"],
+        },
+        "bounds": bounds(values),
+        "faults": WHAT,
+        "limits": {name.partition(".")[2]: values[name] for name in COMMAND_LIMITS},
+        "foxglove_url": None,
+        "state_hz": STATE_HZ,
+    }
+
+
+class TakesCommands(Protocol):
+    """Who judges commands and carries them out."""
+
+    obeyed: int
+
+    def put(self, command: BrowserCommand) -> None:
+        """Take a command, from any thread."""
+
+    def poll(self) -> None:
+        """Go on with what was taken."""
+
+
+class Screen:
+    """What the browsers are told: the state, its past, events; commands that come back.
+
+    Parameters
+    ----------
+    values : mapping
+        Parameters of the node.
+    start_ns : int
+        Message stamp of tick 0.
+    commands : bool
+        Whether commands are admitted.
+
+    Attributes
+    ----------
+    live : LiveState
+    foxglove_url : str or None
+        Where Foxglove is served, once it is.
+    commander : TakesCommands or None
+        Who carries commands out, once there is one.
+    """
+
+    def __init__(self, values: Mapping[str, Any], start_ns: int, commands: bool) -> None:
+        self._values, self._commands = values, commands
+        self._history, self._past_events = History(), list[dict[str, Any]]()
+        windows_s = values["flight.windows_s"].ravel().tolist()
+        self.live = LiveState(start_ns, values["stale_s"], windows_s)
+        self.foxglove_url: str | None = None
+        self.commander: TakesCommands | None = None
+
+    def hello(self) -> str:
+        """First message of a connection; called by the page server's thread."""
+        head = greeting(self._values, self._commands) | {
+            "foxglove_url": self.foxglove_url,
+            "after": self._values["flight.report"],
+            "events": list(self._past_events),
+        }
+        return f'{compact(head)[:-1]},"history":[{",".join(list(self._history.rows))}]}}'
+
+    def obey(self, command: BrowserCommand) -> None:
+        """Called by the page server's thread, for commands of the token's owner only."""
+        if self.commander is None:
+            command.reply(False, VIEW_ONLY)
+        else:
+            self.commander.put(command)
+
+    def row(self, wall_s: float) -> dict[str, Any]:
+        """The present state, kept for those who come later."""
+        row = self.live.row(wall_s)
+        time_s = row["t"]
+        if time_s is not None and self._history.wants(time_s):
+            self._history.add(time_s, compact({**row, "nodes": {}, "alarms": [], "largest": None}))
+        return row
+
+    def events(self) -> list[dict[str, Any]]:
+        """Messages of what has happened since the last call."""
+        messages = [event.message() for event in self.live.take_events()]
+        self._past_events += messages
+        del self._past_events[:-_EVENTS_KEPT]
+        return messages
+
+    def begin_anew(self) -> None:
+        """Another flight: forget the past one."""
+        self._history.clear()
+        self._past_events.clear()

@@ -34,14 +34,14 @@ def respawns() -> bool:
 
 
 @dataclass(frozen=True)
-class Recalled:
+class HandoverRecord:
     """The newest record: tick of the step, and what was kept then."""
 
     tick: int
     content: Any
 
 
-class Memory:
+class HandoverFile:
     """The file of one node.
 
     Parameters
@@ -77,7 +77,7 @@ class Memory:
         self._map[at : at + _HEAD.size] = _HEAD.pack(number, tick, len(raw))
         self._number = number
 
-    def recall(self) -> Recalled | None:
+    def recall(self) -> HandoverRecord | None:
         """The newest whole record; None if there is none."""
         if not self._path.exists():
             return None
@@ -88,7 +88,7 @@ class Memory:
         if self._number == _NONE:
             return None
         body = newest * _RECORD_BYTES + _HEAD.size
-        return Recalled(tick, pickle.loads(self._map[body : body + length]))
+        return HandoverRecord(tick, pickle.loads(self._map[body : body + length]))
 
     def keep_lasting(self, content: Any) -> None:
         """Keep what took long to work out, beside the records; what was kept before is replaced."""
@@ -164,7 +164,7 @@ class Successors:
         self._met = self._noted
 
 
-def memory_of(name: str) -> Memory | None:
+def handover_file_of(name: str) -> HandoverFile | None:
     """The memory of a node of this process; None where nobody is started again."""
     folder = os.environ.get(FOLDER)
-    return Memory(Path(folder) / f"{name}.memory") if folder else None
+    return HandoverFile(Path(folder) / f"{name}.memory") if folder else None

@@ -14,19 +14,15 @@ if the other IMU had never been there.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from heli_math.arrays import copy_matrix, copy_part, fill
-from heli_math.jit import njit
-from heli_math.rows import IMU, MEAS
+from heli_core.jit import copy_matrix, copy_part, fill, njit
+from heli_core.rows import IMU, MEAS
 from heli_observer import layout as L
 from heli_observer.buffers import SAME, usable_imu
-from heli_observer.doubt import believe
-from heli_observer.ins_ekf import fuse_baro, fuse_gps, fuse_mag, predict
-from heli_observer.relearn import MOST, TICKS, forget, from_where
+from heli_observer.ekf import fuse_baro, fuse_gps, fuse_mag, predict
+from heli_observer.fault_detection import MOST, TICKS, accept_velocity, forget, from_where
 
 FAST_S, OFFSET_S = 0.1, 20.0
 """Time constants: of how far they are apart now, and of what of that stays."""
@@ -40,7 +36,7 @@ TRIAL_S = 5.0
 """A comparison that has told nothing begins anew after so long."""
 LEAD = 15.0
 """By so much one sum of innovations is larger: odds of exp(LEAD / 2), 1800 to 1."""
-# --- integer record `count` of an ImuPair
+# --- integer record `count` of an L.ImuPair
 P_LEFT = 0  # who is left: 0 none, 1 the first, 2 the second
 P_WHY = 1  # a Why
 P_TRIAL = 2  # 1 while the two are compared
@@ -61,30 +57,9 @@ WHY_WORDS = (
 NAMES = ("none", "first", "second")
 
 
-class ImuPair(NamedTuple):
-    """What is remembered of two IMUs."""
-
-    ring: NDArray[np.float64]  # (2, TICKS, 7) of each, as the mean would say it
-    heard: NDArray[np.float64]  # (2, 6) what each said last
-    offset: NDArray[np.float64]  # (6,) second - first, what stays
-    apart: NDArray[np.float64]  # (6,) what they differ by besides, smoothed
-    nominal: NDArray[np.float64]  # (2, 21) filters with one of them alone
-    P: NDArray[np.float64]  # (2, 20, 20)
-    score: NDArray[np.float64]  # (2, 2) sums of innovations: velocity, heading; of each
-    count: NDArray[np.int64]  # type: ignore[assignment]  # (11,) indices P_*
-
-
-class PairKernel(NamedTuple):
-    """How two IMUs are judged; offset and apart: places of `rows.IMU`."""
-
-    on: bool
-    offset: NDArray[np.float64]  # (6,) largest difference that stays
-    apart: NDArray[np.float64]  # (6,) largest one besides
-
-
-def new_pair() -> ImuPair:
+def new_pair() -> L.ImuPair:
     """Nothing is known yet."""
-    return ImuPair(
+    return L.ImuPair(
         np.zeros((2, TICKS, L.N_IMU)),
         np.full((2, IMU.size), np.nan),
         np.zeros(IMU.size),
@@ -217,7 +192,7 @@ def combine(state, tick, y, k, out):
     tick : int
     y : ndarray (>= 26,)
         Measurement row.
-    k : ObserverKernel
+    k : ObserverParams
     out : ndarray (6,)
     """
     pair, first, second = state.pair, y[MEAS.imu], y[MEAS.imu2]
@@ -262,7 +237,7 @@ def follow_trial(state, horizon, tick, k):
     state : ObserverState
         In place, its filter at the horizon.
     horizon, tick : int
-    k : EkfKernel
+    k : EkfParams
     """
     pair, imu = state.pair, state.imu
     count, score, size = pair.count, pair.score, state.imu.shape[0]
@@ -284,5 +259,5 @@ def follow_trial(state, horizon, tick, k):
     copy_matrix(state.P, pair.P[better])
     for t in range(horizon, tick + 1):
         copy_part(imu[t % size], 0, pair.ring[better, t % TICKS], 0, IMU.size)
-    believe(state)
+    accept_velocity(state)
     forget(state.window)

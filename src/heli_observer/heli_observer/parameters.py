@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from heli_parameters.parameters import Parameter
+from heli_core.parameters import Parameter
 
 NODE_NAME = "observer"
 

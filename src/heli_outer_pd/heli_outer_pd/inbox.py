@@ -1,33 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Navigation of now, from what was heard last: its stamp says how old it is."""
+"""What the outer loop has heard of the navigation; its stamp says how old it is."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.arrays import copy, fill
-from heli_math.jit import njit
-from heli_math.rows import NAV
-from heli_math.ticks import Rate
+from heli_core.jit import copy, fill, njit
+from heli_core.rows import NAV
+from heli_core.ticks import Rate
 
 _NEVER = -(2**62)
 
 
-class Heard(NamedTuple):
+class LatestNavigation(NamedTuple):
     """The newest navigation row, changed in place."""
 
     nav: np.ndarray  # (31,)
     tick: np.ndarray  # (1,) int64, of its stamp
 
 
-def nothing_heard() -> Heard:
+def no_navigation() -> LatestNavigation:
     """Before the first message."""
-    return Heard(np.full(NAV.size, np.nan), np.full(1, _NEVER, np.int64))
+    return LatestNavigation(np.full(NAV.size, np.nan), np.full(1, _NEVER, np.int64))
 
 
 @njit
-def hear(heard, stamp, nav):
+def keep_newest(heard, stamp, nav):
     """Keep a navigation row (31,) stamped with a tick, if it is newer than the last one."""
     if stamp > heard.tick[0]:
         copy(heard.nav, nav)
@@ -67,18 +66,18 @@ class LateNavigation:
         self._oldest, self._tick_s = max(1, rate.ticks_in(timeout_s)), rate.tick_s
         self.forget()
         spare = np.full(NAV.size, np.nan)
-        hear(self._heard, 0, spare)
+        keep_newest(self._heard, 0, spare)
         self.fill(0, spare)
         self.forget()
 
     def forget(self) -> None:
         """Another flight: nothing has been heard."""
-        self._heard = nothing_heard()
+        self._heard = no_navigation()
 
     def hear(self, stamp: int, nav: NDArray[np.float64] | None) -> None:
         """A row (31,) stamped with a tick has come; None: it has not."""
         if nav is not None:
-            hear(self._heard, stamp, nav)
+            keep_newest(self._heard, stamp, nav)
 
     def fill(self, tick: int, out: NDArray[np.float64]) -> bool:
         """Navigation at a tick into out (31,); whether it is of another tick, or none."""

@@ -6,13 +6,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.arrays import copy, fill, is_zero, scratch
-from heli_math.jit import njit
-from heli_math.rotations import euler_from_quat, wrap_pi
-from heli_math.rows import NAV, SETPOINT
+from heli_core.jit import copy, fill, is_zero, njit, scratch
+from heli_core.rotations import euler_from_quat, wrap_pi
+from heli_core.rows import NAV, SETPOINT
 from heli_outer_pd.disturbance import estimate, flown_acceleration, flyable, trim_thrust
-from heli_outer_pd.outer_state import BY_HAND, MEMORY, OuterStatus
-from heli_outer_pd.thrust_map import collective_for_thrust
+from heli_outer_pd.state import BY_HAND, MEMORY, OuterStatus, collective_for_thrust
 
 _OK = int(OuterStatus.OK)
 _BAD_NAVIGATION = int(OuterStatus.BAD_NAVIGATION)
@@ -21,7 +19,7 @@ _FADE_S = 0.5
 
 
 @njit
-def hand_of(state, hand):
+def manual_deflections(state, hand):
     """A pilot's d_lat, d_lon, d_ped about trim into hand (3,); NaN while a law flies."""
     if state[MEMORY.ground] >= BY_HAND:
         copy(hand, state[MEMORY.hand])
@@ -29,15 +27,15 @@ def hand_of(state, hand):
         fill(hand, math.nan)
 
 
-def with_hand(collective: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
+def with_manual(collective: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
     """A collective (1,), and behind it the pilot's deflections while one flies by hand: (4,)."""
     hand = np.empty(3)
-    hand_of(state, hand)
+    manual_deflections(state, hand)
     return collective if np.isnan(hand).any() else np.append(collective, hand)
 
 
 @njit
-def by_hand(nav, k, state, out):
+def manual_law(nav, k, state, out):
     """One step beside a pilot: the collective is the stick's, the attitude what is measured.
 
     The estimate of the disturbance goes on, so that whoever takes over knows the wind. Arguments

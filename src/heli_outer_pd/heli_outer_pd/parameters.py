@@ -1,12 +1,78 @@
 # SPDX-License-Identifier: Apache-2.0
 """The outer loop's parameters; their values stand in config/outer_loop.yaml."""
 
-from heli_outer_pd.attitude_sweep import SWEEP_ROWS
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from heli_core.parameters import Parameter
+from heli_core.rows import SETPOINT
+from heli_core.signals import SweepParams
+from heli_core.ticks import NS_PER_S, TICK_S
 from heli_outer_pd.goto import FIXED, HEADINGS, WIND
+from heli_outer_pd.joystick import BUTTONS, MOST_AXES, MOST_BUTTONS, NO_BUTTON
+from heli_outer_pd.manual import STICK_ROWS
 from heli_outer_pd.script import SCRIPT_ROWS
-from heli_outer_pd.steering import STICK_ROWS
-from heli_parameters.parameters import Parameter
-from heli_sticks.mapping import BUTTONS, MOST_AXES, MOST_BUTTONS, NO_BUTTON
+from heli_outer_pd.state import OuterParams, RotorMap
+
+# -------------------------------------------------------------------------------------------------
+# Sweeps and steps of the commanded attitude: what `heli score --response` is read from.
+#
+# Added to what the law commands, in flight time (`heli_core.signals`).
+# -------------------------------------------------------------------------------------------------
+
+NONE, SWEEP, STEPS = "none", "sweep", "steps"
+AXES = ("roll", "pitch", "yaw")
+_PLACES = (SETPOINT.phi, SETPOINT.theta, SETPOINT.psi)
+
+SWEEP_ROWS: tuple[Parameter, ...] = (
+    Parameter(
+        "sweep.shape", "string", "What is added to the commanded attitude: nothing, a sine of "
+        "growing frequency, or steps up and down", choices=(NONE, SWEEP, STEPS), read_only=True,
+    ),
+    Parameter("sweep.axis", "string", "Angle that it is added to", choices=AXES, read_only=True),
+    Parameter(
+        "sweep.amplitude_deg", "double", "Its amplitude", "deg", lower=0.0, upper=30.0,
+        read_only=True,
+    ),
+    Parameter(
+        "sweep.from_hz", "double", "Frequency at which a sweep begins", "Hz", lower=0.01,
+        upper=10.0, read_only=True,
+    ),
+    Parameter(
+        "sweep.to_hz", "double", "Frequency at which it ends", "Hz", lower=0.01, upper=10.0,
+        read_only=True,
+    ),
+    Parameter(
+        "sweep.start_s", "double", "When it begins, since the start of the reference", "s",
+        lower=0.0, upper=86400.0, read_only=True,
+    ),
+    Parameter(
+        "sweep.duration_s", "double", "Its length; steps: of all eight parts together", "s",
+        lower=1.0, upper=3600.0, read_only=True,
+    ),
+)  # fmt: skip
+"""Rows of the `outer_loop` node."""
+
+
+def sweep_params(p: Mapping[str, Any]) -> SweepParams:
+    """Numbers of the rows `SWEEP_ROWS`."""
+    return SweepParams(
+        (NONE, SWEEP, STEPS).index(p["sweep.shape"]),
+        _PLACES[AXES.index(p["sweep.axis"])],
+        math.radians(p["sweep.amplitude_deg"]),
+        2.0 * math.pi * p["sweep.from_hz"],
+        math.log(p["sweep.to_hz"] / p["sweep.from_hz"]),
+        p["sweep.start_s"],
+        p["sweep.duration_s"],
+    )
+
+
+# -------------------------------------------------------------------------------------------------
+# Parameter table.
+# -------------------------------------------------------------------------------------------------
 
 NODE_NAME = "outer_loop"
 
@@ -184,3 +250,72 @@ TABLE: tuple[Parameter, ...] = (
     _row("rotor.K_col", "double", "Blade pitch per collective (negative: more thrust is less)",
          "rad", lower=-1.0, upper=1.0),
 )  # fmt: skip
+
+
+# -------------------------------------------------------------------------------------------------
+# From the outer loop's checked parameters to the numbers of its law.
+# -------------------------------------------------------------------------------------------------
+
+OBSERVER_DAMPING = 0.8
+"""Of the disturbance observer's error dynamics."""
+
+
+def outer_params(parameters: Mapping[str, Any]) -> OuterParams:
+    """Numbers of the law from the parameters of config/outer_loop.yaml.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Dotted name to value, as checked against `heli_outer_pd.parameters.TABLE`.
+
+    Returns
+    -------
+    OuterParams
+    """
+    p = parameters
+    bandwidth = np.asarray(p["disturbance.bandwidth_radps"], float)
+    trim = np.zeros(SETPOINT.size)
+    trim[SETPOINT.phi], trim[SETPOINT.theta] = p["trim.phi"], p["trim.theta"]
+    trim[SETPOINT.col] = p["trim.d_col"]
+    rotor = RotorMap(
+        rho=p["rotor.rho"],
+        omega=p["rotor.omega"],
+        radius=p["rotor.radius"],
+        lift_slope=p["rotor.lift_slope"],
+        blades=float(p["rotor.blades"]),
+        chord=p["rotor.chord"],
+        K_col=p["rotor.K_col"],
+    )
+    return OuterParams(
+        K_P=np.asarray(p["K_P"], float),
+        K_D=np.asarray(p["K_D"], float),
+        approach_speed_mps=p["approach_speed_mps"],
+        observer_l1=2.0 * OBSERVER_DAMPING * bandwidth,
+        observer_l2=bandwidth**2,
+        disturbance_limit=np.asarray(p["disturbance.limit_mps2"], float),
+        wind_compensation=float(p["wind_compensation"]),
+        hold_horizontal=float(p["horizontal"] == "position"),
+        level_phi_theta=np.radians(np.asarray(p["level_attitude_deg"], float)),
+        tilt_limit=math.radians(p["tilt_limit_deg"]),
+        exact_tilt=float(p["exact_tilt"]),
+        mass=p["mass"],
+        g=p["gravity"],
+        thrust_limits=np.asarray(p["thrust_limits"], float),
+        trim=trim,
+        rotor=rotor,
+        shaping_ns=round(p["reference_shaping_s"] * NS_PER_S),
+        heading_lead_s=p["heading_lead_s"],
+        attitude_lag=np.asarray(p["disturbance.attitude_lag_s"], float),
+        attitude_lead=np.asarray(p["attitude_lead.lead_s"], float),
+        lead_filter_s=p["attitude_lead.filter_s"],
+        blind_sigma=p["land.blind_sigma_mps"],
+        land_after_s=p["failsafe.land_after_s"],
+        land_astray_m=p["failsafe.land_astray_m"],
+        blind_sigma_down=p["land.blind_sigma_down_mps"],
+        blind_descent_mps=p["land.blind_descent_mps"],
+        unfollowed=np.radians(np.asarray(p["failsafe.unfollowed_deg"], float)),
+        rotor_slow_share=p["failsafe.rotor_slow_share"],
+        rotor_slow_s=p["failsafe.rotor_slow_s"],
+        dt_s=p["period_ticks"] * TICK_S,
+        sweep=sweep_params(p),
+    )

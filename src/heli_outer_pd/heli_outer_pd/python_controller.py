@@ -16,13 +16,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.rotations import wrap_pi
-from heli_math.rows import SETPOINT, SHAPED
-from heli_math.sweep import add_sweep
-from heli_math.ticks import NS_PER_S
-from heli_outer_pd.outer_state import FLIES, KNOWN, MEMORY, TURNS, OuterKernel, OuterStatus
+from heli_core.python_controller import OUTER, LawError, PythonLaw, find
+from heli_core.rotations import wrap_pi
+from heli_core.rows import SETPOINT, SHAPED
+from heli_core.signals import add_sweep
+from heli_core.ticks import NS_PER_S
 from heli_outer_pd.reference import shaped_reference_at
-from heli_parameters.python_law import OUTER, LawError, PythonLaw, find
+from heli_outer_pd.state import FLIES, KNOWN, MEMORY, TURNS, OuterParams, OuterStatus
 
 Array = NDArray[np.float64]
 _COLLECTIVE_LIMIT = 0.98  # as of the position law
@@ -62,7 +62,7 @@ class OwnPositionLaw:
         way_ns: int,
         times_ns: NDArray[np.int64],
         points: Array,
-        k: OuterKernel,
+        k: OuterParams,
         state: Array,
         out: Array,
         packaged: Callable[..., int],
@@ -93,7 +93,7 @@ class OwnPositionLaw:
             add_sweep(way_ns / NS_PER_S, k.sweep, out)
         return code
 
-    def _faded(self, made: Array, before: Array, k: OuterKernel) -> Array:
+    def _faded(self, made: Array, before: Array, k: OuterParams) -> Array:
         """What is made, and what is left of the difference to who flew before."""
         if self._begins:
             self._fade[:] = 0.0 if self._from_trim else before - made
@@ -103,7 +103,7 @@ class OwnPositionLaw:
         self._fade *= math.exp(-k.dt_s / _FADE_S)
         return made
 
-    def _limited(self, made: Array, k: OuterKernel) -> Array:
+    def _limited(self, made: Array, k: OuterParams) -> Array:
         for place in (SETPOINT.phi, SETPOINT.theta):
             low, high = k.trim[place] - k.tilt_limit, k.trim[place] + k.tilt_limit
             made[place] = min(max(made[place], low), high)

@@ -1,6 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers that the READMEs publish: commands make result files, result files make tables.
+"""Studies over many flights: campaigns, rare events, comparisons, design searches, proofs."""
 
-`registry` says which command makes which file of docs/results, `files` runs it and compares a file
-with a fresh run, `tables` turns files into Markdown, `markdown` puts that into the READMEs.
-"""
+from heli_core.faces import face
+
+__getattr__, __dir__, __all__ = face(
+    __name__,
+    {
+        "campaign.run": ["fly_seeds"],
+        "design.make": ["FinishedDesign", "make_design"],
+    },
+)

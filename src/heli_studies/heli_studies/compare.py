@@ -5,23 +5,95 @@ Each aircraft is drawn from its own seed, flies in that seed's wind, and is the 
 Observer and laws stay as designed. One process; the compiled loop is reused as it is.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
 
+from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.trim import TrimError
-from heli_flight.loop.closed_loop import Flight, build, fly_loop
-from heli_flight.loop.result import conditions
-from heli_flight.loop.settings import Settings
-from heli_flight.studies.campaign import with_seed
-from heli_flight.studies.compare.laws import Law, attitude_errors_deg, with_law
+from heli_flight.loop import LoopFlight, build, fly_loop
+from heli_flight.record import FlightRecord
+from heli_flight.result import conditions
+from heli_flight.scoring import errors
+from heli_flight.settings import Settings
 from heli_flight.terminal import table
+from heli_inner_hinf.controller_state import Actuation, AttitudeParams, ObserverInput
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.law_state import AttitudeKernel
+from heli_inner_hinf.loops import Loop, disk_margin, further_delay_s
+from heli_inner_hinf.tuning import loops_of, model_of
+from heli_studies.campaign.run import with_seed
+from heli_studies.design.make import LONGEST_DELAY_S
+
+# -------------------------------------------------------------------------------------------------
+# The attitude laws that `heli compare` flies against each other.
+# -------------------------------------------------------------------------------------------------
+
+OFFSET_FREE_RADPS = 0.5
+AXES = ("roll", "pitch")
+
+
+@dataclass(frozen=True)
+class ComparedLaw:
+    """A law: key, name for tables, and what it changes in the inner loop's parameters."""
+
+    key: str
+    name: str
+    changes: Mapping[str, Any]
+
+
+LAWS = (
+    ComparedLaw("hinf_output", "H-infinity, output feedback", {"controller": "hinf_output"}),
+    ComparedLaw("hinf", "H-infinity", {"controller": "hinf"}),
+    ComparedLaw(
+        "hinf_offset_free",
+        "H-infinity, offset-free",
+        {"controller": "hinf", "offset_free_radps": OFFSET_FREE_RADPS},
+    ),
+    ComparedLaw("lqr", "LQR", {"controller": "lqr"}),
+    ComparedLaw("pid", "PID", {"controller": "pid"}),
+)
+_BY_KEY = {law.key: law for law in LAWS}
+
+
+def parse_laws(text: str) -> tuple[ComparedLaw, ...]:
+    """Laws of "hinf,pid".
+
+    Raises
+    ------
+    ParameterError
+        A name is unknown.
+    """
+    keys = text.split(",")
+    for key in keys:
+        if key not in _BY_KEY:
+            raise ParameterError(f"--controllers {text}: {key!r} is none of {', '.join(_BY_KEY)}")
+    return tuple(law for law in LAWS if law.key in keys)
+
+
+def with_law(settings: Settings, law: ComparedLaw) -> Settings:
+    """The same flight under another law; everything else stays as it is."""
+    inner = {**settings.nodes["inner_loop"], **law.changes}
+    return replace(settings, nodes={**settings.nodes, "inner_loop": inner})
+
+
+def attitude_errors_deg(record: FlightRecord, source: str) -> np.ndarray:
+    """Roll and pitch error (N, 2), deg, from the "navigation" record or ground "truth"."""
+    found = errors(record, source, "attitude")
+    return np.column_stack([found[axis] for axis in AXES])
+
+
+def largest(values: Sequence[float]) -> float:
+    """Largest of the values, nan for none."""
+    return float(max(values)) if values else float("nan")
+
+
+# -------------------------------------------------------------------------------------------------
+# Robustness.
+# -------------------------------------------------------------------------------------------------
 
 LIMIT_DEG = 3.0
 SPREAD = 0.3
@@ -62,7 +134,7 @@ PERTURBATIONS = (
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PerturbedFlight:
     """A law on the aircraft of one perturbation; errors from ground truth, deg, larger axis.
 
     Attributes
@@ -118,15 +190,15 @@ def perturbed(nominal: plant.PlantConfig, parts: Sequence[str], seed: int) -> pl
     )
 
 
-class Campaign:
+class RobustnessSetup:
     """What stays the same over all flights: observer, outer loop, laws."""
 
-    def __init__(self, settings: Settings, laws: Sequence[Law]) -> None:
+    def __init__(self, settings: Settings, laws: Sequence[ComparedLaw]) -> None:
         self.settings, self.laws = settings, laws
-        self.kernels: dict[str, AttitudeKernel] = {
+        self.kernels: dict[str, AttitudeParams] = {
             law.key: AttitudeConfig.from_parameters(
                 with_law(settings, law).nodes["inner_loop"]
-            ).kernel
+            ).params
             for law in laws
         }
 
@@ -149,7 +221,7 @@ class Campaign:
         }
 
 
-def largest_error_deg(flight: Flight, settings: Settings) -> float:
+def largest_error_deg(flight: LoopFlight, settings: Settings) -> float:
     """Largest roll or pitch error (deg) over the scored stretch, from truth; inf if it was lost."""
     mask = settings.scenario.scored(flight.record.time_s)
     if flight.sentence or not mask.any():
@@ -164,14 +236,14 @@ def aircraft_of(perturbation: Perturbation, n: int) -> int:
 
 def compare(
     settings: Settings,
-    laws: Sequence[Law],
+    laws: Sequence[ComparedLaw],
     n: int,
     first_seed: int = 1,
     perturbations: Sequence[Perturbation] = PERTURBATIONS,
     progress: Callable[[int], None] = lambda done: None,
-) -> list[Outcome]:
+) -> list[PerturbedFlight]:
     """Fly all perturbations; aircraft i flies in the wind of seed first_seed + i."""
-    campaign = Campaign(settings, laws)
+    campaign = RobustnessSetup(settings, laws)
     outcomes, done = [], 0
     for perturbation in perturbations:
         errors: dict[str, list[float]] = {law.key: [] for law in laws}
@@ -184,10 +256,10 @@ def compare(
     return outcomes
 
 
-def _outcome(perturbation: Perturbation, law: Law, errors: list[float]) -> Outcome:
+def _outcome(perturbation: Perturbation, law: ComparedLaw, errors: list[float]) -> PerturbedFlight:
     values = np.array(errors)
     good = values[np.isfinite(values)]
-    return Outcome(
+    return PerturbedFlight(
         perturbation.key,
         law.key,
         int(np.sum(values <= LIMIT_DEG)),
@@ -198,7 +270,7 @@ def _outcome(perturbation: Perturbation, law: Law, errors: list[float]) -> Outco
     )
 
 
-def as_dict(outcomes: Sequence[Outcome], settings: Settings, n: int) -> dict[str, Any]:
+def as_dict(outcomes: Sequence[PerturbedFlight], settings: Settings, n: int) -> dict[str, Any]:
     """For --json."""
     names = {p.key: p.name for p in PERTURBATIONS}
     rows = [{"name": names[o.perturbation], **asdict(o), "fraction": o.fraction} for o in outcomes]
@@ -215,7 +287,10 @@ def as_dict(outcomes: Sequence[Outcome], settings: Settings, n: int) -> dict[str
 
 
 def print_outcomes(
-    outcomes: Sequence[Outcome], laws: Sequence[Law], settings: Settings, out: Console
+    outcomes: Sequence[PerturbedFlight],
+    laws: Sequence[ComparedLaw],
+    settings: Settings,
+    out: Console,
 ) -> None:
     """The table: aircraft kept, median and worst of the largest errors."""
     rows = table(
@@ -236,6 +311,69 @@ def print_outcomes(
     out.print(conditions(settings).replace(f"seed {settings.seed}", "a seed per aircraft"))
 
 
-def _cell(o: Outcome) -> str:
+def _cell(o: PerturbedFlight) -> str:
     text = f"{100.0 * o.fraction:.1f} % ({o.median_deg:.2f} / {o.worst_deg:.2f})"
     return f"{text}, {o.lost} lost" if o.lost else text
+
+
+# -------------------------------------------------------------------------------------------------
+# The attitude loop as a flight's settings fly it: linear, of the aircraft that its laws know.
+# -------------------------------------------------------------------------------------------------
+
+
+class Margins(NamedTuple):
+    """What a loop keeps.
+
+    Attributes
+    ----------
+    input, output : float
+        Disk margins at the plant's input and at its measured outputs, all channels at once.
+    delay_s : float
+        Further transport delay, in all channels at once, that it survives, at most
+        `LONGEST_DELAY_S`.
+    """
+
+    input: float
+    output: float
+    delay_s: float
+
+
+def loop_as_flown(
+    nodes: Mapping[str, Mapping[str, Any]], actuation: Actuation | None = None
+) -> Loop | None:
+    """Any law behind servos and delay, state feedback behind observer (19) and prediction besides.
+
+    Parameters
+    ----------
+    nodes : mapping
+        Parameters of inner loop and observer.
+    actuation : Actuation, optional
+        Another one than that which the law knows.
+
+    Returns
+    -------
+    Loop or None
+        None for a kind of law whose linear form is not known.
+    """
+    return _loop(AttitudeConfig.from_parameters(nodes["inner_loop"]), nodes["observer"], actuation)
+
+
+def margins_as_flown(nodes: Mapping[str, Mapping[str, Any]]) -> Margins | None:
+    """Margins of the loop as flown, the observer included; None if its linear form is not known."""
+    config = AttitudeConfig.from_parameters(nodes["inner_loop"])
+    loop = _loop(config, nodes["observer"])
+    if loop is None:
+        return None
+    return Margins(
+        disk_margin(loop, "input").alpha,
+        disk_margin(loop, "output").alpha,
+        further_delay_s(loop, model_of(config), config.actuation, LONGEST_DELAY_S),
+    )
+
+
+def _loop(
+    config: AttitudeConfig, observer: Mapping[str, Any], actuation: Actuation | None = None
+) -> Loop | None:
+    feed = ObserverInput.from_parameters(observer)
+    *_, flown = (None, *loops_of(config, observer["K"], feed, actuation or config.actuation))
+    return flown

@@ -13,7 +13,7 @@ What the standard leaves to the test pilot's eye is a number of our own, said wh
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from heli_handling.errors import Cause, HandlingError
+from heli_core.errors import HandlingCause, HandlingError
 
 FT, KT = 0.3048, 1852.0 / 3600.0
 """A foot in metres, a knot in m/s."""
@@ -62,7 +62,7 @@ class Criterion:
 
 
 @dataclass(frozen=True)
-class Condition:
+class EntryCondition:
     """What has to be flown for the result to count, not how well: a range of a quantity."""
 
     name: str
@@ -84,7 +84,7 @@ class Manoeuvre:
         In ADS-33E-PRF.
     geometry : dict
         Name to (Quantity, value): what the phases are found by.
-    conditions : tuple of Condition
+    conditions : tuple of EntryCondition
     criteria : tuple of Criterion
     """
 
@@ -92,7 +92,7 @@ class Manoeuvre:
     title: str
     paragraph: str
     geometry: dict[str, tuple[Quantity, float]]
-    conditions: tuple[Condition, ...]
+    conditions: tuple[EntryCondition, ...]
     criteria: tuple[Criterion, ...]
 
     def __getitem__(self, name: str) -> float:
@@ -112,7 +112,7 @@ class Scale:
     ratio: float
 
 
-FULL = Scale("full", 1.0)
+FULL_SCALE = Scale("full", 1.0)
 
 
 def froude(rotor_diameter_m: float) -> Scale:
@@ -129,7 +129,8 @@ def froude(rotor_diameter_m: float) -> Scale:
     """
     if not 0.05 <= rotor_diameter_m <= 50.0:
         raise HandlingError(
-            Cause.UNKNOWN, f"rotor diameter {rotor_diameter_m:g} m: allowed are 0.05 to 50 m"
+            HandlingCause.UNKNOWN,
+            f"rotor diameter {rotor_diameter_m:g} m: allowed are 0.05 to 50 m",
         )
     return Scale("froude", rotor_diameter_m / REFERENCE_ROTOR_M)
 
@@ -166,9 +167,9 @@ HOVER = Manoeuvre(
     "3.11.1",
     {"hold_s": (_T, 30.0), "approach_mps": (_V, 6.0 * KT), **_STILL},
     (
-        Condition("approach", "ground speed of the approach", _V, 6.0 * KT, 10.0 * KT),
+        EntryCondition("approach", "ground speed of the approach", _V, 6.0 * KT, 10.0 * KT),
         # "Approximately 45 deg"; the range is ours.
-        Condition("oblique", "track of the approach off the heading", _A, 35.0, 55.0),
+        EntryCondition("oblique", "track of the approach off the heading", _A, 35.0, 55.0),
     ),
     (
         _time(5.0, 8.0, "stabilised after the deceleration began"),
@@ -185,8 +186,8 @@ VERTICAL = Manoeuvre(
     {"ascent_m": (_L, 25.0 * FT), "begun_m": (_L, 1.0 * FT), "top_m": (_L, 3.0 * FT), **_STILL},
     (
         # "25 ft"; the range is ours.
-        Condition("ascent", "height gained", _L, 22.0 * FT, 31.0 * FT),
-        Condition("top", "time stabilised at the top", _T, 2.0, float("inf")),
+        EntryCondition("ascent", "height gained", _L, 22.0 * FT, 31.0 * FT),
+        EntryCondition("top", "time stabilised at the top", _T, 2.0, float("inf")),
     ),
     (
         _time(13.0, 18.0),
@@ -217,8 +218,8 @@ DEPART_ABORT = Manoeuvre(
     "3.11.7",
     {"course_m": (_L, 800.0 * FT), "end_m": (_L, 20.0 * FT), **_STILL},
     (
-        Condition("peak", "largest ground speed", _V, 40.0 * KT, 50.0 * KT),
-        Condition("overshoot", "beyond the end point", _L, float("-inf"), 20.0 * FT),
+        EntryCondition("peak", "largest ground speed", _V, 40.0 * KT, 50.0 * KT),
+        EntryCondition("overshoot", "beyond the end point", _L, float("-inf"), 20.0 * FT),
     ),
     (
         _time(25.0, 30.0),
@@ -234,7 +235,7 @@ LATERAL_REPOSITION = Manoeuvre(
     "3.11.8",
     {"course_m": (_L, 400.0 * FT), "end_m": (_L, 10.0 * FT), **_STILL},
     # "Approximately 35 kt"; the range is ours.
-    (Condition("peak", "largest ground speed", _V, 30.0 * KT, 40.0 * KT),),
+    (EntryCondition("peak", "largest ground speed", _V, 30.0 * KT, 40.0 * KT),),
     (
         _time(18.0, 22.0),
         Criterion("track", "distance off the course", _L, 10.0 * FT, 20.0 * FT),
@@ -249,7 +250,7 @@ SLALOM = Manoeuvre(
     "3.11.9",
     {"gate_m": (_L, 50.0 * FT), "apart_m": (_L, 500.0 * FT)},
     # "At 500-ft intervals"; the range is ours.
-    (Condition("interval", "smallest distance between turns", _L, 400.0 * FT, 600.0 * FT),),
+    (EntryCondition("interval", "smallest distance between turns", _L, 400.0 * FT, 600.0 * FT),),
     (
         Criterion("speed", "ground speed", _V, 60.0 * KT, 40.0 * KT, at_least=True),
         Criterion("clearance", "turns off the centreline", _L, 50.0 * FT, 50.0 * FT, at_least=True),
@@ -264,7 +265,7 @@ MANOEUVRES = {
 }
 
 
-def manoeuvre(name: str, scale: Scale = FULL) -> Manoeuvre:
+def manoeuvre(name: str, scale: Scale = FULL_SCALE) -> Manoeuvre:
     """The table of a manoeuvre at a scale.
 
     Raises
@@ -273,7 +274,9 @@ def manoeuvre(name: str, scale: Scale = FULL) -> Manoeuvre:
         UNKNOWN.
     """
     if name not in MANOEUVRES:
-        raise HandlingError(Cause.UNKNOWN, f"manoeuvre {name!r} is none of {', '.join(MANOEUVRES)}")
+        raise HandlingError(
+            HandlingCause.UNKNOWN, f"manoeuvre {name!r} is none of {', '.join(MANOEUVRES)}"
+        )
     full, ratio = MANOEUVRES[name], scale.ratio
     return replace(
         full,

@@ -14,7 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from heli_flight.report.chart import FEW_DECADES, Chart, Panel, Trace, decades, thinned, unit_of
+from heli_flight.report.data import (
+    FEW_DECADES,
+    Chart,
+    Panel,
+    Trace,
+    decades,
+    thinned,
+    unit_of,
+)
 
 _GAP_PX = 26.0
 _OWN_AXIS_GAP_PX = 66.0

@@ -10,16 +10,114 @@ from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
-from heli_dynamics_sim.plant import PlantConfig
-from heli_flight.loop.scoring import SOURCE_NAMES
-from heli_flight.report.chart import Chart, Panel, Trace
-from heli_flight.report.data import Report
-from heli_flight.report.design import AXES, Design, LoopNumbers
-from heli_flight.report.spectrum import Array, Spectrum, even, folded, spectrum
-from heli_flight.report.tables import Table
-from heli_math.paper_metrics import heading_frame
-from heli_math.rows import IMU, REFERENCE
+from heli_core.metrics import heading_frame
+from heli_core.rows import IMU, REFERENCE
+from heli_dynamics_sim.config import PlantConfig
+from heli_flight.report.charts import DesignNumbers, LoopNumbers
+from heli_flight.report.data import Chart, Panel, Report, Trace
+from heli_flight.report.tables import ReportTable
+from heli_flight.scoring import SOURCE_NAMES
+from heli_inner_hinf.excitation import AXES
+
+# -------------------------------------------------------------------------------------------------
+# Power spectral densities of recorded signals, by Welch's method.
+#
+# One-sided, in the signal's unit squared per Hz: the area below a density is the signal's
+# variance.
+# Windows of Hann that overlap by half, each without its mean (Welch, IEEE Transactions on Audio
+# and
+# Electroacoustics 15(2), 1967; `scipy.signal.welch`).
+# -------------------------------------------------------------------------------------------------
+
+Array = NDArray[np.float64]
+
+_PARTS = 6
+"""A window is so much of the record: 11 windows, each with half of the next one."""
+_LONGEST_S = 40.0
+LEAST_SAMPLES = 240
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Density of one signal.
+
+    Attributes
+    ----------
+    hertz : (m,) array
+        Frequencies above 0, up to half of the sampling rate.
+    density : (m,) array
+        Unit squared per Hz.
+    step_hz : float
+        Between lines.
+    rms : float
+        Of the samples about their mean.
+    """
+
+    hertz: Array
+    density: Array
+    step_hz: float
+    rms: float
+
+    @property
+    def area_rms(self) -> float:
+        """Root of the area below the density: the rms by the other way (Parseval)."""
+        return float(np.sqrt(self.density.sum() * self.step_hz))
+
+    @property
+    def median_hz(self) -> float:
+        """Half of the power is below."""
+        share = np.cumsum(self.density)
+        return float(self.hertz[np.searchsorted(share, 0.5 * share[-1])])
+
+    def below(self, hertz: float) -> float:
+        """Share of the power below a frequency."""
+        whole = float(self.density.sum())
+        return float(self.density[self.hertz <= hertz].sum()) / whole if whole > 0.0 else 0.0
+
+
+def even(time_s: Array, values: Array) -> tuple[float, Array, int] | None:
+    """Samples (n, k) at even times, how many per second, and how many of them were not recorded.
+
+    Those are put between their neighbours. None for what is too short, or not finite.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+    values : (N, k) array
+    """
+    if time_s.size < LEAST_SAMPLES or not np.isfinite(values).all():
+        return None
+    step_s = float(np.median(np.diff(time_s)))
+    if step_s <= 0.0:
+        return None
+    count = round(float(time_s[-1] - time_s[0]) / step_s) + 1
+    at = time_s[0] + step_s * np.arange(count)
+    filled = [np.interp(at, time_s, column) for column in values.T]
+    return 1.0 / step_s, np.column_stack(filled), count - time_s.size
+
+
+def spectrum(values: Array, rate_hz: float) -> Spectrum:
+    """Density of (n,) samples, `LEAST_SAMPLES` or more, so many per second."""
+    from scipy import signal  # takes a third of a second to import
+
+    size = min(values.size, max(LEAST_SAMPLES, values.size // _PARTS), round(_LONGEST_S * rate_hz))
+    hertz, density = signal.welch(
+        values, fs=rate_hz, window="hann", nperseg=size, noverlap=size // 2, detrend="constant",
+        scaling="density",
+    )  # fmt: skip
+    return Spectrum(hertz[1:], density[1:], float(hertz[1]), float(np.std(values)))
+
+
+def folded(hertz: float, rate_hz: float) -> float:
+    """Where a sine shows up in samples, so many per second."""
+    return abs(hertz - rate_hz * round(hertz / rate_hz))
+
+
+# -------------------------------------------------------------------------------------------------
+# Spectrum charts.
+# -------------------------------------------------------------------------------------------------
 
 SECTION = "spectra"
 _BODY, _HEADING = ("forward", "right", "down"), ("forward", "right", "down")
@@ -29,7 +127,7 @@ _LEAST_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
-class Signal:
+class SpectrumSignal:
     """A recorded signal of some axes and its spectra.
 
     Attributes
@@ -50,7 +148,7 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Spectra:
+class FlightSpectra:
     """All spectra of a flight, of one stretch of it.
 
     Attributes
@@ -61,20 +159,20 @@ class Spectra:
         Of the samples; 0: nothing was long enough.
     filled : int
         Samples that were not recorded.
-    signals : sequence of Signal
+    signals : sequence of SpectrumSignal
     """
 
     start_s: float
     end_s: float
     rate_hz: float
     filled: int
-    signals: Sequence[Signal]
+    signals: Sequence[SpectrumSignal]
 
 
-def spectra_of(report: Report) -> Spectra:
+def spectra_of(report: Report) -> FlightSpectra:
     """Spectra of the longest scored stretch, of the whole flight where nothing is scored."""
     r = report.record
-    nothing = Spectra(0.0, 0.0, 0.0, 0, ())
+    nothing = FlightSpectra(0.0, 0.0, 0.0, 0, ())
     if not len(r):
         return nothing
     whole = (float(r.time_s[0]), float(r.time_s[-1]))
@@ -87,8 +185,8 @@ def spectra_of(report: Report) -> Spectra:
             continue
         rate_hz, samples, filled = made
         spectra = [spectrum(column, rate_hz) for column in samples.T]
-        found.append(Signal(key, title, unit, told, names, spectra))
-    return Spectra(start_s, end_s, rate_hz, filled, found) if found else nothing
+        found.append(SpectrumSignal(key, title, unit, told, names, spectra))
+    return FlightSpectra(start_s, end_s, rate_hz, filled, found) if found else nothing
 
 
 def _recorded(report: Report) -> list[tuple[str, str, str, str, Sequence[str], Array]]:
@@ -136,7 +234,9 @@ def rotor_lines(report: Report) -> list[tuple[float, str]]:
     ]
 
 
-def spectrum_charts(report: Report, found: Spectra, design: Design | None) -> list[Chart]:
+def spectrum_charts(
+    report: Report, found: FlightSpectra, design: DesignNumbers | None
+) -> list[Chart]:
     """A chart of each signal."""
     if not found.signals:
         return []
@@ -145,7 +245,11 @@ def spectrum_charts(report: Report, found: Spectra, design: Design | None) -> li
 
 
 def _chart(
-    report: Report, found: Spectra, signal: Signal, design: Design | None, stretch: str
+    report: Report,
+    found: FlightSpectra,
+    signal: SpectrumSignal,
+    design: DesignNumbers | None,
+    stretch: str,
 ) -> Chart:
     lines = [
         Trace(s.hertz, s.density, name, role, width=1.2)
@@ -186,7 +290,7 @@ def _chart(
     )
 
 
-def _designed(signal: Signal, design: Design | None) -> Sequence[LoopNumbers]:
+def _designed(signal: SpectrumSignal, design: DesignNumbers | None) -> Sequence[LoopNumbers]:
     """What the design says of the axes of a signal."""
     if design is None:
         return ()
@@ -209,7 +313,7 @@ def _reach(spectra: Sequence[Spectrum]) -> tuple[float, float]:
     return 2.0 * top, max(0.5 * lowest, _LEAST_SHARE * top)
 
 
-def spectrum_table(found: Spectra) -> Table | None:
+def spectrum_table(found: FlightSpectra) -> ReportTable | None:
     """Numbers of each signal's spectrum; None without any."""
     if not found.signals:
         return None
@@ -233,7 +337,7 @@ def spectrum_table(found: Spectra) -> Table | None:
         "agree but for what is slower than a window."
     )
     head = ("", "rms", "root of the area", "half below, Hz", "largest at, Hz", "below 1 Hz")
-    return Table(head, rows, caption)
+    return ReportTable(head, rows, caption)
 
 
 def _radps(radps: float | None) -> str | Markup:
@@ -247,13 +351,13 @@ def _peak(numbers: LoopNumbers) -> Markup:
     return told.format(numbers.peak_db, numbers.peak_radps)
 
 
-def loop_tables(design: Design) -> list[Table]:
+def loop_tables(design: DesignNumbers) -> list[ReportTable]:
     """Disturbance rejection, crossover and bandwidth of the loops as designed."""
     tables = [_attitude_table(design)] if design.axes else []
     return [*tables, *([_position_table(design)] if design.position else [])]
 
 
-def _position_table(design: Design) -> Table:
+def _position_table(design: DesignNumbers) -> ReportTable:
     rows = [
         ["disturbance rejection bandwidth (DRB), rad/s",
          *(_radps(axis.rejection_radps) for axis in design.position)],
@@ -265,10 +369,10 @@ def _position_table(design: Design) -> Table:
         "The position loop around it, each axis alone, about the trim in the mean wind: what it "
         "takes off a displacement that the aircraft is pushed by."
     )
-    return Table(("", *_HEADING), rows, caption)
+    return ReportTable(("", *_HEADING), rows, caption)
 
 
-def _attitude_table(design: Design) -> Table:
+def _attitude_table(design: DesignNumbers) -> ReportTable:
     head = ("", *AXES)
     axes = design.axes
     kinds = {
@@ -287,4 +391,4 @@ def _attitude_table(design: Design) -> Table:
         "the DRP it adds most. Bandwidths: ADS-33E, -135° and 6 dB. Computed, beside the measured "
         "spectra."
     )
-    return Table(head, rows, caption)
+    return ReportTable(head, rows, caption)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
-from heli_math.central_controller import (
+from heli_core.central_controller import (
     CentralController,
     GeneralisedPlant,
     NoControllerError,
@@ -23,9 +23,8 @@ from heli_math.central_controller import (
     optimal_gamma,
     to_sampled,
 )
-from heli_robust.errors import Cause, RobustError
-from heli_robust.norms import Matrix
-from heli_robust.scaled_mu import scaled_mu
+from heli_core.errors import RobustCause, RobustError
+from heli_inner_hinf.mu import Matrix, scaled_mu
 
 _MOST_ROUNDS = 8
 _WORTH = 0.01
@@ -86,7 +85,7 @@ def dk_iteration(plant: GeneralisedPlant, orders: Sequence[int], angles: Matrix)
             if best is not None:
                 break
             raise RobustError(
-                Cause.NOT_CONVERGED, f"D-K iteration: no law for the nominal plant: {exc}"
+                RobustCause.NOT_CONVERGED, f"D-K iteration: no law for the nominal plant: {exc}"
             ) from exc
         mu, moduli = scaled_mu(response(closed_loop(plant, controller.system), angles), len(orders))
         peak = float(np.max(mu))
@@ -100,7 +99,9 @@ def dk_iteration(plant: GeneralisedPlant, orders: Sequence[int], angles: Matrix)
             break
         scalings = [_fitted(moduli[:, i], angles, n) for i, n in enumerate(orders)]
     if best is None:
-        raise RobustError(Cause.NOT_CONVERGED, "D-K iteration: mu of the first law is not finite")
+        raise RobustError(
+            RobustCause.NOT_CONVERGED, "D-K iteration: mu of the first law is not finite"
+        )
     return MuLaw(best, tuple(peaks))
 
 

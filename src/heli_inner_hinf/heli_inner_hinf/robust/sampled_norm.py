@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from heli_robust.errors import Cause, RobustError
-from heli_robust.norms import Matrix, discrete_norm, root
+from heli_core.errors import RobustCause, RobustError
+from heli_inner_hinf.mu import Matrix, discrete_norm, root
 
 REL_TOL = 1e-7
 _MOST_STEPS = 60
@@ -82,12 +82,13 @@ def sampled_norm(plant: HeldPlant, law: SampledLaw, rel_tol: float = REL_TOL) ->
         for at, given in enumerate(matrices):
             if not np.all(np.isfinite(given)):
                 raise RobustError(
-                    Cause.NOT_FINITE, f"matrix {at + 1} of the {owner} holds a value not finite"
+                    RobustCause.NOT_FINITE,
+                    f"matrix {at + 1} of the {owner} holds a value not finite",
                 )
     loop = _Lifted(plant, law)
     radius = float(np.max(np.abs(np.linalg.eigvals(loop.lifted(np.inf)[0]))))
     if radius >= 1.0:
-        raise RobustError(Cause.UNSTABLE, f"a pole has the modulus {radius:.6g}, not below 1")
+        raise RobustError(RobustCause.UNSTABLE, f"a pole has the modulus {radius:.6g}, not below 1")
     low, high = 0.0, 2.0 * loop.direct_bound(plant.tick_s)
     if high == 0.0:
         return SampledNorm(0.0, 0.0, 0.0)

@@ -14,11 +14,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solve_discrete_lyapunov, svd
 
-from heli_robust.errors import Cause, RobustError
+from heli_core.central_controller import System
+from heli_core.errors import RobustCause, RobustError
+from heli_inner_hinf.mu import Matrix, root
 
-Matrix = NDArray[Any]
+# -------------------------------------------------------------------------------------------------
+# Uncertain.
+# -------------------------------------------------------------------------------------------------
+
+uncertain_Matrix = NDArray[Any]
 _RANK = 1e-12  # singular values below this share of the largest are rounding
 
 
@@ -47,13 +53,15 @@ class Range:
         said = f"{self.name}: {self.low:g} .. {self.high:g}"
         if not np.all(np.isfinite([self.nominal, self.low, self.high])):
             raise RobustError(
-                Cause.BAD_RANGE, f"{said}, nominal {self.nominal:g}; all have to be finite"
+                RobustCause.BAD_RANGE, f"{said}, nominal {self.nominal:g}; all have to be finite"
             )
         if self.low >= self.high:
-            raise RobustError(Cause.BAD_RANGE, f"{said}; the range has to go from low to high")
+            raise RobustError(
+                RobustCause.BAD_RANGE, f"{said}; the range has to go from low to high"
+            )
         if not self.low < self.nominal < self.high:
             raise RobustError(
-                Cause.BAD_RANGE,
+                RobustCause.BAD_RANGE,
                 f"{said}; the nominal value {self.nominal:g} has to lie inside the range",
             )
 
@@ -93,10 +101,10 @@ class Uncertain:
     """
 
     channels: tuple[str, ...]
-    A: Matrix
-    B: Matrix
-    C: Matrix
-    D: Matrix
+    A: uncertain_Matrix
+    B: uncertain_Matrix
+    C: uncertain_Matrix
+    D: uncertain_Matrix
 
     # So that numpy leaves `array @ uncertain` to this class.
     __array_ufunc__ = None
@@ -168,7 +176,7 @@ class Uncertain:
             inverse,
         )
 
-    def at(self, deltas: Mapping[str, float]) -> Matrix:
+    def at(self, deltas: Mapping[str, float]) -> uncertain_Matrix:
         """F at the deviations of its parameters (those not named are nominal)."""
         delta = np.array([deltas.get(name, 0.0) for name in self.channels])
         n = len(self.channels)
@@ -200,3 +208,40 @@ class Uncertain:
 
 def _as_uncertain(value: Uncertain | ArrayLike) -> Uncertain:
     return value if isinstance(value, Uncertain) else Uncertain.constant(value)
+
+
+# -------------------------------------------------------------------------------------------------
+# Balanced truncation of a stable sampled system (Moore, *IEEE Trans. Autom. Control* 26, 1981).
+# -------------------------------------------------------------------------------------------------
+
+
+def balancing(system: System) -> tuple[Matrix, Matrix, Matrix]:
+    """Hankel singular values (n,), falling, and W, V with W V = I that balance the system.
+
+    The system of order k is W[:k] A V[:, :k], W[:k] B, C V[:, :k], D; its error is at most twice
+    the sum of the Hankel singular values that are left out.
+
+    Raises
+    ------
+    RobustError
+        UNSTABLE.
+    """
+    A, B, C, _ = system
+    radius = float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0))
+    if radius >= 1.0:
+        raise RobustError(RobustCause.UNSTABLE, f"a pole has the modulus {radius:.6g}, not below 1")
+    reach = _half(solve_discrete_lyapunov(A, B @ B.T))
+    seen = _half(solve_discrete_lyapunov(A.T, C.T @ C))
+    left, hankel, right = svd(seen.T @ reach)
+    part = np.sqrt(np.maximum(hankel, hankel[0] * np.finfo(float).eps))
+    return hankel, (left / part).T @ seen.T, reach @ right.T / part
+
+
+def truncated(system: System, W: Matrix, V: Matrix, order: int) -> System:
+    """The system of an order, with W and V of `balancing`."""
+    left, right = W[:order], V[:, :order]
+    return System(left @ system.A @ right, left @ system.B, system.C @ right, system.D)
+
+
+def _half(gramian: Matrix) -> Matrix:
+    return root(0.5 * (gramian + gramian.T))

@@ -5,14 +5,20 @@ Solved by Ruckig (Berscheid, Kroeger, "Jerk-limited real-time trajectory generat
 target states", RSS 2021); its axes arrive together.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 import ruckig
 from numpy.typing import NDArray
 
-from heli_guidance.errors import Cause, PathError
+from heli_core.errors import PathCause, PathError
+
+# -------------------------------------------------------------------------------------------------
+# Transfer.
+# -------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 
@@ -32,7 +38,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         if not all(np.isfinite(part).all() for part in (self.pos, self.vel, self.acc)):
-            raise PathError(Cause.NOT_FINITE, f"{self}: not finite")
+            raise PathError(PathCause.NOT_FINITE, f"{self}: not finite")
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,9 @@ class Transfer:
     def __post_init__(self) -> None:
         n, start = self.start.pos.size, self.start
         if self.goal is not None and not np.isfinite(self.goal).all():
-            raise PathError(Cause.NOT_FINITE, f"goal {np.asarray(self.goal).tolist()}: not finite")
+            raise PathError(
+                PathCause.NOT_FINITE, f"goal {np.asarray(self.goal).tolist()}: not finite"
+            )
         asked = ruckig.InputParameter(n)
         asked.current_position = start.pos.tolist()
         asked.current_velocity = start.vel.tolist()
@@ -87,7 +95,7 @@ class Transfer:
             ruckig.Ruckig(n).calculate(asked, solved)
         except ruckig.RuckigError as error:
             raise PathError(
-                Cause.TOO_FAST,
+                PathCause.TOO_FAST,
                 f"no motion within the limits from velocity {start.vel} m/s and acceleration "
                 f"{start.acc} m/s2",
             ) from error
@@ -108,3 +116,72 @@ class Transfer:
                 0.0 * self.cruise,
             )
         return np.asarray(pos), np.asarray(vel), np.asarray(acc)
+
+
+# -------------------------------------------------------------------------------------------------
+# How fast a path may be flown.
+# -------------------------------------------------------------------------------------------------
+
+_YAW_JERK_S = 0.5
+"""How long the heading's acceleration takes to its largest."""
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Largest speeds, accelerations and jerk of a path.
+
+    Attributes
+    ----------
+    speed_mps : float
+        Horizontal.
+    climb_mps : float
+        Vertical, up and down.
+    acceleration_mps2, jerk_mps3 : float
+        Along a leg, and across it where the aircraft comes with another velocity; the first also
+        across a curve.
+    yaw_rate_radps, yaw_acceleration_radps2, yaw_jerk_radps3 : float
+        Of the heading.
+
+    Raises
+    ------
+    PathError
+        One of them is not a positive number.
+    """
+
+    speed_mps: float
+    climb_mps: float
+    acceleration_mps2: float
+    jerk_mps3: float
+    yaw_rate_radps: float
+    yaw_acceleration_radps2: float
+    yaw_jerk_radps3: float
+
+    def __post_init__(self) -> None:
+        for limit in fields(self):
+            value = getattr(self, limit.name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise PathError(
+                    PathCause.BAD_LIMIT, f"{limit.name} is {value:g}; allowed: a positive number"
+                )
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any], prefix: str) -> "MotionLimits":
+        """From the parameters of a node, deg/s and deg/s2 among them, whose names begin so."""
+        turn = math.radians(values[f"{prefix}.yaw_acceleration_degps2"])
+        return cls(
+            speed_mps=values[f"{prefix}.speed_mps"],
+            climb_mps=values[f"{prefix}.climb_mps"],
+            acceleration_mps2=values[f"{prefix}.acceleration_mps2"],
+            jerk_mps3=values[f"{prefix}.jerk_mps3"],
+            yaw_rate_radps=math.radians(values[f"{prefix}.yaw_rate_degps"]),
+            yaw_acceleration_radps2=turn,
+            yaw_jerk_radps3=turn / _YAW_JERK_S,
+        )
+
+    def speed_along(self, direction_ned: NDArray[np.float64]) -> float:
+        """Largest speed, m/s, in a direction (3,), a unit vector."""
+        level, upright = float(np.hypot(*direction_ned[:2])), abs(float(direction_ned[2]))
+        return min(
+            self.speed_mps / level if level > 0.0 else math.inf,
+            self.climb_mps / upright if upright > 0.0 else math.inf,
+        )

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Campaigns: many flights with dispersed parameters, on one machine or a cluster, kept as rows."""
+"""Campaigns: many flights with drawn aircraft, winds and faults."""

@@ -13,24 +13,247 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+import shutil
+import tempfile
+import traceback
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.stats import qmc
 
-from heli_dynamics_sim.aircraft_file import read_groups
-from heli_dynamics_sim.parameters import find_aircraft
-from heli_flight.loop.fault_file import fault_overrides
-from heli_flight.loop.layers import GPS_PRESETS, TABLES
-from heli_flight.loop.settings import Settings, resolve
-from heli_flight.studies.dispersion.distribution import Distribution, distribution_of
-from heli_flight.studies.dispersion.sampling import GRID, SAMPLINGS, correlated, unit_points
-from heli_parameters.parameters import Parameter, ParameterError
-from heli_parameters.printable import printable
+from heli_core.parameters import Parameter
+from heli_core.rcl_yaml import ParameterError, printable
+from heli_dynamics_sim.aircraft import AircraftError, find_aircraft, read_groups
+from heli_dynamics_sim.trim import TrimError
+from heli_flight.flight_file import fault_overrides, write_parameters
+from heli_flight.loop import simulate
+from heli_flight.result import Result
+from heli_flight.scoring import score
+from heli_flight.settings import GPS_PRESETS, TABLES, Settings, resolve
+
+# -------------------------------------------------------------------------------------------------
+# How one parameter is dispersed: from a number in the unit interval to a value.
+# -------------------------------------------------------------------------------------------------
+
+CHOICE = "choice"
+_TINY = 1e-12
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A continuous distribution: its numbers in order, what they must be, its quantiles."""
+
+    numbers: tuple[str, ...]
+    allowed: str
+    fits: Callable[..., bool]
+    quantile: Callable[..., NDArray[np.float64]]
+
+
+def _truncated(
+    share: NDArray[np.float64], mean: float, sigma: float, low: float, high: float
+) -> NDArray[np.float64]:
+    ends = (low - mean) / sigma, (high - mean) / sigma
+    return np.asarray(stats.truncnorm.ppf(share, *ends, loc=mean, scale=sigma))
+
+
+KINDS: Mapping[str, _Kind] = {
+    "uniform": _Kind(
+        ("low", "high"), "low < high", lambda low, high: low < high,
+        lambda share, low, high: low + (high - low) * share,
+    ),
+    "normal": _Kind(
+        ("mean", "sigma"), "sigma > 0", lambda mean, sigma: sigma > 0.0,
+        lambda share, mean, sigma: np.asarray(stats.norm.ppf(share, mean, sigma)),
+    ),
+    "truncated_normal": _Kind(
+        ("mean", "sigma", "low", "high"), "sigma > 0 and low < high",
+        lambda mean, sigma, low, high: sigma > 0.0 and low < high, _truncated,
+    ),
+}  # fmt: skip
+NAMES = (*KINDS, CHOICE)
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """The distribution of one parameter.
+
+    Attributes
+    ----------
+    kind : str
+        One of `NAMES`.
+    numbers : tuple
+        What `KINDS` calls for, or the choices.
+    whole : bool
+        The parameter is an integer: uniform is then over the integers from low to high, both
+        among them.
+    """
+
+    kind: str
+    numbers: tuple[Any, ...]
+    whole: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.kind} {', '.join(map(str, self.numbers))}"
+
+    def values(self, share: NDArray[np.float64]) -> list[Any]:
+        """Quantiles at shares (N,) of the unit interval, as parameters hold them."""
+        if self.kind == CHOICE:
+            places = np.minimum((share * len(self.numbers)).astype(int), len(self.numbers) - 1)
+            return [self.numbers[place] for place in places]
+        if self.whole:
+            low, high = self.numbers
+            return [int(low + min(math.floor(s * (high - low + 1)), high - low)) for s in share]
+        inside = np.clip(share, _TINY, 1.0 - _TINY)
+        return [float(v) for v in KINDS[self.kind].quantile(inside, *self.numbers)]
+
+    def levels(self, count: int) -> list[Any]:
+        """Values of a grid: all choices or integers; else `count`, of uniform with both ends."""
+        if self.kind == CHOICE:
+            return list(self.numbers)
+        if self.whole:
+            return list(range(self.numbers[0], self.numbers[1] + 1))
+        if self.kind == "uniform":
+            return [float(v) for v in np.linspace(self.numbers[0], self.numbers[1], count)]
+        return self.values((np.arange(count) + 0.5) / count)
+
+
+def distribution_of(told: Any, parameter_kind: str, where: str) -> Distribution:
+    """Read one from a spec, such as {uniform: [0.8, 1.2]}.
+
+    Parameters
+    ----------
+    told : object
+        What stands in the YAML.
+    parameter_kind : str
+        Kind of the parameter's row: double, int, string or bool.
+    where : str
+        Names the place, for sentences.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if not isinstance(told, Mapping) or len(told) != 1 or next(iter(told)) not in NAMES:
+        raise ParameterError(f"{where}: {told!r}; allowed: one of {', '.join(NAMES)}")
+    ((kind, numbers),) = told.items()
+    if not isinstance(numbers, Sequence) or isinstance(numbers, str) or not numbers:
+        raise ParameterError(f"{where}: {kind}: {numbers!r}; allowed: a list")
+    if kind == CHOICE:
+        return Distribution(CHOICE, tuple(numbers))
+    if parameter_kind not in ("double", "int"):
+        raise ParameterError(f"{where}: {kind}: the parameter is no number; allowed: {CHOICE}")
+    whole = parameter_kind == "int"
+    return Distribution(kind, _distribution_numbers(kind, numbers, whole, where), whole)
+
+
+def _distribution_numbers(
+    kind: str, numbers: Sequence[Any], whole: bool, where: str
+) -> tuple[Any, ...]:
+    """The numbers of a continuous distribution, checked."""
+    form, told = KINDS[kind], list(numbers)
+    if whole and kind != "uniform":
+        raise ParameterError(f"{where}: {kind}: the parameter is whole; allowed: uniform, {CHOICE}")
+    number = (int,) if whole else (int, float)
+    good = len(told) == len(form.numbers) and all(
+        isinstance(n, number) and not isinstance(n, bool) and math.isfinite(n) for n in told
+    )
+    if not good or not form.fits(*told):
+        what = "whole numbers" if whole else "numbers"
+        names = ", ".join(form.numbers)
+        raise ParameterError(
+            f"{where}: {kind}: {told}; allowed: {what} [{names}] with {form.allowed}"
+        )
+    return tuple(told) if whole else tuple(map(float, told))
+
+
+# -------------------------------------------------------------------------------------------------
+# Which points of the unit cube a campaign flies.
+# -------------------------------------------------------------------------------------------------
+
+GRID = "grid"
+SAMPLINGS = ("random", "latin_hypercube", "sobol", GRID)
+SEARCH = "search"
+"""Points that were looked for: no sample, which nobody may take quantiles or shares of."""
+# Child of the seed's sequence: far from those of wind, sensors and worlds.
+_STREAM = 1 << 21
+
+
+def unit_points(sampling: str, count: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Points (N, d) in the unit cube.
+
+    Parameters
+    ----------
+    sampling : str
+        One of `SAMPLINGS` but the grid.
+    count, dimensions : int
+    seed : int
+        Of the sampling alone; the flights have their own.
+
+    Raises
+    ------
+    ParameterError
+        Sobol points that are no power of two have no balance.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+    if dimensions == 0:
+        return np.zeros((count, 0))
+    if sampling == "random":
+        return rng.random((count, dimensions))
+    if sampling == "latin_hypercube":
+        return np.asarray(qmc.LatinHypercube(dimensions, seed=rng).random(count))
+    power = count.bit_length() - 1
+    if count != 1 << power:
+        raise ParameterError(
+            f"flights: {count}: sobol needs a power of two; allowed: {1 << power}, {2 << power}"
+        )
+    return np.asarray(qmc.Sobol(dimensions, seed=rng).random_base2(power))
+
+
+def correlated(
+    points: NDArray[np.float64], pairs: Sequence[tuple[int, int, float]]
+) -> NDArray[np.float64]:
+    """Points (N, d) with a Gaussian copula: each column stays uniform.
+
+    Parameters
+    ----------
+    points : (N, d) array
+    pairs : sequence of (int, int, float)
+        Columns and the correlation of their normal scores; rank correlations are
+        6/pi asin(rho/2) (Pearson 1907).
+
+    Raises
+    ------
+    ParameterError
+        There are no variables that correlate so.
+    """
+    if not pairs:
+        return points
+    matrix = np.eye(points.shape[1])
+    for i, j, rho in pairs:
+        matrix[i, j] = matrix[j, i] = rho
+    try:
+        factor = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        raise ParameterError(
+            f"correlate: no variables correlate so (least eigenvalue {least:.3g}); allowed: a "
+            "positive definite matrix"
+        ) from None
+    scores = stats.norm.ppf(np.clip(points, _TINY, 1.0 - _TINY))
+    return np.asarray(stats.norm.cdf(scores @ factor.T))
+
+
+# -------------------------------------------------------------------------------------------------
+# Spec.
+# -------------------------------------------------------------------------------------------------
 
 AIRCRAFT = "aircraft"
 EACH = "each"
@@ -382,3 +605,132 @@ def check_ends(spec: Spec, base: Settings) -> None:
                 )  # fmt: skip
             except ParameterError as error:
                 raise ParameterError(f"disperse: {name}: {value}: {error}") from None
+
+
+# -------------------------------------------------------------------------------------------------
+# One flight of a campaign: its inputs in, one row with its figures and its end out.
+# -------------------------------------------------------------------------------------------------
+
+
+class FlightEnding(StrEnum):
+    """How a flight ended."""
+
+    FLOWN = "flown"
+    LOST = "lost"
+    NO_TRIM = "no trim holds it"
+    REFUSED = "parameters refused"
+    THREW = "threw"
+    KILLED = "killed its process"
+
+
+NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE = "flight", "seed", "cause", "sentence", "exit_code"
+FIXED = (NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE)
+"""Columns of every campaign; `in.` and `max.` begin those of inputs and of figures."""
+INPUT, FIGURE, WHOLE = "in.", "max.", "max_whole."
+
+
+def fly_rows(spec: Spec, numbers: Sequence[int]) -> list[dict[str, Any]]:
+    """Fly these flights; whatever one of them does, there is a row of it.
+
+    Parameters
+    ----------
+    spec : Spec
+    numbers : sequence of int
+        Flights, counted from 0.
+
+    Returns
+    -------
+    list of dict
+        Column name to value. They depend on the spec and the number alone.
+    """
+    with tempfile.TemporaryDirectory(prefix="heli_campaign_") as folder:
+        return [_row(spec, number, Path(folder)) for number in numbers]
+
+
+def settings_of(spec: Spec, number: int, folder: Path) -> Settings:
+    """A flight's parameters; its aircraft, if it has one of its own, is written to the folder.
+
+    Raises
+    ------
+    ParameterError, AircraftError
+    """
+    flat, file = spec.aircraft(number), None
+    if flat is not None:
+        groups: dict[str, dict[str, Any]] = {}
+        for name, value in flat.items():
+            group, _, key = name.partition(".")
+            groups.setdefault(group, {})[key] = value
+        file = folder / f"aircraft_{number}.yaml"
+        file.write_text(yaml.safe_dump(groups, sort_keys=False), encoding="utf-8")
+    return spec.settings(number, file)
+
+
+def _row(spec: Spec, number: int, folder: Path) -> dict[str, Any]:
+    row = _begun(spec, number)
+    try:
+        settings = settings_of(spec, number, folder)
+        flight = simulate(settings)
+    except TrimError as error:
+        return row | _end(FlightEnding.NO_TRIM, str(error))
+    except (ParameterError, AircraftError) as error:
+        return row | _end(FlightEnding.REFUSED, str(error))
+    except Exception as error:
+        # The campaign goes on; what it was stands in the row.
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(at.filename).name}:{at.lineno}"
+        return row | _end(FlightEnding.THREW, f"{type(error).__name__}: {error} ({where})")
+    if flight.sentence:
+        return row | _end(FlightEnding.LOST, flight.sentence)
+    figures = score(flight.record, settings.scenario)
+    code = Result(figures, "", 0.0, 0.0).exit_code(settings.gps)
+    row |= _end(FlightEnding.FLOWN, "", code)
+    row |= {f"{WHOLE}{s.name}": float(s.max) for s in figures.whole}
+    return row | {f"{FIGURE}{s.name}": float(s.max) for s in figures.windows}
+
+
+def killed(spec: Spec, number: int) -> dict[str, Any]:
+    """The row of a flight that took its process along, again and again."""
+    return _begun(spec, number) | _end(
+        FlightEnding.KILLED, "the process that flew it ended each time"
+    )
+
+
+def _begun(spec: Spec, number: int) -> dict[str, Any]:
+    inputs = dict(zip(spec.names, spec.inputs[number], strict=True))
+    row: dict[str, Any] = {NUMBER: number, SEED: spec.flight_seed(number)}
+    return row | {f"{INPUT}{name}": value for name, value in inputs.items()}
+
+
+def _end(cause: FlightEnding, sentence: str, code: int = 1) -> dict[str, Any]:
+    return {CAUSE: cause.value, SENTENCE: sentence, EXIT_CODE: code}
+
+
+# -------------------------------------------------------------------------------------------------
+# Parameter files with which flights of a campaign are flown again, alone.
+# -------------------------------------------------------------------------------------------------
+
+
+def write_rerun_files(spec: Spec, numbers: Sequence[int], folder: Path) -> list[Path]:
+    """Write a folder `flight_N` for each, and give the files for `heli hover --params`.
+
+    Those whose parameters were refused have none.
+
+    Raises
+    ------
+    ParameterError
+        The folder cannot be written.
+    """
+    written = []
+    for number in numbers:
+        own = folder / f"flight_{number}"
+        try:
+            own.mkdir(parents=True, exist_ok=True)
+            settings = settings_of(spec, number, own.resolve())
+        except OSError as error:
+            raise ParameterError(f"{own}: {error.strerror or error}") from None
+        except (ParameterError, AircraftError):
+            shutil.rmtree(own)
+            continue
+        write_parameters(settings, own / "params.yaml")
+        written.append(own / "params.yaml")
+    return written

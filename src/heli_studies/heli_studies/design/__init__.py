@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`heli design`: trim, linearise, synthesise, prove, draw."""
+"""Design of the loops: searches, rival controllers, report."""

@@ -1,31 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `heli design` prints: trim, certificate, margins of the three loops, gains; or all of it as
-JSON."""
+JSON.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
-import control
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from heli_flight.loop.position_axes import NAMES
-from heli_flight.studies.design.between_samples import norms_on_the_way
-from heli_flight.studies.design.make import LONGEST_DELAY_S, Design
+from heli_core.rows import ACTUATOR_NAMES, ATTITUDE, INPUT_NAMES, MEASURED, NINE, STATE_NAMES
+from heli_core.ticks import TICK_S, ticks_in
+from heli_flight.position_axes import NAMES
+from heli_flight.report.figures import BLUE, GREEN, GREY, ORANGE, RED, picture
 from heli_flight.terminal import table
-from heli_inner_hinf.law_state import CONTROLLERS, STATE_FEEDBACK
-from heli_inner_hinf.margins import ChannelMargin, DiskMargin
+from heli_inner_hinf.controller_state import CONTROLLERS, STATE_FEEDBACK
+from heli_inner_hinf.loops import COMMANDS, POSITIONS, ChannelMargin, Loop
+from heli_inner_hinf.mu import DiskMargin, disk_margins
 from heli_inner_hinf.output_feedback import OutputSynthesis
-from heli_math.rows import NINE
-from heli_math.state_names import ACTUATOR_NAMES, INPUT_NAMES, MEASURED, STATE_NAMES
-from heli_outer_pd.axis_analysis import AxisReport
+from heli_inner_hinf.tuning import singular_values
+from heli_outer_pd.analysis import AxisReport
+from heli_studies.design.make import LONGEST_DELAY_S, FinishedDesign, norms_on_the_way
+
+# -------------------------------------------------------------------------------------------------
+# Report.
+# -------------------------------------------------------------------------------------------------
 
 _DISK, _CHANNEL = ("", ", gain", ", phase"), (", gain", ", phase", ", delay")
 
 
-def print_design(design: Design, out: Console) -> None:
+def print_design(design: FinishedDesign, out: Console) -> None:
     """Everything a control engineer asks first, in tables."""
     s = design.attitude.synthesis
     out.print(f"{design.basis.source}: {design.basis.outer['mass']:g} kg")
@@ -81,9 +90,11 @@ def print_design(design: Design, out: Console) -> None:
         )
 
 
-def _modes(design: Design) -> str:
+def _modes(design: FinishedDesign) -> str:
     """Poles of the linear model in words, fastest first; oscillations with their damping."""
     with np.errstate(invalid="ignore"):  # a pole at 0 has no damping
+        import control
+
         frequencies, dampings, poles = control.damp(design.basis.system, doprint=False)
     words = []
     for i in np.argsort(-frequencies):
@@ -107,7 +118,7 @@ def _of_output(found: OutputSynthesis) -> str:
     )
 
 
-def said_of_the_flown_norm(design: Design) -> str:
+def said_of_the_flown_norm(design: FinishedDesign) -> str:
     """What the certificate is worth for the loop as flown; where it is exceeded, by what."""
     flown, gamma = design.between_samples, design.attitude.synthesis.gamma
     said = (
@@ -135,7 +146,7 @@ def _norm(value: float) -> str:
     return f"{value:.6g}" if np.isfinite(value) else "unstable"
 
 
-def _outer(design: Design, out: Console) -> Table:
+def _outer(design: FinishedDesign, out: Console) -> Table:
     return _beside(
         "Position loop, gain and phase margin of either sign; rms in the hover test's turbulence "
         "with RTK, and the least that any linear law leaves, actuators perfect",
@@ -182,7 +193,7 @@ def _beside(
     return rows
 
 
-def _certificate(design: Design, out: Console) -> Table:
+def _certificate(design: FinishedDesign, out: Console) -> Table:
     rows = table("Certificate: eq. (16) has a stabilising P >= 0 at this gamma", out)
     for name in ("condition", "number", "bound", ""):
         rows.add_column(name, justify="left" if name in ("condition", "") else "right")
@@ -196,7 +207,7 @@ def _certificate(design: Design, out: Console) -> Table:
     return rows
 
 
-def _margins(design: Design, out: Console) -> Table:
+def _margins(design: FinishedDesign, out: Console) -> Table:
     names = ["norm wind -> h"]
     names += [f"{name}{part}" for name in ("disk, input", "disk, output") for part in _DISK]
     names += [f"{name}{part}" for name in INPUT_NAMES for part in _CHANNEL]
@@ -233,7 +244,7 @@ def _gains(
     return _beside(title, columns, cells, out)
 
 
-def as_dict(design: Design) -> dict[str, Any]:
+def as_dict(design: FinishedDesign) -> dict[str, Any]:
     """For --json; infinities become None, as JSON has none."""
     s = design.attitude.synthesis
     return {
@@ -303,3 +314,144 @@ def _as_dict_of_output(found: OutputSynthesis | None) -> dict[str, Any] | None:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+# -------------------------------------------------------------------------------------------------
+# Pictures of a design: singular values, margins, attitude steps.
+# -------------------------------------------------------------------------------------------------
+
+WANTED_DISK = 0.5
+STEPS_DEG = (5.0, 5.0, 20.0)
+STEP_LENGTH_S = 6.0
+_LOOKS = ((GREY, ":"), (ORANGE, "--"), (BLUE, "-"))
+_INPUTS = (
+    (r"$\delta_{lat}$", BLUE, "-"),
+    (r"$\delta_{lon}$", RED, "--"),
+    (r"$\delta_{ped}$", GREEN, ":"),
+)
+
+
+def draw_all(design: FinishedDesign, folder: Path) -> list[Path]:
+    """Write the three pictures; their paths."""
+    paths = [folder / f"{name}.png" for name in ("singular_values", "margins", "step")]
+    for draw, path in zip((draw_singular_values, draw_margins, draw_steps), paths, strict=True):
+        draw(design, path)
+    return paths
+
+
+def _looks(design: FinishedDesign) -> list[tuple[Loop, tuple[str, str]]]:
+    """The loops, the one as flown last, with colour and line."""
+    return list(zip(design.loops, _LOOKS[-len(design.loops) :], strict=True))
+
+
+def _frequencies(loop: Loop) -> np.ndarray:
+    return np.geomspace(0.1, 0.999 * np.pi / loop.dt if loop.dt else 500.0, 300)
+
+
+def draw_singular_values(design: FinishedDesign, path: Path) -> None:
+    """Wind -> h and wind -> actuators over frequency, with gamma and gamma*."""
+    synthesis = design.attitude.output or design.attitude.synthesis
+    with picture(path, 1, 2, (7.2, 3.2), sharex=True) as (_, axes):
+        for loop, (colour, style) in _looks(design):
+            omega = _frequencies(loop)
+            for axis, sigma in zip(axes[0], singular_values(loop, omega), strict=True):
+                axis.loglog(omega, sigma[:, 0], color=colour, ls=style, label=loop.name)
+                if loop is design.loops[-1]:
+                    axis.loglog(omega, sigma[:, 1:], color=colour, lw=0.6, alpha=0.5)
+        axes[0, 0].axhline(synthesis.gamma, color=RED, lw=0.9)
+        star = synthesis.gamma_star.value
+        axes[0, 0].axhline(star, color=RED, lw=0.9, ls="--")
+        bounds = (
+            rf"bounds: $\gamma$ = {synthesis.gamma:.4f} (solid), $\gamma^*$ = {star:.4f} (dashed)"
+        )
+        axes[0, 0].set_title(f"wind → h\n{bounds}", fontsize=9)
+        axes[0, 1].set_title("wind → actuators\n", fontsize=9)
+        axes[0, 0].set_ylabel("singular value (s/m)")
+        axes[0, 0].set_ylim(star * 1e-3, star * 4.0)
+        axes[0, 1].set_ylim(1e-5, None)
+        for axis in axes[0]:
+            axis.set_xlabel("frequency (rad/s)")
+        axes[0, 0].legend(loc="lower left", title="largest of each loop", title_fontsize=8)
+
+
+def draw_margins(design: FinishedDesign, path: Path) -> None:
+    """Disk margin of all channels at once over frequency, at the plant's input and output."""
+    with picture(path, 1, 2, (7.2, 3.2), sharex=True, sharey=True) as (_, axes):
+        for axis, where in zip(axes[0], ("input", "output"), strict=True):
+            for loop, (colour, style) in _looks(design):
+                omega = _frequencies(loop)
+                L = loop.at_input(omega) if where == "input" else loop.at_output(omega)
+                alpha = disk_margins(L)
+                axis.loglog(omega, alpha, color=colour, ls=style, label=loop.name)
+                if loop is design.loops[-1]:
+                    worst = int(np.argmin(alpha))
+                    axis.plot(omega[worst], alpha[worst], "o", color=colour, ms=4)
+                    axis.annotate(
+                        f"{alpha[worst]:.2f}",
+                        (omega[worst], alpha[worst]),
+                        xytext=(6, -10),
+                        textcoords="offset points",
+                        color=colour,
+                        fontsize=9,
+                    )
+            axis.axhline(WANTED_DISK, color=RED, lw=0.9)
+            axis.text(0.11, WANTED_DISK * 0.97, "wanted: 0.5", color=RED, va="top", fontsize=8)
+            axis.set_title(f"at the plant {where}")
+            axis.set_xlabel("frequency (rad/s)")
+        axes[0, 0].set_ylim(0.3, 3.0)
+        ticks = (0.3, 0.5, 1.0, 2.0, 3.0)
+        axes[0, 0].set_yticks(ticks, [f"{t:g}" for t in ticks])
+        axes[0, 0].minorticks_off()
+        axes[0, 0].set_ylabel(r"disk margin $\alpha$, all channels at once")
+        axes[0, 0].legend(loc=(0.62, 0.36))
+
+
+def draw_steps(design: FinishedDesign, path: Path) -> None:
+    """Steps of roll, pitch and heading: angles above, actuators below."""
+    time_s = np.arange(ticks_in(STEP_LENGTH_S)) * TICK_S
+    names = ("roll", "pitch", "heading")
+    with picture(path, 2, 3, (7.6, 4.2), sharex=True) as (_, axes):
+        for i, (name, size) in enumerate(zip(names, STEPS_DEG, strict=True)):
+            r = np.zeros(3)
+            r[i] = np.radians(size)
+            ideal = np.degrees(step(design.loops[0], r, time_s)[0])
+            flown, u = step(design.loops[-1], r, time_s)
+            top, bottom = axes[0, i], axes[1, i]
+            top.plot(
+                time_s, r[i] * 180.0 / np.pi + 0.0 * time_s, color=RED, lw=0.8, label="command"
+            )
+            colour, style = _LOOKS[0]
+            if len(design.loops) > 1:
+                top.plot(time_s, ideal[:, i], color=colour, ls=style, label="state feedback")
+            top.plot(time_s, np.degrees(flown)[:, i], color=BLUE, label="as flown")
+            others = np.delete(np.degrees(flown), i, axis=1)
+            top.plot(time_s, others, color=BLUE, lw=0.6, alpha=0.6)
+            top.set_title(f"{name} step, {size:g}°")
+            for channel, (label, c, ls) in enumerate(_INPUTS):
+                bottom.plot(time_s, u[:, channel], color=c, ls=ls, label=label)
+            bottom.set_xlabel("time (s)")
+            bottom.set_xlim(0.0, STEP_LENGTH_S)
+        axes[0, 0].set_ylabel("angle (deg)")
+        axes[1, 0].set_ylabel("actuators from trim (−1…1)")
+        axes[0, 1].sharey(axes[0, 0])
+        axes[0, 0].legend(loc="center right")
+        axes[1, 0].legend(loc="upper right", ncols=3, columnspacing=0.8, handlelength=1.2)
+
+
+def step(loop: Loop, size_rad: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles (n, 3), rad, and actuators' positions (n, 3) from trim after a step of the command.
+
+    Parameters
+    ----------
+    loop : Loop
+    size_rad : (3,) array
+        Of the commanded phi, theta, psi.
+    time_s : (n,) array
+        On the loop's ticks if it is sampled.
+    """
+    closed = loop.closed[list(POSITIONS), list(COMMANDS)]
+    inputs = np.repeat(size_rad[:, None], time_s.size, axis=1)
+    import control
+
+    found = control.forced_response(closed, timepts=time_s, inputs=inputs)
+    return found.states[list(ATTITUDE)].T, found.outputs.T
