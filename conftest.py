@@ -8,6 +8,7 @@ import signal
 import subprocess
 import tempfile
 import time
+import zlib
 from collections import defaultdict
 from pathlib import Path
 
@@ -57,8 +58,20 @@ def small_disk(tmp_path):
 _LONG = ("tests/commands/test_readme_commands.py",)
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
+    """Long files first; of the slow tests the tenth that run_tests.sh names, where it names one."""
     items.sort(key=lambda item: not item.nodeid.startswith(_LONG))
+    tenth = os.environ.get("HELI_SLOW_TENTH")
+    if tenth is None:
+        return
+    left = [
+        item
+        for item in items
+        if item.get_closest_marker("slow") and zlib.crc32(item.nodeid.encode()) % 10 != int(tenth)
+    ]
+    config.hook.pytest_deselected(items=left)
+    gone = set(left)
+    items[:] = [item for item in items if item not in gone]
 
 
 @pytest.fixture
@@ -114,8 +127,8 @@ class Bench:
         bench, self.sent = self, defaultdict(list)
 
         class Observed(kind):
-            def create_output(self, topic):
-                send = super().create_output(topic)
+            def create_topic_publisher(self, topic):
+                send = super().create_topic_publisher(topic)
 
                 def observed(raw):
                     bench.sent[topic].append(bench.decoded(topic, raw))
@@ -136,7 +149,8 @@ class Bench:
         return self._coders[kind, topic]
 
     def decoded(self, topic, raw):
-        from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
+        from heli_msgs_bridge.layouts import CHANNELS, MessageError
+        from heli_msgs_bridge.messages import Decoder
 
         if topic not in CHANNELS:
             return raw
@@ -227,7 +241,8 @@ def identified_once(tmp_path_factory):
     """
     import cloudpickle
 
-    from heli_flight.studies.identify.command import Wanted, execute
+    from heli_studies.identify import IdentifyOrder
+    from heli_studies.identify_report import execute
 
     top = tmp_path_factory.getbasetemp()
     top = top.parent if "PYTEST_XDIST_WORKER" in os.environ else top
@@ -235,6 +250,6 @@ def identified_once(tmp_path_factory):
     with open(top / "identified_once.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not outcome.exists():
-            found = execute(Wanted(seed=1, one_process=True), folder)
+            found = execute(IdentifyOrder(seed=1, one_process=True), folder)
             outcome.write_bytes(cloudpickle.dumps(found))
     return cloudpickle.loads(outcome.read_bytes()), folder

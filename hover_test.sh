@@ -12,8 +12,5 @@ HELI_ROOT=$PWD
 cd -- "$OLDPWD"
 # shellcheck source=scripts/setup_env.sh
 source "$HELI_ROOT/scripts/setup_env.sh"
-# shellcheck source=scripts/help_text.sh
-source "$HELI_ROOT/scripts/help_text.sh"
-heli_help hover_test "$@"
 heli_setup_env
 heli_start hover_test "$@"

@@ -22,11 +22,13 @@ Usage: ./run_tests.sh [ARGUMENTS OF PYTEST]
 
   Run every check: ruff (lint, format), mypy, import contracts, then pytest.
 
-  Without arguments all tests run, on all cores. With arguments pytest has one
-  process and gets them:
+  Without arguments all tests run, on all cores, but of the slow ones a tenth,
+  another one after each commit. With arguments pytest has one process and gets
+  them:
 
     ./run_tests.sh src/heli_observer -k bias    one package, tests with that word
     ./run_tests.sh tests/flight -x              one folder, until the first failure
+    ./run_tests.sh -m slow                      the slow ones, all of them
     ./run_tests.sh -m nightly                   the long forms
 
   What pytest itself takes: ./heli python -m pytest --help
@@ -42,6 +44,9 @@ heli_setup_env test
 
 if [ $# = 0 ]; then
     cd -- "$HELI_ROOT"
+    # Of the slow tests a tenth, another one after each commit; `-m slow` runs all.
+    HELI_SLOW_TENTH=$(($(git rev-list --count HEAD 2>/dev/null || echo 0) % 10))
+    export HELI_SLOW_TENTH
     # A file's tests share what its fixtures have flown, so a file stays in one process.
     set -- -n auto --dist loadfile --no-loadscope-reorder
 fi

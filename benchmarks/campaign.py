@@ -22,10 +22,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import yaml
 
-from heli_flight.studies.dispersion.cluster import connected, fly_on, tasks
-from heli_flight.studies.dispersion.row import CAUSE, Cause
-from heli_flight.studies.dispersion.spec import Spec, spec_of
-from heli_flight.studies.dispersion.store import Store
+from heli_studies.campaign.run import Store, connected, fly_on, tasks
+from heli_studies.campaign.spec import CAUSE, FlightEnding, Spec, spec_of
 
 SPEC = Path(__file__).resolve().parents[1] / "examples" / "campaign_paper.yaml"
 FLIGHTS, ROUNDS, CHUNK, WORKERS = 200, 3, 5, (1, 2)
@@ -50,7 +48,7 @@ def _flown(client: Any, spec: Spec, file: Path, todo: Sequence[Sequence[int]], t
     for rows in fly_on(client, spec, todo):
         store.put(rows)
         count += len(rows)
-        assert all(row[CAUSE] == Cause.FLOWN for row in rows)
+        assert all(row[CAUSE] == FlightEnding.FLOWN for row in rows)
     assert count == sum(map(len, todo))
     return time.perf_counter() - begun
 
@@ -81,7 +79,7 @@ def speed(flights: int, rounds: int) -> dict[str, Any]:
 
 
 def _warm(spec: Spec) -> None:
-    from heli_flight.studies.dispersion.row import fly_rows
+    from heli_studies.campaign.spec import fly_rows
 
     fly_rows(spec, [0])
 

@@ -24,11 +24,11 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from heli_flight.loop.closed_loop import build, fly_loop
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_math.jit import cache_root
-from heli_math.ticks import TICK_S
+from heli_core.jit import cache_root
+from heli_core.ticks import TICK_S
+from heli_flight.loop import build, fly_loop
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
 
 ROUNDS, FLIGHT_S, QUICK_S = 5, 60.0, 5.0
 GOAL_TIMES_REAL_TIME, GOAL_START_S = 600.0, 1.5

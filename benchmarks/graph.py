@@ -24,7 +24,7 @@ from typing import Any
 
 import ring
 
-from heli_math.ticks import TICKS_PER_S
+from heli_core.ticks import TICKS_PER_S
 
 SHAPES = {"four processes": False, "one process": True}
 GOALS = {"four processes": 0.8, "one process": 0.6}

@@ -27,7 +27,7 @@ from typing import Any
 
 import ring
 
-from heli_math.ticks import TICKS_PER_S
+from heli_core.ticks import TICKS_PER_S
 
 SHAPES = {
     "four processes": ("plant", "observer", "inner_loop", "outer_loop", "recorder"),

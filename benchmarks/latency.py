@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import ring
 
-from heli_math.ticks import OF_100_HZ, RATES_HZ, TICK_NS, Rate
+from heli_core.ticks import OF_100_HZ, RATES_HZ, TICK_NS, Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 
@@ -45,7 +45,7 @@ def listen(ready: Any, over: Any, told: Any) -> None:
     from rclpy.experimental.events_executor import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    from heli_msgs_bridge.arrivals import with_info
+    from heli_msgs_bridge.sources import with_info
 
     sent: dict[str, dict[int, int]] = {topics.IMU: {}, topics.ACTUATORS: {}}
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.SIGINT)

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from heli_core.ticks import NS_PER_S, TICK_NS
+from heli_flight.graph.nodes import prepare_environment
 from heli_flight.graph.processes import DOMAIN, others_in
-from heli_flight.graph.ros_session import prepare_environment
-from heli_math.ticks import NS_PER_S, TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 

@@ -19,8 +19,8 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from heli_flight.graph.processes import DOMAIN, domain_reserved
-from heli_flight.graph.ros_session import DISCOVERY, prepare_environment
+from heli_flight.graph.nodes import prepare_environment
+from heli_flight.graph.processes import DISCOVERY, DOMAIN, domain_reserved
 
 TASKS, QUICK_TASKS, WORKERS, ROW_KEYS = 5000, 200, 2, 40
 # Where Fast DDS looks for others; beyond 32 participants those of one machine only do not suffice.

@@ -31,7 +31,7 @@ import ring
 from latency import family
 
 from heli_bags.tools import bag_info
-from heli_math.ticks import OF_100_HZ
+from heli_core.ticks import OF_100_HZ
 from heli_msgs_bridge import topics
 
 SECONDS, REALTIME_SECONDS, STARTS, INTERRUPTS = 3600.0, 1200.0, 100, 50

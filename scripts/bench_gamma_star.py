@@ -15,15 +15,20 @@ from pathlib import Path
 
 import numpy as np
 
+from heli_core.errors import CertificateError
+from heli_core.parameters import load
 from heli_inner_hinf.design import shaped
-from heli_inner_hinf.errors import CertificateError
-from heli_inner_hinf.gamma_star import REL_TOL, gamma_star_of
-from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
-from heli_inner_hinf.regular_form import checked_plant, regular_form
-from heli_inner_hinf.riccati import SplitProblem, split
-from heli_inner_hinf.synthesis import acceptance
-from heli_inner_hinf.weights import weights
-from heli_parameters.parameters import load
+from heli_inner_hinf.parameters import NODE_NAME, TABLE
+from heli_inner_hinf.synthesis import (
+    REL_TOL,
+    SplitProblem,
+    acceptance,
+    checked_plant,
+    gamma_star_of,
+    regular_form,
+    split,
+    weights,
+)
 
 YAML = Path(__file__).resolve().parent.parent / "src/heli_inner_hinf/config/inner_loop.yaml"
 

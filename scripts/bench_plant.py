@@ -15,20 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
+from heli_core.command_line import config_folder
+from heli_core.jit import njit_counted
+from heli_core.parameters import load, with_common
+from heli_core.rows import MEAS, PLANT
+from heli_core.ticks import TICK_S
 from heli_dynamics_sim import plant
-from heli_dynamics_sim.helicopter import same_air
-from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
+from heli_dynamics_sim.airframe import STEP_S
+from heli_dynamics_sim.helicopter import WORK_ROWS, rk4_step, same_air
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_dynamics_sim.parameter_table import TABLE
-from heli_dynamics_sim.state import STEP_S
-from heli_flight.loop.closed_loop import build, fly_loop
-from heli_flight.loop.settings import resolve
-from heli_math.jit import njit_counted
-from heli_math.rows import MEAS, PLANT
-from heli_math.ticks import TICK_S
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
+from heli_dynamics_sim.parameters import TABLE
+from heli_flight.loop import build, fly_loop
+from heli_flight.settings import resolve
 
 STEP_BUDGET_US = 5.0
 _COLD = "import sys; sys.path[:0] = {path!r}; import runpy; runpy.run_path({me!r}, run_name='cold')"
@@ -37,7 +35,7 @@ _COLD = "import sys; sys.path[:0] = {path!r}; import runpy; runpy.run_path({me!r
 def default_config():
     """PlantConfig of the packaged parameters."""
     files = [
-        config_folder("heli_parameters") / "common.yaml",
+        config_folder("heli_core") / "common.yaml",
         config_folder("heli_dynamics_sim") / "plant.yaml",
     ]
     values = load(with_common(TABLE), files, "plant")
@@ -81,9 +79,9 @@ def warm_up():
     y = np.zeros(MEAS.size)
     start = time.perf_counter()
     state = plant.initial_state(config, 1)
-    plant.measure(state, 0, NoiseStreams(1).row(), config.kernel, y)
-    plant.advance(state, state.x[PLANT.servo].copy(), config.kernel)
-    plant.status(state, config.kernel)
+    plant.measure(state, 0, NoiseStreams(1).row(), config.params, y)
+    plant.advance(state, state.x[PLANT.servo].copy(), config.params)
+    plant.status(state, config.params)
     return time.perf_counter() - start
 
 
@@ -117,11 +115,11 @@ def main():
     x0, u, air = state.x.copy(), state.x[PLANT.servo].copy(), same_air([-2.0, -2.0, 0.2])
     work, y = np.zeros((WORK_ROWS, PLANT.size)), np.zeros(MEAS.size)
     rows = NoiseStreams(1).rows(20000)
-    _steps(x0, u, air, config.helicopter.kernel, work, 1)
-    _ticks(state, x0, rows[:1], u, config.kernel, y)
+    _steps(x0, u, air, config.helicopter.params, work, 1)
+    _ticks(state, x0, rows[:1], u, config.params, y)
     n = 100_000
-    step = _best_us(lambda: _steps(x0, u, air, config.helicopter.kernel, work, n), n)
-    tick = _best_us(lambda: _ticks(state, x0, rows, u, config.kernel, y), len(rows))
+    step = _best_us(lambda: _steps(x0, u, air, config.helicopter.params, work, n), n)
+    tick = _best_us(lambda: _ticks(state, x0, rows, u, config.params, y), len(rows))
     draw = _best_us(lambda: NoiseStreams(1).rows(20000), 20000, repeats=3)
     times = loop_times_real_time()
     if "--json" in sys.argv[1:]:

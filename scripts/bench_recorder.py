@@ -35,7 +35,8 @@ def publish(names: list[str], rate: float, seconds: float, sent: multiprocessing
     from rclpy.duration import Duration
 
     from heli_msgs_bridge import topics
-    from heli_msgs_bridge.messages import CHANNELS, Encoder
+    from heli_msgs_bridge.layouts import CHANNELS
+    from heli_msgs_bridge.messages import Encoder
 
     rclpy.init(args=[])
     node = rclpy.create_node("bench_publisher")

@@ -106,11 +106,13 @@ def _write(path: Path, text: str) -> None:
 def contents(nav: list[Any], made: Sequence[Path], root: Path) -> list[Any]:
     """The contents with packages, and with what was made from the code, before the last section."""
     packages = sorted(path.parent.name for path in root.glob("src/*/README.md"))
+    details = root.glob("docs/packages/*.md")
     reference: list[Any] = ["docs/ros.md", str(made[0])]
     return [
         *nav[:-1],
         {"Reference": [*reference, {"Public names": [str(page) for page in made[1:]]}]},
         {"Packages": [{name: f"src/{name}/README.md"} for name in packages]},
+        {"Packages, in detail": sorted(f"docs/packages/{path.name}" for path in details)},
         nav[-1],
     ]
 

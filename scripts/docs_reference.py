@@ -104,7 +104,7 @@ def command_page() -> str:
     parts = [
         "# Commands",
         "Each is `./heli COMMAND`; `./hover_test.sh` is `./heli hover`. Exit codes: "
-        "[heli_flight](../src/heli_flight/README.md#commands).",
+        "[heli_flight](../docs/packages/flight.md#commands).",
     ]
     for words, command in _commands((), get_command(app)):
         name = " ".join(words)

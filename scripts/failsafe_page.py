@@ -10,14 +10,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from heli_modes.failsafes import FAILSAFES, Action
+from heli_outer_pd.failsafes import FAILSAFES, Action
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "failsafes.md"
 _HEAD = """\
 # Failsafes of navigation and of links
 What goes wrong, how it is found, and what the aircraft does by itself; the same in one process and
 in the graph, as detection stands in the kernels of observer, loops and actuator side. Drawn from
-`heli_modes/failsafes.py` by `./heli python scripts/failsafe_page.py`; each row is flown in
+`heli_outer_pd/failsafes.py` by `./heli python scripts/failsafe_page.py`; each row is flown in
 `tests/flight/test_failsafes*.py`. Of several actions the one further down in the second table wins.
 Nodes that are gone are of the graph alone, flown in `tests/graph/test_respawn.py`.
 

@@ -25,10 +25,11 @@ except ImportError:
     )
 
 # What is imported here tells which of its branches are taken; kernels are compiled and cannot.
-_WATCHED = ["heli_bags", "heli_msgs_bridge", "heli_parameters", "mcap", "rosbags.typesys", "yaml"]
-_KERNELS = [f"heli_msgs_bridge.{name}" for name in ("frames", "links", "packing")]
+_WATCHED = ["heli_bags", "heli_msgs_bridge", "heli_core", "mcap", "rosbags.typesys", "yaml"]
+_KERNELS = [f"heli_msgs_bridge.{name}" for name in ("frames", "layouts", "links")]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 with atheris.instrument_imports(_WATCHED, _KERNELS, enable_loader_override=False):
-    from heli_flight.testing.fuzz_parsers import PARSERS
+    from support.fuzz_parsers import PARSERS
 
 # A message or a file is no longer; the memory, MB, that one input may take.
 _MOST_BYTES, _MOST_MB, _MOST_S = 65_536, 4096, 20

@@ -29,7 +29,7 @@ from PIL import Image
 
 from heli_flight.terminal import steps
 from heli_live_view.access import Access
-from heli_live_view.page_server import PageServer
+from heli_live_view.server import PageServer
 
 ROOT = Path(__file__).resolve().parent.parent
 WEB = ROOT / "src/heli_live_view/web"

@@ -22,9 +22,8 @@ from types import ModuleType
 
 from PIL import Image
 
-from heli_flight.studies.replay.opened import replay_of
-from heli_flight.studies.replay.serving import served
-from heli_live_view.happenings import GROUND
+from heli_flight.replay import replay_of, served
+from heli_live_view.replay import GROUND
 
 ROOT = Path(__file__).resolve().parent.parent
 SIZE_PX = (1440, 900)

@@ -11,23 +11,21 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from heli_actions.messages import PACKAGE
-from heli_actions.node import PREFIX, ActionsNode
-from heli_actions.table import RULES
+from heli_actions.node import PACKAGE, PREFIX, RULES, ActionsNode
 from heli_bags.node import RecorderNode
+from heli_core.parameters import COMMON_TABLE, Parameter
 from heli_dynamics_sim.node import PlantNode
 from heli_flight.graph.scenario_node import ScenarioNode
 from heli_flight.graph.world_clock_node import WorldClockNode
 from heli_inner_hinf.node import InnerLoopNode
-from heli_live_view.node import STATE_HZ, LiveViewNode
+from heli_live_view.node import LiveViewNode
+from heli_live_view.state import STATE_HZ
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.channels import CHANNELS
-from heli_msgs_bridge.frame_ids import BASE, MAP, ODOM
-from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.lifecycle_node import ManagedNode
+from heli_msgs_bridge.topics import BASE, MAP, ODOM
 from heli_observer.node import ObserverNode
 from heli_outer_pd.node import OuterLoopNode
-from heli_parameters.common_table import COMMON_TABLE
-from heli_parameters.parameters import Parameter
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros.md"
 NODES: tuple[type[ManagedNode], ...] = (

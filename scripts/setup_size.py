@@ -20,7 +20,7 @@ from packaging.markers import Marker
 from packaging.tags import Tag, sys_tags
 from packaging.utils import parse_wheel_filename
 
-from heli_flight.errors import FlightError
+from heli_core.errors import FlightError
 
 LISTS = Path(__file__).resolve().parents[1] / "requirements" / "hashes"
 NAMES = ("flight", "uv", "test")

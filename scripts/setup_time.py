@@ -17,9 +17,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from heli_flight.errors import FlightError
-from heli_flight.studies.results.files import checkout
+from heli_core.errors import FlightError
 
+ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("environment", "uv", "wheels", "packages", "kernels")
 # What the environment that runs this script would lend to the set-up in the clone.
 _LENT = (
@@ -122,7 +122,7 @@ def main() -> int:
     """Returns the exit code."""
     try:
         with tempfile.TemporaryDirectory(prefix="heli_setup_time.") as folder:
-            found = measure(checkout(), Path(folder))
+            found = measure(ROOT, Path(folder))
     except FlightError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -11,7 +11,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from heli_flight.studies.design.make import Design, make_design, write_yaml
+from heli_studies.design.make import FinishedDesign, make_design, write_yaml
 
 FOLDER = Path(__file__).resolve().parent.parent / "src/heli_flight/config/designs"
 
@@ -47,7 +47,7 @@ CHOICES = {
 }
 
 
-def design_of(name: str) -> Design:
+def design_of(name: str) -> FinishedDesign:
     """Design of a packaged aircraft by CHOICES."""
     choice = CHOICES[name]
     return make_design(aircraft=f"{name}.yaml", gamma=choice.gamma, search=True)

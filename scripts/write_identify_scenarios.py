@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from heli_inner_hinf.design_files import flow_array
-from heli_math.multisine import Multisine, design_multisine, zippered_lines
+from heli_core.signals import Multisine, design_multisine, zippered_lines
+from heli_inner_hinf.design import flow_array
 
 FOLDER = Path(__file__).resolve().parent.parent / "src/heli_flight/config/scenarios"
 PERIOD_S = 20.0

@@ -12,17 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from heli_dynamics_sim.linearize import linearize
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.trim import trim
-from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.design_files import flow_array, write_model_yaml
+from heli_core.parameters import load
+from heli_core.rows import NINE
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_dynamics_sim.trim import linearize, trim
+from heli_inner_hinf.design import AttitudeConfig, flow_array, write_model_yaml
 from heli_inner_hinf.loops import Model
-from heli_inner_hinf.observer_gain import choose_observer_gain
-from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
-from heli_inner_hinf.pid_tuning import gains_of, tune_pid
-from heli_math.rows import NINE
-from heli_parameters.parameters import load
+from heli_inner_hinf.parameters import NODE_NAME, TABLE
+from heli_inner_hinf.tuning import choose_observer_gain, gains_of, tune_pid
 
 SOURCES = Path(__file__).resolve().parent.parent / "src"
 

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.design.mu_law import MuDesign, MuWeights, mu_design
-from heli_inner_hinf.as_flown import sampled_response
+from heli_core.errors import RobustError
+from heli_core.rcl_yaml import dump_all
+from heli_flight.settings import resolve
+from heli_inner_hinf.controller_state import OutputLaw, output_law
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.output_law import OutputLaw, output_law
-from heli_parameters.parameters import dump_all
-from heli_robust.errors import RobustError
+from heli_inner_hinf.loops import sampled_response
+from heli_studies.design.rivals import MuDesign, MuWeights, mu_design
 
 FILE = Path(__file__).resolve().parent.parent / "src/heli_flight/config/laws/mu.yaml"
 _DIGITS = 9

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from heli_parameters.locate import executable, share_folder
+from heli_core.command_line import executable, share_folder
 
 
 class LaunchError(RuntimeError):

@@ -3,10 +3,10 @@
 
 import numpy as np
 
+from heli_core.metrics import METRICS
 from heli_flight.cli import app as cli
-from heli_flight.studies.dispersion.spec import spec_of
-from heli_flight.studies.dispersion.store import Store
-from heli_math.paper_metrics import METRICS
+from heli_studies.campaign.run import Store
+from heli_studies.campaign.spec import spec_of
 
 READY = "document.documentElement.dataset.ready === 'true'"
 TEXT = """flights: 200

@@ -7,10 +7,10 @@ import re
 import pytest
 
 from heli_flight.cli import app as cli
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.flight_file import write_parameters
-from heli_flight.loop.record_file import write_record
-from heli_flight.loop.settings import resolve
+from heli_flight.flight_file import write_parameters
+from heli_flight.loop import simulate
+from heli_flight.record import write_record
+from heli_flight.settings import resolve
 
 READY = "document.documentElement.dataset.ready === 'true'"
 # A4 without the margins of the style sheet, CSS pixels.

@@ -8,18 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_flight.report import Event, write_report
-from heli_flight.studies.identify.report import PAGE
+from heli_flight.loop import simulate
+from heli_flight.report.data import DiagnosticEvent
+from heli_flight.report.write import write_report
+from heli_flight.result import Result
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
+from heli_studies.identify_report import PAGE
 
 READY = "document.documentElement.dataset.ready === 'true'"
 EVENTS = (
-    Event(0.0, "observer", 0, "active"),
-    Event(7.0, "observer", 1, "GPS <timeout> & more"),
-    Event(9.0, "observer", 0, "active"),
+    DiagnosticEvent(0.0, "observer", 0, "active"),
+    DiagnosticEvent(7.0, "observer", 1, "GPS <timeout> & more"),
+    DiagnosticEvent(9.0, "observer", 0, "active"),
 )
 # The page is about 2.2 MB, 1.2 of them Plotly.
 LARGEST_PAGE_BYTES = 3_000_000

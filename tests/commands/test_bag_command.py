@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
-from heli_bags.recorder import BagRecorder
+from heli_bags.writer import BagRecorder
+from heli_core.ticks import TICK_NS
 from heli_flight.cli import app as cli
-from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.messages import CHANNELS, Encoder
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import Encoder
 
 NAMES = (topics.ACTUATORS, topics.BARO, topics.TRUTH_WIND)
 TICKS = 200

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from pyulog import ULog
 
-from heli_bags.ulog import Table, ulog
+from heli_bags.tools import LogTopic, ulog
+from heli_core.rotations import euler_angles
 from heli_flight.cli import app as cli
-from heli_flight.loop.record_file import NAME, read_record
-from heli_flight.report.as_ulog import ulog_of
-from heli_flight.report.from_bag import recorded
-from heli_math.rotations import euler_angles
+from heli_flight.record import NAME, read_record
+from heli_flight.report.write import recorded, ulog_of
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +107,8 @@ def test_messages_are_in_the_order_of_their_times_and_unknown_rows_are_left_out(
     time_us = np.arange(4, dtype=np.uint64) * np.uint64(10_000)
     some = np.array([True, False, True, True])
     tables = [
-        Table("a", {"v": np.arange(4, dtype=np.float32)}, some),
-        Table("b", {"w": np.arange(8, dtype=np.float32).reshape(4, 2)}, ~some),
+        LogTopic("a", {"v": np.arange(4, dtype=np.float32)}, some),
+        LogTopic("b", {"w": np.arange(8, dtype=np.float32).reshape(4, 2)}, ~some),
     ]
     file = tmp_path / "x.ulg"
     file.write_bytes(ulog(time_us, tables, {}, {"small": 3, "large": 2**40}))

@@ -22,6 +22,7 @@ def quick(name):
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_the_closed_loop_is_measured_in_parts_and_needs_no_peer():
     found = quick("closed_loop")
     assert all(found[f"{part}_s"] > 0.0 for part in ("resolve", "build", "fly", "score", "command"))
@@ -29,12 +30,14 @@ def test_the_closed_loop_is_measured_in_parts_and_needs_no_peer():
     assert "times_peer" not in found
 
 
+@pytest.mark.slow
 def test_tasks_come_back_and_participants_find_each_other():
     found = quick("scaling")
     assert found["empty_tasks"]["tasks_per_s"] > 0.0
     assert [(row["count"], row["seen"]) for row in found["participants"]] == [(2, 2), (4, 4)]
 
 
+@pytest.mark.slow
 def test_a_campaign_flies_on_one_and_two_workers_and_its_memory_is_looked_at():
     found = quick("campaign")
     assert set(found["speed"]["rates"]) == {"1", "2"}
@@ -43,6 +46,7 @@ def test_a_campaign_flies_on_one_and_two_workers_and_its_memory_is_looked_at():
     assert all(look["resident_mb"] > 10.0 for look in found["memory"]["looks"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["closed_loop", "scaling", "campaign"])
 def test_a_word_that_is_not_known_is_refused(name):
     done = run(name, "--quik")

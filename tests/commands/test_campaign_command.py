@@ -14,9 +14,8 @@ from pathlib import Path
 import pytest
 
 from heli_flight.cli import app as cli
-from heli_flight.studies.dispersion.row import fly_rows
-from heli_flight.studies.dispersion.spec import spec_of
-from heli_flight.studies.dispersion.store import ROWS, Store
+from heli_studies.campaign.run import ROWS, Store
+from heli_studies.campaign.spec import fly_rows, spec_of
 
 FLIGHTS = 24
 TEXT = f"""flights: {FLIGHTS}
@@ -140,7 +139,7 @@ def test_whatever_is_killed_nothing_is_lost_or_flown_twice(
     ],
 )
 def test_what_cannot_be_done_is_one_line(file, tmp_path, capsys, monkeypatch, words, said):
-    monkeypatch.setattr("heli_flight.studies.dispersion.cluster._REACH_S", 1.0)
+    monkeypatch.setattr("heli_studies.campaign.run._REACH_S", 1.0)
     assert cli.main(["campaign", str(file), "--out", str(tmp_path / "out"), *words]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1 and said in lines[0]

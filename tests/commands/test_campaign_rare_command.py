@@ -7,12 +7,12 @@ from contextlib import contextmanager
 import pytest
 
 from heli_flight.cli import app as cli
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.dispersion import cluster
-from heli_flight.studies.dispersion import row as rows
-from heli_flight.studies.dispersion.store import Store
+from heli_flight.loop import simulate
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
+from heli_studies.campaign import run as cluster
+from heli_studies.campaign import spec as rows
+from heli_studies.campaign.run import Store
 
 NAME = "altitude (truth)"
 TEXT = """flights: 1
@@ -65,7 +65,7 @@ def without_flying(spec, numbers):
     """Rows as of `fly_rows`; the metric is the product of the two inputs."""
     found = []
     for number in numbers:
-        row = rows._begun(spec, number) | rows._end(rows.Cause.FLOWN, "", 0)
+        row = rows._begun(spec, number) | rows._end(rows.FlightEnding.FLOWN, "", 0)
         mass, inertia = spec.inputs[number]
         found.append(row | {f"max.{NAME}": mass * inertia})
     return found
@@ -82,7 +82,7 @@ def threads(workers, scheduler):
 
 
 def test_worst_is_the_same_whoever_flies(file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("heli_flight.studies.rare.flights.connected", threads)
+    monkeypatch.setattr("heli_studies.campaign.rare.connected", threads)
     monkeypatch.setattr(cluster, "fly_rows", without_flying)
     results = []
     for workers in (0, 1):

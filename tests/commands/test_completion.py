@@ -11,8 +11,8 @@ import sys
 import pytest
 
 from heli_flight.cli import app as cli
-from heli_flight.loop.layers import GPS_PRESETS, scenario_names
-from heli_inner_hinf.law_state import CONTROLLERS
+from heli_flight.settings import GPS_PRESETS, scenario_names
+from heli_inner_hinf.controller_state import CONTROLLERS
 
 HELI = (sys.executable, "-m", "heli_flight.cli.app")
 ESCAPE = re.compile(r"\x1b")

@@ -6,13 +6,13 @@ import signal
 import numpy as np
 import pytest
 
-from heli_bags.recorder import BagRecorder
+from heli_bags.writer import BagRecorder
 from heli_flight.cli import app as cli
 from heli_flight.interrupts import EXIT_CODE
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
 
-STUDIES = "heli_flight.studies"
+STUDIES = "heli_studies"
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +31,10 @@ def bag(tmp_path_factory):
 @pytest.mark.parametrize(
     ("words", "step"),
     [
-        (["design"], f"{STUDIES}.design.pictures.draw_all"),
-        (["compare", "attitude", "--seeds", "1"], f"{STUDIES}.compare.attitude.compare"),
+        (["design"], f"{STUDIES}.design.report.draw_all"),
+        (["compare", "attitude", "--seeds", "1"], f"{STUDIES}.compare_flights.compare_attitude"),
         (["bag", "csv", "BAG"], "heli_bags.tools.write_csv"),
-        (["identify", "--one-process"], f"{STUDIES}.identify.command.run"),
+        (["identify", "--one-process"], f"{STUDIES}.identify_report.run"),
     ],
     ids=["design", "compare", "csv", "identify"],
 )
@@ -66,8 +66,8 @@ def test_an_identification_that_is_being_written_is_written_whole(tmp_path, monk
         signal.raise_signal(signal.SIGINT)
         (folder / "report.html").touch()
 
-    monkeypatch.setattr(f"{STUDIES}.identify.command.run", run)
-    monkeypatch.setattr(f"{STUDIES}.identify.command.write", write)
+    monkeypatch.setattr(f"{STUDIES}.identify_report.run", run)
+    monkeypatch.setattr(f"{STUDIES}.identify_report.write", write)
     words = ["identify", "--one-process", "--out", str(folder)]
     assert cli.main(words) == EXIT_CODE
     assert (folder / "report.html").exists() == folder.exists() == flown

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import typer
 
+from heli_core.errors import InfeasibleGammaError
 from heli_flight.cli import app as cli
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.compare import laws
-from heli_flight.studies.compare import robustness as compare_robustness
+from heli_flight.loop import simulate
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.errors import InfeasibleGammaError
+from heli_studies import compare as compare_robustness
+from heli_studies import compare as laws
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -324,7 +324,7 @@ class TestCompareAttitude:
         assert (code, found["flap_back_radpmps"]) == (0, compare_robustness.FLAP_BACK_RADPMPS)
         row = next(f for f in found["flights"] if f["source"] == "truth")
         settings = resolve("attitude_gusts", duration_s=10.0)
-        campaign = compare_robustness.Campaign(settings, laws.parse_laws("pid"))
+        campaign = compare_robustness.RobustnessSetup(settings, laws.parse_laws("pid"))
         assert max(row["max_deg"]) == campaign.fly(("flap_back",), 101)["pid"]
 
     @pytest.mark.parametrize(

@@ -22,19 +22,19 @@ import pytest
 import yaml
 from rosidl_adapter.parser import parse_action_file
 
-from heli_actions.node import PREFIX
-from heli_actions.table import Kind
+from heli_actions.node import PREFIX, Kind
+from heli_core.command_line import executable
+from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli import app as cli
-from heli_flight.loop.settings import NODES
+from heli_flight.settings import NODES
 from heli_msgs_bridge import topics
-from heli_parameters.locate import executable
-from heli_parameters.parameters import ParameterError
 
 ROOT = Path(__file__).resolve().parents[2]
 READMES = ["README.md", "CONTRIBUTING.md"]
 READMES += sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("src/*/README.md"))
 READMES += sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("docs/**/*.md"))
 
+SLOW = pytest.mark.slow
 # Begin of a command -> what is appended to make it short; the last of two equal options counts.
 SHORTER = {
     "./hover_test.sh": "--duration 4 --no-report",
@@ -47,8 +47,8 @@ SHORTER = {
     "./heli compare robustness": "--n 1 --duration 6",
     "./heli identify": "--one-process",
     "./run_tests.sh": "--collect-only -q tests/flight",
-    "./heli python scripts/sweep_cpu_types.py": "--only native -k atmosphere",
-    "./heli python scripts/compare_cpu_types.py": "--seeds 1 --only Nehalem",
+    "./heli python -m evidence.sweep_cpu_types": "--only native -k atmosphere",
+    "./heli python -m evidence.experiments.cpu_types": "--seeds 1 --only Nehalem",
 }
 # Commands that look at a running graph: one flies in real time beside them.
 NEED_A_GRAPH = ("./heli topics", "./heli echo", "./heli fault", "./heli python examples/")
@@ -206,7 +206,7 @@ def table_of(node_name):
     packages |= {"recorder": "heli_bags", "live_view": "heli_live_view", "actions": "heli_actions"}
     node = node_name.strip("/").split("/")[-1]
     assert node in packages, f"no node {node_name}"
-    return {row.name: row for row in import_module(f"{packages[node]}.parameter_table").TABLE}
+    return {row.name: row for row in import_module(f"{packages[node]}.parameters").TABLE}
 
 
 def check_run(words, launch):
@@ -280,7 +280,10 @@ def check_rviz2(command):
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("readme", READMES)
+@pytest.mark.parametrize(
+    "readme",
+    [name if name == "README.md" else pytest.param(name, marks=SLOW) for name in READMES],
+)
 def test_commands_of_the_code_blocks(readme, clone, bare_env, beside_a_flight, launch):
     """From top to bottom, as a reader would."""
     text = (ROOT / readme).read_text(encoding="utf-8")
@@ -312,14 +315,21 @@ def asked(words):
 def help_of(capsys, words):
     """Help of a command of heli; sub-commands are taken as long as they are known.
 
-    What follows the script of `heli python` belongs to the script.
+    What follows the script, or the module, of `heli python` belongs to it.
     """
     if words[0] == "python" and len(words) > 1 and words[1].endswith(".py"):
         assert (ROOT / words[1]).is_file()
+        begin = [words[1]]
+    elif words[:2] == ["python", "-m"]:
+        begin = words[1:3]
+    else:
+        begin = []
+    if begin:
         if not any(word.startswith("--") for word in words):
             return ""
-        command = [sys.executable, ROOT / words[1], "--help"]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        command = [sys.executable, *begin, "--help"]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        return done.stdout
     known = []
     for word in words:
         code = asked([*known, word, "--help"]) if re.match(r"[a-z]+$", word) else 2

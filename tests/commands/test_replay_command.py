@@ -18,13 +18,12 @@ import pytest
 
 from heli_bags.reader import read_bag
 from heli_flight.cli import app as cli
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.record_file import read_record, write_record
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.replay.known import ended, of_ground
-from heli_flight.studies.replay.opened import replay_of
-from heli_flight.testing.record_bag import cut_off, flown_folder
+from heli_flight.loop import simulate
+from heli_flight.record import read_record, write_record
+from heli_flight.replay import ended, of_ground, replay_of
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
+from support.record_bag import cut_off, flown_folder
 
 DURATION_S = 8.0
 FAULT = "{what: gps, kind: loss, start_s: 3.0, duration_s: 2.0}"
@@ -228,7 +227,7 @@ def test_lift_off_and_touch_down_are_found():
     """Of a flight from the ground to the ground, once each, where the gear first carries."""
     settings = resolve("takeoff_land")
     record = simulate(settings).record
-    from heli_flight.studies.replay.of_record import stamps_of, streams_of
+    from heli_flight.replay import stamps_of, streams_of
 
     truth = streams_of(record, stamps_of(record, 0))[topics.TRUTH_ODOM]
     lift, touch = of_ground(truth, settings.scenario.gear.ground, 0)

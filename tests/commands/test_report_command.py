@@ -12,18 +12,17 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import heli
+from heli_core.rotations import quat_to_R_nb
+from heli_core.rows import NAV
+from heli_core.ticks import TICK_NS
 from heli_flight.cli import app as cli
-from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.graph.plant_truth import TRUTH_SUMS
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.flight_file import write_parameters
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import quat_to_R_nb
-from heli_math.rows import NAV
-from heli_math.ticks import TICK_NS
+from heli_flight.flight_file import write_parameters
+from heli_flight.graph.bag_record import TRUTH_SUMS, flight_from_bag
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.sums import sum_of
+from heli_msgs_bridge.sums import checksum
 
 DURATION_S = 8.0
 START_NS = 1_000_000_000
@@ -173,7 +172,7 @@ def sums_of(record):
     encoder, truth = Encoder(topics.TRUTH_ODOM), rows(record)[topics.TRUTH_ODOM]
     stamps = (START_NS + tick * TICK_NS for tick in range(len(truth)))
     return [
-        sum_of(encoder.encode(np.ascontiguousarray(row), stamp))
+        checksum(encoder.encode(np.ascontiguousarray(row), stamp))
         for row, stamp in zip(truth, stamps, strict=True)
     ]
 

@@ -4,10 +4,10 @@
 import pytest
 
 from heli_flight.cli import app as cli
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.flight_file import write_parameters
-from heli_flight.loop.record_file import write_record
-from heli_flight.loop.settings import resolve
+from heli_flight.flight_file import write_parameters
+from heli_flight.loop import simulate
+from heli_flight.record import write_record
+from heli_flight.settings import resolve
 
 
 @pytest.fixture

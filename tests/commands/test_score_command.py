@@ -13,16 +13,16 @@ from scipy import signal
 from scipy.optimize import brentq
 
 from heli_bags.tools import opened
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
+from heli_core.ticks import NS_PER_S
 from heli_flight.cli import app as cli
-from heli_flight.graph.plant_truth import TRUTH_SUMS
-from heli_flight.loop.flight_file import write_parameters
-from heli_flight.loop.settings import resolve
-from heli_handling.testing.made_flights import vertical
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
-from heli_math.ticks import NS_PER_S
+from heli_flight.flight_file import write_parameters
+from heli_flight.graph.bag_record import TRUTH_SUMS
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
-from heli_msgs_bridge.sums import sum_of
+from heli_msgs_bridge.sums import checksum
+from support.handling_flights import vertical
 
 EVERY_S = 0.02
 START_NS = 1_700_000_000_000_000_000
@@ -226,7 +226,7 @@ def test_ground_truth_that_the_plant_did_not_send_is_exit_code_1(bags, capsys, t
         lines = [line for line in reader.connections if line.topic == "/ground_truth/odom"]
         raw = [message for _, _, message in reader.messages(lines)]
     # A message every other tick: the sums between them are of messages that were lost.
-    sums = [b"".join((sum_of(message), bytes(8))) for message in raw]
+    sums = [b"".join((checksum(message), bytes(8))) for message in raw]
     (tmp_path / TRUTH_SUMS).write_bytes(b"".join(sums))
     words = (tmp_path, "--mte", "vertical", "--target", 0, 0, 10)
     code, out, _ = run(capsys, *words, "--json")

@@ -108,7 +108,7 @@ def test_every_markdown_page_is_in_the_site(site):
 
 def test_names_with_shape_and_unit_and_commands_are_in_the_reference(site):
     text = (site / "reference/heli_inner_hinf.html").read_text(encoding="utf-8")
-    for name in ("gamma_star", "synthesize", "AttitudeConfig"):
+    for name in ("hinf_norm", "synthesize", "AttitudeConfig"):
         assert f'id="{name.lower()}"' in text
     assert "(9, 9)" in text and "<strong>Parameters</strong>" in text
     commands = (site / "reference/commands.html").read_text(encoding="utf-8")
@@ -125,7 +125,9 @@ def small_checkout(folder):
     config.write_text(text.split("nav:\n  - README.md")[0] + nav, encoding="utf-8")
     (folder / "docs/ros.md").write_text("# Topics\n", encoding="utf-8")
     (folder / "src/heli_flight").mkdir(parents=True)
-    (folder / "src/heli_flight/README.md").write_text("# Flight\n\n## Commands\n")
+    (folder / "src/heli_flight/README.md").write_text("# Flight\n")
+    (folder / "docs/packages").mkdir()
+    (folder / "docs/packages/flight.md").write_text("# Flight\n\n## Commands\n")
     return folder / "README.md"
 
 
@@ -164,7 +166,7 @@ def test_a_list_after_a_paragraph_is_a_list_but_not_in_code():
         ("Worlds (`--world`)", "worlds---world"),
         ("The paper's own laws", "the-papers-own-laws"),
         ("gamma*", "gamma"),
-        ("heli_math", "heli_math"),
+        ("heli_core", "heli_core"),
     ],
 )
 def test_anchors_are_github_s(title, anchor):

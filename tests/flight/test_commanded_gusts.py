@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_live_view.plan import Gust
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_live_view.commands import Gust
 
 WEB = Path(__file__).resolve().parents[2] / "src/heli_live_view/web"
 START_S = 8.0

@@ -7,12 +7,10 @@ Hover at 10 m in the paper's wind; the fault begins at 12 s.
 import numpy as np
 import pytest
 
-from heli_flight.loop import closed_loop
-from heli_flight.loop.settings import resolve
-from heli_modes.failsafes import Condition, of
+from heli_flight import loop as closed_loop
+from heli_flight.settings import resolve
 from heli_observer import layout as L
-from heli_observer.observer import ObserverStatus, status
-from heli_observer.two_imus import (
+from heli_observer.dual_imu import (
     P_COMPARED,
     P_LEFT,
     P_SWITCHES,
@@ -21,6 +19,9 @@ from heli_observer.two_imus import (
     WHY_FIXES,
     WHY_STOPPED,
 )
+from heli_observer.layout import ObserverStatus
+from heli_observer.observer import status
+from heli_outer_pd.failsafes import Condition, of
 
 BEGIN_S = 12.0
 AT = int(BEGIN_S * 100)

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import build, fly_loop
-from heli_flight.loop.settings import resolve
-from heli_modes.failsafes import Action, Condition, of, severest
-from heli_outer_pd.fence import outside
-from heli_outer_pd.scripted_hand import ScriptedHand
+from heli_flight.loop import build, fly_loop
+from heli_flight.settings import resolve
+from heli_outer_pd.failsafes import Action, Condition, of, severest
+from heli_outer_pd.goto import outside
+from heli_outer_pd.script import ScriptedSticks
 
 RADIUS_M, CEILING_M, MARGIN_M = 15.0, 16.0, 3.0
 FENCE = {"fence.radius_m": RADIUS_M, "fence.ceiling_m": CEILING_M, "fence.margin_m": MARGIN_M}
@@ -64,7 +64,7 @@ def test_who_leaves_the_fence_comes_back_and_hovers_inside(seed, roll_deg, climb
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_commander_who_falls_silent_is_held(seed, monkeypatch):
-    monkeypatch.setattr(ScriptedHand, "is_due", lambda self, silent_ns: False)
+    monkeypatch.setattr(ScriptedSticks, "is_due", lambda self, silent_ns: False)
     record, settings = flown(
         seed, 1500, at_s=np.array([AT_S]), what=("velocity",),
         velocity_ned_mps=np.array([[2.0, 0.0, 0.0]]),

@@ -7,10 +7,10 @@ Hover at 10 m; the engine stops, or the sensor fails, at 12 s.
 import numpy as np
 import pytest
 
-from heli_flight.loop import closed_loop
-from heli_flight.loop.settings import resolve
-from heli_math.rows import ACTUATOR
-from heli_modes.failsafes import Action, Condition, of
+from heli_core.rows import ACTUATOR
+from heli_flight import loop as closed_loop
+from heli_flight.settings import resolve
+from heli_outer_pd.failsafes import Action, Condition, of
 
 BEGIN_S = 12.0
 AT = int(BEGIN_S * 100)

@@ -7,13 +7,13 @@ Nothing in a flight spoils it, so the test does, between two ticks.
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import build, fly, fly_loop
-from heli_flight.loop.settings import resolve
-from heli_modes.failsafes import Condition, of
+from heli_flight.loop import build, fly, fly_loop
+from heli_flight.settings import resolve
 from heli_observer import layout as L
-from heli_observer.observer import ObserverStatus, status
-from heli_observer.recover import is_state
-from heli_observer.relearn import forget
+from heli_observer.fault_detection import forget, is_state
+from heli_observer.layout import ObserverStatus
+from heli_observer.observer import status
+from heli_outer_pd.failsafes import Condition, of
 
 AT, N_TICKS = 1503, 3000
 

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import euler_angles
+from heli_core.rotations import euler_angles
+from heli_flight.loop import simulate
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
 
 MODES = ["standing", "takeoff", "hover", "trajectory", "hover", "land", "standing"]
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.campaign import fly_seeds, parse_seeds, table, worst
-from heli_parameters.parameters import ParameterError
+from heli_core.rcl_yaml import ParameterError
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_studies.campaign.run import fly_seeds, parse_seeds, seeds_table, worst_of_seeds
 
 SEEDS = range(1, 21)
 
@@ -90,11 +90,12 @@ def test_seeds_as_users_write_them():
 
 def test_table_shows_the_worst_seed():
     flown = fly_seeds(resolve(duration_s=8.0), [1, 2])
-    value = worst(flown)["v_y", "truth"].max
+    value = worst_of_seeds(flown)["v_y", "truth"].max
     assert value == max(s.max for f in flown for s in f.figures.windows if s.metric.key == "v_y"
                         and s.source == "truth")  # fmt: skip
     out = Console(file=io.StringIO(), width=200)
-    out.print(table({"standalone": flown}, "hover", out))
+    out.print(seeds_table({"standalone": flown}, "hover", out))
     text = out.file.getvalue()
-    row = rf"\| lateral speed +\| +0.3 m/s +\| +{worst(flown)['v_y', 'navigation'].max:.2f} \|"
+    largest = worst_of_seeds(flown)["v_y", "navigation"].max
+    row = rf"\| lateral speed +\| +0.3 m/s +\| +{largest:.2f} \|"
     assert re.search(row, text)

@@ -10,26 +10,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_flight.loop import closed_loop
-from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.identify.command import (
+from heli_analysis.identification import relative_air_w
+from heli_core.command_line import config_folder
+from heli_core.rotations import euler_angles, quat_to_R_nb
+from heli_flight import loop as closed_loop
+from heli_flight.result import Result
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
+from heli_studies.identify import (
     YAML,
-    Wanted,
-    execute,
+    IdentifyOrder,
+    experiment_of_record,
     layers,
+    misses,
     settings_of,
 )
-from heli_flight.studies.identify.compare import misses
-from heli_flight.studies.identify.data import experiment_of_record
-from heli_identification import relative_air_w
-from heli_math.rotations import euler_angles, quat_to_R_nb
-from heli_parameters.locate import config_folder
+from heli_studies.identify_report import execute
 
 
 def identified(tmp_path, seed, **options):
-    outcome = execute(Wanted(seed=seed, one_process=True, **options), tmp_path / "found")
+    outcome = execute(IdentifyOrder(seed=seed, one_process=True, **options), tmp_path / "found")
     return outcome, tmp_path / "found" / YAML
 
 
@@ -69,7 +69,7 @@ def test_hover_test_flies_inside_the_papers_figures_with_identified_numbers(foun
 @pytest.mark.parametrize("kind", ["actuators", "gusts"])
 def test_the_excited_aircraft_stays_near_trim_and_reference(kind):
     """What heli_flight's README promises of the experiments: 5 deg, 0.5 m."""
-    settings = settings_of(Wanted(seed=1, one_process=True), kind)
+    settings = settings_of(IdentifyOrder(seed=1, one_process=True), kind)
     record = closed_loop.simulate(settings).record
     excited = slice(800, None)  # 8 s: start of the sines in both scenarios
     phi, theta = euler_angles(record.truth_q_nb)[excited, :2].T
@@ -82,7 +82,7 @@ def test_the_excited_aircraft_stays_near_trim_and_reference(kind):
 
 def test_no_number_comes_from_the_simulators_inside(found):
     """The truth may be wrong in any way: what is written for the nodes stays the same."""
-    from heli_flight.studies.identify.fit import identify
+    from heli_studies.identify import identify
 
     outcome, _ = found
     found_numbers = outcome.found
@@ -110,7 +110,7 @@ def test_no_number_comes_from_the_simulators_inside(found):
 def test_the_rotor_tells_the_vertical_air_with_its_turbulence(found):
     """Where the kink of the climb power lies: E(r,w) hangs on it."""
     identification = found[0].found
-    settings = settings_of(Wanted(seed=1, one_process=True), "gusts")
+    settings = settings_of(IdentifyOrder(seed=1, one_process=True), "gusts")
     record = closed_loop.simulate(settings).record
     part = slice(3000, 19000)
     relative = (record.wind_ned_mps - record.truth_vel_ned_mps)[part]
@@ -145,7 +145,7 @@ def test_other_seeds_meet_the_targets_too(tmp_path, seed):
 @pytest.mark.parametrize("name", ["xcell60", "logo600"])
 def test_other_aircraft_are_identified_and_hover_with_it(tmp_path, name):
     """Entries as above; the norms, which hang on E(r,w) alone, within 10 %."""
-    wanted = Wanted(seed=1, one_process=True, aircraft=f"{name}.yaml")
+    wanted = IdentifyOrder(seed=1, one_process=True, aircraft=f"{name}.yaml")
     outcome = execute(wanted, tmp_path / "found")
     beyond = [
         row

@@ -7,14 +7,14 @@ Hover at 10 m in the honest world, the faults from 12 s on.
 import numpy as np
 import pytest
 
-from heli_flight.loop import closed_loop
-from heli_flight.loop.layers import NODES
-from heli_flight.loop.settings import resolve
-from heli_math.rows import NINE
-from heli_modes.failsafes import Condition, of
+from heli_core.rows import NINE
+from heli_flight import loop as closed_loop
+from heli_flight.settings import NODES, resolve
 from heli_msgs_bridge.links import ALWAYS, COUNTED, PLACE
 from heli_observer import layout as L
-from heli_observer.observer import ObserverStatus, status
+from heli_observer.layout import ObserverStatus
+from heli_observer.observer import status
+from heli_outer_pd.failsafes import Condition, of
 
 BEGIN_S, AT = 12.0, 1200
 STAYS = {"climb.start_s": 200.0, "climb.end_s": 202.0}

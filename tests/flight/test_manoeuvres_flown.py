@@ -4,15 +4,14 @@
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.layers import scenario_names
-from heli_flight.loop.scenario_mte import table_of, target_of
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.handling.flown import score_flown
-from heli_handling.definitions import MANOEUVRES
-from heli_handling.scoring import Level
-from heli_math.rows import REFERENCE
-from heli_parameters.parameters import ParameterError
+from heli_analysis.handling.definitions import MANOEUVRES
+from heli_analysis.handling.scoring import HandlingLevel
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rows import REFERENCE
+from heli_flight.loop import simulate
+from heli_flight.scenario import table_of, target_of
+from heli_flight.settings import resolve, scenario_names
+from heli_studies.handling import score_flown
 
 SCENARIOS = {name: f"mte_{name.replace('-', '_')}" for name in MANOEUVRES}
 
@@ -29,7 +28,9 @@ def test_a_manoeuvre_is_flown_as_it_is_defined(name):
     assert not flight.status
     found = score_flown(settings, flight.record)
     assert found.complete, found.conditions
-    assert found.level is not Level.NEITHER, [(r.criterion.name, r.value) for r in found.results]
+    assert found.level is not HandlingLevel.NEITHER, [
+        (r.criterion.name, r.value) for r in found.results
+    ]
     assert found.scale.ratio == pytest.approx(1.41 / 16.36)
 
 
@@ -39,7 +40,7 @@ def test_at_full_size_the_same_file_flies_the_published_lengths():
     heights = -settings.scenario.reference.points[:, REFERENCE.pos][:, 2]
     assert np.ptp(heights) == pytest.approx(25.0 * 0.3048, abs=1e-6)
     found = score_flown(settings, simulate(settings).record)
-    assert found.level is Level.DESIRED and found.complete
+    assert found.level is HandlingLevel.DESIRED and found.complete
 
 
 def test_the_centre_of_the_pirouette_is_ahead():

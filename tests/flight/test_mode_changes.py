@@ -13,10 +13,10 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import build, fly_loop
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import euler_angles, wrap_pi
-from heli_math.rows import ACTUATOR, REFERENCE
+from heli_core.rotations import euler_angles, wrap_pi
+from heli_core.rows import ACTUATOR, REFERENCE
+from heli_flight.loop import build, fly_loop
+from heli_flight.settings import resolve
 
 MODES = {"hold": "hover", "goto": "trajectory", "velocity": "velocity", "attitude": "attitude",
          "manual": "manual", "asked": "attitude"}  # fmt: skip

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.scoring import TRUTH, WINDOWS, score
-from heli_flight.loop.settings import resolve
-from heli_math.rows import REFERENCE
-from heli_parameters.parameters import ParameterError
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rows import REFERENCE
+from heli_flight.loop import simulate
+from heli_flight.scoring import TRUTH, WINDOWS, score
+from heli_flight.settings import resolve
 
 
 @pytest.mark.parametrize("scenario", ["figure_eight", "orbit", "waypoints"])

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
+from heli_core.command_line import config_folder
 from heli_dynamics_sim.plant import PlantStatus
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_parameters.locate import config_folder
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 
 GRADES = {"consumer": "standalone", "industrial": "standalone", "rtk": "rtk"}
 # Its first sample is tipped by 7 deg. A filter that counts on its tilt having moved it before that

@@ -6,17 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
+from heli_core.rotations import euler_angles, quat_from_euler
+from heli_core.rows import ACTUATOR, NAV, REFERENCE, STICKS
 from heli_dynamics_sim import PlantConfig
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.ground_figures import touching
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import euler_angles, quat_from_euler
-from heli_math.rows import ACTUATOR, NAV, REFERENCE, STICKS
-from heli_modes import Phase
-from heli_outer_pd import outer_kernel
-from heli_outer_pd.pilot import Pilot
-from heli_outer_pd.steering import StickNumbers
+from heli_flight.loop import simulate
+from heli_flight.scenario import touching
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
+from heli_outer_pd import Phase, outer_params
+from heli_outer_pd.manual import StickNumbers
+from heli_outer_pd.script import HumanPilotModel
 
 MODES = ["standing", "manual", "attitude", "trajectory", "hover", "trajectory", "hover", "manual",
          "standing"]  # fmt: skip
@@ -59,7 +58,7 @@ def test_by_hand_the_cyclic_is_the_pilots_and_nothing_jumps():
     assert still.size > 2000
     step = np.abs(record.u[still, : ACTUATOR.col] - record.u[still - 1, : ACTUATOR.col])
     assert step.max() < 2e-6
-    air = hand[~touching(record, PlantConfig.from_parameters(settings.nodes["plant"]).kernel
+    air = hand[~touching(record, PlantConfig.from_parameters(settings.nodes["plant"]).params
                          .aircraft.ground)[hand]]  # fmt: skip
     assert np.degrees(np.abs(euler_angles(record.truth_q_nb[air])[:, :2])).max() < 12.0
     for change in np.flatnonzero(record.mode[1:] != record.mode[:-1]):
@@ -77,11 +76,11 @@ def test_in_the_honest_world_it_is_not_lost():
 
 def pilot_and_row(standing=False):
     values = resolve("sequence").nodes["outer_loop"]
-    k = outer_kernel(values)
+    k = outer_params(values)
     nav = np.zeros(NAV.size)
     nav[NAV.pos] = 0.0, 0.0, -5.0
     nav[NAV.quat] = quat_from_euler(k.trim[0], k.trim[1], 0.0)
-    return Pilot(k, StickNumbers.from_parameters(values), standing), nav, k
+    return HumanPilotModel(k, StickNumbers.from_parameters(values), standing), nav, k
 
 
 def test_a_pilot_sees_late_and_steers_against_what_he_sees():

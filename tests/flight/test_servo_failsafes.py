@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from heli_flight.loop import closed_loop
-from heli_flight.loop.settings import resolve
-from heli_modes.failsafes import Condition, of
-from heli_outer_pd.outer_state import FULL, MEMORY, SOFT, STUCK
+from heli_flight import loop as closed_loop
+from heli_flight.settings import resolve
+from heli_outer_pd.failsafes import Condition, of
+from heli_outer_pd.state import FULL, MEMORY, SOFT, STUCK
 
 BEGIN_S = 12.0
 AT = int(BEGIN_S * 100)

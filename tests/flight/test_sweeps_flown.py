@@ -4,13 +4,10 @@
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.handling.flown import rejected, swept, true_track
-from heli_flight.studies.handling.linear import LinearLoop, grid_radps
-from heli_handling.boundaries import AXES
-from heli_handling.quickness import changes
-from heli_handling.response import bandwidth, rejection
+from heli_analysis.handling.scoring import AXES, bandwidth, changes, rejection
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_studies.handling import LinearLoop, grid_radps, rejected, swept, true_track
 
 
 def settings_of(scenario, laws, axis):

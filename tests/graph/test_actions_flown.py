@@ -21,9 +21,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from test_msgs.action import Fibonacci
 
-from heli_actions.messages import Interfaces
-from heli_actions.node import ActionsNode
-from heli_actions.table import Code, Kind
+from heli_actions.node import ActionsNode, Code, Interfaces, Kind
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.node_process import run
 
@@ -152,6 +150,7 @@ def pilot(ros_env):
     assert served.returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_from_the_ground_to_the_ground_by_actions(ros_env, tmp_path, pilot):
     params = tmp_path / "low.yaml"

@@ -79,12 +79,12 @@ def test_folder_that_exists_and_folder_that_cannot_be_written(refused, tmp_path)
 def test_missing_executable_is_named(tmp_path, ros_env):
     """Looked for as ros2 run does, in a prefix that lacks the observer."""
     code = (
-        "import heli_flight.graph.programs as g, sys\n"
+        "import heli_flight.graph.flight as g, sys\n"
         "from heli_flight.cli.hover_test import main\n"
-        "from heli_parameters import locate\n"
+        "from heli_core import command_line\n"
         "def without(package, name):\n"
         "    name = 'gone' if name == 'observer' else name\n"
-        "    return locate.executable(package, name)\n"
+        "    return command_line.executable(package, name)\n"
         "g.executable = without\n"
         f"sys.exit(main(['--out', {str(tmp_path / 'f')!r}]))\n"
     )

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_math.ticks import TICK_NS
+from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,6 +41,7 @@ def interrupted(process):
     return process.returncode
 
 
+@pytest.mark.slow
 def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living, holder_of):
     """Watch a flight, kill its recorder, repair the bag, report it, play it."""
     flight = tmp_path / "flight"
@@ -80,6 +81,7 @@ def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living, holder_of):
     assert living() == []
 
 
+@pytest.mark.slow
 def test_play_and_listen(tmp_path, ros_env, heli, hover_test, living):
     """The bag's own topics, QoS and clock; echo hears a latched message that was sent before."""
     assert hover_test("--out", tmp_path / "flight", "--duration", 2, "--gps", "rtk").returncode < 2

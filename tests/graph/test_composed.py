@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.settings import resolve
+from heli_flight.settings import resolve
 
 LIMIT_S = 120.0
 
@@ -59,6 +59,7 @@ def ask(env, node_name, **values):
     return [result.reason for result in future.result().results]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "code", "word"),
     [

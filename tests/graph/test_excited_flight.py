@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
+from heli_core.signals import swept_angle
+from heli_core.ticks import TICK_S
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_inner_hinf.attitude_disturbance import disturbance_kernel
-from heli_math.sweep import swept_angle
-from heli_math.ticks import TICK_S
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_inner_hinf.excitation import disturbance_params
 from heli_msgs_bridge import topics
 
 EXCITED = """
@@ -68,7 +68,7 @@ def test_graph_and_one_process_loop_excite_alike(hover_test, tmp_path):
     assert bag.streams[topics.EXCITATION_ACTUATORS].stamp_ns.size == 800
     added = bag.streams[topics.EXCITATION_ATTITUDE].rows
     assert added.shape == (800, 3) and not added[:, :2].any()
-    kernel = disturbance_kernel(settings.nodes["inner_loop"])
+    kernel = disturbance_params(settings.nodes["inner_loop"])
     expected = [swept_angle(TICK_S * tick, kernel) for tick in range(800)]
     np.testing.assert_allclose(added[:, 2], expected, atol=1e-12)
     assert any(r.message == "the actuators are excited" for r in bag.remarks)
@@ -90,6 +90,7 @@ def test_leaving_the_attitude_limit_ends_the_excitation_and_is_said(hover_test, 
     np.testing.assert_array_equal(record.excitation_u[-100:], 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.nightly
 def test_heli_identify_flies_fits_designs_and_hovers(ros_env, tmp_path):
     """The whole command through the graph, and once more from the bags that it left."""

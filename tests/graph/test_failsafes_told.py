@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
+from heli_flight.flight_file import fault_overrides
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.fault_file import fault_overrides
-from heli_flight.loop.settings import resolve
-from heli_modes.failsafes import Condition, of
-from heli_observer.observer import ObserverStatus
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_observer.layout import ObserverStatus
+from heli_outer_pd.failsafes import Condition, of
 
 SEED = 2
 # Several to a flight, one after the other: condition, what is told, when, fault, how long.

@@ -5,6 +5,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 HELI = [sys.executable, "-m", "heli_flight.cli.app"]
 
 
@@ -13,6 +15,7 @@ def heli(env, *words):
     return done.returncode, done.stdout.strip(), done.stderr.strip()
 
 
+@pytest.mark.slow
 def test_a_fault_is_given_listed_and_cleared_while_it_flies(ros_env, tmp_path, living):
     """By the plant's clock, in real time; the last one ends the flight."""
     out = tmp_path / "flight"

@@ -6,11 +6,12 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from heli_bags.reader import read_bag
+from heli_core.rows import REFERENCE
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.settings import resolve
-from heli_math.rows import REFERENCE
+from heli_flight.settings import resolve
 
 # A client of its own process: it asks as fast as it can, without waiting for answers.
 FLOOD = """
@@ -57,6 +58,7 @@ print("\\n".join(reasons))
 """
 
 
+@pytest.mark.slow
 def test_a_flood_is_refused_and_the_flight_is_flown(ros_env, tmp_path):
     """Three nodes and the commands at once, for eight seconds of a flight in real time."""
     folder = tmp_path / "f"

@@ -12,17 +12,18 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from heli_bags.reader import read_bag
+from heli_core.command_line import config_folder
+from heli_core.rows import NAV, REFERENCE
+from heli_core.ticks import TICK_NS
+from heli_core.trajectory import Trajectory
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.graph.ros_session import PROFILES
-from heli_flight.loop.settings import resolve
-from heli_math.rows import NAV, REFERENCE
-from heli_math.ticks import TICK_NS
-from heli_math.trajectory import Trajectory
+from heli_flight.graph.nodes import PROFILES
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.messages import CHANNELS, Encoder
-from heli_msgs_bridge.reference_message import encode_reference
-from heli_parameters.locate import config_folder
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import Encoder
 
 HOVER_TEST = [
     sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--world", "paper",
@@ -128,6 +129,7 @@ def assert_held(folder):
     assert away_m.max() < 4.0, away_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options", [[], ["--realtime", "--duration", 25]], ids=["lockstep", "real"]
 )
@@ -152,6 +154,7 @@ def test_a_message_of_the_future_on_each_input_leaves_the_flight_inside(
     assert any("/pilot" in note for note in result["notes"])
 
 
+@pytest.mark.slow
 def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_env, tmp_path):
     """In lockstep, with the stamps of ticks to come: ground truth is the same, number for number.
 
@@ -202,6 +205,7 @@ def test_a_plain_topic_pub_moves_the_reference_within_its_bounds(foreigner, ros_
     assert np.abs(record.truth_pos_ned_m[-500:] - there).max() < 1.0
 
 
+@pytest.mark.slow
 def test_a_flight_does_not_begin_with_a_stranger_on_its_streams(terminal, hover_test, tmp_path):
     """Who sends first is flown: a forgotten `topic pub` is named before anything flies.
 

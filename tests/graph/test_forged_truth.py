@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_flight.graph.plant_truth import TRUTH_SUMS, foreign_truth
-from heli_flight.loop.settings import resolve
-from heli_math.rows import PLANT
+from heli_core.rows import PLANT
+from heli_flight.graph.bag_record import TRUTH_SUMS, foreign_truth
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.sums import read_sums
+from heli_msgs_bridge.sums import read_checksums
 
 TICKS = 300
 # The supervisor finds no stranger, as it is not there yet; the recorder then hears it first.
@@ -24,11 +24,11 @@ import numpy as np
 import rclpy
 from rclpy.duration import Duration
 from heli_flight.graph.flight import Graph, ended, running
-from heli_flight.graph.outcome import outcome
+from heli_flight.graph.flight import outcome
 from heli_flight.graph.processes import start_server
-from heli_flight.loop.settings import resolve
-from heli_math.rows import PLANT
-from heli_math.ticks import NS_PER_S, TICK_NS
+from heli_flight.settings import resolve
+from heli_core.rows import PLANT
+from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import CHANNELS, Encoder
 
@@ -91,7 +91,7 @@ def test_recorded_truth_that_is_not_the_plants_is_named_and_fails(ros_env, tmp_p
     assert false >= 1 and not lost
     said = f"ground_truth/odom in the bag is not what the plant sent: {false} of {len(rows)} "
     assert code == 1 and forged.startswith(f"{said}messages, the first at 0.00 s"), forged
-    assert len(read_sums(tmp_path / "f" / TRUTH_SUMS)) == TICKS
+    assert len(read_checksums(tmp_path / "f" / TRUTH_SUMS)) == TICKS
     # Whoever reads the folder later is told the same.
     command = [sys.executable, "-m", "heli_flight.cli.app", "report", str(tmp_path / "f")]
     done = subprocess.run(command, env=ros_env, capture_output=True, text=True, timeout=120)
@@ -102,7 +102,7 @@ def test_what_the_plant_sent_is_taken_for_what_it_is(ros_env, tmp_path):
     code, forged, _ = fly("own", ros_env, tmp_path / "f")
     assert (code, forged) == (0, "")
     stream = read_bag(tmp_path / "f" / "bag").streams[topics.TRUTH_ODOM]
-    np.testing.assert_array_equal(stream.sums, read_sums(tmp_path / "f" / TRUTH_SUMS))
+    np.testing.assert_array_equal(stream.sums, read_checksums(tmp_path / "f" / TRUTH_SUMS))
 
 
 class Bag:

@@ -9,9 +9,8 @@ import yaml
 
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.loop.worlds import DRAWN
+from heli_flight.loop import simulate
+from heli_flight.settings import DRAWN, resolve
 from heli_msgs_bridge import topics
 
 
@@ -133,6 +132,7 @@ def test_other_scenarios_fly_too(hover_test, tmp_path, scenario, metric):
     assert metric in done.stdout
 
 
+@pytest.mark.slow
 def test_real_time_keeps_pace(hover_test, tmp_path):
     """Within 1 % and at a held position, in one flight of three: others may hold the processor."""
     for name in "abc":

@@ -7,17 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 
 from heli_bags.reader import read_bag
+from heli_core.rows import REFERENCE
+from heli_core.trajectory import Trajectory
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_math.rows import REFERENCE
-from heli_math.trajectory import Trajectory
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "goto.py"
@@ -118,6 +119,7 @@ def test_a_goto_in_the_middle_of_another_is_flown_as_in_one_process(ros_env, tmp
     assert "/pilot" not in str([remark.facts.get("senders.reference") for remark in bag.remarks])
 
 
+@pytest.mark.slow
 def test_the_example_sends_it_there(ros_env, tmp_path):
     folder = tmp_path / "f"
     process = flying(ros_env, folder, SECONDS)

@@ -28,6 +28,7 @@ def benchmark_of(ros_env, living):
     return run
 
 
+@pytest.mark.slow
 def test_speed_beside_a_bare_ring(benchmark_of):
     found = benchmark_of("graph.py", "--quick")
     rates, ratios = found["rates"]["one process"], found["ratios"]["one process"]
@@ -35,6 +36,7 @@ def test_speed_beside_a_bare_ring(benchmark_of):
     assert ratios["objects"] == pytest.approx(rates["graph"] / rates["objects"])
 
 
+@pytest.mark.slow
 def test_latency_beside_a_bare_ring(benchmark_of):
     found = benchmark_of("latency.py", "--seconds", "2", "--composed")
     for name in ("ring", "graph"):
@@ -43,6 +45,7 @@ def test_latency_beside_a_bare_ring(benchmark_of):
     assert found["ratios"]["p50_us"] == found["graph"]["p50_us"] / found["ring"]["p50_us"]
 
 
+@pytest.mark.slow
 def test_endurance(benchmark_of):
     found = benchmark_of(
         "soak.py", "--seconds", "6", "--realtime-seconds", "2", "--starts", "1", "--interrupts", "1"

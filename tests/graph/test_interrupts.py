@@ -142,6 +142,7 @@ def signal_group(process):
     os.killpg(process.pid, signal.SIGINT)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)  # seven flights, each with its report
 @pytest.mark.parametrize("command", [GRAPH, ONE_PROCESS], ids=["graph", "one process"])
 def test_interrupted_at_some_time(start, command, tmp_path, living):
@@ -165,6 +166,7 @@ def test_interrupted_at_once(start, command, tmp_path, living):
         check_interrupted(process, tmp_path, living, f"after {when_s} s")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["flown", "interrupted", "killed"])
 def test_no_shared_memory_stays(start, tmp_path, how, living):
     """Fast DDS takes its segments away only if every participant is destroyed.

@@ -12,9 +12,9 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from heli_flight.loop.settings import resolve
+from heli_core.errors import SynthesisError
+from heli_flight.settings import resolve
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.errors import SynthesisError
 
 LIMIT_S = 120.0
 

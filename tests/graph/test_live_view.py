@@ -16,7 +16,7 @@ import aiohttp
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from heli_parameters.locate import executable
+from heli_core.command_line import executable
 
 LIMIT_S = 120.0
 # Long enough for all that is asked and commanded, also on a loaded machine.
@@ -221,6 +221,7 @@ async def commands(watcher, url, token):
     await watcher.until_state(lambda s: s["mode"] == "hover")
 
 
+@pytest.mark.slow
 def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
     out = tmp_path / "flight"
     process = subprocess.Popen(
@@ -254,6 +255,7 @@ async def watch_until_the_end(url, process, how):
         return (await watcher.until_state(lambda s: s["mode"] == "over"))["end"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["lost", "interrupted"])
 def test_the_end_is_told_by_its_cause(tmp_path, ros_env, living, kind):
     """A flight that leaves the allowed distance is lost; one that gets Ctrl-C is interrupted."""

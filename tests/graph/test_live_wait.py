@@ -91,6 +91,7 @@ async def watch(process, url, act):
         return *seen, *await shown_after(url, act)
 
 
+@pytest.mark.slow
 def test_a_flight_waits_for_its_first_browser_and_leaves_report_and_replay(start):
     process = start("--live-wait", "--duration", "4")
     said = until(process, "waiting for a browser")
@@ -123,6 +124,7 @@ def test_ctrl_c_ends_the_waiting_and_leaves_nothing(start, tmp_path):
     assert not (tmp_path / "flight").exists()
 
 
+@pytest.mark.slow
 def test_without_a_browser_the_flight_begins_after_the_limit_and_nobody_is_waited_for(
     start, tmp_path
 ):
@@ -136,6 +138,7 @@ def test_without_a_browser_the_flight_begins_after_the_limit_and_nobody_is_waite
     assert (tmp_path / "flight/report.html").is_file()
 
 
+@pytest.mark.slow
 def test_ctrl_c_after_the_flight_changes_nothing_of_its_outcome(start, tmp_path):
     process = start("--duration", "3")
 

@@ -15,7 +15,7 @@ import numpy as np
 from lifecycle_msgs.msg import Transition
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.graph.flight import Graph
-from heli_flight.loop.settings import resolve
+from heli_flight.settings import resolve
 
 settings = resolve(gps="rtk", seed=3, duration_s=600.0, mode="real time")
 graph = Graph(settings, Path(sys.argv[1]))
@@ -51,6 +51,7 @@ assert np.abs(record.truth_pos_ned_m[-1] - [0, 0, -10]).max() < 1.0
 """
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(760)
 def test_outer_loop_leaves_and_comes_back_in_flight(tmp_path, ros_env, living):
     """In one real-time flight of three: others may hold the processor while it flies back."""

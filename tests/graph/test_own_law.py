@@ -8,9 +8,9 @@ import pytest
 
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.own_loop import fly_settings
-from heli_flight.loop.settings import resolve
-from heli_flight.report.from_bag import recorded
+from heli_flight.loop import fly_settings
+from heli_flight.report.write import recorded
+from heli_flight.settings import resolve
 
 LAWS = '''
 import numpy as np

@@ -9,12 +9,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
+from heli_core.rotations import euler_angles
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import euler_angles
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_MODE
 
@@ -109,6 +110,7 @@ def leans_of(record):
     return roll.max() - roll.min(), -record.truth_vel_ned_mps[leant, 2].min()
 
 
+@pytest.mark.slow
 def test_a_keyboard_takes_off_and_clients_fly_by_attitude_and_velocities(ros_env, tmp_path):
     for attempt in range(ATTEMPTS):
         folder = tmp_path / f"f{attempt}"

@@ -7,8 +7,8 @@ import numpy as np
 
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 
 

@@ -4,6 +4,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from heli_bags.reader import read_bag
 from heli_bags.tools import bag_info
@@ -34,6 +35,7 @@ def with_pause(hover_test, tmp_path):
     raise AssertionError(f"{FLIGHTS} recorders in turn no longer answered after a pause")
 
 
+@pytest.mark.slow
 def test_in_lockstep_its_pause_costs_no_message(hover_test, tmp_path):
     """Nobody waits for it: the others are 3500 ticks on when it runs again."""
     folder, result = with_pause(hover_test, tmp_path)

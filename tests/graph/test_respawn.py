@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_math.ticks import NS_PER_S
-from heli_modes.failsafes import Condition, of
+from heli_core.ticks import NS_PER_S
 from heli_msgs_bridge import topics
+from heli_outer_pd.failsafes import Condition, of
 
 NODES = ("observer", "inner_loop", "outer_loop")
 HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--no-report", "--world", "honest"]
@@ -130,6 +130,7 @@ def test_in_lockstep_it_is_the_same_flight_number_for_number(ros_env, tmp_path, 
     assert len(said) == 3 and all(r.node == "scenario" for r in said)
 
 
+@pytest.mark.slow
 def test_in_real_time_they_are_back_soon_and_little_is_lost(ros_env, tmp_path, living):
     """The rows COMMANDS_GONE and OUTER_GONE; the others say what they miss, the bag is whole."""
     words = ("--respawn", "--realtime", "--duration", "15", *kills(tmp_path, 4.0, 4.0))
@@ -161,6 +162,7 @@ def test_in_real_time_they_are_back_soon_and_little_is_lost(ros_env, tmp_path, l
     raise AssertionError(f"node, noticed, back after: {late}")
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_again_and_again_ends_the_flight_named(ros_env, tmp_path, living):
     starts = [KILLED_S, KILLED_S + 0.5, KILLED_S + 1.0]
     killed = faults(tmp_path, *(f"node: observer, kind: kill, start_s: {s}" for s in starts))
@@ -172,6 +174,7 @@ def test_a_node_that_dies_again_and_again_ends_the_flight_named(ros_env, tmp_pat
     assert read_bag(tmp_path / "f" / "bag").streams["ground_truth/odom"].stamp_ns.size > 300
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "node"), [((), "inner_loop"), (("--respawn",), "plant"), (("--respawn",), "recorder")]
 )
@@ -183,6 +186,7 @@ def test_what_is_not_started_again_ends_the_flight_named(ros_env, tmp_path, livi
     assert living() == []
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_nobody_stopped_or_busy(ros_env, tmp_path, living):
     doing = faults(
         tmp_path,

@@ -12,9 +12,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.executors import SingleThreadedExecutor
 
 from heli_bags.reader import read_bag
-from heli_flight.loop.settings import resolve
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.reference_message import encode_reference
+from heli_msgs_bridge.command_messages import encode_reference
 
 
 @pytest.fixture
@@ -40,6 +40,7 @@ def pilot(ros_env, monkeypatch):
     context.try_shutdown()
 
 
+@pytest.mark.slow
 def test_a_second_sender_of_references_and_of_health_is_named(pilot, ros_env, tmp_path):
     """`topic pub` of a reference commands, as it may; a false plant's end is not believed."""
     folder = tmp_path / "flight"

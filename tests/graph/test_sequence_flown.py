@@ -7,8 +7,8 @@ import sys
 import numpy as np
 
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 
 HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--scenario", "sequence"]
 

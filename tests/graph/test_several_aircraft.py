@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.loop.several import seed_of
-from heli_flight.report.from_bag import report_of_bag
-from heli_math.rows import PLANT
-from heli_math.ticks import NS_PER_S, TICK_NS
+from heli_core.rows import PLANT
+from heli_core.ticks import NS_PER_S, TICK_NS
+from heli_flight.loop import simulate
+from heli_flight.report.write import report_of_bag
+from heli_flight.settings import resolve, seed_of
 from heli_msgs_bridge import topics
 
 LENGTH_S = 3.0
@@ -44,6 +43,7 @@ def test_two_aircraft(hover_test, tmp_path):
     assert "going on" not in "".join(p.read_text() for p in out.glob("*/logs/*.log"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_three_aircraft_each_named(hover_test, tmp_path, mode):
     """In both modes: table, result and page; a page that is made of the bag alone, too."""
@@ -67,6 +67,7 @@ def test_three_aircraft_each_named(hover_test, tmp_path, mode):
     assert "<title>Hover test in wind: heli3, seed " in text
 
 
+@pytest.mark.slow
 def test_what_goes_wrong_names_its_aircraft(ros_env, tmp_path, holder_of, living):
     """A process of the second one is killed in flight: one line says whose."""
     out = tmp_path / "flight"

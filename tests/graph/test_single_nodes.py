@@ -6,9 +6,8 @@ import sys
 
 import pytest
 
-from heli_flight.loop.flight_file import write_parameters
-from heli_flight.loop.layers import NODES
-from heli_flight.loop.settings import resolve
+from heli_flight.flight_file import write_parameters
+from heli_flight.settings import NODES, resolve
 
 RUN = [sys.executable, "-m", "heli_flight.cli.app", "run"]
 

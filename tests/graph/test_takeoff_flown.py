@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 
 HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--scenario", "takeoff_land"]
 # On loaded cores a pilot is seconds late, at ten times the wall clock's pace: time enough is given.
@@ -50,6 +50,7 @@ def test_the_graph_flies_from_the_ground_to_the_ground_as_one_process_does(ros_e
     assert "From the ground to the ground" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "example", [["takeoff_goto_land.py", "9", "6", "12"], ["ten_lines.py"]], ids=lambda e: e[0]
 )

@@ -22,6 +22,7 @@ def test_a_flight_with_a_long_tmpdir_leaves_nothing_there(hover_test, tmp_path):
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_two_at_once_with_folders_of_their_own_do_not_meet(ros_env, tmp_path):
     """As two users have them: the second takes another ROS domain, though it sees no lock file."""
     command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report"]

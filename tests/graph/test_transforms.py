@@ -49,6 +49,7 @@ def placed(transform):
     return np.array([at.x, at.y, at.z]), Rotation.from_quat([q.x, q.y, q.z, q.w])
 
 
+@pytest.mark.slow
 def test_a_flight_tells_where_its_frames_are(stand_in, hover_test, tmp_path):
     done = hover_test("--out", tmp_path / "flight", "--duration", 8, "--seed", 2)
     assert done.returncode == 0, done.stdout + done.stderr

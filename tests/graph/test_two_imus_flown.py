@@ -6,12 +6,13 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from heli_bags.reader import read_bag
+from heli_flight.flight_file import fault_overrides
 from heli_flight.graph.bag_record import flight_from_bag
-from heli_flight.loop.closed_loop import build, fly_loop
-from heli_flight.loop.fault_file import fault_overrides
-from heli_flight.loop.settings import resolve
+from heli_flight.loop import build, fly_loop
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.links import COUNTED, PLACE
 
@@ -36,6 +37,7 @@ TWO = """\
 """
 
 
+@pytest.mark.slow
 def test_the_graph_leaves_the_wrong_imu_as_one_process_does(ros_env, tmp_path):
     faults, params, folder = tmp_path / "faults.yaml", tmp_path / "two.yaml", tmp_path / "f"
     faults.write_text(FAULTS)

@@ -8,10 +8,11 @@ import pytest
 from pyulog import ULog
 
 from heli_bags.reader import read_bag
+from heli_core.rows import IMU
 from heli_flight.cli import app as cli
-from heli_math.rows import IMU
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate_hz", "world"), [(100, "honest"), (400, "paper")])
 def test_the_inertial_sensors_are_those_of_the_bag(hover_test, tmp_path, rate_hz, world):
     folder = tmp_path / "flight"

@@ -10,7 +10,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 
 from heli_bags.reader import read_bag
-from heli_bags.recorder import BagRecorder
+from heli_bags.writer import BagRecorder
 from heli_flight.graph.supervisor import Supervisor
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder

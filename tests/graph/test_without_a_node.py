@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_math.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S
 
 FALLS_BACK = "no message on 'actuators' from inner_loop: the trim is held, rates are damped"
 LIMIT_S = 60.0
@@ -25,6 +25,7 @@ def said(log, sentence, before):
         assert time.monotonic() < deadline, log.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("node", ["inner_loop", "observer"])
 def test_half_a_second_without_a_node(ros_env, tmp_path, holder_of, living, node):
     """The actuator side flies meanwhile, and gives back without anybody's help."""

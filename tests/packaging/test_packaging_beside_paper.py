@@ -5,10 +5,10 @@ import copy
 
 import pytest
 
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.campaign import as_dict, fly_seeds
-from heli_flight.studies.results import files
-from heli_flight.studies.results.tables import TABLES
+from evidence import files
+from evidence.experiments.paper import paper
+from heli_flight.settings import resolve
+from heli_studies.campaign.run import fly_seeds, seeds_as_dict
 
 SEEDS = [1, 2]
 
@@ -20,7 +20,7 @@ def found():
     for test in ("hover", "attitude"):
         settings = {gps: resolve(test, gps=gps, duration_s=33.0) for gps in ("standalone", "rtk")}
         columns = {gps: fly_seeds(settings[gps], SEEDS) for gps in settings}
-        tests[test] = {"receivers": as_dict(columns, settings)}
+        tests[test] = {"receivers": seeds_as_dict(columns, settings)}
     return tests
 
 
@@ -28,7 +28,7 @@ def rendered(tmp_path, found):
     (tmp_path / files.FOLDER).mkdir(parents=True, exist_ok=True)
     for name, content in found.items():
         files.write(tmp_path, name, {"seeds": SEEDS, "found": content})
-    return TABLES["paper"](files.Results(tmp_path))
+    return paper(files.Results(tmp_path))
 
 
 def largest(found, gps, place, key):

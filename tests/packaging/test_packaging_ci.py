@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from heli_flight.testing.fuzz_parsers import PARSERS
+from support.fuzz_parsers import PARSERS
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTEST_SAYS = "==== 812 passed, 3 skipped in 500.00s ===="
@@ -134,7 +134,7 @@ def test_a_workflow_runs_what_there_is(name):
         assert all((ROOT / file).is_file() for file in files), command
     if name == "nightly":
         assert "./run_tests.sh -m nightly" in commands
-        assert any("fuzz_counts.py --cases 10000" in command for command in commands)
+        assert any("evidence.experiments.fuzz --cases 10000" in command for command in commands)
         for parser in PARSERS:
             assert any(f"fuzz_atheris.py {parser} " in command for command in commands)
         lists = {f"requirements/hashes/{kind}.txt" for kind in ("flight", "test", "uv", "fuzz")}

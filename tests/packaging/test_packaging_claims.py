@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_flight.loop.settings import resolve
+from heli_flight.settings import resolve
 from heli_inner_hinf.design import AttitudeConfig
 from heli_msgs_bridge import topics
 
@@ -78,7 +78,7 @@ def test_gamma_closer_to_its_bound_lets_less_of_the_worst_wind_through():
     gains = []
     for changes in ({}, {"gamma": float(example)}):
         values = resolve(overrides={"inner_loop": changes}).nodes["inner_loop"]
-        kernel = AttitudeConfig.from_parameters(values).kernel
+        kernel = AttitudeConfig.from_parameters(values).params
         A, B, E = (
             np.array(values[f"model.{name}"]).reshape(9, columns)
             for name, columns in (("A", 9), ("B", 3), ("E", 3))

@@ -25,7 +25,13 @@ LAUNCH_FILES = sorted(
 )
 
 
-@pytest.fixture(scope="module", params=["--symlink-install", ""], ids=["linked", "copied"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param("--symlink-install", id="linked", marks=pytest.mark.slow),
+        pytest.param("", id="copied"),
+    ],
+)
 def workspace(request, tmp_path_factory):
     """A copy of the sources, built in place; its log is shown when the build fails."""
     top = tmp_path_factory.mktemp("workspace")

@@ -27,8 +27,9 @@ def test_links_lead_somewhere(name):
 
 def test_files_of_the_walk_exist():
     """`package/file.py`, and after it `file.py` of the same package, with the functions named."""
-    walk = ARCHITECTURE.split("## One tick")[1].split("## Life of a node")[0]
-    for line in walk.splitlines():
+    walks = re.findall(r"(?ms)^## (?:One tick|Life of a flight)(.*?)^## ", ARCHITECTURE)
+    assert len(walks) == 2
+    for line in "".join(walks).splitlines():
         package = None
         for words, functions in re.findall(r"`([\w/]+\.py)`(?: \(([^)]*)\))?", line):
             if (ROOT / words).is_file():
@@ -50,13 +51,12 @@ def test_every_package_and_wing_is_in_the_picture_and_in_the_contracts():
     # `graph` is a word of Mermaid's own, so that wing's box has another name than its label.
     drawn = re.sub(r'\w+\["(\w+)"\]', r"\1", picture)
     chain = re.search(r"cli --> .*", drawn)[0].split(" --> ")
-    # What only tests use is no wing: nothing imports it (test_packaging_reach.py).
-    assert wings - {"testing"} == set(chain)
+    assert wings == set(chain)
     order = next(c["layers"] for c in CONTRACTS["contracts"] if "wings" in c["name"])
-    assert order[: len(chain)] == chain
+    assert [layer for layer in order if layer in wings] == chain
 
 
-def test_every_testing_folder_is_in_the_table():
-    folders = {f"{p.parent.name}/testing" for p in ROOT.glob("src/*/heli*/testing")}
-    assert folders
-    assert set(re.findall(r"`(\w+/testing)`", ARCHITECTURE)) == folders
+def test_an_order_to_fly_walks_fifteen_rooms_at_most():
+    walk = ARCHITECTURE.split("## Life of a flight")[1].split("\n## ")[0]
+    rooms = re.findall(r"`([\w/]+\.py)`", walk.split("In one process")[0])
+    assert len(rooms) <= 15

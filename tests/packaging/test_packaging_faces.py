@@ -24,7 +24,7 @@ def test_every_name_of_the_face_is_there_and_described(package):
         found = getattr(module, name)
         if inspect.isclass(found) or callable(found) or inspect.ismodule(found):
             assert inspect.getdoc(found), f"{package}.{name}"
-        # The kernels' cache follows imports from module to module (heli_math.jit): a kernel that is
+        # The kernels' cache follows imports from module to module (heli_core.jit): a kernel that is
         # imported by a name of the face would run stale when its source changes.
         assert type(found).__name__ != "CPUDispatcher", f"{package}.{name}"
     assert set(module.__all__) <= set(dir(module))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from heli_flight.studies.results import files
+from evidence import files
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -15,7 +15,7 @@ GLOSSARY = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
 TERMS = dict(re.findall(r"(?m)^### (.+)\n\n(.+)$", GLOSSARY))
 PAGES = {
     path: path.read_text(encoding="utf-8")
-    for pattern in ("*.md", "docs/*.md", "docs/howto/*.md", "src/*/README.md")
+    for pattern in ("*.md", "docs/*.md", "docs/howto/*.md", "docs/packages/*.md", "src/*/README.md")
     for path in ROOT.glob(pattern)
     if path.name != "glossary.md"
 }

@@ -1,96 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--help where nothing is set up: at once, in the commands' own words, and without a trace."""
+"""What a command costs where nothing is set up is said before it is done."""
 
 import importlib.util
-import os
-import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from heli_flight.studies.results import files
+from evidence import files
 
 ROOT = Path(__file__).resolve().parents[2]
-STORED = (ROOT / "scripts/help.txt").read_text(encoding="utf-8")
-SECTIONS = dict(re.findall(r"\f([^\n]+)\n([^\f]+)", STORED))
-NAMES = sorted(SECTIONS)
 
 
 def found(name):
     return files.read(ROOT, name)["found"]
 
 
-def test_the_stored_help_is_what_the_commands_say():
-    """./heli python scripts/help_text.py writes it."""
-    script = ROOT / "scripts/help_text.py"
-    done = subprocess.run([sys.executable, script, "--check"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert {"heli", "hover_test", "heli hover", "heli bag ulog", "heli campaign rare"} <= set(NAMES)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_command_answers_without_set_up(checkout, name):
-    program, *words = name.split()
-    script = {"heli": "heli", "hover_test": "hover_test.sh"}[program]
-    done = checkout.start(script, *words, "--help")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith(SECTIONS[name].rstrip() + "\n\n")
-    costs = done.stdout.removeprefix(SECTIONS[name].rstrip())
-    for number in (
-        f"downloads {found('setup_size')['download_mb']} MB",
-        f"takes {found('setup_size')['disk_mb']} MB of disk",
-        f"took {found('setup')['setup_s']} s",
-    ):
-        assert number in costs
-    assert not list(checkout.top.glob(".venv*"))
-
-
-@pytest.mark.parametrize(
-    ("words", "name"),
-    [
-        (["hover", "--seed", "3", "--help"], "heli hover"),
-        (["campaign", "spec.yaml", "--help"], "heli campaign"),
-        (["--help", "hover"], "heli"),
-        (["python", "--help"], "heli python"),
-    ],
-)
-def test_what_stands_before_help_decides(checkout, words, name):
-    assert checkout.start("heli", *words).stdout.startswith(SECTIONS[name])
-
-
-@pytest.mark.parametrize("name", ["heli", "heli bag", "heli compare", "heli results"])
-def test_where_a_command_has_to_follow_it_is_the_help_and_exit_code_2(checkout, name):
-    """With and without environment."""
-    bare = checkout.start(*name.split())
-    assert bare.returncode == 2 and bare.stdout == ""
-    assert bare.stderr.startswith(SECTIONS[name])
-    assert not list(checkout.top.glob(".venv*"))
-    command = [sys.executable, "-m", "heli_flight.start", *name.split()]
-    env = os.environ | {"COLUMNS": "80"}
-    own = subprocess.run(command, capture_output=True, text=True, env=env)
-    assert own.returncode == 2 and own.stdout == ""
-    assert own.stderr.split() == SECTIONS[name].split()
-
-
-def test_a_command_that_is_none_is_refused(checkout):
-    done = checkout.start("heli", "nonsense", "--help")
-    assert done.returncode == 2
-    assert done.stderr.splitlines() == ["heli: No such command 'nonsense'."]
-    assert not list(checkout.top.glob(".venv*"))
-
-
 @pytest.mark.parametrize(
     "words",
     [
         ["hover"],
+        ["--help"],
         ["python", "x.py", "--help"],
         ["run", "a", "b", "--help"],
         ["hover", "--", "--help"],
     ],
 )
-def test_what_asks_for_no_help_sets_up(checkout, words):
+def test_every_command_sets_up(checkout, words):
     checkout.add_python()
     done = checkout.start("heli", *words)
     assert done.returncode == 0, done.stderr
@@ -99,15 +34,7 @@ def test_what_asks_for_no_help_sets_up(checkout, words):
     assert costs in done.stderr.splitlines()[0]
 
 
-def test_an_environment_answers_itself(checkout):
-    checkout.add_python()
-    assert checkout.start("hover_test.sh").returncode == 0
-    checkout.calls()
-    assert checkout.start("hover_test.sh", "--help").stdout == ""  # of the stand-in
-    assert [line for line in checkout.calls() if "heli_flight.start hover_test --help" in line]
-
-
-def test_completion_is_no_question_for_help(checkout):
+def test_completion_sets_up(checkout):
     checkout.add_python()
     assert checkout.start("heli", _HELI_COMPLETE="complete_bash").returncode == 0
     assert (checkout.top / ".venv").is_dir()

@@ -141,7 +141,7 @@ def test_modules_are_complete(installed):
 
 
 def test_installed_package_finds_its_parameters(installed):
-    code = "from heli_parameters.locate import config_folder as f; print(f('heli_observer'))"
+    code = "from heli_core.command_line import config_folder as f; print(f('heli_observer'))"
     env = {**os.environ, "PYTHONPATH": str(installed / PYTHON_FOLDER)}
     found = run(sys.executable, "-c", code, env=env, cwd=installed)
     assert Path(found.strip()) == installed / "share/heli_observer/config"

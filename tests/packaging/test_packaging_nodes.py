@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.table_node import TableNode
+from heli_msgs_bridge.lifecycle_node import ManagedNode, TableNode
 from heli_msgs_bridge.tick_node import TickNode
 
 SRC = Path(__file__).resolve().parents[2] / "src"

@@ -7,19 +7,19 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-CLI, TERMINAL = "heli_flight/cli/", "heli_flight/terminal.py"
+CLI, TERMINAL = ("heli_flight/cli/", "heli_studies/cli.py"), "heli_flight/terminal.py"
 ONLY_IN = {
     "argparse": (),
     "getopt": (),
     "optparse": (),
     "click": (),
-    "typer": (CLI,),
+    "typer": CLI,
     "rich.progress": (TERMINAL,),
     "rich.live": (),
     "tqdm": (),
 }
 """Modules, and where in the packages they may be imported. Scripts have argparse, as a node has
-its own reader of ROS's arguments (heli_parameters/command_line.py)."""
+its own reader of ROS's arguments (heli_core/command_line.py)."""
 
 
 def sources(*patterns):

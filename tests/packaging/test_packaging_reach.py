@@ -18,7 +18,7 @@ from vulture import Vulture
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(path.parent.name for path in (ROOT / "src").glob("*/setup.py"))
 # Copied by whoever writes a law of his own (CONTRIBUTING.md); tests/recipes does so.
-COPIED = {"heli_inner_hinf.law_template"}
+COPIED = {"heli_inner_hinf.controller_template"}
 TRANSITIONS = ("configure", "cleanup", "activate", "deactivate", "shutdown", "error")
 ALWAYS = ("__*__", *(f"on_{name}" for name in TRANSITIONS))
 """What Python itself reads, and the transitions that rclpy calls."""
@@ -95,7 +95,7 @@ def commands():
 def started():
     """Files outside of the packages' code that a user starts: nodes, launch files, scripts."""
     packaged = [*(ROOT / "src").glob("*/scripts/*"), *(ROOT / "src").glob("*/launch/*.py")]
-    return [*packaged, *(ROOT / "scripts").glob("*.py")]
+    return [*packaged, *(ROOT / "scripts").glob("*.py"), *(ROOT / "evidence").rglob("*.py")]
 
 
 def reached():
@@ -108,26 +108,25 @@ def reached():
     return seen
 
 
-def is_testing(name):
-    return "testing" in name.split(".")
-
-
 def test_no_module_is_for_tests_only():
-    """Code that only tests use stands in a `testing` folder of its package, or goes."""
-    left = set(modules()) - reached() - COPIED
-    assert {name for name in left if not is_testing(name)} == set()
+    """Code that only tests use stands in tests/support, or goes."""
+    assert set(modules()) - reached() - COPIED == set()
 
 
 @cache
 def public_names():
-    """What packages offer to their users: `__all__` of each."""
-    return {name for package in PACKAGES for name in importlib.import_module(package).__all__}
+    """What packages and their sub-packages offer to their users: `__all__` of each."""
+    faces = [name for name, file in modules().items() if file.stem == "__init__"]
+    loaded = map(importlib.import_module, faces)
+    return {name for face in loaded for name in getattr(face, "__all__", ())}
 
 
 def unused(files, known):
     """file:line: kind name of what is defined and never used, tests left out of account."""
     names = [*ALWAYS, *sorted(known)]
-    search = Vulture(ignore_names=names, ignore_decorators=["@*.command*", "@*.callback*"])
+    search = Vulture(
+        ignore_names=names, ignore_decorators=["@*.command*", "@*.callback*", "@table"]
+    )
     search.scavenge(list(files))
     return [f"{i.filename}:{i.first_lineno}: {i.typ} {i.name}" for i in search.get_unused_code()]
 
@@ -135,14 +134,13 @@ def unused(files, known):
 @cache
 def unused_in_the_product():
     """What is unused among the files of what a user can start or import, and is not offered."""
-    own = [file for name, file in modules().items() if not is_testing(name)]
-    return unused([*own, *started()], public_names())
+    return unused([*modules().values(), *started()], public_names())
 
 
 def test_no_name_is_for_tests_only():
     """Functions, methods, attributes, fields and constants that only tests use go, too."""
     found = [line for line in unused_in_the_product() if line.rsplit(" ", 1)[1] not in KNOWN]
-    hint = "use it, move it to `testing`, delete it, or say in KNOWN what uses it"
+    hint = "use it, move it to tests/support, delete it, or say in KNOWN what uses it"
     assert found == [], f"{hint}:\n" + "\n".join(found)
 
 
@@ -168,17 +166,11 @@ def test_the_search_finds(tmp_path, text, name):
     assert line.endswith(f" {name}")
 
 
-def test_nothing_that_flies_imports_what_is_for_tests():
-    for name, file in modules().items():
-        if not is_testing(name):
-            assert not {other for other in named_in(file) if is_testing(other)}, name
-
-
 def test_start_does_not_wait_for_python_control():
     """Nodes, `heli` and flights come without it and without matplotlib: seconds to import."""
     started = [f"{p}.node" for p in PACKAGES if f"{p}.node" in modules()]
     started += ["heli_flight.cli.app", "heli_flight.cli.hover_test", "heli_flight.graph.flight"]
-    started += ["heli_flight.graph.preload", "heli_flight.loop.closed_loop", "heli_flight.report"]
+    started += ["heli_flight.graph.preload", "heli_flight.loop", "heli_flight.report"]
     code = (
         "import importlib, sys\n"
         f"for name in {started!r}:\n"

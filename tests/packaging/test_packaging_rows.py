@@ -19,20 +19,20 @@ ROWS = {
 }  # fmt: skip
 """Names that rows have in the sources: no number at all stands behind them."""
 QUATERNIONS = {"q", "q_nb", "q_xyzw"}
-ALGEBRA = {"heli_math/rotations.py"}
+ALGEBRA = {"heli_core/rotations.py"}
 """Files that multiply quaternions, component by component."""
 TEXT = {
-    "heli_bags/salvage.py": {"raw[:4]"},
-    "heli_flight/loop/settings.py": {"commit[:12]", "sources_commit()[:12]"},
+    "heli_bags/repair.py": {"raw[:4]"},
+    "heli_flight/settings.py": {"commit[:12]", "sources_commit()[:12]"},
     "heli_flight/report/figures.py": {"textwrap.wrap(conditions, 142)[:3]"},
-    "heli_flight/studies/results/markdown.py": {
+    "evidence/markdown.py": {
         "match[3]", "match[4]", "match[5]", "content['commit'][:10]",
     },
-    "heli_identification/structure.py": {"name[2:-1]"},
-    "heli_math/jit.py": {"digest.hexdigest()[:16]"},
-    "heli_parameters/parameters.py": {"text[:77]"},
+    "heli_analysis/identification/model.py": {"name[2:-1]"},
+    "heli_core/jit.py": {"digest.hexdigest()[:16]"},
+    "heli_core/parameters.py": {"text[:77]"},
     "scripts/bench_recorder.py": {"fields[11]", "fields[12]"},
-    "scripts/deviation_table.py": {"row[4]"},
+    "evidence/experiments/deviations.py": {"row[4]"},
     "scripts/write_inner_loop_yaml.py": {"sys.argv[1:3]"},
 }  # fmt: skip
 """Bytes, letters, words, lines and groups of a pattern: no rows."""
@@ -84,8 +84,8 @@ def numeric_subscripts(source):
 
 def sources():
     """Python files of packages (by package and path in it) and scripts; no tests, no set-up."""
-    for path in sorted(ROOT.glob("scripts/*.py")):
-        yield f"scripts/{path.name}", path
+    for path in sorted([*ROOT.glob("scripts/*.py"), *ROOT.glob("evidence/**/*.py")]):
+        yield path.relative_to(ROOT).as_posix(), path
     for path in sorted(SRC.glob("*/*/**/*.py")):
         inside = path.relative_to(SRC).parts[1:]
         if inside[0] not in ("test", "launch"):
@@ -102,7 +102,7 @@ def test_rows_are_read_by_name():
         for line, text in numeric_subscripts(path.read_text(encoding="utf-8"))
         if text not in TEXT.get(name, ())
     ]
-    assert found == [], "name these places, see heli_math/rows.py:\n" + "\n".join(found)
+    assert found == [], "name these places, see heli_core/rows.py:\n" + "\n".join(found)
 
 
 def test_every_exception_is_needed():
@@ -137,7 +137,7 @@ def test_the_length_of_a_tick_stands_once():
     """No file spells it again, nor what follows from it."""
     found = []
     for name, path in sources():
-        if name == "heli_math/ticks.py":
+        if name == "heli_core/ticks.py":
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             targets = node.targets if isinstance(node, ast.Assign) else []

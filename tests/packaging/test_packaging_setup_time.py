@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from heli_flight.errors import FlightError
-from heli_flight.studies.results import files
-from heli_flight.studies.results.tables_of_parts import setup
+from evidence import files
+from evidence.experiments.setup import setup
+from heli_core.errors import FlightError
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUP_ENV = (ROOT / "scripts/setup_env.sh").read_text(encoding="utf-8")

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.usage import asks_for_help
+from heli_msgs_bridge.lifecycle_node import ManagedNode
+from heli_msgs_bridge.node_process import asks_for_help, run
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = {

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from numba.core.caching import _CacheLocator
 
-from heli_math.jit import cache_root
+from heli_core.jit import cache_root
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("src", "tests", "scripts", "benchmarks", "requirements", "docs")
@@ -65,6 +65,7 @@ class Copy:
     def run(self, *words, code: int | None = 0, limit_s: float = 580.0):
         """Run the interpreter on the copy's packages; the exit code is checked unless None."""
         packages = [str(path.parent) for path in self.top.glob("src/*/setup.py")]
+        packages.append(str(self.top / "tests"))
         env = {
             **os.environ,
             **self.variables,

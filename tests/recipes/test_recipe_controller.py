@@ -9,19 +9,20 @@ PACKAGE = "src/heli_inner_hinf/heli_inner_hinf"
 
 
 def add_law(copy):
-    """Steps 1 to 3 of `law_template.py`; step 4 is not needed, the law uses the PID's gains."""
-    template = copy.path(f"{PACKAGE}/law_template.py").read_text()
-    copy.write(f"{PACKAGE}/my_law.py", template)
-    copy.replace(f"{PACKAGE}/law_state.py", '"indi": 2,', '"indi": 2, "mine": 3,')
-    dispatch = f"{PACKAGE}/attitude_law.py"
-    first = "from heli_inner_hinf.pid import"
-    copy.replace(dispatch, first, f"from heli_inner_hinf.my_law import user_law\n{first}")
+    """Steps 1 to 3 of `controller_template.py`; without step 4, the law uses the PID's gains."""
+    template = copy.path(f"{PACKAGE}/controller_template.py").read_text()
+    copy.write(f"{PACKAGE}/my_controller.py", template)
+    copy.replace(f"{PACKAGE}/controller_state.py", '"indi": 2,', '"indi": 2, "mine": 3,')
+    dispatch = f"{PACKAGE}/controllers.py"
+    first = "from heli_inner_hinf.controller_state import"
+    copy.replace(dispatch, first, f"from heli_inner_hinf.my_controller import user_law\n{first}")
     branch = "        pid_law(x9, r3, k, state, u3)\n"
     mine = "    elif k.controller == 3:\n        user_law(x9, r3, k, state, u3)\n"
     copy.replace(dispatch, branch, branch + mine)
 
 
 # The laws and what calls them are compiled anew, on loaded cores for minutes.
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_new_law_is_a_choice_and_holds_the_attitude(copy, tmp_path):
     add_law(copy)

@@ -4,11 +4,11 @@
 import pytest
 
 NEW = "heli_winch"
-NEIGHBOUR = "heli_parameters"
+NEIGHBOUR = "heli_studies"
 MODULE = '''# SPDX-License-Identifier: Apache-2.0
 """Length of the cable."""
 
-from heli_math.jit import njit
+from heli_core.jit import njit
 
 
 @njit
@@ -19,14 +19,14 @@ def length_m(turns):
 INIT = '''# SPDX-License-Identifier: Apache-2.0
 """A winch under the helicopter."""
 
-from heli_math.faces import face
+from heli_core.faces import face
 
 __getattr__, __dir__, __all__ = face(__name__, {}, modules=["cable"])
 '''
 README = f"# {NEW}\n\n## Purpose\nA winch.\n\n## Public names\n`cable`.\n"
 
 
-def add_package(copy, data_files=True, imports="heli_math", readme=README):
+def add_package(copy, data_files=True, imports="heli_core", readme=README):
     """The recipe's steps."""
     folder = f"src/{NEW}"
     for name in ("setup.py", "setup.cfg", "package.xml"):

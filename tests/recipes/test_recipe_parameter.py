@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """CONTRIBUTING, "To add a parameter": a row, a value with a comment; it is checked everywhere."""
 
-TABLE = "src/heli_dynamics_sim/heli_dynamics_sim/parameter_table.py"
+TABLE = "src/heli_dynamics_sim/heli_dynamics_sim/parameters.py"
 VALUES = "src/heli_dynamics_sim/config/plant.yaml"
 ROW = '    Parameter("fuel_kg", "double", "Fuel on board", "kg", lower=0.0, upper=2.0),\n'
 COMMENT = "    # Fuel on board at the start of the flight, kg.\n"

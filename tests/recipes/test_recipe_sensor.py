@@ -11,7 +11,7 @@ import pytest
 SIM = "src/heli_dynamics_sim/heli_dynamics_sim"
 BRIDGE = "src/heli_msgs_bridge/heli_msgs_bridge"
 OBSERVER = "src/heli_observer/heli_observer"
-SPELLED = "src/heli_math/test/test_rows.py"
+SPELLED = "src/heli_core/test/test_rows.py"
 BYTES = "src/heli_msgs_bridge/test/test_bridge_bytes.py"
 CHOSEN = "10_seeds and home and rtk"
 
@@ -93,11 +93,11 @@ class Recipe:
 
 def add_to_plant(r):
     """Step 1: the model, its noise, its places, its parameters."""
-    r.after("src/heli_math/heli_math/rows.py", "rotor_valid: int = 27\n",
+    r.after("src/heli_core/heli_core/rows.py", "rotor_valid: int = 27\n",
             "    doppler: slice = slice(28, 31)  # velocity over ground, body, m/s\n"
             "    doppler_valid: int = 31\n")  # fmt: skip
-    r.replace("src/heli_math/heli_math/rows.py", "sensed: int = 28 ", "sensed: int = 32 ")
-    r.replace("src/heli_math/heli_math/rows.py",
+    r.replace("src/heli_core/heli_core/rows.py", "sensed: int = 28 ", "sensed: int = 32 ")
+    r.replace("src/heli_core/heli_core/rows.py",
               "    wind: slice = slice(28, 31)  # true velocity of the air, NED, m/s\n"
               "    size: int = 31\n",
               "    wind: slice = slice(32, 35)  # true velocity of the air, NED, m/s\n"
@@ -117,14 +117,14 @@ def add_to_plant(r):
     r.before(f"{SIM}/sensors.py", "@njit\ndef read_sensors(", READ)
     r.after(f"{SIM}/sensors.py", "    read_gps(sensors, tick, x, noise, k.gps, y)\n",
             "    read_doppler(tick, x, noise, k.doppler, y)\n")  # fmt: skip
-    r.after(f"{SIM}/sensor_config.py", "    BaroKernel,\n", "    DopplerKernel,\n")
-    r.replace(f"{SIM}/sensor_config.py",
-              "    return SensorKernel(imu, mag, baro, _gps(get, rate), rotor, imu2)\n",
+    r.after(f"{SIM}/config.py", "    BaroKernel,\n", "    DopplerKernel,\n")
+    r.replace(f"{SIM}/config.py",
+              "    return SensorParams(imu, mag, baro, _gps(get, rate), rotor, imu2)\n",
               "    period = rate.of(get(\"doppler.period_ticks\"))\n"
               '    doppler = DopplerKernel(get("doppler.white_mps"), period)\n'
-              "    return SensorKernel(imu, mag, baro, _gps(get, rate), rotor, doppler, imu2)\n"
+              "    return SensorParams(imu, mag, baro, _gps(get, rate), rotor, doppler, imu2)\n"
               )  # fmt: skip
-    r.after(f"{SIM}/sensor_table.py",
+    r.after(f"{SIM}/parameters.py",
             '    ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),\n',
             '    real("sensors.doppler.white_mps", "White error per axis", "m/s", 0.0, 1.0),\n'
             '    ticks("sensors.doppler.period_ticks", "Sampling period", 1, 1000),\n'
@@ -141,15 +141,15 @@ def add_to_bridge(r):
     r.before(f"{BRIDGE}/topics.py", "    Topic(ODOM, ",
              '    Topic(DOPPLER, "geometry_msgs/msg/TwistWithCovarianceStamped", _PLANT, '
              "_OBSERVER, 10),\n")  # fmt: skip
-    r.before(f"{BRIDGE}/channels.py", "    topics.ODOM: Channel(\n",
+    r.before(f"{BRIDGE}/layouts.py", "    topics.ODOM: Channel(\n",
              "    topics.DOPPLER: Channel(\n"
-             "        3, _BODY, _doubles(TWIST.size), _P.pack_body_vector,\n"
-             "        _P.unpack_body_vector, _twist_block, _TWIST_AT,\n    ),\n"
+             "        3, _BODY, _doubles(TWIST.size), pack_body_vector,\n"
+             "        unpack_body_vector, _twist_block, _TWIST_AT,\n    ),\n"
              )  # fmt: skip
     node = f"{SIM}/node.py"
     r.replace(node, "topics.GPS_FIX, topics.GPS_VELOCITY)\n",
               "topics.GPS_FIX, topics.GPS_VELOCITY,\n           topics.DOPPLER)\n")  # fmt: skip
-    r.after(f"{SIM}/sensor_config.py", '        (v["sensors.gps.velocity_mps"] ** 2,),\n',
+    r.after(f"{SIM}/config.py", '        (v["sensors.gps.velocity_mps"] ** 2,),\n',
             '        (v["sensors.doppler.white_mps"] ** 2,),\n')  # fmt: skip
     r.before(node, "        # Last of the sensors: in real time",
              "        if y[MEAS.doppler_valid]:\n"
@@ -189,12 +189,12 @@ def add_to_observer(r):
             )  # fmt: skip
     r.after(layout, "    var_mag: float\n", "    var_doppler: float\n")
     r.after(layout, "    baro_timeout_ticks: int\n", "    doppler_timeout_ticks: int\n")
-    config = f"{OBSERVER}/config.py"
+    config = f"{OBSERVER}/observer.py"
     r.after(config, '        var_mag=v["ekf.mag.noise_t"] ** 2,\n',
             '        var_doppler=v["ekf.doppler.noise_mps"] ** 2,\n')  # fmt: skip
     r.after(config, '            baro_timeout_ticks=ticks(v["ekf.timeout.baro_s"]),\n',
             '            doppler_timeout_ticks=ticks(v["ekf.timeout.doppler_s"]),\n')  # fmt: skip
-    table = f"{OBSERVER}/parameter_table.py"
+    table = f"{OBSERVER}/parameters.py"
     r.after(table, '    _period("baro"),\n', '    _period("doppler"),\n')
     r.after(table, '    _timeout("baro"),\n',
             '    _timeout("doppler"),\n'
@@ -207,7 +207,7 @@ def add_to_observer(r):
              "      doppler:\n        # White error of each axis, m/s.\n        noise_mps: 0.05\n"
              )  # fmt: skip
     r.before(f"{OBSERVER}/buffers.py", "@njit\ndef store_gps(", STORE)
-    ekf = f"{OBSERVER}/ins_ekf.py"
+    ekf = f"{OBSERVER}/ekf.py"
     r.after(ekf, "    AID_BARO,\n", "    AID_DOPPLER,\n")
     r.after(ekf, "    D_NIS_BARO,\n", "    D_NIS_DOPPLER,\n")
     r.copy.write(ekf, r.copy.path(ekf).read_text() + FUSE)
@@ -230,7 +230,7 @@ def add_to_observer(r):
              "        _, doppler = arrived.get(topics.DOPPLER, (0, None))\n"
              "        if doppler is not None:\n"
              "            y[MEAS.doppler], y[MEAS.doppler_valid] = doppler, 1.0\n")  # fmt: skip
-    r.after("src/heli_flight/heli_flight/loop/agreement.py",
+    r.after("src/heli_flight/heli_flight/settings.py",
             '"observer", "schedule.baro_period_ticks"),\n',
             '    ("plant", "sensors.doppler.period_ticks", "observer", '
             '"schedule.doppler_period_ticks"),\n')  # fmt: skip
@@ -238,13 +238,13 @@ def add_to_observer(r):
 
 def add_to_consistency(r):
     """Step 3: the sensor in the synthetic flights, its innovations among the others."""
-    r.before(f"{OBSERVER}/testing/synthetic.py", "    parts = (y, pos, vel,",
+    r.before("tests/support/synthetic_sensors.py", "    parts = (y, pos, vel,",
              "    y[:, MEAS.doppler] = (Rt @ vel[:, :, None])[:, :, 0]\n"
              '    sigma = noise * v["ekf.doppler.noise_mps"]\n'
              "    y[:, MEAS.doppler] += sigma * rng.standard_normal((m, 3))\n"
              '    y[:, MEAS.doppler_valid] = tick % v["schedule.doppler_period_ticks"] == 0\n'
              )  # fmt: skip
-    name = f"{OBSERVER}/testing/consistency.py"
+    name = "tests/support/estimator_consistency.py"
     r.replace(name, '"magnetometer", "barometer")', '"magnetometer", "barometer", "Doppler")')
     r.replace(name, "L.C_MAG_FUSED, L.C_BARO_FUSED]",
               "L.C_MAG_FUSED, L.C_BARO_FUSED, L.C_DOPPLER_FUSED]")  # fmt: skip
@@ -264,22 +264,22 @@ import hashlib
 import numpy as np
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_flight.loop.settings import resolve
-from heli_math.rows import MEAS
+from heli_flight.settings import resolve
+from heli_core.rows import MEAS
 config = plant.PlantConfig.from_parameters(resolve(seed=3).nodes["plant"])
 state, streams, y = plant.initial_state(config, 3), NoiseStreams(3), np.zeros(MEAS.size)
 u, seen = state.commands[-1].copy(), hashlib.sha256()
 for tick in range(200):
-    plant.measure(state, tick, streams.row(), config.kernel, y)
+    plant.measure(state, tick, streams.row(), config.params, y)
     seen.update(y[:28].tobytes() + y[MEAS.wind].tobytes() + state.x.tobytes())
-    plant.advance(state, u, config.kernel)
+    plant.advance(state, u, config.params)
 print(seen.hexdigest())
 """
 RECORDED = """
 import json
 import sys
 from heli_bags.reader import read_bag
-from heli_math.rows import PLANT
+from heli_core.rows import PLANT
 from heli_msgs_bridge import topics
 streams = read_bag(sys.argv[1]).streams
 seen, truth = streams[topics.DOPPLER], streams[topics.TRUTH_ODOM]
@@ -288,18 +288,18 @@ errors = [row - true_at[at][PLANT.vel] for at, row in zip(seen.stamp_ns.tolist()
 print(json.dumps([error.tolist() for error in errors]))
 """
 SILENT = """
-from heli_math.rows import MEAS, NAV
+from heli_core.rows import MEAS, NAV
 from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
-from heli_observer.testing.synthetic import hover_path, synthesize
-from heli_flight.loop.settings import resolve
+from support.synthetic_sensors import hover_path, synthesize
+from heli_flight.settings import resolve
 import numpy as np
 values = resolve().nodes["observer"]
 config, rows = ObserverConfig(values), synthesize(hover_path(), values, 6.0, 1).y
 rows[300:, MEAS.doppler_valid] = 0.0
 state, out = initial_state(config), np.zeros(NAV.size)
 for tick, y in enumerate(rows):
-    observe(state, tick, y, np.array(values["trim.u"]), config.kernel, out)
-print(ObserverStatus(status(state, config.kernel)).sentence)
+    observe(state, tick, y, np.array(values["trim.u"]), config.params, out)
+print(ObserverStatus(status(state, config.params)).sentence)
 """
 
 
@@ -308,6 +308,7 @@ def fly(copy, *words, code=0):
     return copy.run(*command, "--no-report", *words, code=code)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_new_sensor_is_flown_recorded_and_fused(copy, tmp_path, own_domain, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain))

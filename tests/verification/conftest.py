@@ -6,18 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from heli_core.command_line import config_folder
+from heli_core.jit import njit
+from heli_core.parameters import load, with_common
+from heli_core.rows import MEAS, PLANT
 from heli_dynamics_sim import plant
-from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF
-from heli_dynamics_sim.helicopter import same_air
-from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
+from heli_dynamics_sim.aircraft import CLIMB_POWER_OFF, HelicopterParameters
+from heli_dynamics_sim.helicopter import WORK_ROWS, rk4_step, same_air
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_dynamics_sim.parameter_table import TABLE
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_math.jit import njit
-from heli_math.rows import MEAS, PLANT
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
+from heli_dynamics_sim.parameters import TABLE
 
 
 @pytest.fixture(scope="session")
@@ -35,7 +32,7 @@ def in_vacuum(helicopter):
 
     def build(**changes):
         bare = {"air_density_kgpm3": 1e-30, "hub_stiffness_nmprad": 0.0}
-        kernel = replace(helicopter, **(bare | changes)).kernel
+        kernel = replace(helicopter, **(bare | changes)).params
         return kernel._replace(climb_power=CLIMB_POWER_OFF)
 
     return build
@@ -71,7 +68,7 @@ def fly():
 def plant_config():
     """plant_config(**changes): a PlantConfig from the packaged values; `__` stands for a dot."""
     files = [
-        config_folder("heli_parameters") / "common.yaml",
+        config_folder("heli_core") / "common.yaml",
         config_folder("heli_dynamics_sim") / "plant.yaml",
     ]
     values = load(with_common(TABLE), files, "plant")
@@ -103,7 +100,7 @@ def record():
         state = plant.initial_state(config, seed) if state is None else state
         streams, out = NoiseStreams(seed), np.zeros((ticks, MEAS.size))
         velocity = np.array(velocity_ned)
-        kernel = config.kernel if kernel is None else kernel
+        kernel = config.params if kernel is None else kernel
         for first in range(0, ticks, 50_000):
             rows = streams.rows(min(50_000, ticks - first))
             part = out[first : first + rows.shape[0]]

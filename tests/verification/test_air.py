@@ -12,14 +12,13 @@ import pytest
 from scipy.signal import csd, welch
 from scipy.stats import chi2, expon, kstest, uniform
 
+from heli_core.jit import copy, njit
+from heli_core.rows import AIR, MEAS
 from heli_dynamics_sim import plant
-from heli_dynamics_sim.gusts import GUST, RandomGusts, draw_gusts
+from heli_dynamics_sim.airframe import make_state
 from heli_dynamics_sim.helicopter import disc_tilt_of_gust
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_dynamics_sim.state import make_state
-from heli_math.arrays import copy
-from heli_math.jit import njit
-from heli_math.rows import AIR, MEAS
+from heli_dynamics_sim.wind import GUST, RandomGusts, draw_gusts
 
 TICK_S = 0.01
 SPEED = 5.0
@@ -118,7 +117,7 @@ def air(plant_config):
             out, y = np.zeros((round(seconds / TICK_S), AIR.size)), np.zeros(MEAS.size)
             for first in range(0, len(out), 50_000):
                 part = out[first : first + 50_000]
-                _record(state, first, streams.rows(len(part)), config.kernel, y, part)
+                _record(state, first, streams.rows(len(part)), config.params, y, part)
             kept[key] = out
         return kept[key]
 

@@ -15,16 +15,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.aircraft_kernel import lock_number
-from heli_dynamics_sim.linearize import linearize
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.trim import trim
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
+from heli_dynamics_sim.aircraft import HelicopterParameters, lock_number
+from heli_dynamics_sim.trim import linearize, trim
+from heli_flight.loop import simulate
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
 from heli_inner_hinf.design import AttitudeConfig
 from heli_observer.observer import ObserverConfig
-from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.parameters import outer_params
 
 ROOT = Path(__file__).resolve().parents[2]
 DESIGNS = ROOT / "src/heli_flight/config/designs"
@@ -74,7 +72,7 @@ def test_its_design_belongs_to_it(name):
             assert flat == pytest.approx(getattr(model, key).ravel(), rel=1e-6, abs=1e-8)
         assert np.ravel(nodes[node]["trim.u"]) == pytest.approx(hover.u, abs=1e-6)
         assert np.ravel(nodes[node]["trim.x"])[:8] == pytest.approx(model.x_trim[:8], abs=1e-6)
-    outer = outer_kernel(nodes["outer_loop"])
+    outer = outer_params(nodes["outer_loop"])
     assert outer.mass == aircraft.mass_kg
     assert tuple(outer.rotor) == pytest.approx(
         (

@@ -4,18 +4,17 @@
 import numpy as np
 import pytest
 
+from heli_core.metrics import attitude_errors
+from heli_core.rotations import quat_to_R_nb
+from heli_core.rows import PLANT, REFERENCE
+from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.helicopter import derivative_kernel, same_air
-from heli_dynamics_sim.parameters import HelicopterParameters
 from heli_dynamics_sim.trim import trim
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.robust.airspeed import Point, at, over_airspeed
-from heli_flight.studies.robust.loop import feedback_flown
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 from heli_inner_hinf.design import AttitudeConfig
-from heli_math.paper_metrics import attitude_errors
-from heli_math.rotations import quat_to_R_nb
-from heli_math.rows import PLANT, REFERENCE
-from heli_robust import contraction_of
+from heli_inner_hinf.robust import contraction_of
+from heli_studies.robust import Point, at, feedback_flown, over_airspeed
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,7 @@ def test_to_hover_in_a_headwind_is_to_fly_through_still_air(settings):
     moving[PLANT.down] = -1000.0
     moving[PLANT.vel] = quat_to_R_nb(moving[PLANT.quat]).T @ velocity
     rates = np.empty(PLANT.size)
-    derivative_kernel(moving, hover.u, same_air(np.zeros(3)), aircraft.kernel, rates)
+    derivative_kernel(moving, hover.u, same_air(np.zeros(3)), aircraft.params, rates)
     np.testing.assert_allclose(rates[PLANT.pos], velocity, atol=1e-9)
     np.testing.assert_allclose(rates[PLANT.vel], 0.0, atol=1e-8)
     np.testing.assert_allclose(rates[PLANT.rate], 0.0, atol=1e-8)

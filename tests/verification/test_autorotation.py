@@ -12,16 +12,15 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
+from heli_core.errors import PlantConfigError
+from heli_core.rotations import euler_from_quat, quat_to_R_nb
+from heli_core.rows import ACTUATOR, MEAS, NINE, PLANT
+from heli_core.ticks import TICK_S
 from heli_dynamics_sim import plant
-from heli_dynamics_sim.config import PlantConfigError
+from heli_dynamics_sim.aircraft import ModelOptions
 from heli_dynamics_sim.ground import ground_contact
-from heli_dynamics_sim.linearize import linearize
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_dynamics_sim.terms import Terms
-from heli_dynamics_sim.trim import trim
-from heli_math.rotations import euler_from_quat, quat_to_R_nb
-from heli_math.rows import ACTUATOR, MEAS, NINE, PLANT
-from heli_math.ticks import TICK_S
+from heli_dynamics_sim.trim import linearize, trim
 
 FAIL_S, ALTITUDE_M, FLARE_M = 2.0, 30.0, 8.0
 FLARE_MPS2, TOUCH_MPS = 5.0, 0.3
@@ -92,10 +91,10 @@ class Pilot:
 @pytest.fixture(scope="module")
 def descend(plant_config, helicopter):
     """descend(seed, acts): fly until something touches; (config, state, speed before, rotor)."""
-    on = {f"terms__{name}": True for name in Terms._fields}
+    on = {f"terms__{name}": True for name in ModelOptions._fields}
     start = np.array([0.0, 0.0, -ALTITUDE_M])
     config = plant_config(**on, engine__fail_time_s=FAIL_S, initial__pos_ned_m=start)
-    k = config.kernel
+    k = config.params
 
     def run(seed, acts=True):
         state, streams = plant.initial_state(config, seed), NoiseStreams(seed)

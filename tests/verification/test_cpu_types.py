@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SWEEP = ROOT / "scripts/sweep_cpu_types.py"
-COMPARE = ROOT / "scripts/compare_cpu_types.py"
+SWEEP = "evidence.sweep_cpu_types"
+COMPARE = "evidence.experiments.cpu_types"
 
 # Passes on the BLAS kernels of every processor but one.
 DEPENDENT = """
@@ -29,8 +29,8 @@ def test_of_nothing():
 
 def run(script, *words, limit_s=250):
     return subprocess.run(
-        [sys.executable, str(script), *map(str, words)],
-        capture_output=True, text=True, timeout=limit_s,
+        [sys.executable, "-m", script, *map(str, words)],
+        cwd=ROOT, capture_output=True, text=True, timeout=limit_s,
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import build, fly_loop
+from heli_flight.loop import build, fly_loop
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 LOST = ("{what: gps, kind: loss, start_s: 12.0}",)

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from heli_core.command_line import config_folder
+from heli_core.parameters import load
 from heli_observer import layout as L
-from heli_observer.parameter_table import NODE_NAME, TABLE
-from heli_observer.testing.consistency import DOF, Statistics, bounds, collect
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
+from heli_observer.parameters import NODE_NAME, TABLE
+from support.estimator_consistency import DOF, Statistics, bounds, collect
 
 CONFIG: Path = config_folder("heli_observer")
 ABSOLUTE = {"ekf.initial.drift_at_alignment_fraction": 1.0}

@@ -9,10 +9,10 @@ Tolerance: attitude < 0.5 deg RMS, velocity < 0.1 m/s RMS, position below the GP
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.plant import PlantConfig
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import rotation_between
+from heli_core.rotations import rotation_between
+from heli_dynamics_sim.config import PlantConfig
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 
 SETTLED = slice(500, None)
 # The receiver's own error is about the true origin; by default the filter counts from home.

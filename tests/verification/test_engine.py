@@ -12,15 +12,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from heli_core.rows import NINE, PLANT
+from heli_dynamics_sim.aircraft import HelicopterParameters, ModelOptions
+from heli_dynamics_sim.airframe import make_state
 from heli_dynamics_sim.helicopter import derivative_kernel, same_air, specific_force
-from heli_dynamics_sim.linearize import linearize
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.state import make_state
-from heli_dynamics_sim.terms import Terms
-from heli_dynamics_sim.trim import TrimError, trim
-from heli_math.rows import NINE, PLANT
+from heli_dynamics_sim.trim import TrimError, linearize, trim
 
-ON = Terms(rotor_speed=True)
+ON = ModelOptions(rotor_speed=True)
 VERTICAL = (PLANT.w, PLANT.omega, PLANT.governor, PLANT.engine)
 """States of the aircraft on a vertical line."""
 HIGH = (0.0, 0.0, -1e4)
@@ -48,7 +46,7 @@ def line(aircraft, x0, d_col):
     def rates(_, z):
         x = x0.copy()
         x[list(VERTICAL)] = z
-        derivative_kernel(x, u, air, aircraft.kernel, out)
+        derivative_kernel(x, u, air, aircraft.params, out)
         return out[list(VERTICAL)]
 
     return rates
@@ -155,7 +153,7 @@ def test_power_of_a_slow_climb_grows_by_half_the_weight_per_speed(bare):
         x = make_state(HIGH)
         x[PLANT.w], x[PLANT.servo_col], x[PLANT.omega] = -climb, d_col, p.main_speed_radps
         out = np.empty(PLANT.size)
-        derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), p.kernel, out)
+        derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), p.params, out)
         return -out[PLANT.omega] * J * p.main_speed_radps
 
     assert (needed(h) - needed(0.0)) / h == pytest.approx(weight / 2, rel=5e-3)
@@ -171,7 +169,7 @@ def test_the_governor_feeds_forward_what_hover_takes_per_pitch(on):
 
     d_col = brentq(lambda d: hover(d)[0] - weight, -0.9, 0.3, xtol=1e-14)
     slope = (hover(d_col - h)[2] - hover(d_col + h)[2]) / (2.0 * h * 0.165)
-    assert MAX_W * p.kernel.engine.feed_forward == pytest.approx(slope, rel=1e-5)
+    assert MAX_W * p.params.engine.feed_forward == pytest.approx(slope, rel=1e-5)
 
 
 def test_a_climb_beyond_the_engine_droops_until_power_is_enough(bare):
@@ -213,7 +211,7 @@ def test_angular_momentum_about_the_shaft_is_kept(on):
     empty = replace(on, air_density_kgpm3=1e-30)
     x, out = make_state(HIGH), np.empty(PLANT.size)
     x[PLANT.omega], x[PLANT.engine] = 190.0, 0.4
-    derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), empty.kernel, out)
+    derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), empty.params, out)
     assert out[PLANT.omega] == pytest.approx(MAX_W * 0.4 / 190.0 / J, rel=1e-12)
     main = 2 * 0.055 * out[PLANT.omega]
     assert 0.787 * out[PLANT.r] == pytest.approx(-main, rel=1e-9)
@@ -282,13 +280,13 @@ def test_trim_refuses_an_engine_that_is_too_weak(on):
 
 def test_fuel_is_what_the_engine_burns(helicopter):
     """1 min of hover power at a fixed state: 5e-7 kg/J of the engine's own power; 1e-9."""
-    aircraft = replace(helicopter, terms=Terms(rotor_speed=True, fuel=True))
+    aircraft = replace(helicopter, terms=ModelOptions(rotor_speed=True, fuel=True))
     x, out = trim(aircraft).x.copy(), np.empty(PLANT.size)
     x[PLANT.down] = -1e4
-    derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), aircraft.kernel, out)
+    derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), aircraft.params, out)
     assert out[PLANT.fuel] == pytest.approx(5e-7 * 2200.0 * x[PLANT.engine], rel=1e-9)
     x[PLANT.fuel] = 0.5
-    derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), aircraft.kernel, out)
+    derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), aircraft.params, out)
     assert out[PLANT.fuel] == 0.0
     assert out[PLANT.omega] < -10.0  # the tank is empty, the engine stands
 
@@ -296,24 +294,25 @@ def test_fuel_is_what_the_engine_burns(helicopter):
 @pytest.mark.parametrize("burnt", [0.1, 0.4])
 def test_burnt_fuel_makes_the_aircraft_lighter_and_drifts_its_trim(helicopter, burnt):
     """With so much burnt the aircraft rests in the trim of one that is so much lighter; 1e-9."""
-    aircraft = replace(helicopter, terms=Terms(fuel=True))
+    aircraft = replace(helicopter, terms=ModelOptions(fuel=True))
     light = trim(replace(helicopter, mass_kg=9.75 - burnt))
     x, out = light.x.copy(), np.empty(PLANT.size)
     x[PLANT.down], x[PLANT.fuel] = -1e4, burnt
-    derivative_kernel(x, light.u, same_air(np.zeros(3)), aircraft.kernel, out)
+    derivative_kernel(x, light.u, same_air(np.zeros(3)), aircraft.params, out)
     assert np.abs(out[PLANT.vel]).max() < 1e-9
     assert light.u[3] > trim(aircraft).u[3]  # up is negative: less collective
     force = np.empty(3)
-    specific_force(x, same_air(np.zeros(3)), aircraft.kernel, force)
+    specific_force(x, same_air(np.zeros(3)), aircraft.params, force)
     assert np.linalg.norm(force) == pytest.approx(9.781, abs=1e-9)
 
 
 def test_a_battery_keeps_its_mass(helicopter):
     electric = replace(
-        HelicopterParameters.from_yaml("logo600.yaml"), terms=Terms(*(True for _ in Terms._fields))
+        HelicopterParameters.from_yaml("logo600.yaml"),
+        terms=ModelOptions(*(True for _ in ModelOptions._fields)),
     )
     x, out = trim(electric).x, np.empty(PLANT.size)
-    derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), electric.kernel, out)
+    derivative_kernel(x, np.zeros(4), same_air(np.zeros(3)), electric.params, out)
     assert out[PLANT.fuel] == 0.0
     assert 0.1 < x[PLANT.engine] < 0.9
 
@@ -331,10 +330,10 @@ def test_no_speed_of_the_rotor_makes_the_disc_diverge(on, share):
         for sign, filled in zip((1.0, -1.0), out, strict=True):
             moved = x.copy()
             moved[place] += sign * 1e-4
-            derivative_kernel(moved, u, air, on.kernel, filled)
+            derivative_kernel(moved, u, air, on.params, filled)
         jacobian[:, column] = (out[0] - out[1])[disc] / 2e-4
     assert np.linalg.eigvals(jacobian).real.max() < 0.0
-    flapping = on.kernel.flapping
+    flapping = on.params.flapping
     law = share if share >= 0.9 else 0.81 / share
     np.testing.assert_allclose(jacobian[0, 1], flapping.a_bs / law, rtol=1e-6)
     np.testing.assert_allclose(jacobian[1, 0], flapping.b_as / law, rtol=1e-6)

@@ -10,15 +10,11 @@ import yaml
 from scipy.integrate import quad
 from scipy.optimize import fsolve
 
-from heli_dynamics_sim.aircraft_kernel import lock_number
-from heli_dynamics_sim.flap_back import bar_per_mps, blade_tilts
+from heli_core.rows import PLANT
+from heli_dynamics_sim.aircraft import HelicopterParameters, ModelOptions, lock_number
 from heli_dynamics_sim.helicopter import state_derivative
-from heli_dynamics_sim.linearize import linearize
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.rotor_flow import rotor_flow
-from heli_dynamics_sim.terms import Terms
-from heli_dynamics_sim.trim import trim
-from heli_math.rows import PLANT
+from heli_dynamics_sim.main_rotor import bar_per_mps, blade_tilts, rotor_flow
+from heli_dynamics_sim.trim import linearize, trim
 
 STILL = (0.0, 0.0, 0.0)
 OFF = HelicopterParameters.from_yaml("helion.yaml")
@@ -26,7 +22,7 @@ OFF = HelicopterParameters.from_yaml("helion.yaml")
 
 def with_terms(*names, aircraft=OFF, **changes):
     """The aircraft with these terms on."""
-    return replace(aircraft, terms=Terms()._replace(**dict.fromkeys(names, True)), **changes)
+    return replace(aircraft, terms=ModelOptions()._replace(**dict.fromkeys(names, True)), **changes)
 
 
 def flap_balance(forward_mps, pitch, down_mps, p):
@@ -64,7 +60,7 @@ def test_flap_back_is_that_of_a_blade_by_quadrature(name, speed):
     The hub spring is left out of the coning here, as it is in the quadrature.
     """
     p = replace(HelicopterParameters.from_yaml(f"{name}.yaml"), hub_stiffness_nmprad=0.0)
-    k, x = p.kernel, trim(HelicopterParameters.from_yaml(f"{name}.yaml")).x
+    k, x = p.params, trim(HelicopterParameters.from_yaml(f"{name}.yaml")).x
     _, v_i, _, pitch = rotor_flow(x, STILL, k)
     back, aside = blade_tilts(speed, 0.0, pitch, v_i, k.main.tip_speed, k.flap_back.coning)
     a_1, b_1, _ = flap_balance(speed, pitch, v_i, p)
@@ -77,7 +73,7 @@ def test_flap_back_is_that_of_a_blade_by_quadrature(name, speed):
 
 def test_paddles_of_the_bar_balance_by_quadrature():
     """Tilt of a bar with paddles at theta_0 = 0 against quadrature of its moment; 1e-9."""
-    k = OFF.kernel
+    k = OFF.params
     omega, r_1, r_2, down, speed = k.main.speed, 0.231, 0.312, 3.0, 2.0
     moment = [quad(lambda r: r, r_1, r_2)[0], quad(lambda r: r**3, r_1, r_2)[0]]
     tilt = -down * speed * moment[0] / (omega**2 * moment[1])
@@ -91,7 +87,7 @@ def test_paddles_of_the_bar_balance_by_quadrature():
 def test_flap_back_of_each_aircraft_is_what_the_readme_says(name, slope):
     """Settled da_s/du in hover, couplings taken out; the README's numbers, half a digit."""
     p = with_terms("flap_back", aircraft=HelicopterParameters.from_yaml(f"{name}.yaml"))
-    k, x = p.kernel, trim(p).x
+    k, x = p.params, trim(p).x
     _, v_i, _, pitch = rotor_flow(x, STILL, k)
     blades = blade_tilts(1.0, 0.0, pitch, v_i, k.main.tip_speed, k.flap_back.coning)[0]
     bar = bar_per_mps(v_i, 0.0, k.main.speed, k.flap_back)
@@ -146,7 +142,7 @@ def test_blades_follow_a_gust_before_the_bar_does():
     """Step of the air; the disc goes most of the blades' own way, then the bar takes it back."""
     p = with_terms("flap_back", flap_a_bs_per_s=0.0, flap_b_as_per_s=0.0)
     x = trim(p).x
-    k = p.kernel
+    k = p.params
     _, v_i, _, pitch = rotor_flow(x, STILL, k)
     blades = blade_tilts(1.0, 0.0, pitch, v_i, k.main.tip_speed, k.flap_back.coning)[0]
     early, late = (settled_tilt(p, x, (1.0, 0.0, 0.0), t)[0] for t in (0.1, 3.0))

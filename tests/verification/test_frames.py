@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from heli_core.rows import MEAS
+from heli_dynamics_sim.airframe import make_state
 from heli_dynamics_sim.plant import initial_state
-from heli_dynamics_sim.state import make_state
-from heli_math.rows import MEAS
 from heli_msgs_bridge.frames import (
     frd_to_flu,
     ned_to_enu,
@@ -56,7 +56,7 @@ def at_rest(plant_config, vacuum, record, R_enu_flu):
     # six contact points at the c.g. that carry the weight at a depth of 1 m
     body = vacuum.body._replace(mass=1.0)
     ground = vacuum.ground._replace(points=np.zeros((6, 3)), stiffness=G / 6, damping=0.0)
-    kernel = config.kernel._replace(aircraft=vacuum._replace(body=body, ground=ground))
+    kernel = config.params._replace(aircraft=vacuum._replace(body=body, ground=ground))
     state = initial_state(config, 1)
     state.x[:] = make_state((0.0, 0.0, 1.0))
     state.x[6:10] = q_nb

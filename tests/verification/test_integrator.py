@@ -5,12 +5,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF
-from heli_dynamics_sim.helicopter import derivative_kernel, same_air
-from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
-from heli_dynamics_sim.parameters import HelicopterParameters
+from heli_core.rows import PLANT
+from heli_dynamics_sim.aircraft import CLIMB_POWER_OFF, HelicopterParameters
+from heli_dynamics_sim.helicopter import WORK_ROWS, derivative_kernel, rk4_step, same_air
 from heli_dynamics_sim.trim import trim
-from heli_math.rows import PLANT
 
 WIND = np.array([-6.0, 1.0, 0.3])
 AIR = same_air(WIND)
@@ -49,7 +47,7 @@ def dop853(x, u, kernel, seconds):
 def test_order_is_four(start):
     """Kicked aircraft in wind over 1 s, 4 to 0.5 ms; DOP853; order 4 +- 0.2."""
     params, x, u = start
-    kernel = params.kernel._replace(climb_power=CLIMB_POWER_OFF)  # a kink has no order
+    kernel = params.params._replace(climb_power=CLIMB_POWER_OFF)  # a kink has no order
     exact = dop853(x, u, kernel, 1.0)
     steps = np.array([0.004, 0.002, 0.001, 0.0005])
     errors = [np.linalg.norm(rk4(x, u, kernel, 1.0, h) - exact) for h in steps]
@@ -60,8 +58,8 @@ def test_order_is_four(start):
 def test_two_milliseconds_agree_with_dop853_over_ten_seconds(start):
     """Open-loop manoeuvre of 10 s, forces, kinks, large angles; DOP853; 1e-10, position 1e-7."""
     params, x, u = start
-    exact = dop853(x, u, params.kernel, 10.0)
-    mine = rk4(x, u, params.kernel, 10.0, 0.002)
+    exact = dop853(x, u, params.params, 10.0)
+    mine = rk4(x, u, params.params, 10.0, 0.002)
     assert np.abs(exact[0:3] - x[0:3]).max() > 5.0  # it did move
     assert np.abs(mine - exact)[6:20].max() < 1e-10
     assert np.abs(mine - exact)[0:6].max() < 1e-7
@@ -71,8 +69,8 @@ def test_derivative_is_a_pure_function(start):
     """Called alone or after other states, in any order; the same bits."""
     params, x, u = start
     a, b, out = np.empty(PLANT.size), np.empty(PLANT.size), np.empty(PLANT.size)
-    derivative_kernel(x, u, AIR, params.kernel, a)
+    derivative_kernel(x, u, AIR, params.params, a)
     for scale in (0.1, 5.0, -3.0):
-        derivative_kernel(x * scale, u, AIR * scale, params.kernel, out)
-    derivative_kernel(x, u, AIR, params.kernel, b)
+        derivative_kernel(x * scale, u, AIR * scale, params.params, out)
+    derivative_kernel(x, u, AIR, params.params, b)
     assert a.tobytes() == b.tobytes()

@@ -3,7 +3,7 @@
 
 Reference: `data/nus_linear_model.yaml` (source in the file). Tolerance: 0.6 % plus half a unit of
 the last published digit, for every entry that the model claims to reproduce; the others are listed
-in `data/known_deviations.yaml`. `scripts/deviation_table.py` prints them all.
+in `data/known_deviations.yaml`. `evidence/experiments/deviations.py` prints them all.
 """
 
 import re
@@ -16,19 +16,18 @@ import numpy as np
 import pytest
 import yaml
 
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
+from heli_core.rows import INPUT_NAMES, NINE, PLANT, STATE_NAMES, WIND_NAMES
+from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.helicopter import derivative_kernel, same_air
-from heli_dynamics_sim.linearize import (
+from heli_dynamics_sim.trim import (
     ReducedModel,
     linearize,
     linearize_moving,
     reduced_state,
-    smooth_kernel,
+    smooth_params,
+    trim,
 )
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.trim import trim
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
-from heli_math.rows import NINE, PLANT
-from heli_math.state_names import INPUT_NAMES, STATE_NAMES, WIND_NAMES
 
 DATA = Path(__file__).parent / "data"
 RELATIVE, LAST_DIGIT = 0.006, 0.5e-4
@@ -130,7 +129,7 @@ def test_roll_by_vertical_gusts_deviates_as_the_trim_does(params, hover, model, 
 
 
 def test_half_a_metre_per_second_of_side_wind_shifts_the_model(params, model):
-    """What heli_identification's README says of the mean of turbulence."""
+    """What heli_analysis.identification's README says of the mean of turbulence."""
     windy = [linearize(params, trim(params, (0.0, v, 0.0))) for v in (-0.5, 0.5)]
     r, p, v = STATE_NAMES.index("r"), STATE_NAMES.index("p"), WIND_NAMES.index("v")
     side = [abs(w.E[r, v] / model.E[r, v] - 1.0) for w in windy]
@@ -142,9 +141,11 @@ def test_half_a_metre_per_second_of_side_wind_shifts_the_model(params, model):
 
 
 def test_deviation_table_explains_every_deviation():
-    """`scripts/deviation_table.py`: exit 0, a row per entry, the known ones with their reason."""
-    script = Path(__file__).resolve().parents[2] / "scripts" / "deviation_table.py"
-    run = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=280)
+    """Exit 0, a row per entry, the known ones with their reason."""
+    run = subprocess.run(
+        [sys.executable, "-m", "evidence.experiments.deviations"],
+        cwd=Path(__file__).resolve().parents[2], capture_output=True, text=True, timeout=280,
+    )  # fmt: skip
     assert run.returncode == 0, run.stdout + run.stderr
     assert "UNEXPLAINED" not in run.stdout
     entries = [line for line in run.stdout.splitlines() if re.match(r"\| [ABE]\(", line)]
@@ -202,20 +203,20 @@ def test_second_method_agrees_to_1e_minus_7(params, wind):
     smooth = replace(params, vfin_area_m2=0.0)
     hover = trim(smooth, wind)
     model = linearize(smooth, hover)
-    other = sixth_order(ReducedModel(smooth_kernel(smooth, hover, "descent"), hover))
+    other = sixth_order(ReducedModel(smooth_params(smooth, hover, "descent"), hover))
     mine = np.hstack([model.A, model.B, model.E])
     assert np.abs(mine - other).max() <= 1e-7
 
 
 def test_with_fins_the_second_method_agrees_to_the_kinks_own_error(params, hover, model):
     """The same with fins (v |v| has a kink); 7-point stencil; 1e-7."""
-    other = sixth_order(ReducedModel(smooth_kernel(params, hover, "descent"), hover), 1e-5)
+    other = sixth_order(ReducedModel(smooth_params(params, hover, "descent"), hover), 1e-5)
     assert np.abs(np.hstack([model.A, model.B, model.E]) - other).max() <= 1e-7
 
 
 def test_linear_model_predicts_the_nonlinear_one(params, hover, model):
     """The tangent: the error of the prediction shrinks with the square of the deviation."""
-    f = ReducedModel(params.kernel, hover)
+    f = ReducedModel(params.params, hover)
     jacobian = np.hstack([model.A, model.B])
     rng = np.random.default_rng(2)
     for _ in range(20):
@@ -246,7 +247,7 @@ def test_moving_model_is_what_the_plant_does(params, wind_mps):
     """Second method: NED velocities of the nonlinear aircraft, a moment apart, when displaced."""
     at = trim(params, wind_mps * np.array([-0.6, -0.8, 0.0]), 0.0)
     linear = linearize_moving(params, at)
-    kernel, still = params.kernel, np.empty(PLANT.size)
+    kernel, still = params.params, np.empty(PLANT.size)
 
     def acceleration(d):
         x = at.x.copy()

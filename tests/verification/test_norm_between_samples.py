@@ -3,10 +3,9 @@
 
 import pytest
 
-from heli_flight.loop.laws import LAWS
-from heli_flight.studies.design.between_samples import norms_on_the_way
-from heli_flight.studies.design.make import make_design
-from heli_flight.studies.design.report import said_of_the_flown_norm
+from heli_flight.settings import LAWS
+from heli_studies.design.make import make_design, norms_on_the_way
+from heli_studies.design.report import said_of_the_flown_norm
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.design.make import make_design
-from heli_flight.studies.design.outer import position_loop
-from heli_outer_pd.axis_analysis import Gains, deviations, drifting
-from heli_outer_pd.config import outer_kernel
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_outer_pd.analysis import Gains, deviations, drifting
+from heli_outer_pd.parameters import outer_params
+from heli_studies.design.make import make_design, position_loop
 
 SEEDS = (101, 102)
 SETTLED_S, LENGTH_S = 60.0, 360.0
@@ -37,7 +36,7 @@ def test_predicted_rms_is_that_of_flights():
     axes = position_loop(
         nodes["plant"], nodes["outer_loop"], design.loops[-1], design.model, design.actuation
     ).axes
-    kernel, exact = outer_kernel(nodes["outer_loop"]), drifting(1e-9, 1.0)
+    kernel, exact = outer_params(nodes["outer_loop"]), drifting(1e-9, 1.0)
     predicted = [
         deviations(replace(axis, position_error=exact, speed_error=exact), Gains.of(kernel, i))
         for i, axis in enumerate(axes)

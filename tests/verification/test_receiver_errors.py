@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from heli_dynamics_sim.gps_errors import step_gps_errors
+from heli_core.jit import njit
+from heli_core.rows import MEAS
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.plant import initial_state
-from heli_math.jit import njit
-from heli_math.rows import MEAS
+from heli_dynamics_sim.sensors import step_gps_errors
 
 STILL = {
     "wind__turbulence": False,
@@ -84,8 +84,8 @@ def test_too_few_satellites_give_no_fix(plant_config, record):
     for blocked, arrive in ((9.0, 0), (8.0, 199)):
         state = initial_state(config, 1)
         state.sensors.gps.blocked[0] = blocked
-        held = config.kernel.sensors.gps.errors._replace(block=0.0, release=0.0)
-        kernel = config.kernel._replace(
+        held = config.params.sensors.gps.errors._replace(block=0.0, release=0.0)
+        kernel = config.params._replace(
             sensors=config.sensors._replace(gps=config.sensors.gps._replace(errors=held))
         )
         y = record(config, 4000, state=state, kernel=kernel)[1:]

@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipkinc
 
-from heli_dynamics_sim.state import make_state
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
+from heli_dynamics_sim.airframe import make_state
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
 
 J = np.array([0.251, 0.548, 0.787])
 HIGH = (0.0, 0.0, -1e5)

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from heli_core.rows import PLANT
 from heli_dynamics_sim.helicopter import main_rotor_power
-from heli_dynamics_sim.rotor import (
+from heli_dynamics_sim.main_rotor import (
     MAX_ITERATIONS,
     flapping_rates,
     ring_term,
+    rotor_flow,
     solve_inflow,
 )
-from heli_dynamics_sim.rotor_flow import rotor_flow
 from heli_dynamics_sim.trim import trim
-from heli_math.rows import PLANT
 
 SPEEDS = np.linspace(-10.0, 15.0, 11)
 COLLECTIVE = np.linspace(-1.0, 1.0, 9)
@@ -47,7 +47,7 @@ def grid(k):
 
 @pytest.fixture(scope="module")
 def k(helicopter):
-    return helicopter.kernel
+    return helicopter.params
 
 
 def test_inflow_converges_everywhere_with_a_small_residual(k):

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, fsolve
 
-from heli_dynamics_sim.aircraft_kernel import lock_number
-from heli_dynamics_sim.ground_effect import induced_share
-from heli_dynamics_sim.helicopter import airspeeds, same_air, state_derivative
-from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
-from heli_dynamics_sim.linearize import linearize
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.rotor import solve_inflow
-from heli_dynamics_sim.rotor_flow import rotor_flow
-from heli_dynamics_sim.terms import Terms
-from heli_dynamics_sim.trim import trim
-from heli_dynamics_sim.vortex_ring import axial_ratio, mass_flow, solve_descent
-from heli_math.rows import PLANT
+from heli_core.rows import PLANT
+from heli_dynamics_sim.aircraft import HelicopterParameters, ModelOptions, lock_number
+from heli_dynamics_sim.helicopter import WORK_ROWS, airspeeds, rk4_step, same_air, state_derivative
+from heli_dynamics_sim.main_rotor import (
+    axial_ratio,
+    induced_share,
+    mass_flow,
+    rotor_flow,
+    solve_descent,
+    solve_inflow,
+)
+from heli_dynamics_sim.trim import linearize, trim
 
 STILL = (0.0, 0.0, 0.0)
 OFF = HelicopterParameters.from_yaml("helion.yaml")
@@ -29,7 +29,7 @@ OFF = HelicopterParameters.from_yaml("helion.yaml")
 
 def with_terms(*names, aircraft=OFF, **changes):
     """The aircraft with these terms on."""
-    return replace(aircraft, terms=Terms()._replace(**dict.fromkeys(names, True)), **changes)
+    return replace(aircraft, terms=ModelOptions()._replace(**dict.fromkeys(names, True)), **changes)
 
 
 def test_settled_inflow_slows_the_flapping_by_what_the_readme_says():
@@ -48,11 +48,11 @@ def test_steady_dynamic_inflow_is_momentum_theory(wind):
     """
     p = with_terms("inflow", flap_a_bs_per_s=0.0, flap_b_as_per_s=0.0)
     x = trim(p, wind).x
-    plain = replace(p, terms=Terms())
+    plain = replace(p, terms=ModelOptions())
     at = airspeeds(x, same_air(wind))[0]
-    thrust, v_i, w_r, pitch = rotor_flow(x, at, plain.kernel)
+    thrust, v_i, w_r, pitch = rotor_flow(x, at, plain.params)
     assert x[PLANT.inflow_mean] == pytest.approx(v_i, rel=1e-9)
-    assert rotor_flow(x, at, p.kernel)[0] == pytest.approx(thrust, rel=1e-9)
+    assert rotor_flow(x, at, p.params)[0] == pytest.approx(thrust, rel=1e-9)
     in_plane = np.hypot(at[0], at[1])
     if in_plane > 1.0:
         chi = np.arctan2(in_plane, v_i - w_r)
@@ -65,7 +65,7 @@ def test_steady_dynamic_inflow_is_momentum_theory(wind):
 def test_apparent_mass_is_that_of_carpenter_and_fridovich():
     """Air that moves with the inflow; 63.7 % of the rotor's sphere, NACA TN 3315; 0.1 %."""
     p = with_terms("inflow")
-    k, x = p.kernel, trim(p).x
+    k, x = p.params, trim(p).x
     thrust, slope = rotor_flow(x, STILL, k)[0], k.rotor.thrust_slope
     step = 1e-4
     raised = x.copy()
@@ -108,7 +108,7 @@ def test_inflow_lowers_the_lock_number_as_curtiss_and_shupe_have_it():
 def test_thrust_in_ground_effect_is_cheeseman_and_bennetts(height_radii, speed):
     """T/T_inf at the same induced power; 1/(1 - (R/4z)^2/(1 + (V/v_i)^2)), R&M 3021; 2 %."""
     p = with_terms("ground_effect")
-    k, radius = p.kernel, p.main_radius_m
+    k, radius = p.params, p.main_radius_m
 
     def hover(d_col, z):
         x = np.zeros(PLANT.size)
@@ -130,7 +130,7 @@ def test_thrust_in_ground_effect_is_cheeseman_and_bennetts(height_radii, speed):
 @pytest.mark.parametrize("height_radii", [0.8, 1.0, 1.5, 2.0])
 def test_hayden_is_the_other_law_of_ground_effect(height_radii):
     """Induced velocity in hover; 1/(0.9926 + 0.0379 (2R/z)^2); 1e-12; never above 1."""
-    k = with_terms("ground_effect", ground_effect="hayden").kernel.ground_effect
+    k = with_terms("ground_effect", ground_effect="hayden").params.ground_effect
     share = induced_share(height_radii * k.radius - k.hub_height, 0.0, k)
     assert share == pytest.approx(1.0 / (0.9926 + 0.0379 * (2.0 / height_radii) ** 2), rel=1e-12)
     assert induced_share(1e4, 0.0, k) == 1.0
@@ -142,7 +142,7 @@ def test_vortex_ring_is_the_measured_curve():
     Measured peak, Castles and Gray (NACA TN 2474): about twice the hover's near x = -1.4.
     """
     p = with_terms("vortex_ring")
-    k, weight = p.kernel, p.mass_kg * p.gravity_mps2
+    k, weight = p.params, p.mass_kg * p.gravity_mps2
     v_h = np.sqrt(weight / k.rotor.disc)
     quartic = np.polynomial.Polynomial([1.0, -1.125, -1.372, -1.718, -0.655])
     for ratio in np.linspace(-1.5, -0.05, 30):
@@ -179,7 +179,7 @@ def test_thrust_is_one_continuous_function_through_the_vortex_ring():
 
     Where momentum theory has three answers, the measured curve has one.
     """
-    k = with_terms("vortex_ring").kernel
+    k = with_terms("vortex_ring").params
     for mu_sq in (0.0, 0.5, 4.0, 40.0):
         for w_bl in (4.0, 8.0, 12.0, 20.0):
             speeds = np.linspace(1e-9, 18.0, 3601)
@@ -199,12 +199,12 @@ def test_descent_in_the_vortex_ring_costs_thrust():
         def lift(d_col):
             x = np.zeros(PLANT.size)
             x[PLANT.servo_col] = d_col
-            return rotor_flow(x, (0.0, 0.0, sinking), aircraft.kernel)[0] - weight
+            return rotor_flow(x, (0.0, 0.0, sinking), aircraft.params)[0] - weight
 
-        k = aircraft.kernel.main
+        k = aircraft.params.main
         return k.pitch_gain * brentq(lift, -0.95, 0.6) + k.pitch_offset
 
-    v_h = np.sqrt(weight / p.kernel.rotor.disc)
+    v_h = np.sqrt(weight / p.params.rotor.disc)
     assert collective(p, 1.2 * v_h) > collective(OFF, 1.2 * v_h) + np.radians(0.5)
 
 
@@ -219,7 +219,7 @@ def test_all_rotor_terms_together_trim_and_stay_there(name):
     x[PLANT.down] = -1000.0
     start = x.copy()
     for _ in range(10):
-        rk4_step(x, hover.u, same_air(wind), p.kernel, 0.002, work)
+        rk4_step(x, hover.u, same_air(wind), p.params, 0.002, work)
     assert np.abs(x - start).max() < 1e-9
 
 
@@ -230,7 +230,7 @@ def test_trim_near_the_ground_takes_the_induced_velocity_of_the_law():
     near[PLANT.down] = -1.2
     far[PLANT.down] = -1000.0
     (thrust_far, v_far, _, pitch_far), (thrust, v_i, _, pitch) = (
-        rotor_flow(x, STILL, p.kernel) for x in (far, near)
+        rotor_flow(x, STILL, p.params) for x in (far, near)
     )
     z = (1.2 + p.hub_height_m) / p.main_radius_m
     law = (1.0 - 1.0 / (4.0 * z) ** 2) ** 1.5
@@ -243,7 +243,7 @@ def test_no_term_makes_a_finite_state_not_finite():
     """2000 random states up to 100 m/s, on the ground, without rotor speed; all finite."""
     rng = np.random.default_rng(1)
     aircraft = [
-        replace(OFF, terms=Terms(*(True for _ in Terms._fields))),
+        replace(OFF, terms=ModelOptions(*(True for _ in ModelOptions._fields))),
         with_terms("vortex_ring", "ground_effect"),
     ]
     for i in range(2000):

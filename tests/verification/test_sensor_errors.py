@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from heli_dynamics_sim.imu_errors import filter_gain
+from heli_core.rotations import quat_to_R_nb
+from heli_core.rows import MEAS, PLANT
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.plant import initial_state, measure
-from heli_math.rotations import quat_to_R_nb
-from heli_math.rows import MEAS, PLANT
+from heli_dynamics_sim.sensors import filter_gain
 
 STILL = {
     "wind__turbulence": False,
@@ -197,7 +197,7 @@ def test_jitter_of_the_imu_is_motion_times_time(plant_config):
     errors = np.zeros(4000)
     for tick in range(4000):
         state.x[PLANT.p] = 0.02 * tick
-        measure(state, tick, rows[tick], config.kernel, y)
+        measure(state, tick, rows[tick], config.params, y)
         errors[tick] = y[MEAS.rate][0] - 0.02 * tick
     assert errors[0] == 0.0  # nothing is known of the motion before
     assert abs(errors[1:].std() / 0.002 - 1.0) < SIGMAS / np.sqrt(2.0 * 4000)
@@ -342,5 +342,5 @@ def test_off_is_off(plant_config, record):
         baro=sensors.baro._replace(port=sensors.baro.port._replace(on=True)),
         gps=sensors.gps._replace(errors=sensors.gps.errors._replace(on=True)),
     )
-    kernel = config.kernel._replace(sensors=on)
+    kernel = config.params._replace(sensors=on)
     assert (record(config, 400) == record(config, 400, kernel=kernel)).all()

@@ -8,9 +8,9 @@ Gauss-Markov statistics, ISA. Tolerances: standard errors of the estimates; roun
 import numpy as np
 import pytest
 
+from heli_core.atmosphere import altitude_m
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_dynamics_sim.plant import initial_state
-from heli_math.atmosphere import altitude_m
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
 
 CALM = {"wind__turbulence": False, "wind__profile_speed_mps": [0.0, 0.0, 0.0]}
 SIGMAS = 3.5

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF
-from heli_dynamics_sim.state import make_state
-from heli_dynamics_sim.terms import Terms
+from heli_dynamics_sim.aircraft import CLIMB_POWER_OFF, ModelOptions
+from heli_dynamics_sim.airframe import make_state
 
 HIGH = (0.0, 0.0, -1e4)
 LAT, LON, PED, COL = 16, 17, 18, 19
@@ -21,8 +20,8 @@ def servos(helicopter):
 
     def build(*terms, **changes):
         bare = {"air_density_kgpm3": 1e-30, "hub_stiffness_nmprad": 0.0}
-        on = Terms(**dict.fromkeys(terms, True))
-        made = replace(helicopter, terms=on, **(bare | changes)).kernel
+        on = ModelOptions(**dict.fromkeys(terms, True))
+        made = replace(helicopter, terms=on, **(bare | changes)).params
         return made._replace(climb_power=CLIMB_POWER_OFF)
 
     return build
@@ -37,7 +36,7 @@ def step_response(t, omega=38.0, zeta=0.51):
 
 def test_no_term_is_on_by_default(helicopter, vacuum):
     """An aircraft from its file: no imperfection at all."""
-    assert helicopter.terms == Terms()
+    assert helicopter.terms == ModelOptions()
     assert not vacuum.servo.real.present
 
 

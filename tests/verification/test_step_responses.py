@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from heli_dynamics_sim.aircraft_kernel import lock_number
-from heli_dynamics_sim.linearize import linearize
-from heli_dynamics_sim.state import make_state
-from heli_dynamics_sim.trim import trim
+from heli_dynamics_sim.aircraft import lock_number
+from heli_dynamics_sim.airframe import make_state
+from heli_dynamics_sim.trim import linearize, trim
 
 HIGH = (0.0, 0.0, -1e4)
 
@@ -73,7 +72,7 @@ def test_yaw_gyro_closes_the_loop_with_its_own_poles(helicopter, fly):
     x = hover.x.copy()
     x[2] = -1e4
     x[12] += 1e-4
-    end = fly(x, hover.u, helicopter.kernel, 0.3)
+    end = fly(x, hover.u, helicopter.params, 0.3)
     expected = expm(A * 0.3) @ [1e-4, 0.0]
     assert end[[12, 15]] - hover.x[[12, 15]] == pytest.approx(expected, abs=1e-6)
 
@@ -125,7 +124,7 @@ def test_flap_back_settles_at_its_slope(in_vacuum, fly, speed):
 
 def test_coupling_by_equation_7(helicopter):
     """Switch flapping.coupling: eq7, couplings by Lock number and hub spring; by hand; 1e-6."""
-    k = replace(helicopter, coupling="eq7").kernel.flapping
+    k = replace(helicopter, coupling="eq7").params.flapping
     lock = 1.29 * 0.062 * 5.52 * 0.705**4 / 0.055
     assert lock_number(helicopter) == pytest.approx(lock)
     ratio = 8 * 114.65 / (lock * 193.73**2 * 0.055)

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from heli_core.rows import PLANT
+from heli_dynamics_sim.aircraft import ModelOptions
+from heli_dynamics_sim.airframe import gyro, make_state, tail_pitch
 from heli_dynamics_sim.helicopter import derivative_kernel, same_air
-from heli_dynamics_sim.rotor import tail_rotor
-from heli_dynamics_sim.state import make_state
-from heli_dynamics_sim.terms import Terms
+from heli_dynamics_sim.main_rotor import tail_rotor
 from heli_dynamics_sim.trim import TrimError, trim
-from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
-from heli_math.rows import PLANT
 
 TIP_MPS = 193.73 * 4.65 * 0.128
 SLOPE = 1.29 * 193.73 * 4.65 * 0.128**2 * 2.82 * 2 * 0.029 / 4  # N per m/s
@@ -22,7 +21,7 @@ DISC = 2.0 * 1.29 * np.pi * 0.128**2
 
 @pytest.fixture(scope="module")
 def limited(helicopter):
-    return replace(helicopter, terms=Terms(tail_authority=True))
+    return replace(helicopter, terms=ModelOptions(tail_authority=True))
 
 
 def pitch_of(aircraft, x):
@@ -37,7 +36,7 @@ def from_the_left(speed):
 
 def test_thrust_ends_where_all_blades_stall(limited):
     """C_T / sigma = C_l / 6 (Leishman, ch. 2), C_l 0.85: by hand, 1e-12; below it as without."""
-    k = limited.kernel
+    k = limited.params
     most = 1.29 * 2 * 0.029 * 0.128 * TIP_MPS**2 * 0.85 / 6
     assert k.tail_stall == pytest.approx(most, rel=1e-12)
     rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -50,8 +49,8 @@ def test_thrust_ends_where_all_blades_stall(limited):
 
 def test_pitch_stays_between_its_stops(limited, helicopter):
     for output, pitch in ((0.1, 0.243), (0.5, 0.45), (-0.5, -0.17)):
-        assert tail_pitch(output, limited.kernel.gyro) == pytest.approx(pitch)
-        assert tail_pitch(output, helicopter.kernel.gyro) == pytest.approx(0.143 + output)
+        assert tail_pitch(output, limited.params.gyro) == pytest.approx(pitch)
+        assert tail_pitch(output, helicopter.params.gyro) == pytest.approx(0.143 + output)
 
 
 @pytest.mark.parametrize(("d_int", "r", "rests"), [
@@ -59,7 +58,7 @@ def test_pitch_stays_between_its_stops(limited, helicopter):
 ])  # fmt: skip
 def test_the_gyros_integrator_rests_while_the_blades_are_at_a_stop(limited, d_int, r, rests):
     """It goes on as soon as the error points back, and moves as eq. (8) has it inside."""
-    rate, _ = gyro(0.0, r, d_int, limited.kernel.gyro)
+    rate, _ = gyro(0.0, r, d_int, limited.params.gyro)
     assert rate == (0.0 if rests else -r)
 
 
@@ -71,7 +70,7 @@ def test_what_is_left_of_the_tail_in_side_wind(limited, against_mps):
     x[PLANT.d_int] = 1.0  # far beyond the stop
     bare = replace(limited, main_drag_coefficient=0.0, vfin_area_m2=0.0, drag_area_y_m2=0.0,
                    collective_offset_rad=1e-12, tail_lift_coefficient=2.9)  # fmt: skip
-    derivative_kernel(x, np.zeros(4), same_air(from_the_left(against_mps)), bare.kernel, out)
+    derivative_kernel(x, np.zeros(4), same_air(from_the_left(against_mps)), bare.params, out)
 
     def mismatch(v):
         lift = SLOPE * (2 / 3 * TIP_MPS * 0.45 - against_mps - v)
@@ -105,7 +104,7 @@ def test_beyond_it_the_nose_goes_with_the_wind(helicopter, limited, fly):
     x[PLANT.down] = -1e4
     yaw = []
     for most in (stop, 0.45):
-        kernel = replace(limited, tail_pitch_max_rad=most).kernel
+        kernel = replace(limited, tail_pitch_max_rad=most).params
         yaw.append(fly(x, start.u, kernel, 0.5, wind=from_the_left(6.0))[PLANT.r])
     assert yaw[0] < -0.2
     assert abs(yaw[1]) < 1e-6

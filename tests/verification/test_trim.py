@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
+from heli_core.rotations import euler_from_quat
+from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.helicopter import state_derivative
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.rotor_flow import rotor_flow
+from heli_dynamics_sim.main_rotor import rotor_flow
 from heli_dynamics_sim.trim import TrimError, trim
-from heli_math.rotations import euler_from_quat
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_it_leans_into_the_wind(params):
 
 def test_scipy_finds_the_same_equilibrium(params):
     """Hover in wind; scipy.optimize.root on the derivative; 1e-7."""
-    from heli_dynamics_sim.state import make_state
+    from heli_dynamics_sim.airframe import make_state
 
     wind = [-4.0, 3.0, 0.5]
 
@@ -99,7 +99,7 @@ def test_no_trim_names_the_residual_and_how_far(params):
         trim(limp)
     stays = float(re.search(r"stays at (\S+),", str(caught.value))[1])
     hover = trim(params)
-    k, x = params.kernel, hover.x
+    k, x = params.params, hover.x
     thrust = rotor_flow(x, (0.0, 0.0, 0.0), k)[0]
     roll = (k.main.hub_stiffness + thrust * k.main.hub_height) * np.sin(x[14])
     assert stays == pytest.approx(-roll / k.body.j_xx, rel=0.03)

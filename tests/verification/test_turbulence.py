@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import welch
 from scipy.stats import chi2
 
-from heli_math.rows import MEAS
+from heli_core.rows import MEAS
 
 TICK_S = 0.01
 SPEED = 5.0

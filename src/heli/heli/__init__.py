@@ -13,31 +13,21 @@ Inside everything is NED and FRD, SI and rad; names say frame and unit. A name i
 first used. What cannot be is one of the exceptions here, with one sentence.
 """
 
-from heli_math.faces import face
+from heli_core.faces import face
 
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
-        "errors": [
-            "AircraftError",
-            "BagError",
-            "FlightError",
-            "IdentificationError",
-            "LawError",
-            "ParameterError",
-            "SynthesisError",
-            "TrimError",
-        ],
-        "campaigns": ["Campaign", "campaign"],
+        "heli_bags.writer": ["BagError"],
+        "heli_core.errors": ["FlightError", "IdentificationError", "SynthesisError"],
+        "heli_core.python_controller": ["LawError"],
+        "heli_core.rcl_yaml": ["ParameterError"],
+        "heli_dynamics_sim.aircraft": ["AircraftError"],
+        "heli_dynamics_sim.trim": ["TrimError"],
         "comparing": ["Diff", "diff"],
-        "designing": ["Design", "design"],
-        "flight": ["Flight"],
-        "flying": ["fly"],
-        "identifying": ["Identified", "identify"],
-        "loading": ["load"],
-        "places": ["NAV", "NINE", "SHAPED"],
-        "metrics": ["Metric", "Metrics"],
-        "modelling": ["Trim", "linearize", "trim"],
-        "signals": ["Signal", "Signals"],
+        "designing": ["Design", "Identified", "Trim", "design", "identify", "linearize", "trim"],
+        "flight": ["Flight", "Metric", "Metrics", "NAV", "NINE", "SHAPED", "Signal", "Signals"],
+        "campaigns": ["Campaign", "campaign"],
+        "flying": ["fly", "load"],
     },
 )

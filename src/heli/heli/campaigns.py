@@ -9,15 +9,14 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from heli.flight import html_table
 from heli.flying import flown, laws_of, ordered
-from heli.signals import html_table
+from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
-from heli_flight.studies.campaign import parse_seeds
-from heli_flight.studies.compiles import tell_if_it_compiles
-from heli_flight.studies.dispersion.cluster import fly_by_dask, fly_here, tasks
-from heli_flight.studies.dispersion.spec import spec_of
+from heli_flight.fly import tell_if_it_compiles
 from heli_flight.terminal import console, long_steps, silent
-from heli_parameters.parameters import ParameterError
+from heli_studies.campaign.run import fly_by_dask, fly_here, parse_seeds, tasks
+from heli_studies.campaign.spec import spec_of
 
 if TYPE_CHECKING:
     import pyarrow

@@ -10,11 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from heli.flight import Flight, as_dataframe
-from heli.metrics import NAVIGATION, WINDOWS
-from heli.signals import html_table
+from heli.flight import NAVIGATION, WINDOWS, Flight, as_dataframe, html_table
+from heli_core.rcl_yaml import ParameterError
 from heli_flight.report import diff as beside
-from heli_parameters.parameters import ParameterError
 
 if TYPE_CHECKING:
     import pyarrow
@@ -122,7 +120,7 @@ class Diff:
         By name: `diff.metrics["altitude"].values`, `.change`; `.of("truth", "whole")`.
     """
 
-    def __init__(self, found: beside.Diff) -> None:
+    def __init__(self, found: beside.FlightDiff) -> None:
         self._found = found
         self.names = tuple(found.names)
         self.parameters: Mapping[str, tuple[str, ...]] = {
@@ -170,7 +168,7 @@ class Diff:
         ParameterError
             It cannot be written.
         """
-        from heli_flight.report.diff_page import write_diff
+        from heli_flight.report.diff import write_diff
 
         page = Path(path)
         if page.suffix != ".html":
@@ -290,7 +288,7 @@ def diff(*flights: Flight | str | os.PathLike[str], names: Sequence[str] | None 
 
 
 def _read(given: Any) -> tuple[Flight, Path | None]:
-    from heli.loading import load
+    from heli.flying import load
 
     if isinstance(given, Flight):
         return given, None

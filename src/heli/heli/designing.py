@@ -3,25 +3,52 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from heli.options import split
-from heli.waiting import told_when_long
-from heli_flight.loop.settings import resolve
-from heli_flight.loop.worlds import HOVER_TEST_WORLD
-from heli_flight.studies.design.make import Design as Made
-from heli_flight.studies.design.make import aircraft_basis, design_of, write_yaml
-from heli_parameters.parameters import ParameterError
+from heli.flight import as_dataframe, html_table
+from heli.flying import split, told_when_long
+from heli_analysis.identification.actuators import COMMANDS, sampled_rates
+from heli_analysis.identification.model import measured_response
+from heli_analysis.identification.spectra import CHANNELS, RATES, spectra_of
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rows import ACTUATOR_NAMES, STATE_NAMES
+from heli_core.ticks import TICK_S
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_dynamics_sim.trim import LinearModel, reduced_state
+from heli_dynamics_sim.trim import TrimPoint as PlantTrim
+from heli_dynamics_sim.trim import linearize as linearize_about
+from heli_dynamics_sim.trim import trim as find_trim
+from heli_flight.settings import HOVER_TEST_WORLD, resolve
+from heli_studies.design.make import FinishedDesign as Made
+from heli_studies.design.make import aircraft_basis, design_of, write_yaml
+from heli_studies.identify import (
+    ComparisonRow,
+    IdentifyOrder,
+    IdentifyOutcome,
+    fast_of,
+    misses,
+    run,
+)
 
 if TYPE_CHECKING:
     import control
+    import pyarrow
+
+    from heli_analysis.identification.model import FastModel
+
+
+# -------------------------------------------------------------------------------------------------
+# Designing.
+# -------------------------------------------------------------------------------------------------
 
 
 class Design:
@@ -165,3 +192,363 @@ def design(
         tell("trim and linear model")
         basis = aircraft_basis(settings, aircraft)
         return Design(design_of(basis, settings, gamma, gamma_factor, air, tell=tell))
+
+
+# -------------------------------------------------------------------------------------------------
+# `heli.trim` and `heli.linearize`: the aircraft at rest, and its linear model about that.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Trim:
+    """An equilibrium.
+
+    Attributes
+    ----------
+    x : (9,) array
+        phi theta p q a_s b_s r d_int psi, rad and rad/s (places `heli.NINE`).
+    u : (4,) array
+        d_lat d_lon d_ped d_col, -1 to 1.
+    residual : float
+        Largest derivative that should vanish, SI.
+    wind_ned_mps : (3,) array
+        Velocity of the air, NED.
+    speed_mps : float
+        Over the ground, along the heading.
+    full : heli_dynamics_sim Trim
+        All states, in the frame that moves with the aircraft.
+    """
+
+    x: NDArray[np.float64]
+    u: NDArray[np.float64]
+    residual: float
+    wind_ned_mps: NDArray[np.float64]
+    speed_mps: float
+    full: PlantTrim
+
+    def __repr__(self) -> str:
+        wind = np.round(self.wind_ned_mps, 3).tolist()
+        states = ", ".join(
+            f"{name} {value:.5f}" for name, value in zip(STATE_NAMES, self.x, strict=True)
+        )
+        inputs = ", ".join(
+            f"{name} {value:.5f}" for name, value in zip(ACTUATOR_NAMES, self.u, strict=True)
+        )
+        return (
+            f"Trim at {self.speed_mps:g} m/s in wind {wind} m/s (NED)\n  {states} (rad, rad/s)\n"
+            f"  {inputs}\n  residual {self.residual:.1e}"
+        )
+
+
+def aircraft_of(aircraft: Any) -> HelicopterParameters:
+    """The aircraft of a name or a file; None: the one that flies unless another is named."""
+    file = aircraft or resolve().nodes["plant"]["aircraft_file"]
+    return HelicopterParameters.from_yaml(file)
+
+
+def trim(
+    aircraft: Any = None,
+    wind_ned_mps: ArrayLike = (0.0, 0.0, 0.0),
+    speed_mps: float = 0.0,
+    psi_rad: float = 0.0,
+) -> Trim:
+    """Find the equilibrium of hover, or of level flight at a speed, in steady wind.
+
+    Level flight at a steady speed is hover in the opposite wind: the aircraft feels its motion
+    through the air alone.
+
+    Parameters
+    ----------
+    aircraft : str or path, optional
+        A packaged aircraft's name, or an aircraft file; default: the packaged one.
+    wind_ned_mps : (3,) array
+        Velocity of the air: north, east, down.
+    speed_mps : float
+        Over the ground, along the heading.
+    psi_rad : float
+        Heading.
+
+    Returns
+    -------
+    Trim
+
+    Raises
+    ------
+    AircraftError, ParameterError, TrimError
+        Each with one sentence.
+
+    Examples
+    --------
+    >>> heli.trim(speed_mps=10.0).x[heli.NINE.theta]
+    """
+    wind = np.array(wind_ned_mps, dtype=np.float64)
+    if wind.shape != (3,) or not np.isfinite([*wind, speed_mps, psi_rad]).all():
+        raise ParameterError(
+            f"wind_ned_mps {wind.tolist()}, speed_mps {speed_mps}, psi_rad {psi_rad}: not "
+            "allowed; allowed: 3 finite numbers, and a finite number each"
+        )
+    ahead = np.array([math.cos(psi_rad), math.sin(psi_rad), 0.0])
+    at = find_trim(aircraft_of(aircraft), wind - speed_mps * ahead, psi_rad)
+    return Trim(reduced_state(at.x), at.u, at.residual, wind, float(speed_mps), at)
+
+
+def linearize(
+    aircraft: Any = None,
+    wind_ned_mps: ArrayLike = (0.0, 0.0, 0.0),
+    speed_mps: float = 0.0,
+    psi_rad: float = 0.0,
+    side: Literal["descent", "climb"] = "descent",
+) -> LinearModel:
+    """Linearise about a trim: x' = A x + B u + E w, deviations from it.
+
+    Parameters
+    ----------
+    aircraft, wind_ned_mps, speed_mps, psi_rad
+        As of `heli.trim`.
+    side : {"descent", "climb"}
+        The branch of the climb power where the air neither rises nor sinks.
+
+    Returns
+    -------
+    LinearModel
+        A (9, 9), B (9, 3), E (9, 3), x_trim, u_trim; `.system` is a control.StateSpace with named
+        states, inputs and outputs.
+
+    Raises
+    ------
+    AircraftError, ParameterError, TrimError
+        Each with one sentence.
+    """
+    if side not in ("descent", "climb"):
+        raise ParameterError(f"side {side!r} is not allowed; allowed: descent, climb")
+    at = trim(aircraft, wind_ned_mps, speed_mps, psi_rad)
+    return linearize_about(aircraft_of(aircraft), at.full, side)
+
+
+# -------------------------------------------------------------------------------------------------
+# `heli.identify`: an aircraft from two flights of it, as `heli identify --one-process`.
+# -------------------------------------------------------------------------------------------------
+
+_ACTUATORS = CHANNELS[: len(COMMANDS)]
+
+
+@dataclass(frozen=True)
+class Response:
+    """Frequency response of a rate to an actuator, at the lines of the excitation.
+
+    Attributes
+    ----------
+    hz : (L,) array
+    measured : (L,) complex array
+        rad/s, of a command of 1; delay and servo included.
+    sigma : (L,) array
+        Standard deviation of |measured|.
+    coherence : (L,) array
+        Share of what is periodic in the power: near 1 where the noise says little.
+    fit, truth : (L,) complex arrays
+        Of the identified aircraft, and of the linearised aircraft file.
+    """
+
+    hz: NDArray[np.float64]
+    measured: NDArray[np.complex128]
+    sigma: NDArray[np.float64]
+    coherence: NDArray[np.float64]
+    fit: NDArray[np.complex128]
+    truth: NDArray[np.complex128]
+
+
+class Identified:
+    """What two flights tell of an aircraft; `heli.fly(params=identified)` flies what it gives.
+
+    Attributes
+    ----------
+    parameters : mapping of node to mapping of parameter to value
+        Model, observer and laws from identified numbers.
+    rows : sequence of ComparisonRow
+        Every number: `name`, `value`, `sigma`, `truth`, `deviation`, `significant`, `met`.
+    found : heli_flight Identification
+        Everything.
+    """
+
+    def __init__(self, outcome: IdentifyOutcome) -> None:
+        self._outcome, self.found = outcome, outcome.found
+        self.parameters: Mapping[str, Mapping[str, Any]] = self.found.design.values
+        self.rows: Sequence[ComparisonRow] = outcome.rows
+
+    @property
+    def A(self) -> NDArray[np.float64]:
+        """(9, 9), eq. (10)."""
+        return self.found.ab.A
+
+    @property
+    def B(self) -> NDArray[np.float64]:
+        """(9, 3): effect of d_lat d_lon d_ped."""
+        return self.found.ab.B
+
+    @property
+    def E(self) -> NDArray[np.float64]:
+        """(9, 3): effect of the wind."""
+        return self.found.wind.E
+
+    @property
+    def system(self) -> control.StateSpace:
+        """The identified aircraft, eq. (9), with named signals."""
+        return self.found.design.basis.system
+
+    @cached_property
+    def design(self) -> Design:
+        """Observer and laws that were designed for it."""
+        return Design(self.found.design)
+
+    @property
+    def missed(self) -> list[str]:
+        """Significant numbers further from the truth than 5 %, of E than 10 %."""
+        return [row.name for row in misses(self.rows)]
+
+    def response(self, rate: str, actuator: str) -> Response:
+        """Measured frequency response, with that of the fit and of the truth.
+
+        Parameters
+        ----------
+        rate : {"p", "q", "r"}
+        actuator : {"d_lat", "d_lon", "d_ped", "d_col"}
+
+        Raises
+        ------
+        ParameterError
+        """
+        for what, given, known in (("rate", rate, RATES), ("actuator", actuator, COMMANDS)):
+            if given not in known:
+                raise ParameterError(
+                    f"{what} {given!r} is not allowed; allowed: {', '.join(known)}"
+                )
+        channel = _ACTUATORS[COMMANDS.index(actuator)]
+        data = measured_response(
+            spectra_of(self.found.actuators), self.found.ab.fast, rate, channel
+        )
+        z = np.exp(1j * data.omega_radps * TICK_S)
+
+        def of(model: FastModel) -> NDArray[np.complex128]:
+            return np.asarray(sampled_rates(model)[rate, actuator](z), np.complex128)
+
+        truth = self._outcome.truth
+        assert truth is not None  # it was flown here
+        return Response(
+            data.omega_radps / (2.0 * np.pi),
+            data.value,
+            data.sigma,
+            data.coherence,
+            of(self.found.ab.fast),
+            of(fast_of(truth.basis)),
+        )
+
+    def to_arrow(self) -> pyarrow.Table:
+        """The numbers as a table of pyarrow."""
+        import pyarrow
+
+        return pyarrow.table(
+            {
+                "name": [row.name for row in self.rows],
+                "identified": [row.value for row in self.rows],
+                "sigma": [row.sigma for row in self.rows],
+                "truth": [row.truth for row in self.rows],
+                "significant": [row.significant for row in self.rows],
+                "met": [row.met for row in self.rows],
+            }
+        )
+
+    def to_dataframe(self) -> Any:
+        """The same as a DataFrame of pandas; ImportError with a sentence where there is none."""
+        return as_dataframe(self.to_arrow())
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the parameter file that flies it: `./hover_test.sh --params FILE`."""
+        write_yaml(self.found.design, Path(path), "heli.identify, from flight data")
+        return Path(path)
+
+    @property
+    def _title(self) -> str:
+        judged = [row for row in self.rows if row.met is not None]
+        missed = f"; missed: {', '.join(self.missed)}" if self.missed else ""
+        return (
+            f"Identified from two flights: {len(judged) - len(self.missed)} of {len(judged)} "
+            f"significant numbers within 5 % (E: 10 %) of the linearised truth{missed}"
+        )
+
+    def _table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        return ("", "identified", "+-2 sigma", "truth", "deviation"), [
+            (
+                row.name,
+                f"{row.value:.4g}",
+                f"{2.0 * row.sigma:.2g}" if row.sigma > 0.0 else "",
+                f"{row.truth:.4g}",
+                row.deviation_text,
+            )
+            for row in self.rows
+            if row.significant
+        ]
+
+    def __repr__(self) -> str:
+        head, rows = self._table()
+        widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
+        lines = (
+            "  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True)).rstrip()
+            for row in (head, *rows)
+        )
+        return "\n".join([self._title, *lines])
+
+    def _repr_html_(self) -> str:
+        return html_table(*self._table(), self._title)
+
+
+def identify(
+    aircraft: str | None = None,
+    *,
+    seed: int | None = None,
+    gps: str | None = None,
+    params: Any = None,
+    gamma_factor: float | None = None,
+    quiet: bool = False,
+) -> Identified:
+    """Fly two experiments in this process, fit A, B, E, servos, delay and trims, design from them.
+
+    First the actuators are moved by multisines, then gusts blow, with sensor noise and a calm day's
+    turbulence; what is fitted is what the aircraft's own sensors told. Bags: `heli identify`.
+
+    Parameters
+    ----------
+    aircraft : str, optional
+        A packaged aircraft's name, or an aircraft file: what is flown, and compared with.
+    seed : int, optional
+        Of turbulence and sensors.
+    gps : {"standalone", "rtk"}, optional
+    params : path, or list of paths, optional
+        Parameter files, with constants measured on the ground in the section `identify`.
+    gamma_factor : float, optional
+        Bound of state feedback as a multiple of gamma*.
+    quiet : bool
+        True: no progress on stderr.
+
+    Returns
+    -------
+    Identified
+
+    Raises
+    ------
+    ParameterError, AircraftError, FlightError, IdentificationError, SynthesisError
+        Each with one sentence.
+
+    Examples
+    --------
+    >>> found = heli.identify(seed=3)
+    >>> found.response("p", "d_lat").measured
+    >>> heli.fly(params=found, seed=3)
+    """
+    files, over = split(params)
+    if over:
+        raise ParameterError("params: of an identification; allowed: files")
+    wanted = IdentifyOrder(
+        aircraft=aircraft, params=files, seed=None if seed is None else int(seed), gps=gps,
+        gamma_factor=gamma_factor, one_process=True, quiet=quiet,
+    )  # fmt: skip
+    return Identified(run(wanted, None))

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,20 +14,366 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heli.metrics import Metrics
-from heli.signals import Signals, groups_of
-from heli_flight.loop.flight_file import NAME, sections, write_parameters
-from heli_flight.loop.laws import own_words
-from heli_flight.loop.record_file import write_record
-from heli_flight.loop.result import verdict, write_result
-from heli_flight.loop.scoring import DECIDES
-from heli_flight.report.from_bag import Recorded
+from heli_core.rows import NAV, NINE, SHAPED
+from heli_flight.flight_file import NAME, sections, write_parameters
+from heli_flight.record import write_record
+from heli_flight.report.write import RecordedFlight
+from heli_flight.result import verdict, write_result
+from heli_flight.scoring import DECIDES
+from heli_flight.settings import own_words
 
 if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
 
-    from heli_live_view.page_server import PageServer
+    from heli_flight.record import FlightRecord
+    from heli_flight.scoring import Figures
+    from heli_live_view.server import PageServer
+
+
+# -------------------------------------------------------------------------------------------------
+# Signals of a flight: arrays with a name, a unit and a meaning, in groups.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One signal.
+
+    Attributes
+    ----------
+    values : (N,) or (N, k) ndarray
+        One row per tick; cannot be written.
+    unit : str
+        Empty for none.
+    meaning : str
+        A few words: frame, sign.
+    """
+
+    values: NDArray
+    unit: str
+    meaning: str
+
+
+class Signals(Mapping[str, NDArray]):
+    """A group of signals: `group.phi_rad`, `group["phi_rad"]`, `group.unit("phi_rad")`.
+
+    Parameters
+    ----------
+    name : str
+        Of the group, as in `flight.truth`.
+    signals : mapping of name to Signal
+    """
+
+    def __init__(self, name: str, signals: Mapping[str, Signal]) -> None:
+        self._name, self._signals = name, dict(signals)
+        for signal in self._signals.values():
+            signal.values.setflags(write=False)
+
+    def __getitem__(self, name: str) -> NDArray:
+        return self._found(name, KeyError).values
+
+    def __getattr__(self, name: str) -> NDArray:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return self._found(name, AttributeError).values
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._signals)
+
+    def __len__(self) -> int:
+        return len(self._signals)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._signals]
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal, empty for none."""
+        return self._found(name, KeyError).unit
+
+    def meaning(self, name: str) -> str:
+        """What a signal is, in a few words."""
+        return self._found(name, KeyError).meaning
+
+    def columns(self) -> dict[str, NDArray]:
+        """The signals of one number per tick, by `group_name`."""
+        found = self._signals.items()
+        return {f"{self._name}_{n}": s.values for n, s in found if s.values.ndim == 1}
+
+    def _found(self, name: str, error: type[Exception]) -> Signal:
+        if name in self._signals:
+            return self._signals[name]
+        near = difflib.get_close_matches(name, self._signals, n=1, cutoff=0.4)
+        hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self._signals)}"
+        raise error(f"{self._name} has no signal {name!r}; {hint}")
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        return [
+            (f"{self._name}.{name}", " x ".join(map(str, s.values.shape)), s.unit, s.meaning)
+            for name, s in self._signals.items()
+        ]
+
+    def __repr__(self) -> str:
+        rows = self._rows()
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        return "\n".join(
+            "  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        )
+
+    def _repr_html_(self) -> str:
+        return html_table(("signal", "shape", "unit", ""), self._rows())
+
+
+def html_table(head: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> str:
+    """A table for a notebook; every cell is text."""
+    caption = f"<caption>{escape(title)}</caption>" if title else ""
+    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f"<table>{caption}<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+_AXES = ("north", "east", "down")
+
+
+def _scalar(values: NDArray, unit: str, meaning: str) -> Signal:
+    return Signal(np.ascontiguousarray(values), unit, meaning)
+
+
+def _motion(
+    pos: NDArray, vel: NDArray, q: NDArray, rate: NDArray, rotor: NDArray
+) -> dict[str, Signal]:
+    """What ground truth and navigation share."""
+    from heli_core.rotations import euler_angles
+
+    euler = euler_angles(q)
+    found = {
+        "pos_ned_m": Signal(pos.view(), "m", "position: north, east, down"),
+        "vel_ned_mps": Signal(vel.view(), "m/s", "velocity over the ground: north, east, down"),
+        "q_nb": Signal(q.view(), "", "attitude quaternion w, x, y, z, body to NED"),
+        "rate_body_radps": Signal(rate.view(), "rad/s", "p, q, r: forward, right, down"),
+    }
+    for i, axis in enumerate(_AXES):
+        found[f"{axis}_m"] = _scalar(pos[:, i], "m", f"position, {axis}")
+    found["altitude_m"] = _scalar(-pos[:, 2], "m", "position, up")
+    for i, axis in enumerate(_AXES):
+        found[f"vel_{axis}_mps"] = _scalar(vel[:, i], "m/s", f"velocity over the ground, {axis}")
+    for i, (name, words) in enumerate(
+        (("phi", "roll, right side down"), ("theta", "pitch, nose up"), ("psi", "heading"))
+    ):
+        found[f"{name}_rad"] = _scalar(euler[:, i], "rad", words)
+    for i, name in enumerate(("p", "q", "r")):
+        found[f"{name}_radps"] = _scalar(rate[:, i], "rad/s", f"body rate {name}")
+    for i, (name, words) in enumerate(
+        (
+            ("a_s", "disc tilted backwards"),
+            ("b_s", "disc tilted to the right"),
+            ("d_int", "integrator of the yaw gyro"),
+        )
+    ):
+        found[f"{name}_rad"] = _scalar(rotor[:, i], "rad", words)
+    return found
+
+
+def groups_of(record: FlightRecord) -> dict[str, Signals]:
+    """The groups of a `heli_flight` FlightRecord: truth, nav, reference, setpoint, u, wind."""
+    r = record
+    nav = _motion(r.nav_pos_ned_m, r.nav_vel_ned_mps, r.nav_q_nb, r.nav_rate_body_radps,
+                  r.nav_rotor)  # fmt: skip
+    sigmas = (
+        ("sigma_pos_m", r.nav_sigma_pos_m, "m", "standard deviation of the position, NED"),
+        ("sigma_vel_mps", r.nav_sigma_vel_mps, "m/s", "standard deviation of the velocity, NED"),
+        ("sigma_att_rad", r.nav_sigma_att_rad, "rad", "of the attitude, about north, east, down"),
+    )
+    nav |= {n: Signal(a.view(), unit, words) for n, a, unit, words in sigmas if a is not None}
+    truth = _motion(r.truth_pos_ned_m, r.truth_vel_ned_mps, r.truth_q_nb,
+                    r.truth_rate_body_radps, r.truth_rotor)  # fmt: skip
+    return {
+        "truth": Signals("truth", truth),
+        "nav": Signals("nav", nav),
+        "reference": Signals("reference", _reference(r.reference)),
+        "setpoint": Signals("setpoint", _setpoint(r.setpoint)),
+        "u": Signals("u", _actuators(r.u)),
+        "wind": Signals("wind", _wind(r.wind_ned_mps)),
+    }
+
+
+def _reference(rows: NDArray) -> dict[str, Signal]:
+    from heli_core.rows import REFERENCE
+
+    pos, vel = rows[:, REFERENCE.pos], rows[:, REFERENCE.vel]
+    found = {
+        "pos_ned_m": Signal(pos.view(), "m", "where it should be: north, east, down"),
+        "vel_ned_mps": Signal(vel.view(), "m/s", "how it should move: north, east, down"),
+    }
+    for i, axis in enumerate(_AXES):
+        found[f"{axis}_m"] = _scalar(pos[:, i], "m", f"position, {axis}")
+    found["altitude_m"] = _scalar(-pos[:, 2], "m", "position, up")
+    return found | {"psi_rad": _scalar(rows[:, REFERENCE.psi], "rad", "heading")}
+
+
+def _setpoint(rows: NDArray) -> dict[str, Signal]:
+    words = ("commanded roll", "commanded pitch", "commanded heading")
+    names = ("phi_rad", "theta_rad", "psi_rad")
+    pairs = enumerate(zip(names, words, strict=True))
+    return {name: _scalar(rows[:, i], "rad", told) for i, (name, told) in pairs}
+
+
+def _actuators(rows: NDArray) -> dict[str, Signal]:
+    words = {
+        "delta_lat": "lateral cyclic, -1 to 1",
+        "delta_lon": "longitudinal cyclic, -1 to 1",
+        "delta_ped": "pedal, -1 to 1",
+        "delta_col": "collective, -1 to 1",
+    }
+    return {name: _scalar(rows[:, i], "", told) for i, (name, told) in enumerate(words.items())}
+
+
+def _wind(rows: NDArray) -> dict[str, Signal]:
+    found = {"ned_mps": Signal(rows.view(), "m/s", "velocity of the air: north, east, down")}
+    for i, axis in enumerate(_AXES):
+        found[f"{axis}_mps"] = _scalar(rows[:, i], "m/s", f"velocity of the air, {axis}")
+    return found
+
+
+# -------------------------------------------------------------------------------------------------
+# What a flight is measured by: value, unit, and the paper's figure beside it.
+# -------------------------------------------------------------------------------------------------
+
+WINDOWS, WHOLE = "windows", "whole"
+NAVIGATION = "navigation"
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One metric of a flight.
+
+    Attributes
+    ----------
+    name, label : str
+        Its key, such as `altitude`, and in words.
+    value, rms : float
+        Largest magnitude and rms, in `unit`.
+    unit : str
+    paper : float
+        The largest that the paper shows; of a path, a goal.
+    inside : bool
+        Whether the value is inside it.
+    source : str
+        Measured from: `navigation`, `truth`, `truth_less_drift`.
+    stretch : str
+        Over: `windows` (the scored ones), `whole` (the flight).
+    """
+
+    name: str
+    label: str
+    value: float
+    rms: float
+    unit: str
+    paper: float
+    inside: bool
+    source: str
+    stretch: str
+
+    def __str__(self) -> str:
+        word = "inside" if self.inside else "outside"
+        return f"{self.value:.3g} {self.unit}, {word} {self.paper:g} {self.unit}"
+
+
+class Metrics(Mapping[str, Metric]):
+    """Metrics by name, from the navigation record over the scored windows; others by `of`.
+
+    Parameters
+    ----------
+    figures : Figures
+    source, stretch : str
+        Which of them this mapping shows.
+    """
+
+    def __init__(self, figures: Figures, source: str = NAVIGATION, stretch: str = WINDOWS) -> None:
+        self._figures, self.source, self.stretch = figures, source, stretch
+        self._found = {
+            s.metric.key: Metric(
+                s.metric.key, s.metric.label, float(s.max), float(s.rms), s.metric.unit,
+                s.metric.paper, s.inside, s.source, s.stretch,
+            )
+            for s in figures.of(stretch)
+            if s.source == source
+        }  # fmt: skip
+
+    def of(self, source: str = NAVIGATION, stretch: str = WINDOWS) -> Metrics:
+        """The same flight measured from another record, or over another stretch.
+
+        Parameters
+        ----------
+        source : {"navigation", "truth", "truth_less_drift"}
+        stretch : {"windows", "whole"}
+
+        Raises
+        ------
+        ParameterError
+        """
+        from heli_core.rcl_yaml import ParameterError
+        from heli_flight.scoring import SOURCE_NAMES, STRETCHES
+
+        for what, given, known in (
+            ("source", source, SOURCE_NAMES),
+            ("stretch", stretch, STRETCHES),
+        ):
+            if given not in known:
+                raise ParameterError(
+                    f"{what} {given!r} is not allowed; allowed: {', '.join(known)}"
+                )
+        return Metrics(self._figures, source, stretch)
+
+    def __getitem__(self, name: str) -> Metric:
+        if name not in self._found:
+            known = ", ".join(self._found) or "none: the flight ended before what is scored"
+            raise KeyError(f"no metric {name!r}; known: {known}")
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Each metric as text: name, label, value, rms, paper, verdict."""
+        return [
+            (
+                m.name, m.label, f"{m.value:.3f} {m.unit}", f"{m.rms:.3f} {m.unit}",
+                f"{m.paper:g} {m.unit}", "inside" if m.inside else "OUTSIDE",
+            )
+            for m in self.values()
+        ]  # fmt: skip
+
+    @property
+    def _title(self) -> str:
+        stretch = "scored windows" if self.stretch == WINDOWS else "whole flight"
+        return f"largest magnitude, {self.source.replace('_', ' ')}, {stretch}"
+
+    def __repr__(self) -> str:
+        rows = [("metric", "", "value", "rms", "paper", ""), *self.rows()]
+        if len(rows) == 1:
+            return f"{self._title}: nothing was scored"
+        widths = [max(len(row[i]) for row in rows) for i in range(6)]
+        lines = (
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        )
+        return "\n".join([self._title, *lines])
+
+    def _repr_html_(self) -> str:
+        head = ("metric", "", "value", "rms", "paper", "")
+        return html_table(head, self.rows(), self._title)
+
+
+# -------------------------------------------------------------------------------------------------
+# Flight.
+# -------------------------------------------------------------------------------------------------
 
 _NO_PANDAS = (
     "pandas is not installed here: pip install pandas brings it; to_arrow() gives the same table "
@@ -74,7 +422,7 @@ class Flight:
     u: Signals
     wind: Signals
 
-    def __init__(self, flown: Recorded, folder: Path | None = None) -> None:
+    def __init__(self, flown: RecordedFlight, folder: Path | None = None) -> None:
         self._flown, self.folder = flown, folder
         self.time_s: NDArray[np.float64] = flown.record.time_s.view()
         self.time_s.setflags(write=False)
@@ -176,7 +524,6 @@ class Flight:
 
     def plot(self) -> Figure:
         """Altitude, track, attitude and actuators in one figure of matplotlib."""
-        from heli.picture import draw
 
         return draw(self, self._title())
 
@@ -197,7 +544,7 @@ class Flight:
         ParameterError
             The folder exists, or cannot be written.
         """
-        from heli_flight.studies.flight import free_name
+        from heli_flight.fly import free_name
         from heli_flight.terminal import being_filled
 
         if folder is None and self.folder is not None:
@@ -230,8 +577,7 @@ class Flight:
         PortError
             The port is in use; one line.
         """
-        from heli_flight.studies.replay.opened import replay_of
-        from heli_flight.studies.replay.serving import server_of
+        from heli_flight.replay import replay_of, server_of
 
         shown, beside = replay_of(self.save())
         server = server_of(shown, port, beside, ("", "port"))
@@ -253,7 +599,7 @@ class Flight:
         Path
             The page.
         """
-        from heli_flight.report import write_report
+        from heli_flight.report.write import write_report
 
         path = self.save() if folder is None else Path(folder)
         path.mkdir(parents=True, exist_ok=True)
@@ -261,3 +607,72 @@ class Flight:
         return write_report(
             f.record, f.settings, f.result, path, f.how, f.events, f.missing, f.assumed, figures
         )
+
+
+# -------------------------------------------------------------------------------------------------
+# A flight in one figure.
+# -------------------------------------------------------------------------------------------------
+
+_TIME = "time (s)"
+# Okabe and Ito: told apart by the colour-blind.
+_BLUE, _ORANGE, _GREEN, _RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+
+
+def draw(flight: Flight, title: str) -> Figure:
+    """Altitude, track, attitude, actuators; the figure is shown by who has it."""
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(2, 2, figsize=(10.0, 7.0), layout="constrained")
+    # A notebook would show it a second time at the end of the cell.
+    plt.close(figure)
+    figure.suptitle(title, fontsize=9, wrap=True)
+    _altitude(axes[0, 0], flight)
+    _track(axes[0, 1], flight)
+    _attitude(axes[1, 0], flight)
+    _picture_actuators(axes[1, 1], flight)
+    for axis in axes.flat:
+        axis.grid(True, color="#dddddd", linewidth=0.5)
+        axis.legend(fontsize=8)
+    return figure
+
+
+def _altitude(axis: Any, flight: Flight) -> None:
+    axis.plot(flight.time_s, flight.truth.altitude_m, color=_BLUE, label="truth")
+    axis.plot(flight.time_s, flight.nav.altitude_m, ":", color=_ORANGE, label="navigation")
+    axis.plot(flight.time_s, flight.reference.altitude_m, "--", color=_RED, label="reference")
+    axis.set(xlabel=_TIME, ylabel="altitude (m)", title="Altitude")
+
+
+def _track(axis: Any, flight: Flight) -> None:
+    for group, label, style, color in (
+        (flight.truth, "truth", "-", _BLUE),
+        (flight.nav, "navigation", ":", _ORANGE),
+        (flight.reference, "reference", "--", _RED),
+    ):
+        axis.plot(group.east_m, group.north_m, style, color=color, label=label)
+    axis.set(xlabel="east (m)", ylabel="north (m)", title="Track")
+    axis.set_aspect("equal", adjustable="datalim")
+
+
+def _attitude(axis: Any, flight: Flight) -> None:
+    angles = (("phi", "roll", _BLUE), ("theta", "pitch", _ORANGE), ("psi", "heading", _GREEN))
+    for name, words, color in angles:
+        truth, wanted = (
+            np.degrees(np.unwrap(group[f"{name}_rad"])) for group in (flight.truth, flight.setpoint)
+        )
+        axis.plot(flight.time_s, truth, color=color, label=words)
+        axis.plot(flight.time_s, wanted, "--", color=color, linewidth=0.8)
+    axis.set(xlabel=_TIME, ylabel="angle (deg)", title="Attitude (dashed: commanded)")
+
+
+def _picture_actuators(axis: Any, flight: Flight) -> None:
+    for name, color in zip(flight.u, (_BLUE, _ORANGE, _GREEN, _RED), strict=True):
+        axis.plot(flight.time_s, flight.u[name], color=color, label=name)
+    axis.set(xlabel=_TIME, ylabel="actuator (-1 to 1)", title="Actuators")
+
+
+# -------------------------------------------------------------------------------------------------
+# Places of what a law reads: `x[NINE.phi]`, `x[NAV.pos]`, `r[SHAPED.vel]`.
+# -------------------------------------------------------------------------------------------------
+
+__all__ = ["NAV", "NINE", "SHAPED"]

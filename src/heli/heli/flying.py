@@ -3,26 +3,211 @@
 
 from __future__ import annotations
 
+import difflib
+import json
 import os
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
 
 from heli.flight import Flight
-from heli.loading import load
-from heli.options import Over, faults_over, merged, split
-from heli_flight.loop.commit import sources_commit
-from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
-from heli_flight.loop.laws import NODES
-from heli_flight.loop.settings import Settings
-from heli_flight.report.from_bag import Recorded
-from heli_flight.studies.flight import FlightOrder, fly_and_write
-from heli_flight.studies.one_process import fly_one_process
+from heli_core.errors import FlightError, PlantConfigError
+from heli_core.parameters import NONE, Parameter, suggestion
+from heli_core.python_controller import GIVEN, PARAMETER, LawError, PythonLaw, find, source_of
+from heli_core.rcl_yaml import ParameterError
+from heli_dynamics_sim.faults import faults_of
+from heli_flight.flight_file import NAME, fault_overrides
+from heli_flight.fly import FlightOrder, fly_and_write, fly_one_process
+from heli_flight.report.write import BagChoice, RecordedFlight, recorded
+from heli_flight.settings import LAW_NODES, LOCKSTEP, ONE_PROCESS, TABLES, Settings, sources_commit
 from heli_flight.terminal import console, silent
-from heli_parameters.parameters import ParameterError
-from heli_parameters.python_law import GIVEN, PARAMETER, LawError, PythonLaw, find, source_of
+
+if TYPE_CHECKING:
+    pass
+
+
+# -------------------------------------------------------------------------------------------------
+# What a caller says of parameters, in the form in which the stack reads them.
+# -------------------------------------------------------------------------------------------------
+
+Over = dict[str, dict[str, Any]]
+
+
+def split(params: Any) -> tuple[list[Path], Over]:
+    """Files and changes of an argument `params`.
+
+    Parameters
+    ----------
+    params : None, path, mapping, object with `parameters`, or a sequence of these
+        A mapping says per node (plant, observer, inner_loop, outer_loop, scenario, world) which
+        parameters have which values: by dotted name, or nested. Files are weaker than mappings, and
+        later ones are stronger.
+
+    Raises
+    ------
+    ParameterError
+        Names node, parameter, value and what is allowed.
+    """
+    files: list[Path] = []
+    over: Over = {}
+    for part in _parts(params):
+        if isinstance(part, (str, os.PathLike)):
+            files.append(Path(part))
+            continue
+        for node, values in _mapping(part).items():
+            over.setdefault(node, {}).update(_of_node(node, values))
+    return files, over
+
+
+def _parts(params: Any) -> list[Any]:
+    if params is None:
+        return []
+    return list(params) if isinstance(params, (list, tuple)) else [params]
+
+
+def _mapping(part: Any) -> Mapping[str, Any]:
+    """A mapping of nodes; of a design that which it decides."""
+    found = getattr(part, "parameters", part)
+    if isinstance(found, Mapping):
+        return found
+    raise ParameterError(
+        f"params: {type(part).__name__} is not allowed; allowed: a file, "
+        "{node: {parameter: value}}, a design, or a list of these"
+    )
+
+
+def _of_node(node: str, values: Any) -> dict[str, Any]:
+    if node not in TABLES:
+        near = difflib.get_close_matches(str(node), TABLES, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(TABLES)}"
+        raise ParameterError(f"params: {node!r} is no node; {hint}")
+    if not isinstance(values, Mapping):
+        raise ParameterError(
+            f"params: {node}: {values!r} is not allowed; allowed: {{parameter: value}}"
+        )
+    rows = {row.name: row for row in TABLES[node]}
+    found = {}
+    for name, value in _flat(values):
+        if name not in rows:
+            raise ParameterError(f"params: {node}: {name}: {suggestion(rows, name)}")
+        try:
+            found[name] = rows[name].check(_as_kind(rows[name], value))
+        except ParameterError as error:
+            raise ParameterError(f"params: {node}: {name}: {error}") from None
+    return found
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, Any]]:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
+
+
+def _as_kind(row: Parameter, value: Any) -> Any:
+    """A number as Python and numpy write it, where a parameter file would want 1.0."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    if row.kind == "double" and whole:
+        return float(value)
+    if row.kind == "double[]" and isinstance(value, (list, tuple, np.ndarray)):
+        try:
+            return np.asarray(value, dtype=np.float64).ravel()
+        except (TypeError, ValueError):
+            return value
+    return value
+
+
+def faults_over(faults: Any) -> Over:
+    """What faults set, by node: of a file, or of mappings as its entries are (of the plant alone).
+
+    Raises
+    ------
+    ParameterError
+        One sentence.
+    """
+    if faults is None:
+        return {}
+    if isinstance(faults, (str, os.PathLike)):
+        return fault_overrides(Path(faults)) or {}
+    try:
+        # JSON is YAML: a mapping is judged as an entry of a file.
+        told = tuple(fault.text for fault in faults_of([json.dumps(dict(f)) for f in faults]))
+    except PlantConfigError as error:
+        raise ParameterError(str(error)) from None
+    except (TypeError, ValueError):
+        raise ParameterError(
+            f"faults: {faults!r} is not allowed; allowed: a file, or a list of mappings"
+        ) from None
+    return {"plant": {"faults": told or (NONE,)}}
+
+
+def merged(*parts: Over) -> Over:
+    """Changes one over the other, the later stronger."""
+    found: Over = {}
+    for part in parts:
+        for node, values in part.items():
+            found.setdefault(node, {}).update(values)
+    return found
+
+
+# -------------------------------------------------------------------------------------------------
+# `heli.load`: a flight that was recorded.
+# -------------------------------------------------------------------------------------------------
+
+
+def load(
+    path: str | os.PathLike[str],
+    scenario: str | None = None,
+    gps: str | None = None,
+    seed: int | None = None,
+    params: Any = None,
+) -> Flight:
+    """Read a flight: the folder of one (`heli hover`, `heli.fly(...).save()`), or a bag alone.
+
+    Parameters
+    ----------
+    path : path
+        Folder of a flight, of the graph or of one process, or a rosbag2 folder.
+    scenario, gps, seed : optional
+        What was flown, where it is not recorded beside the bag.
+    params : path or sequence of paths, optional
+        Parameter files it was flown with, where they are not beside the bag.
+
+    Returns
+    -------
+    Flight
+
+    Raises
+    ------
+    ParameterError, FlightError
+        Each with one sentence that names the file.
+
+    Examples
+    --------
+    >>> flight = heli.load("flights/my_flight")
+    >>> flight.truth.altitude_m.max()
+    """
+    folder = Path(path)
+    if not folder.exists():
+        raise FlightError(f"{folder}: there is no such flight")
+    files, over = split(params)
+    if over:
+        raise ParameterError("params: of a recorded flight; allowed: files")
+    found = recorded(folder, BagChoice(scenario, gps, seed, files))
+    return Flight(found, found.folder if (found.folder / NAME).is_file() else None)
+
+
+# -------------------------------------------------------------------------------------------------
+# Flying.
+# -------------------------------------------------------------------------------------------------
 
 
 def fly(
@@ -156,7 +341,7 @@ def _named(laws: Sequence[PythonLaw], graph: bool) -> Over:
                 f"law {law.name}: the graph's nodes cannot have it, they are other processes; put "
                 "it into a file: law='my_law.py:NAME'"
             )
-    return {NODES[law.loop]: {PARAMETER: law.source} for law in laws}
+    return {LAW_NODES[law.loop]: {PARAMETER: law.source} for law in laws}
 
 
 def _in_this_process(order: FlightOrder, laws: Sequence[PythonLaw], say: Console) -> Flight:
@@ -174,7 +359,60 @@ def _in_this_process(order: FlightOrder, laws: Sequence[PythonLaw], say: Console
 def flown(settings: Settings, say: Console, laws: Sequence[PythonLaw] = ()) -> Flight:
     """Fly resolved settings in this process; `say` gets what is compiled, and progress."""
     found = fly_one_process(settings, say, laws)
-    recorded = Recorded(
+    recorded = RecordedFlight(
         found.record, settings, found.result, Path("."), ONE_PROCESS, commit=sources_commit()
     )
     return Flight(recorded)
+
+
+# -------------------------------------------------------------------------------------------------
+# What a call that takes long says of itself.
+# -------------------------------------------------------------------------------------------------
+
+PATIENCE_S = 2.0
+"""So long nothing is said."""
+
+
+@contextmanager
+def told_when_long(
+    what: str, quiet: bool = False, after_s: float = PATIENCE_S
+) -> Iterator[Callable[[str], None]]:
+    """Gives a function that takes what comes next; it is said on stderr once the call is long.
+
+    Parameters
+    ----------
+    what : str
+        The call.
+    quiet : bool
+        True: nothing is said.
+    after_s : float
+        So long nothing is said; then what is under way, and each that follows.
+    """
+    if quiet:
+        yield lambda _: None
+        return
+    out, lock = console(stderr=True), threading.Lock()
+    now, long = [""], threading.Event()
+
+    def say() -> None:
+        if now[0]:
+            out.print(f"{what}: {now[0]} ...", highlight=False, soft_wrap=True, markup=False)
+
+    def begin_to_say() -> None:
+        with lock:
+            long.set()
+            say()
+
+    def tell(step: str) -> None:
+        with lock:
+            now[0] = step
+            if long.is_set():
+                say()
+
+    timer = threading.Timer(after_s, begin_to_say)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield tell
+    finally:
+        timer.cancel()

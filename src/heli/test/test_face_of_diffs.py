@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import heli
-from heli.identifying import Identified
-from heli.waiting import told_when_long
+from heli.designing import Identified
+from heli.flying import told_when_long
 from heli_flight.report.diff import diff as diff_of_folders
 
 
@@ -18,6 +18,7 @@ def flights():
     return heli.fly(**options), heli.fly(laws="hinf", **options)
 
 
+@pytest.mark.slow
 def test_it_says_what_the_command_says(flights, tmp_path):
     folders = [flight.save(tmp_path / name) for flight, name in zip(flights, "ab", strict=True)]
     told, found = diff_of_folders(folders), heli.diff(*folders)
@@ -129,7 +130,7 @@ def test_what_comes_after_the_patience_is_said_at_once(monkeypatch, capsys):
         def __init__(self, after_s, begin):
             self.start, self.cancel = begin, lambda: None
 
-    monkeypatch.setattr("heli.waiting.threading.Timer", AtOnce)
+    monkeypatch.setattr("heli.flying.threading.Timer", AtOnce)
     heli.design(aircraft="xcell60", gamma_factor=1.2)
     lines = capsys.readouterr().err.splitlines()
     assert "heli.design: trim and linear model ..." in lines

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import heli
+from heli_core.rotations import quat_from_euler
 from heli_flight.cli.app import main
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import quat_from_euler
+from heli_flight.loop import simulate
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
 
 
 @pytest.fixture(scope="module")

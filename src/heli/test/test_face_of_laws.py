@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import heli
+from heli_core.jit import njit
 from heli_flight.cli.app import main
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_inner_hinf.attitude_law import attitude_law
-from heli_inner_hinf.design import attitude_kernel
-from heli_inner_hinf.law_state import initial_law_state
-from heli_math.jit import njit
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_inner_hinf.controller_state import initial_law_state
+from heli_inner_hinf.controllers import attitude_law
+from heli_inner_hinf.design import attitude_params
 from heli_outer_pd import position_law as outer
-from heli_outer_pd.config import outer_kernel
+from heli_outer_pd.parameters import outer_params
 
 OPTIONS = {"seed": 3, "gps": "rtk", "quiet": True}
 
@@ -24,7 +24,7 @@ class Attitude:
     """The packaged attitude law, wrapped."""
 
     def __init__(self):
-        self.k, self.u = attitude_kernel(resolve().nodes["inner_loop"]), np.zeros(3)
+        self.k, self.u = attitude_params(resolve().nodes["inner_loop"]), np.zeros(3)
 
     def reset(self):
         self.state = initial_law_state(self.k)
@@ -41,7 +41,7 @@ class Position:
 
     def __init__(self):
         nodes = resolve(world="honest").nodes
-        self.k, self.out = outer_kernel(nodes["outer_loop"]), np.zeros(4)
+        self.k, self.out = outer_params(nodes["outer_loop"]), np.zeros(4)
 
     def reset(self):
         self.state = outer.initial_state(self.k)

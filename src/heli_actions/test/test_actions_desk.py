@@ -4,14 +4,24 @@
 import numpy as np
 import pytest
 
-from heli_actions.desk import NOT_KNOWN, Desk, Limits, Order
-from heli_actions.seen import Seen, Way
-from heli_actions.table import Code, Kind, Outcome
-from heli_math.ticks import NS_PER_S
+from heli_actions.node import (
+    NOT_KNOWN,
+    Code,
+    FlightStatus,
+    GoalLimits,
+    GoalManager,
+    GoalRequest,
+    GoalStatus,
+    Kind,
+    Way,
+)
+from heli_core.ticks import NS_PER_S
 
-LIMITS = Limits(answer_s=5.0, silence_s=5.0, wall_silence_s=10.0, patience_s=20.0, tolerance_m=1.0)
+LIMITS = GoalLimits(
+    answer_s=5.0, silence_s=5.0, wall_silence_s=10.0, patience_s=20.0, tolerance_m=1.0
+)
 GOAL = np.array([8.0, 6.0, -10.0])
-ABORTED, CANCELED, SUCCEEDED = Outcome.ABORTED, Outcome.CANCELED, Outcome.SUCCEEDED
+ABORTED, CANCELED, SUCCEEDED = GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.SUCCEEDED
 
 
 class Bench:
@@ -19,8 +29,8 @@ class Bench:
 
     def __init__(self):
         self.done, self.ended = [], {}
-        self.seen, self.now_s, self.mode, self.facts = Seen(), 1.0, "hover", {}
-        self.desk = Desk(self, self.seen, LIMITS)
+        self.seen, self.now_s, self.mode, self.facts = FlightStatus(), 1.0, "hover", {}
+        self.desk = GoalManager(self, self.seen, LIMITS)
         self.pos = np.array([0.0, 0.0, -10.0])
         self.fly(1.0)
 
@@ -56,9 +66,11 @@ class Bench:
     def take(self, kind, key="a", end=GOAL):
         if kind == Kind.FOLLOW:
             end_ns = round((self.now_s + 6.0) * NS_PER_S)
-            order = Order(kind, end, end_ns, f"message of {key}")
+            order = GoalRequest(kind, end, end_ns, f"message of {key}")
         else:
-            order = Order(kind, end if kind == Kind.GOTO else None, message=f"message of {key}")
+            order = GoalRequest(
+                kind, end if kind == Kind.GOTO else None, message=f"message of {key}"
+            )
         self.desk.take(key, order)
 
     def flying(self, kind, key="a"):
@@ -345,8 +357,8 @@ def test_silence_of_all_counts_by_the_wall(bench):
 def test_a_goal_that_came_before_the_flight_waits_for_it(bench):
     fresh = Bench.__new__(Bench)
     fresh.done, fresh.ended, fresh.facts = [], {}, {}
-    fresh.seen, fresh.now_s, fresh.mode = Seen(odom_wall_s=999.0), 1000.0, "standing"
-    fresh.desk, fresh.pos = Desk(fresh, fresh.seen, LIMITS), np.zeros(3)
+    fresh.seen, fresh.now_s, fresh.mode = FlightStatus(odom_wall_s=999.0), 1000.0, "standing"
+    fresh.desk, fresh.pos = GoalManager(fresh, fresh.seen, LIMITS), np.zeros(3)
     fresh.take(Kind.TAKEOFF)
     fresh.desk.look(1000.0)
     fresh.fly(4.0)
@@ -360,7 +372,7 @@ def test_another_flight_ends_what_was_flown(bench):
     bench.now_s = 1.0
     bench.fly(0.1)
     assert bench.ended == {"a": (ABORTED, Code.SILENT, "goto: another flight has begun")}
-    assert bench.seen.ways == 0 and bench.seen.now_ns < 2 * NS_PER_S
+    assert bench.seen.trajectories == 0 and bench.seen.now_ns < 2 * NS_PER_S
 
 
 def test_a_closed_desk_lets_go(bench):

@@ -19,14 +19,20 @@ from rosidl_adapter.parser import parse_action_file
 from rosidl_parser.definition import Action, IdlLocator
 from rosidl_parser.parser import parse_idl_file
 
-from heli_actions.desk import Feedback
-from heli_actions.messages import NOT_BUILT, Interfaces, interface_types
-from heli_actions.table import Code, Kind, Outcome
-from heli_math.rotations import quat_from_euler
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
-from heli_msgs_bridge.messages import MessageError
-from heli_msgs_bridge.reference_message import encode_reference
+from heli_actions.node import (
+    NOT_BUILT,
+    Code,
+    GoalFeedback,
+    GoalStatus,
+    Interfaces,
+    Kind,
+    interface_types,
+)
+from heli_core.rotations import quat_from_euler
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
+from heli_msgs_bridge.command_messages import encode_reference
+from heli_msgs_bridge.layouts import MessageError
 
 PACKAGE = Path(__file__).resolve().parents[2] / "heli_interfaces"
 NAMES = [kind.capitalize() for kind in Kind]
@@ -129,7 +135,7 @@ def test_every_field_is_explained_with_its_unit(name):
 @pytest.mark.parametrize("kind", Kind)
 def test_feedback_fills_every_field(adapters, kind):
     q = quat_from_euler(0.0, 0.0, 0.0)
-    told = Feedback(3 * NS_PER_S + 5, "hover", np.array([1.0, 2.0, -3.0]), q, 4.5, 6.5)
+    told = GoalFeedback(3 * NS_PER_S + 5, "hover", np.array([1.0, 2.0, -3.0]), q, 4.5, 6.5)
     message = adapters.feedback(kind, told)
     assert message.mode == "hover"
     stamp, pose = message.pose.header.stamp, message.pose.pose
@@ -143,9 +149,9 @@ def test_feedback_fills_every_field(adapters, kind):
 
 @pytest.mark.parametrize("kind", Kind)
 def test_result(adapters, kind):
-    message = adapters.result(kind, Outcome.SUCCEEDED, Code.DONE, "there")
+    message = adapters.result(kind, GoalStatus.SUCCEEDED, Code.DONE, "there")
     assert (message.success, message.code, message.message) == (True, 0, "there")
-    message = adapters.result(kind, Outcome.ABORTED, Code.REPLACED, "left")
+    message = adapters.result(kind, GoalStatus.ABORTED, Code.REPLACED, "left")
     assert (message.success, message.code) == (False, 5)
 
 

@@ -8,11 +8,8 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from test_msgs.action import Fibonacci
 
-from heli_actions.desk import Order
-from heli_actions.messages import Interfaces
-from heli_actions.node import ActionsNode
-from heli_actions.table import Code, Kind
-from heli_msgs_bridge.messages import MessageError
+from heli_actions.node import ActionsNode, Code, GoalRequest, Interfaces, Kind
+from heli_msgs_bridge.layouts import MessageError
 
 LIMIT_S = 60.0
 
@@ -26,7 +23,7 @@ class StandIns(Interfaces):
     def order(self, kind, goal, now_ns):
         if goal.order == 7:
             raise MessageError("seven; allowed: others")
-        return Order(kind)
+        return GoalRequest(kind)
 
     def result(self, kind, outcome, code, sentence):
         return Fibonacci.Result(sequence=[int(code)])

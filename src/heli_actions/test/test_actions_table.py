@@ -3,10 +3,21 @@
 
 import pytest
 
-from heli_actions.table import HOLD, LAND, RULES, Code, End, Event, Kind, Outcome, Stage, row_of
-from heli_modes.table import Phase
+from heli_actions.node import (
+    HOLD,
+    LAND,
+    RULES,
+    Code,
+    GoalEnd,
+    GoalEvent,
+    GoalStatus,
+    Kind,
+    Stage,
+    row_of,
+)
+from heli_outer_pd.modes import Phase
 
-A, C, S = Outcome.ABORTED, Outcome.CANCELED, Outcome.SUCCEEDED
+A, C, S = GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.SUCCEEDED
 CANCELED = (C, Code.CANCELED)
 ALWAYS = {
     "preempted": (A, Code.PREEMPTED),
@@ -41,7 +52,7 @@ def found(kind, stage, event):
     row = row_of(kind, stage, event)
     if row is None:
         return None
-    if isinstance(row.target, End):
+    if isinstance(row.target, GoalEnd):
         assert not row.asks
         return row.target.outcome, row.target.code
     return (row.target.value, row.asks) if row.asks else row.target.value
@@ -51,18 +62,18 @@ def found(kind, stage, event):
 @pytest.mark.parametrize("stage", Stage)
 def test_every_event_in_every_stage(kind, stage):
     expected = ALWAYS | EXPECTED[stage.value]
-    for event in Event:
+    for event in GoalEvent:
         wanted = OF_A_KIND.get((kind, stage.value, event.value), expected.get(event.value))
         assert found(kind, stage, event) == wanted, event
 
 
 def test_every_stage_can_end_and_none_is_left_without_a_way_out():
     for stage in Stage:
-        assert found(Kind.GOTO, stage, Event.SILENT) == (A, Code.SILENT)
+        assert found(Kind.GOTO, stage, GoalEvent.SILENT) == (A, Code.SILENT)
 
 
 def test_modes_are_those_of_the_aircraft():
-    """The table speaks of modes that heli_modes has: it may not import it."""
+    """The table speaks of modes that heli_outer_pd has: it may not import it."""
     modes = {phase.mode for phase in Phase}
     for rule in RULES.values():
         assert rule.modes <= modes

@@ -27,7 +27,7 @@ class TopicError(Exception):
 
 
 @dataclass(frozen=True)
-class Seen:
+class TopicStatus:
     """One topic of the graph; rate_hz is None where it was not measured."""
 
     topic: str
@@ -46,12 +46,12 @@ def _infos(node: Node, name: str) -> tuple[list[Any], list[Any]]:
     )
 
 
-def _listed(node: Node) -> list[Seen]:
+def _listed(node: Node) -> list[TopicStatus]:
     found = []
     for name, types in sorted(node.get_topic_names_and_types()):
         publishers, subscribers = _infos(node, name)
         if publishers or subscribers:
-            found.append(Seen(name, ", ".join(types), len(publishers), len(subscribers)))
+            found.append(TopicStatus(name, ", ".join(types), len(publishers), len(subscribers)))
     return found
 
 
@@ -71,7 +71,7 @@ class Discovery:
         self._seen: tuple[Any, ...] | None = None
         self._begun = self._changed = self._looked = time.monotonic()
 
-    def look(self) -> list[Seen]:
+    def look(self) -> list[TopicStatus]:
         """All topics that are known by now."""
         topics_seen = _listed(self._node)
         now = (topics_seen, sorted(self._node.get_node_names_and_namespaces()))
@@ -104,7 +104,7 @@ class Discovery:
 
 def list_topics(
     node: Node, hidden: bool = False, settle_s: float = SETTLED_S
-) -> tuple[list[Seen], Discovery]:
+) -> tuple[list[TopicStatus], Discovery]:
     """Topics of the graph, as soon as discovery has stood still.
 
     Parameters
@@ -151,10 +151,10 @@ class _Counter:
 
 def measure(
     node: Node,
-    found: Sequence[Seen],
+    found: Sequence[TopicStatus],
     duration_s: float,
     progress: Callable[[float], None] = lambda done: None,
-) -> list[Seen]:
+) -> list[TopicStatus]:
     """The topics with their rates, messages per second of wall time, measured over a while.
 
     Listens best effort, so that no publisher waits for it; a type that is not installed has no
@@ -181,7 +181,7 @@ def measure(
         executor.remove_node(node)
         executor.shutdown()
     return [
-        Seen(
+        TopicStatus(
             row.topic,
             row.type,
             row.publishers,
@@ -192,7 +192,7 @@ def measure(
     ]
 
 
-def find(node: Node, name: str, settle_s: float, wait_s: float = 0.0) -> Seen:
+def find(node: Node, name: str, settle_s: float, wait_s: float = 0.0) -> TopicStatus:
     """The topic by its name, with or without the slash.
 
     Waits for its first publisher, whose QoS the listener needs, at most until the graph is still

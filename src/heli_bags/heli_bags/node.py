@@ -10,23 +10,24 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from heli_bags.folder import custom_data
-from heli_bags.parameter_table import NODE_NAME, TABLE
-from heli_bags.recorder import BagError, BagRecorder, Format, row_of
-from heli_bags.voices import Voices
+from heli_bags.parameters import NODE_NAME, TABLE
+from heli_bags.writer import BagError, BagRecorder, Format, custom_data, row_of
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.arrivals import Info, Once, Owner, with_info
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.memory import Restarts
+from heli_msgs_bridge.handover import Restarts
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.node_spec import NodeSpec, StartError
-from heli_msgs_bridge.senders import (
+from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
     SENDERS,
-    heirs_of,
+    DiagnosticSenders,
+    DuplicateFilter,
+    Info,
+    PublisherLock,
     senders_of,
     several_in_words,
+    successors_of,
+    with_info,
 )
 
 # Deep enough for a pause of seconds at ten times real time.
@@ -43,7 +44,7 @@ _VOICES, _NAMELESS = f"{SENDERS}{topics.DIAGNOSTICS}", "a sender without a name"
 
 
 @dataclass
-class Recording:
+class ConfiguredRecorder:
     """What the recorder has while it is configured.
 
     Attributes
@@ -53,11 +54,11 @@ class Recording:
         Per topic of the bag.
     plain : list
         Subscriptions to latched topics for senders that are not.
-    once : dict of Once
+    once : dict of DuplicateFilter
         Per latched topic, what has two subscriptions.
-    owners : dict of Owner
+    owners : dict of PublisherLock
         Per stream whose messages are recorded.
-    voices : Voices
+    voices : DiagnosticSenders
         Who speaks in /diagnostics.
     restarts : Restarts
         Which nodes were started again.
@@ -66,16 +67,16 @@ class Recording:
     """
 
     bag: BagRecorder
-    voices: Voices
+    voices: DiagnosticSenders
     subscriptions: dict[str, Any] = field(default_factory=dict)
     plain: list[Any] = field(default_factory=list)
-    once: dict[str, Once] = field(default_factory=dict)
-    owners: dict[str, Owner] = field(default_factory=dict)
+    once: dict[str, DuplicateFilter] = field(default_factory=dict)
+    owners: dict[str, PublisherLock] = field(default_factory=dict)
     restarts: Restarts = field(default_factory=Restarts)
     trouble: str = ""
 
 
-class RecorderNode(ManagedNode[Recording, None]):
+class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
     """Records from configuration to clean-up; deactivation confirms what was sent before it."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_bags", TABLE, f"{NODE_NAME}.yaml")
@@ -107,7 +108,7 @@ class RecorderNode(ManagedNode[Recording, None]):
             folder = f"{wanted}_{number}"
         return folder
 
-    def configure(self) -> Recording:
+    def configure(self) -> ConfiguredRecorder:
         """Make the bag and subscribe."""
         values, folder = self.values, self._next_folder()
         try:
@@ -121,20 +122,22 @@ class RecorderNode(ManagedNode[Recording, None]):
             names, space = self._chosen(), self.get_namespace()
             bag = BagRecorder(folder, names, space, form, self.start_ns, self.rate)
         except BagError as error:
-            raise StartError(str(error)) from error
+            raise NodeStartError(str(error)) from error
         self._folders.append(folder)
         own = topics.BY_NAME[topics.DIAGNOSTICS].source
-        core = Recording(bag, Voices(self.get_namespace(), own))
+        core = ConfiguredRecorder(bag, DiagnosticSenders(self.get_namespace(), own))
         # Also when a signal comes while this node is configured: the bag opens.
         self.at_end(bag.close)
         self.at_end(lambda: self._unsubscribe(core))
         for name in bag.rows:
             self._subscribe(core, name, topics.qos(name, _DEPTH))
-        self.repeat(values["flush_s"], self._flush)
+        self.create_wall_timer(values["flush_s"], self._flush)
         self.get_logger().info(f"recording {len(bag.rows)} topics to {folder}")
         return core
 
-    def _subscribe(self, core: Recording, name: str, qos: QoSProfile, heard: Any = None) -> None:
+    def _subscribe(
+        self, core: ConfiguredRecorder, name: str, qos: QoSProfile, heard: Any = None
+    ) -> None:
         cls = topics.message_class(core.bag.rows[name].type)
         row = topics.BY_NAME.get(name)
         if row is not None and row.every_ticks and name not in core.owners:
@@ -148,17 +151,17 @@ class RecorderNode(ManagedNode[Recording, None]):
         call = heard or with_info(self.guarded(write))
         core.subscriptions[name] = self.create_subscription(cls, name, call, qos, raw=True)
         for profile in topics.qos_to_hear(name)[1:]:
-            core.once[name] = Once()
+            core.once[name] = DuplicateFilter()
             core.plain.append(self.create_subscription(cls, name, call, profile, raw=True))
 
-    def _owner(self, row: topics.Topic) -> Owner:
+    def _owner(self, row: topics.Topic) -> PublisherLock:
         """Who decides whose messages of a stream are recorded: a second sender's are not."""
         name = self.resolve_topic_name(row.name)
         silence_s, period_ns = self.values["peer_timeout_s"], row.period_ns(self.rate)
-        heir = heirs_of(self, row.name)
-        return Owner(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
+        heir = successors_of(self, row.name)
+        return PublisherLock(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
 
-    def _unsubscribe(self, core: Recording) -> None:
+    def _unsubscribe(self, core: ConfiguredRecorder) -> None:
         for subscription in (*core.subscriptions.values(), *core.plain):
             self.destroy_subscription(subscription)
 
@@ -219,7 +222,7 @@ class RecorderNode(ManagedNode[Recording, None]):
         except BagError as error:
             self._complain(error)
 
-    def _name_senders(self, name: str, owner: Owner) -> None:
+    def _name_senders(self, name: str, owner: PublisherLock) -> None:
         """Say whose messages of a topic are not recorded."""
         key = f"{SENDERS}{name}"
         said = self.health.facts.get(key, "").split("; not recorded")[0]

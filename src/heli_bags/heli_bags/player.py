@@ -14,9 +14,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Connection, QosDurability, QosReliability
 
-from heli_bags.folder import BagError
 from heli_bags.tools import BagReader, chosen, opened
-from heli_math.ticks import NS_PER_S, TICKS_PER_S
+from heli_bags.writer import BagError
+from heli_core.ticks import NS_PER_S, TICKS_PER_S
 from heli_msgs_bridge import topics
 
 _CLOCK = struct.Struct("<4siI")
@@ -32,7 +32,7 @@ Event = tuple[int, Publisher, bytes]
 
 
 @dataclass(frozen=True)
-class Choice:
+class PlayChoice:
     """What is played and how.
 
     Attributes
@@ -88,7 +88,7 @@ class Player:
         Makes the publishers.
     path : Path
         The bag.
-    choice : Choice
+    choice : PlayChoice
     progress : callable
         Gets the bag time played so far (s) and in all.
 
@@ -102,7 +102,7 @@ class Player:
         self,
         node: Node,
         path: Path,
-        choice: Choice,
+        choice: PlayChoice,
         progress: Callable[[float, float], None] = lambda done, total: None,
     ) -> None:
         self._node, self._path, self._choice, self._progress = node, path, choice, progress

@@ -3,30 +3,154 @@
 
 import contextlib
 import gc
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+import yaml
+from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.bag_clock import LATE, WINDOW_NS
-from heli_bags.check import advice, listed_files, storage_files
-from heli_bags.damage import damage, guarded
-from heli_bags.folder import SUFFIXES, BagError, reason
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
+from heli_bags.writer import LATE, METADATA, SUFFIXES, WINDOW_NS, BagError, reason
+from heli_core.rcl_yaml import printable
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.command_messages import decode_reference, key_of
 from heli_msgs_bridge.diagnostics import ways_of
 from heli_msgs_bridge.frames import Datum
-from heli_msgs_bridge.messages import CHANNELS, Decoder, MessageError
-from heli_msgs_bridge.reference_message import decode_reference, key_of
-from heli_msgs_bridge.sums import SUM, sum_of
-from heli_parameters.printable import printable
+from heli_msgs_bridge.layouts import CHANNELS, MessageError
+from heli_msgs_bridge.messages import Decoder
+from heli_msgs_bridge.sums import SUM, checksum
+
+# -------------------------------------------------------------------------------------------------
+# Whether a bag is whole, in words for the user; found without reading its messages.
+# -------------------------------------------------------------------------------------------------
+
+
+def storage_files(bag: Path) -> list[Path]:
+    """The .mcap and .db3 files of a folder."""
+    return sorted(p for p in bag.iterdir() if p.suffix in SUFFIXES.values() and p.is_file())
+
+
+def listed_files(bag: Path) -> list[str]:
+    """Names of the files that metadata.yaml lists; empty if there is none that can be read."""
+    try:
+        content = yaml.safe_load((bag / METADATA).read_text(encoding="utf-8"))
+        paths = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        return [Path(str(path)).name for path in paths]
+    except (OSError, ValueError, TypeError, LookupError, RecursionError, yaml.YAMLError):
+        return []
+
+
+def _file_trouble(path: Path) -> str:
+    if path.suffix == ".mcap":
+        with open(path, "rb") as stream:
+            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                return f"{path.name} is no MCAP file"
+            size = path.stat().st_size
+            stream.seek(max(0, size - len(MCAP0_MAGIC)))
+            whole = size > 2 * len(MCAP0_MAGIC) and stream.read() == MCAP0_MAGIC
+        return "" if whole else f"{path.name} is cut off"
+    for tail in ("-wal", "-journal"):
+        log = path.with_name(path.name + tail)
+        if log.is_file() and log.stat().st_size:
+            return f"{path.name} was never closed"
+    return ""
+
+
+def trouble(bag: Path) -> str:
+    """What is wrong with a bag that `heli bag repair` can restore; empty if nothing is.
+
+    Parameters
+    ----------
+    bag : Path
+        rosbag2 folder or a storage file.
+    """
+    files = [bag] if bag.is_file() else storage_files(bag)
+    for path in files:
+        found = _file_trouble(path)
+        if found:
+            return found
+    if bag.is_file() or not files:
+        return ""
+    if not (bag / METADATA).is_file():
+        return f"{METADATA} is missing"
+    listed = listed_files(bag)
+    absent = [name for name in listed if not (bag / name).is_file()]
+    if absent:
+        return f"{', '.join(absent)} of {METADATA} is missing"
+    unlisted = {path.name for path in files} - set(listed)
+    if unlisted:
+        return f"{METADATA} does not list {', '.join(sorted(unlisted))}"
+    return ""
+
+
+def advice(bag: Path) -> str:
+    """One sentence on what is wrong and what restores it; empty if nothing is."""
+    found = trouble(bag)
+    return f"{found}; 'heli bag repair {bag}' restores what can be" if found else ""
+
+
+# -------------------------------------------------------------------------------------------------
+# What readers raise on damaged bytes, as one sentence. No rclpy.
+#
+# The readers of `rosbags` and `mcap` trust a bag's bytes: on damaged ones they raise whatever the
+# line at hand raises. So everything that they raise is taken for damage, and nothing of ours is.
+# -------------------------------------------------------------------------------------------------
+
+_Item = TypeVar("_Item")
+_END = object()
+_NEEDS_WORDS = (
+    LookupError, AttributeError, TypeError, AssertionError, ArithmeticError, MemoryError,
+    RecursionError,
+)  # fmt: skip
+
+
+def damage(path: Path, error: Exception) -> BagError:
+    """The error for the user: one line that names the bag."""
+    if isinstance(error, BagError):
+        return error
+    why = reason(error)
+    if isinstance(error, _NEEDS_WORDS) and type(error).__module__ == "builtins":
+        # Their texts are for programmers: a name, or nothing.
+        kind = type(error).__name__
+        why = f"it is damaged ({kind if why == kind else f'{kind}: {why}'})"
+    return BagError(f"{path}: not a readable bag: {why}")
+
+
+def guarded(path: Path, items: Iterable[_Item]) -> Iterator[_Item]:
+    """The items of a library's iterator, whose every complaint is a BagError.
+
+    Parameters
+    ----------
+    path : Path
+        The bag, for the sentence.
+    items : iterable
+        What the library yields.
+    """
+    try:
+        iterator = iter(items)
+    except Exception as error:
+        raise damage(path, error) from error
+    while True:
+        try:
+            item = next(iterator, _END)
+        except Exception as error:
+            raise damage(path, error) from error
+        if item is _END:
+            return
+        yield item  # type: ignore[misc]
+
+
+# -------------------------------------------------------------------------------------------------
+# Reader.
+# -------------------------------------------------------------------------------------------------
 
 # A bag may begin with the moment at which its first message arrived, not with its stamp.
 _EARLY_NS = NS_PER_S // 10
@@ -36,7 +160,7 @@ _EARLY_NS = NS_PER_S // 10
 class Stream:
     """Messages of one topic: stamps (N,) int64 ns and the cores' arrays (N, size).
 
-    Of the ground truth also the sums (N,) of their bytes (`heli_msgs_bridge.sums`).
+    Of the ground truth also the sums (N,) of their bytes (`heli_msgs_bridge.node_process`).
     """
 
     stamp_ns: NDArray[np.int64]
@@ -164,7 +288,7 @@ class _Collector:
                 self._stamps[name].append((bag_ns, decoder.stamp_ns))
                 self._rows[name].append(row)
                 if name == topics.TRUTH_ODOM:
-                    self._sums.append(sum_of(raw))
+                    self._sums.append(checksum(raw))
         except MessageError as error:
             self._refuse(name, 1, str(error).removeprefix(f"{name}: "))
 

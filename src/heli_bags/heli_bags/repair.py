@@ -1,17 +1,339 @@
 # SPDX-License-Identifier: Apache-2.0
 """`heli bag repair`: a bag that was never closed, or cut off, into one that opens everywhere."""
 
+import contextlib
 import re
 import shutil
 import sqlite3
-from collections.abc import Callable
+import struct
+import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from heli_bags.check import listed_files, storage_files, trouble
-from heli_bags.folder import BagError, BagFolder, Channel, Format, reason
-from heli_bags.salvage import State, salvage
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import UnsupportedCompressionError
+from mcap.opcode import Opcode
+from mcap.records import McapRecord
+from mcap.stream_reader import get_chunk_data_stream
+from mcap.writer import MCAP0_MAGIC
+from rosbags.rosbag2.metadata import parse_qos
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from heli_bags.reader import listed_files, storage_files, trouble
+from heli_bags.writer import BagChannel, BagError, BagFolder, Format, reason
+
+# -------------------------------------------------------------------------------------------------
+# Every complete message of a storage file that was cut off or never closed. The file stays as is.
+#
+# MCAP (specification: https://mcap.dev/spec): records are read one after the other until one is
+# not
+# whole; of a chunk that is cut off the whole messages are taken, also out of a zstd stream.
+# SQLite: a
+# copy with its write-ahead log or rollback journal is opened; rows are read from both ends of the
+# table towards a damaged page.
+# -------------------------------------------------------------------------------------------------
+
+# Every record begins with its opcode and length. Framed here, because the library's reader stops
+# with an exception where a file is cut off, and we go on with what there is.
+_HEAD = struct.Struct("<BQ")
+_READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    Opcode.SCHEMA: records.Schema.read,
+    Opcode.CHANNEL: records.Channel.read,
+}
+_COMPRESSIONS = ("", "lz4", "zstd")
+# On damaged bytes the libraries raise whatever the line at hand raises.
+_DAMAGED = (Exception,)
+# Of stamps: SQLite holds no larger number.
+_MOST_NS = 2**63 - 1
+_ROWS = "SELECT id, topic_id, timestamp, data FROM messages"
+
+Message = tuple[BagChannel, int, bytes]
+
+
+@dataclass
+class State:
+    """What was found of a file, complete once its messages have been read to the end.
+
+    Attributes
+    ----------
+    whole : bool
+        The file was closed in good order.
+    lost_bytes : int
+        Bytes at the end, or on damaged pages, that no message could be read from.
+    damaged_chunks : int
+        Chunks, or compressed messages, whose checksum or compression is wrong.
+    zstd : bool
+        The chunks are compressed.
+    """
+
+    whole: bool = False
+    lost_bytes: int = 0
+    damaged_chunks: int = 0
+    zstd: bool = False
+    notes: list[str] = field(default_factory=list)
+
+
+def type_hash(type_name: str, definition: str) -> str:
+    """Hash of a type (`RIHS01_...`) out of its definition; empty if that cannot be read."""
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(definition, type_name))
+        return store.hash_rihs01(type_name)
+    except Exception:
+        # Definitions of foreign recorders may be anything; a bag without hashes still opens.
+        return ""
+
+
+def _record(opcode: int, data: bytes) -> McapRecord | None:
+    """The record with this content, if it is of a kind that messages are restored from."""
+    stream = ReadDataStream(BytesIO(data))
+    if opcode == Opcode.MESSAGE:
+        return records.Message.read(stream, len(data))
+    reader = _READERS.get(opcode)
+    return None if reader is None else reader(stream)
+
+
+def _expanded(data: bytes) -> bytes:
+    """What a zstd stream holds, as far as it goes."""
+    return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+
+
+def _content(chunk: records.Chunk, cut: bool) -> bytes:
+    """Uncompressed content of a chunk, as much of it as there is if the chunk is cut off."""
+    if chunk.compression not in _COMPRESSIONS:
+        raise UnsupportedCompressionError(chunk.compression)
+    if not cut:
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        return stream.read(size)
+    if chunk.compression == "zstd":
+        return _expanded(chunk.data)
+    return b"" if chunk.compression else chunk.data
+
+
+class _Mcap:
+    """Reads one MCAP file record by record."""
+
+    def __init__(self, path: Path, state: State) -> None:
+        self.path, self.state = path, state
+        self._schemas: dict[int, records.Schema] = {}
+        self._channels: dict[int, BagChannel] = {}
+
+    def _add(self, channel: records.Channel) -> None:
+        if channel.id in self._channels:
+            return
+        schema = self._schemas.get(channel.schema_id)
+        name, text = (schema.name, schema.data.decode()) if schema else ("", "")
+        self._channels[channel.id] = BagChannel(
+            channel.topic,
+            name,
+            text,
+            channel.metadata.get("topic_type_hash", "") or type_hash(name, text),
+            tuple(parse_qos(channel.metadata.get("offered_qos_profiles", ""))),
+            schema is not None and schema.encoding == "ros2idl",
+        )
+
+    def _take(self, opcode: int, data: bytes) -> Message | None:
+        """One record that is no chunk."""
+        record = _record(opcode, data)
+        if isinstance(record, records.Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, records.Channel):
+            self._add(record)
+        elif isinstance(record, records.Message) and record.channel_id in self._channels:
+            return self._channels[record.channel_id], record.log_time, record.data
+        return None
+
+    def _records(self, data: bytes) -> Iterator[Message]:
+        """Messages of a chunk's content, also of one that is cut off."""
+        at = 0
+        while at + _HEAD.size <= len(data):
+            opcode, size = _HEAD.unpack_from(data, at)
+            at += _HEAD.size
+            if at + size > len(data):
+                return
+            message = self._take(opcode, data[at : at + size])
+            if message is not None:
+                yield message
+            at += size
+
+    def _chunk(self, data: bytes, cut: bool) -> Iterator[Message]:
+        """Messages of a chunk; a damaged one, or one cut off too early, has none."""
+        try:
+            chunk = records.Chunk.read(ReadDataStream(BytesIO(data)))
+            self.state.zstd |= chunk.compression == "zstd"
+            yield from self._records(_content(chunk, cut))
+        except _DAMAGED:
+            if not cut:
+                self.state.damaged_chunks += 1
+
+    def messages(self) -> Iterator[Message]:
+        with open(self.path, "rb") as stream:
+            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise BagError(f"{self.path}: not an MCAP file")
+            yield from self._from(stream, self.path.stat().st_size)
+
+    def _from(self, stream: BinaryIO, end: int) -> Iterator[Message]:
+        at = stream.tell()
+        while True:
+            head = stream.read(_HEAD.size)
+            opcode, size = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
+            cut = at + _HEAD.size + size > end
+            if opcode == 0 or (cut and opcode != Opcode.CHUNK):
+                break
+            if opcode == Opcode.FOOTER:
+                stream.seek(size, 1)
+                self.state.whole = stream.read() == MCAP0_MAGIC
+                return
+            if opcode == Opcode.CHUNK:
+                yield from self._chunk(stream.read(min(size, end)), cut)
+                if cut:
+                    break
+            elif opcode == Opcode.MESSAGE or opcode in _READERS:
+                with contextlib.suppress(*_DAMAGED):
+                    message = self._take(opcode, stream.read(size))
+                    if message is not None:
+                        yield message
+            at += _HEAD.size + size
+            stream.seek(at)
+        self.state.lost_bytes = end - at
+
+
+class _Sqlite:
+    """Reads a copy of one SQLite file."""
+
+    def __init__(self, path: Path, state: State) -> None:
+        self.path, self.state = path, state
+
+    def messages(self) -> Iterator[Message]:
+        with tempfile.TemporaryDirectory(prefix="heli_repair_") as folder:
+            copy = Path(folder) / self.path.name
+            for tail in ("", "-wal", "-journal"):
+                source = self.path.with_name(self.path.name + tail)
+                if source.is_file():
+                    shutil.copyfile(source, copy.with_name(copy.name + tail))
+                    self.state.whole = not tail or (self.state.whole and not source.stat().st_size)
+            self._fit(copy)
+            with contextlib.closing(sqlite3.connect(copy)) as database:
+                yield from self._read(database)
+
+    def _fit(self, copy: Path) -> None:
+        """Tell a cut-off copy its real number of pages; SQLite refuses it whole otherwise.
+
+        File format: https://www.sqlite.org/fileformat2.html, page size at 16, pages at 28.
+        """
+        log = copy.with_name(f"{copy.name}-wal")
+        with open(copy, "r+b") as stream:
+            head = stream.read(100)
+            if len(head) < 100 or (log.is_file() and log.stat().st_size):
+                return
+            (page,) = struct.unpack_from(">H", head, 16)
+            (claimed,) = struct.unpack_from(">I", head, 28)
+            page = 65536 if page == 1 else page
+            end = copy.stat().st_size
+            if not page or end >= claimed * page:
+                return
+            self.state.whole = False
+            self.state.lost_bytes = end % page
+            self.state.notes.append(f"{self.path.name}: {claimed - end // page} pages are missing")
+            stream.truncate(end // page * page)
+            stream.seek(28)
+            stream.write(struct.pack(">I", end // page))
+
+    def _read(self, database: sqlite3.Connection) -> Iterator[Message]:
+        try:
+            channels = self._channels(database)
+        except _DAMAGED as error:
+            self.state.whole = False
+            self.state.notes.append(f"{self.path.name}: {reason(error)}")
+            return
+        newest = -1
+        for way in ("ASC", "DESC"):
+            query = f"{_ROWS} WHERE id > ? ORDER BY id {way}"
+            try:
+                for number, topic, stamp_ns, raw in database.execute(query, (newest,)):
+                    newest = number if way == "ASC" else newest
+                    if topic in channels and isinstance(raw, bytes):
+                        yield channels[topic], stamp_ns, raw
+                return
+            except sqlite3.DatabaseError as error:
+                self.state.whole = False
+                if way == "ASC":
+                    self.state.notes.append(f"{self.path.name}: {reason(error)}")
+
+    def _channels(self, database: sqlite3.Connection) -> dict[int, BagChannel]:
+        def table(name: str) -> list[dict[str, Any]]:
+            cursor = database.execute(f"SELECT * FROM {name}")
+            names = [column[0] for column in cursor.description]
+            return [dict(zip(names, row, strict=True)) for row in cursor]
+
+        definitions: dict[str, dict[str, Any]] = {}
+        with contextlib.suppress(sqlite3.OperationalError):
+            definitions = {row["topic_type"]: row for row in table("message_definitions")}
+        if not database.execute("SELECT count(*) FROM metadata").fetchone()[0]:
+            self.state.whole = False
+        found = {}
+        for row in table("topics"):
+            known = definitions.get(row["type"], {})
+            text = known.get("encoded_message_definition", "")
+            found[row["id"]] = BagChannel(
+                str(row["name"]),
+                str(row["type"]),
+                str(text),
+                row.get("type_description_hash") or type_hash(row["type"], text),
+                tuple(parse_qos(row.get("offered_qos_profiles", ""))),
+                known.get("encoding") == "ros2idl",
+            )
+        return found
+
+
+def salvage(path: Path, state: State) -> Iterator[Message]:
+    """Messages of a storage file in the order in which they were written.
+
+    Parameters
+    ----------
+    path : Path
+        An .mcap or .db3 file; it is only read.
+    state : State
+        Filled while the messages are read.
+
+    Yields
+    ------
+    Channel, int, bytes
+        Topic, stamp (ns), serialised message.
+
+    Raises
+    ------
+    BagError
+        The file is neither, or cannot be read at all.
+    """
+    readers: dict[str, type[_Mcap | _Sqlite]] = {".mcap": _Mcap, ".db3": _Sqlite}
+    reader = readers.get(path.suffix)
+    if reader is None:
+        raise BagError(f"{path}: neither an .mcap nor a .db3 file")
+    try:
+        for channel, stamp_ns, raw in reader(path, state).messages():
+            if not (isinstance(stamp_ns, int) and 0 <= stamp_ns <= _MOST_NS):
+                state.damaged_chunks += 1
+                continue
+            # rosbag2 may have compressed every message by itself; CDR never begins like that.
+            try:
+                plain = _expanded(raw) if raw[:4] == zstandard.FRAME_HEADER else raw
+            except zstandard.ZstdError:
+                state.damaged_chunks += 1
+                continue
+            yield channel, stamp_ns, plain
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {reason(error)}") from error
+
+
+# -------------------------------------------------------------------------------------------------
+# Repair.
+# -------------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -72,7 +394,7 @@ class _Survey:
     """First pass: which channels there are, how much, how damaged."""
 
     def __init__(self, files: list[Path], progress: Callable[[int], None]) -> None:
-        self.channels: dict[Channel, int] = {}
+        self.channels: dict[BagChannel, int] = {}
         self.states = []
         self.total = 0
         for path in files:

@@ -3,21 +3,111 @@
 
 import contextlib
 import csv
-from collections.abc import Callable, Collection, Iterator, Sequence
+import dataclasses
+import json
+import math
+import struct
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import yaml
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.check import storage_files
-from heli_bags.damage import damage, guarded
-from heli_bags.folder import BagError, reason
-from heli_bags.message_text import flatten
-from heli_bags.reader import named, require_whole
-from heli_parameters.printable import printable
+from heli_bags.reader import damage, guarded, named, require_whole, storage_files
+from heli_bags.writer import BagError, reason
+from heli_core.rcl_yaml import printable
+
+# -------------------------------------------------------------------------------------------------
+# Messages as plain data, as text like `ros2 topic echo`, as one level of fields. No rclpy.
+# -------------------------------------------------------------------------------------------------
+
+_SHOWN = 128
+# What a message without fields has instead.
+_PLACEHOLDER = "structure_needs_at_least_one_member"
+
+
+def plain(value: Any) -> Any:
+    """A message of rclpy or `rosbags` as dictionaries, lists, numbers and texts."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, bytes):
+        return value[0] if len(value) == 1 else list(value)
+    if dataclasses.is_dataclass(value):
+        names = [f.name for f in dataclasses.fields(value) if not f.name.startswith("__")]
+        return {name: plain(getattr(value, name)) for name in names if name != _PLACEHOLDER}
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, (str, bool, int, float)) or value is None:
+        return value
+    return [plain(item) for item in value]
+
+
+def _shortened(value: Any) -> Any:
+    """Long sequences cut, as `ros2 topic echo` does."""
+    if isinstance(value, dict):
+        return {key: _shortened(item) for key, item in value.items()}
+    if isinstance(value, list):
+        short = [_shortened(item) for item in value[:_SHOWN]]
+        return [*short, "..."] if len(value) > _SHOWN else short
+    return value
+
+
+def as_yaml(message: Any, full: bool = False) -> str:
+    """Text of a message as `ros2 topic echo` prints it, with the closing `---`."""
+    content = plain(message)
+    text = yaml.safe_dump(
+        content if full else _shortened(content),
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=False,
+        width=10**6,
+    )
+    return f"{text}---"
+
+
+def _finite(value: Any) -> Any:
+    """Not-a-number and infinity as None: JSON has no such numbers."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def as_json(message: Any, **beside: Any) -> str:
+    """One line of JSON with the message's fields; `beside` goes in front."""
+    return json.dumps({**beside, **_finite(plain(message))}, allow_nan=False)
+
+
+def flatten(message: Any) -> dict[str, Any]:
+    """Every field on one level: `pose.pose.position.x`, `position[0]`."""
+    found: dict[str, Any] = {}
+    _flatten(plain(message), "", found)
+    return found
+
+
+def _flatten(value: Any, name: str, found: dict[str, Any]) -> None:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _flatten(item, f"{name}.{key}" if name else key, found)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _flatten(item, f"{name}[{index}]", found)
+    else:
+        found[name] = value
+
+
+# -------------------------------------------------------------------------------------------------
+# Tools.
+# -------------------------------------------------------------------------------------------------
 
 
 def bag_of(path: Path) -> Path:
@@ -299,3 +389,108 @@ class _Table:
             for row in rows:
                 writer.writerow([*row, *[""] * (1 + len(self._columns) - len(row))])
         filled.replace(self.path)
+
+
+# -------------------------------------------------------------------------------------------------
+# ULog, the format of PX4's flight logs: tables written into one file. No ROS.
+#
+# Source: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
+# -------------------------------------------------------------------------------------------------
+
+_MAGIC, _VERSION = b"ULog\x01\x12\x35", 1
+_NAMES = {"u8": "uint64_t", "u4": "uint32_t", "i4": "int32_t", "f4": "float", "b1": "bool"}
+_HEAD = [("size", "<u2"), ("kind", "S1"), ("number", "<u2")]
+_INT32 = 2**31
+
+
+@dataclass(frozen=True)
+class LogTopic:
+    """One topic of a log.
+
+    Attributes
+    ----------
+    name : str
+        Of the topic.
+    fields : dict
+        Name to (N,) or (N, size) array: bool, int32, uint32 or float32.
+    present : (N,) ndarray of bool
+        Rows that are written.
+    """
+
+    name: str
+    fields: Mapping[str, NDArray[np.generic]]
+    present: NDArray[np.bool_]
+
+
+def ulog(
+    time_us: NDArray[np.uint64],
+    tables: Sequence[LogTopic],
+    infos: Mapping[str, str],
+    parameters: Mapping[str, int | float],
+) -> bytes:
+    """Content of a log.
+
+    Parameters
+    ----------
+    time_us : (N,) ndarray of uint64
+        Times of all tables' rows, us, ascending.
+    tables : sequence of LogTopic
+    infos : dict
+        What is said of the whole log.
+    parameters : dict
+        An int outside int32 is written as a float, which has 24 bits.
+
+    Returns
+    -------
+    bytes
+    """
+    first = int(time_us[0]) if time_us.size else 0
+    parts = [_MAGIC, bytes([_VERSION]), struct.pack("<Q", first), _message(b"B", bytes(40))]
+    for key, text in infos.items():
+        raw = text.encode()
+        parts.append(_message(b"I", _keyed(f"char[{len(raw)}] {key}") + raw))
+    for key, value in parameters.items():
+        whole = isinstance(value, int) and -_INT32 <= value < _INT32
+        kind, code = ("int32_t", "<i") if whole else ("float", "<f")
+        parts.append(_message(b"P", _keyed(f"{kind} {key}") + struct.pack(code, value)))
+    blocks = [_block(number, table, time_us) for number, table in enumerate(tables)]
+    for table, block in zip(tables, blocks, strict=True):
+        parts.append(_message(b"F", _format(table.name, block.dtype)))
+    for number, table in enumerate(tables):
+        parts.append(_message(b"A", struct.pack("<BH", 0, number) + table.name.encode()))
+    widths = [block.itemsize for block in blocks]
+    raw_rows = [block.view(np.uint8).reshape(time_us.size, -1) for block in blocks]
+    kept = np.repeat(np.column_stack([table.present for table in tables]), widths, axis=1)
+    # Row by row, so that the messages of all topics are in the order of their times.
+    parts.append(np.hstack(raw_rows)[kept].tobytes())
+    return b"".join(parts)
+
+
+def _message(kind: bytes, content: bytes) -> bytes:
+    return struct.pack("<Hc", len(content), kind) + content
+
+
+def _keyed(key: str) -> bytes:
+    raw = key.encode()
+    return bytes([len(raw)]) + raw
+
+
+def _block(number: int, table: LogTopic, time_us: NDArray[np.uint64]) -> NDArray[np.void]:
+    """Data messages of a table, one per row."""
+    columns = {"timestamp": time_us, **table.fields}
+    layout = [(name, array.dtype, array.shape[1:]) for name, array in columns.items()]
+    block = np.zeros(time_us.size, dtype=np.dtype([*_HEAD, *layout]))
+    block["size"], block["kind"], block["number"] = block.itemsize - 3, b"D", number
+    for name, array in columns.items():
+        block[name] = array
+    return block
+
+
+def _format(name: str, dtype: np.dtype[np.void]) -> bytes:
+    texts = []
+    for column in (dtype.names or ())[len(_HEAD) :]:
+        field = dtype[column]
+        kind = _NAMES[field.base.str[1:]]
+        size = f"[{field.shape[0]}]" if field.shape else ""
+        texts.append(f"{kind}{size} {column};")
+    return f"{name}:{''.join(texts)}".encode()

@@ -3,8 +3,8 @@
 
 import pytest
 
-from heli_bags.choice import unrecorded
 from heli_bags.node import RecorderNode
+from heli_bags.parameters import unrecorded
 from heli_msgs_bridge import topics
 
 

@@ -8,16 +8,16 @@ import pytest
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import Reader
 
-from heli_bags.bag_clock import BagClock
 from heli_bags.reader import read_bag
-from heli_bags.recorder import BagRecorder, Format
 from heli_bags.tools import bag_info, bag_messages, write_csv
-from heli_math.ticks import NS_PER_S, TICK_NS
-from heli_math.trajectory import Trajectory
+from heli_bags.writer import BagClock, BagRecorder, Format
+from heli_core.ticks import NS_PER_S, TICK_NS
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
-from heli_msgs_bridge.messages import CHANNELS, ClockEncoder, Encoder
-from heli_msgs_bridge.reference_message import encode_reference
+from heli_msgs_bridge.command_messages import encode_reference
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import ClockEncoder, Encoder
 
 START_NS = NS_PER_S
 STREAMS = (topics.IMU, topics.ODOM, topics.TRUTH_ODOM, topics.ACTUATORS)

@@ -8,10 +8,11 @@ import pytest
 
 from heli_bags import reader
 from heli_bags.reader import read_bag
-from heli_bags.recorder import BagError, BagRecorder
-from heli_math.ticks import TICK_NS
+from heli_bags.writer import BagError, BagRecorder
+from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.messages import CHANNELS, Encoder
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import Encoder
 
 TICKS = 10
 

@@ -19,17 +19,16 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-from heli_bags import files
-from heli_bags.chunk_index import ChunkIndex
-from heli_bags.files import McapFile
+from heli_bags import writer
 from heli_bags.node import RecorderNode
-from heli_bags.recorder import BagError, BagRecorder, Format
 from heli_bags.repair import repair
-from heli_math.ticks import TICK_NS
+from heli_bags.writer import BagError, BagRecorder, ChunkIndex, Format, McapFile
+from heli_core.command_line import share_folder
+from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.messages import CHANNELS, Encoder
-from heli_parameters.locate import share_folder
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import Encoder
 
 NAMES = (topics.IMU, topics.ODOM, topics.ACTUATORS)
 TICKS = 300
@@ -117,7 +116,7 @@ def test_mcap_bytes_are_those_of_the_writer_of_rosbags(tmp_path, monkeypatch):
 
 def test_index_beside_the_file_gives_the_bytes_of_a_list(tmp_path, monkeypatch):
     record(tmp_path / "bag", FORMS["mcap"], flush_every=3)
-    monkeypatch.setattr(files, "ChunkIndex", _PlainIndex)
+    monkeypatch.setattr(writer, "ChunkIndex", _PlainIndex)
     record(tmp_path / "other" / "bag", FORMS["mcap"], flush_every=3)
     ours, theirs = (tmp_path / where / "bag_0.mcap" for where in ("bag", "other/bag"))
     assert ours.read_bytes() == theirs.read_bytes()
@@ -319,7 +318,7 @@ def test_bad_choices_are_one_sentence_and_leave_nothing(tmp_path, names, form, w
 FULL_DISK = """
 import resource, signal, sys
 from test_recorder import NAMES, FORMS, stream
-from heli_bags.recorder import BagError, BagRecorder
+from heli_bags.writer import BagError, BagRecorder
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 recorder = BagRecorder(sys.argv[1], NAMES, "/heli", FORMS[sys.argv[2]])
 if int(sys.argv[3]):

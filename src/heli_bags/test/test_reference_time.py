@@ -5,13 +5,14 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from heli_bags.reader import read_bag
-from heli_bags.recorder import BagRecorder, Format
-from heli_math.ticks import NS_PER_S, TICK_NS
-from heli_math.trajectory import MAX_POINTS, Trajectory
+from heli_bags.writer import BagRecorder, Format
+from heli_core.ticks import NS_PER_S, TICK_NS
+from heli_core.trajectory import MAX_POINTS, Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.command_messages import encode_reference, key_of
 from heli_msgs_bridge.diagnostics import FACT_WAYS
-from heli_msgs_bridge.messages import CHANNELS, Encoder
-from heli_msgs_bridge.reference_message import encode_reference, key_of
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import Encoder
 
 START_NS, LATE_TICK = NS_PER_S, 250
 NAMES = (topics.ACTUATORS, topics.REFERENCE, topics.DIAGNOSTICS)

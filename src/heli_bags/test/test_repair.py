@@ -18,14 +18,14 @@ from rosbags.rosbag2 import (
 )
 from rosbags.typesys import Stores, get_typestore
 
-from heli_bags.check import trouble
-from heli_bags.reader import read_bag
-from heli_bags.recorder import BagError, BagRecorder, Format
+from heli_bags.reader import read_bag, trouble
 from heli_bags.repair import repair
 from heli_bags.tools import bag_info
-from heli_math.ticks import TICK_NS
+from heli_bags.writer import BagError, BagRecorder, Format
+from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.messages import CHANNELS, Encoder
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import Encoder
 
 NAMES = (topics.IMU, topics.ACTUATORS)
 FORMS = {"mcap": Format(), "zstd": Format(zstd=True), "sqlite3": Format("sqlite3")}

@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nonlinear helicopter: dynamics, wind, sensors, trim and linearisation."""
 
-from heli_math.faces import face
+from heli_core.faces import face
 
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
-        "parameters": ["HelicopterParameters"],
-        "aircraft_file": ["AircraftError", "find_aircraft"],
-        "helicopter": ["state_derivative"],
+        "aircraft": ["AircraftError", "HelicopterParameters", "find_aircraft"],
         "config": ["PlantConfig", "PlantConfigError"],
-        "plant": ["PlantStatus"],
+        "helicopter": ["state_derivative"],
         "noise": ["NoiseStreams"],
-        "linearize": ["LinearModel", "ReducedModel"],
-        "trim": ["Trim", "TrimError"],
+        "plant": ["PlantStatus"],
+        "trim": ["LinearModel", "ReducedModel", "TrimPoint", "TrimError"],
     },
-    modules=["linearize", "plant", "sensors", "state", "trim", "wind"],
+    modules=["airframe", "plant", "sensors", "trim", "wind"],
 )

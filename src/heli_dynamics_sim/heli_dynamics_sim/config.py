@@ -2,7 +2,7 @@
 """Configuration of the plant: from the node's parameters to the kernels' numbers."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -10,23 +10,367 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_dynamics_sim.config_error import PlantConfigError
-from heli_dynamics_sim.fault_table import Fault, fault_kernel, faults_of
-from heli_dynamics_sim.faults import FaultKernel
+from heli_core.errors import PlantConfigError
+from heli_core.ticks import OF_100_HZ, TICK_S, Rate
+from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams, ModelOptions, scaled
+from heli_dynamics_sim.airframe import STEP_S
+from heli_dynamics_sim.faults import Fault, FaultParams, fault_params, faults_of
 from heli_dynamics_sim.ground import plane_of
-from heli_dynamics_sim.parameters import HelicopterKernel, HelicopterParameters
-from heli_dynamics_sim.scales import scaled
-from heli_dynamics_sim.sensor_config import sensor_kernel
-from heli_dynamics_sim.sensors import SensorKernel
-from heli_dynamics_sim.standing import spooling
-from heli_dynamics_sim.state import STEP_S
-from heli_dynamics_sim.terms import Terms
-from heli_dynamics_sim.wind import WindKernel
-from heli_dynamics_sim.wind_config import wind_kernel
-from heli_math.ticks import OF_100_HZ, Rate
+from heli_dynamics_sim.sensors import (
+    BaroParams,
+    GpsErrorParams,
+    GpsParams,
+    ImuErrorParams,
+    ImuParams,
+    MagParams,
+    PortParams,
+    PowerFieldParams,
+    RotorSpeedParams,
+    SensorParams,
+    VibrationParams,
+)
+from heli_dynamics_sim.trim import spooling
+from heli_dynamics_sim.wind import (
+    PLACE,
+    W20_ALTITUDE_M,
+    PartsParams,
+    RandomGusts,
+    SinesParams,
+    WindParams,
+    mean_speed,
+)
+
+# -------------------------------------------------------------------------------------------------
+# The sensors' kernels from the node's parameters `sensors.*`.
+# -------------------------------------------------------------------------------------------------
+
+_Get = Callable[[str], Any]
+_NEVER = 2**62
 
 
-class LimitKernel(NamedTuple):
+def sensor_params(
+    values: Mapping[str, Any], helicopter: HelicopterParameters, rate: Rate
+) -> SensorParams:
+    """Build the kernels of all sensors.
+
+    Parameters
+    ----------
+    values : mapping
+        Parameters of the node `plant`.
+    helicopter : HelicopterParameters
+        Its rotor shakes the IMU and blows on the static port.
+    rate : Rate
+        Of the ticks, at each of which the IMU is read.
+
+    Raises
+    ------
+    PlantConfigError
+        Satellites come and go too often for the period of the fixes.
+    """
+
+    def get(name: str) -> Any:
+        return values[f"sensors.{name}"]
+
+    mag = MagParams(
+        np.array(get("mag.field_ned_t"), dtype=np.float64),
+        np.array(get("mag.soft_iron"), dtype=np.float64).reshape(3, 3),
+        np.array(get("mag.hard_iron_t"), dtype=np.float64),
+        get("mag.white_t"),
+        rate.of(get("mag.period_ticks")),
+        get("mag.clock_jitter_s"),
+        get("mag.soft_iron_sigma"),
+        get("mag.hard_iron_sigma_t"),
+        _power_field(get),
+    )
+    baro = BaroParams(
+        values["origin.altitude_m"],
+        get("baro.white_pa"),
+        get("baro.drift_pa"),
+        math.exp(-get("baro.period_ticks") * TICK_S / get("baro.drift_tau_s")),
+        rate.of(get("baro.period_ticks")),
+        get("baro.clock_jitter_s"),
+        _port(get, helicopter),
+    )
+    rotor = RotorSpeedParams(
+        get("rotor_speed.white_radps"),
+        get("rotor_speed.step_radps"),
+        rate.of(get("rotor_speed.period_ticks")),
+    )
+    imu, imu2 = _imu(get, helicopter, rate.tick_s), bool(get("imu2.enabled"))
+    return SensorParams(imu, mag, baro, _gps(get, rate), rotor, imu2)
+
+
+def _imu(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuParams:
+    root_rate, root_tick = math.sqrt(1.0 / tick_s), math.sqrt(tick_s)
+    return ImuParams(
+        gyro_white=get("imu.gyro_noise_density") * root_rate,
+        accel_white=get("imu.accel_noise_density") * root_rate,
+        gyro_walk=get("imu.gyro_bias_walk") * root_tick,
+        accel_walk=get("imu.accel_bias_walk") * root_tick,
+        gyro_bias=get("imu.gyro_bias_sigma_radps"),
+        accel_bias=get("imu.accel_bias_sigma_mps2"),
+        errors=_imu_errors(get, helicopter, tick_s),
+    )
+
+
+def _imu_errors(get: _Get, helicopter: HelicopterParameters, tick_s: float) -> ImuErrorParams:
+    def six(name: str) -> Any:
+        force, rate = get(f"imu.vibration.{name}_mps2"), get(f"imu.vibration.{name}_radps")
+        return np.concatenate([np.asarray(force, float), np.asarray(rate, float)])
+
+    rev, blade = six("rev"), six("blade")
+    vibration = VibrationParams(
+        bool(rev.any() or blade.any()),
+        rev,
+        blade,
+        float(helicopter.main_blades),
+        get("imu.average_s"),
+        get("imu.lowpass_hz"),
+    )
+    kinds = ("accel", "gyro")
+    gain_sigma = np.empty((2, 3, 3))
+    for sensor, kind in enumerate(kinds):
+        gain_sigma[sensor] = get(f"imu.{kind}_misalignment_rad")
+        np.fill_diagonal(gain_sigma[sensor], get(f"imu.{kind}_scale_sigma"))
+    limits = np.array([get("imu.accel_range_mps2"), get("imu.gyro_range_radps")])
+    ranges = np.repeat(np.where(limits > 0.0, limits, np.inf), 3)
+    clock_s = get("imu.clock_jitter_s")
+    on = vibration.on or clock_s > 0.0 or gain_sigma.any() or (limits > 0.0).any()
+    return ImuErrorParams(bool(on), vibration, clock_s, ranges, gain_sigma, tick_s)
+
+
+def _power_field(get: _Get) -> PowerFieldParams:
+    field = np.array(get("mag.power_field_t_per_w"), dtype=np.float64)
+    return PowerFieldParams(bool(field.any()), field)
+
+
+def _port(get: _Get, helicopter: HelicopterParameters) -> PortParams:
+    wind = np.array(get("baro.wind_coefficients"), dtype=np.float64)
+    wash = get("baro.wash_coefficient")
+    on = bool(wind.any() or wash != 0.0)
+    return PortParams(on, wind, wash, 0.5 * helicopter.air_density_kgpm3)
+
+
+def _gps(get: _Get, rate: Rate) -> GpsParams:
+    axes = np.array([1.0, 1.0, get("gps.vertical_factor")])
+    lost_s, found_s = get("gps.outage.from_s"), get("gps.outage.until_s")
+    return GpsParams(
+        get("gps.white_m") * axes,
+        get("gps.drift_m") * axes,
+        math.exp(-get("gps.period_ticks") * TICK_S / get("gps.drift_tau_s")),
+        get("gps.velocity_mps"),
+        rate.of(get("gps.period_ticks")),
+        rate.of(get("gps.latency_ticks")),
+        rate.of(round(lost_s / TICK_S)) if lost_s >= 0.0 else _NEVER,
+        rate.of(round(found_s / TICK_S)) if found_s >= 0.0 else _NEVER,
+        _gps_errors(get, axes),
+    )
+
+
+def _gps_errors(get: _Get, axes: Any) -> GpsErrorParams:
+    period_s = get("gps.period_ticks") * TICK_S
+    multipath, jump = get("gps.multipath.sigma_m"), get("gps.jump.sigma_m")
+    satellites, blocked = get("gps.satellites.open"), get("gps.satellites.blocked")
+    blocked_s, latency_s = get("gps.satellites.blocked_s"), get("gps.latency_jitter_s")
+    # All may be blocked: what comes and goes in a period must still be a probability.
+    least_s = (satellites + blocked) * period_s
+    if blocked > 0.0 and blocked_s < least_s:
+        raise PlantConfigError(
+            f"sensors.gps.satellites.blocked_s: {blocked_s:g} is not allowed; allowed: at least "
+            f"{least_s:g}, (open + blocked) times the period of the fixes"
+        )
+    between_s, out_s = get("gps.outage.interval_s"), get("gps.outage.duration_s")
+    begin = end = 0.0
+    if between_s > 0.0:
+        # a two-state chain in continuous time, sampled once a period
+        rates = 1.0 / between_s + 1.0 / out_s
+        moved = -math.expm1(-rates * period_s) / rates
+        begin, end = moved / between_s, moved / out_s
+    on = multipath > 0.0 or jump > 0.0 or blocked > 0.0 or between_s > 0.0 or latency_s > 0.0
+    return GpsErrorParams(
+        on,
+        multipath * axes,
+        math.exp(-period_s / get("gps.multipath.tau_s")),
+        satellites,
+        blocked,
+        blocked / blocked_s * period_s,
+        period_s / blocked_s if blocked > 0.0 else 0.0,
+        begin,
+        end,
+        -math.expm1(-period_s / get("gps.jump.interval_s")) if jump > 0.0 else 0.0,
+        jump * axes,
+        latency_s,
+    )
+
+
+def message_variances(v: Mapping[str, Any]) -> tuple[tuple[Any, ...], ...]:
+    """What the sensors' messages say of their errors: per group of numbers, SI^2.
+
+    Parameters
+    ----------
+    v : mapping
+        Parameters of the plant.
+
+    Returns
+    -------
+    tuple of tuple
+        Of IMU, magnetometer, barometer, fix and its velocity; a group with three variances has one
+        per axis.
+    """
+    tick_s = Rate.of_parameters(v).tick_s
+    gyro, accel = v["sensors.imu.gyro_noise_density"], v["sensors.imu.accel_noise_density"]
+    level = v["sensors.gps.white_m"] ** 2 + v["sensors.gps.drift_m"] ** 2
+    if v["sensors.gps.covariance"] == "honest":
+        level += v["sensors.gps.multipath.sigma_m"] ** 2 + v["sensors.gps.jump.sigma_m"] ** 2
+    return (
+        (gyro**2 / tick_s, accel**2 / tick_s),
+        (v["sensors.mag.white_t"] ** 2,),
+        (v["sensors.baro.white_pa"] ** 2,),
+        ((level, level, level * v["sensors.gps.vertical_factor"] ** 2),),
+        (v["sensors.gps.velocity_mps"] ** 2,),
+    )
+
+
+# -------------------------------------------------------------------------------------------------
+# Configuration of the wind: from the plant's parameters to the kernels' numbers.
+# -------------------------------------------------------------------------------------------------
+
+
+def wind_params(values: Mapping[str, Any], aircraft: HelicopterParameters) -> WindParams:
+    """The wind that a plant's parameters describe, for an aircraft's size.
+
+    Raises
+    ------
+    PlantConfigError
+        Names the key whose length, order or value does not fit.
+    """
+    altitudes = np.array(values["wind.profile_altitude_m"], dtype=np.float64)
+    speeds = np.array(values["wind.profile_speed_mps"], dtype=np.float64)
+    if altitudes.size == 0 or (np.diff(altitudes) <= 0.0).any():
+        raise PlantConfigError(
+            f"wind.profile_altitude_m: {altitudes.tolist()} is not allowed; allowed: at least one "
+            "altitude, each above the one before"
+        )
+    if speeds.size != altitudes.size:
+        raise PlantConfigError(
+            f"wind.profile_speed_mps: has {speeds.size} values; allowed: {altitudes.size}, one per "
+            "wind.profile_altitude_m"
+        )
+    starts = np.array(values["wind.gust.start_s"], dtype=np.float64)
+    durations = np.array(values["wind.gust.duration_s"], dtype=np.float64)
+    amplitudes = np.array(values["wind.gust.amplitude_mps"], dtype=np.float64).reshape(-1, 3)
+    for key, count in (("duration_s", durations.size), ("amplitude_mps", amplitudes.shape[0])):
+        if count != starts.size:
+            raise PlantConfigError(
+                f"wind.gust.{key}: describes {count} gusts; allowed: {starts.size}, "
+                "as wind.gust.start_s"
+            )
+    towards_rad = math.radians(values["wind.towards_deg"])
+    kernel = WindParams(
+        altitudes,
+        speeds,
+        towards_rad,
+        bool(values["wind.turbulence"]),
+        0.0,
+        values["wind.airspeed_floor_mps"],
+        starts,
+        durations,
+        amplitudes,
+        values["wind.gust.frame"] == "body",
+        _sines_params(values),
+        values["wind.profile"] == "log",
+        values["wind.roughness_m"],
+        bool(values["wind.rotation"]),
+        2.0 * aircraft.main_radius_m,
+        _parts_params(values, aircraft),
+        _random_gusts(values),
+        (math.cos(towards_rad), math.sin(towards_rad)),
+    )
+    return kernel._replace(w20_mps=_w20_mps(values["wind.w20_mps"], kernel))
+
+
+def _w20_mps(given: float, kernel: WindParams) -> float:
+    if given >= 0.0:
+        return given
+    if kernel.log_profile:
+        raise PlantConfigError(
+            f"wind.w20_mps: {given:g} is not allowed with wind.profile log, which it scales; "
+            "allowed: the wind at 20 ft, at least 0"
+        )
+    return float(mean_speed(W20_ALTITUDE_M, kernel))
+
+
+def _parts_params(values: Mapping[str, Any], aircraft: HelicopterParameters) -> PartsParams:
+    main, tail, fuselage = (
+        bool(values[f"wind.parts.{name}"]) for name in ("main", "tail", "fuselage")
+    )
+    places, half = np.zeros((len(PLACE), 3)), aircraft.gear_half_length_m
+    places[PLACE.main] = 0.0, 0.0, -aircraft.hub_height_m
+    places[PLACE.tail] = -aircraft.tail_arm_m, 0.0, -aircraft.tail_height_m
+    places[[PLACE.front, PLACE.rear], 0] = half, -half
+    needed = np.array([True, main, tail, fuselage, fuselage])
+    reach = float(np.linalg.norm(places[needed], axis=1).max())
+    return PartsParams(main, tail, fuselage, main or tail or fuselage, places, needed, reach)
+
+
+def _random_gusts(values: Mapping[str, Any]) -> RandomGusts:
+    def ordered(key: str) -> tuple[float, float]:
+        low, high = values[f"wind.random_gusts.{key}"]
+        if low > high:
+            raise PlantConfigError(
+                f"wind.random_gusts.{key}: [{low:g}, {high:g}] is not allowed; allowed: the "
+                "smaller number first"
+            )
+        return low, high
+
+    least_share, most_share = ordered("amplitude_w20")
+    least_s, most_s = ordered("duration_s")
+    return RandomGusts(
+        values["wind.random_gusts.rate_per_min"],
+        least_share,
+        most_share,
+        least_s,
+        most_s,
+        math.radians(values["wind.random_gusts.spread_deg"]),
+        values["duration_s"],
+    )
+
+
+def _sines_params(values: Mapping[str, Any]) -> SinesParams:
+    lines = np.array(values["wind.sines.frequency_hz"], dtype=np.float64)
+    tables = []
+    for key in ("amplitude_mps", "phase_rad"):
+        table = np.array(values[f"wind.sines.{key}"], dtype=np.float64).reshape(-1, 3)
+        if table.shape[0] != lines.size:
+            raise PlantConfigError(
+                f"wind.sines.{key}: describes {table.shape[0]} lines; allowed: {lines.size}, "
+                "3 numbers per wind.sines.frequency_hz"
+            )
+        tables.append(table)
+    duration, fade = values["wind.sines.duration_s"], values["wind.sines.fade_s"]
+    if 2.0 * fade > duration:
+        raise PlantConfigError(
+            f"wind.sines.fade_s: {fade:g} is not allowed; allowed: at most {0.5 * duration:g}, "
+            "half of wind.sines.duration_s"
+        )
+    return SinesParams(
+        bool((tables[0] != 0.0).any()),
+        lines,
+        tables[0],
+        tables[1],
+        values["wind.sines.start_s"],
+        duration,
+        fade,
+        values["wind.sines.frame"] == "body",
+    )
+
+
+# -------------------------------------------------------------------------------------------------
+# Config.
+# -------------------------------------------------------------------------------------------------
+
+
+class LimitParams(NamedTuple):
     """Where a flight counts as lost."""
 
     start_ned_m: np.ndarray  # (3,)
@@ -34,15 +378,15 @@ class LimitKernel(NamedTuple):
     cos_tilt: float  # of the largest tilt
 
 
-class PlantKernel(NamedTuple):
+class PlantParams(NamedTuple):
     """Everything that `measure`, `advance` and `status` read."""
 
-    aircraft: HelicopterKernel
-    spooling: HelicopterKernel  # the same while its rotor comes up to speed
-    wind: WindKernel
-    sensors: SensorKernel
-    faults: FaultKernel
-    limits: LimitKernel
+    aircraft: HelicopterParams
+    spooling: HelicopterParams  # the same while its rotor comes up to speed
+    wind: WindParams
+    sensors: SensorParams
+    faults: FaultParams
+    limits: LimitParams
     delay_ticks: int
     fail_tick: int  # when the engine fails; negative: never
     onset_s: float  # over which the air begins to move
@@ -65,11 +409,11 @@ class PlantConfig:
         Where it starts.
     psi : float
         Heading at the start, rad.
-    wind : WindKernel
-    sensors : SensorKernel
+    wind : WindParams
+    sensors : SensorParams
     faults : tuple of Fault
         Of sensors and actuators, and gusts.
-    limits : LimitKernel
+    limits : LimitParams
     delay_ticks : int
         Transport delay of the commands.
     fail_tick : int
@@ -96,10 +440,10 @@ class PlantConfig:
     helicopter: HelicopterParameters
     pos_ned_m: NDArray[np.float64]
     psi: float
-    wind: WindKernel
-    sensors: SensorKernel
+    wind: WindParams
+    sensors: SensorParams
     faults: tuple[Fault, ...]
-    limits: LimitKernel
+    limits: LimitParams
     delay_ticks: int
     fail_tick: int = -1
     trimmed_in_wind: bool = True
@@ -113,7 +457,7 @@ class PlantConfig:
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "PlantConfig":
-        """Build from the parameters of the node `plant` (see `parameter_table`).
+        """Build from the parameters of the node `plant` (see `parameters.TABLE`).
 
         Raises
         ------
@@ -125,7 +469,7 @@ class PlantConfig:
         position, rate = np.array(values["initial.pos_ned_m"], float), Rate.of_parameters(values)
         helicopter = replace(
             scaled(HelicopterParameters.from_yaml(values["aircraft_file"]), values),
-            terms=Terms(*(bool(values[f"terms.{name}"]) for name in Terms._fields)),
+            terms=ModelOptions(*(bool(values[f"terms.{name}"]) for name in ModelOptions._fields)),
         )
         if values["start.on_ground"]:
             position[2] = -helicopter.gear_height_m
@@ -134,15 +478,15 @@ class PlantConfig:
                 f"initial.pos_ned_m: down {position[2]:g} m is in the ground; allowed: at most "
                 f"{-helicopter.gear_height_m:g} (the c.g. with the skids on the ground)"
             )
-        sensors = sensor_kernel(values, helicopter, rate)
+        sensors = sensor_params(values, helicopter, rate)
         return cls(
             helicopter=helicopter,
             pos_ned_m=position,
             psi=math.radians(values["initial.psi_deg"]),
-            wind=wind_kernel(values, helicopter),
+            wind=wind_params(values, helicopter),
             sensors=sensors,
             faults=_faults(values, sensors, rate),
-            limits=LimitKernel(
+            limits=LimitParams(
                 position,
                 values["limits.distance_m"],
                 math.cos(math.radians(values["limits.tilt_deg"])),
@@ -167,12 +511,12 @@ class PlantConfig:
         PlantConfigError
         """
         faults = _faults(values, self.sensors, self.rate)
-        return replace(self, wind=wind_kernel(values, self.helicopter), faults=faults)
+        return replace(self, wind=wind_params(values, self.helicopter), faults=faults)
 
     @cached_property
-    def kernel(self) -> PlantKernel:
+    def params(self) -> PlantParams:
         """The values as the compiled kernels take them."""
-        aircraft = self.helicopter.kernel
+        aircraft = self.helicopter.params
         aircraft = aircraft._replace(
             ground=aircraft.ground._replace(
                 origin=self.pos_ned_m[:2].copy(), plane=plane_of(self.slope)
@@ -181,12 +525,12 @@ class PlantConfig:
         tick_s = self.rate.tick_s
         up_in_s = max(self.spool_ticks, 1) * tick_s
         substeps = math.ceil(tick_s / STEP_S)
-        return PlantKernel(
+        return PlantParams(
             aircraft,
             spooling(aircraft, aircraft.engine.speed / up_in_s),
             self.wind,
             self.sensors,
-            fault_kernel(self.faults, self.sensors, self.rate),
+            fault_params(self.faults, self.sensors, self.rate),
             self.limits,
             self.delay_ticks,
             self.fail_tick,
@@ -199,7 +543,7 @@ class PlantConfig:
         )
 
 
-def _faults(values: Mapping[str, Any], sensors: SensorKernel, rate: Rate) -> tuple[Fault, ...]:
+def _faults(values: Mapping[str, Any], sensors: SensorParams, rate: Rate) -> tuple[Fault, ...]:
     """The faults, each of which these sensors can have."""
     faults = faults_of(values["faults"])
     engine = any(fault.kind == "stop" for fault in faults)
@@ -208,7 +552,7 @@ def _faults(values: Mapping[str, Any], sensors: SensorKernel, rate: Rate) -> tup
             "faults: what: engine is not allowed while terms.rotor_speed is off: without it there "
             "is no engine"
         )
-    fault_kernel(faults, sensors, rate)
+    fault_params(faults, sensors, rate)
     return faults
 
 

@@ -27,16 +27,16 @@ While the rotor spools up on the ground its speed is prescribed, engine and gove
 
 from typing import NamedTuple
 
-from heli_math.jit import njit, njit_inlined
-from heli_math.rows import PLANT
+from heli_core.jit import njit, njit_inlined
+from heli_core.rows import PLANT
 
 FREE = -1.0
-"""`EngineKernel.spool` of a rotor whose speed follows its torques."""
+"""`EngineParams.spool` of a rotor whose speed follows its torques."""
 _SLOWEST_DRIVEN = 0.3
 """Rotor speed over the governed one below which the engine's torque grows no further."""
 
 
-class EngineKernel(NamedTuple):
+class EngineParams(NamedTuple):
     """Engine, governor, drive train and tank."""
 
     speed: float  # governed speed of the main rotor, rad/s
@@ -49,7 +49,7 @@ class EngineKernel(NamedTuple):
     feed_forward: float  # throttle per rad of collective pitch
     pitch_gain: float  # K_col, rad
     pitch_offset: float  # theta_col0, rad
-    tail_profile: float  # as MainRotorKernel.profile_power, of the tail rotor
+    tail_profile: float  # as MainRotorParams.profile_power, of the tail rotor
     tail_tip_speed: float  # m/s
     burnt: float  # fuel per energy at the main rotor's shaft, kg/J
     tank: float  # kg; 0: no tank, never empty
@@ -96,7 +96,7 @@ def running(x, k):
 
 @njit
 def engine_torque(x, k):
-    """Torque (N m) of the engine at the main rotor's shaft. k is an EngineKernel."""
+    """Torque (N m) of the engine at the main rotor's shaft. k is an EngineParams."""
     if not running(x, k):
         return 0.0
     return k.power * x[PLANT.engine] / max(x[PLANT.omega], _SLOWEST_DRIVEN * k.speed)
@@ -111,7 +111,7 @@ def shaft(x, powers, k):
     x : (42,) array
     powers : 2 floats
         Power of main and tail rotor, W.
-    k : HelicopterKernel
+    k : HelicopterParams
         At the rotor's present speed, see `present`.
 
     Returns
@@ -134,7 +134,7 @@ def shaft(x, powers, k):
 
 @njit
 def throttle(x, k):
-    """(throttle in [0, 1], what the governor wants); k is an EngineKernel."""
+    """(throttle in [0, 1], what the governor wants); k is an EngineParams."""
     pitch = k.pitch_gain * x[PLANT.servo_col] + k.pitch_offset
     wanted = k.feed_forward * pitch + k.proportional * (k.speed - x[PLANT.omega])
     wanted += k.integral * x[PLANT.governor]
@@ -150,7 +150,7 @@ def drive_rates(x, drive, k, out):
     x : (42,) array
     drive : 2 floats
         That of `shaft`.
-    k : HelicopterKernel
+    k : HelicopterParams
     out : (42,) array
     """
     engine = k.engine

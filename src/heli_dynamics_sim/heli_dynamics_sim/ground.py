@@ -17,16 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_dynamics_sim.rigid_body import to_body, to_ned
-from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
-from heli_math.jit import njit
-from heli_math.rows import PLANT
+from heli_core.jit import njit
+from heli_core.rows import PLANT
+from heli_dynamics_sim.airframe import attitude_of, rates_of, to_body, to_ned, velocity_of
 
 SLIP_SPEED_MPS = 0.02
 N_SKID_POINTS = 4
 
 
-class GroundKernel(NamedTuple):
+class GroundParams(NamedTuple):
     """Contact points, their law and the plane."""
 
     points: np.ndarray  # (6, 3) body, m: four skid ends, tail, rotor hub
@@ -40,7 +39,7 @@ class GroundKernel(NamedTuple):
 
 
 def plane_of(slope: ArrayLike) -> NDArray[np.float64]:
-    """Rows of `GroundKernel.plane` for a slope (2,): rise per metre to north and east."""
+    """Rows of `GroundParams.plane` for a slope (2,): rise per metre to north and east."""
     north, east = np.asarray(slope, dtype=np.float64)
     into = np.array([north, east, 1.0]) / math.sqrt(1.0 + north * north + east * east)
     along = np.array([1.0, 0.0, -north]) / math.sqrt(1.0 + north * north)

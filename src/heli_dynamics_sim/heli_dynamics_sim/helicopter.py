@@ -12,19 +12,131 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_dynamics_sim.airframe import fin_force, fuselage_force
+from heli_core.jit import njit, njit_inlined
+from heli_core.rows import ACTUATOR, AIR, PLANT
+from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams
+from heli_dynamics_sim.airframe import (
+    BodyParams,
+    attitude_of,
+    fin_force,
+    fuselage_force,
+    gyro,
+    rates_of,
+    rigid_body_rates,
+    tail_pitch,
+    to_body,
+    velocity_of,
+)
 from heli_dynamics_sim.engine import drive_rates, shaft, shaft_powers
-from heli_dynamics_sim.ground import ground_loads, stick_rates
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.present import present
-from heli_dynamics_sim.rigid_body import rigid_body_rates, to_body
-from heli_dynamics_sim.rotor import flapping_rates, tail_rotor
-from heli_dynamics_sim.rotor_flow import rotor_flow, rotor_term_rates
-from heli_dynamics_sim.servo import servo_derivatives
-from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
-from heli_dynamics_sim.yaw_gyro import gyro, tail_pitch
-from heli_math.jit import njit, njit_inlined
-from heli_math.rows import ACTUATOR, AIR, PLANT
+from heli_dynamics_sim.ground import apply_slip, ground_loads, stick_rates
+from heli_dynamics_sim.main_rotor import (
+    FlapBackParams,
+    FlappingParams,
+    MainRotorParams,
+    RotorParams,
+    flapping_rates,
+    rotor_flow,
+    rotor_term_rates,
+    tail_rotor,
+)
+from heli_dynamics_sim.servo import apply_stops, servo_derivatives
+
+# -------------------------------------------------------------------------------------------------
+# The aircraft's numbers at the rotor's present speed and with the fuel it has left.
+#
+# Thrust and induced velocity of both rotors by their blades' speed, the tail's stall by its
+# square,
+# profile power by momentum theory; 1/tau of the flapping grows with the speed, as gamma Omega / 16
+# does; the disc's tilt per air speed falls with it. So do the couplings, eq. (7) over tau, down to
+# 0.9 of the governed speed. Below that they keep their ratio to 1/tau: those of `helion.yaml` are
+# identified at full speed and of one sign, so that the law would make the disc of a rotor that
+# turns
+# slower than 0.83 of it diverge, which none does. The tank is near the c.g.: inertia and c.g.
+# stay.
+# -------------------------------------------------------------------------------------------------
+
+_SLOWEST = 0.05
+"""Rotor speed over the governed one below which the numbers are those of this ratio."""
+_COUPLED = 0.9
+"""That below which the couplings of flapping keep their ratio to its rate."""
+
+
+@njit_inlined
+def _rotor(k, ratio):
+    return RotorParams(k.thrust_slope * ratio, k.blade_speed * ratio, k.disc)
+
+
+@njit_inlined
+def _main(k, ratio):
+    return MainRotorParams(
+        k.hub_stiffness,
+        k.hub_height,
+        k.speed * ratio,
+        k.profile_power * ratio,
+        k.tip_speed * ratio,
+        k.pitch_gain,
+        k.pitch_offset,
+    )
+
+
+@njit_inlined
+def _flapping(k, ratio):
+    falls = ratio if ratio >= _COUPLED else _COUPLED * _COUPLED / ratio
+    return FlappingParams(
+        k.rate * ratio,
+        k.a_bs / falls,
+        k.b_as / falls,
+        k.lon_from_lon,
+        k.lon_from_lat,
+        k.lat_from_lat,
+        k.lat_from_lon,
+        k.flap_back / ratio,
+    )
+
+
+@njit_inlined
+def _flap_back(k, ratio):
+    return FlapBackParams(k.blade_rate * ratio, k.coning, k.bar_gain, k.bar_radius_sq, k.bar_inflow)
+
+
+@njit_inlined
+def off_nominal(x, k):
+    """The HelicopterParams at a plant state; k itself while rotor_speed and fuel are off."""
+    ratio, body = 1.0, k.body
+    if not (k.terms.rotor_speed or k.terms.fuel):
+        return k
+    if k.terms.rotor_speed:
+        ratio = max(x[PLANT.omega] / k.engine.speed, _SLOWEST)
+    if k.terms.fuel:
+        mass = body.mass - x[PLANT.fuel]
+        body = BodyParams(mass, body.j_xx, body.j_yy, body.j_zz, body.gravity)
+    return HelicopterParams(
+        body,
+        _rotor(k.rotor, ratio),
+        _main(k.main, ratio),
+        _flapping(k.flapping, ratio),
+        _rotor(k.tail, ratio),
+        k.tail_arm,
+        k.tail_height,
+        k.gyro,
+        k.fuselage,
+        k.horizontal_fin,
+        k.vertical_fin,
+        k.servo,
+        k.ground,
+        k.climb_power,
+        k.tail_stall * ratio * ratio,
+        k.engine,
+        k.terms,
+        _flap_back(k.flap_back, ratio),
+        k.inflow,
+        k.ground_effect,
+    )
+
+
+# -------------------------------------------------------------------------------------------------
+# Helicopter.
+# -------------------------------------------------------------------------------------------------
 
 
 @njit
@@ -112,9 +224,9 @@ def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
 def derivative_kernel(x, u, air, k, out):
     """State derivative: fills out (42,) for state x (42,), command u (4,), air (12,), a row AIR.
 
-    Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterKernel.
+    Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterParams.
     """
-    k = present(x, k)
+    k = off_nominal(x, k)
     at_main, at_tail, at_body = airspeeds(x, air)
     d_int_rate, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
     flow = rotor_flow(x, at_main, k)
@@ -147,7 +259,7 @@ def derivative_kernel(x, u, air, k, out):
 @njit
 def specific_force(x, air, k, out):
     """Specific force at the c.g., body, m/s2 (what ideal accelerometers read): fills out (3,)."""
-    k = present(x, k)
+    k = off_nominal(x, k)
     at_main, at_tail, at_body = airspeeds(x, air)
     _, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
     flow = rotor_flow(x, at_main, k)
@@ -172,11 +284,11 @@ def state_derivative(
     Parameters
     ----------
     x : (42,) array
-        State, places of `heli_math.rows.PLANT`.
+        State, places of `heli_core.rows.PLANT`.
     u : (4,) array
         Servo commands d_lat, d_lon, d_ped, d_col in (-1, 1).
     wind_ned_mps : (3,) or (12,) array
-        Velocity of the air, NED, m/s, the same everywhere; or a row `heli_math.rows.AIR`.
+        Velocity of the air, NED, m/s, the same everywhere; or a row `heli_core.rows.AIR`.
     params : HelicopterParameters
 
     Returns
@@ -201,5 +313,42 @@ def state_derivative(
             raise ValueError(f"{name} has shape {array.shape}, expected {three}({size},)")
         arrays.append(array)
     out = np.empty(PLANT.size)
-    derivative_kernel(*arrays, params.kernel, out)
+    derivative_kernel(*arrays, params.params, out)
     return out
+
+
+# -------------------------------------------------------------------------------------------------
+# Integration: classical Runge-Kutta of order 4 with fixed steps.
+# -------------------------------------------------------------------------------------------------
+
+_STAGES = 4
+WORK_ROWS = _STAGES + 1
+
+
+@njit
+def rk4_step(x, u, air, k, dt_s, work):
+    """Advance x (42,) by dt_s with command u (4,) and air (12,) held; in place.
+
+    After the step the quaternion is scaled to unit norm, servos are kept inside their stops and the
+    skids' bristles inside Coulomb's cone.
+    work is scratch, (5, 42).
+    """
+    n = x.shape[0]
+    stage = work[_STAGES]
+    for i in range(n):
+        stage[i] = x[i]
+    for j in range(_STAGES):  # a loop, so that the derivative is compiled into it once
+        rate = work[j]
+        derivative_kernel(stage, u, air, k, rate)
+        ahead_s = 0.5 * dt_s if j < _STAGES - 2 else dt_s
+        for i in range(n):
+            stage[i] = x[i] + ahead_s * rate[i]
+    for i in range(n):
+        middle = work[1, i] + work[2, i]
+        x[i] += dt_s / 6.0 * (work[0, i] + 2.0 * middle + work[_STAGES - 1, i])
+    qw, qx, qy, qz = attitude_of(x)
+    norm = (qw * qw + qx * qx + qy * qy + qz * qz) ** 0.5
+    for i in range(PLANT.quat.start, PLANT.quat.stop):
+        x[i] /= norm
+    apply_stops(x, k.servo)
+    apply_slip(x, k.ground)

@@ -1,41 +1,244 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `plant`: the simulated helicopter; owns the clock, takes actuators, sends sensors."""
 
+import math
 import os
 import sys
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as Xml
 
 import numpy as np
 from rclpy.duration import Duration
 from std_srvs.srv import Trigger
 
+from heli_core.jit import direct
+from heli_core.parameters import NONE
+from heli_core.rows import ACTUATOR, JOINTS, MEAS, PLANT
 from heli_dynamics_sim import plant
-from heli_dynamics_sim.description import mounts, robot_description
-from heli_dynamics_sim.fallback import Fallback, FallbackNumbers
-from heli_dynamics_sim.fault_log import CLEAR_FAULTS, FAULTS, FaultLog
-from heli_dynamics_sim.fault_table import NONE, acting, begun
-from heli_dynamics_sim.node_core import Aircraft, Flight
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_dynamics_sim.config import message_variances
+from heli_dynamics_sim.faults import CLEAR_FAULTS, FAULTS, FaultLog, acting, begun
 from heli_dynamics_sim.noise import NOISE, NoiseStreams, one_by_one
-from heli_dynamics_sim.parameter_table import TABLE
-from heli_dynamics_sim.sensor_config import message_variances
+from heli_dynamics_sim.parameters import TABLE
+from heli_dynamics_sim.servo import Fallback, FallbackNumbers
 from heli_dynamics_sim.wind import injected_gust
-from heli_math.rows import ACTUATOR, JOINTS, MEAS, PLANT
 from heli_msgs_bridge import sums, topics
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.frame_ids import in_namespace
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.messages import FIX_STATUS, ClockEncoder
+from heli_msgs_bridge.layouts import FIX_STATUS
+from heli_msgs_bridge.lifecycle_node import NodeSpec, NodeStartError
+from heli_msgs_bridge.lockstep import Arrived, Demand, RealTime
+from heli_msgs_bridge.messages import ClockEncoder, encode_text, encode_transforms, fixed_to_base
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.node_spec import NodeSpec, StartError
-from heli_msgs_bridge.senders import others_in_words
-from heli_msgs_bridge.stepping import RealTime
-from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickNode
-from heli_msgs_bridge.transforms import encode_text, encode_transforms, fixed_to_base
+from heli_msgs_bridge.sources import others_in_words
+from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
+from heli_msgs_bridge.topics import in_namespace
+
+# -------------------------------------------------------------------------------------------------
+# What the node `plant` has while it is configured, and while time runs.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(kw_only=True)
+class ConfiguredPlant(TickCore):
+    """What the plant has while it is configured.
+
+    Attributes
+    ----------
+    config : PlantConfig
+        Swapped when the gusts change.
+    state : PlantState
+    noise : iterator of (NOISE.size,) array
+        One row a tick.
+    n_ticks : int
+        Length of the flight.
+    u : (4,) array
+        Command in force, -1..1; in real time by `fallback`.
+    send : dict
+        Per topic what sends a row.
+    send_clock : callable
+        Sends the bytes of a clock message; None: another node does.
+    begun : bool
+        Whether tick 0 has been sent.
+    wall_s : float
+        Wall time that has been flown, up to the last pause.
+    over : str
+        How the flight ended, if it did.
+    fault_log : FaultLog
+        What came and went in flight.
+    describe : list of callable
+        Send what the aircraft looks like, latched.
+    truth_sums : sums.SumWriter or None
+        Of the ground truth that is sent, for who scores the flight.
+    measure, advance : callable
+        Compiled, for numbers of these types.
+    """
+
+    config: plant.PlantConfig
+    state: plant.PlantState
+    noise: Iterator[np.ndarray]
+    n_ticks: int
+    u: np.ndarray
+    fallback: Fallback
+    send: dict[str, Send]
+    send_clock: Callable[[bytes], None] | None
+    y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.size))
+    joints: np.ndarray = field(default_factory=lambda: np.zeros(JOINTS.size))
+    gust: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    begun: bool = False
+    wall_s: float = 0.0
+    over: str = ""
+    fault_log: FaultLog = field(default_factory=FaultLog)
+    describe: list[Callable[[], None]] = field(default_factory=list)
+    truth_sums: sums.ChecksumWriter | None = None
+    measure: Callable[..., None] = field(init=False)
+    advance: Callable[..., None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.fly(self.config)
+
+    def fly(self, config: plant.PlantConfig) -> None:
+        """Fly these numbers from now on."""
+        k, state = config.params, self.state
+        self.config = config
+        self.measure = direct(plant.measure, state, 0, np.zeros(NOISE.size), k, self.y)
+        self.advance = direct(plant.advance, state, self.u, k)
+
+
+@dataclass
+class ActivePlant:
+    """What the plant has while time runs: wall time (s) of flight time 0 without pauses."""
+
+    zero_s: float
+
+
+# -------------------------------------------------------------------------------------------------
+# The aircraft as URDF, its size, mass and inertia those of its parameters. No ROS.
+#
+# All joints are fixed: the blades turn too fast to be drawn and their tilt is in the scene's
+# markers.
+# -------------------------------------------------------------------------------------------------
+
+BASE, AIRFRAME = "base_link", "airframe"
+_BODY, _DARK, _DISC = "body", "dark", "disc"
+_RGBA = {_BODY: "0.16 0.38 0.65 1", _DARK: "0.15 0.15 0.17 1", _DISC: "0.55 0.6 0.65 0.35"}
+# How things are drawn of which the parameters say nothing: thickness, m, and parts of their length.
+_THIN_M, _SLENDER = 0.01, 0.06
+
+Point = tuple[float, float, float]
+
+
+def mounts(aircraft: HelicopterParameters) -> dict[str, Point]:
+    """Frames that are fixed to base_link, and where: forward, left, up of the c.g., m.
+
+    The simulated sensors measure at the c.g.
+    """
+    return {
+        AIRFRAME: (0.0, 0.0, 0.0),
+        "main_rotor": (0.0, 0.0, aircraft.hub_height_m),
+        "tail_rotor": (-aircraft.tail_arm_m, 0.0, aircraft.tail_height_m),
+        "imu_link": (0.0, 0.0, 0.0),
+        "imu2_link": (0.0, 0.0, 0.0),
+        "gps_link": (0.0, 0.0, 0.0),
+    }
+
+
+def _text(values: Sequence[float]) -> str:
+    return " ".join(f"{value:.6g}" for value in values)
+
+
+def _draw(
+    link: Xml.Element,
+    kind: str,
+    size: dict[str, str],
+    colour: str,
+    at: Point = (0.0, 0.0, 0.0),
+    rpy: Point = (0.0, 0.0, 0.0),
+) -> None:
+    visual = Xml.SubElement(link, "visual")
+    Xml.SubElement(visual, "origin", xyz=_text(at), rpy=_text(rpy))
+    Xml.SubElement(Xml.SubElement(visual, "geometry"), kind, size)
+    Xml.SubElement(visual, "material", name=colour)
+
+
+def _box(link: Xml.Element, size_m: Point, colour: str, at: Point = (0.0, 0.0, 0.0)) -> None:
+    _draw(link, "box", {"size": _text(size_m)}, colour, at)
+
+
+def _disc(link: Xml.Element, radius_m: float, rpy: Point = (0.0, 0.0, 0.0)) -> None:
+    size = {"radius": _text([radius_m]), "length": _text([_THIN_M])}
+    _draw(link, "cylinder", size, _DISC, rpy=rpy)
+
+
+def _airframe(link: Xml.Element, a: HelicopterParameters) -> None:
+    """Mass and inertia about the c.g.; body between the skids, mast, boom, fins, skids."""
+    inertial = Xml.SubElement(link, "inertial")
+    Xml.SubElement(inertial, "mass", value=f"{a.mass_kg:.6g}")
+    moments = (a.inertia_xx_kgm2, a.inertia_yy_kgm2, a.inertia_zz_kgm2)
+    products = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+    diagonal = dict(zip(("ixx", "iyy", "izz"), (f"{m:.6g}" for m in moments), strict=True))
+    Xml.SubElement(inertial, "inertia", diagonal | products)
+    length, width = 2.0 * a.gear_half_length_m, a.gear_half_width_m
+    slim = _SLENDER * length
+    _box(link, (length, width, a.gear_height_m), _BODY)
+    mast = {"radius": _text([0.5 * slim]), "length": _text([a.hub_height_m])}
+    _draw(link, "cylinder", mast, _DARK, (0.0, 0.0, 0.5 * a.hub_height_m))
+    _box(link, (a.tail_arm_m, slim, slim), _BODY, (-0.5 * a.tail_arm_m, 0.0, 0.0))
+    edge = math.sqrt(a.vfin_area_m2)
+    _box(link, (edge, _THIN_M, edge), _BODY, (-a.vfin_arm_m, 0.0, a.vfin_height_m))
+    edge = math.sqrt(a.hfin_area_m2)
+    _box(link, (edge, edge, _THIN_M), _BODY, (-a.hfin_arm_m, 0.0, 0.0))
+    for side in (1.0, -1.0):
+        at = (0.0, side * a.gear_half_width_m, -a.gear_height_m + 0.5 * _THIN_M)
+        _box(link, (length, _THIN_M, _THIN_M), _DARK, at)
+
+
+def robot_description(
+    aircraft: HelicopterParameters, name: str, frame: Callable[[str], str] = str
+) -> str:
+    """URDF of an aircraft.
+
+    Parameters
+    ----------
+    aircraft : HelicopterParameters
+    name : str
+        Of the robot.
+    frame : callable
+        Makes a link's name out of its frame's, so that both are the same in a namespace too.
+
+    Returns
+    -------
+    str
+        XML: `base_link` at the c.g., FLU, and what is fixed to it.
+    """
+    robot = Xml.Element("robot", name=name)
+    for colour, rgba in _RGBA.items():
+        Xml.SubElement(Xml.SubElement(robot, "material", name=colour), "color", rgba=rgba)
+    Xml.SubElement(robot, "link", name=frame(BASE))
+    for child, at in mounts(aircraft).items():
+        link = Xml.SubElement(robot, "link", name=frame(child))
+        joint = Xml.SubElement(robot, "joint", name=f"{frame(child)}_mount", type="fixed")
+        Xml.SubElement(joint, "parent", link=frame(BASE))
+        Xml.SubElement(joint, "child", link=frame(child))
+        Xml.SubElement(joint, "origin", xyz=_text(at), rpy="0 0 0")
+        if child == AIRFRAME:
+            _airframe(link, aircraft)
+        elif child == "main_rotor":
+            _disc(link, aircraft.main_radius_m)
+        elif child == "tail_rotor":
+            _disc(link, aircraft.tail_radius_m, (0.5 * math.pi, 0.0, 0.0))
+    Xml.indent(robot)
+    return Xml.tostring(robot, encoding="unicode", xml_declaration=True)
+
+
+# -------------------------------------------------------------------------------------------------
+# Node.
+# -------------------------------------------------------------------------------------------------
 
 # Real time: so many ticks are made up for at once; a longer hold-up shifts the clock instead.
 _CATCH_UP_TICKS = 10
@@ -51,7 +254,7 @@ _NOTHING = np.full(3, np.nan)
 _VARIED = (topics.IMU, topics.MAG, topics.BARO, topics.GPS_FIX, topics.GPS_VELOCITY)
 
 
-class PlantNode(TickNode[Aircraft, Flight]):
+class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
     """Active means: time runs. Deactivated, it stands still, and goes on when activated again.
 
     Ends its process when the flight is over. Another flight begins after clean-up, at tick 0.
@@ -59,14 +262,14 @@ class PlantNode(TickNode[Aircraft, Flight]):
 
     SPEC = NodeSpec("plant", "heli_dynamics_sim", TABLE, "plant.yaml")
 
-    def configure(self) -> Aircraft:
+    def configure(self) -> ConfiguredPlant:
         """Build the aircraft in its trim, its outputs and the input."""
         self.tick = 0
         config = plant.PlantConfig.from_parameters(self.values)
         state = plant.initial_state(config, self.values["seed"])
         trim = state.commands[-1].copy() if len(state.commands) else np.zeros(ACTUATOR.size)
         truth_sums = self._make_sums()
-        core = Aircraft(
+        core = ConfiguredPlant(
             config=config,
             state=state,
             noise=one_by_one(NoiseStreams(self.values["seed"])),
@@ -74,16 +277,16 @@ class PlantNode(TickNode[Aircraft, Flight]):
             u=trim,
             fallback=Fallback(FallbackNumbers.from_parameters(self.values), trim),
             send=self._make_senders(config, truth_sums),
-            send_clock=None if self._in_a_world else self.create_output(topics.CLOCK),
+            send_clock=None if self._in_a_world else self.create_topic_publisher(topics.CLOCK),
             pace=self.listen(self._inputs(), leads=True),
             truth_sums=truth_sums,
         )
         self._warm_up(core)
-        self.serve(Trigger, CLEAR_FAULTS, self._clear_faults)
+        self.create_guarded_service(Trigger, CLEAR_FAULTS, self._clear_faults)
         self._describe(core)
         return core
 
-    def _describe(self, core: Aircraft) -> None:
+    def _describe(self, core: ConfiguredPlant) -> None:
         """Make what RViz wants: the aircraft's shape, and where its parts and sensors are fixed."""
         own, helicopter = self.get_namespace(), core.config.helicopter
         name = Path(self.values["aircraft_file"]).stem
@@ -95,7 +298,7 @@ class PlantNode(TickNode[Aircraft, Flight]):
         }
         for topic, raw in described.items():
             if topics.installed(topic):
-                core.describe.append(partial(self.create_output(topic), raw))
+                core.describe.append(partial(self.create_topic_publisher(topic), raw))
 
     @property
     def _in_a_world(self) -> bool:
@@ -113,16 +316,16 @@ class PlantNode(TickNode[Aircraft, Flight]):
         world = {WORLD_CLOCK} if self._in_a_world and topic == topics.TRUTH_ODOM else set()
         return super().expected_listeners(topic) | world
 
-    def _make_sums(self) -> sums.SumWriter | None:
+    def _make_sums(self) -> sums.ChecksumWriter | None:
         """Where the sums of the ground truth go, if anybody wants them."""
         if not (path := os.environ.get(sums.VARIABLE)):
             return None
-        written = sums.SumWriter(Path(path))
+        written = sums.ChecksumWriter(Path(path))
         self.at_end(written.close)
         return written
 
     def _make_senders(
-        self, config: plant.PlantConfig, truth_sums: sums.SumWriter | None
+        self, config: plant.PlantConfig, truth_sums: sums.ChecksumWriter | None
     ) -> dict[str, Send]:
         v = self.values
         origin = datum(v["origin.latitude_deg"], v["origin.longitude_deg"], v["origin.altitude_m"])
@@ -146,9 +349,9 @@ class PlantNode(TickNode[Aircraft, Flight]):
             for name in names
         }
 
-    def _warm_up(self, core: Aircraft) -> None:
+    def _warm_up(self, core: ConfiguredPlant) -> None:
         """Load the compiled plant before the first tick, on a state of its own."""
-        k = core.config.kernel
+        k = core.config.params
         spare = plant.initial_state(core.config, self.values["seed"])
         core.measure(spare, 0, np.zeros(NOISE.size), k, core.y)
         injected_gust(spare.x, 0.0, k.wind.sines, core.gust)
@@ -160,20 +363,20 @@ class PlantNode(TickNode[Aircraft, Flight]):
         rows = [r for r in topics.TABLE if peers.intersection(r.source) and not r.optional]
         return {r.name: peers.intersection(r.sinks).difference(r.source) for r in rows if r.sinks}
 
-    def engage(self) -> Flight:
+    def engage(self) -> ActivePlant:
         """Time begins, or goes on."""
         if self.core.over:
-            raise StartError(f"{self.core.over}: clean up and configure for another flight")
+            raise NodeStartError(f"{self.core.over}: clean up and configure for another flight")
         first = self.core.send_clock is not None and not self.core.begun
         # A ROS domain has one time: of two clocks nobody could say which one is followed.
         if first and (others := others_in_words(self, topics.CLOCK)):
-            raise StartError(
+            raise NodeStartError(
                 f"{others} sends {topics.CLOCK}, too: fly with 'clock: world' and one "
                 f"{WORLD_CLOCK} for all, or set ROS_DOMAIN_ID to a free one"
             )
         if not self.values["lockstep"]:
-            self.repeat(self.rate.tick_s, self._keep_pace)
-        return Flight(time.monotonic() - self.core.wall_s)
+            self.create_wall_timer(self.rate.tick_s, self._keep_pace)
+        return ActivePlant(time.monotonic() - self.core.wall_s)
 
     def begin(self) -> None:
         """Tick 0 is measured and sent; after a pause, the tick that was sent last still holds."""
@@ -203,14 +406,14 @@ class PlantNode(TickNode[Aircraft, Flight]):
         if tick + 1 >= core.n_ticks:
             self._end(Level.OK, f"flight over after {self.rate.seconds(core.n_ticks):g} s")
             return
-        core.advance(core.state, core.u, core.config.kernel)
+        core.advance(core.state, core.u, core.config.params)
         self.tick = tick + 1
         self._send_tick()
 
     def _send_tick(self) -> None:
         """Measure the present tick and send sensors, truth and clock."""
         core, tick = self.core, self.tick
-        k, y, x, send = core.config.kernel, core.y, core.state.x, core.send
+        k, y, x, send = core.config.params, core.y, core.state.x, core.send
         core.measure(core.state, tick, next(core.noise), k, y)
         stamp_ns = self.stamp_ns(tick)
         mag, baro, gps, rotor = k.sensors.mag, k.sensors.baro, k.sensors.gps, k.sensors.rotor
@@ -296,13 +499,13 @@ class PlantNode(TickNode[Aircraft, Flight]):
         response.success, response.message = done.successful, done.reason or ended
         return response
 
-    def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> plant.PlantConfig:
+    def validate(self, values: Mapping[str, Any], changed: Collection[str]) -> plant.PlantConfig:
         """The changed wind and faults; what does not fit together raises."""
         if self.configured:
             return self.core.config.in_flight(values)
         return plant.PlantConfig.from_parameters(values)
 
-    def adopt(self, judged: plant.PlantConfig, changed: Collection[str]) -> None:
+    def apply(self, judged: plant.PlantConfig, changed: Collection[str]) -> None:
         """Swap gusts and faults between two ticks; turbulence and mean wind go on."""
         if self.configured:
             if FAULTS in changed and self.core.begun:

@@ -1,306 +1,370 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of an aircraft: one frozen dataclass, read from YAML and checked.
+"""The parameters of the plant's sensors; their values stand in config/plant.yaml."""
 
-A field carries its place in the file, symbol, unit, bounds and meaning, so that a wrong value is
-refused by name. `HelicopterParameters.kernel` is what the compiled kernels take.
-"""
-
-import difflib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from pathlib import Path
 from typing import Any
 
-from heli_dynamics_sim.aircraft_file import (
-    COUPLINGS,
-    AircraftError,
-    allowed,
-    check,
-    file_fields,
-    find_aircraft,
-    number,
-    read_groups,
-)
-from heli_dynamics_sim.aircraft_kernel import HelicopterKernel, helicopter_kernel
-from heli_dynamics_sim.drive_parameters import DriveParameters
-from heli_dynamics_sim.ground_effect import MODELS
-from heli_dynamics_sim.terms import Terms
+from heli_core.parameters import Parameter
+from heli_core.ticks import TICK_S
+from heli_dynamics_sim.aircraft import MEANINGS, ModelOptions
 
-__all__ = ["AircraftError", "HelicopterKernel", "HelicopterParameters"]
+# -------------------------------------------------------------------------------------------------
+# Rows of the plant's parameter table, built by kind.
+# -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class HelicopterParameters(DriveParameters):
-    """An aircraft, SI units and rad; `terms`, which no file holds, says what it flies with.
+def row(name: str, kind: str, description: str, unit: str = "", **rest: Any) -> Parameter:
+    """Row that is read when the plant is configured; only gusts and faults may come in flight."""
+    fixed = not name.startswith("wind.gust.") and name != "faults"
+    return Parameter(name, kind, description, unit, read_only=fixed, **rest)
 
-    Raises
-    ------
-    AircraftError
-        From the constructor or `from_yaml`: a value missing, unknown, of the wrong type, not finite
-        or out of bounds.
-    """
 
-    mass_kg: float = number("body.mass_kg", "m", "kg", 0.0, 1e3, "mass")
-    inertia_xx_kgm2: float = number(
-        "body.inertia_xx_kgm2", "Jxx", "kg m2", 0.0, 1e3, "roll inertia"
-    )
-    inertia_yy_kgm2: float = number(
-        "body.inertia_yy_kgm2", "Jyy", "kg m2", 0.0, 1e3, "pitch inertia"
-    )
-    inertia_zz_kgm2: float = number("body.inertia_zz_kgm2", "Jzz", "kg m2", 0.0, 1e3, "yaw inertia")
-    gravity_mps2: float = number("environment.gravity_mps2", "g", "m/s2", 0.0, 30.0, "gravity")
-    air_density_kgpm3: float = number(
-        "environment.air_density_kgpm3", "rho", "kg/m3", 0.0, 3.0, "air density"
-    )
-    main_speed_radps: float = number(
-        "main_rotor.speed_radps", "Omega_mr", "rad/s", 0.0, 1e3, "main rotor speed"
-    )
-    main_blades: float = number("main_rotor.blades", "b_mr", "1", 0.0, 10.0, "number of blades")
-    main_radius_m: float = number("main_rotor.radius_m", "R_mr", "m", 0.0, 10.0, "radius")
-    main_chord_m: float = number("main_rotor.chord_m", "c_mr", "m", 0.0, 2.0, "blade chord")
-    main_lift_slope: float = number(
-        "main_rotor.lift_slope_per_rad", "C_la_mr", "1/rad", 0.0, 10.0, "blade lift slope"
-    )
-    main_drag_coefficient: float = number(
-        "main_rotor.drag_coefficient", "C_D0", "1", 0.0, 1.0, "blade profile drag", closed=True
-    )
-    hub_stiffness_nmprad: float = number(
-        "main_rotor.hub_stiffness_nmprad",
-        "K_beta",
-        "N m/rad",
+def ticks(name: str, description: str, lower: int, upper: int) -> Parameter:
+    """Row of a number of ticks."""
+    return row(name, "int", description, "ticks", lower=lower, upper=upper)
+
+
+def real(
+    name: str,
+    description: str,
+    unit: str,
+    lower: float,
+    upper: float,
+    shape: tuple[int | None, ...] | None = None,
+    **rest: Any,
+) -> Parameter:
+    """Row of a real number, or of an array of them if it has a shape."""
+    kind = "double" if shape is None else "double[]"
+    return row(name, kind, description, unit, lower=lower, upper=upper, shape=shape, **rest)
+
+
+# -------------------------------------------------------------------------------------------------
+# Sensor table.
+# -------------------------------------------------------------------------------------------------
+
+
+def _amplitude(name: str, description: str, unit: str, upper: float) -> Parameter:
+    name = f"sensors.imu.vibration.{name}"
+    return real(name, description, unit, 0.0, upper, (3,))
+
+
+SENSORS: tuple[Parameter, ...] = (
+    real("sensors.imu.gyro_noise_density", "White noise of the gyros", "rad/s/sqrt(Hz)", 0.0, 0.1),
+    real(
+        "sensors.imu.gyro_bias_walk", "Random walk of the gyro biases", "rad/s/sqrt(s)", 0.0, 0.01
+    ),
+    real("sensors.imu.gyro_bias_sigma_radps", "Gyro bias at the start", "rad/s", 0.0, 0.1),
+    real(
+        "sensors.imu.accel_noise_density",
+        "White noise of the accelerometers",
+        "m/s2/sqrt(Hz)",
         0.0,
-        1e5,
-        "hub stiffness",
-        closed=True,
-    )
-    hub_height_m: float = number(
-        "main_rotor.hub_height_m", "H_mr", "m", 0.0, 5.0, "hub above the c.g."
-    )
-    blade_inertia_kgm2: float = number(
-        "main_rotor.blade_inertia_kgm2", "I_beta", "kg m2", 0.0, 1e2, "flapping inertia of a blade"
-    )
-    collective_gain_rad: float = number(
-        "main_rotor.collective_gain_rad", "K_col", "rad", -2.0, 2.0, "blade pitch per unit of d_col"
-    )
-    collective_offset_rad: float = number(
-        "main_rotor.collective_offset_rad",
-        "theta_col0",
+        1.0,
+    ),
+    real(
+        "sensors.imu.accel_bias_walk",
+        "Random walk of the accelerometer biases",
+        "m/s2/sqrt(s)",
+        0.0,
+        0.1,
+    ),
+    real("sensors.imu.accel_bias_sigma_mps2", "Accelerometer bias at the start", "m/s2", 0.0, 1.0),
+    real("sensors.imu.gyro_scale_sigma", "Scale factor error of each gyro", "1", 0.0, 0.2),
+    real(
+        "sensors.imu.accel_scale_sigma", "Scale factor error of each accelerometer", "1", 0.0, 0.2
+    ),
+    real("sensors.imu.gyro_misalignment_rad", "Misalignment of a gyro's axis", "rad", 0.0, 0.2),
+    real("sensors.imu.accel_misalignment_rad", "The same of an accelerometer", "rad", 0.0, 0.2),
+    real("sensors.imu.gyro_range_radps", "Range of the gyros; 0: no limit", "rad/s", 0.0, 1000.0),
+    real(
+        "sensors.imu.accel_range_mps2", "Range of the accelerometers; 0: no limit", "m/s2", 0.0, 1e4
+    ),
+    real("sensors.imu.average_s", "Vibration: IMU averages over; 0: not", "s", 0.0, 0.1),
+    real("sensors.imu.lowpass_hz", "Vibration: IMU's low-pass; 0: none", "Hz", 0.0, 1e4),
+    real("sensors.imu.clock_jitter_s", "Instant of sampling about the stamp", "s", 0.0, 0.005),
+    _amplitude("rev_mps2", "Acceleration at 1/rev, each axis", "m/s2", 500.0),
+    _amplitude("rev_radps", "Rate at 1/rev, each axis", "rad/s", 50.0),
+    _amplitude("blade_mps2", "Acceleration at N/rev, each axis", "m/s2", 500.0),
+    _amplitude("blade_radps", "Rate at N/rev, each axis", "rad/s", 50.0),
+    row("sensors.imu2.enabled", "bool", "Whether there is a second IMU of the same kind"),
+    real("sensors.mag.field_ned_t", "Local magnetic field, NED", "T", -1e-4, 1e-4, (3,)),
+    real("sensors.mag.hard_iron_t", "Constant offset, body", "T", -1e-4, 1e-4, (3,)),
+    real("sensors.mag.soft_iron", "Distortion of the field, body", "", -2.0, 2.0, (3, 3)),
+    real("sensors.mag.white_t", "White noise of a sample", "T", 0.0, 1e-5),
+    real("sensors.mag.hard_iron_sigma_t", "Offset of a flight's own, each axis", "T", 0.0, 1e-4),
+    real("sensors.mag.soft_iron_sigma", "Distortion of a flight's own, each entry", "1", 0.0, 0.5),
+    real(
+        "sensors.mag.power_field_t_per_w",
+        "Field of the drive's currents over the main rotor's power, body",
+        "T/W",
+        -1e-6,
+        1e-6,
+        (3,),
+    ),
+    real("sensors.mag.clock_jitter_s", "Instant of sampling about the stamp", "s", 0.0, 0.02),
+    ticks("sensors.mag.period_ticks", "Sampling period", 1, 1000),
+    real("sensors.baro.white_pa", "White noise of a sample", "Pa", 0.0, 1000.0),
+    real("sensors.baro.drift_pa", "Slow drift, sigma", "Pa", 0.0, 1000.0),
+    real("sensors.baro.drift_tau_s", "Time constant of the drift", "s", 1.0, 1e6),
+    ticks("sensors.baro.period_ticks", "Sampling period", 1, 1000),
+    real("sensors.baro.clock_jitter_s", "Instant of sampling about the stamp", "s", 0.0, 0.05),
+    real(
+        "sensors.baro.wind_coefficients",
+        "Pressure error over dynamic pressure: air from the front, back, right, left, along z",
+        "1",
+        -2.0,
+        2.0,
+        (5,),
+    ),
+    real(
+        "sensors.baro.wash_coefficient",
+        "Pressure error over that of the main rotor's induced velocity",
+        "1",
+        -3.0,
+        3.0,
+    ),
+    real("sensors.rotor_speed.white_radps", "White noise of a sample", "rad/s", 0.0, 10.0),
+    real("sensors.rotor_speed.step_radps", "Step of what it says; 0: none", "rad/s", 0.0, 10.0),
+    ticks("sensors.rotor_speed.period_ticks", "Sampling period", 1, 100),
+    real("sensors.gps.white_m", "White position error, horizontal", "m", 0.0, 100.0),
+    real("sensors.gps.drift_m", "Slow position drift, horizontal sigma", "m", 0.0, 100.0),
+    real("sensors.gps.drift_tau_s", "Time constant of the drift", "s", 1.0, 1e6),
+    real("sensors.gps.vertical_factor", "Vertical over horizontal position error", "", 0.0, 10.0),
+    real("sensors.gps.velocity_mps", "White velocity error per axis", "m/s", 0.0, 10.0),
+    ticks("sensors.gps.period_ticks", "Period of the fixes", 1, 1000),
+    ticks("sensors.gps.latency_ticks", "Age of a fix on arrival", 0, 1000),
+    real("sensors.gps.latency_jitter_s", "Instant of validity about the stamp", "s", 0.0, 0.2),
+    real("sensors.gps.multipath.sigma_m", "Multipath error, horizontal", "m", 0.0, 100.0),
+    real("sensors.gps.multipath.tau_s", "Time constant of the multipath", "s", 0.1, 1e5),
+    row("sensors.gps.satellites.open", "int", "Satellites in the open", lower=4, upper=60),
+    real(
+        "sensors.gps.satellites.blocked", "How many of them are blocked on average", "1", 0.0, 40.0
+    ),
+    real("sensors.gps.satellites.blocked_s", "Mean time for which one is blocked", "s", 0.1, 1e5),
+    real("sensors.gps.outage.interval_s", "Mean time between outages; 0: none", "s", 0.0, 1e6),
+    real("sensors.gps.outage.duration_s", "Mean length of an outage", "s", 0.01, 1e5),
+    real(
+        "sensors.gps.outage.from_s",
+        "Flight time of the last fix; negative: they go on",
+        "s",
+        -1.0,
+        86400.0,
+    ),
+    real(
+        "sensors.gps.outage.until_s",
+        "Flight time from which on there are fixes again after that; negative: never",
+        "s",
+        -1.0,
+        86400.0,
+    ),
+    real("sensors.gps.jump.sigma_m", "Error that jumps, horizontal", "m", 0.0, 100.0),
+    real("sensors.gps.jump.interval_s", "Mean time between jumps", "s", 0.1, 1e6),
+    row(
+        "sensors.gps.covariance",
+        "string",
+        "Whether the messages' covariance knows of multipath and jumps",
+        choices=("honest", "receiver"),
+    ),
+    row(
+        "sensors.gps.augmentation",
+        "string",
+        "What corrects the fixes, for the status in their messages",
+        choices=("none", "satellite", "ground"),
+    ),
+)
+
+
+# -------------------------------------------------------------------------------------------------
+# The parameters of the plant's wind; their values stand in config/plant.yaml.
+# -------------------------------------------------------------------------------------------------
+
+WIND: tuple[Parameter, ...] = (
+    real(
+        "wind.towards_deg", "Direction the air moves to, from north over east", "deg", -360.0, 360.0
+    ),
+    row("wind.profile", "string", "Steady wind over altitude", choices=("table", "log")),
+    real(
+        "wind.profile_altitude_m",
+        "Altitudes of the table of the steady wind",
+        "m",
+        0.0,
+        1e4,
+        (None,),
+    ),
+    real("wind.profile_speed_mps", "Steady wind at these altitudes", "m/s", 0.0, 30.0, (None,)),
+    real("wind.roughness_m", "Height z0 at which the log profile ends", "m", 1e-4, 2.0),
+    row("wind.turbulence", "bool", "Dryden turbulence"),
+    row(
+        "wind.spectrum",
+        "string",
+        "Standard of the turbulence; the two agree below 1000 ft",
+        choices=("mil_f_8785c", "mil_hdbk_1797"),
+    ),
+    row("wind.rotation", "bool", "Rotational gusts p, q, r of the standard"),
+    real(
+        "wind.w20_mps",
+        "Wind at 20 ft that scales turbulence, log profile, random gusts; negative: the table's",
+        "m/s",
+        -1.0,
+        30.0,
+    ),
+    real("wind.airspeed_floor_mps", "Least speed at which turbulence passes", "m/s", 0.1, 30.0),
+    row("wind.parts.main", "bool", "The main rotor meets the air at its hub"),
+    row("wind.parts.tail", "bool", "Tail rotor and fins meet the air at the tail"),
+    row("wind.parts.fuselage", "bool", "The fuselage meets the mean of the air over its length"),
+    real(
+        "wind.random_gusts.rate_per_min",
+        "Random gusts per minute without one; 0: none",
+        "1/min",
+        0.0,
+        60.0,
+    ),
+    real(
+        "wind.random_gusts.amplitude_w20",
+        "Least and largest peak of a random gust, share of the wind at 20 ft",
+        "",
+        0.0,
+        3.0,
+        (2,),
+    ),
+    real(
+        "wind.random_gusts.duration_s",
+        "Least and largest length of a random gust",
+        "s",
+        TICK_S,
+        1e3,
+        (2,),
+    ),
+    real(
+        "wind.random_gusts.spread_deg",
+        "Largest angle between a random gust and the mean wind",
+        "deg",
+        0.0,
+        180.0,
+    ),
+    real("wind.gust.start_s", "Start of each 1-cosine gust, flight time", "s", 0.0, 1e6, (None,)),
+    real("wind.gust.duration_s", "Length of each gust", "s", TICK_S, 1e4, (None,)),
+    real(
+        "wind.gust.amplitude_mps",
+        "Peak velocity of the air of each gust",
+        "m/s",
+        -30.0,
+        30.0,
+        (None, 3),
+    ),
+    row("wind.gust.frame", "string", "Axes of the gusts' amplitudes", choices=("ned", "body")),
+    real(
+        "wind.sines.frequency_hz",
+        "Lines of the gusts injected for identification",
+        "Hz",
+        0.0,
+        50.0,
+        (None,),
+        lower_open=True,
+    ),
+    real(
+        "wind.sines.amplitude_mps",
+        "Amplitude of each line on the three axes",
+        "m/s",
+        -30.0,
+        30.0,
+        (None, 3),
+    ),
+    real(
+        "wind.sines.phase_rad",
+        "Phase of each line on the three axes",
         "rad",
+        -10.0,
+        10.0,
+        (None, 3),
+    ),
+    real("wind.sines.start_s", "Flight time of the start", "s", 0.0, 1e6),
+    real("wind.sines.duration_s", "Length with both fades", "s", 0.0, 1e6),
+    real("wind.sines.fade_s", "Length of a fade", "s", 0.0, 600.0),
+    row("wind.sines.frame", "string", "Axes of the lines' amplitudes", choices=("ned", "body")),
+)
+
+
+# -------------------------------------------------------------------------------------------------
+# The plant's parameters; their values stand in config/plant.yaml.
+# -------------------------------------------------------------------------------------------------
+
+NODE_NAME = "plant"
+
+_NODE = (
+    row("aircraft_file", "string", "Aircraft: a path, or a bare name in config/aircraft"),
+    row("seed", "int", "Seed of wind and sensors", lower=0, upper=2**31 - 1),
+    row("lockstep", "bool", "Wait for each command (true) or follow the wall clock (false)"),
+    real("duration_s", "Length of the flight", "s", TICK_S, 86400.0),
+    ticks("delay_ticks", "Transport delay of the commands", 0, 50),
+    row("clock", "string", "Who sends /clock", choices=("own", "world")),
+)
+
+_FALLBACK = (
+    real("actuator_timeout_s", "Real time: without a command for so long the fallback flies", "s",
+         0.02, 10.0),
+    real("fallback.mean_s", "Time over which commands are averaged to the trim it flies", "s",
+         0.1, 60.0),
+    real("fallback.blend_s", "Time in which a command takes over from another", "s", 0.01, 5.0),
+    real("fallback.rate", "Gains on the measured p, q, r, of d_lat, d_lon, d_ped", "s/rad",
+         -2.0, 2.0, (3,)),
+    real("fallback.angle", "Gains on how far it has turned, of d_lat, d_lon, d_ped", "1/rad",
+         -5.0, 5.0, (3,)),
+)  # fmt: skip
+
+_SCENE = (
+    real("initial.pos_ned_m", "Position at the start", "m", -1e5, 1e5, (3,)),
+    real("initial.psi_deg", "Heading at the start", "deg", -360.0, 360.0),
+    row(
+        "initial.trim",
+        "string",
+        "Air in which the start is in equilibrium",
+        choices=("mean_wind", "still_air"),
+    ),
+    ticks("initial.pilot_ticks", "So long the controls rest in the trim of the start", 0, 1000),
+    real("initial.wind_onset_s", "Time over which the air begins to move", "s", 0.0, 60.0),
+    row("start.on_ground", "bool", "The flight begins on the skids, not in hover"),
+    real("start.spool_up_s", "Time that the rotor takes from rest; 0: it turns", "s", 0.0, 120.0),
+    real("ground.slope", "Rise of the ground per metre, to north and east", "1", -0.5, 0.5, (2,)),
+    real(
+        "ground.idle_collective",
+        "Collective at which the aircraft stands at the start",
+        "",
         -1.0,
         1.0,
-        "blade pitch at d_col = 0",
-    )
-    flap_time_constant_s: float = number(
-        "flapping.time_constant_s", "tau", "s", 1e-3, 10.0, "flapping with stabiliser bar"
-    )
-    flap_a_bs_per_s: float = number(
-        "flapping.a_bs_per_s", "A_bs", "1/s", -100.0, 100.0, "lateral into longitudinal flapping"
-    )
-    flap_b_as_per_s: float = number(
-        "flapping.b_as_per_s", "B_as", "1/s", -100.0, 100.0, "longitudinal into lateral flapping"
-    )
-    flap_lon_from_lon_rad: float = number(
-        "flapping.lon_from_lon_rad", "A_lon", "rad", -2.0, 2.0, "longitudinal cyclic per d_lon"
-    )
-    flap_lon_from_lat_rad: float = number(
-        "flapping.lon_from_lat_rad", "A_lat", "rad", -2.0, 2.0, "longitudinal cyclic per d_lat"
-    )
-    flap_lat_from_lat_rad: float = number(
-        "flapping.lat_from_lat_rad", "B_lat", "rad", -2.0, 2.0, "lateral cyclic per d_lat"
-    )
-    flap_lat_from_lon_rad: float = number(
-        "flapping.lat_from_lon_rad", "B_lon", "rad", -2.0, 2.0, "lateral cyclic per d_lon"
-    )
-    flap_back_radpmps: float = number(
-        "flapping.flap_back_radpmps", "da_s/du", "rad s/m", 0.0, 0.1, "flap-back", closed=True
-    )
-    bar_gain: float = number(
-        "stabiliser_bar.gain",
-        "K_sb",
-        "1",
-        0.0,
-        5.0,
-        "blade pitch per tilt of the bar; 0: no bar",
-        closed=True,
-    )
-    bar_inner_radius_m: float = number(
-        "stabiliser_bar.inner_radius_m", "r_1", "m", 0.0, 5.0, "where the paddles begin"
-    )
-    bar_outer_radius_m: float = number(
-        "stabiliser_bar.outer_radius_m", "r_2", "m", 0.0, 5.0, "where the paddles end"
-    )
-    tail_gear_ratio: float = number(
-        "tail_rotor.gear_ratio", "n_tr", "1", 0.0, 20.0, "tail rotor speed over main rotor speed"
-    )
-    tail_blades: float = number("tail_rotor.blades", "b_tr", "1", 0.0, 10.0, "number of blades")
-    tail_radius_m: float = number("tail_rotor.radius_m", "R_tr", "m", 0.0, 2.0, "radius")
-    tail_chord_m: float = number("tail_rotor.chord_m", "c_tr", "m", 0.0, 1.0, "blade chord")
-    tail_lift_slope: float = number(
-        "tail_rotor.lift_slope_per_rad", "C_la_tr", "1/rad", 0.0, 10.0, "blade lift slope"
-    )
-    tail_arm_m: float = number("tail_rotor.arm_m", "D_tr", "m", 0.0, 10.0, "behind the c.g.")
-    tail_height_m: float = number("tail_rotor.height_m", "H_tr", "m", -2.0, 2.0, "above the c.g.")
-    pedal_gain: float = number(
-        "tail_rotor.pedal_gain", "K_ped", "1", -10.0, 10.0, "blade pitch per gyro output"
-    )
-    pedal_offset_rad: float = number(
-        "tail_rotor.pedal_offset_rad", "theta_ped0", "rad", -1.0, 1.0, "blade pitch at output 0"
-    )
-    drag_area_x_m2: float = number(
-        "fuselage.drag_area_x_m2", "S_fx", "m2", 0.0, 10.0, "drag area, front", closed=True
-    )
-    drag_area_y_m2: float = number(
-        "fuselage.drag_area_y_m2", "S_fy", "m2", 0.0, 10.0, "drag area, side", closed=True
-    )
-    drag_area_z_m2: float = number(
-        "fuselage.drag_area_z_m2", "S_fz", "m2", 0.0, 10.0, "drag area, top", closed=True
-    )
-    hfin_area_m2: float = number(
-        "horizontal_fin.area_m2", "S_hf", "m2", 0.0, 5.0, "area", closed=True
-    )
-    hfin_lift_slope: float = number(
-        "horizontal_fin.lift_slope_per_rad", "C_la_hf", "1/rad", 0.0, 10.0, "lift slope"
-    )
-    hfin_arm_m: float = number("horizontal_fin.arm_m", "D_hf", "m", 0.0, 10.0, "behind the c.g.")
-    vfin_area_m2: float = number(
-        "vertical_fin.area_m2", "S_vf", "m2", 0.0, 5.0, "area", closed=True
-    )
-    vfin_lift_slope: float = number(
-        "vertical_fin.lift_slope_per_rad", "C_la_vf", "1/rad", 0.0, 10.0, "lift slope"
-    )
-    vfin_arm_m: float = number("vertical_fin.arm_m", "D_vf", "m", 0.0, 10.0, "behind the c.g.")
-    vfin_height_m: float = number("vertical_fin.height_m", "H_vf", "m", -2.0, 2.0, "above the c.g.")
-    fin_stall_onset: float = number(
-        "fins.stall_onset", "-", "1", 0.0, 1.0, "flow ratio where stall begins"
-    )
-    fin_stall_full: float = number(
-        "fins.stall_full", "-", "1", 0.0, 10.0, "flow ratio where stall is complete"
-    )
-    gyro_proportional_s: float = number(
-        "yaw_gyro.proportional_s", "K_P", "s", 0.0, 100.0, "proportional gain", closed=True
-    )
-    gyro_integral: float = number("yaw_gyro.integral", "K_I", "1", 0.0, 1e3, "integral gain")
-    gyro_pedal_gain_radps: float = number(
-        "yaw_gyro.pedal_gain_radps", "K_a", "rad/s", -100.0, 100.0, "yaw rate per unit of d_ped"
-    )
-    servo_bandwidth_radps: float = number(
-        "servo.bandwidth_radps", "omega_s", "rad/s", 0.0, 300.0, "natural frequency"
-    )
-    servo_damping: float = number("servo.damping", "zeta_s", "1", 0.0, 3.0, "damping ratio")
-    servo_rate_limit_per_s: float = number(
-        "servo.rate_limit_per_s", "-", "1/s", 0.0, 1e3, "largest speed"
-    )
-    servo_travel: float = number("servo.travel", "-", "1", 0.0, 1.0001, "end stops at +- this")
-    gear_height_m: float = number(
-        "landing_gear.height_m", "-", "m", 0.0, 5.0, "skids below the c.g."
-    )
-    gear_half_length_m: float = number(
-        "landing_gear.half_length_m", "-", "m", 0.0, 5.0, "skid ends before and behind the c.g."
-    )
-    gear_half_width_m: float = number(
-        "landing_gear.half_width_m", "-", "m", 0.0, 5.0, "skids beside the c.g."
-    )
-    gear_stiffness_npm: float = number(
-        "landing_gear.stiffness_npm", "-", "N/m", 0.0, 1e6, "stiffness of one contact point"
-    )
-    gear_damping_nspm: float = number(
-        "landing_gear.damping_nspm",
-        "-",
-        "N s/m",
-        0.0,
-        1e5,
-        "damping of one contact point",
-        closed=True,
-    )
-    gear_friction: float = number(
-        "landing_gear.friction", "-", "1", 0.0, 2.0, "Coulomb friction", closed=True
-    )
-    gear_hard_impact_mps: float = number(
-        "landing_gear.hard_impact_mps",
-        "-",
-        "m/s",
-        0.0,
-        100.0,
-        "vertical speed that breaks the gear",
-    )
-    coupling: str = field(
-        default="identified",
-        metadata={
-            "key": "flapping.coupling",
-            "choices": COUPLINGS,
-            "meaning": "identified: A_bs, B_as of the file; eq7: from hub stiffness by eq. (7)",
-        },
-    )
-    ground_effect: str = field(
-        default="cheeseman_bennett",
-        metadata={
-            "key": "main_rotor.ground_effect",
-            "choices": MODELS,
-            "meaning": "law of the induced velocity near the ground",
-        },
-    )
-    terms: Terms = Terms()
-    """Which terms fly; no part of the file, all off unless `replace` turns them on."""
+        lower_open=True,
+        upper_open=True,
+    ),
+    real("limits.distance_m", "Distance from the start that counts as lost", "m", 1.0, 1e5),
+    real("limits.tilt_deg", "Tilt that counts as rolled over", "deg", 10.0, 180.0),
+)
 
-    def __post_init__(self) -> None:
-        for item in file_fields(self):
-            check(item.metadata, getattr(self, item.name))
-        if self.fin_stall_full <= self.fin_stall_onset:
-            raise AircraftError(
-                f"fins.stall_full: {self.fin_stall_full} is not allowed; allowed: more than "
-                f"fins.stall_onset, {self.fin_stall_onset}"
-            )
-        a, b, c = sorted((self.inertia_xx_kgm2, self.inertia_yy_kgm2, self.inertia_zz_kgm2))
-        if c > a + b:
-            raise AircraftError(
-                f"body.inertia_*: the largest, {c} kg m2, exceeds the others' sum, {a + b:g}: "
-                "no rigid body is like that"
-            )
 
-    @classmethod
-    def from_yaml(cls, path: str | Path) -> "HelicopterParameters":
-        """Read an aircraft file.
+def _scale(name: str, description: str) -> Parameter:
+    return real(f"scale.{name}", description, "1", 0.2, 5.0)
 
-        Parameters
-        ----------
-        path : path
-            A YAML file; a bare name such as `helion.yaml` is looked up in the packaged folder.
 
-        Raises
-        ------
-        AircraftError
-        """
-        file = find_aircraft(path)
-        try:
-            return cls.from_values(read_groups(file))
-        except AircraftError as error:
-            raise AircraftError(f"{file}: {error}") from None
+_SCALE = (
+    _scale("mass", "Mass that flies over that of the aircraft file"),
+    _scale("inertia", "Inertias that fly over those of the file"),
+    _scale("rotor_stiffness", "Hub stiffness that flies over that of the file"),
+    _scale("thrust", "Main rotor thrust per blade pitch over that of the file"),
+    _scale("servo_speed", "Bandwidth and rate limit of the servos over those of the file"),
+    _scale("drag", "Drag areas of the fuselage that fly over those of the file"),
+)
 
-    @classmethod
-    def from_values(cls, flat: Mapping[str, Any]) -> "HelicopterParameters":
-        """Build from `{group.key: value}`, all keys of the file; raises AircraftError."""
-        by_key = {item.metadata["key"]: item for item in file_fields(cls)}
-        for key in flat:
-            if key not in by_key:
-                near = difflib.get_close_matches(key, by_key, n=1)
-                hint = f"; did you mean {near[0]}?" if near else ""
-                raise AircraftError(f"{key}: unknown key{hint}")
-        values = {}
-        for key, item in by_key.items():
-            if key not in flat:
-                raise AircraftError(f"{key}: missing; allowed: {allowed(item.metadata)}")
-            value = flat[key]
-            if isinstance(value, int) and not isinstance(value, bool):
-                try:
-                    value = float(value)
-                except OverflowError:
-                    asked = allowed(item.metadata)
-                    raise AircraftError(f"{key}: too large a number; allowed: {asked}") from None
-            values[item.name] = value
-        return cls(**values)
+_TERMS = (
+    *(row(f"terms.{name}", "bool", MEANINGS[name]) for name in ModelOptions._fields),
+    real(
+        "engine.fail_time_s",
+        "Flight time at which the engine fails; negative: never",
+        "s",
+        -1.0,
+        86400.0,
+    ),
+)
 
-    @cached_property
-    def kernel(self) -> HelicopterKernel:
-        """The values as the compiled kernels take them."""
-        return helicopter_kernel(self)
+_FAULTS = (row("faults", "string[]", "Faults of sensors and actuators, gusts; none: no fault"),)
+
+TABLE: tuple[Parameter, ...] = (
+    _NODE + _FALLBACK + _SCENE + _SCALE + _TERMS + WIND + SENSORS + _FAULTS
+)

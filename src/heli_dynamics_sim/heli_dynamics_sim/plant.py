@@ -12,10 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heli_dynamics_sim.air import AirState, air_at, initial_air, run_in_ticks, step_air
-from heli_dynamics_sim.config import PlantConfig, PlantConfigError, PlantKernel
-from heli_dynamics_sim.fault_table import PAST_S
+from heli_core.errors import PlantConfigError
+from heli_core.jit import njit, scratch
+from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
+from heli_dynamics_sim.airframe import attitude_of
+from heli_dynamics_sim.config import PlantConfig, PlantParams
 from heli_dynamics_sim.faults import (
+    PAST_S,
     FaultState,
     add_gusts,
     initial_faults,
@@ -23,23 +26,24 @@ from heli_dynamics_sim.faults import (
     spoil_sensors,
 )
 from heli_dynamics_sim.ground import ground_contact
-from heli_dynamics_sim.helicopter import same_air
-from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
+from heli_dynamics_sim.helicopter import WORK_ROWS, rk4_step, same_air
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_dynamics_sim.sensor_start import ONCE, fix_slots, initial_sensors
-from heli_dynamics_sim.sensors import SensorState, read_sensors
-from heli_dynamics_sim.standing import Stand, on_ground
-from heli_dynamics_sim.state import attitude_of
-from heli_dynamics_sim.trim import Trim, trim
-from heli_dynamics_sim.wind import FILTER, wind_at
-from heli_math.arrays import scratch
-from heli_math.jit import njit
-from heli_math.rows import ACTUATOR, AIR, MEAS, PLANT
+from heli_dynamics_sim.sensors import ONCE, SensorState, fix_slots, initial_sensors, read_sensors
+from heli_dynamics_sim.trim import GroundTrim, TrimPoint, ground_trim, trim
+from heli_dynamics_sim.wind import (
+    FILTER,
+    AirState,
+    air_at,
+    initial_air,
+    run_in_ticks,
+    step_air,
+    wind_at,
+)
 
 __all__ = [
     "PlantConfig",
     "PlantConfigError",
-    "PlantKernel",
+    "PlantParams",
     "PlantState",
     "PlantStatus",
     "advance",
@@ -111,7 +115,7 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     TrimError
         If the aircraft cannot hover, or stand, in that wind.
     """
-    k = config.kernel
+    k = config.params
     slots = fix_slots(k.sensors.gps)
     altitude_m = -float(config.pos_ned_m[2])
     streams = NoiseStreams(seed)
@@ -145,12 +149,12 @@ def initial_state(config: PlantConfig, seed: int) -> PlantState:
     )
 
 
-def _at_start(config: PlantConfig, wind: np.ndarray) -> Trim:
+def _at_start(config: PlantConfig, wind: np.ndarray) -> TrimPoint:
     """The equilibrium in which the flight begins, at its place."""
     place, psi = config.pos_ned_m, config.psi
     if config.on_ground:
-        stand = Stand(place, psi, wind, config.idle_collective, config.spool_ticks == 0)
-        return on_ground(config.helicopter, config.kernel.aircraft, stand)
+        stand = GroundTrim(place, psi, wind, config.idle_collective, config.spool_ticks == 0)
+        return ground_trim(config.helicopter, config.params.aircraft, stand)
     hover = trim(config.helicopter, wind, psi)
     hover.x[PLANT.pos] = place
     return hover
@@ -158,7 +162,7 @@ def _at_start(config: PlantConfig, wind: np.ndarray) -> Trim:
 
 @njit
 def _aircraft_now(state, k):
-    """The HelicopterKernel of this tick: on the ground the rotor may still be spooling up."""
+    """The HelicopterParams of this tick: on the ground the rotor may still be spooling up."""
     if state.spool[0] > 0.0:
         return k.spooling
     return k.aircraft
@@ -184,7 +188,7 @@ def measure(state, tick, noise_row, k, y):
         0, 1, 2, ... without gaps.
     noise_row : (NOISE.size,) array
         Standard normals of this tick, places of `noise.NOISE`.
-    k : PlantKernel
+    k : PlantParams
     y : (31,) array
         Filled; places of `rows.MEAS`. What does not arrive at this tick is 0, its valid flag too.
     """
@@ -235,7 +239,7 @@ def advance(state, u_cmd, k):
         Changed in place; a state that is not finite stays as it is.
     u_cmd : (4,) array
         Command of this tick; flown `delay_ticks` later, unless a pilot still holds the controls.
-    k : PlantKernel
+    k : PlantParams
     """
     if state.flags[0] == _NOT_FINITE:
         return

@@ -11,23 +11,351 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from heli_dynamics_sim.gps_errors import GpsErrorKernel, GpsErrorState, spoil_fix, step_gps_errors
-from heli_dynamics_sim.helicopter import specific_force
-from heli_dynamics_sim.imu_errors import ImuErrorKernel, ImuErrorState, clip, distort
-from heli_dynamics_sim.installation import (
-    PortKernel,
-    PowerFieldKernel,
-    add_power_field,
-    port_error,
+from heli_core.atmosphere import pressure_pa
+from heli_core.jit import fill, njit
+from heli_core.rows import AIR, IMU, MEAS, PLANT
+from heli_dynamics_sim.airframe import (
+    attitude_of,
+    fuselage_force,
+    rates_of,
+    to_body,
+    to_ned,
+    velocity_of,
 )
+from heli_dynamics_sim.engine import engine_torque
+from heli_dynamics_sim.helicopter import (
+    airspeed,
+    airspeeds,
+    main_rotor_power,
+    off_nominal,
+    specific_force,
+)
+from heli_dynamics_sim.main_rotor import rotor_flow
 from heli_dynamics_sim.noise import NOISE
-from heli_dynamics_sim.rigid_body import to_body, to_ned
-from heli_dynamics_sim.state import attitude_of, rates_of, velocity_of
-from heli_math.arrays import fill
-from heli_math.atmosphere import pressure_pa
-from heli_math.jit import njit
-from heli_math.rows import IMU, MEAS, PLANT
+
+# -------------------------------------------------------------------------------------------------
+# Errors of an IMU besides noise and bias: vibration, scale and misalignment, range, its clock.
+#
+# A sensor reads `clip((I + E) (motion + vibration) + bias + white)`; E has scale factors on its
+# diagonal and misalignments beside it (Groves, Principles of GNSS, Inertial, and Multisensor
+# Integrated Navigation Systems, 2nd ed. 2013, eq. 4.16 and 4.17).
+#
+# Vibration is what the rotor shakes: sines at one and at N per revolution (N blades) of the
+# azimuth
+# that the rotor has turned through (Bramwell, Helicopter Dynamics, 2nd ed. 2001, ch. 8: a rotor of
+# N
+# equal blades passes N/rev and its multiples on to the fuselage, unequal blades 1/rev). It is read
+# at
+# the ticks, so what lies above half their rate R comes back below: f is seen at |f - R round(f /
+# R)|.
+# The IMU's own filters see it before it is sampled: an average over some time T with the response
+# |sin(pi f T)| / (pi f T), and a second-order Butterworth low-pass, 1 / sqrt(1 + (f / fc)^4). They
+# act on the vibration alone: the aircraft flies below them, and their delay is not modelled.
+# -------------------------------------------------------------------------------------------------
+
+
+class VibrationParams(NamedTuple):
+    """Amplitudes at the IMU's case, before its filters; forces (m/s2), then rates (rad/s)."""
+
+    on: bool
+    rev: np.ndarray  # (6,) at 1/rev, places of `rows.IMU`
+    blade: np.ndarray  # (6,) at N/rev
+    blades: float  # N
+    average_s: float  # 0: none
+    lowpass_hz: float  # 0: none
+
+
+class ImuErrorParams(NamedTuple):
+    """What `distort` and `clip` read, and what their state is drawn with."""
+
+    on: bool
+    vibration: VibrationParams
+    clock_s: float  # sigma of the sampling instant about the stamp
+    ranges: np.ndarray  # (6,) largest reading, infinite: no limit
+    gain_sigma: np.ndarray  # (2, 3, 3) of E at the start: accelerometers, gyros
+    tick_s: float  # between samples
+
+
+class ImuErrorState(NamedTuple):
+    """What stays of these errors from tick to tick."""
+
+    gain: np.ndarray  # (2, 3, 3) I + E of accelerometers and gyros
+    azimuth: np.ndarray  # (1,) rad that the rotor has turned through, modulo a turn
+    before: np.ndarray  # (6,) true motion at the tick before
+
+
+@njit
+def filter_gain(frequency_hz, k):
+    """What the IMU's filters leave of a sine of this frequency; negative: its sign turns."""
+    gain = 1.0
+    phase = math.pi * frequency_hz * k.average_s
+    if phase > 0.0:
+        gain = math.sin(phase) / phase
+    if k.lowpass_hz > 0.0:
+        gain /= math.sqrt(1.0 + (frequency_hz / k.lowpass_hz) ** 4)
+    return gain
+
+
+@njit
+def _shake(azimuth, speed, k, motion):
+    """Add the vibration at an azimuth (rad) and rotor speed (rad/s) to the motion (6,)."""
+    turns_hz = speed / (2.0 * math.pi)
+    rev, blade = filter_gain(turns_hz, k), filter_gain(k.blades * turns_hz, k)
+    for i in range(IMU.size):
+        # What is unequal turns with the rotor: the lateral axis follows the longitudinal one by
+        # a quarter of a turn.
+        quarter = 0.5 * math.pi if i % 3 == 1 else 0.0
+        motion[i] += rev * k.rev[i] * math.cos(azimuth - quarter)
+        motion[i] += blade * k.blade[i] * math.cos(k.blades * azimuth - quarter)
+
+
+@njit
+def distort(state, tick, speed, clock, k, motion):
+    """Turn the true specific force and rates into what the sensors' elements put out.
+
+    Parameters
+    ----------
+    state : ImuErrorState
+        In place.
+    tick : int
+    speed : float
+        Of the rotor, rad/s.
+    clock : float
+        Standard normal: the sample is `clock * clock_s` later than its stamp.
+    k : ImuErrorParams
+    motion : (6,) array
+        True motion at the tick, places of `rows.IMU`; changed in place.
+    """
+    if tick > 0:
+        state.azimuth[0] = (state.azimuth[0] + speed * k.tick_s) % (2.0 * math.pi)
+    late_s = clock * k.clock_s
+    for i in range(IMU.size):
+        true = motion[i]
+        if tick > 0:
+            motion[i] += late_s / k.tick_s * (true - state.before[i])
+        state.before[i] = true
+    if k.vibration.on:
+        _shake(state.azimuth[0] + speed * late_s, speed, k.vibration, motion)
+    for sensor in range(2):
+        gain, first = state.gain[sensor], 3 * sensor
+        a, b, c = motion[first], motion[first + 1], motion[first + 2]
+        for i in range(3):
+            motion[first + i] = gain[i, 0] * a + gain[i, 1] * b + gain[i, 2] * c
+
+
+@njit
+def clip(k, motion):
+    """Cut the readings (6,) at the sensors' ranges, in place."""
+    for i in range(IMU.size):
+        motion[i] = min(max(motion[i], -k.ranges[i]), k.ranges[i])
+
+
+# -------------------------------------------------------------------------------------------------
+# Errors of a GPS receiver besides noise and drift: multipath, satellites, outages, jumps, timing.
+#
+# Stepped once per fix, each exactly, from standard normals:
+#
+# - Multipath is a first-order Gauss-Markov process per axis, as integrity studies bound it
+# (Gallon,
+#   Joerger, Pervan, NAVIGATION 69(1) 2022: sigma 0.5 m of code, 5 mm of carrier at the zenith,
+#   time
+#   constant 10 to 900 s).
+# - Satellites are blocked one by one, at a constant rate, each for an exponential time: the
+# chain's
+#   stationary distribution is Poisson's (M/M/inf queue; Kleinrock, Queueing Systems 1, 1975, sec.
+#   3.4), cut off at the number in the open. White error, multipath and velocity error grow as
+#   sqrt(open / used), the least-squares law for ranges of equal quality in an unchanged geometry
+#   (Langley, Dilution of Precision, GPS World 10(5), 1999). Fewer than 4 give no fix.
+# - Outages begin and end at constant rates: a two-state Markov chain.
+# - Jumps: at the instants of a Poisson process the position gets another constant error, drawn
+# anew
+#   (other satellites, a wrong set of ambiguities).
+# - Timing: the fix was true a little before or after its stamp. That is how jitter of the latency
+#   enters where the receiver's pulse does not set the host's clock: the host takes the nominal age
+#   (PX4's EKF2_GPS_DELAY, ArduPilot's GPS1_DELAY_MS).
+# -------------------------------------------------------------------------------------------------
+
+FEWEST_SATELLITES = 4
+"""Three coordinates and the receiver's clock."""
+
+
+class GpsErrorParams(NamedTuple):
+    """Per fix, not per second."""
+
+    on: bool
+    multipath_m: np.ndarray  # (3,) NED, sigma with all satellites in the open
+    multipath_decay: float
+    satellites: int  # in the open
+    blocked: float  # of them on average
+    block: float  # probability that one more is blocked
+    release: float  # probability per blocked one that it comes back
+    outage_begin: float  # probability
+    outage_end: float  # probability
+    jump: float  # probability
+    jump_m: np.ndarray  # (3,) NED, sigma
+    latency_s: float  # sigma of the instant of validity about the stamp
+
+
+class GpsErrorState(NamedTuple):
+    """What stays from fix to fix."""
+
+    multipath: np.ndarray  # (3,) NED, m, with all satellites in the open
+    jump: np.ndarray  # (3,) NED, m
+    blocked: np.ndarray  # (1,) satellites
+    out: np.ndarray  # (1,) 1.0 in an outage
+
+
+@njit
+def uniform(n):
+    """Number uniform in (0, 1) of a standard normal."""
+    return 0.5 * math.erfc(-n / math.sqrt(2.0))
+
+
+@njit
+def dilution(state, k):
+    """How many times larger the errors are than with all satellites; infinite: no fix."""
+    used = k.satellites - state.blocked[0]
+    if used < FEWEST_SATELLITES or state.out[0] > 0.0:
+        return math.inf
+    return math.sqrt(k.satellites / used)
+
+
+@njit
+def step_gps_errors(state, noise, k):
+    """Bring multipath, satellites, outage and jump to the next fix.
+
+    Parameters
+    ----------
+    state : GpsErrorState
+        In place.
+    noise : (n,) array
+        Standard normals of the tick, places of `noise.NOISE`.
+    k : GpsErrorParams
+    """
+    fresh, jumped = noise[NOISE.gps_multipath], noise[NOISE.gps_jump]
+    kept = math.sqrt(1.0 - k.multipath_decay * k.multipath_decay)
+    jumps = uniform(noise[NOISE.gps_jump_now]) < k.jump
+    for i in range(3):
+        state.multipath[i] *= k.multipath_decay
+        state.multipath[i] += kept * k.multipath_m[i] * fresh[i]
+        if jumps:
+            state.jump[i] = k.jump_m[i] * jumped[i]
+    draw, blocked = uniform(noise[NOISE.gps_satellites]), state.blocked[0]
+    if draw < k.block:
+        state.blocked[0] = min(blocked + 1.0, float(k.satellites))
+    elif draw > 1.0 - k.release * blocked:
+        state.blocked[0] = blocked - 1.0
+    draw = uniform(noise[NOISE.gps_outage])
+    if state.out[0] > 0.0:
+        state.out[0] = 0.0 if draw < k.outage_end else 1.0
+    else:
+        state.out[0] = 1.0 if draw < k.outage_begin else 0.0
+
+
+@njit
+def spoil_fix(state, noise, gps, velocity, pos, vel):
+    """Add these errors to a fix that has noise and drift already. False: there is none.
+
+    Parameters
+    ----------
+    state : GpsErrorState
+    noise : (n,) array
+        Standard normals of the tick.
+    gps : GpsParams
+    velocity : (float, float, float)
+        True one, NED, m/s.
+    pos, vel : (3,) array
+        In place.
+    """
+    k, larger = gps.errors, dilution(state, gps.errors)
+    if math.isinf(larger):
+        return False
+    white_pos, white_vel = noise[NOISE.gps_pos], noise[NOISE.gps_vel]
+    late_s = k.latency_s * noise[NOISE.gps_clock]
+    for i in range(3):
+        pos[i] += (larger - 1.0) * gps.white_m[i] * white_pos[i]
+        pos[i] += larger * state.multipath[i] + state.jump[i] + late_s * velocity[i]
+        vel[i] += (larger - 1.0) * gps.velocity_mps * white_vel[i]
+    return True
+
+
+# -------------------------------------------------------------------------------------------------
+# What a sensor's place in the aircraft adds: the field of the power, air on the static port.
+#
+# - Field: currents of the drive make a field fixed to the airframe and proportional to them, so at
+# a
+#   constant voltage to the power (Biot and Savart; ArduPilot's compass/motor calibration fits the
+#   same law). The power is the engine's where rotor speed is a term, else the main rotor's.
+# - Wind: the error of the static pressure is a part of the dynamic pressure along each body axis,
+# of
+#   its own for either direction: the model that PX4 (EKF2_PCOEF_XP, _XN, _YP, _YN, _Z) and
+#   ArduPilot
+#   (BARO1_WCF_FWD, _BCK, _RGT, _LFT) correct by.
+# - Wash: behind the disc the pressure of an ideal rotor in hover is 3/2 rho v_i^2 above that of
+# the
+#   still air and falls to it down the wake (Leishman, Principles of Helicopter Aerodynamics, 2nd
+#   ed.
+#   2006, sec. 2.2, Bernoulli below the disc). A port sees a part of it: a coefficient of
+#   1/2 rho v_i^2, from 0 to 3.
+# -------------------------------------------------------------------------------------------------
+
+# Places of the static port's coefficients.
+_FRONT, _BACK, _RIGHT, _LEFT, _ALONG_Z = range(5)
+
+
+class PortParams(NamedTuple):
+    """The barometer's static port."""
+
+    on: bool
+    wind: np.ndarray  # (5,) pressure error over dynamic pressure: front, back, right, left, along z
+    wash: float  # pressure error over 1/2 rho v_i^2
+    half_rho: float  # kg/m3
+
+
+class PowerFieldParams(NamedTuple):
+    """The field of the drive's currents at the magnetometer."""
+
+    on: bool
+    field: np.ndarray  # (3,) body, T/W
+
+
+@njit
+def wash_and_power(x, air, k):
+    """Induced velocity of the main rotor (m/s), power of the drive (W); k is a HelicopterParams."""
+    k = off_nominal(x, k)
+    at_main, _, at_body = airspeeds(x, air)
+    u_f, v_f, w_f = at_body
+    thrust, v_i, _, _ = rotor_flow(x, at_main, k)
+    if k.terms.rotor_speed:
+        return v_i, engine_torque(x, k.engine) * k.main.speed
+    drag = fuselage_force(u_f, v_f, w_f, v_i, k.fuselage)
+    return v_i, main_rotor_power(at_main, at_body, v_i, thrust, drag, k)
+
+
+@njit
+def port_error(x, air, aircraft, k):
+    """Pressure (Pa) that air speed and the rotor's wash add at the static port."""
+    u_a, v_a, w_a = airspeed(x, air[AIR.fuselage])
+    v_i, _ = wash_and_power(x, air, aircraft)
+    error = k.wind[_FRONT if u_a >= 0.0 else _BACK] * u_a * u_a
+    error += k.wind[_RIGHT if v_a >= 0.0 else _LEFT] * v_a * v_a
+    error += k.wind[_ALONG_Z] * w_a * w_a
+    return k.half_rho * (error + k.wash * v_i * v_i)
+
+
+@njit
+def add_power_field(x, air, aircraft, k, mag):
+    """Add the field of the drive's currents (T) to a reading (3,), in place."""
+    _, power = wash_and_power(x, air, aircraft)
+    for i in range(3):
+        mag[i] += k.field[i] * power
+
+
+# -------------------------------------------------------------------------------------------------
+# Sensors.
+# -------------------------------------------------------------------------------------------------
 
 
 class FixRow(NamedTuple):
@@ -43,7 +371,7 @@ class FixRow(NamedTuple):
 FIX = FixRow()
 
 
-class ImuKernel(NamedTuple):
+class ImuParams(NamedTuple):
     """Per tick, not per root hertz."""
 
     gyro_white: float  # rad/s
@@ -52,10 +380,10 @@ class ImuKernel(NamedTuple):
     accel_walk: float  # m/s2 per tick
     gyro_bias: float  # sigma at start, rad/s
     accel_bias: float  # m/s2
-    errors: ImuErrorKernel
+    errors: ImuErrorParams
 
 
-class MagKernel(NamedTuple):
+class MagParams(NamedTuple):
     """Reads `soft_iron @ field + hard_iron + white`; the state holds the flight's own iron."""
 
     field_ned_t: np.ndarray  # (3,)
@@ -66,10 +394,10 @@ class MagKernel(NamedTuple):
     clock_s: float  # sigma of the sampling instant about the stamp
     soft_sigma: float  # of each entry at the start
     hard_sigma_t: float  # of each axis at the start
-    power: PowerFieldKernel
+    power: PowerFieldParams
 
 
-class BaroKernel(NamedTuple):
+class BaroParams(NamedTuple):
     """ISA pressure at the altitude above the origin, white noise and a slow drift."""
 
     origin_altitude_m: float
@@ -78,10 +406,10 @@ class BaroKernel(NamedTuple):
     decay: float  # per period
     period: int  # ticks
     clock_s: float  # sigma of the sampling instant about the stamp
-    port: PortKernel
+    port: PortParams
 
 
-class GpsKernel(NamedTuple):
+class GpsParams(NamedTuple):
     """Fixes that are valid now and arrive later."""
 
     white_m: np.ndarray  # (3,) NED
@@ -92,10 +420,10 @@ class GpsKernel(NamedTuple):
     latency: int  # ticks
     lost_tick: int  # from which on there is no fix
     found_tick: int  # and from which on there is one again
-    errors: GpsErrorKernel
+    errors: GpsErrorParams
 
 
-class RotorSpeedKernel(NamedTuple):
+class RotorSpeedParams(NamedTuple):
     """A Hall sensor beside the mast: time between the passes of a magnet, told in steps."""
 
     white: float  # rad/s
@@ -103,14 +431,14 @@ class RotorSpeedKernel(NamedTuple):
     period: int  # ticks
 
 
-class SensorKernel(NamedTuple):
+class SensorParams(NamedTuple):
     """All sensors."""
 
-    imu: ImuKernel
-    mag: MagKernel
-    baro: BaroKernel
-    gps: GpsKernel
-    rotor: RotorSpeedKernel
+    imu: ImuParams
+    mag: MagParams
+    baro: BaroParams
+    gps: GpsParams
+    rotor: RotorSpeedParams
     imu2: bool  # whether there is a second one, of the same kind as the first
 
 
@@ -323,3 +651,103 @@ def read_sensors(sensors, tick, x, air, noise, aircraft, k, y):
     read_gps(sensors, tick, x, noise, k.gps, y)
     read_rotor(tick, x, noise, aircraft, k.rotor, y)
     read_imu2(sensors, tick, x, air, noise, aircraft, k, y)
+
+
+# -------------------------------------------------------------------------------------------------
+# What sensors remember before tick 0, drawn from the stationary distributions.
+# -------------------------------------------------------------------------------------------------
+
+
+class OnceRow(NamedTuple):
+    """Standard normals that a flight's sensors draw once (28,)."""
+
+    gains: slice = slice(0, 18)  # scale and misalignment of both triads
+    soft_iron: slice = slice(18, 24)
+    hard_iron: slice = slice(24, 27)
+    azimuth: int = 27
+    size: int = 28
+
+
+ONCE = OnceRow()
+
+
+def fix_slots(gps: GpsParams) -> int:
+    """Length of the queue of fixes under way."""
+    return gps.latency // gps.period + 1
+
+
+def initial_sensors(
+    k: SensorParams,
+    rows: NDArray[np.float64],
+    once: NDArray[np.float64],
+    once_imu2: NDArray[np.float64],
+    x: NDArray[np.float64],
+) -> SensorState:
+    """Biases, drifts, scale factors, iron and the fixes under way of a flight.
+
+    Parameters
+    ----------
+    k : SensorParams
+    rows : (fix_slots, n) array
+        Standard normals, places of `noise.NOISE`.
+    once : (28,) array
+        Standard normals, places of ONCE.
+    once_imu2 : (18,) array
+        The same of a second IMU: scale and misalignment of both triads.
+    x : (n,) array
+        State of the plant at the start, places of `rows.PLANT`: the fixes under way are its.
+    """
+    gps, first = k.gps, rows[0]
+    # The rotor stands anywhere, all azimuths alike.
+    azimuth = 2.0 * math.pi * uniform(once[ONCE.azimuth])
+    sensors = SensorState(
+        gyro_bias=k.imu.gyro_bias * first[NOISE.gyro],
+        accel_bias=k.imu.accel_bias * first[NOISE.accel],
+        baro_drift=np.array([k.baro.drift * first[NOISE.baro]]),
+        gps_drift=gps.drift_m * first[NOISE.gps_drift],
+        gps_queue=np.zeros((rows.shape[0], FIX.size)),
+        imu=_imu_errors(k.imu, once[ONCE.gains], azimuth),
+        soft_iron=k.mag.soft_iron + k.mag.soft_sigma * _symmetric(once[ONCE.soft_iron]),
+        hard_iron_t=k.mag.hard_iron_t + k.mag.hard_sigma_t * once[ONCE.hard_iron],
+        gps=_gps_errors(gps.errors, first),
+        imu2=ImuState(
+            k.imu.gyro_bias * first[NOISE.gyro2],
+            k.imu.accel_bias * first[NOISE.accel2],
+            _imu_errors(k.imu, once_imu2, azimuth),
+        ),
+    )
+    for i in range(rows.shape[0]):
+        valid = i * gps.period - gps.latency
+        if valid < 0:
+            take_fix(sensors, valid, x, rows[i], gps)
+    return sensors
+
+
+def _imu_errors(k: ImuParams, gains: NDArray[np.float64], azimuth: float) -> ImuErrorState:
+    """Scale and misalignment (18 normals); the rotor's azimuth is that of the aircraft."""
+    sigma = k.errors.gain_sigma
+    return ImuErrorState(
+        np.eye(3) + sigma * gains.reshape(2, 3, 3), np.array([azimuth]), np.zeros(IMU.size)
+    )
+
+
+def _symmetric(six: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Symmetric matrix (3, 3) of its six entries: induced magnetisation is reciprocal."""
+    a, b, c, d, e, f = six
+    return np.array([[a, d, e], [d, b, f], [e, f, c]])
+
+
+def _gps_errors(k: GpsErrorParams, first: NDArray[np.float64]) -> GpsErrorState:
+    """Stationary, but the flight begins with a fix: enough satellites, no outage."""
+    draw = float(uniform(first[NOISE.gps_satellites]))
+    blocked, part = 0, np.exp(-k.blocked)
+    while draw > part and blocked < k.satellites - FEWEST_SATELLITES:
+        draw -= part
+        blocked += 1
+        part *= k.blocked / blocked
+    return GpsErrorState(
+        multipath=k.multipath_m * first[NOISE.gps_multipath],
+        jump=k.jump_m * first[NOISE.gps_jump],
+        blocked=np.array([float(blocked)]),
+        out=np.zeros(1),
+    )

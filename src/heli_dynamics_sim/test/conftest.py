@@ -7,16 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.aircraft_kernel import CLIMB_POWER_OFF
-from heli_dynamics_sim.helicopter import same_air
-from heli_dynamics_sim.integrate import WORK_ROWS, rk4_step
-from heli_dynamics_sim.parameter_table import TABLE
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.plant import PlantConfig
-from heli_math.rows import PLANT
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
+from heli_core.command_line import config_folder
+from heli_core.parameters import load, with_common
+from heli_core.rows import PLANT
+from heli_dynamics_sim.aircraft import CLIMB_POWER_OFF, HelicopterParameters
+from heli_dynamics_sim.config import PlantConfig
+from heli_dynamics_sim.helicopter import WORK_ROWS, rk4_step, same_air
+from heli_dynamics_sim.parameters import TABLE
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 
@@ -30,7 +27,7 @@ def helicopter():
 def vacuum(helicopter):
     """Kernel of the aircraft without air and hub spring: nothing but rigid body, servos, gyro."""
     bare = replace(helicopter, air_density_kgpm3=1e-30, hub_stiffness_nmprad=0.0)
-    return bare.kernel._replace(climb_power=CLIMB_POWER_OFF)
+    return bare.params._replace(climb_power=CLIMB_POWER_OFF)
 
 
 @pytest.fixture(scope="session")
@@ -51,7 +48,7 @@ def fly():
 @pytest.fixture(scope="session")
 def parameters():
     """parameters(**changes): the packaged values of the plant, `__` in a name stands for a dot."""
-    files = [config_folder("heli_parameters") / "common.yaml", CONFIG / "plant.yaml"]
+    files = [config_folder("heli_core") / "common.yaml", CONFIG / "plant.yaml"]
     values = load(with_common(TABLE), files, "plant")
 
     def build(**changes):

@@ -6,11 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from heli_dynamics_sim import air, gusts, plant, wind
+from heli_core.errors import PlantConfigError
+from heli_core.rows import AIR, MEAS, PLANT
+from heli_dynamics_sim import plant, wind
+from heli_dynamics_sim import wind as air
+from heli_dynamics_sim import wind as gusts
+from heli_dynamics_sim.airframe import make_state
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_dynamics_sim.plant import PlantConfigError, initial_state
-from heli_dynamics_sim.state import make_state
-from heli_math.rows import AIR, MEAS, PLANT
+from heli_dynamics_sim.plant import initial_state
 
 ARM, HEIGHT, HUB = 1.035, 0.172, 0.337  # tail and hub of the default aircraft, m
 STEADY = {
@@ -23,7 +26,7 @@ PARTS = {f"wind__parts__{name}": True for name in ("main", "tail", "fuselage")}
 
 def rows_of(config, ticks, attitude=(0.0, 0.0, 0.0), seed=3):
     """(ticks, 12) air at an aircraft that is held level at 10 m."""
-    state, k = initial_state(config, seed), config.kernel
+    state, k = initial_state(config, seed), config.params
     state.x[:] = make_state((0.0, 0.0, -10.0), *attitude)
     noise, y = NoiseStreams(seed).rows(ticks), np.zeros(MEAS.size)
     out = np.empty((ticks, AIR.size))

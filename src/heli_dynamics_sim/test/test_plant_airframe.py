@@ -8,7 +8,7 @@ from heli_dynamics_sim.airframe import fin_force, fuselage_force
 
 
 def test_fuselage_drag_opposes_the_flow(helicopter):
-    k = helicopter.kernel.fuselage
+    k = helicopter.params.fuselage
     x, y, z = fuselage_force(10.0, -8.0, 0.0, 5.0, k)
     assert x == pytest.approx(-0.5 * 1.29 * 0.103 * 100.0)
     assert y == pytest.approx(0.5 * 1.29 * 0.9 * 64.0)
@@ -16,7 +16,7 @@ def test_fuselage_drag_opposes_the_flow(helicopter):
 
 
 def test_fin_has_its_two_laws_and_no_jump(helicopter):
-    k = helicopter.kernel.vertical_fin
+    k = helicopter.params.vertical_fin
     area = 0.5 * 1.29 * 0.012
     assert fin_force(1.0, 10.0, k) == pytest.approx(-area * 2.85 * 10.0)
     assert fin_force(-1.0, -10.0, k) == pytest.approx(area * 2.85 * 10.0)

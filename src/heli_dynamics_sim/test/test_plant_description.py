@@ -9,12 +9,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from heli_dynamics_sim import description
-from heli_dynamics_sim.description import mounts, robot_description
-from heli_dynamics_sim.node import PlantNode
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_msgs_bridge import frame_ids, topics
-from heli_msgs_bridge.channels import CHANNELS
+from heli_dynamics_sim import node as description
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_dynamics_sim.node import PlantNode, mounts, robot_description
+from heli_msgs_bridge import topics
+from heli_msgs_bridge import topics as frame_ids
+from heli_msgs_bridge.layouts import CHANNELS
 
 AIRCRAFT = ("helion", "logo600", "xcell60")
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from heli_core.rows import PLANT
 from heli_dynamics_sim.helicopter import same_air, specific_force, state_derivative
-from heli_math.rows import PLANT
 
 
 def rotation(q):
@@ -168,5 +168,5 @@ def test_specific_force_is_acceleration_without_gravity(helicopter):
     rates = state_derivative(x, u, wind, helicopter)
     felt = rates[3:6] + np.cross(x[10:13], x[3:6]) - rotation(x[6:10]).T @ [0, 0, 9.781]
     out = np.zeros(3)
-    specific_force(x, same_air(wind), helicopter.kernel, out)
+    specific_force(x, same_air(wind), helicopter.params, out)
     assert out == pytest.approx(felt, abs=1e-10)

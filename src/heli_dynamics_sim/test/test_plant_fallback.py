@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
+from heli_core.rows import ACTUATOR, MEAS, PLANT
 from heli_dynamics_sim import plant
-from heli_dynamics_sim.fallback import Fallback, FallbackNumbers
 from heli_dynamics_sim.node import PlantNode
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_math.rows import ACTUATOR, MEAS, PLANT
+from heli_dynamics_sim.servo import Fallback, FallbackNumbers
 
 VALUES = PlantNode.SPEC.resolve()
 NUMBERS = FallbackNumbers.from_parameters(VALUES)
@@ -99,10 +99,10 @@ def test_the_aircraft_stays_in_the_air_with_it(seed):
         u[:2] += 0.05
         fallback.hear(u)
         for tick, row in enumerate(NoiseStreams(seed).rows(400)):
-            plant.measure(state, tick, row, config.kernel, y)
+            plant.measure(state, tick, row, config.params, y)
             if flown == "fallback":
                 u[:] = fallback.step(y[MEAS.rate])
-            plant.advance(state, u, config.kernel)
+            plant.advance(state, u, config.params)
         off_m[flown] = np.linalg.norm(state.x[PLANT.pos] - begun)
         _, qx, qy, _ = state.x[PLANT.quat]
         tilts[flown] = np.degrees(np.arccos(1.0 - 2.0 * (qx * qx + qy * qy)))

@@ -7,12 +7,12 @@ import numba
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.config_error import PlantConfigError
-from heli_dynamics_sim.fault_log import FaultLog
-from heli_dynamics_sim.fault_table import NONE, Fault, begun, faults_of
+from heli_core.errors import PlantConfigError
+from heli_core.parameters import NONE
+from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
+from heli_dynamics_sim.faults import Fault, FaultLog, begun, faults_of
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.plant import advance, initial_state, measure
-from heli_math.rows import ACTUATOR, AIR, MEAS, PLANT
 
 TICKS, BEGIN, END = 240, 50, 170
 NUMBERS = {
@@ -42,8 +42,8 @@ def flown(plant_config):
         state, y = initial_state(config, 3), np.zeros((ticks, MEAS.size))
         u, rows = state.faults.u.copy(), NoiseStreams(3).rows(ticks)
         for tick in range(ticks):
-            measure(state, tick, rows[tick], config.kernel, y[tick])
-            advance(state, u, config.kernel)
+            measure(state, tick, rows[tick], config.params, y[tick])
+            advance(state, u, config.params)
         return y
 
     return fly
@@ -185,8 +185,8 @@ def commanded(plant_config):
         state, y, still = initial_state(config, 1), np.zeros(MEAS.size), np.zeros(NOISE.size)
         reached = []
         for i, u in enumerate(commands):
-            measure(state, BEGIN - 1 + i, still, config.kernel, y)
-            advance(state, np.array(u), config.kernel)
+            measure(state, BEGIN - 1 + i, still, config.params, y)
+            advance(state, np.array(u), config.params)
             reached.append(state.faults.u.copy())
         return np.array(reached)
 
@@ -229,7 +229,7 @@ def test_a_gust_begins_and_ends_at_rest(plant_config, flown, clean):
     assert np.abs(np.diff(y, axis=0)).max() < 0.11
     config = plant_config(faults=(text("wind", "gust", [4.0, -2.0, 1.0]),), **calm)
     state = initial_state(config, 1)
-    measure(state, BEGIN + 60, np.zeros(NOISE.size), config.kernel, np.zeros(MEAS.size))
+    measure(state, BEGIN + 60, np.zeros(NOISE.size), config.params, np.zeros(MEAS.size))
     for part in (AIR.main, AIR.tail, AIR.fuselage):
         assert state.air[part] == pytest.approx([4.0, -2.0, 1.0])
 
@@ -240,17 +240,17 @@ def test_an_engine_that_stops_stays_off(plant_config, parameters):
     stops = text("engine", "stop", until=False)
     config = plant_config(faults=(stops,), **on)
     failed = plant_config(engine__fail_time_s=BEGIN / 100, **on)
-    assert failed.kernel.fail_tick == BEGIN
+    assert failed.params.fail_tick == BEGIN
     states = initial_state(config, 3), initial_state(failed, 3)
     for tick, noise in enumerate(NoiseStreams(3).rows(BEGIN + 30)):
         for state, of in zip(states, (config, failed), strict=True):
-            measure(state, tick, noise, of.kernel, np.zeros(MEAS.size))
-            advance(state, state.faults.u.copy(), of.kernel)
+            measure(state, tick, noise, of.params, np.zeros(MEAS.size))
+            advance(state, state.faults.u.copy(), of.params)
         assert states[0].x[PLANT.engine_out] == float(tick >= BEGIN)
     np.testing.assert_array_equal(states[0].x, states[1].x)
-    assert states[0].x[PLANT.omega] < 0.97 * config.kernel.aircraft.engine.speed
+    assert states[0].x[PLANT.omega] < 0.97 * config.params.aircraft.engine.speed
     cleared = config.in_flight(parameters(terms__rotor_speed=True))
-    measure(states[0], BEGIN + 30, np.zeros(NOISE.size), cleared.kernel, np.zeros(MEAS.size))
+    measure(states[0], BEGIN + 30, np.zeros(NOISE.size), cleared.params, np.zeros(MEAS.size))
     assert states[0].x[PLANT.engine_out] == 1.0
     with pytest.raises(PlantConfigError, match="what: engine is not allowed while terms"):
         plant_config(faults=(stops,))
@@ -264,9 +264,9 @@ def test_faults_that_are_over_or_far_leave_every_bit(flown, clean):
 def test_they_come_in_flight_with_the_same_types(plant_config, parameters):
     config = plant_config()
     later = config.in_flight(parameters(faults=(text("gps", "freeze"),)))
-    assert numba.typeof(later.kernel) == numba.typeof(config.kernel)
-    assert later.kernel.faults.sensors.shape[0] == 1
-    assert config.kernel.faults.sensors.shape[0] == 0
+    assert numba.typeof(later.params) == numba.typeof(config.params)
+    assert later.params.faults.sensors.shape[0] == 1
+    assert config.params.faults.sensors.shape[0] == 0
 
 
 @pytest.mark.parametrize(

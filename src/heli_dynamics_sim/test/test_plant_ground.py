@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
+from heli_core.rotations import euler_from_quat
+from heli_dynamics_sim.airframe import make_state
 from heli_dynamics_sim.plant import PlantStatus, advance, initial_state, status
-from heli_dynamics_sim.rollover import critical_bank
-from heli_dynamics_sim.state import make_state
-from heli_math.rotations import euler_from_quat
+from heli_dynamics_sim.trim import critical_bank
 
 GEAR = 0.25
 
@@ -23,7 +23,7 @@ def test_it_stands_on_its_skids(vacuum, fly):
 def test_it_stands_with_the_rotor_turning(helicopter, fly):
     x = make_state((0.0, 0.0, -GEAR + 0.004))
     x[19] = 0.4  # collective down: almost no thrust
-    x = fly(x, [0.0, 0.0, 0.0, 0.4], helicopter.kernel, 5.0, wind=(2.0, -2.0, 0.0))
+    x = fly(x, [0.0, 0.0, 0.0, 0.4], helicopter.params, 5.0, wind=(2.0, -2.0, 0.0))
     assert np.abs(x[3:6]).max() < 0.02
     assert x[2] == pytest.approx(-GEAR, abs=0.01)
     assert np.linalg.norm(x[0:2]) < 0.05
@@ -57,8 +57,8 @@ def test_hard_impact_is_told_and_stays_told(plant_config, sinking, expected):
     state.x[2] = -GEAR - 0.02
     state.x[5] = sinking
     for _ in range(100):
-        advance(state, state.commands[0].copy(), config.kernel)
-    assert PlantStatus(status(state, config.kernel)) is expected
+        advance(state, state.commands[0].copy(), config.params)
+    assert PlantStatus(status(state, config.params)) is expected
     assert expected.sentence
 
 

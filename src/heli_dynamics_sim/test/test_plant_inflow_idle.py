@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.inflow import inflow_rates
+from heli_dynamics_sim.main_rotor import inflow_rates
 
 SIDE = 0.3
 
@@ -19,13 +19,13 @@ def settled(flow, v_0, k):
 
 
 def test_a_moment_without_through_flow_has_a_bounded_gradient(helicopter):
-    k = helicopter.kernel.inflow
+    k = helicopter.params.inflow
     assert settled(0.0, 0.0, k) == pytest.approx(2.0 * SIDE / k.least_flow, rel=1e-9)
 
 
 def test_in_hover_the_gradient_is_that_of_momentum_theory(helicopter):
     """2 C / V_m with V_m = 2 v_i: no floor is felt."""
-    k = helicopter.kernel
+    k = helicopter.params
     v_i = np.sqrt(k.body.mass * k.body.gravity / k.rotor.disc)
     assert settled(v_i, v_i, k.inflow) == pytest.approx(2.0 * SIDE / (2.0 * v_i), rel=1e-9)
     assert k.inflow.least_flow == pytest.approx(0.5 * v_i, rel=1e-12)

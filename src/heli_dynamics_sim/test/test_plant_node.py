@@ -10,14 +10,14 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, NavSatFix, NavSatStatus
 from std_srvs.srv import Trigger
 
+from heli_core import command_line
+from heli_core.ticks import TICK_NS
+from heli_dynamics_sim.config import message_variances
 from heli_dynamics_sim.node import PlantNode
-from heli_dynamics_sim.sensor_config import message_variances
-from heli_math.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.messages import ClockEncoder
-from heli_parameters import locate
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 U = np.array([0.01, -0.02, 0.03, -0.1])
@@ -226,8 +226,8 @@ def test_messages_say_what_the_parameters_say_of_the_sensors(bench):
     raw = {}
 
     class Heard(PlantNode):
-        def create_output(self, topic):
-            send = super().create_output(topic)
+        def create_topic_publisher(self, topic):
+            send = super().create_topic_publisher(topic)
 
             def heard(message):
                 raw[topic] = message
@@ -235,7 +235,7 @@ def test_messages_say_what_the_parameters_say_of_the_sensors(bench):
 
             return heard
 
-    preset = locate.config_folder("heli_dynamics_sim") / "gps_rtk.yaml"
+    preset = command_line.config_folder("heli_dynamics_sim") / "gps_rtk.yaml"
     rtk = PlantNode.SPEC.resolve([str(preset)])
     gps = {n.replace(".", "__"): v for n, v in rtk.items() if n.startswith("sensors.gps.")}
     plant = bench(Heard, **gps)
@@ -257,8 +257,8 @@ def test_a_receiver_without_a_fix_says_so_on_schedule(bench):
     heard = []
 
     class Heard(PlantNode):
-        def create_output(self, topic):
-            send = super().create_output(topic)
+        def create_topic_publisher(self, topic):
+            send = super().create_topic_publisher(topic)
 
             def keep(message):
                 if topic == topics.GPS_FIX:

@@ -8,15 +8,20 @@ import numpy as np
 import pytest
 import yaml
 
-from heli_dynamics_sim.aircraft_file import file_fields, find_aircraft
+from heli_core.errors import PlantConfigError
+from heli_core.parameters import load
+from heli_core.rows import PLANT
+from heli_dynamics_sim.aircraft import (
+    AircraftError,
+    HelicopterParameters,
+    ModelOptions,
+    file_fields,
+    find_aircraft,
+)
+from heli_dynamics_sim.airframe import make_state
+from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.helicopter import state_derivative
-from heli_dynamics_sim.parameter_table import TABLE
-from heli_dynamics_sim.parameters import AircraftError, HelicopterParameters
-from heli_dynamics_sim.plant import PlantConfig, PlantConfigError
-from heli_dynamics_sim.state import make_state
-from heli_dynamics_sim.terms import Terms
-from heli_math.rows import PLANT
-from heli_parameters.parameters import load
+from heli_dynamics_sim.parameters import TABLE
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 HELION = CONFIG / "aircraft" / "helion.yaml"
@@ -216,14 +221,18 @@ def test_state_derivative_refuses_wrong_lengths(helicopter, x, u, w):
 def test_each_term_is_a_parameter_and_off(parameters, plant_config):
     values = parameters()
     assert {key for key in values if key.startswith("terms.")} == {
-        f"terms.{name}" for name in Terms._fields
+        f"terms.{name}" for name in ModelOptions._fields
     }
-    assert plant_config().helicopter.terms == Terms() == Terms(*(False for _ in Terms._fields))
-    assert HelicopterParameters.from_yaml("helion.yaml").terms == Terms()
-    for name in Terms._fields:
+    assert (
+        plant_config().helicopter.terms
+        == ModelOptions()
+        == ModelOptions(*(False for _ in ModelOptions._fields))
+    )
+    assert HelicopterParameters.from_yaml("helion.yaml").terms == ModelOptions()
+    for name in ModelOptions._fields:
         flown = plant_config(**{f"terms__{name}": True}).helicopter
-        assert flown.terms == Terms()._replace(**{name: True})
-        assert flown.kernel.terms == flown.terms
+        assert flown.terms == ModelOptions()._replace(**{name: True})
+        assert flown.params.terms == flown.terms
 
 
 def test_states_of_terms_stay_and_do_nothing_while_their_terms_are_off(helicopter):

@@ -6,11 +6,11 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.aircraft_file import AircraftError
+from heli_core.rows import IMU, MEAS, PLANT
+from heli_dynamics_sim.aircraft import AircraftError
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.plant import advance, initial_state, measure
 from heli_dynamics_sim.trim import trim
-from heli_math.rows import IMU, MEAS, PLANT
 
 SCALES = {
     "mass": {"mass_kg"},
@@ -37,14 +37,14 @@ def test_a_scale_multiplies_its_own_parameters_alone(plant_config, helicopter, s
 
 def test_thrust_at_the_same_pitch_and_inflow_is_scaled(plant_config, helicopter):
     """Eq. (2): T = slope (w_bl - v_i), the slope proportional to the blades' lift slope."""
-    flown = plant_config(scale__thrust=0.8).kernel.aircraft.rotor
-    assert flown.thrust_slope == pytest.approx(0.8 * helicopter.kernel.rotor.thrust_slope)
-    assert flown.disc == helicopter.kernel.rotor.disc
+    flown = plant_config(scale__thrust=0.8).params.aircraft.rotor
+    assert flown.thrust_slope == pytest.approx(0.8 * helicopter.params.rotor.thrust_slope)
+    assert flown.disc == helicopter.params.rotor.disc
 
 
 def test_drag_at_the_same_air_speed_is_scaled(plant_config, helicopter):
-    flown = plant_config(scale__drag=1.3).kernel.aircraft.fuselage
-    np.testing.assert_allclose(flown, 1.3 * np.array(helicopter.kernel.fuselage), rtol=1e-15)
+    flown = plant_config(scale__drag=1.3).params.aircraft.fuselage
+    np.testing.assert_allclose(flown, 1.3 * np.array(helicopter.params.fuselage), rtol=1e-15)
 
 
 def test_a_product_out_of_bounds_is_refused_by_name(plant_config):
@@ -71,7 +71,7 @@ def test_the_air_begins_to_move_with_the_flight(plant_config):
     speeds = []
     for tick in range(301):
         y = np.zeros(MEAS.size)
-        measure(state, tick, rows[tick], config.kernel, y)
+        measure(state, tick, rows[tick], config.params, y)
         speeds.append(float(np.linalg.norm(y[MEAS.wind])))
         if tick == 0:
             level = y[MEAS.imu][IMU.force]
@@ -88,8 +88,8 @@ def test_a_pilot_holds_the_controls_until_the_hand_over(plant_config):
     state = initial_state(config, 1)
     start, command = state.x.copy(), np.array([0.3, -0.3, 0.2, 0.4])
     for _ in range(30):
-        advance(state, command, config.kernel)
+        advance(state, command, config.params)
     np.testing.assert_allclose(state.x, start, atol=1e-8)
     for _ in range(10):
-        advance(state, command, config.kernel)
+        advance(state, command, config.params)
     np.testing.assert_allclose(state.x[PLANT.servo], command, atol=0.2)

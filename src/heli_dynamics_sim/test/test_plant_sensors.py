@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from heli_core.atmosphere import altitude_m
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
+from heli_core.rows import MEAS
 from heli_dynamics_sim import noise
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.plant import initial_state, measure
-from heli_math.atmosphere import altitude_m
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
-from heli_math.rows import MEAS
 
 CALM = {"wind__turbulence": False, "wind__profile_speed_mps": [0.0, 0.0, 0.0]}
 PERFECT_IMU = {
@@ -35,7 +35,7 @@ def readings(config, ticks, seed=1, move=None, rows=None):
     for tick in range(ticks):
         if move is not None:
             move(tick, state.x)
-        measure(state, tick, rows[tick], config.kernel, out[tick])
+        measure(state, tick, rows[tick], config.params, out[tick])
     return out, state
 
 
@@ -101,8 +101,8 @@ def test_imu_in_trimmed_hover_reads_gravity_only(plant_config):
 )
 def test_imu_lying_still_reads_minus_gravity(vacuum, plant_config, phi, theta, expected):
     """Held by a ground force equal to the weight: checked through the ground's own law."""
+    from heli_dynamics_sim.airframe import make_state
     from heli_dynamics_sim.helicopter import same_air, specific_force
-    from heli_dynamics_sim.state import make_state
 
     k = vacuum._replace(body=vacuum.body._replace(mass=1.0))
     x = make_state((0.0, 0.0, 0.0), phi, theta)
@@ -267,7 +267,7 @@ def test_the_rotor_speed_is_that_of_the_rotor_in_whole_turns_per_minute(plant_co
     came = y[:, MEAS.rotor_valid] == 1.0
     np.testing.assert_array_equal(np.flatnonzero(came), np.arange(0, 1000, 2))
     assert not y[~came, MEAS.rotor].any()
-    speed, told = config.kernel.aircraft.main.speed, y[came, MEAS.rotor]
+    speed, told = config.params.aircraft.main.speed, y[came, MEAS.rotor]
     turns = told * 60.0 / (2.0 * math.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
     assert np.std(told - speed) == pytest.approx(2.0, rel=5.0 / math.sqrt(1000.0))

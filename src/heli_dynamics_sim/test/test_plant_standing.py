@@ -6,19 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.config import PlantConfigError
+from heli_core.errors import PlantConfigError
+from heli_core.rotations import euler_from_quat
+from heli_core.rows import MEAS, PLANT
+from heli_dynamics_sim.aircraft import ModelOptions
+from heli_dynamics_sim.airframe import make_state, to_ned
 from heli_dynamics_sim.ground import apply_slip, ground_loads, plane_of
 from heli_dynamics_sim.helicopter import same_air, specific_force
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.plant import PlantStatus, advance, initial_state, measure, status
-from heli_dynamics_sim.rigid_body import to_ned
-from heli_dynamics_sim.state import make_state
-from heli_dynamics_sim.terms import Terms
 from heli_dynamics_sim.trim import TrimError
-from heli_math.rotations import euler_from_quat
-from heli_math.rows import MEAS, PLANT
 
-ALL_TERMS = {f"terms__{name}": True for name in Terms._fields}
+ALL_TERMS = {f"terms__{name}": True for name in ModelOptions._fields}
 CALM = {"wind__turbulence": False, "wind__profile_speed_mps": [0.0, 0.0, 0.0]}
 SLOPE = math.tan(math.radians(5.0))
 
@@ -33,11 +32,11 @@ def hold(config, state, seconds):
     u, y, still = state.pilot[1:].copy(), np.zeros(MEAS.size), np.zeros(NOISE.size)
     states, forces = [], []
     for tick in range(round(100 * seconds)):
-        measure(state, tick, still, config.kernel, y)
-        advance(state, u, config.kernel)
+        measure(state, tick, still, config.params, y)
+        advance(state, u, config.params)
         states.append(state.x.copy())
         forces.append(y[MEAS.force].copy())
-    assert PlantStatus(status(state, config.kernel)) is PlantStatus.OK
+    assert PlantStatus(status(state, config.params)) is PlantStatus.OK
     return np.array(states), np.array(forces)
 
 
@@ -69,7 +68,7 @@ def test_the_ground_carries_weight_less_thrust(plant_config, slope):
     """Statics: what gear and friction give is the weight less the rotor's and tail's force."""
     changes = {"ground__slope": list(slope), "ground__idle_collective": 0.4}
     config, state = stand(plant_config, **CALM, **changes)
-    k, x = config.kernel.aircraft, state.x
+    k, x = config.params.aircraft, state.x
     push, _ = ground_loads(x, k.ground)
     push_ned = np.array(to_ned(tuple(x[PLANT.quat]), *push))
     force = np.empty(3)
@@ -97,7 +96,7 @@ def test_the_ground_carries_weight_less_thrust(plant_config, slope):
 def test_the_packaged_idle_presses_it_on(plant_config):
     """The blades at -1.4 deg; with 2 % of the weight as thrust, gusts down a slope push it away."""
     config, state = stand(plant_config, **CALM)
-    k, x = config.kernel.aircraft, state.x
+    k, x = config.params.aircraft, state.x
     pitch = k.main.pitch_gain * config.idle_collective + k.main.pitch_offset
     assert math.degrees(pitch) == pytest.approx(-1.375, abs=0.01)
     down = -to_ned(tuple(x[PLANT.quat]), *ground_loads(x, k.ground)[0])[2]
@@ -174,7 +173,7 @@ def test_friction_stays_in_its_cone_and_gives_no_energy(vacuum, fly):
 def test_bristles_rest_in_the_air(helicopter):
     x = make_state((0.0, 0.0, -10.0))
     x[PLANT.stick] = 1e-3
-    apply_slip(x, helicopter.kernel.ground)
+    apply_slip(x, helicopter.params.ground)
     assert not x[PLANT.stick].any()
 
 

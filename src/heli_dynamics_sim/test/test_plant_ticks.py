@@ -4,16 +4,10 @@
 import numpy as np
 import pytest
 
+from heli_core.rotations import quat_from_euler
+from heli_core.rows import MEAS
 from heli_dynamics_sim.noise import NoiseStreams
-from heli_dynamics_sim.plant import (
-    PlantStatus,
-    advance,
-    initial_state,
-    measure,
-    status,
-)
-from heli_math.rotations import quat_from_euler
-from heli_math.rows import MEAS
+from heli_dynamics_sim.plant import PlantStatus, advance, initial_state, measure, status
 
 UNIFORM = {"wind__turbulence": False, "wind__profile_speed_mps": [4.0, 4.0, 4.0]}
 
@@ -26,8 +20,8 @@ def fly(config, seed, ticks, command=None):
     xs, ys = [], []
     for tick in range(ticks):
         y = np.zeros(MEAS.size)
-        measure(state, tick, streams.row(), config.kernel, y)
-        advance(state, hover if command is None else command(tick, hover), config.kernel)
+        measure(state, tick, streams.row(), config.params, y)
+        advance(state, hover if command is None else command(tick, hover), config.params)
         xs.append(state.x.copy())
         ys.append(y)
     return np.array(xs), np.array(ys), state
@@ -92,8 +86,8 @@ def test_a_lost_flight_has_a_name_and_a_sentence(plant_config, spoil, expected):
     config = plant_config()
     state = initial_state(config, 1)
     spoil(state.x)
-    advance(state, np.zeros(4), config.kernel)
-    named = PlantStatus(status(state, config.kernel))
+    advance(state, np.zeros(4), config.params)
+    named = PlantStatus(status(state, config.params))
     assert named is expected
     assert named.sentence.endswith(".")
 
@@ -102,7 +96,7 @@ def test_first_cause_stays(plant_config):
     config = plant_config()
     state = initial_state(config, 1)
     state.x[0] = 1e4
-    advance(state, np.zeros(4), config.kernel)
+    advance(state, np.zeros(4), config.params)
     state.x[:] = np.nan
-    advance(state, np.zeros(4), config.kernel)
-    assert PlantStatus(status(state, config.kernel)) is PlantStatus.FLEW_AWAY
+    advance(state, np.zeros(4), config.params)
+    assert PlantStatus(status(state, config.params)) is PlantStatus.FLEW_AWAY

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from heli_core.errors import PlantConfigError
 from heli_dynamics_sim import wind
-from heli_dynamics_sim.plant import PlantConfigError
-from heli_dynamics_sim.state import make_state
+from heli_dynamics_sim.airframe import make_state
 
 A = np.array([[-1.0, 0.0], [1.0, -1.0]])
 
@@ -148,19 +148,19 @@ SINES = {
 
 def test_injected_sines_are_their_sum_and_turn_with_the_aircraft(plant_config):
     """By hand, body axes at 90 deg of heading: forward is east, right is south."""
-    k = plant_config(**SINES).kernel.wind.sines
+    k = plant_config(**SINES).params.wind.sines
     x, gust = make_state(psi=math.pi / 2.0), np.zeros(3)
     wind.injected_gust(x, 5.1, k, gust)
     forward = math.sin(2.0 * math.pi * 0.5 * 3.1 + 0.3)
     right = 0.5 * math.sin(2.0 * math.pi * 2.0 * 3.1)
     np.testing.assert_allclose(gust, [-right, forward, 0.0], atol=1e-12)
-    ned = plant_config(**SINES, wind__sines__frame="ned").kernel.wind.sines
+    ned = plant_config(**SINES, wind__sines__frame="ned").params.wind.sines
     wind.injected_gust(x, 5.1, ned, gust)
     np.testing.assert_allclose(gust, [forward, right, 0.0], atol=1e-12)
 
 
 def test_injected_sines_add_to_the_wind_and_are_silent_outside_their_time(plant_config):
-    with_sines, without = plant_config(**SINES).kernel, plant_config().kernel
+    with_sines, without = plant_config(**SINES).params, plant_config().params
     x, filters = make_state(pos_ned_m=(0.0, 0.0, -10.0)), np.full(5, 0.4)
     total, rest, gust = np.zeros(3), np.zeros(3), np.zeros(3)
     for time_s in (1.9, 2.5, 6.3, 12.1):

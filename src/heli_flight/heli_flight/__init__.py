@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Composes the other packages: loop, graph, report, studies and commands."""
+"""Composes the other packages: loop, graph, report and commands."""
 
-from heli_math.faces import face
+from heli_core.faces import face
 
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
-        "errors": ["FlightError"],
-        "loop.settings": ["Settings", "resolve"],
-        "loop.closed_loop": ["Flight", "simulate"],
-        "loop.record": ["FlightRecord"],
-        "loop.scoring": ["score"],
+        "heli_core.errors": ["FlightError"],
+        "fly": ["FlightOrder", "fly_and_write"],
         "graph.bag_record": ["flight_from_bag"],
-        "report.from_bag": ["report_of_bag"],
-        "studies.flight": ["FlightOrder", "fly_and_write"],
-        "studies.campaign": ["fly_seeds"],
-        "studies.design.make": ["Design", "make_design"],
+        "loop": ["LoopFlight", "simulate"],
+        "record": ["FlightRecord"],
+        "report.write": ["report_of_bag"],
+        "scoring": ["score"],
+        "settings": ["Settings", "resolve"],
     },
-    modules=["cli", "graph", "loop", "report", "studies"],
+    modules=["cli", "graph", "report"],
 )

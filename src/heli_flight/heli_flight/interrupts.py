@@ -55,7 +55,7 @@ def check() -> None:
 
 
 @contextmanager
-def told() -> Iterator[None]:
+def interrupts_reported() -> Iterator[None]:
     """Have what fails after a swallowed interrupt fail as that: C code may drop the exception."""
     try:
         yield
@@ -112,7 +112,7 @@ def run(load: Callable[[], Callable[[], int]]) -> int:
     sys.unraisablehook = _not_lost
     try:
         signal.signal(signal.SIGINT, _raise)
-        with told():
+        with interrupts_reported():
             return command()
     except KeyboardInterrupt:
         print(LINE, file=sys.stderr)

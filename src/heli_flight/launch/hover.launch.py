@@ -18,27 +18,24 @@ from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 
-from heli_bags.choice import unrecorded
-from heli_bags.parameter_table import NODE_NAME as RECORDER
-from heli_bags.parameter_table import TABLE as RECORDER_TABLE
+from heli_bags.parameters import NODE_NAME as RECORDER
+from heli_bags.parameters import TABLE as RECORDER_TABLE
+from heli_bags.parameters import unrecorded
+from heli_core.parameters import load, with_common
 from heli_flight.graph.respawn import AGAIN, MOST, WITHIN_S
-from heli_flight.loop.laws import LAWS as LAW_FILES
-from heli_flight.loop.laws import PACKAGED
-from heli_flight.loop.layers import Reader, layered
-from heli_flight.loop.several import MOST_AIRCRAFT, seed_of
-from heli_flight.loop.worlds import HOVER_TEST_WORLD, PAPER, WORLDS
-from heli_flight.loop.worlds import NODE_NAME as WORLD
-from heli_msgs_bridge.launching import (
-    COMMON,
-    Again,
-    Argument,
-    declare,
-    node,
-    together,
-    users_files,
+from heli_flight.settings import (
+    HOVER_TEST_WORLD,
+    MOST_AIRCRAFT,
+    PACKAGED,
+    PAPER,
+    WORLD_SECTION,
+    WORLDS,
+    Reader,
+    layered,
+    seed_of,
 )
-from heli_parameters.common_table import with_common
-from heli_parameters.parameters import load
+from heli_flight.settings import LAWS as LAW_FILES
+from heli_msgs_bridge.launching import COMMON, Again, Argument, declare, node, together, users_files
 
 SCENARIOS = [
     "hover", "attitude", "attitude_gusts", "attitude_sweep", "attitude_steps",
@@ -188,7 +185,7 @@ def _around(given, users):
         _seed(given["seed"]) if given["seed"] else None,
         laws,
     )
-    grade = found.values[WORLD]["sensors." + given["gps"]]
+    grade = found.values[WORLD_SECTION]["sensors." + given["gps"]]
     # One file tells the plant and the observer.
     sensors = _config("heli_dynamics_sim", f"sensors_{grade}.yaml")
     plant = {key: found.values["plant"][key] for key in found.drawn}
@@ -198,7 +195,7 @@ def _around(given, users):
 
 def _unrecorded(given, users):
     """Topics that the user's recorder leaves out: the others must not wait for it there."""
-    files = [_config("heli_parameters", "common.yaml"), _config("heli_bags", f"{RECORDER}.yaml")]
+    files = [_config("heli_core", "common.yaml"), _config("heli_bags", f"{RECORDER}.yaml")]
     values = load(with_common(RECORDER_TABLE), [*files, *users], f"{given['namespace']}/{RECORDER}")
     return list(unrecorded(values["topics"], values["exclude"]))
 

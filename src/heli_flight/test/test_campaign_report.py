@@ -9,17 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli import app as cli
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.dispersion.explain import explained, influences
-from heli_flight.studies.dispersion.report_charts import distribution_charts, margin_chart
-from heli_flight.studies.dispersion.row import fly_rows
-from heli_flight.studies.dispersion.spec import spec_of
-from heli_flight.studies.dispersion.store import Store
-from heli_flight.studies.dispersion.told import read_campaign
-from heli_flight.studies.dispersion.worst import cases, worst
-from heli_parameters.parameters import ParameterError
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_studies.campaign.report import distribution_charts, margin_chart, read_campaign
+from heli_studies.campaign.run import Store, cases, explained_variance, sensitivities, worst_flights
+from heli_studies.campaign.spec import fly_rows, spec_of
 
 FLIGHTS = 24
 TEXT = f"""flights: {FLIGHTS}
@@ -48,7 +44,7 @@ def made(count=400):
 
 def test_influences_are_the_rank_correlations_strongest_first():
     inputs, figure = made()
-    found = influences(inputs, figure)
+    found = sensitivities(inputs, figure)
     assert [one.name for one in found] == ["a", "name", "b"]
     ranks = stats.rankdata(inputs["a"]), stats.rankdata(figure)
     assert found[0].rank_correlation == pytest.approx(np.corrcoef(*ranks)[0, 1], abs=1e-12)
@@ -62,11 +58,11 @@ def test_influences_are_the_rank_correlations_strongest_first():
 
 def test_all_inputs_together_explain_what_they_make():
     inputs, figure = made()
-    assert explained({"a": inputs["a"]}, np.exp(inputs["a"])) == pytest.approx(1.0)
-    assert explained({"b": inputs["b"]}, figure) < 0.03
-    both = explained(inputs, figure)
-    assert explained({"a": inputs["a"]}, figure) < both and both > 0.9
-    alone = explained({"a": inputs["a"]}, figure)
+    assert explained_variance({"a": inputs["a"]}, np.exp(inputs["a"])) == pytest.approx(1.0)
+    assert explained_variance({"b": inputs["b"]}, figure) < 0.03
+    both = explained_variance(inputs, figure)
+    assert explained_variance({"a": inputs["a"]}, figure) < both and both > 0.9
+    alone = explained_variance({"a": inputs["a"]}, figure)
     rho = np.corrcoef(stats.rankdata(inputs["a"]), stats.rankdata(figure))[0, 1]
     count = len(figure)
     assert alone == pytest.approx(1.0 - (1.0 - rho**2) * (count - 1) / (count - 2), rel=1e-9)
@@ -75,13 +71,13 @@ def test_all_inputs_together_explain_what_they_make():
 def test_flights_without_a_figure_and_inputs_that_stand_still_say_nothing():
     inputs, figure = made(40)
     figure[::2] = math.nan
-    whole = influences({"a": inputs["a"]}, figure)[0]
-    part = influences({"a": inputs["a"][1::2]}, figure[1::2])[0]
+    whole = sensitivities({"a": inputs["a"]}, figure)[0]
+    part = sensitivities({"a": inputs["a"][1::2]}, figure[1::2])[0]
     assert whole == part
-    still = influences({"still": np.ones(40)}, figure)[0]
+    still = sensitivities({"still": np.ones(40)}, figure)[0]
     assert math.isnan(still.rank_correlation)
-    assert math.isnan(explained({"still": np.ones(40)}, figure))
-    assert influences(inputs, np.full(40, math.nan)) == []
+    assert math.isnan(explained_variance({"still": np.ones(40)}, figure))
+    assert sensitivities(inputs, np.full(40, math.nan)) == []
 
 
 # --- a campaign's folder -------------------------------------------------------------------------
@@ -110,14 +106,18 @@ def flown(tmp_path_factory):
 def test_the_worst_come_first(flown):
     found = cases(flown.table(), "rtk")
     assert len(found) == FLIGHTS and sum(case.failed for case in found) == 4
-    first = worst(found, 4)
+    first = worst_flights(found, 4)
     assert [case.number for case in first] == [4, 9, 7, 2]
     assert (first[2].figure, first[2].value) == ("v_x (truth)", 0.9)
     assert first[2].share == pytest.approx(0.9 / 0.3)
-    others = [case.share for case in worst(found, FLIGHTS)[4:]]
+    others = [case.share for case in worst_flights(found, FLIGHTS)[4:]]
     assert others == sorted(others, reverse=True) and others[0] < 1.0
     # With a standalone receiver ground truth is not judged.
-    assert [case.number for case in worst(cases(flown.table(), "standalone"), 3)] == [4, 9, 2]
+    assert [case.number for case in worst_flights(cases(flown.table(), "standalone"), 3)] == [
+        4,
+        9,
+        2,
+    ]
 
 
 def test_the_page_tells_what_the_rows_hold(flown, capsys, tmp_path):
@@ -211,6 +211,6 @@ def test_a_spec_that_reads_is_asked_only_for_files(flown, monkeypatch):
     def refuse(*_):
         raise ParameterError("no")
 
-    monkeypatch.setattr("heli_flight.studies.dispersion.told.write_again", refuse)
+    monkeypatch.setattr("heli_studies.campaign.report.write_rerun_files", refuse)
     told = read_campaign(flown.folder)
     assert told.again == {} and "no." in told.why_not

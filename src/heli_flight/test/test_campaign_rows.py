@@ -9,16 +9,12 @@ import pyarrow.parquet as pq
 import pytest
 from distributed import KilledWorker, LocalCluster
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.dispersion import row as rows
-from heli_flight.studies.dispersion.again import write_again
-from heli_flight.studies.dispersion.cluster import fly_by_dask, fly_here, tasks
-from heli_flight.studies.dispersion.row import Cause, fly_rows
-from heli_flight.studies.dispersion.spec import spec_of
-from heli_flight.studies.dispersion.store import ROWS, Store
-from heli_flight.studies.dispersion.summary import summary_of
-from heli_parameters.parameters import ParameterError
+from heli_core.rcl_yaml import ParameterError
+from heli_flight.loop import simulate
+from heli_flight.settings import resolve
+from heli_studies.campaign import spec as rows
+from heli_studies.campaign.run import ROWS, Store, fly_by_dask, fly_here, summary_of, tasks
+from heli_studies.campaign.spec import FlightEnding, fly_rows, spec_of, write_rerun_files
 
 TEXT = """flights: 7
 world: paper
@@ -60,9 +56,9 @@ def test_a_row_is_the_flight_that_its_inputs_say(spec):
 @pytest.mark.parametrize(
     ("error", "cause"),
     [
-        (ParameterError("said"), Cause.REFUSED),
-        (ZeroDivisionError("said"), Cause.THREW),
-        (MemoryError("said"), Cause.THREW),
+        (ParameterError("said"), FlightEnding.REFUSED),
+        (ZeroDivisionError("said"), FlightEnding.THREW),
+        (MemoryError("said"), FlightEnding.THREW),
     ],
 )
 def test_a_flight_that_throws_is_a_row_and_the_next_one_flies(spec, monkeypatch, error, cause):
@@ -159,7 +155,7 @@ def test_a_summary_names_the_lost_first_and_how_sure_it_is(spec, file, tmp_path)
 
 def test_a_flight_of_a_campaign_is_flown_again_alone(spec, tmp_path):
     (row,) = fly_rows(spec, [2])
-    (path,) = write_again(spec, [2], tmp_path / "worst")
+    (path,) = write_rerun_files(spec, [2], tmp_path / "worst")
     settings = resolve(params=[path])
     assert settings.seed == row["seed"]
     flight = simulate(settings)
@@ -175,12 +171,14 @@ def test_an_aircraft_that_is_refused_is_a_row(tmp_path):
 
 
 def test_parameters_that_are_refused_leave_no_folder(spec, tmp_path, monkeypatch):
+    settings_of = rows.settings_of
+
     def refuse(spec, number, folder):
-        rows.settings_of(spec, number, folder)
+        settings_of(spec, number, folder)
         raise ParameterError("no")
 
-    monkeypatch.setattr("heli_flight.studies.dispersion.again.settings_of", refuse)
-    assert write_again(spec, [0], tmp_path / "worst") == []
+    monkeypatch.setattr("heli_studies.campaign.spec.settings_of", refuse)
+    assert write_rerun_files(spec, [0], tmp_path / "worst") == []
     assert list((tmp_path / "worst").iterdir()) == []
 
 
@@ -190,11 +188,11 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
     def sources():
         return "ours" if threading.current_thread() is threading.main_thread() else "theirs"
 
-    monkeypatch.setattr("heli_flight.studies.dispersion.cluster.sources_commit", sources)
+    monkeypatch.setattr("heli_studies.campaign.run.sources_commit", sources)
     with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as local:
         with pytest.raises(ParameterError, match="flies the sources of theirs, these are ours"):
             list(fly_by_dask(spec, [[0]], 0, local.scheduler_address))
-        monkeypatch.setattr("heli_flight.studies.dispersion.cluster.sources_commit", lambda: "one")
+        monkeypatch.setattr("heli_studies.campaign.run.sources_commit", lambda: "one")
         died = tmp_path / "died"
 
         def fly(_, numbers):
@@ -204,12 +202,12 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
                 raise KilledWorker("task", SimpleNamespace(address="here"), 3)
             return "one", [{"flight": number} for number in numbers]
 
-        monkeypatch.setattr("heli_flight.studies.dispersion.cluster._fly", fly)
+        monkeypatch.setattr("heli_studies.campaign.run._fly", fly)
         found = list(fly_by_dask(spec, [[0, 1, 2], [3]], 0, local.scheduler_address))
     rows = sorted((row for part in found for row in part), key=lambda row: row["flight"])
     assert [row["flight"] for row in rows] == [0, 1, 2, 3]
     assert died.read_text().splitlines() == ["[0, 1, 2]", "[1]"], "alone, then given up"
-    assert rows[1]["cause"] == Cause.KILLED and rows[1]["exit_code"] == 1
+    assert rows[1]["cause"] == FlightEnding.KILLED and rows[1]["exit_code"] == 1
     assert rows[1]["in.plant.scale.mass"] == spec.inputs[1][0]
 
 

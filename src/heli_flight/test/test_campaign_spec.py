@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from heli_flight.studies.dispersion.distribution import distribution_of
-from heli_flight.studies.dispersion.sampling import correlated, unit_points
-from heli_flight.studies.dispersion.spec import spec_of
-from heli_parameters.parameters import ParameterError
+from heli_core.rcl_yaml import ParameterError
+from heli_studies.campaign.spec import correlated, distribution_of, spec_of, unit_points
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "campaign_small.yaml"
 

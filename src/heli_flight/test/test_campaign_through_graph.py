@@ -8,11 +8,10 @@ import pyarrow as pa
 import pytest
 from rich.console import Console
 
-from heli_flight.loop.flight_section import LOCKSTEP, ONE_PROCESS
-from heli_flight.studies.dispersion.row import fly_rows
-from heli_flight.studies.dispersion.spec import spec_of
-from heli_flight.studies.dispersion.through_graph import as_list, check, print_compared, sample
-from heli_flight.studies.flight import fly_and_write
+from heli_flight.fly import fly_and_write
+from heli_flight.settings import LOCKSTEP, ONE_PROCESS
+from heli_studies.campaign.run import as_list, check, print_compared, sample
+from heli_studies.campaign.spec import fly_rows, spec_of
 
 TEXT = """flights: 3
 world: paper

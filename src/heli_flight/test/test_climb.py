@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_math.climb import climb_figures, commanded_climb
-from heli_math.trajectory import Trajectory
+from heli_core.metrics import climb_figures, commanded_climb
+from heli_core.trajectory import Trajectory
+from heli_flight.loop import simulate
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
 
 TIME_S = np.arange(6000) / 100.0
 

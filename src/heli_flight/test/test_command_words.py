@@ -7,8 +7,7 @@ from typing import Annotated
 import pytest
 import typer
 
-from heli_flight.cli.group import SETTINGS, CommandWithWords
-from heli_flight.cli.run import run
+from heli_flight.cli.common import SETTINGS, CommandWithWords, run
 
 said = []
 

@@ -4,8 +4,8 @@
 import pytest
 
 import heli
+from heli_flight import fly as compiles
 from heli_flight.cli import app as cli
-from heli_flight.studies import compiles
 
 TOLD = "heli: compiles the loop for this machine"
 
@@ -21,7 +21,7 @@ def cold(monkeypatch):
     """As in a process that begins, on a machine that has never flown in one process."""
 
     def begin():
-        monkeypatch.setattr("heli_flight.loop.closed_loop.fly", Uncompiled())
+        monkeypatch.setattr("heli_flight.loop.fly", Uncompiled())
         monkeypatch.setattr(compiles, "is_compiled", lambda kernel: False)
 
     return begin

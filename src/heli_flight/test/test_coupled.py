@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.compare.flown import loop_as_flown
-from heli_flight.studies.design.coupled import CoupledPlant, _turned, common_disk_margin
-from heli_flight.studies.design.outer import position_loop
-from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.analysis import model_of
+from heli_core.rows import MEASURED
+from heli_flight.settings import resolve
+from heli_inner_hinf.controller_state import Actuation, read_inputs
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.output_law import read_inputs
-from heli_math.state_names import MEASURED
-from heli_outer_pd.axis_analysis import Gains, disk_margin, law, open_loop
-from heli_outer_pd.config import outer_kernel
+from heli_inner_hinf.tuning import model_of
+from heli_outer_pd.analysis import Gains, disk_margin, law, open_loop
+from heli_outer_pd.parameters import outer_params
+from heli_studies.compare import loop_as_flown
+from heli_studies.design.make import CoupledPlant, _turned, common_disk_margin, position_loop
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +37,7 @@ def loop(nodes):
 
 @pytest.fixture(scope="module")
 def gains(nodes):
-    kernel = outer_kernel(nodes["outer_loop"])
+    kernel = outer_params(nodes["outer_loop"])
     return tuple(Gains.of(kernel, i) for i in range(3))
 
 
@@ -94,7 +92,7 @@ def test_an_unstable_loop_has_none(loop, gains):
 
 def test_a_law_that_turns_its_errors_does_so_as_it_flies(nodes):
     """Slopes of what the kernel reads at 30 deg of bank."""
-    bank, k = 0.5, AttitudeConfig.from_parameters(nodes["inner_loop"]).kernel
+    bank, k = 0.5, AttitudeConfig.from_parameters(nodes["inner_loop"]).params
     read = control.ss([], [], [], np.eye(9), True)
     found = _turned(read, bank).D
     places = [*MEASURED, 0, 1, 2]

@@ -8,15 +8,15 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from heli_flight.graph import outcome as outcomes
+from heli_flight.graph import flight as outcomes
 from heli_flight.graph.bag_record import BagFlight
 from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.result import print_table, write_result
-from heli_flight.loop.settings import resolve
+from heli_flight.loop import simulate
+from heli_flight.replay import ended
 from heli_flight.report import page
-from heli_flight.studies.replay.known import ended
-from heli_msgs_bridge.managed_node import INACTIVE
+from heli_flight.result import print_table, write_result
+from heli_flight.settings import resolve
+from heli_msgs_bridge.lifecycle_node import INACTIVE
 
 WHY = "recorder: no answer to 'deactivate' in 10 s"
 SAID = f"{WHY}; what it did not hear is not in the bag"

@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evidence.experiments.laws_everywhere import laws_everywhere
+from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli.app import main
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.laws import LAWS
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.compare import attitude, everywhere, robustness
-from heli_flight.studies.compare import laws as single
-from heli_flight.studies.compare.everywhere import Comparison, Place, Run
-from heli_flight.studies.compare.flown import Margins, loop_as_flown, margins_as_flown
-from heli_flight.studies.results import tables_of_laws
-from heli_inner_hinf.analysis import model_of
+from heli_flight.loop import simulate
+from heli_flight.settings import LAWS, resolve
 from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.loops import sampled_plant
-from heli_parameters.parameters import ParameterError
+from heli_inner_hinf.tuning import model_of
+from heli_studies import compare as robustness
+from heli_studies import compare as single
+from heli_studies import compare_flights
+from heli_studies.compare import Margins, loop_as_flown, margins_as_flown
+from heli_studies.compare_flights import FlightCondition, LawMatrix, LawRun
 
 SEEDS = (1, 2)
 LONG_S = 16.0
@@ -27,13 +27,13 @@ LONG_S = 16.0
 
 @pytest.fixture(scope="module")
 def found():
-    where = everywhere.places(["paper"], SEEDS, 2)
-    return everywhere.compare(("hinf", "pid"), where, LONG_S)
+    where = compare_flights.test_conditions(["paper"], SEEDS, 2)
+    return compare_flights.compare_laws(("hinf", "pid"), where, LONG_S)
 
 
 def test_how_many_fly_at_a_time_changes_nothing(found):
     (place, *_), told = found.seeds, []
-    again = everywhere.compare(("pid", "hinf"), {place: SEEDS}, LONG_S, 2, told.append)
+    again = compare_flights.compare_laws(("pid", "hinf"), {place: SEEDS}, LONG_S, 2, told.append)
     for law in ("pid", "hinf"):
         for one, other in zip(found.runs[place, law], again.runs[place, law], strict=True):
             assert all(map(np.array_equal, vars(one).values(), vars(other).values()))
@@ -43,28 +43,32 @@ def test_how_many_fly_at_a_time_changes_nothing(found):
 def test_errors_are_those_of_the_study_of_single_laws(found):
     """The same seeds through `heli compare attitude`, RTK and ideal navigation."""
     settings = resolve("attitude_gusts", "rtk", duration_s=LONG_S)
-    known = attitude.compare(settings, single.parse_laws("hinf,pid"), SEEDS, ideal=True)
+    known = compare_flights.compare_attitude(
+        settings, single.parse_laws("hinf,pid"), SEEDS, ideal=True
+    )
     for navigation, source in (("rtk", "truth"), ("ideal", "ideal")):
         for law in ("hinf", "pid"):
             flights = known.of(law, source)
-            for seed, run in zip(SEEDS, found.runs[Place("paper", navigation), law], strict=True):
+            for seed, run in zip(
+                SEEDS, found.runs[FlightCondition("paper", navigation), law], strict=True
+            ):
                 np.testing.assert_allclose(run.max_deg, flights[seed].max_deg, rtol=1e-12)
                 np.testing.assert_allclose(run.rms_deg, flights[seed].rms_deg, rtol=1e-12)
         for axis, name in enumerate(single.AXES):
             (row,) = [
                 r for r in found.summary()
                 if (r["place"], r["law"], r["axis"])
-                == (Place("paper", navigation).name, "hinf", name)
+                == (FlightCondition("paper", navigation).name, "hinf", name)
             ]  # fmt: skip
             assert row["won_over_pid"] == known.wins("hinf", source, axis)
 
 
 def test_aircraft_are_those_of_the_study_of_robustness(found):
     settings = resolve("attitude_gusts", "rtk", duration_s=LONG_S)
-    campaign = robustness.Campaign(settings, single.parse_laws("hinf,pid"))
-    place = Place("paper", "rtk", everywhere.AIRCRAFT_PARTS)
+    campaign = robustness.RobustnessSetup(settings, single.parse_laws("hinf,pid"))
+    place = FlightCondition("paper", "rtk", compare_flights.AIRCRAFT_PARTS)
     for i, seed in enumerate(found.seeds[place]):
-        for law, error in campaign.fly(everywhere.AIRCRAFT_PARTS, seed).items():
+        for law, error in campaign.fly(compare_flights.AIRCRAFT_PARTS, seed).items():
             assert found.runs[place, law][i].max_deg.max() == pytest.approx(error, rel=1e-12)
 
 
@@ -74,23 +78,23 @@ def test_travel_is_the_way_of_the_actuators(found):
     u = record.u[record.time_s >= 5.0, :3]
     way = sum(np.abs(b - a) for a, b in zip(u[:-1], u[1:], strict=True))
     seconds = (len(u) - 1) * 0.01
-    run = found.runs[Place("paper", "rtk"), "pid"][1]
+    run = found.runs[FlightCondition("paper", "rtk"), "pid"][1]
     np.testing.assert_allclose(run.travel_per_s, way / seconds, rtol=1e-9)
 
 
 def of(errors, travel=0.1):
-    return [Run(np.full(2, e), np.full(2, 0.5 * e), np.full(3, travel)) for e in errors]
+    return [LawRun(np.full(2, e), np.full(2, 0.5 * e), np.full(3, travel)) for e in errors]
 
 
 def test_what_was_lost_is_counted_and_wins_nothing():
-    place = Place("hard", "rtk")
+    place = FlightCondition("hard", "rtk")
     runs = {(place, "a"): of([1.0, np.inf, 3.0]), (place, "pid"): of([2.0, 2.0, 2.0])}
-    result = Comparison(("a", "pid"), {place: (1, 2, 3)}, "a", {place: "calm; seed 1\nGPS"}, runs,
+    result = LawMatrix(("a", "pid"), {place: (1, 2, 3)}, "a", {place: "calm; seed 1\nGPS"}, runs,
                         {"a": None, "pid": Margins(0.5, 0.25, 0.0801)})  # fmt: skip
     row, *_ = result.summary()
     assert (row["lost"], row["won_over_pid"], row["worst_deg"]) == (1, 1, 3.0)
     assert row["median_deg"] == 3.0 and row["rms_deg"] == pytest.approx(0.5 * np.sqrt(5.0))
-    text = tables_of_laws.laws_everywhere({"laws_everywhere": result.as_dict()})
+    text = laws_everywhere({"laws_everywhere": result.as_dict()})
     assert "| place (flights), axis | a (default) | pid |" in text
     assert (
         "| hard, RTK (3), roll | 3.00 / 3.00, 1.12; 1; 1 lost | **2.00** / **2.00**, **1.00** |"
@@ -102,11 +106,11 @@ def test_what_was_lost_is_counted_and_wins_nothing():
 
 
 def test_laws_that_print_the_same_are_both_the_best():
-    place = Place("hard", "rtk")
+    place = FlightCondition("hard", "rtk")
     runs = {(place, "a"): of([1.001]), (place, "b"): of([1.004]), (place, "c"): of([1.006])}
-    result = Comparison(("a", "b", "c"), {place: (1,)}, "", {place: "calm\nGPS"}, runs,
+    result = LawMatrix(("a", "b", "c"), {place: (1,)}, "", {place: "calm\nGPS"}, runs,
                         dict.fromkeys("abc"))  # fmt: skip
-    text = tables_of_laws.laws_everywhere({"laws_everywhere": result.as_dict()})
+    text = laws_everywhere({"laws_everywhere": result.as_dict()})
     assert "| 2 / 2, 2 | 2 / 2, 2 | 0 / 0, 2 |" in text
 
 
@@ -127,10 +131,10 @@ def test_margins_are_those_that_the_law_is_judged_by(name):
 
 
 def test_laws_that_fly_the_same_are_flown_once():
-    laws = everywhere.parse_laws("all")
+    laws = compare_flights.parse_laws("all")
     assert len(laws) == len(LAWS.names()) - 1
     assert "packaged" not in laws  # one of the others by its own name
-    assert len(everywhere.parse_laws("packaged,hinf,hinf_output")) == 3
+    assert len(compare_flights.parse_laws("packaged,hinf,hinf_output")) == 3
 
 
 @pytest.mark.parametrize(
@@ -140,7 +144,7 @@ def test_laws_that_are_none_are_refused(laws, said, capsys):
     assert main(["compare", "laws", "--laws", laws]) == 2
     assert said in capsys.readouterr().err
     with pytest.raises(ParameterError):
-        everywhere.parse_laws(laws)
+        compare_flights.parse_laws(laws)
 
 
 def test_the_command_draws_and_writes(tmp_path, capsys):

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from heli_core.rcl_yaml import ParameterError
+from heli_flight import loop as closed_loop
 from heli_flight.cli.app import main
-from heli_flight.loop import closed_loop
-from heli_flight.loop.fault_file import fault_overrides, flown_faults
-from heli_flight.loop.result import Result, fault_words
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
+from heli_flight.flight_file import fault_overrides, flown_faults
+from heli_flight.report.charts import timeline_charts
 from heli_flight.report.data import Report
-from heli_flight.report.system_charts import timeline_charts
-from heli_flight.studies.dispersion.spec import spec_of
-from heli_flight.studies.share import Share
-from heli_parameters.parameters import ParameterError
+from heli_flight.result import Result, fault_words
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
+from heli_studies.campaign.run import Share
+from heli_studies.campaign.spec import spec_of
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 

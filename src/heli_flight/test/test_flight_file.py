@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
+from heli_core.parameters import load
+from heli_core.rcl_yaml import ParameterError
+from heli_flight import settings as commit
 from heli_flight.cli import app
-from heli_flight.loop import commit
-from heli_flight.loop.flight_file import write_parameters
-from heli_flight.loop.layers import NODES
-from heli_flight.loop.settings import resolve
-from heli_parameters.parameters import ParameterError, load
+from heli_flight.flight_file import write_parameters
+from heli_flight.settings import NODES, resolve
 
 # What two runs of one flight may differ in: the machine's doing, and where its file lay.
 _OF_THE_RUN = ("wall_s", "real_time_factor", "parameter_files")

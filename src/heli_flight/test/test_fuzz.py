@@ -2,16 +2,16 @@
 """Damaged and hostile input, case by case: taken, or refused in one sentence; nothing else.
 
 10 000 cases of what takes a tenth of a millisecond, fewer of whole commands and files that are
-resolved; HELI_FUZZ_CASES=10000 is so many of each, scripts/fuzz_counts.py counts.
+resolved; HELI_FUZZ_CASES=10000 is so many of each, evidence/experiments/fuzz.py counts.
 """
 
 import os
 
 import pytest
 
-from heli_flight.testing import fuzz_files, fuzz_messages
-from heli_flight.testing.fuzz_parsers import PARSERS
-from heli_flight.testing.fuzzing import damaged_bytes, is_sentence, numbers_of, tally
+from support import fuzz_files, fuzz_messages
+from support.fuzz_parsers import PARSERS
+from support.fuzzing import damaged_bytes, is_sentence, numbers_of, tally
 
 CASES = int(os.environ.get("HELI_FUZZ_CASES", "0"))
 TARGETS = {target.name: target for target in (*fuzz_messages.TARGETS, *fuzz_files.TARGETS)}

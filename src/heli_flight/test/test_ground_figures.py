@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rotations import quat_from_euler
 from heli_dynamics_sim.config import PlantConfig
-from heli_flight.loop.ground_figures import Gear, ground_figures
-from heli_flight.loop.record import FlightRecord
-from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import Figures
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.flight import Outcome, print_end
-from heli_math.rotations import quat_from_euler
-from heli_parameters.parameters import ParameterError
+from heli_flight.fly import FinishedFlight, print_end
+from heli_flight.record import FlightRecord
+from heli_flight.result import Result
+from heli_flight.scenario import Gear, ground_figures
+from heli_flight.scoring import Figures
+from heli_flight.settings import resolve
 
 N = 2000
 STOOD, LIFTED, DOWN = 0.24, 500, 1500
@@ -47,7 +47,7 @@ def record():
 
 def gear():
     plant = resolve("takeoff_land").nodes["plant"]
-    return Gear(PlantConfig.from_parameters(plant).kernel.aircraft.ground, 10.0)
+    return Gear(PlantConfig.from_parameters(plant).params.aircraft.ground, 10.0)
 
 
 def test_each_figure_is_what_was_built_in():
@@ -90,7 +90,7 @@ def test_what_was_missed_on_the_ground_is_named_at_the_end(capsys, tmp_path):
     slid = record()
     slid = replace(slid, truth_pos_ned_m=slid.truth_pos_ned_m * [1.0, 3.0, 1.0])
     result = Result(Figures(ground=ground_figures(slid, gear())), "", 20.0, 1.0)
-    print_end(Outcome(resolve("takeoff_land"), result, tmp_path), Console(width=200))
+    print_end(FinishedFlight(resolve("takeoff_land"), result, tmp_path), Console(width=200))
     assert capsys.readouterr().out.splitlines()[2:] == [
         "outside the goals on the ground: skid after the touch-down"
     ]

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from heli_bags.recorder import BagRecorder
-from heli_flight.studies.identify.data import BagDataError, experiment_of_bag
-from heli_flight.studies.identify.parameter_table import Given, read_given
+from heli_bags.writer import BagRecorder
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.messages import CHANNELS, Encoder
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.messages import Encoder
+from heli_studies.identify import BagDataError, Given, experiment_of_bag, read_given
 
 GIVEN = Given({}, period_s=0.5, start_s=1.0, periods=4, source="test")
 NEEDED = (topics.ODOM, topics.IMU, topics.ACTUATORS, topics.EXCITATION_ACTUATORS)

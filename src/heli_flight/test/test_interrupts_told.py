@@ -10,25 +10,25 @@ from types import SimpleNamespace
 import pytest
 
 from heli_flight import interrupts
-from heli_flight.graph import ros_session
+from heli_flight.graph import nodes
 
 
 def test_a_failure_after_a_swallowed_interrupt_is_the_interrupt(monkeypatch):
     monkeypatch.setattr(interrupts, "_seen", True)
-    with pytest.raises(KeyboardInterrupt), interrupts.told():
+    with pytest.raises(KeyboardInterrupt), interrupts.interrupts_reported():
         raise ValueError("Invalid bounding box")
 
 
 def test_a_failure_of_its_own_stays_what_it_is(monkeypatch):
     monkeypatch.setattr(interrupts, "_seen", False)
-    with pytest.raises(ValueError, match="too long"), interrupts.told():
+    with pytest.raises(ValueError, match="too long"), interrupts.interrupts_reported():
         raise ValueError("too long")
 
 
 def test_what_does_not_fail_stands(monkeypatch):
     """The result of a command that has ended is there, interrupted or not."""
     monkeypatch.setattr(interrupts, "_seen", True)
-    with interrupts.told():
+    with interrupts.interrupts_reported():
         done = True
     assert done
 
@@ -98,10 +98,10 @@ def test_a_ctrl_c_that_rclpy_dropped_is_one_all_the_same(monkeypatch, seen, come
     """Its C++ then fails to convert an argument; seen once, in `heli echo`."""
     ended = SimpleNamespace(ok=lambda: False)
     node = SimpleNamespace(destroy_node=lambda: None, context=ended)
-    monkeypatch.setattr(ros_session, "check_middleware", lambda: None)
-    monkeypatch.setattr(ros_session, "Node", lambda *_, **__: node)
-    monkeypatch.setattr(ros_session.rclpy, "init", lambda **_: None)
-    monkeypatch.setattr(ros_session.rclpy, "try_shutdown", lambda: None)
+    monkeypatch.setattr(nodes, "check_middleware", lambda: None)
+    monkeypatch.setattr(nodes, "Node", lambda *_, **__: node)
+    monkeypatch.setattr(nodes.rclpy, "init", lambda **_: None)
+    monkeypatch.setattr(nodes.rclpy, "try_shutdown", lambda: None)
     monkeypatch.setattr(interrupts, "_seen", seen)
-    with pytest.raises(comes), ros_session.ros_node("listener"):
+    with pytest.raises(comes), nodes.ros_node("listener"):
         raise RuntimeError("Unable to convert call argument '0' to Python object")

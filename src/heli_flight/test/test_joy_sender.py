@@ -3,9 +3,9 @@
 
 import pytest
 
-from heli_flight.errors import BrokenFlightError
-from heli_flight.graph.joy_sender import in_words, send
-from heli_sticks import DeviceError, Reading
+from heli_core.errors import BrokenFlightError
+from heli_flight.graph.nodes import in_words, send
+from heli_outer_pd import DeviceError, Reading
 
 
 class Scripted:

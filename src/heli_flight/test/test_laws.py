@@ -6,18 +6,16 @@ import pytest
 from scipy.linalg import block_diag, solve_continuous_are
 from scipy.signal import lsim
 
+from heli_core.rcl_yaml import ParameterError, read
+from heli_core.rotations import euler_from_quat, wrap_pi
+from heli_core.rows import MEASURED as M
+from heli_core.rows import REFERENCE
+from heli_core.rows import UNMEASURED as U
 from heli_flight.cli.app import main
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.laws import LAWS
-from heli_flight.loop.settings import resolve
-from heli_math.rotations import euler_from_quat, wrap_pi
-from heli_math.rows import REFERENCE
-from heli_math.state_names import MEASURED as M
-from heli_math.state_names import UNMEASURED as U
-from heli_outer_pd.config import outer_kernel
-from heli_outer_pd.thrust_map import thrust_for_collective
-from heli_parameters.parameters import ParameterError
-from heli_parameters.rcl_yaml import read
+from heli_flight.loop import simulate
+from heli_flight.settings import LAWS, resolve
+from heli_outer_pd.parameters import outer_params
+from heli_outer_pd.state import thrust_for_collective
 
 MEASURED, UNMEASURED = list(M), list(U)
 
@@ -76,7 +74,7 @@ def test_the_commands_are_those_of_eq_20_and_21(flown):
     due = slice(0, None, p["period_ticks"])
     np.testing.assert_allclose(record.setpoint[due, :2], np.column_stack(wanted)[due], atol=1e-12)
     # The thrust of eq. (20), from the collective that flew, by the rotor's map read the other way.
-    k = outer_kernel(p)
+    k = outer_params(p)
     trim = k.mass * k.g / np.cos(p["trim.phi"]) / np.cos(p["trim.theta"])
     thrust = p["mass"] * (p["gravity"] - error[:, 2]) / np.cos(phi) / np.cos(theta)
     thrust = np.clip(thrust, *(p["mass"] * p["gravity"] * np.asarray(p["thrust_limits"])))

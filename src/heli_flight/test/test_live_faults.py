@@ -5,14 +5,19 @@ import math
 
 import pytest
 
-from heli_dynamics_sim.fault_table import WHAT as PLANTS_WHAT
-from heli_dynamics_sim.fault_table import begun, faults_of
-from heli_dynamics_sim.faults import KINDS
-from heli_flight.graph.fault_setter import fault_text
-from heli_live_view.faults import WHAT, judge_fault, listed, with_fault
-from heli_live_view.plan import CommandError, Limits
+from heli_dynamics_sim.faults import KINDS, begun, faults_of
+from heli_dynamics_sim.faults import WHAT as PLANTS_WHAT
+from heli_flight.graph.nodes import fault_text
+from heli_live_view.commands import (
+    WHAT,
+    CommandError,
+    CommandLimits,
+    judge_fault,
+    listed,
+    with_fault,
+)
 
-LIMITS = Limits(2.0, 100.0, 100.0, 2.0, 1.0, 10.0, 10.0, 20.0)
+LIMITS = CommandLimits(2.0, 100.0, 100.0, 2.0, 1.0, 10.0, 10.0, 20.0)
 OFFERED = [(what, kind) for what, kinds in WHAT.items() for kind in kinds]
 
 

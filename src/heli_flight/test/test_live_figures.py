@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from heli_core.rotations import quat_to_R_nb
+from heli_core.rows import NAV, PLANT
+from heli_core.ticks import TICK_NS
 from heli_flight.graph.live import LiveOrder, live_view
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_live_view.live_state import LiveState
-from heli_live_view.parameter_table import BOUNDS
-from heli_math.rotations import quat_to_R_nb
-from heli_math.rows import NAV, PLANT
-from heli_math.ticks import TICK_NS
+from heli_flight.loop import simulate
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
+from heli_live_view.parameters import BOUNDS
+from heli_live_view.state import LiveState
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_OFFSET
 

@@ -6,8 +6,8 @@ import dataclasses
 import pytest
 from numba.core.runtime import _nrt_python
 
-from heli_flight.loop.closed_loop import build, fly_loop
-from heli_flight.loop.settings import resolve
+from heli_flight.loop import build, fly_loop
+from heli_flight.settings import resolve
 
 
 def _allocated(settings):

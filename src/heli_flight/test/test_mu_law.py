@@ -7,15 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.design.mu_law import N_PARAMETERS, MuWeights, mu_plant
-from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.as_flown import flown_plant
+from heli_core.errors import RobustCause, RobustError
+from heli_core.rows import MEASURED, NINE
+from heli_core.ticks import TICK_S
+from heli_flight.settings import resolve
+from heli_inner_hinf.controller_state import Actuation
 from heli_inner_hinf.design import AttitudeConfig
-from heli_math.rows import NINE
-from heli_math.state_names import MEASURED
-from heli_math.ticks import TICK_S
-from heli_robust.errors import Cause, RobustError
+from heli_inner_hinf.loops import flown_plant
+from heli_studies.design.rivals import N_PARAMETERS, MuWeights, mu_plant
 
 SCRIPT = Path(__file__).resolve().parents[3] / "scripts/write_mu_law.py"
 
@@ -127,7 +126,9 @@ def test_what_is_shipped_is_what_the_iteration_yields(script, monkeypatch, capsy
 
 def test_an_iteration_that_finds_no_law_is_said(script, monkeypatch, tmp_path, capsys):
     def refuses(config, weights):
-        raise RobustError(Cause.NOT_CONVERGED, "D-K iteration: mu of the first law is not finite")
+        raise RobustError(
+            RobustCause.NOT_CONVERGED, "D-K iteration: mu of the first law is not finite"
+        )
 
     monkeypatch.setattr(script, "mu_design", refuses)
     monkeypatch.setattr(script.sys, "argv", ["write_mu_law.py", str(tmp_path / "mu.yaml")])

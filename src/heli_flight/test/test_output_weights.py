@@ -4,19 +4,12 @@
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.design.attitude import (
-    beyond_the_box,
-    output_family,
-    searched_output,
-    yardstick,
-)
-from heli_flight.studies.robust.aircraft import AircraftSet
-from heli_flight.studies.robust.loop import exact, feedback_flown
-from heli_flight.studies.robust.parameter_table import read_ranges
-from heli_inner_hinf.actuation import Actuation
-from heli_robust.uncertain import Uncertain
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_flight.settings import resolve
+from heli_inner_hinf.controller_state import Actuation
+from heli_inner_hinf.robust.uncertain import Uncertain
+from heli_studies.design.make import beyond_the_box, output_family, searched_output, yardstick
+from heli_studies.robust import AircraftSet, exact, feedback_flown, read_ranges
 
 SETTINGS = resolve(laws="hinf_output")
 INNER = SETTINGS.nodes["inner_loop"]

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import Figures
-from heli_flight.loop.settings import resolve
-from heli_flight.report import write_report
-from heli_flight.report.chart import Chart, Panel, Trace
+from heli_flight.loop import simulate
+from heli_flight.report.data import Chart, Panel, Trace
 from heli_flight.report.page import Head, filled
-from heli_flight.report.tables import Table
+from heli_flight.report.tables import ReportTable
+from heli_flight.report.write import write_report
+from heli_flight.result import Result
+from heli_flight.scoring import Figures
+from heli_flight.settings import resolve
 
 PAGE = Path(__file__).resolve().parents[1] / "heli_flight/report/page"
 _LOADING = {"src", "href", "action", "formaction", "data", "poster", "srcset", "background", "ping"}
@@ -105,7 +105,7 @@ def test_an_identifications_report_and_what_is_written_into_it_is_text():
     head = Head(wild, wild, wild, [("✓", "good", wild)], [(wild, wild)], {"result": wild})
     trace = Trace(np.arange(3.0), np.arange(3.0), wild, "nav")
     chart = Chart("key", wild, wild, [Panel(wild, [trace], note=wild)], "actuators")
-    table = Table([wild], [[wild, wild]], wild)
+    table = ReportTable([wild], [[wild, wild]], wild)
     text = filled(
         "identification.html", head, [chart], definition=wild, groups={wild: table}, zeros=[wild],
         ground=table, not_simulated=[wild],

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.plant import PlantConfig
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.compare import robustness
-from heli_flight.studies.compare.laws import LAWS, parse_laws, with_law
-from heli_flight.studies.compare.robustness import SPREAD, TOGETHER, perturbed
-from heli_parameters.parameters import ParameterError
+from heli_core.rcl_yaml import ParameterError
+from heli_dynamics_sim.config import PlantConfig
+from heli_flight.settings import resolve
+from heli_studies import compare as robustness
+from heli_studies.compare import LAWS, SPREAD, TOGETHER, parse_laws, perturbed, with_law
 
 RANDOM = (
     "inertia_xx_kgm2",
@@ -62,7 +61,7 @@ def test_delay_and_servo(nominal):
 def test_a_law_that_cannot_hold_it_loses_it(settings):
     """A law whose sign is wrong: its aircraft counts as not kept and does not stop the rest."""
     laws = parse_laws("hinf,pid")
-    good = robustness.Campaign(settings, laws)
+    good = robustness.RobustnessSetup(settings, laws)
     good.kernels["pid"] = good.kernels["pid"]._replace(
         K_P=-good.kernels["pid"].K_P, K_D=-good.kernels["pid"].K_D
     )

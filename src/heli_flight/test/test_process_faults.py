@@ -10,16 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from heli_core.errors import FlightError
+from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli.app import main
-from heli_flight.errors import FlightError
-from heli_flight.graph.process_faults import ProcessFaults
+from heli_flight.flight_file import fault_overrides, flown_faults, read_faults, write_parameters
+from heli_flight.graph.flight import ProcessFaults
 from heli_flight.graph.respawn import MOST, WITHIN_S, Respawn
-from heli_flight.loop.fault_file import fault_overrides, flown_faults, read_faults
-from heli_flight.loop.flight_file import write_parameters
-from heli_flight.loop.process_fault import ProcessFault, process_faults_of
-from heli_flight.loop.settings import resolve
-from heli_msgs_bridge.memory import FOLDER, Restarts
-from heli_parameters.parameters import ParameterError
+from heli_flight.settings import ProcessFault, process_faults_of, resolve
+from heli_msgs_bridge.handover import FOLDER, Restarts
 
 FILE = """\
 faults:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from heli_flight.errors import StartError
+from heli_core.errors import StartError
 from heli_flight.graph import flight, processes
 
 MODULES = {

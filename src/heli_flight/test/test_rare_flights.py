@@ -5,16 +5,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.studies.dispersion import row as rows
-from heli_flight.studies.dispersion.again import write_again
-from heli_flight.studies.dispersion.cluster import fly_here
-from heli_flight.studies.dispersion.row import fly_rows
-from heli_flight.studies.dispersion.spec import spec_of
-from heli_flight.studies.dispersion.store import Store
-from heli_flight.studies.rare.flights import Flights, asked_of
-from heli_flight.studies.rare.points import LAST_SEED, Points, check_reach
-from heli_parameters.parameters import ParameterError
+from heli_core.rcl_yaml import ParameterError
+from heli_flight.loop import simulate
+from heli_studies.campaign import spec as rows
+from heli_studies.campaign.rare import LAST_SEED, Flights, Points, asked_of, check_reach
+from heli_studies.campaign.run import Store, fly_here
+from heli_studies.campaign.spec import fly_rows, spec_of, write_rerun_files
 
 TEXT = """flights: 1
 world: paper
@@ -71,8 +67,8 @@ def test_a_value_is_the_metric_of_the_flight_that_flies_again(spec, tmp_path):
     assert table["flight"].to_pylist() == list(range(5)) and set(table["level"].to_pylist()) == {3}
     assert table[f"max.{NAME}"].to_pylist() == [*first, *last]
     points, values = flights.all()
-    (path,) = write_again(points, [4], tmp_path / "worst")
-    from heli_flight.loop.settings import resolve
+    (path,) = write_rerun_files(points, [4], tmp_path / "worst")
+    from heli_flight.settings import resolve
 
     settings = resolve(params=[path])
     assert settings.seed == table["seed"].to_pylist()[4]
@@ -88,9 +84,9 @@ def flown(spec, numbers, lost=()):
     for number in numbers:
         row = rows._begun(spec, number)
         if number in lost:
-            found.append(row | rows._end(rows.Cause.LOST, "It fell."))
+            found.append(row | rows._end(rows.FlightEnding.LOST, "It fell."))
         else:
-            row |= rows._end(rows.Cause.FLOWN, "", 0)
+            row |= rows._end(rows.FlightEnding.FLOWN, "", 0)
             found.append(row | {f"max.{NAME}": row["in.plant.scale.mass"]})
     return found
 
@@ -130,7 +126,7 @@ def test_a_flight_that_throws_is_beyond(spec, monkeypatch):
     monkeypatch.setattr(rows, "simulate", fly)
     flights = Flights(spec, asked_of(spec, NAME), lambda rows: None)
     assert flights(np.zeros((1, 4))).tolist() == [np.inf] and flights.causes == {"threw": 1}
-    assert fly_here.__module__.endswith("cluster") and fly_rows(spec, [0])[0]["cause"] == "threw"
+    assert fly_here.__module__.endswith("run") and fly_rows(spec, [0])[0]["cause"] == "threw"
 
 
 def test_a_metric_is_known_before_anything_flies(spec, tmp_path):

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from heli_flight.studies.rare.subset import (
-    Ended,
-    _descent_cov,
-    _share_cov,
-    subset_simulation,
-)
+from heli_studies.campaign.rare import Ended, _descent_cov, _share_cov, subset_simulation
 
 PER_LEVEL, MOST = 1000, 20_000
 

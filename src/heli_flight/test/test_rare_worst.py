@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from heli_flight.studies.rare.worst import at_random, by_cma
+from heli_studies.campaign.rare import at_random, by_cma
 
 REACH, MOST = 3.0, 300
 SLOPES = np.array([1.0, -2.0, 0.5, 3.0, 0.1])

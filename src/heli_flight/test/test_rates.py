@@ -4,17 +4,17 @@
 import numpy as np
 import pytest
 
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rows import ACTUATOR, MEAS, PLANT
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NOISE
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import score
-from heli_flight.loop.settings import resolve
-from heli_inner_hinf.as_flown import flown_plant
-from heli_inner_hinf.design import AttitudeConfig, attitude_kernel
-from heli_math.rows import ACTUATOR, MEAS, PLANT
+from heli_flight.loop import simulate
+from heli_flight.result import Result
+from heli_flight.scoring import score
+from heli_flight.settings import resolve
+from heli_inner_hinf.design import AttitudeConfig, attitude_params
+from heli_inner_hinf.loops import flown_plant
 from heli_observer.observer import ObserverConfig
-from heli_parameters.parameters import ParameterError
 
 SLOW, FAST = 100, 400
 FOLD = FAST // SLOW
@@ -25,7 +25,7 @@ def flown_by_hand(rate_hz, seconds):
     still = {"wind.turbulence": False, "wind.profile_speed_mps": [0.0] * 3}
     settings = resolve("hover", "rtk", 1, rate_hz=rate_hz, overrides={"plant": still})
     config = plant.PlantConfig.from_parameters(settings.nodes["plant"])
-    state, k, y = plant.initial_state(config, 1), config.kernel, np.zeros(MEAS.size)
+    state, k, y = plant.initial_state(config, 1), config.params, np.zeros(MEAS.size)
     u, fold, fixes = state.pilot[1:].copy(), rate_hz // SLOW, []
     for tick in range(seconds * rate_hz):
         plant.measure(state, tick, np.zeros(NOISE.size), k, y)
@@ -48,7 +48,7 @@ def test_the_plant_of_shorter_ticks_flies_the_same_way():
 
 def test_noise_keeps_its_density_and_walks_their_speed():
     slow, fast = (
-        plant.PlantConfig.from_parameters(resolve(rate_hz=hz).nodes["plant"]).kernel.sensors
+        plant.PlantConfig.from_parameters(resolve(rate_hz=hz).nodes["plant"]).params.sensors
         for hz in (SLOW, FAST)
     )
     assert fast.imu.gyro_white**2 / FAST == pytest.approx(slow.imu.gyro_white**2 / SLOW)
@@ -60,7 +60,7 @@ def test_noise_keeps_its_density_and_walks_their_speed():
 def test_observer_and_plant_of_the_law_are_discretised_for_their_ticks():
     """Four steps of 2.5 ms with held input are one of 10 ms."""
     nodes = [resolve(rate_hz=hz).nodes for hz in (SLOW, FAST)]
-    slow, fast = (ObserverConfig(own["observer"]).kernel for own in nodes)
+    slow, fast = (ObserverConfig(own["observer"]).params for own in nodes)
     Phi = np.linalg.matrix_power(fast.rotor.Phi, FOLD)
     np.testing.assert_allclose(Phi, slow.rotor.Phi, atol=1e-12)
     held = sum(np.linalg.matrix_power(fast.rotor.Phi, i) @ fast.rotor.Gu for i in range(FOLD))
@@ -126,6 +126,6 @@ def test_what_does_not_fit_is_refused_in_one_sentence(arguments, words):
 
 
 def test_a_kernel_of_one_rate_is_not_taken_for_another():
-    slow, fast = (attitude_kernel(resolve(rate_hz=hz).nodes["inner_loop"]) for hz in (SLOW, FAST))
+    slow, fast = (attitude_params(resolve(rate_hz=hz).nodes["inner_loop"]) for hz in (SLOW, FAST))
     assert (slow.tick_s, fast.tick_s) == (0.01, 0.0025)
     assert fast.law.A.shape[0] == slow.law.A.shape[0] + 3 * (FOLD - 1)

@@ -7,21 +7,33 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import Remark
-from heli_dynamics_sim.fault_log import FaultLog
-from heli_dynamics_sim.fault_table import Fault
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import Figures
-from heli_flight.loop.settings import resolve
-from heli_flight.report.bands import bands_beside, bands_of, legend, runs, stretch
-from heli_flight.report.chart import Band, Chart, Panel, Trace, with_bands
-from heli_flight.report.data import Event, Report, Rival
+from heli_dynamics_sim.faults import Fault, FaultLog
+from heli_flight.loop import simulate
+from heli_flight.report.charts import paper_charts, timeline_charts
+from heli_flight.report.data import (
+    Band,
+    Chart,
+    DiagnosticEvent,
+    Panel,
+    Report,
+    Rival,
+    Trace,
+    bands_beside,
+    bands_of,
+    legend,
+    runs,
+    stretch,
+    with_bands,
+)
 from heli_flight.report.figures import draw
 from heli_flight.report.page import render
-from heli_flight.report.paper_charts import paper_charts
-from heli_flight.report.plotly_json import page_data
-from heli_flight.report.system_charts import timeline_charts
+from heli_flight.report.plotly import page_data
 from heli_flight.report.tables import band_table
+from heli_flight.result import Result
+from heli_flight.scoring import Figures
+from heli_flight.settings import resolve
+
+Event = DiagnosticEvent
 
 FAULTS = (
     "{what: gps, kind: loss, start_s: 2, duration_s: 3}",

@@ -11,29 +11,31 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import Remark
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import METRICS, SOURCE_NAMES, WHOLE, WINDOWS, Figures, score
-from heli_flight.loop.settings import resolve
-from heli_flight.report import Event, write_report
-from heli_flight.report.chart import (
+from heli_core.metrics import METRICS
+from heli_flight.loop import simulate
+from heli_flight.report.charts import flight_charts, paper_charts, timeline_charts
+from heli_flight.report.data import (
     MAX_POINTS,
     PALETTE,
     Chart,
+    DiagnosticEvent,
     Panel,
+    Report,
     Trace,
     envelope,
+    events_of,
     limits,
     thinned,
     unit_of,
 )
-from heli_flight.report.data import Report, events_of
 from heli_flight.report.figures import draw
 from heli_flight.report.page import render
-from heli_flight.report.paper_charts import paper_charts
-from heli_flight.report.plotly_json import figure, with_indices
-from heli_flight.report.system_charts import flight_charts, timeline_charts
+from heli_flight.report.plotly import figure, with_indices
 from heli_flight.report.tables import result_tables
+from heli_flight.report.write import write_report
+from heli_flight.result import Result
+from heli_flight.scoring import SOURCE_NAMES, WHOLE, WINDOWS, Figures, score
+from heli_flight.settings import resolve
 
 
 @pytest.mark.parametrize("n", [1, 100, 2401, 60_000, 1_000_003])
@@ -251,7 +253,10 @@ def test_health_is_told_when_it_changes():
         return Remark(1_000_000_000 * (1 + second), "observer", level, message, {})
 
     events = events_of([said(0, 0, "ok"), said(1, 0, "ok"), said(2, 1, "late")], settings)
-    assert events == [Event(0.0, "observer", 0, "ok"), Event(2.0, "observer", 1, "late")]
+    assert events == [
+        DiagnosticEvent(0.0, "observer", 0, "ok"),
+        DiagnosticEvent(2.0, "observer", 1, "late"),
+    ]
 
 
 def test_a_flight_that_ends_at_once_still_gets_a_report(tmp_path):

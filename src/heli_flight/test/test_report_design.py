@@ -4,11 +4,9 @@
 import numpy as np
 import pytest
 
-from heli_flight.loop.laws import LAWS
-from heli_flight.loop.settings import resolve
-from heli_flight.report.design import flown_design
-from heli_flight.report.system_charts import design_charts
+from heli_flight.report.charts import design_charts, flown_design
 from heli_flight.report.tables import margin_table
+from heli_flight.settings import LAWS, resolve
 
 
 def _told(law: str):

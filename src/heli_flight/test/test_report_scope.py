@@ -6,10 +6,10 @@ import pytest
 
 from heli_dynamics_sim.config import PlantConfig
 from heli_dynamics_sim.wind import mean_speed
-from heli_flight.loop.result import mean_wind
-from heli_flight.loop.settings import resolve
-from heli_flight.report.system_charts import _mean_wind_mps
-from heli_flight.report.words import scope
+from heli_flight.report.charts import _mean_wind_mps
+from heli_flight.report.tables import scope
+from heli_flight.result import mean_wind
+from heli_flight.settings import resolve
 
 
 def test_in_the_papers_world_what_its_model_lacks_is_said():

@@ -8,29 +8,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.plant import PlantConfig
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.flight_file import write_parameters
-from heli_flight.loop.record_file import write_record
-from heli_flight.loop.result import Result
-from heli_flight.loop.scoring import Figures
-from heli_flight.loop.settings import resolve
-from heli_flight.report import recorded, report_of
+from heli_core.ticks import TICK_S
+from heli_dynamics_sim.config import PlantConfig
+from heli_flight.flight_file import write_parameters
+from heli_flight.loop import simulate
+from heli_flight.record import write_record
+from heli_flight.report.charts import flown_design
 from heli_flight.report.data import Report
-from heli_flight.report.design import flown_design
-from heli_flight.report.spectrum import LEAST_SAMPLES, even, folded, spectrum
-from heli_flight.report.spectrum_charts import (
+from heli_flight.report.spectra import (
+    LEAST_SAMPLES,
+    even,
+    folded,
     loop_tables,
     rotor_lines,
     spectra_of,
+    spectrum,
     spectrum_charts,
     spectrum_table,
 )
-from heli_flight.studies.design.outer import position_loop
-from heli_inner_hinf.actuation import Actuation, ObserverInput
-from heli_inner_hinf.analysis import loops_of, model_of
+from heli_flight.report.write import recorded, report_of
+from heli_flight.result import Result
+from heli_flight.scoring import Figures
+from heli_flight.settings import resolve
+from heli_inner_hinf.controller_state import Actuation, ObserverInput
 from heli_inner_hinf.design import AttitudeConfig
-from heli_math.ticks import TICK_S
+from heli_inner_hinf.tuning import loops_of, model_of
+from heli_studies.design.make import position_loop
 
 RATE_HZ = 100.0
 SEED = 3

@@ -5,10 +5,11 @@ import json
 
 import numpy as np
 
-from heli_dynamics_sim.plant import PlantConfig, initial_state
-from heli_flight.loop.result import Result, conditions, random_gusts, write_result
-from heli_flight.loop.scoring import Figures
-from heli_flight.loop.settings import resolve
+from heli_dynamics_sim.config import PlantConfig
+from heli_dynamics_sim.plant import initial_state
+from heli_flight.result import Result, conditions, random_gusts, write_result
+from heli_flight.scoring import Figures
+from heli_flight.settings import resolve
 
 GUSTY = {
     "wind.profile": "log",

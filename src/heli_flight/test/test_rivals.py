@@ -4,14 +4,14 @@
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.compare.flown import loop_as_flown
-from heli_flight.studies.design import rivals
-from heli_flight.studies.design.attitude import yardstick
-from heli_inner_hinf.as_flown import linear_law_of
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_flight.settings import resolve
+from heli_inner_hinf.controller_state import N_V
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.output_law import N_V
+from heli_inner_hinf.loops import linear_law_of
+from heli_studies.compare import loop_as_flown
+from heli_studies.design import rivals
+from heli_studies.design.make import yardstick
 
 PLANT = resolve().nodes["plant"]
 
@@ -24,7 +24,7 @@ def flown(controller):
 def law_of(nodes, **changes):
     """The inner loop's law as it flies, behind the observer if it has one; A, B, C, D."""
     inner = {**nodes["inner_loop"], **changes, "margin_floor": 0.0}
-    law = linear_law_of(AttitudeConfig.from_parameters(inner).kernel)
+    law = linear_law_of(AttitudeConfig.from_parameters(inner).params)
     if law is not None:
         return law[:4]
     own = loop_as_flown({**nodes, "inner_loop": inner}).controller

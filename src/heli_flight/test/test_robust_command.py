@@ -8,33 +8,37 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_dynamics_sim.linearize import linearize
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_dynamics_sim.trim import trim
+from heli_core.linear import with_servos
+from heli_core.rcl_yaml import ParameterError
+from heli_core.ticks import TICK_S
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_dynamics_sim.trim import linearize, trim
 from heli_flight.cli.app import main
-from heli_flight.loop.settings import Settings, resolve
-from heli_flight.studies.compare.flown import margins_as_flown
-from heli_flight.studies.robust.aircraft import AircraftSet, aircraft_set, linear
-from heli_flight.studies.robust.fly import growth_in_flight
-from heli_flight.studies.robust.loop import (
+from heli_flight.settings import Settings, resolve
+from heli_inner_hinf.controller_state import Actuation
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.loops import Assessment, judge
+from heli_inner_hinf.robust.sampled_norm import HeldPlant, SampledLaw, sampled_norm
+from heli_inner_hinf.robust.uncertain import Range
+from heli_inner_hinf.robust.worst_case import UncertainFamily
+from heli_studies.compare import margins_as_flown
+from heli_studies.robust import (
+    AircraftRanges,
+    AircraftSet,
+    Proof,
+    aircraft_set,
+    as_dict,
     disks_at_input,
     disks_at_output,
     exact,
     feedback_flown,
+    growth_in_flight,
+    linear,
+    prove,
+    read_ranges,
     uncertain_loop,
     wind_to_h,
 )
-from heli_flight.studies.robust.parameter_table import AircraftRanges, read_ranges
-from heli_flight.studies.robust.prove import Proof, as_dict, prove
-from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.as_flown import Judgement, judge
-from heli_inner_hinf.design import AttitudeConfig
-from heli_math.linear_systems import with_servos
-from heli_math.ticks import TICK_S
-from heli_parameters.parameters import ParameterError
-from heli_robust.lifting import HeldPlant, SampledLaw, sampled_norm
-from heli_robust.uncertain import Range
-from heli_robust.worst_case import Family
 
 NAMES = ("inertia_yy", "rotor_stiffness", "flapping")
 
@@ -77,7 +81,7 @@ def test_loop_in_the_plane_is_the_sampled_loop(
 ) -> None:
     """The stability margin of the rational loop and of the exactly sampled one, within 1 %."""
     law = feedback_flown(settings)
-    onset = Family(uncertain_loop(aircraft, law, ticks)).onset(3.0)
+    onset = UncertainFamily(uncertain_loop(aircraft, law, ticks)).onset(3.0)
     assert onset.size < 3.0
 
     def growth(factor: float) -> float:
@@ -111,7 +115,7 @@ def test_bounds_of_the_margin_meet(settings: Settings) -> None:
         assert margin == pytest.approx(1.0 / proof.disks[at].lower, rel=0.03)
 
 
-def judged(proof: Proof, deltas: Mapping[str, float]) -> Judgement:
+def judged(proof: Proof, deltas: Mapping[str, float]) -> Assessment:
     """Disk margins of one aircraft, linearised anew, its loop sampled exactly; 2 ticks of delay."""
     own = proof.aircraft.aircraft
     lag = Actuation(own.servo_bandwidth_radps, own.servo_damping, 2 * TICK_S)
@@ -156,7 +160,7 @@ def test_worst_aircraft_flown_loses_it_where_the_linear_one_does(
 ) -> None:
     """Nonlinear simulation, 5 % below and above the onset; above, it grows as fast."""
     law = feedback_flown(settings)
-    onset = Family(uncertain_loop(aircraft, law, 1)).onset(3.0)
+    onset = UncertainFamily(uncertain_loop(aircraft, law, 1)).onset(3.0)
     for factor, sign in ((0.95, -1.0), (1.05, 1.0)):
         deltas = {name: factor * delta for name, delta in onset.deltas.items()}
         flown = growth_in_flight(settings, aircraft, deltas, 1, onset.frequency_radps)

@@ -6,10 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from heli_flight.loop.record import FlightRecord
-from heli_flight.loop.result import EXIT_INSIDE, EXIT_OUTSIDE, Result
-from heli_flight.loop.scenario import TABLE, Scenario
-from heli_flight.loop.scoring import (
+from heli_core.command_line import config_folder
+from heli_core.metrics import heading_frame
+from heli_core.parameters import load
+from heli_core.rotations import quat_from_euler
+from heli_flight.record import FlightRecord
+from heli_flight.result import EXIT_INSIDE, EXIT_OUTSIDE, Result
+from heli_flight.scenario import TABLE, Scenario
+from heli_flight.scoring import (
     DECIDES,
     TRUTH_LESS_DRIFT,
     WHOLE,
@@ -19,10 +23,6 @@ from heli_flight.loop.scoring import (
     score,
     sources_of,
 )
-from heli_math.paper_metrics import heading_frame
-from heli_math.rotations import quat_from_euler
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
 
 
 def scenario(name="hover"):

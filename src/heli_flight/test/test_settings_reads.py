@@ -8,7 +8,7 @@ import sys
 # An audit hook sees every open() whatever calls it, and stays: so in a process of its own.
 COUNT = """
 import collections, json, sys
-from heli_flight.loop.settings import resolve
+from heli_flight.settings import resolve
 
 params, opened = sys.argv[1:], collections.Counter()
 resolve(params=params)  # imports what it needs, and their files

@@ -5,7 +5,7 @@ import fcntl
 
 import pytest
 
-from heli_flight.graph.shared_memory import remove_left
+from heli_flight.graph.respawn import remove_left
 
 LONG_AFTER_S = 1e12
 DEAD, ALIVE = "fastrtps_00000000000000aa", "fastrtps_00000000000000bb"

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from heli_flight.loop.result import Result, print_table
-from heli_flight.loop.scoring import METRICS, SOURCES, Figures, Score
-from heli_flight.loop.settings import resolve
-from heli_flight.studies import campaign
-from heli_flight.studies.compare.attitude import AttitudeFlight, Comparison, print_comparison
-from heli_flight.studies.compare.laws import LAWS
-from heli_flight.studies.compare.robustness import PERTURBATIONS, Outcome, print_outcomes
-from heli_flight.studies.design.make import aircraft_basis, design_of
-from heli_flight.studies.design.report import print_design
+from heli_core.metrics import METRICS
+from heli_flight.result import Result, print_table
+from heli_flight.scoring import SOURCES, Figures, Score
+from heli_flight.settings import resolve
 from heli_flight.terminal import table
+from heli_studies.campaign import run
+from heli_studies.compare import LAWS, PERTURBATIONS, PerturbedFlight, print_outcomes
+from heli_studies.compare_flights import AttitudeComparison, AttitudeFlight, print_attitude
+from heli_studies.design.make import aircraft_basis, design_of
+from heli_studies.design.report import print_design
 
 WIDTHS = (60, 80, 100, 140, 250)
 
@@ -124,8 +124,8 @@ def test_without_a_mark_there_is_nothing_to_explain():
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_campaigns_table(width):
     result, _ = flown("rtk", 0.5, 2.63)
-    columns = {gps: [campaign.FlownSeed(1, result.figures, "")] for gps in ("standalone", "rtk")}
-    text = printed(width, lambda out: out.print(campaign.table(columns, "hover", out)))
+    columns = {gps: [run.FlownSeed(1, result.figures, "")] for gps in ("standalone", "rtk")}
+    text = printed(width, lambda out: out.print(run.seeds_table(columns, "hover", out)))
     assert text.count("1.71") == 2 and text.count("0.51") == 2
 
 
@@ -138,9 +138,11 @@ def test_the_comparisons_tables(width):
         for i, law in enumerate(laws)
         for source in ("navigation", "truth", "ideal")
     ]
-    result = Comparison(settings, laws, [1], flights=flights)
-    text = printed(width, lambda out: print_comparison(result, out))
+    result = AttitudeComparison(settings, laws, [1], flights=flights)
+    text = printed(width, lambda out: print_attitude(result, out))
     assert " ".join(text.split()).count("1.46 (0.03)") == 3 * len(laws)
-    outcomes = [Outcome(PERTURBATIONS[0].key, law.key, 7, 40, 3, 1.234, 5.678) for law in laws]
+    outcomes = [
+        PerturbedFlight(PERTURBATIONS[0].key, law.key, 7, 40, 3, 1.234, 5.678) for law in laws
+    ]
     text = printed(width, lambda out: print_outcomes(outcomes, laws, settings, out))
     assert " ".join(text.split()).count("17.5 % (1.23 / 5.68), 3 lost") == len(laws)

@@ -5,9 +5,9 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.lifecycle import TransitionCallbackReturn
 
+from heli_core.ticks import TICK_NS
 from heli_flight.graph.world_clock_node import WorldClockNode
-from heli_flight.loop.several import seed_of
-from heli_math.ticks import TICK_NS
+from heli_flight.settings import seed_of
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.messages import ClockEncoder
 

@@ -6,20 +6,20 @@ import statistics
 
 import pytest
 
+from evidence.experiments.worlds import worlds
+from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli.app import main
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.campaign import fly_seeds, parse_seeds
-from heli_flight.studies.compare import worlds as study
-from heli_flight.studies.results import tables_of_worlds
-from heli_parameters.parameters import ParameterError
+from heli_flight.settings import resolve
+from heli_studies import compare_flights as study
+from heli_studies.campaign.run import fly_seeds, parse_seeds
 
 SEEDS = (1, 2, 4)
 
 
 @pytest.fixture(scope="module")
 def content():
-    where = study.places(["paper", "hard"], ["standalone", "rtk"], duration_s=14.0)
-    return where, study.as_dict(where, study.compare(where, SEEDS))
+    where = study.world_places(["paper", "hard"], ["standalone", "rtk"], duration_s=14.0)
+    return where, study.worlds_as_dict(where, study.compare_worlds(where, SEEDS))
 
 
 def test_the_numbers_are_those_of_a_campaign(content):
@@ -39,18 +39,18 @@ def test_the_numbers_are_those_of_a_campaign(content):
 
 
 def test_a_lost_helicopter_is_counted_with_its_status(monkeypatch):
-    (place,) = study.places(["paper"], ["rtk"], duration_s=8.0)
+    (place,) = study.world_places(["paper"], ["rtk"], duration_s=8.0)
     heavy = {**place.settings.nodes["plant"], "scale.mass": 3.0}
     nodes = {**place.settings.nodes, "plant": heavy}
     object.__setattr__(place.settings, "nodes", nodes)
-    found = study.as_dict([place], study.compare([place], [1]))["places"][0]
+    found = study.worlds_as_dict([place], study.compare_worlds([place], [1]))["places"][0]
     (lost,) = found["lost"]
     assert lost["seed"] == 1 and lost["status"] in ("NO_TRIM", "HIT_GROUND")
     assert found["metrics"] == [] and found["exit_code_0"] == 0
 
 
 def test_winds_are_flown_one_by_one():
-    where = study.places(["honest"], ["rtk"], [2.0, 8.0])
+    where = study.world_places(["honest"], ["rtk"], [2.0, 8.0])
     assert [place.name for place in where] == ["honest, W20 2 m/s", "honest, W20 8 m/s"]
     assert [p.settings.nodes["plant"]["wind.w20_mps"] for p in where] == [2.0, 8.0]
 
@@ -79,7 +79,7 @@ def test_the_table_says_median_worst_and_how_many_are_inside(content):
     class Results(dict):
         read = {"worlds": {"command": "x --seeds 1..2,4 --json"}}
 
-    text = tables_of_worlds.worlds(Results(worlds=found))
+    text = worlds(Results(worlds=found))
     rows = [line for line in text.splitlines() if line.startswith("| lateral position error")]
     assert len(rows) == 2 and "whole flight" in rows[0]
     (row,) = [

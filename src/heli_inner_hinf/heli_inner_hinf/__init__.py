@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Attitude laws: H-infinity synthesis with its certificate, LQR, PID, and the proof of loops."""
 
-from heli_math.faces import face
+from heli_core.faces import face
 
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
-        "synthesis": ["Certificate", "Synthesis", "synthesize"],
-        "gamma_star": ["GammaStar"],
-        "errors": [
+        "heli_core.errors": [
             "CertificateError",
             "FeedforwardError",
             "InfeasibleGammaError",
@@ -19,23 +17,11 @@ __getattr__, __dir__, __all__ = face(
             "SynthesisError",
             "UnstableLoopError",
         ],
+        "controller_state": ["AttitudeStatus", "CONTROLLERS"],
         "design": ["AttitudeConfig", "LiveDesign", "UnknownControllerError"],
-        "law_state": ["CONTROLLERS", "AttitudeStatus"],
-        "pid_tuning": ["tune_pid"],
-        "observer_gain": ["choose_observer_gain"],
-        "margins": ["DiskMargin", "disk_margin"],
-        "system_norm": ["hinf_norm"],
+        "loops": ["DiskMargin", "disk_margin"],
+        "synthesis": ["Certificate", "GammaStar", "Synthesis", "hinf_norm", "synthesize"],
+        "tuning": ["choose_observer_gain", "tune_pid"],
     },
-    modules=[
-        "analysis",
-        "as_flown",
-        "attitude_law",
-        "attitude_search",
-        "gamma_star",
-        "loops",
-        "lqr",
-        "margins",
-        "output_law",
-        "weights",
-    ],
+    modules=["controller_state", "controllers", "loops", "robust", "synthesis", "tuning"],
 )

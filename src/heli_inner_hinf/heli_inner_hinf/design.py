@@ -1,42 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the inner loop's parameters to its kernel: the same judgement at start, on a change, in the
-command."""
+command.
+"""
 
 import math
 import pickle
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from heli_inner_hinf.actuation import Actuation, predicting_gains
-from heli_inner_hinf.as_flown import Judgement, feedback_of, judge
-from heli_inner_hinf.attitude_law import swap_bumpless
-from heli_inner_hinf.errors import MarginError, ShapeError, SynthesisError, UnstableLoopError
-from heli_inner_hinf.indi import IndiGains, indi_law
-from heli_inner_hinf.law_state import (
+from heli_core.errors import MarginError, ShapeError, SynthesisError, UnstableLoopError
+from heli_core.rows import ACTUATOR
+from heli_core.ticks import TICK_S, Rate
+from heli_inner_hinf.controller_state import (
     CONTROLLERS,
     LAST_R,
     LAST_X,
-    AttitudeKernel,
+    NO_LAW,
+    Actuation,
+    AttitudeParams,
+    OutputLaw,
     initial_law_state,
+    output_law,
+    predicting_gains,
+    rest_map,
 )
-from heli_inner_hinf.lqg import lqg_law
-from heli_inner_hinf.lqr import Lqr, lqr
+from heli_inner_hinf.controllers import swap_bumpless
+from heli_inner_hinf.loops import Assessment, feedback_of, judge
 from heli_inner_hinf.output_feedback import (
+    IndiGains,
     OutputSynthesis,
     OutputWeights,
     generalised_plant,
+    indi_law,
+    lqg_law,
     synthesize_output,
 )
-from heli_inner_hinf.output_law import NO_LAW, OutputLaw, output_law, rest_map
-from heli_inner_hinf.regular_form import Matrix
-from heli_inner_hinf.synthesis import Synthesis, synthesize
-from heli_inner_hinf.weights import checked, output_selector, weights
-from heli_math.rows import ACTUATOR
-from heli_math.ticks import TICK_S, Rate
+from heli_inner_hinf.synthesis import (
+    Lqr,
+    Matrix,
+    Synthesis,
+    checked,
+    lqr,
+    output_selector,
+    synthesize,
+    weights,
+)
+
+# -------------------------------------------------------------------------------------------------
+# Design.
+# -------------------------------------------------------------------------------------------------
 
 _OF_LINKS = ("link_faults", "link_seed")
 _FROM_HOVER = 0.1
@@ -49,7 +68,7 @@ class UnknownControllerError(SynthesisError):
 
 @dataclass(frozen=True, eq=False)
 class AttitudeConfig:
-    """A judged design: building one raises the named causes of `heli_inner_hinf.errors`.
+    """A judged design: building one raises the named causes of `heli_core.errors`.
 
     Attributes
     ----------
@@ -211,13 +230,13 @@ class AttitudeConfig:
         return lqr(self.A, self.B, self.E, self.C, self.D, output_selector())
 
     @cached_property
-    def kernel(self) -> AttitudeKernel:
+    def params(self) -> AttitudeParams:
         """Numbers for `attitude_law`."""
         gains = self.lqr if self.controller == "lqr" else self.synthesis
         F, H = predicting_gains(self.A, self.B, gains.F, self.prediction_s)
         tick_s = self.actuation.tick_s
         fade = math.exp(-tick_s / self.bumpless_time_s) if self.bumpless_time_s > 0.0 else 0.0
-        return AttitudeKernel(
+        return AttitudeParams(
             controller=CONTROLLERS[self.controller],
             F=np.ascontiguousarray(F),
             H=np.ascontiguousarray(H),
@@ -238,9 +257,9 @@ class AttitudeConfig:
         )
 
     @cached_property
-    def judgement(self) -> Judgement | None:
+    def judgement(self) -> Assessment | None:
         """The loop as flown; None for a kind of law whose linear form is not known."""
-        feedback = feedback_of(self.kernel)
+        feedback = feedback_of(self.params)
         return feedback and judge(self.A, self.B, feedback, self.actuation)
 
     def summary(self) -> dict[str, float | str]:
@@ -259,7 +278,7 @@ class AttitudeConfig:
         }
 
 
-def attitude_kernel(parameters: Mapping[str, Any]) -> AttitudeKernel:
+def attitude_params(parameters: Mapping[str, Any]) -> AttitudeParams:
     """Kernel of the inner loop's parameters; a judgement is made once per set of numbers.
 
     For who flies again and again: designing takes as long as a minute of flight. The arrays are
@@ -271,12 +290,12 @@ def attitude_kernel(parameters: Mapping[str, Any]) -> AttitudeKernel:
         As `AttitudeConfig.from_parameters`.
     """
     designed = {key: value for key, value in parameters.items() if key not in _OF_LINKS}
-    return _kernel_of(pickle.dumps(sorted(designed.items())))
+    return _params_of(pickle.dumps(sorted(designed.items())))
 
 
 @lru_cache(maxsize=8)
-def _kernel_of(pickled: bytes) -> AttitudeKernel:
-    return AttitudeConfig.from_parameters(dict(pickle.loads(pickled))).kernel
+def _params_of(pickled: bytes) -> AttitudeParams:
+    return AttitudeConfig.from_parameters(dict(pickle.loads(pickled))).params
 
 
 class LiveDesign:
@@ -297,23 +316,23 @@ class LiveDesign:
 
     def __init__(self, config: AttitudeConfig) -> None:
         self.config = config
-        self.state = initial_law_state(config.kernel)
+        self.state = initial_law_state(config.params)
         self._coming: AttitudeConfig | None = None
 
     def adopt(self, config: AttitudeConfig) -> None:
         """Fly this design from the next `take` on."""
         self._coming = config
 
-    def take(self) -> AttitudeKernel:
+    def take(self) -> AttitudeParams:
         """Kernel for the coming tick; an adopted design is swapped in here."""
         if self._coming is not None:
             self.config, self._coming = self._coming, None
-            swap_bumpless(self.state, self.config.kernel)
-        return self.config.kernel
+            swap_bumpless(self.state, self.config.params)
+        return self.config.params
 
     def start(self) -> None:
         """Begin a flight: the trim has been flown so far."""
-        self.state[:] = initial_law_state(self.config.kernel)
+        self.state[:] = initial_law_state(self.config.params)
 
     def engage(self, x9: Matrix, r3: Matrix, u_flown: Matrix) -> None:
         """Begin in flight: the first command is the one that is flown.
@@ -327,7 +346,7 @@ class LiveDesign:
         """
         self.start()
         self.state[LAST_X : LAST_X + 9], self.state[LAST_R : LAST_R + 3] = x9, r3
-        swap_bumpless(self.state, self.config.kernel, u_flown)
+        swap_bumpless(self.state, self.config.params, u_flown)
 
 
 def added_weights(parameters: Mapping[str, Any], section: str = "output") -> OutputWeights:
@@ -367,3 +386,79 @@ def shaped(name: str, value: Any, shape: tuple[int, ...]) -> Matrix:
             )
         array = array.reshape(shape)
     return np.ascontiguousarray(checked(name, array, shape))
+
+
+# -------------------------------------------------------------------------------------------------
+# Writes model and trim numbers into an inner-loop YAML and leaves the rest of it, comments too,
+#
+# alone.
+# -------------------------------------------------------------------------------------------------
+
+_SHAPES = {"A": (9, 9), "B": (9, 3), "E": (9, 3), "x": (9,), "u": (4,)}
+
+
+def flow_array(value: ArrayLike, indent: int, digits: int = 10) -> str:
+    """YAML flow sequence of doubles, one matrix row per line; every number reads back as a
+    double."""
+    rows = np.atleast_2d(np.asarray(value, float))
+    texts = [", ".join(_double(v, digits) for v in row) for row in rows]
+    return "[" + (",\n" + " " * indent).join(texts) + "]"
+
+
+def write_model_yaml(
+    path: str | Path,
+    A: ArrayLike,
+    B: ArrayLike,
+    E: ArrayLike,
+    x_trim: ArrayLike,
+    u_trim: ArrayLike,
+    extra: Mapping[str, ArrayLike] | None = None,
+) -> None:
+    """Replace model.A, model.B, model.E, trim.x, trim.u in the inner-loop YAML at `path`.
+
+    Parameters
+    ----------
+    path : path
+        A file like the packaged config/inner_loop.yaml, with these keys as flow sequences.
+    A, B, E : (9, 9), (9, 3), (9, 3) arrays
+        Linear model about trim, eq. (9).
+    x_trim, u_trim : (9,), (4,) arrays
+        Trim of the nine states, and of d_lat, d_lon, d_ped, d_col.
+    extra : mapping, optional
+        Further keys that are unique in the file (K_P, K_I, K_D, C11, ...) to arrays.
+
+    Raises
+    ------
+    ShapeError
+        A matrix has the wrong shape; names it.
+    KeyError
+        The file lacks one of the keys, or has it twice.
+    """
+    values = {"A": A, "B": B, "E": E, "x": x_trim, "u": u_trim}
+    arrays = {key: checked(key, value, _SHAPES[key]) for key, value in values.items()}
+    arrays.update({key: np.asarray(value, float) for key, value in (extra or {}).items()})
+    text = Path(path).read_text(encoding="utf-8")
+    for key, array in arrays.items():
+        text = _replace(text, key, array, str(path))
+    Path(path).write_text(text, encoding="utf-8")
+
+
+def _replace(text: str, key: str, array: np.ndarray, path: str) -> str:
+    pattern = re.compile(rf"^([ ]+){re.escape(key)}:\s*\[[^\]]*\]", re.MULTILINE)
+    found = pattern.findall(text)
+    if len(found) != 1:
+        raise KeyError(f"{path} holds the key {key} {len(found)} times instead of once")
+
+    def line(match: re.Match[str]) -> str:
+        indent = match.group(1)
+        return f"{indent}{key}: " + flow_array(array, len(indent) + len(key) + 3)
+
+    return pattern.sub(line, text)
+
+
+def _double(value: float, digits: int) -> str:
+    text = f"{value + 0.0:.{digits}g}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{exponent}"
+    return text if "." in text else text + ".0"

@@ -17,15 +17,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from heli_core.jit import copy, fill, njit, scratch
+from heli_core.linear import held
+from heli_core.rotations import wrap_pi
+from heli_core.rows import ACTUATOR, NINE, UNMEASURED
+from heli_core.ticks import Rate
+from heli_inner_hinf.controller_state import all_finite
 from heli_inner_hinf.design import shaped
-from heli_inner_hinf.law_state import all_finite
-from heli_math.arrays import copy, fill, scratch
-from heli_math.jit import njit
-from heli_math.linear_systems import held
-from heli_math.rotations import wrap_pi
-from heli_math.rows import ACTUATOR, NINE
-from heli_math.state_names import UNMEASURED
-from heli_math.ticks import Rate
 
 _N = len(NINE)
 _NEVER = -(2**62)
@@ -33,7 +31,7 @@ _WITH_TICKS = 1
 """Rotor states of so many ticks away belong to an estimate, too: they are sent behind it."""
 
 
-class EstimateKernel(NamedTuple):
+class EstimateParams(NamedTuple):
     """Numbers of the model between two ticks; states of eq. (9), commands in (-1, 1).
 
     Attributes
@@ -67,7 +65,7 @@ class EstimateState(NamedTuple):
     servos: np.ndarray  # (3, 2) their positions and speeds, deviations from trim
 
 
-def estimate_kernel(parameters: Mapping[str, Any]) -> EstimateKernel:
+def estimate_params(parameters: Mapping[str, Any]) -> EstimateParams:
     """Numbers of the inner loop's parameters."""
     p, rate = parameters, Rate.of_parameters(parameters)
     A, B = shaped("model.A", p["model.A"], (9, 9)), shaped("model.B", p["model.B"], (9, 3))
@@ -76,7 +74,7 @@ def estimate_kernel(parameters: Mapping[str, Any]) -> EstimateKernel:
     servo, drive = held(
         np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([[0.0], [w * w]]), rate.tick_s
     )
-    return EstimateKernel(
+    return EstimateParams(
         np.ascontiguousarray(Phi),
         np.ascontiguousarray(Gamma),
         shaped("trim.x", p["trim.x"], (9,)),
@@ -88,7 +86,7 @@ def estimate_kernel(parameters: Mapping[str, Any]) -> EstimateKernel:
     )
 
 
-def initial_estimate(k: EstimateKernel) -> EstimateState:
+def initial_estimate(k: EstimateParams) -> EstimateState:
     """Nothing has been heard; the trim has been flown so far."""
     slots = k.timeout_ticks + k.delay_ticks + 2
     return EstimateState(
@@ -144,7 +142,7 @@ def hear(state, stamp, given, rotor_stamp, k):
         Absolute, rad and rad/s, places of `NINE`; NaN where the rotor's states are not known.
     rotor_stamp : int
         Tick of the rotor's states; of another time than the rest, those of the model are taken.
-    k : EstimateKernel
+    k : EstimateParams
     """
     if stamp <= state.tick[0]:
         return

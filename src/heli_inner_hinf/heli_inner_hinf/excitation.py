@@ -13,12 +13,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heli_inner_hinf.errors import ShapeError
-from heli_inner_hinf.law_state import LAST_U, all_finite
-from heli_math.jit import njit
-from heli_math.multisine import fade_in_and_out, sines_at
-from heli_math.rows import ACTUATOR, NINE
-from heli_math.ticks import TICK_S
+from heli_core.errors import ShapeError
+from heli_core.jit import njit
+from heli_core.parameters import Parameter
+from heli_core.rows import ACTUATOR, NINE
+from heli_core.signals import NOTHING, SWEEP, SweepParams, fade_in_and_out, sines_at
+from heli_core.ticks import TICK_S
+from heli_inner_hinf.controller_state import LAST_U, all_finite
+
+# -------------------------------------------------------------------------------------------------
+# Excitation.
+# -------------------------------------------------------------------------------------------------
 
 # Layout of the state array (N_EXCITATION_STATE,): where a part begins.
 SENT = 0  # (4) what was added at the newest tick, an ActuatorRow
@@ -53,7 +58,7 @@ class ExcitationStatus(enum.IntEnum):
 _SILENT, _EXCITING, _ATTITUDE, _SATURATED, _NOT_FINITE = (int(s) for s in ExcitationStatus)
 
 
-class ExcitationKernel(NamedTuple):
+class ExcitationParams(NamedTuple):
     """Numbers of the excitation.
 
     Attributes
@@ -88,8 +93,8 @@ class ExcitationKernel(NamedTuple):
     actuator_limit: float
 
 
-def excitation_kernel(values: Mapping[str, Any]) -> ExcitationKernel:
-    """Kernel from the parameters of the node `inner_loop` (see `parameter_table`).
+def excitation_params(values: Mapping[str, Any]) -> ExcitationParams:
+    """Kernel from the parameters of the node `inner_loop` (see `parameters.TABLE`).
 
     Raises
     ------
@@ -114,7 +119,7 @@ def excitation_kernel(values: Mapping[str, Any]) -> ExcitationKernel:
             f"excitation.fade_s: two fades of {fade:g} s do not fit into "
             f"excitation.duration_s = {duration:g} s",
         )
-    return ExcitationKernel(
+    return ExcitationParams(
         on=bool(np.any(tables[0] != 0.0)),
         frequency_hz=lines,
         amplitude=tables[0],
@@ -162,7 +167,7 @@ def excite(time_s, x9, k, state, law_state, u4):
         Flight time.
     x9 : (9,) array
         Absolute states that the law has acted on; not finite: the excitation is given up at once.
-    k : ExcitationKernel
+    k : ExcitationParams
     state : (N_EXCITATION_STATE,) array
         Changed in place.
     law_state : (N_LAW_STATE,) array
@@ -200,3 +205,48 @@ def excite(time_s, x9, k, state, law_state, u4):
     if state[CAUSE] == _SILENT:
         _watch(time_s, x9, u4, k, state)
     return _EXCITING if state[CAUSE] == _SILENT else int(state[CAUSE])
+
+
+# -------------------------------------------------------------------------------------------------
+# A sweep added to the measured attitude that the law reads: how it rejects disturbances.
+#
+# The law answers the sum of true and added attitude, of which `heli score --response
+# --disturbance`
+# takes the response to what was added: bandwidth and peak of disturbance rejection (Blanken,
+# Tischler
+# et al.). Nothing else than the law hears of it.
+# -------------------------------------------------------------------------------------------------
+
+AXES = ("roll", "pitch", "yaw")
+PLACES = (NINE.phi, NINE.theta, NINE.psi)
+"""Of the angles among the nine states."""
+
+DISTURBANCE_ROWS: tuple[Parameter, ...] = (
+    Parameter("disturbance.axis", "string", "Measured angle that a sweep is added to before the "
+              "law reads it", choices=AXES, read_only=True),
+    Parameter("disturbance.amplitude_deg", "double", "Its amplitude; 0: none", "deg", lower=0.0,
+              upper=10.0, read_only=True),
+    Parameter("disturbance.from_hz", "double", "Frequency at which it begins", "Hz", lower=0.005,
+              upper=10.0, read_only=True),
+    Parameter("disturbance.to_hz", "double", "Frequency at which it ends", "Hz", lower=0.005,
+              upper=10.0, read_only=True),
+    Parameter("disturbance.start_s", "double", "Flight time at which it begins", "s", lower=0.0,
+              upper=86400.0, read_only=True),
+    Parameter("disturbance.duration_s", "double", "Its length", "s", lower=1.0, upper=3600.0,
+              read_only=True),
+)  # fmt: skip
+"""Rows of the `inner_loop` node."""
+
+
+def disturbance_params(p: Mapping[str, Any]) -> SweepParams:
+    """Numbers of the rows `DISTURBANCE_ROWS`, for an array of the nine states."""
+    amplitude = math.radians(p["disturbance.amplitude_deg"])
+    return SweepParams(
+        SWEEP if amplitude > 0.0 else NOTHING,
+        PLACES[AXES.index(p["disturbance.axis"])],
+        amplitude,
+        2.0 * math.pi * p["disturbance.from_hz"],
+        math.log(p["disturbance.to_hz"] / p["disturbance.from_hz"]),
+        p["disturbance.start_s"],
+        p["disturbance.duration_s"],
+    )

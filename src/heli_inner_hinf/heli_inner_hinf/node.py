@@ -3,44 +3,156 @@
 
 import math
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from heli_inner_hinf.attitude_disturbance import disturbance_kernel
-from heli_inner_hinf.attitude_law import AttitudeStatus
+from heli_core.jit import direct
+from heli_core.python_controller import PARAMETER
+from heli_core.rows import ACTUATOR, NAV, NINE, ROTOR, SETPOINT
+from heli_core.signals import NOTHING, SweepParams, add_sweep
+from heli_inner_hinf.controller_state import (
+    RUN,
+    AttitudeParams,
+    AttitudeStatus,
+    initial_law_state,
+    nine_states,
+)
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign
 from heli_inner_hinf.estimate import (
+    EstimateParams,
+    EstimateState,
     commanded,
     estimate,
-    estimate_kernel,
+    estimate_params,
     hear,
     initial_estimate,
 )
 from heli_inner_hinf.excitation import (
+    PLACES,
     SENT,
+    ExcitationParams,
     ExcitationStatus,
-    excitation_kernel,
+    disturbance_params,
+    excitation_params,
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.ground_law import law_or_hand
-from heli_inner_hinf.law_state import RUN, AttitudeKernel, initial_law_state, nine_states
-from heli_inner_hinf.node_core import Disturber, Exciter, Holding, Loop
-from heli_inner_hinf.own_law import own_law
-from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
-from heli_math.direct import direct
-from heli_math.rows import ACTUATOR, NAV, NINE, ROTOR, SETPOINT
-from heli_math.sweep import NOTHING, add_sweep
+from heli_inner_hinf.ground_and_manual import OwnAttitudeLaw, law_or_hand, own_law
+from heli_inner_hinf.parameters import NODE_NAME, TABLE
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_LAW_FAILED, Level
-from heli_msgs_bridge.lockstep import Demand
+from heli_msgs_bridge.lifecycle_node import NodeSpec
+from heli_msgs_bridge.lockstep import AHEAD_TICKS, Arrived, Demand
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.node_spec import NodeSpec
-from heli_msgs_bridge.stamps import AHEAD_TICKS
-from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
-from heli_parameters.python_law import PARAMETER
+from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
+
+# -------------------------------------------------------------------------------------------------
+# What the node `inner_loop` has while it is configured, and while it is active.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Exciter:
+    """Excitation for identification; its topic exists only while one is configured."""
+
+    params: ExcitationParams
+    send: Send
+    state: np.ndarray
+    status: ExcitationStatus = ExcitationStatus.SILENT
+
+
+@dataclass
+class Disturber:
+    """What is added to the measured attitude; its topic exists only while a sweep is configured."""
+
+    params: SweepParams
+    send: Send
+    tick_s: float
+    added: np.ndarray = field(default_factory=lambda: np.zeros(len(NINE)))
+
+    def disturb(self, tick: int, stamp_ns: int, x9: np.ndarray) -> None:
+        """Add the sweep of this tick to the angles among the states (9,) and publish it."""
+        self.added[:] = 0.0
+        add_sweep(tick * self.tick_s, self.params, self.added)
+        x9 += self.added
+        self.send(self.added[list(PLACES)], stamp_ns)
+
+
+@dataclass(kw_only=True)
+class ConfiguredInnerLoop(TickCore):
+    """What the inner loop has while it is configured.
+
+    Attributes
+    ----------
+    design : LiveDesign
+        Law and its state.
+    exciter : Exciter or None
+    disturber : Disturber or None
+    collective : float
+        As the outer loop sent it last; before that, the trim's.
+    model, known : EstimateParams, EstimateState
+        The newest estimate, and what carries it on to now.
+    flown_tick : int or None
+        Tick of the last command that was sent.
+    x9, u3 : arrays
+        Estimate and output of the law.
+    hand3 : (3,) array
+        A pilot's deflections, flown in place of the law; NaN for none.
+    total : (4,) array
+        Last command that was sent.
+    flown : AttitudeParams or None
+        Numbers that `law` is compiled for.
+    law : callable
+        `law_or_hand`, compiled.
+    own : OwnAttitudeLaw
+        Its place, taken by one in Python or by none.
+    """
+
+    design: LiveDesign
+    send: Send
+    exciter: Exciter | None
+    disturber: Disturber | None
+    collective: float
+    model: EstimateParams
+    known: EstimateState
+    flown_tick: int | None = None
+    x9: np.ndarray = field(default_factory=lambda: np.full(len(NINE), np.nan))
+    u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    hand3: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
+    flown: AttitudeParams | None = None
+    law: Callable[..., int] = law_or_hand
+    own: OwnAttitudeLaw = field(default_factory=lambda: OwnAttitudeLaw(None))
+
+
+@dataclass
+class ActiveInnerLoop:
+    """What the inner loop has while it is active.
+
+    Attributes
+    ----------
+    r3 : (3,) array
+        Setpoint, rad; at first the trim attitude and the heading that will be found.
+    setpoint_tick : int or None
+        Stamp of the setpoint; None: nobody has sent one.
+    first : bool
+        True until a step has been made.
+    resumes : bool
+        True while the flight is to be taken over from the command that is flown.
+    """
+
+    r3: np.ndarray
+    setpoint_tick: int | None = None
+    first: bool = True
+    resumes: bool = False
+
+
+# -------------------------------------------------------------------------------------------------
+# Node.
+# -------------------------------------------------------------------------------------------------
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
 _NO_ROTOR = np.full(ROTOR.size, np.nan)
@@ -50,12 +162,12 @@ _LATE_TICKS = 5
 _WAITS = "waits for navigation: the trim is held"
 
 
-class InnerLoopNode(TickNode[Loop, Holding]):
+class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
     """Active means: attitude is held. The collective is passed through, in one message."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_inner_hinf", TABLE, f"{NODE_NAME}.yaml")
 
-    def configure(self) -> Loop:
+    def configure(self) -> ConfiguredInnerLoop:
         """Synthesise the controller; an infeasible design is refused here."""
         config = self._designed()
         outer = Demand(self.rate.of(self.values["outer_period_ticks"]))
@@ -65,8 +177,8 @@ class InnerLoopNode(TickNode[Loop, Holding]):
             Input(topics.ATTITUDE_SETPOINT, outer, off_tick=True),
             Input(topics.COLLECTIVE, outer, off_tick=True),
         )
-        model = estimate_kernel(self.values)
-        core = Loop(
+        model = estimate_params(self.values)
+        core = ConfiguredInnerLoop(
             design=LiveDesign(config),
             model=model,
             known=initial_estimate(model),
@@ -91,26 +203,26 @@ class InnerLoopNode(TickNode[Loop, Holding]):
 
     def _keep(self, config: AttitudeConfig) -> None:
         if self.memory:
-            _ = config.kernel
+            _ = config.params
             self.memory.keep_lasting(config)
 
     def _make_exciter(self) -> Exciter | None:
-        kernel = excitation_kernel(self.values)
+        kernel = excitation_params(self.values)
         if not kernel.on:
             return None
         send = self.create_sender(topics.EXCITATION_ACTUATORS)
         return Exciter(kernel, send, initial_excitation_state())
 
     def _make_disturber(self) -> Disturber | None:
-        kernel = disturbance_kernel(self.values)
+        kernel = disturbance_params(self.values)
         if kernel.shape == NOTHING:
             return None
         send = self.create_sender(topics.EXCITATION_ATTITUDE)
         return Disturber(kernel, send, self.rate.tick_s)
 
-    def _warm_up(self, core: Loop) -> None:
+    def _warm_up(self, core: ConfiguredInnerLoop) -> None:
         """Load the compiled law before the first tick."""
-        kernel = core.design.config.kernel
+        kernel = core.design.config.params
         self._load(core, kernel)
         rest, state = float(core.collective), initial_law_state(kernel)
         core.law(core.x9, np.zeros(3), rest, core.hand3, kernel, state, core.u3)
@@ -122,32 +234,32 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         estimate(spare, 0, core.model, core.x9)
         if core.exciter is not None:
             law, own = initial_law_state(kernel), initial_excitation_state()
-            excite(-1.0, core.x9, core.exciter.kernel, own, law, core.total)
+            excite(-1.0, core.x9, core.exciter.params, own, law, core.total)
         if core.disturber is not None:
-            add_sweep(-1.0, core.disturber.kernel, core.disturber.added)
+            add_sweep(-1.0, core.disturber.params, core.disturber.added)
 
-    def _load(self, core: Loop, kernel: AttitudeKernel) -> None:
+    def _load(self, core: ConfiguredInnerLoop, kernel: AttitudeParams) -> None:
         """Have the compiled law for numbers of these types; those of another design may differ."""
         like = core.x9, np.zeros(3), 0.0, core.hand3, kernel, initial_law_state(kernel), core.u3
         core.flown, core.law = kernel, direct(law_or_hand, *like)
 
-    def engage(self) -> Holding:
+    def engage(self) -> ActiveInnerLoop:
         """Begin to hold attitude: from trim, or in flight from what is flown."""
         self.core.pace.expect(_OUTER, self.values["expects_outer"])
-        return Holding(self._trim_attitude(np.nan))
+        return ActiveInnerLoop(self._trim_attitude(np.nan))
 
     def begin_anew(self) -> None:
         """Another flight: the law begins in trim; the setpoint is too old until one comes."""
         self.run.first = True
 
-    def remember(self) -> Any:
+    def save_state(self) -> Any:
         """Law, setpoint and last command."""
         core, run = self.core, self.run
         excited = None if core.exciter is None else core.exciter.state
         law = core.design.state, core.x9, core.hand3, core.total, core.collective, core.flown_tick
         return law, excited, run
 
-    def recall(self, content: Any, gap: bool) -> None:
+    def restore_state(self, content: Any, gap: bool) -> None:
         """Go on with the law; after a gap it engages at the last command, as after a pause."""
         core = self.core
         (law, x9, hand3, total, core.collective, core.flown_tick), excited, run = content
@@ -206,7 +318,7 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         """Add the excitation to the actuators of this tick and publish it."""
         core, state = self.core, exciter.state
         now_s, law = tick * self.rate.tick_s, core.design.state
-        code = excite(now_s, core.x9, exciter.kernel, state, law, core.total)
+        code = excite(now_s, core.x9, exciter.params, state, law, core.total)
         exciter.status = ExcitationStatus(code)
         exciter.send(state[SENT : SENT + ACTUATOR.size], self.stamp_ns(tick))
 
@@ -280,16 +392,18 @@ class InnerLoopNode(TickNode[Loop, Holding]):
         facts["setpoint_tick"] = "none" if stamp is None else stamp
         return facts
 
-    def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> AttitudeConfig | None:
+    def validate(
+        self, values: Mapping[str, Any], changed: Collection[str]
+    ) -> AttitudeConfig | None:
         """Synthesise the changed design; infeasible ones raise, before configuration too."""
         if set(changed) == {"expects_outer"}:
             return None
         config = AttitudeConfig.from_parameters(values)
         # Computed here, so that no tick has to.
-        _ = config.kernel
+        _ = config.params
         return config
 
-    def adopt(self, judged: AttitudeConfig | None, changed: Collection[str]) -> None:
+    def apply(self, judged: AttitudeConfig | None, changed: Collection[str]) -> None:
         """The judged design is swapped in at the next tick."""
         if not self.configured:
             return

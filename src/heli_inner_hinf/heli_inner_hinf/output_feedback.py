@@ -6,7 +6,7 @@ its rate, and the integrals of phi, theta, psi (order 21 with a delay of one tic
 wind (m/s), a load in every actuator's place that stands for all moments that the model lacks
 (flap-back, another trim), and the noise of the six measurements; out of it h of eq. (11), which
 C11, C22, D11 weigh as for `controller: hinf`, and the weighted integrals. The law is the central
-controller below `output.gamma` (`heli_math.central_controller`).
+controller below `output.gamma` (`heli_core.central_controller`).
 """
 
 from dataclasses import dataclass
@@ -17,14 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
-from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.as_flown import flown_plant
-from heli_inner_hinf.errors import CertificateError, InfeasibleGammaError
-from heli_inner_hinf.output_law import N_U, OutputLaw, output_law
-from heli_inner_hinf.regular_form import Matrix
-from heli_inner_hinf.system_norm import hinf_norm
-from heli_inner_hinf.weights import N_H, N_X
-from heli_math.central_controller import (
+from heli_core.central_controller import (
     CentralController,
     GammaInfimum,
     GeneralisedPlant,
@@ -34,9 +27,17 @@ from heli_math.central_controller import (
     optimal_gamma,
     to_continuous,
 )
-from heli_math.linear_systems import held, with_servos
-from heli_math.state_names import ATTITUDE, MEASURED
-from heli_math.ticks import TICK_S
+from heli_core.errors import CertificateError, InfeasibleGammaError, ShapeError
+from heli_core.linear import held, with_servos
+from heli_core.rows import ATTITUDE, MEASURED, NINE
+from heli_core.ticks import TICK_S
+from heli_inner_hinf.controller_state import INPUTS, N_V, Actuation, OutputLaw, output_law
+from heli_inner_hinf.loops import flown_plant
+from heli_inner_hinf.synthesis import N_H, N_U, N_X, Matrix, hinf_norm
+
+# -------------------------------------------------------------------------------------------------
+# Output feedback.
+# -------------------------------------------------------------------------------------------------
 
 _MOST_RESIDUAL = 1e-6
 _RIDGE = 1e-10
@@ -284,3 +285,161 @@ def _refused(plant: GeneralisedPlant, gamma: float) -> InfeasibleGammaError | Ce
     except NoControllerError as exc:
         return CertificateError(f"no output feedback exists at any gamma: {exc}")
     return InfeasibleGammaError(gamma, found.value, "output.gamma")
+
+
+# -------------------------------------------------------------------------------------------------
+# `controller: lqg`: output feedback with integral action by LQR and Kalman filter.
+#
+# The yardstick beside `hinf_output`: the same plant as it flies and the same weights, with white
+# noise of unit intensity in place of the worst case.
+# -------------------------------------------------------------------------------------------------
+
+"""Time constant with which the integrators give way while an actuator is at its limit."""
+
+
+def lqg_law(plant: GeneralisedPlant, tick_s: float = TICK_S) -> OutputLaw:
+    """The law that is best on average for `output_feedback.generalised_plant`.
+
+    States: the predicted state of the plant, then the integrals of phi, theta, psi. What is cut off
+    a command reaches the prediction as the plant hears it. A new command shifts the state by a unit
+    of that angle, which is an equilibrium of eq. (9), and the integrals by what costs least from
+    there, so that they are no reason for an overshoot.
+    """
+    A, B, C, D = plant.system
+    n, n_w, n_z, n_i = A.shape[0] - N_U, B.shape[1] - N_U, C.shape[0] - plant.n_y, N_U
+    B_u, C_z, D_z = B[:, n_w:], C[:n_z], D[:n_z, n_w:]
+    P = solve_discrete_are(A, B_u, C_z.T @ C_z, D_z.T @ D_z, s=C_z.T @ D_z)
+    price = D_z.T @ D_z + B_u.T @ P @ B_u
+    K = np.linalg.solve(price, B_u.T @ P @ A + D_z.T @ C_z)
+    K_x, K_i = K[:, :n], K[:, n:]
+    a, b, c = A[:n, :n], B_u[:n], C[n_z:, :n]
+    M = kalman_gain(a, B[:n, :n_w], c, D[n_z:, :n_w])
+
+    seen = np.eye(n) - M @ c
+    y_sees = np.eye(N_X)[np.ix_(ATTITUDE, MEASURED)]
+    integrate = A[n:, :n] @ c.T
+    # the integrals take y as it was measured, of which x_estimated leaves a rest
+    of_rest = np.linalg.solve(price, B_u.T @ P[:, n:]) @ integrate @ (np.eye(plant.n_y) - c @ M)
+    shift = np.zeros((n + n_i, N_U))
+    shift[ATTITUDE, range(N_U)] = 1.0
+    shift[n:] = -np.linalg.solve(P[n:, n:], P[n:, list(ATTITUDE)])
+    C_k = np.hstack([of_rest @ c - K_x @ seen, -K_i])
+    D_y = -of_rest - K_x @ M
+    L = np.vstack([b, -np.linalg.inv(K_i) / (_UNWINDING_S / tick_s)])
+    free = np.block([[a @ seen, np.zeros((n, n_i))], [np.zeros((n_i, n)), np.eye(n_i)]])
+    hears = np.vstack([a @ M, integrate])
+    told = np.vstack([b, np.zeros((n_i, N_U))])
+    A_k, B_y = free + told @ C_k, hears + told @ D_y
+    # u and the next state do not change when y, the command and the state shift together
+    B_r = (np.eye(n + n_i) - A_k) @ shift - B_y @ y_sees.T
+    D_r = -C_k @ shift - D_y @ y_sees.T
+    commands = slice(0, 2)
+    return output_law(
+        A_k,
+        np.hstack([B_y, B_r[:, commands]]),
+        C_k,
+        np.hstack([D_y, D_r[:, commands]]),
+        L,
+        shift[:, 2],
+    )
+
+
+def kalman_gain(A: Matrix, B_w: Matrix, C: Matrix, D_w: Matrix) -> Matrix:
+    """M of x = x_predicted + M (y - C x_predicted), for white w of unit intensity; no w in both."""
+    spread = solve_discrete_are(A.T, C.T, B_w @ B_w.T, D_w @ D_w.T)
+    return spread @ C.T @ np.linalg.inv(C @ spread @ C.T + D_w @ D_w.T)
+
+
+# -------------------------------------------------------------------------------------------------
+# `controller: indi`: incremental dynamic inversion of the body rates, as a law of `output_law`.
+#
+# What the aircraft does is measured instead of modelled, as in Smeur, Chu, de Croon (Journal of
+# Guidance, Control, and Dynamics 39(3), 2016): what is wanted is compared with what is measured
+# behind a low-pass filter, and the difference, divided by the control's effectiveness, is added to
+# the actuators' positions, which a model of delay and servos behind the same filter gives.
+#
+# With its stiff hub and yaw gyro this aircraft turns at a rate for a command (the disc, or the
+# gyro,
+# stands where the moments balance), so that rates are inverted here, and not angular
+# accelerations,
+# whose path to p, q goes through the lightly damped flapping. The acceleration and the unfiltered
+# rate only damp that mode. The increment integrates: a lasting moment leaves no error.
+# -------------------------------------------------------------------------------------------------
+
+_DAMPING = 0.7
+"""Of the low-pass filters."""
+_RATES = [INPUTS.index(name) for name in ("p", "q", "r")]
+_ANGLES = [INPUTS.index(name) for name in ("phi", "theta", "psi_error")]
+_COMMANDS = [INPUTS.index(name) for name in ("phi_ref", "theta_ref")]
+
+
+class IndiGains(NamedTuple):
+    """Tuning of the law, each (3,) for roll, pitch, yaw.
+
+    Attributes
+    ----------
+    angle : array
+        Wanted rate per error of the angle, 1/s.
+    rate : array
+        Share of the rate that is compared unfiltered, 0 to 1.
+    acceleration : array
+        Rate that counts as much as an angular acceleration, s.
+    filter_radps : array
+        Natural frequency of the low-pass filter, rad/s.
+    """
+
+    angle: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    filter_radps: NDArray[np.float64]
+
+
+def effectiveness(A: Matrix, B: Matrix) -> Matrix:
+    """G (3, 3), rad/s: the lasting p, q, r of a lasting d_lat, d_lon, d_ped, at any attitude.
+
+    Raises
+    ------
+    ShapeError
+        There is none, or it cannot be inverted.
+    """
+    inside = [i for i in range(A.shape[0]) if i not in ATTITUDE]
+    own = A[np.ix_(inside, inside)]
+    if np.linalg.matrix_rank(own) < len(inside):
+        raise ShapeError("model.A", "model.A has no lasting rates of a lasting command to invert")
+    G = -np.linalg.solve(own, B[inside])[[inside.index(i) for i in (NINE.p, NINE.q, NINE.r)]]
+    if np.linalg.matrix_rank(G) < N_U:
+        raise ShapeError("model.B", "model.B gives no control over all three rates to invert")
+    return np.asarray(G)
+
+
+def indi_law(A: Matrix, B: Matrix, gains: IndiGains, actuation: Actuation) -> OutputLaw:
+    """The law for A (9, 9), B (9, 3) of eq. (9).
+
+    u = G^-1 (wanted rate - measured one) + position, the last two behind the filter. States: the
+    filtered rates and their derivatives, the filtered positions of the actuators and their
+    derivatives, the servos' positions and rates, the commands on their way.
+
+    Raises
+    ------
+    ShapeError
+        The control's effectiveness cannot be inverted.
+    """
+    G = effectiveness(A, B)
+    W = np.diag(gains.filter_radps)
+    eye, none = np.eye(N_U), np.zeros((N_U, N_U))
+    low_pass = np.block([[none, eye], [-(W**2), -2.0 * _DAMPING * W]])
+    enters = np.vstack([none, W**2])
+    A_y, B_y = held(low_pass, enters, actuation.tick_s)
+    A_u, B_u = flown_plant(low_pass, enters, actuation)
+    n_y, n_u = A_y.shape[0], A_u.shape[0]
+
+    measured, angles, commands = np.eye(N_V)[_RATES], np.eye(N_V)[_ANGLES], np.zeros((N_U, N_V))
+    commands[: len(_COMMANDS)] = np.eye(N_V)[_COMMANDS]
+    share = np.diag(gains.rate)
+    D = np.linalg.solve(G, np.diag(gains.angle) @ (commands - angles) - share @ measured)
+    filtered = np.hstack([eye - share, np.diag(gains.acceleration)])
+    C = np.hstack([-np.linalg.solve(G, filtered), np.eye(N_U, n_u)])
+    L = np.vstack([np.zeros((n_y, N_U)), B_u])
+    own = np.block([[A_y, np.zeros((n_y, n_u))], [np.zeros((n_u, n_y)), A_u]])
+    hears = np.vstack([B_y @ measured, np.zeros((n_u, N_V))])
+    return output_law(own + L @ C, hears + L @ D, C, D, L)

@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.as_flown import pid_as_output_law
-from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law, swap_bumpless
-from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.law_state import (
+from heli_core.parameters import load
+from heli_inner_hinf.controller_state import (
     CONTROLLERS,
     INTEGRAL,
     LAST_U,
     N_LAW_STATE,
     STATE_FEEDBACK,
+    Actuation,
+    AttitudeStatus,
     initial_law_state,
 )
-from heli_inner_hinf.law_template import user_law
-from heli_inner_hinf.loops import Model, sampled_plant
-from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
-from heli_parameters.parameters import load
+from heli_inner_hinf.controller_template import user_law
+from heli_inner_hinf.controllers import attitude_law, swap_bumpless
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.loops import Model, pid_as_output_law, sampled_plant
+from heli_inner_hinf.parameters import NODE_NAME, TABLE
 
 NAMES = tuple(CONTROLLERS)
 YAML = Path(__file__).parents[1] / "config/inner_loop.yaml"
@@ -38,7 +38,7 @@ def kernel_of():
 
     @functools.cache
     def make(controller, **changes):
-        return AttitudeConfig.from_parameters({**given, "controller": controller, **changes}).kernel
+        return AttitudeConfig.from_parameters({**given, "controller": controller, **changes}).params
 
     return make
 
@@ -71,7 +71,7 @@ def test_law_is_eq_17(parameters, controller):
     )
     gains = config.lqr if controller == "lqr" else config.synthesis
     rng = np.random.default_rng(2)
-    k = config.kernel
+    k = config.params
     for _ in range(20):
         x9 = k.x_trim + 0.05 * rng.standard_normal(9)
         r3 = commanded_trim(k) + 0.05 * rng.standard_normal(3)
@@ -82,7 +82,7 @@ def test_law_is_eq_17(parameters, controller):
 
 def test_prediction_is_the_state_ahead(config):
     """u = F x(t + prediction), the model driven by the last command, integrated by small steps."""
-    k = config.kernel
+    k = config.params
     rng = np.random.default_rng(4)
     x, last = 0.01 * rng.standard_normal(9), 0.05 * rng.standard_normal(3)
     state = initial_law_state(k)

@@ -6,38 +6,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.analysis import model_of
-from heli_inner_hinf.as_flown import (
+from heli_core.linear import with_servos
+from heli_core.rows import MEASURED
+from heli_core.search import on_grid, place_of
+from heli_core.ticks import TICK_S
+from heli_inner_hinf.controller_state import Actuation
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.loops import (
     closed,
     feedback_of_law,
+    further_delay_s,
     judge,
     linear_law_of,
+    output_loop,
     pid_as_output_law,
 )
-from heli_inner_hinf.attitude_search import (
-    Aircraft,
-    Family,
+from heli_inner_hinf.tuning import (
+    CostScales,
+    LawFamily,
     NoLawError,
+    SampledAircraft,
     Surroundings,
-    Wanted,
     Yardstick,
+    model_of,
     variances,
 )
-from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.loops import output_loop
-from heli_inner_hinf.margins import further_delay_s
-from heli_math.grid_search import on_grid, place_of
-from heli_math.linear_systems import with_servos
-from heli_math.state_names import MEASURED
-from heli_math.ticks import TICK_S
 
 TICKS, FLIGHTS = 2400, 200
 
 
 @pytest.fixture(scope="module")
 def nominal(config):
-    return Aircraft("nominal", config.A, config.B, config.E, config.actuation)
+    return SampledAircraft("nominal", config.A, config.B, config.E, config.actuation)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_variances_are_those_of_flights(nominal, parameters, controller):
     """200 of them of the same loop, put together tick by tick from its parts."""
     air = Surroundings(load_s=1.0, angle_s=0.5)
     config = AttitudeConfig.from_parameters({**parameters, "controller": controller})
-    law = linear_law_of(config.kernel)
+    law = linear_law_of(config.params)
     errors, commands = flown(law, nominal, air)
     found = variances(law, nominal, air)
     assert np.mean(errors**2, axis=(0, 2)) == pytest.approx(found.angle, rel=0.05)
@@ -107,7 +107,7 @@ def test_variances_are_those_of_flights(nominal, parameters, controller):
 
 
 def test_cost_is_the_mean_in_units(nominal, pid):
-    wanted = Wanted((1e-3, 2e-3, 4e-3), 1e-3)
+    wanted = CostScales((1e-3, 2e-3, 4e-3), 1e-3)
     both = Yardstick(nominal, (nominal.later(1),), wanted)
     terms = []
     for one in (nominal, replace(nominal, actuation=Actuation(delay_s=0.02))):
@@ -118,12 +118,12 @@ def test_cost_is_the_mean_in_units(nominal, pid):
 
 def test_shortfall_is_what_the_judge_misses(config, nominal, pid):
     found = judge(config.A, config.B, feedback_of_law(pid), config.actuation)
-    alone = Yardstick(nominal, (), Wanted(disk_margin=0.9))
+    alone = Yardstick(nominal, (), CostScales(disk_margin=0.9))
     missed = 0.9 - found.disk_input + 0.9 - found.disk_output
     assert alone.shortfall(pid) == pytest.approx(missed, abs=0.03)
-    assert Yardstick(nominal, (), Wanted(disk_margin=0.4)).shortfall(pid) == 0.0
+    assert Yardstick(nominal, (), CostScales(disk_margin=0.4)).shortfall(pid) == 0.0
     # another aircraft counts by its own floor, at the input alone
-    heavy = Yardstick(nominal, (replace(nominal, disk_margin=1.0),), Wanted(disk_margin=0.4))
+    heavy = Yardstick(nominal, (replace(nominal, disk_margin=1.0),), CostScales(disk_margin=0.4))
     assert heavy.shortfall(pid) == pytest.approx(1.0 - found.disk_input, abs=0.02)
 
 
@@ -138,12 +138,12 @@ def test_delay_that_breaks_the_loop_is_seen(config, nominal, pid):
     survived = int(further_delay_s(loop, model, config.actuation) / TICK_S)
     assert survived > 0
     for ticks, broken in ((survived, False), (survived + 1, True)):
-        wanted = Wanted(disk_margin=0.1, delay_ticks=ticks)
+        wanted = CostScales(disk_margin=0.1, delay_ticks=ticks)
         assert (Yardstick(nominal, (), wanted).shortfall(pid) > 10.0) == broken
 
 
 def test_an_aircraft_held_stable_counts_by_its_stability_alone(nominal, pid):
-    wanted = Wanted(disk_margin=0.4)
+    wanted = CostScales(disk_margin=0.4)
     alone = Yardstick(nominal, (), wanted)
     survived = next(n for n in range(30) if not stable(nominal.later(n + 1), pid))
     last, lost = nominal.later(survived), nominal.later(survived + 1)
@@ -160,8 +160,8 @@ def test_best_is_the_best_of_its_neighbours(config, nominal):
         K_P[0], K_I[0] = numbers
         return pid_as_output_law(K_P, K_I, config.K_D)
 
-    wanted = Yardstick(nominal, (), Wanted(disk_margin=0.4))
-    found = wanted.best(Family("pid", law, ((0.1, 0.02), (30.0, 3.0))))
+    wanted = Yardstick(nominal, (), CostScales(disk_margin=0.4))
+    found = wanted.best(LawFamily("pid", law, ((0.1, 0.02), (30.0, 3.0))))
     least = wanted.price(law(found))
     assert wanted.shortfall(law(found)) == 0.0
     for i in range(2):
@@ -170,5 +170,5 @@ def test_best_is_the_best_of_its_neighbours(config, nominal):
             beside[i] = on_grid(place_of(found[i]) + way)
             assert wanted.price(law(beside)) > least * (1.0 - 1e-4)
     with pytest.raises(NoLawError, match="pid: no law .* keeps the floors"):
-        strict = replace(wanted, wanted=Wanted(disk_margin=1.9))
-        strict.best(Family("pid", law, ((0.5, 0.4),)), strides=(1,), pairs=False)
+        strict = replace(wanted, wanted=CostScales(disk_margin=1.9))
+        strict.best(LawFamily("pid", law, ((0.5, 0.4),)), strides=(1,), pairs=False)

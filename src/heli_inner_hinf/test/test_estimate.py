@@ -5,20 +5,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from heli_inner_hinf.estimate import (
-    commanded,
-    estimate,
-    estimate_kernel,
-    hear,
-    initial_estimate,
-)
+from heli_core.rows import NINE, UNMEASURED
+from heli_core.ticks import TICK_S
+from heli_inner_hinf.estimate import commanded, estimate, estimate_params, hear, initial_estimate
 from heli_inner_hinf.node import InnerLoopNode
-from heli_math.rows import NINE
-from heli_math.state_names import UNMEASURED
-from heli_math.ticks import TICK_S
 
 VALUES = InnerLoopNode.SPEC.resolve()
-K = estimate_kernel(VALUES)
+K = estimate_params(VALUES)
 ROTOR = list(UNMEASURED)
 
 

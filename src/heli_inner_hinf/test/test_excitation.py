@@ -4,14 +4,14 @@
 import numpy as np
 import pytest
 
-from heli_inner_hinf.errors import ShapeError
+from heli_core.errors import ShapeError
+from heli_inner_hinf.controller_state import LAST_U, N_LAW_STATE
 from heli_inner_hinf.excitation import (
     ExcitationStatus,
-    excitation_kernel,
+    excitation_params,
     excite,
     initial_excitation_state,
 )
-from heli_inner_hinf.law_state import LAST_U, N_LAW_STATE
 
 TRIM_U = np.array([0.01, -0.02, 0.0, -0.2])
 
@@ -29,7 +29,7 @@ def kernel(**changes):
         "trim.x": [0.04, 0.001] + [0.0] * 7,
         "actuator_limit": 0.98,
     }
-    return excitation_kernel(values | {f"excitation.{k}": v for k, v in changes.items()})
+    return excitation_params(values | {f"excitation.{k}": v for k, v in changes.items()})
 
 
 class Run:

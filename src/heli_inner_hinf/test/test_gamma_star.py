@@ -5,14 +5,19 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from heli_inner_hinf.gamma_star import REL_TOL, Mechanism, gamma_star
-from heli_inner_hinf.regular_form import checked_plant, regular_form
-from heli_inner_hinf.riccati import split
-from heli_inner_hinf.synthesis import (
+from heli_core.errors import (
     InfeasibleGammaError,
     InvariantZeroError,
     NotStabilizableError,
     ShapeError,
+)
+from heli_inner_hinf.synthesis import (
+    REL_TOL,
+    Mechanism,
+    checked_plant,
+    gamma_star,
+    regular_form,
+    split,
     synthesize,
 )
 

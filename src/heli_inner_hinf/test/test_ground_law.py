@@ -8,22 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_inner_hinf.as_flown import pid_as_output_law
-from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law
-from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.errors import ShapeError
-from heli_inner_hinf.ground_law import law_of_tick, law_or_hand, stands
-from heli_inner_hinf.law_state import (
+from heli_core.errors import ShapeError
+from heli_core.parameters import load
+from heli_inner_hinf.controller_state import (
     CONTROLLERS,
     INTEGRAL,
     LAST_U,
     MEMORY,
     OFFSET,
+    AttitudeStatus,
     initial_law_state,
+    state_at_rest,
 )
-from heli_inner_hinf.output_law import state_at_rest
-from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
-from heli_parameters.parameters import load
+from heli_inner_hinf.controllers import attitude_law
+from heli_inner_hinf.design import AttitudeConfig
+from heli_inner_hinf.ground_and_manual import law_of_tick, law_or_hand, stands
+from heli_inner_hinf.loops import pid_as_output_law
+from heli_inner_hinf.parameters import NODE_NAME, TABLE
 
 NAMES = tuple(CONTROLLERS)
 YAML = Path(__file__).parents[1] / "config/inner_loop.yaml"
@@ -41,7 +42,7 @@ def parameters():
 def kernel_of(parameters):
     @functools.cache
     def make(controller):
-        return AttitudeConfig.from_parameters({**parameters, "controller": controller}).kernel
+        return AttitudeConfig.from_parameters({**parameters, "controller": controller}).params
 
     return make
 
@@ -150,7 +151,7 @@ def test_the_ground_is_on_the_side_away_from_hover(parameters, kernel_of):
     places = (-0.9, FLIES, 0.29, 0.31, math.nan)
     assert [stands(c, k) for c in places] == [False, False, False, True, False]
     other = {**parameters, "controller": "pid", "ground_collective": -0.5}
-    k = AttitudeConfig.from_parameters(other).kernel
+    k = AttitudeConfig.from_parameters(other).params
     assert [stands(c, k) for c in (-0.9, FLIES, 0.9)] == [True, False, False]
 
 

@@ -4,13 +4,13 @@
 import numpy as np
 import pytest
 
-from heli_inner_hinf.as_flown import flown_plant
-from heli_inner_hinf.attitude_law import attitude_law
+from heli_core.errors import ShapeError
+from heli_core.linear import held, with_servos
+from heli_inner_hinf.controller_state import initial_law_state
+from heli_inner_hinf.controllers import attitude_law
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.errors import ShapeError
-from heli_inner_hinf.indi import IndiGains, effectiveness, indi_law
-from heli_inner_hinf.law_state import initial_law_state
-from heli_math.linear_systems import held, with_servos
+from heli_inner_hinf.loops import flown_plant
+from heli_inner_hinf.output_feedback import IndiGains, effectiveness, indi_law
 
 RATES = [2, 3, 6]
 ANGLES = [0, 1, 8]
@@ -64,7 +64,7 @@ def test_the_positions_hear_what_was_flown(design):
 
 
 def test_commands_are_reached_and_a_lasting_moment_leaves_no_error(design):
-    k, (A, B) = design.kernel, flown_plant(design.A, design.B, design.actuation)
+    k, (A, B) = design.params, flown_plant(design.A, design.B, design.actuation)
     lasting, moment = np.zeros((9, 1)), np.zeros(A.shape[0])
     lasting[RATES, 0] = 0.5, -0.8, 0.2
     moment[:9] = held(design.A, lasting, 0.01)[1][:, 0]

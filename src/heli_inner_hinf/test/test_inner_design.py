@@ -8,26 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_inner_hinf.as_flown import pid_as_output_law
-from heli_inner_hinf.attitude_law import attitude_law
-from heli_inner_hinf.design import (
-    AttitudeConfig,
-    LiveDesign,
-    UnknownControllerError,
-    attitude_kernel,
-)
-from heli_inner_hinf.design_files import write_model_yaml
-from heli_inner_hinf.errors import (
+from heli_core.errors import (
     InfeasibleGammaError,
     InvariantZeroError,
     NotStabilizableError,
     ShapeError,
     SynthesisError,
 )
-from heli_inner_hinf.loops import Model, output_loop
-from heli_inner_hinf.parameter_table import NODE_NAME, TABLE
-from heli_inner_hinf.pid_tuning import PEAK, gains_of, tune_pid
-from heli_parameters.parameters import load
+from heli_core.parameters import load
+from heli_inner_hinf.controllers import attitude_law
+from heli_inner_hinf.design import (
+    AttitudeConfig,
+    LiveDesign,
+    UnknownControllerError,
+    attitude_params,
+    write_model_yaml,
+)
+from heli_inner_hinf.loops import Model, output_loop, pid_as_output_law
+from heli_inner_hinf.parameters import NODE_NAME, TABLE
+from heli_inner_hinf.tuning import PEAK, gains_of, tune_pid
 
 YAML = Path(__file__).parent.parent / "config/inner_loop.yaml"
 
@@ -59,20 +58,20 @@ def test_pid_gains_by_the_rule_keep_its_peak_and_a_loop_that_is_stable(config):
 def test_flat_and_shaped_arrays_are_the_same(parameters):
     flat = {k: np.ravel(v) if isinstance(v, np.ndarray) else v for k, v in parameters.items()}
     one, other = AttitudeConfig.from_parameters(flat), AttitudeConfig.from_parameters(parameters)
-    assert np.array_equal(one.kernel.F, other.kernel.F)
+    assert np.array_equal(one.params.F, other.params.F)
 
 
 def test_the_kernel_of_a_set_of_numbers_is_designed_once_and_of_others_anew(parameters):
-    first = attitude_kernel(parameters)
-    assert attitude_kernel({key: np.copy(v) if isinstance(v, np.ndarray) else v
+    first = attitude_params(parameters)
+    assert attitude_params({key: np.copy(v) if isinstance(v, np.ndarray) else v
                             for key, v in reversed(parameters.items())}) is first  # fmt: skip
-    made = AttitudeConfig.from_parameters(parameters).kernel
+    made = AttitudeConfig.from_parameters(parameters).params
     assert all(np.array_equal(getattr(first, name), getattr(made, name)) for name in "FHG")
     weighed = {**parameters, "C11": 2.0 * parameters["C11"]}
-    assert not np.array_equal(attitude_kernel(weighed).F, first.F)
+    assert not np.array_equal(attitude_params(weighed).F, first.F)
     for _ in range(2):
         with pytest.raises(InfeasibleGammaError):
-            attitude_kernel({**parameters, "gamma": 0.001})
+            attitude_params({**parameters, "gamma": 0.001})
 
 
 BAD = [
@@ -179,7 +178,7 @@ class TestWriteModel:
 def test_start_up_imports_are_light():
     """A node must start fast: neither python-control nor matplotlib nor ROS comes with the law."""
     code = (
-        "import sys, heli_inner_hinf.design, heli_inner_hinf.parameter_table\n"
+        "import sys, heli_inner_hinf.design, heli_inner_hinf.parameters\n"
         "bad = {'control', 'matplotlib', 'rclpy', 'cvxpy'} & set(sys.modules)\n"
         "sys.exit(', '.join(bad) or 0)"
     )

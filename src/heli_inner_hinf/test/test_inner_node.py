@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 
+from heli_core.rotations import quat_from_euler
 from heli_inner_hinf.node import InnerLoopNode
-from heli_math.rotations import quat_from_euler
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.messages import CHANNELS
+from heli_msgs_bridge.layouts import CHANNELS
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_judging_changes_nothing(inner):
     before = tick_of(inner, 0)
     node = inner.node
     config = node.core.design.config
-    judged = node.judge({**node.values, "gamma": 0.08}, {"gamma"})
+    judged = node.validate({**node.values, "gamma": 0.08}, {"gamma"})
     assert judged.gamma == 0.08
     assert not set_gamma(inner, 0.03).successful
     assert node.core.design.config is config and node.values["gamma"] == config.gamma

@@ -9,42 +9,49 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from heli_inner_hinf.actuation import Actuation, ObserverInput, predicting_gains
-from heli_inner_hinf.analysis import analyse, model_of, singular_values, three_loops
-from heli_inner_hinf.as_flown import (
-    closed_loop,
-    feedback_of,
-    flown_plant,
-    judge,
-    pid_as_output_law,
+from heli_core.linear import WIND, held_and_linear
+from heli_core.rows import INPUT_NAMES, MEASURED, STATE_NAMES, UNMEASURED
+from heli_core.ticks import TICK_S
+from heli_inner_hinf.controller_state import (
+    OUTPUT_FEEDBACK,
+    PID,
+    Actuation,
+    ObserverInput,
+    initial_law_state,
+    output_law,
+    predicting_gains,
 )
-from heli_inner_hinf.attitude_law import attitude_law
-from heli_inner_hinf.attitude_responses import crossover_radps
-from heli_inner_hinf.disk_margin import mu_bounds
-from heli_inner_hinf.frequency import peak_gain
-from heli_inner_hinf.law_state import OUTPUT_FEEDBACK, PID, initial_law_state
+from heli_inner_hinf.controllers import attitude_law
 from heli_inner_hinf.loops import (
     COMMANDS,
     MEASURED_NAMES,
     as_output_law,
+    channel_margin,
+    channel_margins,
+    closed_loop,
+    disk_margin,
+    feedback_of,
     flown_loop,
+    flown_plant,
+    further_delay_s,
+    judge,
     observer_of,
     observer_with_servo,
     output_loop,
+    pid_as_output_law,
 )
-from heli_inner_hinf.margins import (
-    channel_margin,
-    channel_margins,
-    disk_margin,
-    further_delay_s,
+from heli_inner_hinf.mu import mu_bounds, peak_gain
+from heli_inner_hinf.synthesis import hinf_norm
+from heli_inner_hinf.tuning import (
+    analyse,
+    assess,
+    choose_observer_gain,
+    crossover_radps,
+    diagonal_gain,
+    model_of,
+    singular_values,
+    three_loops,
 )
-from heli_inner_hinf.observer_gain import assess, choose_observer_gain, diagonal_gain
-from heli_inner_hinf.output_law import output_law
-from heli_inner_hinf.system_norm import hinf_norm
-from heli_math.linear_systems import held_and_linear
-from heli_math.state_names import INPUT_NAMES, MEASURED, STATE_NAMES, UNMEASURED
-from heli_math.state_space import WIND
-from heli_math.ticks import TICK_S
 
 POLES = (-10.0, -10.0, -5.0)
 
@@ -257,7 +264,7 @@ class TestMargins:
     def test_judgement_is_the_analysis(self, model, config):
         """Worked out with arrays alone, as a node must not wait for python-control's import; two
         grids of frequencies."""
-        k = config.kernel
+        k = config.params
         law = pid_as_output_law(k.K_P, k.K_I, k.K_D)
         loop = output_loop(model, law)
         told = judge(model.A, model.B, feedback_of(k._replace(controller=PID)), Actuation())
@@ -269,7 +276,7 @@ class TestMargins:
     @pytest.mark.parametrize("shift_rate", [0.0, 0.5])
     def test_state_feedback_is_judged_at_what_flies(self, config, shift_rate):
         """Closed loop against the kernel and the sampled plant, one stepped after the other."""
-        k = config.kernel._replace(shift_rate=shift_rate)
+        k = config.params._replace(shift_rate=shift_rate)
         step = closed_loop(config.A, config.B, feedback_of(k), Actuation())
         A, B = flown_plant(config.A, config.B, Actuation())
         g = np.random.default_rng(9)
@@ -289,7 +296,7 @@ class TestMargins:
         shapes = ((4, 8), (3, 4), (3, 8), (4, 3), (4,))
         law = output_law(0.1 * a, *(0.01 * g.standard_normal(shape) for shape in shapes))
         loop = output_loop(model, law)
-        k = config.kernel._replace(controller=OUTPUT_FEEDBACK, law=law)
+        k = config.params._replace(controller=OUTPUT_FEEDBACK, law=law)
         state, u3, trim = initial_law_state(k), np.zeros(3), k.x_trim[[0, 1, 8]]
         attitude_law(k.x_trim, trim, k, state, u3)
         closed = loop.closed

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_lyapunov
 
-from heli_inner_hinf.as_flown import flown_plant
-from heli_inner_hinf.attitude_law import attitude_law
+from heli_core.linear import held
+from heli_inner_hinf.controller_state import initial_law_state
+from heli_inner_hinf.controllers import attitude_law
 from heli_inner_hinf.design import AttitudeConfig, added_weights
-from heli_inner_hinf.law_state import initial_law_state
+from heli_inner_hinf.loops import flown_plant
 from heli_inner_hinf.output_feedback import generalised_plant
-from heli_math.linear_systems import held
 
 ANGLES, RATES = [0, 1, 8], [2, 3, 6]
 
@@ -68,7 +68,7 @@ def test_no_law_nearby_is_better(given, design):
 
 
 def test_commands_overshoot_little_and_a_lasting_moment_leaves_no_error(design):
-    k, (A, B) = design.kernel, flown_plant(design.A, design.B, design.actuation)
+    k, (A, B) = design.params, flown_plant(design.A, design.B, design.actuation)
     lasting, moment = np.zeros((9, 1)), np.zeros(A.shape[0])
     lasting[RATES, 0] = 0.5, -0.8, 0.2
     moment[:9] = held(design.A, lasting, 0.01)[1][:, 0]

@@ -6,15 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_inner_hinf.actuation import Actuation, ObserverInput
-from heli_inner_hinf.analysis import model_of
-from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law, swap_bumpless
+from heli_core.rows import MEASURED
+from heli_inner_hinf.controller_state import (
+    INTEGRAL,
+    SHIFT_LIMIT_RAD,
+    Actuation,
+    AttitudeStatus,
+    ObserverInput,
+    initial_law_state,
+)
+from heli_inner_hinf.controllers import attitude_law, swap_bumpless
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.law_state import INTEGRAL, SHIFT_LIMIT_RAD, initial_law_state
-from heli_inner_hinf.loops import flown_loop, sampled_plant
-from heli_inner_hinf.margins import disk_margin
-from heli_inner_hinf.observer_gain import diagonal_gain
-from heli_math.state_names import MEASURED
+from heli_inner_hinf.loops import disk_margin, flown_loop, sampled_plant
+from heli_inner_hinf.tuning import diagonal_gain, model_of
 
 RATE = 0.5
 MOMENT = np.array([0.0, 0.0, 0.5, -0.8, 0.0, 0.0, 0.2, 0.0, 0.0])  # rad/s2 on p, q, r
@@ -32,7 +36,7 @@ def command(k):
 
 def settled(config, ticks=3000):
     """Angles (3,), rad, that a lasting moment leaves; every state measured, servo and delay on."""
-    k = config.kernel
+    k = config.params
     model = model_of(config)
     with_moment = replace(model, E=np.column_stack([MOMENT, np.zeros((9, 2))]))
     plant = sampled_plant(with_moment, Actuation())
@@ -58,7 +62,7 @@ def test_error_without_it_is_what_the_model_says(parameters):
 
 
 def test_shift_is_bounded_and_waits_at_the_limit(parameters):
-    k = config_of(parameters, RATE).kernel
+    k = config_of(parameters, RATE).params
     state, u3 = initial_law_state(k), np.zeros(3)
     x9 = k.x_trim.copy()
     x9[1] -= 0.1
@@ -73,7 +77,7 @@ def test_shift_is_bounded_and_waits_at_the_limit(parameters):
 
 
 def test_off_is_eq_17_and_keeps_no_memory(parameters):
-    k = config_of(parameters, 0.0).kernel
+    k = config_of(parameters, 0.0).params
     state, u3 = initial_law_state(k), np.zeros(3)
     for _ in range(10):
         attitude_law(k.x_trim + 0.01, command(k), k, state, u3)
@@ -81,7 +85,7 @@ def test_off_is_eq_17_and_keeps_no_memory(parameters):
 
 
 def test_swap_in_flight_has_no_jump(parameters):
-    k = config_of(parameters, RATE).kernel
+    k = config_of(parameters, RATE).params
     state, u3 = initial_law_state(k), np.zeros(3)
     for _ in range(100):
         attitude_law(k.x_trim + 0.01, command(k), k, state, u3)

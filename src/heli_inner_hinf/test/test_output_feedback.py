@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 
-from heli_inner_hinf.as_flown import flown_plant
-from heli_inner_hinf.attitude_law import attitude_law
+from heli_core.errors import InfeasibleGammaError
+from heli_core.rows import MEASURED
+from heli_inner_hinf.controller_state import initial_law_state
+from heli_inner_hinf.controllers import attitude_law
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.errors import InfeasibleGammaError
-from heli_inner_hinf.law_state import initial_law_state
-from heli_math.state_names import MEASURED
+from heli_inner_hinf.loops import flown_plant
 
 _STEPS = 600
 
@@ -26,7 +26,7 @@ def respond(config, commands, load=(0.0, 0.0, 0.0), psi_ref=0.0, engaged=0.0):
     The heading is commanded to be `engaged` at first, `psi_ref` from the second tick on.
     """
     A, B = flown_plant(config.A, config.B, config.actuation)
-    k = config.kernel
+    k = config.params
     state, u3, x = initial_law_state(k), np.zeros(3), np.zeros(A.shape[0])
     angles, inputs = [], []
     for tick in range(_STEPS):

@@ -4,19 +4,24 @@
 import numpy as np
 import pytest
 
-from heli_inner_hinf.actuation import Actuation
-from heli_inner_hinf.as_flown import (
-    closed_loop,
-    feedback_of,
-    flown_plant,
-    pid_as_output_law,
+from heli_core.errors import MarginError, ShapeError, UnstableLoopError
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
+from heli_inner_hinf.controller_state import (
+    MAX_ORDER,
+    MEMORY,
+    N_V,
+    OFFSET,
+    OUTPUT_FEEDBACK,
+    Actuation,
+    AttitudeStatus,
+    initial_law_state,
+    output_law,
+    read_inputs,
+    state_at_rest,
 )
-from heli_inner_hinf.attitude_law import AttitudeStatus, attitude_law, swap_bumpless
+from heli_inner_hinf.controllers import attitude_law, swap_bumpless
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.errors import MarginError, ShapeError, UnstableLoopError
-from heli_inner_hinf.law_state import MEMORY, OFFSET, OUTPUT_FEEDBACK, initial_law_state
-from heli_inner_hinf.output_law import MAX_ORDER, N_V, output_law, read_inputs, state_at_rest
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_inner_hinf.loops import closed_loop, feedback_of, flown_plant, pid_as_output_law
 
 ORDER = 5
 
@@ -35,7 +40,7 @@ def asked(parameters, law, **changes):
 @pytest.fixture
 def kernel(parameters, pid):
     """A kernel with another law than the judged one."""
-    k = AttitudeConfig.from_parameters(asked(parameters, pid)).kernel
+    k = AttitudeConfig.from_parameters(asked(parameters, pid)).params
     return lambda law: k._replace(law=law)
 
 
@@ -113,7 +118,7 @@ def test_recursion_with_limits_is_the_documented_one(kernel):
 
 def test_pid_as_output_law_is_the_pid(parameters, kernel, pid):
     k = kernel(pid)
-    other = AttitudeConfig.from_parameters({**parameters, "controller": "pid"}).kernel
+    other = AttitudeConfig.from_parameters({**parameters, "controller": "pid"}).params
     g, state, its, u3, u = (
         np.random.default_rng(2),
         *map(initial_law_state, (k, other)),
@@ -230,7 +235,7 @@ class TestRefused:
 def test_closed_loop_is_the_recursion(config, pid):
     """The judged matrix against the loop stepped by hand."""
     A, B = flown_plant(config.A, config.B, Actuation())
-    kernel = config.kernel._replace(controller=OUTPUT_FEEDBACK, law=pid)
+    kernel = config.params._replace(controller=OUTPUT_FEEDBACK, law=pid)
     step = closed_loop(config.A, config.B, feedback_of(kernel), Actuation())
     g = np.random.default_rng(6)
     x, z = g.standard_normal(A.shape[0]), g.standard_normal(3)

@@ -5,18 +5,18 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from heli_inner_hinf.lqr import lqr
-from heli_inner_hinf.regular_form import checked_plant, regular_form
+from heli_core.errors import FeedforwardError, InfeasibleGammaError, ShapeError
 from heli_inner_hinf.synthesis import (
-    FeedforwardError,
-    InfeasibleGammaError,
-    ShapeError,
     acceptance,
+    checked_plant,
     gamma_star,
+    hinf_norm,
+    lqr,
+    output_selector,
+    regular_form,
     synthesize,
+    weights,
 )
-from heli_inner_hinf.system_norm import hinf_norm
-from heli_inner_hinf.weights import output_selector, weights
 
 GAMMA = 0.0632
 OUT = output_selector()

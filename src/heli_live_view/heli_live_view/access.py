@@ -1,9 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may command: a token of this run, claimed by the first browser that shows it. No ROS."""
+"""Who may reach the page, and who may command: loopback sockets and a token of this run. No ROS."""
 
+import errno
 import hmac
 import secrets
+import socket
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+# -------------------------------------------------------------------------------------------------
+# Who may command: a token of this run, claimed by the first browser that shows it. No ROS.
+# -------------------------------------------------------------------------------------------------
 
 TOKEN_BYTES = 24
 TOKEN_VARIABLE = "HELI_LIVE_TOKEN"
@@ -68,3 +77,71 @@ class Access:
         if self._owner is None:
             self._owner = browser
         return "" if browser == self._owner else TAKEN
+
+
+# -------------------------------------------------------------------------------------------------
+# Listening sockets on this machine only. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+LOOPBACK = "127.0.0.1"
+
+
+class PortError(OSError):
+    """A port cannot be bound; the message names port, parameter, option and what to do."""
+
+
+def port_error(port: int, parameter: str, option: str, why: str) -> PortError:
+    """The sentence about a port that cannot be bound; parameter: empty for none."""
+    ways = f"the parameter {parameter} or {option}" if parameter else option
+    return PortError(
+        f"{parameter or option}: port {port} on {LOOPBACK} {why}; choose another with {ways} "
+        "(0: any free one)"
+    )
+
+
+def listen(port: int, parameter: str, option: str) -> socket.socket:
+    """Bind a TCP port on 127.0.0.1.
+
+    Parameters
+    ----------
+    port : int
+        0 for any free one.
+    parameter, option : str
+        What the user may change, for the error; parameter: empty for none.
+
+    Raises
+    ------
+    PortError
+        The port is in use or not allowed.
+    """
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    # Left-over connections of an earlier run do not block the port; another listener does.
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        sock.bind((LOOPBACK, port))
+        sock.listen(64)
+    except OSError as error:
+        sock.close()
+        in_use = error.errno == errno.EADDRINUSE
+        why = "is in use by another program" if in_use else f"cannot be bound: {error.strerror}"
+        raise port_error(port, parameter, option, why) from error
+    sock.setblocking(False)
+    return sock
+
+
+@dataclass(frozen=True)
+class BrowserCommand:
+    """A command of a browser that may command.
+
+    Attributes
+    ----------
+    name : str
+    args : dict
+        As received, not yet judged.
+    reply : callable
+        `(ok, sentence)`, from any thread, once.
+    """
+
+    name: str
+    args: dict[str, Any]
+    reply: Callable[[bool, str], None]

@@ -6,14 +6,30 @@ Sizes follow the rotor's radius. No ROS; `scene_message` makes markers of the sh
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import foxglove
 import numpy as np
+from geometry_msgs.msg import Point
 from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from rosbags.typesys import Stores, get_typestore
+from visualization_msgs.msg import Marker, MarkerArray
 
-from heli_math.rotations import quat_multiply, quat_to_R_nb
+from heli_core.rotations import quat_multiply, quat_to_R_nb
+from heli_core.ticks import NS_PER_S
+from heli_live_view.access import LOOPBACK, listen, port_error
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.cdr import stamp_of
+from heli_msgs_bridge.messages import Transform, encode_transforms
+from heli_msgs_bridge.topics import BASE, MAP, in_namespace
+
+# -------------------------------------------------------------------------------------------------
+# Scene.
+# -------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 # Turns per second of the drawn rotor. The real one (some 30) would seem to stand at 20 pictures/s.
@@ -221,3 +237,206 @@ def moving(row: dict[str, Any], radius_m: float) -> list[Shape]:
     if row["ref"] is not None:
         shapes += reference(row["ref"])
     return shapes
+
+
+# -------------------------------------------------------------------------------------------------
+# Shapes of the scene as `visualization_msgs/MarkerArray` in the frame `map`, and the pose as tf.
+#
+# Marker objects are kept and only moved, because making them costs more than sending them.
+# -------------------------------------------------------------------------------------------------
+
+_KINDS = {
+    CUBE: Marker.CUBE,
+    SPHERE: Marker.SPHERE,
+    CYLINDER: Marker.CYLINDER,
+    ARROW: Marker.ARROW,
+    LINES: Marker.LINE_LIST,
+    STRIP: Marker.LINE_STRIP,
+}
+
+
+class SceneMessages:
+    """Makes serialised marker arrays and transforms; one object per node, in its namespace."""
+
+    def __init__(self, namespace: str = "") -> None:
+        self._markers: dict[str, tuple[Any, tuple]] = {}
+        self._base = in_namespace(BASE, namespace)
+
+    def serialize(self, shapes: Sequence[Shape], stamp_ns: int) -> bytes:
+        """Serialised MarkerArray of the shapes, stamped in ns."""
+        array = MarkerArray()
+        array.markers = [self._marker(shape, stamp_ns) for shape in shapes]
+        return serialize_message(array)
+
+    def _marker(self, shape: Shape, stamp_ns: int) -> Any:
+        marker, points = self._markers.get(shape.name, (None, ()))
+        if marker is None:
+            marker = Marker()
+            marker.header.frame_id, marker.ns, marker.type = MAP, shape.name, _KINDS[shape.kind]
+            marker.action = Marker.ADD
+            c = marker.color
+            c.r, c.g, c.b, c.a = shape.rgba
+        stamp, pose, scale = marker.header.stamp, marker.pose, marker.scale
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+        p, q = pose.position, pose.orientation
+        p.x, p.y, p.z = shape.position
+        q.x, q.y, q.z, q.w = shape.quaternion
+        scale.x, scale.y, scale.z = shape.size
+        if shape.points != points:
+            marker.points = [Point(x=x, y=y, z=z) for x, y, z in shape.points]
+        self._markers[shape.name] = marker, shape.points
+        return marker
+
+    def transform(self, body: dict[str, Any], stamp_ns: int) -> bytes:
+        """Serialised tf2_msgs/TFMessage map -> base_link (the type is not among the wheels)."""
+        return encode_transforms([Transform(MAP, self._base, body["p"], body["q"])], stamp_ns)
+
+
+# -------------------------------------------------------------------------------------------------
+# Sends the scene to RViz (topic `scene`) and Foxglove, if somebody looks.
+# -------------------------------------------------------------------------------------------------
+
+_TRAIL_EVERY, _GROUND_EVERY = 6, 30
+
+
+class SceneSender:
+    """One scene of one node.
+
+    Parameters
+    ----------
+    node : Node
+        Gets the publisher.
+    foxglove : FoxgloveServer or None
+        With channels for `scene` and `/tf`.
+    radius_m : float
+        Of the main rotor.
+    """
+
+    def __init__(self, node: Node, foxglove: Any, radius_m: float) -> None:
+        self._node, self._foxglove, self._radius_m = node, foxglove, radius_m
+        self._publisher = node.create_publisher(MarkerArray, topics.SCENE, topics.qos(topics.SCENE))
+        self._name = self._publisher.topic_name
+        self._messages, self._trail = SceneMessages(node.get_namespace()), Trail()
+        self._count = 0
+
+    def show(self, row: dict[str, Any], now_ns: int) -> None:
+        """Send a state row as markers; the slow parts of the scene now and then."""
+        body = row["truth"] or row["nav"]
+        if body is not None and row["t"] is not None:
+            self._trail.add(row["t"], body["p"])
+        self._count += 1
+        watched = self._foxglove is not None and self._foxglove.is_watched(self._name)
+        if watched or self._publisher.get_subscription_count():
+            self._send(self._shapes(row, body), now_ns, watched)
+        if body is not None and self._foxglove is not None and self._foxglove.is_watched(topics.TF):
+            self._foxglove.log_unstamped(topics.TF, self._messages.transform(body, now_ns))
+
+    def _shapes(self, row: dict[str, Any], body: dict[str, Any] | None) -> list[Shape]:
+        shapes = moving(row, self._radius_m)
+        trail = self._trail.shape() if self._count % _TRAIL_EVERY == 0 else None
+        if trail is not None:
+            shapes.append(trail)
+        if self._count % _GROUND_EVERY == 0:
+            shapes += ground(body)
+        return shapes
+
+    def _send(self, shapes: list[Shape], now_ns: int, watched: bool) -> None:
+        if not shapes:
+            return
+        raw = self._messages.serialize(shapes, now_ns)
+        self._publisher.publish(raw)
+        if watched:
+            self._foxglove.log_unstamped(self._name, raw)
+
+    def close(self) -> None:
+        """Take the publisher out of the graph."""
+        self._node.destroy_publisher(self._publisher)
+
+
+# -------------------------------------------------------------------------------------------------
+# The graph's topics for Foxglove: a WebSocket server on 127.0.0.1, messages passed through as CDR.
+#
+# https://docs.foxglove.dev/docs/sdk; protocol: https://github.com/foxglove/ws-protocol. View only:
+# clients can neither publish nor call. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+STATE = "/live_state"
+"""The page's state rows as JSON, for plots of what no message holds ready (Euler angles, deg)."""
+_PARAMETER, _OPTION = "foxglove_port", "--foxglove-port"
+
+
+class FoxgloveServer:
+    """A channel per topic, with its ROS 2 message definition.
+
+    Parameters
+    ----------
+    port : int
+        On 127.0.0.1; 0 for any free one.
+    types : mapping
+        Full topic name to type, `package/msg/Name`.
+
+    Raises
+    ------
+    PortError
+        The port cannot be bound.
+
+    Attributes
+    ----------
+    url : str
+    """
+
+    def __init__(self, port: int, types: Mapping[str, str]) -> None:
+        if port:
+            listen(port, _PARAMETER, _OPTION).close()
+        # Channels live as long as their context is held.
+        self._context = context = foxglove.Context()
+        store = get_typestore(Stores.ROS2_JAZZY)
+        self._channels = {}
+        for name, kind in types.items():
+            text, _ = store.generate_msgdef(kind, ros_version=2)
+            schema = foxglove.Schema(name=kind, encoding="ros2msg", data=text.encode())
+            self._channels[name] = foxglove.Channel(
+                name, schema=schema, message_encoding="cdr", context=context
+            )
+        self._state = foxglove.Channel(STATE, message_encoding="json", context=context)
+        try:
+            self._server = foxglove.start_server(
+                name="heli-hover",
+                host=LOOPBACK,
+                port=port,
+                capabilities=[foxglove.websocket.Capability.Time],
+                supported_encodings=["cdr"],
+                context=context,
+                message_backlog_size=256,
+            )
+        except RuntimeError as error:
+            raise port_error(port, _PARAMETER, _OPTION, f"cannot be bound: {error}") from error
+        self.port = self._server.port
+        self.url = f"ws://{LOOPBACK}:{self.port}"
+        self._newest_ns = 0
+
+    def is_watched(self, name: str) -> bool:
+        """True if a client subscribes to the topic."""
+        return self._channels[name].has_sinks()
+
+    def log(self, name: str, raw: bytes) -> None:
+        """Pass a serialised message on; its log time never goes back (late fixes, latched ones)."""
+        self._channels[name].base.log(raw, max(stamp_of(raw), self._newest_ns))
+
+    def log_unstamped(self, name: str, raw: bytes) -> None:
+        """Pass a serialised message without a stamp on, at the present simulation time."""
+        self._channels[name].base.log(raw, self._newest_ns)
+
+    def log_state(self, text: str) -> None:
+        """Pass a state row (JSON text) on."""
+        if self._state.has_sinks():
+            self._state.base.log(text.encode(), self._newest_ns)
+
+    def set_time(self, stamp_ns: int) -> None:
+        """Tell clients the simulation time."""
+        self._newest_ns = stamp_ns
+        self._server.broadcast_time(stamp_ns)
+
+    def stop(self) -> None:
+        """End the server; clients see the connection close."""
+        self._server.stop()

@@ -12,9 +12,8 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 
-from heli_live_view.access import RECORDED, TAKEN, VIEW_ONLY, Access
-from heli_live_view.page_server import PageServer
-from heli_live_view.ports import PortError
+from heli_live_view.access import RECORDED, TAKEN, VIEW_ONLY, Access, PortError
+from heli_live_view.server import PageServer
 
 COMMAND = {"type": "command", "id": 7, "token": "secret", "name": "gust", "args": {"x": 1}}
 

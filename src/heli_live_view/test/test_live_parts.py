@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 import yaml
 
-from heli_live_view import access, plan, scene
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
+from heli_live_view import access, commands, scene
 from heli_live_view.access import Access
-from heli_live_view.live_state import LiveState
-from heli_live_view.vehicle import body_row
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
-from heli_msgs_bridge import frame_ids, topics
+from heli_live_view.state import LiveState, body_row
+from heli_msgs_bridge import topics
+from heli_msgs_bridge import topics as frame_ids
 
 S = 1_000_000_000
 CONFIG = Path(__file__).resolve().parents[1] / "config"
-LIMITS = plan.Limits(2.0, 100.0, 100.0, 2.0, 1.0, 10.0, 10.0, 20.0)
+LIMITS = commands.CommandLimits(2.0, 100.0, 100.0, 2.0, 1.0, 10.0, 10.0, 20.0)
 
 
 class TestToken:
@@ -104,8 +104,8 @@ class TestScene:
 
 class TestPlan:
     def test_gust_from_the_east_blows_west(self):
-        assert plan.Gust(5.0, 90.0, 2.0).amplitude_ned_mps() == pytest.approx([0.0, -5.0, 0.0])
-        assert plan.Gust(5.0, 0.0, 2.0).amplitude_ned_mps() == pytest.approx([-5.0, 0.0, 0.0])
+        assert commands.Gust(5.0, 90.0, 2.0).amplitude_ned_mps() == pytest.approx([0.0, -5.0, 0.0])
+        assert commands.Gust(5.0, 0.0, 2.0).amplitude_ned_mps() == pytest.approx([-5.0, 0.0, 0.0])
 
     PRESENT = {
         "wind.gust.start_s": [0.0, 9.0, 5.0],
@@ -115,16 +115,19 @@ class TestPlan:
     }
 
     def test_a_gust_joins_those_that_blow(self):
-        values, start_s = plan.with_gust(self.PRESENT, plan.Gust(5.0, 180.0, 2.0), 10.0)
+        values, start_s = commands.with_gust(self.PRESENT, commands.Gust(5.0, 180.0, 2.0), 10.0)
         assert values["wind.gust.start_s"] == [9.0, start_s] and 10.0 < start_s < 10.5
         assert values["wind.gust.duration_s"] == [4.0, 2.0]
         assert values["wind.gust.amplitude_mps"] == pytest.approx([1.0, 2.0, 3.0, 5.0, 0.0, 0.0])
 
     def test_no_mixture_of_axes(self):
         body = {**self.PRESENT, "wind.gust.frame": "body"}
-        with pytest.raises(plan.CommandError, match="13.0 s"):
-            plan.with_gust(body, plan.Gust(5.0, 180.0, 2.0), 10.0)
-        assert plan.with_gust(body, plan.Gust(5.0, 0.0, 2.0), 14.0)[0]["wind.gust.frame"] == "ned"
+        with pytest.raises(commands.CommandError, match="13.0 s"):
+            commands.with_gust(body, commands.Gust(5.0, 180.0, 2.0), 10.0)
+        assert (
+            commands.with_gust(body, commands.Gust(5.0, 0.0, 2.0), 14.0)[0]["wind.gust.frame"]
+            == "ned"
+        )
 
     @pytest.mark.parametrize(
         ("args", "named"),
@@ -138,8 +141,8 @@ class TestPlan:
         ],
     )
     def test_gusts_are_judged(self, args, named):
-        with pytest.raises(plan.CommandError, match=named):
-            plan.judge_gust(args, LIMITS)
+        with pytest.raises(commands.CommandError, match=named):
+            commands.judge_gust(args, LIMITS)
 
     @pytest.mark.parametrize(
         ("p", "yaw", "named"),
@@ -154,23 +157,23 @@ class TestPlan:
         ],
     )
     def test_references_are_judged(self, p, yaw, named):
-        with pytest.raises(plan.CommandError, match=named):
-            plan.judge_reference({"p": p, "yaw_deg": yaw}, LIMITS, np.zeros(3))
+        with pytest.raises(commands.CommandError, match=named):
+            commands.judge_reference({"p": p, "yaw_deg": yaw}, LIMITS, np.zeros(3))
 
     def test_modes_are_judged(self):
-        assert plan.judge_mode({"mode": "hover"}) == "hover"
-        with pytest.raises(plan.CommandError, match="'fast' is not allowed; allowed: hover or"):
-            plan.judge_mode({"mode": "fast"})
+        assert commands.judge_mode({"mode": "hover"}) == "hover"
+        with pytest.raises(commands.CommandError, match="'fast' is not allowed; allowed: hover or"):
+            commands.judge_mode({"mode": "fast"})
 
     def test_a_move_is_straight_slow_and_without_a_jump(self):
         """From within an earlier move: the past stays, position and heading are continuous."""
         begin = np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0, np.radians(170.0)])
-        first = plan.judge_reference({"p": [0, 20, 10], "yaw_deg": 170}, LIMITS, np.zeros(3))
-        before, _ = plan.move(None, begin, first, 100 * S, LIMITS)
+        first = commands.judge_reference({"p": [0, 20, 10], "yaw_deg": 170}, LIMITS, np.zeros(3))
+        before, _ = commands.move(None, begin, first, 100 * S, LIMITS)
         now_ns = 105 * S
         start = before.at(now_ns)
-        target = plan.judge_reference({"p": [6, 10, 16], "yaw_deg": -170}, LIMITS, np.zeros(3))
-        points, length_s = plan.move(before, start, target, now_ns, LIMITS)
+        target = commands.judge_reference({"p": [6, 10, 16], "yaw_deg": -170}, LIMITS, np.zeros(3))
+        points, length_s = commands.move(before, start, target, now_ns, LIMITS)
         for back_s in (4.9, 2.0, 0.01):
             stamp_ns = now_ns - round(back_s * S)
             np.testing.assert_allclose(points.at(stamp_ns)[:3], before.at(stamp_ns)[:3], atol=1e-9)

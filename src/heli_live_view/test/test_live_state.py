@@ -10,21 +10,18 @@ import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatFix
 
-from heli_live_view.history import History
-from heli_live_view.live_state import LiveState
+from heli_core.command_line import config_folder
+from heli_core.metrics import BY_KEY, hover_errors
+from heli_core.parameters import load, with_common
+from heli_core.rotations import quat_from_euler
+from heli_core.trajectory import Trajectory
 from heli_live_view.node import LiveViewNode
-from heli_live_view.parameter_table import BOUNDS, NODE_NAME, TABLE
-from heli_live_view.vehicle import body_row, bounds
-from heli_math.paper_metrics import BY_KEY, hover_errors
-from heli_math.rotations import quat_from_euler
-from heli_math.trajectory import Trajectory
+from heli_live_view.parameters import BOUNDS, NODE_NAME, TABLE
+from heli_live_view.state import History, LiveState, body_row, bounds
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_OFFSET
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.messages import Encoder
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
 
 S = 1_000_000_000
 START_NS = S
@@ -83,7 +80,7 @@ def test_errors_are_the_papers_seen_from_the_reference():
 def test_bounds_are_the_papers_unless_given():
     """The packaged parameters name none: the numbers stand in one place."""
     packaged = config_folder("heli_live_view") / "live_view.yaml"
-    common = config_folder("heli_parameters") / "common.yaml"
+    common = config_folder("heli_core") / "common.yaml"
     values = load(with_common(TABLE), [common, packaged], NODE_NAME)
     shown = bounds(values)
     assert shown == {name: BY_KEY[key].paper for name, key in BOUNDS.items()}

@@ -8,20 +8,28 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import Remark, Stream
-from heli_live_view.happenings import FAULT, MODE, Happening, in_order, of_faults, of_remarks
-from heli_live_view.live_state import Event
-from heli_live_view.parameter_table import NODE_NAME, TABLE
-from heli_live_view.recording import EmptyRecordError, Recording
-from heli_live_view.replay import Replay, Telling
-from heli_live_view.screen import compact
-from heli_live_view.viewer import ReplayError, Viewer
-from heli_math.rows import NAV
-from heli_math.trajectory import Trajectory
+from heli_core.command_line import config_folder
+from heli_core.parameters import load, with_common
+from heli_core.rows import NAV
+from heli_core.trajectory import Trajectory
+from heli_live_view.parameters import NODE_NAME, TABLE
+from heli_live_view.replay import (
+    FAULT,
+    MODE,
+    EmptyRecordError,
+    FlightEvent,
+    FlightRecording,
+    Replay,
+    ReplayError,
+    Telling,
+    Viewer,
+    in_order,
+    of_faults,
+    of_remarks,
+)
+from heli_live_view.state import TimelineEvent, compact
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_OFFSET
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
 
 S = 1_000_000_000
 TICK = S // 100
@@ -33,7 +41,7 @@ SIZES = {topics.TRUTH_ODOM: 13, topics.ODOM: NAV.size, topics.ATTITUDE_SETPOINT:
 @pytest.fixture(scope="module")
 def values():
     packaged = config_folder("heli_live_view") / "live_view.yaml"
-    common = config_folder("heli_parameters") / "common.yaml"
+    common = config_folder("heli_core") / "common.yaml"
     return load(with_common(TABLE), [common, packaged], NODE_NAME)
 
 
@@ -54,7 +62,7 @@ def streams(length_s=20.0, seed=1, gap_s=(8.0, 12.0)):
 
 
 def recording(remarks=(), references=(), **changed):
-    return Recording(streams(**changed), remarks, references, START_NS, stale_s=1.0)
+    return FlightRecording(streams(**changed), remarks, references, START_NS, stale_s=1.0)
 
 
 def newest(stream, stamp_ns):
@@ -133,7 +141,7 @@ def test_largest_errors_are_those_so_far(values):
 
 def test_a_record_without_what_is_shown_is_refused():
     with pytest.raises(EmptyRecordError, match="nothing was recorded"):
-        Recording({}, [], [], START_NS, 1.0)
+        FlightRecording({}, [], [], START_NS, 1.0)
 
 
 class Clock:
@@ -256,14 +264,14 @@ def test_faults_have_a_beginning_and_an_end():
 
 def test_what_is_said_twice_is_one_event():
     twice = [
-        Happening(4.0, "refusal", 1, "outer_loop", "refused: goto: too far"),
-        Happening(4.01, "health", 1, "outer_loop", "message refused: goto: too far"),
-        Happening(9.0, MODE, 0, "outer_loop", "mode: land"),
-        Happening(9.05, MODE, 0, "live_view", "mode: land"),
-        Happening(0.0, MODE, 0, "live_view", "mode: hover"),
-        Happening(3.0, FAULT, 1, "plant", "fault: gps loss"),
-        Happening(3.0, FAULT, 1, "fault", "gps loss begins"),
-        Happening(50.0, MODE, 0, "outer_loop", "mode: late"),
+        FlightEvent(4.0, "refusal", 1, "outer_loop", "refused: goto: too far"),
+        FlightEvent(4.01, "health", 1, "outer_loop", "message refused: goto: too far"),
+        FlightEvent(9.0, MODE, 0, "outer_loop", "mode: land"),
+        FlightEvent(9.05, MODE, 0, "live_view", "mode: land"),
+        FlightEvent(0.0, MODE, 0, "live_view", "mode: hover"),
+        FlightEvent(3.0, FAULT, 1, "plant", "fault: gps loss"),
+        FlightEvent(3.0, FAULT, 1, "fault", "gps loss begins"),
+        FlightEvent(50.0, MODE, 0, "outer_loop", "mode: late"),
     ]
     assert [h.text for h in in_order(twice, 20.0)] == [
         "gps loss begins", "refused: goto: too far", "mode: land"
@@ -273,7 +281,7 @@ def test_what_is_said_twice_is_one_event():
 def test_the_greeting_names_span_events_and_report(values):
     told = Telling("Flown to its end.", ["a note"], "report.html")
     replay = Replay(
-        recording(said()), values, told, [Happening(9.0, "ground", 0, "ground", "down")]
+        recording(said()), values, told, [FlightEvent(9.0, "ground", 0, "ground", "down")]
     )
     hello = json.loads(replay.hello())
     assert hello["commands"] is False and hello["history"] == []
@@ -294,7 +302,7 @@ def test_numbers_that_are_not_finite_are_null():
 
 
 def test_a_line_before_the_clock_is_at_the_beginning():
-    from heli_live_view.happenings import as_happening
+    from heli_live_view.replay import as_flight_event
 
-    assert as_happening(Event(None, 1, "observer", "waits")).time_s == 0.0
-    assert as_happening(Event(3.0, 0, "plant", "configured")) is None
+    assert as_flight_event(TimelineEvent(None, 1, "observer", "waits")).time_s == 0.0
+    assert as_flight_event(TimelineEvent(3.0, 0, "plant", "configured")) is None

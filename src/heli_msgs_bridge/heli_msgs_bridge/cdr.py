@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from heli_math.ticks import NS_PER_S
+from heli_core.ticks import NS_PER_S
 
 _HEADER = b"\x00\x01\x00\x00"
 _STAMP = struct.Struct("<iI")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node's health as `/diagnostics`: at 1 Hz of the node's time, and at once when it changes.
+"""A node's health as `/diagnostics`: at 1 Hz of its time, and at once when it changes. No ROS.
 
 The node's time is that of its last tick: it runs with the flight, faster or slower than the wall
 clock. Where it stands still (before a flight, in a pause, behind a silent peer) the status is
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
-from heli_math.ticks import NS_PER_S, TICKS_PER_S
+from heli_core.ticks import NS_PER_S, TICKS_PER_S
 
 FACT_OFFSET = "reference_offset_ned_m"
 """What the outer loop calls the offset (3,) from the reference as given to that which it follows;
@@ -20,11 +20,11 @@ an empty list until it has engaged."""
 FACT_MODE = "mode"
 """What the outer loop calls the mode that it flies; what it says changes with it."""
 FACT_FAILSAFE = "failsafe"
-"""What the outer loop calls what it does by itself, a name of `heli_modes.failsafes.Action`; what
-it says changes with it."""
+"""What the outer loop calls what it does by itself, a name of `heli_outer_pd.failsafes.Action`;
+what it says changes with it."""
 FACT_WAYS = "reference_since_ns"
 """What the outer loop calls its newest references, each as the flight's time from which it counts,
-ns, and its `heli_msgs_bridge.reference_message.key_of`."""
+ns, and its `heli_msgs_bridge.command_messages.key_of`."""
 FACT_LAW_FAILED = "own_law_failed"
 """Key of the sentence with which a law in Python has failed; it is not asked again."""
 FACT_FLOOD = "refused.requests"

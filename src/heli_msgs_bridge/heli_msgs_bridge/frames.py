@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heli_math.arrays import scratch
-from heli_math.jit import njit
-from heli_math.origin import LATITUDE_DEG, LONGITUDE_DEG
+from heli_core.jit import njit, scratch
+from heli_core.ticks import LATITUDE_DEG, LONGITUDE_DEG
 
 WGS84_A_M = 6378137.0
 WGS84_F = 1.0 / 298.257223563
@@ -101,7 +100,7 @@ def datum(lat_deg: float, lon_deg: float, alt_m: float) -> Datum:
     Parameters
     ----------
     lat_deg, lon_deg : float
-        WGS84, deg; bounds in `heli_math.origin`.
+        WGS84, deg; bounds in `heli_core.ticks`.
     alt_m : float
         Height above the WGS84 ellipsoid, m.
 

@@ -15,8 +15,8 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
-from heli_msgs_bridge.memory import FOLDER, note_restart
-from heli_parameters.parameters import dump_all
+from heli_core.rcl_yaml import dump_all
+from heli_msgs_bridge.handover import FOLDER, note_restart
 
 
 class Argument(NamedTuple):

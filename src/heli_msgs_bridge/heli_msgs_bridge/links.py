@@ -8,14 +8,26 @@ before; its stamp says how old it is. What happens to a message depends on seed,
 sending alone, so it is the same in one process, in the graph, and in real time.
 """
 
-from typing import NamedTuple
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
-from heli_math.jit import njit
-from heli_math.ticks import Rate
+from heli_core.jit import njit
+from heli_core.parameters import entries, mapping, number_of, one_of
+from heli_core.rcl_yaml import ParameterError, number
+from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.lockstep import Arrived
+
+# -------------------------------------------------------------------------------------------------
+# Links.
+# -------------------------------------------------------------------------------------------------
 
 KINDS = ("loss", "delay", "reorder", "duplicate")
 """What a link does; a kernel takes the place of its name."""
@@ -58,7 +70,7 @@ class LinkRow(NamedTuple):
 ROW = LinkRow()
 
 
-class LinkKernel(NamedTuple):
+class LinkParams(NamedTuple):
     """The faults of a flight's links."""
 
     faults: NDArray[np.float64]  # (n, 5), a LinkRow each
@@ -78,7 +90,7 @@ class LinkState(NamedTuple):
     counts: NDArray[np.int64]  # (links, 4) as `COUNTED`
 
 
-def link_kernel(rows: NDArray[np.float64], seed: int, rate: Rate) -> LinkKernel:
+def link_params(rows: NDArray[np.float64], seed: int, rate: Rate) -> LinkParams:
     """Numbers of a flight with these faults, a `LinkRow` each (n, 5)."""
     faulty = np.zeros(len(LINKS), np.int64)
     faulty[rows[:, ROW.link].astype(int)] = 1
@@ -87,10 +99,10 @@ def link_kernel(rows: NDArray[np.float64], seed: int, rate: Rate) -> LinkKernel:
         children = np.random.SeedSequence(seed).spawn(_CHILD + len(LINKS))[_CHILD:]
         keys[:] = [child.generate_state(1, np.uint64)[0] for child in children]
     periods = [rate.every(topics.BY_NAME[topic].every_ticks) for topic, _ in LINKS]
-    return LinkKernel(rows, faulty, keys, np.array(periods, np.int64), int(len(rows) > 0))
+    return LinkParams(rows, faulty, keys, np.array(periods, np.int64), int(len(rows) > 0))
 
 
-def initial_links(k: LinkKernel, rate: Rate) -> LinkState:
+def initial_links(k: LinkParams, rate: Rate) -> LinkState:
     """Links with nothing under way; without faults they need no memory."""
     # The longest delay, and behind it the longest period twice: exchanged, and repeated.
     held = rate.ticks_in(LATEST_S) + 2 * int(k.periods.max()) if k.on else 0
@@ -134,7 +146,7 @@ def send(state, k, link, sent, stamp, row):
     ----------
     state : LinkState
         In place.
-    k : LinkKernel
+    k : LinkParams
     link : int
         Place in `LINKS`.
     sent, stamp : int
@@ -238,3 +250,280 @@ def pass_on(state, k, link, tick, stamp, came, row, out):
     if came:
         send(state, k, link, tick, stamp, row)
     return receive(state, link, tick, out)
+
+
+# -------------------------------------------------------------------------------------------------
+# Faults of links as users write them, a mapping of YAML each: read, judged, made numbers. No ROS.
+#
+# {what: link, from: observer, to: inner_loop, topic: odom, kind: loss, value: 0.5, start_s: 12}
+# -------------------------------------------------------------------------------------------------
+
+WHAT = "link"
+"""What a fault of a link says under `what`, in a file of faults."""
+ANY = "any"
+_KEYS = ("what", "from", "to", "topic", "kind", "start_s", "duration_s", "value")
+_NODES = tuple(
+    dict.fromkeys(name for topic, sink in LINKS for name in (*topics.BY_NAME[topic].source, sink))
+)
+_TOPICS = tuple(dict.fromkeys(topic for topic, _ in LINKS))
+_LONGEST_S, _NEVER = 86400.0, 2.0**52
+
+
+@dataclass(frozen=True)
+class LinkFault:
+    """A fault of one or more links.
+
+    Attributes
+    ----------
+    sender, receiver, topic : str
+        Names of nodes and of a topic; `any` for all.
+    kind : str
+        One of `links.KINDS`.
+    start_s, duration_s : float
+        Flight time of sending; an infinite duration: to the end.
+    value : tuple of float
+        Share of the messages, or for a delay s.
+    """
+
+    sender: str
+    receiver: str
+    topic: str
+    kind: str
+    start_s: float
+    duration_s: float
+    value: tuple[float, ...]
+
+    @property
+    def what(self) -> str:
+        """What has the fault, in words."""
+        over = "" if self.topic == ANY else f"{self.topic} "
+        return f"{WHAT} {over}{self.sender} to {self.receiver}"
+
+    @property
+    def end_s(self) -> float:
+        """Flight time from which on it does not act."""
+        return self.start_s + self.duration_s
+
+    def acts(self, time_s: float) -> bool:
+        """Whether it acts at a flight time."""
+        return self.start_s <= time_s < self.end_s
+
+    @property
+    def links(self) -> tuple[tuple[str, str], ...]:
+        """Topic and receiver of each of its links."""
+        return tuple(
+            (topic, sink)
+            for topic, sink in LINKS
+            if self.topic in (ANY, topic)
+            and self.receiver in (ANY, sink)
+            and (self.sender == ANY or self.sender in topics.BY_NAME[topic].source)
+        )
+
+    @property
+    def text(self) -> str:
+        """The mapping that reads back as this fault."""
+        parts = [f"what: {WHAT}", f"from: {self.sender}", f"to: {self.receiver}"]
+        if self.topic != ANY:
+            parts.append(f"topic: {self.topic}")
+        parts += [f"kind: {self.kind}", f"start_s: {number(self.start_s)}"]
+        if math.isfinite(self.duration_s):
+            parts.append(f"duration_s: {number(self.duration_s)}")
+        return "{" + ", ".join([*parts, f"value: {number(self.value[0])}"]) + "}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON has it; a duration of null goes on to the end."""
+        lasts = self.duration_s if math.isfinite(self.duration_s) else None
+        return {"what": WHAT, "from": self.sender, "to": self.receiver, "topic": self.topic,
+                "kind": self.kind, "start_s": self.start_s, "duration_s": lasts,
+                "value": list(self.value)}  # fmt: skip
+
+    @property
+    def words(self) -> str:
+        """For people: link odom observer to inner_loop loss 0.5 from 12 s to 20 s."""
+        until = f" to {self.end_s:g} s" if math.isfinite(self.duration_s) else " s on"
+        return f"{self.what} {self.kind} {self.value[0]:g} from {self.start_s:g}{until}"
+
+
+def link_faults_of(texts: Iterable[str]) -> tuple[LinkFault, ...]:
+    """The faults of the parameter `link_faults`.
+
+    Raises
+    ------
+    ParameterError
+        One sentence: which of them, key, value, and what is allowed.
+    """
+    return entries(texts, "link_faults", _KEYS, link_fault_of)
+
+
+def link_fault_of(node: yaml.Node | None, where: str) -> LinkFault:
+    """A fault of a YAML mapping; `where` begins the sentence of a ParameterError."""
+    said = mapping(node, _KEYS, where)
+    one_of(said, "what", (WHAT,), where)
+    kind = one_of(said, "kind", KINDS, f"{where}: of a {WHAT}")
+    start_s = number_of(said, "start_s", _LONGEST_S, where)
+    duration_s = math.inf
+    if "duration_s" in said:
+        duration_s = number_of(said, "duration_s", _LONGEST_S, where)
+    fault = LinkFault(
+        one_of(said, "from", (ANY, *_NODES), where),
+        one_of(said, "to", (ANY, *_NODES), where),
+        one_of({"topic": ANY, **said}, "topic", (ANY, *_TOPICS), where),
+        kind,
+        start_s,
+        duration_s,
+        (_value(said, kind, where),),
+    )
+    if not fault.links:
+        over = "no topic" if fault.topic == ANY else f"not {fault.topic}"
+        known = ", ".join(
+            f"{'/'.join(topics.BY_NAME[topic].source)} to {sink}: {topic}" for topic, sink in LINKS
+        )
+        raise ParameterError(
+            f"{where}: from {fault.sender} to {fault.receiver} goes {over}; known: {known}"
+        )
+    return fault
+
+
+def fault_rows(texts: Iterable[str], receiver: str, rate: Rate) -> np.ndarray:
+    """Numbers of the faults of the links to a node, a `links.LinkRow` each (n, 5).
+
+    Raises
+    ------
+    ParameterError
+        As `link_faults_of`.
+    """
+    rows = [
+        _row(fault, PLACE[topic, sink], rate)
+        for fault in link_faults_of(texts)
+        for topic, sink in fault.links
+        if sink == receiver
+    ]
+    return np.array(rows, float).reshape(-1, ROW.size)
+
+
+def _row(fault: LinkFault, link: int, rate: Rate) -> np.ndarray:
+    row = np.zeros(ROW.size)
+    row[ROW.link], row[ROW.kind] = link, KINDS.index(fault.kind)
+    row[ROW.begin] = rate.ticks_in(fault.start_s)
+    row[ROW.end] = rate.ticks_in(fault.end_s) if math.isfinite(fault.end_s) else _NEVER
+    row[ROW.value] = fault.value[0]
+    if fault.kind == "delay":
+        row[ROW.value] = max(1, rate.ticks_in(fault.value[0]))
+    return row
+
+
+def _value(said: Mapping[str, Any], kind: str, where: str) -> float:
+    """Share of the messages, all of them if it is left out, or how late they are."""
+    delays = kind == "delay"
+    if "value" not in said and not delays:
+        return 1.0
+    largest, meaning = (LATEST_S, "s") if delays else (1.0, "the share of the messages")
+    if "value" not in said:
+        raise ParameterError(f"{where}: value: missing; allowed: a number in (0, 1] ({meaning})")
+    found = number_of(said, "value", largest, where)
+    if found == 0.0:
+        raise ParameterError(
+            f"{where}: value: 0 is not allowed; allowed: a number in (0, {largest:g}] ({meaning})"
+        )
+    return found
+
+
+# -------------------------------------------------------------------------------------------------
+# What a node hears over links that have faults: between what came and its step. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+
+class HeardLinks:
+    """The links to one node.
+
+    Parameters
+    ----------
+    node : str
+        Its name in the table of topics.
+    lags : mapping
+        Per topic that it hears ticks from a message's stamp to its sending.
+    values : mapping
+        Parameters: `link_faults`, `link_seed`, `rate_hz`.
+
+    Raises
+    ------
+    ParameterError
+        A fault that is none.
+    """
+
+    def __init__(self, node: str, lags: Mapping[str, int], values: Mapping[str, Any]) -> None:
+        self._rate = Rate.of_parameters(values)
+        rows = fault_rows(values["link_faults"], node, self._rate)
+        self._kernel = link_params(rows, values["link_seed"], self._rate)
+        self._faults = [
+            (fault, topic)
+            for fault in link_faults_of(values["link_faults"])
+            for topic, sink in fault.links
+            if sink == node and topic in lags
+        ]
+        self._lags = {
+            topic: lag
+            for topic, lag in lags.items()
+            if (topic, node) in PLACE and self._kernel.faulty[PLACE[topic, node]]
+        }
+        self._places = {topic: PLACE[topic, node] for topic in self._lags}
+        self._state = initial_links(self._kernel, self._rate)
+        self._rows = {topic: np.empty(_size(topic)) for topic in self._lags}
+
+    @property
+    def faulty(self) -> bool:
+        """Whether any link has a fault at some time."""
+        return bool(self._lags)
+
+    def has(self, topic: str) -> bool:
+        """Whether the link of a topic has a fault at some time."""
+        return topic in self._lags
+
+    def begin_anew(self) -> None:
+        """Another flight: nothing is under way."""
+        self._state = initial_links(self._kernel, self._rate)
+
+    def through(self, tick: int, came: Arrived) -> Arrived:
+        """What of a tick's messages has arrived: topics that did not are absent.
+
+        Parameters
+        ----------
+        tick : int
+        came : Arrived
+            What the sender has sent.
+        """
+        if not self._lags:
+            return came
+        state, k = self._state, self._kernel
+        heard = {topic: told for topic, told in came.items() if topic not in self._lags}
+        for topic, link in self._places.items():
+            row = self._rows[topic]
+            stamp, value = came.get(topic, (0, None))
+            if value is not None:
+                row.fill(np.nan)
+                row[: value.size] = value
+                send(state, k, link, stamp + self._lags[topic], stamp, row)
+            stamp = receive(state, link, tick, row)
+            if stamp != NOTHING:
+                heard[topic] = (stamp, row.copy())
+        return heard
+
+    def acting(self, time_s: float) -> str:
+        """What acts at a flight time, in words; empty for nothing."""
+        now = [f"{topic} {fault.kind}" for fault, topic in self._faults if fault.acts(time_s)]
+        return f"link fault: {', '.join(dict.fromkeys(now))}" if now else ""
+
+    def facts(self) -> dict[str, str]:
+        """What has become of messages so far, by link, for /diagnostics."""
+        return {f"link.{topic}": _counted(self._state.counts[place])
+                for topic, place in self._places.items()}  # fmt: skip
+
+
+def _size(topic: str) -> int:
+    channel = CHANNELS[topic]
+    return channel.wider.size if channel.wider is not None else channel.size
+
+
+def _counted(counts: Iterable[int]) -> str:
+    said = [f"{name} {count}" for name, count in zip(COUNTED, counts, strict=True) if count]
+    return ", ".join(said) or "nothing lost"

@@ -7,13 +7,15 @@ stderr.
 """
 
 import contextlib
+import ctypes
 import gc
 import os
 import signal
 import sys
+import textwrap
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -25,12 +27,152 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from heli_msgs_bridge.leaving import limited
-from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.node_spec import StartError
-from heli_msgs_bridge.usage import asks_for_help, usage
-from heli_parameters import command_line
-from heli_parameters.parameters import ParameterError
+from heli_core import command_line
+from heli_core.parameters import Parameter
+from heli_core.rcl_yaml import ParameterError
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
+
+# -------------------------------------------------------------------------------------------------
+# What a node answers to `--help`: usage and its parameters, from its table and packaged files.
+# -------------------------------------------------------------------------------------------------
+
+_WIDTH = 100
+_ROS_ARGUMENTS = (
+    ("-r __node:=NAME", "another name; parameter files then speak of it by that name"),
+    ("-r __ns:=/NAMESPACE", "prefix of node and topics"),
+    ("-r FROM:=TO", "another name of a topic or service"),
+    ("--params-file FILE", "parameter file over the packaged values; repeatable"),
+    ("-p NAME:=VALUE", "one parameter, over all files; repeatable"),
+    ("--log-level LEVEL", "debug, info, warn, error or fatal"),
+)
+
+
+def asks_for_help(arguments: Sequence[str]) -> bool:
+    """Whether a command line asks for help rather than for a node (before `--ros-args`)."""
+    own = list(arguments)
+    if "--ros-args" in own:
+        own = own[: own.index("--ros-args")]
+    return "--help" in own or "-h" in own
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"' if value == "" or " " in value else value
+    if hasattr(value, "tolist"):
+        value = value.ravel().tolist()
+    if isinstance(value, (list, tuple)):
+        return textwrap.shorten(f"[{', '.join(_shown(v) for v in value)}]", 60, placeholder=" ...]")
+    return str(value)
+
+
+def _row(row: Parameter, value: Any) -> str:
+    fixed = "; fixed while the node runs" if row.read_only else ""
+    said = f"{row.description}: {row.allowed()}{fixed}"
+    body = textwrap.fill(said, _WIDTH, initial_indent="      ", subsequent_indent="      ")
+    return f"  {row.name} = {_shown(value)}\n{body}"
+
+
+def usage(spec: NodeSpec, summary: str) -> str:
+    """Help of a node.
+
+    Parameters
+    ----------
+    spec : NodeSpec
+    summary : str
+        What the node does, in a sentence.
+
+    Returns
+    -------
+    str
+        With a line break at its end.
+
+    Raises
+    ------
+    NodeStartError
+        The installation lacks the packaged values.
+    """
+    values = spec.resolve()
+    width = max(len(left) for left, _ in _ROS_ARGUMENTS)
+    options = "\n".join(f"  {left:<{width}}  {right}" for left, right in _ROS_ARGUMENTS)
+    rows = "\n".join(_row(row, values[row.name]) for row in spec.full_table())
+    return (
+        f"usage: ros2 run {spec.package} {spec.name} [--help] [--ros-args ...]\n\n"
+        f"{textwrap.fill(' '.join(summary.split()), _WIDTH)}\n\n"
+        f"after --ros-args:\n{options}\n\n"
+        f"parameters with their packaged values:\n{rows}\n\n"
+        "exit code: 0 asked to end or flight over, 1 failed in flight, 2 could not start\n"
+    )
+
+
+# -------------------------------------------------------------------------------------------------
+# The way out of DDS, which may have no end.
+#
+# To destroy a participant rmw_fastrtps calls `DomainParticipant::set_listener` of Fast DDS, which
+# waits until the listener is not being called. In the wheels' build (2.14) the limit of that wait
+# is
+# beyond what 64 bits hold: the wait returns at once, as the wrong argument it is, and keeps the
+# lock
+# for which the listener waits. Who leaves in the moment in which it is told of another one's
+# coming
+# or leaving turns in this loop for ever, with Python's lock held, so that no thread can help.
+# -------------------------------------------------------------------------------------------------
+
+LIMIT_S = 5.0
+"""Wall time for leaving; it takes 0.03 s, on loaded cores up to a second."""
+_QUIET_S, _WAIT_S, _LEAVING_LOOK_S = 0.05, 0.5, 0.01
+_HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int)
+
+
+@contextlib.contextmanager
+def exit_within(code: int, limit_s: float = LIMIT_S) -> Iterator[None]:
+    """End this process with an exit code if what is done inside does not end.
+
+    Called in the main thread by who has nothing left to do. A handler of Python's would wait for
+    the interpreter's next step, which does not come; this one is called in the midst of the loop.
+    """
+    sys.stdout.flush()
+    libc = ctypes.CDLL(None)
+    libc.signal.argtypes, libc.signal.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+    end = _HANDLER(lambda number: os._exit(code))
+    before = libc.signal(signal.SIGALRM, ctypes.cast(end, ctypes.c_void_p))
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        libc.signal(signal.SIGALRM, before)
+
+
+def wait_for_dds_shutdown(node: Node) -> None:
+    """Wait until nobody comes or leaves, for half a second at most; not where ROS has ended.
+
+    For who has work left when its node is destroyed.
+    """
+    seen: object = None
+    begun_s = since_s = time.monotonic()
+    while node.context.ok():
+        now_s = time.monotonic()
+        if (found := _others(node)) != seen:
+            seen, since_s = found, now_s
+        if now_s - since_s >= _QUIET_S or now_s - begun_s >= _WAIT_S:
+            return
+        time.sleep(_LEAVING_LOOK_S)
+
+
+def _others(node: Node) -> tuple[object, ...]:
+    """Who is in the graph, and what is sent and heard there."""
+    topics = node.get_topic_names_and_types()
+    return (
+        sorted(node.get_node_names_and_namespaces()),
+        [(name, node.count_publishers(name), node.count_subscribers(name)) for name, _ in topics],
+    )
+
+
+# -------------------------------------------------------------------------------------------------
+# Node process.
+# -------------------------------------------------------------------------------------------------
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 Made = TypeVar("Made")
@@ -107,7 +249,7 @@ def _values(cls: type[ManagedNode], argv: Sequence[str]) -> dict[str, Any]:
     try:
         line = command_line.parse(argv, cls.SPEC.name)
         return cls.SPEC.resolve(line.params_files, line.rules, line.full_name)
-    except (StartError, ParameterError) as error:
+    except (NodeStartError, ParameterError) as error:
         raise _Failed(cls.SPEC.name, str(error), 2) from error
 
 
@@ -115,7 +257,7 @@ def _named(name: str, make: Callable[[], Made]) -> Made:
     """What starting ROS or a node gives; raises _Failed."""
     try:
         return make()
-    except (StartError, ParameterError) as error:
+    except (NodeStartError, ParameterError) as error:
         raise _Failed(name, str(error), 2) from error
     except Exception as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
@@ -165,7 +307,7 @@ def _spin(nodes: Sequence[ManagedNode], ending: Ending) -> int:
     spinning = Spinning(executor, min(node.PATIENCE_S for node in nodes))
     for node in nodes:
         executor.add_node(node)
-        node.told_end = spinning.stop
+        node.notify_end = spinning.stop
     ending.wake_by(spinning.stop)
     try:
         return _serve(nodes, spinning)
@@ -231,7 +373,7 @@ def run(cls: type[ManagedNode], args: Sequence[str] | None = None) -> int:
         return run_together([cls], argv, name)
     try:
         sys.stdout.write(usage(cls.SPEC, cls.__doc__ or ""))
-    except StartError as error:
+    except NodeStartError as error:
         complain(name, str(error))
         return 2
     return 0
@@ -280,12 +422,12 @@ def run_together(classes: Sequence[type[ManagedNode]], argv: Sequence[str], name
     return code
 
 
-Order = tuple[type[ManagedNode], Sequence[str]]
+NodeCommandLine = tuple[type[ManagedNode], Sequence[str]]
 """Which node a process that stands by becomes, and further words of its command line."""
 
 
 def stand_by(
-    name: str, argv: Sequence[str], wait: Callable[[Callable[[], bool]], Order | None]
+    name: str, argv: Sequence[str], wait: Callable[[Callable[[], bool]], NodeCommandLine | None]
 ) -> int:
     """Take part in the graph without a part, until there is one; then run that node.
 
@@ -344,7 +486,7 @@ def _end(nodes: Sequence[ManagedNode], code: int, *others: Node) -> None:
     """Last words and clean-up, whatever the state is in; no signal disturbs it."""
     for node in nodes:
         _attempt(node.end)
-    with limited(code):
+    with exit_within(code):
         for left in (*others, *nodes):
             _attempt(left.destroy_node)
         _attempt(rclpy.try_shutdown)

@@ -5,13 +5,27 @@ An exception in a service's callback comes out of rclpy's executor and would end
 client could raise one, by a transition that is not possible or a parameter of no known type.
 """
 
+import math
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+
+from heli_core.parameters import Parameter
+
+# -------------------------------------------------------------------------------------------------
+# Services.
+# -------------------------------------------------------------------------------------------------
 
 Transitions = Mapping[str, int]
 """Label to id of the transitions that may be asked for in the present state."""
@@ -42,7 +56,7 @@ class Later:
             self._send(self._response)
 
 
-def in_words(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
     """An exception in one line."""
     said = " ".join(str(error).split())
     return said if isinstance(error, ValueError) and said else f"{type(error).__name__}: {said}"
@@ -91,7 +105,7 @@ def guard(
         try:
             return answer(request, response)
         except Exception as error:
-            reason = in_words(error)
+            reason = error_line(error)
             say(f"{name}: refused: {reason}")
             return _refusal(service.srv_type, request, reason)
 
@@ -102,7 +116,7 @@ def guard(
         try:
             send(response, header)
         except Exception as error:
-            say(f"{name}: no answer could be sent: {in_words(error)}")
+            say(f"{name}: no answer could be sent: {error_line(error)}")
 
     service.callback, service.send_response = call, respond
 
@@ -142,3 +156,124 @@ def trigger_of(node: Any, number: int) -> Callable[[], Any]:
         Transition.TRANSITION_ACTIVATE: node.trigger_activate,
         Transition.TRANSITION_DEACTIVATE: node.trigger_deactivate,
     }.get(number, node.trigger_shutdown)
+
+
+# -------------------------------------------------------------------------------------------------
+# Rows of a parameter table as ROS parameter descriptors.
+# -------------------------------------------------------------------------------------------------
+
+
+def descriptor(row: Parameter) -> ParameterDescriptor:
+    """ROS descriptor of a table row."""
+    descriptor = ParameterDescriptor(
+        description=row.description + (f" [{row.unit}]" if row.unit else ""),
+        additional_constraints=row.allowed(),
+        read_only=row.read_only,
+    )
+    if row.lower is None or row.upper is None:
+        return descriptor
+    if row.kind == "double":
+        reals = FloatingPointRange(from_value=float(row.lower), to_value=float(row.upper))
+        descriptor.floating_point_range = [reals]
+    elif row.kind == "int":
+        wholes = IntegerRange(from_value=int(row.lower), to_value=int(row.upper), step=1)
+        descriptor.integer_range = [wholes]
+    return descriptor
+
+
+def ros_value(value: Any) -> Any:
+    """A checked value in the form that rclpy takes."""
+    if isinstance(value, np.ndarray):
+        return value.ravel().tolist()
+    return list(value) if isinstance(value, tuple) else value
+
+
+# -------------------------------------------------------------------------------------------------
+# How often and how much may be asked of a node, so that a flood costs it next to nothing. No ROS.
+#
+# What is judged takes time that a tick then lacks: a law that is synthesised, a long message that
+# becomes objects. What is refused here has cost none of that.
+# -------------------------------------------------------------------------------------------------
+
+REQUESTS_PER_S, REQUESTS_AT_ONCE = 50.0, 100.0
+"""Of service calls, per node, while it flies; a panel of sliders asks ten times a second."""
+COMMANDS_PER_S, COMMANDS_AT_ONCE = 100.0, 200.0
+"""Of messages on a topic of commands, which are planned and judged one by one."""
+MOST_ORDERS = 16
+"""Changes of parameters that may wait for their judgement."""
+MOST_BYTES, MOST_WAY_BYTES = 1 << 16, 1 << 20
+"""Of a message; of one that holds a way, whose points are counted afterwards."""
+
+_TELL_AGAIN_S = 1.0
+
+
+class RateLimit:
+    """Lets so many through per second of wall time, and so many at once after a quiet time.
+
+    Parameters
+    ----------
+    per_s, at_once : float
+    what : str
+        For the sentence: "requests to this node".
+    now_s : callable, optional
+        Wall time, s.
+
+    Attributes
+    ----------
+    refused : int
+        So far.
+    """
+
+    def __init__(
+        self, per_s: float, at_once: float, what: str, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._per_s, self._at_once, self._now_s = per_s, at_once, now_s
+        self._left, self._looked_s = at_once, now_s()
+        self.sentence = f"more than {per_s:g} {what} a second; ask less often"
+        self.refused = 0
+
+    def admits(self) -> bool:
+        """Whether one more may pass now."""
+        now_s = self._now_s()
+        grown = self._left + (now_s - self._looked_s) * self._per_s
+        self._left, self._looked_s = min(grown, self._at_once), now_s
+        if self._left < 1.0:
+            self.refused += 1
+            return False
+        self._left -= 1.0
+        return True
+
+
+def too_long(topic: str, size: int, most: int = MOST_BYTES) -> str:
+    """Why a serialised message is not even looked into; empty if it may be."""
+    return f"{topic}: a message of {size} bytes; allowed: at most {most}" if size > most else ""
+
+
+class RequestLimit:
+    """Service calls of a node: while it flies, those that come too often are refused unheard.
+
+    Parameters
+    ----------
+    flies : callable
+        Whether it does.
+    warn : callable
+        Takes a line for the log.
+    """
+
+    def __init__(self, flies: Callable[[], bool], warn: Callable[[str], Any]) -> None:
+        self.warn, self._flies, self._told_s = warn, flies, -math.inf
+        self._limit = RateLimit(REQUESTS_PER_S, REQUESTS_AT_ONCE, "requests to this node")
+
+    def flooded(self) -> str:
+        """Why a call is refused; empty for one that is answered."""
+        if not self._flies() or self._limit.admits():
+            return ""
+        now_s = time.monotonic()
+        if now_s - self._told_s > _TELL_AGAIN_S:
+            self._told_s = now_s
+            self.warn(f"request refused: {self._limit.sentence}")
+        return self._limit.sentence
+
+    def told(self) -> str:
+        """How many came too often, and why that is too often; empty if none did."""
+        return f"{self._limit.refused}; {self._limit.sentence}" if self._limit.refused else ""

@@ -19,12 +19,12 @@ VARIABLE = "HELI_TRUTH_SUMS"
 _SIZE = SUM.itemsize
 
 
-def sum_of(raw: bytes) -> bytes:
+def checksum(raw: bytes) -> bytes:
     """Sum of a serialised message."""
     return hashlib.blake2b(raw, digest_size=_SIZE).digest()
 
 
-class SumWriter:
+class ChecksumWriter:
     """Writes the sums of messages into a file, one after the other, in the order of sending.
 
     A flight does not end because they cannot be written: then they are missing, which is told.
@@ -46,7 +46,7 @@ class SumWriter:
     def add(self, raw: bytes) -> None:
         """Append the sum of a message."""
         try:
-            self._file.write(sum_of(raw))
+            self._file.write(checksum(raw))
         except (OSError, ValueError):
             self.close()
 
@@ -58,7 +58,7 @@ class SumWriter:
             return
 
 
-def read_sums(path: Path) -> NDArray[np.uint64]:
+def read_checksums(path: Path) -> NDArray[np.uint64]:
     """Sums (N,) in the order of sending; OSError if there are none."""
     raw = path.read_bytes()
     return np.frombuffer(raw[: len(raw) // _SIZE * _SIZE], SUM)

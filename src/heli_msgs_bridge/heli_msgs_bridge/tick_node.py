@@ -2,52 +2,291 @@
 """A managed node that steps once per tick on the messages of that tick."""
 
 from abc import abstractmethod
+from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
+from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.arrivals import Owner
-from heli_msgs_bridge.backlog import Backlog
+from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.diagnostics import NO_MESSAGE, Level
-from heli_msgs_bridge.floods import (
+from heli_msgs_bridge.frames import Datum
+from heli_msgs_bridge.handover import HandoverRecord, handover_file_of
+from heli_msgs_bridge.layouts import CHANNELS, CutOffError, FrameError, MessageError
+from heli_msgs_bridge.lifecycle_node import Core, ManagedNode, Run
+from heli_msgs_bridge.links import HeardLinks
+from heli_msgs_bridge.lockstep import (
+    AHEAD_TICKS,
+    Arrived,
+    Backlog,
+    Demand,
+    Lockstep,
+    Pace,
+    RealTime,
+    stamp_refusal,
+)
+from heli_msgs_bridge.messages import ClockDecoder, Decoder, Encoder, Variance
+from heli_msgs_bridge.services import (
     COMMANDS_AT_ONCE,
     COMMANDS_PER_S,
     MOST_BYTES,
-    Limit,
+    RateLimit,
     too_long,
 )
-from heli_msgs_bridge.frames import Datum
-from heli_msgs_bridge.heard_links import HeardLinks
-from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.managed_node import Run
-from heli_msgs_bridge.messages import (
-    CHANNELS,
-    ClockDecoder,
-    Decoder,
-    Encoder,
-    Variance,
-)
-from heli_msgs_bridge.receiver import receiver
-from heli_msgs_bridge.senders import (
+from heli_msgs_bridge.services import error_line as in_line
+from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
     SENDERS,
+    PublisherLock,
     full_name,
-    heirs_of,
     senders_of,
     several_in_words,
     strangers_of,
+    successors_of,
 )
-from heli_msgs_bridge.services import in_words as in_line
-from heli_msgs_bridge.stamps import in_words
-from heli_msgs_bridge.stepping import Arrived, Lockstep, Pace, RealTime
-from heli_msgs_bridge.successor import Successor
-from heli_msgs_bridge.tick_core import Input, Refusals, TickCore
+
+# -------------------------------------------------------------------------------------------------
+# What a node that steps by tick hears, and what it has while it is configured.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Input:
+    """A topic that a step uses.
+
+    Attributes
+    ----------
+    topic : str
+    demand : Demand
+        When lockstep waits for it.
+    off_tick : bool
+        True if stamps between ticks are allowed (they count for the tick before).
+    """
+
+    topic: str
+    demand: Demand
+    off_tick: bool = False
+
+
+@dataclass(kw_only=True)
+class TickCore:
+    """What every tick node has while it is configured.
+
+    Attributes
+    ----------
+    pace : Lockstep or RealTime
+        When it steps; made by `TickNode.listen`.
+    stepped : int or None
+        Newest tick of the present activation.
+    refused : dict of str
+        Per topic, why its last refused message was refused.
+    refusals : dict of Refusals
+        Per topic, the messages that /diagnostics speaks of: those whose stamps did not fit to the
+        clock, references that were not followed.
+    rivals : dict of str
+        Per topic that has more than one sender now, a sentence that names them.
+    senders : dict of str
+        The same of all that had more than one, with what was ignored.
+    """
+
+    pace: Pace
+    stepped: int | None = None
+    refused: dict[str, str] = field(default_factory=dict)
+    refusals: dict[str, "Refusals"] = field(default_factory=dict)
+    rivals: dict[str, str] = field(default_factory=dict)
+    senders: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass
+class Refusals:
+    """Messages of a topic that were refused: how many, why, tick of the last."""
+
+    count: int = 0
+    why: str = ""
+    tick: int = 0
+
+
+# -------------------------------------------------------------------------------------------------
+# From the serialised messages of a topic to rows by tick.
+# -------------------------------------------------------------------------------------------------
+
+# Of a message that holds a stamp.
+_LEAST_BYTES = 12
+
+
+class Hearer(Protocol):
+    """What is needed of a node that hears."""
+
+    start_ns: int
+    tick: int
+    rate: Rate
+
+    @property
+    def heard_until(self) -> int | None:
+        """Tick up to which a predecessor has heard."""
+
+    def refuse(self, topic: str, reason: str) -> None:
+        """Say that a message was refused."""
+
+    def refuse_aloud(self, topic: str, why: str) -> None:
+        """The same, counted."""
+
+    def refuse_stamp(self, topic: str, tick: int, clock_tick: int) -> None:
+        """Say that a stamp does not fit to the clock."""
+
+
+def receiver(
+    node: Hearer, item: Input, decoder: Decoder | ClockDecoder, pace: Pace
+) -> Callable[[bytes], None]:
+    """Callback for the serialised messages of a topic.
+
+    Parameters
+    ----------
+    node : Hearer
+        Told of what is refused.
+    item : Input
+    decoder : Decoder or ClockDecoder
+        Of its topic.
+    pace : Pace
+        Takes a row, or None for one that is none, by tick.
+    """
+    topic, off_tick, start_ns = item.topic, item.off_tick, node.start_ns
+    earliest, tick_ns = -item.demand.lag_ticks, node.rate.tick_ns
+    decode, refuse = decoder.decode, partial(node.refuse, item.topic)
+    aloud = partial(node.refuse_aloud, item.topic)
+    since = node.heard_until
+    lag = item.demand.lag_ticks
+
+    def receive(raw: bytes) -> None:
+        nonlocal since
+        if since is not None and len(raw) >= _LEAST_BYTES:
+            # Of what is repeated, what the predecessor has heard.
+            if (stamp_of(raw) - start_ns) // tick_ns + lag <= since:
+                return
+            since = None
+        try:
+            value = decode(raw).copy()
+        except CutOffError as error:
+            refuse(str(error))
+            return
+        except FrameError as error:
+            value = None
+            aloud(str(error))
+        except MessageError as error:
+            value = None
+            refuse(str(error))
+        tick, rest = divmod(decoder.stamp_ns - start_ns, tick_ns)
+        if tick < earliest:
+            node.refuse_stamp(topic, tick, node.tick)
+        elif rest and not off_tick:
+            refuse(f"{topic}: stamp {decoder.stamp_ns} ns is not on a tick")
+        else:
+            pace.take(topic, tick, value)
+
+    return receive
+
+
+# -------------------------------------------------------------------------------------------------
+# A node that goes on in flight where its predecessor, which was killed, has ended.
+# -------------------------------------------------------------------------------------------------
+
+# After a start in flight, for so many ticks, messages that nobody answers are sent again.
+_AGAIN_S, _AGAIN_TICKS = 0.1, 50
+# So many of each topic: who hears it may be dead, too, and some ticks behind. None is then so old
+# that it could set a clock.
+_LAST = AHEAD_TICKS
+
+
+class RespawnableNode(ManagedNode[Core, Run]):
+    """Leaves after each step what a successor needs, and begins with what it was left.
+
+    Attributes
+    ----------
+    memory : Memory or None
+        None where nobody is started again.
+    """
+
+    CATCHES_UP: ClassVar[bool] = False
+    """Whether in real time, too, it steps through what it has missed when it is started again."""
+
+    def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
+        self.memory = handover_file_of(self.SPEC.name)
+        self._handover: HandoverRecord | None = self.memory.recall() if self.memory else None
+        # Parameters that the predecessor was told in flight.
+        before = self._handover.content[0] if self._handover else {}
+        super().__init__({**values, **before}, **options)
+        self._said_tick: int | None = None
+        if self.memory is not None and self.values["lockstep"]:
+            self.sent = defaultdict(partial(deque, maxlen=_LAST))
+
+    def save_state(self) -> Any:
+        """What a successor would go on from, if this node were killed now; None for nothing."""
+        return None
+
+    def restore_state(self, content: Any, gap: bool) -> None:
+        """Go on from what a predecessor has remembered; called before the first step.
+
+        Parameters
+        ----------
+        content : object
+            What `save_state` gave.
+        gap : bool
+            Whether ticks were flown without this node that it will not step through.
+        """
+
+    def keep(self, tick: int) -> None:
+        """After the step of a tick: write down what a successor would need."""
+        if self.memory is not None and (content := self.save_state()) is not None:
+            self.memory.keep(tick, (self.changed, dict(self.sent or {}), content))
+
+    @property
+    def heard_until(self) -> int | None:
+        """Tick up to which a predecessor has stepped, before the first step; None without one."""
+        return self._handover.tick if self._handover else None
+
+    def repeated(self) -> Any:
+        """QoS by which a node that is started again hears what it has missed; None for others."""
+        wanted = self._handover is not None and (self.values["lockstep"] or self.CATCHES_UP)
+        return topics.qos(topics.IMU, repeats=True) if wanted else None
+
+    def take_over(self) -> int | None:
+        """Go on in a predecessor's place; its last tick, or None if there was none."""
+        known, self._handover = self._handover, None
+        if known is None:
+            return None
+        self.tick = known.tick
+        self.changed, sent, content = known.content
+        self.restore_state(content, not (self.values["lockstep"] or self.CATCHES_UP))
+        said = f"started again in flight, after {self.rate.seconds(known.tick):.2f} s of it"
+        self.get_logger().warning(said)
+        if self.sent is not None:
+            # Each waits for the other there, so whoever did not know this node yet hears it again,
+            # and another that died with it what only the dead one had sent.
+            for topic, raws in sent.items():
+                self.sent[topic].extend(raws)
+            self.create_wall_timer(_AGAIN_S, partial(self._say_again, known.tick + _AGAIN_TICKS))
+        return known.tick
+
+    def _say_again(self, until: int) -> None:
+        """Lockstep, soon after a start in flight: send the last messages again if none followed."""
+        if self.tick > until or self.sent is None:
+            return
+        if self.tick == self._said_tick:
+            for topic, raws in self.sent.items():
+                for raw in raws:
+                    self.outputs[topic].handle.publish_raw(raw)
+        self._said_tick = self.tick
+
+
+# -------------------------------------------------------------------------------------------------
+# Tick node.
+# -------------------------------------------------------------------------------------------------
 
 __all__ = ["Arrived", "Input", "Send", "TickCore", "TickNode"]
 Send = Callable[[NDArray[np.float64], int], None]
@@ -62,15 +301,15 @@ _SILENT_PILOT_S = 1.0
 _FIRST_TICKS = 10
 
 
-Core = TypeVar("Core", bound=TickCore)
+NodeCore = TypeVar("NodeCore", bound=TickCore)
 
 
-class TickNode(Successor[Core, Run]):
+class TickNode(RespawnableNode[NodeCore, Run]):
     """Collects inputs by tick and calls `step` (`stepping` says when)."""
 
     def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
         super().__init__(values, **options)
-        self._owners: dict[str, Owner] = {}
+        self._owners: dict[str, PublisherLock] = {}
         self._demands: dict[str, Demand] = {}
         # Per topic its sender's name, if it was the only one when it was first heard.
         self._alone: dict[str, str] = {}
@@ -115,7 +354,7 @@ class TickNode(Successor[Core, Run]):
             True for the node that makes time; in real time it steps by a timer of its own.
         """
         pace: Pace
-        owners: dict[str, Owner] = {}
+        owners: dict[str, PublisherLock] = {}
         self._owners, self._alone = owners, {}
         lags = {i.topic: i.demand.lag_ticks for i in inputs}
         self.links = HeardLinks(self.SPEC.name, lags, self.values)
@@ -130,7 +369,7 @@ class TickNode(Successor[Core, Run]):
                 leads,
                 refused=refused,
             )
-            self.repeat(_WATCH_PERIOD_S, pace.look)
+            self.create_wall_timer(_WATCH_PERIOD_S, pace.look)
         else:
             trigger, own_tick = (None, lambda: self.tick) if leads else (inputs[0].topic, None)
             pace = RealTime(
@@ -138,7 +377,7 @@ class TickNode(Successor[Core, Run]):
                 told=self._tell_silence,
             )  # fmt: skip
             if not leads:
-                self.repeat(_WATCH_PERIOD_S, pace.look)
+                self.create_wall_timer(_WATCH_PERIOD_S, pace.look)
         for item in inputs:
             decoder: Decoder | ClockDecoder
             if item.topic == topics.CLOCK:
@@ -149,10 +388,10 @@ class TickNode(Successor[Core, Run]):
             owner = owners[item.topic] = self._owner(item.topic)
             receive = receiver(self, item, decoder, pace)
             ignored = partial(self._look_at_senders, item.topic, owner)
-            self.hear(
+            self.subscribe(
                 item.topic, receive, qos=self.repeated(), raw=True, owner=owner, ignored=ignored
             )
-        self.repeat(_SENDERS_PERIOD_S, partial(self._look_at_all_senders, owners))
+        self.create_wall_timer(_SENDERS_PERIOD_S, partial(self._look_at_all_senders, owners))
         self._demands = {item.topic: item.demand for item in inputs}
         return pace
 
@@ -165,7 +404,7 @@ class TickNode(Successor[Core, Run]):
         self, topic: str, callback: Callable[[Any], None], most_bytes: int = MOST_BYTES
     ) -> None:
         """Hear whoever sends on a topic, so many a second; the rest is refused unread."""
-        limit = Limit(COMMANDS_PER_S, COMMANDS_AT_ONCE, f"messages on {topic}")
+        limit = RateLimit(COMMANDS_PER_S, COMMANDS_AT_ONCE, f"messages on {topic}")
         read = self._reader(topic, callback, most_bytes)
 
         def receive(raw: bytes) -> None:
@@ -174,7 +413,7 @@ class TickNode(Successor[Core, Run]):
             else:
                 self.refuse_aloud(topic, f"{topic}: {limit.sentence}")
 
-        self.hear(topic, receive, raw=True)
+        self.subscribe(topic, receive, raw=True)
 
     def _reader(
         self, topic: str, callback: Callable[[Any], None], most_bytes: int = MOST_BYTES
@@ -201,7 +440,7 @@ class TickNode(Successor[Core, Run]):
         Called from `configure`, after `listen`.
         """
         name, read = self.resolve_topic_name(topic), self._reader(topic, callback)
-        owner = Owner(lambda: self.count_publishers(name), _SILENT_PILOT_S, 0)
+        owner = PublisherLock(lambda: self.count_publishers(name), _SILENT_PILOT_S, 0)
         self._owners[topic] = owner
 
         def receive(raw: bytes) -> None:
@@ -210,7 +449,7 @@ class TickNode(Successor[Core, Run]):
             read(raw)
 
         ignored = partial(self._look_at_senders, topic, owner)
-        self.hear(topic, receive, raw=True, owner=owner, ignored=ignored)
+        self.subscribe(topic, receive, raw=True, owner=owner, ignored=ignored)
 
     def _look_who_is_alone(self, topic: str) -> None:
         """Note the name of a topic's only sender: should another one come, it was the first."""
@@ -218,20 +457,20 @@ class TickNode(Successor[Core, Run]):
         if len(senders) == 1 and full_name(senders[0]) != NOT_YET_NAMED:
             self._alone[topic] = full_name(senders[0])
 
-    def _owner(self, topic: str) -> Owner:
+    def _owner(self, topic: str) -> PublisherLock:
         """Who decides whose messages of a topic are used."""
         silence_s = self.values["peer_timeout_s"] if self.values["lockstep"] else _SILENT_OWNER_S
         period_ns = topics.BY_NAME[topic].period_ns(self.rate)
-        name, heir = self.resolve_topic_name(topic), heirs_of(self, topic)
-        return Owner(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
+        name, heir = self.resolve_topic_name(topic), successors_of(self, topic)
+        return PublisherLock(lambda: self.count_publishers(name), silence_s, period_ns, heir=heir)
 
-    def _look_at_all_senders(self, owners: Mapping[str, Owner]) -> None:
+    def _look_at_all_senders(self, owners: Mapping[str, PublisherLock]) -> None:
         """Once a second: whether a topic has more than one sender, and who they are."""
         self.core.rivals.clear()
         for topic, owner in owners.items():
             self._look_at_senders(topic, owner)
 
-    def _look_at_senders(self, topic: str, owner: Owner) -> None:
+    def _look_at_senders(self, topic: str, owner: PublisherLock) -> None:
         """Name the senders of a topic if they are several; also as soon as one is ignored."""
         core, name = self.core, self.resolve_topic_name(topic)
         several = topic not in core.rivals and self.count_publishers(name) > 1
@@ -259,7 +498,7 @@ class TickNode(Successor[Core, Run]):
         `also` gets the bytes of each message that was sent.
         """
         encoder = Encoder(topic, variances, datum, self.get_namespace(), fix_status)
-        encode, publish = encoder.encode, self.create_output(topic)
+        encode, publish = encoder.encode, self.create_topic_publisher(topic)
         # So that the compiled conversion is loaded before the first tick.
         encode(np.zeros(CHANNELS[topic].size), self.start_ns)
 
@@ -315,7 +554,7 @@ class TickNode(Successor[Core, Run]):
     def refuse_stamp(self, topic: str, tick: int, clock_tick: int) -> None:
         """Refuse aloud a message whose stamp does not fit to the clock."""
         stamp_ns, clock_ns = self.stamp_ns(tick), self.stamp_ns(clock_tick)
-        self.refuse_aloud(topic, in_words(topic, stamp_ns, clock_ns, self.start_ns))
+        self.refuse_aloud(topic, stamp_refusal(topic, stamp_ns, clock_ns, self.start_ns))
 
     def stamp_ns(self, tick: int) -> int:
         """Message stamp of a tick."""

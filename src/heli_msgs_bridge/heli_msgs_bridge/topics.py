@@ -8,7 +8,11 @@ Names are relative, so that a namespace or a remap moves the whole graph; `/cloc
 from dataclasses import dataclass
 from typing import Any
 
-from heli_math.ticks import TICKS_PER_S, Rate
+from heli_core.ticks import TICKS_PER_S, Rate
+
+# -------------------------------------------------------------------------------------------------
+# Topics.
+# -------------------------------------------------------------------------------------------------
 
 DEPTH = 2000
 """History depth of every stream. A sender can repeat what a listener's full shared-memory queue did
@@ -223,7 +227,7 @@ def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:
     """QoS profiles of those who listen to a topic, one per subscription (imports rclpy).
 
     A latched topic needs two: who asks for old messages meets no sender of default QoS (`ros2 topic
-    pub`), who does not gets none of what was sent before. `arrivals.Once` makes one of them.
+    pub`), who does not gets none of what was sent before. `sources.Once` makes one of them.
     """
     given = qos(name, depth)
     return (given, _profile(depth, False)) if name in KNOWN and KNOWN[name].latched else (given,)
@@ -241,3 +245,26 @@ def _profile(depth: int, latched: bool) -> Any:
         reliability=ros.ReliabilityPolicy.RELIABLE,
         durability=kept,
     )
+
+
+# -------------------------------------------------------------------------------------------------
+# Names of the coordinate frames in messages (REP-105); which of them an aircraft owns. No ROS.
+#
+# `map` is the local tangent plane about the origin that all aircraft share. All other frames
+# belong
+# to one aircraft and carry its namespace: `heli2/base_link`; in the empty namespace `base_link`.
+# -------------------------------------------------------------------------------------------------
+
+MAP = "map"
+"""ENU about the NED origin. Estimates that hold a GPS are given in it, and so is the truth."""
+"""ENU, drifts, never jumps: the estimated velocity, summed up (`transforms`)."""
+BASE = "base_link"
+"""FLU, at the centre of gravity."""
+IMU_LINK, IMU2_LINK, GPS_LINK = "imu_link", "imu2_link", "gps_link"
+"""Where the sensors sit. The simulated ones sit at the centre of gravity."""
+
+
+def in_namespace(frame: str, namespace: str) -> str:
+    """Frame of the aircraft in a namespace (`/heli2`, `heli2` or ``); `map` belongs to all."""
+    owner = namespace.strip("/")
+    return frame if frame == MAP or not owner else f"{owner}/{frame}"

@@ -9,9 +9,10 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_msgs_bridge.lifecycle_node import NodeSpec
 from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.messages import CHANNELS, Decoder
-from heli_msgs_bridge.node_spec import NodeSpec
+from heli_msgs_bridge.messages import Decoder
 from heli_msgs_bridge.tick_node import Input, TickCore, TickNode
 
 
@@ -46,7 +47,7 @@ class ProbeCore(TickCore):
 class Probe(TickNode[ProbeCore, None]):
     """Steps on a pressure per tick; wants a wind every second one, takes a setpoint as it comes."""
 
-    SPEC = NodeSpec("probe", "heli_parameters", (), "common.yaml")
+    SPEC = NodeSpec("probe", "heli_core", (), "common.yaml")
 
     def configure(self):
         inputs = (

@@ -33,15 +33,9 @@ from std_msgs.msg import Header
 
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import FixedMessage, Layout, stamp_of
-from heli_msgs_bridge.channels import EXACT_VARIANCE
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.messages import (
-    CHANNELS,
-    ClockEncoder,
-    Decoder,
-    Encoder,
-    rclpy_deserializer,
-)
+from heli_msgs_bridge.layouts import CHANNELS, EXACT_VARIANCE
+from heli_msgs_bridge.messages import ClockEncoder, Decoder, Encoder, rclpy_deserializer
 
 ORIGIN = datum(28.17, 112.93, 50.0)
 EXTREMES = [

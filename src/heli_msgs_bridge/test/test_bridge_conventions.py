@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 
-from heli_math.trajectory import Trajectory
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import FixedMessage
+from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.messages import CHANNELS, FIX_STATUS, Decoder, Encoder, rclpy_deserializer
-from heli_msgs_bridge.reference_message import encode_reference
+from heli_msgs_bridge.layouts import CHANNELS, FIX_STATUS
+from heli_msgs_bridge.messages import Decoder, Encoder, rclpy_deserializer
 
 ORIGIN = datum(28.17, 112.93, 50.0)
 

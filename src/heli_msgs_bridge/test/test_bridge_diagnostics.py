@@ -9,13 +9,11 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 
-from heli_math.ticks import NS_PER_S, TICKS_PER_S
+from heli_core.command_line import config_folder
+from heli_core.parameters import load, with_common
+from heli_core.ticks import NS_PER_S, TICKS_PER_S
 from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
-from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.node_spec import NodeSpec
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec
 
 LIMIT_S = 30.0
 
@@ -23,7 +21,7 @@ LIMIT_S = 30.0
 class Idle(ManagedNode[None, None]):
     """Does nothing, and says so."""
 
-    SPEC = NodeSpec("idle", "heli_parameters", (), "common.yaml")
+    SPEC = NodeSpec("idle", "heli_core", (), "common.yaml")
 
     def configure(self):
         return None
@@ -32,7 +30,7 @@ class Idle(ManagedNode[None, None]):
 @pytest.fixture
 def said(ros_context):
     """A node in a namespace that nothing happens to: what it says, and when it was sent, s."""
-    values = load(with_common(()), [config_folder("heli_parameters") / "common.yaml"], "idle")
+    values = load(with_common(()), [config_folder("heli_core") / "common.yaml"], "idle")
     node = Idle(values | {"peers": []}, context=ros_context, namespace="heli2")
     listener = rclpy.create_node("listener", context=ros_context)
     executor, heard = SingleThreadedExecutor(context=ros_context), []

@@ -8,8 +8,7 @@ from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParameters
 
-from heli_msgs_bridge.floods import MOST_BYTES, Limit, too_long
-from heli_msgs_bridge.services import guard
+from heli_msgs_bridge.services import MOST_BYTES, RateLimit, guard, too_long
 
 
 class Clock:
@@ -21,7 +20,7 @@ class Clock:
 
 def test_a_burst_passes_then_so_many_a_second():
     clock = Clock()
-    limit = Limit(10.0, 20.0, "requests", clock)
+    limit = RateLimit(10.0, 20.0, "requests", clock)
     assert sum(limit.admits() for _ in range(1000)) == 20 and limit.refused == 980
     clock.now_s += 0.5
     assert sum(limit.admits() for _ in range(1000)) == 5
@@ -33,7 +32,7 @@ def test_a_burst_passes_then_so_many_a_second():
 @given(st.lists(st.floats(0.0, 3.0), min_size=1, max_size=200))
 def test_never_more_than_the_rate_and_the_burst(pauses_s):
     clock = Clock()
-    limit, passed = Limit(7.0, 4.0, "x", clock), 0
+    limit, passed = RateLimit(7.0, 4.0, "x", clock), 0
     for pause_s in pauses_s:
         clock.now_s += pause_s
         passed += limit.admits()

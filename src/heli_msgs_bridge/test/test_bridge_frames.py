@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heli_math.rotations import quat_from_euler, quat_to_R_nb
+from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_msgs_bridge import frames
 
 # Forward, right, down to forward, left, up; its own inverse.

@@ -7,17 +7,15 @@ import signal
 import numpy as np
 import pytest
 
-from heli_msgs_bridge.backlog import Backlog
-from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.memory import (
+from heli_msgs_bridge.handover import (
     FOLDER,
-    Memory,
+    HandoverFile,
     Successors,
-    memory_of,
+    handover_file_of,
     note_restart,
     respawns,
 )
-from heli_msgs_bridge.stepping import Lockstep, RealTime
+from heli_msgs_bridge.lockstep import Backlog, Demand, Lockstep, RealTime
 
 
 @pytest.fixture
@@ -26,11 +24,11 @@ def path(tmp_path):
 
 
 def test_a_successor_finds_the_newest_record(path):
-    assert Memory(path).recall() is None
-    left = Memory(path)
+    assert HandoverFile(path).recall() is None
+    left = HandoverFile(path)
     for tick in range(7):
         left.keep(tick, {"x": np.full(3, float(tick)), "way": [tick] * tick})
-    found = Memory(path).recall()
+    found = HandoverFile(path).recall()
     assert found.tick == 6 and found.content["way"] == [6] * 6
     found.content["x"][:] += 1.0  # its own, to be changed
     assert (found.content["x"] == 7.0).all()
@@ -39,7 +37,7 @@ def test_a_successor_finds_the_newest_record(path):
 @pytest.mark.parametrize("cut", [0, 1, 24, 60, 200])
 def test_a_record_that_was_cut_off_leaves_the_one_before(path, cut):
     """Whatever part of the third record had been written, without the number at its end."""
-    left = Memory(path)
+    left = HandoverFile(path)
     for tick in (1, 2):
         left.keep(tick, np.full(50, tick))
     raw = bytearray(path.read_bytes())
@@ -47,43 +45,43 @@ def test_a_record_that_was_cut_off_leaves_the_one_before(path, cut):
     first = half  # of tick 1, which the third record would overwrite
     raw[first + 24 : first + 24 + cut] = b"\xff" * cut
     path.write_bytes(raw)
-    assert Memory(path).recall().tick == 2
+    assert HandoverFile(path).recall().tick == 2
 
 
 def test_what_is_too_long_is_left_out_and_said(path):
-    left = Memory(path)
+    left = HandoverFile(path)
     left.keep(1, b"short")
     left.keep(2, bytes(9 << 20))
-    assert left.too_long and Memory(path).recall().tick == 1
+    assert left.too_long and HandoverFile(path).recall().tick == 1
 
 
 def test_it_outlives_a_process_that_is_killed(path):
     pid = os.fork()
     if pid == 0:
-        left = Memory(path)
+        left = HandoverFile(path)
         for tick in range(10_000_000):
             left.keep(tick, (tick, np.full(100, tick)))
-    while not path.exists() or (found := Memory(path).recall()) is None:
+    while not path.exists() or (found := HandoverFile(path).recall()) is None:
         pass
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
-    found = Memory(path).recall()
+    found = HandoverFile(path).recall()
     assert found.content[0] == found.tick and (found.content[1] == found.tick).all()
 
 
 def test_what_took_long_is_kept_beside_the_records(path):
-    left = Memory(path)
+    left = HandoverFile(path)
     assert left.lasting() is None
     left.keep_lasting([1, 2])
     left.keep_lasting([3])
-    assert Memory(path).lasting() == [3]
+    assert HandoverFile(path).lasting() == [3]
 
 
 def test_only_a_flight_that_starts_nodes_again_has_memories(monkeypatch, tmp_path):
     monkeypatch.delenv("HELI_MEMORY", raising=False)
-    assert memory_of("observer") is None and not respawns()
+    assert handover_file_of("observer") is None and not respawns()
     monkeypatch.setenv("HELI_MEMORY", str(tmp_path))
-    assert memory_of("observer") is not None and respawns()
+    assert handover_file_of("observer") is not None and respawns()
 
 
 DEMANDS = {"imu": Demand(), "mag": Demand(2), "fix": Demand(4, lag_ticks=3), "u": Demand(1, 1, 1)}

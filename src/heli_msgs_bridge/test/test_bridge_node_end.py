@@ -12,19 +12,19 @@ import pytest
 NODE = """
 import os, signal, sys
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.lifecycle_node import ManagedNode
 from heli_msgs_bridge.node_process import run, run_together
-from heli_msgs_bridge.node_spec import NodeSpec, StartError
+from heli_msgs_bridge.lifecycle_node import NodeSpec, NodeStartError
 
 class Short(ManagedNode):
-    SPEC = NodeSpec("short", "heli_parameters", (), "common.yaml")
+    SPEC = NodeSpec("short", "heli_core", (), "common.yaml")
     PATIENCE_S = 0.01 * ("patient" in sys.argv)
 
     def configure(self):
         if "refuse" in sys.argv:
-            raise StartError("the box\\nis empty")
-        self.repeat(0.01, self.work)
-        return self.create_output(topics.TRUTH_WIND)
+            raise NodeStartError("the box\\nis empty")
+        self.create_wall_timer(0.01, self.work)
+        return self.create_topic_publisher(topics.TRUTH_WIND)
 
     def work(self):
         print("works", flush=True)
@@ -44,10 +44,10 @@ class Short(ManagedNode):
         print("torn down", flush=True)
 
 class Long(Short):
-    SPEC = NodeSpec("long", "heli_parameters", (), "common.yaml")
+    SPEC = NodeSpec("long", "heli_core", (), "common.yaml")
 
     def configure(self):
-        return self.create_output(topics.TRUTH_WIND)
+        return self.create_topic_publisher(topics.TRUTH_WIND)
 
 if "together" in sys.argv:
     sys.exit(run_together([Long, Short], [], "both"))

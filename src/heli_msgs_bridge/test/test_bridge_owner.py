@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.arrivals import HEIR_S, Owner
 from heli_msgs_bridge.messages import Encoder
+from heli_msgs_bridge.sources import SUCCESSOR_S, PublisherLock
 
 PERIOD_NS = 10_000_000
 ENCODE = Encoder(topics.BARO).encode
@@ -17,7 +17,7 @@ class Topic:
 
     def __init__(self, silence_s=0.5):
         self.senders, self.time_s = 1, 0.0
-        self.owner = Owner(lambda: self.senders, silence_s, PERIOD_NS, lambda: self.time_s)
+        self.owner = PublisherLock(lambda: self.senders, silence_s, PERIOD_NS, lambda: self.time_s)
 
     def hears(self, number, tick=0):
         raw = ENCODE(np.zeros(1), tick * PERIOD_NS)
@@ -86,7 +86,7 @@ def test_without_info_a_message_is_the_owners(topic):
 def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
     """A node that was started again; its predecessor is in the graph for seconds."""
     topic.senders, names = 2, [True]
-    topic.owner = Owner(
+    topic.owner = PublisherLock(
         lambda: topic.senders,
         10.0,
         PERIOD_NS,
@@ -94,9 +94,9 @@ def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
         lambda silent: silent and names[0],
     )
     assert topic.hears(50)
-    topic.time_s += HEIR_S / 2
+    topic.time_s += SUCCESSOR_S / 2
     assert not topic.hears(1)
-    topic.time_s += HEIR_S
+    topic.time_s += SUCCESSOR_S
     names[0] = False
     assert not topic.hears(7)
     names[0] = True
@@ -109,7 +109,9 @@ def test_an_heir_of_the_owners_name_succeeds_soon_and_nobody_else_does(topic):
 def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged(topic):
     """A reader that lags finds the owner's last message and the heir's first in one queue."""
     topic.senders = 2
-    topic.owner = Owner(lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda silent: silent)
+    topic.owner = PublisherLock(
+        lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda silent: silent
+    )
     came_ns = 1_795_613_931 * 10**9
 
     def hears(number, after_s):
@@ -119,8 +121,8 @@ def test_silence_counts_by_when_a_message_came_not_by_when_it_is_judged(topic):
 
     assert hears(50, 0.0)
     topic.time_s += 60.0
-    assert not hears(1, HEIR_S / 2)
-    assert hears(2, 2 * HEIR_S) and hears(3, 2 * HEIR_S)
+    assert not hears(1, SUCCESSOR_S / 2)
+    assert hears(2, 2 * SUCCESSOR_S) and hears(3, 2 * SUCCESSOR_S)
     assert topic.owner.successions == 0
 
 
@@ -128,7 +130,9 @@ def test_who_is_known_to_be_an_heir_need_not_wait_for_silence(topic):
     """It was started in the owner's place; others that are known by their numbers are not asked."""
     due = [False]
     topic.senders = 2
-    topic.owner = Owner(lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda silent: due[0])
+    topic.owner = PublisherLock(
+        lambda: 2, 10.0, PERIOD_NS, lambda: topic.time_s, lambda silent: due[0]
+    )
     assert topic.hears(50) and not topic.hears(7)
     due[0] = True
     assert not topic.hears(8)

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from heli_math.rows import NAV
-from heli_msgs_bridge import packing
-from heli_msgs_bridge.blocks import ODOMETRY
+from heli_core.rows import NAV
+from heli_msgs_bridge import layouts
+from heli_msgs_bridge.layouts import ODOMETRY
 
 R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 R_FRD_FLU = np.diag([1.0, -1.0, -1.0])
@@ -28,8 +28,8 @@ def nav():
 def test_navigation_comes_back(nav):
     """Packed and unpacked; 1e-12."""
     block, back = np.zeros(ODOMETRY.size), np.zeros(NAV.size)
-    packing.pack_nav(nav, block)
-    assert packing.unpack_nav(block, back) == packing.OK
+    layouts.pack_nav(nav, block)
+    assert layouts.unpack_nav(block, back) == layouts.OK
     assert back == pytest.approx(nav, abs=1e-12)
 
 
@@ -39,7 +39,7 @@ def test_covariances_are_in_the_frames_of_the_message(nav):
     nav_msgs/Odometry, geometry_msgs/PoseWithCovariance; by matrix products; 1e-12.
     """
     block = np.zeros(ODOMETRY.size)
-    packing.pack_nav(nav, block)
+    layouts.pack_nav(nav, block)
     pose, twist = block[7:43].reshape(6, 6), block[49:85].reshape(6, 6)
     R_nb = Rotation.from_quat(np.roll(nav[6:10], -1)).as_matrix()
     R_flu_ned = R_FRD_FLU @ R_nb.T
@@ -53,7 +53,7 @@ def test_covariances_are_in_the_frames_of_the_message(nav):
 def test_an_odometry_without_covariance_is_taken(nav):
     """Another publisher may leave them zero."""
     block, back = np.zeros(ODOMETRY.size), np.zeros(NAV.size)
-    packing.pack_nav(nav, block)
+    layouts.pack_nav(nav, block)
     block[7:43] = block[49:85] = 0.0
-    assert packing.unpack_nav(block, back) == packing.OK
+    assert layouts.unpack_nav(block, back) == layouts.OK
     assert (back[22:31] == 0.0).all()

@@ -7,9 +7,7 @@ import pytest
 import rclpy
 
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.node_spec import NodeSpec
-from heli_msgs_bridge.peers import wait_for_peers
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, wait_for_peers
 
 LIMIT_S = 0.1
 
@@ -17,7 +15,7 @@ LIMIT_S = 0.1
 class Sender(ManagedNode):
     """A plant that sends nothing but must be heard by the observer."""
 
-    SPEC = NodeSpec("plant", "heli_parameters", (), "common.yaml")
+    SPEC = NodeSpec("plant", "heli_core", (), "common.yaml")
     links = ()
 
     def __init__(self, values, **options):
@@ -25,9 +23,9 @@ class Sender(ManagedNode):
         super().__init__(values, **options)
 
     def configure(self):
-        self.hear(topics.ACTUATORS, print)
+        self.subscribe(topics.ACTUATORS, print)
         self.heard_early = self.get_subscriptions_info_by_topic("/actuators")
-        return self.create_output(topics.IMU)
+        return self.create_topic_publisher(topics.IMU)
 
     def awaited_links(self):
         return dict(self.links)

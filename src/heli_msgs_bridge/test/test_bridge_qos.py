@@ -10,12 +10,10 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.serialization import deserialize_message
 
+from heli_core.command_line import config_folder
+from heli_core.parameters import load, with_common
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.node_spec import NodeSpec
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec
 
 LIMIT_S = 20.0
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -26,16 +24,16 @@ DEFAULT = 10
 class Both(ManagedNode[list, None]):
     """Hears every topic of the table, or sends on every one."""
 
-    SPEC = NodeSpec("both", "heli_parameters", (), "common.yaml")
+    SPEC = NodeSpec("both", "heli_core", (), "common.yaml")
     sends = False
 
     def configure(self):
         heard = []
         for name in (t.name for t in topics.TABLE if t.name != topics.DIAGNOSTICS):
             if self.sends:
-                self.create_output(name)
+                self.create_topic_publisher(name)
             else:
-                self.hear(name, lambda raw, name=name: heard.append((name, raw)), raw=True)
+                self.subscribe(name, lambda raw, name=name: heard.append((name, raw)), raw=True)
         return heard
 
 
@@ -49,7 +47,7 @@ def ours(ros_context):
     made = []
 
     def make(kind):
-        values = load(with_common(()), [config_folder("heli_parameters") / "common.yaml"], "both")
+        values = load(with_common(()), [config_folder("heli_core") / "common.yaml"], "both")
         node = kind(values | {"peers": []}, context=ros_context)
         made.append(node)
         assert node.trigger_configure() == SUCCESS and node.trigger_activate() == SUCCESS

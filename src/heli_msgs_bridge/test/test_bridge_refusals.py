@@ -14,22 +14,13 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState, NavSatFix
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from heli_math.trajectory import Trajectory
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
+from heli_msgs_bridge.command_messages import decode_reference, encode_reference
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.messages import (
-    CHANNELS,
-    CutOffError,
-    Decoder,
-    Encoder,
-    FrameError,
-    MessageError,
-)
-from heli_msgs_bridge.reference_message import (
-    decode_reference,
-    encode_reference,
-)
+from heli_msgs_bridge.layouts import CHANNELS, CutOffError, FrameError, MessageError
+from heli_msgs_bridge.messages import Decoder, Encoder
 
 ORIGIN = datum(28.17, 112.93, 50.0)
 STAMP_NS = 3_000_000_005

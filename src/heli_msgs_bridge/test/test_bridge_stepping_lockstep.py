@@ -18,9 +18,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.stamps import AHEAD_TICKS
-from heli_msgs_bridge.stepping import Lockstep
+from heli_msgs_bridge.lockstep import AHEAD_TICKS, Demand, Lockstep
 
 WINDOW = 64
 TIMEOUT_S = 10.0

@@ -14,8 +14,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from heli_msgs_bridge.stamps import AHEAD_TICKS
-from heli_msgs_bridge.stepping import SILENT_S, RealTime
+from heli_msgs_bridge.lockstep import AHEAD_TICKS, SILENT_S, RealTime
 
 TOPICS = ("odom", "rotor", "setpoint")
 

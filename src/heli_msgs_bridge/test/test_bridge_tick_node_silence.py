@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from heli_math.ticks import TICK_NS
+from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 

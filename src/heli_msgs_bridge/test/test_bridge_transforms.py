@@ -10,9 +10,9 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import String
 
-from heli_math.rows import NAV
+from heli_core.rows import NAV
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.transforms import FrameTree, Transform, encode_text, encode_transforms
+from heli_msgs_bridge.messages import FrameTree, Transform, encode_text, encode_transforms
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 NUMBERS = st.floats(allow_nan=False)

@@ -8,15 +8,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from heli_msgs_bridge import leaving
-from heli_msgs_bridge.leaving import limited, wait_for_quiet
+from heli_msgs_bridge import node_process
+from heli_msgs_bridge.node_process import exit_within, wait_for_dds_shutdown
 
 # PyDLL keeps Python's lock, as rclpy does while it destroys a node.
 STUCK = """
 import ctypes, threading
-from heli_msgs_bridge.leaving import limited
+from heli_msgs_bridge.node_process import exit_within
 threading.Thread(target=threading.Event().wait, daemon=True).start()
-with limited({code}, 0.1):
+with exit_within({code}, 0.1):
     while True:
         ctypes.PyDLL(None).sleep(100)
 """
@@ -30,7 +30,7 @@ def test_who_cannot_leave_ends_with_its_code(code):
 
 def test_who_leaves_in_time_goes_on():
     before = signal.getsignal(signal.SIGALRM)
-    with limited(3, 1000.0):
+    with exit_within(3, 1000.0):
         assert signal.getitimer(signal.ITIMER_REAL)[0] > 0.0
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
     assert signal.getsignal(signal.SIGALRM) == before
@@ -62,13 +62,13 @@ def test_one_waits_until_nobody_leaves_but_not_for_ever(monkeypatch, leave, look
     clock = SimpleNamespace(
         monotonic=lambda: round(now[0], 6), sleep=lambda s: now.__setitem__(0, now[0] + s)
     )
-    monkeypatch.setattr(leaving, "time", clock)
+    monkeypatch.setattr(node_process, "time", clock)
     graph = Graph(leave)
-    wait_for_quiet(graph)
+    wait_for_dds_shutdown(graph)
     assert abs(graph.looks - looks) <= 1
 
 
 def test_where_ros_has_ended_nobody_is_waited_for():
     graph = Graph(5, there=False)
-    wait_for_quiet(graph)
+    wait_for_dds_shutdown(graph)
     assert graph.looks == 0

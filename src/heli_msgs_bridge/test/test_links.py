@@ -6,20 +6,22 @@ import pytest
 import yaml
 from scipy import stats
 
-from heli_math.ticks import Rate
+from heli_core.rcl_yaml import ParameterError
+from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.heard_links import HeardLinks
-from heli_msgs_bridge.link_faults import fault_rows, link_fault_of, link_faults_of
 from heli_msgs_bridge.links import (
     COUNTED,
     LINKS,
     NOTHING,
     PLACE,
+    HeardLinks,
+    fault_rows,
     initial_links,
-    link_kernel,
+    link_fault_of,
+    link_faults_of,
+    link_params,
     pass_on,
 )
-from heli_parameters.parameters import ParameterError
 
 RATE = Rate()
 ODOM = PLACE[topics.ODOM, "inner_loop"]
@@ -31,7 +33,7 @@ def text(kind, value, topic=topics.ODOM, to="inner_loop", start_s=0.0, sender="a
 
 
 def kernel(texts, seed=1, receiver="inner_loop"):
-    return link_kernel(fault_rows(texts, receiver, RATE), seed, RATE)
+    return link_params(fault_rows(texts, receiver, RATE), seed, RATE)
 
 
 def over(k, ticks, link=ODOM, period=1):
@@ -89,7 +91,7 @@ def test_the_faults_of_other_receivers_change_nothing():
     others = [text("loss", 0.5, to="outer_loop"), text("delay", 0.1, topics.IMU, "observer")]
     rows = [fault_rows([*others, own], name, RATE) for name in ("observer", "outer_loop")]
     rows.append(fault_rows([*others, own], "inner_loop", RATE))
-    everybody = link_kernel(np.concatenate(rows), 1, RATE)
+    everybody = link_params(np.concatenate(rows), 1, RATE)
     assert over(everybody, 500) == over(kernel([*others, own]), 500)
 
 

@@ -9,13 +9,18 @@ from geometry_msgs.msg import QuaternionStamped, TwistStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Joy
 
-from heli_math.rotations import euler_angles, quat_from_euler
-from heli_math.ticks import NS_PER_S
+from heli_core.rotations import euler_angles, quat_from_euler
+from heli_core.ticks import NS_PER_S
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.attitude_message import decode_attitude, decode_climb
-from heli_msgs_bridge.joy_message import decode_joy, encode_joy
-from heli_msgs_bridge.messages import Encoder, MessageError
-from heli_msgs_bridge.velocity_message import decode_velocity
+from heli_msgs_bridge.command_messages import (
+    decode_attitude,
+    decode_climb,
+    decode_joy,
+    decode_velocity,
+    encode_joy,
+)
+from heli_msgs_bridge.layouts import MessageError
+from heli_msgs_bridge.messages import Encoder
 
 
 def twist(linear=(0.0, 0.0, 0.0), angular=(0.0, 0.0, 0.0), frame="map"):

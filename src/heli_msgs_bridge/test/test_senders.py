@@ -3,14 +3,14 @@
 
 from types import SimpleNamespace
 
-from heli_msgs_bridge.memory import FOLDER, note_restart
-from heli_msgs_bridge.senders import (
+from heli_msgs_bridge.handover import FOLDER, note_restart
+from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
     EverSent,
     full_name,
-    heirs_of,
     senders_of,
     several_in_words,
+    successors_of,
 )
 
 UNKNOWN = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"
@@ -82,7 +82,7 @@ def test_the_first_after_a_restart_is_an_heir_before_its_name_has_come(tmp_path,
     monkeypatch.setenv(FOLDER, str(tmp_path))
     old, heir, pilot = ("/red", "observer", 1), (*UNKNOWN, 2), ("/", "pilot", 3)
     graph = Graph()
-    is_heir = heirs_of(graph, "odom")
+    is_heir = successors_of(graph, "odom")
     graph.now(old, heir)
     assert not is_heir(False) and not is_heir(True)
     note_restart(tmp_path, "observer")
@@ -97,4 +97,4 @@ def test_the_first_after_a_restart_is_an_heir_before_its_name_has_come(tmp_path,
 
 def test_nobody_is_an_heir_where_nobody_is_started_again(monkeypatch):
     monkeypatch.delenv(FOLDER, raising=False)
-    assert not heirs_of(Graph(("/red", "observer"), ("/red", "observer")), "odom")(True)
+    assert not successors_of(Graph(("/red", "observer"), ("/red", "observer")), "odom")(True)

@@ -1,21 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Layout of the observer's own arrays, its status values and what they mean, in one place.
 
-What it takes and gives (measurement and navigation row) is laid out in `heli_math.rows`. Here a
+What it takes and gives (measurement and navigation row) is laid out in `heli_core.rows`. Here a
 name is where a part begins, as the filter's loops count through vectors and matrices from there.
 """
 
 from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.state_names import INPUT_NAMES, MEASURED, UNMEASURED
-
-if TYPE_CHECKING:
-    from heli_observer.relearn import Window
-    from heli_observer.two_imus import ImuPair, PairKernel
+from heli_core.rows import INPUT_NAMES, MEASURED, UNMEASURED
 
 # --- nominal state of the filter
 X_POS, X_VEL, X_QUAT, X_GYRO_BIAS, X_ACCEL_BIAS = 0, 3, 6, 10, 13
@@ -27,11 +23,11 @@ E_POS, E_VEL, E_ATT, E_GYRO_BIAS, E_ACCEL_BIAS = 0, 3, 6, 9, 12
 E_DRIFT, E_BARO_BIAS, E_MAG_ERROR = 15, 18, 19
 N_ERROR = 20
 
-# --- ring buffer columns beside those of the IMU (`heli_math.rows.IMU`)
+# --- ring buffer columns beside those of the IMU (`heli_core.rows.IMU`)
 AID_MAG_VALID, AID_MAG, AID_BARO_VALID, AID_BARO = 0, 1, 4, 5
 AID_GPS_VALID, AID_GPS_POS, AID_GPS_VEL = 6, 7, 10
 N_AID = 13
-I_REPLACED = 6  # in the ring of the IMU, behind `heli_math.rows.IMU`: 1.0 if no sensor said so
+I_REPLACED = 6  # in the ring of the IMU, behind `heli_core.rows.IMU`: 1.0 if no sensor said so
 N_IMU = 7
 
 # --- record `heard`: what sensors said last, to the last bit; NaN before the first time
@@ -157,6 +153,37 @@ _SENTENCES = {
 }
 
 
+class Window(NamedTuple):
+    """What the filter took lately, slot = tick mod TICKS, and what it knew at its last fixes."""
+
+    imu: NDArray[np.float64]  # (TICKS, 7) as the ring of the observer
+    aid: NDArray[np.float64]  # (TICKS, 13)
+    nominal: NDArray[np.float64]  # (FIXES + 1, 21) and one to spare
+    P: NDArray[np.float64]  # (FIXES + 1, 20, 20)
+    tick: NDArray[np.int64]  # (FIXES + 1,) of these, NO_TICK: none; then the newest one's place
+
+
+class ImuPair(NamedTuple):
+    """What is remembered of two IMUs."""
+
+    ring: NDArray[np.float64]  # (2, TICKS, 7) of each, as the mean would say it
+    heard: NDArray[np.float64]  # (2, 6) what each said last
+    offset: NDArray[np.float64]  # (6,) second - first, what stays
+    apart: NDArray[np.float64]  # (6,) what they differ by besides, smoothed
+    nominal: NDArray[np.float64]  # (2, 21) filters with one of them alone
+    P: NDArray[np.float64]  # (2, 20, 20)
+    score: NDArray[np.float64]  # (2, 2) sums of innovations: velocity, heading; of each
+    count: NDArray[np.int64]  # type: ignore[assignment]  # (11,) indices P_*
+
+
+class PairParams(NamedTuple):
+    """How two IMUs are judged; offset and apart: places of `rows.IMU`."""
+
+    on: bool
+    offset: NDArray[np.float64]  # (6,) largest difference that stays
+    apart: NDArray[np.float64]  # (6,) largest one besides
+
+
 class ObserverState(NamedTuple):
     """All memory of the observer, mutated in place (arrays of float64, `count` int64).
 
@@ -212,7 +239,7 @@ class ObserverState(NamedTuple):
     pair: "ImuPair"
 
 
-class EkfKernel(NamedTuple):
+class EkfParams(NamedTuple):
     """Constants of the filter (SI, rad); variances are per tick where they drive the prediction."""
 
     dt_s: float
@@ -243,7 +270,7 @@ class EkfKernel(NamedTuple):
     var0: NDArray[np.float64]
 
 
-class RotorKernel(NamedTuple):
+class ReducedOrderParams(NamedTuple):
     """Discrete reduced-order observer: w+ = Phi w + Gu u + G0 y(n-1) + G1 y(n); x_u = z + K y."""
 
     Phi: NDArray[np.float64]
@@ -258,12 +285,12 @@ class RotorKernel(NamedTuple):
     with_servo: int
 
 
-class ObserverKernel(NamedTuple):
+class ObserverParams(NamedTuple):
     """Everything `observe` needs besides its state."""
 
-    ekf: EkfKernel
-    rotor: RotorKernel
-    pair: "PairKernel"
+    ekf: EkfParams
+    rotor: ReducedOrderParams
+    pair: "PairParams"
     horizon_ticks: int
     align_ticks: int
     max_gap_ticks: int

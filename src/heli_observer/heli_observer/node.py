@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from heli_math.direct import direct
-from heli_math.rows import ACTUATOR, MEAS, NAV
-from heli_math.ticks import Rate
+from heli_core.jit import direct
+from heli_core.rows import ACTUATOR, MEAS, NAV
+from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.lockstep import Demand
+from heli_msgs_bridge.lifecycle_node import NodeSpec
+from heli_msgs_bridge.lockstep import Arrived, Demand
+from heli_msgs_bridge.messages import FrameTree, encode_transforms
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.node_spec import NodeSpec
-from heli_msgs_bridge.tick_node import Arrived, Input, Send, TickCore, TickNode
-from heli_msgs_bridge.transforms import FrameTree, encode_transforms
-from heli_observer.late import hear_fix, hear_imu
-from heli_observer.layout import COUNTER_NAMES, ObserverState
-from heli_observer.observer import ObserverConfig, ObserverStatus, initial_state, observe, status
-from heli_observer.parameter_table import NODE_NAME, TABLE
-from heli_observer.two_imus import NAMES, P_LEFT, P_SWITCHES, P_WHY, WHY_WORDS
+from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
+from heli_observer.buffers import hear_fix, hear_imu
+from heli_observer.dual_imu import NAMES, P_LEFT, P_SWITCHES, P_WHY, WHY_WORDS
+from heli_observer.layout import COUNTER_NAMES, ObserverState, ObserverStatus
+from heli_observer.observer import ObserverConfig, initial_state, observe, status
+from heli_observer.parameters import NODE_NAME, TABLE
 
 _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
 
@@ -49,7 +49,7 @@ class Navigation(TickCore):
     status: Callable[..., int] = field(init=False)
 
     def __post_init__(self) -> None:
-        state, k = self.state, self.config.kernel
+        state, k = self.state, self.config.params
         self.observe = direct(observe, state, 0, self.y, self.u, k, self.out)
         self.status = direct(status, state, k)
 
@@ -90,7 +90,7 @@ class ObserverNode(TickNode[Navigation, None]):
             state=initial_state(config),
             send_odom=self.create_sender(topics.ODOM, (rate_variance(v),)),
             send_rotor=self.create_sender(topics.ROTOR_STATE),
-            send_tf=self.create_output(topics.TF) if topics.installed(topics.TF) else None,
+            send_tf=self.create_topic_publisher(topics.TF) if topics.installed(topics.TF) else None,
             frames=FrameTree(self.get_namespace(), self.rate.tick_s),
             pace=self.listen(inputs, origin),
         )
@@ -101,10 +101,10 @@ class ObserverNode(TickNode[Navigation, None]):
         """Load the compiled filter before the first tick, on a state of its own."""
         state = initial_state(core.config)
         core.y[:] = np.nan
-        core.observe(state, 0, core.y, core.u, core.config.kernel, core.out)
-        core.status(state, core.config.kernel)
-        hear_imu(state, 0, 0, core.y[MEAS.imu], core.config.kernel, core.y)
-        hear_fix(0, core.config.kernel, core.y)
+        core.observe(state, 0, core.y, core.u, core.config.params, core.out)
+        core.status(state, core.config.params)
+        hear_imu(state, 0, 0, core.y[MEAS.imu], core.config.params, core.y)
+        hear_fix(0, core.config.params, core.y)
 
     def engage(self) -> None:
         """Begin with a new alignment, and a new frame odom."""
@@ -115,11 +115,11 @@ class ObserverNode(TickNode[Navigation, None]):
         self.core.state = initial_state(self.core.config)
         self.core.frames = FrameTree(self.get_namespace(), self.rate.tick_s)
 
-    def remember(self) -> Any:
+    def save_state(self) -> Any:
         """The filter, and the frame odom."""
         return self.core.state, self.core.frames
 
-    def recall(self, content: Any, gap: bool) -> None:
+    def restore_state(self, content: Any, gap: bool) -> None:
         """Go on with the filter of the predecessor, through the samples that it has missed."""
         self.core.state, self.core.frames = content
 
@@ -130,7 +130,7 @@ class ObserverNode(TickNode[Navigation, None]):
         _, u = arrived.get(topics.ACTUATORS, (0, None))
         # Not a number: the reduced-order observer goes on with the command before.
         core.u[:] = np.nan if u is None else u
-        core.observe(core.state, tick, core.y, core.u, core.config.kernel, core.out)
+        core.observe(core.state, tick, core.y, core.u, core.config.params, core.out)
         stamp_ns = self.stamp_ns(tick)
         core.send_odom(core.out, stamp_ns)
         core.send_rotor(core.out[NAV.rotor], stamp_ns)
@@ -141,7 +141,7 @@ class ObserverNode(TickNode[Navigation, None]):
 
     def _fill_measurements(self, tick: int, arrived: Arrived) -> None:
         core = self.core
-        y, state, k = core.y, core.state, core.config.kernel
+        y, state, k = core.y, core.state, core.config.params
         y[:] = 0.0
         y[MEAS.imu] = np.nan
         stamp, imu = arrived.get(topics.IMU, (0, None))
@@ -168,7 +168,7 @@ class ObserverNode(TickNode[Navigation, None]):
 
     def _tell(self) -> None:
         core = self.core
-        named = ObserverStatus(core.status(core.state, core.config.kernel))
+        named = ObserverStatus(core.status(core.state, core.config.params))
         if self.tick % self.rate.hz == 0 or named.sentence != self.health.message:
             facts = {
                 "status": named.name,

@@ -8,40 +8,239 @@ newest tick through the buffered IMU samples.
 """
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from scipy.special import gammaincinv
 
-from heli_math.arrays import copy_part, fill, fill_matrix, scratch, scratch_matrix
-from heli_math.jit import njit
-from heli_math.rotations import euler_from_quat, wrap_pi
-from heli_math.rows import ACTUATOR, IMU, MEAS, NAV
+from heli_core.jit import copy_part, fill, fill_matrix, njit, scratch, scratch_matrix
+from heli_core.rotations import euler_from_quat, wrap_pi
+from heli_core.rows import ACTUATOR, IMU, MEAS, NAV
+from heli_core.ticks import Rate
 from heli_observer import layout as L
-from heli_observer.alignment import align
 from heli_observer.buffers import (
     SAME,
+    interpolate_gap,
     replaced_for_long,
     store_gps,
     store_mag_baro,
     take_tick,
 )
-from heli_observer.config import ObserverConfig
-from heli_observer.doubt import believe, keeps_its_offset, refuse, widen
-from heli_observer.ins_ekf import (
-    coast,
+from heli_observer.dual_imu import (
+    P_LEFT,
+    P_TRIAL,
+    begin_pair,
+    combine,
+    follow_trial,
+    new_pair,
+)
+from heli_observer.ekf import (
+    align,
     fuse_baro,
     fuse_gps,
     fuse_mag,
     predict,
+    predict_without_imu,
     start_baro,
+    strapdown,
+    strapdown_without_imu,
     take_for_jump,
 )
-from heli_observer.late import bridge
-from heli_observer.layout import ObserverState, ObserverStatus
-from heli_observer.recover import is_rotor, is_state, recover
-from heli_observer.reduced_order import rotor_output, rotor_start, rotor_step
-from heli_observer.relearn import empty_window, remember, solve_again
-from heli_observer.strapdown import glide, strapdown
-from heli_observer.two_imus import P_LEFT, P_TRIAL, begin_pair, combine, follow_trial, new_pair
+from heli_observer.fault_detection import (
+    accept_velocity,
+    empty_window,
+    is_rotor,
+    is_state,
+    keep_window,
+    keeps_its_offset,
+    reject_velocity,
+    reset_biases,
+    reset_filter,
+    widen_covariance,
+)
+from heli_observer.layout import (
+    E_ACCEL_BIAS,
+    E_ATT,
+    E_DRIFT,
+    E_GYRO_BIAS,
+    E_MAG_ERROR,
+    N_ERROR,
+    EkfParams,
+    ObserverParams,
+    ObserverState,
+    ObserverStatus,
+    ReducedOrderParams,
+)
+from heli_observer.reduced_order import (
+    ReducedOrderError,
+    ReducedOrderModel,
+    reduced_order_model,
+    reduced_order_params,
+    rotor_output,
+    rotor_start,
+    rotor_step,
+)
+
+# -------------------------------------------------------------------------------------------------
+# From the observer's parameters to the constants of its compiled kernels.
+# -------------------------------------------------------------------------------------------------
+
+
+class ObserverConfigError(ValueError):
+    """Parameters that are each allowed but do not fit together; the message names them."""
+
+
+def _initial_variances(v: Mapping[str, Any]) -> np.ndarray:
+    """Variances (20,) at alignment that do not follow from a sensor's own noise."""
+    var0 = np.zeros(N_ERROR)
+    var0[E_ATT : E_ATT + 2] = v["ekf.initial.level_rad"] ** 2
+    var0[E_ATT + 2] = v["ekf.initial.heading_rad"] ** 2
+    var0[E_GYRO_BIAS : E_GYRO_BIAS + 3] = v["ekf.initial.gyro_bias_radps"] ** 2
+    var0[E_ACCEL_BIAS : E_ACCEL_BIAS + 3] = v["ekf.initial.accel_bias_mps2"] ** 2
+    unknown = v["ekf.initial.drift_at_alignment_fraction"]
+    var0[E_DRIFT : E_DRIFT + 2] = (unknown * v["ekf.gps.drift_horizontal_m"]) ** 2
+    var0[E_DRIFT + 2] = (unknown * v["ekf.gps.drift_vertical_m"]) ** 2
+    var0[E_MAG_ERROR] = v["ekf.mag.heading_error_rad"] ** 2
+    return var0
+
+
+def _ekf_params(v: Mapping[str, Any], tick_s: float) -> EkfParams:
+    decay = float(np.exp(-tick_s / v["ekf.gps.drift_time_constant_s"]))
+    step = 1.0 - decay**2
+    mag_decay = float(np.exp(-tick_s / v["ekf.mag.heading_error_time_constant_s"]))
+    # Quantiles of chi-square with 1, 2, 3 degrees of freedom; scipy.stats takes 0.7 s to import.
+    probability = v["ekf.gate_probability"]
+    gates = np.array([0.0] + [2.0 * gammaincinv(0.5 * dof, probability) for dof in (1, 2, 3)])
+    return EkfParams(
+        dt_s=tick_s,
+        gravity_mps2=v["ekf.gravity_mps2"],
+        var_vel_step=v["ekf.imu.accel_noise_density"] ** 2 * tick_s,
+        var_att_step=v["ekf.imu.gyro_noise_density"] ** 2 * tick_s,
+        var_gyro_bias_step=v["ekf.imu.gyro_bias_walk"] ** 2 * tick_s,
+        var_accel_bias_step=v["ekf.imu.accel_bias_walk"] ** 2 * tick_s,
+        drift_decay=decay,
+        var_drift_step_horizontal=v["ekf.gps.drift_horizontal_m"] ** 2 * step,
+        var_drift_step_vertical=v["ekf.gps.drift_vertical_m"] ** 2 * step,
+        var_baro_bias_step=v["ekf.baro.bias_walk"] ** 2 * tick_s,
+        mag_error_decay=mag_decay,
+        var_mag_error_step=v["ekf.mag.heading_error_rad"] ** 2 * (1.0 - mag_decay**2),
+        var_gps_pos_horizontal=v["ekf.gps.position_horizontal_m"] ** 2,
+        var_gps_pos_vertical=v["ekf.gps.position_vertical_m"] ** 2,
+        var_gps_vel_horizontal=v["ekf.gps.velocity_horizontal_mps"] ** 2,
+        var_gps_vel_vertical=v["ekf.gps.velocity_vertical_mps"] ** 2,
+        var_baro=v["ekf.baro.noise_pa"] ** 2,
+        var_mag=v["ekf.mag.noise_t"] ** 2,
+        field_ned_t=np.array(v["ekf.mag.field_ned_t"], dtype=np.float64),
+        field_tolerance=v["ekf.mag.field_tolerance"],
+        max_heading_innovation_rad=v["ekf.mag.max_innovation_rad"],
+        origin_altitude_m=v["ekf.origin_altitude_m"],
+        gates=gates,
+        accel_limit_mps2=v["ekf.imu.accel_limit_mps2"],
+        rate_limit_radps=v["ekf.imu.rate_limit_radps"],
+        var0=_initial_variances(v),
+    )
+
+
+def _pair_params(v: Mapping[str, Any]) -> L.PairParams:
+    def six(name: str) -> np.ndarray:
+        return np.repeat([v[f"imu2.{name}_mps2"], v[f"imu2.{name}_radps"]], 3)
+
+    return L.PairParams(bool(v["imu2.enabled"]), six("offset"), six("apart"))
+
+
+@dataclass(frozen=True)
+class ObserverConfig:
+    """Checked configuration of the observer.
+
+    Attributes
+    ----------
+    parameters : mapping
+        Name -> value of every row of parameters.TABLE, as heli_core.parameters.load
+        gives it.
+    rate : Rate
+        Of the ticks at which it observes.
+    model : ReducedOrderModel
+        Continuous matrices of eq. (19), for analysis.
+    params : ObserverParams
+        Constants of observe().
+
+    Raises
+    ------
+    ObserverConfigError
+        Parameters that do not fit together.
+    """
+
+    parameters: Mapping[str, Any]
+    rate: Rate = field(init=False)
+    model: ReducedOrderModel = field(init=False)
+    params: ObserverParams = field(init=False)
+
+    def __post_init__(self) -> None:
+        v = self.parameters
+        object.__setattr__(self, "rate", Rate.of_parameters(v))
+        if v["ekf.horizon_ticks"] < v["schedule.gps_latency_ticks"]:
+            raise ObserverConfigError(
+                f"ekf.horizon_ticks = {v['ekf.horizon_ticks']} is less than "
+                f"schedule.gps_latency_ticks = {v['schedule.gps_latency_ticks']}: "
+                "every fix would be too old to be fused"
+            )
+        local = np.asarray(v["ekf.mag.field_ned_t"])
+        if np.hypot(local[0], local[1]) < 5e-6:
+            raise ObserverConfigError(
+                f"ekf.mag.field_ned_t = {local.tolist()} has a horizontal part below 5e-6 T: "
+                "no heading can be had from it"
+            )
+        try:
+            model = reduced_order_model(v["model.A"], v["model.B"], v["K"])
+            rotor = self._rotor(model)
+        except ReducedOrderError as error:
+            raise ObserverConfigError(f"model.A, model.B, K: {error}") from error
+        object.__setattr__(self, "model", model)
+        object.__setattr__(self, "params", self._params(rotor))
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "ObserverConfig":
+        """The configuration of these parameters; raises ObserverConfigError."""
+        return cls(parameters)
+
+    def _rotor(self, model: ReducedOrderModel) -> ReducedOrderParams:
+        v = self.parameters
+        return reduced_order_params(
+            model,
+            v["trim.x"],
+            v["trim.u"],
+            self.rate.of(v["u_delay_ticks"]),
+            v["servo.frequency_radps"],
+            v["servo.damping"],
+            self.rate.tick_s,
+        )
+
+    def _params(self, rotor: ReducedOrderParams) -> ObserverParams:
+        v, rate = self.parameters, self.rate
+
+        def ticks(time_s: float) -> int:
+            return max(1, rate.ticks_in(time_s))
+
+        return ObserverParams(
+            ekf=_ekf_params(v, rate.tick_s),
+            rotor=rotor,
+            pair=_pair_params(v),
+            horizon_ticks=rate.of(v["ekf.horizon_ticks"]),
+            align_ticks=rate.of(v["ekf.initial.align_ticks"]),
+            max_gap_ticks=rate.of(v["ekf.max_gap_ticks"]),
+            imu_timeout_ticks=ticks(v["ekf.timeout.imu_s"]),
+            gps_timeout_ticks=ticks(v["ekf.timeout.gps_s"]),
+            gps_recovery_ticks=ticks(v["ekf.timeout.gps_recovery_s"]),
+            mag_timeout_ticks=ticks(v["ekf.timeout.mag_s"]),
+            baro_timeout_ticks=ticks(v["ekf.timeout.baro_s"]),
+        )
+
+
+# -------------------------------------------------------------------------------------------------
+# Observer.
+# -------------------------------------------------------------------------------------------------
 
 __all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state", "observe"]
 __all__ += ["status"]
@@ -65,7 +264,7 @@ _IMUS_DISAGREE = int(ObserverStatus.IMUS_DISAGREE)
 
 def initial_state(config: ObserverConfig) -> ObserverState:
     """Memory of an observer that has seen nothing yet (status ALIGNING)."""
-    slots = config.kernel.horizon_ticks + config.kernel.max_gap_ticks + 2
+    slots = config.params.horizon_ticks + config.params.max_gap_ticks + 2
     count = np.zeros(L.N_COUNT, dtype=np.int64)
     count[L.C_TICK] = L.NO_TICK
     count[L.C_IMU_OK : L.C_GPS_SEEN + 1] = L.NO_TICK
@@ -80,7 +279,7 @@ def initial_state(config: ObserverConfig) -> ObserverState:
         now=np.zeros(L.N_NOMINAL),
         rotor=np.zeros(L.N_ROTOR_W),
         y=np.zeros((2, L.N_OUTPUT)),
-        u=np.tile(config.kernel.rotor.u_trim, (config.kernel.rotor.u_delay_ticks + 1, 1)),
+        u=np.tile(config.params.rotor.u_trim, (config.params.rotor.u_delay_ticks + 1, 1)),
         diag=np.zeros(L.N_DIAG),
         heard=np.full(L.N_HEARD, np.nan),
         count=count,
@@ -106,9 +305,9 @@ def _fuse_fix(state, tick, horizon, row, observer_k):
     late = position == 0 and tick - since > observer_k.gps_recovery_ticks
     lost = late and velocity == 0
     if velocity == 1:
-        believe(state)
-    elif velocity == 0 and refuse(state, row, horizon * k.dt_s, k):
-        solve_again(state, horizon, k)
+        accept_velocity(state)
+    elif velocity == 0 and reject_velocity(state, row, horizon * k.dt_s, k):
+        reset_biases(state, horizon, k)
     if position == 1 and velocity != 0:
         count[L.C_GPS_OK] = tick
     elif late and velocity == 1:
@@ -168,13 +367,13 @@ def _filter_step(state, horizon, tick, k):
     """
     x, P, imu, size = state.nominal, state.P, state.imu, state.imu.shape[0]
     if horizon <= state.count[L.C_BEGUN]:
-        coast(x, P, k.ekf)
+        predict_without_imu(x, P, k.ekf)
     else:
-        bridged = bridge(imu, horizon, tick, k.ekf.dt_s, P)
+        bridged = interpolate_gap(imu, horizon, tick, k.ekf.dt_s, P)
         predict(x, P, imu[(horizon - 1) % size], imu[horizon % size], k.ekf)
         if not bridged and replaced_for_long(imu, horizon):
-            widen(P, k.ekf.dt_s)
-    remember(state, horizon, imu[horizon % size], state.aid[horizon % size])
+            widen_covariance(P, k.ekf.dt_s)
+    keep_window(state, horizon, imu[horizon % size], state.aid[horizon % size])
     return _fuse_slot(state, tick, horizon, state.aid[horizon % size], k)
 
 
@@ -237,7 +436,7 @@ def _navigation_output(state, tick, k, out):
     fill_matrix(R, 0.0)
     for t in range(tick - k.horizon_ticks, tick):
         if t < state.count[L.C_BEGUN]:
-            glide(now, k.ekf.dt_s)
+            strapdown_without_imu(now, k.ekf.dt_s)
         else:
             imu0, imu1 = state.imu[t % size], state.imu[(t + 1) % size]
             strapdown(now, imu0, imu1, k.ekf.gravity_mps2, k.ekf.dt_s, a_ned, R)
@@ -307,12 +506,12 @@ def observe(state, tick, y, u_prev, k, out):
     tick : int
         The tick that y belongs to. Ticks may be missing (held), not come twice.
     y : ndarray (>= 26,)
-        Measurement row, places of `heli_math.rows.MEAS`; nothing behind what is sensed is read.
+        Measurement row, places of `heli_core.rows.MEAS`; nothing behind what is sensed is read.
     u_prev : ndarray (4,)
         Actuators computed at tick - 1: lateral, longitudinal, pedal, collective.
-    k : ObserverKernel
+    k : ObserverParams
     out : ndarray (31,)
-        Navigation row, places of `heli_math.rows.NAV`; NaN while the observer is aligning or not
+        Navigation row, places of `heli_core.rows.NAV`; NaN while the observer is aligning or not
         finite.
     """
     sample = scratch(_N_IMU)
@@ -336,7 +535,7 @@ def observe(state, tick, y, u_prev, k, out):
                 if k.pair.on:
                     follow_trial(state, t - k.horizon_ticks, now, k.ekf)
     broken = started and not is_state(state.nominal, state.P)
-    if broken and recover(state, now - k.horizon_ticks, k.ekf):
+    if broken and reset_filter(state, now - k.horizon_ticks, k.ekf):
         begin_pair(state)
         broken = False
     if (lost or broken) and align(state, now, k.horizon_ticks, k.ekf):

@@ -17,11 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.arrays import copy_part, scratch
-from heli_math.jit import njit
-from heli_math.linear_systems import held_and_linear, reduced_order_observer, with_servos
-from heli_math.state_names import MEASURED, UNMEASURED
-from heli_math.ticks import TICK_S
+from heli_core.jit import copy_part, njit, scratch
+from heli_core.linear import held_and_linear, reduced_order_observer, with_servos
+from heli_core.rows import MEASURED, UNMEASURED
+from heli_core.ticks import TICK_S
 from heli_observer.layout import (
     N_INPUT,
     N_OUTPUT,
@@ -29,7 +28,7 @@ from heli_observer.layout import (
     N_UNMEASURED,
     W_SERVO,
     W_SERVO_RATE,
-    RotorKernel,
+    ReducedOrderParams,
 )
 
 Matrix = NDArray[np.float64]
@@ -112,7 +111,7 @@ def continuous_system(
     return F, G_u, G_y
 
 
-def rotor_kernel(
+def reduced_order_params(
     model: ReducedOrderModel,
     x_trim: Matrix,
     u_trim: Matrix,
@@ -120,13 +119,13 @@ def rotor_kernel(
     servo_frequency_radps: float,
     servo_damping: float,
     tick_s: float = TICK_S,
-) -> RotorKernel:
+) -> ReducedOrderParams:
     """Constants of the compiled observer; x_trim (9,) and u_trim (4,) are absolute."""
     x_trim = _finite("trim.x", x_trim, (9,))
     u_trim = _finite("trim.u", u_trim, (4,))
     system = continuous_system(model, servo_frequency_radps, servo_damping)
     Phi, Gu, G0, G1 = (np.ascontiguousarray(m) for m in held_and_linear(*system, tick_s))
-    return RotorKernel(
+    return ReducedOrderParams(
         Phi=Phi,
         Gu=Gu,
         G0=G0,
@@ -144,7 +143,7 @@ def rotor_kernel(
 def rotor_start(w, y, u, k):
     """Start w (9,) so that a_s, b_s, d_int are at trim and the servos stand where they are told.
 
-    y (6,) are deviations from trim; u (4,) is the command flown so far; k is the RotorKernel.
+    y (6,) are deviations from trim; u (4,) is the command flown so far; k: ReducedOrderParams.
     """
     for i in range(N_UNMEASURED):
         w[i] = 0.0
@@ -159,7 +158,7 @@ def rotor_step(w, y0, y1, u, k):
     """Bring w (9,) over one tick, in place.
 
     y0, y1 (6,) are the outputs at its beginning and end (deviations from trim, psi unwrapped);
-    u (4,) is the command that acts on the aircraft during it; k is the RotorKernel.
+    u (4,) is the command that acts on the aircraft during it; k is the ReducedOrderParams.
     """
     new = scratch(N_ROTOR_W)
     for i in range(N_ROTOR_W):

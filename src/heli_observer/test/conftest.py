@@ -6,17 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_math.rows import NAV
-from heli_observer.observer import (
-    ObserverConfig,
-    ObserverStatus,
-    initial_state,
-    observe,
-    status,
-)
-from heli_observer.parameter_table import NODE_NAME, TABLE
-from heli_observer.testing.synthetic import hover_path, synthesize
-from heli_parameters.parameters import load
+from heli_core.parameters import load
+from heli_core.rows import NAV
+from heli_observer.layout import ObserverStatus
+from heli_observer.observer import ObserverConfig, initial_state, observe, status
+from heli_observer.parameters import NODE_NAME, TABLE
+from support.synthetic_sensors import hover_path, synthesize
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 
@@ -43,7 +38,7 @@ class Run:
 
     def __init__(self, parameters):
         self.config = ObserverConfig(parameters)
-        self.kernel = self.config.kernel
+        self.params = self.config.params
         self.state = initial_state(self.config)
         self.u = np.array(parameters["trim.u"], dtype=float)
         self.out = np.zeros((0, NAV.size))
@@ -51,7 +46,7 @@ class Run:
     def step(self, tick, y, u=None):
         out = np.empty(NAV.size)
         command = self.u if u is None else np.asarray(u, dtype=float)
-        observe(self.state, tick, np.ascontiguousarray(y), command, self.kernel, out)
+        observe(self.state, tick, np.ascontiguousarray(y), command, self.params, out)
         return out
 
     def fly(self, rows):
@@ -62,7 +57,7 @@ class Run:
 
     @property
     def health(self):
-        return ObserverStatus(status(self.state, self.kernel))
+        return ObserverStatus(status(self.state, self.params))
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from heli_math.atmosphere import pressure_pa
-from heli_math.rotations import fill_from_rotvec, quat_from_euler, quat_multiply
-from heli_math.rows import MEAS
-from heli_observer import ins_ekf
+from heli_core.atmosphere import pressure_pa
+from heli_core.rotations import fill_from_rotvec, quat_from_euler, quat_multiply
+from heli_core.rows import MEAS
+from heli_observer import ekf as ins_ekf
 from heli_observer import layout as L
 from heli_observer.observer import ObserverConfig
 
@@ -39,7 +39,7 @@ def disturbed(x, e):
 
 @pytest.fixture
 def kernel(parameters):
-    return ObserverConfig(parameters).kernel.ekf
+    return ObserverConfig(parameters).params.ekf
 
 
 @pytest.fixture

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import yaml
 
-from heli_observer.alignment import _start_covariance
-from heli_observer.config import ObserverConfigError
+from heli_core.parameters import load
+from heli_core.rcl_yaml import ParameterError
+from heli_observer.ekf import _start_covariance
 from heli_observer.layout import E_POS, N_ERROR
-from heli_observer.observer import ObserverConfig
-from heli_observer.parameter_table import NODE_NAME, TABLE
-from heli_parameters.parameters import ParameterError, load
+from heli_observer.observer import ObserverConfig, ObserverConfigError
+from heli_observer.parameters import NODE_NAME, TABLE
 
 
 def test_every_key_of_the_yaml_carries_a_comment(config_folder):
@@ -83,7 +83,7 @@ def test_defaults_agree_with_the_plants_sensors(parameters):
     """The observer's picture of sensors, schedule and servos is that of the packaged plant."""
     packages = Path(__file__).resolve().parents[2]
     plant_yaml = packages / "heli_dynamics_sim/config/plant.yaml"
-    common_yaml = packages / "heli_parameters/config/common.yaml"
+    common_yaml = packages / "heli_core/config/common.yaml"
     common = yaml.safe_load(common_yaml.read_text())["/**"]["ros__parameters"]
     plant = yaml.safe_load(plant_yaml.read_text())["/**/plant"]["ros__parameters"]
     sensors, v = plant["sensors"], parameters
@@ -115,7 +115,7 @@ def test_defaults_agree_with_the_plants_sensors(parameters):
 def test_sigma_counts_from_the_alignment_unless_it_is_told_to_be_absolute(parameters, fraction):
     """At alignment sigma holds the fix's white error, and of the drift the part that is asked."""
     v = parameters | {"ekf.initial.drift_at_alignment_fraction": fraction}
-    kernel = ObserverConfig(v).kernel.ekf
+    kernel = ObserverConfig(v).params.ekf
     P = np.zeros((N_ERROR, N_ERROR))
     _start_covariance(P, np.array([1.0, 0.0, 0.0, 0.0]), 0.0, kernel)
     for i, axis in enumerate(("horizontal", "horizontal", "vertical")):

@@ -4,10 +4,10 @@
 import numpy as np
 from scipy.stats import chi2
 
-from heli_math.rows import NAV
-from heli_observer.ins_ekf import predict
-from heli_observer.observer import ObserverStatus
-from heli_observer.testing.synthetic import hover_path, synthesize, turning_path
+from heli_core.rows import NAV
+from heli_observer.ekf import predict
+from heli_observer.layout import ObserverStatus
+from support.synthetic_sensors import hover_path, synthesize, turning_path
 
 
 def rms(error):
@@ -99,7 +99,7 @@ def test_published_sigmas_are_the_covariance_carried_to_now(parameters, run_obse
     run = run_observer(parameters)
     for ticks, tolerance in ((300, 0.02), (1700, 0.01)):
         run.fly(flight.y[len(run.out) : len(run.out) + ticks])
-        P, x, k = run.state.P.copy(), run.state.nominal.copy(), run.kernel
+        P, x, k = run.state.P.copy(), run.state.nominal.copy(), run.params
         size, now = len(run.state.imu), len(run.out) - 1
         for tick in range(now - k.horizon_ticks, now):
             predict(x, P, run.state.imu[tick % size], run.state.imu[(tick + 1) % size], k.ekf)

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from heli_math.rows import MEAS, NAV
+from heli_core.rows import MEAS, NAV
 from heli_observer import layout as L
-from heli_observer.observer import ObserverStatus
-from heli_observer.relearn import forget
-from heli_observer.testing.synthetic import hover_path, synthesize, turning_path
+from heli_observer.fault_detection import forget
+from heli_observer.layout import ObserverStatus
+from support.synthetic_sensors import hover_path, synthesize, turning_path
 
 
 def test_gps_outage_is_reported_and_ends(parameters, run_observer):
@@ -50,7 +50,7 @@ def test_a_jump_of_the_receiver_is_taken_for_one_after_a_while(parameters, run_o
     assert run.health is ObserverStatus.OK and run.state.count[L.C_GPS_JUMPS] == 1
     assert run.state.count[L.C_GPS_POS_REJECTED] == refused
     assert np.abs(run.out[1400:, NAV.pos] - flight.pos[1400:]).max() < 4.0
-    own = flight.drift[-1 - run.kernel.horizon_ticks] + [30.0, -20.0, 10.0]
+    own = flight.drift[-1 - run.params.horizon_ticks] + [30.0, -20.0, 10.0]
     assert np.abs(run.state.nominal[L.X_DRIFT : L.X_DRIFT + 3] - own).max() < 4.0
 
 

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from heli_math.rows import IMU, MEAS, NAV
+from heli_core.rows import IMU, MEAS, NAV
 from heli_observer import layout as L
-from heli_observer.late import BRIDGED, bridge, hear_fix, hear_imu
-from heli_observer.testing.synthetic import hover_path, synthesize
+from heli_observer.buffers import BRIDGED, hear_fix, hear_imu, interpolate_gap
+from support.synthetic_sensors import hover_path, synthesize
 
 BEGIN = 300
 
@@ -21,7 +21,7 @@ def late_by(run, rows, ticks):
             y[MEAS.imu] = np.nan
             if tick - ticks >= BEGIN:
                 sample = rows[tick - ticks, MEAS.imu].copy()
-                hear_imu(run.state, tick, tick - ticks, sample, run.kernel, y)
+                hear_imu(run.state, tick, tick - ticks, sample, run.params, y)
         out.append(run.step(tick, y))
     run.out = np.array(out)
     return run
@@ -43,7 +43,7 @@ def test_the_filter_reads_late_samples_as_if_they_had_come_in_time(parameters, r
 def test_samples_older_than_the_horizon_are_of_no_use(parameters, run_observer):
     rows = synthesize(hover_path(), parameters, 6.0, seed=3).y
     run = run_observer(parameters)
-    late_by(run, rows, run.kernel.horizon_ticks + 1)
+    late_by(run, rows, run.params.horizon_ticks + 1)
     assert run.state.count[L.C_IMU_MENDED] == 0
 
 
@@ -51,14 +51,14 @@ def test_one_that_comes_twice_is_taken_once(parameters, run_observer):
     rows = synthesize(hover_path(), parameters, 4.0, seed=3).y
     run = run_observer(parameters).fly(rows[:BEGIN])
     y = rows[BEGIN].copy()
-    hear_imu(run.state, BEGIN, BEGIN - 1, rows[BEGIN - 1, MEAS.imu].copy(), run.kernel, y)
+    hear_imu(run.state, BEGIN, BEGIN - 1, rows[BEGIN - 1, MEAS.imu].copy(), run.params, y)
     assert np.isnan(y[MEAS.imu]).all() and run.state.count[L.C_IMU_MENDED] == 0
 
 
 def test_before_anything_is_known_a_late_sample_begins_the_alignment(parameters, run_observer):
     run, y = run_observer(parameters), np.zeros(MEAS.sensed)
     sample = np.array([0.0, 0.0, -9.8, 0.0, 0.0, 0.0])
-    hear_imu(run.state, 4, 1, sample, run.kernel, y)
+    hear_imu(run.state, 4, 1, sample, run.params, y)
     np.testing.assert_array_equal(y[MEAS.imu], sample)
 
 
@@ -76,7 +76,7 @@ def test_a_gap_on_a_straight_line_is_closed_exactly(missing):
     line = np.outer(np.arange(30.0), [0.1, 0.2, -0.3, 0.01, 0.02, 0.03])
     imu, P = ring(line, missing), np.zeros((L.N_ERROR, L.N_ERROR))
     for tick in missing:
-        assert bridge(imu, tick, 29, 0.01, P)
+        assert interpolate_gap(imu, tick, 29, 0.01, P)
         np.testing.assert_allclose(imu[tick, : IMU.size], line[tick], atol=1e-12)
         assert imu[tick, L.I_REPLACED] == 1.0
 
@@ -88,7 +88,7 @@ def test_vibration_is_left_out_and_paid_for():
     for _ in range(400):
         imu = ring(5.0 + sigma * rng.standard_normal((30, 6)), [12])
         P = np.zeros((L.N_ERROR, L.N_ERROR))
-        assert bridge(imu, 12, 29, 0.01, P)
+        assert interpolate_gap(imu, 12, 29, 0.01, P)
         found.append(imu[12, : IMU.size] - 5.0)
         paid.append([P[L.E_VEL, L.E_VEL], P[L.E_ATT, L.E_ATT]])
         assert np.count_nonzero(P) == 6
@@ -101,16 +101,16 @@ def test_vibration_is_left_out_and_paid_for():
 def test_longer_gaps_and_what_was_measured_stay_as_they_are():
     imu, P = ring(np.ones((30, 6)), range(10, 11 + BRIDGED)), np.zeros((L.N_ERROR, L.N_ERROR))
     before = imu.copy()
-    assert not any(bridge(imu, tick, 29, 0.01, P) for tick in range(5, 25))
+    assert not any(interpolate_gap(imu, tick, 29, 0.01, P) for tick in range(5, 25))
     np.testing.assert_array_equal(imu, before)
     assert not P.any()
     # A gap whose end has not come yet.
     imu = ring(np.ones((30, 6)), [27, 28, 29])
-    assert not bridge(imu, 27, 29, 0.01, P)
+    assert not interpolate_gap(imu, 27, 29, 0.01, P)
 
 
 def test_a_fix_that_is_too_late_is_brought_to_the_horizon_by_its_velocity(parameters, run_observer):
-    k, y = run_observer(parameters).kernel, np.zeros(MEAS.sensed)
+    k, y = run_observer(parameters).params, np.zeros(MEAS.sensed)
     tick, late = 500, 7
     horizon = tick - k.horizon_ticks
 

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from heli_math.rows import MEAS
+from heli_core.rows import MEAS
 from heli_msgs_bridge import topics
 from heli_observer.layout import C_MAG_REJECTED
 from heli_observer.node import ObserverNode
-from heli_observer.testing.synthetic import hover_path, synthesize
+from support.synthetic_sensors import hover_path, synthesize
 
 FIELD_OF_A_MAGNET = 3.0
 

@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 
-from heli_math.rows import MEAS
+from heli_core.parameters import load
+from heli_core.rows import MEAS
 from heli_observer import layout as L
-from heli_observer.observer import ObserverStatus
-from heli_observer.parameter_table import NODE_NAME, TABLE
-from heli_observer.testing.synthetic import hover_path, synthesize
-from heli_parameters.parameters import load
+from heli_observer.layout import ObserverStatus
+from heli_observer.parameters import NODE_NAME, TABLE
+from support.synthetic_sensors import hover_path, synthesize
 
 
 def test_aligns_at_the_first_tick_from_sensors_alone(parameters, run_observer, exact_sensors):

@@ -7,21 +7,20 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import lsim
 
-from heli_math.linear_systems import diagonal_observer_gain, held_and_linear
-from heli_math.rows import NAV
-from heli_math.state_names import MEASURED, UNMEASURED
-from heli_math.ticks import TICK_S
+from heli_core.linear import diagonal_observer_gain, held_and_linear
+from heli_core.rows import MEASURED, NAV, UNMEASURED
+from heli_core.ticks import TICK_S
 from heli_observer.observer import ObserverConfig, initial_state, observe
 from heli_observer.reduced_order import (
     ReducedOrderError,
     continuous_system,
     reduced_order_model,
-    rotor_kernel,
+    reduced_order_params,
     rotor_output,
     rotor_start,
     rotor_step,
 )
-from heli_observer.testing.synthetic import synthesize, turning_path
+from support.synthetic_sensors import synthesize, turning_path
 
 M, U = list(MEASURED), list(UNMEASURED)
 TRIM_X, TRIM_U = np.zeros(9), np.zeros(4)
@@ -93,7 +92,7 @@ def test_discretisation_equals_lsim_for_linear_outputs(model):
 
 
 def test_kernels_equal_the_matrices(model):
-    k = rotor_kernel(model, TRIM_X + 0.1, TRIM_U + 0.05, 1, 38.0, 0.51)
+    k = reduced_order_params(model, TRIM_X + 0.1, TRIM_U + 0.05, 1, 38.0, 0.51)
     rng = np.random.default_rng(2)
     w, y0, y1, u = (rng.standard_normal(n) for n in (9, 6, 6, 4))
     expected = k.Phi @ w + k.Gu @ (u[:3] - 0.05) + k.G0 @ y0 + k.G1 @ y1
@@ -133,7 +132,7 @@ def test_continuous_error_converges_exactly_as_the_exponential(plant, model):
 def test_ticks_match_a_luenberger_simulation(plant, model):
     """Against SciPy's continuous simulation; what is left is the hold of y and u over a tick."""
     x0 = np.array([0.02, -0.01, 0.0, 0.0, 0.001, -0.001, 0.0, 0.002, 0.0])
-    k = rotor_kernel(model, TRIM_X, TRIM_U, 0, 0.0, 0.51)
+    k = reduced_order_params(model, TRIM_X, TRIM_U, 0, 0.0, 0.51)
     z0 = -model.K @ x0[M]
     t, s = luenberger(plant, model, x0, z0, 2.0)
     w = np.zeros(9)
@@ -162,7 +161,7 @@ def test_estimates_follow_a_linear_plant_with_servos_and_delay(plant, model):
     step = expm(np.block([[F, G], [np.zeros((3, 18))]]) * 0.01)[:15]
     residue = {}
     for delay, servo in ((1, 38.0), (0, 38.0), (1, 0.0)):
-        k = rotor_kernel(model, TRIM_X, TRIM_U, delay, servo, 0.51)
+        k = reduced_order_params(model, TRIM_X, TRIM_U, delay, servo, 0.51)
         x, w = np.zeros(15), np.zeros(9)
         x[[4, 5, 7]] = [0.002, -0.002, 0.003]
         history = np.zeros((3, 4))
@@ -194,7 +193,7 @@ def test_heading_through_180_degrees_leaves_no_jump(parameters):
     u = np.array(parameters["trim.u"])
     out = np.empty((len(flight.y), NAV.size))
     for n, row in enumerate(flight.y):
-        observe(state, n, row, u, config.kernel, out[n])
+        observe(state, n, row, u, config.params, out[n])
     turned = state.y[0, 5] - 0.3
     assert turned == pytest.approx(0.6 * 25.0, abs=0.3)
     jumps = np.abs(np.diff(out[500:, NAV.rotor], axis=0))
@@ -215,7 +214,7 @@ def test_u_delay_takes_the_command_of_that_many_ticks_before(parameters):
                 u = np.array(parameters["trim.u"])
                 u[0] += pulse * (n == 20)
                 out = np.empty(NAV.size)
-                observe(state, n, row, u, config.kernel, out)
+                observe(state, n, row, u, config.params, out)
                 rows.append(out[NAV.rotor].copy())
             runs.append(np.array(rows))
         first[delay] = int(np.flatnonzero(np.any(runs[0] != runs[1], axis=1))[0])

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from heli_math.rows import MEAS, NAV
+from heli_core.rows import MEAS, NAV
 from heli_observer import layout as L
-from heli_observer.relearn import TICKS
-from heli_observer.testing.synthetic import hover_path, synthesize
+from heli_observer.fault_detection import TICKS
+from support.synthetic_sensors import hover_path, synthesize
 
 AT = 1000
 JUMPS = [
@@ -69,7 +69,7 @@ def test_what_is_older_than_the_window_is_left(parameters, run_observer):
     flight = synthesize(hover_path(), parameters, 15.0, seed=1)
     run = run_observer(parameters).fly(flight.y)
     ticks = run.state.window.tick[:-1]
-    horizon = len(flight.y) - 1 - run.kernel.horizon_ticks
+    horizon = len(flight.y) - 1 - run.params.horizon_ticks
     assert ticks.max() > horizon - 20 and ticks.min() > horizon - TICKS
     assert sorted(ticks) == list(range(ticks.min(), ticks.max() + 1, 20))
     newest = run.state.window.tick[-1]

@@ -4,11 +4,9 @@
 import numpy as np
 import pytest
 
-from heli_math.rows import IMU, MEAS, NAV
+from heli_core.rows import IMU, MEAS, NAV
 from heli_observer import layout as L
-from heli_observer.observer import ObserverStatus
-from heli_observer.testing.synthetic import hover_path, synthesize
-from heli_observer.two_imus import (
+from heli_observer.dual_imu import (
     P_COMPARED,
     P_LEFT,
     P_SWITCHES,
@@ -19,6 +17,8 @@ from heli_observer.two_imus import (
     WHY_NOTHING,
     WHY_STOPPED,
 )
+from heli_observer.layout import ObserverStatus
+from support.synthetic_sensors import hover_path, synthesize
 
 AT = 1000
 PLACES = {1: MEAS.imu, 2: MEAS.imu2}

@@ -1,15 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The position loop: PD law for position and altitude, eq. (20)(21), and its reference."""
+"""The outer loop: PD position law, modes, failsafes, references, paths, sticks."""
 
-from heli_math.faces import face
+from heli_core.faces import face
 
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
-        "axis_analysis": ["AxisReport"],
-        "config": ["outer_kernel"],
-        "position_law": ["OuterKernel", "OuterStatus"],
-        "thrust_map": ["RotorMap"],
+        "heli_core.errors": ["StickCause", "StickError"],
+        "analysis": ["AxisReport"],
+        "joystick": [
+            "Device",
+            "DeviceError",
+            "KeyboardSticks",
+            "Presses",
+            "Reading",
+            "SdlJoystick",
+            "StickMap",
+            "Sticks",
+            "TerminalKeys",
+            "expo",
+            "without_dead_zone",
+        ],
+        "modes": [
+            "Command",
+            "Fact",
+            "Guard",
+            "Phase",
+            "Refusal",
+            "Refused",
+            "TABLE",
+            "Transition",
+            "allowed",
+            "command_named",
+            "decide",
+        ],
+        "parameters": ["outer_params"],
+        "position_law": ["OuterParams", "OuterStatus"],
+        "state": ["RotorMap"],
     },
-    modules=["axis_analysis", "gain_search", "position_law", "reference", "thrust_map"],
+    modules=["analysis", "guidance", "position_law", "reference", "state"],
 )

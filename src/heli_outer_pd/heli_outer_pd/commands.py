@@ -9,24 +9,28 @@ from typing import Any
 
 import numpy as np
 
-from heli_math.rotations import euler_from_quat
-from heli_math.rows import NAV, REFERENCE
-from heli_math.ticks import NS_PER_S, TICK_NS
-from heli_math.trajectory import Trajectory
-from heli_modes.machine import Refusal, command_named, decide
-from heli_modes.table import Command, Guard, Phase
+from heli_core.errors import StickError
+from heli_core.rotations import euler_from_quat
+from heli_core.rows import NAV, REFERENCE
+from heli_core.ticks import NS_PER_S, TICK_NS
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.attitude_message import decode_attitude, decode_climb
-from heli_msgs_bridge.goto_message import decode_goto
-from heli_msgs_bridge.joy_message import decode_joy
-from heli_msgs_bridge.messages import MessageError
-from heli_msgs_bridge.reference_message import encode_reference, key_of
-from heli_msgs_bridge.stamps import AHEAD_TICKS, in_words
-from heli_msgs_bridge.velocity_message import VelocityCommand, decode_velocity
-from heli_outer_pd.reference_limits import ReferenceRefused
-from heli_outer_pd.sight import plight
-from heli_sticks.errors import StickError
-from heli_sticks.mapping import Presses, StickMap
+from heli_msgs_bridge.command_messages import (
+    VelocityCommand,
+    decode_attitude,
+    decode_climb,
+    decode_goto,
+    decode_joy,
+    decode_velocity,
+    encode_reference,
+    key_of,
+)
+from heli_msgs_bridge.layouts import MessageError
+from heli_msgs_bridge.lockstep import AHEAD_TICKS, stamp_refusal
+from heli_outer_pd.joystick import Presses, StickMap
+from heli_outer_pd.modes import Command, Guard, Phase, Refusal, command_named, decide
+from heli_outer_pd.position_health import plight
+from heli_outer_pd.reference import ReferenceRefused
 
 SERVED = {
     Command.HOLD: "hold",
@@ -97,7 +101,7 @@ class Commands:
             if refused is not None:
                 node.refuse_aloud(topic, refused.sentence)
                 return
-            node.get_logger().info(f"{topic}: {self.fly(node.run.phases.way)}")
+            node.get_logger().info(f"{topic}: {self.fly(node.run.phases.trajectory)}")
 
         return take
 
@@ -133,7 +137,7 @@ class Commands:
         if refused is not None:
             node.refuse_aloud(topic, refused.sentence)
         else:
-            self.fly(phases.way)
+            self.fly(phases.trajectory)
 
     def on_attitude(self, message: Any) -> None:
         """Fly this attitude from the law's next step on; or refuse it, and go on as before."""
@@ -280,7 +284,7 @@ class Commands:
         """Why no reference is followed now; empty if one is."""
         phases = self._node.run.phases
         fails = {Guard.NAVIGATION} if phases.lost else set[Guard]()
-        if phases.beyond_m > 0.0:
+        if phases.fence_distance_m > 0.0:
             fails.add(Guard.FENCE)
         found = decide(phases.phase, Command.FOLLOW, fails)
         return found.sentence if isinstance(found, Refusal) else ""
@@ -292,8 +296,8 @@ class Commands:
         run.diverted = way
         key = key_of(told)
         node.core.own.append(key)
-        node.core.ways.append((node.stamp_ns(node.tick + 1), key))
-        node.core.tell_way(told)
+        node.core.trajectories.append((node.stamp_ns(node.tick + 1), key))
+        node.core.send_trajectory(told)
         last, end_ns = way.points[-1], way.start_ns + way.times_ns[-1]
         north, east, down = last[REFERENCE.pos]
         return (
@@ -318,7 +322,7 @@ class Commands:
             return _BY_MESSAGES
         if command in _STEERED:
             return _STEERED[command]
-        said = self.fly(phases.way)
+        said = self.fly(phases.trajectory)
         if command == Command.LAND and phases.lost:
             return plight(phases.phase)
         if command == Command.LAND:
@@ -352,7 +356,7 @@ class Commands:
         oldest_ns = max(now_ns - round(most_s * NS_PER_S), node.start_ns)
         if not oldest_ns <= stamp_ns <= now_ns + ahead_ns:
             raise MessageError(
-                f"{in_words(topic, stamp_ns, now_ns, node.start_ns)}; allowed: "
+                f"{stamp_refusal(topic, stamp_ns, now_ns, node.start_ns)}; allowed: "
                 f"{most_s:g} s before it to {ahead_ns / NS_PER_S:g} s after it"
             )
 
@@ -365,5 +369,5 @@ class Commands:
             raise ReferenceRefused(
                 f"horizontal is {node.values['horizontal']}; allowed: {_POSITION}"
             )
-        if not node.run.engaged or node.run.phases.way is None:
+        if not node.run.engaged or node.run.phases.trajectory is None:
             raise ReferenceRefused("no position is held yet: the law waits for navigation")

@@ -3,13 +3,179 @@
 
 import math
 
-from heli_math.arrays import scratch
-from heli_math.jit import njit
-from heli_math.rotations import euler_from_quat
-from heli_math.rows import NAV, SETPOINT
-from heli_outer_pd.outer_state import LEAVES, LOW_BY_HAND, MEMORY
-from heli_outer_pd.softness import d_share, p_share
-from heli_outer_pd.thrust_map import thrust_for_collective
+from heli_core.jit import fill, njit, scratch
+from heli_core.rotations import euler_from_quat, wrap_pi
+from heli_core.rows import NAV, SETPOINT
+from heli_outer_pd.state import (
+    AUTOROTATES,
+    DOWN,
+    FLIES,
+    FULL,
+    LEAVES,
+    LOW_BY_HAND,
+    MEMORY,
+    SOFT,
+    STEERED,
+    STUCK,
+    TURNS,
+    thrust_for_collective,
+)
+
+# -------------------------------------------------------------------------------------------------
+# Whether the attitude follows what is commanded, and how softly is flown while it does not.
+#
+# A servo that has grown slow turns brisk loops into a growing oscillation, first where a GPS of
+# metres steps the set-point. What shows it is the attitude, which is not where the attitude loop
+# would have brought it: the difference to the command behind that loop's lag. How much it swings,
+# over a second, stays below `failsafe.unfollowed_deg` in flights without a fault.
+#
+# Beyond, position is held softly: small gains and tilts, and of the command only a part, the rest
+# is
+# the attitude as it is. That takes three quarters of its stiffness from the attitude loop and
+# leaves
+# its damping: little is asked of the servo's speed, and the oscillation dies. A servo that is
+# stuck
+# follows that no better: the attitude hangs to one side. Then the gains are as before: with them
+# the
+# other axes hold what they can. What has become calm has its gains again, each time later. Where
+# messages are late the attitude swings, too, and soft flight would be worse: that is told by how
+# quickly it swings, or by navigation that is late itself.
+# -------------------------------------------------------------------------------------------------
+
+_MEAN_S = 1.0
+_HANGS, _HALF, _HANGS_S = 0.6, 0.5, 2.0
+"""It hangs to one side if its mean has so much of its mean square, at half the limit, for so
+long."""
+_TRIED_S, _LATE = 4.0, 0.3
+_END, _LATELY_S, _BRISK = 0.8, 3.0, 1.35
+"""A slow servo's first swing is slow and is found out before the second; where commands come late
+they come and go every 1.2 s: so often over the last seconds it is not a servo."""
+_CALM_S = 5.0
+"""Below half the limit for so long, each time twice as long, it has its gains again."""
+_TURNED_RAD, _TURNS_RADPS = math.radians(30.0), 1.5
+K_P_SHARE, K_D_SHARE, AS_IT_IS = 0.1, 0.5, 0.75
+"""In soft flight, of the horizontal gains, and of those of the disturbance's observer (l2, l1): the
+bandwidth falls to a third, damping grows; of the attitude as it is in what is commanded."""
+SOFT_TILT_RAD = math.radians(15.0)
+
+
+@njit
+def p_share(state):
+    """Share of the gains that act on what is off: 1.0 unless it flies softly."""
+    return K_P_SHARE if state[MEMORY.soft] == SOFT else 1.0
+
+
+@njit
+def d_share(state):
+    """Share of the gains that act on speeds."""
+    return K_D_SHARE if state[MEMORY.soft] == SOFT else 1.0
+
+
+@njit
+def softly(a, k, state):
+    """Cut the wanted acceleration (3,), horizontally and in place, to that of a small tilt."""
+    if state[MEMORY.soft] == SOFT:
+        limit = k.g * math.tan(SOFT_TILT_RAD)
+        for i in range(2):
+            a[i] = min(max(a[i], -limit), limit)
+
+
+@njit
+def ease(phi, theta, state, out):
+    """Bring the commanded roll and pitch of out (4,) near those that are flown, rad."""
+    if state[MEMORY.soft] == SOFT:
+        out[SETPOINT.phi] += AS_IT_IS * (phi - out[SETPOINT.phi])
+        out[SETPOINT.theta] += AS_IT_IS * (theta - out[SETPOINT.theta])
+
+
+@njit
+def forget_swings(state):
+    """Full gains, and nothing seen so far."""
+    fill(state[MEMORY.off_mean], 0.0)
+    fill(state[MEMORY.off_square], 0.0)
+    fill(state[MEMORY.side], 0.0)
+    fill(state[MEMORY.turns], 0.0)
+    state[MEMORY.soft] = FULL
+    state[MEMORY.calm_wanted_s] = 0.0
+
+
+@njit
+def watch_attitude(flown, psi, rate, k, state):
+    """Bring up to what the attitude explains, (2,) m/s2, whether commands are followed.
+
+    Only where the law itself holds a place, and estimates the disturbance, behind that: there the
+    command is known behind the attitude loop's lag. A nose that turns away takes roll and pitch
+    along: nothing is said of their servos, and the full gains hold a place even so.
+    """
+    own = k.wind_compensation > 0.5 and k.hold_horizontal > 0.5 and k.sweep.shape == 0
+    state[MEMORY.late] += k.dt_s / _MEAN_S * (state[MEMORY.is_late] - state[MEMORY.late])
+    if state[MEMORY.ground] != FLIES or not own or state[MEMORY.late] > _LATE:
+        forget_swings(state)
+        return
+    mean, square, lagged = state[MEMORY.off_mean], state[MEMORY.off_square], state[MEMORY.lagged]
+    swings, brisk, hangs, calm = False, False, False, True
+    for i in range(2):
+        off = math.atan((flown[i] - lagged[i]) / k.g)
+        mean[i] += k.dt_s / _MEAN_S * (off - mean[i])
+        square[i] += k.dt_s / _MEAN_S * (off * off - square[i])
+        turns = _turns(off, i, k, state)
+        if square[i] - mean[i] ** 2 > k.unfollowed[i] ** 2:
+            swings, brisk = True, brisk or turns > _BRISK
+        beyond = square[i] > (_HALF * k.unfollowed[i]) ** 2
+        hangs = hangs or (beyond and mean[i] ** 2 > _HANGS * square[i])
+        calm = calm and not beyond
+    off_rad = abs(wrap_pi(psi - state[MEMORY.command][SETPOINT.psi]))
+    turned = off_rad > _TURNED_RAD or abs(rate[2]) > _TURNS_RADPS
+    _decide(swings and not turned, brisk, hangs or turned, calm, k, state)
+
+
+@njit
+def _turns(off, i, k, state):
+    """How often an axis has lately swung from beyond one end to beyond the other."""
+    side, turns, end = state[MEMORY.side], state[MEMORY.turns], _END * k.unfollowed[i]
+    turns[i] -= k.dt_s / _LATELY_S * turns[i]
+    if abs(off) > end:
+        now = 1.0 if off > 0.0 else -1.0
+        if side[i] * now < 0.0:
+            turns[i] += 1.0
+        side[i] = now
+    return turns[i]
+
+
+@njit
+def _begin(calm_wanted_s, soft, state):
+    """Fly on as SOFT or STUCK until it is calm for so long."""
+    state[MEMORY.soft], state[MEMORY.calm_wanted_s] = soft, calm_wanted_s
+    state[MEMORY.hangs_s], state[MEMORY.calm_s], state[MEMORY.soft_s] = 0.0, 0.0, 0.0
+
+
+@njit
+def _decide(swings, brisk, hangs, calm, k, state):
+    """The next of FULL, SOFT, STUCK."""
+    soft, wanted_s = state[MEMORY.soft], state[MEMORY.calm_wanted_s]
+    lands = state[MEMORY.lands] > 0.5
+    if soft == FULL:
+        # A landing is no place for another try; what softness has calmed once is a slow servo.
+        if (swings or lands) and wanted_s > 0.0:
+            _begin(2.0 * wanted_s, SOFT, state)
+        elif swings and brisk:
+            _begin(0.0, STUCK, state)
+        elif swings:
+            _begin(_CALM_S, SOFT, state)
+        return
+    state[MEMORY.hangs_s] = state[MEMORY.hangs_s] + k.dt_s if hangs else 0.0
+    state[MEMORY.calm_s] = state[MEMORY.calm_s] + k.dt_s if calm else 0.0
+    state[MEMORY.soft_s] += k.dt_s
+    in_vain = swings and state[MEMORY.soft_s] > _TRIED_S
+    if soft == SOFT and (state[MEMORY.hangs_s] > _HANGS_S or in_vain):
+        state[MEMORY.soft] = STUCK
+    elif state[MEMORY.calm_s] > max(wanted_s, _CALM_S) and not lands:
+        state[MEMORY.soft], state[MEMORY.takes_over] = FULL, 1.0
+
+
+# -------------------------------------------------------------------------------------------------
+# Disturbance.
+# -------------------------------------------------------------------------------------------------
 
 
 @njit
@@ -168,3 +334,93 @@ def flown_acceleration_ned(nav, k, state, out):
     disturbance = state[MEMORY.disturbance]
     for i in range(3):
         out[i] += disturbance[i]
+
+
+# -------------------------------------------------------------------------------------------------
+# Whether the rotor is too slow, and whether the sensor that says so is to be believed.
+#
+# Its speed as a share of the governed one. A sensor is believed after some samples at the usual
+# speed, and from there on as long as it goes on from sample to sample as a rotor can: what jumps,
+# stands still to the last bit, is zero or silent is not believed until it says the usual speed
+# again.
+# So a sensor that fails says nothing of the rotor. One that drifts as slowly as a rotor might is
+# believed.
+# -------------------------------------------------------------------------------------------------
+
+_USUAL, _SAMPLES = 0.03, 5
+"""So near to the governed speed so many samples in a row are believed."""
+_FALLS, _JITTER = 0.6, 0.012
+"""Largest change from sample to sample: share per second, and what noise makes of it besides. With
+the engine off the default aircraft loses 0.13 a second in hover."""
+_SILENT_S = 0.1
+_STUCK = 10
+"""So many samples in a row the same to the last bit are no measurement."""
+_AGAIN, _AGAIN_S, _SINKS_MPS = 0.97, 0.1, 6.0
+"""At this share for so long an engine drives it; without one it stays below 0.93."""
+_STILL_MPS, _STILL_S, _NEAR_M = 0.2, 0.32, 4.0
+"""On the ground: it sinks no more, for so long, and is near it, as far as that is known."""
+
+
+@njit
+def hear_rotor(state, time_s, speed, k):
+    """Take a sample of the rotor's speed, rad/s, stamped with a flight time, s.
+
+    Parameters
+    ----------
+    state : (85,) array
+        Of the law; changed in place.
+    time_s : float
+    speed : float
+    k : OuterParams
+    """
+    since = time_s - state[MEMORY.rotor_s]
+    if since <= 0.0:
+        return
+    share, last = speed / k.rotor.omega, state[MEMORY.rotor]
+    state[MEMORY.rotor], state[MEMORY.rotor_s] = share, time_s
+    state[MEMORY.rotor_same] = state[MEMORY.rotor_same] + 1.0 if share == last else 0.0
+    sound = math.isfinite(share) and since < _SILENT_S and state[MEMORY.rotor_same] < _STUCK
+    sound = sound and abs(share - last) <= _FALLS * since + _JITTER
+    usual = abs(share - 1.0) < _USUAL
+    if not sound or (state[MEMORY.rotor_sound] < _SAMPLES and not usual):
+        state[MEMORY.rotor_sound] = 0.0
+    elif usual and state[MEMORY.rotor_sound] < _SAMPLES:
+        state[MEMORY.rotor_sound] += 1.0
+    believed = state[MEMORY.rotor_sound] >= _SAMPLES
+    if believed:
+        state[MEMORY.rotor_known] = share
+    slow = believed and share < k.rotor_slow_share
+    state[MEMORY.slow_s] = state[MEMORY.slow_s] + since if slow else 0.0
+    driven = believed and share > _AGAIN
+    state[MEMORY.driven_s] = state[MEMORY.driven_s] + since if driven else 0.0
+
+
+@njit
+def watch_rotor(down_m, down_mps, k, state):
+    """Bring up to a step of the law whether it autorotates; not on the ground, nor by hand.
+
+    Parameters
+    ----------
+    down_m, down_mps : float
+        Of the navigation, NED.
+    k : OuterParams
+    state : (85,) array
+        Changed in place.
+    """
+    ground = state[MEMORY.ground]
+    if not (ground == FLIES or ground == LEAVES or ground == STEERED):
+        state[MEMORY.spin], state[MEMORY.still_s] = TURNS, 0.0
+        return
+    if state[MEMORY.spin] == TURNS:
+        if state[MEMORY.slow_s] >= k.rotor_slow_s:
+            state[MEMORY.spin], state[MEMORY.still_s] = AUTOROTATES, 0.0
+        return
+    if state[MEMORY.spin] == AUTOROTATES:
+        if state[MEMORY.driven_s] >= _AGAIN_S and down_mps < _SINKS_MPS:
+            state[MEMORY.spin], state[MEMORY.takes_over] = TURNS, 1.0
+            return
+        near = state[MEMORY.ground_m] - down_m < _NEAR_M
+        still = near and abs(down_mps) < _STILL_MPS and state[MEMORY.rotor_known] < _AGAIN
+        state[MEMORY.still_s] = state[MEMORY.still_s] + k.dt_s if still else 0.0
+        if state[MEMORY.still_s] >= _STILL_S:
+            state[MEMORY.spin] = DOWN

@@ -5,22 +5,34 @@ The law averages the reference over a window about now, so that what it has made
 on the next half window, too. The old way is kept for so long.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_guidance.diversion import Cruise, Goal, divert
-from heli_guidance.errors import PathError
-from heli_guidance.limits import MotionLimits
-from heli_guidance.turning import turn_duration_s, turned
-from heli_math.rows import REFERENCE
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
-from heli_outer_pd.reference import foreseen_ns
-from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_core.errors import PathError
+from heli_core.rotations import euler_from_quat
+from heli_core.rows import NAV, REFERENCE
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
+from heli_outer_pd.guidance.paths import (
+    Cruise,
+    DiversionGoal,
+    FlightPath,
+    divert,
+    turn_duration_s,
+    turned,
+)
+from heli_outer_pd.guidance.transfer import MotionLimits
+from heli_outer_pd.manual import StickNumbers
+from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, foreseen_ns
+
+# -------------------------------------------------------------------------------------------------
+# Goto.
+# -------------------------------------------------------------------------------------------------
 
 POSE, TOWARDS, FIXED, WIND = "pose", "towards", "fixed", "wind"
 HEADINGS = (POSE, TOWARDS, FIXED, WIND)
@@ -79,7 +91,9 @@ class Goto:
             No way within the limits, or too long a one.
         """
         psi = None if self.heading in (FIXED, WIND) else psi_rad
-        return self._divert(before, now_ns, Goal(pos_ned_m, psi, facing=self.heading == TOWARDS))
+        return self._divert(
+            before, now_ns, DiversionGoal(pos_ned_m, psi, facing=self.heading == TOWARDS)
+        )
 
     def halt(self, before: Trajectory, now_ns: int) -> Trajectory:
         """The way to a standstill, as soon as the limits allow; arguments as for `plan`."""
@@ -111,7 +125,7 @@ class Goto:
         rate = min(max(psi_rate_radps, -most.yaw_rate_radps), most.yaw_rate_radps)
         way = self._divert(before, now_ns, Cruise(vel, rate, duration_s), _RECENT_NS)
         ahead = way.points[way.start_ns + way.times_ns > now_ns, REFERENCE.pos]
-        out_m = fence.beyond_m(ahead, home_ned_m)
+        out_m = fence.fence_distance_m(ahead, home_ned_m)
         farthest = int(np.argmax(out_m))
         if out_m[farthest] > max(float(out_m[0]), 0.0):
             fence.judge_place("the way at this velocity", ahead[farthest], home_ned_m)
@@ -131,7 +145,7 @@ class Goto:
         self,
         before: Trajectory,
         now_ns: int,
-        goal: Goal | Cruise | None,
+        goal: DiversionGoal | Cruise | None,
         past_ns: int = _PAST_NS,
     ) -> Trajectory:
         leave_ns = now_ns + foreseen_ns(self.shaping_ns)
@@ -155,3 +169,227 @@ class Goto:
         for place in way.points[way.start_ns + way.times_ns > now_ns, REFERENCE.pos]:
             fence.judge_place("the way to the goal", place, home_ned_m)
         return way
+
+
+# -------------------------------------------------------------------------------------------------
+# Where the aircraft itself may be, by measured navigation, and the way back from beyond. No ROS.
+#
+# `reference_limits` says what may be asked for. The fence acts where the aircraft has left all the
+# same: in a gust, by its sticks, on a reference that moved with it.
+# -------------------------------------------------------------------------------------------------
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fence:
+    """Radius from home, ceiling above the ground, and how far inside it hovers then; m."""
+
+    radius_m: float
+    ceiling_m: float
+    margin_m: float
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> "Fence":
+        """From the parameters of the outer loop."""
+        return cls(**{name: values[f"fence.{name}"] for name in cls.__annotations__})
+
+    def fence_distance_m(self, pos_ned_m: Array, home_ned_m: Array, ground_down_m: float) -> float:
+        """How far a position (3,) is outside, m; 0 inside, and where it is not known.
+
+        Parameters
+        ----------
+        pos_ned_m, home_ned_m : (3,) arrays
+            NED, m.
+        ground_down_m : float
+            Where the ground is, as far as it is known, NED.
+        """
+        away = float(np.hypot(*(pos_ned_m - home_ned_m)[:2])) - self.radius_m
+        above = ground_down_m - float(pos_ned_m[2]) - self.ceiling_m
+        out = max(away, above)
+        return out if out > 0.0 else 0.0
+
+    def inside(self, pos_ned_m: Array, home_ned_m: Array, ground_down_m: float) -> Array:
+        """The nearest place (3,) that is `margin_m` inside; arguments as for `fence_distance_m`."""
+        goal, off = np.array(pos_ned_m, float), (pos_ned_m - home_ned_m)[:2]
+        away, most = float(np.hypot(*off)), max(self.radius_m - self.margin_m, 0.0)
+        if away > most:
+            goal[:2] = home_ned_m[:2] + off * (most / away)
+        goal[2] = max(goal[2], ground_down_m - max(self.ceiling_m - self.margin_m, 0.0))
+        return goal
+
+    def halt(
+        self,
+        goto: Goto,
+        before: Trajectory,
+        now_ns: int,
+        home_ned_m: Array,
+        ground_down_m: float,
+    ) -> Trajectory:
+        """The way to a standstill; where that would be outside, on to the nearest place inside.
+
+        Parameters
+        ----------
+        goto : Goto
+            How it is flown.
+        before : Trajectory
+            What is followed, or how the aircraft moves.
+        now_ns : int
+            Stamp of the law's last step.
+        home_ned_m, ground_down_m
+            As for `fence_distance_m`.
+        """
+        way = goto.halt(before, now_ns)
+        end, psi = way.points[-1, REFERENCE.pos], float(way.points[-1, REFERENCE.psi])
+        if self.fence_distance_m(end, home_ned_m, ground_down_m) <= 0.0:
+            return way
+        try:
+            return goto.plan(before, now_ns, self.inside(end, home_ned_m, ground_down_m), psi)
+        except ReferenceRefused:
+            return way
+
+
+def left(mode: str, beyond_m: float) -> str:
+    """That the fence has ended a mode, in a sentence."""
+    return f"{mode}: the aircraft is {beyond_m:.1f} m outside the fence; it comes back to hover"
+
+
+def outside(beyond_m: float, said: str) -> str:
+    """`said`; outside the fence how far, in a sentence."""
+    if beyond_m <= 0.0:
+        return said
+    return f"{beyond_m:.1f} m outside the fence: coming back, no command leads outward"
+
+
+# -------------------------------------------------------------------------------------------------
+# Numbers of take-off and landing, and their ways: straight up, and down until the ground ends it.
+#
+# No ROS.
+# -------------------------------------------------------------------------------------------------
+
+_BELOW_M = 10.0
+"""A descent goes so far below the ground as it is remembered."""
+_FAST_MPS, _SLOW_MPS = 0.7, 0.3
+"""Where position or altitude are doubtful: its speed at most, as the ground may be met anywhere,
+and that of its last part at least, as an error of the speed must not keep it in the air."""
+
+
+@dataclass(frozen=True)
+class PhaseNumbers:
+    """Numbers of take-off and landing, as `parameters.TABLE` describes them."""
+
+    on_ground: bool
+    height_m: float
+    idle_collective: float
+    spool_up_ns: int
+    up_ramp_s: float
+    lean_max_rad: float
+    tip_rad: float
+    slow_below_m: float
+    down_ramp_s: float
+    clear_m: float
+    land_heading: str
+    climb: MotionLimits
+    descent: MotionLimits
+    touch_down: MotionLimits
+    sticks: StickNumbers
+    fence: Fence
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> "PhaseNumbers":
+        """From the parameters of the outer loop."""
+        limits = MotionLimits.from_parameters(values, "goto")
+        return cls(
+            on_ground=values["start.on_ground"],
+            height_m=values["takeoff.height_m"],
+            idle_collective=values["takeoff.idle_collective"],
+            spool_up_ns=round(values["takeoff.spool_up_s"] * NS_PER_S),
+            up_ramp_s=values["takeoff.ramp_s"],
+            lean_max_rad=math.radians(values["takeoff.lean_max_deg"]),
+            tip_rad=math.radians(values["takeoff.tip_deg"]),
+            slow_below_m=values["land.slow_below_m"],
+            down_ramp_s=values["land.ramp_s"],
+            clear_m=values["land.clear_m"],
+            land_heading=values["land.heading"],
+            climb=replace(limits, climb_mps=values["takeoff.climb_mps"]),
+            descent=replace(limits, climb_mps=values["land.descent_mps"]),
+            touch_down=replace(limits, climb_mps=values["land.touch_down_mps"]),
+            sticks=StickNumbers.from_parameters(values),
+            fence=Fence.from_parameters(values),
+        )
+
+
+def trajectory_here(nav: Array, start_ns: int) -> Trajectory:
+    """To stand where a navigation row is, as it points; stamped with flight time 0."""
+    psi = euler_from_quat(nav[NAV.quat])[2]
+    return replace(Trajectory.hover(nav[NAV.pos].copy(), psi), start_ns=start_ns)
+
+
+def trajectory_up(n: PhaseNumbers, nav: Array, now_ns: int, start_ns: int) -> Trajectory:
+    """From where it is, with the heading that it has, up to the hover; from now on.
+
+    Parameters
+    ----------
+    n : PhaseNumbers
+    nav : array
+        Navigation row.
+    now_ns, start_ns : int
+        Stamps of its beginning and of flight time 0.
+    """
+    psi = euler_from_quat(nav[NAV.quat])[2]
+    return _legs(nav[NAV.pos].copy(), psi, [(n.climb, -n.height_m)], now_ns, start_ns)
+
+
+def trajectory_down(
+    n: PhaseNumbers,
+    hover: Trajectory,
+    ground_down_m: float,
+    now_ns: int,
+    start_ns: int,
+    doubtful: bool = False,
+) -> Trajectory:
+    """From where a trajectory ends down, fast and then slow, through the ground.
+
+    Parameters
+    ----------
+    n, now_ns, start_ns
+        As for `trajectory_up`.
+    hover : Trajectory
+    ground_down_m : float
+        Where the ground is, as far as it is known, NED.
+    doubtful : bool, optional
+        Whether it lands for want of a position or of a vertical speed.
+    """
+    fast, slow = n.descent, n.touch_down
+    if doubtful:
+        fast = replace(fast, climb_mps=min(fast.climb_mps, _FAST_MPS))
+        slow = replace(slow, climb_mps=max(slow.climb_mps, _SLOW_MPS))
+    pos, psi = hover.points[-1, REFERENCE.pos].copy(), float(hover.points[-1, REFERENCE.psi])
+    fast_m = max(ground_down_m - n.slow_below_m - pos[2], 0.0)
+    slow_m = max(ground_down_m - pos[2] - fast_m, 0.0) + _BELOW_M
+    return _legs(pos, psi, [(fast, fast_m), (slow, slow_m)], now_ns, start_ns)
+
+
+def _legs(
+    pos: Array,
+    psi: float,
+    legs: Sequence[tuple[MotionLimits, float]],
+    now_ns: int,
+    start_ns: int,
+) -> Trajectory:
+    """Legs straight down by so much each, m, one after the other from now on."""
+    times: list[NDArray[np.int64]] = []
+    points: list[Array] = []
+    begins_ns = now_ns - start_ns
+    for limits, down_m in legs:
+        if down_m == 0.0:
+            continue
+        leg = FlightPath(pos, psi, limits).go_to(pos + np.array([0.0, 0.0, down_m]))
+        flown = leg.trajectory()
+        if times:
+            # The end of a leg is the beginning of the next, which has the velocity there.
+            times[-1], points[-1] = times[-1][:-1], points[-1][:-1]
+        times.append(begins_ns + flown.times_ns)
+        points.append(flown.points)
+        pos, begins_ns = leg.pos_ned_m, begins_ns + int(flown.times_ns[-1])
+    return Trajectory(start_ns, np.concatenate(times), np.concatenate(points))

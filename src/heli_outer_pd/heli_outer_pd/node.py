@@ -3,17 +3,20 @@
 
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
-from heli_math.rotations import euler_from_quat
-from heli_math.rows import NAV, REFERENCE, SETPOINT
-from heli_math.trajectory import Trajectory
+from heli_core.rotations import euler_from_quat
+from heli_core.rows import NAV, REFERENCE, SETPOINT
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.command_messages import decode_reference, encode_reference, key_of
 from heli_msgs_bridge.diagnostics import (
     FACT_FAILSAFE,
     FACT_LAW_FAILED,
@@ -22,65 +25,137 @@ from heli_msgs_bridge.diagnostics import (
     FACT_WAYS,
     Level,
 )
-from heli_msgs_bridge.floods import MOST_WAY_BYTES
-from heli_msgs_bridge.lockstep import Demand
-from heli_msgs_bridge.messages import MessageError
+from heli_msgs_bridge.layouts import MessageError
+from heli_msgs_bridge.lifecycle_node import NodeSpec
+from heli_msgs_bridge.lockstep import Arrived, Demand
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.node_spec import NodeSpec
-from heli_msgs_bridge.reference_message import decode_reference, encode_reference, key_of
-from heli_msgs_bridge.senders import NOT_YET_NAMED
-from heli_msgs_bridge.tick_node import Arrived, Input, TickNode
-from heli_outer_pd.anchor import warm_up
+from heli_msgs_bridge.services import MOST_WAY_BYTES
+from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent
+from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands
-from heli_outer_pd.config import outer_kernel
-from heli_outer_pd.fence import outside
-from heli_outer_pd.following import Following
-from heli_outer_pd.goto import Goto
-from heli_outer_pd.hand_law import with_hand
-from heli_outer_pd.late import LateNavigation
-from heli_outer_pd.node_core import Law
-from heli_outer_pd.outer_state import FULL
-from heli_outer_pd.own_law import own_law
-from heli_outer_pd.parameter_table import NODE_NAME, TABLE
-from heli_outer_pd.phase_ways import PhaseNumbers
-from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_law import (
-    MEMORY,
-    OuterKernel,
-    OuterStatus,
-    flyable,
-    follow,
-    initial_state,
-)
-from heli_outer_pd.reference import moved, offset_to
-from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
-from heli_outer_pd.rotor_watch import hear_rotor
+from heli_outer_pd.disturbance import flyable, hear_rotor
+from heli_outer_pd.goto import Goto, PhaseNumbers, outside
+from heli_outer_pd.inbox import LateNavigation
+from heli_outer_pd.joystick import StickMap
+from heli_outer_pd.manual_controller import with_manual
+from heli_outer_pd.parameters import NODE_NAME, TABLE, outer_params
+from heli_outer_pd.phases import ActiveOuterLoop, Phases
+from heli_outer_pd.position_health import answer, told_of
+from heli_outer_pd.position_law import follow
+from heli_outer_pd.python_controller import OwnPositionLaw, own_law
+from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, moved, offset_to, warm_up
 from heli_outer_pd.script import script_of
-from heli_outer_pd.sight import answer, told_of
-from heli_sticks.mapping import StickMap
+from heli_outer_pd.state import FULL, MEMORY, OuterParams, OuterStatus, initial_state
+
+# -------------------------------------------------------------------------------------------------
+# What the node `outer_loop` has while it is configured.
+# -------------------------------------------------------------------------------------------------
+
+COMMANDS = (topics.REFERENCE, topics.GOTO, topics.COMMAND_POSE)
+"""Topics on which references and goals come."""
+UNHEARD = topics.BY_NAME[topics.REFERENCE].kept
+"""References of its own that may be under way to itself."""
+# References that diagnostics name; once a second is often enough for those of a loaded recorder.
+_TOLD = 16
+
+
+@dataclass(kw_only=True)
+class ConfiguredOuterLoop(TickCore):
+    """What the outer loop has while it is configured.
+
+    Attributes
+    ----------
+    commands : Commands
+        What pilots ask, done or refused.
+    params : OuterParams
+        Numbers of the law; swapped when parameters change.
+    state : array
+        State of the law.
+    limits : ReferenceLimits
+        What a reference may ask for.
+    goto : Goto
+        How a goto is flown.
+    given : Trajectory or None
+        The reference, once it has come.
+    trajectory : Trajectory or None
+        What is followed of it: itself, or from where the law has engaged.
+    offset_ned_m : (3,) array or None
+        From `given` to `trajectory`; None until the law has engaged.
+    home_ned_m : (3,) array or None
+        Where the first reference began, or the first position that was held without one.
+    heard : LateNavigation
+    nav, out : arrays
+        Navigation row of this tick and what the law makes of it.
+    commanders : dict of EverSent
+        Per topic of commands who sends them, or has sent one.
+    send_trajectory : callable
+        Sends a way that is followed as a reference.
+    own : deque of int
+        References of this node that it has not yet heard back, each by its key.
+    followed : deque of int
+        Those of others that were followed.
+    trajectories : deque of (int, int)
+        Of both the newest, each with the stamp from which it counts, ns, before its key.
+    repeated : list of int
+        Of those, what a predecessor has heard and this node will hear once more.
+    armed : bool
+        Whether a take-off is obeyed.
+    flies : OwnPositionLaw
+        The law's place, taken by one in Python or by none.
+    """
+
+    commands: Commands
+    params: OuterParams
+    state: np.ndarray
+    send_attitude: Send
+    send_collective: Send
+    send_trajectory: Callable[[Any], None]
+    limits: ReferenceLimits
+    goto: Goto
+    heard: LateNavigation
+    given: Trajectory | None = None
+    trajectory: Trajectory | None = None
+    offset_ned_m: np.ndarray | None = None
+    home_ned_m: np.ndarray | None = None
+    nav: np.ndarray = field(default_factory=lambda: np.full(NAV.size, np.nan))
+    out: np.ndarray = field(default_factory=lambda: np.zeros(SETPOINT.size))
+    commanders: dict[str, EverSent] = field(
+        default_factory=lambda: {t: EverSent() for t in COMMANDS}
+    )
+    own: deque[int] = field(default_factory=lambda: deque(maxlen=UNHEARD))
+    followed: deque[int] = field(default_factory=lambda: deque(maxlen=UNHEARD))
+    trajectories: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_TOLD))
+    repeated: list[int] = field(default_factory=list)
+    armed: bool = True
+    flies: OwnPositionLaw = field(default_factory=lambda: OwnPositionLaw(None))
+
+
+# -------------------------------------------------------------------------------------------------
+# Node.
+# -------------------------------------------------------------------------------------------------
 
 _COMMANDERS_PERIOD_S = 1.0
 _WAITS = "waits for navigation: the trim is commanded"
-Judged = tuple[tuple[PhaseNumbers, Goto, OuterKernel, ReferenceLimits], StickMap]
+Judged = tuple[tuple[PhaseNumbers, Goto, OuterParams, ReferenceLimits], StickMap]
 """What a change of parameters makes of the node."""
 _NOWHERE = Trajectory.hover(np.zeros(3), 0.0)
 
 
-class OuterLoopNode(TickNode[Law, Following]):
+class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
     """Active means: the reference is followed; without one, the position of activation is held."""
 
     SPEC = NodeSpec(NODE_NAME, "heli_outer_pd", TABLE, f"{NODE_NAME}.yaml")
 
-    def configure(self) -> Law:
+    def configure(self) -> ConfiguredOuterLoop:
         """Build the law, its outputs and inputs."""
-        kernel, commands = outer_kernel(self.values), Commands(self)
-        core = Law(
+        kernel, commands = outer_params(self.values), Commands(self)
+        core = ConfiguredOuterLoop(
             commands=commands,
-            kernel=kernel,
+            params=kernel,
             state=initial_state(kernel),
             send_attitude=self.create_sender(topics.ATTITUDE_SETPOINT),
             send_collective=self.create_sender(topics.COLLECTIVE),
-            tell_way=self._way_teller(),
+            send_trajectory=self._way_teller(),
             limits=ReferenceLimits.from_parameters(self.values),
             goto=Goto.from_parameters(self.values),
             heard=LateNavigation(self.values["navigation_timeout_s"], self.rate),
@@ -97,25 +172,25 @@ class OuterLoopNode(TickNode[Law, Following]):
         self.hear_one(topics.COMMAND_CLIMB, commands.on_climb)
         self.hear_one(topics.JOY, commands.on_joy)
         for command, name in SERVED.items():
-            self.serve(Trigger, name, commands.service(command))
-        self.serve(SetBool, ARM, commands.arm)
-        self.repeat(_COMMANDERS_PERIOD_S, self._name_commanders)
+            self.create_guarded_service(Trigger, name, commands.service(command))
+        self.create_guarded_service(SetBool, ARM, commands.arm)
+        self.create_wall_timer(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
     def _rotor_speed(self) -> Input:
         every = self.rate.of(self.values["rotor_speed_period_ticks"])
         return Input(topics.ROTOR_SPEED, Demand(every))
 
-    def _warm_up(self, core: Law) -> None:
+    def _warm_up(self, core: ConfiguredOuterLoop) -> None:
         """Load the compiled law before the first tick."""
-        state = initial_state(core.kernel)
-        follow(core.nav, 0, _NOWHERE.times_ns, _NOWHERE.points, core.kernel, state, core.out)
-        hear_rotor(state, 0.0, 0.0, core.kernel)
+        state = initial_state(core.params)
+        follow(core.nav, 0, _NOWHERE.times_ns, _NOWHERE.points, core.params, state, core.out)
+        hear_rotor(state, 0.0, 0.0, core.params)
         offset_to(core.nav[NAV.pos], 0, _NOWHERE.times_ns, _NOWHERE.points)
         moved(_NOWHERE, np.zeros(3))
         encode_reference(core.goto.plan(_NOWHERE, 0, np.ones(3), 1.0))
         euler_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
-        warm_up(core.kernel, state)
+        warm_up(core.params, state)
 
     def _name_commanders(self) -> None:
         """Say who sends commands if they are several: each may, so all of them are followed."""
@@ -159,8 +234,8 @@ class OuterLoopNode(TickNode[Law, Following]):
             self.refuse_aloud(topics.REFERENCE, why)
             return
         core.followed.append(key)
-        core.ways.append((self.stamp_ns(self.tick + 1), key))
-        core.given, core.way, core.home_ned_m = way, way, home.copy()
+        core.trajectories.append((self.stamp_ns(self.tick + 1), key))
+        core.given, core.trajectory, core.home_ned_m = way, way, home.copy()
         if not self.active or not self.run.phases.phase.on_ground:
             self._as_given(way)
         core.pace.resume()
@@ -188,7 +263,7 @@ class OuterLoopNode(TickNode[Law, Following]):
 
     def _way(self) -> Trajectory | None:
         """What is followed: a goto, a reference, or what was held at first."""
-        return self.run.diverted or self.core.way or self.run.held
+        return self.run.diverted or self.core.trajectory or self.run.held
 
     def is_ready(self) -> bool:
         """In lockstep a flight with a reference does not begin before it has come."""
@@ -200,13 +275,13 @@ class OuterLoopNode(TickNode[Law, Following]):
             self.get_logger().warning("no reference has come: the present position is held")
         return not run.awaits_reference
 
-    def engage(self) -> Following:
+    def engage(self) -> ActiveOuterLoop:
         """Begin; wait for the reference only if somebody is there to send it."""
-        self.core.state = initial_state(self.core.kernel)
+        self.core.state = initial_state(self.core.params)
         self.core.heard.forget()
         others = self.count_publishers(topics.REFERENCE) - 1  # it is one itself
         awaited = "scenario" in self.values["peers"] or others > 0
-        return Following(time.monotonic(), awaited, self._phases())
+        return ActiveOuterLoop(time.monotonic(), awaited, self._phases())
 
     def _phases(self) -> Phases:
         """The phases of a flight that begins now."""
@@ -215,28 +290,42 @@ class OuterLoopNode(TickNode[Law, Following]):
         core.commands.begin()
         core.flies.begin()
         return Phases(
-            numbers, core.goto, core.kernel, core.state, core.limits, orders, self.start_ns
+            numbers, core.goto, core.params, core.state, core.limits, orders, self.start_ns
         )
 
     def begin_anew(self) -> None:
         """Another flight: the law begins anew, and with it what is held without a reference."""
-        self.core.state = initial_state(self.core.kernel)
+        self.core.state = initial_state(self.core.params)
         self.core.heard.forget()
-        self.core.way, self.core.offset_ned_m = self.core.given, None
+        self.core.trajectory, self.core.offset_ned_m = self.core.given, None
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
         self.run.phases = self._phases()
 
-    def remember(self) -> Any:
+    def save_state(self) -> Any:
         """Law, references, and where the flight is between the ground and the ground."""
         core, run = self.core, self.run
-        ways = core.given, core.way, core.offset_ned_m, core.home_ned_m, core.followed, core.armed
+        ways = (
+            core.given,
+            core.trajectory,
+            core.offset_ned_m,
+            core.home_ned_m,
+            core.followed,
+            core.armed,
+        )
         return core.state, ways, vars(run)
 
-    def recall(self, content: Any, gap: bool) -> None:
+    def restore_state(self, content: Any, gap: bool) -> None:
         """Go on in the same phase, along the same reference."""
         core = self.core
         core.state, ways, run = content
-        core.given, core.way, core.offset_ned_m, core.home_ned_m, core.followed, core.armed = ways
+        (
+            core.given,
+            core.trajectory,
+            core.offset_ned_m,
+            core.home_ned_m,
+            core.followed,
+            core.armed,
+        ) = ways
         core.repeated = list(core.followed)
         self.run.take(run, gap)
 
@@ -246,7 +335,7 @@ class OuterLoopNode(TickNode[Law, Following]):
         core.heard.hear(*arrived.get(topics.ODOM, (0, None)))
         of, speed = arrived.get(topics.ROTOR_SPEED, (0, None))
         if speed is not None:
-            hear_rotor(core.state, of * self.rate.tick_s, float(speed[0]), core.kernel)
+            hear_rotor(core.state, of * self.rate.tick_s, float(speed[0]), core.params)
         if tick % self.rate.of(self.values["period_ticks"]):
             return
         nav = core.nav
@@ -262,10 +351,10 @@ class OuterLoopNode(TickNode[Law, Following]):
         if way is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
             core.nav[:], way = np.nan, _NOWHERE
-        given = core.nav, stamp_ns - way.start_ns, way.times_ns, way.points, core.kernel
+        given = core.nav, stamp_ns - way.start_ns, way.times_ns, way.points, core.params
         code = core.flies.step(tick, tick * self.rate.tick_s, *given, core.state, core.out, follow)
         core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
-        core.send_collective(with_hand(core.out[[SETPOINT.col]], core.state), stamp_ns)
+        core.send_collective(with_manual(core.out[[SETPOINT.col]], core.state), stamp_ns)
         self._look(stamp_ns)
         self._tell(code)
 
@@ -273,12 +362,12 @@ class OuterLoopNode(TickNode[Law, Following]):
         """After a step: what follows from it, and what was ordered for now."""
         core, run = self.core, self.run
         phases = run.phases
-        if phases.way is not None or not phases.numbers.on_ground:
-            phases.way = self._way()
+        if phases.trajectory is not None or not phases.numbers.on_ground:
+            phases.trajectory = self._way()
             if core.home_ned_m is not None and not phases.numbers.on_ground:
                 phases.home_ned_m = core.home_ned_m
-        if phases.after(stamp_ns, core.nav, core.out) and phases.way is not None:
-            self.core.commands.fly(phases.way)
+        if phases.after(stamp_ns, core.nav, core.out) and phases.trajectory is not None:
+            self.core.commands.fly(phases.trajectory)
         core.commands.after_step()
         while phases.remarks:
             self.get_logger().warning(phases.remarks.pop(0))
@@ -293,7 +382,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             core.offset_ned_m = offset_to(
                 core.nav[NAV.pos], stamp_ns - way.start_ns, way.times_ns, way.points
             )
-            core.way = moved(way, core.offset_ned_m)
+            core.trajectory = moved(way, core.offset_ned_m)
 
     def _tell(self, code: int) -> None:
         status, core = OuterStatus(code), self.core
@@ -301,9 +390,9 @@ class OuterLoopNode(TickNode[Law, Following]):
         if status == OuterStatus.OK:
             self.run.engaged = True
             adrift = phases.lost or phases.gone or core.state[MEMORY.soft] != FULL
-            level = Level.WARN if adrift or phases.beyond_m > 0.0 else Level.OK
+            level = Level.WARN if adrift or phases.fence_distance_m > 0.0 else Level.OK
             message = told_of(phases.phase, core.state, message)
-            message = outside(phases.beyond_m, message)
+            message = outside(phases.fence_distance_m, message)
         elif status == OuterStatus.BAD_NAVIGATION and not self.run.engaged:
             level, message = Level.WARN, _WAITS
         else:
@@ -315,7 +404,7 @@ class OuterLoopNode(TickNode[Law, Following]):
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,
                 FACT_FAILSAFE: answer(phases.phase, core.state).name,
-                FACT_WAYS: [list(way) for way in core.ways],
+                FACT_WAYS: [list(way) for way in core.trajectories],
                 "armed": core.armed,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
@@ -329,7 +418,7 @@ class OuterLoopNode(TickNode[Law, Following]):
             return "goto"
         return "held position" if self.core.given is None else "given"
 
-    def judge(self, values: Mapping[str, Any], changed: Collection[str]) -> Judged:
+    def validate(self, values: Mapping[str, Any], changed: Collection[str]) -> Judged:
         """The changed law and limits; what does not fit together raises."""
         if MODE in changed:
             if not self.configured:
@@ -337,14 +426,14 @@ class OuterLoopNode(TickNode[Law, Following]):
             self.core.commands.judge_mode(values[MODE])
         limits = ReferenceLimits.from_parameters(values)
         numbers = PhaseNumbers.from_parameters(values)
-        flown = numbers, Goto.from_parameters(values), outer_kernel(values), limits
+        flown = numbers, Goto.from_parameters(values), outer_params(values), limits
         return flown, StickMap.from_parameters(values)
 
-    def adopt(self, judged: Judged, changed: Collection[str]) -> None:
+    def apply(self, judged: Judged, changed: Collection[str]) -> None:
         """Swap the law between two ticks; its state goes on. Limits are for what is to come."""
         flown, sticks = judged
         if self.configured:
-            _, self.core.goto, self.core.kernel, self.core.limits = flown
+            _, self.core.goto, self.core.params, self.core.limits = flown
             self.core.commands.adopt(sticks)
         if self.active:
             self.run.phases.adopt(*flown)

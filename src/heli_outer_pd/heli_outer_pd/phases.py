@@ -1,36 +1,174 @@
 # SPDX-License-Identifier: Apache-2.0
 """The phases of a flight, flown: what is measured, what follows from it, which way is followed.
 
-`heli_modes` says what may follow what. Here its facts are found in the navigation and in the law's
-own commands, and its phases are entered: collective on the ground, way in the air. It is asked once
-after each step of the law, so that the graph and the one-process loop do the same. No ROS.
+`heli_outer_pd.modes` says what may follow what. Here its facts are found in the navigation and in
+the law's own commands, and its phases are entered: collective on the ground, way in the air. It is
+asked once after each step of the law, so that the graph and the one-process loop do the same. No
+ROS.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.rows import NAV, SETPOINT
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
-from heli_modes.machine import Refusal, decide
-from heli_modes.table import STEERED as BY_STICKS
-from heli_modes.table import Command, Fact, Guard, Phase
-from heli_outer_pd.contact import TouchDown, lean, leans_beyond, lifts_more, not_flown
+from heli_core.rotations import euler_from_quat
+from heli_core.rows import NAV, SETPOINT
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
 from heli_outer_pd.disturbance import flyable, hover_share
-from heli_outer_pd.fence import left
-from heli_outer_pd.goto import WIND, Goto
-from heli_outer_pd.into_wind import IntoWind
-from heli_outer_pd.orders import Orders
-from heli_outer_pd.outer_state import FLIES, KNOWN, LEAVES, MEMORY, STANDS, TURNS, OuterKernel
-from heli_outer_pd.phase_ways import PhaseNumbers, way_down, way_here, way_up
-from heli_outer_pd.reference_limits import ReferenceLimits
-from heli_outer_pd.script import Scripted
-from heli_outer_pd.sight import seen
-from heli_outer_pd.stick_flight import RISES_MPS, Now, StickFlight
+from heli_outer_pd.goto import (
+    WIND,
+    Goto,
+    PhaseNumbers,
+    left,
+    trajectory_down,
+    trajectory_here,
+    trajectory_up,
+)
+from heli_outer_pd.manual import (
+    RISES_MPS,
+    Now,
+    StickFlight,
+    TouchDown,
+    lean,
+    leans_beyond,
+    lifts_more,
+    not_flown,
+)
+from heli_outer_pd.modes import STEERED as BY_STICKS
+from heli_outer_pd.modes import Command, Fact, Guard, Phase, Refusal, decide
+from heli_outer_pd.position_health import seen, well_known
+from heli_outer_pd.reference import ReferenceLimits
+from heli_outer_pd.script import Scripted, ScriptRunner
+from heli_outer_pd.state import FLIES, KNOWN, LEAVES, MEMORY, STANDS, TURNS, OuterParams
+
+# -------------------------------------------------------------------------------------------------
+# Nose into the wind: turn until nothing pushes from the side. No ROS.
+#
+# What pushes forward says little of the wind: a helicopter's front is small, its side eight times
+# as
+# large, so the estimated disturbance does not point with the wind. But where it vanishes from the
+# side the wind comes from ahead (from behind it vanishes, too, and the least turn away from there
+# goes on). What it leaves is the side force at which the aircraft is trimmed wrongly, over that of
+# the wind per angle. How much the push changes per angle is seen in the turns themselves (secant).
+# -------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
+
+_SETTLES_NS = round(1.5 * NS_PER_S)
+"""After a turn the estimate of the disturbance takes so long."""
+_LEAST_NS, _MOST_NS = round(2.5 * NS_PER_S), 30 * NS_PER_S
+"""Averaged over so long before a turn, and no longer: the wind may shift."""
+_DEAD_MPS2, _GUSTS_MPS = 0.15, 0.45
+"""A push that is not turned from: what trim leaves, and what gusts leave of a mean over 1 s."""
+_FIRST, _SLOPES = 1.3, (0.6, 6.0)
+"""Push per angle, m/s2 per rad, before a turn has shown it (wind of 5 m/s on the default aircraft),
+and between which it is believed."""
+_MOST_RAD = math.radians(60.0)
+
+
+class TurningFlight(Protocol):
+    """What is asked of the phases of a flight."""
+
+    phase: Phase
+    trajectory: Trajectory | None
+    goto: Goto
+    params: OuterParams
+    numbers: PhaseNumbers
+
+
+def push_right(disturbance_ned: Array, nav: Array) -> float:
+    """Part of a disturbance (3,), NED, m/s2, to the right of the nose of a navigation row."""
+    psi = euler_from_quat(nav[NAV.quat])[2]
+    return float(-math.sin(psi) * disturbance_ned[0] + math.cos(psi) * disturbance_ned[1])
+
+
+class IntoWind:
+    """Turns of the nose, one after the other, each from what the last one has shown."""
+
+    def __init__(self) -> None:
+        self._slope = _FIRST
+        self._last: tuple[float, float] | None = None
+        self._phase: Phase | None = None
+        self.rest(0)
+
+    def rest(self, until_ns: int) -> None:
+        """Begin a new mean, `_SETTLES_NS` after a stamp, ns."""
+        self._from_ns, self._sum, self._count = until_ns + _SETTLES_NS, 0.0, 0
+
+    def turn(self, now_ns: int, push_right_mps2: float) -> float:
+        """Angle (rad, to the right) by which to turn now; 0.0 for none yet.
+
+        Parameters
+        ----------
+        now_ns : int
+            Stamp of a step of the law, ns.
+        push_right_mps2 : float
+            By how much the air accelerates the aircraft to its right, as estimated.
+        """
+        if now_ns < self._from_ns:
+            return 0.0
+        self._sum += push_right_mps2
+        self._count += 1
+        lasts_ns = now_ns - self._from_ns
+        if lasts_ns < _LEAST_NS:
+            return 0.0
+        push = self._sum / self._count
+        if abs(push) < _DEAD_MPS2 + _GUSTS_MPS * NS_PER_S / lasts_ns:
+            if lasts_ns > _MOST_NS:
+                self.rest(now_ns - _SETTLES_NS)
+            return 0.0
+        if self._last is not None:
+            slope = (push - self._last[0]) / self._last[1]
+            self._slope = min(max(slope, _SLOPES[0]), _SLOPES[1]) if slope > 0.0 else _FIRST
+        angle = min(max(-push / self._slope, -_MOST_RAD), _MOST_RAD)
+        self._last = push, angle
+        return angle
+
+    def turned(
+        self, flight: TurningFlight, now_ns: int, nav: Array, state: Array, ground_down_m: float
+    ) -> Trajectory | None:
+        """The way that is followed, with a turn in it if it is time for one.
+
+        Parameters
+        ----------
+        flight : TurningFlight
+            Its nose turns where it hovers, if a goto's heading is the wind; in a landing, if that
+            one's is, above half of the height at which its last part begins. Not where its
+            position is about to be lost: the lean of a heading is learnt before.
+        now_ns : int
+            Stamp of the law's last step, ns.
+        nav, state : arrays
+            Navigation row and state of the law.
+        ground_down_m : float
+            Where the ground is, as far as it is known, NED.
+        """
+        phase, way, n = flight.phase, flight.trajectory, flight.numbers
+        fresh = phase not in (self._phase, Phase.DESCENDING)
+        self._phase = phase
+        wanted = phase == Phase.HOVER and flight.goto.heading == WIND
+        if phase in (Phase.HALTING, Phase.DESCENDING):
+            high = ground_down_m - nav[NAV.pos][2] > 0.5 * n.slow_below_m
+            wanted = n.land_heading == WIND and high
+        known = flyable(nav) and well_known(nav, flight.params, state)
+        if fresh or not wanted or way is None or not known:
+            self.rest(now_ns)
+            return way
+        angle = self.turn(now_ns, push_right(state[MEMORY.disturbance], nav))
+        if angle == 0.0:
+            return way
+        way, done_ns = flight.goto.turn(way, now_ns, angle)
+        self.rest(done_ns)
+        return way
+
+
+# -------------------------------------------------------------------------------------------------
+# Phases.
+# -------------------------------------------------------------------------------------------------
 
 _STUCK_S = 4.0  # so long after hover's thrust it should climb
 _RENEWED = (Phase.VELOCITY, Phase.ATTITUDE)  # commanded many times a second
@@ -44,7 +182,7 @@ class Phases:
     numbers : PhaseNumbers
     goto : Goto
         How a goto and a halt are flown.
-    kernel : OuterKernel
+    params : OuterParams
     state : array
         State of the law, changed in place.
     fence : ReferenceLimits
@@ -57,7 +195,7 @@ class Phases:
     Attributes
     ----------
     phase : Phase
-    way : Trajectory or None
+    trajectory : Trajectory or None
         What is followed; None until there is something.
     home_ned_m : (3,) array
         From where the distance of a goto is counted: where it stood at first, or as it is set.
@@ -67,7 +205,7 @@ class Phases:
         Stamp of the newest velocity.
     ground_down_m : float
         Where the ground is, as far as it is known, NED.
-    beyond_m : float
+    fence_distance_m : float
         So far the aircraft is outside the fence.
     sticks : StickFlight
         Who leads in the modes `attitude` and `manual`.
@@ -79,17 +217,17 @@ class Phases:
         self,
         numbers: PhaseNumbers,
         goto: Goto,
-        kernel: OuterKernel,
+        kernel: OuterParams,
         state: Array,
         fence: ReferenceLimits,
         orders: Sequence[Scripted] = (),
         start_ns: int = 0,
     ) -> None:
-        self.numbers, self.goto, self.kernel, self.fence = numbers, goto, kernel, fence
-        self.way: Trajectory | None = None
-        self.home_ned_m, self.ground_down_m, self.beyond_m = np.zeros(3), 0.0, 0.0
+        self.numbers, self.goto, self.params, self.fence = numbers, goto, kernel, fence
+        self.trajectory: Trajectory | None = None
+        self.home_ned_m, self.ground_down_m, self.fence_distance_m = np.zeros(3), 0.0, 0.0
         self.phase = Phase.STANDING if numbers.on_ground else Phase.HOVER
-        self.history, self._orders = [(start_ns, self.phase)], Orders(orders, start_ns)
+        self.history, self._orders = [(start_ns, self.phase)], ScriptRunner(orders, start_ns)
         self._state, self._start_ns, self.remarks = state, start_ns, self._orders.remarks
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
         self._contact, self.cruise_ns, self.sticks = TouchDown(), start_ns, StickFlight(state)
@@ -115,21 +253,21 @@ class Phases:
     def is_watched(self) -> bool:
         """True where something may follow after any step, without a command."""
         rests = self.phase in (Phase.STANDING, Phase.HOVER) and self.goto.heading != WIND
-        return not rests or self.way is None or self.lost or self.gone
+        return not rests or self.trajectory is None or self.lost or self.gone
 
     def next_order_ns(self) -> int | None:
         """Stamp at which something is due that was ordered before the flight; None for nothing."""
         return self._orders.next_ns()
 
     def adopt(
-        self, numbers: PhaseNumbers, goto: Goto, kernel: OuterKernel, fence: ReferenceLimits
+        self, numbers: PhaseNumbers, goto: Goto, kernel: OuterParams, fence: ReferenceLimits
     ) -> None:
         """Other numbers for what is to come."""
-        self.numbers, self.goto, self.kernel, self.fence = numbers, goto, kernel, fence
+        self.numbers, self.goto, self.params, self.fence = numbers, goto, kernel, fence
 
     def follow(self, way: Trajectory, now_ns: int) -> None:
         """A reference is followed from now on, where the table has let it."""
-        self.way = way
+        self.trajectory = way
         if self.phase in BY_STICKS:
             self.sticks.hand_over(FLIES)
         self._now(Phase.TRAJECTORY, now_ns)
@@ -205,37 +343,37 @@ class Phases:
         out : (4,) array
             Its command, a `SetpointRow`.
         """
-        before = self.way
-        if self.way is None and flyable(nav):
+        before = self.trajectory
+        if self.trajectory is None and flyable(nav):
             # The first position: where it stands, or what it holds.
-            self.way = way_here(nav, self._start_ns)
+            self.trajectory = trajectory_here(nav, self._start_ns)
             self.home_ned_m, self.ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
             self._state[MEMORY.ground_m] = self.ground_down_m
-        fenced = flyable(nav) and not self.lost and self.kernel.hold_horizontal > 0.5
+        fenced = flyable(nav) and not self.lost and self.params.hold_horizontal > 0.5
         place = nav[NAV.pos], self.home_ned_m, self.ground_down_m
-        self.beyond_m = self.numbers.fence.beyond_m(*place) if fenced else 0.0
+        self.fence_distance_m = self.numbers.fence.fence_distance_m(*place) if fenced else 0.0
         self._orders.renew(self, now_ns, nav)
         if (fact := self._fact(now_ns, nav, out)) is not None:
             found = decide(self.phase, fact)
             if fact == Fact.FENCED:
-                self.remarks.append(left(self.phase.mode, self.beyond_m))
+                self.remarks.append(left(self.phase.mode, self.fence_distance_m))
             if isinstance(found, Phase):
                 self._enter(found, fact, now_ns, nav)
         self._orders.obey(self, now_ns, nav)
         if self.phase in BY_STICKS:
             self._steer(now_ns, nav)
             if flyable(nav) and self.sticks.tells(now_ns):
-                self.way = self.sticks.glimpse(self.phase, self._at(now_ns, nav))
-        self.way = self._into_wind.turned(self, now_ns, nav, self._state, self.ground_down_m)
-        return self.way is not before
+                self.trajectory = self.sticks.glimpse(self.phase, self._at(now_ns, nav))
+        self.trajectory = self._into_wind.turned(self, now_ns, nav, self._state, self.ground_down_m)
+        return self.trajectory is not before
 
     def fails(self, now_ns: int, nav: Array) -> set[Guard]:
         """Guards that do not hold at a stamp and navigation row."""
-        k, fails = self.kernel, self.sticks.fails(now_ns, self.numbers.sticks)
-        if not flyable(nav) or self.way is None:
+        k, fails = self.params, self.sticks.fails(now_ns, self.numbers.sticks)
+        if not flyable(nav) or self.trajectory is None:
             return fails | {Guard.NAVIGATION, Guard.LEVEL}
         fails |= {Guard.NAVIGATION} if self.lost else set()
-        fails |= {Guard.FENCE} if self.beyond_m > 0.0 else set()
+        fails |= {Guard.FENCE} if self.fence_distance_m > 0.0 else set()
         col = self._state[MEMORY.command][SETPOINT.col]
         fails |= not_flown(nav, col, self.numbers.lean_max_rad, k)
         fails |= {Guard.CLEAR} if self._is_low(nav) else set()
@@ -252,7 +390,7 @@ class Phases:
         return by_hand or self.phase == Phase.STANDING
 
     def _tips(self, nav: Array) -> bool:
-        return leans_beyond(nav, self.kernel, self._stance) > self.numbers.tip_rad
+        return leans_beyond(nav, self.params, self._stance) > self.numbers.tip_rad
 
     def _fact(self, now_ns: int, nav: Array, out: Array) -> Fact | None:
         """What is so now of what the present phase waits for."""
@@ -260,7 +398,7 @@ class Phases:
             return Fact.BLIND if self.phase.on_ground else None
         if (sight := seen(self.phase, self._state, self._is_low(nav))) is not None:
             return sight
-        if self.beyond_m > 0.0 and decide(self.phase, Fact.FENCED) is not None:
+        if self.fence_distance_m > 0.0 and decide(self.phase, Fact.FENCED) is not None:
             return Fact.FENCED
         match self.phase:
             case Phase.SPOOLING:
@@ -269,7 +407,7 @@ class Phases:
             case Phase.LIFTING:
                 if self._tips(nav):
                     return Fact.TIPPING
-                light = self._above(out, self.kernel.trim[SETPOINT.col]) >= 0.0
+                light = self._above(out, self.params.trim[SETPOINT.col]) >= 0.0
                 return Fact.LIGHT if light else None
             case Phase.CLIMBING:
                 return self._climbing(now_ns, nav)
@@ -289,12 +427,15 @@ class Phases:
         return None
 
     def _above(self, out: Array, col: float) -> float:
-        return lifts_more(out[SETPOINT.col], col, self.numbers.idle_collective, self.kernel)
+        return lifts_more(out[SETPOINT.col], col, self.numbers.idle_collective, self.params)
 
     def _is_over(self, now_ns: int) -> bool:
         """The way ends, and with it what the law averages of it."""
-        assert self.way is not None
-        return now_ns >= self.way.start_ns + int(self.way.times_ns[-1]) + self.goto.shaping_ns
+        assert self.trajectory is not None
+        return (
+            now_ns
+            >= self.trajectory.start_ns + int(self.trajectory.times_ns[-1]) + self.goto.shaping_ns
+        )
 
     def _climbing(self, now_ns: int, nav: Array) -> Fact | None:
         if self.leaving:
@@ -309,11 +450,11 @@ class Phases:
 
     def _touched_down(self, nav: Array, out: Array) -> bool:
         """It has not fallen, though the thrust no longer carries it."""
-        k, share = self.kernel, float(hover_share(out[SETPOINT.col], self.kernel))
+        k, share = self.params, float(hover_share(out[SETPOINT.col], self.params))
         return self._contact.found(share, float(nav[NAV.down_vel]), k.g, k.dt_s)
 
     def _at(self, now_ns: int, nav: Array) -> Now:
-        return Now(now_ns, self._start_ns, nav, self.kernel)
+        return Now(now_ns, self._start_ns, nav, self.params)
 
     def _enter(
         self,
@@ -328,52 +469,56 @@ class Phases:
         if phase in BY_STICKS:
             if not steered:
                 self._orders.hand.begins()
-            anew = self.sticks.take(self.phase, phase, self.way, self._at(now_ns, nav), n.sticks)
+            anew = self.sticks.take(
+                self.phase, phase, self.trajectory, self._at(now_ns, nav), n.sticks
+            )
             self._now(phase, now_ns)
             if anew:
                 # The very next step of the law is by the sticks.
                 self._steer(now_ns, nav)
             return
-        assert self.way is not None  # a guard, or the phases before, have seen to it
-        before, found = self.way, event == Fact.FOUND
+        assert self.trajectory is not None  # a guard, or the phases before, have seen to it
+        before, found = self.trajectory, event == Fact.FOUND
         if event == Fact.ROTOR_BACK:
-            before = way_here(nav, self._start_ns)
+            before = trajectory_here(nav, self._start_ns)
         elif found or (steered and not self.stands):
             before = self.sticks.leave(self.phase, self._at(now_ns, nav))
         begins = steered or event != Fact.ARRIVED
-        ramp = abs(n.idle_collective - self.kernel.trim[SETPOINT.col])
+        ramp = abs(n.idle_collective - self.params.trim[SETPOINT.col])
         match phase:
             case Phase.LIFTING:
-                self._stance = lean(nav, self.kernel)
-                self._stand(self.kernel.trim[SETPOINT.col], ramp / n.up_ramp_s)
+                self._stance = lean(nav, self.params)
+                self._stand(self.params.trim[SETPOINT.col], ramp / n.up_ramp_s)
             case Phase.CLIMBING:
-                self.way = way_up(n, nav, now_ns, self._start_ns)
+                self.trajectory = trajectory_up(n, nav, now_ns, self._start_ns)
                 self._state[MEMORY.ground] = LEAVES
             case Phase.HOVER if begins and not self.lost:
                 ground = self.ground_down_m
-                self.way = n.fence.halt(self.goto, before, now_ns, self.home_ned_m, ground)
+                self.trajectory = n.fence.halt(self.goto, before, now_ns, self.home_ned_m, ground)
             case Phase.HALTING | Phase.HOVER | Phase.AUTOROTATING if begins:
-                self.way = self.goto.halt(before, now_ns)
+                self.trajectory = self.goto.halt(before, now_ns)
             case Phase.VELOCITY:
                 vel, rate = goal or (np.zeros(3), 0.0)
-                self.way = self.goto.cruise(
+                self.trajectory = self.goto.cruise(
                     before, now_ns, vel, rate, n.sticks.timeout_ns / NS_PER_S, self.fence,
                     self.home_ned_m,
                 )  # fmt: skip
                 self.cruise_ns = now_ns
             case Phase.DESCENDING:
-                self.way = way_down(
-                    n, self.way, self.ground_down_m, now_ns, self._start_ns, self.gone
+                self.trajectory = trajectory_down(
+                    n, self.trajectory, self.ground_down_m, now_ns, self._start_ns, self.gone
                 )
                 self._state[MEMORY.ground_m] = self.ground_down_m
-                carried = float(hover_share(self._state[MEMORY.command][SETPOINT.col], self.kernel))
+                carried = float(hover_share(self._state[MEMORY.command][SETPOINT.col], self.params))
                 self._contact = TouchDown(carried, float(nav[NAV.down_vel]))
             case Phase.SETTLING:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
                 if flyable(nav):
-                    self.way = way_here(nav, self._start_ns)
+                    self.trajectory = trajectory_here(nav, self._start_ns)
             case Phase.TRAJECTORY if goal is not None:
-                self.way = self.goto.judged(before, now_ns, *goal, self.fence, self.home_ned_m)
+                self.trajectory = self.goto.judged(
+                    before, now_ns, *goal, self.fence, self.home_ned_m
+                )
             case Phase.STANDING if steered:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
         if found or (steered and phase != Phase.STANDING):
@@ -397,3 +542,54 @@ class Phases:
     def _stand(self, col_goal: float, col_rate: float) -> None:
         self._state[MEMORY.ground] = STANDS
         self._state[MEMORY.col_goal], self._state[MEMORY.col_rate] = col_goal, col_rate
+
+
+# -------------------------------------------------------------------------------------------------
+# What the outer loop has while it is active. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class ActiveOuterLoop:
+    """What the outer loop has while it is active.
+
+    Attributes
+    ----------
+    begun_s : float
+        Wall time of the activation.
+    awaits_reference : bool
+        In lockstep: no step is made before a reference has come.
+    held : Trajectory or None
+        The position of activation, held while there is no reference.
+    engaged : bool
+        True once the law has followed; before that its command is the trim.
+    phases : Phases
+        What the flight does, from the ground to the ground.
+    diverted : Trajectory or None
+        The way of the last command, followed until a reference comes.
+    rejoins : bool
+        True until the first step after a gap.
+    """
+
+    begun_s: float
+    awaits_reference: bool
+    phases: Phases
+    held: Trajectory | None = None
+    engaged: bool = False
+    diverted: Trajectory | None = None
+    rejoins: bool = False
+
+    def take(self, known: Mapping[str, Any], gap: bool) -> None:
+        """Go on from the fields that a predecessor had; `gap`: time has gone by since."""
+        for name, value in known.items():
+            setattr(self, name, value)
+        self.rejoins = gap
+
+    def rejoin(self, nav: NDArray[np.float64], state: NDArray[np.float64]) -> None:
+        """After a gap, as soon as there is navigation: estimate the velocity from that of now.
+
+        The law's own estimate is of another moment; what it knows of the disturbance stays.
+        """
+        if self.rejoins and flyable(nav):
+            self.rejoins = False
+            state[MEMORY.vel] = nav[NAV.vel]

@@ -19,27 +19,41 @@ balanced by roll.
 
 import math
 
-from heli_math.arrays import copy, difference, fill, scratch
-from heli_math.jit import njit
-from heli_math.rotations import euler_from_quat, wrap_pi
-from heli_math.rows import NAV, SETPOINT, SHAPED
-from heli_math.sweep import add_sweep
-from heli_math.ticks import NS_PER_S
-from heli_outer_pd.autorotation import autorotate
-from heli_outer_pd.by_thrust import remember_thrust, sink
+from heli_core.jit import copy, difference, fill, njit, scratch
+from heli_core.rotations import euler_from_quat, wrap_pi
+from heli_core.rows import NAV, SETPOINT, SHAPED
+from heli_core.signals import add_sweep
+from heli_core.ticks import NS_PER_S
 from heli_outer_pd.disturbance import (
     all_finite,
     clip,
+    d_share,
+    ease,
     estimate,
     flown_acceleration,
     flyable,
+    forget_swings,
     hover_share,
+    p_share,
+    softly,
     to_heading,
     to_ned,
     trim_thrust,
+    watch_attitude,
+    watch_rotor,
 )
-from heli_outer_pd.hand_law import by_hand, take_over
-from heli_outer_pd.outer_state import (
+from heli_outer_pd.manual_controller import manual_law, take_over
+from heli_outer_pd.position_health import (
+    begin_at_height,
+    hold_lean,
+    look,
+    move_reference,
+    remember_lean,
+    remember_thrust,
+    sink,
+)
+from heli_outer_pd.reference import shaped_reference_at
+from heli_outer_pd.state import (
     BY_HAND,
     FLIES,
     KNOWN,
@@ -52,23 +66,100 @@ from heli_outer_pd.outer_state import (
     STANDS,
     STEERED,
     TURNS,
-    OuterKernel,
+    OuterParams,
     OuterStatus,
+    RotorMap,
+    blade_pitch,
+    collective_for_thrust,
     initial_state,
 )
-from heli_outer_pd.reference import shaped_reference_at
-from heli_outer_pd.rejoin import begin_at_height, move_reference
-from heli_outer_pd.rotor_watch import watch_rotor
-from heli_outer_pd.sight import hold_lean, look, remember_lean
-from heli_outer_pd.softness import d_share, ease, forget_swings, p_share, softly, watch_attitude
-from heli_outer_pd.thrust_map import collective_for_thrust
+
+# -------------------------------------------------------------------------------------------------
+# Down without an engine: what the rotor still holds, spent on a slow touch-down.
+#
+# The vertical speed follows a profile over the height above the ground: fast at first, which takes
+# little power, then slower at a constant deceleration, and in the last part in proportion to the
+# height. The blade pitch is that of the thrust map at the speed that the rotor has: as it slows
+# down
+# the pitch rises, until all that turns has been spent. Horizontally and in heading the position
+# law
+# flies on, its tilt held small. Whether the rotor is slow: `rotor_watch`.
+# -------------------------------------------------------------------------------------------------
+
+_FASTEST_MPS, _TOUCH_MPS, _SLOWS_MPS2, _LAST_S = 9.0, 0.7, 5.0, 0.6
+"""Of the profile: speed at most and at the ground, m/s; deceleration; height over speed at last, s.
+These and the next ones are tuned from 10 m and 20 m, worlds honest and hard, seeds 1 to 6."""
+_BACK = 4.0
+"""A speed that is off is brought back so, 1/s."""
+_LEAST, _MOST = 0.05, 2.0
+"""Thrust over weight."""
+_THROUGH_MPS = 2.0
+"""The map is read at no faster descent: beyond it the air through the disc is turbulent."""
+_SLOWEST = 0.35
+"""Nor at a rotor speed below this share: there the blades stall."""
+_GEAR_M = 0.25
+"""Ground that is met before the navigation is at its height."""
+_TILT_RAD = math.radians(20.0)
+_COLLECTIVE_LIMIT = 0.98
+
+
+@njit
+def wanted_sink(height_m):
+    """Speed down (m/s) at a height above the ground (m), and how fast it should fall (1/s)."""
+    height = max(height_m, 0.0)
+    slowing = math.sqrt(_TOUCH_MPS * _TOUCH_MPS + 2.0 * _SLOWS_MPS2 * height)
+    last = _TOUCH_MPS + height / _LAST_S
+    if slowing <= last:
+        if slowing >= _FASTEST_MPS:
+            return _FASTEST_MPS, 0.0
+        return slowing, _SLOWS_MPS2 / slowing if height > 0.0 else 0.0
+    if last >= _FASTEST_MPS:
+        return _FASTEST_MPS, 0.0
+    return last, 1.0 / _LAST_S if height > 0.0 else 0.0
+
+
+@njit
+def autorotate(nav, k, state, out):
+    """Replace the collective of a command (4,), in place, and hold its tilt small.
+
+    Parameters
+    ----------
+    nav : (31,) array
+        Navigation row.
+    k : OuterParams
+    state : (85,) array
+        Of the law, places of `MEMORY`; remembers the command and no disturbance downwards.
+    out : (4,) array
+        Places of `heli_core.rows.SETPOINT`.
+    """
+    down = nav[NAV.down_vel]
+    wanted, slows = wanted_sink(state[MEMORY.ground_m] - nav[NAV.pos][2] - _GEAR_M)
+    speeds_up = _BACK * (wanted - down) - slows * max(down, 0.0)
+    share = min(max((k.g - speeds_up) / k.g, _LEAST), _MOST)
+    r = k.rotor
+    omega = r.omega * max(state[MEMORY.rotor_known], _SLOWEST)
+    slow = RotorMap(r.rho, omega, r.radius, r.lift_slope, r.blades, r.chord, r.K_col)
+    pitch = blade_pitch(share * k.mass * k.g, min(down, _THROUGH_MPS), slow)
+    step = pitch - blade_pitch(trim_thrust(k), 0.0, r)
+    out[SETPOINT.col] = clip(k.trim[SETPOINT.col] + step / r.K_col, _COLLECTIVE_LIMIT)
+    last = state[MEMORY.command]
+    for i in range(SETPOINT.psi):
+        out[i] = k.trim[i] + clip(out[i] - k.trim[i], _TILT_RAD)
+    for i in range(SETPOINT.size):
+        last[i] = out[i]
+    state[MEMORY.disturbance][2] = 0.0
+
+
+# -------------------------------------------------------------------------------------------------
+# Position law.
+# -------------------------------------------------------------------------------------------------
 
 __all__ = [
     "FLIES",
     "LEAVES",
     "MEMORY",
     "STANDS",
-    "OuterKernel",
+    "OuterParams",
     "OuterStatus",
     "flyable",
     "follow",
@@ -78,7 +169,6 @@ __all__ = [
     "tilt_for",
 ]
 _N_SHAPED, _N_SETPOINT = SHAPED.size, SETPOINT.size
-_COLLECTIVE_LIMIT = 0.98
 # Below this cos(phi) cos(theta) lift compensation no longer helps: the thrust points sideways.
 _MIN_LIFT_FRACTION = 0.5
 _OK = int(OuterStatus.OK)
@@ -196,13 +286,13 @@ def position_law(nav, ref, k, state, out):
         Navigation row; position, velocity and attitude are used, and sigma of the velocity, if it
         is there.
     ref : (10,) ndarray
-        Shaped reference, places of `heli_math.rows.SHAPED`; changed where no position is known.
-    k : OuterKernel
+        Shaped reference, places of `heli_core.rows.SHAPED`; changed where no position is known.
+    k : OuterParams
         Gains and limits.
     state : (85,) ndarray
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
-        Written: places of `heli_math.rows.SETPOINT`, absolute.
+        Written: places of `heli_core.rows.SETPOINT`, absolute.
 
     Returns
     -------
@@ -278,7 +368,7 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     time_ns : int
         Time since the trajectory's own start.
     times_ns, points : ndarray
-        See `heli_math.trajectory.Trajectory`.
+        See `heli_core.trajectory.Trajectory`.
 
     Returns
     -------
@@ -296,7 +386,7 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
         copy(out, before)
         return _OK
     if ground >= BY_HAND:
-        code = by_hand(nav, k, state, out)
+        code = manual_law(nav, k, state, out)
     elif ground == STEERED:
         code = _steered(nav, ref, k, state, out)
     else:

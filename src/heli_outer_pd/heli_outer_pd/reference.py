@@ -3,16 +3,26 @@
 velocity has no jumps.
 """
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.arrays import copy, fill, scratch
-from heli_math.jit import njit, njit_counted
-from heli_math.rotations import wrap_pi
-from heli_math.rows import REFERENCE, SHAPED
-from heli_math.trajectory import Trajectory, reference_at
+from heli_core.jit import copy, fill, njit, njit_counted, scratch
+from heli_core.rotations import euler_from_quat, wrap_pi
+from heli_core.rows import NAV, REFERENCE, SHAPED
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory, reference_at
+from heli_outer_pd.disturbance import flown_acceleration_ned, flyable, hover_share
+from heli_outer_pd.guidance.paths import STEP_S
+from heli_outer_pd.manual_controller import collective_limits, manual_deflections
+from heli_outer_pd.state import OuterParams
+
+# -------------------------------------------------------------------------------------------------
+# Reference.
+# -------------------------------------------------------------------------------------------------
 
 _SHAPING_SAMPLES = 32
 _N_REFERENCE = REFERENCE.size
@@ -127,3 +137,174 @@ def shaped_reference_at(time_ns, window_ns, heading_lead_s, times_ns, points, ou
             total[j] += sample[j]
     for j in range(3):
         pos[j] = total[j] / _SHAPING_SAMPLES
+
+
+# -------------------------------------------------------------------------------------------------
+# A reference that begins where the aircraft is and moves as it does. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+Array = NDArray[np.float64]
+
+_STEP_NS = round(STEP_S * NS_PER_S)
+GLIMPSE_NS = NS_PER_S
+"""How far ahead a pilot's way is told."""
+
+
+@dataclass
+class MotionState:
+    """How something moves: rows position, velocity, acceleration (3, 3), NED; heading (3,), rad."""
+
+    ned: Array
+    psi: Array
+
+
+def flown_now(nav: Array, k: OuterParams, state: Array) -> MotionState:
+    """How the aircraft moves by its navigation and the law's own estimate of the forces."""
+    acc = np.empty(3)
+    flown_acceleration_ned(nav, k, state, acc)
+    phi, theta, psi = euler_from_quat(nav[NAV.quat])
+    rate = (nav[NAV.q] * np.sin(phi) + nav[NAV.r] * np.cos(phi)) / np.cos(theta)
+    return MotionState(np.array([nav[NAV.pos], nav[NAV.vel], acc]), np.array([psi, rate, 0.0]))
+
+
+def led_now(way: Trajectory, now_ns: int, k: OuterParams) -> MotionState:
+    """How the reference moves, as the law follows it."""
+    shaped, row = np.empty(SHAPED.size), np.empty(REFERENCE.size)
+    asked = now_ns - way.start_ns, way.times_ns, way.points
+    shaped_reference_at(asked[0], k.shaping_ns, 0.0, *asked[1:], shaped)
+    reference_at(*asked, row)
+    ned = np.array([shaped[SHAPED.pos], shaped[SHAPED.vel], shaped[SHAPED.acc]])
+    return MotionState(ned, np.array([row[REFERENCE.psi], turn_rate_at(*asked), 0.0]))
+
+
+def warm_up(k: OuterParams, state: Array) -> None:
+    """Load the compiled parts of a change of modes before a flight needs them."""
+    nav = np.zeros(NAV.size)
+    nav[NAV.quat] = 1.0, 0.0, 0.0, 0.0
+    flown_now(nav, k, state)
+    led_now(Trajectory.hover(np.zeros(3), 0.0), 0, k)
+    manual_deflections(state, np.empty(3))
+    collective_limits(k)
+    hover_share(0.0, k)
+    flyable(nav)
+
+
+def anchored(flown: MotionState, now_ns: int, start_ns: int, k: OuterParams) -> Trajectory:
+    """A reference that moves so about now, as far as the law averages it, to be diverted from.
+
+    Parameters
+    ----------
+    flown : MotionState
+    now_ns, start_ns : int
+        Stamps of now and of flight time 0.
+    """
+    window_s = k.shaping_ns / NS_PER_S
+    behind = -(-k.shaping_ns // _STEP_NS) + 1
+    ahead = foreseen_ns(k.shaping_ns) // _STEP_NS + 3
+    steps = np.arange(-behind, ahead + 1)
+    t = (steps * STEP_S)[:, None]
+    pos, vel, acc = flown.ned
+    points = np.zeros((steps.size, REFERENCE.size))
+    # An average over the window is that much ahead of a parabola.
+    points[:, REFERENCE.pos] = pos - acc * window_s**2 / 24.0 + vel * t + 0.5 * acc * t * t
+    points[:, REFERENCE.vel] = vel + acc * (t + 0.5 * STEP_S)
+    psi, rate, _ = flown.psi
+    points[:, REFERENCE.psi] = [wrap_pi(psi + rate * float(at)) for at in t[:, 0]]
+    return Trajectory(start_ns, now_ns - start_ns + steps * _STEP_NS, points)
+
+
+def glimpse(flown: MotionState, now_ns: int, start_ns: int) -> Trajectory:
+    """Where a pilot seems to go: straight on for a second. Nothing follows it."""
+    pos, vel, _ = flown.ned
+    psi = flown.psi[0]
+    points = np.array([np.r_[pos, vel, psi], np.r_[pos + vel, np.zeros(3), psi]])
+    points[1, REFERENCE.pos] = pos + vel * GLIMPSE_NS / NS_PER_S
+    return Trajectory(start_ns, now_ns - start_ns + np.array([0, GLIMPSE_NS]), points)
+
+
+# -------------------------------------------------------------------------------------------------
+# What a reference may ask for, whoever sends it. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+_AHEAD_S = 60.0
+"""A trajectory may be sent before it begins, but not stamped by another clock."""
+
+
+class ReferenceRefused(ValueError):
+    """A reference that is not followed; the message is one sentence."""
+
+
+@dataclass(frozen=True)
+class ReferenceLimits:
+    """Lowest and highest altitude above the origin, largest horizontal distance from home; m."""
+
+    altitude_min_m: float
+    altitude_max_m: float
+    distance_m: float
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> "ReferenceLimits":
+        """From the parameters of the outer loop; ReferenceRefused if they leave no altitude.
+
+        What lies beyond the fence is not asked for, either.
+        """
+        low, high, far = (values[f"reference_limits.{name}"] for name in cls.__annotations__)
+        made = cls(low, min(high, values["fence.ceiling_m"]), min(far, values["fence.radius_m"]))
+        if made.altitude_min_m >= made.altitude_max_m:
+            raise ReferenceRefused(
+                f"reference_limits: altitude_min_m {made.altitude_min_m:g} is not below "
+                f"altitude_max_m {made.altitude_max_m:g}"
+            )
+        return made
+
+    def judge(self, way: Trajectory, home_ned_m: NDArray[np.float64], now_ns: int) -> None:
+        """Refuse a trajectory that leaves the limits; what lies between its points is inside, too.
+
+        Parameters
+        ----------
+        way : Trajectory
+        home_ned_m : (3,) array
+            Where the flight began.
+        now_ns : int
+            Stamp of now.
+
+        Raises
+        ------
+        ReferenceRefused
+            Names the point that is too low, too high or too far, or when it would begin.
+        """
+        ahead_s = (way.start_ns - now_ns) / NS_PER_S
+        if way.start_ns < 0 or ahead_s > _AHEAD_S:
+            raise ReferenceRefused(
+                f"stamped {way.start_ns / NS_PER_S:.2f} s; now is {now_ns / NS_PER_S:.2f} s, "
+                f"allowed: at most {_AHEAD_S:g} s later"
+            )
+        for number, point in enumerate(way.points[:, REFERENCE.pos]):
+            self.judge_place(f"point {number}", point, home_ned_m)
+
+    def fence_distance_m(
+        self, pos_ned_m: NDArray[np.float64], home_ned_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """How far positions (N, 3) are outside (N,), m; negative inside."""
+        up = -pos_ned_m[:, 2]
+        away = np.hypot(*(pos_ned_m - home_ned_m)[:, :2].T)
+        return np.max(
+            [self.altitude_min_m - up, up - self.altitude_max_m, away - self.distance_m], axis=0
+        )
+
+    def judge_place(
+        self, name: str, pos_ned_m: NDArray[np.float64], home_ned_m: NDArray[np.float64]
+    ) -> None:
+        """Refuse a position (3,), by this name, that is too low, too high or too far from home."""
+        up = -float(pos_ned_m[2])
+        away = float(np.hypot(*(pos_ned_m - home_ned_m)[:2]))
+        if not self.altitude_min_m <= up <= self.altitude_max_m:
+            raise ReferenceRefused(
+                f"{name} is {up:.1f} m high; allowed: {self.altitude_min_m:g} to "
+                f"{self.altitude_max_m:g} m"
+            )
+        if not away <= self.distance_m:
+            raise ReferenceRefused(
+                f"{name} is {away:.0f} m from where the flight began; allowed: at most "
+                f"{self.distance_m:g} m"
+            )

@@ -1,17 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands at given times of a flight: what a scenario does instead of a pilot. No ROS."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_math.rows import STICKS
-from heli_math.ticks import NS_PER_S
-from heli_modes.table import Command
-from heli_parameters.parameters import Parameter, ParameterError
+from heli_core.parameters import Parameter
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rotations import euler_from_quat, wrap_pi
+from heli_core.rows import NAV, REFERENCE, SETPOINT, STICKS
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
+from heli_outer_pd.goto import PhaseNumbers
+from heli_outer_pd.manual import StickFlight, StickNumbers
+from heli_outer_pd.modes import STEERED as BY_STICKS
+from heli_outer_pd.modes import Command, Phase, Refusal
+from heli_outer_pd.reference import ReferenceRefused
+from heli_outer_pd.state import OuterParams
+
+# -------------------------------------------------------------------------------------------------
+# Script.
+# -------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 
@@ -49,7 +64,7 @@ SCRIPT_ROWS: tuple[Parameter, ...] = (
 
 
 @dataclass(frozen=True)
-class Order:
+class ScriptCommand:
     """A command of the script.
 
     Attributes
@@ -92,7 +107,7 @@ class PilotHeight:
     height_m: float
 
 
-Scripted = Order | HeldSticks | HeldAttitude | PilotHeight
+Scripted = ScriptCommand | HeldSticks | HeldAttitude | PilotHeight
 
 
 def script_of(p: Mapping[str, Any]) -> Sequence[Scripted]:
@@ -133,7 +148,7 @@ def _paired(p: Mapping[str, Any], times: str, name: str, what: str) -> list[tupl
     return [(round(at * NS_PER_S), row) for at, row in zip(at_s, rows, strict=True) if at >= 0.0]
 
 
-def _orders(p: Mapping[str, Any]) -> list[Order]:
+def _orders(p: Mapping[str, Any]) -> list[ScriptCommand]:
     places = {
         Command.GOTO: ("goto_ned_m", "places"),
         Command.VELOCITY: ("velocity_ned_mps", "velocities"),
@@ -151,5 +166,317 @@ def _orders(p: Mapping[str, Any]) -> list[Order]:
                 f"commands.{key} {len(given[command])} {what}; allowed: one for each"
             )
         goal, velocity = (where, None) if command == Command.GOTO else (None, where)
-        orders.append(Order(at_ns, command, goal, velocity))
+        orders.append(ScriptCommand(at_ns, command, goal, velocity))
     return orders
+
+
+# -------------------------------------------------------------------------------------------------
+# A scripted pilot: flies the sticks by what a human sees, as late as a human does. No ROS.
+#
+# Roll, pitch and heading, height, and how it drifts and climbs, 0.2 s ago; that is the effective
+# delay of a pilot of McRuer's crossover model (McRuer, Krendel, "Mathematical models of human
+# pilot
+# behavior", AGARDograph 188, 1974: 0.1 to 0.4 s). Each loop's crossover leaves it a phase margin.
+# -------------------------------------------------------------------------------------------------
+
+_SEES_S = 0.2
+_ROLL_RADPS = 2.59
+"""Steady rate of roll or pitch, rad/s, per cyclic; per pedal 3.85 (`inner_loop.yaml`, model.B)."""
+_YAW_RADPS = 3.85
+_ATTITUDE, _HEADING = 1.8, 1.2
+"""Crossovers of the attitude and of the heading, rad/s."""
+_DRIFT, _PLACE = 0.6, 0.12
+"""Acceleration against a drift, 1/s, and back to the place, 1/s2."""
+_LEAN_RAD = 0.15
+_CLIMB, _TRIM = 0.2, 0.08
+"""Collective stick per speed of the climb that is missing, s/m, and per metre of it."""
+_HEIGHT, _FAST_MPS, _SETS_DOWN_MPS = 0.5, 1.0, 0.3
+_RAISES, _LOWERS, _LIGHT = 0.5, 1.0, -0.3
+"""The collective stick is raised, and lowered, on the ground by so much a second; cyclic is moved
+above the third."""
+_NEAR_M, _TOUCHES_M = 3.0, 0.6
+"""Slowly below the first; where it stood, less the receiver's error, below the second."""
+_STILL_MPS, _STILL_S, _SURE_S = 0.12, 0.4, 1.6
+"""It is down when it sinks no more for so long, the longer the higher it seems."""
+
+
+class HumanPilotModel:
+    """A pilot at the sticks.
+
+    Parameters
+    ----------
+    k : OuterParams
+        Trim attitude; period of the looks.
+    n : StickNumbers
+        What the sticks do.
+    standing : bool
+        Begin with the collective stick at its lower end.
+    """
+
+    def __init__(self, k: OuterParams, n: StickNumbers, standing: bool) -> None:
+        self._k, self._n = k, n
+        self._seen: deque[Array] = deque(maxlen=1 + round(_SEES_S / k.dt_s))
+        self._stands = standing
+        self._trim, self._stick, self._still_s = 0.0, -1.0 if standing else 0.0, 0.0
+        self._place: Array | None = None
+        self._psi = 0.0
+
+    def fly(self, nav: Array, height_m: float, ground_down_m: float, phase: Phase) -> Array:
+        """The sticks (4,) at a look; to a height above the ground, m, 0: set down.
+
+        Parameters
+        ----------
+        nav : array
+            Navigation row.
+        height_m, ground_down_m : float
+        phase : Phase
+            MANUAL or ATTITUDE: what the sticks mean.
+        """
+        self._seen.append(nav.copy())
+        seen = self._seen[0]
+        phi, theta, psi = euler_from_quat(seen[NAV.quat])
+        if self._place is None:
+            self._place, self._psi = seen[NAV.pos].copy(), psi
+        sticks = np.zeros(STICKS.size)
+        sticks[STICKS.climb] = self._collective(seen, height_m, ground_down_m, phase)
+        if self._stands and sticks[STICKS.climb] < _LIGHT:
+            self._place, self._psi = seen[NAV.pos].copy(), psi
+            return sticks
+        lean = self._lean(seen, psi)
+        if phase == Phase.ATTITUDE:
+            sticks[:2] = lean / self._n.tilt_max_rad
+            return np.clip(sticks, -1.0, 1.0)
+        trim, hand = self._k.trim, self._n.hand
+        off = lean + trim[: SETPOINT.psi] - (phi, theta)
+        sticks[:2] = _ATTITUDE * off / (_ROLL_RADPS * np.abs(hand[:2]))
+        turn = _HEADING * wrap_pi(self._psi - psi)
+        sticks[STICKS.yaw] = turn / (_YAW_RADPS * abs(hand[2]))
+        return np.clip(sticks, -1.0, 1.0)
+
+    def _lean(self, seen: Array, psi: float) -> Array:
+        """Roll and pitch (2,), rad off trim, against the drift and back to the place."""
+        assert self._place is not None
+        back = -_DRIFT * seen[NAV.vel][:2] + _PLACE * (self._place - seen[NAV.pos])[:2]
+        c, s = math.cos(psi), math.sin(psi)
+        forward, right = c * back[0] + s * back[1], -s * back[0] + c * back[1]
+        return np.clip(np.array([right, -forward]) / self._k.g, -_LEAN_RAD, _LEAN_RAD)
+
+    def _collective(self, seen: Array, height_m: float, ground_m: float, phase: Phase) -> float:
+        """The collective stick."""
+        up, climbs, dt = ground_m - seen[NAV.pos][2], -seen[NAV.down_vel], self._k.dt_s
+        if self._stands:
+            goal = 0.0 if height_m > 0.0 else -1.0
+            self._stick += min(max(goal - self._stick, -_LOWERS * dt), _RAISES * dt)
+            if climbs > 0.2 or self._stick == goal == 0.0:
+                self._stands, self._trim = False, self._stick
+            return self._stick
+        wanted = min(max(_HEIGHT * (height_m - up), -_FAST_MPS), _FAST_MPS)
+        if height_m == 0.0:
+            wanted = -_SETS_DOWN_MPS if up < _NEAR_M else min(wanted, -_SETS_DOWN_MPS)
+        if phase == Phase.ATTITUDE:
+            return wanted / self._n.climb_mps
+        missing = wanted - climbs
+        self._trim = min(max(self._trim + _TRIM * missing * dt, -0.5), 0.5)
+        self._stick = min(max(self._trim + _CLIMB * missing, -0.6), 0.6)
+        near = height_m == 0.0 and up < _NEAR_M and abs(climbs) < _STILL_MPS
+        self._still_s = self._still_s + dt if near else 0.0
+        self._stands = self._still_s > (_STILL_S if up < _TOUCHES_M else _SURE_S)
+        return self._stick
+
+
+# -------------------------------------------------------------------------------------------------
+# A scripted hand: holds sticks, flies them to a height, keeps a velocity or an attitude commanded.
+#
+# No ROS.
+# -------------------------------------------------------------------------------------------------
+
+_RENEWED_NS = NS_PER_S // 5
+
+
+@dataclass
+class ScriptedSticks:
+    """What the script has a hand do.
+
+    Attributes
+    ----------
+    sticks : (4,) array or None
+        Held.
+    height_m : float or None
+        To where the pilot flies.
+    cruise : (3,) array or None
+        Velocity that is renewed, NED, m/s.
+    attitude : HeldAttitude or None
+        The same of an attitude.
+    """
+
+    sticks: Array | None = None
+    height_m: float | None = None
+    cruise: Array | None = None
+    attitude: HeldAttitude | None = None
+    numbers: StickNumbers | None = None
+    _pilot: HumanPilotModel | None = None
+    _standing: bool = False
+
+    @property
+    def holds_sticks(self) -> bool:
+        """Whether there is a hand at the sticks."""
+        return self.sticks is not None or self.height_m is not None
+
+    def take(self, order: Scripted, numbers: StickNumbers, standing: bool) -> ScriptCommand | None:
+        """Take what is ordered for the hand; a command is given back."""
+        self.numbers, self._standing = numbers, standing
+        match order:
+            case HeldSticks():
+                self.sticks, self.height_m, self.attitude = order.sticks, None, None
+            case PilotHeight():
+                self.sticks, self.height_m, self.attitude = None, order.height_m, None
+            case HeldAttitude():
+                self.attitude = order
+            case ScriptCommand():
+                self.cruise, self.attitude = order.velocity_ned_mps, None
+                return order
+        return None
+
+    def begins(self) -> None:
+        """The sticks are taken: a pilot begins to look."""
+        self._pilot = None
+
+    def rest(self, standing: bool) -> Array:
+        """The sticks as the hand takes hold of them."""
+        if self.sticks is not None:
+            return self.sticks
+        rest = np.zeros(STICKS.size)
+        rest[STICKS.climb] = -1.0 if standing else 0.0
+        return rest
+
+    def moves(self, nav: Array, ground_down_m: float, phase: Phase, k: OuterParams) -> Array | None:
+        """The sticks (4,) now; None without a hand."""
+        if self.height_m is None:
+            return self.sticks
+        if self._pilot is None:
+            assert self.numbers is not None  # came with the order
+            self._pilot = HumanPilotModel(k, self.numbers, self._standing)
+        return self._pilot.fly(nav, self.height_m, ground_down_m, phase)
+
+    def is_due(self, since_ns: int) -> bool:
+        """Whether the velocity is to be renewed."""
+        return self.cruise is not None and since_ns >= _RENEWED_NS
+
+
+# -------------------------------------------------------------------------------------------------
+# What is ordered before a flight, done when it is due; what is refused is remarked. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+CommandGoal = tuple[Array, float]
+
+
+class CommandedFlight(Protocol):
+    """What is asked of the phases of a flight; `Phases` says what each is."""
+
+    phase: Phase
+    trajectory: Trajectory | None
+    params: OuterParams
+    numbers: PhaseNumbers
+    cruise_ns: int
+    sticks: StickFlight
+
+    @property
+    def stands(self) -> bool:
+        """On the ground."""
+
+    @property
+    def ground_down_m(self) -> float:
+        """Where that is, NED."""
+
+    def steer(self, sticks: Array, now_ns: int) -> None:
+        """Take sticks."""
+
+    def attitude(self, attitude_rad: Array, now_ns: int, nav: Array) -> Refusal | None:
+        """Fly an attitude, or not."""
+
+    def command(
+        self, command: Command, now_ns: int, nav: Array, goal: CommandGoal | None
+    ) -> Refusal | None:
+        """Do what is commanded, or not."""
+
+
+class ScriptRunner:
+    """The script of a flight.
+
+    Parameters
+    ----------
+    script : sequence of Scripted
+    start_ns : int
+        Stamp of flight time 0.
+
+    Attributes
+    ----------
+    hand : ScriptedSticks
+    remarks : list of str
+        Orders that were refused.
+    """
+
+    def __init__(self, script: Sequence[Scripted], start_ns: int) -> None:
+        self.hand, self.remarks = ScriptedSticks(), list[str]()
+        self._script, self._start_ns = deque(script), start_ns
+
+    def next_ns(self) -> int | None:
+        """Stamp at which the next one is due; None for nothing."""
+        return self._start_ns + self._script[0].at_ns if self._script else None
+
+    def renew(self, flight: CommandedFlight, now_ns: int, nav: Array) -> None:
+        """What the hand does not let go."""
+        if flight.phase in BY_STICKS:
+            sticks = self.hand.moves(nav, flight.ground_down_m, flight.phase, flight.params)
+            if sticks is not None:
+                flight.steer(sticks, now_ns)
+            if self.hand.attitude is not None and flight.sticks.steering.asked.leads:
+                self._ask(flight, self.hand.attitude, now_ns, nav)
+        elif flight.phase == Phase.VELOCITY and self.hand.is_due(now_ns - flight.cruise_ns):
+            self._try(flight, Command.VELOCITY, now_ns, nav, (np.asarray(self.hand.cruise), 0.0))
+
+    def obey(self, flight: CommandedFlight, now_ns: int, nav: Array) -> None:
+        """Do what is due."""
+        while self._script and self._start_ns + self._script[0].at_ns <= now_ns:
+            due = self._script.popleft()
+            order = self.hand.take(due, flight.numbers.sticks, flight.stands)
+            if isinstance(due, HeldAttitude):
+                self._ask(flight, due, now_ns, nav)
+            if order is None:
+                continue
+            if self.hand.holds_sticks:
+                flight.steer(self.hand.rest(flight.stands), now_ns)
+            goal: CommandGoal | None = None
+            if order.goal_ned_m is not None and flight.trajectory is not None:
+                goal = order.goal_ned_m, float(flight.trajectory.points[-1, REFERENCE.psi])
+            elif self.hand.cruise is not None:
+                goal = self.hand.cruise, 0.0
+            self._try(flight, order.command, now_ns, nav, goal)
+
+    def _ask(self, flight: CommandedFlight, asked: HeldAttitude, now_ns: int, nav: Array) -> None:
+        """As messages do: an attitude, and a climb beside it."""
+        done = partial(flight.attitude, asked.attitude_rad, now_ns, nav)
+        if self._remarked(Command.ATTITUDE, done):
+            flight.sticks.climb(flight.phase, asked.climb_mps, now_ns)
+
+    def _try(
+        self,
+        flight: CommandedFlight,
+        command: Command,
+        now_ns: int,
+        nav: Array,
+        goal: CommandGoal | None,
+    ) -> None:
+        self._remarked(command, partial(flight.command, command, now_ns, nav, goal))
+
+    def _remarked(self, command: Command, do: Callable[[], Refusal | None]) -> bool:
+        """True if it is done; else it is remarked why not."""
+        try:
+            refused = do()
+        except ReferenceRefused as error:
+            self.remarks.append(f"{command}: {error}")
+        else:
+            if refused is None:
+                return True
+            self.remarks.append(refused.sentence)
+        return False

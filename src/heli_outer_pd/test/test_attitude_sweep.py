@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from heli_math.rows import SETPOINT
-from heli_math.sweep import add_sweep, swept_angle
-from heli_outer_pd.attitude_sweep import sweep_kernel
+from heli_core.rows import SETPOINT
+from heli_core.signals import add_sweep, swept_angle
+from heli_outer_pd.parameters import sweep_params
 
 NUMBERS = {
     "sweep.shape": "sweep",
@@ -22,7 +22,7 @@ NUMBERS = {
 
 
 def signal(times_s, **changes):
-    kernel = sweep_kernel(NUMBERS | {f"sweep.{key}": value for key, value in changes.items()})
+    kernel = sweep_params(NUMBERS | {f"sweep.{key}": value for key, value in changes.items()})
     return np.array([swept_angle(t, kernel) for t in times_s])
 
 
@@ -61,7 +61,7 @@ def test_steps_go_up_back_down_and_back_then_half_as_far():
 @pytest.mark.parametrize(("axis", "place"), [("roll", 0), ("pitch", 1), ("yaw", 2)])
 def test_it_is_added_to_its_axis_alone(axis, place):
     out = np.full(SETPOINT.size, 0.1)
-    add_sweep(12.0, sweep_kernel(NUMBERS | {"sweep.shape": "steps", "sweep.axis": axis}), out)
+    add_sweep(12.0, sweep_params(NUMBERS | {"sweep.shape": "steps", "sweep.axis": axis}), out)
     expected = np.full(SETPOINT.size, 0.1)
     expected[place] += math.radians(5.0)
     np.testing.assert_array_equal(out, expected)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from heli_math.linear_systems import held
-from heli_math.rotations import quat_from_euler
-from heli_math.rows import SETPOINT
-from heli_math.ticks import TICK_S
+from heli_core.command_line import config_folder
+from heli_core.linear import held
+from heli_core.parameters import load
+from heli_core.rotations import quat_from_euler
+from heli_core.rows import SETPOINT
+from heli_core.ticks import TICK_S
 from heli_outer_pd import position_law
-from heli_outer_pd.axis_analysis import (
+from heli_outer_pd.analysis import (
     Axis,
     Gains,
     Sampled,
@@ -27,10 +29,7 @@ from heli_outer_pd.axis_analysis import (
     modelled_heave_damping_per_s,
     plant,
 )
-from heli_outer_pd.config import outer_kernel
-from heli_outer_pd.parameter_table import NODE_NAME, TABLE
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import load
+from heli_outer_pd.parameters import NODE_NAME, TABLE, outer_params
 
 LAG_S, DAMPING = 0.4, 0.3
 GUSTS = ((0.6, 20.0), (0.4, 8.0))  # rms m/s and L / V, s: along and across
@@ -67,7 +66,7 @@ def gains(K_P, K_D, bandwidth_radps, lead_s=0.0):
 
 @pytest.fixture(scope="module")
 def kernel():
-    return outer_kernel(
+    return outer_params(
         load(TABLE, [config_folder("heli_outer_pd") / "outer_loop.yaml"], NODE_NAME)
     )
 

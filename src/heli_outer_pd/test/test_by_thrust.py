@@ -4,23 +4,20 @@
 import numpy as np
 import pytest
 
-from heli_math.rotations import quat_from_euler
-from heli_math.rows import NAV, SETPOINT
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
-from heli_modes import Command, Phase
-from heli_modes.failsafes import Action
-from heli_outer_pd import config, position_law
+from heli_core.rotations import quat_from_euler
+from heli_core.rows import NAV, SETPOINT
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
+from heli_outer_pd import Command, Phase, parameters, position_law
 from heli_outer_pd.disturbance import trim_thrust
-from heli_outer_pd.goto import Goto
+from heli_outer_pd.failsafes import Action
+from heli_outer_pd.goto import Goto, PhaseNumbers
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.outer_state import SEES, SINKS
-from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_law import MEMORY, follow
-from heli_outer_pd.reference_limits import ReferenceLimits
-from heli_outer_pd.sight import answer, told_of
-from heli_outer_pd.thrust_map import thrust_for_collective
+from heli_outer_pd.position_health import answer, told_of
+from heli_outer_pd.position_law import follow
+from heli_outer_pd.reference import ReferenceLimits
+from heli_outer_pd.state import MEMORY, SEES, SINKS, thrust_for_collective
 
 VALUES = OuterLoopNode.SPEC.resolve()
 STEP_NS = NS_PER_S // 25
@@ -35,7 +32,7 @@ class Heave:
     """
 
     def __init__(self, strength=1.0, drift_mps2=0.0):
-        self.k = config.outer_kernel(VALUES)
+        self.k = parameters.outer_params(VALUES)
         self.state = position_law.initial_state(self.k)
         goto, fence = Goto.from_parameters(VALUES), ReferenceLimits.from_parameters(VALUES)
         numbers = PhaseNumbers.from_parameters(VALUES)
@@ -54,7 +51,7 @@ class Heave:
             self.down + self.error[0],
             self.speed + self.error[1],
         )
-        way, before = self.phases.way, self.out.copy()
+        way, before = self.phases.trajectory, self.out.copy()
         assert follow(self.nav, self.now_ns - way.start_ns, way.times_ns, way.points, self.k,
                       self.state, self.out) == 0  # fmt: skip
         self.phases.after(self.now_ns, self.nav, self.out)

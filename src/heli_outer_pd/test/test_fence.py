@@ -4,21 +4,17 @@
 import numpy as np
 import pytest
 
-from heli_math.rotations import quat_from_euler
-from heli_math.rows import NAV, SETPOINT
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
-from heli_modes import Command, Phase
-from heli_outer_pd import config, position_law
-from heli_outer_pd.fence import Fence, left, outside
-from heli_outer_pd.goto import Goto
+from heli_core.rotations import quat_from_euler
+from heli_core.rows import NAV, SETPOINT
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
+from heli_outer_pd import Command, Phase, parameters, position_law
+from heli_outer_pd.goto import Fence, Goto, PhaseNumbers, left, outside
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.outer_state import FLIES, LOST, MEMORY
-from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_law import follow
-from heli_outer_pd.reference import shaped_reference_at
-from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, shaped_reference_at
+from heli_outer_pd.state import FLIES, LOST, MEMORY
 
 VALUES = OuterLoopNode.SPEC.resolve()
 SMALL = {"fence.radius_m": 30.0, "fence.ceiling_m": 40.0, "fence.margin_m": 5.0}
@@ -31,7 +27,7 @@ class Craft:
 
     def __init__(self, pos=(0.0, 0.0, -20.0), vel=(0.0, 0.0, 0.0), **changes):
         values = VALUES | SMALL | changes
-        self.k = config.outer_kernel(values)
+        self.k = parameters.outer_params(values)
         self.state = position_law.initial_state(self.k)
         self.limits = ReferenceLimits.from_parameters(values)
         self.phases = Phases(
@@ -48,7 +44,7 @@ class Craft:
     def step(self, steered=False, blown=(0.0, 0.0, 0.0)):
         if steered:
             self.phases.steer(NEUTRAL, self.now_ns)
-        way = self.phases.way
+        way = self.phases.trajectory
         if self.state[MEMORY.ground] == FLIES:
             row = np.empty(10)
             shaped_reference_at(
@@ -88,7 +84,7 @@ def test_the_sticks_are_taken_away_at_the_fence_and_it_hovers_inside(command):
     craft = steered_out(command, vel=(0.0, 5.0, 0.0))
     assert craft.away == pytest.approx(30.0, abs=0.25), "at the first step beyond it"
     (remark,) = craft.phases.remarks
-    assert remark == left(command.value, craft.phases.beyond_m)
+    assert remark == left(command.value, craft.phases.fence_distance_m)
     assert "outside the fence" in craft.ask(command).sentence, "not while it is outside"
     farthest = 0.0
     for _ in range(800):
@@ -96,7 +92,7 @@ def test_the_sticks_are_taken_away_at_the_fence_and_it_hovers_inside(command):
         farthest = max(farthest, craft.away)
     # Braked from 5 m/s with 1.5 m/s2 and its jerk.
     assert farthest < 30.0 + 5.0**2 / (2 * 1.5) + 5.0
-    assert craft.away == pytest.approx(25.0, abs=1e-6) and craft.phases.beyond_m == 0.0
+    assert craft.away == pytest.approx(25.0, abs=1e-6) and craft.phases.fence_distance_m == 0.0
     assert craft.phases.phase == Phase.HOVER
     assert craft.ask(command) is None, "the pilot has it again, inside"
 
@@ -123,7 +119,7 @@ def test_a_way_is_given_up_where_the_wind_takes_it_out():
     assert craft.ask(Command.GOTO, (np.array([0.0, 29.0, -20.0]), 0.0)) is None
     while craft.phases.phase == Phase.TRAJECTORY:
         craft.step(blown=(0.0, 4.0, 0.0))
-    assert craft.phases.remarks == [left("trajectory", craft.phases.beyond_m)]
+    assert craft.phases.remarks == [left("trajectory", craft.phases.fence_distance_m)]
     assert craft.ask(Command.GOTO, (np.array([0.0, 0.0, -20.0]), 0.0)) is not None
     for _ in range(400):
         craft.step()
@@ -145,21 +141,21 @@ def test_without_a_position_there_is_no_fence():
     assert craft.ask(Command.MANUAL) is None
     for _ in range(10):
         craft.step(steered=True)
-    assert craft.phases.phase == Phase.MANUAL and craft.phases.beyond_m == 0.0
+    assert craft.phases.phase == Phase.MANUAL and craft.phases.fence_distance_m == 0.0
 
 
 def test_where_no_position_is_held_nothing_is_fenced_in():
     """The attitude test drifts off with the wind, as it should."""
     craft = Craft(pos=(0.0, 35.0, -20.0), horizontal="level")
     craft.step()
-    assert craft.phases.beyond_m == 0.0
+    assert craft.phases.fence_distance_m == 0.0
 
 
 def test_the_nearest_place_inside():
     fence, home = Fence(30.0, 40.0, 5.0), np.array([10.0, 0.0, 0.0])
     np.testing.assert_allclose(fence.inside(np.array([10.0, 60.0, -9.0]), home, 0.0), (10, 25, -9))
     np.testing.assert_allclose(fence.inside(np.array([10.0, 0.0, -90.0]), home, 2.0), (10, 0, -33))
-    assert fence.beyond_m(np.array([10.0, -31.5, -9.0]), home, 0.0) == pytest.approx(1.5)
-    assert fence.beyond_m(np.full(3, np.nan), home, 0.0) == 0.0
+    assert fence.fence_distance_m(np.array([10.0, -31.5, -9.0]), home, 0.0) == pytest.approx(1.5)
+    assert fence.fence_distance_m(np.full(3, np.nan), home, 0.0) == 0.0
     assert outside(0.0, "position is held") == "position is held"
     assert outside(1.5, "").startswith("1.5 m outside the fence")

@@ -7,17 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_math.grid_search import on_grid, place_of, search
-from heli_outer_pd.axis_analysis import (
+from heli_core.search import on_grid, place_of, search
+from heli_outer_pd.analysis import (
     Axis,
+    AxisRequirements,
+    NoGainsError,
     Sampled,
+    best_gains,
+    cost,
     deviations,
     disk_margin,
     drifting,
     dryden_across,
+    gains_at,
     open_loop,
 )
-from heli_outer_pd.gain_search import NoGainsError, Wanted, best_gains, cost, gains_at
 
 
 def lagging(lag_s):
@@ -36,7 +40,7 @@ AXIS = Axis(
     speed_error=drifting(0.01, 0.5),
     period_ticks=4,
 )
-WANTED = Wanted(0.05, 0.05, disk_margin=0.6, disk_margin_of_others=0.4)
+WANTED = AxisRequirements(0.05, 0.05, disk_margin=0.6, disk_margin_of_others=0.4)
 
 
 def test_rounding_does_not_move_the_end():

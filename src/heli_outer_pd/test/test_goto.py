@@ -9,17 +9,16 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
-from heli_math.rows import NAV, REFERENCE, SHAPED
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
+from heli_core.rows import NAV, REFERENCE, SHAPED
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.command_messages import encode_reference, key_of
 from heli_msgs_bridge.diagnostics import FACT_WAYS, Level
-from heli_msgs_bridge.messages import CHANNELS
-from heli_msgs_bridge.reference_message import encode_reference, key_of
+from heli_msgs_bridge.layouts import CHANNELS
 from heli_outer_pd.goto import Goto
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.reference import shaped_reference_at
-from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, shaped_reference_at
 
 VALUES = OuterLoopNode.SPEC.resolve()
 GOTO = Goto.from_parameters(VALUES)
@@ -170,7 +169,7 @@ def hovering(bench):
 
 def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering, monkeypatch):
     told = []
-    monkeypatch.setattr(hovering.node.core, "tell_way", told.append)
+    monkeypatch.setattr(hovering.node.core, "send_trajectory", told.append)
     held = hovering.node.run.held
     hovering.receive(topics.GOTO, pose(hovering))
     way = hovering.node.run.diverted

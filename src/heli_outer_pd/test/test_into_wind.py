@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from heli_math.ticks import NS_PER_S
-from heli_outer_pd.into_wind import IntoWind
+from heli_core.ticks import NS_PER_S
+from heli_outer_pd.phases import IntoWind
 
 STEP_NS = NS_PER_S // 25
 _TURN_NS = 3 * NS_PER_S

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from heli_math.rows import NAV
-from heli_outer_pd.late import hear, navigation_at, nothing_heard
+from heli_core.rows import NAV
+from heli_outer_pd.inbox import keep_newest, navigation_at, no_navigation
 
 
 def row(north_m):
@@ -20,15 +20,15 @@ def at(heard, tick, oldest=50):
 
 
 def test_that_of_now_is_flown_to_the_last_bit():
-    heard = nothing_heard()
+    heard = no_navigation()
     assert np.isnan(at(heard, 0)).all()
-    hear(heard, 5, row(3.0))
+    keep_newest(heard, 5, row(3.0))
     np.testing.assert_array_equal(at(heard, 5), row(3.0))
 
 
 def test_an_old_one_goes_on_and_nothing_else_of_it_changes():
-    heard = nothing_heard()
-    hear(heard, 5, row(3.0))
+    heard = no_navigation()
+    keep_newest(heard, 5, row(3.0))
     found, moved = at(heard, 15), row(3.0)
     moved[NAV.pos] += 0.1 * moved[NAV.vel]
     np.testing.assert_allclose(found, moved, rtol=0, atol=1e-15)
@@ -36,7 +36,7 @@ def test_an_old_one_goes_on_and_nothing_else_of_it_changes():
 
 
 def test_what_comes_behind_a_newer_one_is_not_used():
-    heard = nothing_heard()
-    hear(heard, 5, row(3.0))
-    hear(heard, 4, row(9.0))
+    heard = no_navigation()
+    keep_newest(heard, 5, row(3.0))
+    keep_newest(heard, 4, row(9.0))
     np.testing.assert_array_equal(at(heard, 5), row(3.0))

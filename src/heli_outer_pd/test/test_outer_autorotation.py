@@ -6,15 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from heli_flight.loop.settings import resolve
-from heli_math.rows import NAV, SETPOINT
-from heli_outer_pd.autorotation import autorotate, wanted_sink
-from heli_outer_pd.config import outer_kernel
-from heli_outer_pd.outer_state import AUTOROTATES, BY_HAND, DOWN, MEMORY, STANDS, TURNS
-from heli_outer_pd.position_law import initial_state
-from heli_outer_pd.rotor_watch import hear_rotor, watch_rotor
+from heli_core.rows import NAV, SETPOINT
+from heli_flight.settings import resolve
+from heli_outer_pd.disturbance import hear_rotor, watch_rotor
+from heli_outer_pd.parameters import outer_params
+from heli_outer_pd.position_law import autorotate, wanted_sink
+from heli_outer_pd.state import AUTOROTATES, BY_HAND, DOWN, MEMORY, STANDS, TURNS, initial_state
 
-K = outer_kernel(resolve().nodes["outer_loop"])
+K = outer_params(resolve().nodes["outer_loop"])
 PERIOD_S = 0.02
 NOISE = np.random.default_rng(1).normal(0.0, 0.001, 1000)
 

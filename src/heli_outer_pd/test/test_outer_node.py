@@ -9,13 +9,13 @@ import yaml
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
-from heli_math.trajectory import Trajectory
+from heli_core.command_line import config_folder
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.messages import CHANNELS
-from heli_msgs_bridge.reference_message import encode_reference
+from heli_msgs_bridge.layouts import CHANNELS
 from heli_outer_pd.node import OuterLoopNode
-from heli_parameters.locate import config_folder
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 
@@ -92,7 +92,7 @@ def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
 
     waits = (Level.WARN, "waits for navigation: the trim is commanded")
     assert lost(0) == lost(4) == waits
-    trim = outer.node.core.kernel.trim
+    trim = outer.node.core.params.trim
     assert outer.sent[topics.ATTITUDE_SETPOINT][-1] == pytest.approx(trim[:3], abs=1e-12)
     assert outer.sent[topics.COLLECTIVE][-1] == pytest.approx(trim[3:], abs=0.0)
     fly_ticks(outer, [8])
@@ -125,16 +125,16 @@ def test_gains_change_between_two_ticks_and_refused_ones_change_nothing(bench):
     outer = bench(OuterLoopNode)
     outer.fly()
     fly_ticks(outer, range(8))
-    kernel, state = outer.node.core.kernel, outer.node.core.state
+    kernel, state = outer.node.core.params, outer.node.core.state
 
     def ask(name, value):
         return outer.node.set_parameters_atomically([Parameter(name, value=value)])
 
     assert not ask("K_P", [0.1, 0.2]).successful
-    assert outer.node.core.kernel is kernel
+    assert outer.node.core.params is kernel
     changed = [1.1 * k for k in np.ravel(outer.node.values["K_P"]).tolist()]
     assert ask("K_P", changed).successful
-    assert outer.node.core.kernel is not kernel and outer.node.core.state is state
+    assert outer.node.core.params is not kernel and outer.node.core.state is state
 
 
 @pytest.mark.parametrize("name", ["core", "run"])

@@ -6,20 +6,21 @@ import math
 import numpy as np
 import pytest
 
-from heli_math.rotations import quat_from_euler
-from heli_math.rows import NAV, REFERENCE, SETPOINT
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
-from heli_modes import Command, Phase, Refusal
-from heli_outer_pd import config, position_law
-from heli_outer_pd.goto import Goto
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rotations import quat_from_euler
+from heli_core.rows import NAV, REFERENCE, SETPOINT
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
+from heli_outer_pd import Command, Phase, Refusal, position_law
+from heli_outer_pd import parameters as config
+from heli_outer_pd.disturbance import hover_share
+from heli_outer_pd.goto import Goto, PhaseNumbers
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_law import MEMORY, STANDS, follow, hover_share
-from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.position_law import follow
+from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused
 from heli_outer_pd.script import script_of
-from heli_parameters.parameters import ParameterError
+from heli_outer_pd.state import MEMORY, STANDS
 
 VALUES = OuterLoopNode.SPEC.resolve()
 STEP_NS = NS_PER_S // 25
@@ -35,7 +36,7 @@ class Body:
 
     def __init__(self, on_ground=True, strength=1.0, height_m=0.0, **changes):
         self.values = VALUES | {"start.on_ground": on_ground} | changes
-        self.k = config.outer_kernel(self.values)
+        self.k = config.outer_params(self.values)
         self.state = position_law.initial_state(self.k)
         self.phases = Phases(
             PhaseNumbers.from_parameters(self.values),
@@ -61,7 +62,7 @@ class Body:
         self.nav[NAV.pos] = 0.0, 0.0, -self.height_m
         self.nav[NAV.vel] = *self.slip_ned_mps, -self.up_mps
         self.nav[NAV.quat] = quat_from_euler(self.phi, self.theta, self.psi)
-        way = self.phases.way or Trajectory.hover(np.zeros(3), 0.0)
+        way = self.phases.trajectory or Trajectory.hover(np.zeros(3), 0.0)
         follow(self.nav, self.now_ns - way.start_ns, way.times_ns, way.points, self.k, self.state,
                self.out)  # fmt: skip
         self.phases.after(self.now_ns, self.nav, self.out)
@@ -240,9 +241,9 @@ def test_a_take_off_from_too_steep_a_slope_or_blindly_is_refused_and_changes_not
 @pytest.mark.parametrize("command", [Command.LAND, Command.HOLD, Command.GOTO])
 def test_what_is_not_for_the_ground_is_refused_there(command):
     body = standing()
-    way = body.phases.way
+    way = body.phases.trajectory
     assert isinstance(body.ask(command, (np.array([0.0, 0.0, -9.0]), 0.0)), Refusal)
-    assert body.phases.way is way and body.phases.phase == Phase.STANDING
+    assert body.phases.trajectory is way and body.phases.phase == Phase.STANDING
 
 
 def test_a_take_off_is_broken_off_by_land():
@@ -265,7 +266,7 @@ def test_the_navigation_lost_on_the_ground_lowers_the_collective():
     body.step()
     nav = np.full(NAV.size, np.nan)
     for _ in range(60):
-        way = body.phases.way
+        way = body.phases.trajectory
         follow(nav, body.now_ns, way.times_ns, way.points, body.k, body.state, body.out)
         body.phases.after(body.now_ns, nav, body.out)
         body.now_ns += STEP_NS
@@ -285,7 +286,7 @@ def test_a_landing_is_held_but_not_near_the_ground():
     for _ in range(150):
         body.step()
     assert body.phases.phase == Phase.HOVER
-    held = -body.phases.way.points[-1, REFERENCE.pos][2]
+    held = -body.phases.trajectory.points[-1, REFERENCE.pos][2]
     assert body.height_m == pytest.approx(held, abs=0.05) and 2.0 < held < 3.0
     assert body.ask(Command.LAND) is None
     body.until(Phase.DESCENDING)
@@ -319,7 +320,7 @@ def test_a_hover_turns_the_nose_into_the_wind_where_that_is_wanted(heading):
     body.phases.command(Command.HOLD, 0, body.nav + np.eye(NAV.size)[NAV.quat][0])
     for _ in range(40 * 25):
         body.state[MEMORY.disturbance] = 0.0, -1.25, 0.0
-        body.psi = body.phases.way.at(body.now_ns)[REFERENCE.psi]
+        body.psi = body.phases.trajectory.at(body.now_ns)[REFERENCE.psi]
         body.step()
     assert body.phases.phase == Phase.HOVER
     assert body.phases.is_watched() == (heading == "wind")
@@ -364,7 +365,7 @@ def test_a_script_that_does_not_agree_with_itself_is_refused(change, said):
 def test_a_goto_out_of_the_fence_changes_nothing():
     body = Body(on_ground=False, height_m=6.0)
     body.step()
-    way = body.phases.way
+    way = body.phases.trajectory
     with pytest.raises(ReferenceRefused, match="the goal is 1.5 m high"):
         body.ask(Command.GOTO, (np.array([0.0, 0.0, -1.5]), 0.0))
-    assert body.phases.way is way
+    assert body.phases.trajectory is way

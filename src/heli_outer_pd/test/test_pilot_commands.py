@@ -14,17 +14,17 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool, Trigger
 
-from heli_math.rows import NAV, REFERENCE, SETPOINT
-from heli_math.ticks import NS_PER_S
-from heli_modes.table import Phase
+from heli_core.rows import NAV, REFERENCE, SETPOINT
+from heli_core.ticks import NS_PER_S
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.command_messages import encode_joy
 from heli_msgs_bridge.diagnostics import Level
-from heli_msgs_bridge.joy_message import encode_joy
-from heli_msgs_bridge.messages import CHANNELS
+from heli_msgs_bridge.layouts import CHANNELS
+from heli_outer_pd import KeyboardSticks, StickMap
+from heli_outer_pd.joystick import KEY_BUTTONS
+from heli_outer_pd.modes import Phase
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.outer_state import MEMORY
-from heli_sticks import KeyboardSticks, StickMap
-from heli_sticks.keyboard import BUTTONS
+from heli_outer_pd.state import MEMORY
 
 HOVER = np.array([0.0, 0.0, -10.0])
 ROLL_RIGHT, FORWARD = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
@@ -312,7 +312,7 @@ def test_sticks_fly_the_attitude_and_a_button_ends_it(flying):
         flying.fly(4)
     attitudes = np.array(flying.outer.sent[topics.ATTITUDE_SETPOINT])
     tilt = math.radians(flying.node.values["sticks.tilt_max_deg"])
-    trim = flying.node.core.kernel.trim
+    trim = flying.node.core.params.trim
     assert attitudes[-1, 0] == pytest.approx(trim[SETPOINT.phi] + tilt, abs=0.02)
     assert attitudes[-1, 1] == pytest.approx(trim[SETPOINT.theta], abs=0.02)
     flying.press("hold")
@@ -400,7 +400,7 @@ def test_keys_move_the_sticks_of_the_packaged_layout(key, stick, sign):
 def test_keys_press_the_buttons_of_the_packaged_layout():
     commands = {"t": "takeoff", "l": "land", "h": "hold", "v": "velocity", "f": "attitude"}
     commands |= {"m": "manual"}
-    assert {key: PACKAGED.buttons[name] for key, name in commands.items()} == BUTTONS
+    assert {key: PACKAGED.buttons[name] for key, name in commands.items()} == KEY_BUTTONS
 
 
 def test_a_landing_is_obeyed_without_a_position_and_says_how(flying):

@@ -7,20 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from heli_math.rotations import quat_from_euler
-from heli_math.rows import SETPOINT
-from heli_math.trajectory import Trajectory, reference_at
-from heli_outer_pd import config, position_law, reference, thrust_map
-from heli_outer_pd.parameter_table import NODE_NAME, TABLE
-from heli_outer_pd.position_law import OuterStatus
-from heli_parameters.parameters import load
+from heli_core.parameters import load
+from heli_core.rotations import quat_from_euler
+from heli_core.rows import SETPOINT
+from heli_core.trajectory import Trajectory, reference_at
+from heli_outer_pd import parameters as config
+from heli_outer_pd import position_law, reference
+from heli_outer_pd import state as thrust_map
+from heli_outer_pd.parameters import NODE_NAME, TABLE
+from heli_outer_pd.state import OuterStatus
 
 YAML = Path(config.__file__).parents[1] / "config" / "outer_loop.yaml"
 
 
 def kernel(**changes):
     parameters = load(TABLE, [YAML], NODE_NAME) | changes
-    return config.outer_kernel(parameters)
+    return config.outer_params(parameters)
 
 
 def navigation(k, pos=(0, 0, -10), vel=(0, 0, 0), phi=None, theta=None, psi=0.0):

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from heli_math.rows import NAV, REFERENCE
-from heli_math.trajectory import Trajectory
+from heli_core.rows import NAV, REFERENCE
+from heli_core.trajectory import Trajectory
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.messages import CHANNELS
-from heli_msgs_bridge.reference_message import encode_reference
+from heli_msgs_bridge.command_messages import encode_reference
+from heli_msgs_bridge.layouts import CHANNELS
 from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.reference import moved, offset_to
 
@@ -44,19 +44,21 @@ def fly(bench):
 
 def test_the_reference_begins_where_the_aircraft_is_when_the_law_engages(fly):
     node = fly("engagement").node
-    core, at_engagement = node.core, node.core.way.at(node.stamp_ns(8))
+    core, at_engagement = node.core, node.core.trajectory.at(node.stamp_ns(8))
     np.testing.assert_allclose(at_engagement[REFERENCE.pos], HERE, atol=1e-12)
     # Heading, speed and times are those that were given; so is every distance of the way.
-    np.testing.assert_allclose(core.way.points[:, 3:], CLIMB.points[:, 3:], atol=1e-12)
-    np.testing.assert_array_equal(core.way.times_ns, CLIMB.times_ns)
+    np.testing.assert_allclose(core.trajectory.points[:, 3:], CLIMB.points[:, 3:], atol=1e-12)
+    np.testing.assert_array_equal(core.trajectory.times_ns, CLIMB.times_ns)
     np.testing.assert_allclose(
-        np.diff(core.way.points[:, :3], axis=0), np.diff(CLIMB.points[:, :3], axis=0), atol=1e-12
+        np.diff(core.trajectory.points[:, :3], axis=0),
+        np.diff(CLIMB.points[:, :3], axis=0),
+        atol=1e-12,
     )
 
 
 def test_as_packaged_it_is_flown_where_it_says(fly):
     core = fly("given").node.core
-    assert core.way is core.given
+    assert core.trajectory is core.given
     np.testing.assert_array_equal(core.offset_ned_m, np.zeros(3))
 
 
@@ -65,7 +67,7 @@ def test_a_reference_that_comes_in_flight_is_flown_where_it_says(fly):
     later = Trajectory.hover(np.array([3.0, 4.0, -12.0]), 0.0)
     outer.receive(topics.REFERENCE, encode_reference(later))
     outer.send(topics.ODOM, 13, nav_at(HERE))
-    np.testing.assert_array_equal(outer.node.core.way.points, later.points)
+    np.testing.assert_array_equal(outer.node.core.trajectory.points, later.points)
     np.testing.assert_array_equal(outer.node.core.offset_ned_m, np.zeros(3))
 
 

@@ -6,23 +6,21 @@ import math
 import numpy as np
 import pytest
 
-from heli_guidance.flight_path import FlightPath
-from heli_math.rotations import quat_from_euler
-from heli_math.rows import NAV, REFERENCE, SETPOINT
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
-from heli_modes import Command, Fact, Phase, Refusal
-from heli_modes.failsafes import Action
-from heli_modes.table import LANDING
-from heli_outer_pd import config, position_law
-from heli_outer_pd.goto import Goto
+from heli_core.rotations import quat_from_euler
+from heli_core.rows import NAV, REFERENCE, SETPOINT
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
+from heli_outer_pd import Command, Fact, Phase, Refusal, parameters, position_law
+from heli_outer_pd.failsafes import Action
+from heli_outer_pd.goto import Goto, PhaseNumbers
+from heli_outer_pd.guidance.paths import FlightPath
+from heli_outer_pd.modes import LANDING
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.outer_state import FOUND, KNOWN, LOST, STEERED
-from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_law import MEMORY, follow
-from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
-from heli_outer_pd.sight import answer, plight, seen, sigma_of_speed, told_of
+from heli_outer_pd.position_health import answer, plight, seen, sigma_of_speed, told_of
+from heli_outer_pd.position_law import follow
+from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.state import FOUND, KNOWN, LOST, MEMORY, STEERED
 
 VALUES = OuterLoopNode.SPEC.resolve()
 LIMIT = VALUES["land.blind_sigma_mps"]
@@ -38,7 +36,7 @@ class Flight:
 
     def __init__(self, way=None, psi=0.4, **changes):
         values = VALUES | changes
-        self.k = config.outer_kernel(values)
+        self.k = parameters.outer_params(values)
         self.state = position_law.initial_state(self.k)
         self.phases = Phases(
             PhaseNumbers.from_parameters(values),
@@ -63,7 +61,7 @@ class Flight:
     def step(self, sigma=0.02):
         """One step of the law; its command before and after."""
         self.nav[NAV.sigma_vel] = sigma, 0.5 * sigma, 0.01
-        before, way = self.out.copy(), self.phases.way
+        before, way = self.out.copy(), self.phases.trajectory
         row = way.at(self.now_ns)
         self.nav[NAV.pos][2], self.nav[NAV.down_vel] = row[2] + self.off_m, row[REFERENCE.down_vel]
         code = follow(self.nav, self.now_ns - way.start_ns, way.times_ns, way.points, self.k,
@@ -195,7 +193,7 @@ def test_what_is_found_again_is_flown_from_where_it_is_without_a_step(phase, com
     before, after = flight.step(0.04 * LIMIT)
     np.testing.assert_array_equal(before, after)
     assert flight.phases.phase == phase and not flight.phases.lost
-    way = flight.phases.way.at(flight.now_ns - STEP_NS)
+    way = flight.phases.trajectory.at(flight.now_ns - STEP_NS)
     np.testing.assert_allclose(way[:2], flight.nav[NAV.pos][:2], atol=0.05)
     assert way[2] == pytest.approx(flight.nav[NAV.pos][2], abs=0.05)
     flight.off_m = 0.0
@@ -296,7 +294,7 @@ def test_by_the_sticks_nothing_waits_for_a_reference():
 
 
 def test_a_navigation_that_says_nothing_is_believed():
-    k = config.outer_kernel(VALUES)
+    k = parameters.outer_params(VALUES)
     assert sigma_of_speed(np.zeros(NAV.size)) == 0.0
     assert sigma_of_speed(np.zeros(10)) == 0.0
     nav = np.zeros(NAV.size)

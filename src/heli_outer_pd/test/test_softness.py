@@ -6,15 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from heli_math.rotations import quat_from_euler
-from heli_math.rows import NAV, SETPOINT, SHAPED
-from heli_modes import Phase
-from heli_modes.failsafes import Action
-from heli_outer_pd import config, position_law
+from heli_core.rotations import quat_from_euler
+from heli_core.rows import NAV, SETPOINT, SHAPED
+from heli_outer_pd import Phase, parameters, position_law
+from heli_outer_pd.disturbance import AS_IT_IS, K_P_SHARE, SOFT_TILT_RAD, watch_attitude
+from heli_outer_pd.failsafes import Action
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.outer_state import FULL, LEAVES, MEMORY, SOFT, STUCK
-from heli_outer_pd.sight import answer, told_of
-from heli_outer_pd.softness import AS_IT_IS, K_P_SHARE, SOFT_TILT_RAD, watch_attitude
+from heli_outer_pd.position_health import answer, told_of
+from heli_outer_pd.state import FULL, LEAVES, MEMORY, SOFT, STUCK
 
 PITCH, ROLL = 8.0, 5.5
 VALUES = OuterLoopNode.SPEC.resolve() | {"failsafe.unfollowed_deg": [PITCH, ROLL]}
@@ -25,7 +24,7 @@ class Watched:
     """What the attitude explains beside a command of nothing, step by step."""
 
     def __init__(self, **changes):
-        self.k = config.outer_kernel(VALUES | changes)
+        self.k = parameters.outer_params(VALUES | changes)
         self.state = position_law.initial_state(self.k)
 
     def see(self, axis, off_deg, seconds, psi=0.0, turns=0.0):
@@ -135,7 +134,7 @@ def test_180_deg_is_never():
 
 def command(soft, pos_ned_m, roll_rad=0.0):
     """phi and theta off trim, rad, of a law at rest that is off by a way."""
-    k = config.outer_kernel(VALUES | {"attitude_lead.lead_s": [0.0, 0.0]})
+    k = parameters.outer_params(VALUES | {"attitude_lead.lead_s": [0.0, 0.0]})
     state, nav, out = position_law.initial_state(k), np.zeros(NAV.size), np.zeros(SETPOINT.size)
     nav[NAV.pos] = pos_ned_m
     phi, theta = k.trim[SETPOINT.phi] + roll_rad, k.trim[SETPOINT.theta]
@@ -167,7 +166,7 @@ def test_soft_flight_cuts_the_tilt():
 
 
 def test_it_is_told_and_counts_among_the_failsafes():
-    state = position_law.initial_state(config.outer_kernel(VALUES))
+    state = position_law.initial_state(parameters.outer_params(VALUES))
     assert told_of(Phase.HOVER, state, "held") == "held"
     assert answer(Phase.HOVER, state) is Action.NONE
     state[MEMORY.soft] = SOFT

@@ -7,25 +7,23 @@ import time
 import numpy as np
 import pytest
 
-from heli_math.rotations import euler_from_quat, quat_from_euler
-from heli_math.rows import NAV, REFERENCE, SETPOINT
-from heli_math.ticks import NS_PER_S
-from heli_math.trajectory import Trajectory
-from heli_modes import Command, Guard, Phase
-from heli_outer_pd import config, position_law
-from heli_outer_pd.contact import TouchDown
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rotations import euler_from_quat, quat_from_euler
+from heli_core.rows import NAV, REFERENCE, SETPOINT
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import Trajectory
+from heli_outer_pd import Command, Guard, Phase, position_law
+from heli_outer_pd import parameters as config
 from heli_outer_pd.disturbance import hover_share
-from heli_outer_pd.goto import Goto
-from heli_outer_pd.hand_law import with_hand
+from heli_outer_pd.goto import Goto, PhaseNumbers
+from heli_outer_pd.manual import TouchDown
+from heli_outer_pd.manual_controller import with_manual
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.outer_state import BY_HAND, FLIES, LOW_BY_HAND, MEMORY, STEERED
-from heli_outer_pd.phase_ways import PhaseNumbers
 from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_law import follow
-from heli_outer_pd.reference import shaped_reference_at
-from heli_outer_pd.reference_limits import ReferenceLimits, ReferenceRefused
+from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, shaped_reference_at
 from heli_outer_pd.script import script_of
-from heli_parameters.parameters import ParameterError
+from heli_outer_pd.state import BY_HAND, FLIES, LOW_BY_HAND, MEMORY, STEERED
 
 VALUES = OuterLoopNode.SPEC.resolve()
 STEP_NS = NS_PER_S // 25
@@ -39,7 +37,7 @@ class Craft:
 
     def __init__(self, on_ground=False, pos=(0.0, 0.0, -20.0), **changes):
         values = VALUES | {"start.on_ground": on_ground} | changes
-        self.k = config.outer_kernel(values)
+        self.k = config.outer_params(values)
         self.state = position_law.initial_state(self.k)
         self.phases = Phases(
             PhaseNumbers.from_parameters(values), Goto.from_parameters(values), self.k, self.state,
@@ -62,7 +60,7 @@ class Craft:
         """One period; with `moves` the aircraft is where the reference has it."""
         if sticks is not None:
             self.phases.steer(sticks, self.now_ns)
-        way = self.phases.way or Trajectory.hover(np.zeros(3), 0.0)
+        way = self.phases.trajectory or Trajectory.hover(np.zeros(3), 0.0)
         if moves and self.state[MEMORY.ground] == FLIES:
             shaped = self.shaped()
             self.nav[NAV.pos], self.nav[NAV.vel] = shaped[:3], shaped[3:6]
@@ -73,7 +71,7 @@ class Craft:
         return changed
 
     def shaped(self):
-        row, way = np.empty(10), self.phases.way
+        row, way = np.empty(10), self.phases.trajectory
         shaped_reference_at(
             self.now_ns - way.start_ns, self.k.shaping_ns, 0.0, way.times_ns, way.points, row
         )
@@ -164,21 +162,21 @@ def test_who_is_outside_already_may_come_back_but_not_go_on():
     assert craft.go((0.0, -1.0, 0.0)) is None
     outside = Craft(pos=(0.0, 0.0, -20.0))
     outside.phases.home_ned_m = np.array([0.0, -103.0, 0.0])
-    way = outside.phases.way
+    way = outside.phases.trajectory
     with pytest.raises(ReferenceRefused, match="allowed: at most 100 m"):
         outside.go((0.0, 1.0, 0.0))
-    assert outside.phases.way is way and outside.phases.phase == Phase.HOVER
+    assert outside.phases.trajectory is way and outside.phases.phase == Phase.HOVER
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_velocity_that_is_not_finite_changes_nothing(bad):
     craft = Craft()
-    way = craft.phases.way
+    way = craft.phases.trajectory
     with pytest.raises(ReferenceRefused, match="not finite"):
         craft.go((0.0, bad, 0.0))
     with pytest.raises(ReferenceRefused, match="not finite"):
         craft.go((0.0, 1.0, 0.0), bad)
-    assert craft.phases.way is way and craft.phases.phase == Phase.HOVER
+    assert craft.phases.trajectory is way and craft.phases.phase == Phase.HOVER
 
 
 def test_replanning_is_cheap():
@@ -192,7 +190,7 @@ def test_replanning_is_cheap():
         craft.go((2.0, 1.0, 0.0), 0.3)
         least = min(least, time.perf_counter() - began)
     assert least < 0.1
-    assert len(craft.phases.way.points) < 200
+    assert len(craft.phases.trajectory.points) < 200
 
 
 # --- attitude ---------------------------------------------------------------------------------
@@ -469,12 +467,12 @@ def test_who_falls_silent_beside_another_is_held_all_the_same():
 def test_by_hand_the_sticks_are_the_actuators():
     craft = Craft()
     craft.step(NEUTRAL)
-    assert np.isnan(with_hand(craft.out[[3]], craft.state)[1:]).size == 0
+    assert np.isnan(with_manual(craft.out[[3]], craft.state)[1:]).size == 0
     assert craft.ask(Command.MANUAL) is None
     for _ in range(200):
         craft.step(np.array([1.0, -0.5, 0.25, 0.2]), moves=False)
     assert craft.state[MEMORY.ground] == BY_HAND
-    sent = with_hand(craft.out[[SETPOINT.col]], craft.state)
+    sent = with_manual(craft.out[[SETPOINT.col]], craft.state)
     hand = VALUES["sticks.manual"]
     np.testing.assert_allclose(sent[1:], [hand[0], -0.5 * hand[1], 0.25 * hand[2]], atol=1e-12)
     trim, idle = VALUES["trim.d_col"], VALUES["takeoff.idle_collective"]
@@ -510,7 +508,7 @@ def test_by_hand_without_navigation_the_sticks_are_flown_all_the_same():
     assert craft.ask(Command.MANUAL) is None
     for _ in range(100):
         craft.step(np.array([0.2, 0.0, 0.0, -0.1]), moves=False)
-    sent = with_hand(craft.out[[SETPOINT.col]], craft.state)
+    sent = with_manual(craft.out[[SETPOINT.col]], craft.state)
     assert sent[1] == pytest.approx(0.2 * VALUES["sticks.manual"][0])
     trim, idle = VALUES["trim.d_col"], VALUES["takeoff.idle_collective"]
     assert sent[0] == pytest.approx(trim - 0.1 * (trim - idle), abs=1e-4)
@@ -657,5 +655,5 @@ def test_a_way_of_a_pilot_is_told_once_a_second():
     told = sum(craft.step(NEUTRAL) for _ in range(100))
     assert told == 4
     np.testing.assert_allclose(
-        craft.phases.way.points[0, REFERENCE.pos], craft.nav[NAV.pos], atol=1e-9
+        craft.phases.trajectory.points[0, REFERENCE.pos], craft.nav[NAV.pos], atol=1e-9
     )

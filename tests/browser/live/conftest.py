@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from heli_live_view.access import Access
-from heli_live_view.faults import WHAT
-from heli_live_view.page_server import PageServer
-from heli_live_view.parameter_table import BOUNDS as METRIC_OF
-from heli_live_view.vehicle import bounds, error_row
+from heli_live_view.commands import WHAT
+from heli_live_view.parameters import BOUNDS as METRIC_OF
+from heli_live_view.server import PageServer
+from heli_live_view.state import bounds, error_row
 
 WEB = Path(__file__).resolve().parents[3] / "src/heli_live_view/web"
 BOUNDS = bounds({f"bounds.{name}": -1.0 for name in METRIC_OF})

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from heli_live_view.parameter_table import BOUNDS
+from heli_live_view.parameters import BOUNDS
 
 FLOWN_S = 9
 DRAWN = "window.heliView && heliView.scene.drawn && heliView.flight.last.t > 4 && heliView.fps > 0"

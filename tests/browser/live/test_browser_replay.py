@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_flight.loop.settings import resolve
-from heli_flight.studies.replay.opened import replay_of
-from heli_flight.studies.replay.serving import served
-from heli_flight.testing.record_bag import cut_off, flown_folder
+from heli_flight.replay import replay_of, served
+from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
+from support.record_bag import cut_off, flown_folder
 
 DURATION_S = 8.0
 FAULT = "{what: gps, kind: loss, start_s: 3.0, duration_s: 2.0}"

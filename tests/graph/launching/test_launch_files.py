@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_flight.loop.laws import PACKAGED
-from heli_flight.loop.layers import GPS_PRESETS, scenario_names
-from heli_flight.loop.settings import resolve
-from heli_inner_hinf.law_state import CONTROLLERS
-from heli_math.ticks import NS_PER_S
+from heli_core.command_line import config_folder, executable
+from heli_core.parameters import load, with_common
+from heli_core.rcl_yaml import ParameterError
+from heli_core.ticks import NS_PER_S
+from heli_flight.settings import GPS_PRESETS, PACKAGED, resolve, scenario_names
+from heli_inner_hinf.controller_state import CONTROLLERS
 from heli_msgs_bridge import topics
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder, executable
-from heli_parameters.parameters import ParameterError, load
 
 ROOT = Path(__file__).resolve().parents[3]
 LAUNCH_FILES = sorted(
@@ -32,8 +30,8 @@ FLYING = ("plant", "observer", "inner_loop", "outer_loop")
 
 def values(node, folder):
     """Parameters that a started node ends up with: packaged ones, then what launch gives it."""
-    table = with_common(import_module(f"{node.package}.parameter_table").TABLE)
-    common = config_folder("heli_parameters") / "common.yaml"
+    table = with_common(import_module(f"{node.package}.parameters").TABLE)
+    common = config_folder("heli_core") / "common.yaml"
     own = config_folder(node.package) / f"{node.name}.yaml"
     return load(table, [common, own, *node.files(folder)], node.full_name)
 
@@ -76,8 +74,8 @@ def test_hover_without_arguments_flies_the_packaged_values(launch, tmp_path):
         if name in FLYING:
             found = values(node, tmp_path)
             own = config_folder(node.package) / f"{name}.yaml"
-            common = config_folder("heli_parameters") / "common.yaml"
-            table = with_common(import_module(f"{node.package}.parameter_table").TABLE)
+            common = config_folder("heli_core") / "common.yaml"
+            table = with_common(import_module(f"{node.package}.parameters").TABLE)
             packaged = load(table, [common, own], name)
             assert found["lockstep"] == packaged["lockstep"]
             assert found.get("seed") == packaged.get("seed")

@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
+from heli_core.rows import PLANT
 from heli_flight.graph.respawn import AGAIN, MOST
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.loop.worlds import HOVER_TEST_WORLD
-from heli_math.rows import PLANT
+from heli_flight.loop import simulate
+from heli_flight.settings import HOVER_TEST_WORLD, resolve
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.memory import FOLDER, Memory, Restarts
+from heli_msgs_bridge.handover import FOLDER, HandoverFile, Restarts
 
 HOVER = ("heli_flight", "hover.launch.py")
 LENGTH_S, KILLED_AT = 20.0, 300
@@ -63,6 +62,7 @@ def test_what_does_not_go_starts_nothing(launch, other):
         launch(*HOVER, "respawn:=true", other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("killed", AGAIN)
 def test_a_killed_node_comes_back_and_the_flight_is_the_same(
     launch, tmp_path, ros_env, living, killed
@@ -82,7 +82,7 @@ def test_a_killed_node_comes_back_and_the_flight_is_the_same(
             return process
 
         processes = {name: start(node) for name, node in started.items()}
-        memory = Memory(Path(started[killed].env[FOLDER]) / f"{killed}.memory")
+        memory = HandoverFile(Path(started[killed].env[FOLDER]) / f"{killed}.memory")
         while (kept := memory.recall()) is None or kept.tick < KILLED_AT:
             with pytest.raises(subprocess.TimeoutExpired):
                 processes["plant"].wait(0.02)

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_flight.loop.closed_loop import simulate
-from heli_flight.loop.settings import resolve
-from heli_flight.loop.several import seed_of
-from heli_flight.loop.worlds import HOVER_TEST_WORLD
-from heli_math.rows import PLANT
-from heli_math.ticks import NS_PER_S, TICK_NS
+from heli_core.rows import PLANT
+from heli_core.ticks import NS_PER_S, TICK_NS
+from heli_flight.loop import simulate
+from heli_flight.settings import HOVER_TEST_WORLD, resolve, seed_of
 from heli_msgs_bridge import topics
 
 HOVER = ("heli_flight", "hover.launch.py")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_math.ticks import TICK_NS
+from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
 

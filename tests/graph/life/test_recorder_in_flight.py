@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import read_bag
-from heli_math.ticks import TICK_NS
+from heli_core.ticks import TICK_NS
 from heli_msgs_bridge import topics
 
 FLYING = ("scenario", "outer_loop", "inner_loop", "observer", "plant")

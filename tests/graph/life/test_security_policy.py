@@ -8,7 +8,7 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 
-from heli_flight.graph.supervisor import NODE_NAME as SUPERVISOR
+from heli_flight.scenario import NODE_NAME as SUPERVISOR
 from heli_msgs_bridge import topics
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -17,7 +17,7 @@ from rcl_interfaces.srv import (
 )
 from type_description_interfaces.srv import GetTypeDescription
 
-from heli_msgs_bridge.descriptors import ros_value
+from heli_msgs_bridge.services import ros_value
 
 KINDS = ("scenario", "recorder", "live_view", "outer_loop", "inner_loop", "observer", "plant")
 # By state what leads on to the next one; of shutdown, which ends a node on purpose, the number too.

@@ -77,6 +77,7 @@ def test_a_recorder_alone(ros_env, tmp_path, seed, count):
         read_bag(folder / "bag")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "count"), [(3, 4), pytest.param(4, 40, marks=pytest.mark.nightly)]
 )

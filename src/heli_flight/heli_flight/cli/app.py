@@ -9,41 +9,89 @@ import os
 import sys
 from collections.abc import Sequence
 from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
 from heli_flight import interrupts
-from heli_flight.cli.bag import bag
-from heli_flight.cli.campaign import campaigns
-from heli_flight.cli.campaign_rare import RARE_EPILOG, WORST_EPILOG, rare, worst
-from heli_flight.cli.campaign_report import REPORT_EPILOG, campaign_report
-from heli_flight.cli.compare import compare
-from heli_flight.cli.diff import EPILOG as DIFF_EPILOG
-from heli_flight.cli.diff import diff
-from heli_flight.cli.fault import fault
-from heli_flight.cli.graph import graph
-from heli_flight.cli.hover import epilog, hover
-from heli_flight.cli.identify import EPILOG, identify
-from heli_flight.cli.joy import EPILOG as JOY_EPILOG
-from heli_flight.cli.joy import joy
-from heli_flight.cli.options import (
-    Aircraft,
+from heli_flight.cli import common
+from heli_flight.cli.common import (
     Figures,
     Json,
-    Laws,
     Params,
     RecordedGps,
     RecordedScenario,
+    run,
 )
-from heli_flight.cli.programs import programs
-from heli_flight.cli.replay import EPILOG as REPLAY_EPILOG
-from heli_flight.cli.replay import replay
-from heli_flight.cli.results import results
-from heli_flight.cli.run import run
-from heli_flight.cli.score import EPILOG as SCORE_EPILOG
-from heli_flight.cli.score import score
+from heli_flight.cli.flights import (
+    DIFF_EPILOG,
+    JOY_EPILOG,
+    REPLAY_EPILOG,
+    bag,
+    diff,
+    epilog,
+    fault,
+    graph,
+    hover,
+    joy,
+    replay,
+)
+
+# -------------------------------------------------------------------------------------------------
+# `heli run` and `heli python`: nodes and scripts with this environment's interpreter.
+# -------------------------------------------------------------------------------------------------
+
+programs = typer.Typer(rich_markup_mode=None)
+
+# What follows the program's name belongs to the program, `--help` too.
+_PASSED_ON = {"ignore_unknown_options": True, "allow_interspersed_args": False}
+
+
+@programs.command(
+    "run",
+    context_settings=_PASSED_ON,
+    epilog="\b\nexample:\n  heli run heli_observer observer --ros-args --params-file my.yaml",
+)
+def run_node(
+    package: Annotated[str, typer.Argument(metavar="PACKAGE", autocompletion=common.node_packages)],
+    node: Annotated[str, typer.Argument(metavar="NODE", autocompletion=common.nodes)],
+    arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="ARGUMENTS", help="of the node")
+    ] = None,
+) -> int:
+    """Start one node, as `ros2 run` does where ROS is installed."""
+    from heli_core.command_line import executable
+
+    _become(executable(package, node), arguments or [])
+
+
+@programs.command(
+    context_settings=_PASSED_ON,
+    epilog="\b\nexample:\n  heli python scripts/bench_recorder.py --help",
+)
+def python(
+    arguments: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="ARGUMENTS", help="of python: a script and its own, -m, -c, -"),
+    ] = None,
+) -> int:
+    """Run Python as the stack does: its interpreter, its packages, its ROS."""
+    _become(None, arguments or [])
+
+
+def _become(script: Path | None, arguments: Sequence[str]) -> NoReturn:
+    """Replace this process, so that signals and exit code are the program's own."""
+    words = [sys.executable, *([str(script)] if script else []), *arguments]
+    sys.stdout.flush()
+    os.execv(sys.executable, words)
+
+
+# -------------------------------------------------------------------------------------------------
+# App.
+# -------------------------------------------------------------------------------------------------
 
 app = typer.Typer(
     name="heli",
@@ -55,123 +103,14 @@ app = typer.Typer(
     "exit code: 0 done, 1 a flight outside the paper's figures or lost, 2 bad input (one line), "
     "130 interrupted",
 )
-app.add_typer(compare, name="compare")
 app.add_typer(bag, name="bag")
-app.add_typer(campaigns, name="campaign")
-campaigns.command("report", epilog=REPORT_EPILOG)(campaign_report)
-campaigns.command(epilog=RARE_EPILOG)(rare)
-campaigns.command(epilog=WORST_EPILOG)(worst)
 app.add_typer(fault)
 app.add_typer(graph)
 app.add_typer(programs)
-app.add_typer(results, name="results")
-app.command(epilog=EPILOG)(identify)
 app.command(epilog=JOY_EPILOG)(joy)
 app.command(epilog=epilog("heli hover"))(hover)
 app.command(epilog=REPLAY_EPILOG)(replay)
-app.command(epilog=SCORE_EPILOG)(score)
 app.command(epilog=DIFF_EPILOG)(diff)
-
-
-@app.command(
-    epilog="\b\nexample:\n  heli design --params weights.yaml --gamma-factor 1.2 --out my_design\n"
-    "  heli hover --params my_design/design.yaml"
-)
-def design(
-    params: Params = None,
-    aircraft: Aircraft = None,
-    gamma: Annotated[
-        float | None, typer.Option(metavar="G", help="bound on the norm (default: the parameter)")
-    ] = None,
-    gamma_factor: Annotated[
-        float | None, typer.Option(metavar="K", help="bound as a multiple of gamma*, such as 1.2")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="folder for design.yaml and pictures; must not exist"),
-    ] = None,
-    search: Annotated[
-        bool, typer.Option(help="search for output's weights and the position loop's gains, too")
-    ] = False,
-    check: Annotated[
-        bool,
-        typer.Option(help="search, and say where the packaged YAML holds something else (code 1)"),
-    ] = False,
-    as_json: Json = False,
-) -> int:
-    """Design the loops of an aircraft: certificate, margins, gains, pictures, YAML."""
-    # The matrices are small: threads of the linear algebra only cost time.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from heli_flight.studies.design.make import make_design, write_yaml
-    from heli_flight.studies.design.report import as_dict, print_design
-    from heli_flight.terminal import (
-        answer,
-        being_filled,
-        console,
-        json_text,
-        refuse_existing,
-        steps,
-    )
-
-    refuse_existing(out)
-    with steps("design", 2 if out else 1) as progress:
-        made = make_design(params or [], aircraft, gamma, gamma_factor, search or check)
-        progress(1)
-        if out is not None:
-            from heli_flight.studies.design.pictures import draw_all
-
-            with being_filled(out):
-                write_yaml(made, out / "design.yaml")
-                draw_all(made, out)
-                (out / "design.json").write_text(json_text(as_dict(made)), encoding="utf-8")
-            progress(2)
-    if check:
-        from heli_flight.studies.design.check import differences
-
-        found = differences(made, params or [])
-        for line in found or ["the packaged YAML holds what the searches yield"]:
-            console().print(line, soft_wrap=True, markup=False)
-        return 1 if found else 0
-    written = f"written: {out} (fly it: heli hover --params {out}/design.yaml)" if out else ""
-    return answer(as_dict(made), as_json, partial(print_design, made), written)
-
-
-@app.command(
-    epilog="\b\nexample:\n  heli robust --out proof\n"
-    "  heli robust --laws paper --fly --params ranges.yaml"
-)
-def robust(
-    laws: Laws = None,
-    params: Params = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="folder for robust.json and box.png; must not exist"),
-    ] = None,
-    fly: Annotated[
-        bool,
-        typer.Option("--fly", help="fly the worst aircraft found, in the nonlinear simulation"),
-    ] = False,
-    as_json: Json = False,
-) -> int:
-    """Prove the attitude loop stable for every aircraft of a set (section robust of a file)."""
-    # The matrices are small: threads of the linear algebra only cost time.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from heli_flight.loop.settings import resolve
-    from heli_flight.studies.robust import prove
-    from heli_flight.studies.robust.parameter_table import read_ranges
-    from heli_flight.terminal import answer, being_filled, json_text, refuse_existing, steps
-
-    refuse_existing(out)
-    asked = read_ranges(params or [])
-    settings = resolve(params=params or [], laws=laws).at_100_hz("heli robust")
-    with steps("delays", len(asked.delays_ticks)) as progress:
-        proof = prove.prove(settings, asked, progress, fly)
-    if out is not None:
-        with being_filled(out):
-            prove.draw(proof, out / "box.png")
-            (out / "robust.json").write_text(json_text(prove.as_dict(proof)), encoding="utf-8")
-    written = f"written: {out}" if out else ""
-    return answer(prove.as_dict(proof), as_json, partial(prove.print_proof, proof), written)
 
 
 @app.command(
@@ -198,11 +137,11 @@ def report(
     as_json: Json = False,
 ) -> int:
     """Write report.html, the flight beside the paper's figures, of a recorded flight."""
-    from heli_flight.report import STEPS, Choice, recorded, report_of
-    from heli_flight.report.pdf import printer, write_pdf
+    from heli_flight.report.page import printer, write_pdf
+    from heli_flight.report.write import STEPS, BagChoice, recorded, report_of
     from heli_flight.terminal import in_turn, json_text
 
-    choice = Choice(scenario, gps, seed, params or [])
+    choice = BagChoice(scenario, gps, seed, params or [])
     program = printer() if pdf else ""
     with in_turn() as tell:
         tell("report", 0, STEPS)
@@ -228,6 +167,16 @@ def report(
     for written in filter(None, (page, printed)):
         print(f"written: {written}")
     return 1 if result.forged else 0
+
+
+# Studies are an extra: where it is installed it brings commands of its own.
+if find_spec("heli_studies") is not None:
+    import_module("heli_studies.cli").add_to(app)
+# What the documents publish is made in a checkout of the repository alone.
+for _folder in Path(__file__).resolve().parents:
+    if (_folder / "evidence/cli.py").is_file():
+        sys.path.append(str(_folder))
+        import_module("evidence.cli").add_to(app)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import typer
 
 from heli_flight import interrupts
-from heli_flight.cli.hover import epilog, hover
-from heli_flight.cli.run import run
+from heli_flight.cli.common import run
+from heli_flight.cli.flights import epilog, hover
 
 PROG = "hover_test.sh"
 

@@ -15,11 +15,11 @@ from heli_msgs_bridge.node_process import run_together
 from heli_observer.node import ObserverNode
 from heli_outer_pd.node import OuterLoopNode
 
-NAME = "composed"
+COMPOSED = "composed"
 """Of the process, among those of a flight."""
 CLASSES = (ObserverNode, InnerLoopNode, OuterLoopNode, PlantNode)
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run them until one ends; arguments as of one node, which all get. Returns the exit code."""
-    return run_together(CLASSES, list(sys.argv[1:] if args is None else args), NAME)
+    return run_together(CLASSES, list(sys.argv[1:] if args is None else args), COMPOSED)

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A flight of the real graph: processes over DDS, brought up in order, recorded, scored."""
 
+import contextlib
 import os
+import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,33 +15,453 @@ import rclpy
 from lifecycle_msgs.msg import Transition
 from rclpy.signals import SignalHandlerOptions
 
-from heli_flight.errors import FlightError, StartError
-from heli_flight.graph.bag_record import BagFlight
-from heli_flight.graph.live import LiveView
-from heli_flight.graph.live_up import bring_up_live, wait_for_viewer
-from heli_flight.graph.outcome import outcome
-from heli_flight.graph.parameters import of_graph, refuse_unscorable
-from heli_flight.graph.plant_truth import TRUTH_SUMS
-from heli_flight.graph.process_faults import ProcessFaults
-from heli_flight.graph.processes import NodeProcess, stop, why_ended
-from heli_flight.graph.programs import programs
-from heli_flight.graph.respawn import AGAIN, Respawn
-from heli_flight.graph.ros_session import prepare_environment
-from heli_flight.graph.running import running
-from heli_flight.graph.shared_memory import remove_left
-from heli_flight.graph.supervisor import BringUpError, NodeStatus, Supervisor
-from heli_flight.loop.layers import NODES
-from heli_flight.loop.process_fault import process_faults_of
-from heli_flight.loop.result import Result
-from heli_flight.loop.settings import Settings
+from heli_bags.parameters import NODE_NAME as RECORDER
+from heli_bags.parameters import unrecorded
+from heli_core.command_line import executable
+from heli_core.errors import FlightError, StartError
+from heli_core.rcl_yaml import ParameterError, dump_all
+from heli_core.ticks import stamp_at
+from heli_flight.flight_file import custom_data
+from heli_flight.graph.bag_record import (
+    TRUTH_SUMS,
+    BagFlight,
+    flight_from_bag,
+    foreign_truth,
+    lost_with_law,
+)
+from heli_flight.graph.live import MODULE, LiveView, addresses, viewers
+from heli_flight.graph.nodes import prepare_environment
+from heli_flight.graph.processes import (
+    DISCOVERY,
+    DOMAIN,
+    NodeProcess,
+    domain_reserved,
+    others_in,
+    stop,
+    why_ended,
+)
+from heli_flight.graph.respawn import AGAIN, Respawn, remove_left
+from heli_flight.graph.supervisor import DEAF, BringUpError, NodeStatus, Supervisor
+from heli_flight.result import Result
+from heli_flight.scenario import NODE_NAME as SCENARIO
+from heli_flight.scoring import score
+from heli_flight.settings import (
+    HOG,
+    KILL,
+    LOCKSTEP,
+    NODES,
+    REAL_TIME,
+    ProcessFault,
+    Settings,
+    process_faults_of,
+)
 from heli_live_view.access import TOKEN_VARIABLE
-from heli_live_view.parameter_table import NODE_NAME as LIVE
-from heli_live_view.parameter_table import SHOWN_TO_THE_END
-from heli_math.ticks import stamp_at
-from heli_msgs_bridge import sums
-from heli_msgs_bridge.managed_node import INACTIVE
-from heli_msgs_bridge.peers import READY_LIMIT_S
-from heli_parameters.parameters import dump_all
+from heli_live_view.parameters import NODE_NAME as LIVE
+from heli_live_view.parameters import SHOWN_TO_THE_END
+from heli_msgs_bridge import sums, topics
+from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED
+from heli_msgs_bridge.lifecycle_node import INACTIVE, READY_LIMIT_S
+from heli_msgs_bridge.sources import SENDERS
+
+# -------------------------------------------------------------------------------------------------
+# The ROS domain and the Ctrl-C of graphs that fly together.
+# -------------------------------------------------------------------------------------------------
+
+_HERE = "LOCALHOST"
+
+
+@contextmanager
+def running(*graphs: "Graph") -> Iterator[None]:
+    """Hold a ROS domain and Ctrl-C for graphs that fly together; nothing of them stays."""
+    chosen = not os.environ.get(DOMAIN, "").strip()
+
+    def on_interrupt(*_: Any) -> None:
+        # Remembered only; raised inside rclpy it would come out as something else.
+        for graph in graphs:
+            graph.interrupted = True
+
+    with domain_reserved() as domain:
+        if chosen and domain:
+            graphs[0].say(
+                f"flying in ROS domain {domain}: to listen in, {DOMAIN}={domain} ./heli topics"
+            )
+        reach = os.environ.get(DISCOVERY, "").strip() or _HERE
+        on_this_machine = reach == _HERE
+        if not on_this_machine:
+            graphs[0].say(
+                f"flying in ROS domain {domain} with {DISCOVERY}={reach}, as it is set: other "
+                "machines may listen and send"
+            )
+        company = not on_this_machine or others_in(domain)
+        for graph in graphs:
+            graph.company = company
+        before = signal.signal(signal.SIGINT, on_interrupt)
+        try:
+            yield
+        finally:
+            # The first has begun ROS, and ends it.
+            for graph in reversed(graphs):
+                graph.close()
+            interrupted = graphs[0].interrupted
+            signal.signal(signal.SIGINT, signal.SIG_IGN if interrupted else before)
+    if interrupted:
+        raise KeyboardInterrupt
+
+
+# -------------------------------------------------------------------------------------------------
+# What came of a flight of the graph: from its bag, and from what its nodes said.
+# -------------------------------------------------------------------------------------------------
+
+
+def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
+    """What nodes complained of at the end, and whether somebody commanded."""
+    live = statuses.get(LIVE)
+    commands = live.facts.get("commands", "0") if live is not None else "0"
+    given = statuses["plant"].facts.get("faults_in_flight", "") if "plant" in statuses else ""
+    commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
+    rivals = [
+        f"{name}: {value}" if key != FACT_FLOOD else f"{name}: requests refused: {value}"
+        for name, status in sorted(statuses.items())
+        for key, value in status.facts.items()
+        if key.startswith(SENDERS) or key == FACT_FLOOD
+    ]
+    complaints = [
+        f"{name}: {status.message}"
+        for name, status in sorted(statuses.items())
+        if status.level > 0 and name != "plant" and FACT_LAW_FAILED not in status.facts
+    ]
+    broken = [f"faults given in flight: {given}"] if given else []
+    return [*(commanded if commands != "0" else []), *broken, *rivals, *complaints]
+
+
+def outcome(
+    settings: Settings,
+    folder: Path,
+    statuses: Mapping[str, NodeStatus],
+    killed: Sequence[str],
+    start_up_s: float,
+    aircraft: str = "",
+    composed: bool = False,
+) -> tuple[Result, Mapping[str, Any], BagFlight]:
+    """The result of a flight that is over.
+
+    Parameters
+    ----------
+    settings : Settings
+    folder : Path
+        Holds bag/.
+    statuses : mapping
+        What each node said last.
+    killed : sequence of str
+        Who had to be killed.
+    start_up_s : float
+        Wall time from the start to the first tick.
+    aircraft : str
+        Its namespace, if others fly beside it.
+    composed : bool
+        Whether the nodes of the loop were in one process.
+
+    Returns
+    -------
+    Result, dict, BagFlight
+        As `fly_graph`.
+    """
+    flight = flight_from_bag(folder / "bag", settings)
+    record = flight.record
+    plant = statuses.get("plant")
+    # The plant's own clock: without start-up, and without the recorder's finishing.
+    wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
+    said = plant.message if plant is not None and plant.level > 1 else ""
+    facts = (*(s.facts for _, s in sorted(statuses.items())), *(r.facts for r in flight.remarks))
+    lost = lost_with_law(said, facts)
+    notes = [*_notes(statuses), *(f"{name} had to be killed" for name in killed)]
+    missing = settings.rate.of(settings.scenario.n_ticks) - len(record)
+    if missing > 0 and not said:
+        notes.append(f"the bag lacks {missing} ticks of ground truth")
+    scores, flown_s = score(record, settings.scenario), settings.rate.seconds(len(record))
+    forged = foreign_truth(flight, folder / TRUTH_SUMS, settings.rate)
+    recorder = statuses.get("recorder")
+    partial = recorder.facts.get(DEAF, "") if recorder is not None else ""
+    result = Result(scores, lost, flown_s, wall, tuple(notes), aircraft, forged, partial)
+    mode = LOCKSTEP if settings.nodes["plant"]["lockstep"] else REAL_TIME
+    return result, {"mode": mode, "composed": composed, "start_up_s": start_up_s}, flight
+
+
+# -------------------------------------------------------------------------------------------------
+# What the processes of a supervised flight are given: its parameters, and that somebody leads.
+# -------------------------------------------------------------------------------------------------
+
+
+def _left_out(settings: Settings) -> tuple[str, ...]:
+    return unrecorded(settings.recorder["topics"], settings.recorder["exclude"])
+
+
+def refuse_unscorable(settings: Settings) -> None:
+    """Raise ParameterError if the recorder is to leave out what a flight is scored by."""
+    left = _left_out(settings)
+    scored = (topics.TRUTH_ODOM, topics.ODOM, topics.REFERENCE, topics.ATTITUDE_SETPOINT)
+    lacking = [name for name in scored if name in left]
+    if lacking:
+        raise ParameterError(f"recorder: leaves out {', '.join(lacking)}: a flight is scored by it")
+
+
+def of_graph(
+    settings: Settings, folder: Path, live: LiveView | None, namespace: str
+) -> dict[str, Mapping[str, Any]]:
+    """Parameters of each node of a flight.
+
+    Parameters
+    ----------
+    settings : Settings
+    folder : Path
+        The flight's folder; gets the bag.
+    live : LiveView, optional
+    namespace : str
+        Of an aircraft that is not alone: its clock is then that of its world.
+    """
+    peers = (*(node.name for node in NODES), RECORDER, SCENARIO)
+    led: dict[str, Mapping[str, Any]] = {
+        name: {**values, "autostart": False, "peers": peers, "unrecorded": _left_out(settings)}
+        for name, values in settings.nodes.items()
+    }
+    if namespace:
+        led["plant"] = {**led["plant"], "clock": "world"}
+    led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
+    bag = str((folder / "bag").absolute())
+    told = (*settings.recorder["custom_data"], *custom_data(settings))
+    led[RECORDER] = {**settings.recorder, "bag": bag, "custom_data": told}
+    if live:
+        led[LIVE] = {**live.parameters, "autostart": False, "peers": peers}
+    return led
+
+
+# -------------------------------------------------------------------------------------------------
+# Brings up a flight's live view, says where to look, and waits for who wants to see the start.
+# -------------------------------------------------------------------------------------------------
+
+_LIMIT_S = 60.0
+
+
+def _facts(up: Supervisor) -> Mapping[str, str]:
+    status = up.statuses.get(LIVE)
+    return status.facts if status else {}
+
+
+def bring_up_live(
+    up: Supervisor, live: LiveView, say: Callable[[str], None], check: Callable[[], None]
+) -> None:
+    """Serve before anything flies, and say where.
+
+    Raises
+    ------
+    BringUpError
+        The view refused, or does not say where it serves.
+    """
+    for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+        up.transition([LIVE], step, _LIMIT_S, check)
+    if not up.wait_until(lambda: "page" in _facts(up), _LIMIT_S, check):
+        raise BringUpError(f"{LIVE}: has not said where the page is")
+    for line in addresses(_facts(up), live):
+        say(line)
+
+
+def wait_for_viewer(
+    up: Supervisor, live: LiveView, say: Callable[[str], None], check: Callable[[], None]
+) -> None:
+    """Wait for the first browser, if that was asked for, up to the parameter's limit."""
+    if not live.wait or viewers(_facts(up)):
+        return
+    limit_s = live.parameters["viewer_limit_s"]
+    say(f"waiting for a browser, at most {limit_s:g} s (viewer_limit_s); Ctrl-C ends it")
+    if up.wait_until(lambda: viewers(_facts(up)) > 0, limit_s, check):
+        say("a browser looks: the flight begins")
+    else:
+        say(f"no browser has come within {limit_s:g} s: the flight begins")
+
+
+# -------------------------------------------------------------------------------------------------
+# Which processes a flight has, and what runs in each.
+# -------------------------------------------------------------------------------------------------
+
+COMPOSED = "composed"
+"""Name of the process that holds all nodes of the loop."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """A process of a flight.
+
+    Attributes
+    ----------
+    name : str
+        Of the process and its log: that of its node, or COMPOSED.
+    module : str
+        Python module whose `main(arguments)` it runs.
+    nodes : tuple of str
+        The nodes in it.
+    """
+
+    name: str
+    module: str
+    nodes: tuple[str, ...]
+
+
+def programs(composed: bool, live: bool) -> list[Program]:
+    """The processes of a flight, in the order in which they are started.
+
+    Parameters
+    ----------
+    composed : bool
+        Whether the nodes of the loop are in one process; the recorder has one of its own.
+    live : bool
+        Whether the live view is among them.
+
+    Raises
+    ------
+    MissingFileError
+        The executable of a node is not installed.
+    """
+    own = [("recorder", "heli_bags", "recorder")]
+    own += [(LIVE, "heli_live_view", LIVE)] if live else []
+    loop = [(node.name, node.package, node.executable) for node in NODES]
+    for _, package, program in (*own, *loop):
+        executable(package, program)
+    modules = {name: f"{package}.node" for name, package, _ in (*own, *loop)} | {LIVE: MODULE}
+    alone = own if composed else [*own, *loop]
+    found = [Program(name, modules[name], (name,)) for name, _, _ in alone]
+    if composed:
+        names = tuple(node.name for node in NODES)
+        found.append(Program(COMPOSED, "heli_flight.graph.composed", names))
+    return found
+
+
+# -------------------------------------------------------------------------------------------------
+# Faults of processes, done in flight and undone at its end.
+# -------------------------------------------------------------------------------------------------
+
+RECORDER_PROCESS = "recorder"
+# Wall time after which a flight that does not go on is taken to wait for a recorder that is paused.
+_STANDS_S = 1.0
+# Long enough for a thread to leave a lock, and short beside what a pause is for.
+_STEP_S = 0.02
+
+
+class ProcessFaults:
+    """Kills, pauses and hogs of a flight, by its time.
+
+    Parameters
+    ----------
+    faults : sequence of ProcessFault
+    processes : mapping
+        The flight's, by name; looked at anew each time.
+    log : Path
+        Gets what busy processes write.
+    say : callable
+        Takes a line for the user.
+    now_s, wait : callable, optional
+        Wall time, s, and how to let some of it pass.
+
+    Attributes
+    ----------
+    done : list of (ProcessFault, float)
+        What was begun, and at which flight time, s.
+    """
+
+    def __init__(
+        self,
+        faults: Sequence[ProcessFault],
+        processes: Mapping[str, NodeProcess],
+        log: Path,
+        say: Callable[[str], None],
+        now_s: Callable[[], float] = time.monotonic,
+        wait: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._left = sorted(faults, key=lambda fault: fault.start_s)
+        self._processes, self._log, self._say = processes, log, say
+        self._now_s, self._wait = now_s, wait
+        self._moved = (-1.0, now_s())
+        self._paused: list[tuple[float, int, str]] = []
+        self._killed: set[int] = set()
+        self._busy: list[tuple[float, list[NodeProcess]]] = []
+        self.done: list[tuple[ProcessFault, float]] = []
+
+    def look(self, flight_s: float) -> None:
+        """Begin and end what is due; what is due of a node that is dead waits for its successor."""
+        for fault in [fault for fault in self._left if fault.start_s <= flight_s]:
+            if not self._is_there(fault):
+                continue
+            self._left.remove(fault)
+            self._begin(fault, fault.duration_s + flight_s)
+            self.done.append((fault, flight_s))
+            self._say(f"fault: {fault.words}")
+        self._end(lambda end_s: end_s <= flight_s)
+        self._let_out_of_locks(flight_s)
+
+    def _let_out_of_locks(self, flight_s: float) -> None:
+        """Let a paused recorder run for a moment where the flight stands still meanwhile.
+
+        Nobody waits for it, unless it was stopped within a lock of the shared memory that senders
+        want: a flight that stands still does not come to the end of the pause either.
+        """
+        now_s = self._now_s()
+        if flight_s != self._moved[0]:
+            self._moved = flight_s, now_s
+        held = [pid for _, pid, node in self._paused if node == RECORDER_PROCESS]
+        if not held or now_s - self._moved[1] < _STANDS_S:
+            return
+        self._moved = flight_s, now_s
+        for pid in held:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+                self._wait(_STEP_S)
+                os.kill(pid, signal.SIGSTOP)
+
+    def _is_there(self, fault: ProcessFault) -> bool:
+        """Whether it can be done: in lockstep two kills may be due before the first is noticed."""
+        process = self._processes.get(fault.node)
+        return process is None or (process.exit_code() is None and process.pid not in self._killed)
+
+    def _begin(self, fault: ProcessFault, end_s: float) -> None:
+        if fault.kind == HOG:
+            module = "heli_flight.graph.hog"
+            self._busy.append(
+                (end_s, [NodeProcess("hog", module, [], self._log, {}) for _ in range(fault.hogs)])
+            )
+            return
+        process = self._processes.get(fault.node)
+        if process is None:
+            return
+        number = signal.SIGKILL if fault.kind == KILL else signal.SIGSTOP
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process.pid, number)
+        if fault.kind == KILL:
+            self._killed.add(process.pid)
+        else:
+            self._paused.append((end_s, process.pid, fault.node))
+
+    def _end(self, is_over: Callable[[float], bool]) -> None:
+        for entry in [entry for entry in self._paused if is_over(entry[0])]:
+            self._paused.remove(entry)
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(entry[1], signal.SIGCONT)
+        for busy in [busy for busy in self._busy if is_over(busy[0])]:
+            self._busy.remove(busy)
+            for process in busy[1]:
+                process.kill()
+
+    def undo(self) -> None:
+        """End all of it: nobody stays stopped, nothing stays busy."""
+        self._left.clear()
+        self._end(lambda end_s: True)
+
+    def as_dicts(self) -> list[dict[str, Any]]:
+        """As JSON has it: each that was begun, with the flight time at which it was."""
+        return [{**fault.as_dict(), "begun_s": round(at_s, 3)} for fault, at_s in self.done]
+
+
+# -------------------------------------------------------------------------------------------------
+# Flight.
+# -------------------------------------------------------------------------------------------------
 
 _APPEAR_LIMIT_S = 30.0
 _TRANSITION_LIMIT_S = 60.0
@@ -298,7 +721,7 @@ class Graph:
         up.close_bag(_BAG_LIMIT_S)
         up.name_senders(lambda: None)
 
-    def told(
+    def with_process_events(
         self, result: Result, extra: Mapping[str, Any], flight: BagFlight
     ) -> tuple[Result, Mapping[str, Any], BagFlight]:
         """An outcome with what became of the processes in flight."""
@@ -378,7 +801,7 @@ def fly_graph(
         graph.fly(progress)
         said = ended(graph)
     found = outcome(settings, folder, *said, round(up - begun, 3), composed=composed)
-    return graph.told(*found)
+    return graph.with_process_events(*found)
 
 
 def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:
@@ -387,3 +810,81 @@ def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:
     if graph.live is not None and LIVE in statuses:
         graph.live.told.update(statuses[LIVE].facts)
     return statuses, graph.close()
+
+
+# -------------------------------------------------------------------------------------------------
+# A flight of several aircraft in one ROS domain: a graph each, and the clock of their world.
+# -------------------------------------------------------------------------------------------------
+
+_CLOCK = "world_clock"
+
+
+def _start_clock(names: Sequence[str], folder: Path) -> NodeProcess:
+    arguments = ["--ros-args", "-p", f"aircraft:=[{', '.join(names)}]"]
+    module = "heli_flight.graph.world_clock_node"
+    return NodeProcess(_CLOCK, module, arguments, folder / f"{_CLOCK}.log", dict(os.environ))
+
+
+def fly_several(
+    settings: Mapping[str, Settings],
+    folder: Path,
+    progress: Callable[[float], None],
+    say: Callable[[str], None] = print,
+    composed: bool = False,
+) -> dict[str, tuple[Result, Mapping[str, Any], BagFlight]]:
+    """Fly aircraft side by side with the real graph.
+
+    Parameters
+    ----------
+    settings : mapping
+        Namespace of each aircraft to what it flies.
+    folder : Path
+        Gets the clock's log; in it a folder per aircraft, which must exist.
+    progress : callable
+        Called with the flight time (s).
+    say : callable
+        Takes a line for the user.
+    composed : bool
+        Whether each aircraft's nodes are in one process.
+
+    Returns
+    -------
+    dict
+        Per aircraft as `fly_graph`.
+
+    Raises
+    ------
+    FlightError, MissingFileError
+        A graph could not be brought up or kept up.
+    """
+    begun = time.monotonic()
+    graphs = {n: Graph(own, folder / n, None, say, n, composed) for n, own in settings.items()}
+    first = next(iter(graphs.values()))
+    with running(*graphs.values()):
+        for graph in graphs.values():
+            graph.start()
+        clock = _start_clock(list(graphs), folder)
+        try:
+            for graph in graphs.values():
+                others = [other.check_own for other in graphs.values() if other is not graph]
+                graph.beside = [*others, lambda: _check(clock)]
+                graph.prepare()
+            for graph in graphs.values():
+                graph.activate()
+            up = time.monotonic()
+            for graph in graphs.values():
+                graph.fly(progress if graph is first else lambda flight_s: None)
+        finally:
+            stop([clock])
+        said = {name: ended(graph) for name, graph in reversed(graphs.items())}
+    start_up_s = round(up - begun, 3)
+    return {
+        n: outcome(own, folder / n, *said[n], start_up_s, n, composed)
+        for n, own in settings.items()
+    }
+
+
+def _check(clock: NodeProcess) -> None:
+    """It ends with 0 when all flights are over, and otherwise never."""
+    if clock.exit_code():
+        raise FlightError(f"{_CLOCK}: {clock.last_line()}")

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from heli_dynamics_sim.parameters import HelicopterParameters
-from heli_flight.loop.settings import Settings
+from heli_core.command_line import config_folder
+from heli_core.parameters import load, with_common
+from heli_core.rcl_yaml import ParameterError
+from heli_dynamics_sim.aircraft import HelicopterParameters
+from heli_flight.settings import Settings
 from heli_live_view.access import new_token
-from heli_live_view.parameter_table import NODE_NAME, TABLE
-from heli_parameters.common_table import with_common
-from heli_parameters.locate import config_folder
-from heli_parameters.parameters import ParameterError, load
+from heli_live_view.parameters import NODE_NAME, TABLE
 
 MODULE = "heli_live_view.node"
 

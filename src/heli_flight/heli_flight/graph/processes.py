@@ -18,8 +18,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from heli_core.errors import StartError
 from heli_flight import interrupts
-from heli_flight.errors import StartError
 
 _PR_SET_PDEATHSIG = 1
 # Set in the process that nodes are forked from, to its own id; and to that of its parent.

@@ -12,13 +12,12 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from heli_flight.loop.scenario import NODE_NAME, TABLE, Scenario
+from heli_flight.scenario import NODE_NAME, TABLE, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
-from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.command_messages import encode_reference
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.node_spec import NodeSpec
-from heli_msgs_bridge.reference_message import encode_reference
 
 _FIXED = tuple(replace(row, read_only=True) for row in TABLE)
 
@@ -39,8 +38,10 @@ class ScenarioNode(ManagedNode[Script, None]):
     def configure(self) -> Script:
         """Make the reference and its publisher; hear what time it is, to say when all is well."""
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.hear(topics.CLOCK, self._take_clock, newest, raw=True)
-        return Script(Scenario.from_parameters(self.values), self.create_output(topics.REFERENCE))
+        self.subscribe(topics.CLOCK, self._take_clock, newest, raw=True)
+        return Script(
+            Scenario.from_parameters(self.values), self.create_topic_publisher(topics.REFERENCE)
+        )
 
     def _take_clock(self, raw: bytes) -> None:
         self.tick = (stamp_of(raw) - self.start_ns) // self.rate.tick_ns

@@ -10,15 +10,15 @@ from functools import partial
 from multiprocessing.connection import Connection
 
 from heli_flight.graph.composed import CLASSES
-from heli_msgs_bridge.managed_node import ManagedNode
-from heli_msgs_bridge.node_process import Order, stand_by
+from heli_msgs_bridge.lifecycle_node import ManagedNode
+from heli_msgs_bridge.node_process import NodeCommandLine, stand_by
 
-NAME = "standby"
+STANDBY = "standby"
 _LOOK_S = 0.2
 _CLASSES: dict[str, type[ManagedNode]] = {cls.SPEC.name: cls for cls in CLASSES}
 
 
-def _next(orders: Connection, leaving: Callable[[], bool]) -> Order | None:
+def _next(orders: Connection, leaving: Callable[[], bool]) -> NodeCommandLine | None:
     """Wait for the name of a node, its log, and words of its command line; None: not needed."""
     while not orders.poll(_LOOK_S):
         if leaving():
@@ -35,4 +35,4 @@ def _next(orders: Connection, leaving: Callable[[], bool]) -> Order | None:
 
 def main(arguments: Sequence[str], orders: Connection) -> int:
     """Stand by until an order comes; returns the exit code."""
-    return stand_by(NAME, arguments, partial(_next, orders))
+    return stand_by(STANDBY, arguments, partial(_next, orders))

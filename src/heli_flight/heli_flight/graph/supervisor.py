@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,18 +21,96 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from heli_flight.errors import FlightError
-from heli_flight.graph.answers import Answers
-from heli_flight.loop.scenario import NODE_NAME, Scenario
-from heli_math.ticks import NS_PER_S, TICK_NS
+from heli_core.errors import FlightError
+from heli_core.ticks import NS_PER_S, TICK_NS
+from heli_flight.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.arrivals import Info, Owner, with_info
 from heli_msgs_bridge.cdr import stamp_of
+from heli_msgs_bridge.command_messages import encode_reference
 from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
-from heli_msgs_bridge.leaving import wait_for_quiet
-from heli_msgs_bridge.managed_node import INACTIVE
-from heli_msgs_bridge.reference_message import encode_reference
-from heli_msgs_bridge.senders import NOT_YET_NAMED, SENDERS, full_name, senders_of, several_in_words
+from heli_msgs_bridge.lifecycle_node import INACTIVE
+from heli_msgs_bridge.node_process import wait_for_dds_shutdown
+from heli_msgs_bridge.sources import (
+    NOT_YET_NAMED,
+    SENDERS,
+    Info,
+    PublisherLock,
+    full_name,
+    senders_of,
+    several_in_words,
+    with_info,
+)
+
+# -------------------------------------------------------------------------------------------------
+# Which nodes have made a transition: by their answers, or by their state where one is lost.
+#
+# A service's answer is not sent when the asker's reader is not known yet (rmw waits 0.1 s), and
+# many
+# participants that start together on loaded cores take longer to know each other.
+# -------------------------------------------------------------------------------------------------
+
+ASK_AGAIN_S = 2.0
+
+
+class Answers:
+    """Of nodes that were asked for the same transition.
+
+    Parameters
+    ----------
+    changes : mapping
+        Name to the future of ChangeState.
+    ask : callable
+        From a name to a future of GetState.
+    target : int
+        Id of the state to which the transition leads; the nodes were in another one.
+    now_s : callable, optional
+        Wall time, s.
+    """
+
+    def __init__(
+        self,
+        changes: Mapping[str, Any],
+        ask: Callable[[str], Any],
+        target: int,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._changes, self._ask, self._target, self._now_s = changes, ask, target, now_s
+        self._asked: dict[str, Any] = {}
+        self._arrived: set[str] = set()
+        self._due_s = now_s() + ASK_AGAIN_S
+
+    def silent(self) -> list[str]:
+        """Nodes of which nothing says yet how it went."""
+        return [
+            name
+            for name, change in self._changes.items()
+            if not change.done() and name not in self._arrived
+        ]
+
+    def complete(self) -> bool:
+        """Whether all are through; asks for the state of those that are silent for long."""
+        for name, state in self._asked.items():
+            # Another state says nothing: the transition may not have begun.
+            if state.done() and state.result().current_state.id == self._target:
+                self._arrived.add(name)
+        silent = self.silent()
+        if silent and self._now_s() >= self._due_s:
+            self._due_s = self._now_s() + ASK_AGAIN_S
+            self._asked = {name: self._ask(name) for name in silent}
+        return not silent
+
+    def refused(self) -> list[str]:
+        """Nodes that have answered that they did not."""
+        return [
+            name
+            for name, change in self._changes.items()
+            if change.done() and not change.result().success
+        ]
+
+
+# -------------------------------------------------------------------------------------------------
+# Supervisor.
+# -------------------------------------------------------------------------------------------------
 
 # A node's name comes by a topic of its own, which DDS may have to repeat (heartbeats of 3 s).
 _NAME_LIMIT_S = 5.0
@@ -86,7 +165,7 @@ class Supervisor(Node):
         self.statuses: dict[str, NodeStatus] = {}
         self._start_ns = self._now_ns = 0
         self._reporter: Reporter | None = None
-        self._voices: dict[str, Owner] = {}
+        self._voices: dict[str, PublisherLock] = {}
         self.create_subscription(
             DiagnosticArray,
             topics.DIAGNOSTICS,
@@ -145,7 +224,7 @@ class Supervisor(Node):
             if namespace.strip("/") != own or name == NODE_NAME or self._is_past(name):
                 continue
             # How many speak on a topic of all says nothing of one name: it never counts as alone.
-            voice = self._voices.setdefault(name, Owner(lambda: 2, _SILENT_S, TICK_NS))
+            voice = self._voices.setdefault(name, PublisherLock(lambda: 2, _SILENT_S, TICK_NS))
             if not voice.admits(raw, info):
                 continue
             level = int.from_bytes(status.level, "little")
@@ -310,7 +389,7 @@ class Supervisor(Node):
 
     def close(self) -> None:
         """Take the node out of the graph."""
-        wait_for_quiet(self)
+        wait_for_dds_shutdown(self)
         self._executor.remove_node(self)
         self._executor.shutdown(timeout_sec=0.5)
         self.destroy_node()

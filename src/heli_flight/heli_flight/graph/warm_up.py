@@ -16,24 +16,26 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
+from heli_core.rotations import euler_from_quat
+from heli_core.rows import ACTUATOR, MEAS, NAV, NINE, SETPOINT
+from heli_core.ticks import NS_PER_S
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.noise import NoiseStreams
 from heli_dynamics_sim.wind import injected_gust
-from heli_flight.loop.settings import Settings, resolve
+from heli_flight.settings import Settings, resolve
+from heli_inner_hinf.controller_state import initial_law_state, nine_states
 from heli_inner_hinf.design import AttitudeConfig
-from heli_inner_hinf.ground_law import law_or_hand
-from heli_inner_hinf.law_state import initial_law_state, nine_states
-from heli_math.rotations import euler_from_quat
-from heli_math.rows import ACTUATOR, MEAS, NAV, NINE, SETPOINT
-from heli_math.ticks import NS_PER_S
+from heli_inner_hinf.ground_and_manual import law_or_hand
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.frames import datum
-from heli_msgs_bridge.messages import CHANNELS, Decoder, Encoder, MessageError
+from heli_msgs_bridge.layouts import CHANNELS, MessageError
+from heli_msgs_bridge.messages import Decoder, Encoder
 from heli_observer import observer
-from heli_outer_pd import anchor, position_law
-from heli_outer_pd.config import outer_kernel
+from heli_outer_pd import position_law
+from heli_outer_pd import reference as anchor
+from heli_outer_pd.disturbance import hear_rotor
+from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.reference import moved, offset_to
-from heli_outer_pd.rotor_watch import hear_rotor
 
 # numba makes many objects that live long: looking for garbage as often as usual costs an eighth.
 _GARBAGE_THRESHOLD = 100_000
@@ -43,13 +45,13 @@ def _observer(settings: Settings) -> None:
     config = observer.ObserverConfig.from_parameters(settings.nodes["observer"])
     state = observer.initial_state(config)
     y, u, nav = np.zeros(MEAS.sensed), np.zeros(ACTUATOR.size), np.zeros(NAV.size)
-    observer.observe(state, 0, y, u, config.kernel, nav)
-    observer.status(state, config.kernel)
+    observer.observe(state, 0, y, u, config.params, nav)
+    observer.status(state, config.params)
 
 
 def _plant(settings: Settings) -> None:
     config = plant.PlantConfig.from_parameters(settings.nodes["plant"])
-    state, k = plant.initial_state(config, settings.seed), config.kernel
+    state, k = plant.initial_state(config, settings.seed), config.params
     plant.measure(state, 0, NoiseStreams(0).row(), k, np.zeros(MEAS.size))
     injected_gust(state.x, 0.0, k.wind.sines, np.zeros(3))
     plant.status(state, k)
@@ -57,14 +59,14 @@ def _plant(settings: Settings) -> None:
 
 
 def _laws(settings: Settings) -> None:
-    outer, way = outer_kernel(settings.nodes["outer_loop"]), settings.scenario.reference
+    outer, way = outer_params(settings.nodes["outer_loop"]), settings.scenario.reference
     state, out = position_law.initial_state(outer), np.zeros(SETPOINT.size)
     hear_rotor(state, 0.0, 0.0, outer)
     nav = np.zeros(NAV.size)
     moved(way, offset_to(nav[NAV.pos], 0, way.times_ns, way.points))
     position_law.follow(nav, 0, way.times_ns, way.points, outer, state, out)
     anchor.warm_up(outer, state)
-    inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).kernel
+    inner = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).params
     x9 = np.zeros(len(NINE))
     nine_states(nav, nav[NAV.rotor], x9)
     law, hand = initial_law_state(inner), np.full(3, np.nan)

@@ -14,13 +14,12 @@ from functools import partial
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 
+from heli_core.parameters import Parameter
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
-from heli_msgs_bridge.managed_node import ManagedNode
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec
 from heli_msgs_bridge.messages import ClockEncoder
 from heli_msgs_bridge.node_process import run
-from heli_msgs_bridge.node_spec import NodeSpec
-from heli_parameters.parameters import Parameter
 
 TABLE = (Parameter("aircraft", "string[]", "Namespaces of the aircraft", read_only=True),)
 _LOOK_S = 0.05
@@ -61,8 +60,8 @@ class WorldClockNode(ManagedNode[World, None]):
         names = [name.strip("/") for name in self.values["aircraft"]]
         if len(set(names)) < len(names) or not all(names):
             raise ValueError(f"aircraft: {names}: name each namespace once")
-        self.hear(topics.DIAGNOSTICS, self._on_diagnostics)
-        return World(self.create_output(topics.CLOCK), dict.fromkeys(names, -1))
+        self.subscribe(topics.DIAGNOSTICS, self._on_diagnostics)
+        return World(self.create_topic_publisher(topics.CLOCK), dict.fromkeys(names, -1))
 
     def expected_listeners(self, topic: str) -> set[str]:
         """Nobody: the aircraft wait for the clock."""
@@ -71,7 +70,7 @@ class WorldClockNode(ManagedNode[World, None]):
     def engage(self) -> None:
         """Nobody is listened to yet."""
         self.core.heard = False
-        self.repeat(_LOOK_S, self._look)
+        self.create_wall_timer(_LOOK_S, self._look)
 
     def _ready(self, aircraft: str) -> bool:
         """Whether every link within an aircraft's graph has its listeners."""

@@ -1,29 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flights beside each other: where their parameters differ, and their figures in one table."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
+from rich.console import Console
 
-from heli_flight.loop.flight_file import identity, own_parameters, packaged
-from heli_flight.loop.flight_section import NODE_NAME
-from heli_flight.loop.result import climb_cell
-from heli_flight.loop.scoring import (
+from heli_core.metrics import CLIMB_METRICS, METRICS, PATH, PaperMetric
+from heli_core.rcl_yaml import ParameterError
+from heli_core.rotations import euler_angles
+from heli_core.rows import REFERENCE
+from heli_flight.flight_file import identity, own_parameters, packaged
+from heli_flight.record import FlightRecord
+from heli_flight.report.data import Chart, Panel, Trace, bands_beside, with_bands
+from heli_flight.report.page import Head, filled
+from heli_flight.report.tables import ReportTable, mark
+from heli_flight.report.write import RecordedFlight, recorded
+from heli_flight.result import climb_cell, phases, verdict
+from heli_flight.scoring import (
     DECIDES,
+    NAVIGATION,
     SOURCE_NAMES,
     STRETCHES,
+    TRUTH,
     TRUTH_LESS_DRIFT,
-    Metric,
     Score,
+    errors,
     sources_of,
 )
-from heli_flight.report.from_bag import Recorded, recorded
-from heli_math.climb import CLIMB_METRICS
-from heli_math.paper_metrics import METRICS
-from heli_parameters.parameters import ParameterError
+from heli_flight.settings import FLIGHT_SECTION
+from heli_flight.terminal import FittingTable, table
+
+# -------------------------------------------------------------------------------------------------
+# Diff.
+# -------------------------------------------------------------------------------------------------
 
 MOST = 6
 """So many flights are told apart by colour."""
@@ -39,7 +53,7 @@ class Named:
 
     name: str
     path: Path | None
-    flight: Recorded
+    flight: RecordedFlight
 
     @property
     def place(self) -> str:
@@ -71,7 +85,7 @@ class Beside:
     """A metric over one stretch from one record, of all flights; None where it was not taken."""
 
     stretch: str
-    metric: Metric
+    metric: PaperMetric
     source: str
     scores: Sequence[Score | None]
 
@@ -102,7 +116,7 @@ class Beside:
 
 
 @dataclass(frozen=True)
-class Diff:
+class FlightDiff:
     """All that the page and the terminal show.
 
     Attributes
@@ -150,7 +164,9 @@ class Diff:
         }
 
 
-def diff(paths: Sequence[Path], read: Callable[[int, int], None] = lambda done, n: None) -> Diff:
+def diff(
+    paths: Sequence[Path], read: Callable[[int, int], None] = lambda done, n: None
+) -> FlightDiff:
     """Read flights and lay them beside each other.
 
     Parameters
@@ -185,9 +201,9 @@ def refuse_count(count: int) -> None:
         raise ParameterError(f"name two to {MOST} flights, not {count}")
 
 
-def beside(flights: Sequence[Named]) -> Diff:
+def beside(flights: Sequence[Named]) -> FlightDiff:
     """Lay flights beside each other that have been read; two to `MOST`, each with its own name."""
-    return Diff(flights, _parameters(flights), _metrics(flights), _climb(flights))
+    return FlightDiff(flights, _parameters(flights), _metrics(flights), _climb(flights))
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:
@@ -221,14 +237,14 @@ def _parameters(flights: Sequence[Named]) -> list[Difference]:
     return rows
 
 
-def _identity(flight: Recorded) -> dict[str, str]:
+def _identity(flight: RecordedFlight) -> dict[str, str]:
     """Scenario, receiver, world, laws, mode, seed, controller, length, sources: as text."""
     told = identity(flight.settings, ())
     number, blank, more = flight.commit.partition(" ")
     commit = f"{number[:_COMMIT_DIGITS]}{blank}{more}" or "not recorded"
     told |= {"rate_hz": flight.settings.rate.hz, "commit": commit}
     return {
-        f"{NODE_NAME}.{key}": text(value) for key, value in told.items() if key != "changed"
+        f"{FLIGHT_SECTION}.{key}": text(value) for key, value in told.items() if key != "changed"
     }  # fmt: skip
 
 
@@ -282,7 +298,7 @@ def _metrics(flights: Sequence[Named]) -> list[Beside]:
     return rows
 
 
-def _score(flight: Recorded, stretch: str, metric: Metric, source: str) -> Score | None:
+def _score(flight: RecordedFlight, stretch: str, metric: PaperMetric, source: str) -> Score | None:
     if source == TRUTH_LESS_DRIFT and source not in sources_of(flight.settings.gps):
         return None
     return flight.result.figures.find(stretch, metric.key, source)
@@ -315,3 +331,290 @@ def _climb(flights: Sequence[Named]) -> list[tuple[str, list[str]]]:
         for name in order
         if any(name in one for one in found)
     ]
+
+
+# -------------------------------------------------------------------------------------------------
+# Charts of flights laid over each other, a colour each.
+# -------------------------------------------------------------------------------------------------
+
+ROLES = ("nav", "truth", "green", "purple", "bound", "muted")
+"""Colours of the flights in turn."""
+_ANGLES = ("roll", "pitch", "yaw")
+_ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
+_PLACES = {"longitudinal": "longitudinal, m", "lateral": "lateral, m", "altitude": "down, m"}
+_ON_PATH = {"position": "distance, m", "heading": "heading error, °"}
+
+
+def charts(flights: Sequence[Named]) -> list[Chart]:
+    """Position error, altitude, attitude and its error, actuators; those that have data."""
+    kinds = {named.flight.settings.scenario.kind for named in flights}
+    path = kinds == {PATH}
+    found = [_position(flights, source, path) for source in (TRUTH, NAVIGATION)]
+    found += [_altitude(flights), _attitude(flights), _attitude_error(flights)]
+    found.append(_actuators(flights))
+    return [chart for chart in found if chart.has_data]
+
+
+def _overlaid(
+    flights: Sequence[Named], signal: Callable[[FlightRecord], np.ndarray]
+) -> list[Trace]:
+    return [
+        Trace(named.flight.record.time_s, signal(named.flight.record), named.name, role, width=1.2)
+        for named, role in zip(flights, ROLES, strict=False)
+    ]  # fmt: skip
+
+
+def _position(flights: Sequence[Named], source: str, path: bool) -> Chart:
+    kind, labels = (PATH, _ON_PATH) if path else ("hover", _PLACES)
+
+    def of(key: str) -> Callable[[FlightRecord], np.ndarray]:
+        return lambda record: errors(record, source, kind)[key]
+
+    return Chart(
+        f"position_{source}",
+        f"Position error, {SOURCE_NAMES[source]}",
+        "Against the point of the path at that moment."
+        if path
+        else "Position less the reference, in the frame of the reference's heading; an attitude "
+        "test holds no position.",
+        [Panel(label, _overlaid(flights, of(key))) for key, label in labels.items()],
+        "position",
+    )
+
+
+def _altitude(flights: Sequence[Named]) -> Chart:
+    traces = _overlaid(flights, lambda r: -_known(r.truth_pos_ned_m, r.nav_pos_ned_m)[:, 2])
+    first = flights[0].flight.record
+    wanted = -first.reference[:, REFERENCE.pos][:, 2]
+    of = f"reference of {flights[0].name}"
+    traces.append(Trace(first.time_s, wanted, of, "reference", "dash", width=1.2))
+    said = (
+        f"By {SOURCE_NAMES[TRUTH]}, where it was recorded, else by the {SOURCE_NAMES[NAVIGATION]}."
+    )
+    return Chart("altitude", "Altitude", said, [Panel("altitude, m", traces, 1.4)], "position")
+
+
+def _attitude(flights: Sequence[Named]) -> Chart:
+    def of(axis: int) -> Callable[[FlightRecord], np.ndarray]:
+        return lambda r: np.degrees(euler_angles(_known(r.truth_q_nb, r.nav_q_nb)))[:, axis]
+
+    said = (
+        f"By {SOURCE_NAMES[TRUTH]}, where it was recorded, else by the {SOURCE_NAMES[NAVIGATION]}."
+    )
+    panels = [Panel(f"{name}, °", _overlaid(flights, of(i))) for i, name in enumerate(_ANGLES)]
+    return Chart("attitude", "Attitude", said, panels, "attitude")
+
+
+def _attitude_error(flights: Sequence[Named]) -> Chart:
+    def of(key: str) -> Callable[[FlightRecord], np.ndarray]:
+        def error(record: FlightRecord) -> np.ndarray:
+            known = np.isfinite(record.truth_q_nb).any()
+            return errors(record, TRUTH if known else NAVIGATION, "attitude")[key]
+
+        return error
+
+    panels = [Panel(f"{name} error, °", _overlaid(flights, of(name))) for name in _ANGLES[:2]]
+    said = "Roll and pitch less what was commanded."
+    return Chart("attitude_error", "Attitude error", said, panels, "attitude")
+
+
+def _actuators(flights: Sequence[Named]) -> Chart:
+    def of(channel: int) -> Callable[[FlightRecord], np.ndarray]:
+        return lambda record: record.u[:, channel]
+
+    panels = [Panel(name, _overlaid(flights, of(i)), 0.8) for i, name in enumerate(_ACTUATORS)]
+    return Chart("actuators", "Actuators", "Commands to the servos.", panels, "actuators")
+
+
+def _known(truth: np.ndarray, navigation: np.ndarray) -> np.ndarray:
+    return truth if np.isfinite(truth).any() else navigation
+
+
+# -------------------------------------------------------------------------------------------------
+# Flights beside each other on one page, with the flight report's look, and at the terminal.
+# -------------------------------------------------------------------------------------------------
+
+PAGE = "diff.html"
+_TITLES = {
+    "parameters": "What differs",
+    "metrics": "Figures side by side",
+    "position": "Position and altitude",
+    "attitude": "Attitude",
+    "actuators": "Actuators",
+    "read": "What was read",
+}
+_HOW = "Largest magnitude (rms); ✓ inside, ✗ outside the paper's figure, or the goal."
+_SAME_BELOW = 5e-4
+_PAPER = "paper or goal"
+
+
+def write_diff(found: FlightDiff, page: Path) -> None:
+    """Write the page.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    page.write_text(render(found), encoding="utf-8")
+
+
+def render(found: FlightDiff) -> str:
+    """The page as text."""
+    drawn = with_bands(
+        charts(found.flights),
+        bands_beside({named.name: named.flight.bands for named in found.flights}),
+    )
+    sections = {chart.section for chart in drawn} | {"parameters", "metrics", "read"}
+    names = " and ".join((", ".join(found.names[:-1]), found.names[-1]))
+    head = Head(
+        kind="Flights compared · simulation",
+        title=f"{names} compared",
+        heading=names,
+        verdicts=[_verdict(named) for named in found.flights],
+        facts=[(named.name, _fact(named)) for named in found.flights],
+        links={key: title for key, title in _TITLES.items() if key in sections},
+        files=False,
+    )
+    return filled(
+        "diff.html",
+        head,
+        drawn,
+        parameters=_parameter_table(found),
+        metrics=_metric_tables(found),
+        notes=[f"{n.name}: {said}" for n in found.flights for said in _notes(n)],
+        paths=[f"{n.name}: {n.place}" for n in found.flights],
+    )
+
+
+def print_diff(found: FlightDiff, console: Console) -> None:
+    """The same tables in text."""
+    differing = [[row.name, row.packaged, *row.values] for row in found.parameters]
+    if differing:
+        head = ["parameter", "packaged default", *found.names]
+        console.print(_text_table("What differs", head, differing, console))
+    else:
+        console.print("no parameter differs")
+    for stretch in dict.fromkeys(row.stretch for row in found.metrics):
+        title = f"{STRETCHES[stretch].capitalize()}: largest magnitude (rms)"
+        figures = [
+            [
+                *_about(row),
+                *(ABSENT if s is None else _plain(s) for s in row.scores),
+                *_changed(row),
+            ]
+            for row in _of(found, stretch)
+        ]
+        console.print(_text_table(title, ["metric", *_head(found)[1:]], figures, console))
+    if found.climb:
+        climb = [[name, *cells] for name, cells in found.climb]
+        head = ["figure", *found.names]
+        console.print(_text_table("Climb and ground", head, climb, console))
+    console.print("! outside the paper's figure, or the goal")
+    for named in found.flights:
+        console.print(_verdict(named)[2], soft_wrap=True, markup=False)
+        for said in _notes(named):
+            console.print(f"note: {named.name}: {said}", soft_wrap=True, markup=False)
+
+
+def _text_table(
+    title: str, head: Sequence[str], rows: Iterable[Sequence[str]], console: Console
+) -> FittingTable:
+    made = table(title, console)
+    for name in head:
+        made.add_column(name)
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def _verdict(named: Named) -> tuple[str, str, str]:
+    result, settings = named.flight.result, named.flight.settings
+    if result.forged:
+        return "✗", "bad", f"{named.name}: forged: {result.forged}"
+    if result.lost:
+        return "✗", "bad", f"{named.name}: lost after {result.flown_s:.2f} s: {result.lost}"
+    if result.partial:
+        return "✗", "bad", f"{named.name}: partial: {result.partial}"
+    said = f"{named.name}: {verdict(result, settings, DECIDES)}"
+    if not result.figures.of(DECIDES):
+        return "–", "", said
+    outside = result.judged(settings.gps, DECIDES)
+    return "✗" if outside else "✓", "bad" if outside else "good", said
+
+
+def _fact(named: Named) -> str:
+    flight = named.flight
+    told = flight.settings
+    seed = "seed not recorded" if flight.assumed else f"seed {told.seed}"
+    law = told.nodes["inner_loop"]["controller"]
+    return (
+        f"{told.scenario_name}, {flight.result.flown_s:.2f} s, {law}, "
+        f"world {Path(told.world).stem}, GPS {told.gps}, {seed}, {flight.how}"
+    )
+
+
+def _notes(named: Named) -> Sequence[str]:
+    return [*named.flight.result.notes, *named.flight.missing]
+
+
+def _parameter_table(found: FlightDiff) -> ReportTable:
+    rows = [
+        [Markup("<code>{}</code>").format(row.name), row.packaged, *row.values]
+        for row in found.parameters
+    ]
+    said = (
+        "Parameters that are not the same in all flights; packaged: of their scenario, receiver, "
+        "world and laws. Entries of arrays are counted from 0."
+    )
+    return ReportTable(["parameter", "packaged default", *found.names], rows, said, words=True)
+
+
+def _of(found: FlightDiff, stretch: str) -> Iterable[Beside]:
+    return (row for row in found.metrics if row.stretch == stretch)
+
+
+def _head(found: FlightDiff) -> list[str]:
+    more = ["change"] if len(found.flights) == 2 else []
+    return ["", "measured from", _PAPER, *found.names, *more]
+
+
+def _about(row: Beside) -> list[str]:
+    metric = row.metric
+    return [f"{metric.label}, {metric.unit}", SOURCE_NAMES[row.source], f"{metric.paper:g}"]
+
+
+def _changed(row: Beside) -> list[str]:
+    """The last cell of a comparison of two, none of more."""
+    if len(row.scores) != 2:
+        return []
+    if row.change is None:
+        return [ABSENT]
+    return ["same" if abs(row.change) < _SAME_BELOW else f"{100.0 * row.change:+.1f} %"]
+
+
+def _metric_tables(found: FlightDiff) -> list[ReportTable]:
+    tables = []
+    for stretch in dict.fromkeys(row.stretch for row in found.metrics):
+        rows = [
+            [*_about(row), *(ABSENT if s is None else _cell(s) for s in row.scores), *_changed(row)]
+            for row in _of(found, stretch)
+        ]
+        whens = {phases(n.flight.settings, stretch) for n in found.flights}
+        when = f", {whens.pop()}" if len(whens) == 1 else ""
+        decides = " This table decides the exit codes of the flights." * (stretch == DECIDES)
+        said = f"{STRETCHES[stretch].capitalize()}{when}. {_HOW}{decides}"
+        tables.append(ReportTable(_head(found), rows, said))
+    if found.climb:
+        rows = [[name, *cells] for name, cells in found.climb]
+        tables.append(ReportTable(["", *found.names], rows, "Climb and ground."))
+    return tables
+
+
+def _cell(score: Score) -> Markup:
+    size = Markup("{:.3f} <small>({:.3f})</small> ").format(score.max, score.rms)
+    return size + mark(score.inside)
+
+
+def _plain(score: Score) -> str:
+    return f"{score.max:.3f} ({score.rms:.3f}){'' if score.inside else ' !'}"

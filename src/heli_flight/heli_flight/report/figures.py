@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charts as PNG and SVG files for a paper: white ground, one column wide, no interaction."""
+"""Charts as PNG and SVG files for a paper: white ground, one column wide, no interaction.
 
+matplotlib is imported where a picture is drawn: a flight without pictures does not wait for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
 import re
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
-from heli_flight.report.bands import legend
-from heli_flight.report.chart import (
+from heli_flight.report.data import (
     FEW_DECADES,
     PALETTE,
     Band,
@@ -23,8 +23,17 @@ from heli_flight.report.chart import (
     Panel,
     Trace,
     decades,
+    legend,
     thinned,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
+
+# -------------------------------------------------------------------------------------------------
+# Figures.
+# -------------------------------------------------------------------------------------------------
 
 _WIDTH_IN = 6.3
 _PANEL_IN = 1.45
@@ -75,6 +84,8 @@ def write_figures(
     list of Path
         What was written.
     """
+    import matplotlib
+
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     with matplotlib.rc_context(_STYLE):
@@ -91,6 +102,9 @@ def write_figures(
 
 def draw(chart: Chart, conditions: str) -> Figure:
     """A chart as a figure for a paper; `conditions` stands under it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     heights = [panel.height for panel in chart.panels]
     columns, rows = _legend_shape(chart)
     plot_in = 4.6 if chart.square else _PANEL_IN * sum(heights) + 0.42 * (len(heights) - 1)
@@ -164,6 +178,8 @@ def _panel(ax, chart: Chart, panel: Panel, span: tuple[float, float] | None) -> 
         ax.grid(False)
     if chart.square:
         ax.set_aspect("equal")
+        from matplotlib.ticker import MultipleLocator
+
         ax.xaxis.set_major_locator(MultipleLocator(1.0))
         ax.yaxis.set_major_locator(MultipleLocator(1.0))
     if panel.note:
@@ -185,6 +201,8 @@ def _band(ax, band: Band) -> None:
 
 def _log_ticks(axis, values: Sequence[np.ndarray]) -> None:
     """Over few decades also what lies between the powers of ten, as plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     span = decades(values)
     if span > FEW_DECADES:
         return
@@ -244,3 +262,52 @@ def _titles(figure: Figure, chart: Chart, axes, conditions: str, columns: int) -
             line.set_linewidth(min(line.get_linewidth(), 3.0))
     wrapped = "\n".join(textwrap.wrap(conditions, 142)[:3])
     figure.text(left, 0.08 * up, wrapped, fontsize=6.2, color="#666666", va="bottom")
+
+
+# -------------------------------------------------------------------------------------------------
+# How pictures look: fit for a paper, colours that the colour-blind can tell apart (Okabe and Ito).
+#
+# Lines also differ in style, so that they can be told apart in print.
+# -------------------------------------------------------------------------------------------------
+
+BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+
+_RC: Any = {
+    "font.family": "serif",
+    "font.serif": ["STIXGeneral", "DejaVu Serif"],
+    "mathtext.fontset": "stix",
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "axes.labelsize": 10,
+    "legend.fontsize": 9,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "lines.linewidth": 1.2,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "legend.frameon": True,
+    "legend.framealpha": 0.9,
+    "legend.edgecolor": "none",
+    "savefig.dpi": 200,
+    "figure.constrained_layout.use": True,
+}
+
+
+@contextlib.contextmanager
+def picture(
+    path: Path, rows: int, columns: int, size_in: tuple[float, float], **options
+) -> Iterator:
+    """Give a figure and its axes (rows, columns), write it to path at the end."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    with plt.rc_context(_RC):
+        figure, axes = plt.subplots(rows, columns, figsize=size_in, squeeze=False, **options)
+        yield figure, axes
+        figure.savefig(path)
+        plt.close(figure)

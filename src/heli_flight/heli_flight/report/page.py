@@ -4,6 +4,10 @@
 import base64
 import hashlib
 import json
+import os
+import shutil
+import subprocess
+import tempfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,27 +17,29 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from heli_flight.loop.flight_file import changes
-from heli_flight.loop.layers import NODES
-from heli_flight.loop.result import fault_words, mean_wind, verdict, versions
-from heli_flight.loop.scenario import NODE_NAME, TABLE
-from heli_flight.loop.scoring import DECIDES, STRETCHES, TRUTH
-from heli_flight.report.bands import legend
-from heli_flight.report.chart import PALETTE, Chart
-from heli_flight.report.data import Report
-from heli_flight.report.design import Design
-from heli_flight.report.paper_charts import LAWS
-from heli_flight.report.plotly_json import page_data, with_indices
-from heli_flight.report.spectrum_charts import Spectra, loop_tables, spectrum_table
+from heli_core.rcl_yaml import ParameterError
+from heli_flight.flight_file import changes
+from heli_flight.report.charts import LAWS, DesignNumbers
+from heli_flight.report.data import PALETTE, Chart, Report, legend
+from heli_flight.report.plotly import page_data, with_indices
+from heli_flight.report.spectra import FlightSpectra, loop_tables, spectrum_table
 from heli_flight.report.tables import (
-    Table,
+    ReportTable,
     band_table,
     event_table,
     margin_table,
     parameter_table,
     result_tables,
+    scope,
 )
-from heli_flight.report.words import scope
+from heli_flight.result import fault_words, mean_wind, verdict, versions
+from heli_flight.scenario import NODE_NAME, TABLE
+from heli_flight.scoring import DECIDES, STRETCHES, TRUTH
+from heli_flight.settings import NODES
+
+# -------------------------------------------------------------------------------------------------
+# Page.
+# -------------------------------------------------------------------------------------------------
 
 _TITLES = {
     "result": "Result",
@@ -90,8 +96,8 @@ class Head:
 def render(
     report: Report,
     charts: Sequence[Chart],
-    design: Design | None,
-    spectra: Spectra | None = None,
+    design: DesignNumbers | None,
+    spectra: FlightSpectra | None = None,
     files: bool = False,
 ) -> str:
     """The flight's page as text.
@@ -100,9 +106,9 @@ def render(
     ----------
     report : Report
     charts : sequence of Chart
-    design : Design, optional
+    design : DesignNumbers, optional
         None if the flown law has no such analysis.
-    spectra : Spectra, optional
+    spectra : FlightSpectra, optional
         None if there are none.
     files : bool
         True if figures/ beside the page holds each chart as PNG and SVG.
@@ -140,7 +146,9 @@ def render(
     )
 
 
-def _spectrum_tables(spectra: Spectra | None, design: Design | None) -> list[Table]:
+def _spectrum_tables(
+    spectra: FlightSpectra | None, design: DesignNumbers | None
+) -> list[ReportTable]:
     """What the flight's spectra say, and what the design does; nothing without spectra."""
     measured = spectrum_table(spectra) if spectra else None
     if measured is None:
@@ -255,3 +263,78 @@ def _parameters(report: Report) -> Iterable[tuple[str, Any]]:
     groups = [(node.name, node.table, settings.nodes[node.name]) for node in NODES]
     groups.append((NODE_NAME, TABLE, settings.scenario_parameters))
     return [(name, parameter_table(rows, values)) for name, rows, values in groups]
+
+
+# -------------------------------------------------------------------------------------------------
+# A page as PDF, by a Chromium that is there already: it prints the page as a user would.
+# -------------------------------------------------------------------------------------------------
+
+NAMES = (
+    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome",
+    "microsoft-edge",
+)  # fmt: skip
+"""Programs that can print a page, in the order in which they are looked for on PATH."""
+_LIMIT_S = 120.0
+_FLAGS = (
+    "--headless=new", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--disable-quic", "--hide-scrollbars", "--no-pdf-header-footer",
+)  # fmt: skip
+
+
+def printer() -> str:
+    """Path of a Chromium.
+
+    Raises
+    ------
+    ParameterError
+        There is none.
+    """
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        raise ParameterError(
+            "--pdf: no Chromium on this machine to print with; install chromium or Google Chrome, "
+            "or open report.html in a browser and print it"
+        )
+    return found
+
+
+def write_pdf(page: Path, program: str) -> Path:
+    """Print a page into a PDF beside it.
+
+    Parameters
+    ----------
+    page : Path
+    program : str
+        As `printer` found it.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ParameterError
+        The program did not print it; with its last words.
+    """
+    pdf = page.resolve().with_suffix(".pdf")
+    pdf.unlink(missing_ok=True)
+    # Root has no sandbox in Chromium; the page is our own, and its policy lets nothing in or out.
+    as_root = ("--no-sandbox",) if os.geteuid() == 0 else ()
+    with tempfile.TemporaryDirectory() as profile:
+        command = [program, *_FLAGS, *as_root, f"--user-data-dir={profile}"]
+        command += [f"--print-to-pdf={pdf}", page.resolve().as_uri()]
+        try:
+            done = subprocess.run(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE, timeout=_LIMIT_S,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise ParameterError(f"--pdf: {program} did not print in {_LIMIT_S:g} s") from None
+        except OSError as error:
+            raise ParameterError(f"--pdf: {program}: {error.strerror}") from None
+    if done.returncode or not pdf.is_file():
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        why = f": {lines[-1]}" if lines else ""
+        raise ParameterError(f"--pdf: {program} ended with {done.returncode}, no PDF{why}")
+    return page.with_suffix(".pdf")

@@ -8,11 +8,31 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from heli_flight.loop.result import climb_cell, phases
-from heli_flight.loop.scoring import (
-    DECIDES,
+from heli_core.metrics import (
+    ATTITUDE_DEG,
+    BY_KEY,
+    CLIMB_METRICS,
     METRICS,
+    OVERSHOOT_S,
+    PATH,
     SETTLED_S,
+    commanded_climb,
+    size,
+)
+from heli_core.parameters import Parameter
+from heli_core.ticks import Rate
+from heli_flight.report.charts import (
+    ADS33_HORIZONTAL_M,
+    ADS33_VERTICAL_M,
+    LAWS,
+    NONLINEAR_M,
+    PD_PID_M,
+    DesignNumbers,
+)
+from heli_flight.report.data import HEALTH, LEVELS, Report
+from heli_flight.result import climb_cell, phases
+from heli_flight.scoring import (
+    DECIDES,
     SOURCE_NAMES,
     SOURCES,
     STRETCHES,
@@ -23,19 +43,10 @@ from heli_flight.loop.scoring import (
     errors,
     sources_of,
 )
-from heli_flight.report.bands import HEALTH
-from heli_flight.report.data import LEVELS, Report
-from heli_flight.report.design import Design
-from heli_flight.report.paper_charts import (
-    ADS33_HORIZONTAL_M,
-    ADS33_VERTICAL_M,
-    LAWS,
-    NONLINEAR_M,
-    PD_PID_M,
-)
-from heli_math.climb import CLIMB_METRICS, OVERSHOOT_S, commanded_climb
-from heli_math.paper_metrics import ATTITUDE_DEG, BY_KEY, PATH, size
-from heli_parameters.parameters import Parameter
+
+# -------------------------------------------------------------------------------------------------
+# Tables.
+# -------------------------------------------------------------------------------------------------
 
 _ADS33 = {
     "lateral": ADS33_HORIZONTAL_M,
@@ -48,7 +59,7 @@ _UNKNOWN = np.full(1, np.nan)
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """A table for the page's templates.
 
     Attributes
@@ -68,7 +79,7 @@ class Table:
     words: bool = False
 
 
-def result_tables(report: Report) -> list[Table]:
+def result_tables(report: Report) -> list[ReportTable]:
     """This flight beside the paper, over each stretch that was scored, and its climb."""
     make = {"attitude": _attitude_rows, PATH: _path_rows}.get(report.kind, _hover_rows)
     tables = []
@@ -79,7 +90,7 @@ def result_tables(report: Report) -> list[Table]:
             caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {said}"
             if stretch == DECIDES:
                 caption += " This table decides the exit code."
-            tables.append(Table(head, rows, caption))
+            tables.append(ReportTable(head, rows, caption))
     if tables and TRUTH_LESS_DRIFT in _sources(report):
         tables[0] = replace(tables[0], caption=f"{tables[0].caption} {_LESS_DRIFT}")
     if report.result.figures.climb:
@@ -120,7 +131,7 @@ def _sources(report: Report) -> tuple[str, ...]:
     return sources_of(report.settings.gps)
 
 
-def _ground_table(report: Report) -> Table:
+def _ground_table(report: Report) -> ReportTable:
     rows = [
         [
             f.metric.label,
@@ -134,10 +145,10 @@ def _ground_table(report: Report) -> Table:
         "found from ground truth, the height from the navigation record. The paper begins in the "
         "air: the goals are ours."
     )
-    return Table(["", "this flight", "goal"], rows, caption)
+    return ReportTable(["", "this flight", "goal"], rows, caption)
 
 
-def _climb_table(report: Report) -> Table:
+def _climb_table(report: Report) -> ReportTable:
     sources = _sources(report)
     found = {(f.metric.key, f.source): f for f in report.result.figures.climb}
     rows = [
@@ -155,7 +166,7 @@ def _climb_table(report: Report) -> Table:
             f"until within {BY_KEY['altitude'].paper:g} m of the new height. The paper gives no "
             "figure for it."
         )
-    return Table(["", *(SOURCE_NAMES[source] for source in sources)], rows, caption)
+    return ReportTable(["", *(SOURCE_NAMES[source] for source in sources)], rows, caption)
 
 
 def _cell(largest: float, rms: float, bound: float | None) -> Markup:
@@ -251,7 +262,7 @@ def _attitude_rows(report: Report, stretch: str) -> tuple[list[str], list[list[s
     return head, rows
 
 
-def event_table(report: Report) -> Table | None:
+def event_table(report: Report) -> ReportTable | None:
     """What the nodes said, when it changed; None if nobody said anything."""
     if not report.events:
         return None
@@ -262,10 +273,10 @@ def event_table(report: Report) -> Table | None:
     left = len(report.events) - len(rows)
     more = f" The first {len(rows)}; {left} more are in the bag." if left else ""
     head = ("flight time, s", "node", "health", "message")
-    return Table(head, rows, f"Changes of health.{more}", words=True)
+    return ReportTable(head, rows, f"Changes of health.{more}", words=True)
 
 
-def band_table(report: Report) -> Table | None:
+def band_table(report: Report) -> ReportTable | None:
     """Modes, faults and failsafes with their times, as charts shade them; None without any."""
     shaded = [band for band in report.bands if band.kind != HEALTH]
     if not shaded:
@@ -277,10 +288,10 @@ def band_table(report: Report) -> Table | None:
     left = len(shaded) - len(rows)
     more = f" The first {len(rows)} of {len(shaded)}." if left else ""
     head = ("from, s", "to, s", "what", "name", "told")
-    return Table(head, rows, f"Shaded in the charts over time.{more}", words=True)
+    return ReportTable(head, rows, f"Shaded in the charts over time.{more}", words=True)
 
 
-def margin_table(design: Design) -> Table:
+def margin_table(design: DesignNumbers) -> ReportTable:
     """Norm and margins of the three loops."""
     head = ["", *(loop.name for loop in design.loops)]
     loops = design.loops
@@ -314,7 +325,7 @@ def margin_table(design: Design) -> Table:
         f"Attitude law: {LAWS.get(design.controller, design.controller)}. {said} As flown: sampled "
         f"at {design.rate_hz} Hz, with servos and transport delay."
     )
-    return Table(head, rows, caption)
+    return ReportTable(head, rows, caption)
 
 
 def _db(value: float) -> str:
@@ -325,7 +336,7 @@ def _limited(value: float, unit: str, digits: int) -> str:
     return f"{value:.{digits}f}{unit}" if np.isfinite(value) else "∞"
 
 
-def parameter_table(rows: Sequence[Parameter], values: Mapping[str, Any]) -> Table:
+def parameter_table(rows: Sequence[Parameter], values: Mapping[str, Any]) -> ReportTable:
     """Resolved parameters of one node with unit and meaning."""
     known = {row.name: row for row in rows}
     lines = []
@@ -333,7 +344,7 @@ def parameter_table(rows: Sequence[Parameter], values: Mapping[str, Any]) -> Tab
         row = known.get(name)
         unit, meaning = (row.unit, row.description) if row else ("", "")
         lines.append([Markup("<code>{}</code>").format(name), _value(value), unit, meaning])
-    return Table(("parameter", "value", "unit", "meaning"), lines, words=True)
+    return ReportTable(("parameter", "value", "unit", "meaning"), lines, words=True)
 
 
 def _value(value: Any) -> str:
@@ -343,3 +354,75 @@ def _value(value: Any) -> str:
         return f"{value:.10g}"
     items = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
     return ", ".join(_value(item) for item in items)
+
+
+# -------------------------------------------------------------------------------------------------
+# What a flight's simulation holds and what it leaves out, by its parameters: in every report.
+# -------------------------------------------------------------------------------------------------
+
+_ALWAYS = (
+    "Rigid body with six degrees of freedom, attitude as a quaternion, eq. (1) to (5).",
+    "Main rotor with inflow and first-order flapping, eq. (6), (7); tail rotor, fuselage, fins.",
+    "Yaw-rate gyro, eq. (8); servos of second order with limits of rate and travel; transport "
+    "delay of the commands.",
+    "Wind: mean over height, MIL-F-8785C Dryden turbulence, discrete gusts.",
+    "IMU, magnetometer and barometer with noise and bias; GPS with noise, slow drift and latency.",
+)
+_NEVER = (
+    "Blade dynamics beyond first-order flapping; the main rotor's wake on the tail rotor.",
+    "Turbulence that decays in time as well as in space; wind that turns with height. MIL-F-8785C "
+    "is made for forward flight; in hover it is a convention.",
+    "Lever arms of the sensors.",
+    "A real flight: the paper's numbers are from flight, all of this is computed.",
+)
+# Simulated where one of the parameters is not zero; else left out.
+_BY_PARAMETER = (
+    (("terms.flap_back",), "Flap-back: the disc tilts away from the air that moves across it."),
+    (("terms.inflow",), "Dynamic inflow of the main rotor, three states."),
+    (("terms.ground_effect",), "Ground effect."),
+    (("terms.vortex_ring",), "Vortex-ring state in steep descent, as measured."),
+    (("terms.rotor_speed",), "Rotor speed, engine and governor; without it the speed is constant."),
+    (("terms.tail_authority",), "Stops and stall of the tail rotor."),
+    (("terms.fuel",), "Fuel burnt, and the mass that goes with it."),
+    (
+        ("terms.servo_resolution", "terms.servo_dead_band", "terms.servo_load"),
+        "Servos with steps, a dead band, and a rate that falls under load.",
+    ),
+    (
+        ("wind.parts.main", "wind.parts.tail", "wind.parts.fuselage"),
+        "Gusts that meet rotor, tail and fuselage one after the other.",
+    ),
+    (("wind.rotation",), "Air that turns: rotational gusts."),
+    (("sensors.imu.vibration.rev_mps2", "sensors.imu.vibration.blade_mps2"),
+     "Vibration of the rotor on the IMU."),
+    (("sensors.imu.gyro_scale_sigma", "sensors.imu.accel_scale_sigma"),
+     "Scale factors and misalignment of the IMU."),
+    (("sensors.mag.power_field_t_per_w",), "Magnetic field of the drive's currents."),
+    (("sensors.baro.wind_coefficients", "sensors.baro.wash_coefficient"),
+     "Barometer in the wind and in the rotor's wash."),
+    (("sensors.gps.multipath.sigma_m",), "GPS multipath."),
+    (("sensors.gps.outage.interval_s",), "GPS outages."),
+)  # fmt: skip
+
+
+def _is_on(value: Any) -> bool:
+    return bool(np.any(np.asarray(value, dtype=float) != 0.0))
+
+
+def scope(plant: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """What is simulated and what is not, in sentences.
+
+    Parameters
+    ----------
+    plant : mapping
+        The plant's parameters in that flight.
+    """
+    holds: list[str] = []
+    lacks: list[str] = []
+    for keys, sentence in _BY_PARAMETER:
+        on = any(_is_on(plant[key]) for key in keys)
+        (holds if on else lacks).append(sentence)
+    rate = f"{Rate.of_parameters(plant).hz} Hz"
+    loop = f"The loop as it would fly: observer at {rate}, attitude law at {rate}, "
+    loop += "position law at 25 Hz."
+    return {"Simulated": (*_ALWAYS, loop, *holds), "Not simulated": (*lacks, *_NEVER)}

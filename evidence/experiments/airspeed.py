@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The attitude loop over the airspeed, and forward flight at 10 m/s as it is flown; JSON.
+
+Usage: ./heli python -m evidence.experiments.airspeed [--seeds 1..20]
+"""
+
+import json
+import os
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evidence.files import Results
+from evidence.options import parser_with_seeds
+from evidence.registry import MARGIN, TWENTY, produces, table
+from evidence.tables import grid, world
+from heli_core.metrics import attitude_errors
+from heli_core.rows import ACTUATOR, REFERENCE
+from heli_core.ticks import TICK_S, TICKS_PER_S
+from heli_flight.loop import simulate
+from heli_flight.record import FlightRecord
+from heli_flight.result import conditions
+from heli_flight.settings import resolve
+from heli_studies.robust import ACROSS_MPS, SPEEDS_MPS, OverAirspeed, over_airspeed
+
+LAWS = ("packaged", "hinf", "lqg", "pid", "indi")
+WORLDS, RECEIVERS = ("paper", "honest"), ("rtk", "standalone")
+_AFTER_TICKS = TICKS_PER_S
+"""How long the attitude goes on moving when the reference has come to its speed."""
+_LEAST_MPS2 = 1e-3
+GOAL_DEG = 2.0
+
+
+def over_speeds(found: OverAirspeed) -> list[dict[str, Any]]:
+    """Per speed ahead: trim straight ahead, the slowest mode and the least margins of all there."""
+    rows = []
+    for speed in SPEEDS_MPS:
+        there = [p for p in found.points if p.point.ahead_mps == speed]
+        straight = [p for p in there if p.point.right_mps == 0.0]
+        lon = [float(p.u[ACTUATOR.lon]) for p in straight]
+        rows.append(
+            {
+                "ahead_mps": speed,
+                "phi_theta_deg": np.degrees(straight[0].attitude_rad).tolist(),
+                "d_lon": [min(lon), max(lon)],
+                "d_col": float(straight[0].u[ACTUATOR.col]),
+                "radius": max(p.judgement.radius for p in there),
+                "disk_input": min(p.judgement.disk_input for p in there),
+                "disk_output": min(p.judgement.disk_output for p in there),
+            }
+        )
+    return rows
+
+
+def bound_of(name: str, found: OverAirspeed) -> dict[str, Any]:
+    """What the loops straight ahead share."""
+    refused = isinstance(found.bound, str)
+    return {
+        "laws": name,
+        "contraction": None if isinstance(found.bound, str) else found.bound.contraction,
+        "between": None if refused else found.between,
+        "radius": max(p.judgement.radius for p in found.points),
+        "disk_input": min(p.judgement.disk_input for p in found.points),
+        "disk_output": min(p.judgement.disk_output for p in found.points),
+    }
+
+
+def transition(record: FlightRecord) -> NDArray[np.bool_]:
+    """Where the reference gains or loses speed, and a second after it; (N,)."""
+    speed = np.linalg.norm(record.reference[:, REFERENCE.vel], axis=1)
+    gains = np.abs(np.diff(speed, prepend=speed[0])) > _LEAST_MPS2 * TICK_S
+    return np.convolve(gains, np.ones(_AFTER_TICKS))[: gains.size] > 0.5
+
+
+def flights(world: str, gps: str, seeds: list[int]) -> dict[str, Any]:
+    """Largest errors of the scenario forward_flight from the start of its way on, truth."""
+    settings = resolve("forward_flight", gps, world=world)
+    largest: dict[str, float] = {}
+    lost = inside = 0
+    for seed in seeds:
+        flight = simulate(settings.with_seed(seed))
+        lost += bool(flight.status)
+        own = errors(flight.record, settings.scenario.windows_s[0, 0])
+        inside += max(own["roll, transition"], own["pitch, transition"]) < GOAL_DEG
+        largest = {key: max(largest.get(key, 0.0), value) for key, value in own.items()}
+    return {
+        "world": world,
+        "gps": gps,
+        "conditions": conditions(settings).splitlines(),
+        "lost": lost,
+        "inside_transition": inside,
+        "max": largest,
+        "hover": hover(world, gps, seeds, settings.scenario.windows_s[0, 0]),
+    }
+
+
+def hover(world: str, gps: str, seeds: list[int], from_s: float) -> dict[str, float]:
+    """Largest attitude errors in hover, for comparison: what receiver and air alone make."""
+    settings = resolve("hover", gps, world=world)
+    largest: dict[str, float] = {}
+    for seed in seeds:
+        r = simulate(settings.with_seed(seed)).record
+        for key, values in attitude_errors(r.truth_q_nb, r.setpoint).items():
+            found = float(np.max(np.abs(values[r.time_s >= from_s])))
+            largest[key] = max(largest.get(key, 0.0), found)
+    return largest
+
+
+def errors(record: FlightRecord, from_s: float) -> dict[str, float]:
+    """Largest absolute values of one flight, truth."""
+    on = record.time_s >= from_s
+    away = record.truth_pos_ned_m - record.reference[:, REFERENCE.pos]
+    attitude = attitude_errors(record.truth_q_nb, record.setpoint)
+    own = {
+        **attitude,
+        "altitude": away[:, 2],
+        "position": np.linalg.norm(away, axis=1),
+        "speed": np.linalg.norm(record.truth_vel_ned_mps, axis=1),
+        "airspeed": np.linalg.norm(record.truth_vel_ned_mps - record.wind_ned_mps, axis=1),
+    }
+    largest = {key: float(np.max(np.abs(values[on]))) for key, values in own.items()}
+    there = transition(record) & on
+    for key, values in attitude.items():
+        largest[f"{key}, transition"] = float(np.max(np.abs(values[there])))
+    return largest
+
+
+def main() -> None:
+    """Print what was found."""
+    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
+    packaged = over_airspeed(resolve())
+    others = [bound_of(name, over_airspeed(resolve(laws=name))) for name in LAWS[1:]]
+    found = {
+        "seeds": seeds,
+        "across_mps": ACROSS_MPS,
+        "speeds": over_speeds(packaged),
+        "bounds": [bound_of(LAWS[0], packaged), *others],
+        "flights": [flights(world, gps, seeds) for world in WORLDS for gps in RECEIVERS],
+    }
+    print(json.dumps(found, indent=2))
+
+
+# -------------------------------------------------------------------------------------------------
+# How it is told.
+# -------------------------------------------------------------------------------------------------
+
+produces(
+    "airspeed",
+    "./heli python -m evidence.experiments.airspeed --seeds 1..20",
+    "The attitude loop from hover to 12 m/s, and the scenario forward_flight.",
+    TWENTY,
+    MARGIN,
+)
+
+
+_FLOWN = {
+    "roll, transition": "roll error in the transitions, deg (goal 2)",
+    "pitch, transition": "pitch error in the transitions, deg (goal 2)",
+    "roll": "roll error, deg",
+    "pitch": "pitch error, deg",
+    "altitude": "altitude error, m (goal 1)",
+    "position": "position error, m",
+    "speed": "speed over ground, m/s",
+    "airspeed": "airspeed, m/s",
+}
+
+
+@table("airspeed")
+def airspeed(results: Results) -> str:
+    """Trim and loop at each speed, and what the loops share."""
+    found = results["airspeed"]
+    head = [
+        "ahead, m/s", "trim phi, theta, deg", "d_lon, over flap-back", "d_col",
+        "slowest mode, s", "disk margin in / out",
+    ]  # fmt: skip
+    rows = [
+        [
+            f"{row['ahead_mps']:g}",
+            "{:.1f}, {:.1f}".format(*row["phi_theta_deg"]),
+            "{:.3f} to {:.3f}".format(*row["d_lon"]),
+            f"{row['d_col']:.3f}",
+            f"{TICK_S / (1.0 - row['radius']):.2f}",
+            f"{row['disk_input']:.2f} / {row['disk_output']:.2f}",
+        ]
+        for row in found["speeds"]
+    ]
+    across = found["across_mps"]
+    return (
+        f"{grid(head, rows)}\n\nModes and margins: the worst of air from the side of "
+        f"{min(across):g} to {max(across):g} m/s and flap-back 0 to 0.0015 rad s/m. "
+        f"{' '.join(map(_shared, found['bounds']))}"
+    )
+
+
+def _shared(bound: dict[str, Any]) -> str:
+    if bound["contraction"] is None:
+        return f"`{bound['laws']}`: no shared bound was found."
+    each = TICK_S / (1.0 - bound["contraction"])
+    return (
+        f"`{bound['laws']}`: one quadratic form shrinks by {1.0 - bound['contraction']:.4f} a tick "
+        f"at least ({each:.1f} s), between these speeds by {1.0 - bound['between']:.4f}."
+    )
+
+
+@table("airspeed_flown")
+def airspeed_flown(results: Results) -> str:
+    """Largest errors in forward flight."""
+    found = results["airspeed"]
+    rows = [
+        [
+            f"{row['world']}, {row['gps']}",
+            *(f"{row['max'][key]:.2f}" for key in _FLOWN),
+            str(row["inside_transition"]),
+            f"{row['hover']['roll']:.2f}, {row['hover']['pitch']:.2f}",
+            str(row["lost"]),
+        ]
+        for row in found["flights"]
+    ]
+    winds = {row["world"]: [row["conditions"]] for row in found["flights"]}
+    head = ["world, receiver", *_FLOWN.values(), "transitions inside", "hover: roll, pitch", "lost"]
+    return (
+        f"{grid(head, rows)}\n\nLargest from the start of the way to the end, truth, "
+        f"{results.seeds('airspeed')}; attitude against the outer loop's command. Transitions: "
+        f"while the reference gains or loses speed, and a second after; inside: seeds with both "
+        f"errors below 2 deg there. Hover: the scenario `hover` over the same "
+        f"time. {world(winds)}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hovers with faults of the sensors: how far off, lost, landed; both receivers; JSON.
+
+Usage: ./heli python -m evidence.experiments.failsafes [--seeds 1..10]
+"""
+
+import json
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from evidence.files import Results
+from evidence.options import parser_with_seeds
+from evidence.registry import MARGIN, produces, table
+from evidence.tables import grid
+from heli_core.ticks import TICKS_PER_S
+from heli_flight.loop import simulate
+from heli_flight.settings import Settings, resolve
+
+WORLD, RECEIVERS = "honest", ("rtk", "standalone")
+BEGIN_S, END_S = 12.0, 60.0
+LANDED_S = 110.0
+"""Duration of a flight that should land by itself."""
+_STAYS = {"climb.start_s": 200.0, "climb.end_s": 202.0}
+_BEFORE_S = 1.0
+
+
+def _fault(what: str, kind: str, duration_s: float | None = None, *value: float) -> str:
+    words = f"what: {what}, kind: {kind}, start_s: {BEGIN_S}"
+    words += "" if duration_s is None else f", duration_s: {duration_s}"
+    return f"{{{words}{f', value: {list(value)}' if value else ''}}}"
+
+
+_AWAY = (2.0, 0.0, 0.0)
+ROWS: tuple[tuple[str, tuple[str, ...], float | None, bool], ...] = (
+    ("GPS silent for 10 s", (_fault("gps", "loss", 10.0),), 3.0, False),
+    ("GPS silent for 30 s", (_fault("gps", "loss", 30.0),), 10.0, False),
+    ("GPS silent", (_fault("gps", "loss"),), None, True),
+    ("GPS and barometer silent", (_fault("gps", "loss"), _fault("baro", "loss")), None, True),
+    ("GPS stuck for 10 s", (_fault("gps", "freeze", 10.0),), 10.0, False),
+    ("GPS stuck", (_fault("gps", "freeze"),), 10.0, True),
+    ("GPS drifts, 2 m/s", (_fault("gps", "drift", None, *_AWAY),), 10.0, False),
+    ("GPS drifts, 2 m/s, its velocity, too",
+     (_fault("gps", "drift", None, *_AWAY), _fault("gps_velocity", "bias", None, *_AWAY)),
+     10.0, True),
+    ("GPS 30 m off", (_fault("gps", "bias", None, 30.0, 0.0, 0.0),), 10.0, False),
+    ("IMU zero for 0.2 s", (_fault("imu", "zero", 0.2),), 1.0, False),
+    ("IMU frozen for 0.2 s", (_fault("imu", "freeze", 0.2),), 1.0, False),
+    ("IMU not a number for 0.2 s", (_fault("imu", "nan", 0.2),), 1.0, False),
+    ("IMU frozen for 1 s", (_fault("imu", "freeze", 1.0),), None, False),
+    ("gyro bias 0.1 rad/s", (_fault("gyro", "bias", None, 0.1, 0.0, 0.0),), None, False),
+    ("accelerometer bias 1 m/s2", (_fault("accel", "bias", None, 1.0, 0.0, 0.0),), None, False),
+    ("magnetometer silent", (_fault("mag", "loss"),), None, False),
+    ("magnetometer zero", (_fault("mag", "zero"),), None, False),
+    ("barometer silent", (_fault("baro", "loss"),), None, False),
+)  # fmt: skip
+"""Words, faults, goal in m, whether it should land by itself."""
+TWO: tuple[tuple[str, tuple[str, ...], float | None, bool], ...] = (
+    ("of two IMUs one not a number", (_fault("imu", "nan"),), 2.0, False),
+    ("of two IMUs one zero", (_fault("imu2", "zero"),), 2.0, False),
+    ("of two IMUs one frozen", (_fault("imu", "freeze"),), 2.0, False),
+    ("of two gyros one biased, 0.1 rad/s", (_fault("gyro", "bias", None, 0.1, 0.0, 0.0),), 2.0,
+     False),
+    ("of two gyros one drifts, 0.01 rad/s2", (_fault("gyro2", "drift", None, 0.0, 0.01, 0.0),), 2.0,
+     False),
+    ("of two accelerometers one biased, 1 m/s2", (_fault("accel", "bias", None, 1.0, 0.0, 0.0),),
+     2.0, False),
+)  # fmt: skip
+"""The same with a second IMU."""
+_WITH_TWO = {"plant": {"sensors.imu2.enabled": True}, "observer": {"imu2.enabled": True}}
+
+
+def settings(
+    faults: tuple[str, ...], lands: bool, gps: str, seed: int, two: bool = False
+) -> Settings:
+    """A hover at its place, with faults from `BEGIN_S` on, with one IMU or two."""
+    more = _WITH_TWO if two else {"plant": {}, "observer": {}}
+    over = {**more, "plant": {**more["plant"], "faults": faults}, "scenario": _STAYS}
+    return resolve("hover", gps, seed, LANDED_S if lands else END_S, world=WORLD, overrides=over)
+
+
+@cache
+def sound(gps: str, seed: int, two: bool = False) -> np.ndarray:
+    """Positions, NED, m, of the flight without a fault."""
+    return simulate(settings(("none",), True, gps, seed, two)).record.truth_pos_ned_m
+
+
+def flown(given: Settings) -> dict[str, Any]:
+    """Figures of a flight."""
+    flight = simulate(given)
+    record, begun = flight.record, round(BEGIN_S * TICKS_PER_S)
+    two = bool(given.nodes["observer"]["imu2.enabled"])
+    pos = record.truth_pos_ned_m
+    off = np.linalg.norm((pos - sound(given.gps, given.seed, two)[: len(pos)])[begun:], axis=1)
+    found: dict[str, Any] = {"lost": bool(flight.status), "landing_s": None, "down_s": None,
+                             "sink_mps": None}  # fmt: skip
+    if record.mode is not None and (record.mode == "land").any():
+        first = int(np.flatnonzero(record.mode == "land")[0])
+        found["landing_s"] = first / TICKS_PER_S - BEGIN_S
+        off = off[: max(first - begun, 1)]
+        if record.mode[-1] == "standing":
+            down = int(np.flatnonzero(record.mode == "land")[-1])
+            before = down - round(_BEFORE_S * TICKS_PER_S)
+            found["down_s"] = down / TICKS_PER_S - BEGIN_S
+            found["sink_mps"] = float(np.abs(record.truth_vel_ned_mps[before:down, 2]).max())
+            found["away_m"] = float(np.linalg.norm((pos[down] - pos[begun])[:2]))
+    found["off_m"] = float(off.max())
+    return found
+
+
+def row(words: str, faults: tuple[str, ...], goal_m: float | None, lands: bool, gps: str,
+        seeds: list[int], two: bool = False) -> dict[str, Any]:  # fmt: skip
+    """Figures of a fault with a receiver."""
+    found = [flown(settings(faults, lands, gps, seed, two)) for seed in seeds]
+
+    def of(key: str) -> list[float]:
+        return [one[key] for one in found if one.get(key) is not None]
+
+    return {
+        "fault": words,
+        "gps": gps,
+        "faults": list(faults),
+        "goal_m": goal_m,
+        "lands": lands,
+        "lost": sum(one["lost"] for one in found),
+        "down": len(of("down_s")),
+        "median": {"off_m": float(np.median(of("off_m")))},
+        "max": {
+            key: max(of(key), default=None)
+            for key in ("off_m", "landing_s", "down_s", "sink_mps", "away_m")
+        },
+    }
+
+
+def main() -> None:
+    """Print the rows."""
+    seeds = parser_with_seeds(__doc__, "1..10").parse_args().seeds
+    rows = [row(*told, gps, seeds) for told in ROWS for gps in RECEIVERS]
+    rows += [row(*told, gps, seeds, True) for told in TWO for gps in RECEIVERS]
+    content = {"seeds": seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
+    print(json.dumps(content | {"landed_s": LANDED_S, "rows": rows}, indent=2))
+
+
+# -------------------------------------------------------------------------------------------------
+# How it is told.
+# -------------------------------------------------------------------------------------------------
+
+produces(
+    "failsafes",
+    "./heli python -m evidence.experiments.failsafes --seeds 1..10",
+    "Hovers with faults of the sensors, with both receivers.",
+    tuple(range(1, 11)),
+    # As of a landing without a place to hold.
+    MARGIN,
+)
+
+
+@table("failsafes")
+def failsafes(results: Results) -> str:
+    """Faults of sensors in the hover: off, lost, landed."""
+    found = results["failsafes"]
+    head = ["fault", "receiver", "lost", "off, m: median / worst", "goal, m", "down",
+            "after, s", "at, m/s", "away, m"]  # fmt: skip
+    rows = []
+    for row in found["rows"]:
+        most = row["max"]
+        off = f"{row['median']['off_m']:.2f} / {most['off_m']:.2f}"
+        goal = "" if row["goal_m"] is None else f"{row['goal_m']:g}"
+        down = ["", "", "", ""]
+        if row["lands"]:
+            down = [str(row["down"])]
+            for key, form in (("down_s", ".0f"), ("sink_mps", ".2f"), ("away_m", ".0f")):
+                down.append("–" if most[key] is None else f"{most[key]:{form}}")
+        rows.append([row["fault"], row["gps"], str(row["lost"]), off, goal, *down])
+    return (
+        f"{grid(head, rows)}\n\nOf {len(found['seeds'])} flights each (seeds {found['seeds'][0]} "
+        f"to {found['seeds'][-1]}): hover at 10 m, world {found['world']}, default laws, the fault "
+        f"from {found['begin_s']:g} s on, {found['end_s']:g} s long, {found['landed_s']:g} s where "
+        f"it should land by itself. Off: largest distance from the same flight without the fault, "
+        f"from truth, until the landing begins. Down: flights that came to stand by themselves; "
+        f"time from the fault, speed of the touch-down and distance from the place: worst."
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed of the node graph in lockstep beside a bare ring of rclpy nodes.
+
+`benchmarks/graph.py` measures it.
+"""
+
+from evidence.files import Results
+from evidence.registry import NOT_COMPARED, produces, table
+from evidence.tables import grid, machine
+from heli_core.ticks import TICK_S
+
+produces(
+    "graph",
+    "./heli python benchmarks/graph.py --json",
+    "Speed of the node graph in lockstep beside a bare ring of rclpy nodes.",
+    loose={key: NOT_COMPARED for key in ("rates", "ratios", "machine")},
+)
+
+
+@table("graph")
+def graph(results: Results) -> str:
+    """Speed of the graph beside the ring, in both shapes."""
+    found = results["graph"]
+    rows = [
+        [
+            shape,
+            f"{rates['graph']:.0f}",
+            f"{rates['graph'] * TICK_S:.1f}",
+            f"{rates['objects']:.0f}",
+            f"{found['ratios'][shape]['objects']:.2f} ({found['goals'][shape]:g})",
+            f"{rates['bytes']:.0f}",
+            f"{found['ratios'][shape]['bytes']:.2f}",
+        ]
+        for shape, rates in found["rates"].items()
+    ]
+    head = ["nodes in", "graph, ticks/s", "times real time", "ring of objects, cycles/s",
+            "ratio (goal)", "ring of bytes, cycles/s", "ratio"]  # fmt: skip
+    return (
+        f"{grid(head, rows)}\n\nMedians of {found['rounds']} rounds in turn; flights of "
+        f"{found['seconds']:g} s, scenario hover, world paper, seed 1, standalone receiver, "
+        f"packaged laws, recorded; {machine(found)}."
+    )

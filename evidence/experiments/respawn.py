@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hovers in real time in which nodes are killed or paused: noticed, back, metres lost; JSON.
+
+Usage: ./heli python -m evidence.experiments.respawn [--seeds 1..10]
+
+Each flight has all of it, one after the other. What is lost is how far the aircraft, by truth, gets
+from where it was; what it wanders by itself in as long a time without a fault stands beside it.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evidence.files import Results
+from evidence.options import parser_with_seeds
+from evidence.registry import NOT_COMPARED, produces, table
+from evidence.tables import grid
+from heli_bags.reader import Bag, read_bag
+from heli_core.rows import PLANT
+from heli_core.ticks import NS_PER_S
+
+WORLD = "honest"
+NODES = ("observer", "inner_loop", "outer_loop")
+PAUSE_S, APART_S, LOOK_S = 0.5, 8.0, 6.0
+FIRST_S = 8.0
+EVENTS = tuple((node, kind) for kind in ("kill", "pause") for node in NODES)
+END_S = FIRST_S + APART_S * len(EVENTS)
+_SOUND_S = FIRST_S - LOOK_S - 0.5
+_PARAMS = f"""\
+/**/scenario:
+  ros__parameters:
+    duration_s: {END_S}
+    climb: {{start_s: 200.0, end_s: 202.0}}
+"""
+_SILENT = "no message on 'actuators'"
+
+
+def _faults() -> str:
+    lines = ["faults:"]
+    for i, (node, kind) in enumerate(EVENTS):
+        lasts = f", duration_s: {PAUSE_S}" if kind == "pause" else ""
+        start_s = FIRST_S + i * APART_S
+        lines.append(
+            f"  - {{what: process, node: {node}, kind: {kind}, start_s: {start_s}{lasts}}}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _flown(seed: int, folder: Path) -> tuple[dict[str, Any], Bag]:
+    """result.json and bag of a flight."""
+    faults, params, out = folder / "faults.yaml", folder / "params.yaml", folder / f"seed{seed}"
+    faults.write_text(_faults(), encoding="utf-8")
+    params.write_text(_PARAMS, encoding="utf-8")
+    words = ["--realtime", "--respawn", "--no-report", "--world", WORLD, "--seed", str(seed)]
+    words += ["--faults", str(faults), "--params", str(params), "--out", str(out)]
+    done = subprocess.run(
+        [sys.executable, "-m", "heli_flight.cli.app", "hover", *words],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"seed {seed}: {done.stderr.strip()}")
+    return json.loads((out / "result.json").read_text(encoding="utf-8")), read_bag(out / "bag")
+
+
+class _Times:
+    """Flight times of a bag."""
+
+    def __init__(self, bag: Bag) -> None:
+        truth = bag.streams["ground_truth/odom"]
+        self._zero_ns = truth.stamp_ns[0]
+        self.time_s, self.pos = (
+            (truth.stamp_ns - self._zero_ns) / NS_PER_S,
+            truth.rows[:, PLANT.pos],
+        )
+        said = [r for r in bag.remarks if r.node == "plant"]
+        self.plant = [((r.stamp_ns - self._zero_ns) / NS_PER_S, r.message) for r in said]
+
+    def lost_m(self, from_s: float) -> float:
+        """How far it gets from where it was, within `LOOK_S`."""
+        seen = (self.time_s >= from_s) & (self.time_s <= from_s + LOOK_S)
+        return float(np.linalg.norm(self.pos[seen] - self.pos[seen][0], axis=1).max())
+
+    def fell_back(self, from_s: float) -> list[float]:
+        """When the actuator side began, and when it ceased, to fly by itself within `LOOK_S`."""
+        found: list[float] = []
+        for time_s, message in self.plant:
+            silent = message.startswith(_SILENT)
+            if from_s <= time_s <= from_s + LOOK_S and silent != bool(len(found) % 2):
+                found.append(time_s)
+        return found
+
+
+def _event(done: dict[str, Any], restarts: list[dict[str, Any]], times: _Times) -> dict[str, Any]:
+    """Figures of one kill or pause: after how long noticed and back, and what it cost."""
+    begun_s = done["begun_s"]
+    noticed, back = times.fell_back(begun_s), times.fell_back(begun_s)[1::2]
+    own = [r for r in restarts if r["node"] == done["node"] and r["noticed_s"] >= begun_s - 0.05]
+    if done["kind"] == "kill":
+        restart = own[0]
+        noticed_s = restart["noticed_s"]
+        again = [restart["back_s"], *back] if restart["back_s"] is not None else []
+    else:
+        noticed_s = noticed[0] if noticed else None
+        again = back
+    return {
+        "node": done["node"], "kind": done["kind"],
+        "noticed_s": None if noticed_s is None else max(noticed_s - begun_s, 0.0),
+        "back_s": max(again) - begun_s if again else None,
+        "lost_m": times.lost_m(begun_s),
+    }  # fmt: skip
+
+
+def flight(seed: int, folder: Path) -> dict[str, Any]:
+    """All figures of a seed."""
+    result, bag = _flown(seed, folder)
+    times = _Times(bag)
+    events = [_event(d, result["restarts"], times) for d in result["process_faults_done"]]
+    whole = len(times.time_s) == round(END_S * 100)
+    return {"seed": seed, "lost": bool(result["lost"]), "bag_whole": whole,
+            "sound_m": times.lost_m(_SOUND_S), "events": events}  # fmt: skip
+
+
+def main() -> None:
+    """Print the flights."""
+    seeds = parser_with_seeds(__doc__, "1..10").parse_args().seeds
+    before = os.getloadavg()[0]
+    flights = []
+    for seed in seeds:
+        with tempfile.TemporaryDirectory() as folder:
+            flights.append(flight(seed, Path(folder)))
+    content = {"seeds": seeds, "world": WORLD, "pause_s": PAUSE_S, "look_s": LOOK_S, "end_s": END_S,
+               "machine": {"cores": os.cpu_count(), "load_before": before,
+                           "load_after": os.getloadavg()[0]}}  # fmt: skip
+    print(json.dumps(content | {"flights": flights}, indent=2))
+
+
+# -------------------------------------------------------------------------------------------------
+# How it is told.
+# -------------------------------------------------------------------------------------------------
+
+produces(
+    "respawn",
+    "./heli python -m evidence.experiments.respawn --seeds 1..10",
+    "Hovers in real time in which nodes are killed or paused, with --respawn.",
+    tuple(range(1, 11)),
+    loose={key: NOT_COMPARED for key in ("machine", "flights")},
+)
+
+
+_GOALS: Mapping[str, Mapping[str, float | None]] = {
+    "kill": {"noticed_s": 0.2, "back_s": 1.5, "lost_m": 3.0},
+    "pause": {"noticed_s": None, "back_s": None, "lost_m": 1.0},
+}
+
+
+def _cell(events: Sequence[Mapping[str, Any]], key: str, goal: float | None) -> str:
+    """Median and worst, and how many miss the goal."""
+    known = [event[key] for event in events if event[key] is not None]
+    if not known:
+        return "–"
+    said = f"{np.median(known):.2f} / {max(known):.2f}"
+    if goal is None:
+        return said
+    missed = len(events) - sum(value <= goal for value in known)
+    return f"{said}; goal {goal:g}" + (f" missed on {missed}" if missed else "")
+
+
+@table("respawn")
+def respawn(results: Results) -> str:
+    """Node by node: after how long noticed and back, and metres lost."""
+    found = results["respawn"]
+    flights = found["flights"]
+    every = [event for flight in flights for event in flight["events"]]
+    head = ["what", "node", "noticed after, s", "back after, s", "lost, m"]
+    rows = []
+    for node, kind in dict.fromkeys((event["node"], event["kind"]) for event in every):
+        events = [e for e in every if (e["node"], e["kind"]) == (node, kind)]
+        what = "SIGKILL" if kind == "kill" else f"SIGSTOP for {found['pause_s']:g} s"
+        cells = [_cell(events, key, goal) for key, goal in _GOALS[kind].items()]
+        rows.append([what, node, *cells])
+    machine, sound = found["machine"], [flight["sound_m"] for flight in flights]
+    whole = sum(flight["bag_whole"] for flight in flights)
+    lost = sum(flight["lost"] for flight in flights)
+    return (
+        f"{grid(head, rows)}\n\nMedian / worst of {len(flights)} hovers in real time (seeds "
+        f"{flights[0]['seed']} to {flights[-1]['seed']}), world {found['world']}, --respawn, each "
+        f"with all six, {lost} lost; bags with every tick of ground truth: {whole}. Back: the new "
+        f"node steps, and the actuator side has commands for the last time within "
+        f"{found['look_s']:g} s that it lacked them, so that what other work stops meanwhile "
+        f"counts, too. Lost: how far from its place within {found['look_s']:g} s, by truth; "
+        f"without a fault it wanders {np.median(sound):.2f} / {max(sound):.2f} m. On "
+        f"{machine['cores']} cores with other work on them: load {machine['load_before']:.1f} at "
+        f"the beginning, {machine['load_after']:.1f} at the end."
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An hour of flight, twenty minutes in real time, a hundred starts, fifty Ctrl-C.
+
+`benchmarks/soak.py` measures it.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from evidence.files import Results
+from evidence.registry import NOT_COMPARED, produces, table
+from evidence.tables import grid
+
+produces(
+    "soak",
+    "./heli python benchmarks/soak.py --json",
+    "An hour of flight, twenty minutes in real time, a hundred starts, fifty Ctrl-C.",
+    (1,),
+    loose={key: NOT_COMPARED for key in ("lockstep", "realtime", "starts", "interrupts")},
+)
+
+
+@table("soak")
+def soak(results: Results) -> str:
+    """Memory of long flights, what they left, many starts and many Ctrl-C."""
+    found = results["soak"]
+    flights = {"lockstep": found["lockstep"], "real time": found["realtime"]}
+    rows = [
+        [process, *(cell for flight in flights.values() for cell in _memory(flight, process))]
+        for process in sorted(found["lockstep"]["memory"])
+    ]
+    head = ["process"]
+    for name, flight in flights.items():
+        head += [f"{name} {flight['seconds']:g} s: at its end, MB", "slope, MB per hour"]
+    told = [
+        f"{name}: messages that are not the schedule's {flight['wrong_counts'] or 'none'}, "
+        f"left behind {_left(flight)}, beside it {flight['beside']:.1f} cores were busy"
+        for name, flight in flights.items()
+    ]
+    starts, stops = found["starts"], found["interrupts"]
+    told.append(
+        f"{starts['count']} flights of 1 s one after the other: exit codes other than 0 "
+        f"{starts['odd_exit_codes'] or 'none'}, median {starts['median_s']:.1f} s, longest "
+        f"{starts['longest_s']:.1f} s, left behind {_left(starts)}, beside them "
+        f"{starts['beside']:.1f} cores were busy"
+    )
+    told.append(
+        f"{stops['count']} Ctrl-C at random times (seed {stops['seed']}): {stops['hung']} hung, "
+        f"exit codes other than 130 {stops['odd_exit_codes'] or 'none'}, ended after "
+        f"{stops['median_s']:.1f} s (longest {stops['longest_s']:.1f} s), left behind "
+        f"{_left(stops)}, beside them {stops['beside']:.1f} cores were busy"
+    )
+    lines = "\n".join(f"- {line}" for line in told)
+    return f"{grid(head, rows)}\n\n{lines}"
+
+
+def _memory(flight: Mapping[str, Any], process: str) -> list[str]:
+    row = flight["memory"].get(process)
+    return [f"{row['last_mb']:.1f}", f"{row['slope_mb_per_h']:+.2f}"] if row else ["", ""]
+
+
+def _left(found: Mapping[str, Any]) -> str:
+    return ", ".join(found["left"]) or "nothing"

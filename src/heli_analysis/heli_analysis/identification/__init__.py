@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identification of eq. (10) from flight data; pure mathematics, no ROS, no simulator."""
+
+from heli_core.faces import face
+
+__getattr__, __dir__, __all__ = face(
+    __name__,
+    {
+        "heli_core.errors": ["IdentificationCause", "IdentificationError"],
+        "actuators": [
+            "IdentifiedAB",
+            "IdentifiedCollective",
+            "IdentifiedE",
+            "IdentifiedTrim",
+            "RotorGeometry",
+            "fit_actuators",
+            "fit_collective",
+            "fit_gusts",
+            "identified_system",
+            "refit_actuators",
+            "relative_air_w",
+            "trim_of",
+        ],
+        "model": ["MeasuredResponse", "measured_response"],
+        "spectra": ["CHANNELS", "Experiment", "Spectra", "spectra_of"],
+    },
+)

@@ -1,0 +1,383 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one decorator for compiled kernels.
+
+numba's own file cache looks only at the file of the function itself: a changed callee, or a changed
+constant, in another file would leave a stale caller behind. So each module with kernels has a cache
+folder that is named after the content of all source files that it imports, directly or not: a
+change of any of them starts an empty folder, a change anywhere else leaves the kernels alone.
+
+A module takes part by using the decorator; there is no list of packages. Followed are imports of
+the module's own top-level package and of the packages of this stack (`heli_*`), in functions too.
+"""
+
+import hashlib
+import math
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba.core import cgutils, types
+from numba.extending import lower_builtin, type_callable
+
+# -------------------------------------------------------------------------------------------------
+# Jit.
+# -------------------------------------------------------------------------------------------------
+
+_STACK = "heli_"
+_KEPT_S = 30 * 86400.0
+_IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([^\n]+))",
+    re.MULTILINE,
+)
+
+
+@cache
+def _file_of(module: str) -> Path | None:
+    """Source file of a module or package, without importing it; None if it is none."""
+    top, *rest = module.split(".")
+    spec = find_spec(top)
+    if spec is None or spec.origin is None:
+        return None
+    path = Path(spec.origin)
+    if path.name != "__init__.py":
+        return None if rest else path
+    for part in rest:
+        folder = path.parent / part
+        path = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+    return path if path.is_file() else None
+
+
+def _imported(source: str, package: str) -> Iterator[str]:
+    """Names that a module's source may import; names of attributes are among them.
+
+    Parameters
+    ----------
+    source : str
+    package : str
+        Package of the module, for relative imports.
+    """
+    for origin, names, plain in _IMPORT.findall(source):
+        if plain:
+            yield from (part.split(" as ")[0].strip() for part in plain.split(","))
+            continue
+        level = len(origin) - len(origin.lstrip("."))
+        if level:
+            base = package.split(".")[: len(package.split(".")) - level + 1]
+            origin = ".".join([*base, origin[level:]]).rstrip(".")
+        yield origin
+        words = re.sub(r"#[^\n]*", "", names).strip("()").split(",")
+        yield from (f"{origin}.{word.split(' as ')[0].strip()}" for word in words)
+
+
+@cache
+def _imports_of(path: Path, package: str) -> tuple[bytes, tuple[str, ...]]:
+    content = path.read_bytes()
+    return content, tuple(_imported(content.decode(), package))
+
+
+def _sources(module: str, path: Path) -> dict[str, Path]:
+    """Files that a module's kernels may depend on: its own and all that it imports, by name."""
+    own = module.split(".")[0]
+    found = {module: path}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        file = found[name]
+        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+        for wanted in _imports_of(file, package)[1]:
+            top = wanted.split(".")[0]
+            if wanted in found or not (top == own or top.startswith(_STACK)):
+                continue
+            target = _file_of(wanted)
+            if target is not None:
+                found[wanted] = target
+                waiting.append(wanted)
+    return found
+
+
+@cache
+def source_digest(module: str, path: Path) -> str:
+    """Hash (hex, 16 characters) of all sources that bear on the kernels of a module."""
+    digest = hashlib.sha256(sys.version.encode())
+    for name, file in sorted(_sources(module, path).items()):
+        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+        content = _imports_of(file, package)[0]
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()[:16]
+
+
+def _fallback_root() -> Path:
+    """The system's temporary folder, a place of one's own in it."""
+    return Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}" / "kernels"
+
+
+@cache
+def cache_root() -> Path:
+    """First writable one of the user's cache folder and the system's temporary folder."""
+    try:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        root = Path(base) / "heli_hover" / "kernels"
+        root.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # read-only, or no home at all
+        return _fallback_root()
+    return root if os.access(root, os.W_OK) else _fallback_root()
+
+
+def _prune(root: Path) -> None:
+    """Drop folders of sources that nobody has used for a month."""
+    import shutil
+
+    oldest = time.time() - _KEPT_S
+    for folder in root.iterdir():
+        try:
+            if folder.stat().st_mtime < oldest:
+                shutil.rmtree(folder, ignore_errors=True)
+        except OSError:
+            continue
+
+
+@cache
+def cache_folder(module: str, path: Path) -> Path:
+    """Folder of a module's compiled kernels; made when it is missing."""
+    folder = cache_root() / f"{module}-{source_digest(module, path)}"
+    if folder.is_dir():
+        os.utime(folder)
+    else:
+        folder.mkdir(parents=True, exist_ok=True)
+        _prune(folder.parent)
+    return folder
+
+
+def is_compiled(kernel: Callable[..., Any]) -> bool:
+    """Whether machine code of a kernel waits in the cache, as far as the files there tell.
+
+    A process that has it in memory is not asked: who has called the kernel knows.
+    """
+    function = getattr(kernel, "py_func", None)
+    if function is None or os.environ.get("NUMBA_CACHE_DIR"):
+        return True
+    path = Path(function.__code__.co_filename)
+    # Of this source file: the same sources elsewhere on the machine have a folder of their own.
+    cache: Any = getattr(kernel, "_cache", None)
+    folder = Path(getattr(cache, "cache_path", cache_folder(function.__module__, path)))
+    return any(folder.rglob(f"{path.stem}.{function.__qualname__}-*.nbi"))
+
+
+def njit(
+    function: Callable[..., Any],
+    inlined: bool = False,
+    unlocked: bool = False,
+    counted: bool = False,
+) -> Callable[..., Any]:
+    """Compile a kernel: nopython, cached on disk, IEEE division (x/0 is inf, not an exception).
+
+    Deliberately without fastmath: the same inputs give the same bits in the one-process loop and in
+    the nodes, and NaN checks stay meaningful. NUMBA_CACHE_DIR, if set, is left in charge.
+    Nobody counts references to arrays, which cost a third of a tick: a kernel makes its arrays by
+    `heli_core.jit.scratch`, numba refuses others, and it gives none back but to kernels.
+    `inlined`, `unlocked`, `counted`: see `njit_inlined`, `njit_unlocked`, `njit_counted`.
+    """
+    import numba
+
+    path = Path(function.__code__.co_filename)
+    if path.is_file() and not os.environ.get("NUMBA_CACHE_DIR"):
+        # Not through the environment: a child process may run other sources than we do.
+        numba.config.CACHE_DIR = str(cache_folder(function.__module__, path))  # type: ignore[attr-defined]
+    options: dict[str, Any] = {"error_model": "numpy", "_nrt": counted}
+    return numba.njit(cache=True, forceinline=inlined, nogil=unlocked, **options)(function)
+
+
+def njit_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `njit`, and always written into its callers.
+
+    For a part that takes a kernel's whole tuple of numbers: handing it over copies every one of
+    them, which costs more than the part computes. It changes no bit of what is computed.
+    """
+    return njit(function, inlined=True)
+
+
+def njit_counted(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `njit`, and it may make arrays and give them back.
+
+    Not for what flies; nobody frees the arrays that such a kernel gives to one of `njit`.
+    """
+    return njit(function, counted=True)
+
+
+def njit_unlocked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `njit`, and other Python threads run meanwhile.
+
+    For a kernel that takes long, on arrays that its caller's thread alone knows.
+    """
+    return njit(function, unlocked=True)
+
+
+# -------------------------------------------------------------------------------------------------
+# Compiled kernels, called without the look at their arguments' types.
+#
+# numba looks at every number in a tuple of hundreds at each call, to find the code for its types.
+# Where the types are known to stay, this look can be made once: it takes ten times as long as to
+# hand
+# the numbers over.
+# -------------------------------------------------------------------------------------------------
+
+
+def direct(kernel: Callable[..., Any], *like: Any) -> Callable[..., Any]:
+    """The machine code of a kernel for arguments of these types.
+
+    Parameters
+    ----------
+    kernel : callable
+        As `heli_core.jit.njit` gives it.
+    *like : object
+        Arguments, all of them, as those of each call will be.
+
+    Returns
+    -------
+    callable
+        Computes the same, bit for bit. It takes positional arguments only, and does not check them:
+        an array of another number of dimensions, kind or order would be read as if it were the
+        one of `like`. So ask again when a tuple of numbers is swapped.
+    """
+    import numba
+
+    if not hasattr(kernel, "overloads"):  # NUMBA_DISABLE_JIT
+        return kernel
+    code: Callable[..., Any] = kernel.compile(tuple(map(numba.typeof, like)))  # type: ignore[attr-defined]
+    return code
+
+
+# -------------------------------------------------------------------------------------------------
+# Small arrays in kernels: made on the stack, copied and filled by plain loops.
+#
+# numba's own slice assignment makes a copy where source and target may overlap, and costs seconds
+# of
+# compilation.
+# -------------------------------------------------------------------------------------------------
+
+
+def scratch(length: int) -> np.ndarray:
+    """A float64 vector that lives as long as the kernel that asks for it; its numbers are anything.
+
+    It lies on the stack: nothing is allocated, and a short one ends up in registers. So it must not
+    be returned, nor kept.
+
+    Parameters
+    ----------
+    length : int
+        A number, or the name of a module's constant.
+    """
+    return np.empty(length)
+
+
+def scratch_matrix(rows: int, columns: int) -> np.ndarray:
+    """As `scratch`, a float64 matrix."""
+    return np.empty((rows, columns))
+
+
+def _type_of(*lengths: Any) -> Any:
+    """Type of an array of these lengths; None, which numba asks for, if one is not a constant."""
+    if all(isinstance(length, types.IntegerLiteral) for length in lengths):
+        return types.Array(types.float64, len(lengths), "C")
+    return None
+
+
+@type_callable(scratch)
+def _type_of_vector(_context: Any) -> Any:
+    def typer(length):  # type: ignore[no-untyped-def]  # numba reads its signature
+        return _type_of(length)
+
+    return typer
+
+
+@type_callable(scratch_matrix)
+def _type_of_matrix(_context: Any) -> Any:
+    def typer(rows, columns):  # type: ignore[no-untyped-def]
+        return _type_of(rows, columns)
+
+    return typer
+
+
+@lower_builtin(scratch, types.IntegerLiteral)
+@lower_builtin(scratch_matrix, types.IntegerLiteral, types.IntegerLiteral)
+def _on_stack(context: Any, builder: Any, signature: Any, _arguments: Any) -> Any:
+    """Code of an array in the frame of the kernel; nobody counts references to it."""
+    shape = [length.literal_value for length in signature.args]
+    number = context.get_data_type(types.float64)
+    width = context.get_abi_sizeof(number)
+
+    def integers(values: list[int]) -> Any:
+        words = [context.get_constant(types.intp, value) for value in values]
+        return cgutils.pack_array(builder, words)
+
+    made = context.make_array(signature.return_type)(context, builder)
+    context.populate_array(
+        made,
+        data=cgutils.alloca_once(builder, number, size=math.prod(shape)),
+        shape=integers(shape),
+        strides=integers([width * math.prod(shape[i + 1 :]) for i in range(len(shape))]),
+        itemsize=context.get_constant(types.intp, width),
+        meminfo=None,
+    )
+    return made._getvalue()
+
+
+@njit
+def copy_part(target, i, source, j, n):
+    """target[i : i + n] = source[j : j + n] of contiguous vectors."""
+    for m in range(n):
+        target[i + m] = source[j + m]
+
+
+@njit
+def copy(target, source):
+    """target[:] = source of vectors of one length."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
+
+
+@njit
+def difference(a, b, out):
+    """out[:] = a - b of vectors of one length."""
+    for i in range(out.shape[0]):
+        out[i] = a[i] - b[i]
+
+
+@njit
+def is_zero(values):
+    """Whether every number of a vector is 0; NaN is not."""
+    for value in values:
+        if value != 0.0:
+            return False
+    return True
+
+
+@njit
+def copy_matrix(target, source):
+    """target[:, :] = source."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@njit
+def fill(target, value):
+    """target[:] = value of a contiguous vector."""
+    for i in range(target.shape[0]):
+        target[i] = value
+
+
+@njit
+def fill_matrix(target, value):
+    """target[:, :] = value."""
+    for i in range(target.shape[0]):
+        for j in range(target.shape[1]):
+            target[i, j] = value

@@ -1,0 +1,537 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter tables: from one row per parameter, files are checked and ROS parameters declared.
+
+A node package has `parameters.py` with `TABLE: tuple[Parameter, ...]`. The table holds no
+values: these stand in the packaged YAML of the node (`config/<node>.yaml`); later files override.
+Nothing here imports ROS.
+"""
+
+import difflib
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+
+from heli_core.rcl_yaml import (
+    Entry,
+    ParameterError,
+    ParameterFile,
+    applicable,
+    check_node_names,
+    dump_all,
+    opened,
+    printable,
+    scalar,
+    value_of,
+)
+from heli_core.ticks import LATITUDE_DEG, LONGITUDE_DEG, RATES_HZ
+
+# -------------------------------------------------------------------------------------------------
+# Parameters.
+# -------------------------------------------------------------------------------------------------
+
+__all__ = [
+    "KINDS",
+    "Entry",
+    "Parameter",
+    "ParameterError",
+    "ParameterFile",
+    "check_node_names",
+    "dump_all",
+    "why_refused",
+    "load",
+    "opened",
+    "stated",
+]
+
+KINDS = ("bool", "int", "double", "string", "double[]", "string[]")
+_SCALAR_TYPES = {"bool": bool, "int": int, "double": float, "string": str}
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+_OF_ROS_PREFIX = ("qos_overrides.",)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of a parameter table.
+
+    Attributes
+    ----------
+    name : str
+        Dotted name, such as `wind.speed_mps`.
+    kind : str
+        One of `KINDS`.
+    description : str
+        What it means, one sentence.
+    unit : str
+        Unit, empty for none.
+    lower, upper : float or None
+        Bounds of a number or of every element of an array, inclusive.
+    lower_open, upper_open : bool
+        True where the bound itself is not allowed.
+    shape : tuple of (int or None), or None
+        Shape of an array, stored flat row by row; None as a dimension means any length.
+    choices : tuple or None
+        Allowed values (of every element of a string array).
+    read_only : bool
+        True if it cannot be changed while the node runs.
+    was : str
+        The name that it had before; who still uses that is told the new one.
+    """
+
+    name: str
+    kind: str
+    description: str
+    unit: str = ""
+    lower: float | None = None
+    upper: float | None = None
+    shape: tuple[int | None, ...] | None = None
+    choices: tuple[Any, ...] | None = None
+    read_only: bool = False
+    lower_open: bool = False
+    upper_open: bool = False
+    was: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"parameter {self.name}: kind {self.kind!r} is not one of {KINDS}")
+        if self.shape is not None and not self.kind.endswith("[]"):
+            raise ValueError(f"parameter {self.name}: only an array has a shape")
+        if self.shape is not None and sum(size is None for size in self.shape) > 1:
+            raise ValueError(f"parameter {self.name}: at most one dimension may be open")
+
+    def allowed(self) -> str:
+        """What is allowed, in words: kind, length, bounds, choices, unit."""
+        if self.choices is not None:
+            return "one of " + ", ".join(str(choice) for choice in self.choices)
+        text = {"double": "a double", "int": "an integer", "bool": "true or false"}.get(self.kind)
+        if text is None:
+            element = {"string": "a text", "double[]": "doubles", "string[]": "texts"}[self.kind]
+            text = element if self.kind == "string" else f"{self._length()}{element}"
+        bounds = self._bounds()
+        text = f"{text} in {bounds}" if bounds else text
+        return f"{text} {self.unit}".rstrip() if self.unit not in ("", "-", "1") else text
+
+    def _length(self) -> str:
+        if self.shape is None:
+            return "any number of "
+        sizes = ["any number" if size is None else str(size) for size in self.shape]
+        if len(sizes) == 1:
+            return "any number of " if self.shape[0] is None else f"{sizes[0]} "
+        fixed = [size for size in self.shape if size is not None]
+        product = math.prod(fixed)
+        many = f"{product}" if None not in self.shape else f"a multiple of {product}"
+        return f"{many} ({' x '.join(sizes)}, row by row) "
+
+    def _bounds(self) -> str:
+        if self.lower is None and self.upper is None:
+            return ""
+        left = "(" if self.lower_open or self.lower is None else "["
+        right = ")" if self.upper_open or self.upper is None else "]"
+        low = "-inf" if self.lower is None else f"{self.lower:g}"
+        high = "inf" if self.upper is None else f"{self.upper:g}"
+        return f"{left}{low}, {high}{right}"
+
+    def check(self, value: Any) -> Any:
+        """The value in the form the cores use, if it is allowed.
+
+        Parameters
+        ----------
+        value : bool, int, float, str, list, tuple, array.array or ndarray
+            As rcl or a ROS parameter gives it.
+
+        Returns
+        -------
+        bool, int, float, str, ndarray of float64 (reshaped to `shape`) or tuple of str
+
+        Raises
+        ------
+        ParameterError
+            With value and what is allowed (the caller adds file and key).
+        """
+        if self.kind.endswith("[]"):
+            return self._check_array(value)
+        self._check_type(value, _SCALAR_TYPES[self.kind])
+        self._check_element(value)
+        return value
+
+    def _refuse(self, value: Any, reason: str = "") -> ParameterError:
+        shown = _plain(repr(value) if isinstance(value, str) else value)
+        because = f": {reason}" if reason else ""
+        return ParameterError(f"{shown} is not allowed{because}; allowed: {self.allowed()}")
+
+    def _check_type(self, value: Any, expected: type) -> None:
+        if type(value) is expected:
+            return
+        if expected is float and type(value) is int:
+            raise self._refuse(value, f"it is an integer, write {float(value)!r}")
+        raise self._refuse(value, f"it is a {_KIND_NAMES.get(type(value), type(value).__name__)}")
+
+    def _check_element(self, value: Any) -> None:
+        if isinstance(value, float) and not math.isfinite(value):
+            raise self._refuse(value, "it is not finite")
+        if self.choices is not None and value not in self.choices:
+            near = difflib.get_close_matches(str(value), [str(c) for c in self.choices], n=1)
+            raise self._refuse(value, f"did you mean {near[0]}?" if near else "")
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            low = self.lower is not None and (
+                value <= self.lower if self.lower_open else value < self.lower
+            )
+            high = self.upper is not None and (
+                value >= self.upper if self.upper_open else value > self.upper
+            )
+            if low or high:
+                raise self._refuse(value, "out of bounds")
+
+    def _check_array(self, value: Any) -> Any:
+        if isinstance(value, (bool, int, float, str, bytes)) or not hasattr(value, "__len__"):
+            raise self._refuse(value, "it is not an array")
+        items = np.asarray(value).ravel().tolist() if isinstance(value, np.ndarray) else list(value)
+        element = float if self.kind == "double[]" else str
+        for item in items:
+            self._check_type(item, element)
+            self._check_element(item)
+        if self.shape is not None:
+            fixed = math.prod(size for size in self.shape if size is not None)
+            count = len(items)
+            fits = count % max(fixed, 1) == 0 if None in self.shape else count == fixed
+            if not fits:
+                raise self._refuse(items, f"it has {count} elements")
+        if element is str:
+            return tuple(items)
+        flat = np.array(items, dtype=np.float64)
+        if self.shape is None:
+            return flat
+        return flat.reshape([-1 if size is None else size for size in self.shape])
+
+
+_KIND_NAMES = {bool: "boolean", int: "integer", float: "double", str: "text", list: "array"}
+
+
+def _plain(value: Any) -> str:
+    text = str(value.tolist() if isinstance(value, np.ndarray) else value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def suggestion(table: Mapping[str, Parameter], key: str) -> str:
+    """Words about a name that a table does not have: what it may have been meant for."""
+    renamed = next((row.name for row in table.values() if row.was == key), None)
+    if renamed is not None:
+        return f"is called '{renamed}' now; change the name"
+    near = difflib.get_close_matches(key, table, n=1, cutoff=0.5)
+    if not near:
+        leaf = key.rsplit(".", 1)[-1]
+        near = [name for name in table if name.rsplit(".", 1)[-1] == leaf][:1]
+    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(table))}"
+    return f"unknown parameter; {hint}"
+
+
+def _index(table: Iterable[Parameter]) -> dict[str, Parameter]:
+    rows: dict[str, Parameter] = {}
+    for row in table:
+        if row.name in rows:
+            raise ValueError(f"parameter table names {row.name} twice")
+        rows[row.name] = row
+    return rows
+
+
+def _is_of_ros(key: str) -> bool:
+    return key in _OF_ROS or key.startswith(_OF_ROS_PREFIX)
+
+
+def _assignments(rules: Sequence[str], node_name: str) -> list[Entry]:
+    """Entries of `-p [node:]name:=value` rules that concern the node."""
+    import yaml
+
+    found = []
+    for rule in rules:
+        left, separator, text = rule.partition(":=")
+        where = f"-p {rule}"
+        if not separator:
+            raise ParameterError(f"{where}: expected name:=value")
+        node, _, key = left.rpartition(":")
+        if node and node.strip("/") not in (node_name.strip("/"), node_name.rsplit("/", 1)[-1]):
+            continue
+        try:
+            tree = yaml.compose(text, Loader=yaml.SafeLoader)
+        except yaml.YAMLError as error:
+            raise ParameterError(f"{where}: {key}: value is not valid YAML") from error
+        value = scalar("", True) if tree is None else value_of(tree, where, key)
+        found.append(Entry("", key, value, where))
+    return found
+
+
+def stated(
+    table: Iterable[Parameter],
+    files: Iterable[str | Path | ParameterFile],
+    node_name: str,
+    rules: Sequence[str] = (),
+    ignore: Iterable[str] = (),
+) -> dict[str, Entry]:
+    """What files and command line say of a node, checked; what they do not say is left out.
+
+    Parameters
+    ----------
+    table, files, node_name, rules, ignore
+        As for `load`.
+
+    Returns
+    -------
+    dict
+        Per parameter name the strongest assignment; its value is as `Parameter.check` returns it.
+
+    Raises
+    ------
+    ParameterError
+        One line with file and line, key, value and what is allowed.
+    """
+    rows, passed_over = _index(table), frozenset(ignore)
+    found = [entry for file in files for entry in applicable(file, node_name)]
+    strongest: dict[str, Entry] = {}
+    for entry in [*found, *_assignments(rules, node_name)]:
+        if _is_of_ros(entry.key) or entry.key in passed_over:
+            continue
+        row = rows.get(entry.key)
+        if row is None:
+            raise ParameterError(f"{entry.where}: {entry.key}: {suggestion(rows, entry.key)}")
+        try:
+            value = row.check(entry.value)
+        except ParameterError as error:
+            raise ParameterError(f"{entry.where}: {entry.key}: {error}") from None
+        strongest[entry.key] = Entry(entry.pattern, entry.key, value, entry.where)
+    return strongest
+
+
+def load(
+    table: Iterable[Parameter],
+    files: Iterable[str | Path | ParameterFile],
+    node_name: str,
+    rules: Sequence[str] = (),
+    ignore: Iterable[str] = (),
+) -> dict[str, Any]:
+    """Read and check the parameters of a node.
+
+    Parameters
+    ----------
+    table : iterable of Parameter
+        What the node knows.
+    files : iterable of path or ParameterFile
+        rcl parameter files, or what has been read of them already; a later one overrides an
+        earlier one. Within a file the more specific node key wins (`/plant` over `/**/plant` over
+        `/**`).
+    node_name : str
+        `plant`, or fully qualified `/heli1/plant`.
+    rules : sequence of str
+        Command-line assignments, `name:=value` or `node:name:=value`; the strongest.
+    ignore : iterable of str
+        Names that belong to somebody else and are passed over without a check.
+
+    Returns
+    -------
+    dict
+        Value per name in the table's order, see `Parameter.check`.
+
+    Raises
+    ------
+    ParameterError
+        One line with file and line, key, value and what is allowed.
+    """
+    rows, layers = _index(table), [opened(file) for file in files]
+    found = stated(rows.values(), layers, node_name, rules, ignore)
+    for name, row in rows.items():
+        if name not in found:
+            sought = ", ".join(str(layer.path) for layer in layers) or "no file given"
+            raise ParameterError(
+                f"{sought}: {name}: no value for node '{node_name}'; allowed: {row.allowed()}"
+            )
+    return {name: found[name].value for name in rows}
+
+
+def why_refused(table: Iterable[Parameter], name: str, value: Any) -> str:
+    """Reason why a run-time change is refused, as one sentence; empty if it is allowed.
+
+    Parameters
+    ----------
+    table : iterable of Parameter
+        What the node knows.
+    name : str
+        Parameter to be set.
+    value : object
+        New value, as a ROS parameter gives it.
+    """
+    rows = _index(table)
+    row = rows.get(name)
+    if row is None:
+        return "" if _is_of_ros(name) else f"{name}: {suggestion(rows, name)}"
+    if row.read_only:
+        return f"{name}: is fixed while the node runs; restart the node to change it"
+    try:
+        row.check(value)
+    except ParameterError as error:
+        return f"{name}: {error}"
+    return ""
+
+
+# -------------------------------------------------------------------------------------------------
+# Parameters that every managed node of the graph has; values in `config/common.yaml`. No ROS.
+# -------------------------------------------------------------------------------------------------
+
+
+def _origin(name: str, description: str, unit: str, lower: float, upper: float) -> Parameter:
+    return Parameter(
+        f"origin.{name}", "double", description, unit, lower=lower, upper=upper, read_only=True
+    )
+
+
+COMMON_TABLE: tuple[Parameter, ...] = (
+    Parameter("autostart", "bool", "Configure and activate itself when started", read_only=True),
+    Parameter(
+        "lockstep",
+        "bool",
+        "Act on the set of messages of a tick instead of on arrival",
+        read_only=True,
+    ),
+    Parameter(
+        "start_time_s",
+        "double",
+        "Message stamp of tick 0",
+        unit="s",
+        lower=1.0,
+        upper=1e9,
+        read_only=True,
+    ),
+    Parameter(
+        "rate_hz",
+        "int",
+        "Ticks a second: IMU, observer and inner loop; what is counted in ticks stays of 10 ms",
+        unit="Hz",
+        choices=RATES_HZ,
+        read_only=True,
+    ),
+    Parameter("peers", "string[]", "Nodes that take part in the flight", read_only=True),
+    Parameter("unrecorded", "string[]", "Topics for which no recorder is awaited", read_only=True),
+    Parameter(
+        "connect_timeout_s",
+        "double",
+        "Wall time to wait for peers to connect",
+        unit="s",
+        lower=0.1,
+        upper=3600.0,
+        read_only=True,
+    ),
+    Parameter(
+        "peer_timeout_s",
+        "double",
+        "Wall time that lockstep waits for a silent peer",
+        unit="s",
+        lower=0.01,
+        upper=3600.0,
+        read_only=True,
+    ),
+    Parameter(
+        "link_faults",
+        "string[]",
+        "Messages to this node that are lost, late, exchanged or repeated, a mapping each; or none",
+        read_only=True,
+    ),
+    Parameter(
+        "link_seed",
+        "int",
+        "Seed of what happens on links; of a flight that of the plant",
+        lower=0,
+        upper=2**63 - 1,
+        read_only=True,
+    ),
+    _origin("latitude_deg", "Latitude of the NED origin", "deg", -LATITUDE_DEG, LATITUDE_DEG),
+    _origin("longitude_deg", "Longitude of the NED origin", "deg", -LONGITUDE_DEG, LONGITUDE_DEG),
+    _origin("altitude_m", "Altitude of the NED origin", "m", -500.0, 9000.0),
+)
+
+
+def with_common(table: Iterable[Parameter]) -> tuple[Parameter, ...]:
+    """A node's table with the common rows in front; the node's own row wins where both have one."""
+    own = tuple(table)
+    names = {row.name for row in own}
+    return tuple(row for row in COMMON_TABLE if row.name not in names) + own
+
+
+# -------------------------------------------------------------------------------------------------
+# Entries of a list that are mappings of YAML, each of a line: read and judged.
+#
+# What is wrong is a ParameterError of one sentence that begins with `where`.
+# -------------------------------------------------------------------------------------------------
+
+NONE = "none"
+"""What a parameter of such entries says where there is none: rcl does not take an empty array."""
+_MOST = 64
+T = TypeVar("T")
+
+
+def entries(
+    texts: Iterable[str],
+    name: str,
+    keys: Sequence[str],
+    read: Callable[[yaml.Node | None, str], T],
+) -> tuple[T, ...]:
+    """What `read(node, where)` makes of each text, a mapping of `keys`, that is not `NONE`."""
+    found: list[T] = []
+    for i, text in enumerate(texts):
+        if text == NONE:
+            continue
+        where = f"{name}: entry {i + 1}"
+        try:
+            node = yaml.compose(text, Loader=yaml.SafeLoader)
+        except yaml.YAMLError:
+            raise ParameterError(
+                f"{where}: {text!r} is not valid YAML; allowed: a mapping of {', '.join(keys)}"
+            ) from None
+        found.append(read(node, where))
+    if len(found) > _MOST:
+        raise ParameterError(f"{name}: {len(found)} entries; allowed: at most {_MOST}")
+    return tuple(found)
+
+
+def mapping(node: yaml.Node | None, keys: Sequence[str], where: str) -> dict[str, Any]:
+    """Values by key, each key one of `keys`."""
+    if not isinstance(node, yaml.MappingNode):
+        raise ParameterError(f"{where}: expected a mapping of {', '.join(keys)}")
+    said: dict[str, Any] = {}
+    for key_node, value_node in node.value:
+        key = key_node.value if isinstance(key_node, yaml.ScalarNode) else "?"
+        if key not in keys:
+            near = difflib.get_close_matches(key, keys, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(keys)}"
+            raise ParameterError(f"{where}: {printable(key)}: unknown key; {hint}")
+        if key in said:
+            raise ParameterError(f"{where}: {key}: the key stands here twice")
+        if not isinstance(value_node, yaml.ScalarNode):
+            raise ParameterError(f"{where}: {key}: expected one value, no list and no mapping")
+        said[key] = scalar(value_node.value, bool(value_node.style))
+    return said
+
+
+def one_of(said: Mapping[str, Any], key: str, allowed: Sequence[str], where: str) -> str:
+    """The value of a key that is one of some words."""
+    if key not in said:
+        raise ParameterError(f"{where}: {key}: missing; allowed: one of {', '.join(allowed)}")
+    value = said[key]
+    if value in allowed:
+        return str(value)
+    near = difflib.get_close_matches(str(value), allowed, n=1)
+    hint = f": did you mean {near[0]}?" if near else ""
+    raise ParameterError(
+        f"{where}: {key}: {value} is not allowed{hint}; allowed: one of {', '.join(allowed)}"
+    )
+
+
+def number_of(said: Mapping[str, Any], key: str, most: float, where: str) -> float:
+    """The value of a key that is a number from 0 to `most`."""
+    value = said.get(key)
+    right = isinstance(value, int | float) and not isinstance(value, bool)
+    if value is None or not right or not 0.0 <= value <= most:
+        shown = "missing" if value is None else f"{value} is not allowed"
+        raise ParameterError(f"{where}: {key}: {shown}; allowed: a number in [0, {most:g}]")
+    return float(value)

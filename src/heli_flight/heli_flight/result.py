@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a flight leaves behind: the table beside the paper, result.json, the resolved parameters."""
+
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from heli_core.metrics import CLIMB_METRICS, METRICS, PATH, ClimbFigure
+from heli_core.ticks import seconds
+from heli_dynamics_sim.config import PlantConfig
+from heli_dynamics_sim.wind import GUST, draw_gusts
+from heli_flight.flight_file import changes, drawn, drawn_words, flown_faults, identity
+from heli_flight.scoring import (
+    DECIDES,
+    SOURCE_NAMES,
+    STRETCHES,
+    WHOLE,
+    Figures,
+    Score,
+    decides,
+    figures_of,
+    sources_of,
+)
+from heli_flight.settings import PAPER, Settings, own_laws, own_words
+from heli_flight.terminal import FittingTable, table
+
+RESULT = "result.json"
+EXIT_INSIDE = 0
+EXIT_OUTSIDE = 1
+
+_VERSIONED = ("numpy", "scipy", "numba", "rosbags", "ros-rclpy", "heli-hover")
+
+
+@dataclass(frozen=True)
+class Result:
+    """Outcome of one flight.
+
+    Attributes
+    ----------
+    figures : Figures
+        Of both stretches, and of the climb.
+    lost : str
+        Why the helicopter was lost, one sentence; empty if it was not.
+    flown_s : float
+        Flight time.
+    wall_s : float
+        Wall time of the flight itself, without start-up.
+    notes : sequence of str
+        What the reader should know: faults met, messages lost.
+    aircraft : str
+        Namespace that it flew in, among others; empty if it flew alone.
+    forged : str
+        Why the recorded ground truth is not the plant's, one sentence; empty if it is.
+    partial : str
+        Why only a part of the flight was recorded, one sentence; empty if all was.
+    """
+
+    figures: Figures
+    lost: str
+    flown_s: float
+    wall_s: float
+    notes: Sequence[str] = field(default=())
+    aircraft: str = ""
+    forged: str = ""
+    partial: str = ""
+
+    def outside(self, stretch: str = DECIDES) -> list[Score]:
+        """Scores of a stretch outside the paper's figures, of all records."""
+        return [s for s in self.figures.of(stretch) if not s.inside]
+
+    def judged(self, gps: str, stretch: str = DECIDES) -> list[Score]:
+        """Those of them that count for the verdict; over `DECIDES` they decide the exit code."""
+        return [s for s in self.outside(stretch) if decides(s.source, gps)]
+
+    def exit_code(self, gps: str) -> int:
+        """0: what is judged is inside the paper's figures; 1: not, or lost, forged, partial."""
+        grounded = any(not figure.inside for figure in self.figures.ground)
+        failed = self.lost or self.forged or self.partial or grounded or self.judged(gps)
+        return EXIT_OUTSIDE if failed else EXIT_INSIDE
+
+
+def mean_wind(plant: Mapping[str, Any]) -> str:
+    """The steady wind of the plant's parameters, in words."""
+    if plant["wind.profile"] == "log":
+        return f"{plant['wind.w20_mps']:g} m/s at 20 ft, log profile"
+    speeds = "/".join(f"{v:g}" for v in plant["wind.profile_speed_mps"])
+    return f"{speeds} m/s at {'/'.join(f'{h:g}' for h in plant['wind.profile_altitude_m'])} m"
+
+
+def conditions(settings: Settings) -> str:
+    """World, wind and sensors in two lines: they stand next to every comparison."""
+    p = settings.nodes["plant"]
+    mean = mean_wind(p) + ("," if p["wind.profile"] == "log" else "")
+    turbulence = "MIL-F-8785C Dryden turbulence" if p["wind.turbulence"] else "no turbulence"
+    gusts = np.reshape(p["wind.gust.amplitude_mps"], (-1, 3))
+    peak = np.linalg.norm(gusts, axis=1).max(initial=0.0)
+    if peak > 0.0:
+        turbulence += f", {len(gusts)} discrete gusts up to {peak:.3g} m/s"
+    rate, shares = p["wind.random_gusts.rate_per_min"], p["wind.random_gusts.amplitude_w20"]
+    if rate > 0.0:
+        least, most = shares
+        turbulence += f", {rate:g} random gusts a minute of {least:g} to {most:g} of the 20 ft wind"
+    world = "" if settings.world == PAPER else f"world {Path(settings.world).stem}, "
+    fast = f"; IMU, observer and inner loop at {settings.rate.hz} Hz"
+    return (
+        f"simulated: {world}wind {mean} towards {p['wind.towards_deg']:g} deg, "
+        f"{turbulence}; seed {settings.seed}{fast if settings.rate.fold != 1 else ''}\n"
+        f"GPS {settings.gps}: white {p['sensors.gps.white_m']:g} m, drift "
+        f"{p['sensors.gps.drift_m']:g} m, velocity {p['sensors.gps.velocity_mps']:g} m/s; "
+        "the paper's numbers are from flight"
+    )
+
+
+def fault_words(settings: Settings) -> str:
+    """The faults of a flight in words, on one line; empty without."""
+    return "; ".join(fault.words for fault in flown_faults(settings))
+
+
+def random_gusts(settings: Settings) -> list[dict[str, Any]]:
+    """The random gusts that the flight's seed draws, in the order of their starts."""
+    p = settings.nodes["plant"]
+    if not p["wind.random_gusts.rate_per_min"]:
+        return []
+    k = PlantConfig.from_parameters(p).wind
+    gusts = draw_gusts(settings.seed, k.random, k.w20_mps, k.towards_rad)
+    return [
+        {
+            "start_s": float(gust[GUST.start]),
+            "duration_s": float(gust[GUST.duration]),
+            "peak_ned_mps": gust[GUST.peak].tolist(),
+        }
+        for gust in gusts
+    ]
+
+
+def phases(settings: Settings, stretch: str = DECIDES) -> str:
+    """When a stretch is, in words: 0 to 60 s, or 5 to 18 s and 25 to 60 s."""
+    end_s = seconds(settings.scenario.n_ticks)
+    spans = [(0.0, end_s)] if stretch == WHOLE else settings.scenario.windows_s
+    windows = [(a, min(b, end_s)) for a, b in spans if a < min(b, end_s)]
+    return " and ".join(f"{a:g} to {b:g} s" for a, b in windows) or "nothing: too short a flight"
+
+
+def judged_by(settings: Settings) -> str:
+    """What is held against the paper's figures and decides the exit code, in words."""
+    who = " and ".join(SOURCE_NAMES[s] for s in SOURCE_NAMES if decides(s, settings.gps))
+    return f"{who}, {phases(settings)}"
+
+
+def verdict(result: Result, settings: Settings, stretch: str) -> str:
+    """One sentence: inside its figures over a stretch, or what is outside of them."""
+    when = f"{STRETCHES[stretch]}, {phases(settings, stretch)}"
+    if not result.figures.of(stretch):
+        return f"{when}: not scored"
+    records: dict[str, list[str]] = {}
+    for s in result.judged(settings.gps, stretch):
+        records.setdefault(s.metric.label, []).append(SOURCE_NAMES[s.source])
+    metrics: dict[str, list[str]] = {}
+    for label, found in records.items():
+        metrics.setdefault(" and ".join(found), []).append(label)
+    names = "; ".join(f"{', '.join(labels)} ({found})" for found, labels in metrics.items())
+    inside = f"inside {figures_of(settings.scenario.kind)}"
+    return f"{when}: " + (f"outside in {names}" if names else inside)
+
+
+_LEGEND = ("! outside the paper's figure. ", "! outside the goal. ")
+_TITLES = {"hover": "Hover test", "attitude": "Attitude test", PATH: "Path"}
+_COUNTS = {
+    "standalone": (
+        "The navigation record decides, as in the paper: ground truth holds the drift of the "
+        "standalone receiver, too, which no instrument on board can see. Without the drift at "
+        "engagement it says what the control did; what drifted later is still in it."
+    ),
+    "rtk": "The navigation record and, as an RTK receiver knows it, ground truth decide.",
+}
+
+
+def print_table(result: Result, settings: Settings, console: Console) -> None:
+    """Metric, this flight from its records, the paper: the whole flight first, then the windows."""
+    if any(result.figures.of(stretch) for stretch in STRETCHES):
+        for stretch in STRETCHES:
+            if result.figures.of(stretch):
+                console.print(_stretch_table(result, settings, stretch, console))
+            console.print(verdict(result, settings, stretch), highlight=False)
+        if result.figures.climb:
+            console.print(_climb_table(result, settings, console))
+        if result.figures.ground:
+            console.print(_ground_table(result, console))
+        console.print(f"judged: {judged_by(settings)}", highlight=False)
+        if any(result.outside(stretch) for stretch in STRETCHES):
+            legend = _LEGEND[settings.scenario.kind == PATH]
+            console.print(legend + _COUNTS[settings.gps], highlight=False)
+    else:
+        console.print("not scored: nothing was flown")
+    console.print(conditions(settings), highlight=False)
+    if flown_faults(settings):
+        console.print(f"faults: {fault_words(settings)}", highlight=False)
+    if drawn(settings):
+        console.print(drawn_words(settings), highlight=False)
+    console.print(f"laws: {Path(settings.laws).stem}", highlight=False)
+    if own_words(settings):
+        console.print(f"own law: {own_words(settings)}", highlight=False)
+    for note in result.notes:
+        console.print(f"note: {note}", highlight=False)
+    if result.lost:
+        console.print(f"LOST after {result.flown_s:.2f} s: {result.lost}", highlight=False)
+    if result.forged:
+        console.print(f"FORGED: {result.forged}", highlight=False)
+    if result.partial:
+        console.print(f"PARTIAL: {result.partial}", highlight=False)
+
+
+def _stretch_table(
+    result: Result, settings: Settings, stretch: str, console: Console
+) -> FittingTable:
+    kind, sources = settings.scenario.kind, sources_of(settings.gps)
+    title = _TITLES[kind]
+    title += f" of {result.aircraft}" if result.aircraft else ""
+    rows = table(f"{title}, {STRETCHES[stretch]}: largest magnitude (rms)", console)
+    rows.add_column("metric")
+    for name in (
+        *(SOURCE_NAMES[source] for source in sources),
+        "goal" if kind == PATH else "paper",
+    ):
+        rows.add_column(name, justify="right")
+    rows.add_column("verdict")
+    judged = result.judged(settings.gps, stretch)
+    for metric in METRICS[kind]:
+        found = [result.figures.find(stretch, metric.key, source) for source in sources]
+        bad = any(s.metric is metric for s in judged)
+        rows.add_row(
+            metric.label,
+            *("-" if s is None else _cell(s) for s in found),
+            f"{metric.paper:g} {metric.unit}",
+            "OUTSIDE" if bad else "inside",
+        )
+    return rows
+
+
+def _cell(s: Score) -> str:
+    return f"{s.max:.2f} ({s.rms:.2f}) {s.metric.unit}{'' if s.inside else ' !'}"
+
+
+def _climb_table(result: Result, settings: Settings, console: Console) -> FittingTable:
+    rows = table("Climb", console)
+    rows.add_column("figure")
+    sources = sources_of(settings.gps)
+    for source in sources:
+        rows.add_column(SOURCE_NAMES[source], justify="right")
+    found = {(f.metric.key, f.source): f for f in result.figures.climb}
+    for metric in CLIMB_METRICS:
+        figures = [found.get((metric.key, source)) for source in sources]
+        rows.add_row(metric.label, *(climb_cell(figure) for figure in figures))
+    return rows
+
+
+def _ground_table(result: Result, console: Console) -> FittingTable:
+    rows = table("From the ground to the ground", console)
+    rows.add_column("figure")
+    for name in ("this flight", "goal"):
+        rows.add_column(name, justify="right")
+    rows.add_column("verdict")
+    for figure in result.figures.ground:
+        metric = figure.metric
+        verdict_word = "inside" if figure.inside else "OUTSIDE"
+        rows.add_row(metric.label, figure.cell, f"{metric.goal:g} {metric.unit}", verdict_word)
+    return rows
+
+
+def climb_cell(figure: ClimbFigure | None) -> str:
+    """A figure of the climb as a table says it."""
+    if figure is None:
+        return "-"
+    if figure.value is None:
+        return "not reached"
+    return f"{figure.value:.2f} {figure.metric.unit}"
+
+
+def versions() -> dict[str, str]:
+    """Versions that a reader needs to repeat the flight."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in _VERSIONED:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _verdict_row(result: Result, settings: Settings, stretch: str) -> dict[str, Any]:
+    """What result.json says of a stretch; inside is null where nothing was scored."""
+    outside = [s.name for s in result.judged(settings.gps, stretch)]
+    return {
+        "stretch": STRETCHES[stretch],
+        "when": phases(settings, stretch),
+        "inside": not outside if result.figures.of(stretch) else None,
+        "outside": outside,
+        "decides": stretch == DECIDES,
+    }
+
+
+def write_result(
+    result: Result, settings: Settings, folder: Path, extra: Mapping[str, Any]
+) -> None:
+    """Write result.json into the flight's folder."""
+    content = {
+        "aircraft": result.aircraft or None,
+        **identity(settings, changes(settings)),
+        "rate_hz": settings.rate.hz,
+        "own_laws": own_laws(settings),
+        "draw": drawn(settings),
+        "exit_code": result.exit_code(settings.gps),
+        "lost": result.lost,
+        "forged": result.forged,
+        "partial": result.partial,
+        "judged": judged_by(settings),
+        "outside": [s.name for s in result.judged(settings.gps)],
+        "verdicts": {stretch: _verdict_row(result, settings, stretch) for stretch in STRETCHES},
+        "flown_s": result.flown_s,
+        "wall_s": round(result.wall_s, 3),
+        "real_time_factor": round(result.flown_s / result.wall_s, 3) if result.wall_s > 0 else None,
+        "metrics": [s.as_dict() for s in result.figures.all],
+        "climb": [figure.as_dict() for figure in result.figures.climb],
+        "ground": [figure.as_dict() for figure in result.figures.ground],
+        "conditions": conditions(settings).splitlines(),
+        "random_gusts": random_gusts(settings),
+        "faults": [fault.as_dict() for fault in flown_faults(settings)],
+        "notes": list(result.notes),
+        "versions": versions(),
+        "parameter_files": [str(path) for path in settings.files],
+        **extra,
+    }
+    (folder / RESULT).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,342 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reference trajectory as a `trajectory_msgs/MultiDOFJointTrajectory` and back.
+
+`header.stamp` is the moment from which `time_from_start` counts; poses and velocities are in the
+header's frame (ENU). It is sent once per change, latched, so message objects are fast enough.
+"""
+
+import math
+import struct
+import zlib
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_core.rotations import euler_from_quat, quat_from_euler
+from heli_core.rows import REFERENCE
+from heli_core.ticks import NS_PER_S
+from heli_core.trajectory import MAX_POINTS, Trajectory, TrajectoryError
+from heli_msgs_bridge import frames, topics
+from heli_msgs_bridge.layouts import MessageError, quoted
+from heli_msgs_bridge.topics import BASE, MAP, in_namespace
+
+# -------------------------------------------------------------------------------------------------
+# Reference message.
+# -------------------------------------------------------------------------------------------------
+
+
+def encode_reference(reference: Trajectory, namespace: str = "") -> Any:
+    """Message object of a trajectory for the aircraft in a namespace (imports ROS messages)."""
+    from geometry_msgs.msg import Transform, Twist
+    from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+    message = MultiDOFJointTrajectory()
+    message.header.frame_id = MAP
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(reference.start_ns, NS_PER_S)
+    message.joint_names = [in_namespace(BASE, namespace)]
+    enu, q = np.empty(3), np.empty(4)
+    for time_ns, point in zip(reference.times_ns.tolist(), reference.points, strict=True):
+        pose, twist, row = Transform(), Twist(), MultiDOFJointTrajectoryPoint()
+        frames.ned_to_enu(point[REFERENCE.pos], enu)
+        pose.translation.x, pose.translation.y, pose.translation.z = enu.tolist()
+        frames.ned_to_enu(point[REFERENCE.vel], enu)
+        twist.linear.x, twist.linear.y, twist.linear.z = enu.tolist()
+        frames.quat_ned_frd_to_enu_flu(quat_from_euler(0.0, 0.0, point[REFERENCE.psi]), q)
+        rotation = pose.rotation
+        rotation.x, rotation.y, rotation.z, rotation.w = q.tolist()
+        row.time_from_start.sec, row.time_from_start.nanosec = divmod(time_ns, NS_PER_S)
+        row.transforms, row.velocities = [pose], [twist]
+        message.points.append(row)
+    return message
+
+
+def key_of(message: Any) -> int:
+    """What tells a reference message from others: a sum of its times, places and headings.
+
+    Of a message with more than may be decoded, only of as much: it takes no longer, however long.
+    """
+    stamp = message.header.stamp
+    found = zlib.crc32(struct.pack("<qQ", stamp.sec, stamp.nanosec))
+    for point in message.points[:MAX_POINTS]:
+        at = point.time_from_start
+        found = zlib.crc32(struct.pack("<qQ", at.sec, at.nanosec), found)
+        for transform in point.transforms[:1]:
+            t, r = transform.translation, transform.rotation
+            found = zlib.crc32(struct.pack("<7d", t.x, t.y, t.z, r.x, r.y, r.z, r.w), found)
+    return found
+
+
+def _row(point: Any, index: int) -> np.ndarray:
+    if len(point.transforms) != 1 or len(point.velocities) > 1:
+        raise MessageError(
+            f"{topics.REFERENCE}: point {index} has {len(point.transforms)} transforms and "
+            f"{len(point.velocities)} velocities; expected one of each"
+        )
+    t, r = point.transforms[0].translation, point.transforms[0].rotation
+    v = point.velocities[0].linear if point.velocities else None
+    row, q = np.zeros(REFERENCE.size), np.empty(4)
+    frames.enu_to_ned(np.array([t.x, t.y, t.z]), row[REFERENCE.pos])
+    if v is not None:
+        frames.enu_to_ned(np.array([v.x, v.y, v.z]), row[REFERENCE.vel])
+    quaternion = np.array([r.x, r.y, r.z, r.w])
+    if not abs(math.hypot(*quaternion.tolist()) - 1.0) < 1e-3:
+        raise MessageError(f"{topics.REFERENCE}: point {index}: not a unit quaternion")
+    frames.quat_enu_flu_to_ned_frd(quaternion, q)
+    _, _, row[REFERENCE.psi] = euler_from_quat(q)
+    return row
+
+
+def decode_reference(message: Any, namespace: str | None = None) -> Trajectory:
+    """The trajectory of a reference message (object of rclpy or of rosbags).
+
+    Parameters
+    ----------
+    message : MultiDOFJointTrajectory
+    namespace : str, optional
+        Of the aircraft that follows: a way in another frame than `map`, or that names another
+        aircraft, is refused. Left out, any name is taken (bags of others).
+
+    Raises
+    ------
+    MessageError
+        No points or too many, times that do not increase, values that are not finite, a frame that
+        is not ENU.
+    """
+    name, frame = topics.REFERENCE, message.header.frame_id
+    if frame.endswith(("_ned", "_frd")):
+        raise MessageError(f"{name}: frame {quoted(frame)} says NED; expected ENU")
+    if namespace is not None:
+        if frame != MAP:
+            raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}'")
+        own, given = in_namespace(BASE, namespace), list(message.joint_names[:2])
+        if given not in ([], [own]):
+            said = ", ".join(map(quoted, given))
+            raise MessageError(f"{name}: for {said}; allowed: '{own}', or no name")
+    if len(message.points) > MAX_POINTS:
+        # Before they are read, which takes as long as there are many.
+        raise MessageError(
+            f"{name}: holds {len(message.points)} points; allowed: at most {MAX_POINTS}"
+        )
+    if not message.points:
+        raise MessageError(f"{name}: holds no points")
+    times = [p.time_from_start.sec * NS_PER_S + p.time_from_start.nanosec for p in message.points]
+    rows = [_row(point, index) for index, point in enumerate(message.points)]
+    stamp = message.header.stamp
+    start_ns = stamp.sec * NS_PER_S + stamp.nanosec
+    try:
+        return Trajectory(start_ns, np.array(times, dtype=np.int64), np.array(rows))
+    except TrajectoryError as error:
+        raise MessageError(f"{name}: {error}") from error
+
+
+# -------------------------------------------------------------------------------------------------
+# A velocity command as a `geometry_msgs/TwistStamped`, as REP-147 has it: `command_velocity`.
+# -------------------------------------------------------------------------------------------------
+
+
+class VelocityCommand(NamedTuple):
+    """How to move: stamp, ns; velocity (3,), NED, m/s; rate of the heading, rad/s, right is up."""
+
+    stamp_ns: int
+    vel_ned_mps: NDArray[np.float64]
+    yaw_rate_radps: float
+
+
+def decode_velocity(message: Any, psi_rad: float, namespace: str = "") -> VelocityCommand:
+    """The velocity of a message (object of rclpy or of rosbags).
+
+    Parameters
+    ----------
+    message : TwistStamped
+        In `map` (east, north, up) or in the aircraft's `base_link` (forward, left, up), which is
+        taken as level: forward is where the nose points, up is up.
+    psi_rad : float
+        The present heading, 0 is north.
+    namespace : str, optional
+        That of the aircraft, in front of its frames.
+
+    Raises
+    ------
+    MessageError
+        Another frame, a number that is not finite, a rate about another axis than up.
+    """
+    name, frame = topics.COMMAND_VELOCITY, message.header.frame_id
+    own = in_namespace(BASE, namespace)
+    if frame not in (MAP, own):
+        raise MessageError(
+            f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up), '{own}' (forward, "
+            "left, up, level)"
+        )
+    v, w = message.twist.linear, message.twist.angular
+    given, turn = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
+    if not np.isfinite(np.r_[given, turn]).all():
+        raise MessageError(
+            f"{name}: linear {given.tolist()}, angular {turn.tolist()}; allowed: finite numbers"
+        )
+    if turn[:2].any():
+        raise MessageError(f"{name}: angular {turn.tolist()}; allowed: x and y are 0")
+    vel = np.empty(3)
+    if frame == MAP:
+        frames.enu_to_ned(given, vel)
+    else:
+        frames.flu_to_frd(given, vel)
+        forward, right = vel[0], vel[1]
+        sin, cos = math.sin(psi_rad), math.cos(psi_rad)
+        vel[0], vel[1] = cos * forward - sin * right, sin * forward + cos * right
+    stamp = message.header.stamp
+    return VelocityCommand(stamp.sec * NS_PER_S + stamp.nanosec, vel, -float(turn[2]))
+
+
+# -------------------------------------------------------------------------------------------------
+# A goal as a `geometry_msgs/PoseStamped`: position and heading in `map`.
+# -------------------------------------------------------------------------------------------------
+
+_LEVEL_DEG = 1.0
+_UNIT_ERROR = 1e-3
+
+
+class GoalPose(NamedTuple):
+    """Where to go: stamp, ns; position (3,), NED, m; heading, rad, 0 is north."""
+
+    stamp_ns: int
+    pos_ned_m: NDArray[np.float64]
+    psi_rad: float
+
+
+def decode_goto(message: Any, name: str = topics.GOTO) -> GoalPose:
+    """The goal of a message (object of rclpy or of rosbags) on a topic of this name.
+
+    Raises
+    ------
+    MessageError
+        Another frame than `map`, a number that is not finite, an orientation that is none or is
+        not level.
+    """
+    frame, pose = message.header.frame_id, message.pose
+    if frame != MAP:
+        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up)")
+    p, r = pose.position, pose.orientation
+    enu, quaternion = np.array([p.x, p.y, p.z]), np.array([r.x, r.y, r.z, r.w])
+    if not np.isfinite(np.r_[enu, quaternion]).all():
+        raise MessageError(
+            f"{name}: position {enu.tolist()}, orientation {quaternion.tolist()}; allowed: finite "
+            "numbers"
+        )
+    pos = np.empty(3)
+    frames.enu_to_ned(enu, pos)
+    phi, theta, psi = attitude_of(name, quaternion)
+    tilt_deg = math.degrees(max(abs(phi), abs(theta)))
+    if tilt_deg > _LEVEL_DEG:
+        raise MessageError(
+            f"{name}: an orientation tilted by {tilt_deg:.0f} deg; allowed: level, within "
+            f"{_LEVEL_DEG:g} deg"
+        )
+    stamp = message.header.stamp
+    return GoalPose(stamp.sec * NS_PER_S + stamp.nanosec, pos, psi)
+
+
+def attitude_of(name: str, xyzw: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Roll, pitch, heading, NED, rad, of an ENU/FLU quaternion (4,) on a topic of this name.
+
+    MessageError if it is no unit quaternion.
+    """
+    length = math.hypot(*xyzw.tolist())
+    if abs(length - 1.0) > _UNIT_ERROR:
+        raise MessageError(f"{name}: a quaternion of length {length:.3g}; allowed: 1")
+    q = np.empty(4)
+    frames.quat_enu_flu_to_ned_frd(xyzw, q)
+    phi, theta, psi = euler_from_quat(q)
+    return float(phi), float(theta), float(psi)
+
+
+# -------------------------------------------------------------------------------------------------
+# A commanded attitude, `command_attitude`, and the climb beside it, `command_climb`.
+# -------------------------------------------------------------------------------------------------
+
+
+class AttitudeCommand(NamedTuple):
+    """What attitude to have: stamp, ns; roll, pitch, heading (3,), NED, rad, 0 is north."""
+
+    stamp_ns: int
+    attitude_rad: NDArray[np.float64]
+
+
+class ClimbCommand(NamedTuple):
+    """How to climb: stamp, ns; speed, m/s, up is positive."""
+
+    stamp_ns: int
+    climb_mps: float
+
+
+def decode_attitude(message: Any) -> AttitudeCommand:
+    """The attitude of a `QuaternionStamped` (object of rclpy or of rosbags).
+
+    As `attitude_setpoint` has it: from the aircraft (forward, left, up) to `map`.
+
+    Raises
+    ------
+    MessageError
+        Another frame, a number that is not finite, no unit quaternion.
+    """
+    name, frame, q = topics.COMMAND_ATTITUDE, message.header.frame_id, message.quaternion
+    if frame != MAP:
+        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up)")
+    xyzw = np.array([q.x, q.y, q.z, q.w], float)
+    if not np.isfinite(xyzw).all():
+        raise MessageError(f"{name}: quaternion {xyzw.tolist()}; allowed: finite numbers")
+    stamp = message.header.stamp
+    return AttitudeCommand(stamp.sec * NS_PER_S + stamp.nanosec, np.array(attitude_of(name, xyzw)))
+
+
+def decode_climb(message: Any, namespace: str = "") -> ClimbCommand:
+    """The climb of a `TwistStamped` (object of rclpy or of rosbags).
+
+    Parameters
+    ----------
+    message : TwistStamped
+        In `map` or in the aircraft's `base_link`, which is taken as level: up is up.
+    namespace : str, optional
+        That of the aircraft, in front of its frames.
+
+    Raises
+    ------
+    MessageError
+        Another frame, a number that is not finite, anything but linear z.
+    """
+    name, frame = topics.COMMAND_CLIMB, message.header.frame_id
+    own = in_namespace(BASE, namespace)
+    if frame not in (MAP, own):
+        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}', '{own}' (level)")
+    v, w = message.twist.linear, message.twist.angular
+    linear, angular = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
+    said = f"{name}: linear {linear.tolist()}, angular {angular.tolist()}; allowed: "
+    if not np.isfinite(np.r_[linear, angular]).all():
+        raise MessageError(f"{said}finite numbers")
+    if linear[:2].any() or angular.any():
+        raise MessageError(f"{said}linear z alone, the others are 0")
+    stamp = message.header.stamp
+    return ClimbCommand(stamp.sec * NS_PER_S + stamp.nanosec, float(linear[2]))
+
+
+# -------------------------------------------------------------------------------------------------
+# A joystick's state as a `sensor_msgs/Joy`. Its stamp is of any clock: that of the joystick.
+# -------------------------------------------------------------------------------------------------
+
+FRAME = "joy"
+"""As ROS's package `joy` names it."""
+
+
+def encode_joy(axes: Sequence[float], buttons: Sequence[int], stamp_ns: int) -> Any:
+    """The message of axes, -1 to 1, and buttons, 0 or 1 (imports ROS messages)."""
+    message = topics.message_class(topics.BY_NAME[topics.JOY].type)()
+    message.header.frame_id = FRAME
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+    message.axes, message.buttons = list(map(float, axes)), list(map(int, buttons))
+    return message
+
+
+def decode_joy(message: Any) -> tuple[list[float], list[int]]:
+    """Axes and buttons of a message (object of rclpy or of rosbags)."""
+    return list(map(float, message.axes)), list(map(int, message.buttons))

@@ -1,0 +1,983 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Base of the graph's nodes: the stages of their life, inputs and outputs, peers."""
+
+import contextlib
+import queue
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
+
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
+
+from heli_core import command_line
+from heli_core.parameters import Parameter, load, stated, with_common
+from heli_core.parameters import why_refused as why_refused
+from heli_core.rcl_yaml import ParameterError
+from heli_core.ticks import Rate, stamp_at
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import FACT_FLOOD, REPEAT_S, Level, Reporter, hardware_of
+from heli_msgs_bridge.handover import respawns
+from heli_msgs_bridge.services import (
+    ALWAYS_ANSWERED,
+    MOST_ORDERS,
+    Later,
+    RequestLimit,
+    chosen,
+    descriptor,
+    error_line,
+    guard,
+    not_flooded,
+    ros_value,
+    trigger_of,
+)
+from heli_msgs_bridge.sources import (
+    DuplicateFilter,
+    Info,
+    PublisherLock,
+    locked,
+    taking_info,
+    with_info,
+)
+
+# -------------------------------------------------------------------------------------------------
+# The way of a message out of a node, which is taken some hundred times a second.
+# -------------------------------------------------------------------------------------------------
+
+
+class Sender(Protocol):
+    """A node that keeps the last messages of each topic, where somebody wants to know."""
+
+    sent: dict[str, deque[bytes]] | None
+
+
+def publishing(node: Sender, publisher: Any, topic: str) -> Callable[[Any], None]:
+    """Publish function (bytes or message) of a lifecycle publisher."""
+    publish_raw = publisher.handle.publish_raw
+
+    def publish(message: Any) -> None:
+        # Bytes, nearly always: rclpy's own way goes through four functions, each message.
+        if type(message) is bytes:
+            if publisher.is_activated:
+                publish_raw(message)
+                if node.sent is not None:
+                    node.sent[topic].append(message)
+        else:
+            publisher.publish(message)
+
+    return publish
+
+
+# -------------------------------------------------------------------------------------------------
+# What a node is called, and where its parameters come from.
+# -------------------------------------------------------------------------------------------------
+
+_FILES = "heli_core"
+
+
+class NodeStartError(Exception):
+    """A node cannot start; the message is one line for the user."""
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """What a node is.
+
+    Attributes
+    ----------
+    name : str
+        Node name.
+    package : str
+        Package whose `config/` holds the default values.
+    table : tuple of Parameter
+        Its own parameters.
+    config : str
+        File name of the defaults.
+    """
+
+    name: str
+    package: str
+    table: tuple[Parameter, ...]
+    config: str
+
+    def full_table(self) -> tuple[Parameter, ...]:
+        """Own and common parameters."""
+        return with_common(self.table)
+
+    def default_files(self) -> list[Path]:
+        """Packaged YAML files, weakest first; `NodeStartError` if the installation lacks them."""
+        try:
+            own = command_line.config_folder(self.package) / self.config
+            return [command_line.config_folder(_FILES) / "common.yaml", own]
+        except command_line.MissingFileError as error:
+            raise NodeStartError(str(error)) from error
+
+    def resolve(
+        self, params_files: Sequence[str] = (), rules: Sequence[str] = (), name: str = ""
+    ) -> dict[str, Any]:
+        """Values of all parameters; raises `ParameterError` or `NodeStartError`.
+
+        Packaged files speak of the node by its own name, the user's by the one that it was given.
+        """
+        table = self.full_table()
+        values = load(table, self.default_files(), self.name)
+        given = stated(table, params_files, name or self.name, rules)
+        return values | {key: entry.value for key, entry in given.items()}
+
+
+# -------------------------------------------------------------------------------------------------
+# The wait for a node's peers: who must listen, under whatever name, before the node takes part.
+#
+# A node subscribes when it has been configured, its kernels compiled (`ManagedNode.hear`), so a
+# peer
+# that listens is ready. One that is in the graph and does not listen yet gets ready: the first
+# start
+# after an installation compiles, a minute or two on two cores.
+# -------------------------------------------------------------------------------------------------
+
+READY_LIMIT_S = 600.0
+"""How long (wall time) a peer may take that is there and gets ready."""
+_POLL_S, _LOOK_S = 0.002, 0.1
+# Who waits for long leaves the processor to those who compile.
+_PATIENT_AFTER_S, _PATIENT_POLL_S = 2.0, 0.05
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A topic that lacks listeners.
+
+    Attributes
+    ----------
+    topic : str
+    peers : frozenset of str
+        Who does not listen.
+    connected : bool
+        False if all do, and are not connected yet.
+    """
+
+    topic: str
+    peers: frozenset[str]
+    connected: bool = True
+
+
+def _names(node: "ManagedNode", peer: str) -> set[str]:
+    """A peer's own name, and those under which somebody sends what it sends (`-r __node:=`)."""
+    sent = [topic.name for topic in topics.TABLE if topic.source == (peer,)]
+    senders = [node.get_publishers_info_by_topic(node.resolve_topic_name(name)) for name in sent]
+    return {peer, *(info.node_name for infos in senders for info in infos)}
+
+
+def _missing(node: "ManagedNode", topic: str, expected: Iterable[str]) -> frozenset[str]:
+    infos = node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))
+    listening = {info.node_name for info in infos}
+    left = set(expected) - listening
+    return frozenset(peer for peer in left if not _names(node, peer) & listening)
+
+
+def _all_absent(node: "ManagedNode") -> Iterator[Absent]:
+    for topic, publisher in node.outputs.items():
+        expected = node.expected_listeners(topic)
+        if not expected:
+            continue
+        missing = _missing(node, topic, expected)
+        if missing:
+            yield Absent(topic, missing)
+        elif publisher.get_subscription_count() < len(expected):
+            yield Absent(topic, frozenset(expected), connected=False)
+    for topic, listeners in node.awaited_links().items():
+        if missing := _missing(node, topic, listeners):
+            yield Absent(topic, missing)
+
+
+def absent(node: "ManagedNode") -> Absent | None:
+    """First topic that lacks listeners; None if nobody is waited for.
+
+    Raises
+    ------
+    ExternalShutdownException
+        The process was asked to end.
+    """
+    try:
+        found = next(_all_absent(node), None)
+    except Exception:
+        # A look at the graph fails when ROS ends under it.
+        if not node.leaving():
+            raise
+    if node.leaving():
+        raise ExternalShutdownException
+    return found
+
+
+def _get_ready(node: "ManagedNode", lacking: Absent) -> bool:
+    """Whether all who do not listen are in the graph; the recorder compiles nothing."""
+    if "recorder" in lacking.peers:
+        return False
+    # The clock of a world is in no aircraft's namespace.
+    spaces = (node.get_namespace(), "/")
+    there = {name for name, space in node.get_node_names_and_namespaces() if space in spaces}
+    return lacking.connected and all(_names(node, peer) & there for peer in lacking.peers)
+
+
+def wait_for_peers(node: "ManagedNode") -> None:
+    """Block until every expected listener is connected.
+
+    Raises
+    ------
+    NodeStartError
+        Naming topic and missing nodes, when for `connect_timeout_s` of wall time they were not in
+        the graph, or for `READY_LIMIT_S` did not get ready.
+    """
+    limit_s = node.values["connect_timeout_s"]
+    begun_s = looked_s = time.monotonic()
+    deadline_s = begun_s + limit_s
+    while (lacking := absent(node)) is not None:
+        now_s = time.monotonic()
+        names = ", ".join(sorted(lacking.peers))
+        if now_s - looked_s > _LOOK_S:
+            looked_s = now_s
+            if _get_ready(node, lacking) and now_s - begun_s < READY_LIMIT_S:
+                deadline_s = now_s + limit_s
+                node.report(Level.OK, f"waiting for {names} to get ready")
+        if now_s > deadline_s:
+            waited = f"{now_s - begun_s:.3g}"
+            raise NodeStartError(
+                f"nobody listens to '{lacking.topic}' after {waited} s: missing {names}"
+            )
+        time.sleep(_POLL_S if now_s - begun_s < _PATIENT_AFTER_S else _PATIENT_POLL_S)
+
+
+# -------------------------------------------------------------------------------------------------
+# Changes of parameters are judged beside the flight, and adopted between two ticks.
+#
+# A judgement may take seconds (the synthesis of a control law); meanwhile the node steps as
+# before.
+# It is made in a thread of its own, one after the other in the order in which they were asked for;
+# the answer of the parameter service comes after it.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Decision:
+    """What `validate` made of changed values, or the ValueError that refuses them."""
+
+    changes: dict[str, Any]
+    judged: Any = None
+    refusal: ValueError | None = None
+
+
+@dataclass
+class ParameterRequest:
+    """A service call: groups of parameters that are set together, one group after the other.
+
+    Attributes
+    ----------
+    groups : sequence of list
+        As in the request.
+    later : Later
+        The answer.
+    response : callable
+        Makes it from the results.
+    results : list
+        Of the groups that are done.
+    """
+
+    groups: Sequence[list[Any]]
+    later: Later
+    response: Callable[[list[SetParametersResult]], Any]
+    results: list[SetParametersResult] = field(default_factory=list)
+
+
+class ParameterUpdates:
+    """Orders to change parameters, in a queue; everything but `validate` runs between two ticks.
+
+    Parameters
+    ----------
+    node : TableNode
+        Its `validate` is called in another thread, and changes nothing.
+    """
+
+    def __init__(self, node: "TableNode") -> None:
+        self._node = node
+        self._orders: deque[ParameterRequest] = deque()
+        self._work: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._busy = False
+
+    def one_by_one(self, request: Any, response: Any) -> Later:
+        """Callback of `set_parameters`."""
+
+        def answer(results: list[SetParametersResult]) -> Any:
+            response.results = results
+            return response
+
+        return self._take([[message] for message in request.parameters], answer)
+
+    def together(self, request: Any, response: Any) -> Later:
+        """Callback of `set_parameters_atomically`."""
+
+        def answer(results: list[SetParametersResult]) -> Any:
+            (response.result,) = results
+            return response
+
+        return self._take([list(request.parameters)], answer)
+
+    def _take(self, groups: Sequence[list[Any]], response: Callable[..., Any]) -> Later:
+        if len(self._orders) >= MOST_ORDERS:
+            raise ValueError(f"{MOST_ORDERS} changes wait for their judgement: ask again later")
+        order = ParameterRequest(groups, Later(), response)
+        self._orders.append(order)
+        self._go_on()
+        return order.later
+
+    def _go_on(self) -> None:
+        """Carry orders out, as far as no judgement is under way."""
+        while self._orders and not self._busy:
+            order = self._orders[0]
+            if len(order.results) == len(order.groups):
+                self._orders.popleft()
+                order.later.answer(order.response(order.results))
+                continue
+            try:
+                asked = order.groups[len(order.results)]
+                group = [self._prepared(RosParameter.from_parameter_msg(m)) for m in asked]
+                changes = self._node.needs_validation(group)
+            except Exception as error:
+                reason = error_line(error)
+                order.results.append(SetParametersResult(successful=False, reason=reason))
+                continue
+            if changes:
+                self._begin(group, changes)
+            else:
+                order.results.append(self._set(group, None))
+
+    def _prepared(self, parameter: RosParameter) -> RosParameter:
+        value = self._node.prepared(parameter.name, parameter.value)
+        return parameter if value is parameter.value else RosParameter(parameter.name, value=value)
+
+    def _set(self, group: list[RosParameter], verdict: Decision | None) -> SetParametersResult:
+        self._node.decision = verdict
+        try:
+            return self._node.set_parameters_atomically(group)
+        except ParameterNotDeclaredException as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        finally:
+            self._node.decision = None
+
+    def _begin(self, group: list[RosParameter], changes: dict[str, Any]) -> None:
+        """Have a group judged, on the values and the stage of now."""
+        node, self._busy = self._node, True
+        values, seen = {**node.values, **changes}, node.revision
+
+        def work() -> None:
+            verdict = Decision(changes)
+            try:
+                verdict.judged = node.validate(values, changes.keys())
+            except ValueError as error:
+                verdict.refusal = error
+            except Exception as error:
+                verdict.refusal = ValueError(error_line(error))
+            # While the process ends nobody waits for a verdict, nor takes one.
+            if (executor := node.executor) is not None:
+                with contextlib.suppress(Exception):
+                    executor.create_task(self._judged, group, verdict, seen)
+
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._judge_all, daemon=True)
+            self._thread.start()
+        self._work.put(work)
+
+    def _judge_all(self) -> None:
+        while True:
+            self._work.get()()
+
+    def _judged(self, group: list[RosParameter], verdict: Decision, seen: int) -> None:
+        """Back between two ticks: adopt, or judge again if the node has changed meanwhile."""
+        if seen != self._node.revision:
+            self._begin(group, verdict.changes)
+            return
+        self._busy = False
+        self._orders[0].results.append(self._set(group, verdict))
+        self._go_on()
+
+
+# -------------------------------------------------------------------------------------------------
+# Nodes that have the parameters of a table, judged when they change, and say how they are.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Health:
+    """What a node says of itself in /diagnostics."""
+
+    level: Level = Level.OK
+    message: str = "unconfigured"
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+class TableNode(LifecycleNode):
+    """Declares the table of its `SPEC`, and reports its health in /diagnostics.
+
+    Attributes
+    ----------
+    values : dict
+        Present parameter values, in the cores' form.
+    start_ns : int
+        Message stamp of tick 0.
+    rate : Rate
+        Of its ticks.
+    tick : int
+        Present tick, for the stamps of /diagnostics.
+    health : Health
+        What was reported last.
+    changed : dict
+        Parameters that were changed since the node was built.
+    decision : Decision or None
+        What the change that is being set was judged to be beforehand.
+    revision : int
+        Counts changes of values and stages: what was judged before one must be judged again.
+    """
+
+    SPEC: ClassVar[NodeSpec]
+
+    def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
+        super().__init__(self.SPEC.name, **options)
+        self.values = dict(values)
+        self.start_ns = stamp_at(self.values["start_time_s"])
+        self.rate = Rate.of_parameters(self.values)
+        self.tick = 0
+        self.health = Health()
+        self.changed: dict[str, Any] = {}
+        self.decision: Decision | None = None
+        self.revision = 0
+        self._judged: Any = None
+        self._table = {row.name: row for row in self.SPEC.full_table()}
+        rows: list[Any] = [
+            (n, ros_value(values[n]), descriptor(row)) for n, row in self._table.items()
+        ]
+        self.declare_parameters("", rows, ignore_override=True)
+        self.add_on_set_parameters_callback(self._validate_set)
+        self.add_post_set_parameters_callback(self._apply_set)
+        self._reporter = Reporter(
+            self.create_publisher(
+                topics.message_class(topics.BY_NAME[topics.DIAGNOSTICS].type),
+                topics.DIAGNOSTICS,
+                topics.qos(topics.DIAGNOSTICS),
+            ),
+            self.get_fully_qualified_name().lstrip("/"),
+            hardware_of(self.get_namespace()),
+            self.rate.hz,
+        )
+        judging = ParameterUpdates(self)
+        own: dict[Any, Any] = {
+            SetParameters: judging.one_by_one,
+            SetParametersAtomically: judging.together,
+        }
+        for service in self.services:
+            service.callback = own.get(service.srv_type, service.callback)
+
+    def prepared(self, name: str, value: Any) -> Any:
+        """A value that is asked for, in words that hold at any time; called between two ticks.
+
+        Raises
+        ------
+        ValueError
+            With a sentence, if it cannot be understood.
+        """
+        return value
+
+    def change(self, name: str, value: Any) -> SetParametersResult:
+        """Set a parameter of its own, judged as any."""
+        return self.set_parameters_atomically([RosParameter(name, value=value)])
+
+    def validate(self, values: Mapping[str, Any], changed: Collection[str]) -> Any:
+        """What changed parameters would make of the node; nothing may change here.
+
+        Parameters
+        ----------
+        values : mapping
+            All values, the changed ones put in.
+        changed : collection of str
+            Names of the changed ones.
+
+        Returns
+        -------
+        object
+            Handed to `apply` if the change comes about.
+
+        Raises
+        ------
+        ValueError
+            With a sentence, if the values do not fit together.
+        """
+        return None
+
+    def apply(self, judged: Any, changed: Collection[str]) -> None:
+        """Take over what `validate` made; `values` are the new ones. Called between two ticks."""
+
+    # --- health ----------------------------------------------------------------------------------
+
+    def report(self, level: Level, message: str, facts: Mapping[str, Any] | None = None) -> None:
+        """Say how the node is; sent at once if it changed, else once per simulated second."""
+        changed = (level, message) != (self.health.level, self.health.message)
+        self.health.level, self.health.message = level, message
+        if facts is not None:
+            self.health.facts = dict(facts)
+        if changed:
+            # rclpy ties a severity to the calling line: two lines are needed.
+            if level == Level.OK:
+                self.get_logger().info(message)
+            else:
+                self.get_logger().warning(message)
+        self.send_report()
+
+    def send_report(self, repeated: bool = False) -> None:
+        """Publish the status if it is due."""
+        level, message = self.health.level, self.health.message
+        if repeated or self._reporter.is_due(self.tick, level, message):
+            facts, now_ns = {**self.health.facts, **self.flood_facts()}, self.now_ns()
+            self._reporter.publish(now_ns, self.tick, level, message, facts, repeated)
+
+    def flood_facts(self) -> dict[str, str]:
+        """What was refused because it came too often."""
+        return {}
+
+    def now_ns(self) -> int:
+        """The node's time, for the stamp of what it says of itself: that of its last tick."""
+        return self.start_ns + self.tick * self.rate.tick_ns
+
+    def repeat_report(self) -> None:
+        """Say it again, if no tick has done so meanwhile."""
+        if self._reporter.was_silent():
+            self.send_report(repeated=True)
+
+    # --- parameters at run time ------------------------------------------------------------------
+
+    def _changes(self, parameters: Iterable[Any]) -> dict[str, Any]:
+        """Values of the table's parameters, in the cores' form."""
+        known = [p for p in parameters if p.name in self._table]
+        return {p.name: self._table[p.name].check(p.value) for p in known}
+
+    def needs_validation(self, parameters: Iterable[Any]) -> dict[str, Any]:
+        """Changes of these parameters if they need a judgement; none if their table refuses one."""
+        known = [p for p in parameters if p.name in self._table]
+        if any(why_refused(self._table.values(), p.name, p.value) for p in known):
+            return {}
+        return self._changes(known)
+
+    def _validate_set(self, parameters: list[Any]) -> SetParametersResult:
+        """Answer of the node to a change that is asked for; the change itself is `_apply_set`."""
+        for parameter in parameters:
+            reason = why_refused(self._table.values(), parameter.name, parameter.value)
+            if reason:
+                return SetParametersResult(successful=False, reason=reason)
+        changes = self._changes(parameters)
+        if not changes:
+            return SetParametersResult(successful=True)
+        try:
+            # Kept for `_apply_set`, which rclpy calls next, if at all: the node is as it was.
+            if self.decision is None:
+                self._judged = self.validate({**self.values, **changes}, changes.keys())
+            elif self.decision.refusal is not None:
+                raise self.decision.refusal
+            else:
+                self._judged = self.decision.judged
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
+        return SetParametersResult(successful=True)
+
+    def _apply_set(self, parameters: list[Any]) -> None:
+        changes = self._changes(parameters)
+        if changes:
+            self.values.update(changes)
+            self.changed.update(changes)
+            self.revision += 1
+            self.apply(self._judged, changes.keys())
+
+
+# -------------------------------------------------------------------------------------------------
+# Managed node.
+# -------------------------------------------------------------------------------------------------
+
+INACTIVE = "inactive"
+"""What a node says when it has been deactivated."""
+BEFORE_STEPS = ("unconfigured", "configured", "active")
+"""What a node says before it has made a step."""
+_REPEATED_TICKS = 400
+"""Real time: of so many ticks a sender repeats its messages to who is started again."""
+_SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+_ERROR = TransitionCallbackReturn.ERROR
+
+Core = TypeVar("Core")
+"""Data of a node while it is configured."""
+Run = TypeVar("Run")
+"""Data of a node while it is active."""
+
+
+class ManagedNode(TableNode, ABC, Generic[Core, Run]):
+    """A lifecycle node with the parameters of its table, which reports failures in sentences.
+
+    Its life has three stages, each with data of its own:
+
+    - built: `values`, until the process ends;
+    - configured: `core`, made by `configure`, given back by `release`;
+    - active: `run`, made by `engage`, gone after `disengage`.
+
+    Sub-classes set `SPEC`, implement `configure`, and of the other hooks what they need.
+    Publishers, subscriptions and timers made by `create_topic_publisher`, `subscribe` and
+    `create_wall_timer` end with the stage in which they were made, as does whatever is handed to
+    `at_end`.
+
+    Attributes
+    ----------
+    failure : str
+        Why the last transition failed; empty if it did not.
+    finished : bool
+        Set by a node whose work is done; the process then ends with `exit_code`.
+    exit_code : int
+        0, or 1 if what the node did came to a bad end.
+    crash : Exception or None
+        What a callback raised; the process then ends with code 1.
+    requests : RequestLimit
+        The service calls that are answered while it is active.
+    respawns : bool
+        Whether nodes that die are started again.
+    sent : dict or None
+        Per topic the last messages that were sent, where somebody wants to know.
+    asked_to_end : callable
+        Whether the process has been sent a signal.
+    notify_end : callable
+        Called when the node has finished or crashed.
+    """
+
+    PATIENCE_S: ClassVar[float] = 0.0
+    """Wall time for which what comes may wait: a node for which nobody waits lets the others go
+    first, and takes many messages at once."""
+
+    def __init__(self, values: Mapping[str, Any], **options: Any) -> None:
+        super().__init__(values, **options)
+        self.failure, self.finished, self.exit_code, self.respawns = "", False, 0, respawns()
+        self.sent: dict[str, deque[bytes]] | None = None
+        self.crash: Exception | None = None
+        self.asked_to_end: Callable[[], bool] = lambda: False
+        self.notify_end: Callable[[], None] = lambda: None
+        self.outputs: dict[str, Any] = {}
+        self._core: Core | None = None
+        self._run: Run | None = None
+        self._active = False
+        self._ends: list[ExitStack] = []
+        self._unheard: list[Callable[[], None]] = []
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(REPEAT_S, self.guarded(self.repeat_report), clock=steady)
+        self._service_change_state.callback = self._change_state
+        self.requests = RequestLimit(lambda: self.active, self.get_logger().warning)
+        for service in self.services:
+            limited = service.srv_type not in ALWAYS_ANSWERED
+            guard(service, self.requests.warn, self.requests.flooded if limited else not_flooded)
+
+    # --- for sub-classes to implement ----------------------------------------------------------
+
+    @abstractmethod
+    def configure(self) -> Core:
+        """Build the core, publishers and subscriptions from `values`; may raise."""
+
+    def engage(self) -> Run:
+        """Make the data of the active stage, when all peers are connected; may raise."""
+        return cast(Run, None)
+
+    def begin(self) -> None:
+        """First action of the active stage, whose data are there now; may raise."""
+
+    def disengage(self) -> None:
+        """Last action of the active stage."""
+
+    def release(self) -> None:
+        """Last action of the configured stage, also when the process ends in it."""
+
+    def expected_listeners(self, topic: str) -> set[str]:
+        """Nodes that must listen to a topic before the flight starts."""
+        if topic not in topics.BY_NAME:
+            return set()
+        peers = set(self.values["peers"]) - {self.SPEC.name}
+        expected = peers.intersection(topics.BY_NAME[topic].sinks)
+        recorded = topic not in self.values["unrecorded"]
+        return expected | (peers & {"recorder"} if recorded else set())
+
+    def awaited_links(self) -> Mapping[str, Collection[str]]:
+        """Topics of others whose listeners must be ready, too, before the flight starts."""
+        return {}
+
+    # --- the process ---------------------------------------------------------------------------
+
+    def leaving(self) -> bool:
+        """Whether the process was asked to end: who waits gives up."""
+        return self.asked_to_end() or not self.context.ok()
+
+    # --- stages --------------------------------------------------------------------------------
+
+    @property
+    def configured(self) -> bool:
+        """True from configuration to clean-up."""
+        return self._core is not None
+
+    @property
+    def active(self) -> bool:
+        """True from activation to deactivation."""
+        return self._active
+
+    @property
+    def core(self) -> Core:
+        """Data of the configured stage; RuntimeError outside of it."""
+        if self._core is None:
+            raise RuntimeError(f"{self.SPEC.name} is not configured")
+        return self._core
+
+    @property
+    def run(self) -> Run:
+        """Data of the active stage; RuntimeError outside of it."""
+        if not self._active:
+            raise RuntimeError(f"{self.SPEC.name} is not active")
+        return cast(Run, self._run)
+
+    def at_end(self, action: Callable[[], Any]) -> None:
+        """Call this when the present stage ends, in the reverse order; also if it fails to begin.
+
+        It is also called at the end of the process, when ROS may have ended.
+        """
+        self._ends[-1].callback(action)
+
+    # --- publishers, subscriptions, timers, peers ----------------------------------------------
+
+    def create_topic_publisher(self, topic: str) -> Callable[[Any], None]:
+        """Lifecycle publisher of a graph topic; returns its publish function (bytes or message)."""
+        cls = topics.message_class(topics.KNOWN[topic].type)
+        again = self.respawns and bool(topics.KNOWN[topic].every_ticks)
+        kept = topics.qos(topic, self._history(), again)
+        publisher = self.create_lifecycle_publisher(cls, topic, kept)
+        self.outputs[topic] = publisher
+
+        def end() -> None:
+            del self.outputs[topic]
+            self.destroy_lifecycle_publisher(publisher)
+
+        self.at_end(end)
+        return publishing(self, publisher, topic)
+
+    def _history(self) -> int:
+        """How many messages of a stream are kept; where they are repeated, what is soon flown."""
+        paced = self.respawns and not self.values["lockstep"]
+        own = topics.DEPTH if self.respawns else topics.UNHEARD
+        return self.rate.of(_REPEATED_TICKS) if paced else own
+
+    def subscribe(
+        self,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: Any = None,
+        raw: bool = False,
+        owner: PublisherLock | None = None,
+        ignored: Callable[[], None] | None = None,
+    ) -> None:
+        """Subscribe to a graph topic; `raw` for the serialised messages.
+
+        What `configure` asks for is done when it has succeeded: who listens is ready. Without a QoS
+        of its own, senders of default QoS are heard and the last message of latched ones. With an
+        owner (for `raw`) only its messages are; `ignored` is called for those of others.
+        """
+        cls = topics.message_class(topics.BY_NAME[topic].type)
+        profiles = topics.qos_to_hear(topic) if qos is None else (qos,)
+        once = DuplicateFilter()
+
+        def listen() -> None:
+            call = self.guarded(callback)
+
+            def hear_once(message: Any, info: Info | None) -> None:
+                if once.is_new(info):
+                    call(message)
+
+            heard = with_info(hear_once) if len(profiles) > 1 else call
+            if owner is not None:
+                heard = taking_info(self.guarded(locked(owner, callback, ignored)))
+            for profile in profiles:
+                given = self.create_subscription(cls, topic, heard, profile, raw=raw)
+                self.at_end(partial(self.destroy_subscription, given))
+
+        if self.configured:
+            listen()
+        else:
+            self._unheard.append(listen)
+
+    def create_guarded_service(
+        self, kind: Any, name: str, answer: Callable[[Any, Any], Any]
+    ) -> None:
+        """Answer a service; an exception is a refusal and ends no node (`services.guard`)."""
+        service = self.create_service(kind, name, answer)
+        guard(service, self.requests.warn, self.requests.flooded)
+        self.at_end(partial(self.destroy_service, service))
+
+    def flood_facts(self) -> dict[str, str]:
+        """How many requests came too often, if any did."""
+        told = self.requests.told()
+        return {FACT_FLOOD: told} if told else {}
+
+    def create_wall_timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Call this every so many seconds of wall time."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = self.create_timer(period_s, self.guarded(callback), clock=steady)
+        self.at_end(lambda: self.destroy_timer(timer))
+
+    def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """The callback, whose exception ends the process in one line instead of a trace.
+
+        It is called as long as the present stage lasts, if any: what comes late is nobody's.
+        """
+        stage = self._ends[-1] if self._ends else None
+
+        def call(*args: Any) -> None:
+            if self.crash is None and (stage is None or stage in self._ends):
+                try:
+                    callback(*args)
+                except Exception as error:
+                    self.crash = error
+                if self.finished or self.crash is not None:
+                    self.notify_end()
+
+        return call
+
+    # --- lifecycle ---------------------------------------------------------------------------
+
+    def _transition(self, action: Callable[[], None], message: str) -> TransitionCallbackReturn:
+        """Run a transition's work; a refusal becomes a sentence and FAILURE."""
+        self.failure = ""
+        self.revision += 1
+        try:
+            action()
+        except (NodeStartError, ParameterError, ValueError, LookupError, OSError) as error:
+            self.failure = " ".join(str(error).split())
+            self.report(Level.ERROR, self.failure)
+            return _FAILURE
+        except ExternalShutdownException:
+            self.failure = "asked to end while starting"
+            return _FAILURE
+        except Exception as error:
+            self.failure = f"{type(error).__name__}: {error}"
+            self.report(Level.ERROR, self.failure)
+            return _FAILURE
+        self.report(Level.OK, message)
+        return _SUCCESS
+
+    def _change_state(self, request: Any, response: Any) -> Any:
+        """Service callback: a transition that is not possible is refused, with the reason."""
+        machine = self._state_machine
+        possible = {label: number for number, label, *_ in machine.available_transitions}
+        self.failure = ""
+        try:
+            number = chosen(request.transition, possible, machine.current_state[1])
+        except ValueError as error:
+            self.failure = str(error)
+            self.get_logger().warning(f"refused: {error}")
+            response.success = False
+            return response
+        response.success = trigger_of(self, number)() == _SUCCESS
+        return response
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: build everything from the present parameters."""
+
+        def action() -> None:
+            self._ends.append(ExitStack())
+            self._unheard.clear()
+            self._core = self.configure()
+            for listen in self._unheard:
+                listen()
+
+        result = self._transition(action, "configured")
+        if result != _SUCCESS:
+            self._leave_configured()
+        return result
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: wait for peers, then take part."""
+
+        def action() -> None:
+            self._ends.append(ExitStack())
+            wait_for_peers(self)
+            LifecycleNode.on_activate(self, state)
+            self._run = self.engage()
+            self._active = True
+            self.begin()
+
+        result = self._transition(action, "active")
+        if result != _SUCCESS:
+            if self._active:
+                self.disengage()
+            self._leave_active()
+            LifecycleNode.on_deactivate(self, state)
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: stop sending. It cannot fail: an error ends in `on_error`."""
+        result = self._transition(self.disengage, INACTIVE)
+        self._leave_active()
+        LifecycleNode.on_deactivate(self, state)
+        return _SUCCESS if result == _SUCCESS else _ERROR
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: forget what was built. An error ends in `on_error`."""
+        result = self._transition(self.release, "unconfigured")
+        self._leave_configured()
+        return _SUCCESS if result == _SUCCESS else _ERROR
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: everything is given back, then the process ends."""
+        self.finished = True
+        self.notify_end()
+        if self._active:
+            self.on_deactivate(state)
+        if self.configured:
+            self.on_cleanup(state)
+        return _SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle callback: a transition has failed half-way; the node is unconfigured again."""
+        said = self.failure
+        if self._active:
+            self._leave_active()
+        if self.configured:
+            self._transition(self.release, "unconfigured")
+            self._leave_configured()
+        self.failure = said
+        self.report(Level.ERROR, said)
+        return _SUCCESS
+
+    def _leave_active(self) -> None:
+        self._active, self._run = False, None
+        self._ends.pop().close()
+
+    def _leave_configured(self) -> None:
+        self._core = None
+        self._ends.pop().close()
+
+    def end(self) -> None:
+        """The process ends, in whatever stage: last words, and everything is given back."""
+        try:
+            if self.configured:
+                self.release()
+        finally:
+            self._active, self._run = False, None
+            while self._ends:
+                self._ends.pop().close()
+            # rclpy forgets it, and it holds the node: Fast DDS would leave its shared memory.
+            self._state_machine.destroy_when_not_in_use()
+            self._core = None

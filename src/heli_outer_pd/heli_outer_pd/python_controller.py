@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A law given in Python, flown in the place of the position law.
+
+It reads x (31,), the navigation row (places `NAV`: position, velocity NED, quaternion, body rates
+...), and r (10,), the reference without jumps (places `SHAPED`: position, velocity, acceleration
+NED, heading), and gives phi, theta, psi (rad, absolute) and the collective (-1..1), every
+`period_ticks`. It flies where the position law follows a reference in the air. On the ground, by a
+pilot's sticks, and without a position the packaged law goes on, which also runs beside it, so that
+wind, modes and failsafes are as they are; where it begins, the difference to what was flown fades.
+Roll and pitch are cut at `tilt_limit_deg` off trim.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heli_core.python_controller import OUTER, LawError, PythonLaw, find
+from heli_core.rotations import wrap_pi
+from heli_core.rows import SETPOINT, SHAPED
+from heli_core.signals import add_sweep
+from heli_core.ticks import NS_PER_S
+from heli_outer_pd.reference import shaped_reference_at
+from heli_outer_pd.state import FLIES, KNOWN, MEMORY, TURNS, OuterParams, OuterStatus
+
+Array = NDArray[np.float64]
+_COLLECTIVE_LIMIT = 0.98  # as of the position law
+_FADE_S = 0.5  # as where a pilot hands over
+
+
+class OwnPositionLaw:
+    """What calls the law once a period.
+
+    Parameters
+    ----------
+    law : PythonLaw or None
+        Of the outer loop; None: the packaged law flies.
+    """
+
+    def __init__(self, law: PythonLaw | None) -> None:
+        self.law = law
+        self._begins, self._from_trim = True, True
+        self._fade, self._reference = np.zeros(SETPOINT.size), np.zeros(SHAPED.size)
+
+    @property
+    def failure(self) -> str:
+        """What the law has done wrong in flight, and what is flown; empty for nothing."""
+        if self.law is None or not self.law.failure:
+            return ""
+        return f"{self.law.failure}; the last good command is held"
+
+    def begin(self) -> None:
+        """Another flight."""
+        self._begins, self._from_trim = True, True
+
+    def step(
+        self,
+        tick: int,
+        time_s: float,
+        nav: Array,
+        way_ns: int,
+        times_ns: NDArray[np.int64],
+        points: Array,
+        k: OuterParams,
+        state: Array,
+        out: Array,
+        packaged: Callable[..., int],
+    ) -> int:
+        """One step; arguments and outcome as of `position_law.follow`, which is `packaged`.
+
+        Where the law has failed the last command is repeated: BAD_REFERENCE, and `law.failure`.
+        """
+        if self.law is None:
+            return packaged(nav, way_ns, times_ns, points, k, state, out)
+        before = state[MEMORY.command].copy()
+        code = packaged(nav, way_ns, times_ns, points, k, state, out)
+        if code != OuterStatus.OK:
+            return code
+        if not _leads(state):
+            self._begins, self._from_trim = True, False
+            return code
+        ref = self._reference
+        shaped_reference_at(way_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
+        if self._begins:
+            self.law.reset(nav, ref, before, tick, time_s)
+        made = self.law.step(nav, ref, tick, time_s)
+        if made is None:
+            out[:] = state[MEMORY.command] = before
+            return OuterStatus.BAD_REFERENCE
+        out[:] = state[MEMORY.command] = self._limited(self._faded(made, before, k), k)
+        if k.sweep.shape != 0:
+            add_sweep(way_ns / NS_PER_S, k.sweep, out)
+        return code
+
+    def _faded(self, made: Array, before: Array, k: OuterParams) -> Array:
+        """What is made, and what is left of the difference to who flew before."""
+        if self._begins:
+            self._fade[:] = 0.0 if self._from_trim else before - made
+            self._fade[SETPOINT.psi] = wrap_pi(float(self._fade[SETPOINT.psi]))
+            self._begins = False
+        made += self._fade
+        self._fade *= math.exp(-k.dt_s / _FADE_S)
+        return made
+
+    def _limited(self, made: Array, k: OuterParams) -> Array:
+        for place in (SETPOINT.phi, SETPOINT.theta):
+            low, high = k.trim[place] - k.tilt_limit, k.trim[place] + k.tilt_limit
+            made[place] = min(max(made[place], low), high)
+        made[SETPOINT.col] = min(max(made[SETPOINT.col], -_COLLECTIVE_LIMIT), _COLLECTIVE_LIMIT)
+        return made
+
+
+def _leads(state: Array) -> bool:
+    """Whether the law is asked: along a reference, with a position and a rotor at its speed."""
+    known = state[MEMORY.ground] == FLIES and state[MEMORY.sight] == KNOWN
+    return bool(known and state[MEMORY.spin] == TURNS)
+
+
+def own_law(source: str) -> OwnPositionLaw:
+    """The law of the parameter `own_law`; empty: the packaged one.
+
+    Raises
+    ------
+    LawError
+    """
+    if not source:
+        return OwnPositionLaw(None)
+    law = find(source)
+    if law.loop != OUTER:
+        raise LawError(f"law {law.name}: is of the {law.loop} loop; here: the {OUTER} loop")
+    return OwnPositionLaw(law)

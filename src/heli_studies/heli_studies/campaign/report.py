@@ -1,0 +1,593 @@
+# SPDX-License-Identifier: Apache-2.0
+"""report.html and figures of a campaign's folder, with the flight report's look."""
+
+import math
+import shlex
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from heli_core.metrics import BY_KEY, METRICS, PaperMetric
+from heli_core.rcl_yaml import ParameterError
+from heli_flight.report.data import Chart, Panel, Trace
+from heli_flight.report.figures import write_figures
+from heli_flight.report.page import Head, filled
+from heli_flight.report.tables import ReportTable
+from heli_flight.scoring import SOURCE_NAMES, SOURCES, figures_of
+from heli_studies.campaign.run import (
+    SPEC_NAME,
+    Sensitivity,
+    Store,
+    Summary,
+    WorstFlight,
+    about_of,
+    cases,
+    explained_variance,
+    judged_figures,
+    sensitivities,
+    summary_of,
+    worst_flights,
+)
+from heli_studies.campaign.spec import (
+    CAUSE,
+    FIGURE,
+    INPUT,
+    SENTENCE,
+    FlightEnding,
+    Spec,
+    spec_of,
+    write_rerun_files,
+)
+
+# -------------------------------------------------------------------------------------------------
+# Charts of a campaign: distributions beside the bounds, and what goes with what.
+# -------------------------------------------------------------------------------------------------
+
+MARGIN, DISTRIBUTIONS, SPREAD = "margin", "distributions", "spread"
+_ROLES = {"navigation": "nav", "truth": "truth"}
+_BINS = 40
+_STRONGEST = 4
+Array = NDArray[np.float64]
+
+
+def column(table: pa.Table, name: str) -> Array:
+    """A column of figures (N,); NaN where a flight has none."""
+    if name not in table.column_names:
+        return np.full(table.num_rows, math.nan)
+    return np.array([math.nan if v is None else v for v in table[name].to_pylist()], dtype=float)
+
+
+def margin_chart(found: Sequence[WorstFlight], kind: str) -> Chart:
+    """How near the flights come to a bound: of the worst judged figure of each."""
+    shares = np.array([case.share for case in found])
+    caption = (
+        "Of each flight the judged figure that is the largest part of its bound. A flight right of "
+        "1 is outside; one that was lost has no figure and is counted as beyond every bound."
+    )
+    panels = [_cumulative({"worst judged figure": ("nav", shares)}, 1.0, kind, len(found))]
+    return Chart(
+        "margin", "How near the flights come to a bound", caption, panels, MARGIN,
+        x_label="largest judged figure as a part of its bound", time=False,
+    )  # fmt: skip
+
+
+def distribution_charts(table: pa.Table, kind: str) -> list[Chart]:
+    """Of each metric its histogram and its cumulative distribution, from both records."""
+    return [_distribution(table, metric, kind) for metric in METRICS[kind]]
+
+
+def _distribution(table: pa.Table, metric: PaperMetric, kind: str) -> Chart:
+    figures = {
+        SOURCE_NAMES[source]: (_ROLES[source], column(table, f"{FIGURE}{metric.key} ({source})"))
+        for source in SOURCES
+    }
+    caption = (
+        "Largest magnitude in the scored windows, a value a flight. "
+        f"{figures_of(kind).capitalize()} have {metric.paper:g} {metric.unit} ({metric.source})."
+    )
+    panels = [
+        _histogram(figures, metric.paper),
+        _cumulative(figures, metric.paper, kind, table.num_rows),
+    ]
+    title = metric.label[:1].upper() + metric.label[1:]
+    label = f"{metric.label}, {metric.unit}"
+    key = f"dist_{metric.key}"
+    return Chart(key, title, caption, panels, DISTRIBUTIONS, x_label=label, time=False)
+
+
+Figures = Mapping[str, tuple[str, Array]]
+
+
+def _histogram(figures: Figures, bound: float) -> Panel:
+    known = [values[np.isfinite(values)] for _, values in figures.values()]
+    most = max((float(values.max()) for values in known if values.size), default=bound)
+    edges = np.linspace(0.0, max(most, bound), _BINS + 1)
+    traces, highest = [], 1.0
+    for (label, (role, _)), values in zip(figures.items(), known, strict=True):
+        counts, _ = np.histogram(values, edges)
+        highest = max(highest, float(counts.max()))
+        x, y = np.repeat(edges, 2), np.concatenate(([0], np.repeat(counts, 2), [0]))
+        traces.append(Trace(x, y.astype(float), label, role))
+    traces.append(_upright(bound, highest))
+    return Panel("flights", traces, y_range=(0.0, 1.06 * highest))
+
+
+def _upright(bound: float, height: float, label: str = "") -> Trace:
+    ends = np.array([0.0, height])
+    return Trace(np.full(2, bound), ends, label, "bound", "dash", width=1.2)
+
+
+def _cumulative(figures: Figures, bound: float, kind: str, count: int) -> Panel:
+    """Share of all flights at or below a value; those without a figure are never below."""
+    traces = []
+    for label, (role, values) in figures.items():
+        known = np.sort(values[np.isfinite(values)])
+        x = np.concatenate(([0.0], np.repeat(known, 2)))
+        steps = np.arange(len(known) + 1) / max(count, 1)
+        traces.append(Trace(x, np.repeat(steps, 2)[:-1], label, role))
+    traces.append(_upright(bound, 1.0, figures_of(kind)))
+    return Panel("share of flights", traces, y_range=(0.0, 1.03))
+
+
+def failure_chart(inputs: Mapping[str, Sequence[object]], failed: Sequence[bool]) -> Chart:
+    """Where in the dispersed ranges the flights that failed are, beside all."""
+    bad = np.array(failed, dtype=bool)
+    panels = []
+    for name, told in inputs.items():
+        if isinstance(told[0], str) or not bad.any():
+            continue
+        values = np.array(told, dtype=float)
+        low, span = float(values.min()), float(np.ptp(values))
+        if span == 0.0:
+            continue
+        panels.append(
+            Panel(
+                "share",
+                [
+                    _shares((values - low) / span, "all flights", "muted"),
+                    _shares((values[bad] - low) / span, "outside or not flown to the end", "bad"),
+                ],
+                y_range=(0.0, 1.03),
+                note=f"{name}: {low:.4g} to {low + span:.4g}",
+            )  # fmt: skip
+        )
+    caption = (
+        "Cumulative shares over each input's flown range. An input that has nothing to do with "
+        "failing has two lines that lie together; where the second climbs, flights fail."
+    )
+    return Chart(
+        "failures", "Where the flights that failed are", caption, panels, SPREAD,
+        x_label="input, as a part of its flown range", time=False,
+    )  # fmt: skip
+
+
+def _shares(values: Array, label: str, role: str) -> Trace:
+    known = np.sort(values)
+    x = np.concatenate(([0.0], np.repeat(known, 2), [1.0]))
+    y = np.concatenate((np.repeat(np.arange(len(known) + 1) / len(known), 2),))
+    return Trace(x, y, label, role)
+
+
+def scatter_charts(
+    inputs: Mapping[str, Sequence[object]],
+    figures: Mapping[str, tuple[PaperMetric, Array]],
+    strongest: Mapping[str, Sequence[Sensitivity]],
+    failed: Sequence[bool],
+) -> list[Chart]:
+    """The strongest pairs of an input and a figure, a point a flight.
+
+    Parameters
+    ----------
+    inputs : mapping
+        Name to one value a flight.
+    figures : mapping
+        Name of a figure to its metric and values (N,).
+    strongest : mapping
+        Name of a figure to the inputs' influences, the strongest first.
+    failed : sequence of bool
+    """
+    pairs = [
+        (abs(one.rank_correlation), figure, one)
+        for figure, found in strongest.items()
+        for one in found
+        if math.isfinite(one.rank_correlation) and not isinstance(inputs[one.name][0], str)
+    ]
+    pairs.sort(key=lambda pair: -pair[0])
+    bad = np.array(failed, dtype=bool)
+    charts: list[Chart] = []
+    drawn = set()
+    for _, name, one in pairs:
+        metric, values = figures[name]
+        if metric.key in drawn or len(charts) == _STRONGEST:
+            continue
+        drawn.add(metric.key)
+        x = np.array(inputs[one.name], dtype=float)
+        ends = np.array([x.min(), x.max()])
+        traces = [
+            Trace(x[~bad], values[~bad], "flight inside all bounds", "nav", "points"),
+            Trace(x[bad], values[bad], "flight outside one", "bad", "points"),
+            Trace(ends, np.full(2, metric.paper), "bound", "bound", "dash", width=1.2),
+        ]
+        told = f"{metric.label[:1].upper()}{metric.label[1:]} over {one.name}"
+        caption = f"Rank correlation {one.rank_correlation:+.2f}; a point a flight, {name}."
+        highest = max(float(np.nanmax(values)), metric.paper)
+        panel = Panel(
+            f"{metric.label}, {metric.unit}", [t for t in traces if t.x.size], height=1.6,
+            y_range=(0.0, 1.06 * highest),
+        )  # fmt: skip
+        key = f"pair_{metric.key}"
+        charts.append(Chart(key, told, caption, [panel], SPREAD, x_label=one.name, time=False))
+    return charts
+
+
+# -------------------------------------------------------------------------------------------------
+# A campaign's folder, read for its report: finished or not.
+# -------------------------------------------------------------------------------------------------
+
+WORST = "worst"
+SHOWN = 10
+"""Worst cases that are told."""
+
+
+@dataclass(frozen=True)
+class CampaignFolder:
+    """A campaign's folder, read.
+
+    Attributes
+    ----------
+    folder : Path
+    about : mapping
+        As of `about_of`.
+    table : pa.Table
+        Rows.
+    summary : Summary
+    cases : sequence of WorstFlight
+    again : mapping
+        Number of a worst case to the file that flies it again.
+    why_not : str
+        Why there are none of these; empty if there are.
+    """
+
+    folder: Path
+    about: Mapping[str, Any]
+    table: pa.Table
+    summary: Summary
+    cases: Sequence[WorstFlight]
+    again: Mapping[int, Path]
+    why_not: str
+
+    @property
+    def inputs(self) -> dict[str, list[object]]:
+        """Name of each dispersed parameter to one value a flight."""
+        names = [name for name in self.table.column_names if name.startswith(INPUT)]
+        return {name.removeprefix(INPUT): self.table[name].to_pylist() for name in names}
+
+    @property
+    def figures(self) -> dict[str, tuple[PaperMetric, Array]]:
+        """Judged figures: name to its metric and a value a flight."""
+        judged = judged_figures(self.table, self.about["flown"]["gps"])
+        return {
+            name.removeprefix(FIGURE): (BY_KEY[key], column(self.table, name))
+            for name, (key, _, _) in judged.items()
+        }
+
+    @property
+    def missing(self) -> int:
+        """Flights of the spec that have no row yet."""
+        return int(self.about["flights"]) - self.table.num_rows
+
+
+def read_campaign(folder: Path) -> CampaignFolder:
+    """Read a campaign's folder, finished or not, and write the files that fly its worst again.
+
+    Raises
+    ------
+    ParameterError
+        It holds no campaign, or none of its flights has ended.
+    """
+    about, table = about_of(folder), Store(folder).table()
+    if not table.num_rows:
+        raise ParameterError(f"{folder}: no flight has ended yet; --resume flies them")
+    found = cases(table, about["flown"]["gps"])
+    numbers = [case.number for case in worst_flights(found, SHOWN)]
+    again, why_not = _again(folder, about, numbers)
+    return CampaignFolder(
+        folder, about, table, summary_of(table, about["flown"]["gps"]), found, again, why_not
+    )
+
+
+def _again(
+    folder: Path, about: Mapping[str, Any], numbers: Sequence[int]
+) -> tuple[dict[int, Path], str]:
+    spec = _spec(folder, about)
+    if spec is None:
+        return {}, (
+            f"The spec {about['file']} is gone or has changed: no files to fly these again."
+        )
+    try:
+        written = write_rerun_files(spec, numbers, folder / WORST)
+    except (ParameterError, OSError) as error:
+        return {}, f"No files to fly these again: {error}."
+    return {int(path.parent.name.rpartition("_")[2]): path for path in written}, ""
+
+
+def _spec(folder: Path, about: Mapping[str, Any]) -> Spec | None:
+    """The spec that was flown: the user's file, or the copy; None if both are others by now."""
+    for file in (Path(about["file"]), folder / SPEC_NAME):
+        try:
+            spec = spec_of(file)
+            if spec.identity == about["spec"]:
+                return spec
+        except (ParameterError, OSError):
+            continue
+    return None
+
+
+# -------------------------------------------------------------------------------------------------
+# Tables of a campaign's report.
+# -------------------------------------------------------------------------------------------------
+
+_SURE = 0.01
+"""Correlations that chance makes less often than so stand out."""
+_NONE = "–"
+
+
+def percent(share: float) -> str:
+    """A share as per cent with three digits, however small."""
+    return f"{100.0 * share:.3g} %"
+
+
+def _number(value: float) -> str:
+    return _NONE if math.isnan(value) else f"{value:.3g}".replace("-", "−")
+
+
+def quantiles_table(told: CampaignFolder) -> ReportTable:
+    """Quantiles of each figure from each record, its bound, and how many flights are beyond."""
+    head = ["metric", "median", "95 %", "99 %", "largest", "bound", "outside", "record"]
+    rows = []
+    for name, values in told.summary.quantiles.items():
+        key, _, source = name.removesuffix(")").partition(" (")
+        metric, figures = BY_KEY[key], column(told.table, FIGURE + name)
+        beyond = int((figures > metric.paper).sum())
+        rows.append(
+            [
+                f"{metric.label}, {metric.unit}", *map(_number, values), f"{metric.paper:g}",
+                _coloured(beyond), SOURCE_NAMES[source],
+            ]
+        )  # fmt: skip
+    caption = (
+        "Quantiles over the flights that ended in the air, largest magnitude in the scored "
+        "windows. Ground truth decides where the receiver can know it (rtk)."
+    )
+    return ReportTable(head, rows, caption)
+
+
+def _coloured(count: int) -> str:
+    return Markup('<span class="{}">{}</span>').format("out" if count else "in", count)
+
+
+def causes_table(told: CampaignFolder) -> ReportTable:
+    """How the flights ended."""
+    outside = sum(case.failed for case in told.cases if case.cause == FlightEnding.FLOWN)
+    rows = [[str(cause), str(count), _share(count, told), _example(told, str(cause))]
+            for cause, count in Counter(told.table[CAUSE].to_pylist()).most_common()]  # fmt: skip
+    if outside:
+        rows.append(["of those flown, outside the bounds", str(outside), _share(outside, told), ""])
+    return ReportTable(["how they ended", "flights", "share", "first of them"], rows)
+
+
+def _share(count: int, told: CampaignFolder) -> str:
+    return percent(count / told.table.num_rows)
+
+
+def _example(told: CampaignFolder, cause: str) -> str:
+    causes, sentences = told.table[CAUSE].to_pylist(), told.table[SENTENCE].to_pylist()
+    return next(s for c, s in zip(causes, sentences, strict=True) if c == cause)
+
+
+def correlations_table(
+    told: CampaignFolder, strongest: Mapping[str, Sequence[Sensitivity]]
+) -> ReportTable | None:
+    """Influence of each input on each judged figure; None if nothing can be said."""
+    inputs = told.inputs
+    figures = [name for name, found in strongest.items() if found]
+    if not inputs or not figures:
+        return None
+    by_name = {f: {one.name: one for one in strongest[f]} for f in figures}
+    rows: list[list[str]] = [
+        [name, *(_correlation(by_name[figure][name]) for figure in figures)] for name in inputs
+    ]
+    shares = [explained_variance(inputs, told.figures[figure][1]) for figure in figures]
+    rows.append(["all together explain", *(_NONE if math.isnan(s) else f"{s:.0%}" for s in shares)])
+    caption = (
+        "Spearman's rank correlation of each input with each judged figure over the flights that "
+        f"ended in the air; strong print where chance makes one as large in less than {_SURE:.0%}. "
+        "Last row: share of the ranks' variance that the inputs explain linearly together "
+        "(adjusted); the rest is what the seed draws, wind and noise, and what is not monotonic. "
+        "Of a choice between names: the root of the share of variance between them."
+    )
+    return ReportTable(["input", *figures], rows, caption)
+
+
+def _correlation(one: Sensitivity) -> str:
+    if math.isnan(one.rank_correlation):
+        return _NONE
+    text = f"{one.rank_correlation:+.2f}".replace("-", "−")
+    return Markup("<strong>{}</strong>").format(text) if one.p_value < _SURE else text
+
+
+def worst_table(told: CampaignFolder) -> ReportTable:
+    """The worst cases, each with the command that flies it again."""
+    rows = []
+    for case in worst_flights(told.cases, SHOWN):
+        figure = "" if not case.figure else f"{case.figure} {_number(case.value)}"
+        share = _NONE if math.isnan(case.share) else f"{percent(case.share)} of its bound"
+        what = f"{figure}, {share}" if figure else case.sentence or _NONE
+        again = told.again.get(case.number)
+        command = Markup("<code>{}</code>").format(
+            f"./heli hover --params {shlex.quote(str(again))}") if again else _NONE  # fmt: skip
+        how = "outside" if case.failed and case.cause == FlightEnding.FLOWN else case.cause
+        rows.append([str(case.number), str(case.seed), how, what, command])
+    return ReportTable(["flight", "seed", "end", "farthest", "fly it again"], rows, words=True)
+
+
+def dispersed_table(told: CampaignFolder) -> ReportTable:
+    """Distribution and flown range of each parameter."""
+    rows = []
+    inputs = told.inputs
+    for name, how in told.about["disperse"].items():
+        values: list[Any] = inputs.get(name, [])
+        rows.append([name, how, _range(values) if values else _NONE])
+    return ReportTable(["parameter", "distribution", "flown"], rows, words=True)
+
+
+def _range(values: list[Any]) -> str:
+    if isinstance(values[0], str):
+        return ", ".join(sorted(set(values)))
+    return f"{_end(min(values))} to {_end(max(values))}"
+
+
+def _end(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+# -------------------------------------------------------------------------------------------------
+# Report.
+# -------------------------------------------------------------------------------------------------
+
+PAGE, FIGURES = "report.html", "figures"
+STEPS = 3
+_DIGITS = 12
+_TITLES = {
+    "result": "Result",
+    "margin": "How near to the bounds",
+    "distributions": "Distributions beside the bounds",
+    "spread": "What explains the spread",
+    "worst": "Worst cases",
+    "dispersed": "What was dispersed",
+}
+_AGAIN = (
+    "Each command flies the same flight through the graph of nodes, recorded in full, with a "
+    "report of its own. A flight whose parameters were refused has none."
+)
+
+
+def write_page(told: CampaignFolder, folder: Path, progress: Callable[[int], None]) -> Path:
+    """Write report.html and figures/ into a folder; returns the page.
+
+    Raises
+    ------
+    ParameterError
+        The folder cannot be written.
+    """
+    strongest = {name: sensitivities(told.inputs, v) for name, (_, v) in told.figures.items()}
+    kind, failed = told.about["flown"]["kind"], [case.failed for case in told.cases]
+    charts = [
+        margin_chart(told.cases, kind),
+        *distribution_charts(told.table, kind),
+        failure_chart(told.inputs, failed),
+        *scatter_charts(told.inputs, told.figures, strongest, failed),
+    ]
+    charts = [chart for chart in charts if chart.has_data]
+    progress(1)
+    links = dict(_TITLES)
+    for key in ("margin", "distributions"):
+        if key not in {chart.section for chart in charts}:
+            links.pop(key)
+    text = filled(
+        "campaign.html",
+        _head(told, links),
+        charts,
+        quantiles=quantiles_table(told),
+        causes=causes_table(told),
+        conditions=_conditions(told),
+        correlations=correlations_table(told, strongest),
+        worst=worst_table(told),
+        again=told.why_not or _AGAIN,
+        dispersed=dispersed_table(told),
+    )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / PAGE).write_text(text, encoding="utf-8")
+        progress(2)
+        write_figures(charts, _conditions(told), folder / FIGURES)
+    except OSError as error:
+        raise ParameterError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    progress(STEPS)
+    return folder / PAGE
+
+
+def _head(told: CampaignFolder, links: Mapping[str, str]) -> Head:
+    flown = told.about["flown"]
+    return Head(
+        kind="Campaign report · simulation",
+        title=f"Campaign: {flown['scenario']}, {told.table.num_rows} flights",
+        heading=f"Campaign of {told.table.num_rows} flights: {flown['scenario']}",
+        verdicts=_verdicts(told),
+        facts=_facts(told),
+        links=links,
+    )
+
+
+def _verdicts(told: CampaignFolder) -> list[tuple[str, str, str]]:
+    found = told.summary
+    low, high = found.interval
+    bounds = figures_of(told.about["flown"]["kind"])
+    sure = f"95 % confidence: {percent(low)} to {percent(high)} (Clopper, Pearson)"
+    if found.failed:
+        mark, tone = "✗", "bad"
+        words = (
+            f"{found.failed} of {found.flights} flights outside {bounds} or not flown to the end: "
+            f"{percent(found.failed / found.flights)}; {sure}."
+        )
+    else:
+        mark, tone = "✓", "good"
+        words = f"All {found.flights} flights inside {bounds}; of failing, {sure}."
+    told_first = [(mark, tone, words)]
+    if told.missing:
+        words = f"{told.missing} of {told.about['flights']} flights have no row yet."
+        told_first.append(("–", "", f"{words} `heli campaign ... --resume` flies them."))
+    return told_first
+
+
+def _facts(told: CampaignFolder) -> list[tuple[str, str]]:
+    flown = told.about["flown"]
+    return [
+        ("Scenario", f"{flown['scenario']}, {flown['duration_s']:g} s"),
+        ("World", Path(flown["world"]).stem),
+        ("Laws", Path(flown["laws"]).stem),
+        ("GPS", flown["gps"]),
+        ("Sampling", flown["sampling"].replace("_", " ")),
+        ("Dispersed", f"{len(told.about['disperse'])} parameters"),
+        ("Not lost", told.summary.survived.words),
+        ("Sources", told.about["commit"][:_DIGITS]),
+    ]
+
+
+def _conditions(told: CampaignFolder) -> str:
+    flown = told.about["flown"]
+    return (
+        f"simulated: {told.table.num_rows} flights of {flown['scenario']}, "
+        f"{flown['duration_s']:g} s, world {Path(flown['world']).stem}, GPS {flown['gps']}, "
+        f"{flown['sampling'].replace('_', ' ')} sampling; sources {told.about['commit'][:_DIGITS]}"
+    )
+
+
+def as_dict(told: CampaignFolder, page: Path) -> dict[str, Any]:
+    """For --json."""
+    return {
+        "report": str(page),
+        "figures": sorted(str(path) for path in (page.parent / FIGURES).iterdir()),
+        "flights": told.summary.flights,
+        "missing": told.missing,
+        "failed": told.summary.failed,
+        "interval": list(told.summary.interval),
+        "worst": {str(number): str(path) for number, path in told.again.items()},
+    }

@@ -1,0 +1,1005 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A campaign's folder: its spec, who flies it, and its rows as Parquet, a file per task.
+
+A file appears whole or not at all, so that a killed campaign goes on where it was.
+"""
+
+import contextlib
+import heapq
+import json
+import logging
+import math
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from rich.console import Console
+from scipy import stats
+from scipy.special import betaincinv
+
+from heli_core.errors import FlightError
+from heli_core.metrics import BY_KEY, METRICS, PATH
+from heli_core.rcl_yaml import ParameterError
+from heli_dynamics_sim.trim import TrimError
+from heli_flight import interrupts
+from heli_flight.fly import FlightOrder, fly_and_write
+from heli_flight.loop import LoopFlight, simulate
+from heli_flight.result import Result, conditions
+from heli_flight.scenario import Scenario
+from heli_flight.scoring import (
+    DECIDES,
+    SOURCE_NAMES,
+    SOURCES,
+    STRETCHES,
+    Figures,
+    Score,
+    decides,
+    figures_of,
+    score,
+    sources_of,
+)
+from heli_flight.settings import LOCKSTEP, Settings, sources_commit
+from heli_flight.terminal import FittingTable, steps, table
+from heli_flight.terminal import table as text_table
+from heli_studies.campaign.spec import (
+    CAUSE,
+    EXIT_CODE,
+    FIGURE,
+    NUMBER,
+    SEARCH,
+    SEED,
+    SENTENCE,
+    WHOLE,
+    FlightEnding,
+    Spec,
+    fly_rows,
+    killed,
+    write_rerun_files,
+)
+
+# -------------------------------------------------------------------------------------------------
+# Store.
+# -------------------------------------------------------------------------------------------------
+
+SPEC_NAME, ABOUT_NAME, ROWS = "spec.yaml", "campaign.json", "rows"
+_PART = "part-{:08d}.parquet"
+_TOLD = {"spec": str, "commit": str, "flights": int, "file": str, "flown": dict, "disperse": dict}
+
+
+def about_of(folder: Path, option: str = "") -> dict[str, Any]:
+    """What a campaign's folder says of itself; raises ParameterError if it holds none.
+
+    Keys: `spec` (its identity), `commit`, `flights`, `file` (the spec's), `flown` (what all flights
+    share, by name), `disperse` (each parameter's distribution, in words).
+    """
+    try:
+        told = json.loads((folder / ABOUT_NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ParameterError(f"{option}{folder}: holds no campaign: {error}") from None
+    if not isinstance(told, dict) or any(
+        not isinstance(told.get(key), kind) for key, kind in _TOLD.items()
+    ):
+        raise ParameterError(f"{option}{folder}: holds no campaign: {ABOUT_NAME} is of another")
+    if told["flown"].get("sampling") == SEARCH:
+        raise ParameterError(
+            f"{option}{folder}: holds the flights of a search, which are no sample; its result is "
+            f"in {folder}/result.json"
+        )
+    return told
+
+
+def _about(spec: Spec, file: Path) -> dict[str, Any]:
+    base = spec.base
+    flown = {
+        "kind": base.scenario.kind, "scenario": base.scenario_name, "world": base.world,
+        "gps": base.gps, "laws": base.laws, "sampling": spec.sampling,
+        "duration_s": float(base.scenario_parameters["duration_s"]),
+    }  # fmt: skip
+    return {
+        "spec": spec.identity, "commit": sources_commit(), "flights": len(spec.inputs),
+        "file": str(file.resolve()), "flown": flown,
+        "disperse": {name: str(how) for name, how in spec.disperse.items()},
+    }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Store:
+    """The folder of a campaign.
+
+    Attributes
+    ----------
+    folder : Path
+    resumes : bool
+        Whether `--resume` goes on with it.
+    """
+
+    folder: Path
+    resumes: bool = True
+
+    @classmethod
+    def begin(cls, folder: Path, spec: Spec, file: Path, resumes: bool = True) -> "Store":
+        """A new folder; raises ParameterError if there is one, or none can be made."""
+        if folder.exists():
+            way = "--resume goes on with it" if resumes else "name a new folder"
+            raise ParameterError(f"--out {folder}: exists already; {way}")
+        store = cls(folder, resumes)
+        try:
+            (folder / ROWS).mkdir(parents=True)
+            shutil.copyfile(file, folder / SPEC_NAME)
+            about = _about(spec, file)
+            store._write(folder / ABOUT_NAME, json.dumps(about, indent=2).encode())
+        except OSError as error:
+            raise ParameterError(f"--out {folder}: {error.strerror or error}") from None
+        return store
+
+    @classmethod
+    def resume(cls, folder: Path, spec: Spec) -> "Store":
+        """The folder of a campaign that was broken off; ParameterError if it is of another."""
+        about = about_of(folder, "--out ")
+        if about["spec"] != spec.identity:
+            raise ParameterError(
+                f"--out {folder}: holds rows of another spec; allowed: the spec that it was begun "
+                f"with ({folder / SPEC_NAME}), or another folder"
+            )
+        if about.get("commit") != sources_commit():
+            raise ParameterError(
+                f"--out {folder}: begun with the sources of {about.get('commit')}, these are "
+                f"{sources_commit()}; allowed: the same, or another folder"
+            )
+        return cls(folder)
+
+    @contextlib.contextmanager
+    def kept_if_flown(self) -> Iterator[None]:
+        """Take a folder without rows away again if what fills it fails."""
+        try:
+            yield
+        except BaseException:
+            if not self._parts():
+                shutil.rmtree(self.folder, ignore_errors=True)
+            raise
+
+    def done(self) -> set[int]:
+        """Numbers of the flights whose rows are here; a file that cannot be read is taken away."""
+        found: set[int] = set()
+        for part in self._parts():
+            try:
+                found |= set(pq.read_table(part, columns=[NUMBER])[NUMBER].to_pylist())
+            except (pa.ArrowException, OSError):
+                part.unlink()
+        return found
+
+    def put(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Keep the rows of a task.
+
+        Raises
+        ------
+        ParameterError
+            The disk is full, or the folder has gone.
+        """
+        names = dict.fromkeys(name for row in rows for name in row)
+        table = pa.Table.from_pylist([{n: row.get(n) for n in names} for row in rows])
+        sink = pa.BufferOutputStream()
+        pq.write_table(table, sink, compression="zstd")
+        part = self.folder / ROWS / _PART.format(min(row[NUMBER] for row in rows))
+        try:
+            self._write(part, sink.getvalue().to_pybytes())
+        except OSError as error:
+            stays = "what was flown stays" + ", --resume goes on" * self.resumes
+            raise ParameterError(f"{self.folder}: {error.strerror or error}; {stays}") from None
+
+    def table(self) -> pa.Table:
+        """All rows, by number; what a flight has no figure for is null.
+
+        A file that cannot be read holds none: its flights are missing.
+        """
+        parts = []
+        for part in self._parts():
+            with contextlib.suppress(pa.ArrowException, OSError):
+                parts.append(pq.read_table(part))
+        if not parts:
+            return pa.table({NUMBER: pa.array([], pa.int64())})
+        whole = pa.concat_tables(parts, promote_options="permissive")
+        return whole.sort_by(NUMBER)
+
+    def _parts(self) -> list[Path]:
+        return sorted((self.folder / ROWS).glob("part-*.parquet"))
+
+    @staticmethod
+    def _write(path: Path, content: bytes) -> None:
+        """Whole or not at all, also if the machine stops."""
+        made = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            with made.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            made.replace(path)
+        finally:
+            made.unlink(missing_ok=True)
+
+
+# -------------------------------------------------------------------------------------------------
+# A campaign's flights on many processes: here, or where a Dask scheduler has its workers.
+# -------------------------------------------------------------------------------------------------
+
+Rows = list[dict[str, Any]]
+_REACH_S = 20.0
+# Dask looks at each worker's stack every 10 ms: one that compiles kernels nearly comes to a halt.
+_UNPROFILED = {"distributed.worker.profile.enabled": False}
+_SILENT = logging.CRITICAL + 1
+_GONE = "the scheduler is gone; what was flown stays, --resume goes on"
+
+
+def tasks(spec: Spec, done: set[int]) -> list[list[int]]:
+    """What is still to be flown, by tasks; they are the same whoever flies them."""
+    found = []
+    for first in range(0, len(spec.inputs), spec.chunk):
+        left = [n for n in range(first, min(first + spec.chunk, len(spec.inputs))) if n not in done]
+        if left:
+            found.append(left)
+    return found
+
+
+def fly_here(spec: Spec, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
+    """Fly task after task in this process."""
+    for numbers in todo:
+        yield fly_rows(spec, numbers)
+
+
+def fly_by_dask(
+    spec: Spec, todo: Sequence[Sequence[int]], workers: int, scheduler: str | None
+) -> Iterator[Rows]:
+    """Fly tasks on a cluster; rows come as they are flown.
+
+    Parameters
+    ----------
+    spec : Spec
+    todo : sequence of sequence of int
+        As of `tasks`.
+    workers : int
+        Processes of a cluster on this machine.
+    scheduler : str or None
+        Address of another cluster's, such as tcp://10.0.0.1:8786.
+
+    Raises
+    ------
+    ParameterError
+        The scheduler cannot be reached, or a worker has other sources.
+    FlightError
+        The scheduler has gone.
+    """
+    with connected(workers, scheduler) as client:
+        yield from fly_on(client, spec, todo)
+
+
+def fly_on(client: Any, spec: Spec, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
+    """The same by a client that is there already (`connected`)."""
+    from distributed import CancelledError, as_completed
+    from distributed.comm import CommClosedError
+
+    # A key of its own: the same spec of an earlier call may be let go of at this very moment.
+    shared = client.scatter(spec, broadcast=True, hash=False)
+    futures = {client.submit(_fly, shared, list(n), pure=False): list(n) for n in todo}
+    coming = as_completed(futures, loop=client.loop)
+    try:
+        for future in coming:
+            numbers = futures.pop(future)
+            rows, again = _taken(spec, future, numbers)
+            for number in again:
+                new = client.submit(_fly, shared, [number], pure=False)
+                futures[new] = [number]
+                coming.add(new)
+            if rows:
+                yield rows
+    except (CancelledError, CommClosedError, TimeoutError, OSError):
+        raise FlightError(_GONE) from None
+
+
+def _taken(spec: Spec, future: Any, numbers: list[int]) -> tuple[Rows, list[int]]:
+    """Rows of a task, or what to fly again, one by one, as its process has ended too often."""
+    from distributed import KilledWorker
+
+    try:
+        commit, rows = future.result()
+    except KilledWorker:
+        return ([], numbers) if len(numbers) > 1 else ([killed(spec, numbers[0])], [])
+    _check_commit(commit, future.key)
+    return rows, []
+
+
+def _fly(spec: Spec, numbers: list[int]) -> tuple[str, Rows]:
+    return sources_commit(), fly_rows(spec, numbers)
+
+
+def _check_commit(commit: str, where: str) -> None:
+    if commit != sources_commit():
+        raise ParameterError(
+            f"--scheduler: {where}: a worker flies the sources of {commit}, these are "
+            f"{sources_commit()}; allowed: the same on all"
+        )
+
+
+@contextlib.contextmanager
+def connected(workers: int, scheduler: str | None) -> Iterator[Any]:
+    """A client of a cluster, as `fly_by_dask` takes it, which ends with it if it is its own."""
+    from distributed import Client, LocalCluster
+
+    # The matrices are small: threads of the linear algebra only cost time. The workers inherit it.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # What happens to the cluster is said in our own sentences.
+    for name in [*logging.root.manager.loggerDict, "asyncio", "tornado"]:
+        if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
+            logging.getLogger(name).handlers = [logging.NullHandler()]
+            logging.getLogger(name).propagate = False
+    with contextlib.ExitStack() as ends:
+        if scheduler is None:
+            # Workers inherit that SIGINT is blocked, those that are started anew, too: Ctrl-C goes
+            # to all processes of a terminal, and this one ends the others. The tracker unblocks it
+            # in the thread that starts it.
+            resource_tracker.ensure_running()
+            with interrupts.held_back():
+                cluster = LocalCluster(
+                    n_workers=workers, threads_per_worker=1, processes=True,
+                    dashboard_address=":0", silence_logs=_SILENT, config=_UNPROFILED,
+                )  # fmt: skip
+                address = ends.enter_context(cluster)
+        else:
+            address = scheduler
+        try:
+            client = Client(address, timeout=_REACH_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise ParameterError(
+                f"--scheduler {scheduler}: {' '.join(str(error).split())}; allowed: the address of "
+                "a scheduler that runs, such as tcp://127.0.0.1:8786"
+            ) from None
+        ends.enter_context(client)
+        if scheduler is not None:
+            for where, commit in client.run(sources_commit).items():
+                _check_commit(commit, where)
+        yield client
+
+
+# -------------------------------------------------------------------------------------------------
+# A sample of a campaign's flights through the real graph: does it fly what the rows say?
+# -------------------------------------------------------------------------------------------------
+
+FOLDER = "graph"
+TOLERANCE = 1e-6
+"""How far a figure may differ, in its own unit: messages turn frames and round."""
+
+
+@dataclass(frozen=True)
+class GraphComparison:
+    """A flight through the graph beside its row.
+
+    Attributes
+    ----------
+    number : int
+    figure : str
+        Column of the figure that differs most; empty where there is none.
+    difference : float
+        Of that figure, in its unit; infinite if one of the two has none or was lost alone.
+    folder : str
+        Where the flight lies, with its bag.
+    """
+
+    number: int
+    figure: str
+    difference: float
+    folder: str
+
+    @property
+    def same(self) -> bool:
+        """Whether both are the same flight."""
+        return self.difference <= TOLERANCE
+
+
+def sample(rows: pa.Table, count: int) -> list[int]:
+    """Numbers of flights evenly among those that flew, to the end or not; at most so many."""
+    causes, numbers = rows[CAUSE].to_pylist(), rows[NUMBER].to_pylist()
+    flew = [
+        n
+        for n, c in zip(numbers, causes, strict=True)
+        if c in (FlightEnding.FLOWN, FlightEnding.LOST)
+    ]
+    count = min(count, len(flew))
+    return [flew[(2 * i + 1) * len(flew) // (2 * count)] for i in range(count)]
+
+
+def check(
+    spec: Spec, rows: pa.Table, count: int, folder: Path,
+    fly: Callable[[FlightOrder], Any] = fly_and_write,
+) -> list[GraphComparison]:  # fmt: skip
+    """Fly a sample through the graph, one after the other, and compare.
+
+    Parameters
+    ----------
+    spec : Spec
+    rows : pa.Table
+        As of `Store.table`.
+    count : int
+        Of the sample.
+    folder : Path
+        The campaign's; flights lie in graph/flight_N/flight. One that is there is flown anew.
+    fly : callable
+        Flies an order and gives an outcome.
+
+    Raises
+    ------
+    ParameterError, FlightError
+        The folder cannot be written, or the graph does not come up.
+    """
+    numbers, found = sample(rows, count), []
+    with steps("flights through the graph", max(len(numbers), 1)) as progress:
+        for one in _flown(spec, rows, numbers, folder, fly):
+            found.append(one)
+            progress(len(found))
+    return found
+
+
+def _flown(
+    spec: Spec, rows: pa.Table, numbers: Sequence[int], folder: Path,
+    fly: Callable[[FlightOrder], Any],
+) -> Iterator[GraphComparison]:  # fmt: skip
+    by_number = {row[NUMBER]: row for row in rows.to_pylist()}
+    for number in numbers:
+        own = folder / FOLDER / f"flight_{number}"
+        try:
+            if own.exists():
+                shutil.rmtree(own)
+        except OSError as error:
+            raise ParameterError(f"{own}: {error.strerror or error}") from None
+        (file,) = write_rerun_files(spec, [number], folder / FOLDER)
+        order = FlightOrder(mode=LOCKSTEP, params=[file], out=own / "flight", report=False)
+        outcome = fly(order)
+        figure, difference = _largest(by_number[number], outcome.result)
+        yield GraphComparison(number, figure, difference, str(own / "flight"))
+
+
+def _largest(row: dict[str, Any], result: Result) -> tuple[str, float]:
+    """The figure that differs most, and by how much."""
+    if bool(result.lost) != (row[CAUSE] == FlightEnding.LOST):
+        return CAUSE, math.inf
+    if result.lost:
+        return CAUSE, 0.0
+    flown = {f"{WHOLE}{s.name}": s.max for s in result.figures.whole}
+    flown |= {f"{FIGURE}{s.name}": s.max for s in result.figures.windows}
+    told = {k: v for k, v in row.items() if k.startswith((WHOLE, FIGURE)) and v is not None}
+    if flown.keys() != told.keys():
+        return min(flown.keys() ^ told.keys()), math.inf
+    off = {name: abs(value - told[name]) for name, value in flown.items()}
+    name = max(off, key=lambda key: off[key], default="")
+    return name, off.get(name, 0.0)
+
+
+def as_list(found: Sequence[GraphComparison]) -> list[dict[str, Any]]:
+    """For --json."""
+    return [asdict(one) | {"same": one.same} for one in found]
+
+
+def print_compared(out: Console, found: Sequence[GraphComparison]) -> None:
+    """A row a flight, and a sentence."""
+    if not found:
+        out.print("no flight has flown: none goes through the graph")
+        return
+    rows = table("through the graph, beside the rows", out)
+    for name in ("flight", "figure that differs most", "difference", ""):
+        rows.add_column(name)
+    for one in found:
+        mark = "same" if one.same else "DIFFERS"
+        rows.add_row(str(one.number), one.figure, f"{one.difference:.3g}", mark)
+    out.print(rows)
+    same = sum(one.same for one in found)
+    out.print(
+        f"{same} of {len(found)} flights through the graph have the figures of their rows within "
+        f"{TOLERANCE:g}; they lie in {Path(found[0].folder).parent.parent}",
+        soft_wrap=True, markup=False,
+    )  # fmt: skip
+
+
+# -------------------------------------------------------------------------------------------------
+# Which flights of a campaign came worst: those that did not end, then by their distance from the
+#
+# bounds.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class WorstFlight:
+    """A flight.
+
+    Attributes
+    ----------
+    number, seed : int
+    cause, sentence : str
+    failed : bool
+        Lost, refused or outside of what is judged.
+    figure : str
+        Name of the judged figure that is the largest part of its bound; empty without any.
+    value, share : float
+        That figure, and as a part of its bound; NaN without any.
+    """
+
+    number: int
+    seed: int
+    cause: str
+    sentence: str
+    failed: bool
+    figure: str
+    value: float
+    share: float
+
+
+def judged_figures(table: pa.Table, gps: str) -> dict[str, tuple[str, str, float]]:
+    """Columns of what decides a verdict: key of the metric, record, bound."""
+    names = {
+        f"{FIGURE}{key} ({source})": (key, source, metric.paper)
+        for key, metric in BY_KEY.items()
+        for source in SOURCES
+        if decides(source, gps)
+    }
+    return {name: told for name, told in names.items() if name in table.column_names}
+
+
+def cases(table: pa.Table, gps: str) -> list[WorstFlight]:
+    """Every flight of rows as of `Store.table`."""
+    judged = judged_figures(table, gps)
+    wanted = [NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE, *judged]
+    return [_case(row, judged) for row in table.select(wanted).to_pylist()]
+
+
+def _case(row: dict[str, object], judged: dict[str, tuple[str, str, float]]) -> WorstFlight:
+    parts = {
+        name: float(str(row[name])) / bound
+        for name, (_, _, bound) in judged.items()
+        if row[name] is not None
+    }
+    name = max(parts, key=lambda key: parts[key], default="")
+    return WorstFlight(
+        int(str(row[NUMBER])), int(str(row[SEED])), str(row[CAUSE]), str(row[SENTENCE]),
+        bool(row[EXIT_CODE]), name.removeprefix(FIGURE),
+        float(str(row[name])) if name else math.nan, parts.get(name, math.nan),
+    )  # fmt: skip
+
+
+def worst_flights(found: Sequence[WorstFlight], count: int) -> list[WorstFlight]:
+    """The worst of them, the worst first: what did not end (by number), what failed, the rest."""
+
+    def place(case: WorstFlight) -> tuple[bool, bool, float, int]:
+        share = 0.0 if math.isnan(case.share) else case.share
+        return case.cause == FlightEnding.FLOWN, not case.failed, -share, case.number
+
+    return heapq.nsmallest(count, found, key=place)
+
+
+# -------------------------------------------------------------------------------------------------
+# What explains the spread of a figure over a campaign's flights: rank correlations.
+# -------------------------------------------------------------------------------------------------
+
+_FEWEST = 8
+"""Flights below which nothing is said."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Of one input on one figure.
+
+    Attributes
+    ----------
+    name : str
+        Of the input.
+    rank_correlation : float
+        Spearman's, -1 to 1. Of an input of names (a choice): the square root of the share of the
+        ranks' variance that lies between them, 0 to 1. NaN if one of the two does not vary.
+    p_value : float
+        Of a correlation as large by chance (of names: Kruskal and Wallis's test).
+    """
+
+    name: str
+    rank_correlation: float
+    p_value: float
+
+
+def sensitivities(
+    inputs: Mapping[str, Sequence[object]], figure: NDArray[np.float64]
+) -> list[Sensitivity]:
+    """Of each input, the strongest first; none of fewer than eight flights.
+
+    Parameters
+    ----------
+    inputs : mapping
+        Name to one value a flight.
+    figure : (N,) array
+        NaN where a flight has none.
+    """
+    known = np.isfinite(figure)
+    if known.sum() < _FEWEST:
+        return []
+    found = []
+    for name, column in inputs.items():
+        values = [value for value, good in zip(column, known, strict=True) if good]
+        of_one = _of_names if isinstance(values[0], str) else _of_numbers
+        found.append(Sensitivity(name, *of_one(values, figure[known])))
+    return sorted(found, key=_strength, reverse=True)
+
+
+def _strength(influence: Sensitivity) -> float:
+    rho = influence.rank_correlation
+    return abs(rho) if math.isfinite(rho) else -1.0
+
+
+def _of_numbers(values: Sequence[object], figure: NDArray[np.float64]) -> tuple[float, float]:
+    numbers = np.array(values, dtype=float)
+    if np.ptp(numbers) == 0.0 or np.ptp(figure) == 0.0:
+        return math.nan, math.nan
+    found = stats.spearmanr(numbers, figure)
+    return float(found.statistic), float(found.pvalue)
+
+
+def _of_names(values: Sequence[object], figure: NDArray[np.float64]) -> tuple[float, float]:
+    named = np.array(values)
+    groups = [figure[named == name] for name in sorted(set(values), key=str)]
+    if len(groups) < 2 or np.ptp(figure) == 0.0:
+        return math.nan, math.nan
+    ranks = stats.rankdata(figure)
+    between = sum(
+        len(own) * (own.mean() - ranks.mean()) ** 2
+        for own in (ranks[named == name] for name in sorted(set(values), key=str))
+    )
+    share = between / float(((ranks - ranks.mean()) ** 2).sum())
+    return math.sqrt(share), float(stats.kruskal(*groups).pvalue)
+
+
+def explained_variance(
+    inputs: Mapping[str, Sequence[object]], figure: NDArray[np.float64]
+) -> float:
+    """Share of the variance of a figure's ranks that the inputs' ranks explain, linearly together.
+
+    Adjusted for the number of inputs (Ezekiel 1930), at least 0; NaN of too few flights. The rest
+    is what the seed draws, wind and noise, and what is not monotonic.
+    """
+    known = np.isfinite(figure)
+    columns = []
+    for column in inputs.values():
+        values = np.array([v for v, good in zip(column, known, strict=True) if good])
+        if values.dtype.kind in "US":
+            columns += [values == name for name in np.unique(values)[1:]]
+        elif np.ptp(values.astype(float)) > 0.0:
+            columns.append(stats.rankdata(values.astype(float)))
+    count, ranks = int(known.sum()), stats.rankdata(figure[known])
+    free = count - len(columns) - 1
+    if count < _FEWEST or free < 1 or not columns or np.ptp(ranks) == 0.0:
+        return math.nan
+    matrix = np.column_stack([np.ones(count), *columns]).astype(float)
+    rest = ranks - matrix @ np.linalg.lstsq(matrix, ranks, rcond=None)[0]
+    left = float(rest @ rest) / float(((ranks - ranks.mean()) ** 2).sum())
+    return max(0.0, 1.0 - left * (count - 1) / free)
+
+
+# -------------------------------------------------------------------------------------------------
+# How sure a share of flights is.
+# -------------------------------------------------------------------------------------------------
+
+_CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Share:
+    """So many flights of all.
+
+    Attributes
+    ----------
+    hits, flights : int
+    """
+
+    hits: int
+    flights: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the probability behind it (Clopper, Pearson 1934); 0, 1 of no flight."""
+        tail, misses = 0.5 * (1.0 - _CONFIDENCE), self.flights - self.hits
+        low = float(betaincinv(self.hits, misses + 1, tail)) if self.hits else 0.0
+        high = float(betaincinv(self.hits + 1, misses, 1.0 - tail)) if misses else 1.0
+        return low, high
+
+    @property
+    def words(self) -> str:
+        """As a line tells it."""
+        low, high = self.interval
+        share = self.hits / self.flights if self.flights else 0.0
+        told = f"{self.hits} of {self.flights} flights, {share:.1%}"
+        return f"{told} ({low:.1%} to {high:.1%} at 95 %)"
+
+
+# -------------------------------------------------------------------------------------------------
+# What a campaign has found: causes, how many are outside, quantiles of each figure.
+# -------------------------------------------------------------------------------------------------
+
+_WORST = 10
+QUANTILES = (0.5, 0.95, 0.99, 1.0)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Of a campaign.
+
+    Attributes
+    ----------
+    flights : int
+    causes : dict
+        Cause to number of flights.
+    failed : int
+        Flights lost, refused or outside of what is judged.
+    interval : (float, float)
+        95 % interval of their share (Clopper, Pearson 1934).
+    survived : Share
+        Flights that came to their end in the air, inside or outside.
+    quantiles : dict
+        Figure to its quantiles (`QUANTILES`) over the flights that ended in the air.
+    worst : list of int
+        Numbers of the flights that failed, at most ten: the lost ones first, then those farthest
+        outside.
+    """
+
+    flights: int
+    causes: dict[str, int]
+    failed: int
+    interval: tuple[float, float]
+    survived: Share
+    quantiles: dict[str, list[float]]
+    worst: list[int]
+
+
+def summary_of(table: pa.Table, gps: str) -> Summary:
+    """Summarise rows as of `Store.table`, flown with a receiver that says what is judged."""
+    count = table.num_rows
+    if not count:
+        return Summary(0, {}, 0, (0.0, 1.0), Share(0, 0), {}, [])
+    failing = [case for case in cases(table, gps) if case.failed]
+    quantiles = {
+        name.removeprefix(FIGURE): _quantiles(table[name])
+        for name in table.column_names
+        if name.startswith(FIGURE)
+    }
+    causes = Counter(table[CAUSE].to_pylist())
+    return Summary(
+        count,
+        dict(causes),
+        len(failing),
+        Share(len(failing), count).interval,
+        Share(causes[FlightEnding.FLOWN], count),
+        quantiles,
+        [case.number for case in worst_flights(failing, _WORST)],
+    )
+
+
+def _quantiles(column: Any) -> list[float]:
+    values = np.array([v for v in column.to_pylist() if v is not None], dtype=float)
+    return [] if not values.size else [float(q) for q in np.quantile(values, QUANTILES)]
+
+
+# -------------------------------------------------------------------------------------------------
+# A campaign's summary for people and as JSON.
+# -------------------------------------------------------------------------------------------------
+
+
+def campaign_as_dict(spec: Spec, summary: Summary) -> dict[str, Any]:
+    """For --json."""
+    return {
+        "spec": spec.identity,
+        "dispersed": list(spec.names),
+        "flights": summary.flights,
+        "causes": summary.causes,
+        "failed": summary.failed,
+        "interval": list(summary.interval),
+        "survived": summary.survived.hits,
+        "survived_interval": list(summary.survived.interval),
+        "quantiles": {
+            name: dict(zip(map(str, QUANTILES), values, strict=False))
+            for name, values in summary.quantiles.items()
+        },
+        "worst": summary.worst,
+    }
+
+
+def print_summary(
+    out: Console, spec: Spec, summary: Summary, folder: Path, again: Sequence[Path]
+) -> None:
+    """Quantiles of each figure, how many failed, how to fly these again, where the rows are."""
+    rows = table("quantiles over flights, scored windows", out)
+    rows.add_column("metric (record)")
+    for name in ("median", "95 %", "99 %", "largest"):
+        rows.add_column(name, justify="right")
+    for name, values in summary.quantiles.items():
+        rows.add_row(name, *(f"{value:.3g}" for value in values))
+    out.print(rows)
+    low, high = summary.interval
+    causes = ", ".join(f"{count} {cause}" for cause, count in summary.causes.items())
+    lines = [
+        f"{summary.flights} flights, {spec.sampling}, dispersed: {', '.join(spec.names) or 'none'}",
+        f"{causes}; outside or not flown to the end: {summary.failed}, "
+        f"{summary.failed / max(summary.flights, 1):.2%} ({low:.2%} to {high:.2%} at 95 %)",
+    ]
+    if spec.faults:
+        lines.append(f"survived, with {spec.faults}: {summary.survived.words}")
+    if summary.worst:
+        lines.append(f"flights that failed, the lost first: {', '.join(map(str, summary.worst))}")
+    lines += [f"again: heli hover --params {path}" for path in again]
+    lines.append(f"rows: {folder}/rows/*.parquet")
+    for line in lines:
+        out.print(line, soft_wrap=True, markup=False)
+
+
+# -------------------------------------------------------------------------------------------------
+# Many flights of a scenario in one process: the largest value per metric beside the paper.
+# -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FlownSeed:
+    """Figures of one flight, or why the helicopter was lost."""
+
+    seed: int
+    figures: Figures
+    lost: str
+
+    @classmethod
+    def of(cls, seed: int, flight: LoopFlight, scenario: Scenario) -> "FlownSeed":
+        """What a flight has shown; of a lost one nothing is scored."""
+        figures = Figures() if flight.sentence else score(flight.record, scenario)
+        return cls(seed, figures, flight.sentence)
+
+    def exit_code(self, gps: str) -> int:
+        """As the hover test's, `Result.exit_code`."""
+        return Result(self.figures, self.lost, 0.0, 0.0).exit_code(gps)
+
+
+def with_seed(settings: Settings, seed: int) -> Settings:
+    """The same flight in another wind, with other sensor errors, on another aircraft if drawn."""
+    return settings.with_seed(seed)
+
+
+def fly_seeds(
+    settings: Settings, seeds: Iterable[int], progress: Callable[[int], None] = lambda done: None
+) -> list[FlownSeed]:
+    """Fly a scenario once per seed; progress is told how many have been flown."""
+    flown: list[FlownSeed] = []
+    for seed in seeds:
+        try:
+            flight = simulate(settings.with_seed(seed))
+        except TrimError as error:
+            # An aircraft that was drawn, in this wind: no actuator setting holds it.
+            flown.append(FlownSeed(seed, Figures(), f"The aircraft cannot hover: {error}"))
+            progress(len(flown))
+            continue
+        flown.append(FlownSeed.of(seed, flight, settings.scenario))
+        progress(len(flown))
+    return flown
+
+
+def worst_of_seeds(
+    flown: Sequence[FlownSeed], stretch: str = DECIDES
+) -> Mapping[tuple[str, str], Score]:
+    """Per (metric key, source) the score of a stretch with the largest magnitude over all seeds."""
+    found: dict[tuple[str, str], Score] = {}
+    for flight in flown:
+        for s in flight.figures.of(stretch):
+            key = (s.metric.key, s.source)
+            if key not in found or s.max > found[key].max:
+                found[key] = s
+    return found
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Seeds of "1..20", "7", "1,5,9" or "1..20,2001..2020".
+
+    Raises
+    ------
+    ParameterError
+        If the text is none of these.
+    """
+    seeds: list[int] = []
+    try:
+        for part in text.split(","):
+            first, _, last = part.partition("..")
+            seeds += range(int(first), int(last or first) + 1)
+            if int(last or first) < int(first):
+                raise ValueError(part)
+    except ValueError:
+        seeds = []
+    if not seeds or min(seeds) < 0:
+        raise ParameterError(f"--seeds {text}: write 1..20, 7, 1,5,9 or 1..20,31..40")
+    return seeds
+
+
+def seeds_table(
+    columns: Mapping[str, Sequence[FlownSeed]], kind: str, out: Console, stretch: str = DECIDES
+) -> FittingTable:
+    """Largest magnitude over seeds per metric, per GPS preset and source."""
+    rows = text_table(STRETCHES[stretch], out)
+    rows.add_column("metric")
+    places = [(gps, source) for gps in columns for source in sources_of(gps)]
+    for name in (
+        "goal" if kind == PATH else "paper",
+        *(f"{gps}, {SOURCE_NAMES[source]}" for gps, source in places),
+    ):
+        rows.add_column(name, justify="right")
+    extremes = {gps: worst_of_seeds(flown, stretch) for gps, flown in columns.items()}
+    for metric in METRICS[kind]:
+        found = [extremes[gps].get((metric.key, source)) for gps, source in places]
+        cells = ["-" if s is None else f"{s.max:.2f}" for s in found]
+        rows.add_row(metric.label, f"{metric.paper:g} {metric.unit}", *cells)
+    return rows
+
+
+def inside_of(flown: Sequence[FlownSeed], gps: str, stretch: str) -> int:
+    """How many flights were not lost and are inside the paper's figures over a stretch."""
+    return sum(
+        not f.lost and not Result(f.figures, "", 0.0, 0.0).judged(gps, stretch) for f in flown
+    )
+
+
+def survived(flown: Sequence[FlownSeed]) -> Share:
+    """The flights that were not lost."""
+    return Share(sum(not f.lost for f in flown), len(flown))
+
+
+def remarks(columns: Mapping[str, Sequence[FlownSeed]], kind: str) -> list[str]:
+    """Sentences: how many were inside, and each flight that was lost or outside (`DECIDES`)."""
+    lines = [
+        f"{STRETCHES[stretch]}, {gps}: {inside_of(flown, gps, stretch)} of {len(flown)} flights "
+        f"inside {figures_of(kind)}"
+        for stretch in STRETCHES
+        for gps, flown in columns.items()
+    ]
+    for gps, flown in columns.items():
+        for f in flown:
+            if f.lost:
+                lines.append(f"lost: {gps}, seed {f.seed}: {f.lost}")
+                continue
+            for s in Result(f.figures, "", 0.0, 0.0).judged(gps):
+                lines.append(
+                    f"outside the paper's figures: {gps}, seed {f.seed}: {s.metric.label} "
+                    f"({s.source}) {s.max:.3g} {s.metric.unit}, allowed: {s.metric.paper:g}"
+                )
+    return lines
+
+
+def seeds_as_dict(
+    columns: Mapping[str, Sequence[FlownSeed]], settings: Mapping[str, Settings]
+) -> dict[str, Any]:
+    """For --json: per receiver the largest magnitude of each metric, and every flight."""
+    content: dict[str, Any] = {}
+    for gps, flown in columns.items():
+        content[gps] = {
+            "conditions": conditions(settings[gps]).splitlines(),
+            "inside": {stretch: inside_of(flown, gps, stretch) for stretch in STRETCHES},
+            "metrics": [
+                s.as_dict()
+                for stretch in STRETCHES
+                for s in worst_of_seeds(flown, stretch).values()
+            ],
+            "flights": [_flight_row(f, gps) for f in flown],
+        }
+    return content
+
+
+def _flight_row(f: FlownSeed, gps: str) -> dict[str, Any]:
+    return {
+        "seed": f.seed,
+        "lost": f.lost,
+        "exit_code": f.exit_code(gps),
+        "max_whole": {s.name: s.max for s in f.figures.whole},
+        "max": {s.name: s.max for s in f.figures.windows},
+        "climb": {f"{c.metric.key} ({c.source})": c.value for c in f.figures.climb},
+    }

@@ -1,0 +1,736 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a campaign flies: a YAML file, read and checked before anything flies.
+
+`SPEC.yaml` holds the keys of `Spec`; each dispersed parameter is one key of `disperse`: a node's
+section and the parameter's name (`plant.scale.mass`), with an index for an element of an array
+(`plant.wind.profile_speed_mps[1]`), or `aircraft.` and a key of the aircraft's file that the plant
+flies (`aircraft.body.mass_kg`; the controllers keep their own).
+"""
+
+import difflib
+import hashlib
+import itertools
+import json
+import math
+import re
+import shutil
+import tempfile
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from enum import StrEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.stats import qmc
+
+from heli_core.parameters import Parameter
+from heli_core.rcl_yaml import ParameterError, printable
+from heli_dynamics_sim.aircraft import AircraftError, find_aircraft, read_groups
+from heli_dynamics_sim.trim import TrimError
+from heli_flight.flight_file import fault_overrides, write_parameters
+from heli_flight.loop import simulate
+from heli_flight.result import Result
+from heli_flight.scoring import score
+from heli_flight.settings import GPS_PRESETS, TABLES, Settings, resolve
+
+# -------------------------------------------------------------------------------------------------
+# How one parameter is dispersed: from a number in the unit interval to a value.
+# -------------------------------------------------------------------------------------------------
+
+CHOICE = "choice"
+_TINY = 1e-12
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A continuous distribution: its numbers in order, what they must be, its quantiles."""
+
+    numbers: tuple[str, ...]
+    allowed: str
+    fits: Callable[..., bool]
+    quantile: Callable[..., NDArray[np.float64]]
+
+
+def _truncated(
+    share: NDArray[np.float64], mean: float, sigma: float, low: float, high: float
+) -> NDArray[np.float64]:
+    ends = (low - mean) / sigma, (high - mean) / sigma
+    return np.asarray(stats.truncnorm.ppf(share, *ends, loc=mean, scale=sigma))
+
+
+KINDS: Mapping[str, _Kind] = {
+    "uniform": _Kind(
+        ("low", "high"), "low < high", lambda low, high: low < high,
+        lambda share, low, high: low + (high - low) * share,
+    ),
+    "normal": _Kind(
+        ("mean", "sigma"), "sigma > 0", lambda mean, sigma: sigma > 0.0,
+        lambda share, mean, sigma: np.asarray(stats.norm.ppf(share, mean, sigma)),
+    ),
+    "truncated_normal": _Kind(
+        ("mean", "sigma", "low", "high"), "sigma > 0 and low < high",
+        lambda mean, sigma, low, high: sigma > 0.0 and low < high, _truncated,
+    ),
+}  # fmt: skip
+NAMES = (*KINDS, CHOICE)
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """The distribution of one parameter.
+
+    Attributes
+    ----------
+    kind : str
+        One of `NAMES`.
+    numbers : tuple
+        What `KINDS` calls for, or the choices.
+    whole : bool
+        The parameter is an integer: uniform is then over the integers from low to high, both
+        among them.
+    """
+
+    kind: str
+    numbers: tuple[Any, ...]
+    whole: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.kind} {', '.join(map(str, self.numbers))}"
+
+    def values(self, share: NDArray[np.float64]) -> list[Any]:
+        """Quantiles at shares (N,) of the unit interval, as parameters hold them."""
+        if self.kind == CHOICE:
+            places = np.minimum((share * len(self.numbers)).astype(int), len(self.numbers) - 1)
+            return [self.numbers[place] for place in places]
+        if self.whole:
+            low, high = self.numbers
+            return [int(low + min(math.floor(s * (high - low + 1)), high - low)) for s in share]
+        inside = np.clip(share, _TINY, 1.0 - _TINY)
+        return [float(v) for v in KINDS[self.kind].quantile(inside, *self.numbers)]
+
+    def levels(self, count: int) -> list[Any]:
+        """Values of a grid: all choices or integers; else `count`, of uniform with both ends."""
+        if self.kind == CHOICE:
+            return list(self.numbers)
+        if self.whole:
+            return list(range(self.numbers[0], self.numbers[1] + 1))
+        if self.kind == "uniform":
+            return [float(v) for v in np.linspace(self.numbers[0], self.numbers[1], count)]
+        return self.values((np.arange(count) + 0.5) / count)
+
+
+def distribution_of(told: Any, parameter_kind: str, where: str) -> Distribution:
+    """Read one from a spec, such as {uniform: [0.8, 1.2]}.
+
+    Parameters
+    ----------
+    told : object
+        What stands in the YAML.
+    parameter_kind : str
+        Kind of the parameter's row: double, int, string or bool.
+    where : str
+        Names the place, for sentences.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if not isinstance(told, Mapping) or len(told) != 1 or next(iter(told)) not in NAMES:
+        raise ParameterError(f"{where}: {told!r}; allowed: one of {', '.join(NAMES)}")
+    ((kind, numbers),) = told.items()
+    if not isinstance(numbers, Sequence) or isinstance(numbers, str) or not numbers:
+        raise ParameterError(f"{where}: {kind}: {numbers!r}; allowed: a list")
+    if kind == CHOICE:
+        return Distribution(CHOICE, tuple(numbers))
+    if parameter_kind not in ("double", "int"):
+        raise ParameterError(f"{where}: {kind}: the parameter is no number; allowed: {CHOICE}")
+    whole = parameter_kind == "int"
+    return Distribution(kind, _distribution_numbers(kind, numbers, whole, where), whole)
+
+
+def _distribution_numbers(
+    kind: str, numbers: Sequence[Any], whole: bool, where: str
+) -> tuple[Any, ...]:
+    """The numbers of a continuous distribution, checked."""
+    form, told = KINDS[kind], list(numbers)
+    if whole and kind != "uniform":
+        raise ParameterError(f"{where}: {kind}: the parameter is whole; allowed: uniform, {CHOICE}")
+    number = (int,) if whole else (int, float)
+    good = len(told) == len(form.numbers) and all(
+        isinstance(n, number) and not isinstance(n, bool) and math.isfinite(n) for n in told
+    )
+    if not good or not form.fits(*told):
+        what = "whole numbers" if whole else "numbers"
+        names = ", ".join(form.numbers)
+        raise ParameterError(
+            f"{where}: {kind}: {told}; allowed: {what} [{names}] with {form.allowed}"
+        )
+    return tuple(told) if whole else tuple(map(float, told))
+
+
+# -------------------------------------------------------------------------------------------------
+# Which points of the unit cube a campaign flies.
+# -------------------------------------------------------------------------------------------------
+
+GRID = "grid"
+SAMPLINGS = ("random", "latin_hypercube", "sobol", GRID)
+SEARCH = "search"
+"""Points that were looked for: no sample, which nobody may take quantiles or shares of."""
+# Child of the seed's sequence: far from those of wind, sensors and worlds.
+_STREAM = 1 << 21
+
+
+def unit_points(sampling: str, count: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Points (N, d) in the unit cube.
+
+    Parameters
+    ----------
+    sampling : str
+        One of `SAMPLINGS` but the grid.
+    count, dimensions : int
+    seed : int
+        Of the sampling alone; the flights have their own.
+
+    Raises
+    ------
+    ParameterError
+        Sobol points that are no power of two have no balance.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+    if dimensions == 0:
+        return np.zeros((count, 0))
+    if sampling == "random":
+        return rng.random((count, dimensions))
+    if sampling == "latin_hypercube":
+        return np.asarray(qmc.LatinHypercube(dimensions, seed=rng).random(count))
+    power = count.bit_length() - 1
+    if count != 1 << power:
+        raise ParameterError(
+            f"flights: {count}: sobol needs a power of two; allowed: {1 << power}, {2 << power}"
+        )
+    return np.asarray(qmc.Sobol(dimensions, seed=rng).random_base2(power))
+
+
+def correlated(
+    points: NDArray[np.float64], pairs: Sequence[tuple[int, int, float]]
+) -> NDArray[np.float64]:
+    """Points (N, d) with a Gaussian copula: each column stays uniform.
+
+    Parameters
+    ----------
+    points : (N, d) array
+    pairs : sequence of (int, int, float)
+        Columns and the correlation of their normal scores; rank correlations are
+        6/pi asin(rho/2) (Pearson 1907).
+
+    Raises
+    ------
+    ParameterError
+        There are no variables that correlate so.
+    """
+    if not pairs:
+        return points
+    matrix = np.eye(points.shape[1])
+    for i, j, rho in pairs:
+        matrix[i, j] = matrix[j, i] = rho
+    try:
+        factor = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        raise ParameterError(
+            f"correlate: no variables correlate so (least eigenvalue {least:.3g}); allowed: a "
+            "positive definite matrix"
+        ) from None
+    scores = stats.norm.ppf(np.clip(points, _TINY, 1.0 - _TINY))
+    return np.asarray(stats.norm.cdf(scores @ factor.T))
+
+
+# -------------------------------------------------------------------------------------------------
+# Spec.
+# -------------------------------------------------------------------------------------------------
+
+AIRCRAFT = "aircraft"
+EACH = "each"
+_FAULTS = "plant.faults"
+_ELEMENT = re.compile(r"(.+)\[(\d+)\]")
+_MOST_FLIGHTS = 1 << 24
+_LEVELS = 5
+_SHOWN = 40
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A campaign.
+
+    Attributes
+    ----------
+    flights : int
+        How many; of a grid: left out, it follows from the levels.
+    sampling : str
+        One of `SAMPLINGS`.
+    seed : int
+        Of the sampling.
+    flight_seeds : "each" or int
+        Seed of wind and sensors: a flight's own number from 1 on, or the same for all.
+    levels : int
+        Of a grid, of each parameter that is no integer and no choice.
+    chunk : int
+        Flights of a task; results do not depend on it.
+    scenario, gps, world, laws : str or None
+        As the options of `heli hover`; None: its defaults.
+    duration_s : float or None
+    params : sequence of str
+        Parameter files, relative to the spec.
+    faults : str or None
+        File of faults (`heli hover --faults`), relative to the spec; each flight has them.
+    set : mapping
+        By `section.name` what is the same in every flight.
+    disperse : mapping
+        By `section.name` a distribution.
+    correlate : sequence
+        [one name, another one, correlation of their normal scores].
+    """
+
+    flights: int = 0
+    sampling: str = "latin_hypercube"
+    seed: int = 1
+    flight_seeds: str | int = EACH
+    levels: int = _LEVELS
+    chunk: int = 16
+    scenario: str | None = None
+    gps: str | None = None
+    world: str | None = None
+    laws: str | None = None
+    duration_s: float | None = None
+    params: tuple[str, ...] = ()
+    faults: str | None = None
+    set: Mapping[str, Any] = field(default_factory=dict)
+    disperse: Mapping[str, Distribution] = field(default_factory=dict)
+    correlate: tuple[tuple[str, str, float], ...] = ()
+
+    @cached_property
+    def identity(self) -> str:
+        """What tells this campaign from others: all that decides its rows, SHA-256."""
+        said = {key: value for key, value in asdict(self).items() if key != "chunk"}
+        said["params"] = [Path(path).read_text(encoding="utf-8") for path in self.params]
+        text = json.dumps(said, sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the dispersed parameters, in the order of the spec."""
+        return tuple(self.disperse)
+
+    @cached_property
+    def inputs(self) -> list[list[Any]]:
+        """Per flight the values of the dispersed parameters, in the order of `names`."""
+        if self.sampling == GRID:
+            axes = [d.levels(self.levels) for d in self.disperse.values()]
+            return [list(row) for row in itertools.product(*axes)]
+        points = unit_points(self.sampling, self.flights, len(self.names), self.seed)
+        at = {name: i for i, name in enumerate(self.names)}
+        points = correlated(points, [(at[a], at[b], rho) for a, b, rho in self.correlate])
+        columns = [d.values(points[:, i]) for i, d in enumerate(self.disperse.values())]
+        return [list(row) for row in zip(*columns, strict=True)] or [
+            [] for _ in range(self.flights)
+        ]
+
+    def flight_seed(self, number: int) -> int:
+        """Seed of wind and sensors of a flight, counted from 0."""
+        return number + 1 if self.flight_seeds == EACH else int(self.flight_seeds)
+
+    @cached_property
+    def base(self) -> Settings:
+        """The flight without dispersions; raises ParameterError."""
+        return resolve(
+            self.scenario, self.gps, duration_s=self.duration_s, params=self.params,
+            overrides=by_section(self.set, _resolved(self)), world=self.world, laws=self.laws,
+        )  # fmt: skip
+
+    def settings(self, number: int, aircraft: Path | None = None) -> Settings:
+        """A flight's parameters; `aircraft` is the file of its aircraft if that is dispersed."""
+        values = dict(zip(self.names, self.inputs[number], strict=True))
+        said = {**self.set, **{k: v for k, v in values.items() if not _of_aircraft(k)}}
+        overrides = by_section(said, self.base)
+        if aircraft is not None:
+            overrides.setdefault("plant", {})["aircraft_file"] = str(aircraft)
+        return resolve(
+            self.scenario, self.gps, self.flight_seed(number), self.duration_s, params=self.params,
+            overrides=overrides, world=self.world, laws=self.laws,
+        )  # fmt: skip
+
+    def aircraft(self, number: int) -> dict[str, Any] | None:
+        """The aircraft file of a flight as {group.key: value}; None if none is dispersed."""
+        values = dict(zip(self.names, self.inputs[number], strict=True))
+        own = {key.partition(".")[2]: v for key, v in values.items() if _of_aircraft(key)}
+        if not own:
+            return None
+        return {**read_groups(find_aircraft(self.base.nodes["plant"]["aircraft_file"])), **own}
+
+
+def _of_aircraft(name: str) -> bool:
+    return name.partition(".")[0] == AIRCRAFT
+
+
+def by_section(said: Mapping[str, Any], base: Settings) -> dict[str, dict[str, Any]]:
+    """{section.name: value} as overrides {section: {name: value}}; elements put into arrays."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, value in said.items():
+        section, _, key = name.partition(".")
+        own = found.setdefault(section, {})
+        element = _ELEMENT.fullmatch(key)
+        if element is None:
+            own[key] = value
+            continue
+        whole, place = element[1], int(element[2])
+        array = np.array(own.get(whole, values_of(base, section)[whole]), dtype=float)
+        if not _is_number(value):
+            raise ParameterError(f"{name}: {value!r}; allowed: a number")
+        array.flat[place] = value
+        own[whole] = array.ravel().tolist()
+    return found
+
+
+def values_of(base: Settings, section: str) -> Mapping[str, Any]:
+    """Resolved parameters of a section."""
+    return base.scenario_parameters if section == "scenario" else base.nodes[section]
+
+
+def _resolved(spec: Spec) -> Settings:
+    """The flight without `set`, for elements of arrays."""
+    return resolve(spec.scenario, spec.gps, duration_s=spec.duration_s, params=spec.params,
+                   world=spec.world, laws=spec.laws)  # fmt: skip
+
+
+# --- reading -------------------------------------------------------------------------------------
+
+
+def spec_of(path: Path) -> Spec:
+    """Read and check a spec.
+
+    Raises
+    ------
+    ParameterError
+        One line that names the file, the key, its value and what is allowed.
+    """
+    try:
+        told = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise ParameterError(f"{path}: {' '.join(str(error).split())}") from None
+    try:
+        return _checked(told, path.parent)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+
+
+def _checked(told: Any, folder: Path) -> Spec:
+    if not isinstance(told, Mapping):
+        raise ParameterError("holds no keys; allowed: " + ", ".join(f.name for f in fields(Spec)))
+    known = [f.name for f in fields(Spec)]
+    for key in told:
+        if key not in known:
+            raise ParameterError(_unknown("", str(key), known))
+    _numbers(told)
+    _words(told)
+    values = dict(told)
+    values["params"] = tuple(str(folder / name) for name in _list(told, "params"))
+    values["set"] = {**_mapping(told, "set"), **_faults(told, folder)}
+    bare = Spec(**{**values, "set": {}, "disperse": {}, "correlate": (), "flights": 1,
+                   "sampling": "random"})  # fmt: skip
+    for name in values["set"]:
+        if _ELEMENT.fullmatch(name):
+            _row_of(name, bare.base, "set")
+    plain = Spec(**{**values, "disperse": {}, "correlate": (), "flights": 1, "sampling": "random"})
+    base = plain.base
+    values["disperse"] = _disperse(_mapping(told, "disperse"), base)
+    values["correlate"] = _correlate(_list(told, "correlate"), values["disperse"])
+    spec = Spec(**values)
+    _check_count(spec)
+    check_ends(spec, base)
+    return spec
+
+
+def _unknown(where: str, key: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(key, known, n=1)
+    hint = f"did you mean {where}{near[0]}?" if near else f"allowed: {', '.join(known[:_SHOWN])}"
+    return f"{where}{printable(key)}: unknown key; {hint}"
+
+
+def _numbers(told: Mapping[str, Any]) -> None:
+    for key, least, most in (
+        ("flights", 0, _MOST_FLIGHTS), ("seed", 0, 1 << 62), ("levels", 2, 1000),
+        ("chunk", 1, 10_000),
+    ):  # fmt: skip
+        value = told.get(key, least)
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            raise ParameterError(f"{key}: {value!r}; allowed: an integer from {least} to {most}")
+    own = told.get("flight_seeds", EACH)
+    if own != EACH and (not isinstance(own, int) or isinstance(own, bool) or own < 0):
+        raise ParameterError(f"flight_seeds: {own!r}; allowed: {EACH} or an integer from 0 on")
+    length = told.get("duration_s")
+    if length is not None and not _is_number(length):
+        raise ParameterError(f"duration_s: {length!r}; allowed: a number")
+
+
+def _words(told: Mapping[str, Any]) -> None:
+    for key in ("scenario", "gps", "world", "laws", "faults"):
+        if told.get(key) is not None and not isinstance(told[key], str):
+            raise ParameterError(f"{key}: {told[key]!r}; allowed: a name")
+    for key, known in (("sampling", SAMPLINGS), ("gps", GPS_PRESETS)):
+        if told.get(key) is not None and told[key] not in known:
+            raise ParameterError(f"{key}: {told[key]!r}; allowed: {', '.join(known)}")
+
+
+def _mapping(told: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = told.get(key) or {}
+    if not isinstance(value, Mapping):
+        raise ParameterError(f"{key}: {value!r}; allowed: one line per parameter")
+    return {str(name): v for name, v in value.items()}
+
+
+def _faults(told: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """What a file of faults sets in every flight."""
+    if not told.get("faults"):
+        return {}
+    if _FAULTS in _mapping(told, "set"):
+        raise ParameterError(f"faults: {told['faults']}; allowed: one of faults and set: {_FAULTS}")
+    over = fault_overrides(folder / told["faults"]) or {}
+    return {f"{node}.{key}": list(v) for node, said in over.items() for key, v in said.items()}
+
+
+def _list(told: Mapping[str, Any], key: str) -> Sequence[Any]:
+    value = told.get(key) or []
+    if not isinstance(value, list):
+        raise ParameterError(f"{key}: {value!r}; allowed: a list")
+    return value
+
+
+def _disperse(told: Mapping[str, Any], base: Settings) -> dict[str, Distribution]:
+    found = {}
+    for name, how in told.items():
+        section, _, key = name.partition(".")
+        where = f"disperse: {name}"
+        if section == AIRCRAFT:
+            groups = read_groups(find_aircraft(base.nodes["plant"]["aircraft_file"]))
+            if key not in groups:
+                raise ParameterError(_unknown(f"disperse: {AIRCRAFT}.", key, list(groups)))
+            kind = "string" if isinstance(groups[key], str) else "double"
+            found[name] = distribution_of(how, kind, where)
+            continue
+        row = _row_of(name, base, "disperse")
+        found[name] = distribution_of(how, row.kind.removesuffix("[]"), where)
+    return found
+
+
+def _row_of(name: str, base: Settings, key: str) -> Parameter:
+    """The row of `section.name` or `section.name[place]`; ParameterError if there is none."""
+    section, _, own = name.partition(".")
+    sections = [node for node in TABLES if node in base.nodes or node == "scenario"]
+    if section not in sections:
+        raise ParameterError(_unknown(f"{key}: ", section, [*sections, AIRCRAFT]))
+    element = _ELEMENT.fullmatch(own)
+    bare = element[1] if element else own
+    row = next((row for row in TABLES[section] if row.name == bare), None)
+    if row is None:
+        rows = [row.name for row in TABLES[section]]
+        raise ParameterError(_unknown(f"{key}: {section}.", bare, rows))
+    if row.kind.endswith("[]") != bool(element):
+        such = f"{name}[0]" if row.kind.endswith("[]") else f"{section}.{bare}"
+        raise ParameterError(f"{key}: {name}: allowed: {such}")
+    if element:
+        size = np.size(values_of(base, section)[bare])
+        if int(element[2]) >= size:
+            raise ParameterError(
+                f"{key}: {name}: it has {size} elements; allowed: [0] to [{size - 1}]"
+            )
+    return row
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _correlate(
+    told: Sequence[Any], disperse: Mapping[str, Distribution]
+) -> tuple[tuple[str, str, float], ...]:
+    found = []
+    for one in told:
+        good = isinstance(one, list) and len(one) == 3
+        rho = one[2] if good and _is_number(one[2]) else math.nan
+        if not -1.0 < rho < 1.0 or one[0] == one[1]:
+            raise ParameterError(
+                f"correlate: {one!r}; allowed: [one name, another one, a number between -1 and 1]"
+            )
+        for name in one[:2]:
+            if name not in disperse:
+                raise ParameterError(_unknown("correlate: ", str(name), list(disperse)))
+        found.append((one[0], one[1], float(rho)))
+    return tuple(found)
+
+
+def _check_count(spec: Spec) -> None:
+    if spec.sampling == GRID:
+        if spec.correlate:
+            raise ParameterError("correlate: a grid has none; allowed: another sampling")
+        sizes = [len(d.levels(spec.levels)) for d in spec.disperse.values()]
+        count = math.prod(sizes)
+        if not sizes or count > _MOST_FLIGHTS or spec.flights not in (0, count):
+            raise ParameterError(
+                f"flights: {spec.flights}; allowed: none, as the grid has {count} "
+                f"({' x '.join(map(str, sizes))}), at most {_MOST_FLIGHTS}"
+            )
+    elif spec.flights == 0:
+        raise ParameterError(f"flights: missing; allowed: an integer from 1 to {_MOST_FLIGHTS}")
+
+
+def check_ends(spec: Spec, base: Settings) -> None:
+    """Let each parameter be checked by its row at the smallest and largest value that is flown."""
+    for i, name in enumerate(spec.names):
+        if _of_aircraft(name):
+            continue
+        flown = [row[i] for row in spec.inputs]
+        ends = {min(flown), max(flown)} if not isinstance(flown[0], str) else set(flown)
+        for value in sorted(ends):
+            try:
+                resolve(
+                    spec.scenario, spec.gps, duration_s=spec.duration_s, params=spec.params,
+                    overrides=by_section({**spec.set, name: value}, base), world=spec.world,
+                    laws=spec.laws,
+                )  # fmt: skip
+            except ParameterError as error:
+                raise ParameterError(f"disperse: {name}: {value}: {error}") from None
+
+
+# -------------------------------------------------------------------------------------------------
+# One flight of a campaign: its inputs in, one row with its figures and its end out.
+# -------------------------------------------------------------------------------------------------
+
+
+class FlightEnding(StrEnum):
+    """How a flight ended."""
+
+    FLOWN = "flown"
+    LOST = "lost"
+    NO_TRIM = "no trim holds it"
+    REFUSED = "parameters refused"
+    THREW = "threw"
+    KILLED = "killed its process"
+
+
+NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE = "flight", "seed", "cause", "sentence", "exit_code"
+FIXED = (NUMBER, SEED, CAUSE, SENTENCE, EXIT_CODE)
+"""Columns of every campaign; `in.` and `max.` begin those of inputs and of figures."""
+INPUT, FIGURE, WHOLE = "in.", "max.", "max_whole."
+
+
+def fly_rows(spec: Spec, numbers: Sequence[int]) -> list[dict[str, Any]]:
+    """Fly these flights; whatever one of them does, there is a row of it.
+
+    Parameters
+    ----------
+    spec : Spec
+    numbers : sequence of int
+        Flights, counted from 0.
+
+    Returns
+    -------
+    list of dict
+        Column name to value. They depend on the spec and the number alone.
+    """
+    with tempfile.TemporaryDirectory(prefix="heli_campaign_") as folder:
+        return [_row(spec, number, Path(folder)) for number in numbers]
+
+
+def settings_of(spec: Spec, number: int, folder: Path) -> Settings:
+    """A flight's parameters; its aircraft, if it has one of its own, is written to the folder.
+
+    Raises
+    ------
+    ParameterError, AircraftError
+    """
+    flat, file = spec.aircraft(number), None
+    if flat is not None:
+        groups: dict[str, dict[str, Any]] = {}
+        for name, value in flat.items():
+            group, _, key = name.partition(".")
+            groups.setdefault(group, {})[key] = value
+        file = folder / f"aircraft_{number}.yaml"
+        file.write_text(yaml.safe_dump(groups, sort_keys=False), encoding="utf-8")
+    return spec.settings(number, file)
+
+
+def _row(spec: Spec, number: int, folder: Path) -> dict[str, Any]:
+    row = _begun(spec, number)
+    try:
+        settings = settings_of(spec, number, folder)
+        flight = simulate(settings)
+    except TrimError as error:
+        return row | _end(FlightEnding.NO_TRIM, str(error))
+    except (ParameterError, AircraftError) as error:
+        return row | _end(FlightEnding.REFUSED, str(error))
+    except Exception as error:
+        # The campaign goes on; what it was stands in the row.
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(at.filename).name}:{at.lineno}"
+        return row | _end(FlightEnding.THREW, f"{type(error).__name__}: {error} ({where})")
+    if flight.sentence:
+        return row | _end(FlightEnding.LOST, flight.sentence)
+    figures = score(flight.record, settings.scenario)
+    code = Result(figures, "", 0.0, 0.0).exit_code(settings.gps)
+    row |= _end(FlightEnding.FLOWN, "", code)
+    row |= {f"{WHOLE}{s.name}": float(s.max) for s in figures.whole}
+    return row | {f"{FIGURE}{s.name}": float(s.max) for s in figures.windows}
+
+
+def killed(spec: Spec, number: int) -> dict[str, Any]:
+    """The row of a flight that took its process along, again and again."""
+    return _begun(spec, number) | _end(
+        FlightEnding.KILLED, "the process that flew it ended each time"
+    )
+
+
+def _begun(spec: Spec, number: int) -> dict[str, Any]:
+    inputs = dict(zip(spec.names, spec.inputs[number], strict=True))
+    row: dict[str, Any] = {NUMBER: number, SEED: spec.flight_seed(number)}
+    return row | {f"{INPUT}{name}": value for name, value in inputs.items()}
+
+
+def _end(cause: FlightEnding, sentence: str, code: int = 1) -> dict[str, Any]:
+    return {CAUSE: cause.value, SENTENCE: sentence, EXIT_CODE: code}
+
+
+# -------------------------------------------------------------------------------------------------
+# Parameter files with which flights of a campaign are flown again, alone.
+# -------------------------------------------------------------------------------------------------
+
+
+def write_rerun_files(spec: Spec, numbers: Sequence[int], folder: Path) -> list[Path]:
+    """Write a folder `flight_N` for each, and give the files for `heli hover --params`.
+
+    Those whose parameters were refused have none.
+
+    Raises
+    ------
+    ParameterError
+        The folder cannot be written.
+    """
+    written = []
+    for number in numbers:
+        own = folder / f"flight_{number}"
+        try:
+            own.mkdir(parents=True, exist_ok=True)
+            settings = settings_of(spec, number, own.resolve())
+        except OSError as error:
+            raise ParameterError(f"{own}: {error.strerror or error}") from None
+        except (ParameterError, AircraftError):
+            shutil.rmtree(own)
+            continue
+        write_parameters(settings, own / "params.yaml")
+        written.append(own / "params.yaml")
+    return written
