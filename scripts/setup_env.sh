@@ -407,7 +407,7 @@ heli_look() {
     heli_read "$HELI_ROOT"/requirements/*.txt
     heli_want_env=$heli_text$heli_venv
     heli_read "$HELI_ROOT"/scripts/link_ros_layout.py "$HELI_ROOT"/src/*/{setup.py,CMakeLists.txt,action/*.action}
-    printf -v heli_want_layout '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,config,web,launch/*,scripts/*}
+    printf -v heli_want_layout '%s\n' "$HELI_ROOT"/src/*/{package.xml,resource,config,web,launch/*.py,scripts/*}
     heli_want_layout+=$heli_text
     if [ "$heli_mode" = ros ] && heli_can_generate; then heli_want_layout+=generated; fi
 }

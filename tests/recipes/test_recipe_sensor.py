@@ -25,7 +25,7 @@ def read_doppler(tick, x, noise, k, y):
 
 
 '''
-KERNEL = '''class DopplerKernel(NamedTuple):
+KERNEL = '''class DopplerParams(NamedTuple):
     """Velocity over ground with white noise."""
 
     white: float  # m/s
@@ -110,18 +110,18 @@ def add_to_plant(r):
         "    Source(3, 29, 30),  # rotor's speed: white, faults\n",
         "    Source(3, 31, 32),\n",
     )
-    r.before(f"{SIM}/sensors.py", "class SensorKernel(", KERNEL)
+    r.before(f"{SIM}/sensors.py", "class SensorParams(", KERNEL)
     r.replace(
-        f"{SIM}/sensors.py", "    imu2: bool  #", "    doppler: DopplerKernel\n    imu2: bool  #"
+        f"{SIM}/sensors.py", "    imu2: bool  #", "    doppler: DopplerParams\n    imu2: bool  #"
     )
     r.before(f"{SIM}/sensors.py", "@njit\ndef read_sensors(", READ)
     r.after(f"{SIM}/sensors.py", "    read_gps(sensors, tick, x, noise, k.gps, y)\n",
             "    read_doppler(tick, x, noise, k.doppler, y)\n")  # fmt: skip
-    r.after(f"{SIM}/config.py", "    BaroKernel,\n", "    DopplerKernel,\n")
+    r.after(f"{SIM}/config.py", "    BaroParams,\n", "    DopplerParams,\n")
     r.replace(f"{SIM}/config.py",
               "    return SensorParams(imu, mag, baro, _gps(get, rate), rotor, imu2)\n",
               "    period = rate.of(get(\"doppler.period_ticks\"))\n"
-              '    doppler = DopplerKernel(get("doppler.white_mps"), period)\n'
+              '    doppler = DopplerParams(get("doppler.white_mps"), period)\n'
               "    return SensorParams(imu, mag, baro, _gps(get, rate), rotor, doppler, imu2)\n"
               )  # fmt: skip
     r.after(f"{SIM}/parameters.py",

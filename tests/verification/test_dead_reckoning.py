@@ -1,44 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
 """The budget of dead reckoning beside other ways to it: the filter's own, step by step, drawn."""
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from evidence.experiments import dead_reckoning
 from heli_flight.loop import build, fly_loop
 
-SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 LOST = ("{what: gps, kind: loss, start_s: 12.0}",)
 
 
-@pytest.fixture
-def table(monkeypatch):
-    monkeypatch.syspath_prepend(SCRIPTS)
-    return importlib.import_module("dead_reckoning_table")
-
-
 @pytest.mark.parametrize("gps", ["rtk", "standalone"])
-def test_the_budget_is_what_the_filter_says_without_fixes(table, gps):
-    given = table.settings(gps, 12.0, 1)
+def test_the_budget_is_what_the_filter_says_without_fixes(gps):
+    given = dead_reckoning.settings(gps, 12.0, 1)
     loop = build(given)
     fly_loop(loop, given)
-    begin = table.start(loop)
-    given = table.settings(gps, 42.5, 1, LOST)
+    begin = dead_reckoning.start(loop)
+    given = dead_reckoning.settings(gps, 42.5, 1, LOST)
     record = fly_loop(build(given), given).record
     before = record.nav_sigma_pos_m[1199, 0]
     for t in (10.0, 30.0):
         said = record.nav_sigma_pos_m[round(100 * (12.0 + t)), 0]
-        found = table.parts(begin, t)
+        found = dead_reckoning.parts(begin, t)
         assert np.hypot(found["all"], before) == pytest.approx(said, rel=0.06)
-        assert table.with_drag(begin, t, np.inf, 1.0) == pytest.approx(found["all"], rel=0.02)
+        assert dead_reckoning.with_drag(begin, t, np.inf, 1.0) == pytest.approx(
+            found["all"], rel=0.02
+        )
         # Gusts that are nothing leave of the speed at the last fix what tilt and gyros do not tell.
         least = t / np.sqrt(np.linalg.inv(begin.cov)[0, 0])
-        assert 0.99 * least < table.with_drag(begin, t, 0.0, 1.0) < found["velocity"]
-        assert found["velocity"] < table.with_drag(begin, t, 0.8, 11.0) < found["all"]
+        assert 0.99 * least < dead_reckoning.with_drag(begin, t, 0.0, 1.0) < found["velocity"]
+        assert found["velocity"] < dead_reckoning.with_drag(begin, t, 0.8, 11.0) < found["all"]
 
 
-def test_the_worst_of_ten_is_that_of_drawn_ones(table):
+def test_the_worst_of_ten_is_that_of_drawn_ones():
     drawn = np.linalg.norm(np.random.default_rng(1).standard_normal((20_000, 10, 2)), axis=2)
-    assert table.worst_of(10) == pytest.approx(drawn.max(axis=1).mean(), rel=0.01)
+    assert dead_reckoning.worst_of(10) == pytest.approx(drawn.max(axis=1).mean(), rel=0.01)
