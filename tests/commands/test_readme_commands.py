@@ -47,6 +47,7 @@ SHORTER = {
     "./heli compare robustness": "--n 1 --duration 6",
     "./heli identify": "--one-process",
     "./run_tests.sh": "--collect-only -q tests/flight",
+    "./run_tests.sh -m slow": "--collect-only -q tests/graph",
     "./heli python -m evidence.sweep_cpu_types": "--only native -k atmosphere",
     "./heli python -m evidence.experiments.cpu_types": "--seeds 1 --only Nehalem",
 }

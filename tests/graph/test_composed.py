@@ -24,11 +24,15 @@ LIMIT_S = 120.0
 def test_it_is_the_same_flight_number_for_number(hover_test, tmp_path):
     flights = []
     for name, words in (("apart", ()), ("composed", ("--composed",))):
-        folder = tmp_path / name
-        done = hover_test("--out", folder, "--seed", 5, "--duration", 4, "--gps", "rtk", *words)
-        assert done.returncode == 0, done.stdout + done.stderr
-        result = json.loads((folder / "result.json").read_text())
-        assert (result["mode"], result["composed"]) == ("lockstep", bool(words))
+        # On crowded cores a recorder may miss what it is sent, and says so: then it flies again.
+        for attempt in range(3):
+            folder = tmp_path / f"{name}{attempt}"
+            done = hover_test("--out", folder, "--seed", 5, "--duration", 4, "--gps", "rtk", *words)
+            assert done.returncode == 0, done.stdout + done.stderr
+            result = json.loads((folder / "result.json").read_text())
+            assert (result["mode"], result["composed"]) == ("lockstep", bool(words))
+            if not any(note.startswith("the bag lacks") for note in result["notes"]):
+                break
         assert (result["lost"], result["notes"]) == ("", [])
         bag = read_bag(folder / "bag")
         assert {remark.node for remark in bag.remarks} >= {"plant", "observer", "inner_loop"}
@@ -37,7 +41,7 @@ def test_it_is_the_same_flight_number_for_number(hover_test, tmp_path):
     assert len(apart) == len(composed) == 400
     for field in ("truth_pos_ned_m", "truth_q_nb", "truth_rotor", "nav_pos_ned_m", "u"):
         np.testing.assert_array_equal(getattr(apart, field), getattr(composed, field))
-    logs = {path.stem for path in (tmp_path / "composed" / "logs").iterdir()}
+    logs = {path.stem for path in (folder / "logs").iterdir()}
     assert logs == {"composed", "recorder"}
 
 
