@@ -22,6 +22,7 @@ QUATERNIONS = {"q", "q_nb", "q_xyzw"}
 ALGEBRA = {"heli_core/rotations.py"}
 """Files that multiply quaternions, component by component."""
 TEXT = {
+    "heli_flight/cli/app.py": {"Path(__file__).resolve().parents[4]"},
     "heli_bags/repair.py": {"raw[:4]"},
     "heli_flight/settings.py": {"commit[:12]", "sources_commit()[:12]"},
     "heli_flight/report/figures.py": {"textwrap.wrap(conditions, 142)[:3]"},

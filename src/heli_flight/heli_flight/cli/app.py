@@ -172,11 +172,15 @@ def report(
 # Studies are an extra: where it is installed it brings commands of its own.
 if find_spec("heli_studies") is not None:
     import_module("heli_studies.cli").add_to(app)
-# What the documents publish is made in a checkout of the repository alone.
-for _folder in Path(__file__).resolve().parents:
-    if (_folder / "evidence/cli.py").is_file():
-        sys.path.append(str(_folder))
-        import_module("evidence.cli").add_to(app)
+# What the documents publish is made in a checkout of the repository alone: nothing is loaded from
+# whatever folder an installed package happens to lie in.
+_CHECKOUT = Path(__file__).resolve().parents[4]
+if (
+    Path(__file__).resolve() == _CHECKOUT / "src/heli_flight/heli_flight/cli/app.py"
+    and (_CHECKOUT / "evidence/cli.py").is_file()
+):
+    sys.path.append(str(_CHECKOUT))
+    import_module("evidence.cli").add_to(app)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
