@@ -18,25 +18,47 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from numba.core import cgutils, types
-from numba.extending import lower_builtin, type_callable
+from llvmlite import ir
+from numba import config, typeof
+from numba.core import cgutils
+from numba.core import types as numba_types
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    intrinsic,
+    lower_builtin,
+    lower_getattr_generic,
+    models,
+    register_model,
+    type_callable,
+    typeof_impl,
+    unbox,
+)
 
 # -------------------------------------------------------------------------------------------------
 # Jit.
 # -------------------------------------------------------------------------------------------------
 
+types: Any = numba_types  # what its stubs do not know
 _STACK = "heli_"
 _KEPT_S = 30 * 86400.0
 _IMPORT = re.compile(
     r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([^\n]+))",
     re.MULTILINE,
 )
+
+
+# LLVM's higher levels cost a sixth of the time to compile and give flights no speed (benchmarks:
+# `scripts/bench_plant.py`); none changes a bit, as floating point stays in its order.
+if "NUMBA_OPT" not in os.environ:
+    config.OPT = type(config.OPT)(1)  # type: ignore[attr-defined]
 
 
 @cache
@@ -191,15 +213,25 @@ def njit(
     if path.is_file() and not os.environ.get("NUMBA_CACHE_DIR"):
         # Not through the environment: a child process may run other sources than we do.
         numba.config.CACHE_DIR = str(cache_folder(function.__module__, path))  # type: ignore[attr-defined]
-    options: dict[str, Any] = {"error_model": "numpy", "_nrt": counted}
-    return numba.njit(cache=True, forceinline=inlined, nogil=unlocked, **options)(function)
+    # No kernel is called from C by its address.
+    options: dict[str, Any] = {"error_model": "numpy", "_nrt": counted, "no_cfunc_wrapper": True}
+    kernel = numba.njit(cache=True, forceinline=inlined, nogil=unlocked, **options)(function)
+    if hasattr(kernel, "get_call_template"):  # not with NUMBA_DISABLE_JIT
+        kernel.get_call_template = partial(_compiled_once, kernel.get_call_template)
+    return kernel
+
+
+def _compiled_once(get_call_template: Any, args: Any, kws: Any) -> Any:
+    """One code for all calls: numba makes one for each constant that a caller hands over."""
+    plain = {name: types.unliteral(kind) for name, kind in kws.items()}
+    return get_call_template(tuple(map(types.unliteral, args)), plain)
 
 
 def njit_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """As `njit`, and always written into its callers.
 
-    For a part that takes a kernel's whole tuple of numbers: handing it over copies every one of
-    them, which costs more than the part computes. It changes no bit of what is computed.
+    For a part that gives a tuple of many numbers back, by value: it would be copied. It changes no
+    bit of what is computed.
     """
     return njit(function, inlined=True)
 
@@ -253,6 +285,228 @@ def direct(kernel: Callable[..., Any], *like: Any) -> Callable[..., Any]:
         return kernel
     code: Callable[..., Any] = kernel.compile(tuple(map(numba.typeof, like)))  # type: ignore[attr-defined]
     return code
+
+
+# -------------------------------------------------------------------------------------------------
+# Tuples of numbers and arrays, handed to kernels by reference.
+#
+# numba hands a NamedTuple over by value: each of its hundreds of numbers is an argument of every
+# kernel on the way, and code that unpacks it stands in each. Those of `by_reference` are one
+# address, of a block of 8-byte slots: a number, the address of another block, or of an array its
+# data, lengths and strides.
+# -------------------------------------------------------------------------------------------------
+
+_Numbers = TypeVar("_Numbers", bound=tuple[Any, ...])
+_SLOT = ir.IntType(64)
+_ADDRESS = "_address_of_numbers"
+
+
+class ByReference(numba_types.Type):  # type: ignore[misc]
+    """numba's type of a tuple that kernels get by its address.
+
+    Attributes
+    ----------
+    cls : type
+        NamedTuple, decorated by `by_reference`.
+    members : dict
+        numba type of each field.
+    """
+
+    def __init__(self, cls: type, members: tuple[Any, ...]) -> None:
+        self.cls, self.members = cls, dict(zip(cls._fields, members, strict=True))  # type: ignore[attr-defined]
+        # A short name: it stands in that of each kernel that takes one.
+        digest = hashlib.sha256(repr(members).encode()).hexdigest()[:12]
+        super().__init__(f"{cls.__module__}.{cls.__qualname__}.{digest}")
+
+
+def by_reference(cls: type[_Numbers]) -> type[_Numbers]:
+    """Class decorator of a NamedTuple that kernels get by its address.
+
+    Python sees the same tuple; arrays in it change in place, as those of any tuple do. A kernel
+    that makes one has it by value, until it goes through `referred`.
+    """
+    place = {
+        "__module__": cls.__module__,
+        "__qualname__": cls.__qualname__,
+        "__doc__": cls.__doc__,
+        _ADDRESS: _Address(),
+        "__getstate__": lambda self: None,  # an address is nobody else's
+    }
+    made: Any = type(cls.__name__, (cls,), place)
+    typeof_impl.register(made, _type_of_numbers)
+    return made  # type: ignore[no-any-return]
+
+
+def _type_of_numbers(value: Any, context: Any) -> ByReference:
+    return ByReference(type(value), tuple(typeof_impl(member, context) for member in value))
+
+
+class _Address:
+    """Address of a tuple's block, which lives as long as the tuple does; made when first asked."""
+
+    def __get__(self, numbers: Any, cls: type) -> Any:
+        if numbers is None:
+            return self
+        words: list[int] = []
+        for member, kind in zip(numbers, typeof(numbers).members.values(), strict=True):
+            words += _words(member, kind)
+        block = np.array(words, np.uint64)
+        address = int(block.ctypes.data)
+        numbers.__dict__.update({_ADDRESS: address, "_block": block})
+        return address
+
+
+def _words(value: Any, kind: Any) -> list[int]:
+    """The slots of a member, as integers of their bits."""
+    if isinstance(kind, ByReference):
+        return [getattr(value, _ADDRESS)]
+    if isinstance(kind, types.Array):
+        return [value.ctypes.data, *value.shape, *(s & _ALL_BITS for s in value.strides)]
+    if isinstance(kind, types.BaseTuple):
+        return [word for part, of in zip(value, kind, strict=True) for word in _words(part, of)]
+    if kind is types.none:
+        return [0]
+    if isinstance(kind, types.Float):
+        return [int(np.float64(value).view(np.uint64))]
+    return [int(value) & _ALL_BITS]
+
+
+_ALL_BITS = (1 << 64) - 1
+
+
+def _slots(kind: Any) -> int:
+    if isinstance(kind, types.Array):
+        return 1 + 2 * int(kind.ndim)
+    if isinstance(kind, types.BaseTuple):
+        return sum(map(_slots, kind))
+    return 1
+
+
+@register_model(ByReference)
+class _ByReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: ByReference) -> None:
+        super().__init__(manager, kind, cgutils.voidptr_t)
+
+
+@unbox(ByReference)
+def _unbox(kind: ByReference, numbers: Any, c: Any) -> NativeValue:
+    address = c.pyapi.object_getattr_string(numbers, _ADDRESS)
+    value = c.pyapi.long_as_voidptr(address)
+    c.pyapi.decref(address)
+    return NativeValue(value, is_error=c.pyapi.c_api_error())
+
+
+@infer_getattr
+class _Members(AttributeTemplate):  # type: ignore[misc]
+    key = ByReference
+
+    def generic_resolve(self, kind: ByReference, name: str) -> Any:  # type: ignore[override]
+        return kind.members.get(name)
+
+
+@lower_getattr_generic(ByReference)
+def _member(context: Any, builder: Any, kind: ByReference, block: Any, name: str) -> Any:
+    slot = 0
+    for field, member in kind.members.items():
+        if field == name:
+            return _load(context, builder, member, block, slot)
+        slot += _slots(member)
+    raise AttributeError(name)
+
+
+def _at(builder: Any, block: Any, slot: int, kind: Any) -> Any:
+    """Pointer to a slot, as one to `kind`."""
+    words = builder.bitcast(block, _SLOT.as_pointer())
+    return builder.bitcast(builder.gep(words, [ir.IntType(32)(slot)]), kind.as_pointer())
+
+
+def _load(context: Any, builder: Any, kind: Any, block: Any, slot: int) -> Any:
+    def word(place: int, llvm: Any = _SLOT) -> Any:
+        return builder.load(_at(builder, block, place, llvm))
+
+    if isinstance(kind, types.Array):
+        made = context.make_array(kind)(context, builder)
+        n = kind.ndim
+        data = context.get_data_type(kind.dtype).as_pointer()
+        size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+        context.populate_array(
+            made,
+            data=word(slot, data),
+            shape=cgutils.pack_array(builder, [word(slot + 1 + i) for i in range(n)]),
+            strides=cgutils.pack_array(builder, [word(slot + 1 + n + i) for i in range(n)]),
+            itemsize=context.get_constant(types.intp, size),
+            meminfo=None,
+        )
+        return made._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        parts = []
+        for part in kind:
+            parts.append(_load(context, builder, part, block, slot))
+            slot += _slots(part)
+        return context.make_tuple(builder, kind, parts)
+    if kind is types.none:
+        return context.get_dummy_value()
+    if isinstance(kind, types.Boolean):
+        return builder.icmp_unsigned("!=", word(slot), _SLOT(0))
+    return word(slot, context.get_value_type(kind))
+
+
+def _referred(typing_context, numbers):  # type: ignore[no-untyped-def]
+    kind = _kind_referred(numbers)
+
+    def code(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return _store(context, builder, signature.args[0], arguments[0])
+
+    return kind(numbers), code
+
+
+referred: Any = intrinsic(_referred)
+"""A tuple that the kernel has made, by reference, for those that it calls.
+
+Its numbers lie in the frame of the kernel that asks, so it must not be returned, nor kept.
+"""
+
+
+def _kind_referred(kind: Any) -> Any:
+    if not (isinstance(kind, types.BaseNamedTuple) and hasattr(kind.instance_class, _ADDRESS)):
+        return kind
+    return ByReference(kind.instance_class, tuple(map(_kind_referred, kind)))
+
+
+def _store(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Address of a tuple by value, laid into the kernel's frame."""
+    made = _kind_referred(kind)
+    block = cgutils.alloca_once(builder, _SLOT, size=sum(map(_slots, made.members.values())))
+    slot = 0
+    for i, (part, of) in enumerate(zip(kind, made.members.values(), strict=True)):
+        member = builder.extract_value(value, i)
+        if isinstance(of, ByReference) and not isinstance(part, ByReference):
+            member = _store(context, builder, part, member)
+        slot = _store_member(context, builder, of, member, block, slot)
+    return builder.bitcast(block, cgutils.voidptr_t)
+
+
+def _store_member(context: Any, builder: Any, kind: Any, value: Any, block: Any, slot: int) -> int:
+    """Write a member from a slot on; the slot behind it."""
+    if isinstance(kind, types.BaseTuple):
+        for i, part in enumerate(kind):
+            member = builder.extract_value(value, i)
+            slot = _store_member(context, builder, part, member, block, slot)
+        return slot
+    words = [value]
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        words = [array.data]
+        for several in (array.shape, array.strides):
+            words += cgutils.unpack_tuple(builder, several, kind.ndim)
+    elif isinstance(kind, types.Boolean):
+        words = [builder.zext(value, _SLOT)]
+    elif kind is types.none:
+        words = [_SLOT(0)]
+    for word in words:
+        builder.store(word, _at(builder, block, slot, word.type))
+        slot += 1
+    return slot
 
 
 # -------------------------------------------------------------------------------------------------

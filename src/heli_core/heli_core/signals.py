@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_core.jit import njit
+from heli_core.jit import by_reference, njit
 
 # -------------------------------------------------------------------------------------------------
 # Multisine.
@@ -267,6 +267,7 @@ PARTS = 8
 _UP, _DOWN, _HALF = 0, 2, 4
 
 
+@by_reference
 class SweepParams(NamedTuple):
     """Numbers of what is added; `shape` 0: nothing, 1: a sweep, 2: steps."""
 

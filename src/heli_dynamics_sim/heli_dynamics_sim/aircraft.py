@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from heli_core.jit import by_reference
 from heli_core.rcl_yaml import printable
 from heli_core.rows import PLANT
 from heli_dynamics_sim.airframe import BodyParams, FinParams, FuselageParams, GyroParams
@@ -238,6 +239,7 @@ class DriveParameters:
 # -------------------------------------------------------------------------------------------------
 
 
+@by_reference
 class ModelOptions(NamedTuple):
     """Which terms are on; a kernel takes it as it is."""
 
@@ -309,6 +311,7 @@ _LEAST_FLOW = 0.25
 CLIMB_POWER_KINKED, CLIMB_POWER_ON, CLIMB_POWER_OFF = 0.0, 1.0, -1.0
 
 
+@by_reference
 class HelicopterParams(NamedTuple):
     """All that the derivative kernel reads."""
 

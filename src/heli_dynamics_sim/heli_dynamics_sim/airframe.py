@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_core.jit import njit
+from heli_core.jit import by_reference, njit
 from heli_core.rotations import quat_from_euler
 from heli_core.rows import PLANT
 
@@ -78,6 +78,7 @@ def fin_force(across, u_a, k):
 # -------------------------------------------------------------------------------------------------
 
 
+@by_reference
 class GyroParams(NamedTuple):
     """Gains of the gyro and its way to the tail blades."""
 

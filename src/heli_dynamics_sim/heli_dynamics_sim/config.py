@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.errors import PlantConfigError
+from heli_core.jit import by_reference
 from heli_core.ticks import OF_100_HZ, TICK_S, Rate
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams, ModelOptions, scaled
 from heli_dynamics_sim.airframe import STEP_S
@@ -370,6 +371,7 @@ def _sines_params(values: Mapping[str, Any]) -> SinesParams:
 # -------------------------------------------------------------------------------------------------
 
 
+@by_reference
 class LimitParams(NamedTuple):
     """Where a flight counts as lost."""
 
@@ -378,6 +380,7 @@ class LimitParams(NamedTuple):
     cos_tilt: float  # of the largest tilt
 
 
+@by_reference
 class PlantParams(NamedTuple):
     """Everything that `measure`, `advance` and `status` read."""
 

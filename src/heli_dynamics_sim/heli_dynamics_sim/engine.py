@@ -27,7 +27,7 @@ While the rotor spools up on the ground its speed is prescribed, engine and gove
 
 from typing import NamedTuple
 
-from heli_core.jit import njit, njit_inlined
+from heli_core.jit import by_reference, njit
 from heli_core.rows import PLANT
 
 FREE = -1.0
@@ -36,6 +36,7 @@ _SLOWEST_DRIVEN = 0.3
 """Rotor speed over the governed one below which the engine's torque grows no further."""
 
 
+@by_reference
 class EngineParams(NamedTuple):
     """Engine, governor, drive train and tank."""
 
@@ -76,7 +77,7 @@ def rotor_power(thrust, flow, in_plane_sq, profile, tip_speed):
     return profile * (tip_speed * tip_speed + 4.6 * in_plane_sq) + thrust * flow
 
 
-@njit_inlined
+@njit
 def shaft_powers(thrust, flow, at_main, tail, tail_flow, at_tail, k):
     """Power (W) of main and tail rotor: thrust (N) and flow through the disc (m/s) of each, and its
     air speed (3 floats, m/s); k is that of the rotor's present speed."""
@@ -102,7 +103,7 @@ def engine_torque(x, k):
     return k.power * x[PLANT.engine] / max(x[PLANT.omega], _SLOWEST_DRIVEN * k.speed)
 
 
-@njit_inlined
+@njit
 def shaft(x, powers, k):
     """What the main rotor's shaft carries.
 
@@ -141,7 +142,7 @@ def throttle(x, k):
     return min(max(wanted, 0.0), 1.0), wanted
 
 
-@njit_inlined
+@njit
 def drive_rates(x, drive, k, out):
     """Fill the drive's places of a plant derivative.
 

@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 
 from heli_core.errors import PlantConfigError
-from heli_core.jit import copy, fill, njit, scratch
+from heli_core.jit import by_reference, copy, fill, njit, scratch
 from heli_core.rcl_yaml import number, printable, scalar
 from heli_core.rows import ACTUATOR, AIR, MEAS
 from heli_core.ticks import Rate
@@ -60,6 +60,7 @@ _VALUE = FAULT.value.start
 _N_SENSED = MEAS.sensed
 
 
+@by_reference
 class FaultParams(NamedTuple):
     """The faults of a flight, and what is to be known of its sensors."""
 
@@ -71,6 +72,7 @@ class FaultParams(NamedTuple):
     tick_s: float
 
 
+@by_reference
 class FaultState(NamedTuple):
     """What is remembered of a flight with faults or without: they may come while it flies."""
 

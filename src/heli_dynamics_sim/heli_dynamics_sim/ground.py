@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_core.jit import njit
+from heli_core.jit import by_reference, njit
 from heli_core.rows import PLANT
 from heli_dynamics_sim.airframe import attitude_of, rates_of, to_body, to_ned, velocity_of
 
@@ -25,6 +25,7 @@ SLIP_SPEED_MPS = 0.02
 N_SKID_POINTS = 4
 
 
+@by_reference
 class GroundParams(NamedTuple):
     """Contact points, their law and the plane."""
 

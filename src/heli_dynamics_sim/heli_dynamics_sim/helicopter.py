@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heli_core.jit import njit, njit_inlined
+from heli_core.jit import njit, njit_inlined, referred
 from heli_core.rows import ACTUATOR, AIR, PLANT
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams
 from heli_dynamics_sim.airframe import (
@@ -99,12 +99,16 @@ def _flap_back(k, ratio):
     return FlapBackParams(k.blade_rate * ratio, k.coning, k.bar_gain, k.bar_radius_sq, k.bar_inflow)
 
 
+@njit
+def is_off_nominal(k):
+    """Whether the HelicopterParams change with rotor speed or fuel."""
+    return k.terms.rotor_speed or k.terms.fuel
+
+
 @njit_inlined
 def off_nominal(x, k):
-    """The HelicopterParams at a plant state; k itself while rotor_speed and fuel are off."""
+    """The HelicopterParams at a plant state where `is_off_nominal`, by value (see `referred`)."""
     ratio, body = 1.0, k.body
-    if not (k.terms.rotor_speed or k.terms.fuel):
-        return k
     if k.terms.rotor_speed:
         ratio = max(x[PLANT.omega] / k.engine.speed, _SLOWEST)
     if k.terms.fuel:
@@ -166,7 +170,7 @@ def disc_tilt_of_gust(p_gust, q_gust, speed):
     return p_gust / speed, -q_gust / speed
 
 
-@njit_inlined
+@njit
 def main_rotor_power(at_main, at_body, v_i, thrust, drag, k):
     """Power of the main rotor, W: profile, induced, parasite and climb.
 
@@ -186,7 +190,7 @@ def main_rotor_power(at_main, at_body, v_i, thrust, drag, k):
     return power
 
 
-@njit_inlined
+@njit
 def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
     """Force (N) and moment (N m) of air and shaft on the aircraft, body axes, as two 3-tuples.
 
@@ -220,13 +224,14 @@ def aerodynamic_loads(x, at_main, at_tail, at_body, output, flow, k):
     return (force_x, force_y, force_z), (moment_x, moment_y, moment_z), drive
 
 
-@njit_inlined
+@njit
 def derivative_kernel(x, u, air, k, out):
     """State derivative: fills out (42,) for state x (42,), command u (4,), air (12,), a row AIR.
 
     Pure: the inflow is solved from scratch, nothing is kept between calls. k is a HelicopterParams.
     """
-    k = off_nominal(x, k)
+    if is_off_nominal(k):
+        k = referred(off_nominal(x, k))
     at_main, at_tail, at_body = airspeeds(x, air)
     d_int_rate, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
     flow = rotor_flow(x, at_main, k)
@@ -259,7 +264,8 @@ def derivative_kernel(x, u, air, k, out):
 @njit
 def specific_force(x, air, k, out):
     """Specific force at the c.g., body, m/s2 (what ideal accelerometers read): fills out (3,)."""
-    k = off_nominal(x, k)
+    if is_off_nominal(k):
+        k = referred(off_nominal(x, k))
     at_main, at_tail, at_body = airspeeds(x, air)
     _, output = gyro(x[PLANT.servo_ped], x[PLANT.r], x[PLANT.d_int], k.gyro)
     flow = rotor_flow(x, at_main, k)

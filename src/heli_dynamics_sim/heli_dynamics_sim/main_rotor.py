@@ -23,7 +23,7 @@ climb.
 import math
 from typing import NamedTuple
 
-from heli_core.jit import njit, njit_inlined
+from heli_core.jit import njit
 from heli_core.rows import PLANT
 
 # -------------------------------------------------------------------------------------------------
@@ -476,7 +476,7 @@ def induced_share(altitude_m, in_plane_sq, k):
 # -------------------------------------------------------------------------------------------------
 
 
-@njit_inlined
+@njit
 def rotor_flow(x, at_main, k):
     """Thrust (N), induced velocity and air speed through the disc (m/s), blade pitch (rad).
 
@@ -505,7 +505,7 @@ def rotor_flow(x, at_main, k):
     return thrust, share * v_i, w_r, pitch
 
 
-@njit_inlined
+@njit
 def resultant_flow(v_i, thrust, w_r, in_plane_sq, k):
     """Speed (m/s) of the air that the disc takes part in, where the mean inflow v_i is a state."""
     if k.terms.vortex_ring and w_r * thrust > 0.0:
@@ -514,7 +514,7 @@ def resultant_flow(v_i, thrust, w_r, in_plane_sq, k):
     return math.sqrt(in_plane_sq + ring + (v_i - w_r) * (v_i - w_r))
 
 
-@njit_inlined
+@njit
 def rotor_term_rates(x, at_main, flow, k, out):
     """Add flap-back and dynamic inflow to the disc's rates in `out`, and fill their states' rates.
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_core.errors import PlantConfigError
-from heli_core.jit import njit, scratch
+from heli_core.jit import by_reference, njit, scratch
 from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
 from heli_dynamics_sim.airframe import attitude_of
 from heli_dynamics_sim.config import PlantConfig, PlantParams
@@ -80,6 +80,7 @@ _GAINS = ONCE.gains.stop - ONCE.gains.start
 _OK, _HIT_GROUND, _ROLLED_OVER, _FLEW_AWAY, _NOT_FINITE = (int(s) for s in PlantStatus)
 
 
+@by_reference
 class PlantState(NamedTuple):
     """State of the plant; the arrays are changed in place."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.atmosphere import pressure_pa
-from heli_core.jit import fill, njit
+from heli_core.jit import by_reference, fill, njit, referred
 from heli_core.rows import AIR, IMU, MEAS, PLANT
 from heli_dynamics_sim.airframe import (
     attitude_of,
@@ -28,6 +28,7 @@ from heli_dynamics_sim.engine import engine_torque
 from heli_dynamics_sim.helicopter import (
     airspeed,
     airspeeds,
+    is_off_nominal,
     main_rotor_power,
     off_nominal,
     specific_force,
@@ -56,6 +57,7 @@ from heli_dynamics_sim.noise import NOISE
 # -------------------------------------------------------------------------------------------------
 
 
+@by_reference
 class VibrationParams(NamedTuple):
     """Amplitudes at the IMU's case, before its filters; forces (m/s2), then rates (rad/s)."""
 
@@ -67,6 +69,7 @@ class VibrationParams(NamedTuple):
     lowpass_hz: float  # 0: none
 
 
+@by_reference
 class ImuErrorParams(NamedTuple):
     """What `distort` and `clip` read, and what their state is drawn with."""
 
@@ -78,6 +81,7 @@ class ImuErrorParams(NamedTuple):
     tick_s: float  # between samples
 
 
+@by_reference
 class ImuErrorState(NamedTuple):
     """What stays of these errors from tick to tick."""
 
@@ -181,6 +185,7 @@ FEWEST_SATELLITES = 4
 """Three coordinates and the receiver's clock."""
 
 
+@by_reference
 class GpsErrorParams(NamedTuple):
     """Per fix, not per second."""
 
@@ -198,6 +203,7 @@ class GpsErrorParams(NamedTuple):
     latency_s: float  # sigma of the instant of validity about the stamp
 
 
+@by_reference
 class GpsErrorState(NamedTuple):
     """What stays from fix to fix."""
 
@@ -305,6 +311,7 @@ def spoil_fix(state, noise, gps, velocity, pos, vel):
 _FRONT, _BACK, _RIGHT, _LEFT, _ALONG_Z = range(5)
 
 
+@by_reference
 class PortParams(NamedTuple):
     """The barometer's static port."""
 
@@ -314,6 +321,7 @@ class PortParams(NamedTuple):
     half_rho: float  # kg/m3
 
 
+@by_reference
 class PowerFieldParams(NamedTuple):
     """The field of the drive's currents at the magnetometer."""
 
@@ -324,7 +332,8 @@ class PowerFieldParams(NamedTuple):
 @njit
 def wash_and_power(x, air, k):
     """Induced velocity of the main rotor (m/s), power of the drive (W); k is a HelicopterParams."""
-    k = off_nominal(x, k)
+    if is_off_nominal(k):
+        k = referred(off_nominal(x, k))
     at_main, _, at_body = airspeeds(x, air)
     u_f, v_f, w_f = at_body
     thrust, v_i, _, _ = rotor_flow(x, at_main, k)
@@ -371,6 +380,7 @@ class FixRow(NamedTuple):
 FIX = FixRow()
 
 
+@by_reference
 class ImuParams(NamedTuple):
     """Per tick, not per root hertz."""
 
@@ -383,6 +393,7 @@ class ImuParams(NamedTuple):
     errors: ImuErrorParams
 
 
+@by_reference
 class MagParams(NamedTuple):
     """Reads `soft_iron @ field + hard_iron + white`; the state holds the flight's own iron."""
 
@@ -397,6 +408,7 @@ class MagParams(NamedTuple):
     power: PowerFieldParams
 
 
+@by_reference
 class BaroParams(NamedTuple):
     """ISA pressure at the altitude above the origin, white noise and a slow drift."""
 
@@ -409,6 +421,7 @@ class BaroParams(NamedTuple):
     port: PortParams
 
 
+@by_reference
 class GpsParams(NamedTuple):
     """Fixes that are valid now and arrive later."""
 
@@ -431,6 +444,7 @@ class RotorSpeedParams(NamedTuple):
     period: int  # ticks
 
 
+@by_reference
 class SensorParams(NamedTuple):
     """All sensors."""
 
@@ -442,6 +456,7 @@ class SensorParams(NamedTuple):
     imu2: bool  # whether there is a second one, of the same kind as the first
 
 
+@by_reference
 class ImuState(NamedTuple):
     """What an IMU remembers."""
 
@@ -450,6 +465,7 @@ class ImuState(NamedTuple):
     errors: ImuErrorState
 
 
+@by_reference
 class SensorState(NamedTuple):
     """What the sensors remember."""
 
@@ -509,7 +525,7 @@ def _read_imu(imu, tick, x, air, normals, aircraft, k, out):
 @njit
 def read_imu(sensors, tick, x, air, noise, aircraft, k, y):
     """Fill specific force and rates of the measurement row y; biases walk."""
-    first = ImuState(sensors.gyro_bias, sensors.accel_bias, sensors.imu)
+    first = referred(ImuState(sensors.gyro_bias, sensors.accel_bias, sensors.imu))
     normals = ImuNormals(
         noise[NOISE.gyro],
         noise[NOISE.accel],

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_core.jit import copy, njit, scratch
+from heli_core.jit import by_reference, copy, njit, scratch
 from heli_core.rows import ACTUATOR, PLANT
 from heli_core.ticks import Rate
 
@@ -35,6 +35,7 @@ from heli_core.ticks import Rate
 _SIN_120 = math.sqrt(0.75)
 
 
+@by_reference
 class Imperfections(NamedTuple):
     """What real servos add; a number of 0 and False leave it out."""
 
@@ -47,6 +48,7 @@ class Imperfections(NamedTuple):
     slow: float  # speed of the first of them over that of the others
 
 
+@by_reference
 class ServoParams(NamedTuple):
     """One kind of servo for all four channels."""
 
@@ -216,6 +218,7 @@ _N = ACTUATOR.size
 _AGE, _FADING, _ACTING, _TIMES, _TICKS = range(5)
 
 
+@by_reference
 class FallbackNumbers(NamedTuple):
     """Numbers of the fallback, as `parameters.TABLE` describes them.
 
@@ -250,6 +253,7 @@ class FallbackNumbers(NamedTuple):
         )
 
 
+@by_reference
 class FallbackState(NamedTuple):
     """What is remembered; changed in place."""
 

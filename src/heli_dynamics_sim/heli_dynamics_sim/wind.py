@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_core.jit import njit, scratch, scratch_matrix
+from heli_core.jit import by_reference, njit, scratch, scratch_matrix
 from heli_core.rows import AIR, PLANT
 from heli_core.signals import fade_in_and_out, sines_at
 from heli_dynamics_sim.airframe import attitude_of, to_body, to_ned
@@ -51,6 +51,7 @@ from heli_dynamics_sim.noise import NOISE, gust_generator
 # -------------------------------------------------------------------------------------------------
 
 
+@by_reference
 class RandomGusts(NamedTuple):
     """What random gusts are drawn from."""
 
@@ -188,6 +189,7 @@ class FilterState(NamedTuple):
 FILTER = FilterState()
 
 
+@by_reference
 class SinesParams(NamedTuple):
     """Periodic gusts that identification injects."""
 
@@ -214,6 +216,7 @@ class PlaceRow(NamedTuple):
 PLACE = PlaceRow()
 
 
+@by_reference
 class PartsParams(NamedTuple):
     """Which parts of the aircraft have air of their own, and where they are."""
 
@@ -226,6 +229,7 @@ class PartsParams(NamedTuple):
     reach: float  # of the farthest of them from the c.g., m
 
 
+@by_reference
 class WindParams(NamedTuple):
     """What the wind is made of."""
 
@@ -510,6 +514,7 @@ FIELD = FieldRow()
 _N_FIELD = FIELD.size
 
 
+@by_reference
 class AirState(NamedTuple):
     """Where the turbulence is; the arrays are changed in place."""
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from heli_core.jit import (
+    by_reference,
     copy,
     direct,
     fill,
@@ -98,6 +99,7 @@ _SPINS = PLACE[topics.ROTOR_SPEED, "outer_loop"]
 _COMMAND = PLACE[topics.ACTUATORS, "plant"]
 
 
+@by_reference
 class Linked(NamedTuple):
     """What nodes remember for links with faults; without any it is not used."""
 
@@ -341,6 +343,7 @@ _N_MEAS, _N_NAV, _N_STATES, _N_REFERENCE = MEAS.size, NAV.size, len(NINE), REFER
 _N_SETPOINT, _N_ACTUATOR = SETPOINT.size, ACTUATOR.size
 
 
+@by_reference
 class AircraftInLoop(NamedTuple):
     """Kernels' numbers and states of one aircraft in flight; states are changed in place."""
 

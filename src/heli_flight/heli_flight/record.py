@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from heli_core.errors import FlightError
+from heli_core.jit import by_reference
 from heli_core.rows import ACTUATOR, IMU, NAV, REFERENCE, SETPOINT, TRUTH
 from heli_core.ticks import Rate
 
@@ -135,6 +136,7 @@ def read_record(path: Path) -> FlightRecord:
 # -------------------------------------------------------------------------------------------------
 
 
+@by_reference
 class FlightTrack(NamedTuple):
     """What is recorded, one row per tick; places of `heli_core.rows`."""
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heli_core.errors import ShapeError
-from heli_core.jit import copy_part, njit, scratch
+from heli_core.jit import by_reference, copy_part, njit, scratch
 from heli_core.linear import held
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import INPUT_NAMES, MEASURED, NAV, NINE, ROTOR, SETPOINT
@@ -45,6 +45,7 @@ _MEMORY_S = 1.0
 """States that forget faster than this start at rest; slower ones carry what is flown."""
 
 
+@by_reference
 class OutputLaw(NamedTuple):
     """Numbers of the law; actuators in (-1, 1), angles rad, rates rad/s, one step a tick.
 
@@ -244,6 +245,7 @@ class AttitudeStatus(enum.IntEnum):
         )[int(self)]
 
 
+@by_reference
 class AttitudeParams(NamedTuple):
     """Numbers of an attitude law; angles rad, rates rad/s, actuators in (-1, 1).
 

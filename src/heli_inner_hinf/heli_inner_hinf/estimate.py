@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heli_core.jit import copy, fill, njit, scratch
+from heli_core.jit import by_reference, copy, fill, njit, scratch
 from heli_core.linear import held
 from heli_core.rotations import wrap_pi
 from heli_core.rows import ACTUATOR, NINE, UNMEASURED
@@ -31,6 +31,7 @@ _WITH_TICKS = 1
 """Rotor states of so many ticks away belong to an estimate, too: they are sent behind it."""
 
 
+@by_reference
 class EstimateParams(NamedTuple):
     """Numbers of the model between two ticks; states of eq. (9), commands in (-1, 1).
 
@@ -56,6 +57,7 @@ class EstimateParams(NamedTuple):
     timeout_ticks: int
 
 
+@by_reference
 class EstimateState(NamedTuple):
     """The newest estimate, and where the servos have been since; changed in place."""
 

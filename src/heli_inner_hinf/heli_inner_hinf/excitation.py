@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from heli_core.errors import ShapeError
-from heli_core.jit import njit
+from heli_core.jit import by_reference, njit
 from heli_core.parameters import Parameter
 from heli_core.rows import ACTUATOR, NINE
 from heli_core.signals import NOTHING, SWEEP, SweepParams, fade_in_and_out, sines_at
@@ -58,6 +58,7 @@ class ExcitationStatus(enum.IntEnum):
 _SILENT, _EXCITING, _ATTITUDE, _SATURATED, _NOT_FINITE = (int(s) for s in ExcitationStatus)
 
 
+@by_reference
 class ExcitationParams(NamedTuple):
     """Numbers of the excitation.
 

@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from heli_core.jit import njit
+from heli_core.jit import by_reference, njit
 from heli_core.parameters import entries, mapping, number_of, one_of
 from heli_core.rcl_yaml import ParameterError, number
 from heli_core.ticks import Rate
@@ -70,6 +70,7 @@ class LinkRow(NamedTuple):
 ROW = LinkRow()
 
 
+@by_reference
 class LinkParams(NamedTuple):
     """The faults of a flight's links."""
 
@@ -80,6 +81,7 @@ class LinkParams(NamedTuple):
     on: int  # 1 if any link has any
 
 
+@by_reference
 class LinkState(NamedTuple):
     """What is under way; two places for each tick of sending, the second for a repeat."""
 

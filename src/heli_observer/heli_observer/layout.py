@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.jit import by_reference
 from heli_core.rows import INPUT_NAMES, MEASURED, UNMEASURED
 
 # --- nominal state of the filter
@@ -153,6 +154,7 @@ _SENTENCES = {
 }
 
 
+@by_reference
 class Window(NamedTuple):
     """What the filter took lately, slot = tick mod TICKS, and what it knew at its last fixes."""
 
@@ -163,6 +165,7 @@ class Window(NamedTuple):
     tick: NDArray[np.int64]  # (FIXES + 1,) of these, NO_TICK: none; then the newest one's place
 
 
+@by_reference
 class ImuPair(NamedTuple):
     """What is remembered of two IMUs."""
 
@@ -176,6 +179,7 @@ class ImuPair(NamedTuple):
     count: NDArray[np.int64]  # type: ignore[assignment]  # (11,) indices P_*
 
 
+@by_reference
 class PairParams(NamedTuple):
     """How two IMUs are judged; offset and apart: places of `rows.IMU`."""
 
@@ -184,6 +188,7 @@ class PairParams(NamedTuple):
     apart: NDArray[np.float64]  # (6,) largest one besides
 
 
+@by_reference
 class ObserverState(NamedTuple):
     """All memory of the observer, mutated in place (arrays of float64, `count` int64).
 
@@ -239,6 +244,7 @@ class ObserverState(NamedTuple):
     pair: "ImuPair"
 
 
+@by_reference
 class EkfParams(NamedTuple):
     """Constants of the filter (SI, rad); variances are per tick where they drive the prediction."""
 
@@ -270,6 +276,7 @@ class EkfParams(NamedTuple):
     var0: NDArray[np.float64]
 
 
+@by_reference
 class ReducedOrderParams(NamedTuple):
     """Discrete reduced-order observer: w+ = Phi w + Gu u + G0 y(n-1) + G1 y(n); x_u = z + K y."""
 
@@ -285,6 +292,7 @@ class ReducedOrderParams(NamedTuple):
     with_servo: int
 
 
+@by_reference
 class ObserverParams(NamedTuple):
     """Everything `observe` needs besides its state."""
 

@@ -6,13 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_core.jit import copy, fill, njit
+from heli_core.jit import by_reference, copy, fill, njit
 from heli_core.rows import NAV
 from heli_core.ticks import Rate
 
 _NEVER = -(2**62)
 
 
+@by_reference
 class LatestNavigation(NamedTuple):
     """The newest navigation row, changed in place."""
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heli_core.jit import njit
+from heli_core.jit import by_reference, njit
 from heli_core.signals import SweepParams
 
 # -------------------------------------------------------------------------------------------------
@@ -199,6 +199,7 @@ _SENTENCES = {
 }
 
 
+@by_reference
 class OuterParams(NamedTuple):
     """Numbers of the law, in the form that compiled code takes."""
 
