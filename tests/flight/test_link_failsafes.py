@@ -106,7 +106,7 @@ def test_an_estimate_that_is_gone_is_flown_by_the_model_then_the_command_is_held
     half = fault("loss", 1.0, 0.5, to="inner_loop", topic="odom")
     assert Flown([half], seed).off_m(sound(seed)) < 0.1
     gone = Flown([fault("loss", 1.0, to="inner_loop", topic="odom")], seed, 13.2)
-    u, held = gone.record.u, AT + gone.loop.links.model.timeout_ticks
+    u, held = gone.record.u, AT + gone.loop.estimate_k.timeout_ticks
     assert 0.01 * (held - AT) < of(Condition.ESTIMATE_GONE).within_s
     assert (np.diff(u[AT:held, :3], axis=0) != 0.0).any(axis=1).all()
     assert not np.diff(u[held:, :3], axis=0).any()
@@ -126,9 +126,9 @@ def test_an_outer_loop_without_navigation_holds_its_command(seed, sound):
 def test_an_inner_loop_without_setpoints_flies_trim_attitude(seed):
     gone = fault("loss", 1.0, sender="outer_loop", to="inner_loop", topic="attitude_setpoint")
     flown = Flown([gone], seed, 16.0)
-    trim = flown.loop.links.model.x_trim
-    last = flown.loop.links.setpoint_tick[0]
-    assert last < AT and flown.loop.links.setpoint_ticks == 50
+    trim = flown.loop.estimate_k.x_trim
+    last = flown.loop.command.tick[0]
+    assert last < AT and flown.loop.estimate_k.setpoint_timeout_ticks == 50
     assert 0.5 < of(Condition.SETPOINT_GONE).within_s
     _, x, y, _ = flown.record.truth_q_nb[AT + 150 :].T
     tilt = np.degrees(np.arccos(1.0 - 2.0 * (x * x + y * y)))
@@ -138,9 +138,9 @@ def test_an_inner_loop_without_setpoints_flies_trim_attitude(seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_an_actuator_side_without_commands_flies_on_by_itself(seed, sound):
     flown = Flown([fault("loss", 1.0, 0.5, to="plant", topic="actuators")], seed)
-    age_s = 0.01 * (flown.loop.links.fallback_n.timeout_ticks + 1)
+    age_s = 0.01 * (flown.loop.fallback_k.timeout_ticks + 1)
     assert age_s < of(Condition.COMMANDS_LOST).within_s
-    assert flown.loop.links.fallback_s.counts[3] == 1
+    assert flown.loop.fallback_s.counts[3] == 1
     assert flown.off_m(sound(seed)) < 0.3
 
 

@@ -266,3 +266,7 @@ class BrokenFlightError(FlightError):
 
 class PlantConfigError(ValueError):
     """Parameters that do not fit together; the message names the key and what is allowed."""
+
+
+class PartError(ValueError):
+    """An object that cannot fly as a part; the message names it and what is allowed."""

@@ -99,7 +99,7 @@ class PythonLaw:
         try:
             return cls()
         except Exception as error:
-            raise LawError(f"law {self.name}: cannot be made: {_told(error)}") from error
+            raise LawError(f"law {self.name}: cannot be made: {in_one_line(error)}") from error
 
     def reset(self, x: NDArray, r: NDArray, u: NDArray, tick: int, time_s: float) -> None:
         """Have it begin: now, and with what is flown until now."""
@@ -109,7 +109,7 @@ class PythonLaw:
         try:
             self._reset(*given)
         except (Exception, SystemExit) as error:
-            self._fail("reset", f"raised {_told(error)}", tick, time_s)
+            self._fail("reset", f"raised {in_one_line(error)}", tick, time_s)
 
     def step(self, x: NDArray, r: NDArray, tick: int, time_s: float) -> NDArray | None:
         """What it gives, (3,) or (4,), finite; None where it has failed, now or before.
@@ -127,7 +127,7 @@ class PythonLaw:
         try:
             made = self._step(x.copy(), r.copy(), time_s)
         except (Exception, SystemExit) as error:
-            self._fail("step", f"raised {_told(error)}", tick, time_s)
+            self._fail("step", f"raised {in_one_line(error)}", tick, time_s)
             return None
         names = self._outputs
         try:
@@ -179,7 +179,7 @@ def _takes(function: Callable[..., Any], count: int) -> bool:
     return True
 
 
-def _told(error: BaseException) -> str:
+def in_one_line(error: BaseException) -> str:
     """An exception in one line, with the place where it was raised."""
     words = " ".join(str(error).split())
     said = f"{type(error).__name__}: {words}" if words else type(error).__name__
@@ -240,7 +240,7 @@ def find(text: str) -> PythonLaw:
     try:
         module = _of_file(Path(where)) if where.endswith(".py") else _of_module(where)
     except (Exception, SystemExit) as error:
-        raise LawError(f"law {short}: cannot be imported: {_told(error)}") from error
+        raise LawError(f"law {short}: cannot be imported: {in_one_line(error)}") from error
     given: Any = module
     for part in name.split("."):
         if not hasattr(given, part):

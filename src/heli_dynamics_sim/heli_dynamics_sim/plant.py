@@ -49,6 +49,8 @@ __all__ = [
     "advance",
     "initial_state",
     "measure",
+    "meet_air",
+    "read",
     "status",
 ]
 
@@ -178,6 +180,31 @@ def _begin_to_move(share, air):
 
 
 @njit
+def meet_air(state, tick, noise_row, k):
+    """Bring the wind to a tick, into `state.air`; arguments as of `measure`."""
+    if tick > 0 and k.wind.turbulence:
+        altitude_m = -state.x[PLANT.down]
+        step_air(state.turbulence, altitude_m, k.tick_s, noise_row, k.wind)
+    if 0 <= k.fail_tick <= tick or k.faults.engine_out <= tick:
+        state.x[PLANT.engine_out] = 1.0
+    air_at(state.turbulence, state.x, tick * k.tick_s, k.wind, state.air)
+    if tick * k.tick_s < k.onset_s:
+        _begin_to_move(tick * k.tick_s / k.onset_s, state.air)
+    add_gusts(tick, k.faults, state.air)
+
+
+@njit
+def read(state, tick, noise_row, k, y):
+    """Read the sensors in the air of `state.air`; arguments as of `measure`."""
+    aircraft = _aircraft_now(state, k)
+    read_sensors(state.sensors, tick, state.x, state.air, noise_row, aircraft, k.sensors, y)
+    spoil_sensors(state.faults, tick, noise_row, k.faults, y)
+    wind, around = y[MEAS.wind], state.air[AIR.fuselage]
+    for i in range(3):
+        wind[i] = around[i]
+
+
+@njit
 def measure(state, tick, noise_row, k, y):
     """Bring the wind to a tick and read the sensors.
 
@@ -193,21 +220,8 @@ def measure(state, tick, noise_row, k, y):
     y : (31,) array
         Filled; places of `rows.MEAS`. What does not arrive at this tick is 0, its valid flag too.
     """
-    if tick > 0 and k.wind.turbulence:
-        altitude_m = -state.x[PLANT.down]
-        step_air(state.turbulence, altitude_m, k.tick_s, noise_row, k.wind)
-    if 0 <= k.fail_tick <= tick or k.faults.engine_out <= tick:
-        state.x[PLANT.engine_out] = 1.0
-    air_at(state.turbulence, state.x, tick * k.tick_s, k.wind, state.air)
-    if tick * k.tick_s < k.onset_s:
-        _begin_to_move(tick * k.tick_s / k.onset_s, state.air)
-    add_gusts(tick, k.faults, state.air)
-    aircraft = _aircraft_now(state, k)
-    read_sensors(state.sensors, tick, state.x, state.air, noise_row, aircraft, k.sensors, y)
-    spoil_sensors(state.faults, tick, noise_row, k.faults, y)
-    wind, around = y[MEAS.wind], state.air[AIR.fuselage]
-    for i in range(3):
-        wind[i] = around[i]
+    meet_air(state, tick, noise_row, k)
+    read(state, tick, noise_row, k, y)
 
 
 @njit

@@ -332,6 +332,14 @@ def step(state, n, gyro_radps, made_up):
     copy(state.out, goal)
 
 
+@njit
+def after(state, n, came, command, gyro_radps):
+    """What is flown for a tick at which a command (4,) has come, or none, into state.out."""
+    if came:
+        hear(state, n, command)
+    step(state, n, gyro_radps, 0)
+
+
 class Fallback:
     """The command in force, from who commands or without.
 
@@ -384,9 +392,9 @@ class Fallback:
 
     def after(self, command: Array | None, gyro_radps: Array) -> Array:
         """What is flown for a tick at which a command (4,) has come, or none; as `step`."""
-        if command is not None:
-            self.hear(command)
-        return self.step(gyro_radps)
+        came = command is not None
+        after(self._state, self._n, came, command if came else self._state.command, gyro_radps)
+        return self._state.out
 
     def facts(self) -> dict[str, str]:
         """How often and how long nobody has commanded, for /diagnostics; empty if never."""

@@ -51,7 +51,7 @@ from heli_flight.terminal import NewFolder, being_filled, flight_time, in_turn, 
 # -------------------------------------------------------------------------------------------------
 
 COMPILES = (
-    "heli: compiles the loop for this machine: once, half a minute to a minute; from then on a "
+    "heli: compiles the loop for this machine: once, some 10 to 40 seconds; from then on a "
     "flight of 60 s takes about a second"
 )
 
@@ -63,12 +63,11 @@ def tell_if_it_compiles(say: Console, own_laws: bool = False) -> None:
     ----------
     say : Console
     own_laws : bool
-        Whether laws in Python fly: they need only the kernels of the nodes.
+        Whether laws in Python fly: the parts of a tick are then compiled one by one.
     """
-    from heli_dynamics_sim import plant
-    from heli_flight.loop import fly
+    from heli_flight.loop import act, fly_ticks
 
-    kernel: Any = plant.advance if own_laws else fly
+    kernel: Any = act if own_laws else fly_ticks
     if not getattr(kernel, "signatures", True) and not is_compiled(kernel):
         say.print(COMPILES, highlight=False, soft_wrap=True, markup=False)
 

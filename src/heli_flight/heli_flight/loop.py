@@ -3,42 +3,50 @@
 
 Tick n: the plant measures; the observer takes the measurements and the actuators of tick n-1; every
 `period_ticks` the outer loop gives attitude and collective; the inner loop gives the actuators; the
-plant integrates to n+1. The ROS graph calls the same kernels with the same numbers.
+plant integrates to n+1:
+
+    sense -> estimate -> navigate -> guide -> listen -> control -> act
+
+Each is a kernel on what came into an inbox, and the ROS nodes call the same ones with the same
+numbers. `fly` is all of them compiled into one; a part that is given as an object in Python
+(`Parts`) takes the place of one of them.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from heli_core.errors import PartError
+from heli_core.inbox import NOTHING, Inbox, empty_inbox, put
 from heli_core.jit import (
     by_reference,
     copy,
     direct,
-    fill,
     njit,
     njit_counted,
     njit_unlocked,
     scratch,
     scratch_matrix,
 )
-from heli_core.python_controller import INNER, OUTER, LawError, PythonLaw, find
+from heli_core.python_controller import INNER, OUTER, LawError, PythonLaw, find, in_one_line
 from heli_core.rotations import fill_R_nb
-from heli_core.rows import ACTUATOR, IMU, MEAS, NAV, NINE, PLANT, REFERENCE, SETPOINT, TRUTH
-from heli_core.signals import NOTHING as NO_SWEEP
+from heli_core.rows import ACTUATOR, MEAS, NAV, NINE, PLANT, REFERENCE, SETPOINT, TRUTH
 from heli_core.signals import SweepParams, add_sweep
 from heli_core.ticks import Rate
 from heli_core.trajectory import Trajectory, reference_at
 from heli_dynamics_sim import noise, plant, servo
+from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.wind import injected_gust
 from heli_flight.record import FlightRecord, FlightTrack, empty_track, record_of
 from heli_flight.settings import Settings, own_laws, refuse_own_laws, without_own
 from heli_inner_hinf import controllers as inner
 from heli_inner_hinf import estimate
-from heli_inner_hinf.controller_state import all_finite, initial_law_state, nine_states
+from heli_inner_hinf.controller_state import all_finite, initial_law_state
 from heli_inner_hinf.design import attitude_params
 from heli_inner_hinf.excitation import (
     SENT,
@@ -51,7 +59,6 @@ from heli_inner_hinf.excitation import (
 from heli_inner_hinf.ground_and_manual import OwnAttitudeLaw, law_or_hand
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.links import (
-    NOTHING,
     PLACE,
     LinkParams,
     LinkState,
@@ -61,11 +68,9 @@ from heli_msgs_bridge.links import (
     pass_on,
 )
 from heli_observer import observer
-from heli_observer.buffers import hear_fix, hear_imu
 from heli_observer.layout import ObserverParams
 from heli_outer_pd import inbox
 from heli_outer_pd import position_law as outer
-from heli_outer_pd.disturbance import hear_rotor
 from heli_outer_pd.failsafes import Action
 from heli_outer_pd.goto import Goto, PhaseNumbers
 from heli_outer_pd.manual_controller import manual_deflections
@@ -78,269 +83,51 @@ from heli_outer_pd.reference import ReferenceLimits, fill_offset, move
 from heli_outer_pd.script import script_of
 
 # -------------------------------------------------------------------------------------------------
-# The loop's links in one process: what each node hears where links have faults.
-#
-# The kernels are those of the nodes, in their order, on the same rows at the same ticks.
-# -------------------------------------------------------------------------------------------------
-
-_N_IMU, _N_NINE, _LINKED_N_NAV, _N_HANDED = IMU.size, len(NINE), NAV.size, 4
-_TO_OBSERVER = "observer"
-_IMU, _IMU2, _MAG, _BARO, _FIX, _VELOCITY, _FLOWN = (
-    PLACE[topic, _TO_OBSERVER]
-    for topic in (topics.IMU, topics.IMU2, topics.MAG, topics.BARO, topics.GPS_FIX,
-                  topics.GPS_VELOCITY, topics.ACTUATORS)
-)  # fmt: skip
-_ODOM, _ROTOR, _ATTITUDE, _COLLECTIVE = (
-    PLACE[topic, "inner_loop"]
-    for topic in (topics.ODOM, topics.ROTOR_STATE, topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
-)
-_NAVIGATION = PLACE[topics.ODOM, "outer_loop"]
-_SPINS = PLACE[topics.ROTOR_SPEED, "outer_loop"]
-_COMMAND = PLACE[topics.ACTUATORS, "plant"]
-
-
-@by_reference
-class Linked(NamedTuple):
-    """What nodes remember for links with faults; without any it is not used."""
-
-    k: LinkParams
-    s: LinkState
-    model: estimate.EstimateParams
-    known: estimate.EstimateState
-    navigation: inbox.LatestNavigation
-    fallback_n: servo.FallbackNumbers
-    fallback_s: servo.FallbackState
-    held: np.ndarray  # (7,) attitude, collective, hand as the inner loop heard them
-    setpoint_tick: np.ndarray  # (1,) int64, of the attitude that it heard
-    setpoint_ticks: int  # age from which on that is too old
-    navigation_ticks: int
-    tick_s: float
-
-
-class HeldRow(NamedTuple):
-    """Places of `Linked.held`."""
-
-    attitude: slice = slice(0, 3)
-    psi: int = 2
-    handed: slice = slice(3, 7)
-    col: int = 3
-    hand: slice = slice(4, 7)
-    size: int = 7
-
-
-HELD = HeldRow()
-
-
-def linked(nodes: Mapping[str, Mapping[str, Any]], seed: int, under_way: np.ndarray) -> Linked:
-    """The links of a flight, by the parameter `link_faults` of each of its nodes.
-
-    Parameters
-    ----------
-    nodes : mapping
-        Parameters of each node.
-    seed : int
-    under_way : (n, 4) array
-        Commands under way to the servos at the start; the last one is the trim.
-
-    Raises
-    ------
-    ParameterError
-        A fault that is none.
-    """
-    rate, inner = Rate.of_parameters(nodes["plant"]), nodes["inner_loop"]
-    rows = [fault_rows(p["link_faults"], name, rate) for name, p in nodes.items()]
-    k = link_params(np.concatenate(rows), seed, rate)
-    model = estimate.estimate_params(inner)
-    held = np.full(HELD.size, np.nan)
-    held[HELD.attitude] = model.x_trim[[NINE.phi, NINE.theta, NINE.psi]]
-    held[HELD.psi], held[HELD.col] = np.nan, inner["trim.u"][ACTUATOR.col]
-    return Linked(
-        k,
-        initial_links(k, rate),
-        model,
-        estimate.initial_estimate(model),
-        inbox.no_navigation(),
-        servo.FallbackNumbers.from_parameters(nodes["plant"]),
-        servo.initial_fallback(under_way[-1].copy() if len(under_way) else np.zeros(ACTUATOR.size)),
-        held,
-        np.full(1, NOTHING, np.int64),
-        int(inner["setpoint_timeout_s"] * rate.hz),
-        max(1, rate.ticks_in(nodes["outer_loop"]["navigation_timeout_s"])),
-        rate.tick_s,
-    )
-
-
-@njit
-def _value(links, link, tick, flag, y, first, count):
-    """A sensor whose message comes at once: its numbers and its flag in the row y, in place."""
-    row = y[first : first + count]
-    valid = y[flag] > 0.5
-    stamp = pass_on(links.s, links.k, link, tick, tick, valid, row, row)
-    y[flag] = 1.0 if stamp != NOTHING else 0.0
-    if stamp == NOTHING:
-        fill(row, 0.0)
-
-
-@njit
-def _fix(links, tick, k, y):
-    """A fix and its velocity, two messages with one stamp, in the row y, in place."""
-    pos, vel, s = y[MEAS.gps_pos], y[MEAS.gps_vel], links.s
-    came, stamp = y[MEAS.gps_valid] > 0.5, int(y[MEAS.gps_tick])
-    of = pass_on(s, links.k, _VELOCITY, tick, stamp, came and all_finite(vel), vel, vel)
-    stamp = pass_on(s, links.k, _FIX, tick, stamp, came, pos, pos)
-    y[MEAS.gps_valid] = 1.0 if stamp != NOTHING else 0.0
-    if stamp == NOTHING:
-        fill(pos, 0.0)
-        fill(vel, 0.0)
-        y[MEAS.gps_tick] = 0.0
-        return
-    y[MEAS.gps_tick] = stamp
-    if of != stamp:
-        fill(vel, math.nan)
-    if stamp < tick - k.horizon_ticks:
-        hear_fix(tick, k, y)
-
-
-@njit
-def to_observer(links, tick, observer_s, observer_k, y, u):
-    """What the observer hears at a tick, in place.
-
-    Parameters
-    ----------
-    links : Linked
-    tick : int
-    observer_s, observer_k : ObserverState, ObserverParams
-    y : (>= 28,) array
-        Measurement row as it was sent; as it was heard.
-    u : (4,) array
-        Command of the tick before, the same; NaN for none.
-    """
-    sample = scratch(_N_IMU)
-    copy(sample, y[MEAS.imu])
-    stamp = pass_on(links.s, links.k, _IMU, tick, tick, all_finite(sample), sample, sample)
-    fill(y[MEAS.imu], math.nan)
-    if stamp != NOTHING:
-        hear_imu(observer_s, tick, stamp, sample, observer_k, y)
-    copy(sample, y[MEAS.imu2])
-    stamp = pass_on(links.s, links.k, _IMU2, tick, tick, all_finite(sample), sample, sample)
-    fill(y[MEAS.imu2], math.nan)
-    if stamp == tick:
-        copy(y[MEAS.imu2], sample)
-    _value(links, _MAG, tick, MEAS.mag_valid, y, MEAS.mag.start, 3)
-    _value(links, _BARO, tick, MEAS.baro_valid, y, MEAS.baro, 1)
-    _fix(links, tick, observer_k, y)
-    if pass_on(links.s, links.k, _FLOWN, tick, tick - 1, tick > 0, u, u) == NOTHING:
-        fill(u, math.nan)
-
-
-@njit
-def to_outer_loop(links, tick, nav):
-    """The navigation row (31,) as it was sent; in place, what the outer loop knows by then.
-
-    True if that is of another tick, or nothing.
-    """
-    came = math.isfinite(nav[NAV.quat][0])
-    stamp = pass_on(links.s, links.k, _NAVIGATION, tick, tick, came, nav, nav)
-    if stamp != NOTHING:
-        inbox.keep_newest(links.navigation, stamp, nav)
-    oldest = links.navigation_ticks
-    return inbox.navigation_at(links.navigation, tick, oldest, links.tick_s, nav)
-
-
-@njit
-def rotor_heard(links, tick, y):
-    """Stamp of the rotor speed's sample that the outer loop hears at a tick, or NOTHING.
-
-    y (>= 28,) is the measurement row as it was sent; in place, what it hears.
-    """
-    came = y[MEAS.rotor_valid] > 0.5
-    if not links.k.on:
-        return tick if came else NOTHING
-    speed = y[MEAS.rotor : MEAS.rotor + 1]
-    return pass_on(links.s, links.k, _SPINS, tick, tick, came, speed, speed)
-
-
-@njit
-def _to_setpoint(links, tick, psi, period_ticks, setpoint, hand):
-    """What the inner loop flies of the outer loop's commands, in place; psi (rad) is now's."""
-    held, s = links.held, links.s
-    handed, attitude = scratch(_N_HANDED), scratch(3)
-    came = tick % period_ticks == 0
-    copy(attitude, setpoint[SETPOINT.attitude])
-    handed[0] = setpoint[SETPOINT.col]
-    for i in range(hand.shape[0]):
-        handed[1 + i] = hand[i]
-    stamp = pass_on(s, links.k, _ATTITUDE, tick, tick, came, attitude, attitude)
-    if stamp != NOTHING:
-        copy(held[HELD.attitude], attitude)
-        links.setpoint_tick[0] = stamp
-    if math.isnan(held[HELD.psi]):
-        held[HELD.psi] = psi
-    if pass_on(s, links.k, _COLLECTIVE, tick, tick, came, handed, handed) != NOTHING:
-        copy(held[HELD.handed], handed)
-    age = tick - links.setpoint_tick[0]
-    copy(setpoint[SETPOINT.attitude], held[HELD.attitude])
-    setpoint[SETPOINT.col] = held[HELD.col]
-    if links.setpoint_tick[0] != NOTHING and age > links.setpoint_ticks:
-        setpoint[SETPOINT.phi] = links.model.x_trim[NINE.phi]
-        setpoint[SETPOINT.theta] = links.model.x_trim[NINE.theta]
-        fill(held[HELD.hand], math.nan)
-    copy(hand, held[HELD.hand])
-
-
-@njit
-def to_inner_loop(links, tick, period_ticks, nav, setpoint, hand, x9):
-    """What the inner loop knows at a tick.
-
-    Parameters
-    ----------
-    links : Linked
-    tick, period_ticks : int
-        The second one of the outer loop.
-    nav : (31,) array
-        As it was sent.
-    setpoint, hand : (4,), (3,) arrays
-        As they were sent; in place, what is flown of them.
-    x9 : (9,) array
-        Out: its estimate of now.
-    """
-    row, rotor, known = scratch(_LINKED_N_NAV), scratch(3), scratch(_N_NINE)
-    came = math.isfinite(nav[NAV.quat][0])
-    copy(row, nav)
-    copy(rotor, nav[NAV.rotor])
-    stamp = pass_on(links.s, links.k, _ODOM, tick, tick, came, row, row)
-    of = pass_on(links.s, links.k, _ROTOR, tick, tick, came, rotor, rotor)
-    if of == NOTHING:
-        fill(rotor, math.nan)
-    if stamp != NOTHING:
-        nine_states(row, rotor, known)
-        estimate.hear(links.known, stamp, known, of, links.model)
-    estimate.estimate(links.known, tick, links.model, x9)
-    _to_setpoint(links, tick, x9[NINE.psi], period_ticks, setpoint, hand)
-
-
-@njit
-def to_plant(links, tick, gyro, u):
-    """The command (4,) as it was sent; in place, what the actuator side flies.
-
-    gyro (3,): what the plant's own says, rad/s.
-    """
-    estimate.commanded(links.known, tick, u[ACTUATOR.attitude], links.model)
-    if links.k.faulty[_COMMAND] == 0:
-        return
-    if pass_on(links.s, links.k, _COMMAND, tick, tick, True, u, u) != NOTHING:
-        servo.hear(links.fallback_s, links.fallback_n, u)
-    servo.step(links.fallback_s, links.fallback_n, gyro, 0)
-    copy(u, links.fallback_s.out)
-
-
-# -------------------------------------------------------------------------------------------------
-# Closed loop.
+# What a flight is made of.
 # -------------------------------------------------------------------------------------------------
 
 _CHUNK_TICKS = 6000
-_N_MEAS, _N_NAV, _N_STATES, _N_REFERENCE = MEAS.size, NAV.size, len(NINE), REFERENCE.size
-_N_SETPOINT, _N_ACTUATOR = SETPOINT.size, ACTUATOR.size
+_N_HANDED = 4  # a collective, and behind it a pilot's deflections
+_IMU, _IMU2, _MAG, _BARO, _FIX, _VELOCITY, _FLOWN = range(len(observer.INPUTS))
+_ODOM, _ROTOR, _ATTITUDE, _COLLECTIVE = range(len(estimate.INPUTS))
+_NAVIGATION, _ROTOR_SPEED = range(len(inbox.INPUTS))
+_TO_OBSERVER = np.array([PLACE[topic, "observer"] for topic in observer.INPUTS])
+_TO_INNER = np.array([PLACE[topic, "inner_loop"] for topic in estimate.INPUTS])
+_TO_OUTER = np.array([PLACE[topic, "outer_loop"] for topic in inbox.INPUTS])
+_TO_PLANT = PLACE[topics.ACTUATORS, "plant"]
+
+
+@by_reference
+class Links(NamedTuple):
+    """What goes over links with faults; a flight without any has none."""
+
+    k: LinkParams
+    s: LinkState
+
+
+@by_reference
+class TickRows(NamedTuple):
+    """What one part of a tick leaves for the next, changed in place."""
+
+    y: np.ndarray  # (31,) measurement row
+    nav: np.ndarray  # (31,) of the observer
+    seen: np.ndarray  # (31,) navigation as the outer loop had it last
+    x9: np.ndarray  # (9,) states as the inner loop knows them
+    aim: np.ndarray  # (7,) what it is to hold, places of `estimate.COMMAND`
+    hand: np.ndarray  # (3,) a pilot's d_lat, d_lon, d_ped about trim; NaN while the law flies
+    u3: np.ndarray  # (3,) output of the attitude law
+
+
+def _tick_rows() -> TickRows:
+    return TickRows(
+        np.zeros(MEAS.size),
+        np.zeros(NAV.size),
+        np.full(NAV.size, np.nan),
+        np.full(len(NINE), np.nan),
+        np.full(estimate.COMMAND.size, np.nan),
+        np.full(3, np.nan),
+        np.zeros(3),
+    )
 
 
 @by_reference
@@ -349,24 +136,37 @@ class AircraftInLoop(NamedTuple):
 
     plant_k: plant.PlantParams
     plant_s: plant.PlantState
+    fallback_k: servo.FallbackNumbers
+    fallback_s: servo.FallbackState
     observer_k: ObserverParams
     observer_s: observer.ObserverState
+    observer_in: Inbox
     inner_k: inner.AttitudeParams
     inner_s: np.ndarray
+    estimate_k: estimate.EstimateParams
+    estimate_s: estimate.EstimateState
+    command: estimate.HeardCommand
+    inner_in: Inbox
     excitation_k: ExcitationParams
     excitation_s: np.ndarray
     disturbance_k: SweepParams
     outer_k: outer.OuterParams
     outer_s: np.ndarray
-    hand: np.ndarray  # (3,) a pilot's d_lat, d_lon, d_ped about trim; NaN while the law flies
+    navigation: inbox.HeardNavigation
+    outer_in: Inbox
     period_ticks: int
     true_navigation: int
     # (2,) int64: 1 while the reference is still to be moved to where the aircraft is; tick of that.
     anchor: np.ndarray
     tick_ns: int
     tick_s: float
-    links: Linked
-    seen: np.ndarray  # (31,) navigation as the outer loop had it last
+    links: Links | None
+    rows: TickRows
+
+
+# -------------------------------------------------------------------------------------------------
+# One tick, part by part.
+# -------------------------------------------------------------------------------------------------
 
 
 @njit_counted
@@ -390,13 +190,189 @@ def write_truth(s, y, out):
 
 
 @njit
-def replace_by_truth(truth, nav):
-    """Ideal navigation: what the sensors cannot spoil (for analysis, never for a score)."""
-    copy(nav[NAV.motion], truth[TRUTH.motion])
+def _bring(links, box, place, link, tick, stamp, came, row):
+    """Put a message into an inbox, or what its link lets through of those that were sent."""
+    if links is None:
+        put(box, place, stamp if came else NOTHING, row)
+    else:
+        out = box.rows[place, : row.shape[0]]
+        box.stamps[place] = pass_on(links.s, links.k, link, tick, stamp, came, row, out)
+
+
+@njit
+def sense(loop, tick, noise_row, truth):
+    """The plant measures; the row (19,) of the truth is written."""
+    plant.measure(loop.plant_s, tick, noise_row, loop.plant_k, loop.rows.y)
+    write_truth(loop.plant_s, loop.rows.y, truth)
+
+
+@njit
+def bring_sensors(loop, links, tick, u):
+    """What the observer hears: the measurement row, and the actuators (4,) of the tick before."""
+    box, y, to = loop.observer_in, loop.rows.y, _TO_OBSERVER
+    imu, imu2, vel = y[MEAS.imu], y[MEAS.imu2], y[MEAS.gps_vel]
+    # A link with faults carries what can be sent: a message whose numbers are finite.
+    direct_way = links is None
+    fix = y[MEAS.gps_valid] > 0.5
+    true_at = int(y[MEAS.gps_tick]) if fix else tick
+    _bring(links, box, _IMU, to[_IMU], tick, tick, direct_way or all_finite(imu), imu)
+    _bring(links, box, _IMU2, to[_IMU2], tick, tick, direct_way or all_finite(imu2), imu2)
+    _bring(links, box, _MAG, to[_MAG], tick, tick, y[MEAS.mag_valid] > 0.5, y[MEAS.mag])
+    baro = y[MEAS.baro : MEAS.baro + 1]
+    _bring(links, box, _BARO, to[_BARO], tick, tick, y[MEAS.baro_valid] > 0.5, baro)
+    has_vel = fix and (direct_way or all_finite(vel))
+    _bring(links, box, _VELOCITY, to[_VELOCITY], tick, true_at, has_vel, vel)
+    _bring(links, box, _FIX, to[_FIX], tick, true_at, fix, y[MEAS.gps_pos])
+    _bring(links, box, _FLOWN, to[_FLOWN], tick, tick - 1, tick > 0, u)
+
+
+@njit
+def estimate_navigation(loop, links, tick, u, truth):
+    """The observer makes of what it hears a navigation row, `rows.nav`."""
+    nav = loop.rows.nav
+    bring_sensors(loop, links, tick, u)
+    observer.step(loop.observer_s, loop.observer_in, tick, loop.observer_k, nav)
+    if loop.true_navigation:
+        copy(nav[NAV.motion], truth[TRUTH.motion])
+
+
+@njit
+def navigate(loop, links, tick, times_ns, points):
+    """The outer loop hears; at its step `rows.seen` is what it knows. The reference may be moved.
+
+    times_ns, points: reference trajectory; moved in place where the law engages, if it is to be.
+    """
+    y, nav, seen, box = loop.rows.y, loop.rows.nav, loop.rows.seen, loop.outer_in
+    came = math.isfinite(nav[NAV.quat][0])
+    _bring(links, box, _NAVIGATION, _TO_OUTER[_NAVIGATION], tick, tick, came, nav)
+    turns, speed = y[MEAS.rotor_valid] > 0.5, y[MEAS.rotor : MEAS.rotor + 1]
+    _bring(links, box, _ROTOR_SPEED, _TO_OUTER[_ROTOR_SPEED], tick, tick, turns, speed)
+    inbox.listen(loop.outer_s, loop.navigation, box, tick, loop.outer_k)
+    if tick % loop.period_ticks:
+        return
+    inbox.navigate(loop.outer_s, loop.navigation, tick, seen)
+    if loop.anchor[0] and outer.flyable(seen):
+        offset = scratch(3)
+        fill_offset(seen[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
+        move(points, offset)
+        loop.anchor[0], loop.anchor[1] = 0, tick
+
+
+@njit
+def guide(loop, tick, times_ns, points, setpoint):
+    """The position law: attitude and collective (4,) to hold, a pilot's deflections."""
+    now_ns, k = tick * loop.tick_ns, loop.outer_k
+    outer.follow(loop.rows.seen, now_ns, times_ns, points, k, loop.outer_s, setpoint)
+    manual_deflections(loop.outer_s, loop.rows.hand)
+
+
+@njit
+def listen(loop, links, tick, setpoint):
+    """The inner loop hears: `rows.x9` is where it is, `rows.aim` what it is to hold."""
+    nav, box, to, rows = loop.rows.nav, loop.inner_in, _TO_INNER, loop.rows
+    came, due = math.isfinite(nav[NAV.quat][0]), tick % loop.period_ticks == 0
+    handed = scratch(_N_HANDED)
+    handed[0] = setpoint[SETPOINT.col]
+    copy(handed[1:], rows.hand)
+    _bring(links, box, _ODOM, to[_ODOM], tick, tick, came, nav)
+    _bring(links, box, _ROTOR, to[_ROTOR], tick, tick, came, nav[NAV.rotor])
+    attitude = setpoint[SETPOINT.attitude]
+    _bring(links, box, _ATTITUDE, to[_ATTITUDE], tick, tick, due, attitude)
+    _bring(links, box, _COLLECTIVE, to[_COLLECTIVE], tick, tick, due, handed)
+    k, x9 = loop.estimate_k, rows.x9
+    estimate.listen(loop.estimate_s, loop.command, box, tick, k, x9, rows.aim)
+    add_sweep(tick * loop.tick_s, loop.disturbance_k, x9)
+
+
+@njit
+def control(loop, tick):
+    """The attitude law, or a pilot's hand, into `rows.u3`."""
+    aim, command = loop.rows.aim, estimate.COMMAND
+    attitude, hand = aim[command.attitude], aim[command.hand]
+    inner_k, inner_s = loop.inner_k, loop.inner_s
+    law_or_hand(loop.rows.x9, attitude, aim[command.col], hand, inner_k, inner_s, loop.rows.u3)
+
+
+@njit
+def command_actuators(loop, tick, u):
+    """The actuators (4,) of this tick, in place: the law's, the collective, the excitation."""
+    copy(u[ACTUATOR.attitude], loop.rows.u3)
+    u[ACTUATOR.col] = loop.rows.aim[estimate.COMMAND.col]
+    if loop.excitation_k.on:
+        k, s, time_s = loop.excitation_k, loop.excitation_s, tick * loop.tick_s
+        excite(time_s, loop.rows.x9, k, s, loop.inner_s, u)
+    estimate.commanded(loop.estimate_s, tick, u[ACTUATOR.attitude], loop.estimate_k)
+
+
+@njit
+def write(loop, tick, times_ns, points, setpoint, u, track):
+    """The tick's row of the record (`FlightTrack`)."""
+    copy(track.imu[tick], loop.rows.y[MEAS.imu])
+    if track.gust.shape[0] > 0:
+        sines, time_s = loop.plant_k.wind.sines, tick * loop.tick_s
+        copy(track.excitation[tick], loop.excitation_s[SENT : SENT + ACTUATOR.size])
+        injected_gust(loop.plant_s.x, time_s, sines, track.gust[tick])
+    reference_at(tick * loop.tick_ns, times_ns, points, track.reference[tick])
+    copy(track.nav[tick], loop.rows.nav)
+    copy(track.setpoint[tick], setpoint)
+    copy(track.u[tick], u)
+
+
+@njit
+def act(loop, links, tick, u):
+    """The plant flies the command to the next tick, unless it cannot; its status."""
+    status = plant.status(loop.plant_s, loop.plant_k)
+    if status != 0:
+        return status
+    if links is None or links.k.faulty[_TO_PLANT] == 0:
+        plant.advance(loop.plant_s, u, loop.plant_k)
+        return 0
+    k, s, heard = loop.fallback_k, loop.fallback_s, scratch(_N_HANDED)
+    came = pass_on(links.s, links.k, _TO_PLANT, tick, tick, True, u, heard) != NOTHING
+    servo.after(s, k, came, heard, loop.rows.y[MEAS.rate])
+    plant.advance(loop.plant_s, s.out, loop.plant_k)
+    return 0
+
+
+@njit
+def _what_changes(state):
+    """What ends a stretch of ticks when it changes, of the law's state."""
+    at = outer.MEMORY
+    return state[at.sight], state[at.gone], state[at.spin]
 
 
 @njit_unlocked
-def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, track):
+def fly_ticks(loop, links, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, track):
+    """As `fly`, over the loop's links."""
+    for i in range(n_ticks):
+        tick = first_tick + i
+        before = _what_changes(loop.outer_s)
+        sense(loop, tick, noise_rows[i], track.truth[tick])
+        estimate_navigation(loop, links, tick, u, track.truth[tick])
+        navigate(loop, links, tick, times_ns, points)
+        if tick % loop.period_ticks == 0:
+            guide(loop, tick, times_ns, points, setpoint)
+        listen(loop, links, tick, setpoint)
+        control(loop, tick)
+        command_actuators(loop, tick, u)
+        write(loop, tick, times_ns, points, setpoint, u, track)
+        status = act(loop, links, tick, u)
+        if status != 0 or _what_changes(loop.outer_s) != before:
+            return i + 1, status
+    return n_ticks, 0
+
+
+def fly(
+    loop: AircraftInLoop,
+    first_tick: int,
+    n_ticks: int,
+    noise_rows: np.ndarray,
+    times_ns: np.ndarray,
+    points: np.ndarray,
+    setpoint: np.ndarray,
+    u: np.ndarray,
+    track: FlightTrack,
+) -> tuple[int, int]:
     """Fly n_ticks from first_tick; returns (ticks flown, plant status).
 
     It ends early where the law has lost its position or found it again.
@@ -405,88 +381,19 @@ def fly(loop, first_tick, n_ticks, noise_rows, times_ns, points, setpoint, u, tr
     ----------
     loop : AircraftInLoop
     first_tick, n_ticks : int
-    noise_rows : (n_ticks, NOISE.size) ndarray
-    times_ns, points : ndarray
+    noise_rows : (n_ticks, NOISE.size) array
+    times_ns, points : arrays
         Reference trajectory; the points are moved in place when the law engages, if they are to be.
-    setpoint, u : (4,) ndarray
+    setpoint, u : (4,) arrays
         Last phi, theta, psi, d_col and last actuators; changed in place.
     track : FlightTrack
         Rows first_tick .. first_tick + n_ticks - 1 are written.
     """
-    y, nav, x9, u3 = scratch(_N_MEAS), scratch(_N_NAV), scratch(_N_STATES), scratch(3)
-    reference, offset = scratch(_N_REFERENCE), scratch(3)
-    # What is heard of it: the same, but for links that have faults.
-    heard, flown, aim, hand = (
-        scratch(_N_MEAS),
-        scratch(_N_ACTUATOR),
-        scratch(_N_SETPOINT),
-        scratch(3),
+    reference = times_ns, points
+    flown: tuple[int, int] = fly_ticks(
+        loop, loop.links, first_tick, n_ticks, noise_rows, *reference, setpoint, u, track
     )
-    links, seen = loop.links, loop.seen
-    fill(y, 0.0)
-    fill(nav, 0.0)
-    for i in range(n_ticks):
-        tick = first_tick + i
-        plant.measure(loop.plant_s, tick, noise_rows[i], loop.plant_k, y)
-        write_truth(loop.plant_s, y, track.truth[tick])
-        copy(heard, y)
-        copy(flown, u)
-        if links.k.on:
-            to_observer(links, tick, loop.observer_s, loop.observer_k, heard, flown)
-        observer.observe(loop.observer_s, tick, heard, flown, loop.observer_k, nav)
-        if loop.true_navigation:
-            replace_by_truth(track.truth[tick], nav)
-        copy(seen, nav)
-        if links.k.on:
-            is_late = to_outer_loop(links, tick, seen)
-            loop.outer_s[outer.MEMORY.is_late] = 1.0 if is_late else 0.0
-        if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(seen):
-            fill_offset(seen[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
-            move(points, offset)
-            loop.anchor[0], loop.anchor[1] = 0, tick
-        reference_at(tick * loop.tick_ns, times_ns, points, reference)
-        sight, gone = loop.outer_s[outer.MEMORY.sight], loop.outer_s[outer.MEMORY.gone]
-        spin, spun = loop.outer_s[outer.MEMORY.spin], rotor_heard(links, tick, heard)
-        if spun != NOTHING:
-            hear_rotor(loop.outer_s, spun * loop.tick_s, heard[MEAS.rotor], loop.outer_k)
-        if tick % loop.period_ticks == 0:
-            outer.follow(
-                seen, tick * loop.tick_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
-            )
-            manual_deflections(loop.outer_s, loop.hand)
-        nine_states(nav, nav[NAV.rotor], x9)
-        copy(aim, setpoint)
-        copy(hand, loop.hand)
-        if links.k.on:
-            to_inner_loop(links, tick, loop.period_ticks, nav, aim, hand, x9)
-        add_sweep(tick * loop.tick_s, loop.disturbance_k, x9)
-        attitude, collective = aim[SETPOINT.attitude], aim[SETPOINT.col]
-        law_or_hand(x9, attitude, collective, hand, loop.inner_k, loop.inner_s, u3)
-        copy(u[ACTUATOR.attitude], u3)
-        u[ACTUATOR.col] = aim[SETPOINT.col]
-        if loop.excitation_k.on:
-            excite(tick * loop.tick_s, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
-        copy(track.imu[tick], y[MEAS.imu])
-        if track.gust.shape[0] > 0:
-            sines, time_s = loop.plant_k.wind.sines, tick * loop.tick_s
-            copy(track.excitation[tick], loop.excitation_s[SENT : SENT + ACTUATOR.size])
-            injected_gust(loop.plant_s.x, time_s, sines, track.gust[tick])
-        copy(track.nav[tick], nav)
-        copy(track.reference[tick], reference)
-        copy(track.setpoint[tick], setpoint)
-        copy(track.u[tick], u)
-        status = plant.status(loop.plant_s, loop.plant_k)
-        if status != 0:
-            return i + 1, status
-        copy(flown, u)
-        if links.k.on:
-            to_plant(links, tick, y[MEAS.rate], flown)
-        plant.advance(loop.plant_s, flown, loop.plant_k)
-        known = loop.outer_s[outer.MEMORY.sight] == sight
-        known = known and loop.outer_s[outer.MEMORY.spin] == spin
-        if not known or loop.outer_s[outer.MEMORY.gone] != gone:
-            return i + 1, 0
-    return n_ticks, 0
+    return flown
 
 
 class LoopFlight(NamedTuple):
@@ -527,27 +434,45 @@ def build(
     law = law or attitude_params(settings.nodes["inner_loop"])
     outer_k, rate = outer_params(settings.nodes["outer_loop"]), settings.rate
     plant_s = plant.initial_state(plant_config, settings.seed)
+    nodes = settings.nodes
+    trim = plant_s.commands[-1].copy() if len(plant_s.commands) else np.zeros(ACTUATOR.size)
+    estimate_k = estimate.estimate_params(nodes["inner_loop"])
     return AircraftInLoop(
         plant_config.params,
         plant_s,
+        servo.FallbackNumbers.from_parameters(nodes["plant"]),
+        servo.initial_fallback(trim),
         observer_config.params,
         observer.initial_state(observer_config),
+        empty_inbox(len(observer.INPUTS)),
         law,
         initial_law_state(law),
-        excitation_params(settings.nodes["inner_loop"]),
+        estimate_k,
+        estimate.initial_estimate(estimate_k),
+        estimate.no_command(estimate_k, nodes["inner_loop"]["trim.u"][ACTUATOR.col]),
+        empty_inbox(len(estimate.INPUTS)),
+        excitation_params(nodes["inner_loop"]),
         initial_excitation_state(),
-        disturbance_params(settings.nodes["inner_loop"]),
+        disturbance_params(nodes["inner_loop"]),
         outer_k,
         outer.initial_state(outer_k),
-        np.full(3, np.nan),
-        rate.of(settings.nodes["outer_loop"]["period_ticks"]),
+        inbox.no_navigation(nodes["outer_loop"]["navigation_timeout_s"], rate),
+        empty_inbox(len(inbox.INPUTS)),
+        rate.of(nodes["outer_loop"]["period_ticks"]),
         int(true_navigation),
-        np.array([settings.nodes["outer_loop"]["reference_anchor"] == "engagement", 0], np.int64),
+        np.array([nodes["outer_loop"]["reference_anchor"] == "engagement", 0], np.int64),
         rate.tick_ns,
         rate.tick_s,
-        linked(settings.nodes, settings.seed, plant_s.commands),
-        np.full(NAV.size, np.nan),
+        _links(nodes, settings.seed, rate),
+        _tick_rows(),
     )
+
+
+def _links(nodes: Mapping[str, Mapping[str, Any]], seed: int, rate: Rate) -> Links | None:
+    """The links of a flight, by the parameter `link_faults` of each of its nodes."""
+    rows = [fault_rows(p["link_faults"], name, rate) for name, p in nodes.items()]
+    k = link_params(np.concatenate(rows), seed, rate)
+    return Links(k, initial_links(k, rate)) if k.on else None
 
 
 def simulate(settings: Settings, true_navigation: bool = False, progress=None) -> LoopFlight:
@@ -606,7 +531,7 @@ def fly_loop(loop: AircraftInLoop, settings: Settings, progress=None, ticks=fly)
         tick, rows = tick + flown, rows[flown:]
         last = tick - 1
         if (asked or phases.lost or phases.gone) and status == 0 and last % loop.period_ticks == 0:
-            went_on = phases.after(last * rate.tick_ns, loop.seen, setpoint)
+            went_on = phases.after(last * rate.tick_ns, loop.rows.seen, setpoint)
             if went_on and phases.trajectory is not None:
                 times_ns, points = phases.trajectory.times_ns, phases.trajectory.points
             scripted = scripted or phases.phase in LANDING
@@ -668,23 +593,118 @@ def _excited(loop: AircraftInLoop) -> bool:
 
 
 # -------------------------------------------------------------------------------------------------
-# The whole loop in one process with a law given in Python: `loop.fly`, tick by tick.
-#
-# The same kernels in the same order with the same numbers, called one by one as the nodes call
-# them,
-# so what set-up has compiled for the nodes is all that it needs.
+# Parts given as objects in Python: each takes the place of a kernel, the others are as they are.
 # -------------------------------------------------------------------------------------------------
 
 GAVE_UP = -1
-"""Outcome of ticks in which a law has failed."""
+"""Outcome of ticks in which a part has failed."""
+# Children of a flight's seed below this one belong to the plant and the links.
+_CHILD_OF_PARTS = 128
+
+
+class Plant(Protocol):
+    """An aircraft with its sensors, in the place of the simulated one."""
+
+    def reset(self, rng: np.random.Generator, tick_s: float) -> None:
+        """Begin a flight; `rng` is its own of the flight's seed."""
+
+    def measure(self, tick: int, y: NDArray[np.float64], truth: NDArray[np.float64]) -> None:
+        """Fill the measurement row y (31,), places of `MEAS`, and the truth (19,), of `TRUTH`."""
+
+    def step(self, tick: int, u: NDArray[np.float64]) -> None:
+        """Go on to the next tick with the actuators u (4,), places of `ACTUATOR`, -1..1."""
+
+
+class Wind(Protocol):
+    """The air around the simulated aircraft, in the place of the packaged wind."""
+
+    def reset(self, rng: np.random.Generator, tick_s: float) -> None:
+        """Begin a flight."""
+
+    def step(self, tick: int, time_s: float, pos_ned_m: NDArray[np.float64]) -> ArrayLike:
+        """Velocity of the air (3,), NED, m/s, that the whole aircraft is in."""
+
+
+class Sensor(Protocol):
+    """A sensor besides the packaged ones, or what spoils one of them."""
+
+    def reset(self, rng: np.random.Generator, tick_s: float) -> None:
+        """Begin a flight."""
+
+    def step(
+        self, tick: int, time_s: float, truth: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> None:
+        """Measure: truth (19,), places of `TRUTH`, is read only; y (31,), of `MEAS`, may change."""
+
+
+class Estimator(Protocol):
+    """Sensors to navigation, in the place of the observer."""
+
+    def reset(self, rng: np.random.Generator, tick_s: float) -> None:
+        """Begin a flight."""
+
+    def step(
+        self, tick: int, time_s: float, y: NDArray[np.float64], u: NDArray[np.float64]
+    ) -> ArrayLike:
+        """The navigation row (31,), places of `NAV`, of y (31,) and the last actuators u (4,).
+
+        Rows whose attitude is NaN say that it is not yet known.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """Objects that fly in the place of the compiled parts; None: the compiled one.
+
+    Attributes
+    ----------
+    plant, wind, sensors, estimator : objects
+        With `reset` and `step`, as their protocols say.
+    controllers : sequence of PythonLaw
+        At most one of each loop.
+    """
+
+    plant: Plant | None = None
+    wind: Wind | None = None
+    sensors: Sequence[Sensor] = ()
+    estimator: Estimator | None = None
+    controllers: Sequence[PythonLaw] = ()
+
+    def __post_init__(self) -> None:
+        if self.plant is not None and self.wind is not None:
+            raise PartError("wind: a plant that is given has its own air; give one of them")
+        if len({law.loop for law in self.controllers}) < len(self.controllers):
+            raise LawError("law: two of one loop are given; allowed: one of each")
+        for name, part in self.named():
+            wanted = ("reset", "step", "measure") if name == "plant" else ("reset", "step")
+            for method in wanted:
+                if not callable(getattr(part, method, None)):
+                    raise PartError(
+                        f"{name} {type(part).__name__}: has no {method}; allowed: an object with "
+                        f"{', '.join(wanted)}"
+                    )
+
+    def named(self) -> list[tuple[str, Any]]:
+        """Those that are given, but for the controllers, by the word for each."""
+        given: list[tuple[str, Any]] = [
+            ("plant", self.plant),
+            ("wind", self.wind),
+            ("estimator", self.estimator),
+        ]
+        given += [("sensor", sensor) for sensor in self.sensors]
+        return [(name, part) for name, part in given if part is not None]
+
+    def __bool__(self) -> bool:
+        return bool(self.named() or self.controllers)
 
 
 def fly_settings(
     settings: Settings,
     laws: Sequence[PythonLaw] = (),
     progress: Callable[[float], None] | None = None,
+    parts: Parts | None = None,
 ) -> LoopFlight:
-    """Fly a scenario with the laws that are given, else that the settings name, else packaged ones.
+    """Fly a scenario with the parts that are given, that the settings name, or packaged ones.
 
     Parameters
     ----------
@@ -693,42 +713,50 @@ def fly_settings(
         At most one of each loop. **A law that the settings name is imported**: its code runs.
     progress : callable, optional
         Called with the flight time (s) now and then.
+    parts : Parts, optional
+        Plant, wind, sensors, estimator; controllers of `laws` go before its own.
 
     Returns
     -------
     LoopFlight
-        Where a law has failed it ends there, with the law's sentence.
+        Where a part has failed it ends there, with the part's sentence.
 
     Raises
     ------
-    LawError, ParameterError, TrimError, SynthesisError
+    LawError, PartError, ParameterError, TrimError, SynthesisError
     """
-    found = laws or [find(source) for source in own_laws(settings).values()]
-    if not found:
+    parts = parts or Parts()
+    controllers = laws or parts.controllers or [find(s) for s in own_laws(settings).values()]
+    parts = replace(parts, controllers=controllers)
+    if not parts:
         return simulate(settings, progress=progress)
-    by_loop = {law.loop: law for law in found}
-    if len(by_loop) < len(found):
-        raise LawError("law: two of one loop are given; allowed: one of each")
     loop = build(without_own(settings))
-    ticks = _Ticks(loop, by_loop)
+    ticks = TicksWithParts(loop, parts, settings)
     flight = fly_loop(loop, settings, progress, ticks.fly)
-    why = next((law.failure for law in found if law.failure), "")
+    why = ticks.failure
     return flight._replace(sentence=why) if why else flight
 
 
-class _Ticks:
-    """`fly` is called in the place of the compiled `loop.fly`."""
+class TicksWithParts:
+    """`fly` is called in the place of the compiled `loop.fly`: the same kernels, one by one.
 
-    def __init__(self, loop: AircraftInLoop, laws: Mapping[str, PythonLaw]) -> None:
+    Parameters
+    ----------
+    loop : AircraftInLoop
+    parts : Parts
+    settings : Settings
+        Its seed is what every part's own random numbers come from.
+    """
+
+    def __init__(self, loop: AircraftInLoop, parts: Parts, settings: Settings) -> None:
+        laws = {law.loop: law for law in parts.controllers}
         self._inner = OwnAttitudeLaw(laws.get(INNER))
         self._outer = OwnPositionLaw(laws.get(OUTER))
-        self._laws = tuple(laws.values())
-        self._y, self._nav = np.zeros(MEAS.size), np.zeros(NAV.size)
-        # What is heard of them: the same, but for links that have faults.
-        self._heard, self._flown = np.zeros(MEAS.size), np.zeros(ACTUATOR.size)
-        self._aim, self._hand = np.zeros(SETPOINT.size), np.zeros(3)
-        self._x9, self._u3 = np.zeros(len(NINE)), np.zeros(3)
-        self._calls = _compiled(loop, self)
+        self._parts, self._calls = parts, _compiled(loop)
+        self.failure = ""
+        for n, (name, part) in enumerate(parts.named()):
+            child = np.random.SeedSequence(settings.seed, spawn_key=(_CHILD_OF_PARTS + n,))
+            self._ask(name, part, "reset", 0, np.random.default_rng(child), loop.tick_s)
 
     def fly(
         self,
@@ -742,75 +770,90 @@ class _Ticks:
         u: np.ndarray,
         track: FlightTrack,
     ) -> tuple[int, int]:
-        """As `loop.fly`; GAVE_UP at the tick at which a law has failed."""
-        status = self._calls["status"]
+        """As `loop.fly`; GAVE_UP at the tick at which a part has failed."""
+        call, links, reference = self._calls, loop.links, (times_ns, points)
         for i in range(n_ticks):
             tick = first_tick + i
-            before = self._sight(loop)
-            self._sense(loop, tick, noise_rows[i], times_ns, points, u, track)
-            reference_at(tick * loop.tick_ns, times_ns, points, track.reference[tick])
+            before = call["what_changes"](loop.outer_s)
+            self._sense(loop, tick, noise_rows[i], track.truth[tick])
+            self._estimate(loop, tick, u, track.truth[tick])
+            call["navigate"](loop, links, tick, *reference)
             if tick % loop.period_ticks == 0:
-                self._follow(loop, tick, times_ns, points, setpoint)
-            self._act(loop, tick, setpoint, u)
-            track.imu[tick] = self._y[MEAS.imu]
-            if track.gust.shape[0] > 0:
-                self._write_excited(loop, tick, track)
-            track.nav[tick], track.setpoint[tick], track.u[tick] = self._nav, setpoint, u
-            if any(law.failure for law in self._laws):
+                self._guide(loop, tick, times_ns, points, setpoint)
+            call["listen"](loop, links, tick, setpoint)
+            self._control(loop, tick)
+            call["command_actuators"](loop, tick, u)
+            call["write"](loop, tick, *reference, setpoint, u, track)
+            self.failure = self.failure or self._failure_of_laws()
+            if self.failure:
                 return i + 1, GAVE_UP
-            code = status(loop.plant_s, loop.plant_k)
-            if code != 0:
-                return i + 1, code
-            self._flown[:] = u
-            if loop.links.k.on:
-                to_plant(loop.links, tick, self._y[MEAS.rate], self._flown)
-            self._calls["advance"](loop.plant_s, self._flown, loop.plant_k)
-            if self._sight(loop) != before:
-                return i + 1, 0
+            status = self._act(loop, tick, u)
+            if status != 0 or call["what_changes"](loop.outer_s) != before:
+                return i + 1, status
         return n_ticks, 0
 
-    @staticmethod
-    def _sight(loop: AircraftInLoop) -> tuple[float, float, float]:
-        """What ends a stretch of ticks when it changes."""
-        places = outer.MEMORY.sight, outer.MEMORY.gone, outer.MEMORY.spin
-        sight, gone, spin = loop.outer_s[list(places)]
-        return sight, gone, spin
+    def _failure_of_laws(self) -> str:
+        return next((law.failure for law in self._parts.controllers if law.failure), "")
 
-    def _sense(
-        self,
-        loop: AircraftInLoop,
-        tick: int,
-        noise: np.ndarray,
-        times_ns: np.ndarray,
-        points: np.ndarray,
-        u: np.ndarray,
-        track: FlightTrack,
-    ) -> None:
-        """The plant measures, the observer estimates; the law may engage."""
-        y, nav = self._y, self._nav
-        self._calls["measure"](loop.plant_s, tick, noise, loop.plant_k, y)
-        write_truth(loop.plant_s, y, track.truth[tick])
-        heard, flown, seen = self._heard, self._flown, loop.seen
-        heard[:], flown[:] = y, u
-        if loop.links.k.on:
-            to_observer(loop.links, tick, loop.observer_s, loop.observer_k, heard, flown)
-        self._calls["observe"](loop.observer_s, tick, heard, flown, loop.observer_k, nav)
-        if loop.true_navigation:
-            replace_by_truth(track.truth[tick], nav)
-        seen[:] = nav
-        if loop.links.k.on:
-            loop.outer_s[outer.MEMORY.is_late] = to_outer_loop(loop.links, tick, seen)
-        spun = rotor_heard(loop.links, tick, heard)
-        if spun != NOTHING:
-            now_s = spun * loop.tick_s
-            self._calls["spins"](loop.outer_s, now_s, heard[MEAS.rotor], loop.outer_k)
-        if loop.anchor[0] and tick % loop.period_ticks == 0 and outer.flyable(seen):
-            offset = np.zeros(3)
-            fill_offset(seen[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
-            move(points, offset)
-            loop.anchor[0], loop.anchor[1] = 0, tick
+    def _ask(self, name: str, part: Any, method: str, tick: int, *given: Any) -> Any:
+        """What a part answers; what it raises becomes the flight's sentence."""
+        if self.failure:
+            return None
+        try:
+            return getattr(part, method)(*given)
+        except (Exception, SystemExit) as error:
+            self.failure = (
+                f"The {name} {type(part).__name__} failed at tick {tick}: {method} raised "
+                f"{in_one_line(error)}"
+            )
+            return None
 
-    def _follow(
+    def _numbers(self, name: str, part: Any, tick: int, made: Any, size: int) -> np.ndarray | None:
+        """An answer as (size,) numbers; None, and the flight's sentence, if it is none."""
+        try:
+            row = np.asarray(made, np.float64)
+        except (TypeError, ValueError):
+            row = np.empty(0)
+        if row.shape == (size,):
+            return row
+        if not self.failure:
+            self.failure = (
+                f"The {name} {type(part).__name__} failed at tick {tick}: step gave a "
+                f"{type(made).__name__} of shape {row.shape}; allowed: ({size},)"
+            )
+        return None
+
+    def _sense(self, loop: AircraftInLoop, tick: int, noise: np.ndarray, truth: np.ndarray) -> None:
+        """The plant measures, in its wind; then the sensors that are given."""
+        parts, y, time_s = self._parts, loop.rows.y, tick * loop.tick_s
+        if parts.plant is not None:
+            self._ask("plant", parts.plant, "measure", tick, tick, y, truth)
+        elif parts.wind is not None:
+            plant.meet_air(loop.plant_s, tick, noise, loop.plant_k)
+            pos = loop.plant_s.x[PLANT.pos].copy()
+            made = self._ask("wind", parts.wind, "step", tick, tick, time_s, pos)
+            wind = self._numbers("wind", parts.wind, tick, made, 3)
+            if wind is not None:
+                loop.plant_s.air[:] = same_air(wind)
+            plant.read(loop.plant_s, tick, noise, loop.plant_k, y)
+            write_truth(loop.plant_s, y, truth)
+        else:
+            self._calls["sense"](loop, tick, noise, truth)
+        for sensor in parts.sensors:
+            self._ask("sensor", sensor, "step", tick, tick, time_s, truth.copy(), y)
+
+    def _estimate(self, loop: AircraftInLoop, tick: int, u: np.ndarray, truth: np.ndarray) -> None:
+        estimator, rows = self._parts.estimator, loop.rows
+        if estimator is None:
+            self._calls["estimate_navigation"](loop, loop.links, tick, u, truth)
+            return
+        given = tick, tick * loop.tick_s, rows.y.copy(), u.copy()
+        made = self._ask("estimator", estimator, "step", tick, *given)
+        nav = self._numbers("estimator", estimator, tick, made, NAV.size)
+        if nav is not None:
+            rows.nav[:] = nav
+
+    def _guide(
         self,
         loop: AircraftInLoop,
         tick: int,
@@ -818,46 +861,39 @@ class _Ticks:
         points: np.ndarray,
         setpoint: np.ndarray,
     ) -> None:
-        k, state, now_ns = loop.outer_k, loop.outer_s, tick * loop.tick_ns
-        given = loop.seen, now_ns, times_ns, points, k, state, setpoint
+        now_ns, seen = tick * loop.tick_ns, loop.rows.seen
+        given = seen, now_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
         self._outer.step(tick, tick * loop.tick_s, *given, self._calls["follow"])
-        manual_deflections(state, loop.hand)
+        manual_deflections(loop.outer_s, loop.rows.hand)
 
-    def _act(self, loop: AircraftInLoop, tick: int, setpoint: np.ndarray, u: np.ndarray) -> None:
-        """Nine states, attitude law, excitation: the actuators of this tick."""
-        x9, time_s, aim, hand = self._x9, tick * loop.tick_s, self._aim, self._hand
-        nine_states(self._nav, self._nav[NAV.rotor], x9)
-        aim[:], hand[:] = setpoint, loop.hand
-        if loop.links.k.on:
-            to_inner_loop(loop.links, tick, loop.period_ticks, self._nav, aim, hand, x9)
-        if loop.disturbance_k.shape != NO_SWEEP:
-            add_sweep(time_s, loop.disturbance_k, x9)
-        given = x9, aim[SETPOINT.attitude], aim[SETPOINT.col], hand
-        numbers = loop.inner_k, loop.inner_s, self._u3
-        self._inner.step(tick, time_s, *given, *numbers, self._calls["law"])
-        u[ACTUATOR.attitude], u[ACTUATOR.col] = self._u3, aim[SETPOINT.col]
-        if loop.excitation_k.on:
-            excite(time_s, x9, loop.excitation_k, loop.excitation_s, loop.inner_s, u)
+    def _control(self, loop: AircraftInLoop, tick: int) -> None:
+        aim, rows, command = loop.rows.aim, loop.rows, estimate.COMMAND
+        given = rows.x9, aim[command.attitude], aim[command.col], aim[command.hand]
+        numbers = loop.inner_k, loop.inner_s, rows.u3
+        self._inner.step(tick, tick * loop.tick_s, *given, *numbers, self._calls["law"])
 
-    def _write_excited(self, loop: AircraftInLoop, tick: int, track: FlightTrack) -> None:
-        track.excitation[tick] = loop.excitation_s[SENT : SENT + ACTUATOR.size]
-        sines, time_s = loop.plant_k.wind.sines, tick * loop.tick_s
-        injected_gust(loop.plant_s.x, time_s, sines, track.gust[tick])
+    def _act(self, loop: AircraftInLoop, tick: int, u: np.ndarray) -> int:
+        if self._parts.plant is None:
+            return int(self._calls["act"](loop, loop.links, tick, u))
+        self._ask("plant", self._parts.plant, "step", tick, tick, u.copy())
+        return GAVE_UP if self.failure else 0
 
 
-def _compiled(loop: AircraftInLoop, ticks: _Ticks) -> dict[str, Callable[..., Any]]:
-    """The kernels of every tick for numbers of these types, as the nodes call them."""
-    four, three = np.zeros(ACTUATOR.size), np.zeros(3)
-    times, points = np.zeros(1, np.int64), np.zeros((1, REFERENCE.size))
-    y, nav, x9 = ticks._y, ticks._nav, ticks._x9
-    p, o = (loop.plant_s, loop.plant_k), (loop.outer_k, loop.outer_s, four)
+def _compiled(loop: AircraftInLoop) -> dict[str, Callable[..., Any]]:
+    """The kernels of every tick for numbers of these types."""
+    four, three, rows = np.zeros(ACTUATOR.size), np.zeros(3), loop.rows
+    truth, noise_row, links = np.zeros(TRUTH.size), np.zeros(NOISE.size), loop.links
+    reference = np.zeros(1, np.int64), np.zeros((1, REFERENCE.size))
     calls: dict[str, tuple[Any, ...]] = {
-        "measure": (plant.measure, p[0], 0, np.zeros(NOISE.size), p[1], y),
-        "observe": (observer.observe, loop.observer_s, 0, y, four, loop.observer_k, nav),
-        "follow": (outer.follow, nav, 0, times, points, *o),
-        "spins": (hear_rotor, loop.outer_s, 0.0, 0.0, loop.outer_k),
-        "law": (law_or_hand, x9, three, 0.0, three, loop.inner_k, loop.inner_s, three),
-        "status": (plant.status, *p),
-        "advance": (plant.advance, p[0], four, p[1]),
+        "sense": (sense, loop, 0, noise_row, truth),
+        "estimate_navigation": (estimate_navigation, loop, links, 0, four, truth),
+        "navigate": (navigate, loop, links, 0, *reference),
+        "follow": (outer.follow, rows.seen, 0, *reference, loop.outer_k, loop.outer_s, four),
+        "listen": (listen, loop, links, 0, four),
+        "law": (law_or_hand, rows.x9, three, 0.0, three, loop.inner_k, loop.inner_s, three),
+        "command_actuators": (command_actuators, loop, 0, four),
+        "write": (write, loop, 0, *reference, four, four, empty_track(1, _excited(loop))),
+        "act": (act, loop, links, 0, four),
+        "what_changes": (_what_changes, loop.outer_s),
     }
     return {name: direct(*call) for name, call in calls.items()}

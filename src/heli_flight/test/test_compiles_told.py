@@ -6,6 +6,7 @@ import pytest
 import heli
 from heli_flight import fly as compiles
 from heli_flight.cli import app as cli
+from heli_flight.loop import fly_ticks
 
 TOLD = "heli: compiles the loop for this machine"
 
@@ -14,6 +15,7 @@ class Uncompiled:
     """Stands for the loop before this process has called it."""
 
     signatures = ()
+    __call__ = staticmethod(fly_ticks)
 
 
 @pytest.fixture
@@ -21,7 +23,7 @@ def cold(monkeypatch):
     """As in a process that begins, on a machine that has never flown in one process."""
 
     def begin():
-        monkeypatch.setattr("heli_flight.loop.fly", Uncompiled())
+        monkeypatch.setattr("heli_flight.loop.fly_ticks", Uncompiled())
         monkeypatch.setattr(compiles, "is_compiled", lambda kernel: False)
 
     return begin

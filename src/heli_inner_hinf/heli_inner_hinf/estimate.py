@@ -17,13 +17,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heli_core.jit import by_reference, copy, fill, njit, scratch
+from heli_core.inbox import NOTHING, has_come
+from heli_core.jit import by_reference, copy, copy_part, fill, njit, scratch
 from heli_core.linear import held
 from heli_core.rotations import wrap_pi
-from heli_core.rows import ACTUATOR, NINE, UNMEASURED
+from heli_core.rows import ACTUATOR, NINE, ROTOR, SETPOINT, UNMEASURED
 from heli_core.ticks import Rate
-from heli_inner_hinf.controller_state import all_finite
+from heli_inner_hinf.controller_state import all_finite, nine_states
 from heli_inner_hinf.design import shaped
+from heli_msgs_bridge import topics
+from heli_msgs_bridge.lockstep import AHEAD_TICKS
 
 _N = len(NINE)
 _NEVER = -(2**62)
@@ -45,6 +48,10 @@ class EstimateParams(NamedTuple):
         From a command to its servo.
     timeout_ticks : int
         Age of an estimate that is none any more.
+    setpoint_timeout_ticks : int
+        Age of an attitude setpoint that is none any more.
+    ahead_ticks : int
+        By so much a setpoint's stamp may be ahead of now.
     """
 
     Phi: np.ndarray
@@ -55,6 +62,8 @@ class EstimateParams(NamedTuple):
     drive: np.ndarray
     delay_ticks: int
     timeout_ticks: int
+    setpoint_timeout_ticks: int
+    ahead_ticks: int
 
 
 @by_reference
@@ -85,6 +94,8 @@ def estimate_params(parameters: Mapping[str, Any]) -> EstimateParams:
         drive.ravel().copy(),
         rate.of(int(p["delay_ticks"])),
         max(1, rate.ticks_in(p["estimate_timeout_s"])),
+        int(p["setpoint_timeout_s"] * rate.hz),
+        rate.of(AHEAD_TICKS),
     )
 
 
@@ -188,3 +199,94 @@ def commanded(state, tick, u3, k):
             state.servos[i, 1] = k.servo[1, 0] * before + k.servo[1, 1] * speed + k.drive[1] * u
             state.moved[t % slots, i] = 0.5 * (before + state.servos[i, 0])
     state.tick[1] = until
+
+
+# -------------------------------------------------------------------------------------------------
+# What the inner loop knows at a tick, from what has come: its states, and what it is to hold.
+# -------------------------------------------------------------------------------------------------
+
+INPUTS = (topics.ODOM, topics.ROTOR_STATE, topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
+"""What the inner loop hears, in the order of its inbox."""
+_ODOM, _ROTOR, _ATTITUDE, _COLLECTIVE = range(len(INPUTS))
+_N_ROTOR = ROTOR.size
+
+
+class CommandRow(NamedTuple):
+    """Places of `HeardCommand.row`: a SetpointRow, and behind it a pilot's deflections."""
+
+    setpoint: slice = slice(0, 4)
+    attitude: slice = slice(0, 3)
+    psi: int = 2
+    col: int = 3
+    hand: slice = slice(4, 7)  # about trim; NaN while the law flies
+    size: int = 7
+
+
+COMMAND = CommandRow()
+_HANDED = slice(COMMAND.col, COMMAND.size)
+
+
+@by_reference
+class HeardCommand(NamedTuple):
+    """The outer loop's last command, held until the next one; changed in place."""
+
+    row: np.ndarray  # (7,) places of `COMMAND`
+    tick: np.ndarray  # (1,) int64, of the attitude setpoint's stamp; NOTHING before the first
+
+
+def no_command(k: EstimateParams, collective: float) -> HeardCommand:
+    """Before the first one: the trim attitude, the heading that will be found, a collective."""
+    row = np.full(COMMAND.size, np.nan)
+    row[COMMAND.attitude] = k.x_trim[[NINE.phi, NINE.theta, NINE.psi]]
+    row[COMMAND.psi], row[COMMAND.col] = np.nan, collective
+    return HeardCommand(row, np.full(1, NOTHING, np.int64))
+
+
+@njit
+def listen(state, command, inbox, tick, k, x9, aim):
+    """Take what has come for a tick; what the law is to fly, and from where.
+
+    Parameters
+    ----------
+    state : EstimateState
+    command : HeardCommand
+        Both in place.
+    inbox : Inbox
+        Places of `INPUTS`.
+    tick : int
+    k : EstimateParams
+    x9 : (9,) array
+        Out: the states of now, by what has come or by the model; NaN if nothing is known.
+    aim : (7,) array
+        Out: places of `COMMAND`. Of a setpoint that is too old the trim attitude and the heading.
+
+    Returns
+    -------
+    bool
+        Whether the setpoint is too old, or of another time than now.
+    """
+    rows, stamps, row = inbox.rows, inbox.stamps, command.row
+    if has_come(inbox, _ODOM):
+        rotor = scratch(_N_ROTOR)
+        if has_come(inbox, _ROTOR):
+            copy_part(rotor, 0, rows[_ROTOR], 0, _N_ROTOR)
+        else:
+            fill(rotor, np.nan)
+        nine_states(rows[_ODOM], rotor, x9)
+        hear(state, stamps[_ODOM], x9, stamps[_ROTOR], k)
+    estimate(state, tick, k, x9)
+    if np.isnan(row[COMMAND.psi]):
+        row[COMMAND.psi] = x9[NINE.psi]
+    if has_come(inbox, _ATTITUDE):
+        copy(row[COMMAND.attitude], rows[_ATTITUDE, :3])
+        command.tick[0] = stamps[_ATTITUDE]
+    if has_come(inbox, _COLLECTIVE):
+        copy(row[_HANDED], rows[_COLLECTIVE, :4])
+    age = tick - command.tick[0]
+    stale = command.tick[0] != NOTHING and not -k.ahead_ticks <= age <= k.setpoint_timeout_ticks
+    if stale:
+        fill(row[COMMAND.hand], np.nan)
+    copy(aim, row)
+    if stale:
+        aim[SETPOINT.phi], aim[SETPOINT.theta] = k.x_trim[NINE.phi], k.x_trim[NINE.theta]
+    return stale

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `inner_loop`: attitude setpoint and collective to actuators, every tick."""
 
-import math
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,26 +8,30 @@ from typing import Any
 
 import numpy as np
 
+from heli_core.inbox import NOTHING, Inbox, deliver, empty_inbox
 from heli_core.jit import direct
 from heli_core.python_controller import PARAMETER
-from heli_core.rows import ACTUATOR, NAV, NINE, ROTOR, SETPOINT
-from heli_core.signals import NOTHING, SweepParams, add_sweep
+from heli_core.rows import ACTUATOR, NINE
+from heli_core.signals import NOTHING as NO_SWEEP
+from heli_core.signals import SweepParams, add_sweep
 from heli_inner_hinf.controller_state import (
     RUN,
     AttitudeParams,
     AttitudeStatus,
     initial_law_state,
-    nine_states,
 )
 from heli_inner_hinf.design import AttitudeConfig, LiveDesign
 from heli_inner_hinf.estimate import (
+    COMMAND,
+    INPUTS,
     EstimateParams,
     EstimateState,
+    HeardCommand,
     commanded,
-    estimate,
     estimate_params,
-    hear,
     initial_estimate,
+    listen,
+    no_command,
 )
 from heli_inner_hinf.excitation import (
     PLACES,
@@ -45,7 +48,7 @@ from heli_inner_hinf.parameters import NODE_NAME, TABLE
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import FACT_LAW_FAILED, Level
 from heli_msgs_bridge.lifecycle_node import NodeSpec
-from heli_msgs_bridge.lockstep import AHEAD_TICKS, Arrived, Demand
+from heli_msgs_bridge.lockstep import Arrived, Demand
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 
@@ -91,16 +94,16 @@ class ConfiguredInnerLoop(TickCore):
         Law and its state.
     exciter : Exciter or None
     disturber : Disturber or None
-    collective : float
-        As the outer loop sent it last; before that, the trim's.
     model, known : EstimateParams, EstimateState
         The newest estimate, and what carries it on to now.
+    command : HeardCommand
+        What the outer loop sent last.
+    inbox : Inbox
+        What has come for a tick.
     flown_tick : int or None
         Tick of the last command that was sent.
-    x9, u3 : arrays
-        Estimate and output of the law.
-    hand3 : (3,) array
-        A pilot's deflections, flown in place of the law; NaN for none.
+    x9, aim, u3 : arrays
+        Estimate, what is to be held of it (places of `COMMAND`), and output of the law.
     total : (4,) array
         Last command that was sent.
     flown : AttitudeParams or None
@@ -115,13 +118,14 @@ class ConfiguredInnerLoop(TickCore):
     send: Send
     exciter: Exciter | None
     disturber: Disturber | None
-    collective: float
     model: EstimateParams
     known: EstimateState
+    command: HeardCommand
+    inbox: Inbox = field(default_factory=lambda: empty_inbox(len(INPUTS)))
     flown_tick: int | None = None
     x9: np.ndarray = field(default_factory=lambda: np.full(len(NINE), np.nan))
+    aim: np.ndarray = field(default_factory=lambda: np.full(COMMAND.size, np.nan))
     u3: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    hand3: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
     flown: AttitudeParams | None = None
     law: Callable[..., int] = law_or_hand
@@ -134,18 +138,12 @@ class ActiveInnerLoop:
 
     Attributes
     ----------
-    r3 : (3,) array
-        Setpoint, rad; at first the trim attitude and the heading that will be found.
-    setpoint_tick : int or None
-        Stamp of the setpoint; None: nobody has sent one.
     first : bool
         True until a step has been made.
     resumes : bool
         True while the flight is to be taken over from the command that is flown.
     """
 
-    r3: np.ndarray
-    setpoint_tick: int | None = None
     first: bool = True
     resumes: bool = False
 
@@ -155,11 +153,15 @@ class ActiveInnerLoop:
 # -------------------------------------------------------------------------------------------------
 
 _OUTER = (topics.ATTITUDE_SETPOINT, topics.COLLECTIVE)
-_NO_ROTOR = np.full(ROTOR.size, np.nan)
 _LATE = "the estimate is late: the model carries it on"
 _LATE_TICKS = 5
 """Of 10 ms: an estimate that is older is spoken of."""
 _WAITS = "waits for navigation: the trim is held"
+
+
+def _aims(aim: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Attitude (3,), collective and a pilot's deflections (3,) of a row of `COMMAND`."""
+    return aim[COMMAND.attitude], aim[COMMAND.col], aim[COMMAND.hand]
 
 
 class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
@@ -178,6 +180,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
             Input(topics.COLLECTIVE, outer, off_tick=True),
         )
         model = estimate_params(self.values)
+        collective = float(config.u_trim[ACTUATOR.col])
         core = ConfiguredInnerLoop(
             design=LiveDesign(config),
             model=model,
@@ -185,7 +188,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
             send=self.create_sender(topics.ACTUATORS),
             exciter=self._make_exciter(),
             disturber=self._make_disturber(),
-            collective=config.u_trim[ACTUATOR.col],
+            command=no_command(model, collective),
             own=own_law(self.values[PARAMETER]),
             pace=self.listen(inputs),
         )
@@ -215,7 +218,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
 
     def _make_disturber(self) -> Disturber | None:
         kernel = disturbance_params(self.values)
-        if kernel.shape == NOTHING:
+        if kernel.shape == NO_SWEEP:
             return None
         send = self.create_sender(topics.EXCITATION_ATTITUDE)
         return Disturber(kernel, send, self.rate.tick_s)
@@ -224,14 +227,10 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         """Load the compiled law before the first tick."""
         kernel = core.design.config.params
         self._load(core, kernel)
-        rest, state = float(core.collective), initial_law_state(kernel)
-        core.law(core.x9, np.zeros(3), rest, core.hand3, kernel, state, core.u3)
-        nav = np.full(NAV.size, np.nan)
-        nine_states(nav, nav[NAV.rotor], core.x9)
-        spare = initial_estimate(core.model)
-        hear(spare, 0, core.x9, 0, core.model)
+        core.law(core.x9, *_aims(core.aim), kernel, initial_law_state(kernel), core.u3)
+        spare, command = initial_estimate(core.model), no_command(core.model, 0.0)
+        listen(spare, command, core.inbox, 0, core.model, core.x9, core.aim)
         commanded(spare, 0, core.u3, core.model)
-        estimate(spare, 0, core.model, core.x9)
         if core.exciter is not None:
             law, own = initial_law_state(kernel), initial_excitation_state()
             excite(-1.0, core.x9, core.exciter.params, own, law, core.total)
@@ -240,13 +239,15 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
 
     def _load(self, core: ConfiguredInnerLoop, kernel: AttitudeParams) -> None:
         """Have the compiled law for numbers of these types; those of another design may differ."""
-        like = core.x9, np.zeros(3), 0.0, core.hand3, kernel, initial_law_state(kernel), core.u3
+        like = core.x9, *_aims(core.aim), kernel, initial_law_state(kernel), core.u3
         core.flown, core.law = kernel, direct(law_or_hand, *like)
 
     def engage(self) -> ActiveInnerLoop:
         """Begin to hold attitude: from trim, or in flight from what is flown."""
         self.core.pace.expect(_OUTER, self.values["expects_outer"])
-        return ActiveInnerLoop(self._trim_attitude(np.nan))
+        core = self.core
+        core.command = no_command(core.model, float(core.command.row[COMMAND.col]))
+        return ActiveInnerLoop()
 
     def begin_anew(self) -> None:
         """Another flight: the law begins in trim; the setpoint is too old until one comes."""
@@ -256,15 +257,14 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         """Law, setpoint and last command."""
         core, run = self.core, self.run
         excited = None if core.exciter is None else core.exciter.state
-        law = core.design.state, core.x9, core.hand3, core.total, core.collective, core.flown_tick
+        law = core.design.state, core.x9, core.command, core.total, core.flown_tick
         return law, excited, run
 
     def restore_state(self, content: Any, gap: bool) -> None:
         """Go on with the law; after a gap it engages at the last command, as after a pause."""
         core = self.core
-        (law, x9, hand3, total, core.collective, core.flown_tick), excited, run = content
-        for own, known in ((core.x9, x9), (core.hand3, hand3), (core.total, total)):
-            own[:] = known
+        (law, x9, core.command, total, core.flown_tick), excited, run = content
+        core.x9[:], core.total[:] = x9, total
         core.design.state[:] = law
         if core.exciter is not None and excited is not None:
             core.exciter.state[:] = excited
@@ -277,24 +277,21 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         core, run = self.core, self.run
         if run.first:
             self._begin_flight(tick)
-        self._take_navigation(tick, arrived)
-        self._take_setpoint(arrived)
+        deliver(core.inbox, INPUTS, arrived)
+        stale = listen(core.known, core.command, core.inbox, tick, core.model, core.x9, core.aim)
         if core.disturber is not None:
             core.disturber.disturb(tick, self.stamp_ns(tick), core.x9)
-        stale = self._setpoint_is_stale(tick)
-        r3 = self._trim_attitude(run.r3[SETPOINT.psi]) if stale else run.r3
-        if stale:
-            core.hand3[:] = np.nan
+        r3, collective, hand3 = _aims(core.aim)
         if run.resumes and np.isfinite(core.x9).all() and np.isfinite(r3).all():
             core.design.engage(core.x9, r3, core.total[ACTUATOR.attitude])
             run.resumes = False
         kernel = core.design.take()
         if kernel is not core.flown:
             self._load(core, kernel)
-        given = core.x9, r3, core.collective, core.hand3, kernel, core.design.state, core.u3
+        given = core.x9, r3, collective, hand3, kernel, core.design.state, core.u3
         code = core.own.step(tick, tick * self.rate.tick_s, *given, core.law)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
-        core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, core.collective
+        core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, collective
         if core.exciter is not None:
             self._excite(core.exciter, tick)
         core.send(core.total, self.stamp_ns(tick))
@@ -307,12 +304,12 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         core, run = self.core, self.run
         run.first = False
         run.resumes = core.flown_tick is not None and tick > core.flown_tick
-        core.hand3[:] = np.nan
+        core.command.row[COMMAND.hand] = np.nan
         core.known = initial_estimate(core.model)
         core.own.begin(in_flight=run.resumes)
         if not run.resumes:
             core.design.start()
-            core.collective = core.design.config.u_trim[ACTUATOR.col]
+            core.command.row[COMMAND.col] = core.design.config.u_trim[ACTUATOR.col]
 
     def _excite(self, exciter: Exciter, tick: int) -> None:
         """Add the excitation to the actuators of this tick and publish it."""
@@ -321,43 +318,6 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         code = excite(now_s, core.x9, exciter.params, state, law, core.total)
         exciter.status = ExcitationStatus(code)
         exciter.send(state[SENT : SENT + ACTUATOR.size], self.stamp_ns(tick))
-
-    def _take_navigation(self, tick: int, arrived: Arrived) -> None:
-        """The states of this tick, by what has come or by the model; NaN if nothing is known."""
-        core, r3 = self.core, self.run.r3
-        stamp, nav = arrived.get(topics.ODOM, (0, None))
-        rotor_stamp, rotor = arrived.get(topics.ROTOR_STATE, (0, None))
-        if nav is not None:
-            nine_states(nav, _NO_ROTOR if rotor is None else rotor, core.x9)
-            hear(core.known, stamp, core.x9, rotor_stamp, core.model)
-        # Not a number: the law repeats its last command and says so.
-        estimate(core.known, tick, core.model, core.x9)
-        if math.isnan(r3[SETPOINT.psi]):
-            r3[SETPOINT.psi] = core.x9[NINE.psi]
-
-    def _take_setpoint(self, arrived: Arrived) -> None:
-        stamp, attitude = arrived.get(topics.ATTITUDE_SETPOINT, (0, None))
-        if attitude is not None:
-            self.run.r3[:] = attitude
-            self.run.setpoint_tick = stamp
-        _, collective = arrived.get(topics.COLLECTIVE, (0, None))
-        if collective is not None:
-            self.core.collective = collective[0]
-            self.core.hand3[:] = collective[1:] if collective.size > 1 else np.nan
-
-    def _setpoint_is_stale(self, tick: int) -> bool:
-        stamp = self.run.setpoint_tick
-        if stamp is None:
-            return False
-        # One of a later moment than now belongs to another time, however young it looks.
-        age = tick - stamp
-        oldest = self.values["setpoint_timeout_s"] * self.rate.hz
-        return age < -self.rate.of(AHEAD_TICKS) or age > oldest
-
-    def _trim_attitude(self, psi: float) -> np.ndarray:
-        """Trim attitude with a heading, rad."""
-        trim = self.core.design.config.x_trim
-        return np.array([trim[NINE.phi], trim[NINE.theta], psi])
 
     def _tell(self, code: int, stale: bool) -> None:
         exciter = self.core.exciter
@@ -381,7 +341,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
             self.warn_or_ok(level, message, self._facts_now())
 
     def _facts_now(self) -> dict[str, Any]:
-        core, stamp = self.core, self.run.setpoint_tick
+        core, stamp = self.core, int(self.core.command.tick[0])
         facts = dict(core.design.config.summary())
         if core.own.law is not None:
             facts["own_law"] = core.own.law.name
@@ -389,7 +349,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
             facts[FACT_LAW_FAILED] = core.own.failure
         if core.exciter is not None:
             facts["excitation"] = core.exciter.status.sentence
-        facts["setpoint_tick"] = "none" if stamp is None else stamp
+        facts["setpoint_tick"] = "none" if stamp == NOTHING else stamp
         return facts
 
     def validate(

@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from heli_core.inbox import NOTHING, WIDTH
 from heli_core.jit import by_reference, njit
 from heli_core.parameters import entries, mapping, number_of, one_of
 from heli_core.rcl_yaml import ParameterError, number
@@ -45,10 +46,6 @@ ALWAYS = tuple(link for link in LINKS if not topics.BY_NAME[link[0]].optional)
 PLACE = {link: place for place, link in enumerate(LINKS)}
 LATEST_S = 1.0
 """The longest delay, s."""
-NOTHING = -(2**62)
-"""Stamp of what has not arrived."""
-WIDTH = 32
-"""Most numbers of a message."""
 COUNTED = ("lost", "delayed", "overtaken", "twice")
 """What is counted of a link: lost; late; late and older than what came before; repeated."""
 _LOST, _DELAYED, _OVERTAKEN, _TWICE = range(len(COUNTED))

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from heli_core.inbox import Inbox, deliver, empty_inbox
 from heli_core.jit import direct
-from heli_core.rows import ACTUATOR, MEAS, NAV
+from heli_core.rows import NAV
 from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import Level
@@ -19,10 +20,9 @@ from heli_msgs_bridge.lockstep import Arrived, Demand
 from heli_msgs_bridge.messages import FrameTree, encode_transforms
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
-from heli_observer.buffers import hear_fix, hear_imu
 from heli_observer.dual_imu import NAMES, P_LEFT, P_SWITCHES, P_WHY, WHY_WORDS
 from heli_observer.layout import COUNTER_NAMES, ObserverState, ObserverStatus
-from heli_observer.observer import ObserverConfig, initial_state, observe, status
+from heli_observer.observer import INPUTS, ObserverConfig, initial_state, status, step
 from heli_observer.parameters import NODE_NAME, TABLE
 
 _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
@@ -30,9 +30,9 @@ _LEVELS = {ObserverStatus.OK: Level.OK, ObserverStatus.NOT_FINITE: Level.ERROR}
 
 @dataclass(kw_only=True)
 class Navigation(TickCore):
-    """What the observer has while it is configured: numbers, state, rows in and out, outputs.
+    """What the observer has while it is configured: numbers, state, what has come, outputs.
 
-    `send_tf` is None where the type of /tf is not installed; `observe` and `status` are compiled
+    `send_tf` is None where the type of /tf is not installed; `step` and `status` are compiled
     for these numbers.
     """
 
@@ -42,15 +42,14 @@ class Navigation(TickCore):
     send_rotor: Send
     send_tf: Callable[[bytes], None] | None
     frames: FrameTree
-    y: np.ndarray = field(default_factory=lambda: np.zeros(MEAS.sensed))
-    u: np.ndarray = field(default_factory=lambda: np.full(ACTUATOR.size, np.nan))
+    inbox: Inbox = field(default_factory=lambda: empty_inbox(len(INPUTS)))
     out: np.ndarray = field(default_factory=lambda: np.zeros(NAV.size))
-    observe: Callable[..., None] = field(init=False)
+    step: Callable[..., None] = field(init=False)
     status: Callable[..., int] = field(init=False)
 
     def __post_init__(self) -> None:
         state, k = self.state, self.config.params
-        self.observe = direct(observe, state, 0, self.y, self.u, k, self.out)
+        self.step = direct(step, state, self.inbox, 0, k, self.out)
         self.status = direct(status, state, k)
 
 
@@ -100,11 +99,8 @@ class ObserverNode(TickNode[Navigation, None]):
     def _warm_up(self, core: Navigation) -> None:
         """Load the compiled filter before the first tick, on a state of its own."""
         state = initial_state(core.config)
-        core.y[:] = np.nan
-        core.observe(state, 0, core.y, core.u, core.config.params, core.out)
+        core.step(state, core.inbox, 0, core.config.params, core.out)
         core.status(state, core.config.params)
-        hear_imu(state, 0, 0, core.y[MEAS.imu], core.config.params, core.y)
-        hear_fix(0, core.config.params, core.y)
 
     def engage(self) -> None:
         """Begin with a new alignment, and a new frame odom."""
@@ -126,11 +122,8 @@ class ObserverNode(TickNode[Navigation, None]):
     def step(self, tick: int, arrived: Arrived) -> None:
         """One tick of the filter."""
         core = self.core
-        self._fill_measurements(tick, arrived)
-        _, u = arrived.get(topics.ACTUATORS, (0, None))
-        # Not a number: the reduced-order observer goes on with the command before.
-        core.u[:] = np.nan if u is None else u
-        core.observe(core.state, tick, core.y, core.u, core.config.params, core.out)
+        deliver(core.inbox, INPUTS, arrived)
+        core.step(core.state, core.inbox, tick, core.config.params, core.out)
         stamp_ns = self.stamp_ns(tick)
         core.send_odom(core.out, stamp_ns)
         core.send_rotor(core.out[NAV.rotor], stamp_ns)
@@ -138,33 +131,6 @@ class ObserverNode(TickNode[Navigation, None]):
             if tick % self.rate.every(topics.KNOWN[topics.TF].every_ticks) == 0:
                 core.send_tf(encode_transforms(core.frames.transforms(core.out), stamp_ns))
         self._tell()
-
-    def _fill_measurements(self, tick: int, arrived: Arrived) -> None:
-        core = self.core
-        y, state, k = core.y, core.state, core.config.params
-        y[:] = 0.0
-        y[MEAS.imu] = np.nan
-        stamp, imu = arrived.get(topics.IMU, (0, None))
-        if imu is not None and stamp == tick:
-            y[MEAS.imu] = imu
-        elif imu is not None:
-            hear_imu(state, tick, stamp, imu, k, y)
-        stamp, imu2 = arrived.get(topics.IMU2, (0, None))
-        y[MEAS.imu2] = imu2 if imu2 is not None and stamp == tick else np.nan
-        _, mag = arrived.get(topics.MAG, (0, None))
-        if mag is not None:
-            y[MEAS.mag], y[MEAS.mag_valid] = mag, 1.0
-        _, baro = arrived.get(topics.BARO, (0, None))
-        if baro is not None:
-            y[MEAS.baro], y[MEAS.baro_valid] = baro[0], 1.0
-        stamp, fix = arrived.get(topics.GPS_FIX, (0, None))
-        if fix is not None:
-            of, velocity = arrived.get(topics.GPS_VELOCITY, (0, None))
-            y[MEAS.gps_pos] = fix
-            y[MEAS.gps_vel] = velocity if velocity is not None and of == stamp else np.nan
-            y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, stamp
-            if stamp < tick - k.horizon_ticks:
-                hear_fix(tick, k, y)
 
     def _tell(self) -> None:
         core = self.core

@@ -15,13 +15,17 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincinv
 
+from heli_core.inbox import has_come
 from heli_core.jit import copy_part, fill, fill_matrix, njit, scratch, scratch_matrix
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import ACTUATOR, IMU, MEAS, NAV
 from heli_core.ticks import Rate
+from heli_msgs_bridge import topics
 from heli_observer import layout as L
 from heli_observer.buffers import (
     SAME,
+    hear_fix,
+    hear_imu,
     interpolate_gap,
     replaced_for_long,
     store_gps,
@@ -245,7 +249,9 @@ class ObserverConfig:
 __all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state", "observe"]
 __all__ += ["status"]
 
-_N_ERROR, _N_OUTPUT, _N_IMU = L.N_ERROR, L.N_OUTPUT, IMU.size  # lengths of what lies on the stack
+# Lengths of what lies on the stack.
+_N_ERROR, _N_OUTPUT, _N_IMU = L.N_ERROR, L.N_OUTPUT, IMU.size
+_N_MEAS, _N_ACTUATOR = MEAS.sensed, ACTUATOR.size
 _OK = int(ObserverStatus.OK)
 _ALIGNING = int(ObserverStatus.ALIGNING)
 _NOT_FINITE = int(ObserverStatus.NOT_FINITE)
@@ -556,6 +562,73 @@ def observe(state, tick, y, u_prev, k, out):
         _rotor_update(state, ticks, u_prev, started and is_rotor(state.rotor), k.rotor, out)
     else:
         rotor_output(state.rotor, state.y[0], k.rotor, out[NAV.rotor])
+
+
+# -------------------------------------------------------------------------------------------------
+# One tick on what has come: late samples, fixes and their velocity, what did not come.
+# -------------------------------------------------------------------------------------------------
+
+INPUTS = (
+    topics.IMU,
+    topics.IMU2,
+    topics.MAG,
+    topics.BARO,
+    topics.GPS_FIX,
+    topics.GPS_VELOCITY,
+    topics.ACTUATORS,
+)
+"""What the observer hears, in the order of its inbox."""
+_IMU, _IMU2, _MAG, _BARO, _FIX, _VELOCITY, _COMMAND = range(len(INPUTS))
+
+
+@njit
+def _measurements(state, inbox, tick, k, y):
+    """The measurement row (28,) of a tick from what has come, into y."""
+    fill(y, 0.0)
+    fill(y[MEAS.imu], math.nan)
+    fill(y[MEAS.imu2], math.nan)
+    rows, stamps = inbox.rows, inbox.stamps
+    if has_come(inbox, _IMU):
+        hear_imu(state, tick, stamps[_IMU], rows[_IMU], k, y)
+    if stamps[_IMU2] == tick:
+        copy_part(y, MEAS.imu2.start, rows[_IMU2], 0, IMU.size)
+    if has_come(inbox, _MAG):
+        copy_part(y, MEAS.mag.start, rows[_MAG], 0, 3)
+        y[MEAS.mag_valid] = 1.0
+    if has_come(inbox, _BARO):
+        y[MEAS.baro], y[MEAS.baro_valid] = rows[_BARO, 0], 1.0
+    if has_come(inbox, _FIX):
+        copy_part(y, MEAS.gps_pos.start, rows[_FIX], 0, 3)
+        y[MEAS.gps_valid], y[MEAS.gps_tick] = 1.0, stamps[_FIX]
+        if stamps[_VELOCITY] == stamps[_FIX]:
+            copy_part(y, MEAS.gps_vel.start, rows[_VELOCITY], 0, 3)
+        else:
+            fill(y[MEAS.gps_vel], math.nan)
+        if stamps[_FIX] < tick - k.horizon_ticks:
+            hear_fix(tick, k, y)
+
+
+@njit
+def step(state, inbox, tick, k, out):
+    """One tick of the observer on what has come for it; the node and the one-process loop call it.
+
+    Parameters
+    ----------
+    state : ObserverState
+        In place.
+    inbox : Inbox
+        Places of `INPUTS`. Without actuators the reduced-order observer goes on with those before.
+    tick : int
+    k : ObserverParams
+    out : ndarray (31,)
+        Navigation row, as of `observe`.
+    """
+    y, u = scratch(_N_MEAS), scratch(_N_ACTUATOR)
+    _measurements(state, inbox, tick, k, y)
+    fill(u, math.nan)
+    if has_come(inbox, _COMMAND):
+        copy_part(u, 0, inbox.rows[_COMMAND], 0, ACTUATOR.size)
+    observe(state, tick, y, u, k, out)
 
 
 @njit

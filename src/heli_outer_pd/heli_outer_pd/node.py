@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from std_srvs.srv import SetBool, Trigger
 
+from heli_core.inbox import Inbox, deliver, empty_inbox
 from heli_core.rotations import euler_from_quat
 from heli_core.rows import NAV, REFERENCE, SETPOINT
 from heli_core.trajectory import Trajectory
@@ -33,9 +34,9 @@ from heli_msgs_bridge.services import MOST_WAY_BYTES
 from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands
-from heli_outer_pd.disturbance import flyable, hear_rotor
+from heli_outer_pd.disturbance import flyable
 from heli_outer_pd.goto import Goto, PhaseNumbers, outside
-from heli_outer_pd.inbox import LateNavigation
+from heli_outer_pd.inbox import INPUTS, HeardNavigation, listen, navigate, no_navigation
 from heli_outer_pd.joystick import StickMap
 from heli_outer_pd.manual_controller import with_manual
 from heli_outer_pd.parameters import NODE_NAME, TABLE, outer_params
@@ -83,7 +84,9 @@ class ConfiguredOuterLoop(TickCore):
         From `given` to `trajectory`; None until the law has engaged.
     home_ned_m : (3,) array or None
         Where the first reference began, or the first position that was held without one.
-    heard : LateNavigation
+    inbox : Inbox
+        What has come for a tick.
+    heard : HeardNavigation
     nav, out : arrays
         Navigation row of this tick and what the law makes of it.
     commanders : dict of EverSent
@@ -112,7 +115,8 @@ class ConfiguredOuterLoop(TickCore):
     send_trajectory: Callable[[Any], None]
     limits: ReferenceLimits
     goto: Goto
-    heard: LateNavigation
+    heard: HeardNavigation
+    inbox: Inbox = field(default_factory=lambda: empty_inbox(len(INPUTS)))
     given: Trajectory | None = None
     trajectory: Trajectory | None = None
     offset_ned_m: np.ndarray | None = None
@@ -158,7 +162,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             send_trajectory=self._way_teller(),
             limits=ReferenceLimits.from_parameters(self.values),
             goto=Goto.from_parameters(self.values),
-            heard=LateNavigation(self.values["navigation_timeout_s"], self.rate),
+            heard=self._no_navigation(),
             flies=own_law(self.values["own_law"]),
             pace=self.listen((Input(topics.ODOM, Demand()), self._rotor_speed())),
         )
@@ -177,6 +181,9 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         self.create_wall_timer(_COMMANDERS_PERIOD_S, self._name_commanders)
         return core
 
+    def _no_navigation(self) -> HeardNavigation:
+        return no_navigation(self.values["navigation_timeout_s"], self.rate)
+
     def _rotor_speed(self) -> Input:
         every = self.rate.of(self.values["rotor_speed_period_ticks"])
         return Input(topics.ROTOR_SPEED, Demand(every))
@@ -185,7 +192,8 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         """Load the compiled law before the first tick."""
         state = initial_state(core.params)
         follow(core.nav, 0, _NOWHERE.times_ns, _NOWHERE.points, core.params, state, core.out)
-        hear_rotor(state, 0.0, 0.0, core.params)
+        listen(state, core.heard, core.inbox, 0, core.params)
+        navigate(state, core.heard, 0, core.nav)
         offset_to(core.nav[NAV.pos], 0, _NOWHERE.times_ns, _NOWHERE.points)
         moved(_NOWHERE, np.zeros(3))
         encode_reference(core.goto.plan(_NOWHERE, 0, np.ones(3), 1.0))
@@ -278,7 +286,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
     def engage(self) -> ActiveOuterLoop:
         """Begin; wait for the reference only if somebody is there to send it."""
         self.core.state = initial_state(self.core.params)
-        self.core.heard.forget()
+        self.core.heard = self._no_navigation()
         others = self.count_publishers(topics.REFERENCE) - 1  # it is one itself
         awaited = "scenario" in self.values["peers"] or others > 0
         return ActiveOuterLoop(time.monotonic(), awaited, self._phases())
@@ -296,7 +304,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
     def begin_anew(self) -> None:
         """Another flight: the law begins anew, and with it what is held without a reference."""
         self.core.state = initial_state(self.core.params)
-        self.core.heard.forget()
+        self.core.heard = self._no_navigation()
         self.core.trajectory, self.core.offset_ned_m = self.core.given, None
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
         self.run.phases = self._phases()
@@ -332,14 +340,12 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
     def step(self, tick: int, arrived: Arrived) -> None:
         """Every `period_ticks` ticks: reference of now, law, setpoint and collective."""
         core, run, stamp_ns = self.core, self.run, self.stamp_ns(tick)
-        core.heard.hear(*arrived.get(topics.ODOM, (0, None)))
-        of, speed = arrived.get(topics.ROTOR_SPEED, (0, None))
-        if speed is not None:
-            hear_rotor(core.state, of * self.rate.tick_s, float(speed[0]), core.params)
+        deliver(core.inbox, INPUTS, arrived)
+        listen(core.state, core.heard, core.inbox, tick, core.params)
         if tick % self.rate.of(self.values["period_ticks"]):
             return
         nav = core.nav
-        core.state[MEMORY.is_late] = core.heard.fill(tick, nav)
+        navigate(core.state, core.heard, tick, nav)
         run.rejoin(nav, core.state)
         if core.given is None and run.held is None and flyable(nav):
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])

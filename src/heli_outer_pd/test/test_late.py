@@ -4,6 +4,7 @@
 import numpy as np
 
 from heli_core.rows import NAV
+from heli_core.ticks import Rate
 from heli_outer_pd.inbox import keep_newest, navigation_at, no_navigation
 
 
@@ -13,21 +14,25 @@ def row(north_m):
     return nav
 
 
-def at(heard, tick, oldest=50):
+def nothing():
+    return no_navigation(0.5, Rate())
+
+
+def at(heard, tick):
     out = np.zeros(NAV.size)
-    navigation_at(heard, tick, oldest, 0.01, out)
+    navigation_at(heard, tick, out)
     return out
 
 
 def test_that_of_now_is_flown_to_the_last_bit():
-    heard = no_navigation()
+    heard = nothing()
     assert np.isnan(at(heard, 0)).all()
     keep_newest(heard, 5, row(3.0))
     np.testing.assert_array_equal(at(heard, 5), row(3.0))
 
 
 def test_an_old_one_goes_on_and_nothing_else_of_it_changes():
-    heard = no_navigation()
+    heard = nothing()
     keep_newest(heard, 5, row(3.0))
     found, moved = at(heard, 15), row(3.0)
     moved[NAV.pos] += 0.1 * moved[NAV.vel]
@@ -36,7 +41,7 @@ def test_an_old_one_goes_on_and_nothing_else_of_it_changes():
 
 
 def test_what_comes_behind_a_newer_one_is_not_used():
-    heard = no_navigation()
+    heard = nothing()
     keep_newest(heard, 5, row(3.0))
     keep_newest(heard, 4, row(9.0))
     np.testing.assert_array_equal(at(heard, 5), row(3.0))

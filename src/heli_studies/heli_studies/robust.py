@@ -404,7 +404,10 @@ def _loop(
         j_zz=values.get("inertia_zz", 1.0) * mass.j_zz,
     )
     own = loop.plant_k.aircraft._replace(body=mass)
-    return loop._replace(plant_k=loop.plant_k._replace(aircraft=own), period_ticks=_NEVER), at
+    # The setpoint is sent once and stays.
+    held = loop.estimate_k._replace(setpoint_timeout_ticks=_NEVER)
+    loop = loop._replace(estimate_k=held, period_ticks=_NEVER)
+    return loop._replace(plant_k=loop.plant_k._replace(aircraft=own)), at
 
 
 # -------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
+from heli_core.inbox import empty_inbox
 from heli_core.rotations import euler_from_quat
 from heli_core.rows import ACTUATOR, MEAS, NAV, NINE, SETPOINT
 from heli_core.ticks import NS_PER_S
@@ -44,8 +45,8 @@ _GARBAGE_THRESHOLD = 100_000
 def _observer(settings: Settings) -> None:
     config = observer.ObserverConfig.from_parameters(settings.nodes["observer"])
     state = observer.initial_state(config)
-    y, u, nav = np.zeros(MEAS.sensed), np.zeros(ACTUATOR.size), np.zeros(NAV.size)
-    observer.observe(state, 0, y, u, config.params, nav)
+    inbox = empty_inbox(len(observer.INPUTS))
+    observer.step(state, inbox, 0, config.params, np.zeros(NAV.size))
     observer.status(state, config.params)
 
 
