@@ -19,11 +19,12 @@ __getattr__, __dir__, __all__ = face(
     __name__,
     {
         "heli_bags.writer": ["BagError"],
-        "heli_core.errors": ["FlightError", "IdentificationError", "SynthesisError"],
+        "heli_core.errors": ["FlightError", "IdentificationError", "PartError", "SynthesisError"],
         "heli_core.python_controller": ["LawError"],
         "heli_core.rcl_yaml": ["ParameterError"],
         "heli_dynamics_sim.aircraft": ["AircraftError"],
         "heli_dynamics_sim.trim": ["TrimError"],
+        "heli_observer.observer": ["Observer"],
         "comparing": ["Diff", "diff"],
         "designing": ["Design", "Identified", "Trim", "design", "identify", "linearize", "trim"],
         "flight": ["Flight", "Metric", "Metrics", "NAV", "NINE", "SHAPED", "Signal", "Signals"],

@@ -14,6 +14,7 @@ from heli.flying import flown, laws_of, ordered
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.trim import TrimError
 from heli_flight.fly import tell_if_it_compiles
+from heli_flight.parts import Parts
 from heli_flight.terminal import console, long_steps, silent
 from heli_studies.campaign.run import fly_by_dask, fly_here, parse_seeds, tasks
 from heli_studies.campaign.spec import spec_of
@@ -191,7 +192,7 @@ def _row(settings: Any, law: Any) -> dict[str, Any]:
     begun = {"seed": settings.seed}
     try:
         # Made anew: a law remembers.
-        flight = flown(settings, silent(), laws_of(law))
+        flight = flown(settings, silent(), Parts(controllers=laws_of(law)))
     except TrimError as error:
         return begun | {"cause": "no trim holds it", "sentence": str(error), "exit_code": 1}
     cause = "lost" if flight.lost else "flown"

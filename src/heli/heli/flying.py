@@ -10,26 +10,23 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from heli.flight import Flight
-from heli_core.errors import FlightError, PlantConfigError
+from heli_core.errors import FlightError, PartError, PlantConfigError
 from heli_core.parameters import NONE, Parameter, suggestion
 from heli_core.python_controller import GIVEN, PARAMETER, LawError, PythonLaw, find, source_of
 from heli_core.rcl_yaml import ParameterError
 from heli_dynamics_sim.faults import faults_of
 from heli_flight.flight_file import NAME, fault_overrides
 from heli_flight.fly import FlightOrder, fly_and_write, fly_one_process
+from heli_flight.parts import Parts
 from heli_flight.report.write import BagChoice, RecordedFlight, recorded
 from heli_flight.settings import LAW_NODES, LOCKSTEP, ONE_PROCESS, TABLES, Settings, sources_commit
 from heli_flight.terminal import console, silent
-
-if TYPE_CHECKING:
-    pass
-
 
 # -------------------------------------------------------------------------------------------------
 # What a caller says of parameters, in the form in which the stack reads them.
@@ -222,6 +219,10 @@ def fly(
     params: Any = None,
     faults: Any = None,
     law: Any = None,
+    plant: Any = None,
+    wind: Any = None,
+    sensors: Sequence[Any] = (),
+    estimator: Any = None,
     rate_hz: int | None = None,
     graph: bool = False,
     out: str | os.PathLike[str] | None = None,
@@ -258,6 +259,12 @@ def fly(
         `loop = "outer"` in the place of the position law: x: navigation (places `heli.NAV`), r:
         the reference (places `heli.SHAPED`); gives phi, theta, psi, collective. A str is
         MODULE:NAME or FILE.py:NAME. A list: one of each. See the package's README.
+    plant, wind, estimator : object, optional
+        A part of your own in the place of the packaged one, with `reset(rng, tick_s, nodes)` and
+        `step(...)`, as the protocols `Plant`, `Wind` and `Estimator` in `heli_flight.parts` say. In
+        this process only. `heli.Observer` is the packaged estimator, to build upon.
+    sensors : sequence of objects
+        Sensors besides the packaged ones, or that spoil them (protocol `Sensor`).
     rate_hz : int, optional
         100, 200 or 400, of IMU, observer and inner loop.
     graph : bool
@@ -274,7 +281,7 @@ def fly(
 
     Raises
     ------
-    ParameterError, TrimError, SynthesisError, FlightError
+    ParameterError, TrimError, SynthesisError, FlightError, PartError
         Each with one sentence.
 
     Examples
@@ -283,6 +290,12 @@ def fly(
     >>> flight.metrics["altitude"].value
     """
     own = laws_of(law)
+    parts = Parts(plant=plant, wind=wind, sensors=sensors, estimator=estimator, controllers=own)
+    if graph and parts.named():
+        raise PartError(
+            f"{parts.named()[0][0]}: the graph's nodes cannot have an object, they are other "
+            "processes; allowed: without graph=True"
+        )
     order = ordered(
         own, graph, out, scenario=scenario, seed=seed, gps=gps, world=world, laws=laws,
         controller=controller, duration_s=duration_s, params=params, faults=faults,
@@ -291,7 +304,7 @@ def fly(
     say = silent() if quiet else console(stderr=True)
     if graph:
         return load(fly_and_write(order, say).folder)
-    return _in_this_process(order, own, say)
+    return _in_this_process(order, parts, say)
 
 
 def ordered(
@@ -344,21 +357,21 @@ def _named(laws: Sequence[PythonLaw], graph: bool) -> Over:
     return {LAW_NODES[law.loop]: {PARAMETER: law.source} for law in laws}
 
 
-def _in_this_process(order: FlightOrder, laws: Sequence[PythonLaw], say: Console) -> Flight:
+def _in_this_process(order: FlightOrder, parts: Parts, say: Console) -> Flight:
     if order.out is not None and order.out.exists():
         raise ParameterError(f"out {order.out}: exists already; name a new folder")
     settings = order.resolved()
     for remark in settings.remarks:
         say.print(remark, highlight=False, soft_wrap=True, markup=False)
-    flight = flown(settings, say, laws)
+    flight = flown(settings, say, parts)
     if order.out is not None:
         flight.save(order.out)
     return flight
 
 
-def flown(settings: Settings, say: Console, laws: Sequence[PythonLaw] = ()) -> Flight:
+def flown(settings: Settings, say: Console, parts: Parts | None = None) -> Flight:
     """Fly resolved settings in this process; `say` gets what is compiled, and progress."""
-    found = fly_one_process(settings, say, laws)
+    found = fly_one_process(settings, say, parts=parts)
     recorded = RecordedFlight(
         found.record, settings, found.result, Path("."), ONE_PROCESS, commit=sources_commit()
     )

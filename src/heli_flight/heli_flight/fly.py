@@ -26,6 +26,7 @@ from heli_flight import interrupts
 from heli_flight.flight_file import NAME, NO_PROCESSES, read_faults, write_parameters
 from heli_flight.graph.live import LiveOrder, LiveView, live_view
 from heli_flight.graph.processes import check_middleware, start_server
+from heli_flight.parts import Parts
 from heli_flight.record import FlightRecord, write_record
 from heli_flight.replay import serve_after
 from heli_flight.result import Result, print_table, write_result
@@ -92,7 +93,10 @@ class UnwrittenFlight:
 
 
 def fly_one_process(
-    settings: Settings, out: Console, laws: Sequence[PythonLaw] = ()
+    settings: Settings,
+    out: Console,
+    laws: Sequence[PythonLaw] = (),
+    parts: Parts | None = None,
 ) -> UnwrittenFlight:
     """Fly in this process and score; nothing is written.
 
@@ -103,17 +107,19 @@ def fly_one_process(
         Gets the progress, and is told if the loop is compiled first.
     laws : sequence of PythonLaw
         Flown in the place of those that the settings name.
+    parts : Parts, optional
+        Objects that fly in the place of compiled parts.
     """
     from heli_flight.loop import fly_settings
 
-    own = bool(laws or own_laws(settings))
+    own = bool(laws or parts or own_laws(settings))
     tell_if_it_compiles(out, own)
     if not own:
         # Loads the compiled loop, so that flying is timed.
         fly_settings(replace(settings, scenario=replace(settings.scenario, n_ticks=4)))
     start = time.monotonic()
     with flight_time(out, seconds(settings.scenario.n_ticks)) as progress:
-        flight = fly_settings(settings, laws, progress)
+        flight = fly_settings(settings, laws, progress, parts)
     wall_s = time.monotonic() - start
     figures = score(flight.record, settings.scenario)
     result = Result(figures, flight.sentence, settings.rate.seconds(len(flight.record)), wall_s)

@@ -14,13 +14,11 @@ numbers. `fly` is all of them compiled into one; a part that is given as an obje
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from heli_core.errors import PartError
 from heli_core.inbox import NOTHING, Inbox, empty_inbox, put
 from heli_core.jit import (
     by_reference,
@@ -32,7 +30,7 @@ from heli_core.jit import (
     scratch,
     scratch_matrix,
 )
-from heli_core.python_controller import INNER, OUTER, LawError, PythonLaw, find, in_one_line
+from heli_core.python_controller import INNER, OUTER, PythonLaw, find, in_one_line
 from heli_core.rotations import fill_R_nb
 from heli_core.rows import ACTUATOR, MEAS, NAV, NINE, PLANT, REFERENCE, SETPOINT, TRUTH
 from heli_core.signals import SweepParams, add_sweep
@@ -42,6 +40,7 @@ from heli_dynamics_sim import noise, plant, servo
 from heli_dynamics_sim.helicopter import same_air
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.wind import injected_gust
+from heli_flight.parts import Parts
 from heli_flight.record import FlightRecord, FlightTrack, empty_track, record_of
 from heli_flight.settings import Settings, own_laws, refuse_own_laws, without_own
 from heli_inner_hinf import controllers as inner
@@ -602,102 +601,6 @@ GAVE_UP = -1
 _CHILD_OF_PARTS = 128
 
 
-class Plant(Protocol):
-    """An aircraft with its sensors, in the place of the simulated one."""
-
-    def reset(self, rng: np.random.Generator, tick_s: float) -> None:
-        """Begin a flight; `rng` is its own of the flight's seed."""
-
-    def measure(self, tick: int, y: NDArray[np.float64], truth: NDArray[np.float64]) -> None:
-        """Fill the measurement row y (31,), places of `MEAS`, and the truth (19,), of `TRUTH`."""
-
-    def step(self, tick: int, u: NDArray[np.float64]) -> None:
-        """Go on to the next tick with the actuators u (4,), places of `ACTUATOR`, -1..1."""
-
-
-class Wind(Protocol):
-    """The air around the simulated aircraft, in the place of the packaged wind."""
-
-    def reset(self, rng: np.random.Generator, tick_s: float) -> None:
-        """Begin a flight."""
-
-    def step(self, tick: int, time_s: float, pos_ned_m: NDArray[np.float64]) -> ArrayLike:
-        """Velocity of the air (3,), NED, m/s, that the whole aircraft is in."""
-
-
-class Sensor(Protocol):
-    """A sensor besides the packaged ones, or what spoils one of them."""
-
-    def reset(self, rng: np.random.Generator, tick_s: float) -> None:
-        """Begin a flight."""
-
-    def step(
-        self, tick: int, time_s: float, truth: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> None:
-        """Measure: truth (19,), places of `TRUTH`, is read only; y (31,), of `MEAS`, may change."""
-
-
-class Estimator(Protocol):
-    """Sensors to navigation, in the place of the observer."""
-
-    def reset(self, rng: np.random.Generator, tick_s: float) -> None:
-        """Begin a flight."""
-
-    def step(
-        self, tick: int, time_s: float, y: NDArray[np.float64], u: NDArray[np.float64]
-    ) -> ArrayLike:
-        """The navigation row (31,), places of `NAV`, of y (31,) and the last actuators u (4,).
-
-        Rows whose attitude is NaN say that it is not yet known.
-        """
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parts:
-    """Objects that fly in the place of the compiled parts; None: the compiled one.
-
-    Attributes
-    ----------
-    plant, wind, sensors, estimator : objects
-        With `reset` and `step`, as their protocols say.
-    controllers : sequence of PythonLaw
-        At most one of each loop.
-    """
-
-    plant: Plant | None = None
-    wind: Wind | None = None
-    sensors: Sequence[Sensor] = ()
-    estimator: Estimator | None = None
-    controllers: Sequence[PythonLaw] = ()
-
-    def __post_init__(self) -> None:
-        if self.plant is not None and self.wind is not None:
-            raise PartError("wind: a plant that is given has its own air; give one of them")
-        if len({law.loop for law in self.controllers}) < len(self.controllers):
-            raise LawError("law: two of one loop are given; allowed: one of each")
-        for name, part in self.named():
-            wanted = ("reset", "step", "measure") if name == "plant" else ("reset", "step")
-            for method in wanted:
-                if not callable(getattr(part, method, None)):
-                    raise PartError(
-                        f"{name} {type(part).__name__}: has no {method}; allowed: an object with "
-                        f"{', '.join(wanted)}"
-                    )
-
-    def named(self) -> list[tuple[str, Any]]:
-        """Those that are given, but for the controllers, by the word for each."""
-        given: list[tuple[str, Any]] = [
-            ("plant", self.plant),
-            ("wind", self.wind),
-            ("estimator", self.estimator),
-        ]
-        given += [("sensor", sensor) for sensor in self.sensors]
-        return [(name, part) for name, part in given if part is not None]
-
-    def __bool__(self) -> bool:
-        return bool(self.named() or self.controllers)
-
-
 def fly_settings(
     settings: Settings,
     laws: Sequence[PythonLaw] = (),
@@ -753,10 +656,11 @@ class TicksWithParts:
         self._inner = OwnAttitudeLaw(laws.get(INNER))
         self._outer = OwnPositionLaw(laws.get(OUTER))
         self._parts, self._calls = parts, _compiled(loop)
-        self.failure = ""
+        self.failure, told = "", (loop.tick_s, settings.nodes)
+        self._readings: dict[str, np.ndarray] = {}
         for n, (name, part) in enumerate(parts.named()):
             child = np.random.SeedSequence(settings.seed, spawn_key=(_CHILD_OF_PARTS + n,))
-            self._ask(name, part, "reset", 0, np.random.default_rng(child), loop.tick_s)
+            self._ask(name, part, "reset", 0, np.random.default_rng(child), *told)
 
     def fly(
         self,
@@ -839,15 +743,19 @@ class TicksWithParts:
             write_truth(loop.plant_s, y, truth)
         else:
             self._calls["sense"](loop, tick, noise, truth)
+        self._readings = {}
         for sensor in parts.sensors:
-            self._ask("sensor", sensor, "step", tick, tick, time_s, truth.copy(), y)
+            given = tick, time_s, truth.copy(), y
+            made = self._ask("sensor", sensor, "step", tick, *given)
+            if made is not None:
+                self._readings[type(sensor).__name__] = np.asarray(made, np.float64)
 
     def _estimate(self, loop: AircraftInLoop, tick: int, u: np.ndarray, truth: np.ndarray) -> None:
         estimator, rows = self._parts.estimator, loop.rows
         if estimator is None:
             self._calls["estimate_navigation"](loop, loop.links, tick, u, truth)
             return
-        given = tick, tick * loop.tick_s, rows.y.copy(), u.copy()
+        given = tick, tick * loop.tick_s, rows.y.copy(), u.copy(), self._readings
         made = self._ask("estimator", estimator, "step", tick, *given)
         nav = self._numbers("estimator", estimator, tick, made, NAV.size)
         if nav is not None:

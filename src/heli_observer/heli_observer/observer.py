@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from heli_core.inbox import has_come
@@ -42,11 +43,13 @@ from heli_observer.dual_imu import (
 )
 from heli_observer.ekf import (
     align,
+    conclude,
     fuse_baro,
     fuse_gps,
     fuse_mag,
     predict,
     predict_without_imu,
+    scalar_update,
     start_baro,
     strapdown,
     strapdown_without_imu,
@@ -659,3 +662,65 @@ def status(state, k):
         silent = now - count[L.C_BARO_SEEN] > k.baro_timeout_ticks
         return _BARO_TIMEOUT if silent else _BARO_REJECTED
     return _OK
+
+
+# -------------------------------------------------------------------------------------------------
+# The observer as an object: by itself, or in an estimator of one's own.
+# -------------------------------------------------------------------------------------------------
+
+
+class Observer:
+    """The packaged observer, fed with measurement rows of one tick after another.
+
+    An estimator of one's own may hold one, and fuse into it what a sensor of one's own says.
+    """
+
+    def reset(
+        self, rng: np.random.Generator, tick_s: float, nodes: Mapping[str, Mapping[str, Any]]
+    ) -> None:
+        """Begin a flight with the parameters of the node `observer` among `nodes`.
+
+        Raises
+        ------
+        ObserverConfigError, ReducedOrderError
+        """
+        config = ObserverConfig.from_parameters(nodes["observer"])
+        self.params, self.state = config.params, initial_state(config)
+        self.nav = np.full(NAV.size, np.nan)
+
+    def step(
+        self,
+        tick: int,
+        time_s: float,
+        y: NDArray[np.float64],
+        u: NDArray[np.float64],
+        readings: Mapping[str, NDArray[np.float64]],
+    ) -> NDArray[np.float64]:
+        """The navigation row (31,), places of `NAV`, as of `observe`."""
+        observe(self.state, tick, y, u, self.params, self.nav)
+        return self.nav
+
+    def fuse_velocity(self, vel_ned_mps: NDArray[np.float64], sigma_mps: float) -> float:
+        """Fuse a velocity of now, NED, each axis with a standard deviation, if it passes its gate.
+
+        The error of the velocity is taken to be that at the filter's horizon, 0.2 s ago: over so
+        short a time it hardly changes.
+
+        Returns
+        -------
+        float
+            Normalised innovation squared (three degrees of freedom); NaN before the alignment.
+        """
+        state, off = self.state, vel_ned_mps - self.nav[NAV.vel]
+        if not np.isfinite(off).all():
+            return math.nan
+        state.trial[:] = state.P
+        nis = 0.0
+        for i in range(off.size):
+            nis += scalar_update(
+                state.trial, state.dx, L.E_VEL + i, 1.0, 0, 0.0, 0, 0.0, 0, 0.0,
+                float(off[i]), sigma_mps**2,
+            )  # fmt: skip
+        passed = bool(nis <= self.params.ekf.gates[off.size])
+        conclude(state.nominal, state.P, state.trial, state.dx, passed)
+        return nis
