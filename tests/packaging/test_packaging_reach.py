@@ -27,7 +27,9 @@ CALLED_BY_OTHERS = {
     "user_law": "by whoever copies law_template",
     "signum": "of a signal handler's arguments, which Python gives",
     "setup_package": "by src/*/setup.py",
-    **dict.fromkeys(("_type_of_vector", "_type_of_matrix", "_on_stack"), "by numba, to compile"),
+    **dict.fromkeys(("_type_of_vector", "_type_of_matrix", "_on_stack", "_ByReferenceModel",
+                     "_unbox", "_Members", "generic_resolve", "_member"), "by numba, to compile"),
+    "readings": "by estimators of others (Estimator)",
 }  # fmt: skip
 SET_FOR_OTHERS = {
     "unraisablehook": "sys", "CACHE_DIR": "numba.config", "tempdir": "tempfile",
@@ -47,7 +49,10 @@ READ_BY_FIELD = {
     "force_per_w": "IdentifiedCollective, written by asdict",
     "force_per_w_sigma": "IdentifiedCollective, written by asdict",
 }
-OFFERED = {"to_dataframe": "by scripts and notebooks that have pandas (heli)"}
+OFFERED = {
+    "to_dataframe": "by scripts and notebooks that have pandas (heli)",
+    "fuse_velocity": "to estimators of others (heli.Observer)",
+}
 READ_BY_TEMPLATE = {"verdicts": "report/page/base.html"}
 NUMBERED = {
     "STALE": "a level that others send (heli_flight.report.data.LEVELS)",

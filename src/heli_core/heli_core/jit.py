@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from llvmlite import ir
 from numba import config, typeof
 from numba.core import cgutils
 from numba.core import types as numba_types
@@ -297,7 +296,7 @@ def direct(kernel: Callable[..., Any], *like: Any) -> Callable[..., Any]:
 # -------------------------------------------------------------------------------------------------
 
 _Numbers = TypeVar("_Numbers", bound=tuple[Any, ...])
-_SLOT = ir.IntType(64)
+_SLOT = cgutils.intp_t  # of 8 bytes
 _ADDRESS = "_address_of_numbers"
 
 
@@ -315,7 +314,7 @@ class ByReference(numba_types.Type):  # type: ignore[misc]
     def __init__(self, cls: type, members: tuple[Any, ...]) -> None:
         self.cls, self.members = cls, dict(zip(cls._fields, members, strict=True))  # type: ignore[attr-defined]
         # A short name: it stands in that of each kernel that takes one.
-        digest = hashlib.sha256(repr(members).encode()).hexdigest()[:12]
+        digest = hashlib.blake2s(repr(members).encode(), digest_size=6).hexdigest()
         super().__init__(f"{cls.__module__}.{cls.__qualname__}.{digest}")
 
 
@@ -417,7 +416,7 @@ def _member(context: Any, builder: Any, kind: ByReference, block: Any, name: str
 def _at(builder: Any, block: Any, slot: int, kind: Any) -> Any:
     """Pointer to a slot, as one to `kind`."""
     words = builder.bitcast(block, _SLOT.as_pointer())
-    return builder.bitcast(builder.gep(words, [ir.IntType(32)(slot)]), kind.as_pointer())
+    return builder.bitcast(builder.gep(words, [cgutils.int32_t(slot)]), kind.as_pointer())
 
 
 def _load(context: Any, builder: Any, kind: Any, block: Any, slot: int) -> Any:
@@ -451,7 +450,7 @@ def _load(context: Any, builder: Any, kind: Any, block: Any, slot: int) -> Any:
     return word(slot, context.get_value_type(kind))
 
 
-def _referred(typing_context, numbers):  # type: ignore[no-untyped-def]
+def _referred(_context, numbers):  # type: ignore[no-untyped-def]
     kind = _kind_referred(numbers)
 
     def code(context, builder, signature, arguments):  # type: ignore[no-untyped-def]

@@ -223,7 +223,7 @@ class CommandRow(NamedTuple):
 
 
 COMMAND = CommandRow()
-_HANDED = slice(COMMAND.col, COMMAND.size)
+_N_ATTITUDE, _N_HANDED = COMMAND.col, COMMAND.size - COMMAND.col
 
 
 @by_reference
@@ -278,10 +278,10 @@ def listen(state, command, inbox, tick, k, x9, aim):
     if np.isnan(row[COMMAND.psi]):
         row[COMMAND.psi] = x9[NINE.psi]
     if has_come(inbox, _ATTITUDE):
-        copy(row[COMMAND.attitude], rows[_ATTITUDE, :3])
+        copy_part(row, COMMAND.attitude.start, rows[_ATTITUDE], 0, _N_ATTITUDE)
         command.tick[0] = stamps[_ATTITUDE]
     if has_come(inbox, _COLLECTIVE):
-        copy(row[_HANDED], rows[_COLLECTIVE, :4])
+        copy_part(row, COMMAND.col, rows[_COLLECTIVE], 0, _N_HANDED)
     age = tick - command.tick[0]
     stale = command.tick[0] != NOTHING and not -k.ahead_ticks <= age <= k.setpoint_timeout_ticks
     if stale:
