@@ -185,6 +185,10 @@ it was.
 | active | takes part: it waits for its peers first |
 | finalized | its process ends |
 
+In flight the key `state` of `/diagnostics` says more: `unconfigured`, `configured`, `waiting` (for
+peers, or to align), `active` (before its first step), `running`, `without_input` (a topic that it
+needs is silent), `finished`, `inactive` (deactivated), `failed`.
+
 | node | package | what active means |
 |---|---|---|
 """

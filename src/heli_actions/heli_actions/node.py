@@ -26,9 +26,9 @@ from heli_core.rows import NAV, REFERENCE
 from heli_core.ticks import NS_PER_S, TICK_NS
 from heli_msgs_bridge import frames, topics
 from heli_msgs_bridge.command_messages import decode_goto, decode_reference
-from heli_msgs_bridge.diagnostics import FACT_MODE, Level
+from heli_msgs_bridge.diagnostics import FACT_MODE, Level, NodeState, state_of
 from heli_msgs_bridge.layouts import MessageError
-from heli_msgs_bridge.lifecycle_node import INACTIVE, ManagedNode, NodeSpec, NodeStartError
+from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.messages import Decoder
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.topics import MAP
@@ -1036,8 +1036,8 @@ class ActionsNode(ManagedNode[Serving, None]):
             facts = {pair.key: pair.value for pair in status.values}
             if status.name.rpartition("/")[0].strip("/") != own or FACT_MODE not in facts:
                 continue
-            if status.message == INACTIVE:
-                facts[FACT_MODE] = INACTIVE
+            if state_of(facts, status.message) == NodeState.INACTIVE:
+                facts[FACT_MODE] = NodeState.INACTIVE.value
             stamp = message.header.stamp
             stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
             core.seen.told(stamp_ns, status.message, facts, time.monotonic())

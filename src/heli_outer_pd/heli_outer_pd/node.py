@@ -30,7 +30,7 @@ from heli_msgs_bridge.lifecycle_node import NodeSpec
 from heli_msgs_bridge.lockstep import Arrived, Demand
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.services import MOST_WAY_BYTES
-from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent
+from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent, TopicSenders
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands
 from heli_outer_pd.disturbance import flyable, hear_rotor
@@ -201,8 +201,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 # This node's predecessor stays in the graph for some seconds, dead and nameless.
                 names.remove(NOT_YET_NAMED)
             if len(names) > 1:
-                said = f"{topic}: sent by {', '.join(names)}"
-                self.core.senders[topic] = f"{said}; each {topic} is followed as it comes"
+                self.core.senders[topic] = TopicSenders(topic, tuple(names), each=True)
             else:
                 # What had no name was of this node, or of the other one.
                 self.core.senders.pop(topic, None)

@@ -57,10 +57,9 @@ from heli_flight.settings import (
 )
 from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameters import NODE_NAME as LIVE
-from heli_live_view.parameters import SHOWN_TO_THE_END
 from heli_msgs_bridge import sums, topics
-from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED
-from heli_msgs_bridge.lifecycle_node import INACTIVE, READY_LIMIT_S
+from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED, NodeState
+from heli_msgs_bridge.lifecycle_node import READY_LIMIT_S
 from heli_msgs_bridge.sources import SENDERS
 
 # -------------------------------------------------------------------------------------------------
@@ -686,7 +685,7 @@ class Graph:
         def over() -> bool:
             nonlocal seen, seen_at
             status = up.statuses.get("plant")
-            paused = status is not None and status.message == INACTIVE
+            paused = status is not None and status.state == NodeState.INACTIVE
             if status is not None and (paused or status.time_s != seen):
                 seen, seen_at = status.time_s, time.monotonic()
                 progress(max(0.0, seen - start_s))
@@ -716,7 +715,7 @@ class Graph:
             self._faults.undo()
         if LIVE in self.processes:
             up.wait_until(
-                lambda: up.statuses[LIVE].message == SHOWN_TO_THE_END, _END_LIMIT_S, alive
+                lambda: up.statuses[LIVE].state == NodeState.FINISHED, _END_LIMIT_S, alive
             )
         up.close_bag(_BAG_LIMIT_S)
         up.name_senders(lambda: None)

@@ -27,17 +27,16 @@ from heli_flight.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import encode_reference
-from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
-from heli_msgs_bridge.lifecycle_node import INACTIVE
+from heli_msgs_bridge.diagnostics import Level, NodeState, Reporter, hardware_of, state_of
 from heli_msgs_bridge.node_process import wait_for_dds_shutdown
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
-    SENDERS,
+    SENDER_FIELDS,
     Info,
     PublisherLock,
+    TopicSenders,
     full_name,
     senders_of,
-    several_in_words,
     with_info,
 )
 
@@ -133,6 +132,11 @@ class NodeStatus:
     message: str
     time_s: float
     facts: Mapping[str, str]
+
+    @property
+    def state(self) -> NodeState:
+        """Where the node is in its life, and in the flight."""
+        return state_of(self.facts, self.message)
 
 
 class Supervisor(Node):
@@ -307,31 +311,32 @@ class Supervisor(Node):
     def name_senders(self, check: Callable[[], None]) -> None:
         """In what nodes have said of a topic's senders, put the names that are known only now."""
 
-        def unnamed() -> list[tuple[str, str]]:
-            return [
-                (node, key)
+        def unnamed() -> list[tuple[str, TopicSenders]]:
+            told = [
+                (node, TopicSenders.read(text))
                 for node, status in self.statuses.items()
-                for key, said in status.facts.items()
-                if key.startswith(SENDERS) and NOT_YET_NAMED in said
+                for key, text in status.facts.items()
+                if key.startswith(SENDER_FIELDS)
             ]
+            return [(node, senders) for node, senders in told if NOT_YET_NAMED in senders.names]
 
-        def known(key: str) -> list[tuple[str, str]]:
-            return senders_of(self, key.removeprefix(SENDERS))
+        def known(topic: str) -> list[tuple[str, str]]:
+            return senders_of(self, topic)
 
         def named() -> bool:
-            return all(NOT_YET_NAMED not in map(full_name, known(key)) for _, key in unnamed())
+            topics_of = (senders.topic for _, senders in unnamed())
+            return all(NOT_YET_NAMED not in map(full_name, known(topic)) for topic in topics_of)
 
         self.wait_until(named, _NAME_LIMIT_S, check)
-        for node, key in unnamed():
+        for node, told in unnamed():
             # Not the node itself, and of one that was started again not its predecessor too.
             own = (self.get_namespace(), node)
-            status, senders = self.statuses[node], sorted(set(known(key)) - {own})
+            status, senders = self.statuses[node], sorted(set(known(told.topic)) - {own})
             if len(senders) < 2:
                 # Whom it was about has left without a name.
                 continue
-            _, rest = status.facts[key].split(";", 1)
-            said = several_in_words(key.removeprefix(SENDERS), senders).split(";")[0]
-            self.statuses[node] = replace(status, facts={**status.facts, key: f"{said};{rest}"})
+            facts = replace(told, names=tuple(map(full_name, senders))).facts()
+            self.statuses[node] = replace(status, facts={**status.facts, **facts})
 
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
         """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""
@@ -385,7 +390,8 @@ class Supervisor(Node):
 
     def _has_last_word(self) -> bool:
         said = self.statuses.get("recorder")
-        return said is not None and (said.level > 0 or said.message == INACTIVE)
+        ends = (NodeState.INACTIVE, NodeState.FAILED)
+        return said is not None and (said.level > 0 or said.state in ends)
 
     def close(self) -> None:
         """Take the node out of the graph."""
