@@ -11,7 +11,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from heli_actions.node import PACKAGE, PREFIX, RULES, ActionsNode
+from heli_actions.goals import Kind
+from heli_actions.node import PACKAGE, PREFIX, ActionsNode
 from heli_bags.node import RecorderNode
 from heli_core.parameters import COMMON_TABLE, Parameter
 from heli_dynamics_sim.node import PlantNode
@@ -60,6 +61,7 @@ _FRAMES = {
     topics.COMMAND_VELOCITY: (f"{MAP} or {BASE}",),
     topics.COMMAND_ATTITUDE: (MAP,),
     topics.COMMAND_CLIMB: (f"{MAP} or {BASE}",),
+    topics.GOAL: (MAP,),
     topics.TF: (MAP, ODOM, BASE),
     topics.TF_STATIC: (BASE, "links of the model"),
     topics.SCENE: (MAP,),
@@ -231,8 +233,8 @@ def _topics() -> str:
 
 def _actions() -> str:
     rows = [
-        (f"`{PREFIX}/{kind}`", f"{PACKAGE}/action/{kind.capitalize()}", rule.service or rule.topic)
-        for kind, rule in RULES.items()
+        (f"`{PREFIX}/{kind}`", f"{PACKAGE}/action/{kind.capitalize()}", f"`{topics.GOAL}`: {kind}")
+        for kind in Kind
     ]
     return ACTIONS + _table(("action", "type", "sent on as"), rows)
 

@@ -8,7 +8,8 @@ repeated once per second of wall time, so that whoever watches never takes the n
 
 import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 from enum import IntEnum, StrEnum
 from typing import Any
 
@@ -25,6 +26,8 @@ what it says changes with it."""
 FACT_WAYS = "reference_since_ns"
 """What the outer loop calls its newest references, each as the flight's time from which it counts,
 ns, and its `heli_msgs_bridge.command_messages.key_of`."""
+FACT_GOALS = "goals"
+"""What the outer loop calls its answers to the newest goals: `GoalAnswer`s in JSON."""
 FACT_LAW_FAILED = "own_law_failed"
 """Key of the sentence with which a law in Python has failed; it is not asked again."""
 FACT_STATE = "state"
@@ -110,6 +113,65 @@ def refusal_of(text: str) -> tuple[int, str]:
     """Count and reason out of `refusal_text`; a count of 0 for what is none."""
     count, _, why = text.partition("; ")
     return int(count) if count.isdecimal() else 0, why
+
+
+class GoalState(StrEnum):
+    """What has become of a goal that was sent to the outer loop."""
+
+    REFUSED = "refused"
+    """Not done; the flight goes on as before."""
+    ACTIVE = "active"
+    """Under way; a goto and a trajectory also while their end is held."""
+    SUCCEEDED = "succeeded"
+    """What it asked for is done: a take-off hovers, a landing stands."""
+    PREEMPTED = "preempted"
+    """Another goal took its place."""
+    REPLACED = "replaced"
+    """Another way is followed, which is none of a goal."""
+    LEFT = "left"
+    """Its mode was left."""
+
+
+@dataclass
+class GoalAnswer:
+    """What the outer loop says of a goal.
+
+    Attributes
+    ----------
+    goal_id : str
+    command : str
+        A name of `heli_outer_pd.modes.Command`.
+    state : GoalState
+    sentence : str
+        What follows from it, or why it is refused.
+    end_ned_m : list of float or None
+        Where what is flown for it, or in its place, ends (3,), NED, m; None where that is not
+        known yet.
+    end_ns : int or None
+        When, a stamp.
+    """
+
+    goal_id: str
+    command: str
+    state: GoalState
+    sentence: str
+    end_ned_m: list[float] | None = None
+    end_ns: int | None = None
+
+
+def goals_text(answers: Iterable[GoalAnswer]) -> str:
+    """Answers as a value of `FACT_GOALS`."""
+    return json.dumps([asdict(answer) for answer in answers])
+
+
+def goals_of(facts: Mapping[str, str]) -> list[GoalAnswer]:
+    """The answers that the outer loop tells; none if not."""
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        told = [GoalAnswer(**fields) for fields in json.loads(facts[FACT_GOALS])]
+        for answer in told:
+            answer.state = GoalState(answer.state)
+        return told
+    return []
 
 
 class Level(IntEnum):

@@ -450,6 +450,8 @@ class TableNode(LifecycleNode):
         Present tick, for the stamps of /diagnostics.
     health : Health
         What was reported last.
+    urgent : bool
+        Set where the next report is to be sent at once, whether or not its sentence changes.
     changed : dict
         Parameters that were changed since the node was built.
     decision : Decision or None
@@ -467,6 +469,7 @@ class TableNode(LifecycleNode):
         self.rate = Rate.of_parameters(self.values)
         self.tick = 0
         self.health = Health()
+        self.urgent = False
         self.changed: dict[str, Any] = {}
         self.decision: Decision | None = None
         self.revision = 0
@@ -560,7 +563,12 @@ class TableNode(LifecycleNode):
     def send_report(self, repeated: bool = False) -> None:
         """Publish the status if it is due."""
         said = self.health
-        if repeated or self._reporter.is_due(self.tick, said.level, said.message, said.state):
+        if (
+            repeated
+            or self.urgent
+            or self._reporter.is_due(self.tick, said.level, said.message, said.state)
+        ):
+            self.urgent = False
             facts, now_ns = {**said.facts, **self.flood_facts()}, self.now_ns()
             self._reporter.publish(
                 now_ns, self.tick, said.level, said.message, facts, said.state, repeated

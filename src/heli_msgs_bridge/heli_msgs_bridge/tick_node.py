@@ -589,7 +589,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
             level, message = Level.WARN, wrong
             state = NodeState.WITHOUT_INPUT if silence else state
         changed = (level, message) != (self.health.level, self.health.message)
-        if changed or self.tick % self.rate.hz == 0:
+        if changed or self.urgent or self.tick % self.rate.hz == 0:
             unused = {f"messages_{k}": n for k, n in asdict(self.core.pace.counters).items() if n}
             facts = {**facts, **unused, **self.links.facts()}
             self.report(level, message, {**facts, **self._refused_facts()}, state)
