@@ -11,7 +11,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from heli_actions.node import PACKAGE, PREFIX, RULES, ActionsNode
+from heli_actions.goals import Kind
+from heli_actions.node import PACKAGE, PREFIX, ActionsNode
 from heli_bags.node import RecorderNode
 from heli_core.parameters import COMMON_TABLE, Parameter
 from heli_dynamics_sim.node import PlantNode
@@ -60,6 +61,7 @@ _FRAMES = {
     topics.COMMAND_VELOCITY: (f"{MAP} or {BASE}",),
     topics.COMMAND_ATTITUDE: (MAP,),
     topics.COMMAND_CLIMB: (f"{MAP} or {BASE}",),
+    topics.GOAL: (MAP,),
     topics.TF: (MAP, ODOM, BASE),
     topics.TF_STATIC: (BASE, "links of the model"),
     topics.SCENE: (MAP,),
@@ -97,7 +99,9 @@ angular x and y 0, renewed within `command.timeout_s` (`examples/velocity.py`);
 `command_attitude`: the attitude wanted, heading included, as `attitude_setpoint` has it, and
 beside it `command_climb`: linear z, up, all others 0; both renewed as often
 (`examples/attitude.py`); `joy`: axes and buttons as `joy.*` says, its stamp of any clock
-(`heli joy`). `attitude_setpoint` and `collective` are what the outer loop tells the inner one:
+(`heli joy`); `goal`: a command and an id of yours as `joint_names`, `[takeoff, 17]`, answered by
+that id in `/diagnostics`, key `goals`: `takeoff`, `land` and `hold` without points, `goto` with one
+point that holds a pose, `follow` with those of a trajectory. `attitude_setpoint` and `collective` are what the outer loop tells the inner one:
 while it is not active, you may send both yourself. The recorder hears all but `scene`, the
 live view all but the last four. As every node of ROS 2, these also send `/rosout`,
 `/parameter_events` and `~/transition_event`.
@@ -185,6 +189,10 @@ it was.
 | active | takes part: it waits for its peers first |
 | finalized | its process ends |
 
+In flight the key `state` of `/diagnostics` says more: `unconfigured`, `configured`, `waiting` (for
+peers, or to align), `active` (before its first step), `running`, `without_input` (a topic that it
+needs is silent), `finished`, `inactive` (deactivated), `failed`.
+
 | node | package | what active means |
 |---|---|---|
 """
@@ -227,8 +235,8 @@ def _topics() -> str:
 
 def _actions() -> str:
     rows = [
-        (f"`{PREFIX}/{kind}`", f"{PACKAGE}/action/{kind.capitalize()}", rule.service or rule.topic)
-        for kind, rule in RULES.items()
+        (f"`{PREFIX}/{kind}`", f"{PACKAGE}/action/{kind.capitalize()}", f"`{topics.GOAL}`: {kind}")
+        for kind in Kind
     ]
     return ACTIONS + _table(("action", "type", "sent on as"), rows)
 

@@ -25,6 +25,7 @@ from evidence.tables import grid
 from heli_bags.reader import Bag, read_bag
 from heli_core.rows import PLANT
 from heli_core.ticks import NS_PER_S
+from heli_msgs_bridge.diagnostics import NodeState, state_of
 
 WORLD = "honest"
 NODES = ("observer", "inner_loop", "outer_loop")
@@ -39,7 +40,6 @@ _PARAMS = f"""\
     duration_s: {END_S}
     climb: {{start_s: 200.0, end_s: 202.0}}
 """
-_SILENT = "no message on 'actuators'"
 
 
 def _faults() -> str:
@@ -80,7 +80,9 @@ class _Times:
             truth.rows[:, PLANT.pos],
         )
         said = [r for r in bag.remarks if r.node == "plant"]
-        self.plant = [((r.stamp_ns - self._zero_ns) / NS_PER_S, r.message) for r in said]
+        self.plant = [
+            ((r.stamp_ns - self._zero_ns) / NS_PER_S, state_of(r.facts, r.message)) for r in said
+        ]
 
     def lost_m(self, from_s: float) -> float:
         """How far it gets from where it was, within `LOOK_S`."""
@@ -90,8 +92,8 @@ class _Times:
     def fell_back(self, from_s: float) -> list[float]:
         """When the actuator side began, and when it ceased, to fly by itself within `LOOK_S`."""
         found: list[float] = []
-        for time_s, message in self.plant:
-            silent = message.startswith(_SILENT)
+        for time_s, state in self.plant:
+            silent = state == NodeState.WITHOUT_INPUT
             if from_s <= time_s <= from_s + LOOK_S and silent != bool(len(found) % 2):
                 found.append(time_s)
         return found

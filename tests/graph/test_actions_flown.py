@@ -21,7 +21,8 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from test_msgs.action import Fibonacci
 
-from heli_actions.node import ActionsNode, Code, Interfaces, Kind
+from heli_actions.goals import Code, Kind
+from heli_actions.node import ActionsNode, Interfaces
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.node_process import run
 

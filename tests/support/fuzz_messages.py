@@ -17,6 +17,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import (
     decode_attitude,
     decode_climb,
+    decode_goal,
     decode_goto,
     decode_joy,
     decode_reference,
@@ -237,6 +238,22 @@ def _good_reference() -> bytes:
     return bytes(serialize_message(encode_reference(way)))
 
 
+def _good_goal() -> bytes:
+    from geometry_msgs.msg import PoseStamped
+    from rclpy.serialization import serialize_message
+
+    from heli_msgs_bridge.command_messages import encode_goal
+
+    return bytes(serialize_message(encode_goal("goto", "1", PoseStamped())))
+
+
+def _goal(message: Any) -> Any:
+    """A goal with its argument read, as the outer loop does."""
+    command, _, argument = decode_goal(message)
+    read = {"goto": decode_goto, "follow": lambda way: decode_reference(way, "")}
+    return read[command](argument) if command in read else ()
+
+
 def _joy(message: Any) -> Any:
     """Sticks as the outer loop reads them."""
     from heli_core.errors import StickError
@@ -266,5 +283,6 @@ TARGETS = (
     ),
     _object(topics.COMMAND_ATTITUDE, decode_attitude, _good(topics.COMMAND_ATTITUDE)),
     _object(topics.COMMAND_CLIMB, decode_climb, _good(topics.COMMAND_CLIMB)),
+    _object(topics.GOAL, _goal, _good_goal),
     _object(topics.JOY, _joy, _good(topics.JOY, axes=[0.0] * 8, buttons=[0] * 11)),
 )

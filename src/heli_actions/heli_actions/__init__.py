@@ -6,15 +6,15 @@ from heli_core.faces import face
 __getattr__, __dir__, __all__ = face(
     __name__,
     {
-        "node": [
+        "goals": [
             "Code",
             "GoalManager",
             "GoalFeedback",
             "Actuator",
-            "Interfaces",
             "Kind",
             "GoalRequest",
             "GoalStatus",
         ],
+        "node": ["Interfaces"],
     },
 )

@@ -8,7 +8,8 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from test_msgs.action import Fibonacci
 
-from heli_actions.node import ActionsNode, Code, GoalRequest, Interfaces, Kind
+from heli_actions.goals import Code, GoalRequest, Kind
+from heli_actions.node import ActionsNode, Interfaces
 from heli_msgs_bridge.layouts import MessageError
 
 LIMIT_S = 60.0
@@ -59,7 +60,7 @@ def alone(bench, ros_context):
 def test_deactivated_it_lets_go_of_its_goals_and_takes_none(alone):
     node, client, wait = alone
     handle = wait(client.send_goal_async(Fibonacci.Goal(order=1)))
-    assert handle.accepted  # it waits for a service that nobody has
+    assert handle.accepted  # it waits for an outer loop that is not there
     node.trigger_deactivate()
     ended = wait(handle.get_result_async())
     assert ended.status == GoalStatus.STATUS_ABORTED

@@ -3,10 +3,10 @@
 
 import pytest
 
-from heli_actions.node import (
+from heli_actions.goals import (
     HOLD,
     LAND,
-    RULES,
+    STANDING,
     Code,
     GoalEnd,
     GoalEvent,
@@ -15,7 +15,8 @@ from heli_actions.node import (
     Stage,
     row_of,
 )
-from heli_outer_pd.modes import Phase
+from heli_outer_pd.goals import GOALS
+from heli_outer_pd.modes import Command, Phase
 
 A, C, S = GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.SUCCEEDED
 CANCELED = (C, Code.CANCELED)
@@ -43,7 +44,6 @@ EXPECTED = {
     "bound": UNDER_WAY,
 }  # fmt: skip
 OF_A_KIND = {
-    (Kind.FOLLOW, "flown", "refused"): (A, Code.REFUSED),
     (Kind.TAKEOFF, "holding", "refused"): ("breaking off", LAND),
 }
 
@@ -72,10 +72,8 @@ def test_every_stage_can_end_and_none_is_left_without_a_way_out():
         assert found(Kind.GOTO, stage, GoalEvent.SILENT) == (A, Code.SILENT)
 
 
-def test_modes_are_those_of_the_aircraft():
-    """The table speaks of modes that heli_outer_pd has: it may not import it."""
-    modes = {phase.mode for phase in Phase}
-    for rule in RULES.values():
-        assert rule.modes <= modes
-        assert rule.done in modes | {""}
-        assert bool(rule.service) != bool(rule.topic)
+def test_kinds_are_commands_of_the_outer_loop():
+    """heli_actions may not import heli_outer_pd."""
+    assert {kind.value for kind in Kind} == {command.value for command in GOALS}
+    assert {HOLD, LAND} <= {command.value for command in Command}
+    assert STANDING == Phase.STANDING.mode

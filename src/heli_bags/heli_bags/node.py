@@ -4,7 +4,7 @@
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from heli_bags.parameters import NODE_NAME, TABLE
 from heli_bags.writer import BagError, BagRecorder, Format, custom_data, row_of
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.handover import Restarts
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.node_process import run
@@ -24,8 +24,9 @@ from heli_msgs_bridge.sources import (
     DuplicateFilter,
     Info,
     PublisherLock,
+    TopicSenders,
     senders_of,
-    several_in_words,
+    several,
     successors_of,
     with_info,
 )
@@ -62,6 +63,10 @@ class ConfiguredRecorder:
         Who speaks in /diagnostics.
     restarts : Restarts
         Which nodes were started again.
+    senders : dict of TopicSenders
+        Per stream that has several senders.
+    nameless : bool
+        Whether somebody without a name speaks in /diagnostics as one of this aircraft's nodes.
     trouble : str
         Why the recording ended or has gaps; empty if it did not.
     """
@@ -73,6 +78,8 @@ class ConfiguredRecorder:
     once: dict[str, DuplicateFilter] = field(default_factory=dict)
     owners: dict[str, PublisherLock] = field(default_factory=dict)
     restarts: Restarts = field(default_factory=Restarts)
+    senders: dict[str, TopicSenders] = field(default_factory=dict)
+    nameless: bool = False
     trouble: str = ""
 
 
@@ -190,17 +197,23 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
     def _complain(self, error: BagError) -> None:
         """Say that the recording has ended; the flight goes on without it."""
         self.core.trouble = str(error)
-        self.report(Level.ERROR, self.core.trouble)
+        self.report(Level.ERROR, self.core.trouble, state=NodeState.FAILED)
 
     def now_ns(self) -> int:
         """Time of the flight that is recorded."""
         return self.core.bag.newest_ns if self.configured else super().now_ns()
 
-    def report(self, level: Level, message: str, facts: Mapping[str, Any] | None = None) -> None:
+    def report(
+        self,
+        level: Level,
+        message: str,
+        facts: Mapping[str, Any] | None = None,
+        state: NodeState = NodeState.RUNNING,
+    ) -> None:
         """Say how the node is; what is wrong with the bag stays the last word."""
         if self.configured and self.core.trouble and level < Level.ERROR:
             level, message = Level.ERROR, self.core.trouble
-        super().report(level, message, facts)
+        super().report(level, message, facts, state)
 
     def _write(self, name: str, raw: bytes, info: Info | None) -> None:
         core = self.core
@@ -224,12 +237,12 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
 
     def _name_senders(self, name: str, owner: PublisherLock) -> None:
         """Say whose messages of a topic are not recorded."""
-        key = f"{SENDERS}{name}"
-        said = self.health.facts.get(key, "").split("; not recorded")[0]
-        if not said or NOT_YET_NAMED in said:
-            said = several_in_words(name, senders_of(self, name))
-            self.get_logger().warning(said)
-        self.health.facts[key] = f"{said}; not recorded: {owner.ignored} messages"
+        known = self.core.senders.get(name)
+        if known is None or NOT_YET_NAMED in known.names:
+            known = several(name, senders_of(self, name))
+            self.get_logger().warning(known.sentence)
+        known = self.core.senders[name] = replace(known, not_recorded=owner.ignored)
+        self.health.facts.update(known.facts())
 
     def _name_strangers(self) -> None:
         """Say who speaks in /diagnostics as if it were one of this aircraft's nodes."""
@@ -240,6 +253,7 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
         strangers = named or ([_NAMELESS] if nameless else [])
         if not strangers:
             return
+        self.core.nameless = not named
         names = ", ".join(sorted(voices.foreign))
         said = f"{topics.DIAGNOSTICS}: somebody else speaks as {names}: {', '.join(strangers)}"
         if self.health.facts.get(_VOICES) != said:
@@ -249,9 +263,10 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
     def _name_those_known_since(self) -> None:
         """A sender's name may come after the last of its messages."""
         for name, owner in self.core.owners.items():
-            if NOT_YET_NAMED in self.health.facts.get(f"{SENDERS}{name}", ""):
+            known = self.core.senders.get(name)
+            if known is not None and NOT_YET_NAMED in known.names:
                 self._name_senders(name, owner)
-        if _NAMELESS in self.health.facts.get(_VOICES, ""):
+        if self.core.nameless:
             self._name_strangers()
 
     def _drain(self) -> list[str]:

@@ -28,7 +28,7 @@ from heli_dynamics_sim.parameters import TABLE
 from heli_dynamics_sim.servo import Fallback, FallbackNumbers
 from heli_dynamics_sim.wind import injected_gust
 from heli_msgs_bridge import sums, topics
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.layouts import FIX_STATUS
 from heli_msgs_bridge.lifecycle_node import NodeSpec, NodeStartError
@@ -472,7 +472,8 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
         self.core.pace.stop()
         if self.core.truth_sums is not None:
             self.core.truth_sums.close()
-        self.report(level, message, {**self._facts_now(), "over": "true"})
+        facts = {**self._facts_now(), "over": "true"}
+        self.report(level, message, facts, NodeState.FINISHED)
         if not self.values["autostart"]:
             return
         limit = Duration(seconds=_ACKNOWLEDGE_S)

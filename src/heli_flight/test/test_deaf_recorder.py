@@ -16,7 +16,7 @@ from heli_flight.replay import ended
 from heli_flight.report import page
 from heli_flight.result import print_table, write_result
 from heli_flight.settings import resolve
-from heli_msgs_bridge.lifecycle_node import INACTIVE
+from heli_msgs_bridge.diagnostics import FACT_STATE, NodeState
 
 WHY = "recorder: no answer to 'deactivate' in 10 s"
 SAID = f"{WHY}; what it did not hear is not in the bag"
@@ -35,7 +35,7 @@ class Up:
 
     def wait_until(self, done, limit_s, check):
         assert not done()
-        self.statuses["recorder"] = NodeStatus(0, INACTIVE, 1.0, {})
+        self.statuses["recorder"] = NodeStatus(0, "", 1.0, {FACT_STATE: "inactive"})
         assert self._has_last_word()
 
     _has_last_word = Supervisor._has_last_word
@@ -44,7 +44,7 @@ class Up:
 def test_one_that_answers_has_the_last_word():
     up = Up()
     Supervisor.close_bag(up, 10.0)
-    assert up.statuses["recorder"].message == INACTIVE
+    assert up.statuses["recorder"].state == NodeState.INACTIVE
 
 
 @pytest.fixture(scope="module")

@@ -40,7 +40,7 @@ from heli_live_view.state import COUNTED, SHOWN, STATE_HZ, LiveState, Screen, co
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import decode_reference, encode_reference
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, NodeStartError
 from heli_msgs_bridge.messages import Decoder, has_fix
@@ -506,7 +506,7 @@ class LiveViewNode(ManagedNode[View, None]):
         if core.screen.commander is not None:
             core.screen.commander.poll()
         row = self._send_row(wall_s)
-        if core.screen.live.end and self.health.message != SHOWN_TO_THE_END:
+        if core.screen.live.end and self.health.state != NodeState.FINISHED:
             self._say_what_is_shown()
         core.scene.show(row, core.screen.live.now_ns)
 
@@ -540,8 +540,10 @@ class LiveViewNode(ManagedNode[View, None]):
             core.foxglove.log(core.full[topics.REFERENCE], core.last_reference)
 
     def _say_what_is_shown(self) -> None:
-        message = SHOWN_TO_THE_END if self.core.screen.live.end else "showing the flight"
-        self.report(Level.OK, message, self.core.facts)
+        if self.core.screen.live.end:
+            self.report(Level.OK, SHOWN_TO_THE_END, self.core.facts, NodeState.FINISHED)
+        else:
+            self.report(Level.OK, "showing the flight", self.core.facts)
 
     def release(self) -> None:
         """Send what is left (how the flight has ended); ROS may have ended already."""

@@ -30,7 +30,13 @@ from heli_live_view.state import (
     greeting,
 )
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_MODE
+from heli_msgs_bridge.diagnostics import (
+    FACT_FLOOD,
+    FACT_MODE,
+    FACT_REFUSED,
+    NodeState,
+    refusal_of,
+)
 
 # -------------------------------------------------------------------------------------------------
 # A recorded flight by its time: what the live page would have shown at any moment. No ROS.
@@ -191,9 +197,13 @@ MODE, FAULT, FAILSAFE, REFUSAL, GROUND, GUST, END, HEALTH = (
 )  # fmt: skip
 """Kinds of what happens."""
 _FAILSAFE = "failsafe"
-_REFUSED = "refused."
 _QUIET = ("none", "")
-_BEFORE_FLIGHT = ("configured", "active", "inactive", "unconfigured")
+_BEFORE_FLIGHT = (
+    NodeState.UNCONFIGURED,
+    NodeState.CONFIGURED,
+    NodeState.ACTIVE,
+    NodeState.INACTIVE,
+)
 _TIMES = re.compile(r" from (?P<start>[-+.e\d]+)(?: to (?P<end>[-+.e\d]+) s| s on)$")
 # The same refusal stands in what the node says and in its facts.
 _TOGETHER_S = 1.5
@@ -232,7 +242,7 @@ class FlightEvent:
 def as_flight_event(event: TimelineEvent) -> FlightEvent | None:
     """A line of the live view's timeline, with its kind; None for what is no news of a flight."""
     kind, level = HEALTH, min(event.level, 2)
-    if event.text in _BEFORE_FLIGHT and not level or event.text == "mode: over":
+    if event.state in _BEFORE_FLIGHT and not level or event.text == "mode: over":
         return None
     if event.text.startswith("mode: "):
         kind = MODE
@@ -272,8 +282,8 @@ def of_remarks(remarks: Iterable[Remark], start_ns: int) -> list[FlightEvent]:
                 calm = value.lower() in _QUIET
                 words = "failsafe ends" if calm else f"failsafe: {_plain(value)}"
                 found.append(FlightEvent(time_s, FAILSAFE, int(not calm), remark.node, words))
-            elif key.startswith(_REFUSED) and key != FACT_FLOOD:
-                topic, (_, _, why) = key.removeprefix(_REFUSED), value.partition("; ")
+            elif key.startswith(FACT_REFUSED) and key != FACT_FLOOD:
+                topic, (_, why) = key.removeprefix(FACT_REFUSED), refusal_of(value)
                 words = f"refused: {why if topic in why else f'{topic}: {why}'}"
                 found.append(FlightEvent(time_s, REFUSAL, 1, remark.node, words))
     return found + of_faults(words for remark in remarks for words in listed(remark.facts))

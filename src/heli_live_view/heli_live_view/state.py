@@ -35,7 +35,7 @@ from heli_live_view.access import VIEW_ONLY, BrowserCommand
 from heli_live_view.commands import WHAT, listed
 from heli_live_view.parameters import BOUNDS, COMMAND_LIMITS
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import offset_of
+from heli_msgs_bridge.diagnostics import NodeState, offset_of, state_of
 from heli_msgs_bridge.frames import frd_to_flu, ned_to_enu, quat_ned_frd_to_enu_flu
 
 # -------------------------------------------------------------------------------------------------
@@ -379,12 +379,16 @@ class FlightEnd:
 
 @dataclass(frozen=True)
 class TimelineEvent:
-    """One line of the timeline: flight time s (None before the clock), level 0 to 2, who, what."""
+    """One line of the timeline: flight time s (None before the clock), level 0 to 2, who, what.
+
+    `state` is that of the node which says it.
+    """
 
     time_s: float | None
     level: int
     source: str
     text: str
+    state: NodeState = NodeState.RUNNING
 
     def message(self) -> dict[str, Any]:
         """As sent to a browser."""
@@ -485,7 +489,7 @@ class LiveState:
         news = self.nodes.setdefault(name, NodeNews())
         changed = (level, message) != (news.level, news.message)
         if changed and (level or name != OWN_NAME):
-            self.tell(min(level, _ERROR), name, message)
+            self.tell(min(level, _ERROR), name, message, state_of(facts, message))
         news.level, news.message, news.facts = level, message, dict(facts)
         if name == "plant":
             over = facts.get("over") == "true"
@@ -520,9 +524,11 @@ class LiveState:
             message += f" Nothing had held position and altitude for {held_s:.0f} s."
         return FlightEnd(LOST, message)
 
-    def tell(self, level: int, source: str, text: str) -> None:
+    def tell(
+        self, level: int, source: str, text: str, state: NodeState = NodeState.RUNNING
+    ) -> None:
         """Put a line on the timeline."""
-        self._events.append(TimelineEvent(self.time_s, level, source, text))
+        self._events.append(TimelineEvent(self.time_s, level, source, text, state))
 
     def take_events(self) -> list[TimelineEvent]:
         """Events since the last call."""

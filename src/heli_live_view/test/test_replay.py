@@ -29,7 +29,7 @@ from heli_live_view.replay import (
 )
 from heli_live_view.state import TimelineEvent, compact
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_OFFSET
+from heli_msgs_bridge.diagnostics import FACT_OFFSET, NodeState
 
 S = 1_000_000_000
 TICK = S // 100
@@ -305,4 +305,4 @@ def test_a_line_before_the_clock_is_at_the_beginning():
     from heli_live_view.replay import as_flight_event
 
     assert as_flight_event(TimelineEvent(None, 1, "observer", "waits")).time_s == 0.0
-    assert as_flight_event(TimelineEvent(3.0, 0, "plant", "configured")) is None
+    assert as_flight_event(TimelineEvent(3.0, 0, "plant", "", NodeState.CONFIGURED)) is None

@@ -321,6 +321,95 @@ def decode_climb(message: Any, namespace: str = "") -> ClimbCommand:
 
 
 # -------------------------------------------------------------------------------------------------
+# A command with an id, `goal`: whoever sends it is answered by that id in /diagnostics.
+#
+# One type for all: the first two of `joint_names` are the command and the id; points are those of a
+# trajectory to follow, one with the pose of a goto, none of a command without an argument.
+# -------------------------------------------------------------------------------------------------
+
+_GOTO, _FOLLOW, _PLAIN = "goto", "follow", ("takeoff", "land", "hold")
+_MOST_ID = 64
+
+
+class GoalCommand(NamedTuple):
+    """A command, its id, and what it holds: a `PoseStamped`, a reference message, or nothing."""
+
+    command: str
+    goal_id: str
+    argument: Any
+
+
+def encode_goal(command: str, goal_id: str, argument: Any = None) -> Any:
+    """The message of a command with an id (imports ROS messages).
+
+    Parameters
+    ----------
+    command : str
+        `takeoff`, `land`, `hold`, `goto` or `follow`.
+    goal_id : str
+    argument : PoseStamped or MultiDOFJointTrajectory, optional
+        Of a goto, of a trajectory to follow.
+    """
+    from geometry_msgs.msg import Transform
+    from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+    message = MultiDOFJointTrajectory()
+    message.joint_names = [command, goal_id]
+    if argument is None:
+        message.header.frame_id = MAP
+        return message
+    message.header = argument.header
+    if command == _FOLLOW:
+        message.joint_names = [command, goal_id, *argument.joint_names]
+        message.points = argument.points
+        return message
+    place, p = Transform(), argument.pose.position
+    place.translation.x, place.translation.y, place.translation.z = p.x, p.y, p.z
+    place.rotation = argument.pose.orientation
+    message.points = [MultiDOFJointTrajectoryPoint(transforms=[place])]
+    return message
+
+
+def decode_goal(message: Any) -> GoalCommand:
+    """The command of a message, its argument not yet read (imports ROS messages).
+
+    Raises
+    ------
+    MessageError
+        No command and id, or not the points that the command needs.
+    """
+    from geometry_msgs.msg import PoseStamped
+    from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+    name, given = topics.GOAL, list(message.joint_names[:2])
+    commands = (*_PLAIN, _GOTO, _FOLLOW)
+    if len(given) < 2 or given[0] not in commands or not 0 < len(given[1]) <= _MOST_ID:
+        said = ", ".join(map(quoted, given))
+        raise MessageError(
+            f"{name}: joint_names {said or 'empty'}; allowed: a command ({', '.join(commands)}) "
+            f"and an id of 1 to {_MOST_ID} characters"
+        )
+    command, goal_id = given
+    if command == _FOLLOW:
+        names = list(message.joint_names[2:])
+        return GoalCommand(
+            command,
+            goal_id,
+            MultiDOFJointTrajectory(
+                header=message.header, joint_names=names, points=message.points
+            ),
+        )
+    if command in _PLAIN:
+        return GoalCommand(command, goal_id, None)
+    if len(message.points) != 1 or len(message.points[0].transforms) != 1:
+        raise MessageError(f"{name}: {command} without a pose; expected one point with one")
+    place, pose = message.points[0].transforms[0], PoseStamped(header=message.header)
+    p, at = pose.pose.position, place.translation
+    p.x, p.y, p.z, pose.pose.orientation = at.x, at.y, at.z, place.rotation
+    return GoalCommand(command, goal_id, pose)
+
+
+# -------------------------------------------------------------------------------------------------
 # A joystick's state as a `sensor_msgs/Joy`. Its stamp is of any clock: that of the joystick.
 # -------------------------------------------------------------------------------------------------
 

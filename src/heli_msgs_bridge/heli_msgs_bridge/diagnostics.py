@@ -8,8 +8,9 @@ repeated once per second of wall time, so that whoever watches never takes the n
 
 import contextlib
 import json
-from collections.abc import Mapping
-from enum import IntEnum
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from enum import IntEnum, StrEnum
 from typing import Any
 
 from heli_core.ticks import NS_PER_S, TICKS_PER_S
@@ -25,8 +26,15 @@ what it says changes with it."""
 FACT_WAYS = "reference_since_ns"
 """What the outer loop calls its newest references, each as the flight's time from which it counts,
 ns, and its `heli_msgs_bridge.command_messages.key_of`."""
+FACT_GOALS = "goals"
+"""What the outer loop calls its answers to the newest goals: `GoalAnswer`s in JSON."""
 FACT_LAW_FAILED = "own_law_failed"
 """Key of the sentence with which a law in Python has failed; it is not asked again."""
+FACT_STATE = "state"
+"""What every node calls its `NodeState`."""
+FACT_REFUSED = "refused."
+"""What every node calls the messages of a topic, whose name follows, that it has refused: how many,
+and why the last one (`refusal_text`)."""
 FACT_FLOOD = "refused.requests"
 """What every node calls the number of service calls that came too often, with the reason."""
 REPEAT_S = 1.0
@@ -55,6 +63,115 @@ def hardware_of(namespace: str) -> str:
 
 NO_MESSAGE = "no message on "
 """How a node begins to say that it hears nothing on a topic."""
+
+
+class NodeState(StrEnum):
+    """Where a node is in its life, and in the flight."""
+
+    UNCONFIGURED = "unconfigured"
+    CONFIGURED = "configured"
+    WAITING = "waiting"
+    """For its peers, or for what it needs before it can begin its work."""
+    ACTIVE = "active"
+    """Activated; it has not made a step."""
+    RUNNING = "running"
+    """At its work; how, its sentence tells."""
+    WITHOUT_INPUT = "without_input"
+    """At its work, but nothing comes on a topic that it needs."""
+    FINISHED = "finished"
+    """Its work is done: the flight is over, or shown to the end."""
+    INACTIVE = "inactive"
+    """Deactivated."""
+    FAILED = "failed"
+    """A transition, or its work, has failed."""
+
+
+_SENTENCES = {
+    "unconfigured": NodeState.UNCONFIGURED,
+    "configured": NodeState.CONFIGURED,
+    "active": NodeState.ACTIVE,
+    "inactive": NodeState.INACTIVE,
+    "the flight is over": NodeState.FINISHED,
+}
+_BEGINNINGS = {"waiting for ": NodeState.WAITING, NO_MESSAGE: NodeState.WITHOUT_INPUT}
+
+
+def state_of(facts: Mapping[str, str], message: str) -> NodeState:
+    """The state that a status tells; of bags from before the key `state`, by its sentence."""
+    with contextlib.suppress(ValueError, KeyError):
+        return NodeState(facts[FACT_STATE])
+    begun = (state for words, state in _BEGINNINGS.items() if message.startswith(words))
+    return _SENTENCES.get(message) or next(begun, NodeState.RUNNING)
+
+
+def refusal_text(count: int, why: str) -> str:
+    """How many messages were refused, and why the last one, as a value of `FACT_REFUSED`."""
+    return f"{count}; {why}"
+
+
+def refusal_of(text: str) -> tuple[int, str]:
+    """Count and reason out of `refusal_text`; a count of 0 for what is none."""
+    count, _, why = text.partition("; ")
+    return int(count) if count.isdecimal() else 0, why
+
+
+class GoalState(StrEnum):
+    """What has become of a goal that was sent to the outer loop."""
+
+    REFUSED = "refused"
+    """Not done; the flight goes on as before."""
+    ACTIVE = "active"
+    """Under way; a goto and a trajectory also while their end is held."""
+    SUCCEEDED = "succeeded"
+    """What it asked for is done: a take-off hovers, a landing stands."""
+    PREEMPTED = "preempted"
+    """Another goal took its place."""
+    REPLACED = "replaced"
+    """Another way is followed, which is none of a goal."""
+    LEFT = "left"
+    """Its mode was left."""
+
+
+@dataclass
+class GoalAnswer:
+    """What the outer loop says of a goal.
+
+    Attributes
+    ----------
+    goal_id : str
+    command : str
+        A name of `heli_outer_pd.modes.Command`.
+    state : GoalState
+    sentence : str
+        What follows from it, or why it is refused.
+    end_ned_m : list of float or None
+        Where what is flown for it, or in its place, ends (3,), NED, m; None where that is not
+        known yet.
+    end_ns : int or None
+        When, a stamp.
+    """
+
+    goal_id: str
+    command: str
+    state: GoalState
+    sentence: str
+    end_ned_m: list[float] | None = None
+    end_ns: int | None = None
+
+
+def goals_text(answers: Iterable[GoalAnswer]) -> str:
+    """Answers as a value of `FACT_GOALS`."""
+    return json.dumps([asdict(answer) for answer in answers])
+
+
+def goals_of(facts: Mapping[str, str]) -> list[GoalAnswer]:
+    """The answers that the outer loop tells; none if not."""
+    with contextlib.suppress(ValueError, TypeError, KeyError):
+        told = [GoalAnswer(**fields) for fields in json.loads(facts[FACT_GOALS])]
+        for answer in told:
+            answer.state = GoalState(answer.state)
+        return told
+    return []
 
 
 class Level(IntEnum):
@@ -87,15 +204,15 @@ class Reporter:
         self._array, self._status = DiagnosticArray(), DiagnosticStatus()
         self._status.name, self._status.hardware_id = name, hardware
         self._array.status = [self._status]
-        self._said: tuple[Level, str] | None = None
+        self._said: tuple[Level, str, NodeState] | None = None
         self._due_tick = 0
         self._silent = True
 
-    def is_due(self, tick: int, level: Level, message: str) -> bool:
+    def is_due(self, tick: int, level: Level, message: str, state: NodeState) -> bool:
         """True if the status changed or a simulated second has passed."""
         # A due tick of another second than the next: time was set back.
         due = not self._due_tick - self._per_s <= tick < self._due_tick
-        return due or (level, message) != self._said
+        return due or (level, message, state) != self._said
 
     def was_silent(self) -> bool:
         """True if nothing new has been sent since the last call."""
@@ -109,17 +226,19 @@ class Reporter:
         level: Level,
         message: str,
         values: Mapping[str, Any],
+        state: NodeState = NodeState.RUNNING,
         repeated: bool = False,
     ) -> None:
         """Send a status, stamped in simulation time; `repeated` if no tick asks for it."""
         self._silent = repeated
-        self._said = (level, message)
+        self._said = (level, message, state)
         self._due_tick = (tick // self._per_s + 1) * self._per_s
         stamp = self._array.header.stamp
         stamp.sec, stamp.nanosec = divmod(stamp_ns, NS_PER_S)
         self._status.level = bytes([int(level)])
         self._status.message = message
         self._status.values = [
-            self._key_value(key=key, value=str(value)) for key, value in values.items()
+            self._key_value(key=key, value=str(value))
+            for key, value in {FACT_STATE: state, **values}.items()
         ]
         self._publisher.publish(self._array)

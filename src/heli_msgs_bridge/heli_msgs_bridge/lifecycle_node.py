@@ -28,7 +28,14 @@ from heli_core.parameters import why_refused as why_refused
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import Rate, stamp_at
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import FACT_FLOOD, REPEAT_S, Level, Reporter, hardware_of
+from heli_msgs_bridge.diagnostics import (
+    FACT_FLOOD,
+    REPEAT_S,
+    Level,
+    NodeState,
+    Reporter,
+    hardware_of,
+)
 from heli_msgs_bridge.handover import respawns
 from heli_msgs_bridge.services import (
     ALWAYS_ANSWERED,
@@ -249,7 +256,8 @@ def wait_for_peers(node: "ManagedNode") -> None:
             looked_s = now_s
             if _get_ready(node, lacking) and now_s - begun_s < READY_LIMIT_S:
                 deadline_s = now_s + limit_s
-                node.report(Level.OK, f"waiting for {names} to get ready")
+                said = f"waiting for {names} to get ready"
+                node.report(Level.OK, said, state=NodeState.WAITING)
         if now_s > deadline_s:
             waited = f"{now_s - begun_s:.3g}"
             raise NodeStartError(
@@ -422,7 +430,8 @@ class Health:
     """What a node says of itself in /diagnostics."""
 
     level: Level = Level.OK
-    message: str = "unconfigured"
+    message: str = NodeState.UNCONFIGURED.value
+    state: NodeState = NodeState.UNCONFIGURED
     facts: dict[str, Any] = field(default_factory=dict)
 
 
@@ -441,6 +450,8 @@ class TableNode(LifecycleNode):
         Present tick, for the stamps of /diagnostics.
     health : Health
         What was reported last.
+    urgent : bool
+        Set where the next report is to be sent at once, whether or not its sentence changes.
     changed : dict
         Parameters that were changed since the node was built.
     decision : Decision or None
@@ -458,6 +469,7 @@ class TableNode(LifecycleNode):
         self.rate = Rate.of_parameters(self.values)
         self.tick = 0
         self.health = Health()
+        self.urgent = False
         self.changed: dict[str, Any] = {}
         self.decision: Decision | None = None
         self.revision = 0
@@ -528,10 +540,16 @@ class TableNode(LifecycleNode):
 
     # --- health ----------------------------------------------------------------------------------
 
-    def report(self, level: Level, message: str, facts: Mapping[str, Any] | None = None) -> None:
+    def report(
+        self,
+        level: Level,
+        message: str,
+        facts: Mapping[str, Any] | None = None,
+        state: NodeState = NodeState.RUNNING,
+    ) -> None:
         """Say how the node is; sent at once if it changed, else once per simulated second."""
         changed = (level, message) != (self.health.level, self.health.message)
-        self.health.level, self.health.message = level, message
+        self.health.level, self.health.message, self.health.state = level, message, state
         if facts is not None:
             self.health.facts = dict(facts)
         if changed:
@@ -544,10 +562,17 @@ class TableNode(LifecycleNode):
 
     def send_report(self, repeated: bool = False) -> None:
         """Publish the status if it is due."""
-        level, message = self.health.level, self.health.message
-        if repeated or self._reporter.is_due(self.tick, level, message):
-            facts, now_ns = {**self.health.facts, **self.flood_facts()}, self.now_ns()
-            self._reporter.publish(now_ns, self.tick, level, message, facts, repeated)
+        said = self.health
+        if (
+            repeated
+            or self.urgent
+            or self._reporter.is_due(self.tick, said.level, said.message, said.state)
+        ):
+            self.urgent = False
+            facts, now_ns = {**said.facts, **self.flood_facts()}, self.now_ns()
+            self._reporter.publish(
+                now_ns, self.tick, said.level, said.message, facts, said.state, repeated
+            )
 
     def flood_facts(self) -> dict[str, str]:
         """What was refused because it came too often."""
@@ -610,10 +635,6 @@ class TableNode(LifecycleNode):
 # Managed node.
 # -------------------------------------------------------------------------------------------------
 
-INACTIVE = "inactive"
-"""What a node says when it has been deactivated."""
-BEFORE_STEPS = ("unconfigured", "configured", "active")
-"""What a node says before it has made a step."""
 _REPEATED_TICKS = 400
 """Real time: of so many ticks a sender repeats its messages to who is started again."""
 _SUCCESS, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -857,7 +878,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     # --- lifecycle ---------------------------------------------------------------------------
 
-    def _transition(self, action: Callable[[], None], message: str) -> TransitionCallbackReturn:
+    def _transition(self, action: Callable[[], None], to: NodeState) -> TransitionCallbackReturn:
         """Run a transition's work; a refusal becomes a sentence and FAILURE."""
         self.failure = ""
         self.revision += 1
@@ -865,16 +886,16 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             action()
         except (NodeStartError, ParameterError, ValueError, LookupError, OSError) as error:
             self.failure = " ".join(str(error).split())
-            self.report(Level.ERROR, self.failure)
+            self.report(Level.ERROR, self.failure, state=NodeState.FAILED)
             return _FAILURE
         except ExternalShutdownException:
             self.failure = "asked to end while starting"
             return _FAILURE
         except Exception as error:
             self.failure = f"{type(error).__name__}: {error}"
-            self.report(Level.ERROR, self.failure)
+            self.report(Level.ERROR, self.failure, state=NodeState.FAILED)
             return _FAILURE
-        self.report(Level.OK, message)
+        self.report(Level.OK, to.value, state=to)
         return _SUCCESS
 
     def _change_state(self, request: Any, response: Any) -> Any:
@@ -902,7 +923,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             for listen in self._unheard:
                 listen()
 
-        result = self._transition(action, "configured")
+        result = self._transition(action, NodeState.CONFIGURED)
         if result != _SUCCESS:
             self._leave_configured()
         return result
@@ -918,7 +939,7 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             self._active = True
             self.begin()
 
-        result = self._transition(action, "active")
+        result = self._transition(action, NodeState.ACTIVE)
         if result != _SUCCESS:
             if self._active:
                 self.disengage()
@@ -928,14 +949,14 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: stop sending. It cannot fail: an error ends in `on_error`."""
-        result = self._transition(self.disengage, INACTIVE)
+        result = self._transition(self.disengage, NodeState.INACTIVE)
         self._leave_active()
         LifecycleNode.on_deactivate(self, state)
         return _SUCCESS if result == _SUCCESS else _ERROR
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: forget what was built. An error ends in `on_error`."""
-        result = self._transition(self.release, "unconfigured")
+        result = self._transition(self.release, NodeState.UNCONFIGURED)
         self._leave_configured()
         return _SUCCESS if result == _SUCCESS else _ERROR
 
@@ -955,10 +976,10 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
         if self._active:
             self._leave_active()
         if self.configured:
-            self._transition(self.release, "unconfigured")
+            self._transition(self.release, NodeState.UNCONFIGURED)
             self._leave_configured()
         self.failure = said
-        self.report(Level.ERROR, said)
+        self.report(Level.ERROR, said, state=NodeState.FAILED)
         return _SUCCESS
 
     def _leave_active(self) -> None:

@@ -5,9 +5,11 @@ So a message that two subscriptions hear counts once, and a topic has one owner.
 """
 
 import inspect
+import json
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from rclpy.node import Node
@@ -205,7 +207,71 @@ class PublisherLock:
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_")
 SENDERS = "senders."
 """Key of a topic's senders in /diagnostics; the topic's name follows."""
+SENDER_FIELDS = "sender_fields."
+"""Key of the same as fields: a `TopicSenders` in JSON."""
 NOT_YET_NAMED = "a node that is not named yet"
+
+
+@dataclass(frozen=True)
+class TopicSenders:
+    """Who sends on a topic that should have one sender, and what becomes of it.
+
+    Attributes
+    ----------
+    topic : str
+    names : tuple of str
+        Full names of the senders; empty: they are not known.
+    each : bool
+        Whether all are followed; else one is.
+    first : str
+        Which one; empty: the first that was heard, whose name is not known.
+    ignored, not_recorded : int or None
+        How many messages were not used, or not recorded; None where nobody counts.
+    successions : int
+        How often another sender has become the one that is followed.
+    """
+
+    topic: str
+    names: tuple[str, ...] = ()
+    each: bool = False
+    first: str = ""
+    ignored: int | None = None
+    not_recorded: int | None = None
+    successions: int = 0
+
+    @property
+    def sentence(self) -> str:
+        """All of it."""
+        parts = [self.topic]
+        if self.names:
+            parts = [f"{self.topic}: sent by {', '.join(self.names)}", self._followed()]
+        if self.ignored is not None:
+            parts.append(f"ignored so far: {self.ignored} messages")
+        if self.successions:
+            parts.append(f"the sender that is used has changed: {self.successions} times")
+        if self.not_recorded is not None:
+            parts.append(f"not recorded: {self.not_recorded} messages")
+        return "; ".join(parts)
+
+    def _followed(self) -> str:
+        if self.each:
+            return f"each {self.topic} is followed as it comes"
+        if self.first:
+            return f"only {self.first} is followed, which was heard first"
+        return "only the first sender's messages are used"
+
+    def facts(self) -> dict[str, str]:
+        """For /diagnostics, by `SENDERS` and `SENDER_FIELDS`."""
+        return {
+            f"{SENDERS}{self.topic}": self.sentence,
+            f"{SENDER_FIELDS}{self.topic}": json.dumps(asdict(self)),
+        }
+
+    @classmethod
+    def read(cls, text: str) -> "TopicSenders":
+        """Out of the JSON of `facts`."""
+        fields = json.loads(text)
+        return cls(**{**fields, "names": tuple(fields["names"])})
 
 
 def senders_of(node: Node, topic: str) -> list[tuple[str, str]]:
@@ -281,12 +347,10 @@ def full_name(sender: tuple[str, str]) -> str:
     return name if name == NOT_YET_NAMED else f"{namespace.rstrip('/')}/{name}"
 
 
-def several_in_words(topic: str, senders: Sequence[tuple[str, str]], first: str = "") -> str:
-    """That a topic has several senders, and what comes of it; `first` is heard, if it is known."""
-    names = ", ".join(map(full_name, senders))
-    if first in map(full_name, senders):
-        return f"{topic}: sent by {names}; only {first} is followed, which was heard first"
-    return f"{topic}: sent by {names}; only the first sender's messages are used"
+def several(topic: str, senders: Sequence[tuple[str, str]], first: str = "") -> TopicSenders:
+    """That a topic has several senders; `first` is followed, if it is one of them."""
+    names = tuple(map(full_name, senders))
+    return TopicSenders(topic, names, first=first if first in names else "")
 
 
 def others_in_words(node: Node, topic: str) -> str:

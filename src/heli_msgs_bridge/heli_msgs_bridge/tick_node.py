@@ -4,7 +4,7 @@
 from abc import abstractmethod
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Protocol, TypeVar
 
@@ -15,7 +15,13 @@ from rclpy.serialization import deserialize_message
 from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
-from heli_msgs_bridge.diagnostics import NO_MESSAGE, Level
+from heli_msgs_bridge.diagnostics import (
+    FACT_REFUSED,
+    NO_MESSAGE,
+    Level,
+    NodeState,
+    refusal_text,
+)
 from heli_msgs_bridge.frames import Datum
 from heli_msgs_bridge.handover import HandoverRecord, handover_file_of
 from heli_msgs_bridge.layouts import CHANNELS, CutOffError, FrameError, MessageError
@@ -42,11 +48,11 @@ from heli_msgs_bridge.services import (
 from heli_msgs_bridge.services import error_line as in_line
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
-    SENDERS,
     PublisherLock,
+    TopicSenders,
     full_name,
     senders_of,
-    several_in_words,
+    several,
     strangers_of,
     successors_of,
 )
@@ -89,9 +95,9 @@ class TickCore:
     refusals : dict of Refusals
         Per topic, the messages that /diagnostics speaks of: those whose stamps did not fit to the
         clock, references that were not followed.
-    rivals : dict of str
-        Per topic that has more than one sender now, a sentence that names them.
-    senders : dict of str
+    rivals : dict of TopicSenders
+        Per topic that has more than one sender now, who they are.
+    senders : dict of TopicSenders
         The same of all that had more than one, with what was ignored.
     """
 
@@ -99,8 +105,8 @@ class TickCore:
     stepped: int | None = None
     refused: dict[str, str] = field(default_factory=dict)
     refusals: dict[str, "Refusals"] = field(default_factory=dict)
-    rivals: dict[str, str] = field(default_factory=dict)
-    senders: dict[str, str] = field(default_factory=dict)
+    rivals: dict[str, TopicSenders] = field(default_factory=dict)
+    senders: dict[str, TopicSenders] = field(default_factory=dict)
 
 
 @dataclass
@@ -398,7 +404,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
     def _tell_silence(self) -> None:
         """Real time: nobody triggers this node; it says so at once."""
         if self.health.level < Level.ERROR:
-            self.report(Level.WARN, self.silence())
+            self.report(Level.WARN, self.silence(), state=NodeState.WITHOUT_INPUT)
 
     def hear_commands(
         self, topic: str, callback: Callable[[Any], None], most_bytes: int = MOST_BYTES
@@ -473,17 +479,16 @@ class TickNode(RespawnableNode[NodeCore, Run]):
     def _look_at_senders(self, topic: str, owner: PublisherLock) -> None:
         """Name the senders of a topic if they are several; also as soon as one is ignored."""
         core, name = self.core, self.resolve_topic_name(topic)
-        several = topic not in core.rivals and self.count_publishers(name) > 1
+        new = topic not in core.rivals and self.count_publishers(name) > 1
         # Of a node that was started again its predecessor is in the graph for some seconds.
-        if several and (not self.respawns or strangers_of(self, topic)):
+        if new and (not self.respawns or strangers_of(self, topic)):
             first = "" if owner.successions else self._alone.get(topic, "")
-            core.rivals[topic] = several_in_words(topic, senders_of(self, topic), first)
+            core.rivals[topic] = several(topic, senders_of(self, topic), first)
         if topic in core.rivals or owner.ignored or owner.successions:
-            said = core.rivals.get(topic) or core.senders.get(topic, topic).split("; ignored")[0]
-            counted = f"ignored so far: {owner.ignored} messages"
-            if owner.successions:
-                counted += f"; the sender that is used has changed: {owner.successions} times"
-            core.senders[topic] = f"{said}; {counted}"
+            known = core.rivals.get(topic) or core.senders.get(topic) or TopicSenders(topic)
+            core.senders[topic] = replace(
+                known, ignored=owner.ignored, successions=owner.successions
+            )
 
     def create_sender(
         self,
@@ -535,12 +540,17 @@ class TickNode(RespawnableNode[NodeCore, Run]):
             level, message = Level.WARN, self.refusal()
         else:
             self.get_logger().warning(f"message refused: {why}")
-        self.report(level, message, {**self.health.facts, **self._refused_facts()})
+        facts = {**self.health.facts, **self._refused_facts()}
+        self.report(level, message, facts, self.health.state)
 
     def _refused_facts(self) -> dict[str, str]:
-        refusals = self.core.refusals.items()
-        said = {f"refused.{topic}": f"{r.count}; {r.why}" for topic, r in refusals}
-        return said | {f"{SENDERS}{topic}": why for topic, why in self.core.senders.items()}
+        facts = {
+            f"{FACT_REFUSED}{topic}": refusal_text(refusals.count, refusals.why)
+            for topic, refusals in self.core.refusals.items()
+        }
+        for senders in self.core.senders.values():
+            facts |= senders.facts()
+        return facts
 
     def refusal(self) -> str:
         """Sentence about a message that was refused aloud in the last second; else empty."""
@@ -560,21 +570,29 @@ class TickNode(RespawnableNode[NodeCore, Run]):
         """Message stamp of a tick."""
         return self.start_ns + tick * self.rate.tick_ns
 
-    def warn_or_ok(self, level: Level, message: str, facts: Mapping[str, Any]) -> None:
+    def warn_or_ok(
+        self,
+        level: Level,
+        message: str,
+        facts: Mapping[str, Any],
+        state: NodeState = NodeState.RUNNING,
+    ) -> None:
         """Report the core's state, or what peers do wrong if that is worse."""
+        silence = self.silence()
         wrong = (
-            self.silence()
+            silence
             or self.refusal()
             or self.links.acting(self.rate.seconds(self.tick))
-            or next(iter(self.core.rivals.values()), "")
+            or next((rival.sentence for rival in self.core.rivals.values()), "")
         )
         if wrong and level < Level.WARN:
             level, message = Level.WARN, wrong
+            state = NodeState.WITHOUT_INPUT if silence else state
         changed = (level, message) != (self.health.level, self.health.message)
-        if changed or self.tick % self.rate.hz == 0:
+        if changed or self.urgent or self.tick % self.rate.hz == 0:
             unused = {f"messages_{k}": n for k, n in asdict(self.core.pace.counters).items() if n}
             facts = {**facts, **unused, **self.links.facts()}
-            self.report(level, message, {**facts, **self._refused_facts()})
+            self.report(level, message, {**facts, **self._refused_facts()}, state)
 
     def has_news(self, message: str) -> bool:
         """Whether `warn_or_ok` may have anything to say beyond what was said last."""

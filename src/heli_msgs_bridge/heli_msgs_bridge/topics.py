@@ -36,6 +36,8 @@ COMMAND_POSE, COMMAND_VELOCITY = "command_pose", "command_velocity"
 """Names of REP-147; the first is a goto by another name."""
 COMMAND_ATTITUDE, COMMAND_CLIMB = "command_attitude", "command_climb"
 JOY = "joy"
+GOAL = "goal"
+"""A command with an id, by which the outer loop answers it (`command_messages.encode_goal`)."""
 ATTITUDE_SETPOINT = "attitude_setpoint"
 COLLECTIVE = "collective"
 ACTUATORS = "actuators"
@@ -147,6 +149,7 @@ TABLE: tuple[Topic, ...] = (
     Topic(COMMAND_ATTITUDE, "geometry_msgs/msg/QuaternionStamped", (), _OUTER, 0),
     Topic(COMMAND_CLIMB, "geometry_msgs/msg/TwistStamped", (), _OUTER, 0),
     Topic(JOY, "sensor_msgs/msg/Joy", (), _OUTER, 0),
+    Topic(GOAL, "trajectory_msgs/msg/MultiDOFJointTrajectory", (), _OUTER, 0),
     Topic(ATTITUDE_SETPOINT, "geometry_msgs/msg/QuaternionStamped", _OUTER, _INNER, 4),
     Topic(COLLECTIVE, _JOINTS, _OUTER, _INNER, 4),
     Topic(ACTUATORS, _JOINTS, _INNER, _PLANT + _OBSERVER, 1),

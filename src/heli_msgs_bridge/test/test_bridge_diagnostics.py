@@ -12,7 +12,16 @@ from rclpy.executors import SingleThreadedExecutor
 from heli_core.command_line import config_folder
 from heli_core.parameters import load, with_common
 from heli_core.ticks import NS_PER_S, TICKS_PER_S
-from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
+from heli_msgs_bridge.diagnostics import (
+    FACT_STATE,
+    Level,
+    NodeState,
+    Reporter,
+    hardware_of,
+    refusal_of,
+    refusal_text,
+    state_of,
+)
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec
 
 LIMIT_S = 30.0
@@ -92,7 +101,37 @@ def test_a_flying_node_speaks_once_a_second_of_its_own_time():
     reporter = Reporter(sink, "node", "helicopter")
     assert reporter.was_silent()
     for tick in range(10 * TICKS_PER_S):
-        if reporter.is_due(tick, Level.OK, "flying"):
+        if reporter.is_due(tick, Level.OK, "flying", NodeState.RUNNING):
             reporter.publish(tick * NS_PER_S // TICKS_PER_S, tick, Level.OK, "flying", {})
     assert sink.stamps == [second * NS_PER_S for second in range(10)]
     assert not reporter.was_silent() and reporter.was_silent()
+
+
+def test_a_change_of_state_alone_is_said_at_once():
+    reporter = Reporter(Kept(), "node", "helicopter")
+    reporter.publish(0, 1, Level.ERROR, "gaps", {}, NodeState.RUNNING)
+    assert not reporter.is_due(2, Level.ERROR, "gaps", NodeState.RUNNING)
+    assert reporter.is_due(2, Level.ERROR, "gaps", NodeState.INACTIVE)
+
+
+@pytest.mark.parametrize(
+    ("message", "state"),
+    [
+        ("unconfigured", NodeState.UNCONFIGURED), ("configured", NodeState.CONFIGURED),
+        ("active", NodeState.ACTIVE), ("inactive", NodeState.INACTIVE),
+        ("waiting for observer to get ready", NodeState.WAITING),
+        ("no message on 'imu' from plant: going on without", NodeState.WITHOUT_INPUT),
+        ("the flight is over", NodeState.FINISHED), ("flying", NodeState.RUNNING),
+    ],
+)  # fmt: skip
+def test_the_state_is_a_key_and_in_bags_from_before_it_a_sentence(message, state):
+    assert state_of({}, message) == state
+    assert state_of({FACT_STATE: "finished"}, message) == NodeState.FINISHED
+
+
+def test_a_refusal_comes_back_out_of_its_text():
+    assert refusal_of(refusal_text(3, "goto: too far; allowed: 2 m")) == (
+        3,
+        "goto: too far; allowed: 2 m",
+    )
+    assert refusal_of("none") == (0, "")

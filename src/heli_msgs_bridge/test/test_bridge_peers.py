@@ -7,6 +7,7 @@ import pytest
 import rclpy
 
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import NodeState
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec, wait_for_peers
 
 LIMIT_S = 0.1
@@ -30,9 +31,9 @@ class Sender(ManagedNode):
     def awaited_links(self):
         return dict(self.links)
 
-    def report(self, level, message, facts=None):
-        super().report(level, message, facts)
-        if message.startswith("waiting for "):
+    def report(self, level, message, facts=None, state=NodeState.RUNNING):
+        super().report(level, message, facts, state)
+        if state == NodeState.WAITING:
             self.said.release()
 
 

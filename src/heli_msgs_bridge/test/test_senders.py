@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who sends on a topic, in words: also before the middleware knows a node's name."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from heli_msgs_bridge.handover import FOLDER, note_restart
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
+    SENDER_FIELDS,
+    SENDERS,
     EverSent,
+    TopicSenders,
     full_name,
     senders_of,
-    several_in_words,
+    several,
     successors_of,
 )
 
@@ -43,9 +47,23 @@ class Graph:
 def test_senders_are_named_in_order():
     senders = senders_of(Graph(("/red", "observer"), ("/", "pilot")), "odom")
     assert senders == [("/", "pilot"), ("/red", "observer")]
-    assert several_in_words("odom", senders) == (
+    assert several("odom", senders).sentence == (
         "odom: sent by /pilot, /red/observer; only the first sender's messages are used"
     )
+
+
+def test_fields_of_senders_come_back_and_make_the_sentence():
+    named = several("joy", [("", NOT_YET_NAMED), ("/", "one")], "/one")
+    counted = replace(named, ignored=3, successions=2)
+    facts = counted.facts()
+    read = TopicSenders.read(facts[f"{SENDER_FIELDS}joy"])
+    assert read == counted
+    assert replace(read, names=("/one", "/two")).sentence == (
+        "joy: sent by /one, /two; only /one is followed, which was heard first; ignored so far: 3 "
+        "messages; the sender that is used has changed: 2 times"
+    )
+    unknown = TopicSenders("odom", ignored=1)
+    assert unknown.facts()[f"{SENDERS}odom"] == "odom; ignored so far: 1 messages"
 
 
 def test_a_node_whose_name_has_not_come_is_no_name_of_the_middleware():

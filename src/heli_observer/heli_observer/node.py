@@ -13,7 +13,7 @@ from heli_core.jit import direct
 from heli_core.rows import NAV
 from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.frames import datum
 from heli_msgs_bridge.lifecycle_node import NodeSpec
 from heli_msgs_bridge.lockstep import Arrived, Demand
@@ -145,7 +145,9 @@ class ObserverNode(TickNode[Navigation, None]):
                 **_events(core.state),
                 **_left(core.state),
             }
-            self.warn_or_ok(_LEVELS.get(named, Level.WARN), named.sentence, facts)
+            aligns = named == ObserverStatus.ALIGNING
+            state = NodeState.WAITING if aligns else NodeState.RUNNING
+            self.warn_or_ok(_LEVELS.get(named, Level.WARN), named.sentence, facts, state)
 
 
 def _events(state: ObserverState) -> dict[str, int]:

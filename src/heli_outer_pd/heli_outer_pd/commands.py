@@ -19,6 +19,7 @@ from heli_msgs_bridge.command_messages import (
     VelocityCommand,
     decode_attitude,
     decode_climb,
+    decode_goal,
     decode_goto,
     decode_joy,
     decode_velocity,
@@ -89,21 +90,50 @@ class Commands:
             node = self._node
             # Now: who sends once is gone when one looks later.
             node._name_commanders()
-            try:
-                goal = self._goal_of(message, topic)
-                refused = self._do(Command.GOTO, goal)
-            except MessageError as error:
-                node.refuse_aloud(topic, str(error))
-                return
-            except ReferenceRefused as error:
-                node.refuse_aloud(topic, f"{topic}: {error}")
-                return
-            if refused is not None:
-                node.refuse_aloud(topic, refused.sentence)
-                return
-            node.get_logger().info(f"{topic}: {self.fly(node.run.phases.trajectory)}")
+            self._go_to(message, topic)
 
         return take
+
+    def _go_to(self, message: Any, topic: str) -> tuple[bool, str]:
+        """Whether a pose is flown to, and a sentence: where it is, or why not."""
+        node = self._node
+        try:
+            refused = self._do(Command.GOTO, self._goal_of(message, topic))
+            said = "" if refused is None else refused.sentence
+        except MessageError as error:
+            said = str(error)
+        except ReferenceRefused as error:
+            said = f"{topic}: {error}"
+        if said:
+            node.refuse_aloud(topic, said)
+            return False, said
+        said = f"{topic}: {self.fly(node.run.phases.trajectory)}"
+        node.get_logger().info(said)
+        return True, said
+
+    def on_goal(self, message: Any) -> None:
+        """Do what a command with an id asks, or refuse it; answer by the id, in /diagnostics."""
+        node, goals = self._node, self._node.core.goals
+        try:
+            command, goal_id, argument = decode_goal(message)
+        except MessageError as error:
+            node.refuse_aloud(topics.GOAL, str(error))
+            return
+        if goals.knows(goal_id):
+            return  # it is sent again until it is answered
+        match asked := Command(command):
+            case Command.GOTO:
+                done, said = self._go_to(argument, topics.GOTO)
+            case Command.FOLLOW:
+                done, said = node.follow_goal(argument)
+            case _:
+                done, said = self._asked(asked)
+                self._log(done, said)
+        if done:
+            goals.begin(goal_id, asked, said, node.run.phases)
+        else:
+            goals.refuse(goal_id, asked, said)
+        node.tell_goals()
 
     def on_velocity(self, message: Any) -> None:
         """Move so from the law's next step on; or refuse it, and go on as before."""

@@ -20,6 +20,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.command_messages import decode_reference, encode_reference, key_of
 from heli_msgs_bridge.diagnostics import (
     FACT_FAILSAFE,
+    FACT_GOALS,
     FACT_LAW_FAILED,
     FACT_MODE,
     FACT_OFFSET,
@@ -31,10 +32,11 @@ from heli_msgs_bridge.lifecycle_node import NodeSpec
 from heli_msgs_bridge.lockstep import Arrived, Demand
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.services import MOST_WAY_BYTES
-from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent
+from heli_msgs_bridge.sources import NOT_YET_NAMED, EverSent, TopicSenders
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
 from heli_outer_pd.commands import ARM, MODE, SERVED, Commands
 from heli_outer_pd.disturbance import flyable
+from heli_outer_pd.goals import Goals
 from heli_outer_pd.goto import Goto, PhaseNumbers, outside
 from heli_outer_pd.inbox import INPUTS, HeardNavigation, listen, navigate, no_navigation
 from heli_outer_pd.joystick import StickMap
@@ -103,6 +105,8 @@ class ConfiguredOuterLoop(TickCore):
         Of those, what a predecessor has heard and this node will hear once more.
     armed : bool
         Whether a take-off is obeyed.
+    goals : Goals
+        Commands with an id, and what has become of them.
     flies : OwnPositionLaw
         The law's place, taken by one in Python or by none.
     """
@@ -131,6 +135,7 @@ class ConfiguredOuterLoop(TickCore):
     trajectories: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_TOLD))
     repeated: list[int] = field(default_factory=list)
     armed: bool = True
+    goals: Goals = field(default_factory=Goals)
     flies: OwnPositionLaw = field(default_factory=lambda: OwnPositionLaw(None))
 
 
@@ -171,6 +176,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         self.hear_commands(topics.REFERENCE, self._on_reference, MOST_WAY_BYTES)
         for topic in (topics.GOTO, topics.COMMAND_POSE):
             self.hear_commands(topic, commands.on_goto(topic))
+        self.hear_commands(topics.GOAL, commands.on_goal, MOST_WAY_BYTES)
         self.hear_one(topics.COMMAND_VELOCITY, commands.on_velocity)
         self.hear_one(topics.COMMAND_ATTITUDE, commands.on_attitude)
         self.hear_one(topics.COMMAND_CLIMB, commands.on_climb)
@@ -209,8 +215,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 # This node's predecessor stays in the graph for some seconds, dead and nameless.
                 names.remove(NOT_YET_NAMED)
             if len(names) > 1:
-                said = f"{topic}: sent by {', '.join(names)}"
-                self.core.senders[topic] = f"{said}; each {topic} is followed as it comes"
+                self.core.senders[topic] = TopicSenders(topic, tuple(names), each=True)
             else:
                 # What had no name was of this node, or of the other one.
                 self.core.senders.pop(topic, None)
@@ -227,26 +232,68 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             return
         # Now: who sends once is gone when one looks later.
         self._name_commanders()
+        way, why = self._judged_reference(message)
+        first = core.given is None
+        if not why and self.active and not first:
+            why = core.commands.refusal_of_reference()
+        if why:
+            self.refuse_aloud(topics.REFERENCE, why)
+            return
+        core.followed.append(key)
+        core.trajectories.append((self.stamp_ns(self.tick + 1), key))
+        self._follow_reference(way)
+
+    def _judged_reference(self, message: Any) -> tuple[Trajectory, str]:
+        """The way of a message; why it cannot be followed, or an empty sentence."""
+        core = self.core
         try:
             way = decode_reference(message, self.get_namespace())
             home = way.points[0, REFERENCE.pos] if core.home_ned_m is None else core.home_ned_m
             core.limits.judge(way, home, self.stamp_ns(self.tick))
         except MessageError as error:
-            self.refuse_aloud(topics.REFERENCE, str(error))
-            return
+            return _NOWHERE, str(error)
         except ReferenceRefused as error:
-            self.refuse_aloud(topics.REFERENCE, f"{topics.REFERENCE}: {error}")
-            return
-        first = core.given is None
-        if self.active and not first and (why := self.core.commands.refusal_of_reference()):
-            self.refuse_aloud(topics.REFERENCE, why)
-            return
-        core.followed.append(key)
-        core.trajectories.append((self.stamp_ns(self.tick + 1), key))
-        core.given, core.trajectory, core.home_ned_m = way, way, home.copy()
+            return _NOWHERE, f"{topics.REFERENCE}: {error}"
+        return way, ""
+
+    def _follow_reference(self, way: Trajectory) -> None:
+        core = self.core
+        if core.home_ned_m is None:
+            core.home_ned_m = way.points[0, REFERENCE.pos].copy()
+        core.given, core.trajectory = way, way
         if not self.active or not self.run.phases.phase.on_ground:
             self._as_given(way)
         core.pace.resume()
+
+    def follow_goal(self, message: Any) -> tuple[bool, str]:
+        """Whether the reference of a goal is followed, told then as one; and a sentence."""
+        core = self.core
+        way, why = self._judged_reference(message)
+        if not why:
+            inactive = f"{topics.REFERENCE}: {NODE_NAME} is not active; activate it first"
+            why = core.commands.refusal_of_reference() if self.active else inactive
+        if why:
+            self.refuse_aloud(topics.REFERENCE, why)
+            return False, why
+        told = encode_reference(way, self.get_namespace())
+        key = key_of(told)
+        core.own.append(key)
+        core.trajectories.append((self.stamp_ns(self.tick + 1), key))
+        self._follow_reference(way)
+        core.send_trajectory(told)
+        return True, f"{topics.REFERENCE}: followed"
+
+    def tell_goals(self) -> None:
+        """Say what has become of goals, at once."""
+        said, self.urgent = self.health, True
+        facts = {**said.facts, **self._goal_facts()}
+        if self.active:
+            facts[FACT_MODE] = self.run.phases.phase.mode
+        self.report(said.level, said.message, facts, said.state)
+
+    def _goal_facts(self) -> dict[str, str]:
+        told = self.core.goals.told()
+        return {FACT_GOALS: told} if told else {}
 
     def _as_given(self, way: Trajectory) -> None:
         """What is followed from now on is flown where it says, and no goto is any more."""
@@ -296,6 +343,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core, numbers = self.core, PhaseNumbers.from_parameters(self.values)
         orders = script_of(self.values)
         core.commands.begin()
+        core.goals.end()
         core.flies.begin()
         return Phases(
             numbers, core.goto, core.params, core.state, core.limits, orders, self.start_ns
@@ -319,6 +367,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             core.home_ned_m,
             core.followed,
             core.armed,
+            core.goals,
         )
         return core.state, ways, vars(run)
 
@@ -333,6 +382,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             core.home_ned_m,
             core.followed,
             core.armed,
+            core.goals,
         ) = ways
         core.repeated = list(core.followed)
         self.run.take(run, gap)
@@ -375,6 +425,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         if phases.after(stamp_ns, core.nav, core.out) and phases.trajectory is not None:
             self.core.commands.fly(phases.trajectory)
         core.commands.after_step()
+        self.urgent = core.goals.look(phases)
         while phases.remarks:
             self.get_logger().warning(phases.remarks.pop(0))
 
@@ -405,7 +456,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             level = Level.ERROR
         if core.flies.failure:
             level, message = Level.ERROR, core.flies.failure
-        if self.tick % self.rate.hz == 0 or message != self.health.message:
+        if self.urgent or self.tick % self.rate.hz == 0 or message != self.health.message:
             facts = {
                 "reference": self._what(),
                 FACT_MODE: self.run.phases.phase.mode,
@@ -415,6 +466,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
                 "disturbance_ned_mps2": np.round(core.state[MEMORY.disturbance], 4).tolist(),
+                **self._goal_facts(),
                 **({FACT_LAW_FAILED: core.flies.failure} if core.flies.failure else {}),
             }
             self.warn_or_ok(level, message, facts)

@@ -199,6 +199,8 @@ class Phases:
         What is followed; None until there is something.
     home_ned_m : (3,) array
         From where the distance of a goto is counted: where it stood at first, or as it is set.
+    event : Command or Fact or None
+        What has led to the present phase; None before the first.
     history : list of int and Phase
         Stamp, ns, from which on each phase was flown.
     cruise_ns : int
@@ -227,6 +229,7 @@ class Phases:
         self.trajectory: Trajectory | None = None
         self.home_ned_m, self.ground_down_m, self.fence_distance_m = np.zeros(3), 0.0, 0.0
         self.phase = Phase.STANDING if numbers.on_ground else Phase.HOVER
+        self.event: Command | Fact | None = None
         self.history, self._orders = [(start_ns, self.phase)], ScriptRunner(orders, start_ns)
         self._state, self._start_ns, self.remarks = state, start_ns, self._orders.remarks
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
@@ -270,7 +273,7 @@ class Phases:
         self.trajectory = way
         if self.phase in BY_STICKS:
             self.sticks.hand_over(FLIES)
-        self._now(Phase.TRAJECTORY, now_ns)
+        self._now(Phase.TRAJECTORY, Command.FOLLOW, now_ns)
 
     def steer(self, sticks: Array, now_ns: int) -> None:
         """Take a pilot's newest sticks (4,), a `StickRow`; ReferenceRefused if they are none."""
@@ -472,7 +475,7 @@ class Phases:
             anew = self.sticks.take(
                 self.phase, phase, self.trajectory, self._at(now_ns, nav), n.sticks
             )
-            self._now(phase, now_ns)
+            self._now(phase, event, now_ns)
             if anew:
                 # The very next step of the law is by the sticks.
                 self._steer(now_ns, nav)
@@ -525,12 +528,12 @@ class Phases:
             self.sticks.hand_over(FLIES)
         if found:
             self._state[MEMORY.sight] = KNOWN
-        self._now(phase, now_ns)
+        self._now(phase, event, now_ns)
 
-    def _now(self, phase: Phase, now_ns: int) -> None:
+    def _now(self, phase: Phase, event: Command | Fact, now_ns: int) -> None:
         if phase != self.phase or phase not in _RENEWED:
             self.history.append((now_ns, phase))
-        self.phase, self._since_ns = phase, now_ns
+        self.phase, self.event, self._since_ns = phase, event, now_ns
         self._state[MEMORY.lands] = float(phase in (Phase.HALTING, Phase.DESCENDING))
 
     def _steer(self, now_ns: int, nav: Array) -> None:

@@ -248,7 +248,7 @@ def test_a_second_pilot_is_named_and_not_followed(flying, monkeypatch):
         hear(number, *(["land"] if number == 2 else []))
     assert flying.phase == Phase.HOVER
     assert flying.node.core.pace is not None
-    said = flying.node.core.senders["joy"]
+    said = flying.node.core.senders["joy"].sentence
     assert said == (
         "joy: sent by /one, /two; only /one is followed, which was heard first; ignored so far: 3 "
         "messages"

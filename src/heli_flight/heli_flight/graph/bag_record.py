@@ -25,8 +25,9 @@ from heli_msgs_bridge.diagnostics import (
     FACT_FAILSAFE,
     FACT_LAW_FAILED,
     FACT_MODE,
-    NO_MESSAGE,
+    NodeState,
     offset_of,
+    state_of,
 )
 from heli_msgs_bridge.sums import SUM, read_checksums
 from heli_outer_pd.failsafes import Action
@@ -223,7 +224,9 @@ def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -
     # When the plant has flown its last tick, nobody hears it any more: that is no news.
     end_ns = int(source.stamp_ns[-1])
     remarks = [
-        r for r in bag.remarks if r.stamp_ns < end_ns or not r.message.startswith(NO_MESSAGE)
+        r
+        for r in bag.remarks
+        if r.stamp_ns < end_ns or state_of(r.facts, r.message) != NodeState.WITHOUT_INPUT
     ]
     truth_ticks = ticks if source.sums is not None else None
     return BagFlight(record, remarks, bag.foreign, bag.aircraft, truth_ticks, source.sums)

@@ -57,10 +57,9 @@ from heli_flight.settings import (
 )
 from heli_live_view.access import TOKEN_VARIABLE
 from heli_live_view.parameters import NODE_NAME as LIVE
-from heli_live_view.parameters import SHOWN_TO_THE_END
 from heli_msgs_bridge import sums, topics
-from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED
-from heli_msgs_bridge.lifecycle_node import INACTIVE, READY_LIMIT_S
+from heli_msgs_bridge.diagnostics import FACT_FLOOD, FACT_LAW_FAILED, NodeState
+from heli_msgs_bridge.lifecycle_node import READY_LIMIT_S
 from heli_msgs_bridge.sources import SENDERS
 
 # -------------------------------------------------------------------------------------------------
@@ -260,7 +259,7 @@ def bring_up_live(
     for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
         up.transition([LIVE], step, _LIMIT_S, check)
     if not up.wait_until(lambda: "page" in _facts(up), _LIMIT_S, check):
-        raise BringUpError(f"{LIVE}: has not said where the page is")
+        raise BringUpError(f"{LIVE}: has not said where the page is", LIVE)
     for line in addresses(_facts(up), live):
         say(line)
 
@@ -624,7 +623,7 @@ class Graph:
         try:
             step(self.supervisor)
         except BringUpError as error:
-            raise StartError(self._own(self._with_reason(str(error)))) from error
+            raise StartError(self._own(self._with_reason(error))) from error
         except FlightError as error:
             raise StartError(str(error)) from error
 
@@ -664,13 +663,12 @@ class Graph:
 
         up.transition(names, Transition.TRANSITION_CONFIGURE, READY_LIMIT_S, check)
 
-    def _with_reason(self, sentence: str) -> str:
+    def _with_reason(self, error: BringUpError) -> str:
         """The node's own words, where it has said why it refused."""
-        name = sentence.split(":", 1)[0].split(",", 1)[0]
-        status = self.supervisor.statuses.get(name) if self.supervisor else None
+        status = self.supervisor.statuses.get(error.node) if self.supervisor else None
         if status is not None and status.level > 0:
-            return f"{name}: {status.message}"
-        return sentence
+            return f"{error.node}: {status.message}"
+        return str(error)
 
     def _own(self, sentence: str) -> str:
         """The sentence with the aircraft's name in front, where others fly beside it."""
@@ -686,7 +684,7 @@ class Graph:
         def over() -> bool:
             nonlocal seen, seen_at
             status = up.statuses.get("plant")
-            paused = status is not None and status.message == INACTIVE
+            paused = status is not None and status.state == NodeState.INACTIVE
             if status is not None and (paused or status.time_s != seen):
                 seen, seen_at = status.time_s, time.monotonic()
                 progress(max(0.0, seen - start_s))
@@ -716,7 +714,7 @@ class Graph:
             self._faults.undo()
         if LIVE in self.processes:
             up.wait_until(
-                lambda: up.statuses[LIVE].message == SHOWN_TO_THE_END, _END_LIMIT_S, alive
+                lambda: up.statuses[LIVE].state == NodeState.FINISHED, _END_LIMIT_S, alive
             )
         up.close_bag(_BAG_LIMIT_S)
         up.name_senders(lambda: None)

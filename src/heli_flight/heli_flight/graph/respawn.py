@@ -21,9 +21,8 @@ from typing import Any
 from heli_core.errors import FlightError
 from heli_flight.graph.processes import NodeProcess, stop
 from heli_flight.graph.supervisor import NodeStatus, Supervisor
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.handover import FOLDER, note_restart
-from heli_msgs_bridge.lifecycle_node import BEFORE_STEPS
 
 # -------------------------------------------------------------------------------------------------
 # Respawn.
@@ -179,7 +178,7 @@ class Respawn:
 
 def _steps(status: NodeStatus) -> bool:
     """Whether a node says of itself what only one says that has made a step."""
-    return status.message not in BEFORE_STEPS and not status.message.startswith("waiting for ")
+    return status.state in (NodeState.RUNNING, NodeState.WITHOUT_INPUT)
 
 
 # -------------------------------------------------------------------------------------------------

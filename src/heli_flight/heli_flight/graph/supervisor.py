@@ -27,17 +27,16 @@ from heli_flight.scenario import NODE_NAME, Scenario
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.command_messages import encode_reference
-from heli_msgs_bridge.diagnostics import Level, Reporter, hardware_of
-from heli_msgs_bridge.lifecycle_node import INACTIVE
+from heli_msgs_bridge.diagnostics import Level, NodeState, Reporter, hardware_of, state_of
 from heli_msgs_bridge.node_process import wait_for_dds_shutdown
 from heli_msgs_bridge.sources import (
     NOT_YET_NAMED,
-    SENDERS,
+    SENDER_FIELDS,
     Info,
     PublisherLock,
+    TopicSenders,
     full_name,
     senders_of,
-    several_in_words,
     with_info,
 )
 
@@ -122,7 +121,19 @@ _LOOP = ("observer", "inner_loop", "outer_loop")
 
 
 class BringUpError(FlightError):
-    """A node did not come up or fell silent; the message names it."""
+    """A node did not come up or fell silent.
+
+    Parameters
+    ----------
+    message : str
+        A sentence that names it.
+    node : str, optional
+        Its name, where it may have said the reason itself.
+    """
+
+    def __init__(self, message: str, node: str = "") -> None:
+        super().__init__(message)
+        self.node = node
 
 
 @dataclass(frozen=True)
@@ -133,6 +144,11 @@ class NodeStatus:
     message: str
     time_s: float
     facts: Mapping[str, str]
+
+    @property
+    def state(self) -> NodeState:
+        """Where the node is in its life, and in the flight."""
+        return state_of(self.facts, self.message)
 
 
 class Supervisor(Node):
@@ -307,31 +323,32 @@ class Supervisor(Node):
     def name_senders(self, check: Callable[[], None]) -> None:
         """In what nodes have said of a topic's senders, put the names that are known only now."""
 
-        def unnamed() -> list[tuple[str, str]]:
-            return [
-                (node, key)
+        def unnamed() -> list[tuple[str, TopicSenders]]:
+            told = [
+                (node, TopicSenders.read(text))
                 for node, status in self.statuses.items()
-                for key, said in status.facts.items()
-                if key.startswith(SENDERS) and NOT_YET_NAMED in said
+                for key, text in status.facts.items()
+                if key.startswith(SENDER_FIELDS)
             ]
+            return [(node, senders) for node, senders in told if NOT_YET_NAMED in senders.names]
 
-        def known(key: str) -> list[tuple[str, str]]:
-            return senders_of(self, key.removeprefix(SENDERS))
+        def known(topic: str) -> list[tuple[str, str]]:
+            return senders_of(self, topic)
 
         def named() -> bool:
-            return all(NOT_YET_NAMED not in map(full_name, known(key)) for _, key in unnamed())
+            topics_of = (senders.topic for _, senders in unnamed())
+            return all(NOT_YET_NAMED not in map(full_name, known(topic)) for topic in topics_of)
 
         self.wait_until(named, _NAME_LIMIT_S, check)
-        for node, key in unnamed():
+        for node, told in unnamed():
             # Not the node itself, and of one that was started again not its predecessor too.
             own = (self.get_namespace(), node)
-            status, senders = self.statuses[node], sorted(set(known(key)) - {own})
+            status, senders = self.statuses[node], sorted(set(known(told.topic)) - {own})
             if len(senders) < 2:
                 # Whom it was about has left without a name.
                 continue
-            _, rest = status.facts[key].split(";", 1)
-            said = several_in_words(key.removeprefix(SENDERS), senders).split(";")[0]
-            self.statuses[node] = replace(status, facts={**status.facts, key: f"{said};{rest}"})
+            facts = replace(told, names=tuple(map(full_name, senders))).facts()
+            self.statuses[node] = replace(status, facts={**status.facts, **facts})
 
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
         """Publish the scenario's reference, latched; start_ns is the stamp of flight time 0."""
@@ -361,13 +378,14 @@ class Supervisor(Node):
             target,
         )
         if not self.wait_until(answers.complete, limit_s, check):
-            silent = ", ".join(answers.silent())
-            raise BringUpError(f"{silent}: no answer to '{label}' in {limit_s:g} s")
+            silent = answers.silent()
+            said = f"{', '.join(silent)}: no answer to '{label}' in {limit_s:g} s"
+            raise BringUpError(said, next(iter(silent), ""))
         if refused := answers.refused():
             # One refuses for a reason of its own, which it logs; several were not ours to ask.
             hint = "; another flight may be in this ROS domain: end it or set ROS_DOMAIN_ID to a "
             more = f"{hint}free one" if len(refused) > 1 else ""
-            raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}")
+            raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}", refused[0])
 
     def close_bag(self, limit_s: float) -> None:
         """Deactivate the recorder: what has reached it is in the bag once it has confirmed.
@@ -385,7 +403,8 @@ class Supervisor(Node):
 
     def _has_last_word(self) -> bool:
         said = self.statuses.get("recorder")
-        return said is not None and (said.level > 0 or said.message == INACTIVE)
+        ends = (NodeState.INACTIVE, NodeState.FAILED)
+        return said is not None and (said.level > 0 or said.state in ends)
 
     def close(self) -> None:
         """Take the node out of the graph."""
