@@ -7,7 +7,7 @@ import pytest
 from heli_flight import loop as closed_loop
 from heli_flight.settings import resolve
 from heli_outer_pd.failsafes import Condition, of
-from heli_outer_pd.state import FULL, MEMORY, SOFT, STUCK
+from heli_outer_pd.state import MACHINE, SERVO_DEGRADED, SERVO_NOMINAL, SERVO_STUCK
 
 BEGIN_S = 12.0
 AT = int(BEGIN_S * 100)
@@ -23,7 +23,7 @@ def flown(fault, seed, seconds, gps="standalone", scenario="hover", world="hones
     settings = resolve(scenario, gps, seed, seconds, world=world, overrides=over)
     loop = closed_loop.build(settings)
     flight = closed_loop.fly_loop(loop, settings)
-    return flight, loop.outer_s[MEMORY.soft]
+    return flight, loop.outer_s.machine[MACHINE.servo]
 
 
 def servo(what, kind, value=None):
@@ -38,9 +38,9 @@ SLOW = servo("delta_lat", "slow", 0.5)
 def test_a_slow_servo_is_found_in_time_and_flown_softly(seed):
     """Without it each of these is lost."""
     _, soon = flown(SLOW, seed, BEGIN_S + of(Condition.SERVO_SLOW).within_s)
-    assert soon == SOFT
+    assert soon == SERVO_DEGRADED
     flight, at_last = flown(SLOW, seed, 60.0)
-    assert flight.status == 0 and at_last == SOFT
+    assert flight.status == 0 and at_last == SERVO_DEGRADED
     pos = flight.record.truth_pos_ned_m
     assert np.linalg.norm(pos[AT:] - pos[AT], axis=1).max() < 15.0
     assert flown(SLOW, seed, 60.0, **NEVER)[0].status != 0
@@ -52,7 +52,7 @@ def test_a_stuck_servo_is_told_from_a_slow_one_in_time(what, seed):
     """And flown with full gains again: a soft flight with it is lost sooner."""
     seconds = BEGIN_S + of(Condition.SERVO_STUCK).within_s
     _, soft = flown(servo(what, "stuck"), seed, min(seconds, 18.0))
-    assert soft == STUCK
+    assert soft == SERVO_STUCK
 
 
 @pytest.mark.parametrize("gps", ["rtk", "standalone"])
@@ -65,14 +65,14 @@ def test_a_flight_without_a_fault_is_never_taken_for_one(scenario, world, gps):
     """Those of the packaged ones that swing most."""
     for seed in (1, 2):
         flight, soft = flown("none", seed, None, gps, scenario, world)
-        assert flight.status == 0 and soft == FULL
+        assert flight.status == 0 and soft == SERVO_NOMINAL
 
 
 def test_a_short_pause_of_a_servo_is_flown_out():
     """What is stuck for 0.5 s needs nothing."""
     flight, soft = flown("{what: delta_lat, kind: stuck, start_s: 12.0, duration_s: 0.5}", 3, 40.0,
                          "rtk")  # fmt: skip
-    assert flight.status == 0 and soft == FULL
+    assert flight.status == 0 and soft == SERVO_NOMINAL
 
 
 def test_it_lands_softly_when_it_is_asked_to():
@@ -81,4 +81,4 @@ def test_it_lands_softly_when_it_is_asked_to():
     for seed in (1, 2, 3):
         flight, soft = flown(SLOW, seed, 75.0, **asked)
         assert flight.status == 0 and flight.record.mode[-1] == "standing"
-        assert soft == FULL
+        assert soft == SERVO_NOMINAL

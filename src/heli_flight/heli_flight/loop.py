@@ -150,7 +150,7 @@ class AircraftInLoop(NamedTuple):
     excitation_s: np.ndarray
     disturbance_k: SweepParams
     outer_k: outer.OuterParams
-    outer_s: np.ndarray
+    outer_s: outer.OuterState
     navigation: inbox.HeardNavigation
     outer_in: Inbox
     period_ticks: int
@@ -336,8 +336,8 @@ def act(loop, links, tick, u):
 @njit
 def _what_changes(state):
     """What ends a stretch of ticks when it changes, of the law's state."""
-    at = outer.MEMORY
-    return state[at.sight], state[at.gone], state[at.spin]
+    machine, at = state.machine, outer.MACHINE
+    return machine[at.position], machine[at.rotor], int(state.x[outer.MEMORY.gone])
 
 
 @njit_unlocked

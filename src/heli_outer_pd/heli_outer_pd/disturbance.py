@@ -7,17 +7,18 @@ from heli_core.jit import fill, njit, scratch
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import NAV, SETPOINT
 from heli_outer_pd.state import (
-    AUTOROTATES,
-    DOWN,
     FLIES,
-    FULL,
     LEAVES,
     LOW_BY_HAND,
+    MACHINE,
     MEMORY,
-    SOFT,
+    ROTOR_AUTOROTATES,
+    ROTOR_DRIVEN,
+    ROTOR_LANDED,
+    SERVO_DEGRADED,
+    SERVO_NOMINAL,
+    SERVO_STUCK,
     STEERED,
-    STUCK,
-    TURNS,
     thrust_for_collective,
 )
 
@@ -62,19 +63,19 @@ SOFT_TILT_RAD = math.radians(15.0)
 @njit
 def p_share(state):
     """Share of the gains that act on what is off: 1.0 unless it flies softly."""
-    return K_P_SHARE if state[MEMORY.soft] == SOFT else 1.0
+    return K_P_SHARE if state.machine[MACHINE.servo] == SERVO_DEGRADED else 1.0
 
 
 @njit
 def d_share(state):
     """Share of the gains that act on speeds."""
-    return K_D_SHARE if state[MEMORY.soft] == SOFT else 1.0
+    return K_D_SHARE if state.machine[MACHINE.servo] == SERVO_DEGRADED else 1.0
 
 
 @njit
 def softly(a, k, state):
     """Cut the wanted acceleration (3,), horizontally and in place, to that of a small tilt."""
-    if state[MEMORY.soft] == SOFT:
+    if state.machine[MACHINE.servo] == SERVO_DEGRADED:
         limit = k.g * math.tan(SOFT_TILT_RAD)
         for i in range(2):
             a[i] = min(max(a[i], -limit), limit)
@@ -83,7 +84,7 @@ def softly(a, k, state):
 @njit
 def ease(phi, theta, state, out):
     """Bring the commanded roll and pitch of out (4,) near those that are flown, rad."""
-    if state[MEMORY.soft] == SOFT:
+    if state.machine[MACHINE.servo] == SERVO_DEGRADED:
         out[SETPOINT.phi] += AS_IT_IS * (phi - out[SETPOINT.phi])
         out[SETPOINT.theta] += AS_IT_IS * (theta - out[SETPOINT.theta])
 
@@ -91,12 +92,12 @@ def ease(phi, theta, state, out):
 @njit
 def forget_swings(state):
     """Full gains, and nothing seen so far."""
-    fill(state[MEMORY.off_mean], 0.0)
-    fill(state[MEMORY.off_square], 0.0)
-    fill(state[MEMORY.side], 0.0)
-    fill(state[MEMORY.turns], 0.0)
-    state[MEMORY.soft] = FULL
-    state[MEMORY.calm_wanted_s] = 0.0
+    fill(state.x[MEMORY.off_mean], 0.0)
+    fill(state.x[MEMORY.off_square], 0.0)
+    fill(state.x[MEMORY.side], 0.0)
+    fill(state.x[MEMORY.turns], 0.0)
+    state.machine[MACHINE.servo] = SERVO_NOMINAL
+    state.x[MEMORY.calm_wanted_s] = 0.0
 
 
 @njit
@@ -108,11 +109,15 @@ def watch_attitude(flown, psi, rate, k, state):
     along: nothing is said of their servos, and the full gains hold a place even so.
     """
     own = k.wind_compensation > 0.5 and k.hold_horizontal > 0.5 and k.sweep.shape == 0
-    state[MEMORY.late] += k.dt_s / _MEAN_S * (state[MEMORY.is_late] - state[MEMORY.late])
-    if state[MEMORY.ground] != FLIES or not own or state[MEMORY.late] > _LATE:
+    state.x[MEMORY.late] += k.dt_s / _MEAN_S * (state.x[MEMORY.is_late] - state.x[MEMORY.late])
+    if state.machine[MACHINE.guidance] != FLIES or not own or state.x[MEMORY.late] > _LATE:
         forget_swings(state)
         return
-    mean, square, lagged = state[MEMORY.off_mean], state[MEMORY.off_square], state[MEMORY.lagged]
+    mean, square, lagged = (
+        state.x[MEMORY.off_mean],
+        state.x[MEMORY.off_square],
+        state.x[MEMORY.lagged],
+    )
     swings, brisk, hangs, calm = False, False, False, True
     for i in range(2):
         off = math.atan((flown[i] - lagged[i]) / k.g)
@@ -124,7 +129,7 @@ def watch_attitude(flown, psi, rate, k, state):
         beyond = square[i] > (_HALF * k.unfollowed[i]) ** 2
         hangs = hangs or (beyond and mean[i] ** 2 > _HANGS * square[i])
         calm = calm and not beyond
-    off_rad = abs(wrap_pi(psi - state[MEMORY.command][SETPOINT.psi]))
+    off_rad = abs(wrap_pi(psi - state.x[MEMORY.command][SETPOINT.psi]))
     turned = off_rad > _TURNED_RAD or abs(rate[2]) > _TURNS_RADPS
     _decide(swings and not turned, brisk, hangs or turned, calm, k, state)
 
@@ -132,7 +137,7 @@ def watch_attitude(flown, psi, rate, k, state):
 @njit
 def _turns(off, i, k, state):
     """How often an axis has lately swung from beyond one end to beyond the other."""
-    side, turns, end = state[MEMORY.side], state[MEMORY.turns], _END * k.unfollowed[i]
+    side, turns, end = state.x[MEMORY.side], state.x[MEMORY.turns], _END * k.unfollowed[i]
     turns[i] -= k.dt_s / _LATELY_S * turns[i]
     if abs(off) > end:
         now = 1.0 if off > 0.0 else -1.0
@@ -145,32 +150,32 @@ def _turns(off, i, k, state):
 @njit
 def _begin(calm_wanted_s, soft, state):
     """Fly on as SOFT or STUCK until it is calm for so long."""
-    state[MEMORY.soft], state[MEMORY.calm_wanted_s] = soft, calm_wanted_s
-    state[MEMORY.hangs_s], state[MEMORY.calm_s], state[MEMORY.soft_s] = 0.0, 0.0, 0.0
+    state.machine[MACHINE.servo], state.x[MEMORY.calm_wanted_s] = soft, calm_wanted_s
+    state.x[MEMORY.hangs_s], state.x[MEMORY.calm_s], state.x[MEMORY.soft_s] = 0.0, 0.0, 0.0
 
 
 @njit
 def _decide(swings, brisk, hangs, calm, k, state):
     """The next of FULL, SOFT, STUCK."""
-    soft, wanted_s = state[MEMORY.soft], state[MEMORY.calm_wanted_s]
-    lands = state[MEMORY.lands] > 0.5
-    if soft == FULL:
+    soft, wanted_s = state.machine[MACHINE.servo], state.x[MEMORY.calm_wanted_s]
+    lands = state.x[MEMORY.lands] > 0.5
+    if soft == SERVO_NOMINAL:
         # A landing is no place for another try; what softness has calmed once is a slow servo.
         if (swings or lands) and wanted_s > 0.0:
-            _begin(2.0 * wanted_s, SOFT, state)
+            _begin(2.0 * wanted_s, SERVO_DEGRADED, state)
         elif swings and brisk:
-            _begin(0.0, STUCK, state)
+            _begin(0.0, SERVO_STUCK, state)
         elif swings:
-            _begin(_CALM_S, SOFT, state)
+            _begin(_CALM_S, SERVO_DEGRADED, state)
         return
-    state[MEMORY.hangs_s] = state[MEMORY.hangs_s] + k.dt_s if hangs else 0.0
-    state[MEMORY.calm_s] = state[MEMORY.calm_s] + k.dt_s if calm else 0.0
-    state[MEMORY.soft_s] += k.dt_s
-    in_vain = swings and state[MEMORY.soft_s] > _TRIED_S
-    if soft == SOFT and (state[MEMORY.hangs_s] > _HANGS_S or in_vain):
-        state[MEMORY.soft] = STUCK
-    elif state[MEMORY.calm_s] > max(wanted_s, _CALM_S) and not lands:
-        state[MEMORY.soft], state[MEMORY.takes_over] = FULL, 1.0
+    state.x[MEMORY.hangs_s] = state.x[MEMORY.hangs_s] + k.dt_s if hangs else 0.0
+    state.x[MEMORY.calm_s] = state.x[MEMORY.calm_s] + k.dt_s if calm else 0.0
+    state.x[MEMORY.soft_s] += k.dt_s
+    in_vain = swings and state.x[MEMORY.soft_s] > _TRIED_S
+    if soft == SERVO_DEGRADED and (state.x[MEMORY.hangs_s] > _HANGS_S or in_vain):
+        state.machine[MACHINE.servo] = SERVO_STUCK
+    elif state.x[MEMORY.calm_s] > max(wanted_s, _CALM_S) and not lands:
+        state.machine[MACHINE.servo], state.x[MEMORY.takes_over] = SERVO_NOMINAL, 1.0
 
 
 # -------------------------------------------------------------------------------------------------
@@ -224,7 +229,7 @@ def modelled_acceleration(phi, theta, v_down, k, state, out):
     standing counts as disturbance and is trimmed out with it. Vertically the thrust of the last
     collective at the present speed, so that the rotor's own damping is no disturbance.
     """
-    commanded, lagged, last = scratch(2), state[MEMORY.lagged], state[MEMORY.command]
+    commanded, lagged, last = scratch(2), state.x[MEMORY.lagged], state.x[MEMORY.command]
     flown_acceleration(last[SETPOINT.phi], last[SETPOINT.theta], k, commanded)
     for i in range(2):
         keep = math.exp(-k.dt_s / k.attitude_lag[i])
@@ -259,8 +264,8 @@ def estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
     wind stands still there while the nose turns. Writes the estimate to d_h (3,), heading frame.
     """
     v_hat = scratch(3)
-    to_heading(state[MEMORY.vel], c, s, v_hat)
-    to_heading(state[MEMORY.disturbance], c, s, d_h)
+    to_heading(state.x[MEMORY.vel], c, s, v_hat)
+    to_heading(state.x[MEMORY.disturbance], c, s, d_h)
     for i in range(3):
         innovation = vel_h[i] - v_hat[i]
         l1, l2 = k.observer_l1[i], k.observer_l2[i]
@@ -268,28 +273,28 @@ def estimate_disturbance(vel_h, a_h, k, state, c, s, d_h):
             l1, l2 = d_share(state) * l1, p_share(state) * l2
         v_hat[i] += k.dt_s * (a_h[i] + d_h[i] + l1 * innovation)
         d_h[i] = clip(d_h[i] + k.dt_s * l2 * innovation, k.disturbance_limit[i])
-    to_ned(v_hat, c, s, state[MEMORY.vel])
-    to_ned(d_h, c, s, state[MEMORY.disturbance])
+    to_ned(v_hat, c, s, state.x[MEMORY.vel])
+    to_ned(d_h, c, s, state.x[MEMORY.disturbance])
 
 
 @njit
 def engage(nav, phi, theta, k, state, c, s, d_h):
     """Bumpless start: what is flown is taken for equilibrium and so is the first command."""
-    vel, estimate, lagged = nav[NAV.vel], state[MEMORY.vel], state[MEMORY.lagged]
+    vel, estimate, lagged = nav[NAV.vel], state.x[MEMORY.vel], state.x[MEMORY.lagged]
     for i in range(3):
         estimate[i] = vel[i]
     flown_acceleration(phi, theta, k, lagged)
     d_h[0] = clip(-lagged[0], k.disturbance_limit[0])
     d_h[1] = clip(-lagged[1], k.disturbance_limit[1])
     d_h[2] = 0.0  # what collective is flown is not known here: trim is assumed
-    to_ned(d_h, c, s, state[MEMORY.disturbance])
+    to_ned(d_h, c, s, state.x[MEMORY.disturbance])
 
 
 @njit
 def leave(vel, v_down, phi, theta, k, state):
     """Lift-off: the ground may still carry a part, so what it does is not taken for wind."""
-    unused, estimate, d = scratch(3), state[MEMORY.vel], state[MEMORY.disturbance]
-    if state[MEMORY.engaged] > 0.5:
+    unused, estimate, d = scratch(3), state.x[MEMORY.vel], state.x[MEMORY.disturbance]
+    if state.x[MEMORY.engaged] > 0.5:
         modelled_acceleration(phi, theta, v_down, k, state, unused)
     for i in range(3):
         estimate[i], d[i] = vel[i], 0.0
@@ -310,11 +315,11 @@ def estimate(nav, phi, theta, c, s, k, state, d_h):
     """
     vel_h, a_h = scratch(3), scratch(3)
     to_heading(nav[NAV.vel], c, s, vel_h)
-    ground = state[MEMORY.ground]
+    ground = state.machine[MACHINE.guidance]
     if ground == LEAVES or ground == LOW_BY_HAND:
         leave(nav[NAV.vel], nav[NAV.down_vel], phi, theta, k, state)
     elif k.wind_compensation > 0.5:
-        if state[MEMORY.engaged] < 0.5:
+        if state.x[MEMORY.engaged] < 0.5:
             engage(nav, phi, theta, k, state, c, s, d_h)
         else:
             modelled_acceleration(phi, theta, nav[NAV.down_vel], k, state, a_h)
@@ -327,11 +332,11 @@ def flown_acceleration_ned(nav, k, state, out):
     phi, theta, psi = euler_from_quat(nav[NAV.quat])
     a_h = scratch(3)
     flown_acceleration(phi, theta, k, a_h)
-    d_col, d_col_trim = state[MEMORY.command][SETPOINT.col], k.trim[SETPOINT.col]
+    d_col, d_col_trim = state.x[MEMORY.command][SETPOINT.col], k.trim[SETPOINT.col]
     thrust = thrust_for_collective(d_col, nav[NAV.down_vel], trim_thrust(k), d_col_trim, k.rotor)
     a_h[2] = k.g - thrust * math.cos(phi) * math.cos(theta) / k.mass
     to_ned(a_h, math.cos(psi), math.sin(psi), out)
-    disturbance = state[MEMORY.disturbance]
+    disturbance = state.x[MEMORY.disturbance]
     for i in range(3):
         out[i] += disturbance[i]
 
@@ -367,32 +372,32 @@ def hear_rotor(state, time_s, speed, k):
 
     Parameters
     ----------
-    state : (85,) array
+    state : OuterState
         Of the law; changed in place.
     time_s : float
     speed : float
     k : OuterParams
     """
-    since = time_s - state[MEMORY.rotor_s]
+    since = time_s - state.x[MEMORY.rotor_s]
     if since <= 0.0:
         return
-    share, last = speed / k.rotor.omega, state[MEMORY.rotor]
-    state[MEMORY.rotor], state[MEMORY.rotor_s] = share, time_s
-    state[MEMORY.rotor_same] = state[MEMORY.rotor_same] + 1.0 if share == last else 0.0
-    sound = math.isfinite(share) and since < _SILENT_S and state[MEMORY.rotor_same] < _STUCK
+    share, last = speed / k.rotor.omega, state.x[MEMORY.rotor]
+    state.x[MEMORY.rotor], state.x[MEMORY.rotor_s] = share, time_s
+    state.x[MEMORY.rotor_same] = state.x[MEMORY.rotor_same] + 1.0 if share == last else 0.0
+    sound = math.isfinite(share) and since < _SILENT_S and state.x[MEMORY.rotor_same] < _STUCK
     sound = sound and abs(share - last) <= _FALLS * since + _JITTER
     usual = abs(share - 1.0) < _USUAL
-    if not sound or (state[MEMORY.rotor_sound] < _SAMPLES and not usual):
-        state[MEMORY.rotor_sound] = 0.0
-    elif usual and state[MEMORY.rotor_sound] < _SAMPLES:
-        state[MEMORY.rotor_sound] += 1.0
-    believed = state[MEMORY.rotor_sound] >= _SAMPLES
+    if not sound or (state.x[MEMORY.rotor_sound] < _SAMPLES and not usual):
+        state.x[MEMORY.rotor_sound] = 0.0
+    elif usual and state.x[MEMORY.rotor_sound] < _SAMPLES:
+        state.x[MEMORY.rotor_sound] += 1.0
+    believed = state.x[MEMORY.rotor_sound] >= _SAMPLES
     if believed:
-        state[MEMORY.rotor_known] = share
+        state.x[MEMORY.rotor_known] = share
     slow = believed and share < k.rotor_slow_share
-    state[MEMORY.slow_s] = state[MEMORY.slow_s] + since if slow else 0.0
+    state.x[MEMORY.slow_s] = state.x[MEMORY.slow_s] + since if slow else 0.0
     driven = believed and share > _AGAIN
-    state[MEMORY.driven_s] = state[MEMORY.driven_s] + since if driven else 0.0
+    state.x[MEMORY.driven_s] = state.x[MEMORY.driven_s] + since if driven else 0.0
 
 
 @njit
@@ -404,23 +409,23 @@ def watch_rotor(down_m, down_mps, k, state):
     down_m, down_mps : float
         Of the navigation, NED.
     k : OuterParams
-    state : (85,) array
+    state : OuterState
         Changed in place.
     """
-    ground = state[MEMORY.ground]
+    ground = state.machine[MACHINE.guidance]
     if not (ground == FLIES or ground == LEAVES or ground == STEERED):
-        state[MEMORY.spin], state[MEMORY.still_s] = TURNS, 0.0
+        state.machine[MACHINE.rotor], state.x[MEMORY.still_s] = ROTOR_DRIVEN, 0.0
         return
-    if state[MEMORY.spin] == TURNS:
-        if state[MEMORY.slow_s] >= k.rotor_slow_s:
-            state[MEMORY.spin], state[MEMORY.still_s] = AUTOROTATES, 0.0
+    if state.machine[MACHINE.rotor] == ROTOR_DRIVEN:
+        if state.x[MEMORY.slow_s] >= k.rotor_slow_s:
+            state.machine[MACHINE.rotor], state.x[MEMORY.still_s] = ROTOR_AUTOROTATES, 0.0
         return
-    if state[MEMORY.spin] == AUTOROTATES:
-        if state[MEMORY.driven_s] >= _AGAIN_S and down_mps < _SINKS_MPS:
-            state[MEMORY.spin], state[MEMORY.takes_over] = TURNS, 1.0
+    if state.machine[MACHINE.rotor] == ROTOR_AUTOROTATES:
+        if state.x[MEMORY.driven_s] >= _AGAIN_S and down_mps < _SINKS_MPS:
+            state.machine[MACHINE.rotor], state.x[MEMORY.takes_over] = ROTOR_DRIVEN, 1.0
             return
-        near = state[MEMORY.ground_m] - down_m < _NEAR_M
-        still = near and abs(down_mps) < _STILL_MPS and state[MEMORY.rotor_known] < _AGAIN
-        state[MEMORY.still_s] = state[MEMORY.still_s] + k.dt_s if still else 0.0
-        if state[MEMORY.still_s] >= _STILL_S:
-            state[MEMORY.spin] = DOWN
+        near = state.x[MEMORY.ground_m] - down_m < _NEAR_M
+        still = near and abs(down_mps) < _STILL_MPS and state.x[MEMORY.rotor_known] < _AGAIN
+        state.x[MEMORY.still_s] = state.x[MEMORY.still_s] + k.dt_s if still else 0.0
+        if state.x[MEMORY.still_s] >= _STILL_S:
+            state.machine[MACHINE.rotor] = ROTOR_LANDED

@@ -76,8 +76,8 @@ def listen(state, heard, inbox, tick, k):
 
     Parameters
     ----------
-    state : (85,) array
-        Of the law, in place.
+    state : OuterState
+        In place.
     heard : HeardNavigation
         In place.
     inbox : Inbox
@@ -96,4 +96,4 @@ def listen(state, heard, inbox, tick, k):
 def navigate(state, heard, tick, nav):
     """Navigation of a tick at which the law steps, into nav (31,); the law knows if it is late."""
     is_late = navigation_at(heard, tick, nav)
-    state[MEMORY.is_late] = 1.0 if is_late else 0.0
+    state.x[MEMORY.is_late] = 1.0 if is_late else 0.0

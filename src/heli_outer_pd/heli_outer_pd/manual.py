@@ -33,7 +33,16 @@ from heli_outer_pd.reference import (
     glimpse,
     led_now,
 )
-from heli_outer_pd.state import BY_HAND, LOST, LOW_BY_HAND, MEMORY, STEERED, OuterParams
+from heli_outer_pd.state import (
+    BY_HAND,
+    LOW_BY_HAND,
+    MACHINE,
+    MEMORY,
+    POSITION_LOST,
+    STEERED,
+    OuterParams,
+    OuterState,
+)
 
 # -------------------------------------------------------------------------------------------------
 # An attitude that messages command, and who leads: they or a pilot's sticks. No ROS.
@@ -252,7 +261,12 @@ class Steering:
         self.lean = None
 
     def steer(
-        self, n: StickNumbers, k: OuterParams, fence: ReferenceLimits, now_ns: int, state: Array
+        self,
+        n: StickNumbers,
+        k: OuterParams,
+        fence: ReferenceLimits,
+        now_ns: int,
+        state: OuterState,
     ) -> None:
         """Mode attitude: what the law's next step commands, into its state."""
         most, s, asked = n.limits, self.sticks, self.asked
@@ -271,7 +285,7 @@ class Steering:
         self.down = _changed(self.down, climb, most.acceleration_mps2, most.jerk_mps3, k.dt_s)
         heading = wrap_pi(float(self.psi.pos[0] + k.heading_lead_s * self.psi.vel[0]))
         roll, pitch = self._leaned(lean, n, k.dt_s)
-        state[MEMORY.steer] = (
+        state.x[MEMORY.steer] = (
             k.trim[SETPOINT.phi] + roll,
             k.trim[SETPOINT.theta] + pitch,
             heading,
@@ -308,7 +322,7 @@ class Steering:
         idle_collective: float,
         aground: bool,
         let_go: bool,
-        state: Array,
+        state: OuterState,
     ) -> None:
         """Mode manual: what is flown from the law's next step on, into its state.
 
@@ -317,13 +331,13 @@ class Steering:
         the middle, with the collective at its lower end.
         """
         s = _LET_GO if let_go else self.sticks
-        state[MEMORY.hand] = n.hand * s[[STICKS.roll, STICKS.pitch, STICKS.yaw]]
+        state.x[MEMORY.hand] = n.hand * s[[STICKS.roll, STICKS.pitch, STICKS.yaw]]
         trim = k.trim[SETPOINT.col]
         col = trim + s[STICKS.climb] * (trim - idle_collective)
         low, high = collective_limits(k)
         if aground:
             low, high = min(low, idle_collective), max(high, idle_collective)
-        state[MEMORY.hand_col] = min(max(col, low), high)
+        state.x[MEMORY.hand_col] = min(max(col, low), high)
 
 
 def _changed(motion: Motion, to_vel: float, acc: float, jerk: float, dt_s: float) -> Motion:
@@ -466,7 +480,7 @@ class StickFlight:
         By hand: it stands, as far as is known.
     """
 
-    def __init__(self, state: Array) -> None:
+    def __init__(self, state: OuterState) -> None:
         self.steering, self.aground = Steering(), False
         self._state, self._lifted, self._contact = state, False, TouchDown()
         self._told_ns: int | None = None
@@ -547,7 +561,7 @@ class StickFlight:
             moves = self.flown(before, now) if by_hand else led_now(way, now.ns, now.k)
             self.steering.start(moves.ned[:, 2], moves.psi)
         else:
-            share = float(hover_share(self._state[MEMORY.command][SETPOINT.col], now.k))
+            share = float(hover_share(self._state.x[MEMORY.command][SETPOINT.col], now.k))
             self._contact = TouchDown(share, float(now.nav[NAV.down_vel]))
             self.aground = before == Phase.STANDING
             self._lifted = not self.aground
@@ -559,7 +573,7 @@ class StickFlight:
         """Another law flies from its next step on, and goes on from the last command."""
         if code != STEERED:
             self.steering.lead_by_sticks()
-        self._state[MEMORY.ground], self._state[MEMORY.takes_over] = code, 1.0
+        self._state.machine[MACHINE.guidance], self._state.x[MEMORY.takes_over] = code, 1.0
 
     def flown(self, phase: Phase, now: Now) -> MotionState:
         """How it moves: vertical and heading as steered in mode attitude, else as measured.
@@ -567,7 +581,7 @@ class StickFlight:
         While the position is lost it counts as at rest: what is not known is not braked.
         """
         flown = flown_now(now.nav, now.k, self._state)
-        if self._state[MEMORY.sight] == LOST:
+        if self._state.machine[MACHINE.position] == POSITION_LOST:
             flown.ned[1:, :2] = 0.0
         if phase == Phase.ATTITUDE:
             down, psi = self.steering.down, self.steering.psi
@@ -607,6 +621,6 @@ class StickFlight:
             self.steering.steer(n, now.k, fence, now.ns, self._state)
             return
         if flyable(now.nav):
-            self._state[MEMORY.ground] = LOW_BY_HAND if low else BY_HAND
+            self._state.machine[MACHINE.guidance] = LOW_BY_HAND if low else BY_HAND
         let_go = self.aground and self.steering.is_silent(now.ns, n)
         self.steering.manual(n, now.k, idle_collective, self.aground, let_go, self._state)

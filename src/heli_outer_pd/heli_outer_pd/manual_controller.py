@@ -10,7 +10,14 @@ from heli_core.jit import copy, fill, is_zero, njit, scratch
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import NAV, SETPOINT
 from heli_outer_pd.disturbance import estimate, flown_acceleration, flyable, trim_thrust
-from heli_outer_pd.state import BY_HAND, MEMORY, OuterStatus, collective_for_thrust
+from heli_outer_pd.state import (
+    BY_HAND,
+    MACHINE,
+    MEMORY,
+    OuterState,
+    OuterStatus,
+    collective_for_thrust,
+)
 
 _OK = int(OuterStatus.OK)
 _BAD_NAVIGATION = int(OuterStatus.BAD_NAVIGATION)
@@ -21,13 +28,13 @@ _FADE_S = 0.5
 @njit
 def manual_deflections(state, hand):
     """A pilot's d_lat, d_lon, d_ped about trim into hand (3,); NaN while a law flies."""
-    if state[MEMORY.ground] >= BY_HAND:
-        copy(hand, state[MEMORY.hand])
+    if state.machine[MACHINE.guidance] >= BY_HAND:
+        copy(hand, state.x[MEMORY.hand])
     else:
         fill(hand, math.nan)
 
 
-def with_manual(collective: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
+def with_manual(collective: NDArray[np.float64], state: OuterState) -> NDArray[np.float64]:
     """A collective (1,), and behind it the pilot's deflections while one flies by hand: (4,)."""
     hand = np.empty(3)
     manual_deflections(state, hand)
@@ -41,16 +48,16 @@ def manual_law(nav, k, state, out):
     The estimate of the disturbance goes on, so that whoever takes over knows the wind. Arguments
     and outcome as of `position_law`; without navigation the sticks are flown all the same.
     """
-    last = state[MEMORY.command]
+    last = state.x[MEMORY.command]
     known = flyable(nav)
     if known:
         phi, theta, psi = euler_from_quat(nav[NAV.quat])
         estimate(nav, phi, theta, math.cos(psi), math.sin(psi), k, state, scratch(3))
         last[SETPOINT.phi], last[SETPOINT.theta], last[SETPOINT.psi] = phi, theta, psi
         # No lag between this attitude and the acceleration.
-        flown_acceleration(phi, theta, k, state[MEMORY.lagged])
-        state[MEMORY.engaged] = 1.0
-    last[SETPOINT.col] = state[MEMORY.hand_col]
+        flown_acceleration(phi, theta, k, state.x[MEMORY.lagged])
+        state.x[MEMORY.engaged] = 1.0
+    last[SETPOINT.col] = state.x[MEMORY.hand_col]
     for i in range(SETPOINT.size):
         out[i] = last[i]
     return _OK if known else _BAD_NAVIGATION
@@ -72,9 +79,9 @@ def take_over(before, k, state, out):
     Changes `out` (4,) and what the state remembers of it; no collective passes the limits of the
     thrust that the law alone would not have passed.
     """
-    fade, last = state[MEMORY.fade], state[MEMORY.command]
-    if state[MEMORY.takes_over] > 0.5:
-        state[MEMORY.takes_over] = 0.0
+    fade, last = state.x[MEMORY.fade], state.x[MEMORY.command]
+    if state.x[MEMORY.takes_over] > 0.5:
+        state.x[MEMORY.takes_over] = 0.0
         for i in range(SETPOINT.size):
             fade[i] = before[i] - out[i]
         fade[SETPOINT.psi] = wrap_pi(fade[SETPOINT.psi])

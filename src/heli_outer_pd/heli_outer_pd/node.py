@@ -48,7 +48,15 @@ from heli_outer_pd.position_law import follow
 from heli_outer_pd.python_controller import OwnPositionLaw, own_law
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, moved, offset_to, warm_up
 from heli_outer_pd.script import script_of
-from heli_outer_pd.state import FULL, MEMORY, OuterParams, OuterStatus, initial_state
+from heli_outer_pd.state import (
+    MACHINE,
+    MEMORY,
+    SERVO_NOMINAL,
+    OuterParams,
+    OuterState,
+    OuterStatus,
+    initial_state,
+)
 
 # -------------------------------------------------------------------------------------------------
 # What the node `outer_loop` has while it is configured.
@@ -72,8 +80,7 @@ class ConfiguredOuterLoop(TickCore):
         What pilots ask, done or refused.
     params : OuterParams
         Numbers of the law; swapped when parameters change.
-    state : array
-        State of the law.
+    state : OuterState
     limits : ReferenceLimits
         What a reference may ask for.
     goto : Goto
@@ -113,7 +120,7 @@ class ConfiguredOuterLoop(TickCore):
 
     commands: Commands
     params: OuterParams
-    state: np.ndarray
+    state: OuterState
     send_attitude: Send
     send_collective: Send
     send_trajectory: Callable[[Any], None]
@@ -446,7 +453,9 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         message, phases = status.sentence, self.run.phases
         if status == OuterStatus.OK:
             self.run.engaged = True
-            adrift = phases.lost or phases.gone or core.state[MEMORY.soft] != FULL
+            adrift = (
+                phases.lost or phases.gone or core.state.machine[MACHINE.servo] != SERVO_NOMINAL
+            )
             level = Level.WARN if adrift or phases.fence_distance_m > 0.0 else Level.OK
             message = told_of(phases.phase, core.state, message)
             message = outside(phases.fence_distance_m, message)
@@ -465,7 +474,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 "armed": core.armed,
                 "wind_compensation": bool(self.values["wind_compensation"]),
                 FACT_OFFSET: ([] if core.offset_ned_m is None else core.offset_ned_m.tolist()),
-                "disturbance_ned_mps2": np.round(core.state[MEMORY.disturbance], 4).tolist(),
+                "disturbance_ned_mps2": np.round(core.state.x[MEMORY.disturbance], 4).tolist(),
                 **self._goal_facts(),
                 **({FACT_LAW_FAILED: core.flies.failure} if core.flies.failure else {}),
             }

@@ -44,7 +44,17 @@ from heli_outer_pd.modes import Command, Fact, Guard, Phase, Refusal, decide
 from heli_outer_pd.position_health import seen, well_known
 from heli_outer_pd.reference import ReferenceLimits
 from heli_outer_pd.script import Scripted, ScriptRunner
-from heli_outer_pd.state import FLIES, KNOWN, LEAVES, MEMORY, STANDS, TURNS, OuterParams
+from heli_outer_pd.state import (
+    FLIES,
+    LEAVES,
+    MACHINE,
+    MEMORY,
+    POSITION_VALID,
+    ROTOR_DRIVEN,
+    STANDS,
+    OuterParams,
+    OuterState,
+)
 
 # -------------------------------------------------------------------------------------------------
 # Nose into the wind: turn until nothing pushes from the side. No ROS.
@@ -130,7 +140,12 @@ class IntoWind:
         return angle
 
     def turned(
-        self, flight: TurningFlight, now_ns: int, nav: Array, state: Array, ground_down_m: float
+        self,
+        flight: TurningFlight,
+        now_ns: int,
+        nav: Array,
+        state: OuterState,
+        ground_down_m: float,
     ) -> Trajectory | None:
         """The way that is followed, with a turn in it if it is time for one.
 
@@ -158,7 +173,7 @@ class IntoWind:
         if fresh or not wanted or way is None or not known:
             self.rest(now_ns)
             return way
-        angle = self.turn(now_ns, push_right(state[MEMORY.disturbance], nav))
+        angle = self.turn(now_ns, push_right(state.x[MEMORY.disturbance], nav))
         if angle == 0.0:
             return way
         way, done_ns = flight.goto.turn(way, now_ns, angle)
@@ -220,7 +235,7 @@ class Phases:
         numbers: PhaseNumbers,
         goto: Goto,
         kernel: OuterParams,
-        state: Array,
+        state: OuterState,
         fence: ReferenceLimits,
         orders: Sequence[Scripted] = (),
         start_ns: int = 0,
@@ -235,23 +250,25 @@ class Phases:
         self._since_ns, self._stance, self._into_wind = start_ns, np.zeros(2), IntoWind()
         self._contact, self.cruise_ns, self.sticks = TouchDown(), start_ns, StickFlight(state)
         if numbers.on_ground:
-            state[MEMORY.command][SETPOINT.col] = numbers.idle_collective
+            state.x[MEMORY.command][SETPOINT.col] = numbers.idle_collective
             self._stand(numbers.idle_collective, 1.0)
 
     @property
     def leaving(self) -> bool:
         """True from hover's thrust on until it climbs."""
-        return bool(self._state[MEMORY.ground] == LEAVES)
+        return bool(self._state.machine[MACHINE.guidance] == LEAVES)
 
     @property
     def lost(self) -> bool:
         """True while the horizontal position is not known, or not yet flown by again."""
-        return bool(self._state[MEMORY.sight] != KNOWN)
+        return bool(self._state.machine[MACHINE.position] != POSITION_VALID)
 
     @property
     def gone(self) -> bool:
         """True while it should land: no position, no vertical speed, or the rotor is slow."""
-        return bool(self._state[MEMORY.gone] > 0.5 or self._state[MEMORY.spin] != TURNS)
+        return bool(
+            self._state.x[MEMORY.gone] > 0.5 or self._state.machine[MACHINE.rotor] != ROTOR_DRIVEN
+        )
 
     def is_watched(self) -> bool:
         """True where something may follow after any step, without a command."""
@@ -351,7 +368,7 @@ class Phases:
             # The first position: where it stands, or what it holds.
             self.trajectory = trajectory_here(nav, self._start_ns)
             self.home_ned_m, self.ground_down_m = nav[NAV.pos].copy(), float(nav[NAV.pos][2])
-            self._state[MEMORY.ground_m] = self.ground_down_m
+            self._state.x[MEMORY.ground_m] = self.ground_down_m
         fenced = flyable(nav) and not self.lost and self.params.hold_horizontal > 0.5
         place = nav[NAV.pos], self.home_ned_m, self.ground_down_m
         self.fence_distance_m = self.numbers.fence.fence_distance_m(*place) if fenced else 0.0
@@ -377,7 +394,7 @@ class Phases:
             return fails | {Guard.NAVIGATION, Guard.LEVEL}
         fails |= {Guard.NAVIGATION} if self.lost else set()
         fails |= {Guard.FENCE} if self.fence_distance_m > 0.0 else set()
-        col = self._state[MEMORY.command][SETPOINT.col]
+        col = self._state.x[MEMORY.command][SETPOINT.col]
         fails |= not_flown(nav, col, self.numbers.lean_max_rad, k)
         fails |= {Guard.CLEAR} if self._is_low(nav) else set()
         return fails
@@ -447,7 +464,7 @@ class Phases:
             if now_ns - self._since_ns > _STUCK_S * NS_PER_S:
                 return Fact.STUCK
             if -nav[NAV.down_vel] > RISES_MPS:
-                self._state[MEMORY.ground] = FLIES
+                self._state.machine[MACHINE.guidance] = FLIES
             return None
         return Fact.ARRIVED if self._is_over(now_ns) else None
 
@@ -494,7 +511,7 @@ class Phases:
                 self._stand(self.params.trim[SETPOINT.col], ramp / n.up_ramp_s)
             case Phase.CLIMBING:
                 self.trajectory = trajectory_up(n, nav, now_ns, self._start_ns)
-                self._state[MEMORY.ground] = LEAVES
+                self._state.machine[MACHINE.guidance] = LEAVES
             case Phase.HOVER if begins and not self.lost:
                 ground = self.ground_down_m
                 self.trajectory = n.fence.halt(self.goto, before, now_ns, self.home_ned_m, ground)
@@ -511,8 +528,10 @@ class Phases:
                 self.trajectory = trajectory_down(
                     n, self.trajectory, self.ground_down_m, now_ns, self._start_ns, self.gone
                 )
-                self._state[MEMORY.ground_m] = self.ground_down_m
-                carried = float(hover_share(self._state[MEMORY.command][SETPOINT.col], self.params))
+                self._state.x[MEMORY.ground_m] = self.ground_down_m
+                carried = float(
+                    hover_share(self._state.x[MEMORY.command][SETPOINT.col], self.params)
+                )
                 self._contact = TouchDown(carried, float(nav[NAV.down_vel]))
             case Phase.SETTLING:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
@@ -527,14 +546,14 @@ class Phases:
         if found or (steered and phase != Phase.STANDING):
             self.sticks.hand_over(FLIES)
         if found:
-            self._state[MEMORY.sight] = KNOWN
+            self._state.machine[MACHINE.position] = POSITION_VALID
         self._now(phase, event, now_ns)
 
     def _now(self, phase: Phase, event: Command | Fact, now_ns: int) -> None:
         if phase != self.phase or phase not in _RENEWED:
             self.history.append((now_ns, phase))
         self.phase, self.event, self._since_ns = phase, event, now_ns
-        self._state[MEMORY.lands] = float(phase in (Phase.HALTING, Phase.DESCENDING))
+        self._state.x[MEMORY.lands] = float(phase in (Phase.HALTING, Phase.DESCENDING))
 
     def _steer(self, now_ns: int, nav: Array) -> None:
         """What the law's next step gets of the sticks."""
@@ -543,8 +562,8 @@ class Phases:
         self.sticks.steer(self.phase, now, n.sticks, n.idle_collective, self.fence, low)
 
     def _stand(self, col_goal: float, col_rate: float) -> None:
-        self._state[MEMORY.ground] = STANDS
-        self._state[MEMORY.col_goal], self._state[MEMORY.col_rate] = col_goal, col_rate
+        self._state.machine[MACHINE.guidance] = STANDS
+        self._state.x[MEMORY.col_goal], self._state.x[MEMORY.col_rate] = col_goal, col_rate
 
 
 # -------------------------------------------------------------------------------------------------
@@ -588,11 +607,11 @@ class ActiveOuterLoop:
             setattr(self, name, value)
         self.rejoins = gap
 
-    def rejoin(self, nav: NDArray[np.float64], state: NDArray[np.float64]) -> None:
+    def rejoin(self, nav: NDArray[np.float64], state: OuterState) -> None:
         """After a gap, as soon as there is navigation: estimate the velocity from that of now.
 
         The law's own estimate is of another moment; what it knows of the disturbance stays.
         """
         if self.rejoins and flyable(nav):
             self.rejoins = False
-            state[MEMORY.vel] = nav[NAV.vel]
+            state.x[MEMORY.vel] = nav[NAV.vel]

@@ -9,9 +9,6 @@ on as before; barometer, inertial sensors and magnetometer serve them.
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from heli_core.jit import copy, fill, is_zero, njit, scratch
 from heli_core.rotations import wrap_pi
 from heli_core.rows import NAV, SHAPED
@@ -19,20 +16,22 @@ from heli_outer_pd.disturbance import clip, to_heading
 from heli_outer_pd.failsafes import Action, Condition, severest
 from heli_outer_pd.modes import LANDING, STEERED, Fact, Phase, decide
 from heli_outer_pd.state import (
-    DOWN,
+    ALTITUDE_LOST,
+    ALTITUDE_REACQUIRED,
+    ALTITUDE_VALID,
     FLIES,
-    FOUND,
-    FULL,
-    KNOWN,
     LEAVES,
-    LOST,
+    MACHINE,
     MEMORY,
-    RISES,
-    SEES,
-    SINKS,
-    SOFT,
-    STUCK,
-    TURNS,
+    POSITION_LOST,
+    POSITION_REACQUIRED,
+    POSITION_VALID,
+    ROTOR_DRIVEN,
+    ROTOR_LANDED,
+    SERVO_DEGRADED,
+    SERVO_NOMINAL,
+    SERVO_STUCK,
+    OuterState,
 )
 
 # -------------------------------------------------------------------------------------------------
@@ -49,8 +48,8 @@ _GONE_M = 1e-3
 @njit
 def remember_place(nav, state):
     """Where the navigation puts the aircraft at this step."""
-    copy(state[MEMORY.was_pos], nav[NAV.pos][:2])
-    copy(state[MEMORY.was_vel], nav[NAV.vel][:2])
+    copy(state.x[MEMORY.was_pos], nav[NAV.pos][:2])
+    copy(state.x[MEMORY.was_vel], nav[NAV.vel][:2])
 
 
 @njit
@@ -59,8 +58,8 @@ def move_with(nav, k, state):
 
     The estimate takes the velocity as it comes: a correction is no gust.
     """
-    shift, estimate = state[MEMORY.shift], state[MEMORY.vel]
-    pos, vel = state[MEMORY.was_pos], state[MEMORY.was_vel]
+    shift, estimate = state.x[MEMORY.shift], state.x[MEMORY.vel]
+    pos, vel = state.x[MEMORY.was_pos], state.x[MEMORY.was_vel]
     for i in range(2):
         shift[i] += nav[NAV.pos][i] - pos[i] - k.dt_s * vel[i]
         estimate[i] += nav[NAV.vel][i] - vel[i]
@@ -69,13 +68,13 @@ def move_with(nav, k, state):
 @njit
 def begin_at_height(nav, ref, state):
     """Move the reference (10,), as it comes, to the height at which the navigation is."""
-    state[MEMORY.shift][2] = nav[NAV.pos][2] - ref[SHAPED.pos][2]
+    state.x[MEMORY.shift][2] = nav[NAV.pos][2] - ref[SHAPED.pos][2]
 
 
 @njit
 def move_reference(ref, k, state):
     """Move the reference (10,) by what is left, which goes back to nothing."""
-    shift, rate = state[MEMORY.shift], scratch(3)
+    shift, rate = state.x[MEMORY.shift], scratch(3)
     if is_zero(shift):
         return
     level = math.hypot(shift[0], shift[1])
@@ -139,72 +138,75 @@ def sigma_of_climb(nav):
 @njit
 def look_down(nav, k, state):
     """Bring up to a navigation row whether the vertical velocity is known."""
-    blind = state[MEMORY.sinks] == SINKS
-    limit = k.blind_sigma_down * (_LANDING if state[MEMORY.lands] > 0.5 else 1.0)
+    blind = state.machine[MACHINE.altitude] == ALTITUDE_LOST
+    limit = k.blind_sigma_down * (_LANDING if state.x[MEMORY.lands] > 0.5 else 1.0)
     doubtful = sigma_of_climb(nav) > limit * (_BY_THRUST_AGAIN if blind else 1.0)
-    state[MEMORY.doubt_s] = state[MEMORY.doubt_s] + k.dt_s if doubtful else 0.0
-    if doubtful and (blind or state[MEMORY.doubt_s] > _LASTS_S):
+    state.x[MEMORY.doubt_s] = state.x[MEMORY.doubt_s] + k.dt_s if doubtful else 0.0
+    if doubtful and (blind or state.x[MEMORY.doubt_s] > _LASTS_S):
         if not blind:
-            state[MEMORY.takes_over] = 1.0
-            state[MEMORY.sink_mps], state[MEMORY.slow_mps] = nav[NAV.down_vel], 0.0
-            state[MEMORY.probe_s] = state[MEMORY.eased_mps2] = 0.0
-            state[MEMORY.sunk_m] = nav[NAV.pos][2]
-        state[MEMORY.sinks] = SINKS
+            state.x[MEMORY.takes_over] = 1.0
+            state.x[MEMORY.sink_mps], state.x[MEMORY.slow_mps] = nav[NAV.down_vel], 0.0
+            state.x[MEMORY.probe_s] = state.x[MEMORY.eased_mps2] = 0.0
+            state.x[MEMORY.sunk_m] = nav[NAV.pos][2]
+        state.machine[MACHINE.altitude] = ALTITUDE_LOST
     elif blind and not doubtful:
-        state[MEMORY.takes_over] = 1.0
-        state[MEMORY.sinks] = RISES
+        state.x[MEMORY.takes_over] = 1.0
+        state.machine[MACHINE.altitude] = ALTITUDE_REACQUIRED
 
 
 @njit
 def remember_thrust(k, state):
     """Average what thrust is missing in the air while position and speed are known."""
-    if state[MEMORY.ground] == LEAVES or state[MEMORY.sight] != KNOWN:
+    if (
+        state.machine[MACHINE.guidance] == LEAVES
+        or state.machine[MACHINE.position] != POSITION_VALID
+    ):
         return
-    if state[MEMORY.sinks] == SEES and state[MEMORY.engaged] > 0.5:
-        error = state[MEMORY.disturbance][2] - state[MEMORY.rest_down]
-        state[MEMORY.rest_down] += k.dt_s / _BY_THRUST_MEAN_S * error
+    if state.machine[MACHINE.altitude] == ALTITUDE_VALID and state.x[MEMORY.engaged] > 0.5:
+        error = state.x[MEMORY.disturbance][2] - state.x[MEMORY.rest_down]
+        state.x[MEMORY.rest_down] += k.dt_s / _BY_THRUST_MEAN_S * error
 
 
 @njit
 def _ease(v_down, k, state):
     """Thrust that is taken away to feel for the ground, m/s2."""
-    state[MEMORY.probe_s] += k.dt_s
-    eased = state[MEMORY.eased_mps2]
+    state.x[MEMORY.probe_s] += k.dt_s
+    eased = state.x[MEMORY.eased_mps2]
     if eased == 0.0:
-        if state[MEMORY.probe_s] < _EVERY_S:
+        if state.x[MEMORY.probe_s] < _EVERY_S:
             return 0.0
-        state[MEMORY.probe_mps] = v_down
-    elif v_down - state[MEMORY.probe_mps] > _FALLS_MPS:
-        state[MEMORY.probe_s] = state[MEMORY.eased_mps2] = 0.0
+        state.x[MEMORY.probe_mps] = v_down
+    elif v_down - state.x[MEMORY.probe_mps] > _FALLS_MPS:
+        state.x[MEMORY.probe_s] = state.x[MEMORY.eased_mps2] = 0.0
         return 0.0
-    state[MEMORY.eased_mps2] = min(eased + _EASE_MPS3 * k.dt_s, _MOST_MPS2)
-    return state[MEMORY.eased_mps2]
+    state.x[MEMORY.eased_mps2] = min(eased + _EASE_MPS3 * k.dt_s, _MOST_MPS2)
+    return state.x[MEMORY.eased_mps2]
 
 
 @njit
 def sink(nav, ref, k, state, d_h):
     """Fly on, or down in a landing, by thrust: changes reference (10,) and disturbance d_h (3,)."""
     v_down, wanted, eased = nav[NAV.down_vel], 0.0, 0.0
-    if state[MEMORY.lands] > 0.5 and ref[SHAPED.down_vel] > 0.0:
-        late_m = max(state[MEMORY.sunk_m] - state[MEMORY.ground_m] - _LATE_M, 0.0)
+    if state.x[MEMORY.lands] > 0.5 and ref[SHAPED.down_vel] > 0.0:
+        late_m = max(state.x[MEMORY.sunk_m] - state.x[MEMORY.ground_m] - _LATE_M, 0.0)
         wanted = k.blind_descent_mps + _HASTE * late_m
         eased = _ease(v_down, k, state)
-    state[MEMORY.sink_mps] += clip(wanted - state[MEMORY.sink_mps], _CHANGE_MPS2 * k.dt_s)
-    state[MEMORY.sunk_m] += k.dt_s * min(state[MEMORY.sink_mps], k.blind_descent_mps)
-    fast = v_down - state[MEMORY.sink_mps] - state[MEMORY.slow_mps]
-    state[MEMORY.slow_mps] += (1.0 - math.exp(-k.dt_s / _FAST_S)) * fast
+    state.x[MEMORY.sink_mps] += clip(wanted - state.x[MEMORY.sink_mps], _CHANGE_MPS2 * k.dt_s)
+    state.x[MEMORY.sunk_m] += k.dt_s * min(state.x[MEMORY.sink_mps], k.blind_descent_mps)
+    fast = v_down - state.x[MEMORY.sink_mps] - state.x[MEMORY.slow_mps]
+    state.x[MEMORY.slow_mps] += (1.0 - math.exp(-k.dt_s / _FAST_S)) * fast
     ref[SHAPED.pos][2] = nav[NAV.pos][2]
-    ref[SHAPED.down_vel], ref[SHAPED.acc][2] = state[MEMORY.sink_mps], 0.0
-    state[MEMORY.vel][2], state[MEMORY.disturbance][2] = v_down, state[MEMORY.rest_down]
+    ref[SHAPED.down_vel], ref[SHAPED.acc][2] = state.x[MEMORY.sink_mps], 0.0
+    state.x[MEMORY.vel][2], state.x[MEMORY.disturbance][2] = v_down, state.x[MEMORY.rest_down]
     # Of two witnesses of the speed the surer one has more weight.
     doubt = sigma_of_climb(nav) / _BY_THRUST_MPS
     steady = min(_HEAVE / (doubt * doubt), k.K_D[2])
-    over = v_down - state[MEMORY.sink_mps]
+    over = v_down - state.x[MEMORY.sink_mps]
     back = steady * over + max(_DAMPING - steady, 0.0) * fast
     if eased > 0.0:
-        back = steady * (state[MEMORY.probe_mps] - state[MEMORY.sink_mps])
+        back = steady * (state.x[MEMORY.probe_mps] - state.x[MEMORY.sink_mps])
     # The law itself feeds back K_D times all of the difference.
-    d_h[2] = state[MEMORY.rest_down] - k.K_D[2] * over + back - eased
+    d_h[2] = state.x[MEMORY.rest_down] - k.K_D[2] * over + back - eased
 
 
 # -------------------------------------------------------------------------------------------------
@@ -224,29 +226,29 @@ _REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
 """At rest is slower than the first; the disturbance there is averaged over the second."""
 
 
-def seen(phase: Phase, state: NDArray[np.float64], low: bool) -> Fact | None:
+def seen(phase: Phase, state: OuterState, low: bool) -> Fact | None:
     """The rotor slow, or at its speed again; position lost, or to be landed without for long; or
     found again, unless the ground is too near (`low`) to begin anew.
 
     None where that means nothing in a phase.
     """
-    if (spun := _spun(phase, state[MEMORY.spin])) is not None:
+    if (spun := _spun(phase, state.machine[MACHINE.rotor])) is not None:
         return spun
-    fact, gone = None, state[MEMORY.gone] > 0.5
-    if state[MEMORY.sight] == LOST or gone:
+    fact, gone = None, state.x[MEMORY.gone] > 0.5
+    if state.machine[MACHINE.position] == POSITION_LOST or gone:
         # At once, whatever it followed: a node has its phases from another moment on than a loop.
         long = gone and decide(phase, Fact.BLIND_LONG) is not None
         fact = Fact.BLIND_LONG if long else Fact.BLIND
-    elif state[MEMORY.sight] == FOUND and not low:
+    elif state.machine[MACHINE.position] == POSITION_REACQUIRED and not low:
         fact = Fact.FOUND
     return fact if fact is not None and decide(phase, fact) is not None else None
 
 
-def _spun(phase: Phase, spin: float) -> Fact | None:
+def _spun(phase: Phase, spin: int) -> Fact | None:
     """What is so of the rotor that means something in a phase."""
     if phase == Phase.AUTOROTATING:
-        return {TURNS: Fact.ROTOR_BACK, DOWN: Fact.TOUCHED_DOWN}.get(spin)
-    slow = spin != TURNS and decide(phase, Fact.ROTOR_SLOW) is not None
+        return {ROTOR_DRIVEN: Fact.ROTOR_BACK, ROTOR_LANDED: Fact.TOUCHED_DOWN}.get(spin)
+    slow = spin != ROTOR_DRIVEN and decide(phase, Fact.ROTOR_SLOW) is not None
     return Fact.ROTOR_SLOW if slow else None
 
 
@@ -266,40 +268,40 @@ def plight(phase: Phase) -> str:
     return "position lost: level at its altitude, no place is held; land, or take the sticks"
 
 
-def told_of(phase: Phase, state: NDArray[np.float64], held: str) -> str:
+def told_of(phase: Phase, state: OuterState, held: str) -> str:
     """What is flown in a phase, in a sentence, by a law's state; `held` where a place is held."""
-    if state[MEMORY.spin] != TURNS:
+    if state.machine[MACHINE.rotor] != ROTOR_DRIVEN:
         return "rotor slow: autorotation"
-    if state[MEMORY.sinks] != SEES:
+    if state.machine[MACHINE.altitude] != ALTITUDE_VALID:
         return "altitude lost: descent by thrust alone"
-    if state[MEMORY.sight] != KNOWN:
+    if state.machine[MACHINE.position] != POSITION_VALID:
         return plight(phase)
-    if state[MEMORY.gone] > 0.5:
+    if state.x[MEMORY.gone] > 0.5:
         return "position astray: lands where dead reckoning leads"
-    return unfollowed(state[MEMORY.soft]) or told(phase, held)
+    return unfollowed(state.machine[MACHINE.servo]) or told(phase, held)
 
 
 def unfollowed(soft: float) -> str:
     """What is wrong with how the attitude follows, in a sentence; empty if nothing is."""
-    if soft == SOFT:
+    if soft == SERVO_DEGRADED:
         return "attitude not followed: flown softly, as a servo may be slow; land"
-    if soft == STUCK:
+    if soft == SERVO_STUCK:
         return "attitude not followed: a servo may be stuck, or commands are late; do not land"
     return ""
 
 
-def answer(phase: Phase, state: NDArray[np.float64]) -> Action:
+def answer(phase: Phase, state: OuterState) -> Action:
     """What the aircraft does in a phase for want of a position, a vertical or a rotor speed."""
-    wants = [Condition.ROTOR_SLOW] if state[MEMORY.spin] != TURNS else []
-    if state[MEMORY.sight] != KNOWN:
+    wants = [Condition.ROTOR_SLOW] if state.machine[MACHINE.rotor] != ROTOR_DRIVEN else []
+    if state.machine[MACHINE.position] != POSITION_VALID:
         wants.append(Condition.POSITION_LOST)
         wants += [Condition.POSITION_LOST_LONG] if phase in LANDING else []
-    if state[MEMORY.sinks] != SEES:
+    if state.machine[MACHINE.altitude] != ALTITUDE_VALID:
         wants.append(Condition.ALTITUDE_LOST)
-    elif state[MEMORY.gone] > 0.5:
+    elif state.x[MEMORY.gone] > 0.5:
         wants.append(Condition.POSITION_ASTRAY)
-    if state[MEMORY.soft] != FULL:
-        soft = state[MEMORY.soft] == SOFT
+    if state.machine[MACHINE.servo] != SERVO_NOMINAL:
+        soft = state.machine[MACHINE.servo] == SERVO_DEGRADED
         wants.append(Condition.SERVO_SLOW if soft else Condition.SERVO_STUCK)
     return severest(wants)
 
@@ -317,7 +319,10 @@ def sigma_of_speed(nav):
 @njit
 def well_known(nav, k, state):
     """Whether the position is known so well that it would count as found again."""
-    return state[MEMORY.sight] == KNOWN and sigma_of_speed(nav) <= _AGAIN * k.blind_sigma
+    return (
+        state.machine[MACHINE.position] == POSITION_VALID
+        and sigma_of_speed(nav) <= _AGAIN * k.blind_sigma
+    )
 
 
 @njit
@@ -326,12 +331,12 @@ def _count(sigma, last, along, k, state):
 
     Counted where a reference is flown: by hand the pilot decides.
     """
-    lost = state[MEMORY.sight] == LOST
-    state[MEMORY.lost_s] += k.dt_s if lost and along else -state[MEMORY.lost_s]
+    lost = state.machine[MACHINE.position] == POSITION_LOST
+    state.x[MEMORY.lost_s] += k.dt_s if lost and along else -state.x[MEMORY.lost_s]
     fused = not along or sigma < _FUSED * last or sigma < _JUMPS * k.blind_sigma
-    state[MEMORY.astray_m] += -state[MEMORY.astray_m] if fused else k.dt_s * sigma
-    long = state[MEMORY.lost_s] > k.land_after_s or state[MEMORY.astray_m] > k.land_astray_m
-    state[MEMORY.gone] = 1.0 if long or state[MEMORY.sinks] != SEES else 0.0
+    state.x[MEMORY.astray_m] += -state.x[MEMORY.astray_m] if fused else k.dt_s * sigma
+    long = state.x[MEMORY.lost_s] > k.land_after_s or state.x[MEMORY.astray_m] > k.land_astray_m
+    state.x[MEMORY.gone] = 1.0 if long or state.machine[MACHINE.altitude] != ALTITUDE_VALID else 0.0
 
 
 @njit
@@ -348,42 +353,46 @@ def look(nav, k, state):
 @njit
 def _jumps(sigma, last, k, state):
     """Whether a fix has come after a gap, or soon after such a one."""
-    state[MEMORY.settles_s] = max(state[MEMORY.settles_s] - k.dt_s, 0.0)
+    state.x[MEMORY.settles_s] = max(state.x[MEMORY.settles_s] - k.dt_s, 0.0)
     if last > _JUMPS * k.blind_sigma and sigma < _AGAIN * last:
-        state[MEMORY.settles_s] = _SETTLES_S
-    return state[MEMORY.settles_s] > 0.0 and sigma < last
+        state.x[MEMORY.settles_s] = _SETTLES_S
+    return state.x[MEMORY.settles_s] > 0.0 and sigma < last
 
 
 @njit
 def _look(nav, k, state):
     """As `look`."""
-    sigma, before, last = sigma_of_speed(nav), state[MEMORY.sight], state[MEMORY.sigma]
-    along = state[MEMORY.ground] == FLIES or state[MEMORY.ground] == LEAVES
-    state[MEMORY.sigma] = sigma
+    sigma, before, last = (
+        sigma_of_speed(nav),
+        state.machine[MACHINE.position],
+        state.x[MEMORY.sigma],
+    )
+    along = state.machine[MACHINE.guidance] == FLIES or state.machine[MACHINE.guidance] == LEAVES
+    state.x[MEMORY.sigma] = sigma
     if along:
         look_down(nav, k, state)
     else:
-        state[MEMORY.sinks] = SEES
-        fill(state[MEMORY.shift], 0.0)
+        state.machine[MACHINE.altitude] = ALTITUDE_VALID
+        fill(state.x[MEMORY.shift], 0.0)
     _count(sigma, last, along, k, state)
     if sigma > k.blind_sigma:
-        state[MEMORY.sight] = LOST
-        if along and before == KNOWN:
-            state[MEMORY.takes_over] = 1.0
+        state.machine[MACHINE.position] = POSITION_LOST
+        if along and before == POSITION_VALID:
+            state.x[MEMORY.takes_over] = 1.0
         return False
-    again = before != KNOWN and sigma < _AGAIN * k.blind_sigma
+    again = before != POSITION_VALID and sigma < _AGAIN * k.blind_sigma
     # A landing that nearly lost it is as far off when the fixes come back.
     fell = last > _DOUBT * k.blind_sigma and sigma < _AGAIN * last
-    again = again or (before == KNOWN and fell and state[MEMORY.lands] > 0.5)
-    if along and before == KNOWN and _jumps(sigma, last, k, state):
+    again = again or (before == POSITION_VALID and fell and state.x[MEMORY.lands] > 0.5)
+    if along and before == POSITION_VALID and _jumps(sigma, last, k, state):
         move_with(nav, k, state)
-        state[MEMORY.takes_over] = 1.0
+        state.x[MEMORY.takes_over] = 1.0
     if not again or math.isnan(nav[NAV.down_vel]):
         return False
-    state[MEMORY.sight] = FOUND if along else KNOWN
-    if not along or before == FOUND:
+    state.machine[MACHINE.position] = POSITION_REACQUIRED if along else POSITION_VALID
+    if not along or before == POSITION_REACQUIRED:
         return False
-    state[MEMORY.takes_over] = 1.0
+    state.x[MEMORY.takes_over] = 1.0
     return True
 
 
@@ -394,14 +403,14 @@ def remember_lean(nav, psi, k, state):
     The side is larger than the front, so what pushes has turned with it.
     """
     north, east = nav[NAV.vel][0], nav[NAV.vel][1]
-    if state[MEMORY.ground] == LEAVES or math.hypot(north, east) > _REST_MPS:
+    if state.machine[MACHINE.guidance] == LEAVES or math.hypot(north, east) > _REST_MPS:
         return
-    if abs(wrap_pi(psi - state[MEMORY.rest_psi])) > _TURNED_RAD:
-        state[MEMORY.rested_s], state[MEMORY.rest_psi] = 0.0, psi
-    state[MEMORY.rested_s] = min(state[MEMORY.rested_s] + k.dt_s, _MEAN_S)
-    mean, disturbance = state[MEMORY.rest], state[MEMORY.disturbance]
+    if abs(wrap_pi(psi - state.x[MEMORY.rest_psi])) > _TURNED_RAD:
+        state.x[MEMORY.rested_s], state.x[MEMORY.rest_psi] = 0.0, psi
+    state.x[MEMORY.rested_s] = min(state.x[MEMORY.rested_s] + k.dt_s, _MEAN_S)
+    mean, disturbance = state.x[MEMORY.rest], state.x[MEMORY.disturbance]
     for i in range(2):
-        mean[i] += k.dt_s / state[MEMORY.rested_s] * (disturbance[i] - mean[i])
+        mean[i] += k.dt_s / state.x[MEMORY.rested_s] * (disturbance[i] - mean[i])
 
 
 @njit
@@ -413,8 +422,8 @@ def hold_lean(nav, ref, c, s, state, d_h):
     """
     for i in range(2):
         ref[SHAPED.pos][i], ref[SHAPED.vel][i] = nav[NAV.pos][i], nav[NAV.vel][i]
-        state[MEMORY.vel][i] = nav[NAV.vel][i]
-        state[MEMORY.disturbance][i] = state[MEMORY.rest][i]
+        state.x[MEMORY.vel][i] = nav[NAV.vel][i]
+        state.x[MEMORY.disturbance][i] = state.x[MEMORY.rest][i]
     down = d_h[2]
-    to_heading(state[MEMORY.disturbance], c, s, d_h)
+    to_heading(state.x[MEMORY.disturbance], c, s, d_h)
     d_h[2] = down

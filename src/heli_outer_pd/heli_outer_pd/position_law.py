@@ -54,19 +54,21 @@ from heli_outer_pd.position_health import (
 )
 from heli_outer_pd.reference import shaped_reference_at
 from heli_outer_pd.state import (
+    ALTITUDE_LOST,
+    ALTITUDE_REACQUIRED,
+    ALTITUDE_VALID,
     BY_HAND,
     FLIES,
-    KNOWN,
     LEAVES,
+    MACHINE,
     MEMORY,
-    RISES,
-    SEES,
-    SINKS,
-    SOFT,
+    POSITION_VALID,
+    ROTOR_DRIVEN,
+    SERVO_DEGRADED,
     STANDS,
     STEERED,
-    TURNS,
     OuterParams,
+    OuterState,
     OuterStatus,
     RotorMap,
     blade_pitch,
@@ -127,27 +129,27 @@ def autorotate(nav, k, state, out):
     nav : (31,) array
         Navigation row.
     k : OuterParams
-    state : (85,) array
+    state : OuterState
         Of the law, places of `MEMORY`; remembers the command and no disturbance downwards.
     out : (4,) array
         Places of `heli_core.rows.SETPOINT`.
     """
     down = nav[NAV.down_vel]
-    wanted, slows = wanted_sink(state[MEMORY.ground_m] - nav[NAV.pos][2] - _GEAR_M)
+    wanted, slows = wanted_sink(state.x[MEMORY.ground_m] - nav[NAV.pos][2] - _GEAR_M)
     speeds_up = _BACK * (wanted - down) - slows * max(down, 0.0)
     share = min(max((k.g - speeds_up) / k.g, _LEAST), _MOST)
     r = k.rotor
-    omega = r.omega * max(state[MEMORY.rotor_known], _SLOWEST)
+    omega = r.omega * max(state.x[MEMORY.rotor_known], _SLOWEST)
     slow = RotorMap(r.rho, omega, r.radius, r.lift_slope, r.blades, r.chord, r.K_col)
     pitch = blade_pitch(share * k.mass * k.g, min(down, _THROUGH_MPS), slow)
     step = pitch - blade_pitch(trim_thrust(k), 0.0, r)
     out[SETPOINT.col] = clip(k.trim[SETPOINT.col] + step / r.K_col, _COLLECTIVE_LIMIT)
-    last = state[MEMORY.command]
+    last = state.x[MEMORY.command]
     for i in range(SETPOINT.psi):
         out[i] = k.trim[i] + clip(out[i] - k.trim[i], _TILT_RAD)
     for i in range(SETPOINT.size):
         last[i] = out[i]
-    state[MEMORY.disturbance][2] = 0.0
+    state.x[MEMORY.disturbance][2] = 0.0
 
 
 # -------------------------------------------------------------------------------------------------
@@ -157,9 +159,11 @@ def autorotate(nav, k, state, out):
 __all__ = [
     "FLIES",
     "LEAVES",
+    "MACHINE",
     "MEMORY",
     "STANDS",
     "OuterParams",
+    "OuterState",
     "OuterStatus",
     "flyable",
     "follow",
@@ -193,9 +197,9 @@ def _stand(nav, ref, k, state, out):
     becomes that of hover, leaning against what it slips, as the rotor takes over the second half
     of the weight.
     """
-    last = state[MEMORY.command]
-    step = state[MEMORY.col_rate] * k.dt_s
-    col = last[SETPOINT.col] + clip(state[MEMORY.col_goal] - last[SETPOINT.col], step)
+    last = state.x[MEMORY.command]
+    step = state.x[MEMORY.col_rate] * k.dt_s
+    col = last[SETPOINT.col] + clip(state.x[MEMORY.col_goal] - last[SETPOINT.col], step)
     known = flyable(nav)
     phi, theta, psi = last[SETPOINT.phi], last[SETPOINT.theta], last[SETPOINT.psi]
     if known:
@@ -203,7 +207,7 @@ def _stand(nav, ref, k, state, out):
         share = min(max(2.0 * hover_share(col, k) - 1.0, 0.0), 1.0)
         slip = scratch(3)
         to_heading(nav[NAV.vel], math.cos(psi), math.sin(psi), slip)
-        if state[MEMORY.sight] != KNOWN:
+        if state.machine[MACHINE.position] != POSITION_VALID:
             fill(slip, 0.0)
         phi += share * (k.trim[SETPOINT.phi] + tilt_for(-k.K_D[1] * slip[1], k) - phi)
         theta += share * (k.trim[SETPOINT.theta] - tilt_for(-k.K_D[0] * slip[0], k) - theta)
@@ -212,9 +216,9 @@ def _stand(nav, ref, k, state, out):
     out[SETPOINT.col] = col
     for i in range(SETPOINT.size):
         last[i] = out[i]
-    fill(state[MEMORY.disturbance], 0.0)
+    fill(state.x[MEMORY.disturbance], 0.0)
     forget_swings(state)
-    state[MEMORY.engaged] = 0.0
+    state.x[MEMORY.engaged] = 0.0
     return _OK if known else _BAD_NAVIGATION
 
 
@@ -226,16 +230,16 @@ def _with_lead(a, c, s, k, state):
     still while the nose turns: else the lead would make much of the nose's least motion when bank
     holds against a side wind. The first one goes through as it is.
     """
-    wanted, beyond, led = scratch(3), scratch(3), state[MEMORY.led]
+    wanted, beyond, led = scratch(3), scratch(3), state.x[MEMORY.led]
     to_ned(a, c, s, wanted)
-    if state[MEMORY.engaged] < 0.5 or state[MEMORY.takes_over] > 0.5:
+    if state.x[MEMORY.engaged] < 0.5 or state.x[MEMORY.takes_over] > 0.5:
         copy(led, wanted)
     keep = math.exp(-k.dt_s / k.lead_filter_s)
     for i in range(2):
         wanted[i] -= led[i]
         led[i] += (1.0 - keep) * wanted[i]
     to_heading(wanted, c, s, beyond)
-    if state[MEMORY.soft] == SOFT:
+    if state.machine[MACHINE.servo] == SERVO_DEGRADED:
         return
     for i in range(2):
         a[i] += k.attitude_lead[i] / k.lead_filter_s * beyond[i]
@@ -289,7 +293,7 @@ def position_law(nav, ref, k, state, out):
         Shaped reference, places of `heli_core.rows.SHAPED`; changed where no position is known.
     k : OuterParams
         Gains and limits.
-    state : (85,) ndarray
+    state : OuterState
         Updated in place; places of `MEMORY`.
     out : (4,) ndarray
         Written: places of `heli_core.rows.SETPOINT`, absolute.
@@ -299,7 +303,7 @@ def position_law(nav, ref, k, state, out):
     int
         An OuterStatus. On anything but OK the last good output is repeated.
     """
-    last = state[MEMORY.command]
+    last = state.x[MEMORY.command]
     if not flyable(nav) or not all_finite(ref):
         for i in range(SETPOINT.size):
             out[i] = last[i]
@@ -314,21 +318,21 @@ def position_law(nav, ref, k, state, out):
     flown = scratch(2)
     flown_acceleration(phi, theta, k, flown)
     watch_attitude(flown, psi, nav[NAV.rate], k, state)
-    if state[MEMORY.sinks] == RISES:
+    if state.machine[MACHINE.altitude] == ALTITUDE_REACQUIRED:
         begin_at_height(nav, ref, state)
-        state[MEMORY.sinks] = SEES
+        state.machine[MACHINE.altitude] = ALTITUDE_VALID
     move_reference(ref, k, state)
-    if state[MEMORY.sight] == KNOWN:
+    if state.machine[MACHINE.position] == POSITION_VALID:
         remember_lean(nav, psi, k, state)
     else:
         hold_lean(nav, ref, c, s, state, d_h)
     remember_thrust(k, state)
-    if state[MEMORY.sinks] == SINKS:
+    if state.machine[MACHINE.altitude] == ALTITUDE_LOST:
         sink(nav, ref, k, state, d_h)
     _command(nav, ref, d_h, c, s, math.cos(phi) * math.cos(theta), phi, theta, k, state, out)
     for i in range(SETPOINT.size):
         last[i] = out[i]
-    state[MEMORY.engaged] = 1.0
+    state.x[MEMORY.engaged] = 1.0
     return _OK
 
 
@@ -342,14 +346,14 @@ def _steered(nav, ref, k, state, out):
     copy(ref[SHAPED.pos], nav[NAV.pos])
     copy(ref[SHAPED.vel], nav[NAV.vel])
     fill(ref[SHAPED.acc], 0.0)
-    steer = state[MEMORY.steer_attitude]
-    ref[SHAPED.pos][2] = state[MEMORY.steer_down]
-    ref[SHAPED.down_vel] = state[MEMORY.steer_down_vel]
-    ref[SHAPED.acc][2] = state[MEMORY.steer_down_acc]
+    steer = state.x[MEMORY.steer_attitude]
+    ref[SHAPED.pos][2] = state.x[MEMORY.steer_down]
+    ref[SHAPED.down_vel] = state.x[MEMORY.steer_down_vel]
+    ref[SHAPED.acc][2] = state.x[MEMORY.steer_down_acc]
     ref[SHAPED.psi] = steer[SETPOINT.psi]
     code = position_law(nav, ref, k, state, out)
     if code == _OK:
-        last = state[MEMORY.command]
+        last = state.x[MEMORY.command]
         for i in range(SETPOINT.psi):
             out[i] = last[i] = steer[i]
     return code
@@ -377,11 +381,11 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     """
     ref, before = scratch(_N_SHAPED), scratch(_N_SETPOINT)
     shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
-    ground, found = state[MEMORY.ground], look(nav, k, state)
+    ground, found = state.machine[MACHINE.guidance], look(nav, k, state)
     watch_rotor(nav[NAV.pos][2], nav[NAV.down_vel], k, state)
     if ground == STANDS:
         return _stand(nav, ref, k, state, out)
-    copy(before, state[MEMORY.command])
+    copy(before, state.x[MEMORY.command])
     if found:
         copy(out, before)
         return _OK
@@ -393,7 +397,7 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
         code = position_law(nav, ref, k, state, out)
     if code == _OK or ground >= BY_HAND:
         take_over(before, k, state, out)
-    if code == _OK and state[MEMORY.spin] != TURNS:
+    if code == _OK and state.machine[MACHINE.rotor] != ROTOR_DRIVEN:
         autorotate(nav, k, state, out)
     if k.sweep.shape != 0:
         add_sweep(time_ns / NS_PER_S, k.sweep, out)

@@ -22,7 +22,16 @@ from heli_core.rows import SETPOINT, SHAPED
 from heli_core.signals import add_sweep
 from heli_core.ticks import NS_PER_S
 from heli_outer_pd.reference import shaped_reference_at
-from heli_outer_pd.state import FLIES, KNOWN, MEMORY, TURNS, OuterParams, OuterStatus
+from heli_outer_pd.state import (
+    FLIES,
+    MACHINE,
+    MEMORY,
+    POSITION_VALID,
+    ROTOR_DRIVEN,
+    OuterParams,
+    OuterState,
+    OuterStatus,
+)
 
 Array = NDArray[np.float64]
 _COLLECTIVE_LIMIT = 0.98  # as of the position law
@@ -63,7 +72,7 @@ class OwnPositionLaw:
         times_ns: NDArray[np.int64],
         points: Array,
         k: OuterParams,
-        state: Array,
+        state: OuterState,
         out: Array,
         packaged: Callable[..., int],
     ) -> int:
@@ -73,7 +82,7 @@ class OwnPositionLaw:
         """
         if self.law is None:
             return packaged(nav, way_ns, times_ns, points, k, state, out)
-        before = state[MEMORY.command].copy()
+        before = state.x[MEMORY.command].copy()
         code = packaged(nav, way_ns, times_ns, points, k, state, out)
         if code != OuterStatus.OK:
             return code
@@ -86,9 +95,9 @@ class OwnPositionLaw:
             self.law.reset(nav, ref, before, tick, time_s)
         made = self.law.step(nav, ref, tick, time_s)
         if made is None:
-            out[:] = state[MEMORY.command] = before
+            out[:] = state.x[MEMORY.command] = before
             return OuterStatus.BAD_REFERENCE
-        out[:] = state[MEMORY.command] = self._limited(self._faded(made, before, k), k)
+        out[:] = state.x[MEMORY.command] = self._limited(self._faded(made, before, k), k)
         if k.sweep.shape != 0:
             add_sweep(way_ns / NS_PER_S, k.sweep, out)
         return code
@@ -111,10 +120,13 @@ class OwnPositionLaw:
         return made
 
 
-def _leads(state: Array) -> bool:
+def _leads(state: OuterState) -> bool:
     """Whether the law is asked: along a reference, with a position and a rotor at its speed."""
-    known = state[MEMORY.ground] == FLIES and state[MEMORY.sight] == KNOWN
-    return bool(known and state[MEMORY.spin] == TURNS)
+    known = (
+        state.machine[MACHINE.guidance] == FLIES
+        and state.machine[MACHINE.position] == POSITION_VALID
+    )
+    return bool(known and state.machine[MACHINE.rotor] == ROTOR_DRIVEN)
 
 
 def own_law(source: str) -> OwnPositionLaw:

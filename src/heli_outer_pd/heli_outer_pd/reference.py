@@ -18,7 +18,7 @@ from heli_core.trajectory import Trajectory, reference_at
 from heli_outer_pd.disturbance import flown_acceleration_ned, flyable, hover_share
 from heli_outer_pd.guidance.paths import STEP_S
 from heli_outer_pd.manual_controller import collective_limits, manual_deflections
-from heli_outer_pd.state import OuterParams
+from heli_outer_pd.state import OuterParams, OuterState
 
 # -------------------------------------------------------------------------------------------------
 # Reference.
@@ -158,7 +158,7 @@ class MotionState:
     psi: Array
 
 
-def flown_now(nav: Array, k: OuterParams, state: Array) -> MotionState:
+def flown_now(nav: Array, k: OuterParams, state: OuterState) -> MotionState:
     """How the aircraft moves by its navigation and the law's own estimate of the forces."""
     acc = np.empty(3)
     flown_acceleration_ned(nav, k, state, acc)
@@ -177,7 +177,7 @@ def led_now(way: Trajectory, now_ns: int, k: OuterParams) -> MotionState:
     return MotionState(ned, np.array([row[REFERENCE.psi], turn_rate_at(*asked), 0.0]))
 
 
-def warm_up(k: OuterParams, state: Array) -> None:
+def warm_up(k: OuterParams, state: OuterState) -> None:
     """Load the compiled parts of a change of modes before a flight needs them."""
     nav = np.zeros(NAV.size)
     nav[NAV.quat] = 1.0, 0.0, 0.0, 0.0

@@ -92,7 +92,7 @@ def thrust_for_collective(d_col, w_r, thrust_trim, d_col_trim, rotor):
 
 
 class OuterStateRow(NamedTuple):
-    """State of the law (85,)."""
+    """Numbers of the law's state (80,)."""
 
     vel: slice = slice(0, 3)  # estimated velocity, NED, m/s
     disturbance: slice = slice(3, 6)  # estimated disturbance, NED, m/s2
@@ -100,83 +100,104 @@ class OuterStateRow(NamedTuple):
     command: slice = slice(7, 11)  # last output, a SetpointRow
     lagged: slice = slice(11, 13)  # commanded acceleration behind the attitude loop's lag, m/s2
     led: slice = slice(13, 15)  # wanted acceleration behind the lead's filter, NED, m/s2
-    ground: int = 15  # one of FLIES, STANDS, LEAVES
-    col_goal: int = 16  # collective that is gone to while it stands
-    col_rate: int = 17  # at so much per second
+    col_goal: int = 15  # collective that is gone to while it stands
+    col_rate: int = 16  # at so much per second
     # What a pilot's sticks command (`steering`): phi, theta, psi, rad; down, m, m/s, m/s2.
-    steer: slice = slice(18, 24)
-    steer_attitude: slice = slice(18, 21)
-    steer_down: int = 21
-    steer_down_vel: int = 22
-    steer_down_acc: int = 23
-    hand: slice = slice(24, 27)  # by hand: d_lat, d_lon, d_ped about trim
-    hand_col: int = 27  # by hand: collective
-    fade: slice = slice(28, 32)  # left of the last command of who flew before, a SetpointRow
-    takes_over: int = 32  # 1.0: the next step goes on from the last command
-    sight: int = 33  # one of KNOWN, LOST, FOUND
-    rest: slice = slice(34, 36)  # mean disturbance at rest, NED, m/s2
-    rested_s: int = 36  # over so long
-    rest_psi: int = 37  # with the nose there, rad
-    sigma: int = 38  # of the horizontal velocity at the last step, m/s
-    lands: int = 39  # 1.0 while it comes down to land
-    lost_s: int = 40  # for so long no position is known
-    astray_m: int = 41  # sigma of the horizontal velocity, summed up since the last fix, m
-    was_pos: slice = slice(42, 44)  # navigation at the last step, NED: position, m
-    was_vel: slice = slice(44, 46)  # and velocity, m/s
-    shift: slice = slice(46, 49)  # of the reference, NED, m: what a fix has moved the navigation
-    sinks: int = 49  # one of SEES, SINKS, RISES
-    rest_down: int = 50  # mean disturbance downwards, m/s2
-    sink_mps: int = 51  # speed of the descent by thrust
-    slow_mps: int = 52  # what the vertical velocity is off by meanwhile, in the long run
-    probe_s: int = 53  # time since the last probe for the ground
-    probe_mps: int = 54  # vertical velocity when a probe began
-    eased_mps2: int = 55  # thrust that it takes away
-    gone: int = 56  # 1.0: it should land for want of a position or of a vertical speed
-    ground_m: int = 57  # where the ground is in a descent, as far as it is known, NED, m
-    sunk_m: int = 58  # where the aircraft is if it sinks as it should, NED, m
-    settles_s: int = 59  # for so long fixes are taken for those after a gap
-    doubt_s: int = 60  # the vertical velocity has not been known for so long
-    off_mean: slice = slice(61, 63)  # mean of what theta and phi are off by, rad
-    off_square: slice = slice(63, 65)  # and mean square, rad2
-    soft: int = 65  # one of FULL, SOFT, STUCK
-    hangs_s: int = 66  # for so long it has been off to one side in soft flight
-    calm_s: int = 67  # calm again for so long
-    calm_wanted_s: int = 68  # which is enough
-    soft_s: int = 69  # in soft flight for so long
-    is_late: int = 70  # 1.0: the navigation is of another tick
-    late: int = 71  # share of the last second's steps at which it was
-    side: slice = slice(72, 74)  # -1, 1: beyond which end theta and phi were last
-    turns: slice = slice(74, 76)  # how often they went from there to the other, lately
+    steer: slice = slice(17, 23)
+    steer_attitude: slice = slice(17, 20)
+    steer_down: int = 20
+    steer_down_vel: int = 21
+    steer_down_acc: int = 22
+    hand: slice = slice(23, 26)  # by hand: d_lat, d_lon, d_ped about trim
+    hand_col: int = 26  # by hand: collective
+    fade: slice = slice(27, 31)  # left of the last command of who flew before, a SetpointRow
+    takes_over: int = 31  # 1.0: the next step goes on from the last command
+    rest: slice = slice(32, 34)  # mean disturbance at rest, NED, m/s2
+    rested_s: int = 34  # over so long
+    rest_psi: int = 35  # with the nose there, rad
+    sigma: int = 36  # of the horizontal velocity at the last step, m/s
+    lands: int = 37  # 1.0 while it comes down to land
+    lost_s: int = 38  # for so long no position is known
+    astray_m: int = 39  # sigma of the horizontal velocity, summed up since the last fix, m
+    was_pos: slice = slice(40, 42)  # navigation at the last step, NED: position, m
+    was_vel: slice = slice(42, 44)  # and velocity, m/s
+    shift: slice = slice(44, 47)  # of the reference, NED, m: what a fix has moved the navigation
+    rest_down: int = 47  # mean disturbance downwards, m/s2
+    sink_mps: int = 48  # speed of the descent by thrust
+    slow_mps: int = 49  # what the vertical velocity is off by meanwhile, in the long run
+    probe_s: int = 50  # time since the last probe for the ground
+    probe_mps: int = 51  # vertical velocity when a probe began
+    eased_mps2: int = 52  # thrust that it takes away
+    gone: int = 53  # 1.0: it should land for want of a position or of a vertical speed
+    ground_m: int = 54  # where the ground is in a descent, as far as it is known, NED, m
+    sunk_m: int = 55  # where the aircraft is if it sinks as it should, NED, m
+    settles_s: int = 56  # for so long fixes are taken for those after a gap
+    doubt_s: int = 57  # the vertical velocity has not been known for so long
+    off_mean: slice = slice(58, 60)  # mean of what theta and phi are off by, rad
+    off_square: slice = slice(60, 62)  # and mean square, rad2
+    hangs_s: int = 62  # for so long it has been off to one side in soft flight
+    calm_s: int = 63  # calm again for so long
+    calm_wanted_s: int = 64  # which is enough
+    soft_s: int = 65  # in soft flight for so long
+    is_late: int = 66  # 1.0: the navigation is of another tick
+    late: int = 67  # share of the last second's steps at which it was
+    side: slice = slice(68, 70)  # -1, 1: beyond which end theta and phi were last
+    turns: slice = slice(70, 72)  # how often they went from there to the other, lately
     # The rotor's speed as it is heard (`rotor_watch`), over the governed one.
-    rotor: int = 76  # of the last sample
-    rotor_s: int = 77  # flight time of it, s
-    rotor_same: int = 78  # so many samples in a row were the same
-    rotor_sound: int = 79  # so many were sound; enough: it is believed
-    rotor_known: int = 80  # of the last one that was believed
-    slow_s: int = 81  # too slow for so long
-    driven_s: int = 82  # near the governed speed for so long
-    spin: int = 83  # one of TURNS, AUTOROTATES, DOWN
-    still_s: int = 84  # it does not sink any more for so long
-    size: int = 85
+    rotor: int = 72  # of the last sample
+    rotor_s: int = 73  # flight time of it, s
+    rotor_same: int = 74  # so many samples in a row were the same
+    rotor_sound: int = 75  # so many were sound; enough: it is believed
+    rotor_known: int = 76  # of the last one that was believed
+    slow_s: int = 77  # too slow for so long
+    driven_s: int = 78  # near the governed speed for so long
+    still_s: int = 79  # it does not sink any more for so long
+    size: int = 80
 
 
 MEMORY = OuterStateRow()
-FLIES, STANDS, LEAVES, STEERED, BY_HAND, LOW_BY_HAND = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
+
+
+class OuterMachineRow(NamedTuple):
+    """Places of the five state machines of the law (5,), integers; beside them `phases.Phases`."""
+
+    guidance: int = 0  # who flies: FLIES to LOW_BY_HAND
+    position: int = 1  # POSITION_VALID, ...
+    altitude: int = 2  # ALTITUDE_VALID, ...
+    servo: int = 3  # SERVO_NOMINAL, ...
+    rotor: int = 4  # ROTOR_DRIVEN, ...
+    size: int = 5
+
+
+MACHINE = OuterMachineRow()
+FLIES, STANDS, LEAVES, STEERED, BY_HAND, LOW_BY_HAND = range(6)
 """Along the reference; on the skids, the law not engaged; lifting off, engaged without estimating;
-attitude, climb and turn by a pilot's sticks; actuators by them; the same near the ground."""
-KNOWN, LOST, FOUND = 0.0, 1.0, 2.0
-"""The horizontal position is known; is not; is again, and a reference from there is awaited."""
-
-SEES, SINKS, RISES = 0.0, 1.0, 2.0
-"""The vertical velocity is known; is not, and thrust alone flies; is again, since this step."""
-
-FULL, SOFT, STUCK = 0.0, 1.0, 2.0
+attitude, climb and turn by a pilot's sticks; actuators by them; the same near the ground.
+`Phases` and the pilot's `StickFlight` change it."""
+POSITION_VALID, POSITION_LOST, POSITION_REACQUIRED = range(3)
+"""The horizontal position is known; is not; is again, and a reference from there is awaited.
+`position_health.look` changes it."""
+ALTITUDE_VALID, ALTITUDE_LOST, ALTITUDE_REACQUIRED = range(3)
+"""The vertical velocity is known; is not, and thrust alone flies; is again, since this step.
+`position_health` changes it."""
+SERVO_NOMINAL, SERVO_DEGRADED, SERVO_STUCK = range(3)
 """With the gains as they are; softly, as the attitude does not follow; again with them, as softness
-was of no help."""
+was of no help. `disturbance.watch_attitude` changes it."""
+ROTOR_DRIVEN, ROTOR_AUTOROTATES, ROTOR_LANDED = range(3)
+"""The rotor has its speed, as far as it is known; has not, and lands the aircraft; has done so.
+`disturbance` changes it."""
 
 
-TURNS, AUTOROTATES, DOWN = 0.0, 1.0, 2.0
-"""The rotor has its speed, as far as it is known; has not, and lands the aircraft; has done so."""
+@by_reference
+class OuterState(NamedTuple):
+    """State of the law, changed in place."""
+
+    x: np.ndarray  # (80,) places of `MEMORY`
+    machine: np.ndarray  # (5,) int64, places of `MACHINE`
+
+    def copy(self) -> "OuterState":
+        """The state of now, for later."""
+        return OuterState(self.x.copy(), self.machine.copy())
 
 
 class OuterStatus(enum.IntEnum):
@@ -236,9 +257,9 @@ class OuterParams(NamedTuple):
     sweep: SweepParams
 
 
-def initial_state(k: OuterParams) -> np.ndarray:
-    """State (85,) of a law that is not engaged yet; its last command is the trim."""
-    state = np.zeros(MEMORY.size)
-    state[MEMORY.command] = k.trim
-    state[MEMORY.rotor_s], state[MEMORY.rotor_known] = -1.0, 1.0
+def initial_state(k: OuterParams) -> OuterState:
+    """State of a law that is not engaged yet; its last command is the trim."""
+    state = OuterState(np.zeros(MEMORY.size), np.zeros(MACHINE.size, np.int64))
+    state.x[MEMORY.command] = k.trim
+    state.x[MEMORY.rotor_s], state.x[MEMORY.rotor_known] = -1.0, 1.0
     return state

@@ -17,7 +17,12 @@ from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_health import answer, told_of
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.reference import ReferenceLimits
-from heli_outer_pd.state import MEMORY, SEES, SINKS, thrust_for_collective
+from heli_outer_pd.state import (
+    ALTITUDE_LOST,
+    ALTITUDE_VALID,
+    MACHINE,
+    thrust_for_collective,
+)
 
 VALUES = OuterLoopNode.SPEC.resolve()
 STEP_NS = NS_PER_S // 25
@@ -96,16 +101,16 @@ def test_a_doubt_of_a_moment_is_none():
     for _ in range(3):
         for _ in range(24):
             craft.step(UNSURE)
-        assert craft.state[MEMORY.sinks] == SEES and not craft.phases.gone
+        assert craft.state.machine[MACHINE.altitude] == ALTITUDE_VALID and not craft.phases.gone
         craft.step(SURE)
 
 
 def test_it_is_told_and_no_pilot_is_needed():
     craft = settled()
-    while craft.state[MEMORY.sinks] != SINKS:
+    while craft.state.machine[MACHINE.altitude] != ALTITUDE_LOST:
         before, after = craft.step(UNSURE)
     np.testing.assert_allclose(after, before, atol=0.01)
-    assert craft.state[MEMORY.sinks] == SINKS and craft.phases.gone
+    assert craft.state.machine[MACHINE.altitude] == ALTITUDE_LOST and craft.phases.gone
     assert told_of(craft.phases.phase, craft.state, "") == "altitude lost: descent by thrust alone"
     assert answer(craft.phases.phase, craft.state) == Action.LAND_BY_THRUST
     craft.step(UNSURE)
@@ -129,7 +134,7 @@ def test_what_comes_back_is_flown_from_where_it_is():
         craft.step(UNSURE)
     craft.error[0] = 3.0
     before, after = craft.step(SURE)
-    assert craft.state[MEMORY.sinks] == SEES
+    assert craft.state.machine[MACHINE.altitude] == ALTITUDE_VALID
     np.testing.assert_allclose(after, before, atol=1e-9)
     for _ in range(25 * 6):
         craft.step(SURE)
@@ -141,5 +146,5 @@ def test_a_sound_landing_does_not_look_at_it():
     assert craft.phases.command(Command.LAND, craft.now_ns, craft.nav) is None
     for _ in range(25 * 40):
         craft.step(0.08)
-        assert craft.state[MEMORY.sinks] == SEES
+        assert craft.state.machine[MACHINE.altitude] == ALTITUDE_VALID
     assert craft.phases.phase == Phase.STANDING

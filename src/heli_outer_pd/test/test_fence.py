@@ -14,7 +14,7 @@ from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, shaped_reference_at
-from heli_outer_pd.state import FLIES, LOST, MEMORY
+from heli_outer_pd.state import FLIES, MACHINE, POSITION_LOST
 
 VALUES = OuterLoopNode.SPEC.resolve()
 SMALL = {"fence.radius_m": 30.0, "fence.ceiling_m": 40.0, "fence.margin_m": 5.0}
@@ -45,7 +45,7 @@ class Craft:
         if steered:
             self.phases.steer(NEUTRAL, self.now_ns)
         way = self.phases.trajectory
-        if self.state[MEMORY.ground] == FLIES:
+        if self.state.machine[MACHINE.guidance] == FLIES:
             row = np.empty(10)
             shaped_reference_at(
                 self.now_ns - way.start_ns, self.k.shaping_ns, 0.0, way.times_ns, way.points, row
@@ -135,7 +135,7 @@ def test_a_hold_outside_leads_inside():
 
 def test_without_a_position_there_is_no_fence():
     craft = Craft(vel=(0.0, 5.0, 0.0), pos=(0.0, 35.0, -20.0))
-    craft.state[MEMORY.sight] = LOST
+    craft.state.machine[MACHINE.position] = POSITION_LOST
     craft.nav[NAV.sigma_vel] = 9.0
     craft.phases.steer(NEUTRAL, craft.now_ns)
     assert craft.ask(Command.MANUAL) is None

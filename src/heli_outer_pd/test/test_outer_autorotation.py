@@ -11,7 +11,16 @@ from heli_flight.settings import resolve
 from heli_outer_pd.disturbance import hear_rotor, watch_rotor
 from heli_outer_pd.parameters import outer_params
 from heli_outer_pd.position_law import autorotate, wanted_sink
-from heli_outer_pd.state import AUTOROTATES, BY_HAND, DOWN, MEMORY, STANDS, TURNS, initial_state
+from heli_outer_pd.state import (
+    BY_HAND,
+    MACHINE,
+    MEMORY,
+    ROTOR_AUTOROTATES,
+    ROTOR_DRIVEN,
+    ROTOR_LANDED,
+    STANDS,
+    initial_state,
+)
 
 K = outer_params(resolve().nodes["outer_loop"])
 PERIOD_S = 0.02
@@ -22,7 +31,7 @@ def heard(shares, state=None, at_s=0.0, ground=None):
     """State after samples at 50 Hz, shares of the governed speed; judged after each second one."""
     state = initial_state(K) if state is None else state
     if ground is not None:
-        state[MEMORY.ground] = ground
+        state.machine[MACHINE.guidance] = ground
     for i, share in enumerate(shares):
         hear_rotor(state, at_s + i * PERIOD_S, share * K.rotor.omega, K)
         if i % 2:
@@ -38,7 +47,7 @@ def falls(rate, before=20, after=20):
 
 @pytest.mark.parametrize("rate", [0.13, 0.3, 0.55])
 def test_a_rotor_that_loses_its_speed_is_slow(rate):
-    assert heard(falls(rate, after=40))[MEMORY.spin] == AUTOROTATES
+    assert heard(falls(rate, after=40)).machine[MACHINE.rotor] == ROTOR_AUTOROTATES
 
 
 @pytest.mark.parametrize(
@@ -55,25 +64,26 @@ def test_a_rotor_that_loses_its_speed_is_slow(rate):
     ids=["jump", "zero", "too fast", "one sample", "frozen above", "never usual", "silent"],
 )
 def test_what_no_rotor_does_is_not_believed(shares):
-    assert heard(shares)[MEMORY.spin] == TURNS
+    assert heard(shares).machine[MACHINE.rotor] == ROTOR_DRIVEN
 
 
 def test_a_gap_is_not_bridged():
     state = heard(falls(0.0))
     heard(np.full(20, 0.9) + NOISE[:20], state, at_s=1.0)
-    assert state[MEMORY.spin] == TURNS and state[MEMORY.rotor_sound] == 0.0
+    assert state.machine[MACHINE.rotor] == ROTOR_DRIVEN and state.x[MEMORY.rotor_sound] == 0.0
 
 
 def test_an_older_sample_changes_nothing():
     state = heard(falls(0.0))
     before = state.copy()
     hear_rotor(state, 0.1, 0.5 * K.rotor.omega, K)
-    np.testing.assert_array_equal(state, before)
+    np.testing.assert_array_equal(state.x, before.x)
+    np.testing.assert_array_equal(state.machine, before.machine)
 
 
 @pytest.mark.parametrize("ground", [STANDS, BY_HAND])
 def test_nothing_is_judged_on_the_ground_nor_by_hand(ground):
-    assert heard(falls(0.13, after=40), ground=ground)[MEMORY.spin] == TURNS
+    assert heard(falls(0.13, after=40), ground=ground).machine[MACHINE.rotor] == ROTOR_DRIVEN
 
 
 def test_zero_means_never():
@@ -81,20 +91,20 @@ def test_zero_means_never():
     for i, share in enumerate(falls(0.3, after=100)):
         hear_rotor(state, i * PERIOD_S, share * K.rotor.omega, k)
         watch_rotor(-10.0, 0.0, k, state)
-    assert state[MEMORY.spin] == TURNS
+    assert state.machine[MACHINE.rotor] == ROTOR_DRIVEN
 
 
 def test_down_is_what_sinks_no_more_near_the_ground():
     state = heard(falls(0.13, after=40))
     for _ in range(20):
         watch_rotor(-10.0, 0.0, K, state)
-    assert state[MEMORY.spin] == AUTOROTATES, "too high"
+    assert state.machine[MACHINE.rotor] == ROTOR_AUTOROTATES, "too high"
     for _ in range(20):
         watch_rotor(-1.0, 0.7, K, state)
-    assert state[MEMORY.spin] == AUTOROTATES, "it sinks"
+    assert state.machine[MACHINE.rotor] == ROTOR_AUTOROTATES, "it sinks"
     for _ in range(20):
         watch_rotor(-1.0, 0.0, K, state)
-    assert state[MEMORY.spin] == DOWN
+    assert state.machine[MACHINE.rotor] == ROTOR_LANDED
 
 
 def test_the_profile_slows_down_steadily_and_ends_at_the_ground():
@@ -112,11 +122,11 @@ def test_the_profile_slows_down_steadily_and_ends_at_the_ground():
 
 def command(height_m, sink_mps, share):
     state, nav, out = initial_state(K), np.zeros(NAV.size), K.trim.copy()
-    state[MEMORY.rotor_known] = share
+    state.x[MEMORY.rotor_known] = share
     nav[NAV.pos][2], nav[NAV.down_vel] = -height_m, sink_mps
     out[SETPOINT.phi] = 1.0
     autorotate(nav, K, state, out)
-    np.testing.assert_array_equal(state[MEMORY.command], out)
+    np.testing.assert_array_equal(state.x[MEMORY.command], out)
     return out
 
 

@@ -20,7 +20,7 @@ from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused
 from heli_outer_pd.script import script_of
-from heli_outer_pd.state import MEMORY, STANDS
+from heli_outer_pd.state import MACHINE, MEMORY, STANDS
 
 VALUES = OuterLoopNode.SPEC.resolve()
 STEP_NS = NS_PER_S // 25
@@ -121,7 +121,7 @@ def test_from_the_ground_to_the_ground(strength):
     ]  # fmt: skip
     body.until(Phase.STANDING)
     assert body.out[SETPOINT.col] == VALUES["takeoff.idle_collective"]
-    assert not body.state[MEMORY.disturbance].any()
+    assert not body.state.x[MEMORY.disturbance].any()
     # And again: what the ground did is not remembered.
     assert body.ask(Command.TAKEOFF) is None
     body.until(Phase.HOVER)
@@ -159,7 +159,7 @@ def test_the_collective_never_jumps():
     # The climb's first step meets the end of the ramp, give or take the feed-forward of a step.
     first = next(step for step, phase in steps if phase == Phase.CLIMBING)
     assert first < ramp * 0.04 + 0.01
-    assert body.state[MEMORY.ground] == 0.0
+    assert body.state.machine[MACHINE.guidance] == 0.0
 
 
 def test_the_disturbance_estimate_rests_on_the_ground():
@@ -170,7 +170,7 @@ def test_the_disturbance_estimate_rests_on_the_ground():
     seen = []
     while body.phases.phase == Phase.CLIMBING:
         body.step()
-        seen.append(np.abs(body.state[MEMORY.disturbance]).max())
+        seen.append(np.abs(body.state.x[MEMORY.disturbance]).max())
     assert max(seen) == 0.0
     assert body.phases.phase == Phase.SETTLING, "it does not lift: broken off"
     assert body.height_m == 0.0
@@ -222,7 +222,7 @@ def test_on_the_ground_the_attitude_follows_the_skids():
     body.phi, body.theta = 0.08, -0.05
     body.step()
     np.testing.assert_allclose(body.out[:3], [0.08, -0.05, 0.3], atol=1e-12)
-    assert body.state[MEMORY.ground] == STANDS
+    assert body.state.machine[MACHINE.guidance] == STANDS
 
 
 def test_a_take_off_from_too_steep_a_slope_or_blindly_is_refused_and_changes_nothing():
@@ -235,7 +235,8 @@ def test_a_take_off_from_too_steep_a_slope_or_blindly_is_refused_and_changes_not
     body.nav[NAV.vel] = np.nan
     assert "there is no position estimate" in body.ask(Command.TAKEOFF).sentence
     assert body.phases.phase == Phase.STANDING
-    np.testing.assert_array_equal(body.state, before)
+    np.testing.assert_array_equal(body.state.x, before.x)
+    np.testing.assert_array_equal(body.state.machine, before.machine)
 
 
 @pytest.mark.parametrize("command", [Command.LAND, Command.HOLD, Command.GOTO])
@@ -319,7 +320,7 @@ def test_a_hover_turns_the_nose_into_the_wind_where_that_is_wanted(heading):
     assert body.phases.goto.heading == heading
     body.phases.command(Command.HOLD, 0, body.nav + np.eye(NAV.size)[NAV.quat][0])
     for _ in range(40 * 25):
-        body.state[MEMORY.disturbance] = 0.0, -1.25, 0.0
+        body.state.x[MEMORY.disturbance] = 0.0, -1.25, 0.0
         body.psi = body.phases.trajectory.at(body.now_ns)[REFERENCE.psi]
         body.step()
     assert body.phases.phase == Phase.HOVER

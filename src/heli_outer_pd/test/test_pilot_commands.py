@@ -284,7 +284,7 @@ def test_an_attitude_is_flown_as_it_is_sent_and_ends_in_a_hover(flying):
     flown = np.degrees(flying.outer.sent[topics.ATTITUDE_SETPOINT][-1])
     np.testing.assert_allclose(flown, [8.0, -3.0, 25.0], atol=0.05)
     state = flying.node.core.state
-    assert state[MEMORY.steer_down_vel] == pytest.approx(-0.5, abs=1e-6)
+    assert state.x[MEMORY.steer_down_vel] == pytest.approx(-0.5, abs=1e-6)
     assert flying.ask("mode/attitude") == (
         "attitude: roll, pitch and heading as command_attitude says, climb as command_climb"
     )

@@ -20,7 +20,14 @@ from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_health import answer, plight, seen, sigma_of_speed, told_of
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused
-from heli_outer_pd.state import FOUND, KNOWN, LOST, MEMORY, STEERED
+from heli_outer_pd.state import (
+    MACHINE,
+    MEMORY,
+    POSITION_LOST,
+    POSITION_REACQUIRED,
+    POSITION_VALID,
+    STEERED,
+)
 
 VALUES = OuterLoopNode.SPEC.resolve()
 LIMIT = VALUES["land.blind_sigma_mps"]
@@ -84,22 +91,22 @@ def hovering(**changes):
 
 def test_the_lean_that_the_wind_took_is_learnt_at_rest():
     flight = hovering()
-    np.testing.assert_allclose(flight.state[MEMORY.rest], WIND_NED[:2], atol=1e-6)
+    np.testing.assert_allclose(flight.state.x[MEMORY.rest], WIND_NED[:2], atol=1e-6)
     flight.nav[NAV.vel] = 1.5, 0.0, 0.0
     flight.step()
-    before = flight.state[MEMORY.rest].copy()
+    before = flight.state.x[MEMORY.rest].copy()
     flight.step()
-    np.testing.assert_array_equal(flight.state[MEMORY.rest], before)
+    np.testing.assert_array_equal(flight.state.x[MEMORY.rest], before)
 
 
 def test_another_heading_learns_anew():
     """What pushed the side pushes the front: the mean begins with what is pushed now."""
     flight = hovering()
     flight.nav[NAV.quat] = quat_from_euler(*flight.k.trim[: SETPOINT.psi], flight.psi + 1.0)
-    flight.state[MEMORY.disturbance] = 0.0
+    flight.state.x[MEMORY.disturbance] = 0.0
     flight.step()
-    assert flight.state[MEMORY.rested_s] == pytest.approx(flight.k.dt_s)
-    assert np.abs(flight.state[MEMORY.rest]).max() < 0.2
+    assert flight.state.x[MEMORY.rested_s] == pytest.approx(flight.k.dt_s)
+    assert np.abs(flight.state.x[MEMORY.rest]).max() < 0.2
 
 
 def test_it_goes_blind_without_a_step_and_holds_lean_heading_and_altitude():
@@ -111,7 +118,7 @@ def test_it_goes_blind_without_a_step_and_holds_lean_heading_and_altitude():
         flight.step()
     assert np.degrees(np.abs(flight.out[:2] - flight.lean)).max() > 5.0
     before, after = flight.step(1.01 * LIMIT)
-    assert flight.state[MEMORY.sight] == LOST and flight.phases.lost
+    assert flight.state.machine[MACHINE.position] == POSITION_LOST and flight.phases.lost
     np.testing.assert_allclose(after, before, atol=1e-9)
     for second in range(5):
         flight.nav[NAV.pos][:2] += (4.0, -3.0)
@@ -141,7 +148,7 @@ def test_a_way_that_is_flown_is_braked_by_what_the_reference_decelerates():
         row = way.at(flight.now_ns)
         flight.nav[NAV.pos], flight.nav[NAV.vel] = row[:3], row[3:6]
         flight.step()
-    flight.state[MEMORY.rest] = WIND_NED[:2]  # its nav has not leaned as it got faster
+    flight.state.x[MEMORY.rest] = WIND_NED[:2]  # its nav has not leaned as it got faster
     speed = float(flight.nav[NAV.vel][0])
     assert speed == pytest.approx(3.0, abs=0.1)
     for _ in range(8 * 25):
@@ -211,7 +218,7 @@ def test_what_is_lost_for_long_is_landed_without_being_told(lost_s):
     if lost_s < 1.0:
         for _ in range(10):
             flight.step(0.04 * LIMIT)
-        assert flight.state[MEMORY.lost_s] == 0.0
+        assert flight.state.x[MEMORY.lost_s] == 0.0
         for _ in range(15):
             flight.step(2.0 * LIMIT)
         assert flight.phases.phase == Phase.HOVER
@@ -242,12 +249,12 @@ def test_a_fix_after_a_gap_is_flown_back_to_without_a_step():
     before, after = flight.step(0.1 * LIMIT)
     np.testing.assert_allclose(after, before, atol=1e-9)
     assert flight.phases.phase in (Phase.TRAJECTORY, Phase.HOVER)
-    assert math.hypot(*flight.state[MEMORY.shift][:2]) == pytest.approx(5.0, abs=0.1)
+    assert math.hypot(*flight.state.x[MEMORY.shift][:2]) == pytest.approx(5.0, abs=0.1)
     for _ in range(round(12 / flight.k.dt_s)):
-        shift = flight.state[MEMORY.shift].copy()
+        shift = flight.state.x[MEMORY.shift].copy()
         flight.step(0.1 * LIMIT)
-        assert np.linalg.norm(flight.state[MEMORY.shift] - shift) <= 1.001 * flight.k.dt_s
-    np.testing.assert_allclose(flight.state[MEMORY.shift], 0.0, atol=0.1)
+        assert np.linalg.norm(flight.state.x[MEMORY.shift] - shift) <= 1.001 * flight.k.dt_s
+    np.testing.assert_allclose(flight.state.x[MEMORY.shift], 0.0, atol=0.1)
 
 
 def test_near_the_ground_it_stays_blind():
@@ -259,7 +266,7 @@ def test_near_the_ground_it_stays_blind():
     flight.off_m = -1.0 - flight.nav[NAV.pos][2]
     before, after = flight.step(0.04 * LIMIT)
     np.testing.assert_array_equal(before, after)
-    assert flight.state[MEMORY.sight] == FOUND and flight.phases.lost
+    assert flight.state.machine[MACHINE.position] == POSITION_REACQUIRED and flight.phases.lost
     flight.nav[NAV.vel][:2] = 2.0, 2.0
     for _ in range(50):
         _, after = flight.step(0.04 * LIMIT)
@@ -286,11 +293,11 @@ def test_a_landing_that_has_nearly_lost_it_begins_anew_and_a_hover_does_not():
 
 def test_by_the_sticks_nothing_waits_for_a_reference():
     flight = hovering()
-    flight.state[MEMORY.ground] = STEERED
+    flight.state.machine[MACHINE.guidance] = STEERED
     flight.step(2.0 * LIMIT)
-    assert flight.state[MEMORY.sight] == LOST
+    assert flight.state.machine[MACHINE.position] == POSITION_LOST
     flight.step(0.04 * LIMIT)
-    assert flight.state[MEMORY.sight] == KNOWN
+    assert flight.state.machine[MACHINE.position] == POSITION_VALID
 
 
 def test_a_navigation_that_says_nothing_is_believed():

@@ -23,7 +23,7 @@ from heli_outer_pd.phases import Phases
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, shaped_reference_at
 from heli_outer_pd.script import script_of
-from heli_outer_pd.state import BY_HAND, FLIES, LOW_BY_HAND, MEMORY, STEERED
+from heli_outer_pd.state import BY_HAND, FLIES, LOW_BY_HAND, MACHINE, MEMORY, STEERED
 
 VALUES = OuterLoopNode.SPEC.resolve()
 STEP_NS = NS_PER_S // 25
@@ -61,7 +61,7 @@ class Craft:
         if sticks is not None:
             self.phases.steer(sticks, self.now_ns)
         way = self.phases.trajectory or Trajectory.hover(np.zeros(3), 0.0)
-        if moves and self.state[MEMORY.ground] == FLIES:
+        if moves and self.state.machine[MACHINE.guidance] == FLIES:
             shaped = self.shaped()
             self.nav[NAV.pos], self.nav[NAV.vel] = shaped[:3], shaped[3:6]
         follow(self.turned(), self.now_ns - way.start_ns, way.times_ns, way.points, self.k,
@@ -220,11 +220,11 @@ def test_sticks_command_attitude_climb_and_turn():
     down, psi = craft.shaped()[2], craft.shaped()[9]
     for _ in range(100):
         craft.step(np.array([0.5, -0.25, 0.2, 0.4]))
-    assert craft.state[MEMORY.ground] == STEERED
+    assert craft.state.machine[MACHINE.guidance] == STEERED
     tilt = math.radians(VALUES["sticks.tilt_max_deg"])
     assert craft.out[SETPOINT.phi] == pytest.approx(craft.k.trim[0] + 0.5 * tilt, abs=2e-3)
     assert craft.out[SETPOINT.theta] == pytest.approx(craft.k.trim[1] - 0.25 * tilt, abs=2e-3)
-    steer = craft.state[MEMORY.steer]
+    steer = craft.state.x[MEMORY.steer]
     assert steer[4] == pytest.approx(-0.4 * VALUES["sticks.climb_mps"], abs=1e-6)
     # A jerk-limited start loses v (T_a) / 2 of the way: acceleration and jerk are 1.5 here.
     speed = 0.4 * VALUES["sticks.climb_mps"]
@@ -242,10 +242,10 @@ def test_the_climb_of_the_sticks_ends_inside_the_fence():
     craft.ask(Command.ATTITUDE)
     for _ in range(300):
         craft.step(np.array([0.0, 0.0, 0.0, 1.0]))
-    assert 99.0 < -craft.state[MEMORY.steer_down] < 100.3
+    assert 99.0 < -craft.state.x[MEMORY.steer_down] < 100.3
     for _ in range(3000):
         craft.step(DOWN)
-    assert 1.7 < -craft.state[MEMORY.steer_down] < 3.0
+    assert 1.7 < -craft.state.x[MEMORY.steer_down] < 3.0
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,7 @@ def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command, said):
         craft.step()
     silence_s = (craft.phases.history[-1][0] - heard_ns) / NS_PER_S
     assert silence_s == pytest.approx(VALUES["command.timeout_s"], abs=0.05)
-    assert craft.state[MEMORY.ground] == FLIES
+    assert craft.state.machine[MACHINE.guidance] == FLIES
 
 
 @pytest.mark.parametrize("command", [Command.ATTITUDE, Command.MANUAL])
@@ -338,7 +338,7 @@ def test_the_heading_goes_the_shorter_way_within_its_limits(psi_deg, to_deg, tur
     for _ in range(200):
         assert craft.lean_to(psi=math.radians(to_deg)) is None
         craft.step()
-        psi.append(craft.state[MEMORY.steer][2])
+        psi.append(craft.state.x[MEMORY.steer][2])
     psi = np.degrees(np.unwrap(psi))
     assert psi[-1] - psi_deg == pytest.approx(turn_deg, abs=1e-6)
     rate = np.diff(psi) / craft.k.dt_s
@@ -361,7 +361,7 @@ def test_its_climb_is_cut_and_without_one_the_altitude_is_held():
         if i < 150:
             assert craft.climb(9.0) is None
         craft.step()
-        rates.append(-craft.state[MEMORY.steer_down_vel])
+        rates.append(-craft.state.x[MEMORY.steer_down_vel])
     assert max(rates) == pytest.approx(VALUES["sticks.climb_mps"])
     lasts = 150 + round(25 * VALUES["command.timeout_s"])
     assert rates[lasts - 2] == pytest.approx(VALUES["sticks.climb_mps"])
@@ -471,7 +471,7 @@ def test_by_hand_the_sticks_are_the_actuators():
     assert craft.ask(Command.MANUAL) is None
     for _ in range(200):
         craft.step(np.array([1.0, -0.5, 0.25, 0.2]), moves=False)
-    assert craft.state[MEMORY.ground] == BY_HAND
+    assert craft.state.machine[MACHINE.guidance] == BY_HAND
     sent = with_manual(craft.out[[SETPOINT.col]], craft.state)
     hand = VALUES["sticks.manual"]
     np.testing.assert_allclose(sent[1:], [hand[0], -0.5 * hand[1], 0.25 * hand[2]], atol=1e-12)
@@ -532,7 +532,7 @@ def test_from_a_tilt_beyond_the_laws_it_is_not_taken_over():
 def test_with_the_collective_at_its_limit_no_velocity_is_taken():
     craft = Craft()
     craft.step()
-    craft.state[MEMORY.command][SETPOINT.col] = 0.5
+    craft.state.x[MEMORY.command][SETPOINT.col] = 0.5
     assert "an actuator is saturated" in craft.go((1.0, 0.0, 0.0)).sentence
 
 
@@ -548,15 +548,15 @@ def test_by_hand_from_the_ground_and_back():
     idle = VALUES["takeoff.idle_collective"]
     assert craft.phases.phase == Phase.MANUAL, "it stands, and waits for the pilot"
     assert craft.out[SETPOINT.col] == pytest.approx(idle)
-    assert craft.state[MEMORY.ground] == LOW_BY_HAND
-    assert not craft.state[MEMORY.disturbance].any()
+    assert craft.state.machine[MACHINE.guidance] == LOW_BY_HAND
+    assert not craft.state.x[MEMORY.disturbance].any()
     assert "the ground is too near" in craft.ask(Command.HOLD).sentence
     up = np.array([0.0, 0.0, 0.0, 0.1])
     for _ in range(100):
         craft.nav[NAV.down_vel] = -0.5
         craft.nav[NAV.pos][2] -= 0.02
         craft.step(up, moves=False)
-    assert craft.state[MEMORY.ground] == BY_HAND
+    assert craft.state.machine[MACHINE.guidance] == BY_HAND
     # Down again, and it stands: the speed stays none, though the thrust goes.
     craft.nav[NAV.pos], craft.nav[NAV.vel] = 0.0, 0.0
     for _ in range(100):
@@ -623,7 +623,7 @@ def test_a_script_commands_attitudes_until_something_else():
     ), {}  # fmt: skip
     for i in range(300):
         craft.step()
-        seen[i] = np.r_[np.degrees(craft.out[:3]), -craft.state[MEMORY.steer_down_vel]]
+        seen[i] = np.r_[np.degrees(craft.out[:3]), -craft.state.x[MEMORY.steer_down_vel]]
     assert [phase for _, phase in craft.phases.history[3:]] == [Phase.ATTITUDE, Phase.HOVER]
     np.testing.assert_allclose(seen[99], [6.0, -3.0, 17.2, 0.4], atol=0.1)
     np.testing.assert_allclose(seen[199], [-4.0, 0.0, 40.0, 0.0], atol=0.1)
