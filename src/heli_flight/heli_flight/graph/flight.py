@@ -259,7 +259,7 @@ def bring_up_live(
     for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
         up.transition([LIVE], step, _LIMIT_S, check)
     if not up.wait_until(lambda: "page" in _facts(up), _LIMIT_S, check):
-        raise BringUpError(f"{LIVE}: has not said where the page is")
+        raise BringUpError(f"{LIVE}: has not said where the page is", LIVE)
     for line in addresses(_facts(up), live):
         say(line)
 
@@ -623,7 +623,7 @@ class Graph:
         try:
             step(self.supervisor)
         except BringUpError as error:
-            raise StartError(self._own(self._with_reason(str(error)))) from error
+            raise StartError(self._own(self._with_reason(error))) from error
         except FlightError as error:
             raise StartError(str(error)) from error
 
@@ -663,13 +663,12 @@ class Graph:
 
         up.transition(names, Transition.TRANSITION_CONFIGURE, READY_LIMIT_S, check)
 
-    def _with_reason(self, sentence: str) -> str:
+    def _with_reason(self, error: BringUpError) -> str:
         """The node's own words, where it has said why it refused."""
-        name = sentence.split(":", 1)[0].split(",", 1)[0]
-        status = self.supervisor.statuses.get(name) if self.supervisor else None
+        status = self.supervisor.statuses.get(error.node) if self.supervisor else None
         if status is not None and status.level > 0:
-            return f"{name}: {status.message}"
-        return sentence
+            return f"{error.node}: {status.message}"
+        return str(error)
 
     def _own(self, sentence: str) -> str:
         """The sentence with the aircraft's name in front, where others fly beside it."""

@@ -121,7 +121,19 @@ _LOOP = ("observer", "inner_loop", "outer_loop")
 
 
 class BringUpError(FlightError):
-    """A node did not come up or fell silent; the message names it."""
+    """A node did not come up or fell silent.
+
+    Parameters
+    ----------
+    message : str
+        A sentence that names it.
+    node : str, optional
+        Its name, where it may have said the reason itself.
+    """
+
+    def __init__(self, message: str, node: str = "") -> None:
+        super().__init__(message)
+        self.node = node
 
 
 @dataclass(frozen=True)
@@ -366,13 +378,14 @@ class Supervisor(Node):
             target,
         )
         if not self.wait_until(answers.complete, limit_s, check):
-            silent = ", ".join(answers.silent())
-            raise BringUpError(f"{silent}: no answer to '{label}' in {limit_s:g} s")
+            silent = answers.silent()
+            said = f"{', '.join(silent)}: no answer to '{label}' in {limit_s:g} s"
+            raise BringUpError(said, next(iter(silent), ""))
         if refused := answers.refused():
             # One refuses for a reason of its own, which it logs; several were not ours to ask.
             hint = "; another flight may be in this ROS domain: end it or set ROS_DOMAIN_ID to a "
             more = f"{hint}free one" if len(refused) > 1 else ""
-            raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}")
+            raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}", refused[0])
 
     def close_bag(self, limit_s: float) -> None:
         """Deactivate the recorder: what has reached it is in the bag once it has confirmed.
