@@ -101,8 +101,9 @@ beside it `command_climb`: linear z, up, all others 0; both renewed as often
 (`examples/attitude.py`); `joy`: axes and buttons as `joy.*` says, its stamp of any clock
 (`heli joy`); `goal`: a command and an id of yours as `joint_names`, `[takeoff, 17]`, answered by
 that id in `/diagnostics`, key `goals`: `takeoff`, `land` and `hold` without points, `goto` with one
-point that holds a pose, `follow` with those of a trajectory. `attitude_setpoint` and `collective` are what the outer loop tells the inner one:
-while it is not active, you may send both yourself. The recorder hears all but `scene`, the
+point that holds a pose, `follow` with those of a trajectory. `attitude_setpoint` and
+`collective` are what the outer loop tells the inner one: while it is not active, you may send both
+yourself. The recorder hears all but `scene`, the
 live view all but the last four. As every node of ROS 2, these also send `/rosout`,
 `/parameter_events` and `~/transition_event`.
 
