@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """An attitude law of your own: LQR with integral action on the aircraft linearised in hover.
 
-Fly it:      ./hover_test.sh --law examples/my_law.py:MyLaw
-             ./hover_test.sh --law examples/my_law.py:MyLaw --one-process
+Fly it:      ./hover_test.sh --custom-law examples/my_law.py:MyLaw
+             ./hover_test.sh --custom-law examples/my_law.py:MyLaw --one-process
 In Python:   heli.fly(law="examples/my_law.py:MyLaw")
 """
 

@@ -4,7 +4,8 @@
 Usage: ./heli python scripts/write_mu_law.py [FILE]
        ./heli python scripts/write_mu_law.py --check    exit code 1 if what is shipped is another
 
-The set and the weights are those of `MuWeights`; a minute. Fly it by `./hover_test.sh --laws mu`.
+The set and the weights are those of `MuWeights`; a minute. Fly it by
+`./hover_test.sh --control-preset mu`.
 """
 
 import sys

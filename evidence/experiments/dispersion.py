@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's hover test on aircraft up to 20 % off, law by law.
 
-Usage: ./heli python -m evidence.experiments.dispersion [--world NAME] [--laws hinf,lqr,pid]
-                                                 [--flights N] [--workers N] [--rows DIR]
+Usage: ./heli python -m evidence.experiments.dispersion [--control-preset hinf,lqr,pid]
+                                    [--world NAME] [--flights N] [--workers N] [--rows DIR]
 
 Flies examples/campaign_paper.yaml under each file of laws: the same aircraft, winds and sensor
 errors. `--world`, `--flights`: instead of the spec's. `--rows DIR`, or the variable HELI_ROWS,
@@ -30,6 +30,7 @@ import yaml
 
 from heli_core.errors import FlightError
 from heli_core.rcl_yaml import ParameterError
+from heli_flight.cli.common import with_new_names
 from heli_flight.terminal import json_text, long_steps
 from heli_studies.campaign.report import CampaignFolder, read_campaign
 from heli_studies.campaign.run import Store, explained_variance, fly_by_dask, sensitivities, tasks
@@ -95,13 +96,14 @@ def as_dict(told: CampaignFolder) -> dict[str, Any]:
 def main() -> int:
     """Exit code 2, with a sentence, for a law, folder or count that cannot be."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--laws", default=LAWS)
+    parser.add_argument("--control-preset", default=LAWS)
     parser.add_argument("--world")
     parser.add_argument("--flights", type=int)
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     rows = os.environ.get("HELI_ROWS")
     parser.add_argument("--rows", type=Path, default=rows, help="folder that keeps the rows")
-    asked = parser.parse_args()
+    words = with_new_names(sys.argv[1:], {"--control-preset": 1}, parser.prog)
+    asked = parser.parse_args(words)
     changes = {"world": asked.world, "flights": asked.flights}
     with tempfile.TemporaryDirectory(prefix="heli_dispersion_") as passing:
         folder = asked.rows or Path(passing)
@@ -109,7 +111,7 @@ def main() -> int:
         try:
             campaigns = [
                 flown(changes | {"laws": laws}, asked.workers, folder)
-                for laws in asked.laws.split(",")
+                for laws in asked.control_preset.split(",")
             ]
         except (ParameterError, FlightError) as error:
             print(f"error: {error}", file=sys.stderr)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The proof of the packaged attitude law over the named set of aircraft, and other laws beside it.
 
-Usage: ./heli python -m evidence.experiments.robust [--laws hinf,pid,lqg,mu]
+Usage: ./heli python -m evidence.experiments.robust [--control-preset hinf,pid,lqg,mu]
 
 The packaged law: all that `heli robust --fly` finds. Of the others the worst aircraft found at each
 delay, sampled exactly; no proof, which costs most of the time. Prints JSON.
@@ -22,6 +22,7 @@ from heli_studies.robust import BROKEN_AT
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from heli_core.rcl_yaml import ParameterError
+from heli_flight.cli.common import with_new_names
 from heli_flight.settings import resolve
 from heli_flight.terminal import json_text
 from heli_studies import robust as prove
@@ -56,8 +57,9 @@ def onsets(laws: str, aircraft: AircraftSet, asked: AircraftRanges) -> dict[str,
 def main() -> int:
     """Exit code 2, with a sentence, where the packaged law cannot be proved at all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--laws", default="hinf,pid,lqg,mu")
-    others = parser.parse_args().laws.split(",")
+    parser.add_argument("--control-preset", default="hinf,pid,lqg,mu")
+    words = with_new_names(sys.argv[1:], {"--control-preset": 1}, parser.prog)
+    others = parser.parse_args(words).control_preset.split(",")
     asked = read_ranges([])
     try:
         proof = prove.prove(resolve(), asked, flown=True)

@@ -20,7 +20,7 @@ produces(
 )
 produces(
     "worlds_paper",
-    "./heli compare worlds --laws paper --seeds 1..20,2001..2020 --json",
+    "./heli compare worlds --control-preset paper --seeds 1..20,2001..2020 --json",
     "The hover test in the worlds under the paper's own laws.",
     (*TWENTY, *range(2001, 2021)),
 )

@@ -36,8 +36,8 @@ def complete(line):
         ("heli compare ", ["attitude", "robustness", "worlds", "laws"]),
         ("heli hover --scenario ", scenario_names()),
         ("heli hover --gps ", list(GPS_PRESETS)),
-        ("heli hover --laws pap", ["paper"]),
-        ("heli hover --seed 3 --controller ", list(CONTROLLERS)),
+        ("heli hover --control-preset pap", ["paper"]),
+        ("heli hover --seed 3 --attitude-controller ", list(CONTROLLERS)),
         (
             "heli campaign --scenario att",
             [
@@ -48,7 +48,7 @@ def complete(line):
                 "attitude_sweep",
             ],
         ),
-        ("heli compare attitude --controllers hinf,p", ["hinf,pid"]),
+        ("heli compare attitude --attitude-controller hinf,p", ["hinf,pid"]),
         ("heli design --aircraft ", ["helion.yaml", "logo600.yaml", "xcell60.yaml"]),
         ("heli report bag --gps r", ["rtk"]),
         ("heli run heli_o", ["heli_observer", "heli_outer_pd"]),

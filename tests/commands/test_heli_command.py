@@ -284,7 +284,7 @@ class TestDesign:
 class TestCompareAttitude:
     def test_json_is_what_the_scoring_says(self, capsys):
         """Two seeds: the numbers of the comparison against those of the hover test's scoring."""
-        words = ("compare", "attitude", "--seeds", "101,102", "--controllers", "hinf,pid")
+        words = ("compare", "attitude", "--seeds", "101,102", "--attitude-controller", "hinf,pid")
         code, out, _ = heli(capsys, *words, "--duration", "8", "--json")
         assert code == 0
         found = json.loads(out)
@@ -319,7 +319,9 @@ class TestCompareAttitude:
 
     def test_a_rotor_that_flaps_back_flies_as_in_the_study_of_robustness(self, capsys):
         words = ("compare", "attitude", "--gusts", "--flap-back", "--seeds", "101")
-        code, out, _ = heli(capsys, *words, "--controllers", "pid", "--duration", "10", "--json")
+        code, out, _ = heli(
+            capsys, *words, "--attitude-controller", "pid", "--duration", "10", "--json"
+        )
         found = json.loads(out)
         assert (code, found["flap_back_radpmps"]) == (0, compare_robustness.FLAP_BACK_RADPMPS)
         row = next(f for f in found["flights"] if f["source"] == "truth")
@@ -331,7 +333,7 @@ class TestCompareAttitude:
         ("words", "part"),
         [
             (["--seeds", "20..x"], "--seeds 20..x"),
-            (["--controllers", "hinf,mpc"], "'mpc' is none of hinf"),
+            (["--attitude-controller", "hinf,mpc"], "'mpc' is none of hinf"),
             (["--gps", "gallileo"], "unknown preset"),
             (["--duration", "-1"], "--duration"),
         ],
@@ -342,7 +344,7 @@ class TestCompareAttitude:
     def test_lost_helicopter_is_told(self, capsys, tmp_path):
         file = tmp_path / "tilt.yaml"
         file.write_text("/**/plant:\n  ros__parameters:\n    limits.distance_m: 1.0\n")
-        words = ("--seeds", "101", "--controllers", "pid", "--params", file)
+        words = ("--seeds", "101", "--attitude-controller", "pid", "--params", file)
         code, out, _ = heli(capsys, "compare", "attitude", *words, "--json")
         assert code == 0
         found = json.loads(out)
@@ -353,7 +355,7 @@ class TestCompareAttitude:
 class TestCompareRobustness:
     def test_json(self, capsys):
         words = ("compare", "robustness", "--n", "2", "--seed", "101", "--duration", "10", "--json")
-        code, out, _ = heli(capsys, *words, "--controllers", "hinf,pid")
+        code, out, _ = heli(capsys, *words, "--attitude-controller", "hinf,pid")
         assert code == 0
         found = json.loads(out)
         rows = {(row["perturbation"], row["law"]): row for row in found["outcomes"]}

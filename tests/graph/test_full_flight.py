@@ -94,7 +94,7 @@ def test_two_runs_of_the_graph_are_the_same_number_for_number(hover_test, tmp_pa
     ("words", "mode"),
     [
         (("--gps", "rtk", "--seed", 7, "--duration", 8), "lockstep"),
-        (("--scenario", "attitude", "--controller", "pid", "--duration", 7), "lockstep"),
+        (("--scenario", "attitude", "--attitude-controller", "pid", "--duration", 7), "lockstep"),
         (("--gps", "rtk", "--realtime", "--duration", 3), "real time"),
     ],
     ids=["rtk, changed weight", "attitude, pid", "real time"],

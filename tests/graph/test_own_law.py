@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law in Python flies in the graph: `./hover_test.sh --law`."""
+"""A law in Python flies in the graph: `./hover_test.sh --custom-law`."""
 
 import json
 
@@ -59,7 +59,7 @@ def laws(tmp_path):
 def test_a_law_flies_the_same_in_the_graph_as_in_one_process(hover_test, tmp_path, laws):
     """Of the inner loop and of the outer one together, number for number."""
     named = {"inner_loop": f"{laws}:Attitude", "outer_loop": f"{laws}:Position"}
-    words = [word for name in named.values() for word in ("--law", name)]
+    words = [word for name in named.values() for word in ("--custom-law", name)]
     folder = tmp_path / "flight"
     done = hover_test("--out", folder, "--seed", 3, "--duration", 8, "--world", "honest", *words)
     assert "own law: own_laws:Attitude in the place of the inner loop" in done.stdout
@@ -98,7 +98,7 @@ def test_a_law_that_fails_is_the_loss_in_the_graph_as_in_one_process(
 ):
     """Its last good command is held, and the flight goes on; that it did is no success."""
     folder = tmp_path / "flight"
-    words = ("--world", "honest", "--seed", 3, "--duration", 8, "--law", f"{laws}:{law}")
+    words = ("--world", "honest", "--seed", 3, "--duration", 8, "--custom-law", f"{laws}:{law}")
     done = hover_test("--out", folder, *words)
     result = json.loads((folder / "result.json").read_text())
     assert done.returncode == result["exit_code"] == 1
@@ -131,7 +131,7 @@ def test_a_law_that_fails_is_the_loss_in_the_graph_as_in_one_process(
     ],
 )
 def test_a_law_that_is_none_starts_nothing(hover_test, tmp_path, laws, law, words):
-    done = hover_test("--out", tmp_path / "flight", "--law", law.format(laws))
+    done = hover_test("--out", tmp_path / "flight", "--custom-law", law.format(laws))
     assert done.returncode == 2
     errors = done.stderr.splitlines()
     assert len(errors) == 1 and words in errors[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`--aircraft 2`: side by side by one clock, each as if alone, each with its bag and report."""
+"""`--vehicles 2`: side by side by one clock, each as if alone, each with its bag and report."""
 
 import json
 import os
@@ -24,7 +24,7 @@ LENGTH_S = 3.0
 
 def test_two_aircraft(hover_test, tmp_path):
     out = tmp_path / "flight"
-    done = hover_test("--aircraft", 2, "--seed", 5, "--duration", LENGTH_S, "--out", out)
+    done = hover_test("--vehicles", 2, "--seed", 5, "--duration", LENGTH_S, "--out", out)
     assert done.returncode == 0, done.stdout + done.stderr
     tracks = []
     for number, name in enumerate(("heli1", "heli2")):
@@ -48,7 +48,7 @@ def test_two_aircraft(hover_test, tmp_path):
 def test_three_aircraft_each_named(hover_test, tmp_path, mode):
     """In both modes: table, result and page; a page that is made of the bag alone, too."""
     out = tmp_path / "flight"
-    done = hover_test("--aircraft", 3, "--duration", 6, f"--{mode}", "--out", out)
+    done = hover_test("--vehicles", 3, "--duration", 6, f"--{mode}", "--out", out)
     assert done.returncode in (0, 1), done.stdout + done.stderr
     expected = NS_PER_S + TICK_NS * np.arange(600)
     for name in ("heli1", "heli2", "heli3"):
@@ -73,7 +73,7 @@ def test_what_goes_wrong_names_its_aircraft(ros_env, tmp_path, holder_of, living
     out = tmp_path / "flight"
     command = [sys.executable, "-m", "heli_flight.cli.hover_test", "--no-report", "--realtime"]
     flying = subprocess.Popen(
-        [*command, "--aircraft", "2", "--out", str(out)],
+        [*command, "--vehicles", "2", "--out", str(out)],
         env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert "flown" in flying.stdout.readline()
@@ -86,10 +86,10 @@ def test_what_goes_wrong_names_its_aircraft(ros_env, tmp_path, holder_of, living
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["--aircraft", 99], "allowed are 1 to 9"),
-        (["--aircraft", 2, "--live"], "--live"),
-        (["--aircraft", 2, "--one-process"], "one process"),
-        (["--aircraft", 0], "--aircraft"),
+        (["--vehicles", 99], "allowed are 1 to 9"),
+        (["--vehicles", 2, "--live"], "--live"),
+        (["--vehicles", 2, "--one-process"], "one process"),
+        (["--vehicles", 0], "--vehicles"),
     ],
 )
 def test_what_does_not_go(refused, tmp_path, arguments, word):

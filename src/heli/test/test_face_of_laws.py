@@ -224,7 +224,7 @@ def file(tmp_path):
 def test_a_file_names_its_law_and_alone_runs_no_code(file, tmp_path, capsys):
     words = ["hover", "--one-process", "--no-report", "--duration", "1"]
     folder = tmp_path / "one"
-    assert main([*words, "--law", f"{file}:Law", "--out", str(folder)]) == 0
+    assert main([*words, "--custom-law", f"{file}:Law", "--out", str(folder)]) == 0
     assert "own law: own:Law in the place of the inner loop" in capsys.readouterr().out
     flown = heli.load(folder)
     assert flown.parameters["inner_loop"]["own_law"] == f"{file}:Law"
@@ -234,9 +234,9 @@ def test_a_file_names_its_law_and_alone_runs_no_code(file, tmp_path, capsys):
     file.write_text(file.read_text() + "raise SystemExit('its code has run')\n")
     assert main(again) == 2
     error = capsys.readouterr().err
-    assert error.count("\n") == 1 and f"--law {file}:Law" in error and "has run" not in error
+    assert error.count("\n") == 1 and f"--custom-law {file}:Law" in error and "has run" not in error
     file.write_text(file.read_text().replace("raise SystemExit('its code has run')\n", ""))
-    assert main([*again, "--law", f"{file}:Law"]) == 0
+    assert main([*again, "--custom-law", f"{file}:Law"]) == 0
     twice = heli.load(tmp_path / "two")
     assert np.array_equal(flown.truth.pos_ned_m, twice.truth.pos_ned_m)
 

@@ -422,18 +422,18 @@ def _refuse_rate(order: FlightOrder, settings: Settings) -> None:
 def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
     """What each aircraft flies, by its name."""
     if not 1 < count <= MOST_AIRCRAFT:
-        raise ParameterError(f"--aircraft {count}: allowed are 1 to {MOST_AIRCRAFT}")
+        raise ParameterError(f"--vehicles {count}: allowed are 1 to {MOST_AIRCRAFT}")
     if order.respawn:
-        raise ParameterError("--respawn: is for one aircraft; it does not go with --aircraft")
+        raise ParameterError("--respawn: is for one aircraft; it does not go with --vehicles")
     if order.live:
-        raise ParameterError("--live: shows one aircraft; it does not go with --aircraft")
+        raise ParameterError("--live: shows one aircraft; it does not go with --vehicles")
 
     base = order.resolved()
     _refuse_process_faults(base, True)
     if base.mode == ONE_PROCESS:
-        raise ParameterError("--aircraft: needs the ROS graph; it does not go with one process")
+        raise ParameterError("--vehicles: needs the ROS graph; it does not go with one process")
     if base.rate.fold != 1:
-        raise ParameterError(f"rate_hz: {base.rate.hz} does not go with --aircraft")
+        raise ParameterError(f"rate_hz: {base.rate.hz} does not go with --vehicles")
     return {f"heli{i + 1}": order.resolved(seed_of(base.seed, i)) for i in range(count)}
 
 

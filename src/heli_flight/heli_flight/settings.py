@@ -71,13 +71,16 @@ class NamedFiles:
     Attributes
     ----------
     word : str
-        Name of the option, and of the key in the section `flight`.
+        Key in the section `flight`.
     folder : str
         Where the packaged ones lie, under the config folder.
+    option : str
+        That names one on the command line.
     """
 
     word: str
     folder: str
+    option: str
 
     def names(self) -> list[str]:
         """Names of the packaged ones."""
@@ -97,7 +100,7 @@ class NamedFiles:
         if path.suffix in (".yaml", ".yml") and path.is_file():
             return path
         raise ParameterError(
-            f"{where or f'--{self.word}'} {name}: unknown {self.word}; known: "
+            f"{where or self.option} {name}: unknown {self.word}; known: "
             f"{', '.join(self.names())}, or the path of a YAML file"
         )
 
@@ -121,7 +124,7 @@ class NamedFiles:
 # names it, and only the command line or Python gives that.
 # -------------------------------------------------------------------------------------------------
 
-LAWS = NamedFiles("laws", "laws")
+LAWS = NamedFiles("laws", "laws", "--control-preset")
 PACKAGED = "packaged"
 """The laws that fly unless others are named: nothing is changed."""
 SECTIONS = ("observer", "inner_loop", "outer_loop")
@@ -155,8 +158,8 @@ def refuse_own_laws(settings: Settings) -> None:
     """Raise LawError where a law in Python is named for what flies compiled laws alone."""
     for loop, source in own_laws(settings).items():
         raise LawError(
-            f"{LAW_NODES[loop]}: {PARAMETER}: {short_name(source)} is flown by heli hover --law "
-            "and heli.fly; allowed here: none"
+            f"{LAW_NODES[loop]}: {PARAMETER}: {short_name(source)} is flown by heli hover "
+            "--custom-law and heli.fly; allowed here: none"
         )
 
 
@@ -166,7 +169,7 @@ def refuse_unnamed(settings: Settings, over: Mapping[str, Mapping[str, Any]]) ->
         if PARAMETER not in over.get(LAW_NODES[loop], {}):
             raise LawError(
                 f"{LAW_NODES[loop]}: {PARAMETER}: {source}: a parameter file names this law, "
-                f"whose code would run; if you trust it, name it: --law {source}"
+                f"whose code would run; if you trust it, name it: --custom-law {source}"
             )
 
 
@@ -179,7 +182,7 @@ def refuse_unnamed(settings: Settings, over: Mapping[str, Mapping[str, Any]]) ->
 # -------------------------------------------------------------------------------------------------
 
 WORLD_SECTION = "world"
-WORLDS = NamedFiles("world", "worlds")
+WORLDS = NamedFiles("world", "worlds", "--world")
 PAPER = "paper"
 HOVER_TEST_WORLD = "honest"
 """The world of the hover test where neither option nor file names one."""
@@ -467,6 +470,12 @@ SHORT_FOR: Mapping[str, tuple[str, str]] = {
     "duration_s": (scenario_table.NODE_NAME, "duration_s"),
 }
 """Names of the section that stand for a parameter of another one."""
+_OPTIONS = {
+    "seed": "--seed",
+    "controller": "--attitude-controller",
+    "duration_s": "--duration",
+}
+"""By such a name the option of the command line."""
 
 
 def _same_as(name: str) -> Parameter:
@@ -1000,7 +1009,7 @@ class _CommandLine:
             return
         section, key = SHORT_FOR[name]
         word = name.removesuffix("_s")
-        _set(section, values[section], key, option, f"--{word}")
+        _set(section, values[section], key, option, _OPTIONS[name])
         self._compare(word, option, assigned(files, section, key))
 
     def _compare(self, word: str, option: Any, said: Any) -> None:

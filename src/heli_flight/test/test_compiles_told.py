@@ -34,7 +34,15 @@ def words(tmp_path):
     return {
         "hover": ["hover", "--one-process", "--no-report", "--out", str(tmp_path / "f"), *flight],
         "campaign": ["campaign", "--seeds", "1", "--gps", "rtk", *flight],
-        "attitude": ["compare", "attitude", "--seeds", "1", "--controllers", "hinf", *flight],
+        "attitude": [
+            "compare",
+            "attitude",
+            "--seeds",
+            "1",
+            "--attitude-controller",
+            "hinf",
+            *flight,
+        ],
         "worlds": ["compare", "worlds", "--seeds", "1", "--worlds", "paper", *flight],
     }
 

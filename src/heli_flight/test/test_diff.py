@@ -15,7 +15,7 @@ CHANGED = """/**/inner_loop:
     gamma: 0.2
     C11: [39.0, 0.0, 0.0, 0.0,  0.0, 33.0, 0.0, 0.0,  0.0, 0.0, 1.0, 0.0,  0.0, 0.0, 0.0, 1.0]
 """
-GUSTS = ("hover", "--one-process", "--no-report", "--laws", "hinf", "--scenario",
+GUSTS = ("hover", "--one-process", "--no-report", "--control-preset", "hinf", "--scenario",
          "attitude_gusts", "--world", "honest", "--duration", "12")  # fmt: skip
 
 

@@ -138,17 +138,28 @@ def test_laws_that_fly_the_same_are_flown_once():
 
 
 @pytest.mark.parametrize(
-    ("laws", "said"), [("pid,mpc", "--laws mpc: unknown laws"), ("pid,pid", "twice")]
+    ("laws", "said"), [("pid,mpc", "--control-preset mpc: unknown laws"), ("pid,pid", "twice")]
 )
 def test_laws_that_are_none_are_refused(laws, said, capsys):
-    assert main(["compare", "laws", "--laws", laws]) == 2
+    assert main(["compare", "laws", "--control-preset", laws]) == 2
     assert said in capsys.readouterr().err
     with pytest.raises(ParameterError):
         compare_flights.parse_laws(laws)
 
 
 def test_the_command_draws_and_writes(tmp_path, capsys):
-    words = ["--laws", "pid", "--worlds", "paper", "--seeds", "1", "--n", "0", "--duration", "8"]
+    words = [
+        "--control-preset",
+        "pid",
+        "--worlds",
+        "paper",
+        "--seeds",
+        "1",
+        "--n",
+        "0",
+        "--duration",
+        "8",
+    ]
     assert main(["compare", "laws", *words, "--out", str(tmp_path / "laws")]) == 0
     assert (tmp_path / "laws" / "laws.png").stat().st_size > 10000
     assert json.loads((tmp_path / "laws" / "laws.json").read_text())["laws"] == ["pid"]

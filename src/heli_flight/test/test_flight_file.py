@@ -47,8 +47,26 @@ class TestTheSameFlightAgain:
         [
             ("--seed", 3, "--duration", 12),
             ("--gps", "rtk", "--seed", 7, "--duration", 12),
-            ("--scenario", "attitude", "--controller", "pid", "--duration", 9, "--gps", "rtk"),
-            ("--scenario", "attitude_gusts", "--controller", "lqr", "--seed", 2, "--duration", 9),
+            (
+                "--scenario",
+                "attitude",
+                "--attitude-controller",
+                "pid",
+                "--duration",
+                9,
+                "--gps",
+                "rtk",
+            ),
+            (
+                "--scenario",
+                "attitude_gusts",
+                "--attitude-controller",
+                "lqr",
+                "--seed",
+                2,
+                "--duration",
+                9,
+            ),
         ],
         ids=["standalone", "rtk", "attitude pid rtk", "gusts lqr"],
     )

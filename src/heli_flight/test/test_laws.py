@@ -152,14 +152,14 @@ def test_laws_that_cannot_be_flown_are_named(tmp_path, text, said):
 
 
 def test_unknown_laws_are_refused_with_those_that_are_known(tmp_path, capsys):
-    assert main(["hover", "--laws", "papers", "--out", str(tmp_path / "none")]) == 2
+    assert main(["hover", "--control-preset", "papers", "--out", str(tmp_path / "none")]) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "--laws papers: unknown laws; known: " in said
+    assert said.count("\n") == 1 and "--control-preset papers: unknown laws; known: " in said
     assert not (tmp_path / "none").exists()
 
 
 def test_a_flight_says_its_laws_and_flies_again(fly, tmp_path, capsys):
-    words = ("--one-process", "--laws", "paper", "--seed", 3)
+    words = ("--one-process", "--control-preset", "paper", "--seed", 3)
     _, first = fly(tmp_path / "a", *words, "--duration", 8)
     assert "laws: paper" in capsys.readouterr().out
     assert (first["laws"], first["changed"]) == ("paper", [])
@@ -181,7 +181,7 @@ def test_a_flight_says_its_laws_and_flies_again(fly, tmp_path, capsys):
 
 
 def test_a_law_of_ones_own_says_only_what_differs(tmp_path):
-    """And --controller wins over it, as it wins over every file."""
+    """And --attitude-controller wins over it, as it wins over every file."""
     file = tmp_path / "my_laws.yaml"
     file.write_text("/**/inner_loop:\n  ros__parameters:\n    controller: lqr\n")
     settings = resolve(laws=str(file))

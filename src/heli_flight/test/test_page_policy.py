@@ -104,7 +104,7 @@ def test_an_identifications_report_and_what_is_written_into_it_is_text():
     wild = "<script>alert(1)</script>"
     head = Head(wild, wild, wild, [("✓", "good", wild)], [(wild, wild)], {"result": wild})
     trace = Trace(np.arange(3.0), np.arange(3.0), wild, "nav")
-    chart = Chart("key", wild, wild, [Panel(wild, [trace], note=wild)], "actuators")
+    chart = Chart("key", wild, wild, [Panel(wild, wild, [trace], note=wild)], "actuators")
     table = ReportTable([wild], [[wild, wild]], wild)
     text = filled(
         "identification.html", head, [chart], definition=wild, groups={wild: table}, zeros=[wild],

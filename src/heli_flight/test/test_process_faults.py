@@ -81,7 +81,7 @@ def test_what_is_wrong_is_one_line_and_exit_code_2(tmp_path, capsys, entry, said
     assert f"{path}:2: " in captured and said in captured and captured.count("\n") == 1
 
 
-@pytest.mark.parametrize("words", [["--one-process"], ["--composed"], ["--aircraft", "2"]])
+@pytest.mark.parametrize("words", [["--one-process"], ["--composed"], ["--vehicles", "2"]])
 def test_where_nodes_have_no_process_of_their_own_they_are_refused(file, capsys, words):
     assert main(["hover", "--faults", str(file), *words]) == 2
     assert "process: needs the ROS graph with a process for each" in capsys.readouterr().err

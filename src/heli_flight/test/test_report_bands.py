@@ -145,7 +145,7 @@ def test_health_is_what_nodes_complained_of(flown):
 def test_every_chart_over_time_has_them_and_no_other(flown):
     record, settings = flown
     bands = bands_of(record, settings)
-    line = [Panel("y, m", [Trace(record.time_s, record.time_s, "a", "nav")])]
+    line = [Panel("y", "m", [Trace(record.time_s, record.time_s, "a", "nav")])]
     charts = [Chart("a", "", "", line, "flight"), Chart("b", "", "", line, "flight", time=False),
               Chart("c", "", "", line, "flight", bands=())]  # fmt: skip
     over_time, other, own = with_bands(charts, bands)

@@ -26,7 +26,6 @@ from heli_flight.report.data import (
     events_of,
     limits,
     thinned,
-    unit_of,
 )
 from heli_flight.report.figures import draw
 from heli_flight.report.page import render
@@ -84,7 +83,7 @@ def test_limits_are_drawn_on_both_sides():
 
 def drawn_numbers(trace, time=True):
     """x and y of a trace as the page gets them."""
-    chart = Chart("key", "title", "", [Panel("y", [trace])], "flight", time=time)
+    chart = Chart("key", "title", "", [Panel("y", "", [trace])], "flight", time=time)
     (made,) = figure(chart)["data"]
     return [np.frombuffer(base64.b64decode(made[k]["bdata"]), f"<{made[k]['dtype']}") for k in "xy"]
 
@@ -102,14 +101,14 @@ def test_numbers_arrive_as_they_are():
 @pytest.mark.parametrize(("last", "axis"), [(9.0, "tickformat"), (1000.0, "dtick")])
 def test_a_short_logarithmic_axis_has_ticks_between_the_powers(last, axis):
     trace = Trace(np.array([2.0, last]), np.array([0.3, 20.0]), "", "nav", "points")
-    chart = Chart("key", "title", "", [Panel("y", [trace])], "flight", time=False, log_x=True)
+    chart = Chart("key", "title", "", [Panel("y", "", [trace])], "flight", time=False, log_x=True)
     drawn = figure(chart)["layout"]["xaxis"]
     assert drawn["type"] == "log" and {"tickformat", "dtick"} & set(drawn) == {axis}
 
 
 def test_a_short_logarithmic_axis_of_a_figure_is_labelled_with_numbers(tmp_path):
     trace = Trace(np.array([2.1, 8.4]), np.array([0.4, 20.0]), "", "nav")
-    panels = [Panel("y", [trace], log_y=True)] * 2
+    panels = [Panel("y", "", [trace], log_y=True)] * 2
     chart = Chart("key", "title", "", panels, "flight", time=False, log_x=True)
     with matplotlib.rc_context({"svg.fonttype": "none"}):
         drawn = draw(chart, "")
@@ -123,14 +122,15 @@ def test_a_short_logarithmic_axis_of_a_figure_is_labelled_with_numbers(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("label", "unit"),
-    [("v_z, m/s", "m/s"), ("v_z - reference, m/s", "m/s"), ("roll error, °", "°"), ("added, 1", ""),
-     ("command", "")],
+    ("of", "label", "unit"),
+    [(("v_z", "m/s"), "v_z, m/s", "m/s"), (("roll error", "°"), "roll error, °", "°"),
+     (("added", "1"), "added, 1", ""), (("command", ""), "command", ""),
+     (("input, as a part of its range", ""), "input, as a part of its range", "")],
 )  # fmt: skip
-def test_what_the_pointer_is_told_has_the_axis_unit(label, unit):
-    assert unit_of(label) == unit
+def test_what_the_pointer_is_told_has_the_axis_unit(of, label, unit):
     trace = Trace(np.arange(3.0), np.arange(3.0), "<a>", "nav")
-    chart = Chart("key", "", "", [Panel(label, [trace])], "flight", x_label="east, m")
+    chart = Chart("key", "", "", [Panel(*of, [trace])], "flight", x_quantity="east", x_unit="m")
+    assert (chart.panels[0].y_label, chart.x_label) == (label, "east, m")
     (over_time,) = figure(chart)["data"]
     assert over_time["hovertemplate"] == f"%{{y:.4g}} {unit}".rstrip()
     assert figure(chart)["layout"]["xaxis"]["unifiedhovertitle"] == {"text": "%{x:.2f} s"}

@@ -20,12 +20,13 @@ from heli_flight.cli.common import (
     SETTINGS,
     Aircraft,
     AnyGps,
+    CommandWithRenamed,
     CommandWithWords,
+    ControlPreset,
     Duration,
     Faults,
     Gps,
     Json,
-    Laws,
     Params,
     ScenarioName,
     Seeds,
@@ -44,21 +45,21 @@ if TYPE_CHECKING:
 # -------------------------------------------------------------------------------------------------
 
 
-def compared_laws(incomplete: str) -> list[str]:
-    """Laws of a comparison, after those that stand before the last comma."""
+def compared_controllers(incomplete: str) -> list[str]:
+    """Controllers of a comparison, after those that stand before the last comma."""
     from heli_studies.compare import LAWS
 
     before, comma, last = incomplete.rpartition(",")
     return [before + comma + name for name in common.beginning(last, [law.key for law in LAWS])]
 
 
-ComparedLaws = Annotated[
+ComparedControllers = Annotated[
     str,
     typer.Option(
-        "--controllers",
-        metavar="LAWS",
+        "--attitude-controller",
+        metavar="NAMES",
         help="hinf_output, hinf, hinf_offset_free, lqr, pid: any of them",
-        autocompletion=compared_laws,
+        autocompletion=compared_controllers,
     ),
 ]
 ALL_LAWS = "hinf_output,hinf,hinf_offset_free,lqr,pid"
@@ -74,6 +75,7 @@ compare = typer.Typer(
 
 @compare.command(
     "attitude",
+    cls=CommandWithRenamed,
     epilog="\b\nexample:\n  heli compare attitude --seeds 1..20 --gusts --out attitude_gusts",
 )
 def compare_attitude(
@@ -88,7 +90,7 @@ def compare_attitude(
     flap_back: Annotated[
         bool, typer.Option("--flap-back", help="a rotor that flaps back; the laws do not know")
     ] = False,
-    controllers: ComparedLaws = ALL_LAWS,
+    controllers: ComparedControllers = ALL_LAWS,
     gps: Gps = None,
     world: World = None,
     duration: Duration = None,
@@ -133,7 +135,9 @@ def compare_attitude(
 
 
 @compare.command(
-    "robustness", epilog="\b\nexample:\n  heli compare robustness --n 200 --json > robustness.json"
+    "robustness",
+    cls=CommandWithRenamed,
+    epilog="\b\nexample:\n  heli compare robustness --n 200 --json > robustness.json",
 )
 def compare_robustness(
     n: Annotated[
@@ -143,7 +147,7 @@ def compare_robustness(
         int, typer.Option("--seed", min=0, metavar="N", help="seed of the first aircraft")
     ] = 1,
     calm: Annotated[bool, typer.Option("--no-gusts", help="without the discrete gusts")] = False,
-    controllers: ComparedLaws = ALL_LAWS,
+    controllers: ComparedControllers = ALL_LAWS,
     gps: Gps = None,
     world: World = None,
     duration: Duration = None,
@@ -173,6 +177,7 @@ def compare_robustness(
 
 @compare.command(
     "worlds",
+    cls=CommandWithRenamed,
     epilog="\b\nexample:\n  heli compare worlds --seeds 1..20\n"
     "  heli compare worlds --worlds honest --w20 2,4,6,8",
 )
@@ -188,7 +193,7 @@ def compare_worlds(
             "--w20", metavar="SPEEDS", help="each world in each of these winds at 20 ft, m/s"
         ),
     ] = None,
-    laws: Laws = None,
+    laws: ControlPreset = None,
     gps: AnyGps = None,
     duration: Duration = None,
     params: Params = None,
@@ -220,13 +225,19 @@ def compare_worlds(
 
 @compare.command(
     "laws",
-    epilog="\b\nexample:\n  heli compare laws --laws packaged,paper,pid --worlds honest\n"
+    cls=CommandWithRenamed,
+    epilog="\b\nexample:\n  heli compare laws --control-preset packaged,paper,pid --worlds honest\n"
     "  heli compare laws --out laws",
 )
 def compare_laws(
     laws: Annotated[
         str,
-        typer.Option("--laws", metavar="NAMES", help="packaged laws, YAML files: any, or all"),
+        typer.Option(
+            "--control-preset",
+            metavar="NAMES",
+            help="packaged names, YAML files: any, or all",
+            autocompletion=common.control_presets,
+        ),
     ] = "all",
     worlds: Annotated[
         str,
@@ -323,7 +334,7 @@ def campaign(
     scenario: ScenarioName = None,
     gps: AnyGps = None,
     world: World = None,
-    laws: Laws = None,
+    laws: ControlPreset = None,
     duration: Duration = None,
     params: Params = None,
     faults: Faults = None,
@@ -363,7 +374,7 @@ def campaign(
     from heli_core.rcl_yaml import ParameterError
 
     said = {"--seeds": seeds != _DEFAULT_SEEDS, "--scenario": scenario, "--gps": gps,
-            "--world": world, "--laws": laws, "--duration": duration is not None,
+            "--world": world, "--control-preset": laws, "--duration": duration is not None,
             "--params": params, "--faults": faults}  # fmt: skip
     own = {"--out": out, "--resume": resume, "--workers": workers is not None,
            "--scheduler": scheduler, "--via": via, "--sample": sample != _SAMPLE}  # fmt: skip
@@ -941,12 +952,13 @@ def design(
 
 
 ROBUST_EPILOG = (
-    "\b\nexample:\n  heli robust --out proof\n  heli robust --laws paper --fly --params ranges.yaml"
+    "\b\nexample:\n  heli robust --out proof\n"
+    "  heli robust --control-preset paper --fly --params ranges.yaml"
 )
 
 
 def robust(
-    laws: Laws = None,
+    laws: ControlPreset = None,
     params: Params = None,
     out: Annotated[
         Path | None,
@@ -988,5 +1000,5 @@ def add_to(app: typer.Typer) -> None:
     campaigns.command(epilog=WORST_EPILOG)(worst)
     app.command(epilog=DESIGN_EPILOG)(design)
     app.command(epilog=IDENTIFY_EPILOG)(identify)
-    app.command(epilog=ROBUST_EPILOG)(robust)
+    app.command(cls=CommandWithRenamed, epilog=ROBUST_EPILOG)(robust)
     app.command(epilog=SCORE_EPILOG)(score)

@@ -70,7 +70,9 @@ def parse_laws(text: str) -> tuple[ComparedLaw, ...]:
     keys = text.split(",")
     for key in keys:
         if key not in _BY_KEY:
-            raise ParameterError(f"--controllers {text}: {key!r} is none of {', '.join(_BY_KEY)}")
+            raise ParameterError(
+                f"--attitude-controller {text}: {key!r} is none of {', '.join(_BY_KEY)}"
+            )
     return tuple(law for law in LAWS if law.key in keys)
 
 

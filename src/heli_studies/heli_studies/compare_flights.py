@@ -200,7 +200,7 @@ def parse_laws(text: str) -> tuple[str, ...]:
     stems = [Path(name).stem for name in names]
     twice = [stem for stem in stems if stems.count(stem) > 1]
     if twice:
-        raise ParameterError(f"--laws {text}: {twice[0]} stands there twice")
+        raise ParameterError(f"--control-preset {text}: {twice[0]} stands there twice")
     return tuple(names)
 
 

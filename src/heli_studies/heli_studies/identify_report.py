@@ -120,13 +120,13 @@ def _bode(
         f"Measured at the lines of {name} with two standard deviations, other inputs' part taken "
         "off; the fit to all lines at once.",
         [
-            Panel(f"|{rate} / {name}|, {unit}", gains, 1.1, log_y=True),
-            Panel("phase, deg", turns, 0.9),
-            Panel("coherence", [Trace(hz, data.coherence, "coherence", "green", "points")], 0.5,
+            Panel(f"|{rate} / {name}|", unit, gains, 1.1, log_y=True),
+            Panel("phase", "deg", turns, 0.9),
+            Panel("coherence", "", [Trace(hz, data.coherence, "coherence", "green", "points")], 0.5,
                   (0.0, 1.05)),
         ],
         kind,
-        x_label="frequency, Hz",
+        x_quantity="frequency", x_unit="Hz",
         time=False,
         log_x=True,
     )  # fmt: skip
@@ -153,7 +153,7 @@ def _residuals(found: Identification) -> Chart:
             Trace(hz, np.abs(fit.residual[:, i]), rate, role, "points")
             for i, (rate, role) in enumerate(zip(RATES, ("nav", "truth", "green"), strict=True))
         ]
-        panels.append(Panel(f"{title}: |residual|, 1", traces, 1.0))
+        panels.append(Panel(f"{title}: |residual|", "1", traces, 1.0))
     return Chart(
         "residuals",
         "Residuals",
@@ -161,7 +161,8 @@ def _residuals(found: Identification) -> Chart:
         "lines: about 1 where noise is all that is left, more where the aircraft is not linear.",
         panels,
         "residuals",
-        x_label="frequency, Hz",
+        x_quantity="frequency",
+        x_unit="Hz",
         time=False,
         log_x=True,
     )
@@ -187,9 +188,9 @@ def _excitation(experiment: Experiment) -> Chart:
         "One period of the first experiment",
         "What was added to the actuators, and what the aircraft did.",
         [
-            Panel("added, 1", _traces(time_s, steady.excitation_u[part], COMMANDS)),
-            Panel("rate, deg/s", _traces(time_s, rates, RATES)),
-            Panel("angle, deg", _traces(time_s, angles, ("phi", "theta"))),
+            Panel("added", "1", _traces(time_s, steady.excitation_u[part], COMMANDS)),
+            Panel("rate", "deg/s", _traces(time_s, rates, RATES)),
+            Panel("angle", "deg", _traces(time_s, angles, ("phi", "theta"))),
         ],
         "experiments",
     )  # fmt: skip
@@ -203,8 +204,8 @@ def _gust(experiment: Experiment) -> Chart:
         "One period of the second experiment",
         "The gust that was injected, and what the aircraft did.",
         [
-            Panel("gust, m/s", _traces(time_s, steady.gust_body_mps[part], _AXES)),
-            Panel("rate, deg/s", _traces(time_s, rates, RATES)),
+            Panel("gust", "m/s", _traces(time_s, steady.gust_body_mps[part], _AXES)),
+            Panel("rate", "deg/s", _traces(time_s, rates, RATES)),
         ],
         "experiments",
     )  # fmt: skip

@@ -311,7 +311,7 @@ def test_a_world_and_laws_are_launched_as_they_are_flown(launch, tmp_path, gps, 
     ("argument", "said"),
     [
         ("world:=heavy", "--world heavy: unknown world; known: hard, honest, paper"),
-        ("laws:=papers", "--laws papers: unknown laws; known: .*packaged, paper"),
+        ("laws:=papers", "--control-preset papers: unknown laws; known: .*packaged, paper"),
     ],
 )
 def test_an_unknown_world_and_unknown_laws_are_refused(launch, argument, said):

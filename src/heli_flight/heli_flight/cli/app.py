@@ -19,6 +19,7 @@ import typer
 from heli_flight import interrupts
 from heli_flight.cli import common
 from heli_flight.cli.common import (
+    CommandWithRenamed,
     Figures,
     Json,
     Params,
@@ -108,7 +109,7 @@ app.add_typer(fault)
 app.add_typer(graph)
 app.add_typer(programs)
 app.command(epilog=JOY_EPILOG)(joy)
-app.command(epilog=epilog("heli hover"))(hover)
+app.command(cls=CommandWithRenamed, epilog=epilog("heli hover"))(hover)
 app.command(epilog=REPLAY_EPILOG)(replay)
 app.command(epilog=DIFF_EPILOG)(diff)
 

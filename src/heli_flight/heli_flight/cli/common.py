@@ -2,17 +2,95 @@
 """Options that several commands of `heli` have, each written once."""
 
 import difflib
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer import Context
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
 from heli_flight import interrupts
+
+# -------------------------------------------------------------------------------------------------
+# Options under the names that they had before: accepted, with a warning, and in no help.
+# -------------------------------------------------------------------------------------------------
+
+RENAMED = (
+    ("--laws", "--control-preset"),
+    ("--law", "--custom-law"),
+    ("--controller", "--attitude-controller"),
+    ("--controllers", "--attitude-controller"),
+    ("--aircraft", "--vehicles"),
+    ("--aircraft", "--namespace"),
+)
+"""Old name and new one. An old name is meant where a command has the new option and none of the
+old name."""
+_COUNTS = ("--vehicles",)
+_WHOLE_NUMBER = re.compile(r"[+-]?\d+")
+
+
+def with_new_names(
+    words: Sequence[str], values_of: Mapping[str, int], prog: str, warn: bool = True
+) -> list[str]:
+    """The words of a command line with the present names of its options.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Without the command's own name.
+    values_of : mapping
+        Option of the command to how many words follow it.
+    prog : str
+        Begins the warning: one line on stderr, however many old names there are.
+    warn : bool
+
+    Returns
+    -------
+    list of str
+        What stands behind `--`, or is the value of an option, is left alone.
+    """
+    renamed = {old: new for old, new in RENAMED if new in values_of and old not in values_of}
+    rest, found, used = list(words), [], {}
+    while rest and rest[0] != "--":
+        word, equals, value = rest.pop(0).partition("=")
+        new = renamed.get(word, word)
+        told = value if equals else (rest or [""])[0]
+        # An aircraft's name or file, where a count was meant, is no old use.
+        if new != word and (new not in _COUNTS or _WHOLE_NUMBER.fullmatch(told)):
+            used[word] = new
+            word = new
+        found.append(f"{word}{equals}{value}")
+        if not equals:
+            follow = values_of.get(word, 0)
+            found, rest = [*found, *rest[:follow]], rest[follow:]
+    if used and warn:
+        told = ", ".join(f"{old} is now {new}" for old, new in used.items())
+        print(f"{prog.removesuffix('.sh')}: {told}", file=sys.stderr)
+    return [*found, *rest]
+
+
+def _new_names(command: Any, ctx: Context, args: list[str]) -> list[str]:
+    values_of = {
+        name: 0 if getattr(param, "is_flag", False) else param.nargs
+        for param in command.get_params(ctx)
+        for name in (*param.opts, *param.secondary_opts)
+        if name.startswith("-")
+    }
+    prog = ctx.find_root().info_name or ""
+    return with_new_names(args, values_of, prog, not ctx.resilient_parsing)
+
+
+class CommandWithRenamed(TyperCommand):
+    """For `app.command(cls=...)`: a command that takes its options by old names, too."""
+
+    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:  # type: ignore[override]
+        """As typer does, by the present names."""
+        return super().parse_args(ctx, _new_names(self, ctx, args))
+
 
 # -------------------------------------------------------------------------------------------------
 # A command with options of its own that also has sub-commands: `heli campaign SPEC`, `... report`.
@@ -38,7 +116,7 @@ class CommandWithWords(TyperGroup):
         if not args or args[0] not in self.commands:
             if not ctx.resilient_parsing:
                 self._refuse_misspelt(ctx, args[:1])
-            return super().parse_args(ctx, args)
+            return super().parse_args(ctx, _new_names(self, ctx, args))
         super().parse_args(ctx, [])
         ctx._protected_args, ctx.args = args[:1], args[1:]
         return ctx.args
@@ -136,7 +214,7 @@ def _one_line(text: str) -> str:
 
 
 # -------------------------------------------------------------------------------------------------
-# What the shell offers when the user presses Tab: scenarios, worlds, laws, presets, aircraft.
+# What the shell offers when the user presses Tab: scenarios, worlds, presets, aircraft.
 #
 # Used by typer's completion (`heli --install-completion`). Imports wait until Tab is pressed. Where
 # nothing is offered the shell offers files.
@@ -157,8 +235,8 @@ def worlds(incomplete: str) -> list[str]:
     return beginning(incomplete, WORLDS.names())
 
 
-def laws(incomplete: str) -> list[str]:
-    """Packaged laws."""
+def control_presets(incomplete: str) -> list[str]:
+    """Packaged files of controllers' parameters."""
     from heli_flight.settings import LAWS
 
     return beginning(incomplete, LAWS.names())
@@ -172,7 +250,7 @@ def gps_presets(incomplete: str) -> list[str]:
 
 
 def controllers(incomplete: str) -> list[str]:
-    """Attitude laws."""
+    """Attitude controllers."""
     from heli_inner_hinf.controller_state import CONTROLLERS
 
     return beginning(incomplete, CONTROLLERS)
@@ -268,14 +346,14 @@ World = Annotated[
         autocompletion=worlds,
     ),
 ]
-Laws = Annotated[
+ControlPreset = Annotated[
     str | None,
     typer.Option(
-        "--laws",
+        "--control-preset",
         metavar="NAME",
-        help="attitude law, position law and observer: packaged, paper, or a YAML file (default: "
-        "the parameter file's, else packaged)",
-        autocompletion=laws,
+        help="attitude controller, position controller and observer with their parameters: "
+        "packaged, paper, or a YAML file (default: the parameter file's, else packaged)",
+        autocompletion=control_presets,
     ),
 ]
 Seeds = Annotated[
@@ -326,8 +404,9 @@ AnyGps = Annotated[
 Aircraft = Annotated[
     str | None,
     typer.Option(
-        metavar="FILE",
-        help="aircraft file (default: the plant's)",
+        "--aircraft",
+        metavar="NAME",
+        help="helion, xcell60, logo600, or a YAML file (default: the plant's)",
         autocompletion=aircraft,
     ),
 ]

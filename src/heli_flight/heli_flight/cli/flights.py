@@ -16,12 +16,13 @@ from heli_core.ticks import TICKS_PER_S
 from heli_flight.cli import common
 from heli_flight.cli.common import (
     EXIT_OF_FLIGHTS,
+    CommandWithRenamed,
+    ControlPreset,
     Duration,
     Faults,
     Figures,
     Gps,
     Json,
-    Laws,
     Params,
     RecordedGps,
     RecordedScenario,
@@ -44,9 +45,9 @@ def epilog(prog: str) -> str:
         ("", "the paper's hover test, 60 s"),
         ("--gps rtk --seed 7", "another receiver, another wind"),
         ("--world hard --seed 7", "another aircraft than its laws know, in gusts"),
-        ("--laws paper --world paper", "the paper's own laws, in its own world"),
-        ("--scenario attitude --controller pid", "the attitude test under another law"),
-        ("--law examples/my_law.py:MyLaw", "a law of your own"),
+        ("--control-preset paper --world paper", "the paper's own laws, in its own world"),
+        ("--scenario attitude --attitude-controller pid", "the attitude test under a PID"),
+        ("--custom-law examples/my_law.py:MyLaw", "a law of your own"),
         ("--params my_weights.yaml", "any node's parameters, changed"),
         ("--params flights/a/params.yaml", "a flight again"),
         ("--faults my_faults.yaml", "with sensors, actuators or links that fail"),
@@ -59,22 +60,24 @@ def epilog(prog: str) -> str:
     return f"\b\nexamples:\n{shown}\n\n{EXIT_OF_FLIGHTS}"
 
 
-Law = Annotated[
+AttitudeController = Annotated[
     str | None,
     typer.Option(
-        metavar="LAW",
-        help="attitude law: hinf_output, hinf, lqg, lqr, pid, indi, matrices "
-        "(default: the parameter of inner_loop)",
+        "--attitude-controller",
+        metavar="NAME",
+        help="hinf_output, hinf, lqg, lqr, pid, indi or matrices "
+        "(default: the parameter `controller` of inner_loop)",
         autocompletion=common.controllers,
     ),
 ]
-OwnLaw = Annotated[
+CustomLaw = Annotated[
     list[str] | None,
     typer.Option(
-        "--law",
+        "--custom-law",
         metavar="LAW",
         help="a law of your own in Python, MODULE:NAME or FILE.py:NAME, in the place of the "
-        'attitude law, or of the position law (loop = "outer"); its code runs; repeatable',
+        'attitude controller, or of the position controller (loop = "outer"); its code runs; '
+        "repeatable",
     ),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="seed of wind and sensors")]
@@ -154,14 +157,13 @@ AllowCommands = Annotated[
         help="with --live: print a token that lets its holder command gusts, mode, reference",
     ),
 ]
-
-Aircraft = Annotated[
+Vehicles = Annotated[
     int,
     typer.Option(
-        "--aircraft",
+        "--vehicles",
         min=1,
         metavar="N",
-        help="so many side by side, heli1, heli2 ..., each with its seed, bag and report",
+        help="so many aircraft side by side, heli1, heli2 ..., each with its seed, bag and report",
     ),
 ]
 
@@ -170,9 +172,9 @@ def hover(
     scenario: ScenarioName = None,
     gps: Gps = None,
     world: World = None,
-    laws: Laws = None,
-    controller: Law = None,
-    law: OwnLaw = None,
+    laws: ControlPreset = None,
+    controller: AttitudeController = None,
+    law: CustomLaw = None,
     seed: Seed = None,
     duration: Duration = None,
     params: Params = None,
@@ -192,7 +194,7 @@ def hover(
     foxglove_port: FoxglovePort = None,
     allow_commands: AllowCommands = False,
     live_wait: LiveWait = False,
-    aircraft: Aircraft = 1,
+    vehicles: Vehicles = 1,
 ) -> int:
     """Fly the helicopter in wind, by itself, and compare with the paper."""
     from heli_core.rcl_yaml import ParameterError
@@ -209,13 +211,13 @@ def hover(
         scenario, gps, controller, _mode(modes), seed, duration, params or (), out, not no_report,
         watched, world, laws, composed, rate, figures, faults, respawn, law=law or (),
     )  # fmt: skip
-    if aircraft == 1:
+    if vehicles == 1:
         outcomes = [fly_and_write(order, console(stderr=as_json))]
     else:
-        outcomes = fly_several_and_write(order, aircraft, console(stderr=as_json))
+        outcomes = fly_several_and_write(order, vehicles, console(stderr=as_json))
     if as_json:
         texts = [(outcome.folder / RESULT).read_text(encoding="utf-8") for outcome in outcomes]
-        print(texts[0] if aircraft == 1 else f"[{','.join(texts)}]\n", end="")
+        print(texts[0] if vehicles == 1 else f"[{','.join(texts)}]\n", end="")
     return max(outcome.exit_code for outcome in outcomes)
 
 
@@ -358,6 +360,7 @@ _FORM = "heli fault WHAT KIND [VALUE ...], --list or --clear"
 
 @fault.command(
     "fault",
+    cls=CommandWithRenamed,
     context_settings={"ignore_unknown_options": True},
     epilog="\b\nexample:\n  heli fault gps loss --duration 10\n"
     "  heli fault gyro bias 0.05 0 0 --duration 5\n  heli fault delta_ped offset -0.1\n"
@@ -379,8 +382,8 @@ def fault_command(
     ] = None,
     clear: Annotated[bool, typer.Option("--clear", help="end all faults")] = False,
     shown: Annotated[bool, typer.Option("--list", help="print the faults of the flight")] = False,
-    aircraft: Annotated[
-        str, typer.Option(metavar="NAME", help="its namespace, where there are several")
+    namespace: Annotated[
+        str, typer.Option(metavar="NAME", help="of the aircraft, where there are several: heli2")
     ] = "",
     timeout: Annotated[
         float, typer.Option(min=0.1, max=600.0, metavar="S", help="wait for the plant's answer")
@@ -395,7 +398,7 @@ def fault_command(
 
     text = None if clear or shown else fault_text(str(what), str(kind), value or [], duration)
     with ros_node("heli_fault") as node:
-        plant = FaultSetter(node, aircraft, timeout)
+        plant = FaultSetter(node, namespace, timeout)
         if text is not None:
             plant.add(text)
         said = plant.clear() if clear else ""

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import typer
 
 from heli_flight import interrupts
-from heli_flight.cli.common import run
+from heli_flight.cli.common import CommandWithRenamed, run
 from heli_flight.cli.flights import epilog, hover
 
 PROG = "hover_test.sh"
 
 app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
-app.command(epilog=epilog(f"./{PROG}"))(hover)
+app.command(cls=CommandWithRenamed, epilog=epilog(f"./{PROG}"))(hover)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -85,8 +85,8 @@ def paper_charts(report: Report) -> list[Chart]:
         return []
     return [
         _vertical_speed(report),
-        _velocity(report, "v_x", 0, "Forward speed", "v_x, m/s", _V_X),
-        _velocity(report, "v_y", 1, "Lateral speed", "v_y, m/s", _V_Y),
+        _velocity(report, "v_x", 0, "Forward speed", "v_x", _V_X),
+        _velocity(report, "v_y", 1, "Lateral speed", "v_y", _V_Y),
         _altitude(report),
         _track(report),
     ]
@@ -113,7 +113,7 @@ def _largest(report: Report, *keys: str) -> str:
     return f"Largest, {'. In the '.join(told)}." if told else "Not scored."
 
 
-def _velocity(report: Report, key: str, axis: int, title: str, y_label: str, what: str) -> Chart:
+def _velocity(report: Report, key: str, axis: int, title: str, quantity: str, what: str) -> Chart:
     metric = BY_KEY[key]
     lines = [_line(report, s, report.error(key, s)) for s in report.sources()]
     bound = limits(report.record.time_s, metric.paper, f"paper: ±{metric.paper:g} m/s")
@@ -121,7 +121,7 @@ def _velocity(report: Report, key: str, axis: int, title: str, y_label: str, wha
         f"{metric.source.lower().replace('. ', '')}_{key}",
         title,
         f"{what}; shaded: the scored windows. {_largest(report, key)}",
-        [Panel(y_label, [*reversed(lines), bound])],
+        [Panel(quantity, "m/s", [*reversed(lines), bound])],
         PAPER_SECTION,
         metric.source,
         spans=report.spans,
@@ -145,8 +145,8 @@ def _vertical_speed(report: Report) -> Chart:
         "Speed downwards with its reference, and their difference in the range of hover; shaded: "
         f"the scored windows. {_largest(report, 'v_z')}",
         [
-            Panel("v_z, m/s", [*(_line(report, s, speeds[s]) for s in sources), target]),
-            Panel("v_z - reference, m/s", [*errors, bound], y_range=(-reach, reach)),
+            Panel("v_z", "m/s", [*(_line(report, s, speeds[s]) for s in sources), target]),
+            Panel("v_z - reference", "m/s", [*errors, bound], y_range=(-reach, reach)),
         ],
         PAPER_SECTION,
         "Fig. 5",
@@ -173,9 +173,10 @@ def _altitude(report: Report) -> Chart:
         f"Height above ground, and the {end - start:.0f} s about the "
         f"largest error of the {shown} enlarged. {_largest(report, 'altitude')}",
         [
-            Panel("altitude, m", [*lines, target]),
+            Panel("altitude", "m", [*lines, target]),
             Panel(
-                "altitude, m",
+                "altitude",
+                "m",
                 [*lines, target, bound],
                 y_range=(middle - reach, middle + reach),
                 x_range=(start, end),
@@ -235,10 +236,11 @@ def _track(report: Report) -> Chart:
         "Horizontal track",
         "Position about the reference in the heading frame, on a 1 m grid; coloured: the scored "
         f"windows. {_largest(report, 'lateral', 'longitudinal')}",
-        [Panel("forward, m", traces, y_range=(-side, side), x_range=(-side, side))],
+        [Panel("forward", "m", traces, y_range=(-side, side), x_range=(-side, side))],
         PAPER_SECTION,
         "Fig. 9",
-        x_label="to the right, m",
+        x_quantity="to the right",
+        x_unit="m",
         time=False,
         square=True,
     )
@@ -298,12 +300,12 @@ def _paper_charts_attitude(
         bound = limits(t, paper, f"paper, {'PID' if law == 'pid' else 'H-infinity'}: ±{paper:g}°")
         note = beyond(t, [line.y for line in lines], scale[0], "°")
         reach = (-scale[0], scale[0])
-        panels.append(Panel(f"{name} error, °", [*lines, bound], y_range=reach, note=note))
+        panels.append(Panel(f"{name} error", "°", [*lines, bound], y_range=reach, note=note))
     source = report.sources()[0]
     error = _attitude_error_deg(record, source)
     close = [Trace(t, error[:, 0], "roll", "green"), Trace(t, error[:, 1], "pitch", "purple")]
     note = f"enlarged: {NAMES[source]}"
-    panels.append(Panel("error, °", close, y_range=(-scale[1], scale[1]), note=note))
+    panels.append(Panel("error", "°", close, y_range=(-scale[1], scale[1]), note=note))
     scored = report.settings.scenario.scored(t)
     parts = []
     for source in report.sources():
@@ -361,9 +363,10 @@ def _from_above(report: Report) -> Chart:
         "path_from_above",
         "The path from above",
         "What was flown and the path, on a 1 m grid.",
-        [Panel("north, m", traces, y_range=north, x_range=east)],
+        [Panel("north", "m", traces, y_range=north, x_range=east)],
         PATH_SECTION,
-        x_label="east, m",
+        x_quantity="east",
+        x_unit="m",
         time=False,
         square=True,
     )
@@ -403,15 +406,17 @@ def _errors(report: Report) -> Chart:
         "On the path",
         "Height; distance from the point of the path at that moment; heading less the path's.",
         [
-            Panel("altitude, m", height),
+            Panel("altitude", "m", height),
             Panel(
-                "distance, m",
+                "distance",
+                "m",
                 [*lines["position"], level(r.time_s, away, f"goal: {away:g} m")],
                 y_range=(-0.05 * reach["position"], reach["position"]),
                 note=notes["position"],
             ),
             Panel(
-                "heading error, °",
+                "heading error",
+                "°",
                 [*lines["heading"], limits(r.time_s, turned, f"goal: ±{turned:g}°")],
                 y_range=(-reach["heading"], reach["heading"]),
                 note=notes["heading"],
@@ -679,14 +684,16 @@ def _wind(report: Report) -> Chart:
         "mean of the profile at the flown height, and its parts in the heading frame.",
         [
             Panel(
-                "speed, m/s",
+                "speed",
+                "m/s",
                 [
                     Trace(t, np.hypot(ahead, right), "wind at the aircraft", "nav"),
                     Trace(t, mean, "mean at this height", "reference", "dash"),
                 ],
             ),
             Panel(
-                "part, m/s",
+                "part",
+                "m/s",
                 [
                     Trace(t, ahead, "forward", "truth"),
                     Trace(t, right, "to the right", "green"),
@@ -713,11 +720,14 @@ def _actuators(report: Report) -> Chart:
         "Commands to the servos, normalised to (-1, 1): the whole range with its limits, and "
         f"enlarged. Largest: {used:.2f}, that is {100.0 * used / limit:.0f} % of the limit.",
         [
-            Panel("command", [*traces, bound], y_range=(-1.05, 1.05), note="whole range"),
+            Panel("command", "", [*traces, bound], y_range=(-1.05, 1.05), note="whole range"),
             Panel(
-                "command", traces[ACTUATOR.attitude], note="enlarged: lateral, longitudinal, pedal"
+                "command",
+                "",
+                traces[ACTUATOR.attitude],
+                note="enlarged: lateral, longitudinal, pedal",
             ),
-            Panel("command", [traces[ACTUATOR.col]], note="enlarged: collective"),
+            Panel("command", "", [traces[ACTUATOR.col]], note="enlarged: collective"),
         ],
         "flight",
         spans=report.spans,
@@ -736,7 +746,7 @@ def _attitude(report: Report) -> Chart:
             angle = np.degrees(np.unwrap(np.radians(report.euler_deg(source)[:, axis])))
             traces.append(Trace(r.time_s, angle, label, role))
         traces.append(Trace(r.time_s, command[:, axis], "command", "reference", "dash", width=1.0))
-        panels.append(Panel(f"{name}, °", traces))
+        panels.append(Panel(name, "°", traces))
     return Chart(
         "attitude",
         "Attitude",
@@ -764,7 +774,7 @@ def _estimate(
             edge = 3.0 * sigma[:, axis]
             traces.append(Trace(t, edge, "3 σ of the filter", "nav", "band", y2=-edge))
         traces.append(Trace(t, error[:, axis], "estimate - truth", "truth"))
-        panels.append(Panel(f"{name}, {unit}", traces))
+        panels.append(Panel(name, unit, traces))
     if share is None:
         return panels, f"{what} error. The covariance was not recorded."
     return panels, f"{what}: estimate minus truth; {share:.1f} % of it inside 3 σ."
@@ -825,13 +835,12 @@ def _attitude_estimate(report: Report) -> Chart:
 
 def _rotor(report: Report) -> Chart:
     r, panels = report.record, []
-    names = ("a_s, mrad", "b_s, mrad", "d_int, mrad")
-    for axis, y_label in enumerate(names):
+    for axis, name in enumerate(("a_s", "b_s", "d_int")):
         traces = []
         if report.has_rotor_truth:
             traces.append(Trace(r.time_s, 1e3 * r.truth_rotor[:, axis], "ground truth", "truth"))
         traces.append(Trace(r.time_s, 1e3 * r.nav_rotor[:, axis], "estimate, eq. (19)", "nav"))
-        panels.append(Panel(y_label, traces))
+        panels.append(Panel(name, "mrad", traces))
     words = ""
     if report.has_rotor_truth:
         error = 1e3 * (r.nav_rotor - r.truth_rotor)
@@ -880,11 +889,12 @@ def design_charts(design: DesignNumbers) -> list[Chart]:
             "From wind (m/s) to the controlled output h, eq. (11), and to the actuators: the "
             f"largest of each loop, and the smaller ones of the loop as flown (dotted).{said}",
             [
-                Panel("σ(wind → h)", outputs, log_y=True, y_range=(1e-3 * top, top)),
-                Panel("σ(wind → u)", inputs, log_y=True, y_range=(1e-6, 1e-1)),
+                Panel("σ(wind → h)", "", outputs, log_y=True, y_range=(1e-3 * top, top)),
+                Panel("σ(wind → u)", "", inputs, log_y=True, y_range=(1e-6, 1e-1)),
             ],
             "design",
-            x_label="frequency, rad/s",
+            x_quantity="frequency",
+            x_unit="rad/s",
             time=False,
             log_x=True,
         )
@@ -940,7 +950,7 @@ def timeline_charts(report: Report) -> list[Chart]:
             "timeline",
             "Timeline",
             f"Phase of the flight, scored stretches, actuators at their limit. {said}",
-            [Panel("", traces, height, y_range=(bottom, -0.6), y_ticks=lanes)],
+            [Panel("", "", traces, height, y_range=(bottom, -0.6), y_ticks=lanes)],
             "timeline",
             bands=(),
         )

@@ -73,14 +73,21 @@ class Trace:
     width: float = 1.4
 
 
+def axis_label(quantity: str, unit: str) -> str:
+    """Name of an axis: "v_z, m/s", or the quantity alone where it has no unit."""
+    return f"{quantity}, {unit}" if unit else quantity
+
+
 @dataclass(frozen=True)
 class Panel:
     """One pair of axes; panels of a chart stand below each other.
 
     Attributes
     ----------
-    y_label : str
-        Quantity and unit.
+    quantity : str
+        What y is, such as "v_z".
+    unit : str
+        Of y; "1" for a number without a unit, empty where none is to be named.
     traces : sequence of Trace
     height : float
         Relative to the chart's other panels.
@@ -93,7 +100,8 @@ class Panel:
         Written above the panel.
     """
 
-    y_label: str
+    quantity: str
+    unit: str
     traces: Sequence[Trace]
     height: float = 1.0
     y_range: tuple[float, float] | None = None
@@ -101,6 +109,11 @@ class Panel:
     y_ticks: Sequence[str] = ()
     log_y: bool = False
     note: str = ""
+
+    @property
+    def y_label(self) -> str:
+        """Quantity and unit, as the axis is named."""
+        return axis_label(self.quantity, self.unit)
 
 
 @dataclass(frozen=True)
@@ -147,7 +160,7 @@ class Chart:
         Where on the page it stands.
     paper : str
         The paper's figure that it redraws ("Fig. 5"), or empty.
-    x_label : str
+    x_quantity, x_unit : str
     time : bool
         Whether x is flight time, so that its zoom is shared with the other charts of time.
     spans : sequence of (start, end)
@@ -164,12 +177,18 @@ class Chart:
     panels: Sequence[Panel]
     section: str
     paper: str = ""
-    x_label: str = "flight time, s"
+    x_quantity: str = "flight time"
+    x_unit: str = "s"
     time: bool = True
     spans: Sequence[tuple[float, float]] = ()
     log_x: bool = False
     square: bool = False
     bands: Sequence[Band] | None = None
+
+    @property
+    def x_label(self) -> str:
+        """Quantity and unit, as the axis is named."""
+        return axis_label(self.x_quantity, self.x_unit)
 
     @property
     def has_data(self) -> bool:
@@ -185,12 +204,6 @@ def with_bands(charts: Sequence[Chart], bands: Sequence[Band]) -> list[Chart]:
         replace(chart, bands=tuple(bands)) if chart.time and chart.bands is None else chart
         for chart in charts
     ]
-
-
-def unit_of(label: str) -> str:
-    """Unit in an axis' label, what stands behind the last comma: "v_z, m/s"; empty for none."""
-    unit = label.rpartition(", ")[2] if ", " in label else ""
-    return "" if unit == "1" else unit
 
 
 FEW_DECADES = 2.0

@@ -341,8 +341,10 @@ ROLES = ("nav", "truth", "green", "purple", "bound", "muted")
 """Colours of the flights in turn."""
 _ANGLES = ("roll", "pitch", "yaw")
 _ACTUATORS = ("lateral", "longitudinal", "pedal", "collective")
-_PLACES = {"longitudinal": "longitudinal, m", "lateral": "lateral, m", "altitude": "down, m"}
-_ON_PATH = {"position": "distance, m", "heading": "heading error, °"}
+# By key of an error: quantity and unit.
+_PLACES = {"longitudinal": ("longitudinal", "m"), "lateral": ("lateral", "m"),
+           "altitude": ("down", "m")}  # fmt: skip
+_ON_PATH = {"position": ("distance", "m"), "heading": ("heading error", "°")}
 
 
 def charts(flights: Sequence[Named]) -> list[Chart]:
@@ -365,7 +367,7 @@ def _overlaid(
 
 
 def _position(flights: Sequence[Named], source: str, path: bool) -> Chart:
-    kind, labels = (PATH, _ON_PATH) if path else ("hover", _PLACES)
+    kind, axes = (PATH, _ON_PATH) if path else ("hover", _PLACES)
 
     def of(key: str) -> Callable[[FlightRecord], np.ndarray]:
         return lambda record: errors(record, source, kind)[key]
@@ -377,7 +379,7 @@ def _position(flights: Sequence[Named], source: str, path: bool) -> Chart:
         if path
         else "Position less the reference, in the frame of the reference's heading; an attitude "
         "test holds no position.",
-        [Panel(label, _overlaid(flights, of(key))) for key, label in labels.items()],
+        [Panel(*axis, _overlaid(flights, of(key))) for key, axis in axes.items()],
         "position",
     )
 
@@ -391,7 +393,7 @@ def _altitude(flights: Sequence[Named]) -> Chart:
     said = (
         f"By {SOURCE_NAMES[TRUTH]}, where it was recorded, else by the {SOURCE_NAMES[NAVIGATION]}."
     )
-    return Chart("altitude", "Altitude", said, [Panel("altitude, m", traces, 1.4)], "position")
+    return Chart("altitude", "Altitude", said, [Panel("altitude", "m", traces, 1.4)], "position")
 
 
 def _attitude(flights: Sequence[Named]) -> Chart:
@@ -401,7 +403,7 @@ def _attitude(flights: Sequence[Named]) -> Chart:
     said = (
         f"By {SOURCE_NAMES[TRUTH]}, where it was recorded, else by the {SOURCE_NAMES[NAVIGATION]}."
     )
-    panels = [Panel(f"{name}, °", _overlaid(flights, of(i))) for i, name in enumerate(_ANGLES)]
+    panels = [Panel(name, "°", _overlaid(flights, of(i))) for i, name in enumerate(_ANGLES)]
     return Chart("attitude", "Attitude", said, panels, "attitude")
 
 
@@ -413,7 +415,7 @@ def _attitude_error(flights: Sequence[Named]) -> Chart:
 
         return error
 
-    panels = [Panel(f"{name} error, °", _overlaid(flights, of(name))) for name in _ANGLES[:2]]
+    panels = [Panel(f"{name} error", "°", _overlaid(flights, of(name))) for name in _ANGLES[:2]]
     said = "Roll and pitch less what was commanded."
     return Chart("attitude_error", "Attitude error", said, panels, "attitude")
 
@@ -422,7 +424,7 @@ def _actuators(flights: Sequence[Named]) -> Chart:
     def of(channel: int) -> Callable[[FlightRecord], np.ndarray]:
         return lambda record: record.u[:, channel]
 
-    panels = [Panel(name, _overlaid(flights, of(i)), 0.8) for i, name in enumerate(_ACTUATORS)]
+    panels = [Panel(name, "", _overlaid(flights, of(i)), 0.8) for i, name in enumerate(_ACTUATORS)]
     return Chart("actuators", "Actuators", "Commands to the servos.", panels, "actuators")
 
 

@@ -21,7 +21,6 @@ from heli_flight.report.data import (
     Trace,
     decades,
     thinned,
-    unit_of,
 )
 
 _GAP_PX = 26.0
@@ -155,7 +154,7 @@ def _x_axis(chart: Chart, panel: Panel, row: int, lowest: int) -> _Json:
     if chart.time:
         axis["unifiedhovertitle"] = {"text": "%{x:.2f} s"}
     elif chart.log_x:
-        axis["unifiedhovertitle"] = {"text": f"%{{x:.3g}} {html.escape(unit_of(chart.x_label))}"}
+        axis["unifiedhovertitle"] = {"text": f"%{{x:.3g}} {_shown(chart.x_unit)}"}
     if panel.x_range is not None:
         axis["range"] = list(panel.x_range)
     elif row > 0:
@@ -225,15 +224,20 @@ def _traces(trace: Trace, chart: Chart, panel: Panel, seen: set[str]) -> Iterato
     yield base
 
 
+def _shown(unit: str) -> str:
+    """A unit behind a number; nothing behind one that has none."""
+    return "" if unit == "1" else html.escape(unit)
+
+
 def _told(trace: Trace, chart: Chart, panel: Panel) -> str:
     """What the pointer is told of a point: numbers with their units, and the trace's name."""
     name = html.escape(trace.label or trace.role)
     if trace.kind == "bar":
         return f"{name}: %{{x:.2f}} s<extra></extra>"
     if not chart.time and trace.kind in ("dash", "dot") and np.ptp(trace.x) == 0.0:
-        return f"{name}: %{{x:.3g}} {html.escape(unit_of(chart.x_label))}<extra></extra>"
-    value = f"%{{y:.4g}} {html.escape(unit_of(panel.y_label))}".rstrip()
+        return f"{name}: %{{x:.3g}} {_shown(chart.x_unit)}<extra></extra>"
+    value = f"%{{y:.4g}} {_shown(panel.unit)}".rstrip()
     if chart.time or chart.log_x:
         return value
-    at = f"%{{x:.4g}} {html.escape(unit_of(chart.x_label))}".rstrip()
+    at = f"%{{x:.4g}} {_shown(chart.x_unit)}".rstrip()
     return f"{at}: {value}<extra>{name}</extra>"

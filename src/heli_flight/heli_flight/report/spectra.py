@@ -282,9 +282,10 @@ def _chart(
         signal.key,
         f"{signal.title}: power spectral density",
         f"{signal.told} {stretch}; rms about the mean: {rms}{told}{drawn}.{filled}",
-        [Panel(f"density, {unit}", lines, 1.6, y_range=(bottom, top), log_y=True)],
+        [Panel("density", unit, lines, 1.6, y_range=(bottom, top), log_y=True)],
         SECTION,
-        x_label="frequency, Hz",
+        x_quantity="frequency",
+        x_unit="Hz",
         time=False,
         log_x=True,
     )

@@ -74,7 +74,7 @@ def margin_chart(found: Sequence[WorstFlight], kind: str) -> Chart:
     panels = [_cumulative({"worst judged figure": ("nav", shares)}, 1.0, kind, len(found))]
     return Chart(
         "margin", "How near the flights come to a bound", caption, panels, MARGIN,
-        x_label="largest judged figure as a part of its bound", time=False,
+        x_quantity="largest judged figure as a part of its bound", x_unit="", time=False,
     )  # fmt: skip
 
 
@@ -97,9 +97,17 @@ def _distribution(table: pa.Table, metric: PaperMetric, kind: str) -> Chart:
         _cumulative(figures, metric.paper, kind, table.num_rows),
     ]
     title = metric.label[:1].upper() + metric.label[1:]
-    label = f"{metric.label}, {metric.unit}"
     key = f"dist_{metric.key}"
-    return Chart(key, title, caption, panels, DISTRIBUTIONS, x_label=label, time=False)
+    return Chart(
+        key,
+        title,
+        caption,
+        panels,
+        DISTRIBUTIONS,
+        x_quantity=metric.label,
+        x_unit=metric.unit,
+        time=False,
+    )
 
 
 Figures = Mapping[str, tuple[str, Array]]
@@ -116,7 +124,7 @@ def _histogram(figures: Figures, bound: float) -> Panel:
         x, y = np.repeat(edges, 2), np.concatenate(([0], np.repeat(counts, 2), [0]))
         traces.append(Trace(x, y.astype(float), label, role))
     traces.append(_upright(bound, highest))
-    return Panel("flights", traces, y_range=(0.0, 1.06 * highest))
+    return Panel("flights", "", traces, y_range=(0.0, 1.06 * highest))
 
 
 def _upright(bound: float, height: float, label: str = "") -> Trace:
@@ -133,7 +141,7 @@ def _cumulative(figures: Figures, bound: float, kind: str, count: int) -> Panel:
         steps = np.arange(len(known) + 1) / max(count, 1)
         traces.append(Trace(x, np.repeat(steps, 2)[:-1], label, role))
     traces.append(_upright(bound, 1.0, figures_of(kind)))
-    return Panel("share of flights", traces, y_range=(0.0, 1.03))
+    return Panel("share of flights", "", traces, y_range=(0.0, 1.03))
 
 
 def failure_chart(inputs: Mapping[str, Sequence[object]], failed: Sequence[bool]) -> Chart:
@@ -150,6 +158,7 @@ def failure_chart(inputs: Mapping[str, Sequence[object]], failed: Sequence[bool]
         panels.append(
             Panel(
                 "share",
+                "",
                 [
                     _shares((values - low) / span, "all flights", "muted"),
                     _shares((values[bad] - low) / span, "outside or not flown to the end", "bad"),
@@ -164,7 +173,7 @@ def failure_chart(inputs: Mapping[str, Sequence[object]], failed: Sequence[bool]
     )
     return Chart(
         "failures", "Where the flights that failed are", caption, panels, SPREAD,
-        x_label="input, as a part of its flown range", time=False,
+        x_quantity="input, as a part of its flown range", x_unit="", time=False,
     )  # fmt: skip
 
 
@@ -219,11 +228,13 @@ def scatter_charts(
         caption = f"Rank correlation {one.rank_correlation:+.2f}; a point a flight, {name}."
         highest = max(float(np.nanmax(values)), metric.paper)
         panel = Panel(
-            f"{metric.label}, {metric.unit}", [t for t in traces if t.x.size], height=1.6,
+            metric.label, metric.unit, [t for t in traces if t.x.size], height=1.6,
             y_range=(0.0, 1.06 * highest),
         )  # fmt: skip
         key = f"pair_{metric.key}"
-        charts.append(Chart(key, told, caption, [panel], SPREAD, x_label=one.name, time=False))
+        charts.append(
+            Chart(key, told, caption, [panel], SPREAD, x_quantity=one.name, x_unit="", time=False)
+        )
     return charts
 
 

@@ -42,7 +42,7 @@ class SeedFlightOptions:
     def again(self, gps: str, seed: int) -> str:
         """The command that flies one of its flights again, recorded in full."""
         said: dict[str, Any] = {"--scenario": self.scenario, "--gps": gps, "--world": self.world}
-        said |= {"--laws": self.laws, "--duration": self.duration_s, "--seed": seed}
+        said |= {"--control-preset": self.laws, "--duration": self.duration_s, "--seed": seed}
         said |= {"--faults": self.faults}
         words = ["./heli", "hover", "--one-process"]
         for name, value in said.items():
