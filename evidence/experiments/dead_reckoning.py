@@ -64,13 +64,13 @@ def settings(gps: str, end_s: float, seed: int, faults: tuple[str, ...] = ("none
 def start(loop: AircraftInLoop) -> Start:
     """The filter's own state of knowledge at the end of a flight."""
     k, P = loop.observer_k.ekf, loop.observer_s.P
-    R = quat_to_R_nb(loop.observer_s.nominal[layout.X_QUAT : layout.X_GYRO_BIAS])
+    R = quat_to_R_nb(loop.observer_s.nominal[layout.NOMINAL.quat : layout.NOMINAL.gyro_bias])
     rows = np.zeros((3, len(P)))
-    rows[0, layout.E_VEL] = 1.0
+    rows[0, layout.ERROR.vel] = 1.0
     # A tilt about east lets gravity push north; so does what the gyros turn it by.
-    rows[1, layout.E_ATT + 1] = -k.gravity_mps2
-    rows[1, layout.E_ACCEL_BIAS : layout.E_ACCEL_BIAS + 3] = -R[0]
-    rows[2, layout.E_GYRO_BIAS : layout.E_GYRO_BIAS + 3] = k.gravity_mps2 * R[1]
+    rows[1, layout.ERROR.att + 1] = -k.gravity_mps2
+    rows[1, layout.ERROR.accel_bias : layout.ERROR.accel_bias + 3] = -R[0]
+    rows[2, layout.ERROR.gyro_bias : layout.ERROR.gyro_bias + 3] = k.gravity_mps2 * R[1]
     g2 = k.gravity_mps2**2
     noise = np.array([k.var_vel_step, g2 * k.var_att_step, g2 * k.var_gyro_bias_step])
     return Start(rows @ P @ rows.T, noise / k.dt_s)

@@ -26,7 +26,7 @@ from heli_dynamics_sim.noise import NoiseStreams
 from heli_flight.loop import simulate
 from heli_flight.result import conditions
 from heli_flight.settings import GPS_PRESETS, Settings, resolve
-from heli_observer.layout import N_ERROR
+from heli_observer.layout import ERROR
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from support.estimator_consistency import CHECKS_S, SENSORS, bounds, collect, latency_errors
@@ -81,7 +81,7 @@ def consistency(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
     """Rows: NEES at its lowest and highest of the checked times and NIS, over their degrees."""
     s = collect(resolve("hover", gps).nodes["observer"], seeds)
     found = [
-        (f"NEES, all {N_ERROR} states", s.nees, N_ERROR * s.runs),
+        (f"NEES, all {ERROR.size} states", s.nees, ERROR.size * s.runs),
         ("NEES, position, velocity, attitude", s.nees_navigation, 9 * s.runs),
         *((f"NIS, {SENSORS[i]}", s.nis[i : i + 1], int(s.dof[i])) for i in range(4)),
     ]

@@ -10,15 +10,7 @@ import pytest
 from heli_flight import loop as closed_loop
 from heli_flight.settings import resolve
 from heli_observer import layout as L
-from heli_observer.dual_imu import (
-    P_COMPARED,
-    P_LEFT,
-    P_SWITCHES,
-    P_WHY,
-    WHY_COMPASS,
-    WHY_FIXES,
-    WHY_STOPPED,
-)
+from heli_observer.dual_imu import PAIR, WHY_COMPASS, WHY_FIXES, WHY_STOPPED
 from heli_observer.layout import ObserverStatus
 from heli_observer.observer import status
 from heli_outer_pd.failsafes import Condition, of
@@ -26,7 +18,7 @@ from heli_outer_pd.failsafes import Condition, of
 BEGIN_S = 12.0
 AT = int(BEGIN_S * 100)
 STAYS = {"climb.start_s": 200.0, "climb.end_s": 202.0}
-DOUBTS = (L.C_IMU_DOUBTS, L.C_IMU_REPLACED, L.C_GPS_REPEATED, L.C_GPS_OFFSET)
+DOUBTS = (L.COUNT.imu_doubts, L.COUNT.imu_replaced, L.COUNT.gps_repeated, L.COUNT.gps_offset)
 
 
 class Flown:
@@ -115,7 +107,7 @@ def test_a_bias_that_jumps_is_learnt_in_flight(what, value, seed):
     """The filter used to refuse the fixes until the aircraft was lost."""
     within_s = of(Condition.IMU_BIASED).within_s
     soon = Flown([fault(what, "bias", None, value)], seed, BEGIN_S + within_s)
-    assert soon.count[L.C_IMU_DOUBTS] >= 1
+    assert soon.count[L.COUNT.imu_doubts] >= 1
     flown = Flown([fault(what, "bias", None, value)], seed, 45.0)
     assert flown.off_m(3500) < 2.0 and flown.off_m() < 8.0
 
@@ -149,8 +141,8 @@ def test_of_two_imus_one_that_stops_is_left_at_once(what, kind, seed):
     assert soon.said.name in of(Condition.ONE_IMU_STOPS).status
     far_m, flown = apart_m([fault(what, kind)], seed)
     assert far_m < 0.3
-    assert flown.pair[P_LEFT] == number_of(what) and flown.pair[P_WHY] == WHY_STOPPED
-    assert flown.pair[P_SWITCHES] == 1 and not flown.count[L.C_IMU_REPLACED]
+    assert flown.pair[PAIR.left] == number_of(what) and flown.pair[PAIR.why] == WHY_STOPPED
+    assert flown.pair[PAIR.switches] == 1 and not flown.count[L.COUNT.imu_replaced]
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -163,8 +155,8 @@ def test_of_two_imus_one_that_is_wrong_is_found_by_fixes_and_compass(what, kind,
     assert soon.said.name in of(Condition.ONE_IMU_WRONG).status
     far_m, flown = apart_m(faults, seed)
     assert far_m < 1.0
-    assert flown.pair[P_LEFT] == number_of(what)
-    assert flown.pair[P_WHY] in (WHY_FIXES, WHY_COMPASS) and flown.pair[P_SWITCHES] == 1
+    assert flown.pair[PAIR.left] == number_of(what)
+    assert flown.pair[PAIR.why] in (WHY_FIXES, WHY_COMPASS) and flown.pair[PAIR.switches] == 1
 
 
 @pytest.mark.parametrize("gps", ["standalone", "rtk"])
@@ -172,21 +164,21 @@ def test_of_two_imus_one_that_is_wrong_is_found_by_fixes_and_compass(what, kind,
 def test_of_two_imus_one_may_drift_in_the_honest_world(seed, gps):
     """Slowly, so that what is known has been spoilt a little when they are found to disagree."""
     far_m, flown = apart_m([fault("gyro2", "drift", None, [0.0, 0.01, 0.0])], seed, "honest", gps)
-    assert far_m < 2.0 and flown.pair[P_LEFT] == 2
+    assert far_m < 2.0 and flown.pair[PAIR.left] == 2
 
 
 def test_of_two_imus_one_that_is_sound_again_is_believed_again():
     far_m, flown = apart_m([fault("imu", "nan", 0.3)], 3)
     assert far_m < 0.3 and flown.said is ObserverStatus.OK
-    assert flown.pair[P_LEFT] == 0 and flown.pair[P_SWITCHES] == 1
+    assert flown.pair[PAIR.left] == 0 and flown.pair[PAIR.switches] == 1
 
 
 def test_who_was_left_is_flown_where_the_other_one_stops():
     """Less what he was off by."""
     stops = "{what: imu2, kind: nan, start_s: 20.0, duration_s: 0.5}"
     far_m, flown = apart_m([fault("gyro", "bias", None, [0.1, 0.0, 0.0]), stops], 2)
-    assert far_m < 0.5 and flown.pair[P_LEFT] == 1
-    assert not flown.count[L.C_IMU_REPLACED]
+    assert far_m < 0.5 and flown.pair[PAIR.left] == 1
+    assert not flown.count[L.COUNT.imu_replaced]
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -255,6 +247,6 @@ def test_an_outage_that_ends_is_flown_through(seed):
 @pytest.mark.parametrize("seed", range(1, 6))
 def test_a_sound_flight_raises_no_alarm(seed, gps, world, two):
     flown = Flown([], seed, 60.0, gps, world, scenario={}, two=two)
-    assert not flown.pair[P_SWITCHES] and flown.pair[P_COMPARED] == 6000 * two
+    assert not flown.pair[PAIR.switches] and flown.pair[PAIR.compared] == 6000 * two
     assert not flown.count[list(DOUBTS)].any()
     assert flown.said is ObserverStatus.OK and flown.record.mode is None

@@ -19,27 +19,27 @@ AT, N_TICKS = 1503, 3000
 
 
 def nan_state(state):
-    state.nominal[L.X_VEL] = np.nan
+    state.nominal[L.NOMINAL.vel] = np.nan
 
 
 def nan_covariance(state):
-    state.P[L.E_ATT, L.E_ATT] = np.nan
+    state.P[L.ERROR.att, L.ERROR.att] = np.nan
 
 
 def negative(state):
-    state.P[L.E_POS + 2, L.E_POS + 2] *= -1.0
+    state.P[L.ERROR.pos + 2, L.ERROR.pos + 2] *= -1.0
 
 
 def no_covariance(state):
-    state.P[L.E_ATT, L.E_VEL] = state.P[L.E_VEL, L.E_ATT] = 1e3
+    state.P[L.ERROR.att, L.ERROR.vel] = state.P[L.ERROR.vel, L.ERROR.att] = 1e3
 
 
 def no_quaternion(state):
-    state.nominal[L.X_QUAT : L.X_QUAT + 4] = 0.0
+    state.nominal[L.NOMINAL.quat : L.NOMINAL.quat + 4] = 0.0
 
 
 def absurd(state):
-    state.nominal[L.X_VEL + 1] = 1e6
+    state.nominal[L.NOMINAL.vel + 1] = 1e6
 
 
 def nan_rotor(state):
@@ -88,7 +88,7 @@ SPOILT = [nan_state, nan_covariance, negative, no_covariance, no_quaternion, abs
 def test_it_goes_on_in_the_same_tick_from_what_it_knew(sound, spoil, seed):
     """Found at once, no tick without an estimate, and the set-point hardly feels it."""
     flown = Flown(seed, spoil)
-    assert flown.count[L.C_RECOVERED] == 1 and flown.count[L.C_REALIGNED] == 0
+    assert flown.count[L.COUNT.recovered] == 1 and flown.count[L.COUNT.realigned] == 0
     assert of(Condition.ESTIMATOR_DIVERGED).within_s >= 0.01 and not flown.late
     before, after = sound[seed].record, flown.record
     np.testing.assert_array_equal(before.truth_pos_ned_m[:AT], after.truth_pos_ned_m[:AT])
@@ -103,7 +103,7 @@ def test_it_goes_on_in_the_same_tick_from_what_it_knew(sound, spoil, seed):
 def test_without_what_it_knew_it_is_aligned_anew(sound, seed):
     """The last command is held until the sensors allow it."""
     flown = Flown(seed, lambda state: forget(state.window), nan_state)
-    assert flown.count[L.C_RECOVERED] == 0 and flown.count[L.C_REALIGNED] == 1
+    assert flown.count[L.COUNT.recovered] == 0 and flown.count[L.COUNT.realigned] == 1
     assert 0 < len(flown.late) < 100
     apart = flown.record.truth_pos_ned_m - sound[seed].record.truth_pos_ned_m
     assert np.linalg.norm(apart, axis=1).max() < 6.0
@@ -120,5 +120,5 @@ def test_the_rotor_s_states_begin_anew(sound):
 
 def test_a_sound_flight_never_recovers(sound):
     for flown in sound.values():
-        assert not flown.count[[L.C_RECOVERED, L.C_REALIGNED, L.C_NOT_FINITE]].any()
+        assert not flown.count[[L.COUNT.recovered, L.COUNT.realigned, L.COUNT.not_finite]].any()
         assert is_state(flown.loop.observer_s.nominal, flown.loop.observer_s.P)

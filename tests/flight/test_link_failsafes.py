@@ -88,7 +88,7 @@ def test_a_fifth_lost_and_30_ms_on_every_link(seed, gps, sound):
     assert flown.off_m(sound(seed, gps=gps)) < (1.0 if gps == "rtk" else 3.0)
     assert flown.said is ObserverStatus.OK and flown.record.mode is None
     count = flown.loop.observer_s.count
-    assert count[L.C_IMU_MENDED] > 0.7 * 2800 and count[L.C_IMU_DOUBTS] == 0
+    assert count[L.COUNT.imu_mended] > 0.7 * 2800 and count[L.COUNT.imu_doubts] == 0
     for topic, sink in ALWAYS:
         assert flown.counted(topic, sink)["lost"] > 0, (topic, sink)
 

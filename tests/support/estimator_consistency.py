@@ -26,11 +26,16 @@ Array = NDArray[np.float64]
 SECONDS = 60.0
 CHECKS_S = (2, 5, 10, 20, 30, 40, 50, 60)
 SENSORS = ("GPS position", "GPS velocity", "magnetometer", "barometer")
-_FUSED = [L.C_GPS_FUSED, L.C_GPS_FUSED, L.C_MAG_FUSED, L.C_BARO_FUSED]
-_NIS = [L.D_NIS_POS, L.D_NIS_VEL, L.D_NIS_MAG, L.D_NIS_BARO]
-_REJECTED = [L.C_MAG_REJECTED, L.C_BARO_REJECTED, L.C_GPS_POS_REJECTED, L.C_GPS_VEL_REJECTED]
+_FUSED = [L.COUNT.gps_fused, L.COUNT.gps_fused, L.COUNT.mag_fused, L.COUNT.baro_fused]
+_NIS = [L.DIAG.nis_pos, L.DIAG.nis_vel, L.DIAG.nis_mag, L.DIAG.nis_baro]
+_REJECTED = [
+    L.COUNT.mag_rejected,
+    L.COUNT.baro_rejected,
+    L.COUNT.gps_pos_rejected,
+    L.COUNT.gps_vel_rejected,
+]
 DOF = np.array([3, 3, 1, 1])
-_NAVIGATION = slice(L.E_POS, L.E_ATT + 3)  # position, velocity and attitude stand first
+_NAVIGATION = slice(L.ERROR.pos, L.ERROR.att + 3)  # position, velocity and attitude stand first
 
 
 def rotation(q: Array) -> Rotation:
@@ -40,19 +45,19 @@ def rotation(q: Array) -> Rotation:
 
 def error_state(flight: Flight, tick: int, x: Array) -> Array:
     """Truth minus nominal state x (21,) at a tick, in the filter's error coordinates (20,)."""
-    e = np.empty(L.N_ERROR)
+    e = np.empty(L.ERROR.size)
     for at, true, nominal in (
-        (L.E_POS, flight.pos, L.X_POS),
-        (L.E_VEL, flight.vel, L.X_VEL),
-        (L.E_GYRO_BIAS, flight.gyro_bias, L.X_GYRO_BIAS),
-        (L.E_ACCEL_BIAS, flight.accel_bias, L.X_ACCEL_BIAS),
-        (L.E_DRIFT, flight.drift, L.X_DRIFT),
+        (L.ERROR.pos, flight.pos, L.NOMINAL.pos),
+        (L.ERROR.vel, flight.vel, L.NOMINAL.vel),
+        (L.ERROR.gyro_bias, flight.gyro_bias, L.NOMINAL.gyro_bias),
+        (L.ERROR.accel_bias, flight.accel_bias, L.NOMINAL.accel_bias),
+        (L.ERROR.drift, flight.drift, L.NOMINAL.drift),
     ):
         e[at : at + 3] = true[tick] - x[nominal : nominal + 3]
-    turn = rotation(flight.q[tick]) * rotation(x[L.X_QUAT : L.X_QUAT + 4]).inv()
-    e[L.E_ATT : L.E_ATT + 3] = turn.as_rotvec()
-    e[L.E_BARO_BIAS] = flight.baro_bias[tick] - x[L.X_BARO_BIAS]
-    e[L.E_MAG_ERROR] = flight.mag_error[tick] - x[L.X_MAG_ERROR]
+    turn = rotation(flight.q[tick]) * rotation(x[L.NOMINAL.quat : L.NOMINAL.quat + 4]).inv()
+    e[L.ERROR.att : L.ERROR.att + 3] = turn.as_rotvec()
+    e[L.ERROR.baro_bias] = flight.baro_bias[tick] - x[L.NOMINAL.baro_bias]
+    e[L.ERROR.mag_error] = flight.mag_error[tick] - x[L.NOMINAL.mag_error]
     return e
 
 

@@ -35,7 +35,7 @@ def inside(value, dof, probability: float = 0.999):
 
 def judge(s: Statistics) -> None:
     runs = s.runs
-    assert np.all(inside(s.nees, L.N_ERROR * runs)), s.nees / (L.N_ERROR * runs)
+    assert np.all(inside(s.nees, L.ERROR.size * runs)), s.nees / (L.ERROR.size * runs)
     assert np.all(inside(s.nees_navigation, 9 * runs)), s.nees_navigation / (9 * runs)
     # the gates cut the tails off: less than 0.3 % of the mean at probability 0.9999
     assert np.all(inside(s.nis, s.dof) | (np.abs(s.nis / s.dof - 1.0) < 0.02)), s.nis / s.dof

@@ -11,7 +11,7 @@ from heli_observer import layout as L
 # Buffers.
 # -------------------------------------------------------------------------------------------------
 
-_N_IMU = L.N_IMU  # a length of what lies on the stack
+_N_IMU = L.RING.size  # a length of what lies on the stack
 SAME = 2
 """Repeats in a row from which on a sensor has stopped; one may be a message that came twice."""
 HELD = 2
@@ -47,17 +47,17 @@ def judge_imu(state, sample, k):
     measured anew. No specific force at all is free fall, or a sensor that has lost its supply.
     """
     heard, count = state.heard, state.count
-    again = _repeats(sample[IMU.force], heard, L.H_FORCE)
-    count[L.C_FORCE_SAME] = count[L.C_FORCE_SAME] + 1 if again else 0
-    again = _repeats(sample[IMU.rate], heard, L.H_RATE)
-    count[L.C_RATE_SAME] = count[L.C_RATE_SAME] + 1 if again else 0
-    force = count[L.C_FORCE_SAME] < SAME
-    rate = count[L.C_RATE_SAME] < SAME
+    again = _repeats(sample[IMU.force], heard, L.HEARD.force)
+    count[L.COUNT.force_same] = count[L.COUNT.force_same] + 1 if again else 0
+    again = _repeats(sample[IMU.rate], heard, L.HEARD.rate)
+    count[L.COUNT.rate_same] = count[L.COUNT.rate_same] + 1 if again else 0
+    force = count[L.COUNT.force_same] < SAME
+    rate = count[L.COUNT.rate_same] < SAME
     fx, fy, fz = sample[0], sample[1], sample[2]
     force = force and not (fx == 0.0 and fy == 0.0 and fz == 0.0)
     for j in range(IMU.size):
         if not usable_imu(sample, j, k):
-            count[L.C_IMU_DROPPED] += 1
+            count[L.COUNT.imu_dropped] += 1
             force = force and j >= IMU.rate.start
             rate = rate and j < IMU.rate.start
     return force, rate
@@ -70,12 +70,12 @@ def _likely(state, tick, first, end, fade, row):
     For `HELD` ticks the last one, and as long as samples come late; then the mean of the last ones
     that a sensor said, which vibration does not tip, times `fade`.
     """
-    imu, late = state.imu, tick - state.count[L.C_IMU_LATE] <= HELD
+    imu, late = state.imu, tick - state.count[L.COUNT.imu_late] <= HELD
     size, last = imu.shape[0], (tick - 1) % imu.shape[0]
     for j in range(first, end):
         row[j] = imu[last, j]
     since = 0
-    while since < size - 1 and imu[(tick - 1 - since) % size, L.I_REPLACED] > 0.0:
+    while since < size - 1 and imu[(tick - 1 - since) % size, L.RING.replaced] > 0.0:
         since += 1
     if since != HELD or since == size - 1 or late:
         # Before: held. After: what was likely once goes on, the rate fading.
@@ -86,7 +86,7 @@ def _likely(state, tick, first, end, fade, row):
         mean, n = 0.0, 0
         for back in range(since, min(since + MEAN_TICKS, size - 1)):
             slot = (tick - 1 - back) % size
-            if imu[slot, L.I_REPLACED] == 0.0:
+            if imu[slot, L.RING.replaced] == 0.0:
                 mean += imu[slot, j]
                 n += 1
         row[j] = fade * mean / n if n > 0 else row[j]
@@ -96,7 +96,7 @@ def _likely(state, tick, first, end, fade, row):
 def replaced_for_long(imu, tick):
     """Whether what was integrated up to a tick is more than a last sample that is held."""
     for back in range(HELD + 1):
-        if imu[(tick - back) % imu.shape[0], L.I_REPLACED] == 0.0:
+        if imu[(tick - back) % imu.shape[0], L.RING.replaced] == 0.0:
             return False
     return True
 
@@ -115,16 +115,16 @@ def _store_imu(state, tick, last, sample, k):
     if not rate:
         _likely(state, last + 1, 3, 6, math.exp(-k.dt_s / RATE_FADES_S), row)
     believed = force and rate
-    row[L.I_REPLACED] = 0.0 if believed else 1.0
-    copy_part(imu[slot], 0, row, 0, L.N_IMU)
+    row[L.RING.replaced] = 0.0 if believed else 1.0
+    copy_part(imu[slot], 0, row, 0, L.RING.size)
     if believed:
-        count[L.C_IMU_OK] = tick
+        count[L.COUNT.imu_ok] = tick
     else:
-        count[L.C_IMU_REPLACED] += 1
+        count[L.COUNT.imu_replaced] += 1
     # ticks that never came: linear between their neighbours
     for t in range(last + 1, tick):
         part = (t - last) / (tick - last)
-        for j in range(L.N_IMU):
+        for j in range(L.RING.size):
             imu[t % size, j] = (1.0 - part) * imu[last % size, j] + part * imu[slot, j]
 
 
@@ -139,16 +139,16 @@ def store_mag_baro(state, tick, y):
         for i in range(3):
             if not math.isfinite(mag[i]):
                 bad += 1
-        count[L.C_MAG_DROPPED] += bad
+        count[L.COUNT.mag_dropped] += bad
         if bad == 0:
-            row[L.AID_MAG_VALID] = 1.0
-            copy_part(row, L.AID_MAG, mag, 0, 3)
+            row[L.AID.mag_valid] = 1.0
+            copy_part(row, L.AID.mag, mag, 0, 3)
     if y[MEAS.baro_valid] > 0.5:
         if math.isfinite(y[MEAS.baro]) and y[MEAS.baro] > 0.0:
-            row[L.AID_BARO_VALID] = 1.0
-            row[L.AID_BARO] = y[MEAS.baro]
+            row[L.AID.baro_valid] = 1.0
+            row[L.AID.baro] = y[MEAS.baro]
         else:
-            count[L.C_BARO_DROPPED] += 1
+            count[L.COUNT.baro_dropped] += 1
 
 
 @njit
@@ -164,7 +164,7 @@ def _leave_repeated(state, z, at, same, row, place):
     count[same] += 1
     if count[same] < SAME:
         return 0
-    count[L.C_GPS_REPEATED] += 1
+    count[L.COUNT.gps_repeated] += 1
     for i in range(3):
         row[place + i] = math.nan
     return 3
@@ -177,44 +177,44 @@ def store_gps(state, tick, y, horizon_ticks):
         return
     aid, count = state.aid, state.count
     if not abs(y[MEAS.gps_tick]) < 1e15:
-        count[L.C_GPS_DROPPED] += 1
+        count[L.COUNT.gps_dropped] += 1
         return
     stamp = int(round(y[MEAS.gps_tick]))
     if stamp > tick:
-        count[L.C_GPS_FUTURE] += 1
+        count[L.COUNT.gps_future] += 1
         return
     if stamp < tick - horizon_ticks:
-        count[L.C_GPS_LATE] += 1
+        count[L.COUNT.gps_late] += 1
         return
     row = aid[stamp % aid.shape[0]]
     pos, vel = y[MEAS.gps_pos], y[MEAS.gps_vel]
-    copy_part(row, L.AID_GPS_POS, pos, 0, 3)
-    copy_part(row, L.AID_GPS_VEL, vel, 0, 3)
+    copy_part(row, L.AID.gps_pos, pos, 0, 3)
+    copy_part(row, L.AID.gps_vel, vel, 0, 3)
     finite = 0
     for i in range(3):
         finite += int(math.isfinite(pos[i])) + int(math.isfinite(vel[i]))
-    count[L.C_GPS_DROPPED] += pos.size + vel.size - finite
-    finite -= _leave_repeated(state, pos, L.H_GPS_POS, L.C_GPS_POS_SAME, row, L.AID_GPS_POS)
-    finite -= _leave_repeated(state, vel, L.H_GPS_VEL, L.C_GPS_VEL_SAME, row, L.AID_GPS_VEL)
-    row[L.AID_GPS_VALID] = 1.0 if finite > 0 else 0.0
+    count[L.COUNT.gps_dropped] += pos.size + vel.size - finite
+    finite -= _leave_repeated(state, pos, L.HEARD.gps_pos, L.COUNT.gps_pos_same, row, L.AID.gps_pos)
+    finite -= _leave_repeated(state, vel, L.HEARD.gps_vel, L.COUNT.gps_vel_same, row, L.AID.gps_vel)
+    row[L.AID.gps_valid] = 1.0 if finite > 0 else 0.0
 
 
 @njit
 def _restart(state, tick, sample, k):
     """Begin at this tick: fill the IMU ring with its sample. False if that is not usable."""
     fill_matrix(state.aid, 0.0)
-    state.count[L.C_ALIGNED] = 0
-    state.count[L.C_TICK] = L.NO_TICK
+    state.count[L.COUNT.aligned] = 0
+    state.count[L.COUNT.tick] = L.NO_TICK
     for j in range(IMU.size):
         if not usable_imu(sample, j, k.ekf):
-            state.count[L.C_IMU_DROPPED] += 1
+            state.count[L.COUNT.imu_dropped] += 1
             return False
     for slot in range(state.imu.shape[0]):
         copy_part(state.imu[slot], 0, sample, 0, IMU.size)
-        state.imu[slot, L.I_REPLACED] = 0.0
-    state.count[L.C_TICK] = tick
-    state.count[L.C_BEGUN] = tick
-    state.count[L.C_IMU_OK] = tick
+        state.imu[slot, L.RING.replaced] = 0.0
+    state.count[L.COUNT.tick] = tick
+    state.count[L.COUNT.begun] = tick
+    state.count[L.COUNT.imu_ok] = tick
     return True
 
 
@@ -238,19 +238,19 @@ def take_tick(state, tick, sample, k):
         filled in), 0 for a tick that is not new or a first sample that is not usable.
     """
     count = state.count
-    last = count[L.C_TICK]
+    last = count[L.COUNT.tick]
     if tick <= last:
-        count[L.C_TICK_REPEATED] += 1
+        count[L.COUNT.tick_repeated] += 1
         return 0
     if tick - last > k.max_gap_ticks:
         if last != L.NO_TICK:
-            count[L.C_REALIGNED] += 1
+            count[L.COUNT.realigned] += 1
         return 1 if _restart(state, tick, sample, k) else 0
-    count[L.C_TICK_GAPS] += tick - last > 1
+    count[L.COUNT.tick_gaps] += tick - last > 1
     for t in range(last + 1, tick):
         fill(state.aid[t % state.aid.shape[0]], 0.0)
     _store_imu(state, tick, last, sample, k.ekf)
-    count[L.C_TICK] = tick
+    count[L.COUNT.tick] = tick
     return tick - last
 
 
@@ -281,7 +281,7 @@ def _side(imu, tick, step, newest, row):
         if n == BRIDGE_FROM or t > newest or t <= newest - size:
             break
         sample = imu[t % size]
-        if sample[L.I_REPLACED] > 0.0:
+        if sample[L.RING.replaced] > 0.0:
             continue
         if n == 0:
             copy_part(nearest, 0, sample, 0, IMU.size)
@@ -329,12 +329,12 @@ def interpolate_gap(imu, tick, newest, dt_s, P):
         False where there was nothing to do, or the gap is too long.
     """
     size = imu.shape[0]
-    if imu[tick % size, L.I_REPLACED] == 0.0:
+    if imu[tick % size, L.RING.replaced] == 0.0:
         return False
     first = last = tick
-    while first > tick - BRIDGED and imu[(first - 1) % size, L.I_REPLACED] > 0.0:
+    while first > tick - BRIDGED and imu[(first - 1) % size, L.RING.replaced] > 0.0:
         first -= 1
-    while last < min(newest, tick + BRIDGED) and imu[(last + 1) % size, L.I_REPLACED] > 0.0:
+    while last < min(newest, tick + BRIDGED) and imu[(last + 1) % size, L.RING.replaced] > 0.0:
         last += 1
     if last - first + 1 > BRIDGED or last == newest:
         return False
@@ -348,8 +348,8 @@ def interpolate_gap(imu, tick, newest, dt_s, P):
         imu[tick % size, j] = before[j] + part * (after[j] - before[j])
     share = dt_s * dt_s / (3.0 * (n + m - 2))
     for i in range(3):
-        P[L.E_VEL + i, L.E_VEL + i] += share * (force + force_after)
-        P[L.E_ATT + i, L.E_ATT + i] += share * (rate + rate_after)
+        P[L.ERROR.vel + i, L.ERROR.vel + i] += share * (force + force_after)
+        P[L.ERROR.att + i, L.ERROR.att + i] += share * (rate + rate_after)
     return True
 
 
@@ -360,22 +360,22 @@ def _mend_imu(state, stamp, sample, k):
     The filter, at its horizon, then reads it as if it had come in time.
     """
     imu, count = state.imu, state.count
-    size, now = imu.shape[0], count[L.C_TICK]
+    size, now = imu.shape[0], count[L.COUNT.tick]
     slot = stamp % size
-    if not now - k.horizon_ticks < stamp <= now or stamp <= count[L.C_BEGUN]:
+    if not now - k.horizon_ticks < stamp <= now or stamp <= count[L.COUNT.begun]:
         return
     force, rate = judge_imu(state, sample, k.ekf)
-    if not (force and rate) or imu[slot, L.I_REPLACED] == 0.0:
+    if not (force and rate) or imu[slot, L.RING.replaced] == 0.0:
         return
     copy_part(imu[slot], 0, sample, 0, IMU.size)
-    imu[slot, L.I_REPLACED] = 0.0
+    imu[slot, L.RING.replaced] = 0.0
     for t in range(stamp + 1, now + 1):
-        if imu[t % size, L.I_REPLACED] == 0.0:
+        if imu[t % size, L.RING.replaced] == 0.0:
             break
         copy_part(imu[t % size], 0, sample, 0, IMU.size)
-    count[L.C_IMU_OK] = max(count[L.C_IMU_OK], stamp)
-    count[L.C_IMU_LATE] = now + 1
-    count[L.C_IMU_MENDED] += 1
+    count[L.COUNT.imu_ok] = max(count[L.COUNT.imu_ok], stamp)
+    count[L.COUNT.imu_late] = now + 1
+    count[L.COUNT.imu_mended] += 1
 
 
 @njit
@@ -394,7 +394,7 @@ def hear_imu(state, tick, stamp, sample, k, y):
     y : (>= 20,) array
         Measurement row of the tick; its IMU is written, NaN for a sample of an earlier tick.
     """
-    if stamp == tick or state.count[L.C_TICK] == L.NO_TICK:
+    if stamp == tick or state.count[L.COUNT.tick] == L.NO_TICK:
         copy_part(y, MEAS.imu.start, sample, 0, IMU.size)
         return
     fill(y[MEAS.imu], math.nan)

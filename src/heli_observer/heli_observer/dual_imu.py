@@ -23,6 +23,7 @@ from heli_observer import layout as L
 from heli_observer.buffers import SAME, usable_imu
 from heli_observer.ekf import fuse_baro, fuse_gps, fuse_mag, predict
 from heli_observer.fault_detection import MOST, TICKS, accept_velocity, forget, from_where
+from heli_observer.layout import PAIR
 
 FAST_S, OFFSET_S = 0.1, 20.0
 """Time constants: of how far they are apart now, and of what of that stays."""
@@ -36,16 +37,6 @@ TRIAL_S = 5.0
 """A comparison that has told nothing begins anew after so long."""
 LEAD = 15.0
 """By so much one sum of innovations is larger: odds of exp(LEAD / 2), 1800 to 1."""
-# --- integer record `count` of an L.ImuPair
-P_LEFT = 0  # who is left: 0 none, 1 the first, 2 the second
-P_WHY = 1  # a Why
-P_TRIAL = 2  # 1 while the two are compared
-P_BEGAN = 3  # tick at which that began
-P_COMPARED = 4  # samples through which what stays was learnt
-P_AGREED = 5  # ticks in a row for which both agreed
-P_SWITCHES = 6  # how often one was left
-P_SAME = 7  # four: repeats in a row of force and rate, first and second
-N_PAIR = 11
 WHY_NOTHING, WHY_STOPPED, WHY_FIXES, WHY_COMPASS = 0, 1, 2, 3
 WHY_WORDS = (
     "",
@@ -60,21 +51,21 @@ NAMES = ("none", "first", "second")
 def new_pair() -> L.ImuPair:
     """Nothing is known yet."""
     return L.ImuPair(
-        np.zeros((2, TICKS, L.N_IMU)),
+        np.zeros((2, TICKS, L.RING.size)),
         np.full((2, IMU.size), np.nan),
         np.zeros(IMU.size),
         np.zeros(IMU.size),
-        np.zeros((2, L.N_NOMINAL)),
-        np.zeros((2, L.N_ERROR, L.N_ERROR)),
+        np.zeros((2, L.NOMINAL.size)),
+        np.zeros((2, L.ERROR.size, L.ERROR.size)),
         np.zeros((2, 2)),
-        np.zeros(N_PAIR, dtype=np.int64),
+        np.zeros(PAIR.size, dtype=np.int64),
     )
 
 
 @njit
 def begin_pair(state):
     """The filter was aligned: what was known before leads nowhere."""
-    state.pair.count[P_TRIAL] = 0
+    state.pair.count[PAIR.trial] = 0
     forget(state.window)
 
 
@@ -86,7 +77,7 @@ def _measures(pair, which, z, k):
         same = True
         for i in range(3 * part, 3 * part + 3):
             same = same and z[i] == heard[i]
-        at = P_SAME + 2 * which + part
+        at = PAIR.same + 2 * which + part
         count[at] = count[at] + 1 if same else 0
         good = good and count[at] < SAME
     for i in range(IMU.size):
@@ -99,9 +90,9 @@ def _measures(pair, which, z, k):
 def _leave(pair, which, why):
     """Leave the first (0) or the second (1)."""
     count = pair.count
-    count[P_LEFT], count[P_WHY], count[P_TRIAL] = which + 1, why, 0
-    count[P_AGREED] = 0
-    count[P_SWITCHES] += 1
+    count[PAIR.left], count[PAIR.why], count[PAIR.trial] = which + 1, why, 0
+    count[PAIR.agreed] = 0
+    count[PAIR.switches] += 1
 
 
 @njit
@@ -110,16 +101,16 @@ def _judge(state, which, row, k):
     pair = state.pair
     x, P, score = pair.nominal[which], pair.P[which], pair.score[which]
     trial, dx, diag = state.trial, state.dx, state.diag
-    if row[L.AID_GPS_VALID] > 0.0:
+    if row[L.AID.gps_valid] > 0.0:
         _, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
         if velocity >= 0:
-            score[0] += min(diag[L.D_NIS_VEL], MOST)
-    if row[L.AID_BARO_VALID] > 0.0:
+            score[0] += min(diag[L.DIAG.nis_vel], MOST)
+    if row[L.AID.baro_valid] > 0.0:
         fuse_baro(x, P, trial, dx, diag, row, k)
-    if row[L.AID_MAG_VALID] > 0.0:
-        diag[L.D_NIS_MAG] = 0.0  # stays so where the field is none
+    if row[L.AID.mag_valid] > 0.0:
+        diag[L.DIAG.nis_mag] = 0.0  # stays so where the field is none
         fuse_mag(x, P, trial, dx, diag, row, k)
-        score[1] += min(diag[L.D_NIS_MAG], MOST)
+        score[1] += min(diag[L.DIAG.nis_mag], MOST)
 
 
 @njit
@@ -139,14 +130,14 @@ def _begin_trial(state, tick, horizon, k):
         nominal, P, first = state.nominal, state.P, horizon
         if slot >= 0:
             nominal, P, first = window.nominal[slot], window.P[slot], window.tick[slot]
-        copy_part(pair.nominal[which], 0, nominal, 0, L.N_NOMINAL)
+        copy_part(pair.nominal[which], 0, nominal, 0, L.NOMINAL.size)
         copy_matrix(pair.P[which], P)
         fill(pair.score[which], 0.0)
         for t in range(first, horizon + 1 if slot >= 0 else horizon):
             if t > first:
                 _carry(state, which, t, k)
             _judge(state, which, window.aid[t % TICKS], k)
-    pair.count[P_TRIAL], pair.count[P_BEGAN] = 1, tick
+    pair.count[PAIR.trial], pair.count[PAIR.began] = 1, tick
 
 
 @njit
@@ -159,22 +150,22 @@ def _compare(state, tick, first, second, k):
         e = second[i] - first[i] - offset[i]
         apart[i] += min(k.ekf.dt_s / FAST_S, 1.0) * (e - apart[i])
         agree = agree and abs(apart[i]) <= k.pair.apart[i]
-    count[P_AGREED] = count[P_AGREED] + 1 if agree else 0
-    settled = count[P_AGREED] * k.ekf.dt_s >= RETURN_S
-    if count[P_LEFT] > 0:
+    count[PAIR.agreed] = count[PAIR.agreed] + 1 if agree else 0
+    settled = count[PAIR.agreed] * k.ekf.dt_s >= RETURN_S
+    if count[PAIR.left] > 0:
         if settled:
-            count[P_LEFT], count[P_WHY] = 0, WHY_NOTHING
+            count[PAIR.left], count[PAIR.why] = 0, WHY_NOTHING
         return
-    if count[P_TRIAL] == 1:
+    if count[PAIR.trial] == 1:
         if settled:
-            count[P_TRIAL] = 0
+            count[PAIR.trial] = 0
         return
-    if not agree and count[P_COMPARED] >= LEARN_TICKS:
-        if state.count[L.C_ALIGNED] == 1:
+    if not agree and count[PAIR.compared] >= LEARN_TICKS:
+        if state.count[L.COUNT.aligned] == 1:
             _begin_trial(state, tick, tick - 1 - k.horizon_ticks, k.ekf)
         return
-    count[P_COMPARED] += 1
-    share = max(1.0 / count[P_COMPARED], k.ekf.dt_s / OFFSET_S)
+    count[PAIR.compared] += 1
+    share = max(1.0 / count[PAIR.compared], k.ekf.dt_s / OFFSET_S)
     for i in range(IMU.size):
         step = share * (second[i] - first[i] - offset[i])
         limit = k.pair.offset[i]
@@ -201,16 +192,16 @@ def combine(state, tick, y, k, out):
     if good[0] and good[1]:
         _compare(state, tick, first, second, k)
     else:
-        count[P_AGREED] = 0
+        count[PAIR.agreed] = 0
         if good[0] != good[1]:
             bad = 1 if good[0] else 0
-            if count[P_LEFT] == 0:
+            if count[PAIR.left] == 0:
                 _leave(pair, bad, WHY_STOPPED)
     slot = tick % TICKS
     for i in range(IMU.size):
         pair.ring[0, slot, i] = first[i] + 0.5 * offset[i]
         pair.ring[1, slot, i] = second[i] - 0.5 * offset[i]
-    left = count[P_LEFT]
+    left = count[PAIR.left]
     for i in range(IMU.size):
         a, b = pair.ring[0, slot, i], pair.ring[1, slot, i]
         if left == 0:
@@ -224,7 +215,7 @@ def combine(state, tick, y, k, out):
         if not good[which]:
             copy_part(pair.ring[which, slot], 0, out, 0, IMU.size)
         # ticks that never came
-        for t in range(max(state.count[L.C_TICK] + 1, tick - k.max_gap_ticks), tick):
+        for t in range(max(state.count[L.COUNT.tick] + 1, tick - k.max_gap_ticks), tick):
             copy_part(pair.ring[which, t % TICKS], 0, pair.ring[which, slot], 0, IMU.size)
 
 
@@ -241,21 +232,21 @@ def follow_trial(state, horizon, tick, k):
     """
     pair, imu = state.pair, state.imu
     count, score, size = pair.count, pair.score, state.imu.shape[0]
-    if count[P_TRIAL] == 0:
+    if count[PAIR.trial] == 0:
         return
     for which in range(2):
         _carry(state, which, horizon, k)
         _judge(state, which, state.aid[horizon % size], k)
     lead = score[0, 0] + score[0, 1] - score[1, 0] - score[1, 1]
     if abs(lead) < LEAD:
-        if (tick - count[P_BEGAN]) * k.dt_s >= TRIAL_S:
+        if (tick - count[PAIR.began]) * k.dt_s >= TRIAL_S:
             _begin_trial(state, tick, horizon, k)
         return
     worse = 0 if lead > 0.0 else 1
     better = 1 - worse
     by_fixes = score[worse, 0] - score[better, 0] >= score[worse, 1] - score[better, 1]
     _leave(pair, worse, WHY_FIXES if by_fixes else WHY_COMPASS)
-    copy_part(state.nominal, 0, pair.nominal[better], 0, L.N_NOMINAL)
+    copy_part(state.nominal, 0, pair.nominal[better], 0, L.NOMINAL.size)
     copy_matrix(state.P, pair.P[better])
     for t in range(horizon, tick + 1):
         copy_part(imu[t % size], 0, pair.ring[better, t % TICKS], 0, IMU.size)

@@ -26,48 +26,7 @@ from heli_core.rotations import (
     wrap_pi,
 )
 from heli_core.rows import IMU
-from heli_observer.layout import (
-    AID_BARO,
-    AID_GPS_POS,
-    AID_GPS_VALID,
-    AID_GPS_VEL,
-    AID_MAG,
-    AID_MAG_VALID,
-    C_ALIGNED,
-    C_BARO_OK,
-    C_BARO_READY,
-    C_BARO_SEEN,
-    C_GPS_FUSED,
-    C_GPS_OK,
-    C_GPS_SEEN,
-    C_MAG_OK,
-    C_MAG_SEEN,
-    D_DOF_POS,
-    D_DOF_VEL,
-    D_HEADING_INNOVATION,
-    D_NIS_BARO,
-    D_NIS_MAG,
-    D_NIS_POS,
-    D_NIS_VEL,
-    E_ACCEL_BIAS,
-    E_ATT,
-    E_BARO_BIAS,
-    E_DRIFT,
-    E_GYRO_BIAS,
-    E_MAG_ERROR,
-    E_POS,
-    E_VEL,
-    N_ERROR,
-    NO_TICK,
-    X_ACCEL_BIAS,
-    X_BARO_BIAS,
-    X_DRIFT,
-    X_GYRO_BIAS,
-    X_MAG_ERROR,
-    X_POS,
-    X_QUAT,
-    X_VEL,
-)
+from heli_observer.layout import AID, COUNT, DIAG, ERROR, NO_TICK, NOMINAL
 
 # -------------------------------------------------------------------------------------------------
 # Strapdown navigation: specific force and rate of one tick into position, velocity, attitude.
@@ -78,7 +37,7 @@ from heli_observer.layout import (
 def strapdown_without_imu(x, dt_s):
     """Propagate the nominal state x (21,) over a tick of unaccelerated flight, in place."""
     for i in range(3):
-        x[X_POS + i] += dt_s * x[X_VEL + i]
+        x[NOMINAL.pos + i] += dt_s * x[NOMINAL.vel + i]
 
 
 @njit
@@ -98,7 +57,7 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
     R_mid : ndarray (3, 3)
         Out: R_nb, mean of both ends, for the covariance.
     """
-    w0, w1, bias = imu0[IMU.rate], imu1[IMU.rate], x[X_GYRO_BIAS : X_GYRO_BIAS + 3]
+    w0, w1, bias = imu0[IMU.rate], imu1[IMU.rate], x[NOMINAL.gyro_bias : NOMINAL.gyro_bias + 3]
     w0x, w0y, w0z = w0[0] - bias[0], w0[1] - bias[1], w0[2] - bias[2]
     w1x, w1y, w1z = w1[0] - bias[0], w1[1] - bias[1], w1[2] - bias[2]
     coning = dt_s * dt_s / 12.0
@@ -107,13 +66,13 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
     rotvec[0] = 0.5 * dt_s * (w0x + w1x) + coning * (w0y * w1z - w0z * w1y)
     rotvec[1] = 0.5 * dt_s * (w0y + w1y) + coning * (w0z * w1x - w0x * w1z)
     rotvec[2] = 0.5 * dt_s * (w0z + w1z) + coning * (w0x * w1y - w0y * w1x)
-    q0 = x[X_QUAT : X_QUAT + 4]
+    q0 = x[NOMINAL.quat : NOMINAL.quat + 4]
     fill_R_nb(q0, R0)
     fill_from_rotvec(rotvec, turn)
     fill_product(q0, turn, q1)
     normalize(q1)
     fill_R_nb(q1, R1)
-    f0, f1, bias = imu0[IMU.force], imu1[IMU.force], x[X_ACCEL_BIAS : X_ACCEL_BIAS + 3]
+    f0, f1, bias = imu0[IMU.force], imu1[IMU.force], x[NOMINAL.accel_bias : NOMINAL.accel_bias + 3]
     for i in range(3):
         a0 = 0.0
         a1 = 0.0
@@ -122,9 +81,11 @@ def strapdown(x, imu0, imu1, gravity_mps2, dt_s, a_ned, R_mid):
             a1 += R1[i, j] * (f1[j] - bias[j])
         g = gravity_mps2 if i == 2 else 0.0
         a_ned[i] = 0.5 * (a0 + a1)
-        x[X_POS + i] += dt_s * x[X_VEL + i] + dt_s * dt_s * (a0 / 3.0 + a1 / 6.0 + 0.5 * g)
-        x[X_VEL + i] += dt_s * (a_ned[i] + g)
-    copy_part(x, X_QUAT, q1, 0, 4)
+        x[NOMINAL.pos + i] += dt_s * x[NOMINAL.vel + i] + dt_s * dt_s * (
+            a0 / 3.0 + a1 / 6.0 + 0.5 * g
+        )
+        x[NOMINAL.vel + i] += dt_s * (a_ned[i] + g)
+    copy_part(x, NOMINAL.quat, q1, 0, 4)
     for i in range(3):
         for j in range(3):
             R_mid[i, j] = 0.5 * (R0[i, j] + R1[i, j])
@@ -140,55 +101,55 @@ def apply_transition(e, R, a_ned, k):
     """Error state e (20,) <- Phi e, one tick on, in place, by shears instead of a 20x20 product."""
     dt_s = k.dt_s
     h = 0.5 * dt_s
-    b0, b1, b2 = e[E_GYRO_BIAS], e[E_GYRO_BIAS + 1], e[E_GYRO_BIAS + 2]
-    c0, c1, c2 = e[E_ACCEL_BIAS], e[E_ACCEL_BIAS + 1], e[E_ACCEL_BIAS + 2]
+    b0, b1, b2 = e[ERROR.gyro_bias], e[ERROR.gyro_bias + 1], e[ERROR.gyro_bias + 2]
+    c0, c1, c2 = e[ERROR.accel_bias], e[ERROR.accel_bias + 1], e[ERROR.accel_bias + 2]
     for i in range(3):
-        e[E_POS + i] += h * e[E_VEL + i]
-        e[E_ATT + i] -= h * (R[i, 0] * b0 + R[i, 1] * b1 + R[i, 2] * b2)
-    t0, t1, t2 = e[E_ATT], e[E_ATT + 1], e[E_ATT + 2]
-    e[E_VEL] -= dt_s * (a_ned[1] * t2 - a_ned[2] * t1)
-    e[E_VEL + 1] -= dt_s * (a_ned[2] * t0 - a_ned[0] * t2)
-    e[E_VEL + 2] -= dt_s * (a_ned[0] * t1 - a_ned[1] * t0)
+        e[ERROR.pos + i] += h * e[ERROR.vel + i]
+        e[ERROR.att + i] -= h * (R[i, 0] * b0 + R[i, 1] * b1 + R[i, 2] * b2)
+    t0, t1, t2 = e[ERROR.att], e[ERROR.att + 1], e[ERROR.att + 2]
+    e[ERROR.vel] -= dt_s * (a_ned[1] * t2 - a_ned[2] * t1)
+    e[ERROR.vel + 1] -= dt_s * (a_ned[2] * t0 - a_ned[0] * t2)
+    e[ERROR.vel + 2] -= dt_s * (a_ned[0] * t1 - a_ned[1] * t0)
     for i in range(3):
-        e[E_VEL + i] -= dt_s * (R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2)
-        e[E_POS + i] += h * e[E_VEL + i]
-        e[E_ATT + i] -= h * (R[i, 0] * b0 + R[i, 1] * b1 + R[i, 2] * b2)
-        e[E_DRIFT + i] *= k.drift_decay
-    e[E_MAG_ERROR] *= k.mag_error_decay
+        e[ERROR.vel + i] -= dt_s * (R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2)
+        e[ERROR.pos + i] += h * e[ERROR.vel + i]
+        e[ERROR.att + i] -= h * (R[i, 0] * b0 + R[i, 1] * b1 + R[i, 2] * b2)
+        e[ERROR.drift + i] *= k.drift_decay
+    e[ERROR.mag_error] *= k.mag_error_decay
 
 
 @njit
 def propagate_covariance(P, R, a_ned, k):
     """P (20, 20) <- Phi P Phi' + Q, in place, kept exactly symmetric; k is the EkfParams."""
-    for i in range(N_ERROR):
+    for i in range(ERROR.size):
         apply_transition(P[i], R, a_ned, k)
-    for i in range(N_ERROR):
+    for i in range(ERROR.size):
         for j in range(i):
             P[i, j], P[j, i] = P[j, i], P[i, j]
-    for i in range(N_ERROR):
+    for i in range(ERROR.size):
         apply_transition(P[i], R, a_ned, k)
-    for i in range(N_ERROR):
+    for i in range(ERROR.size):
         for j in range(i):
             mean = 0.5 * (P[i, j] + P[j, i])
             P[i, j] = mean
             P[j, i] = mean
     for i in range(3):
-        P[E_VEL + i, E_VEL + i] += k.var_vel_step
-        P[E_ATT + i, E_ATT + i] += k.var_att_step
-        P[E_GYRO_BIAS + i, E_GYRO_BIAS + i] += k.var_gyro_bias_step
-        P[E_ACCEL_BIAS + i, E_ACCEL_BIAS + i] += k.var_accel_bias_step
+        P[ERROR.vel + i, ERROR.vel + i] += k.var_vel_step
+        P[ERROR.att + i, ERROR.att + i] += k.var_att_step
+        P[ERROR.gyro_bias + i, ERROR.gyro_bias + i] += k.var_gyro_bias_step
+        P[ERROR.accel_bias + i, ERROR.accel_bias + i] += k.var_accel_bias_step
         drift = k.var_drift_step_vertical if i == 2 else k.var_drift_step_horizontal
-        P[E_DRIFT + i, E_DRIFT + i] += drift
-    P[E_BARO_BIAS, E_BARO_BIAS] += k.var_baro_bias_step
-    P[E_MAG_ERROR, E_MAG_ERROR] += k.var_mag_error_step
+        P[ERROR.drift + i, ERROR.drift + i] += drift
+    P[ERROR.baro_bias, ERROR.baro_bias] += k.var_baro_bias_step
+    P[ERROR.mag_error, ERROR.mag_error] += k.var_mag_error_step
 
 
 @njit
 def _predict_with(x, P, R, a_ned, k):
     """What a tick does to the covariance and to the errors that decay, in place."""
     for i in range(3):
-        x[X_DRIFT + i] *= k.drift_decay
-    x[X_MAG_ERROR] *= k.mag_error_decay
+        x[NOMINAL.drift + i] *= k.drift_decay
+    x[NOMINAL.mag_error] *= k.mag_error_decay
     propagate_covariance(P, R, a_ned, k)
 
 
@@ -236,15 +197,15 @@ def scalar_update(P, dx, i0, c0, i1, c1, i2, c2, i3, c3, residual, variance):
     """
     correction = dx[0]
     ph = dx[1]
-    for i in range(N_ERROR):
+    for i in range(ERROR.size):
         ph[i] = c0 * P[i, i0] + c1 * P[i, i1] + c2 * P[i, i2] + c3 * P[i, i3]
     s = c0 * ph[i0] + c1 * ph[i1] + c2 * ph[i2] + c3 * ph[i3] + variance
     innovation = residual - c0 * correction[i0] - c1 * correction[i1]
     innovation -= c2 * correction[i2] + c3 * correction[i3]
     gain = 1.0 / s
-    for i in range(N_ERROR):
+    for i in range(ERROR.size):
         correction[i] += ph[i] * gain * innovation
-        for j in range(N_ERROR):
+        for j in range(ERROR.size):
             P[i, j] -= ph[i] * ph[j] * gain
     return innovation * innovation * gain
 
@@ -255,11 +216,11 @@ def start_scalar(P, i0, i1, c1, i2, c2, i3, c3, variance):
 
     The limit of scalar_update for an unbounded prior of error i0, for heading and barometer bias.
     """
-    for j in range(N_ERROR):
+    for j in range(ERROR.size):
         if j != i0:
             P[i0, j] = -c1 * P[i1, j] - c2 * P[i2, j] - c3 * P[i3, j]
     own = variance - c1 * P[i0, i1] - c2 * P[i0, i2] - c3 * P[i0, i3]
-    for j in range(N_ERROR):
+    for j in range(ERROR.size):
         P[j, i0] = P[i0, j]
     P[i0, i0] = own
 
@@ -269,18 +230,18 @@ def inject(x, dx):
     """Put the correction dx[0] into the nominal state x (21,), in place."""
     e = dx[0]
     for i in range(3):
-        x[X_POS + i] += e[E_POS + i]
-        x[X_VEL + i] += e[E_VEL + i]
-        x[X_GYRO_BIAS + i] += e[E_GYRO_BIAS + i]
-        x[X_ACCEL_BIAS + i] += e[E_ACCEL_BIAS + i]
-        x[X_DRIFT + i] += e[E_DRIFT + i]
-    x[X_BARO_BIAS] += e[E_BARO_BIAS]
-    x[X_MAG_ERROR] += e[E_MAG_ERROR]
+        x[NOMINAL.pos + i] += e[ERROR.pos + i]
+        x[NOMINAL.vel + i] += e[ERROR.vel + i]
+        x[NOMINAL.gyro_bias + i] += e[ERROR.gyro_bias + i]
+        x[NOMINAL.accel_bias + i] += e[ERROR.accel_bias + i]
+        x[NOMINAL.drift + i] += e[ERROR.drift + i]
+    x[NOMINAL.baro_bias] += e[ERROR.baro_bias]
+    x[NOMINAL.mag_error] += e[ERROR.mag_error]
     dq, q = scratch(4), scratch(4)
-    fill_from_rotvec(e[E_ATT : E_ATT + 3], dq)
-    fill_product(dq, x[X_QUAT : X_QUAT + 4], q)
+    fill_from_rotvec(e[ERROR.att : ERROR.att + 3], dq)
+    fill_product(dq, x[NOMINAL.quat : NOMINAL.quat + 4], q)
     normalize(q)
-    copy_part(x, X_QUAT, q, 0, 4)
+    copy_part(x, NOMINAL.quat, q, 0, 4)
 
 
 @njit
@@ -308,10 +269,10 @@ def _fuse_triple(x, P, trial, dx, z, x_at, e_at, drift, var_horizontal, var_vert
     dof = 0
     for i in range(3):
         if math.isfinite(z[i]):
-            residual = z[i] - x[x_at + i] - drift * x[X_DRIFT + i]
+            residual = z[i] - x[x_at + i] - drift * x[NOMINAL.drift + i]
             var = var_vertical if i == 2 else var_horizontal
             nis += scalar_update(
-                trial, dx, e_at + i, 1.0, E_DRIFT + i, drift, 0, 0.0, 0, 0.0, residual, var
+                trial, dx, e_at + i, 1.0, ERROR.drift + i, drift, 0, 0.0, 0, 0.0, residual, var
             )
             dof += 1
     passed = dof > 0 and nis <= gates[dof]
@@ -328,15 +289,19 @@ def fuse_gps(x, P, trial, dx, diag, aid, k):
     (int, int)
         1 fused, 0 refused by the gate, -1 nothing finite; for position and for velocity.
     """
-    z = aid[AID_GPS_POS : AID_GPS_POS + 3]
+    z = aid[AID.gps_pos : AID.gps_pos + 3]
     var_h, var_v = k.var_gps_pos_horizontal, k.var_gps_pos_vertical
-    nis, dof, ok = _fuse_triple(x, P, trial, dx, z, X_POS, E_POS, 1.0, var_h, var_v, k.gates)
-    diag[D_NIS_POS], diag[D_DOF_POS] = nis, dof
+    nis, dof, ok = _fuse_triple(
+        x, P, trial, dx, z, NOMINAL.pos, ERROR.pos, 1.0, var_h, var_v, k.gates
+    )
+    diag[DIAG.nis_pos], diag[DIAG.dof_pos] = nis, dof
     position = -1 if dof == 0 else int(ok)
-    z = aid[AID_GPS_VEL : AID_GPS_VEL + 3]
+    z = aid[AID.gps_vel : AID.gps_vel + 3]
     var_h, var_v = k.var_gps_vel_horizontal, k.var_gps_vel_vertical
-    nis, dof, ok = _fuse_triple(x, P, trial, dx, z, X_VEL, E_VEL, 0.0, var_h, var_v, k.gates)
-    diag[D_NIS_VEL], diag[D_DOF_VEL] = nis, dof
+    nis, dof, ok = _fuse_triple(
+        x, P, trial, dx, z, NOMINAL.vel, ERROR.vel, 0.0, var_h, var_v, k.gates
+    )
+    diag[DIAG.nis_vel], diag[DIAG.dof_vel] = nis, dof
     velocity = -1 if dof == 0 else int(ok)
     return position, velocity
 
@@ -348,11 +313,11 @@ def take_for_jump(x, P, aid, k):
     The drift begins anew, as far as the fix tells it from a position that is believed.
     """
     for i in range(3):
-        z = aid[AID_GPS_POS + i]
+        z = aid[AID.gps_pos + i]
         if math.isfinite(z):
-            x[X_DRIFT + i] = z - x[X_POS + i]
+            x[NOMINAL.drift + i] = z - x[NOMINAL.pos + i]
             var = k.var_gps_pos_vertical if i == 2 else k.var_gps_pos_horizontal
-            start_scalar(P, E_DRIFT + i, E_POS + i, 1.0, 0, 0.0, 0, 0.0, var)
+            start_scalar(P, ERROR.drift + i, ERROR.pos + i, 1.0, 0, 0.0, 0, 0.0, var)
 
 
 @njit
@@ -366,28 +331,28 @@ def baro_slope(altitude_m):
 @njit
 def predicted_pressure(x, k):
     """Pressure (Pa) the barometer should read in the nominal state, and its derivative by pos_d."""
-    altitude = k.origin_altitude_m - x[X_POS + 2]
-    return pressure_pa(altitude) + x[X_BARO_BIAS], -baro_slope(altitude)
+    altitude = k.origin_altitude_m - x[NOMINAL.pos + 2]
+    return pressure_pa(altitude) + x[NOMINAL.baro_bias], -baro_slope(altitude)
 
 
 @njit
 def start_baro(x, P, aid, k):
     """Start the barometer's bias from its first sample, so that it agrees with the position."""
     predicted, slope = predicted_pressure(x, k)
-    x[X_BARO_BIAS] += aid[AID_BARO] - predicted
-    start_scalar(P, E_BARO_BIAS, E_POS + 2, slope, 0, 0.0, 0, 0.0, k.var_baro)
+    x[NOMINAL.baro_bias] += aid[AID.baro] - predicted
+    start_scalar(P, ERROR.baro_bias, ERROR.pos + 2, slope, 0, 0.0, 0, 0.0, k.var_baro)
 
 
 @njit
 def fuse_baro(x, P, trial, dx, diag, aid, k):
     """Fuse the barometer sample of an aid row; True if it passed its gate."""
     predicted, slope = predicted_pressure(x, k)
-    residual = aid[AID_BARO] - predicted
+    residual = aid[AID.baro] - predicted
     copy_matrix(trial, P)
     nis = scalar_update(
-        trial, dx, E_POS + 2, slope, E_BARO_BIAS, 1.0, 0, 0.0, 0, 0.0, residual, k.var_baro
+        trial, dx, ERROR.pos + 2, slope, ERROR.baro_bias, 1.0, 0, 0.0, 0, 0.0, residual, k.var_baro
     )
-    diag[D_NIS_BARO] = nis
+    diag[DIAG.nis_baro] = nis
     passed = nis <= k.gates[1]
     conclude(x, P, trial, dx, passed)
     return passed
@@ -448,22 +413,24 @@ def fuse_mag(x, P, trial, dx, diag, aid, k):
     Gates: field strength within its tolerance, heading innovation below its fixed bound (a fault is
     not let in when the heading's own variance has grown), chi-square.
     """
-    mag = aid[AID_MAG : AID_MAG + 3]
-    residual, horizontal = heading_innovation(x[X_QUAT : X_QUAT + 4], mag, k.field_ned_t)
+    mag = aid[AID.mag : AID.mag + 3]
+    residual, horizontal = heading_innovation(
+        x[NOMINAL.quat : NOMINAL.quat + 4], mag, k.field_ned_t
+    )
     h_north, h_east, local = heading_derivatives(k.field_ned_t)
-    residual = wrap_pi(residual - x[X_MAG_ERROR])
-    diag[D_HEADING_INNOVATION] = residual
+    residual = wrap_pi(residual - x[NOMINAL.mag_error])
+    diag[DIAG.heading_innovation] = residual
     if not field_plausible(mag, k.field_ned_t, k.field_tolerance):
         return False
     if not horizontal >= 0.2 * local:
         return False
     variance = k.var_mag / (local * local)
     copy_matrix(trial, P)
-    north, east, yaw = E_ATT, E_ATT + 1, E_ATT + 2
+    north, east, yaw = ERROR.att, ERROR.att + 1, ERROR.att + 2
     nis = scalar_update(
-        trial, dx, yaw, 1.0, north, h_north, east, h_east, E_MAG_ERROR, 1.0, residual, variance
+        trial, dx, yaw, 1.0, north, h_north, east, h_east, ERROR.mag_error, 1.0, residual, variance
     )
-    diag[D_NIS_MAG] = nis
+    diag[DIAG.nis_mag] = nis
     passed = nis <= k.gates[1] and abs(residual) <= k.max_heading_innovation_rad
     conclude(x, P, trial, dx, passed)
     return passed
@@ -518,36 +485,38 @@ def _start_covariance(P, q, age_s, k):
     R = scratch_matrix(3, 3)
     fill_R_nb(q, R)
     for i in range(3):
-        drift = k.var0[E_DRIFT + i]
+        drift = k.var0[ERROR.drift + i]
         white = k.var_gps_pos_vertical if i == 2 else k.var_gps_pos_horizontal
         velocity = k.var_gps_vel_vertical if i == 2 else k.var_gps_vel_horizontal
-        P[E_POS + i, E_POS + i] = white + drift + velocity * age_s * age_s
-        P[E_DRIFT + i, E_DRIFT + i] = drift
-        P[E_POS + i, E_DRIFT + i] = -drift
-        P[E_DRIFT + i, E_POS + i] = -drift
-        P[E_VEL + i, E_VEL + i] = velocity
-        P[E_POS + i, E_VEL + i] = -velocity * age_s
-        P[E_VEL + i, E_POS + i] = -velocity * age_s
-        P[E_GYRO_BIAS + i, E_GYRO_BIAS + i] = k.var0[E_GYRO_BIAS + i]
-        bias = k.var0[E_ACCEL_BIAS + i]
-        P[E_ACCEL_BIAS + i, E_ACCEL_BIAS + i] = bias
+        P[ERROR.pos + i, ERROR.pos + i] = white + drift + velocity * age_s * age_s
+        P[ERROR.drift + i, ERROR.drift + i] = drift
+        P[ERROR.pos + i, ERROR.drift + i] = -drift
+        P[ERROR.drift + i, ERROR.pos + i] = -drift
+        P[ERROR.vel + i, ERROR.vel + i] = velocity
+        P[ERROR.pos + i, ERROR.vel + i] = -velocity * age_s
+        P[ERROR.vel + i, ERROR.pos + i] = -velocity * age_s
+        P[ERROR.gyro_bias + i, ERROR.gyro_bias + i] = k.var0[ERROR.gyro_bias + i]
+        bias = k.var0[ERROR.accel_bias + i]
+        P[ERROR.accel_bias + i, ERROR.accel_bias + i] = bias
         # R b / g = (-theta_y, theta_x) g / g: the level is where the biased force points up
         east = R[1, i] * bias / k.gravity_mps2
         north = -R[0, i] * bias / k.gravity_mps2
-        P[E_ATT, E_ACCEL_BIAS + i] = east
-        P[E_ACCEL_BIAS + i, E_ATT] = east
-        P[E_ATT + 1, E_ACCEL_BIAS + i] = north
-        P[E_ACCEL_BIAS + i, E_ATT + 1] = north
-        P[E_ATT, E_ATT] += R[1, i] * east / k.gravity_mps2
-        P[E_ATT + 1, E_ATT + 1] -= R[0, i] * north / k.gravity_mps2
-        P[E_ATT, E_ATT + 1] += R[1, i] * north / k.gravity_mps2
-    P[E_ATT + 1, E_ATT] = P[E_ATT, E_ATT + 1]
-    P[E_ATT, E_ATT] += k.var0[E_ATT]
-    P[E_ATT + 1, E_ATT + 1] += k.var0[E_ATT + 1]
+        P[ERROR.att, ERROR.accel_bias + i] = east
+        P[ERROR.accel_bias + i, ERROR.att] = east
+        P[ERROR.att + 1, ERROR.accel_bias + i] = north
+        P[ERROR.accel_bias + i, ERROR.att + 1] = north
+        P[ERROR.att, ERROR.att] += R[1, i] * east / k.gravity_mps2
+        P[ERROR.att + 1, ERROR.att + 1] -= R[0, i] * north / k.gravity_mps2
+        P[ERROR.att, ERROR.att + 1] += R[1, i] * north / k.gravity_mps2
+    P[ERROR.att + 1, ERROR.att] = P[ERROR.att, ERROR.att + 1]
+    P[ERROR.att, ERROR.att] += k.var0[ERROR.att]
+    P[ERROR.att + 1, ERROR.att + 1] += k.var0[ERROR.att + 1]
     h_north, h_east, horizontal = heading_derivatives(k.field_ned_t)
-    variance = k.var_mag / (horizontal * horizontal) + k.var0[E_ATT + 2]
-    P[E_MAG_ERROR, E_MAG_ERROR] = k.var0[E_MAG_ERROR]
-    start_scalar(P, E_ATT + 2, E_ATT, h_north, E_ATT + 1, h_east, E_MAG_ERROR, 1.0, variance)
+    variance = k.var_mag / (horizontal * horizontal) + k.var0[ERROR.att + 2]
+    P[ERROR.mag_error, ERROR.mag_error] = k.var0[ERROR.mag_error]
+    start_scalar(
+        P, ERROR.att + 2, ERROR.att, h_north, ERROR.att + 1, h_east, ERROR.mag_error, 1.0, variance
+    )
 
 
 @njit
@@ -569,16 +538,16 @@ def align(state, tick, horizon_ticks, k):
     """
     aid = state.aid
     size = aid.shape[0]
-    fix_tick = newest_aid(aid, AID_GPS_VALID, tick, horizon_ticks)
-    mag_tick = newest_aid(aid, AID_MAG_VALID, tick, horizon_ticks)
+    fix_tick = newest_aid(aid, AID.gps_valid, tick, horizon_ticks)
+    mag_tick = newest_aid(aid, AID.mag_valid, tick, horizon_ticks)
     if fix_tick == NO_TICK or mag_tick == NO_TICK:
         return False
     fix = aid[fix_tick % size]
-    pos, vel = fix[AID_GPS_POS : AID_GPS_POS + 3], fix[AID_GPS_VEL : AID_GPS_VEL + 3]
+    pos, vel = fix[AID.gps_pos : AID.gps_pos + 3], fix[AID.gps_vel : AID.gps_vel + 3]
     finite = True
     for i in range(3):
         finite = finite and math.isfinite(pos[i]) and math.isfinite(vel[i])
-    mag = aid[mag_tick % size, AID_MAG : AID_MAG + 3]
+    mag = aid[mag_tick % size, AID.mag : AID.mag + 3]
     if not (finite and field_plausible(mag, k.field_ned_t, k.field_tolerance)):
         return False
     force = scratch(3)
@@ -595,19 +564,26 @@ def align(state, tick, horizon_ticks, k):
     fill(x, 0.0)
     age_s = (fix_tick - (tick - horizon_ticks)) * k.dt_s
     for i in range(3):
-        x[X_VEL + i] = vel[i]
-        x[X_POS + i] = pos[i] - age_s * vel[i]
+        x[NOMINAL.vel + i] = vel[i]
+        x[NOMINAL.pos + i] = pos[i] - age_s * vel[i]
     psi = heading_from_mag(phi, theta, mag, k.field_ned_t)
-    fill_from_euler(phi, theta, psi, x[X_QUAT : X_QUAT + 4])
-    _start_covariance(state.P, x[X_QUAT : X_QUAT + 4], age_s, k)
+    fill_from_euler(phi, theta, psi, x[NOMINAL.quat : NOMINAL.quat + 4])
+    _start_covariance(state.P, x[NOMINAL.quat : NOMINAL.quat + 4], age_s, k)
     fill_matrix(state.dx, 0.0)
     # used up: they must not be fused a second time
-    aid[fix_tick % size, AID_GPS_VALID] = 0.0
-    aid[mag_tick % size, AID_MAG_VALID] = 0.0
+    aid[fix_tick % size, AID.gps_valid] = 0.0
+    aid[mag_tick % size, AID.mag_valid] = 0.0
     count = state.count
-    count[C_ALIGNED] = 1
-    count[C_BARO_READY] = 0
-    count[C_GPS_FUSED] += 1
-    for entry in (C_MAG_OK, C_BARO_OK, C_GPS_OK, C_MAG_SEEN, C_BARO_SEEN, C_GPS_SEEN):
+    count[COUNT.aligned] = 1
+    count[COUNT.baro_ready] = 0
+    count[COUNT.gps_fused] += 1
+    for entry in (
+        COUNT.mag_ok,
+        COUNT.baro_ok,
+        COUNT.gps_ok,
+        COUNT.mag_seen,
+        COUNT.baro_seen,
+        COUNT.gps_seen,
+    ):
         count[entry] = tick
     return True

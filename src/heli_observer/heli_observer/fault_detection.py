@@ -53,8 +53,8 @@ ATT_RAD, GYRO_RADPS, ACCEL_MPS2 = 0.1, 0.1, 1.0
 def widen_covariance(P, dt_s):
     """Add to P (20, 20), in place, what a tick costs over which nothing was measured."""
     for i in range(3):
-        P[L.E_VEL + i, L.E_VEL + i] += FORCE_DENSITY * FORCE_DENSITY * dt_s
-        P[L.E_ATT + i, L.E_ATT + i] += RATE_DENSITY * RATE_DENSITY * dt_s
+        P[L.ERROR.vel + i, L.ERROR.vel + i] += FORCE_DENSITY * FORCE_DENSITY * dt_s
+        P[L.ERROR.att + i, L.ERROR.att + i] += RATE_DENSITY * RATE_DENSITY * dt_s
 
 
 @njit
@@ -66,7 +66,7 @@ def _velocity_noise(i, k):
 def _whole(row):
     """Whether a fix (aid row) has a velocity."""
     for i in range(3):
-        if not math.isfinite(row[L.AID_GPS_VEL + i]):
+        if not math.isfinite(row[L.AID.gps_vel + i]):
             return False
     return True
 
@@ -74,7 +74,7 @@ def _whole(row):
 @njit
 def is_certain(state):
     """Whether a receiver has been off by a velocity that stays for long enough."""
-    return state.count[L.C_GPS_OFFSET] >= CERTAIN_FIXES
+    return state.count[L.COUNT.gps_offset] >= CERTAIN_FIXES
 
 
 @njit
@@ -86,41 +86,41 @@ def keeps_its_offset(state, row, k):
     then only a step from one fix to the next ends it that is like the one that began it.
     """
     x, heard, count = state.nominal, state.heard, state.count
-    if count[L.C_GPS_OFFSET] == 0 or not _whole(row):
+    if count[L.COUNT.gps_offset] == 0 or not _whole(row):
         return False
     off, change, step_sq, noise = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
-        r, var = row[L.AID_GPS_VEL + i] - x[L.X_VEL + i], _velocity_noise(i, k)
-        d, e = r - heard[L.H_OFFSET + i], r - heard[L.H_OFF_LAST + i]
-        off += r * r / (var + heard[L.H_OFFSET_VAR + i])
+        r, var = row[L.AID.gps_vel + i] - x[L.NOMINAL.vel + i], _velocity_noise(i, k)
+        d, e = r - heard[L.HEARD.offset + i], r - heard[L.HEARD.off_last + i]
+        off += r * r / (var + heard[L.HEARD.offset_var + i])
         change += d * d / (2.0 * var)
         step_sq += e * e
         noise += e * e / (2.0 * var)
-        heard[L.H_OFF_LAST + i] = r
+        heard[L.HEARD.off_last + i] = r
     if is_certain(state):
-        first = heard[L.H_OFF_FIRST]
+        first = heard[L.HEARD.off_first]
         ended = noise > k.gates[_AXES] and step_sq > RETURNS * RETURNS * first * first
     else:
         ended = off <= k.gates[_AXES] or change > k.gates[_AXES]
     if ended:
-        count[L.C_GPS_OFFSET] = 0
+        count[L.COUNT.gps_offset] = 0
         return False
-    count[L.C_GPS_OFFSET] += 1
+    count[L.COUNT.gps_offset] += 1
     first_sq = 0.0
     for i in range(3):
-        offset = heard[L.H_OFFSET + i]
-        heard[L.H_OFFSET + i] = offset + FOLLOWS * (heard[L.H_OFF_LAST + i] - offset)
-        first_sq += heard[L.H_OFFSET + i] * heard[L.H_OFFSET + i]
-    if count[L.C_GPS_OFFSET] == CERTAIN_FIXES:
-        heard[L.H_OFF_FIRST] = math.sqrt(first_sq)
+        offset = heard[L.HEARD.offset + i]
+        heard[L.HEARD.offset + i] = offset + FOLLOWS * (heard[L.HEARD.off_last + i] - offset)
+        first_sq += heard[L.HEARD.offset + i] * heard[L.HEARD.offset + i]
+    if count[L.COUNT.gps_offset] == CERTAIN_FIXES:
+        heard[L.HEARD.off_first] = math.sqrt(first_sq)
     return True
 
 
 @njit
 def accept_velocity(state):
     """A velocity was fused: nothing is held against the receiver."""
-    state.count[L.C_GPS_OFFSET] = 0
-    state.count[L.C_GPS_GROWS] = 0
+    state.count[L.COUNT.gps_offset] = 0
+    state.count[L.COUNT.gps_grows] = 0
 
 
 @njit
@@ -129,28 +129,30 @@ def reject_velocity(state, row, time_s, k):
     x, P, heard, count = state.nominal, state.P, state.heard, state.count
     if not _whole(row) or is_certain(state):
         return False
-    if count[L.C_GPS_OFFSET] == 0:
-        count[L.C_GPS_OFFSET] = 1
+    if count[L.COUNT.gps_offset] == 0:
+        count[L.COUNT.gps_offset] = 1
         for i in range(3):
-            heard[L.H_OFFSET + i] = row[L.AID_GPS_VEL + i] - x[L.X_VEL + i]
-            heard[L.H_OFFSET_VAR + i] = P[L.E_VEL + i, L.E_VEL + i]
-            heard[L.H_OFF_LAST + i] = heard[L.H_OFFSET + i]
-    if count[L.C_GPS_GROWS] == 0 or count[L.C_GPS_GROWS] == MAX_FIXES:
-        count[L.C_GPS_GROWS] = 0
-        fill(heard[L.H_FIT : L.H_OFF_LAST], 0.0)
-        heard[L.H_FIT_BEGAN] = time_s
-    count[L.C_GPS_GROWS] += 1
-    n, t = count[L.C_GPS_GROWS], time_s - heard[L.H_FIT_BEGAN]
-    heard[L.H_FIT] += t
-    heard[L.H_FIT + 1] += t * t
-    spread = heard[L.H_FIT + 1] - heard[L.H_FIT] * heard[L.H_FIT] / n
+            heard[L.HEARD.offset + i] = row[L.AID.gps_vel + i] - x[L.NOMINAL.vel + i]
+            heard[L.HEARD.offset_var + i] = P[L.ERROR.vel + i, L.ERROR.vel + i]
+            heard[L.HEARD.off_last + i] = heard[L.HEARD.offset + i]
+    if count[L.COUNT.gps_grows] == 0 or count[L.COUNT.gps_grows] == MAX_FIXES:
+        count[L.COUNT.gps_grows] = 0
+        fill(heard[L.HEARD.fit : L.HEARD.off_last], 0.0)
+        heard[L.HEARD.fit_began] = time_s
+    count[L.COUNT.gps_grows] += 1
+    n, t = count[L.COUNT.gps_grows], time_s - heard[L.HEARD.fit_began]
+    heard[L.HEARD.fit] += t
+    heard[L.HEARD.fit + 1] += t * t
+    spread = heard[L.HEARD.fit + 1] - heard[L.HEARD.fit] * heard[L.HEARD.fit] / n
     growth_sq, certain = 0.0, 0.0
     for i in range(3):
-        r = row[L.AID_GPS_VEL + i] - x[L.X_VEL + i]
-        heard[L.H_FIT_SUM + i] += r
-        heard[L.H_FIT_MOMENT + i] += t * r
+        r = row[L.AID.gps_vel + i] - x[L.NOMINAL.vel + i]
+        heard[L.HEARD.fit_sum + i] += r
+        heard[L.HEARD.fit_moment + i] += t * r
         if spread > 0.0:
-            moment = heard[L.H_FIT_MOMENT + i] - heard[L.H_FIT] * heard[L.H_FIT_SUM + i] / n
+            moment = (
+                heard[L.HEARD.fit_moment + i] - heard[L.HEARD.fit] * heard[L.HEARD.fit_sum + i] / n
+            )
             growth_sq += (moment / spread) * (moment / spread)
             certain += moment * moment / (spread * _velocity_noise(i, k))
     enough = n >= MIN_FIXES and certain > GROWTH_SIGMA * GROWTH_SIGMA
@@ -179,10 +181,10 @@ def empty_window() -> L.Window:
     tick = np.full(FIXES + 1, L.NO_TICK, dtype=np.int64)
     tick[FIXES] = 0
     return L.Window(
-        np.zeros((TICKS, L.N_IMU)),
-        np.zeros((TICKS, L.N_AID)),
-        np.zeros((FIXES + 1, L.N_NOMINAL)),
-        np.zeros((FIXES + 1, L.N_ERROR, L.N_ERROR)),
+        np.zeros((TICKS, L.RING.size)),
+        np.zeros((TICKS, L.AID.size)),
+        np.zeros((FIXES + 1, L.NOMINAL.size)),
+        np.zeros((FIXES + 1, L.ERROR.size, L.ERROR.size)),
         tick,
     )
 
@@ -198,11 +200,11 @@ def forget(window):
 def keep_window(state, horizon, sample, aid):
     """Keep what the filter takes at its horizon; what it knows, too, where a fix (aid row) is."""
     window = state.window
-    copy_part(window.imu[horizon % TICKS], 0, sample, 0, L.N_IMU)
-    copy_part(window.aid[horizon % TICKS], 0, aid, 0, L.N_AID)
-    if aid[L.AID_GPS_VALID] > 0.0:
+    copy_part(window.imu[horizon % TICKS], 0, sample, 0, L.RING.size)
+    copy_part(window.aid[horizon % TICKS], 0, aid, 0, L.AID.size)
+    if aid[L.AID.gps_valid] > 0.0:
         newest = (window.tick[FIXES] + 1) % FIXES
-        copy_part(window.nominal[newest], 0, state.nominal, 0, L.N_NOMINAL)
+        copy_part(window.nominal[newest], 0, state.nominal, 0, L.NOMINAL.size)
         copy_matrix(window.P[newest], state.P)
         window.tick[newest], window.tick[FIXES] = horizon, newest
 
@@ -227,15 +229,15 @@ def _take_again(state, row, k):
     """Fuse what the filter took at a tick (aid row), each by its gate; innovations squared."""
     x, P, trial, dx, diag = state.nominal, state.P, state.trial, state.dx, state.diag
     surprise = 0.0
-    if row[L.AID_GPS_VALID] > 0.0:
+    if row[L.AID.gps_valid] > 0.0:
         _, velocity = fuse_gps(x, P, trial, dx, diag, row, k)
-        surprise += min(diag[L.D_NIS_VEL], MOST) if velocity >= 0 else 0.0
-    if row[L.AID_BARO_VALID] > 0.0:
+        surprise += min(diag[L.DIAG.nis_vel], MOST) if velocity >= 0 else 0.0
+    if row[L.AID.baro_valid] > 0.0:
         fuse_baro(x, P, trial, dx, diag, row, k)
-    if row[L.AID_MAG_VALID] > 0.0:
-        diag[L.D_NIS_MAG] = 0.0  # stays so where the field is none
+    if row[L.AID.mag_valid] > 0.0:
+        diag[L.DIAG.nis_mag] = 0.0  # stays so where the field is none
         fuse_mag(x, P, trial, dx, diag, row, k)
-        surprise += min(diag[L.D_NIS_MAG], MOST)
+        surprise += min(diag[L.DIAG.nis_mag], MOST)
     return surprise
 
 
@@ -247,7 +249,7 @@ def _from_there(state, slot, refused, horizon, at, sigma, k):
     """
     window, x, P = state.window, state.nominal, state.P
     first = window.tick[slot]
-    copy_part(x, 0, window.nominal[slot], 0, L.N_NOMINAL)
+    copy_part(x, 0, window.nominal[slot], 0, L.NOMINAL.size)
     copy_matrix(P, window.P[slot])
     fill(state.dx[0], 0.0)
     steps, surprise = max(refused - first, 1), 0.0
@@ -282,25 +284,25 @@ def reset_biases(state, horizon, k):
     k : EkfParams
     """
     window, count, x, P = state.window, state.count, state.nominal, state.P
-    count[L.C_IMU_DOUBTS] += 1
-    count[L.C_GPS_OFFSET] = 0
-    count[L.C_GPS_GROWS] = 0
-    refused = int(round(state.heard[L.H_FIT_BEGAN] / k.dt_s))
+    count[L.COUNT.imu_doubts] += 1
+    count[L.COUNT.gps_offset] = 0
+    count[L.COUNT.gps_grows] = 0
+    refused = int(round(state.heard[L.HEARD.fit_began] / k.dt_s))
     slot = from_where(window, horizon, refused - int(round(BEFORE_S / k.dt_s)))
     if slot < 0:
         return
     least = math.inf
     for at, sigma, handicap in (
-        (L.E_GYRO_BIAS, GYRO_RADPS, 0.0),
-        (L.E_ACCEL_BIAS, ACCEL_MPS2, 0.0),
-        (L.E_ATT, ATT_RAD, HANDICAP),
+        (L.ERROR.gyro_bias, GYRO_RADPS, 0.0),
+        (L.ERROR.accel_bias, ACCEL_MPS2, 0.0),
+        (L.ERROR.att, ATT_RAD, HANDICAP),
     ):
         surprise = handicap + _from_there(state, slot, refused, horizon, at, sigma, k)
         if surprise < least:
             least = surprise
-            copy_part(window.nominal[FIXES], 0, x, 0, L.N_NOMINAL)
+            copy_part(window.nominal[FIXES], 0, x, 0, L.NOMINAL.size)
             copy_matrix(window.P[FIXES], P)
-    copy_part(x, 0, window.nominal[FIXES], 0, L.N_NOMINAL)
+    copy_part(x, 0, window.nominal[FIXES], 0, L.NOMINAL.size)
     copy_matrix(P, window.P[FIXES])
     # What was kept belongs to what was believed before.
     forget(window)
@@ -329,18 +331,18 @@ _TINY = 1e-24
 @njit
 def is_state(x, P):
     """Whether nominal state and covariance can be those of an aircraft: finite, not absurd."""
-    for i in range(L.N_NOMINAL):
+    for i in range(L.NOMINAL.size):
         if not math.isfinite(x[i]):
             return False
     norm2 = 0.0
     for i in range(4):
-        norm2 += x[L.X_QUAT + i] ** 2
+        norm2 += x[L.NOMINAL.quat + i] ** 2
     if not abs(norm2 - 1.0) <= QUAT_NORM_OFF:
         return False
     for i in range(3):
-        if not abs(x[L.X_VEL + i]) <= VEL_MPS:
+        if not abs(x[L.NOMINAL.vel + i]) <= VEL_MPS:
             return False
-    for i in range(L.N_ERROR):
+    for i in range(L.ERROR.size):
         if not (math.isfinite(P[i, i]) and P[i, i] >= 0.0):
             return False
         for j in range(i):
@@ -352,7 +354,7 @@ def is_state(x, P):
 @njit
 def is_rotor(rotor):
     """Whether the states of the reduced-order observer are finite."""
-    for i in range(L.N_ROTOR_W):
+    for i in range(L.ROTOR_W.size):
         if not math.isfinite(rotor[i]):
             return False
     return True
@@ -391,6 +393,6 @@ def reset_filter(state, horizon, k):
             take_again_from(state, best, horizon, k)
             if is_state(state.nominal, state.P):
                 accept_velocity(state)
-                state.count[L.C_RECOVERED] += 1
+                state.count[L.COUNT.recovered] += 1
                 return True
     return False

@@ -2,7 +2,7 @@
 """Layout of the observer's own arrays, its status values and what they mean, in one place.
 
 What it takes and gives (measurement and navigation row) is laid out in `heli_core.rows`. Here a
-name is where a part begins, as the filter's loops count through vectors and matrices from there.
+place is where a part begins, as the filter's loops count through vectors and matrices from there.
 """
 
 from enum import IntEnum
@@ -14,98 +14,207 @@ from numpy.typing import NDArray
 from heli_core.jit import by_reference
 from heli_core.rows import INPUT_NAMES, MEASURED, UNMEASURED
 
-# --- nominal state of the filter
-X_POS, X_VEL, X_QUAT, X_GYRO_BIAS, X_ACCEL_BIAS = 0, 3, 6, 10, 13
-X_DRIFT, X_BARO_BIAS, X_MAG_ERROR = 16, 19, 20
-N_NOMINAL = 21
 
-# --- error state (what the covariance is about); true = nominal (+) error
-E_POS, E_VEL, E_ATT, E_GYRO_BIAS, E_ACCEL_BIAS = 0, 3, 6, 9, 12
-E_DRIFT, E_BARO_BIAS, E_MAG_ERROR = 15, 18, 19
-N_ERROR = 20
+class NominalRow(NamedTuple):
+    """Nominal state of the filter (21,)."""
 
-# --- ring buffer columns beside those of the IMU (`heli_core.rows.IMU`)
-AID_MAG_VALID, AID_MAG, AID_BARO_VALID, AID_BARO = 0, 1, 4, 5
-AID_GPS_VALID, AID_GPS_POS, AID_GPS_VEL = 6, 7, 10
-N_AID = 13
-I_REPLACED = 6  # in the ring of the IMU, behind `heli_core.rows.IMU`: 1.0 if no sensor said so
-N_IMU = 7
+    pos: int = 0
+    vel: int = 3
+    quat: int = 6
+    gyro_bias: int = 10
+    accel_bias: int = 13
+    drift: int = 16
+    baro_bias: int = 19
+    mag_error: int = 20
+    size: int = 21
 
-# --- record `heard`: what sensors said last, to the last bit; NaN before the first time
-H_FORCE, H_RATE, H_GPS_POS, H_GPS_VEL = 0, 3, 6, 9
-H_OFFSET = 12  # velocity by which a refused receiver is off, NED, m/s
-H_OFFSET_VAR = 15  # variance of the filter's velocity when it was refused first
-# Sums of a straight line through how far refused velocities are off: time and its square, the
-# velocities, velocities times time; and when it began, s.
-H_FIT, H_FIT_SUM, H_FIT_MOMENT, H_FIT_BEGAN = 18, 20, 23, 26
-H_OFF_LAST = 27  # by how much the fix before was off, NED, m/s
-H_OFF_FIRST = 30  # by how much in all when that was certain, m/s
-N_HEARD = 31
 
-# --- integer record `count`
-C_TICK = 0  # newest tick seen, NO_TICK before the first
-C_ALIGNED = 1  # 1 after the alignment
-C_NOT_FINITE = 2  # 1 while the state is none
-C_IMU_OK, C_MAG_OK, C_BARO_OK, C_GPS_OK = 3, 4, 5, 6  # tick of the last sample accepted
-C_MAG_SEEN, C_BARO_SEEN, C_GPS_SEEN = 7, 8, 9  # tick of the last sample judged
-C_BARO_READY = 10  # 1 after the barometer's bias has been started
-C_IMU_DROPPED, C_MAG_DROPPED, C_BARO_DROPPED, C_GPS_DROPPED = 11, 12, 13, 14  # not finite
-C_GPS_LATE, C_GPS_FUTURE = 15, 16  # older than the horizon; stamped later than now
-C_MAG_REJECTED, C_BARO_REJECTED, C_GPS_POS_REJECTED, C_GPS_VEL_REJECTED = 17, 18, 19, 20
-C_MAG_FUSED, C_BARO_FUSED, C_GPS_FUSED = 21, 22, 23
-C_TICK_GAPS, C_TICK_REPEATED, C_ACTUATOR_DROPPED, C_REALIGNED = 24, 25, 26, 27
-C_BEGUN = 28  # tick of the first sample since the filter began
-C_GPS_JUMPS = 29
-C_FORCE_SAME, C_RATE_SAME = 30, 31  # samples in a row that repeat the one before to the last bit
-C_IMU_REPLACED = 32  # samples in whose place what is likely was integrated
-C_GPS_POS_SAME, C_GPS_VEL_SAME, C_GPS_REPEATED = 33, 34, 35  # the same of fixes; all that did
-C_GPS_OFFSET = 36  # fixes for which the receiver has been off by a velocity that stays
-C_GPS_GROWS = 37  # refused velocities through which a line was drawn so far
-C_IMU_DOUBTS = 38  # how often the inertial sensors' errors began anew for that
-C_GPS_KEPT = 39  # tick at which it was so last
-C_IMU_LATE = 40  # tick at which a sample of an earlier tick came last
-C_IMU_MENDED = 41  # samples that came late, and in time for the filter
-C_RECOVERED = 42  # how often the filter went back to what it knew, as its state was none
-N_COUNT = 43
+class ErrorRow(NamedTuple):
+    """Error state (20,), what the covariance is about; true = nominal (+) error."""
+
+    pos: int = 0
+    vel: int = 3
+    att: int = 6
+    gyro_bias: int = 9
+    accel_bias: int = 12
+    drift: int = 15
+    baro_bias: int = 18
+    mag_error: int = 19
+    size: int = 20
+
+
+class AidRow(NamedTuple):
+    """A slot (13,) of the ring of magnetometer, barometer and fixes."""
+
+    mag_valid: int = 0
+    mag: int = 1
+    baro_valid: int = 4
+    baro: int = 5
+    gps_valid: int = 6
+    gps_pos: int = 7
+    gps_vel: int = 10
+    size: int = 13
+
+
+class RingRow(NamedTuple):
+    """A slot (7,) of the ring of the IMU: an ImuRow, and behind it:"""
+
+    replaced: int = 6  # 1.0 if no sensor said so
+    size: int = 7
+
+
+class HeardRow(NamedTuple):
+    """What sensors said last (31,), to the last bit; NaN before the first time."""
+
+    force: int = 0
+    rate: int = 3
+    gps_pos: int = 6
+    gps_vel: int = 9
+    offset: int = 12  # velocity by which a refused receiver is off, NED, m/s
+    offset_var: int = 15  # variance of the filter's velocity when it was refused first
+    # Sums of a straight line through how far refused velocities are off: time and its square, the
+    # velocities, velocities times time; and when it began, s.
+    fit: int = 18
+    fit_sum: int = 20
+    fit_moment: int = 23
+    fit_began: int = 26
+    off_last: int = 27  # by how much the fix before was off, NED, m/s
+    off_first: int = 30  # by how much in all when that was certain, m/s
+    size: int = 31
+
+
+class CountRow(NamedTuple):
+    """Integers (43,)."""
+
+    tick: int = 0  # newest tick seen, NO_TICK before the first
+    aligned: int = 1  # 1 after the alignment
+    not_finite: int = 2  # 1 while the state is none
+    # Tick of the last sample accepted, and judged.
+    imu_ok: int = 3
+    mag_ok: int = 4
+    baro_ok: int = 5
+    gps_ok: int = 6
+    mag_seen: int = 7
+    baro_seen: int = 8
+    gps_seen: int = 9
+    baro_ready: int = 10  # 1 after the barometer's bias has been started
+    # Not finite.
+    imu_dropped: int = 11
+    mag_dropped: int = 12
+    baro_dropped: int = 13
+    gps_dropped: int = 14
+    gps_late: int = 15  # older than the horizon
+    gps_future: int = 16  # stamped later than now
+    mag_rejected: int = 17
+    baro_rejected: int = 18
+    gps_pos_rejected: int = 19
+    gps_vel_rejected: int = 20
+    mag_fused: int = 21
+    baro_fused: int = 22
+    gps_fused: int = 23
+    tick_gaps: int = 24
+    tick_repeated: int = 25
+    actuator_dropped: int = 26
+    realigned: int = 27
+    begun: int = 28  # tick of the first sample since the filter began
+    gps_jumps: int = 29
+    force_same: int = 30  # samples in a row that repeat the one before to the last bit
+    rate_same: int = 31
+    imu_replaced: int = 32  # samples in whose place what is likely was integrated
+    gps_pos_same: int = 33  # the same of fixes; all that did
+    gps_vel_same: int = 34
+    gps_repeated: int = 35
+    gps_offset: int = 36  # fixes for which the receiver has been off by a velocity that stays
+    gps_grows: int = 37  # refused velocities through which a line was drawn so far
+    imu_doubts: int = 38  # how often the inertial sensors' errors began anew for that
+    gps_kept: int = 39  # tick at which it was so last
+    imu_late: int = 40  # tick at which a sample of an earlier tick came last
+    imu_mended: int = 41  # samples that came late, and in time for the filter
+    recovered: int = 42  # how often the filter went back to what it knew, as its state was none
+    size: int = 43
+
+
+class DiagRow(NamedTuple):
+    """Normalised innovations squared of the last judged sample (7,), with its degrees."""
+
+    nis_pos: int = 0
+    nis_vel: int = 1
+    nis_mag: int = 2
+    nis_baro: int = 3
+    dof_pos: int = 4
+    dof_vel: int = 5
+    heading_innovation: int = 6  # rad
+    size: int = 7
+
+
+# Of the reduced-order observer: outputs y, and w = [z, servo positions, servo rates].
+N_UNMEASURED, N_INPUT = len(UNMEASURED), len(INPUT_NAMES)
+
+
+class OutputRow(NamedTuple):
+    """What the reduced-order observer reads, y."""
+
+    phi: int = 0
+    theta: int = 1
+    rate: int = 2
+    psi: int = 5
+    size: int = len(MEASURED)
+
+
+class RotorStateRow(NamedTuple):
+    """What it carries on, w."""
+
+    servo: int = N_UNMEASURED
+    servo_rate: int = N_UNMEASURED + N_INPUT
+    size: int = N_UNMEASURED + 2 * N_INPUT
+
+
+class PairRow(NamedTuple):
+    """Integers (11,) of an `ImuPair`."""
+
+    left: int = 0  # who is left: 0 none, 1 the first, 2 the second
+    why: int = 1  # one of `dual_imu.WHY_...`
+    trial: int = 2  # 1 while the two are compared
+    began: int = 3  # tick at which that began
+    compared: int = 4  # samples through which what stays was learnt
+    agreed: int = 5  # ticks in a row for which both agreed
+    switches: int = 6  # how often one was left
+    same: int = 7  # four: repeats in a row of force and rate, first and second
+    size: int = 11
+
+
+NOMINAL, ERROR = NominalRow(), ErrorRow()
+AID, RING, HEARD = AidRow(), RingRow(), HeardRow()
+COUNT, DIAG, PAIR = CountRow(), DiagRow(), PairRow()
+OUTPUT, ROTOR_W = OutputRow(), RotorStateRow()
 NO_TICK = -(2**40)
 
 COUNTER_NAMES = {
-    "imu_components_not_finite": C_IMU_DROPPED,
-    "mag_components_not_finite": C_MAG_DROPPED,
-    "baro_samples_not_finite": C_BARO_DROPPED,
-    "gps_components_not_finite": C_GPS_DROPPED,
-    "gps_fixes_older_than_horizon": C_GPS_LATE,
-    "gps_fixes_stamped_in_future": C_GPS_FUTURE,
-    "mag_rejected": C_MAG_REJECTED,
-    "baro_rejected": C_BARO_REJECTED,
-    "gps_position_rejected": C_GPS_POS_REJECTED,
-    "gps_velocity_rejected": C_GPS_VEL_REJECTED,
-    "mag_fused": C_MAG_FUSED,
-    "baro_fused": C_BARO_FUSED,
-    "gps_fused": C_GPS_FUSED,
-    "tick_gaps": C_TICK_GAPS,
-    "ticks_repeated": C_TICK_REPEATED,
-    "actuator_components_not_finite": C_ACTUATOR_DROPPED,
-    "realignments": C_REALIGNED,
-    "gps_jumps": C_GPS_JUMPS,
-    "imu_samples_replaced": C_IMU_REPLACED,
-    "imu_samples_late": C_IMU_MENDED,
-    "gps_fixes_repeated": C_GPS_REPEATED,
-    "imu_doubts": C_IMU_DOUBTS,
-    "recoveries": C_RECOVERED,
+    "imu_components_not_finite": COUNT.imu_dropped,
+    "mag_components_not_finite": COUNT.mag_dropped,
+    "baro_samples_not_finite": COUNT.baro_dropped,
+    "gps_components_not_finite": COUNT.gps_dropped,
+    "gps_fixes_older_than_horizon": COUNT.gps_late,
+    "gps_fixes_stamped_in_future": COUNT.gps_future,
+    "mag_rejected": COUNT.mag_rejected,
+    "baro_rejected": COUNT.baro_rejected,
+    "gps_position_rejected": COUNT.gps_pos_rejected,
+    "gps_velocity_rejected": COUNT.gps_vel_rejected,
+    "mag_fused": COUNT.mag_fused,
+    "baro_fused": COUNT.baro_fused,
+    "gps_fused": COUNT.gps_fused,
+    "tick_gaps": COUNT.tick_gaps,
+    "ticks_repeated": COUNT.tick_repeated,
+    "actuator_components_not_finite": COUNT.actuator_dropped,
+    "realignments": COUNT.realigned,
+    "gps_jumps": COUNT.gps_jumps,
+    "imu_samples_replaced": COUNT.imu_replaced,
+    "imu_samples_late": COUNT.imu_mended,
+    "gps_fixes_repeated": COUNT.gps_repeated,
+    "imu_doubts": COUNT.imu_doubts,
+    "recoveries": COUNT.recovered,
 }
 """Name (for diagnostics) of each event counter in `ObserverState.count`."""
-
-# --- record `diag`: normalised innovations squared of the last judged sample, with its degrees
-D_NIS_POS, D_NIS_VEL, D_NIS_MAG, D_NIS_BARO, D_DOF_POS, D_DOF_VEL = 0, 1, 2, 3, 4, 5
-D_HEADING_INNOVATION = 6  # rad
-N_DIAG = 7
-
-# --- reduced-order observer: w = [z, servo positions, servo rates]; outputs y; past commands
-N_UNMEASURED, N_OUTPUT, N_INPUT = len(UNMEASURED), len(MEASURED), len(INPUT_NAMES)
-W_SERVO, W_SERVO_RATE = N_UNMEASURED, N_UNMEASURED + N_INPUT
-N_ROTOR_W = W_SERVO_RATE + N_INPUT
-M_PHI, M_THETA, M_RATE, M_PSI = 0, 1, 2, 5  # within y
 
 
 class ObserverStatus(IntEnum):
@@ -176,7 +285,7 @@ class ImuPair(NamedTuple):
     nominal: NDArray[np.float64]  # (2, 21) filters with one of them alone
     P: NDArray[np.float64]  # (2, 20, 20)
     score: NDArray[np.float64]  # (2, 2) sums of innovations: velocity, heading; of each
-    count: NDArray[np.int64]  # type: ignore[assignment]  # (11,) indices P_*
+    count: NDArray[np.int64]  # type: ignore[assignment]  # (11,) places of `PAIR`
 
 
 @by_reference
@@ -195,9 +304,9 @@ class ObserverState(NamedTuple):
     Attributes
     ----------
     nominal : ndarray (21,)
-        Filter state at the delayed horizon, indices X_*.
+        Filter state at the delayed horizon, indices NOMINAL.
     P : ndarray (20, 20)
-        Covariance of the error state, indices E_*.
+        Covariance of the error state, indices ERROR.
     trial : ndarray (20, 20)
         Scratch covariance of a measurement that is still to pass its gate.
     dx : ndarray (2, 20)
@@ -205,7 +314,7 @@ class ObserverState(NamedTuple):
     imu : ndarray (N, 7)
         Ring of IMU samples, slot = tick mod N: specific force, rate, 1.0 if no sensor said so.
     aid : ndarray (N, 13)
-        Ring of magnetometer, barometer and GPS samples by their time of validity, indices AID_*.
+        Ring of magnetometer, barometer and GPS samples by their time of validity, indices AID.
     now : ndarray (21,)
         Nominal state propagated to the newest tick.
     rotor : ndarray (9,)
@@ -216,11 +325,11 @@ class ObserverState(NamedTuple):
     u : ndarray (3, 4)
         Actuator commands, newest first (absolute).
     diag : ndarray (7,)
-        Innovation record, indices D_*.
+        Innovation record, indices DIAG.
     heard : ndarray (31,)
-        What the sensors said last, indices H_*.
+        What the sensors said last, indices HEARD.
     count : ndarray of int64 (40,)
-        Ticks, flags and counters, indices C_*.
+        Ticks, flags and counters, indices COUNT.
     window : Window
         What was taken lately, to be taken again.
     pair : ImuPair

@@ -20,7 +20,7 @@ from heli_msgs_bridge.lockstep import Arrived, Demand
 from heli_msgs_bridge.messages import FrameTree, encode_transforms
 from heli_msgs_bridge.node_process import run
 from heli_msgs_bridge.tick_node import Input, Send, TickCore, TickNode
-from heli_observer.dual_imu import NAMES, P_LEFT, P_SWITCHES, P_WHY, WHY_WORDS
+from heli_observer.dual_imu import NAMES, PAIR, WHY_WORDS
 from heli_observer.layout import COUNTER_NAMES, ObserverState, ObserverStatus
 from heli_observer.observer import INPUTS, ObserverConfig, initial_state, status, step
 from heli_observer.parameters import NODE_NAME, TABLE
@@ -159,12 +159,12 @@ def _events(state: ObserverState) -> dict[str, int]:
 def _left(state: ObserverState) -> dict[str, str | int]:
     """Which of two IMUs is not followed and why, and how often one was left."""
     count = state.pair.count
-    if not count[P_SWITCHES]:
+    if not count[PAIR.switches]:
         return {}
     return {
-        "imu_left": NAMES[count[P_LEFT]],
-        "imu_left_because": WHY_WORDS[count[P_WHY]],
-        "imus_left": int(count[P_SWITCHES]),
+        "imu_left": NAMES[count[PAIR.left]],
+        "imu_left_because": WHY_WORDS[count[PAIR.why]],
+        "imus_left": int(count[PAIR.switches]),
     }
 
 

@@ -33,14 +33,7 @@ from heli_observer.buffers import (
     store_mag_baro,
     take_tick,
 )
-from heli_observer.dual_imu import (
-    P_LEFT,
-    P_TRIAL,
-    begin_pair,
-    combine,
-    follow_trial,
-    new_pair,
-)
+from heli_observer.dual_imu import PAIR, begin_pair, combine, follow_trial, new_pair
 from heli_observer.ekf import (
     align,
     conclude,
@@ -68,12 +61,7 @@ from heli_observer.fault_detection import (
     widen_covariance,
 )
 from heli_observer.layout import (
-    E_ACCEL_BIAS,
-    E_ATT,
-    E_DRIFT,
-    E_GYRO_BIAS,
-    E_MAG_ERROR,
-    N_ERROR,
+    ERROR,
     EkfParams,
     ObserverParams,
     ObserverState,
@@ -101,15 +89,15 @@ class ObserverConfigError(ValueError):
 
 def _initial_variances(v: Mapping[str, Any]) -> np.ndarray:
     """Variances (20,) at alignment that do not follow from a sensor's own noise."""
-    var0 = np.zeros(N_ERROR)
-    var0[E_ATT : E_ATT + 2] = v["ekf.initial.level_rad"] ** 2
-    var0[E_ATT + 2] = v["ekf.initial.heading_rad"] ** 2
-    var0[E_GYRO_BIAS : E_GYRO_BIAS + 3] = v["ekf.initial.gyro_bias_radps"] ** 2
-    var0[E_ACCEL_BIAS : E_ACCEL_BIAS + 3] = v["ekf.initial.accel_bias_mps2"] ** 2
+    var0 = np.zeros(ERROR.size)
+    var0[ERROR.att : ERROR.att + 2] = v["ekf.initial.level_rad"] ** 2
+    var0[ERROR.att + 2] = v["ekf.initial.heading_rad"] ** 2
+    var0[ERROR.gyro_bias : ERROR.gyro_bias + 3] = v["ekf.initial.gyro_bias_radps"] ** 2
+    var0[ERROR.accel_bias : ERROR.accel_bias + 3] = v["ekf.initial.accel_bias_mps2"] ** 2
     unknown = v["ekf.initial.drift_at_alignment_fraction"]
-    var0[E_DRIFT : E_DRIFT + 2] = (unknown * v["ekf.gps.drift_horizontal_m"]) ** 2
-    var0[E_DRIFT + 2] = (unknown * v["ekf.gps.drift_vertical_m"]) ** 2
-    var0[E_MAG_ERROR] = v["ekf.mag.heading_error_rad"] ** 2
+    var0[ERROR.drift : ERROR.drift + 2] = (unknown * v["ekf.gps.drift_horizontal_m"]) ** 2
+    var0[ERROR.drift + 2] = (unknown * v["ekf.gps.drift_vertical_m"]) ** 2
+    var0[ERROR.mag_error] = v["ekf.mag.heading_error_rad"] ** 2
     return var0
 
 
@@ -253,7 +241,7 @@ __all__ = ["ObserverConfig", "ObserverState", "ObserverStatus", "initial_state",
 __all__ += ["status"]
 
 # Lengths of what lies on the stack.
-_N_ERROR, _N_OUTPUT, _N_IMU = L.N_ERROR, L.N_OUTPUT, IMU.size
+_N_ERROR, _N_OUTPUT, _N_IMU = L.ERROR.size, L.OUTPUT.size, IMU.size
 _N_MEAS, _N_ACTUATOR = MEAS.sensed, ACTUATOR.size
 _OK = int(ObserverStatus.OK)
 _ALIGNING = int(ObserverStatus.ALIGNING)
@@ -274,23 +262,23 @@ _IMUS_DISAGREE = int(ObserverStatus.IMUS_DISAGREE)
 def initial_state(config: ObserverConfig) -> ObserverState:
     """Memory of an observer that has seen nothing yet (status ALIGNING)."""
     slots = config.params.horizon_ticks + config.params.max_gap_ticks + 2
-    count = np.zeros(L.N_COUNT, dtype=np.int64)
-    count[L.C_TICK] = L.NO_TICK
-    count[L.C_IMU_OK : L.C_GPS_SEEN + 1] = L.NO_TICK
-    count[L.C_GPS_KEPT] = count[L.C_IMU_LATE] = L.NO_TICK
+    count = np.zeros(L.COUNT.size, dtype=np.int64)
+    count[L.COUNT.tick] = L.NO_TICK
+    count[L.COUNT.imu_ok : L.COUNT.gps_seen + 1] = L.NO_TICK
+    count[L.COUNT.gps_kept] = count[L.COUNT.imu_late] = L.NO_TICK
     return ObserverState(
-        nominal=np.zeros(L.N_NOMINAL),
-        P=np.zeros((L.N_ERROR, L.N_ERROR)),
-        trial=np.zeros((L.N_ERROR, L.N_ERROR)),
-        dx=np.zeros((2, L.N_ERROR)),
-        imu=np.zeros((slots, L.N_IMU)),
-        aid=np.zeros((slots, L.N_AID)),
-        now=np.zeros(L.N_NOMINAL),
-        rotor=np.zeros(L.N_ROTOR_W),
-        y=np.zeros((2, L.N_OUTPUT)),
+        nominal=np.zeros(L.NOMINAL.size),
+        P=np.zeros((L.ERROR.size, L.ERROR.size)),
+        trial=np.zeros((L.ERROR.size, L.ERROR.size)),
+        dx=np.zeros((2, L.ERROR.size)),
+        imu=np.zeros((slots, L.RING.size)),
+        aid=np.zeros((slots, L.AID.size)),
+        now=np.zeros(L.NOMINAL.size),
+        rotor=np.zeros(L.ROTOR_W.size),
+        y=np.zeros((2, L.OUTPUT.size)),
         u=np.tile(config.params.rotor.u_trim, (config.params.rotor.u_delay_ticks + 1, 1)),
-        diag=np.zeros(L.N_DIAG),
-        heard=np.full(L.N_HEARD, np.nan),
+        diag=np.zeros(L.DIAG.size),
+        heard=np.full(L.HEARD.size, np.nan),
         count=count,
         window=empty_window(),
         pair=new_pair(),
@@ -301,16 +289,16 @@ def initial_state(config: ObserverConfig) -> ObserverState:
 def _fuse_fix(state, tick, horizon, row, observer_k):
     """Fuse the fix of a ring slot, unless its receiver is known to be off; as `_fuse_slot`."""
     x, P, count, k = state.nominal, state.P, state.count, observer_k.ekf
-    count[L.C_GPS_SEEN] = tick
+    count[L.COUNT.gps_seen] = tick
     if keeps_its_offset(state, row, k):
         position, velocity = 0, 0
-        count[L.C_GPS_KEPT] = tick
+        count[L.COUNT.gps_kept] = tick
     else:
         position, velocity = fuse_gps(x, P, state.trial, state.dx, state.diag, row, k)
-    count[L.C_GPS_POS_REJECTED] += position == 0
-    count[L.C_GPS_VEL_REJECTED] += velocity == 0
-    count[L.C_GPS_FUSED] += position == 1 or velocity == 1
-    since = max(count[L.C_GPS_OK], count[L.C_GPS_KEPT])
+    count[L.COUNT.gps_pos_rejected] += position == 0
+    count[L.COUNT.gps_vel_rejected] += velocity == 0
+    count[L.COUNT.gps_fused] += position == 1 or velocity == 1
+    since = max(count[L.COUNT.gps_ok], count[L.COUNT.gps_kept])
     late = position == 0 and tick - since > observer_k.gps_recovery_ticks
     lost = late and velocity == 0
     if velocity == 1:
@@ -318,11 +306,11 @@ def _fuse_fix(state, tick, horizon, row, observer_k):
     elif velocity == 0 and reject_velocity(state, row, horizon * k.dt_s, k):
         reset_biases(state, horizon, k)
     if position == 1 and velocity != 0:
-        count[L.C_GPS_OK] = tick
+        count[L.COUNT.gps_ok] = tick
     elif late and velocity == 1:
         take_for_jump(x, P, row, k)
-        count[L.C_GPS_JUMPS] += 1
-        count[L.C_GPS_OK] = tick
+        count[L.COUNT.gps_jumps] += 1
+        count[L.COUNT.gps_ok] = tick
     return lost
 
 
@@ -345,26 +333,26 @@ def _fuse_slot(state, tick, horizon, row, observer_k):
         state.diag,
         state.count,
     )
-    if row[L.AID_GPS_VALID] > 0.0:
+    if row[L.AID.gps_valid] > 0.0:
         lost = _fuse_fix(state, tick, horizon, row, observer_k)
-    if row[L.AID_BARO_VALID] > 0.0:
-        count[L.C_BARO_SEEN] = tick
-        if count[L.C_BARO_READY] == 0:
+    if row[L.AID.baro_valid] > 0.0:
+        count[L.COUNT.baro_seen] = tick
+        if count[L.COUNT.baro_ready] == 0:
             start_baro(x, P, row, k)
-            count[L.C_BARO_READY] = 1
-            count[L.C_BARO_OK] = tick
+            count[L.COUNT.baro_ready] = 1
+            count[L.COUNT.baro_ok] = tick
         elif fuse_baro(x, P, trial, dx, diag, row, k):
-            count[L.C_BARO_OK] = tick
-            count[L.C_BARO_FUSED] += 1
+            count[L.COUNT.baro_ok] = tick
+            count[L.COUNT.baro_fused] += 1
         else:
-            count[L.C_BARO_REJECTED] += 1
-    if row[L.AID_MAG_VALID] > 0.0:
-        count[L.C_MAG_SEEN] = tick
+            count[L.COUNT.baro_rejected] += 1
+    if row[L.AID.mag_valid] > 0.0:
+        count[L.COUNT.mag_seen] = tick
         if fuse_mag(x, P, trial, dx, diag, row, k):
-            count[L.C_MAG_OK] = tick
-            count[L.C_MAG_FUSED] += 1
+            count[L.COUNT.mag_ok] = tick
+            count[L.COUNT.mag_fused] += 1
         else:
-            count[L.C_MAG_REJECTED] += 1
+            count[L.COUNT.mag_rejected] += 1
     return lost
 
 
@@ -375,7 +363,7 @@ def _filter_step(state, horizon, tick, k):
     Returns whether it is lost, as `_fuse_slot` does.
     """
     x, P, imu, size = state.nominal, state.P, state.imu, state.imu.shape[0]
-    if horizon <= state.count[L.C_BEGUN]:
+    if horizon <= state.count[L.COUNT.begun]:
         predict_without_imu(x, P, k.ekf)
     else:
         bridged = interpolate_gap(imu, horizon, tick, k.ekf.dt_s, P)
@@ -391,11 +379,11 @@ def _attitude_variance(P, R, axis, lead_s, k):
     """Variance (rad2) of the attitude error about a NED axis, lead_s after the horizon."""
     var_bias, cov = 0.0, 0.0
     for j in range(3):
-        cov += R[axis, j] * P[L.E_ATT + axis, L.E_GYRO_BIAS + j]
+        cov += R[axis, j] * P[L.ERROR.att + axis, L.ERROR.gyro_bias + j]
         for m in range(3):
-            var_bias += R[axis, j] * R[axis, m] * P[L.E_GYRO_BIAS + j, L.E_GYRO_BIAS + m]
+            var_bias += R[axis, j] * R[axis, m] * P[L.ERROR.gyro_bias + j, L.ERROR.gyro_bias + m]
     noise = k.var_att_step / k.dt_s
-    own = P[L.E_ATT + axis, L.E_ATT + axis]
+    own = P[L.ERROR.att + axis, L.ERROR.att + axis]
     return own - 2.0 * lead_s * cov + lead_s * lead_s * var_bias + noise * lead_s
 
 
@@ -416,18 +404,20 @@ def _sigma_now(P, R, a_ned, lead_s, k, out):
         by_att[i], by_att[after], by_att[before] = 0.0, a_ned[before], -a_ned[after]
         for j in range(3):
             by_bias[j] = -R[i, j]
-        for n in range(L.N_ERROR):
+        for n in range(L.ERROR.size):
             pg[n] = 0.0
             for j in range(3):
-                pg[n] += by_att[j] * P[n, L.E_ATT + j] + by_bias[j] * P[n, L.E_ACCEL_BIAS + j]
+                pg[n] += (
+                    by_att[j] * P[n, L.ERROR.att + j] + by_bias[j] * P[n, L.ERROR.accel_bias + j]
+                )
         var_force = 0.0
         for j in range(3):
-            var_force += by_att[j] * pg[L.E_ATT + j] + by_bias[j] * pg[L.E_ACCEL_BIAS + j]
-        var_v, cov_pv = P[L.E_VEL + i, L.E_VEL + i], P[L.E_POS + i, L.E_VEL + i]
+            var_force += by_att[j] * pg[L.ERROR.att + j] + by_bias[j] * pg[L.ERROR.accel_bias + j]
+        var_v, cov_pv = P[L.ERROR.vel + i, L.ERROR.vel + i], P[L.ERROR.pos + i, L.ERROR.vel + i]
         t, h = lead_s, 0.5 * lead_s * lead_s
-        velocity = var_v + 2.0 * t * pg[L.E_VEL + i] + t * t * var_force + noise * t
-        position = P[L.E_POS + i, L.E_POS + i] + t * t * var_v + h * h * var_force
-        position += 2.0 * (t * cov_pv + h * pg[L.E_POS + i] + t * h * pg[L.E_VEL + i])
+        velocity = var_v + 2.0 * t * pg[L.ERROR.vel + i] + t * t * var_force + noise * t
+        position = P[L.ERROR.pos + i, L.ERROR.pos + i] + t * t * var_v + h * h * var_force
+        position += 2.0 * (t * cov_pv + h * pg[L.ERROR.pos + i] + t * h * pg[L.ERROR.vel + i])
         position += noise * t * t * t / 3.0
         sigma_pos[i] = math.sqrt(max(position, 0.0))
         sigma_vel[i] = math.sqrt(max(velocity, 0.0))
@@ -439,24 +429,24 @@ def _navigation_output(state, tick, k, out):
     """Carry the horizon's state to the newest tick and fill out (31,) except the rotor states."""
     size = state.imu.shape[0]
     now = state.now
-    copy_part(now, 0, state.nominal, 0, L.N_NOMINAL)
+    copy_part(now, 0, state.nominal, 0, L.NOMINAL.size)
     a_ned, R = scratch(3), scratch_matrix(3, 3)
     fill(a_ned, 0.0)
     fill_matrix(R, 0.0)
     for t in range(tick - k.horizon_ticks, tick):
-        if t < state.count[L.C_BEGUN]:
+        if t < state.count[L.COUNT.begun]:
             strapdown_without_imu(now, k.ekf.dt_s)
         else:
             imu0, imu1 = state.imu[t % size], state.imu[(t + 1) % size]
             strapdown(now, imu0, imu1, k.ekf.gravity_mps2, k.ekf.dt_s, a_ned, R)
-    copy_part(out[NAV.pos], 0, now, L.X_POS, 3)
-    copy_part(out[NAV.vel], 0, now, L.X_VEL, 3)
-    copy_part(out[NAV.quat], 0, now, L.X_QUAT, 4)
-    copy_part(out[NAV.gyro_bias], 0, now, L.X_GYRO_BIAS, 3)
-    copy_part(out[NAV.accel_bias], 0, now, L.X_ACCEL_BIAS, 3)
+    copy_part(out[NAV.pos], 0, now, L.NOMINAL.pos, 3)
+    copy_part(out[NAV.vel], 0, now, L.NOMINAL.vel, 3)
+    copy_part(out[NAV.quat], 0, now, L.NOMINAL.quat, 4)
+    copy_part(out[NAV.gyro_bias], 0, now, L.NOMINAL.gyro_bias, 3)
+    copy_part(out[NAV.accel_bias], 0, now, L.NOMINAL.accel_bias, 3)
     rate, measured = out[NAV.rate], state.imu[tick % size, IMU.rate]
     for i in range(3):
-        rate[i] = measured[i] - now[L.X_GYRO_BIAS + i]
+        rate[i] = measured[i] - now[L.NOMINAL.gyro_bias + i]
     _sigma_now(state.P, R, a_ned, k.horizon_ticks * k.ekf.dt_s, k.ekf, out)
 
 
@@ -464,11 +454,14 @@ def _navigation_output(state, tick, k, out):
 def _outputs_from_trim(y, psi_before, out, k):
     """phi theta p q r psi of out, minus trim, into y (6,); psi goes on from psi_before."""
     phi, theta, psi = euler_from_quat(out[NAV.quat])
-    y[L.M_PHI], y[L.M_THETA] = phi - k.y_trim[L.M_PHI], theta - k.y_trim[L.M_THETA]
+    y[L.OUTPUT.phi], y[L.OUTPUT.theta] = (
+        phi - k.y_trim[L.OUTPUT.phi],
+        theta - k.y_trim[L.OUTPUT.theta],
+    )
     rate = out[NAV.rate]
     for i in range(3):
-        y[L.M_RATE + i] = rate[i] - k.y_trim[L.M_RATE + i]
-    y[L.M_PSI] = psi_before + wrap_pi(psi - k.y_trim[L.M_PSI] - psi_before)
+        y[L.OUTPUT.rate + i] = rate[i] - k.y_trim[L.OUTPUT.rate + i]
+    y[L.OUTPUT.psi] = psi_before + wrap_pi(psi - k.y_trim[L.OUTPUT.psi] - psi_before)
 
 
 @njit
@@ -477,7 +470,7 @@ def _rotor_update(state, ticks, u_prev, started, k, out):
     u = state.u
     for i in range(ACTUATOR.size):
         if not math.isfinite(u_prev[i]):
-            state.count[L.C_ACTUATOR_DROPPED] += 1
+            state.count[L.COUNT.actuator_dropped] += 1
     before, after = state.y[1], state.y[0]
     if not started:
         for i in range(ACTUATOR.size):
@@ -488,17 +481,17 @@ def _rotor_update(state, ticks, u_prev, started, k, out):
         rotor_start(state.rotor, after, u[0], k)
     else:
         start, end = scratch(_N_OUTPUT), scratch(_N_OUTPUT)
-        copy_part(start, 0, after, 0, L.N_OUTPUT)
-        _outputs_from_trim(end, start[L.M_PSI], out, k)
+        copy_part(start, 0, after, 0, L.OUTPUT.size)
+        _outputs_from_trim(end, start[L.OUTPUT.psi], out, k)
         for n in range(ticks):
             for j in range(u.shape[0] - 1, 0, -1):
                 copy_part(u[j], 0, u[j - 1], 0, ACTUATOR.size)
             for i in range(ACTUATOR.size):
                 if math.isfinite(u_prev[i]):
                     u[0, i] = u_prev[i]
-            copy_part(before, 0, after, 0, L.N_OUTPUT)
+            copy_part(before, 0, after, 0, L.OUTPUT.size)
             part = (n + 1.0) / ticks
-            for i in range(L.N_OUTPUT):
+            for i in range(L.OUTPUT.size):
                 after[i] = start[i] + part * (end[i] - start[i])
             rotor_step(state.rotor, before, after, u[k.u_delay_ticks], k)
     rotor_output(state.rotor, after, k, out[NAV.rotor])
@@ -525,15 +518,15 @@ def observe(state, tick, y, u_prev, k, out):
     """
     sample = scratch(_N_IMU)
     copy_part(sample, 0, y, MEAS.imu.start, IMU.size)
-    if k.pair.on and tick > state.count[L.C_TICK]:
+    if k.pair.on and tick > state.count[L.COUNT.tick]:
         combine(state, tick, y, k, sample)
     ticks = take_tick(state, tick, sample, k)
     fill(out, math.nan)
     count = state.count
-    now = count[L.C_TICK]
+    now = count[L.COUNT.tick]
     if now == L.NO_TICK:
         return
-    started, lost = count[L.C_ALIGNED] == 1, False
+    started, lost = count[L.COUNT.aligned] == 1, False
     if ticks > 0:
         for t in range(now - ticks + 1, now + 1):
             if t == now:
@@ -548,13 +541,13 @@ def observe(state, tick, y, u_prev, k, out):
         begin_pair(state)
         broken = False
     if (lost or broken) and align(state, now, k.horizon_ticks, k.ekf):
-        count[L.C_REALIGNED] += 1
+        count[L.COUNT.realigned] += 1
         begin_pair(state)
         broken = False
-    count[L.C_NOT_FINITE] = broken
+    count[L.COUNT.not_finite] = broken
     if broken:
         return
-    if not started and now - count[L.C_BEGUN] < k.align_ticks:
+    if not started and now - count[L.COUNT.begun] < k.align_ticks:
         return
     if not started:
         if not align(state, now, k.horizon_ticks, k.ekf):
@@ -638,28 +631,28 @@ def step(state, inbox, tick, k, out):
 def status(state, k):
     """Health as an integer, an ObserverStatus; the worst that applies."""
     count = state.count
-    now = count[L.C_TICK]
-    if count[L.C_NOT_FINITE] == 1:
+    now = count[L.COUNT.tick]
+    if count[L.COUNT.not_finite] == 1:
         return _NOT_FINITE
-    if count[L.C_ALIGNED] == 0:
+    if count[L.COUNT.aligned] == 0:
         return _ALIGNING
-    if now - count[L.C_IMU_OK] > k.imu_timeout_ticks:
-        stuck = max(count[L.C_FORCE_SAME], count[L.C_RATE_SAME]) >= SAME
+    if now - count[L.COUNT.imu_ok] > k.imu_timeout_ticks:
+        stuck = max(count[L.COUNT.force_same], count[L.COUNT.rate_same]) >= SAME
         return _IMU_FROZEN if stuck else _IMU_TIMEOUT
-    if state.pair.count[P_LEFT] > 0:
+    if state.pair.count[PAIR.left] > 0:
         return _IMU_LEFT
-    if state.pair.count[P_TRIAL] == 1:
+    if state.pair.count[PAIR.trial] == 1:
         return _IMUS_DISAGREE
-    if max(count[L.C_GPS_POS_SAME], count[L.C_GPS_VEL_SAME]) >= SAME:
+    if max(count[L.COUNT.gps_pos_same], count[L.COUNT.gps_vel_same]) >= SAME:
         return _GPS_STUCK
-    if now - count[L.C_GPS_OK] > k.gps_timeout_ticks:
-        silent = now - count[L.C_GPS_SEEN] > k.gps_timeout_ticks
+    if now - count[L.COUNT.gps_ok] > k.gps_timeout_ticks:
+        silent = now - count[L.COUNT.gps_seen] > k.gps_timeout_ticks
         return _GPS_TIMEOUT if silent else _GPS_REJECTED
-    if now - count[L.C_MAG_OK] > k.mag_timeout_ticks:
-        silent = now - count[L.C_MAG_SEEN] > k.mag_timeout_ticks
+    if now - count[L.COUNT.mag_ok] > k.mag_timeout_ticks:
+        silent = now - count[L.COUNT.mag_seen] > k.mag_timeout_ticks
         return _MAG_TIMEOUT if silent else _MAG_REJECTED
-    if now - count[L.C_BARO_OK] > k.baro_timeout_ticks:
-        silent = now - count[L.C_BARO_SEEN] > k.baro_timeout_ticks
+    if now - count[L.COUNT.baro_ok] > k.baro_timeout_ticks:
+        silent = now - count[L.COUNT.baro_seen] > k.baro_timeout_ticks
         return _BARO_TIMEOUT if silent else _BARO_REJECTED
     return _OK
 
@@ -718,7 +711,7 @@ class Observer:
         nis = 0.0
         for i in range(off.size):
             nis += scalar_update(
-                state.trial, state.dx, L.E_VEL + i, 1.0, 0, 0.0, 0, 0.0, 0, 0.0,
+                state.trial, state.dx, L.ERROR.vel + i, 1.0, 0, 0.0, 0, 0.0, 0, 0.0,
                 float(off[i]), sigma_mps**2,
             )  # fmt: skip
         passed = bool(nis <= self.params.ekf.gates[off.size])

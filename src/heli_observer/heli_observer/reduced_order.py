@@ -21,15 +21,9 @@ from heli_core.jit import copy_part, njit, scratch
 from heli_core.linear import held_and_linear, reduced_order_observer, with_servos
 from heli_core.rows import MEASURED, UNMEASURED
 from heli_core.ticks import TICK_S
-from heli_observer.layout import (
-    N_INPUT,
-    N_OUTPUT,
-    N_ROTOR_W,
-    N_UNMEASURED,
-    W_SERVO,
-    W_SERVO_RATE,
-    ReducedOrderParams,
-)
+from heli_observer.layout import N_INPUT, N_UNMEASURED, OUTPUT, ROTOR_W, ReducedOrderParams
+
+_N_ROTOR_W = ROTOR_W.size  # a length of what lies on the stack
 
 Matrix = NDArray[np.float64]
 
@@ -82,7 +76,7 @@ def reduced_order_model(A: Matrix, B: Matrix, K: Matrix) -> ReducedOrderModel:
         Wrong size, an entry that is not finite, or an A' that is not stable.
     """
     A, B = _finite("model.A", A, (9, 9)), _finite("model.B", B, (9, 3))
-    K = _finite("K", K, (N_UNMEASURED, N_OUTPUT))
+    K = _finite("K", K, (N_UNMEASURED, OUTPUT.size))
     observer = reduced_order_observer(A, B, K, MEASURED, UNMEASURED)
     poles = np.linalg.eigvals(observer.A)
     if not np.all(poles.real < 0.0):
@@ -100,9 +94,9 @@ def continuous_system(
     servo_frequency_radps = 0 leaves the servos out: then u drives z directly.
     """
     z = slice(0, N_UNMEASURED)
-    F = np.zeros((N_ROTOR_W, N_ROTOR_W))
-    G_u = np.zeros((N_ROTOR_W, N_INPUT))
-    G_y = np.zeros((N_ROTOR_W, N_OUTPUT))
+    F = np.zeros((ROTOR_W.size, ROTOR_W.size))
+    G_u = np.zeros((ROTOR_W.size, N_INPUT))
+    G_y = np.zeros((ROTOR_W.size, OUTPUT.size))
     G_y[z] = model.B_prime
     if servo_frequency_radps == 0.0:
         F[z, z], G_u[z] = model.A_prime, model.H_prime
@@ -147,10 +141,10 @@ def rotor_start(w, y, u, k):
     """
     for i in range(N_UNMEASURED):
         w[i] = 0.0
-        for j in range(N_OUTPUT):
+        for j in range(OUTPUT.size):
             w[i] -= k.K[i, j] * y[j]
-        w[W_SERVO + i] = (u[i] - k.u_trim[i]) * k.with_servo
-        w[W_SERVO_RATE + i] = 0.0
+        w[ROTOR_W.servo + i] = (u[i] - k.u_trim[i]) * k.with_servo
+        w[ROTOR_W.servo_rate + i] = 0.0
 
 
 @njit
@@ -160,16 +154,16 @@ def rotor_step(w, y0, y1, u, k):
     y0, y1 (6,) are the outputs at its beginning and end (deviations from trim, psi unwrapped);
     u (4,) is the command that acts on the aircraft during it; k is the ReducedOrderParams.
     """
-    new = scratch(N_ROTOR_W)
-    for i in range(N_ROTOR_W):
+    new = scratch(_N_ROTOR_W)
+    for i in range(ROTOR_W.size):
         new[i] = 0.0
-        for j in range(N_ROTOR_W):
+        for j in range(ROTOR_W.size):
             new[i] += k.Phi[i, j] * w[j]
-        for j in range(N_OUTPUT):
+        for j in range(OUTPUT.size):
             new[i] += k.G0[i, j] * y0[j] + k.G1[i, j] * y1[j]
         for j in range(N_INPUT):
             new[i] += k.Gu[i, j] * (u[j] - k.u_trim[j])
-    copy_part(w, 0, new, 0, N_ROTOR_W)
+    copy_part(w, 0, new, 0, ROTOR_W.size)
 
 
 @njit
@@ -177,5 +171,5 @@ def rotor_output(w, y, k, out):
     """a_s, b_s (rad), d_int into out (3,), absolute: z + K y + trim."""
     for i in range(N_UNMEASURED):
         out[i] = k.x_u_trim[i] + w[i]
-        for j in range(N_OUTPUT):
+        for j in range(OUTPUT.size):
             out[i] += k.K[i, j] * y[j]

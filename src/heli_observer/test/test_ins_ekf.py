@@ -18,7 +18,7 @@ GRAVITY = 9.781
 
 def error_between(x_true, x):
     """Error state (20,) such that x (+) error = x_true, with SciPy's rotations."""
-    e = np.zeros(L.N_ERROR)
+    e = np.zeros(L.ERROR.size)
     e[0:6] = x_true[0:6] - x[0:6]
     R_true = Rotation.from_quat(np.roll(x_true[6:10], -1))
     e[6:9] = (R_true * Rotation.from_quat(np.roll(x[6:10], -1)).inv()).as_rotvec()
@@ -44,7 +44,7 @@ def kernel(parameters):
 
 @pytest.fixture
 def some_state():
-    x = np.zeros(L.N_NOMINAL)
+    x = np.zeros(L.NOMINAL.size)
     x[0:6] = [10.0, -4.0, -12.0, 1.0, -2.0, 0.5]
     x[6:10] = quat_from_euler(0.2, -0.3, 2.0)
     x[10:13] = [0.01, -0.02, 0.03]
@@ -90,14 +90,14 @@ def test_strapdown_matches_integration_of_linearly_varying_imu(some_state):
 
 def test_transition_matches_numeric_differentiation_of_the_nominal(some_state, kernel):
     base = some_state.copy()
-    scratch = np.zeros((L.N_ERROR, L.N_ERROR))
+    scratch = np.zeros((L.ERROR.size, L.ERROR.size))
     ins_ekf.predict(base, scratch, IMU0, IMU1, kernel)
     a_ned, R = np.zeros(3), np.zeros((3, 3))
     ins_ekf.strapdown(some_state.copy(), IMU0, IMU1, kernel.gravity_mps2, 0.01, a_ned, R)
-    numeric = np.zeros((L.N_ERROR, L.N_ERROR))
-    analytic = np.zeros((L.N_ERROR, L.N_ERROR))
-    for j in range(L.N_ERROR):
-        unit = np.zeros(L.N_ERROR)
+    numeric = np.zeros((L.ERROR.size, L.ERROR.size))
+    analytic = np.zeros((L.ERROR.size, L.ERROR.size))
+    for j in range(L.ERROR.size):
+        unit = np.zeros(L.ERROR.size)
         unit[j] = 1.0
         ends = []
         for eps in (1e-4, -1e-4):
@@ -115,16 +115,16 @@ def test_transition_matches_numeric_differentiation_of_the_nominal(some_state, k
 
 def test_propagated_covariance_equals_the_dense_product(some_state, kernel):
     rng = np.random.default_rng(0)
-    S = rng.standard_normal((L.N_ERROR, L.N_ERROR))
+    S = rng.standard_normal((L.ERROR.size, L.ERROR.size))
     P0 = S @ S.T
     a_ned, R = np.zeros(3), np.zeros((3, 3))
     ins_ekf.strapdown(some_state.copy(), IMU0, IMU1, kernel.gravity_mps2, 0.01, a_ned, R)
-    Phi = np.eye(L.N_ERROR)
-    for j in range(L.N_ERROR):
+    Phi = np.eye(L.ERROR.size)
+    for j in range(L.ERROR.size):
         column = Phi[:, j].copy()
         ins_ekf.apply_transition(column, R, a_ned, kernel)
         Phi[:, j] = column
-    q = np.zeros(L.N_ERROR)
+    q = np.zeros(L.ERROR.size)
     q[3:6], q[6:9] = kernel.var_vel_step, kernel.var_att_step
     q[9:12], q[12:15] = kernel.var_gyro_bias_step, kernel.var_accel_bias_step
     q[15:17], q[17] = kernel.var_drift_step_horizontal, kernel.var_drift_step_vertical
@@ -138,17 +138,17 @@ def test_propagated_covariance_equals_the_dense_product(some_state, kernel):
 def test_sequential_scalar_updates_equal_the_joint_update():
     """State, covariance (against Joseph's form), sum of normalised innovations squared."""
     rng = np.random.default_rng(1)
-    S = rng.standard_normal((L.N_ERROR, L.N_ERROR))
+    S = rng.standard_normal((L.ERROR.size, L.ERROR.size))
     P0 = S @ S.T
-    H = np.zeros((3, L.N_ERROR))
+    H = np.zeros((3, L.ERROR.size))
     for i in range(3):
         H[i, i], H[i, 15 + i] = 1.0, 1.0
     variances = np.array([0.3, 0.4, 0.9])
     residual = rng.standard_normal(3)
     innovation = H @ P0 @ H.T + np.diag(variances)
     gain = P0 @ H.T @ np.linalg.inv(innovation)
-    keep = np.eye(L.N_ERROR) - gain @ H
-    P, dx = P0.copy(), np.zeros((2, L.N_ERROR))
+    keep = np.eye(L.ERROR.size) - gain @ H
+    P, dx = P0.copy(), np.zeros((2, L.ERROR.size))
     nis = 0.0
     for i in range(3):
         nis += ins_ekf.scalar_update(
@@ -163,13 +163,13 @@ def test_sequential_scalar_updates_equal_the_joint_update():
 
 def test_start_scalar_is_the_limit_of_an_unbounded_prior():
     rng = np.random.default_rng(2)
-    S = rng.standard_normal((L.N_ERROR, L.N_ERROR))
+    S = rng.standard_normal((L.ERROR.size, L.ERROR.size))
     P0 = S @ S.T
     wide = P0.copy()
     wide[8, :] = wide[:, 8] = 0.0
     wide[8, 8] = 1e9
     ins_ekf.scalar_update(
-        wide, np.zeros((2, L.N_ERROR)), 8, 1.0, 6, -0.7, 7, 0.3, 19, 1.0, 0.0, 0.01
+        wide, np.zeros((2, L.ERROR.size)), 8, 1.0, 6, -0.7, 7, 0.3, 19, 1.0, 0.0, 0.01
     )
     P = P0.copy()
     ins_ekf.start_scalar(P, 8, 6, -0.7, 7, 0.3, 19, 1.0, 0.01)
@@ -213,9 +213,9 @@ def test_baro_slope_matches_numeric_differentiation():
 
 
 def test_injection_undoes_a_known_error(some_state):
-    e = np.zeros(L.N_ERROR)
-    e[:] = np.linspace(-0.02, 0.03, L.N_ERROR)
-    x, dx = some_state.copy(), np.zeros((2, L.N_ERROR))
+    e = np.zeros(L.ERROR.size)
+    e[:] = np.linspace(-0.02, 0.03, L.ERROR.size)
+    x, dx = some_state.copy(), np.zeros((2, L.ERROR.size))
     dx[0] = e
     ins_ekf.inject(x, dx)
     np.testing.assert_allclose(error_between(x, some_state), e, atol=1e-14)

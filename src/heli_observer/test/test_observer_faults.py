@@ -33,7 +33,7 @@ def test_persistent_gps_jump_is_rejected_and_reported(parameters, run_observer):
     assert run.health is ObserverStatus.GPS_REJECTED
     behind = parameters["ekf.horizon_ticks"]
     fixes = (len(rows) - 1 - behind) // 20 * 20 - 500 + 15
-    assert run.state.count[L.C_GPS_POS_REJECTED] == fixes // 20 + 1
+    assert run.state.count[L.COUNT.gps_pos_rejected] == fixes // 20 + 1
     assert abs(run.out[-1, 0] - flight.pos[-1, 0]) < 4.0
 
 
@@ -43,15 +43,15 @@ def test_a_jump_of_the_receiver_is_taken_for_one_after_a_while(parameters, run_o
     rows = flight.y.copy()
     rows[500:, MEAS.gps_pos] += [30.0, -20.0, 10.0]
     run = run_observer(parameters).fly(rows[:1490])
-    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.C_GPS_JUMPS] == 0
+    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.COUNT.gps_jumps] == 0
     run.fly(rows[1490:1560])
-    refused = run.state.count[L.C_GPS_POS_REJECTED]
+    refused = run.state.count[L.COUNT.gps_pos_rejected]
     run.fly(rows[1560:])
-    assert run.health is ObserverStatus.OK and run.state.count[L.C_GPS_JUMPS] == 1
-    assert run.state.count[L.C_GPS_POS_REJECTED] == refused
+    assert run.health is ObserverStatus.OK and run.state.count[L.COUNT.gps_jumps] == 1
+    assert run.state.count[L.COUNT.gps_pos_rejected] == refused
     assert np.abs(run.out[1400:, NAV.pos] - flight.pos[1400:]).max() < 4.0
     own = flight.drift[-1 - run.params.horizon_ticks] + [30.0, -20.0, 10.0]
-    assert np.abs(run.state.nominal[L.X_DRIFT : L.X_DRIFT + 3] - own).max() < 4.0
+    assert np.abs(run.state.nominal[L.NOMINAL.drift : L.NOMINAL.drift + 3] - own).max() < 4.0
 
 
 def rolled_and_sure_of_it(parameters, run_observer, degrees):
@@ -59,11 +59,11 @@ def rolled_and_sure_of_it(parameters, run_observer, degrees):
     flight = synthesize(hover_path(), parameters, 25.0, seed=6)
     run = run_observer(parameters).fly(flight.y[:600])
     x = run.state.nominal
-    rolled = Rotation.from_quat(np.roll(x[L.X_QUAT : L.X_QUAT + 4], -1)) * Rotation.from_euler(
-        "X", degrees, degrees=True
-    )
-    x[L.X_QUAT : L.X_QUAT + 4] = np.roll(rolled.as_quat(), 1)
-    run.state.P[:] = 1e-8 * np.eye(L.N_ERROR)
+    rolled = Rotation.from_quat(
+        np.roll(x[L.NOMINAL.quat : L.NOMINAL.quat + 4], -1)
+    ) * Rotation.from_euler("X", degrees, degrees=True)
+    x[L.NOMINAL.quat : L.NOMINAL.quat + 4] = np.roll(rolled.as_quat(), 1)
+    run.state.P[:] = 1e-8 * np.eye(L.ERROR.size)
     forget(run.state.window)
     return flight, run
 
@@ -72,10 +72,10 @@ def test_a_filter_that_is_sure_of_a_wrong_attitude_aligns_anew(parameters, run_o
     """Rolled by so much that no doubt in its tilt explains what the fixes say."""
     flight, run = rolled_and_sure_of_it(parameters, run_observer, 120.0)
     run.fly(flight.y[600:1590])
-    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.C_REALIGNED] == 0
+    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.COUNT.realigned] == 0
     lost_m = np.abs(run.out[-1, NAV.pos] - flight.pos[1589]).max()
     run.fly(flight.y[1590:])
-    assert run.health is ObserverStatus.OK and run.state.count[L.C_REALIGNED] == 1
+    assert run.health is ObserverStatus.OK and run.state.count[L.COUNT.realigned] == 1
     assert np.degrees(np.abs(flight.attitude_error(run.out, [len(flight.y) - 1])).max()) < 1.0
     assert lost_m > 20.0 and np.abs(run.out[-1, NAV.pos] - flight.pos[-1]).max() < 4.0
 
@@ -86,9 +86,9 @@ def test_a_filter_that_is_sure_of_a_tilt_doubts_it_when_the_contradiction_grows(
     """By 8 deg, which no receiver does: it begins anew with tilt and biases, and learns them."""
     flight, run = rolled_and_sure_of_it(parameters, run_observer, 8.0)
     run.fly(flight.y[600:800])
-    assert run.state.count[L.C_IMU_DOUBTS] == 1
+    assert run.state.count[L.COUNT.imu_doubts] == 1
     run.fly(flight.y[800:])
-    assert run.state.count[L.C_REALIGNED] == 0
+    assert run.state.count[L.COUNT.realigned] == 0
     assert run.health not in (ObserverStatus.GPS_REJECTED, ObserverStatus.NOT_FINITE)
     assert np.abs(run.out[1300:, NAV.vel] - flight.vel[1300:]).max() < 0.8
     assert np.abs(run.out[600:, NAV.pos] - flight.pos[600:]).max() < 4.0
@@ -144,7 +144,7 @@ def test_a_receiver_that_repeats_itself_is_stuck_until_it_moves(parameters, run_
     rows[500:1200, at] = rows[480, at]
     run = run_observer(parameters).fly(rows[:1190])
     assert run.health is ObserverStatus.GPS_STUCK
-    assert run.state.count[L.C_GPS_REPEATED] > 60
+    assert run.state.count[L.COUNT.gps_repeated] > 60
     assert np.abs(run.out[-1, NAV.pos] - flight.pos[1189])[:2].max() < 10.0
     run.fly(rows[1190:])
     assert run.health is ObserverStatus.OK
@@ -163,8 +163,8 @@ def test_a_receiver_that_drifts_from_the_start_is_not_believed_in_the_end(
     run = run_observer(parameters).fly(rows[:900])
     assert run.health is ObserverStatus.GPS_REJECTED
     run.fly(rows[900:2990])
-    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.C_REALIGNED] == 0
-    assert run.state.count[L.C_IMU_DOUBTS] == 0
+    assert run.health is ObserverStatus.GPS_REJECTED and run.state.count[L.COUNT.realigned] == 0
+    assert run.state.count[L.COUNT.imu_doubts] == 0
     run.fly(rows[2990:])
     assert run.health is ObserverStatus.OK
     assert np.abs(run.out[-1, NAV.vel] - flight.vel[-1]).max() < 1.0
@@ -180,7 +180,7 @@ def test_an_imu_that_stops_for_a_while_costs_little(parameters, run_observer, wh
     assert run.health is (ObserverStatus.IMU_TIMEOUT if nan else ObserverStatus.IMU_FROZEN)
     run.fly(rows[618:])
     assert run.health is ObserverStatus.OK
-    assert 18 <= run.state.count[L.C_IMU_REPLACED] <= 20
+    assert 18 <= run.state.count[L.COUNT.imu_replaced] <= 20
     assert np.abs(run.out[600:, NAV.pos] - flight.pos[600:]).max() < 1.5
     assert np.abs(run.out[600:, NAV.vel] - flight.vel[600:]).max() < 0.5
 
@@ -194,7 +194,7 @@ def test_a_bias_that_jumps_is_learnt_from_the_fixes(parameters, run_observer, ax
     rows = flight.y.copy()
     rows[1000:, axis] += bias
     run = run_observer(parameters).fly(rows)
-    assert run.state.count[L.C_IMU_DOUBTS] >= 1 and run.state.count[L.C_REALIGNED] == 0
+    assert run.state.count[L.COUNT.imu_doubts] >= 1 and run.state.count[L.COUNT.realigned] == 0
     assert run.health is ObserverStatus.OK
     assert np.abs(run.out[-1, NAV.vel] - flight.vel[-1]).max() < 0.5
     assert np.abs(run.out[-1, NAV.pos] - flight.pos[-1]).max() < 4.0
@@ -204,7 +204,12 @@ def test_a_bias_that_jumps_is_learnt_from_the_fixes(parameters, run_observer, ax
 def test_healthy_sensors_are_never_doubted(parameters, run_observer, path):
     for seed in range(5):
         run = run_observer(parameters).fly(synthesize(path, parameters, 30.0, seed).y)
-        doubts = (L.C_IMU_DOUBTS, L.C_IMU_REPLACED, L.C_GPS_REPEATED, L.C_GPS_OFFSET)
+        doubts = (
+            L.COUNT.imu_doubts,
+            L.COUNT.imu_replaced,
+            L.COUNT.gps_repeated,
+            L.COUNT.gps_offset,
+        )
         assert not run.state.count[list(doubts)].any()
 
 

@@ -34,7 +34,7 @@ def test_the_filter_reads_late_samples_as_if_they_had_come_in_time(parameters, r
     late_by(late, rows, ticks)
     np.testing.assert_array_equal(late.state.nominal, in_time.state.nominal)
     np.testing.assert_array_equal(late.state.P, in_time.state.P)
-    assert late.state.count[L.C_IMU_MENDED] == len(rows) - BEGIN - ticks
+    assert late.state.count[L.COUNT.imu_mended] == len(rows) - BEGIN - ticks
     # Over the last ticks the newest sample is held.
     apart = np.abs(late.out - in_time.out)[BEGIN + 50 :]
     assert apart[:, NAV.pos].max() < 0.02 and apart[:, NAV.vel].max() < 0.25 * ticks / 10 + 0.05
@@ -44,7 +44,7 @@ def test_samples_older_than_the_horizon_are_of_no_use(parameters, run_observer):
     rows = synthesize(hover_path(), parameters, 6.0, seed=3).y
     run = run_observer(parameters)
     late_by(run, rows, run.params.horizon_ticks + 1)
-    assert run.state.count[L.C_IMU_MENDED] == 0
+    assert run.state.count[L.COUNT.imu_mended] == 0
 
 
 def test_one_that_comes_twice_is_taken_once(parameters, run_observer):
@@ -52,7 +52,7 @@ def test_one_that_comes_twice_is_taken_once(parameters, run_observer):
     run = run_observer(parameters).fly(rows[:BEGIN])
     y = rows[BEGIN].copy()
     hear_imu(run.state, BEGIN, BEGIN - 1, rows[BEGIN - 1, MEAS.imu].copy(), run.params, y)
-    assert np.isnan(y[MEAS.imu]).all() and run.state.count[L.C_IMU_MENDED] == 0
+    assert np.isnan(y[MEAS.imu]).all() and run.state.count[L.COUNT.imu_mended] == 0
 
 
 def test_before_anything_is_known_a_late_sample_begins_the_alignment(parameters, run_observer):
@@ -63,10 +63,10 @@ def test_before_anything_is_known_a_late_sample_begins_the_alignment(parameters,
 
 
 def ring(samples, missing):
-    imu = np.zeros((40, L.N_IMU))
+    imu = np.zeros((40, L.RING.size))
     imu[: len(samples), : IMU.size] = samples
     for tick in missing:
-        imu[tick, L.I_REPLACED] = 1.0
+        imu[tick, L.RING.replaced] = 1.0
         imu[tick, : IMU.size] = 99.0
     return imu
 
@@ -74,11 +74,11 @@ def ring(samples, missing):
 @pytest.mark.parametrize("missing", [[12], [12, 13], [12, 13, 14, 15]])
 def test_a_gap_on_a_straight_line_is_closed_exactly(missing):
     line = np.outer(np.arange(30.0), [0.1, 0.2, -0.3, 0.01, 0.02, 0.03])
-    imu, P = ring(line, missing), np.zeros((L.N_ERROR, L.N_ERROR))
+    imu, P = ring(line, missing), np.zeros((L.ERROR.size, L.ERROR.size))
     for tick in missing:
         assert interpolate_gap(imu, tick, 29, 0.01, P)
         np.testing.assert_allclose(imu[tick, : IMU.size], line[tick], atol=1e-12)
-        assert imu[tick, L.I_REPLACED] == 1.0
+        assert imu[tick, L.RING.replaced] == 1.0
 
 
 def test_vibration_is_left_out_and_paid_for():
@@ -87,10 +87,10 @@ def test_vibration_is_left_out_and_paid_for():
     sigma = np.array([2.0, 2.0, 2.0, 0.3, 0.3, 0.3])
     for _ in range(400):
         imu = ring(5.0 + sigma * rng.standard_normal((30, 6)), [12])
-        P = np.zeros((L.N_ERROR, L.N_ERROR))
+        P = np.zeros((L.ERROR.size, L.ERROR.size))
         assert interpolate_gap(imu, 12, 29, 0.01, P)
         found.append(imu[12, : IMU.size] - 5.0)
-        paid.append([P[L.E_VEL, L.E_VEL], P[L.E_ATT, L.E_ATT]])
+        paid.append([P[L.ERROR.vel, L.ERROR.vel], P[L.ERROR.att, L.ERROR.att]])
         assert np.count_nonzero(P) == 6
     assert np.all(np.std(found, axis=0) < 0.4 * sigma)
     np.testing.assert_allclose(
@@ -99,7 +99,7 @@ def test_vibration_is_left_out_and_paid_for():
 
 
 def test_longer_gaps_and_what_was_measured_stay_as_they_are():
-    imu, P = ring(np.ones((30, 6)), range(10, 11 + BRIDGED)), np.zeros((L.N_ERROR, L.N_ERROR))
+    imu, P = ring(np.ones((30, 6)), range(10, 11 + BRIDGED)), np.zeros((L.ERROR.size, L.ERROR.size))
     before = imu.copy()
     assert not any(interpolate_gap(imu, tick, 29, 0.01, P) for tick in range(5, 25))
     np.testing.assert_array_equal(imu, before)

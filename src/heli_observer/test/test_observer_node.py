@@ -6,7 +6,7 @@ import pytest
 
 from heli_core.rows import MEAS
 from heli_msgs_bridge import topics
-from heli_observer.layout import C_MAG_REJECTED
+from heli_observer.layout import COUNT
 from heli_observer.node import ObserverNode
 from support.synthetic_sensors import hover_path, synthesize
 
@@ -44,7 +44,7 @@ def test_diagnostics_count_what_was_fused_and_what_was_rejected(observer):
     # One sample in two ticks, judged when the filter, which runs behind, has come to it.
     assert facts["mag_rejected"] == pytest.approx((301 - 100) / 2, abs=horizon)
     assert facts["mag_fused"] == pytest.approx(100 / 2, abs=horizon)
-    assert facts["mag_rejected"] == observer.node.core.state.count[C_MAG_REJECTED]
+    assert facts["mag_rejected"] == observer.node.core.state.count[COUNT.mag_rejected]
     assert facts["gps_fused"] > 10 and facts["baro_fused"] > 40
     assert "gps_position_rejected" not in facts and "tick_gaps" not in facts
 

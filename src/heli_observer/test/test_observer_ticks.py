@@ -53,7 +53,7 @@ def test_a_tipped_first_sample_is_put_right_by_a_precise_receiver(
     run = run_observer({**rtk, "ekf.initial.level_rad": 0.08}).fly(rows)
     error = np.degrees(np.abs(exact_sensors.attitude_error(run.out, [0, 100])).max(axis=1))
     assert error[0] > 14.0 and error[1] < 0.5
-    assert run.state.count[[L.C_GPS_POS_REJECTED, L.C_GPS_VEL_REJECTED]].tolist() == [0, 0]
+    assert run.state.count[[L.COUNT.gps_pos_rejected, L.COUNT.gps_vel_rejected]].tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("psi", [-3.1, -1.0, 0.0, 2.0, 3.1])
@@ -76,7 +76,7 @@ def test_a_fix_that_comes_early_is_fused_at_its_own_time(parameters, run_observe
         early[n - 9, 16:18] = flight.y[n - 9, 16:18]
         early[n - 9, 18:20] = [1.0, n - 15]
     a, b = run_observer(parameters).fly(flight.y), run_observer(parameters).fly(early)
-    assert b.state.count[L.C_GPS_FUSED] == a.state.count[L.C_GPS_FUSED]
+    assert b.state.count[L.COUNT.gps_fused] == a.state.count[L.COUNT.gps_fused]
     np.testing.assert_array_equal(a.out[arrivals], b.out[arrivals])
 
 
@@ -102,8 +102,8 @@ def test_late_and_future_fixes_are_dropped_and_counted(parameters, run_observer)
     without = flight.y.copy()
     without[[200, 220], 18] = 0.0
     a, b = run_observer(parameters).fly(rows), run_observer(parameters).fly(without)
-    assert a.state.count[L.C_GPS_LATE] == 1 and a.state.count[L.C_GPS_FUTURE] == 1
-    assert b.state.count[L.C_GPS_LATE] == 0
+    assert a.state.count[L.COUNT.gps_late] == 1 and a.state.count[L.COUNT.gps_future] == 1
+    assert b.state.count[L.COUNT.gps_late] == 0
     np.testing.assert_array_equal(a.out, b.out)
 
 
@@ -119,13 +119,13 @@ def test_components_that_are_not_finite_never_enter(parameters, run_observer, ba
     assert np.all(np.isfinite(run.out))
     assert run.health is ObserverStatus.OK
     count = run.state.count
-    assert count[L.C_IMU_DROPPED] == 6
+    assert count[L.COUNT.imu_dropped] == 6
     if np.isfinite(bad):
-        assert count[L.C_MAG_REJECTED] == 3 and count[L.C_BARO_REJECTED] == 1
-        assert count[L.C_GPS_POS_REJECTED] == 3 and count[L.C_GPS_VEL_REJECTED] == 3
+        assert count[L.COUNT.mag_rejected] == 3 and count[L.COUNT.baro_rejected] == 1
+        assert count[L.COUNT.gps_pos_rejected] == 3 and count[L.COUNT.gps_vel_rejected] == 3
     else:
-        assert count[L.C_MAG_DROPPED] == 3 and count[L.C_BARO_DROPPED] == 1
-        assert count[L.C_GPS_DROPPED] == 7
+        assert count[L.COUNT.mag_dropped] == 3 and count[L.COUNT.baro_dropped] == 1
+        assert count[L.COUNT.gps_dropped] == 7
     good = run_observer(parameters).fly(flight.y)
     assert np.max(np.abs(run.out[-1, 0:6] - good.out[-1, 0:6])) < 0.1
 
@@ -136,7 +136,7 @@ def test_actuators_that_are_not_finite_are_held(parameters, run_observer):
     for n, row in enumerate(flight.y):
         out = run.step(n, row, u=[np.nan, 0.0, np.inf, 0.0] if n == 50 else None)
         assert np.all(np.isfinite(out))
-    assert run.state.count[L.C_ACTUATOR_DROPPED] == 2
+    assert run.state.count[L.COUNT.actuator_dropped] == 2
 
 
 def test_lost_imu_samples_are_reported(parameters, run_observer):
@@ -157,7 +157,7 @@ def test_lost_ticks_are_filled_in(parameters, run_observer):
             continue
         out = run.step(n, row)
         assert np.all(np.isfinite(out))
-    assert run.state.count[L.C_TICK_GAPS] == 20
+    assert run.state.count[L.COUNT.tick_gaps] == 20
     assert np.all(np.abs(out[3:6] - flight.vel[-1]) < 0.15)
 
 
@@ -165,7 +165,7 @@ def test_a_long_gap_aligns_again(parameters, run_observer):
     flight = synthesize(hover_path(), parameters, 10.0, seed=8)
     run = run_observer(parameters).fly(flight.y[:300])
     out = run.step(400, flight.y[400])
-    assert np.all(np.isfinite(out)) and run.state.count[L.C_REALIGNED] == 1
+    assert np.all(np.isfinite(out)) and run.state.count[L.COUNT.realigned] == 1
     out = run.step(610, flight.y[610])  # no fix comes with this one
     assert np.all(np.isnan(out)) and run.health is ObserverStatus.ALIGNING
     for n in range(611, 641):
@@ -178,7 +178,7 @@ def test_a_repeated_tick_changes_nothing(parameters, run_observer):
     run = run_observer(parameters).fly(flight.y)
     again = run.step(len(flight.y) - 1, flight.y[-1])
     np.testing.assert_array_equal(again, run.out[-1])
-    assert run.state.count[L.C_TICK_REPEATED] == 1
+    assert run.state.count[L.COUNT.tick_repeated] == 1
 
 
 def test_a_first_sample_that_is_not_finite_waits(parameters, run_observer):

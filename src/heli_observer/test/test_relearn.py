@@ -24,10 +24,10 @@ def flown_until_doubted(parameters, run_observer, place, jump, seed):
     flight.y[AT:, place] += jump
     run = run_observer(parameters).fly(flight.y[:AT])
     tick = AT
-    while not run.state.count[L.C_IMU_DOUBTS] and tick < AT + 400:
+    while not run.state.count[L.COUNT.imu_doubts] and tick < AT + 400:
         run.fly(flight.y[tick : tick + 1])
         tick += 1
-    assert run.state.count[L.C_IMU_DOUBTS] == 1
+    assert run.state.count[L.COUNT.imu_doubts] == 1
     return flight, run, tick
 
 
@@ -49,7 +49,7 @@ def test_a_gyro_is_believed_to_be_off_by_what_it_is(
 ):
     """Within what the filter says it knows of it; no attitude but in between is far off."""
     flight, run, tick = flown_until_doubted(parameters, run_observer, place, jump, seed)
-    at = slice(L.E_GYRO_BIAS, L.E_GYRO_BIAS + 3)
+    at = slice(L.ERROR.gyro_bias, L.ERROR.gyro_bias + 3)
     far = []
     for row in flight.y[tick : tick + 300]:
         run.fly([row])

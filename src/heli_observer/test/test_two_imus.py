@@ -6,17 +6,7 @@ import pytest
 
 from heli_core.rows import IMU, MEAS, NAV
 from heli_observer import layout as L
-from heli_observer.dual_imu import (
-    P_COMPARED,
-    P_LEFT,
-    P_SWITCHES,
-    P_TRIAL,
-    P_WHY,
-    WHY_COMPASS,
-    WHY_FIXES,
-    WHY_NOTHING,
-    WHY_STOPPED,
-)
+from heli_observer.dual_imu import PAIR, WHY_COMPASS, WHY_FIXES, WHY_NOTHING, WHY_STOPPED
 from heli_observer.layout import ObserverStatus
 from support.synthetic_sensors import hover_path, synthesize
 
@@ -57,8 +47,8 @@ def test_the_mean_is_flown_while_they_agree(two):
     learnt = np.mean(flight.y[:, MEAS.imu2] - flight.y[:, MEAS.imu], axis=0)
     np.testing.assert_allclose(pair.offset[:3], learnt[:3], atol=0.01)
     np.testing.assert_allclose(pair.offset[3:], learnt[3:], atol=0.001)
-    assert pair.count[P_COMPARED] == len(flight.y)
-    assert pair.count[P_SWITCHES] == 0 and run.health is ObserverStatus.OK
+    assert pair.count[PAIR.compared] == len(flight.y)
+    assert pair.count[PAIR.switches] == 0 and run.health is ObserverStatus.OK
 
 
 @pytest.mark.parametrize("number", [1, 2])
@@ -72,11 +62,11 @@ def test_one_that_stops_is_left_at_once_and_leaves_no_step(two, number, kind):
     }[kind]  # fmt: skip
     _, run = two()
     run.fly(rows[: AT + 4])
-    assert run.state.pair.count[P_LEFT] == number
-    assert run.state.pair.count[P_WHY] == WHY_STOPPED
+    assert run.state.pair.count[PAIR.left] == number
+    assert run.state.pair.count[PAIR.why] == WHY_STOPPED
     assert run.health is ObserverStatus.IMU_LEFT
     run.fly(rows[AT + 4 :])
-    assert run.state.count[L.C_IMU_REPLACED] == 0
+    assert run.state.count[L.COUNT.imu_replaced] == 0
     steps = np.abs(run.out - sound.out)[AT:]
     assert steps[:50, NAV.vel].max() < 0.01 and steps[:50, NAV.quat].max() < 1e-3
     assert errors(flight, run, AT)[0] < 0.2
@@ -94,13 +84,13 @@ def test_who_contradicts_fixes_and_compass_is_left(two, number, axis, jump, seed
     rows[AT:, PLACES[number].start + axis] += jump
     run.fly(rows[: AT + 200])
     pair = run.state.pair
-    assert pair.count[P_LEFT] == number and pair.count[P_SWITCHES] == 1
+    assert pair.count[PAIR.left] == number and pair.count[PAIR.switches] == 1
     by = {WHY_COMPASS} if axis == 5 else {WHY_FIXES} if axis < 3 else {WHY_COMPASS, WHY_FIXES}
-    assert pair.count[P_WHY] in by
+    assert pair.count[PAIR.why] in by
     run.fly(rows[AT + 200 :])
     velocity, attitude = errors(flight, run, AT + 200)
     assert velocity < 0.25 and attitude < 0.03
-    assert run.state.count[L.C_IMU_DOUBTS] == 0
+    assert run.state.count[L.COUNT.imu_doubts] == 0
 
 
 @pytest.mark.parametrize("number", [1, 2])
@@ -111,7 +101,7 @@ def test_without_fixes_and_compass_nobody_is_left(two, number):
     rows[AT - 100 :, [MEAS.gps_valid, MEAS.mag_valid]] = 0.0
     rows[AT:, PLACES[number].start + 3] += 0.1
     run.fly(rows[: AT + 150])
-    assert run.state.pair.count[P_LEFT] == 0 and run.state.pair.count[P_TRIAL] == 1
+    assert run.state.pair.count[PAIR.left] == 0 and run.state.pair.count[PAIR.trial] == 1
     assert run.health is ObserverStatus.IMUS_DISAGREE
 
 
@@ -120,9 +110,9 @@ def test_who_agrees_again_is_believed_again(two):
     rows = flight.y.copy()
     rows[AT : AT + 100, MEAS.imu2.start + 3] += 0.1
     run.fly(rows[: AT + 290])
-    assert run.state.pair.count[P_LEFT] == 2
+    assert run.state.pair.count[PAIR.left] == 2
     run.fly(rows[AT + 290 : AT + 360])
-    assert run.state.pair.count[P_LEFT] == 0 and run.state.pair.count[P_WHY] == WHY_NOTHING
+    assert run.state.pair.count[PAIR.left] == 0 and run.state.pair.count[PAIR.why] == WHY_NOTHING
     assert run.health is ObserverStatus.OK
     assert np.abs(np.diff(run.out[AT + 200 :, NAV.vel], axis=0)).max() < 0.05
 
@@ -132,7 +122,7 @@ def test_both_that_stop_are_as_one_that_stops(two):
     rows = flight.y.copy()
     rows[AT : AT + 20, MEAS.imu] = rows[AT : AT + 20, MEAS.imu2] = np.nan
     run.fly(rows)
-    assert run.state.count[L.C_IMU_REPLACED] == 20
+    assert run.state.count[L.COUNT.imu_replaced] == 20
     assert run.health is ObserverStatus.OK
     assert errors(flight, run, AT)[0] < 0.5
 
@@ -147,5 +137,5 @@ def test_ticks_that_never_come_or_come_twice_do_not_matter(two):
             run.step(tick, row)
         if tick == AT + 9:
             run.step(tick, row)
-    assert run.state.pair.count[P_LEFT] == 2 and run.state.count[L.C_TICK_REPEATED] == 1
-    assert run.state.count[L.C_TICK_GAPS] == 1
+    assert run.state.pair.count[PAIR.left] == 2 and run.state.count[L.COUNT.tick_repeated] == 1
+    assert run.state.count[L.COUNT.tick_gaps] == 1
