@@ -99,8 +99,8 @@ def main() -> int:
     parser.add_argument("--world")
     parser.add_argument("--flights", type=int)
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
-    rows = os.environ.get("HELI_ROWS")
-    parser.add_argument("--rows", type=Path, default=rows, help="folder that keeps the rows")
+    kept = os.environ.get("HELI_ROWS")
+    parser.add_argument("--rows", type=Path, default=kept, help="folder that keeps the rows")
     asked = parser.parse_args()
     changes = {"world": asked.world, "flights": asked.flights}
     with tempfile.TemporaryDirectory(prefix="heli_dispersion_") as passing:
