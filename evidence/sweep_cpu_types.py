@@ -132,9 +132,9 @@ def print_table(outcomes: Sequence[Outcome]) -> None:
         c = row.chose
         made = (c.blas, c.threads, c.compiler, c.libm, c.loops) if c else ("",) * 5
         if row.remark.startswith("not run"):
-            counts = (row.remark, "", "", "")
+            counts = [row.remark, "", "", ""]
         else:
-            counts = (row.passed, row.skipped, len(row.failed), f"{row.seconds:.0f}")
+            counts = [str(row.passed), str(row.skipped), str(len(row.failed)), f"{row.seconds:.0f}"]
         print(f"| {' | '.join(str(cell) for cell in (row.name, *made, *counts))} |")
     for row in outcomes:
         for name in row.failed:

@@ -4,15 +4,15 @@
 Usage: ./heli python -m evidence.experiments.actuator_faults [--seeds 11..20]
 """
 
-import json
+import sys
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_core.rotations import euler_from_quat
 from heli_core.ticks import TICKS_PER_S
@@ -37,10 +37,12 @@ KINDS: tuple[tuple[str, str, float | None, float | None], ...] = (
     ("runs away, 0.1 /s", "runaway", None, 0.1),
 )
 """Words, kind, duration in s (None: to the end), value."""
+_KINDS = {words: (kind, duration_s, value) for words, kind, duration_s, value in KINDS}
 
 
-def fault(what: str, kind: str, duration_s: float | None, value: float | None) -> str:
-    """The parameter's text of a fault from `BEGIN_S` on."""
+def text_of(what: str, fault: str) -> str:
+    """The parameter's text of a fault of a channel from `BEGIN_S` on."""
+    kind, duration_s, value = _KINDS[fault]
     words = f"what: {what}, kind: {kind}, start_s: {BEGIN_S}"
     words += "" if duration_s is None else f", duration_s: {duration_s}"
     return f"{{{words}{'' if value is None else f', value: {value}'}}}"
@@ -49,7 +51,11 @@ def fault(what: str, kind: str, duration_s: float | None, value: float | None) -
 def settings(text: str, gps: str, seed: int) -> Settings:
     """A hover at its place."""
     watched = {"failsafe.unfollowed_deg": [8.0, 5.5]}
-    over = {"plant": {"faults": (text,)}, "scenario": _STAYS, "outer_loop": watched}
+    over: dict[str, dict[str, Any]] = {
+        "plant": {"faults": (text,)},
+        "scenario": _STAYS,
+        "outer_loop": watched,
+    }
     return resolve("hover", gps, seed, END_S, world=WORLD, overrides=over)
 
 
@@ -59,9 +65,10 @@ def sound(gps: str, seed: int) -> FlightRecord:
     return simulate(settings("none", gps, seed)).record
 
 
-def flown(given: Settings) -> dict[str, Any]:
+@over(what=CHANNELS, fault=tuple(_KINDS), gps=RECEIVERS)
+def flown(what: str, fault: str, gps: str, seed: int) -> dict[str, Any]:
     """Figures of a flight."""
-    flight, whole = simulate(given), sound(given.gps, given.seed)
+    flight, whole = simulate(settings(text_of(what, fault), gps, seed)), sound(gps, seed)
     record, begun = flight.record, round(BEGIN_S * TICKS_PER_S)
     n = len(record)
     off = np.linalg.norm(record.truth_pos_ned_m - whole.truth_pos_ned_m[:n], axis=1)
@@ -78,22 +85,17 @@ def flown(given: Settings) -> dict[str, Any]:
     }
 
 
-def row(what: str, told: tuple[str, str, float | None, float | None], gps: str,
-        seeds: list[int]) -> dict[str, Any]:  # fmt: skip
+def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Figures of a fault with a receiver; off and turned are of the flights that were not lost."""
-    words, kind, duration_s, value = told
-    text = fault(what, kind, duration_s, value)
-    found = [flown(settings(text, gps, seed)) for seed in seeds]
+    found = place.flights
     lost, kept = ([one for one in found if one["lost"] is is_lost] for is_lost in (True, False))
 
     def most(key: str) -> float | None:
         return max((one[key] for one in kept), default=None)
 
     return {
-        "what": what,
-        "fault": words,
-        "gps": gps,
-        "text": text,
+        **place.point,
+        "text": text_of(place.point["what"], place.point["fault"]),
         "lost": len(lost),
         "causes": sorted({one["cause"] for one in lost}),
         "median": {"off_m": float(np.median([one["off_m"] for one in kept])) if kept else None},
@@ -102,12 +104,10 @@ def row(what: str, told: tuple[str, str, float | None, float | None], gps: str,
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "11..20").parse_args().seeds
-    rows = [row(what, told, gps, seeds) for what in CHANNELS for told in KINDS for gps in RECEIVERS]
-    content = {"seeds": seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
-    print(json.dumps(content | {"rows": rows}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    content = {"seeds": options.seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
+    return content | {"rows": [row(place) for place in flown.places(options)]}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -156,4 +156,4 @@ def actuator_faults(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "11..20"))

@@ -4,8 +4,9 @@
 Usage: ./heli python -m evidence.experiments.airspeed [--seeds 1..20]
 """
 
-import json
 import os
+import sys
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -14,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, world
 from heli_core.metrics import attitude_errors
 from heli_core.rows import ACTUATOR, REFERENCE
@@ -23,7 +24,7 @@ from heli_core.ticks import TICK_S, TICKS_PER_S
 from heli_flight.loop import simulate
 from heli_flight.record import FlightRecord
 from heli_flight.result import conditions
-from heli_flight.settings import resolve
+from heli_flight.settings import Settings, resolve
 from heli_studies.robust import ACROSS_MPS, SPEEDS_MPS, OverAirspeed, over_airspeed
 
 LAWS = ("packaged", "hinf", "lqg", "pid", "indi")
@@ -75,38 +76,51 @@ def transition(record: FlightRecord) -> NDArray[np.bool_]:
     return np.convolve(gains, np.ones(_AFTER_TICKS))[: gains.size] > 0.5
 
 
-def flights(world: str, gps: str, seeds: list[int]) -> dict[str, Any]:
+def settings_of(scenario: str, world: str, gps: str) -> Settings:
+    """A packaged scenario."""
+    return resolve(scenario, gps, world=world)
+
+
+def begin_s(world: str, gps: str) -> float:
+    """Start of the way of the scenario forward_flight."""
+    return float(settings_of("forward_flight", world, gps).scenario.windows_s[0, 0])
+
+
+@over(world=WORLDS, gps=RECEIVERS)
+def forward(world: str, gps: str, seed: int) -> dict[str, Any]:
     """Largest errors of the scenario forward_flight from the start of its way on, truth."""
-    settings = resolve("forward_flight", gps, world=world)
-    largest: dict[str, float] = {}
-    lost = inside = 0
-    for seed in seeds:
-        flight = simulate(settings.with_seed(seed))
-        lost += bool(flight.status)
-        own = errors(flight.record, settings.scenario.windows_s[0, 0])
-        inside += max(own["roll, transition"], own["pitch, transition"]) < GOAL_DEG
-        largest = {key: max(largest.get(key, 0.0), value) for key, value in own.items()}
+    flight = simulate(settings_of("forward_flight", world, gps).with_seed(seed))
+    return {"lost": bool(flight.status), "max": errors(flight.record, begin_s(world, gps))}
+
+
+@over(world=WORLDS, gps=RECEIVERS)
+def hover(world: str, gps: str, seed: int) -> dict[str, float]:
+    """Largest attitude errors in hover, for comparison: what receiver and air alone make."""
+    r = simulate(settings_of("hover", world, gps).with_seed(seed)).record
+    from_s = begin_s(world, gps)
     return {
-        "world": world,
-        "gps": gps,
-        "conditions": conditions(settings).splitlines(),
-        "lost": lost,
-        "inside_transition": inside,
-        "max": largest,
-        "hover": hover(world, gps, seeds, settings.scenario.windows_s[0, 0]),
+        key: float(np.max(np.abs(values[r.time_s >= from_s])))
+        for key, values in attitude_errors(r.truth_q_nb, r.setpoint).items()
     }
 
 
-def hover(world: str, gps: str, seeds: list[int], from_s: float) -> dict[str, float]:
-    """Largest attitude errors in hover, for comparison: what receiver and air alone make."""
-    settings = resolve("hover", gps, world=world)
-    largest: dict[str, float] = {}
-    for seed in seeds:
-        r = simulate(settings.with_seed(seed)).record
-        for key, values in attitude_errors(r.truth_q_nb, r.setpoint).items():
-            found = float(np.max(np.abs(values[r.time_s >= from_s])))
-            largest[key] = max(largest.get(key, 0.0), found)
-    return largest
+def row(ahead: Place[dict[str, Any]], there: Place[dict[str, float]]) -> dict[str, Any]:
+    """Largest errors in a world with a receiver, forward and in hover."""
+    turned = [max(one["max"][f"{axis}, transition"] for axis in ("roll", "pitch"))
+              for one in ahead.flights]  # fmt: skip
+    return {
+        **ahead.point,
+        "conditions": conditions(settings_of("forward_flight", **ahead.point)).splitlines(),
+        "lost": sum(one["lost"] for one in ahead.flights),
+        "inside_transition": sum(error_deg < GOAL_DEG for error_deg in turned),
+        "max": largest([one["max"] for one in ahead.flights]),
+        "hover": largest(there.flights),
+    }
+
+
+def largest(flights: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Of each figure the largest."""
+    return {key: max(0.0, *(one[key] for one in flights)) for key in flights[0]}
 
 
 def errors(record: FlightRecord, from_s: float) -> dict[str, float]:
@@ -128,19 +142,18 @@ def errors(record: FlightRecord, from_s: float) -> dict[str, float]:
     return largest
 
 
-def main() -> None:
-    """Print what was found."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
+def found(options: Options) -> dict[str, Any]:
+    """All that the tables show."""
     packaged = over_airspeed(resolve())
     others = [bound_of(name, over_airspeed(resolve(laws=name))) for name in LAWS[1:]]
-    found = {
-        "seeds": seeds,
+    flown = zip(list(forward.places(options)), hover.places(options), strict=True)
+    return {
+        "seeds": options.seeds,
         "across_mps": ACROSS_MPS,
         "speeds": over_speeds(packaged),
         "bounds": [bound_of(LAWS[0], packaged), *others],
-        "flights": [flights(world, gps, seeds) for world in WORLDS for gps in RECEIVERS],
+        "flights": [row(ahead, there) for ahead, there in flown],
     }
-    print(json.dumps(found, indent=2))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -231,4 +244,4 @@ def airspeed_flown(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

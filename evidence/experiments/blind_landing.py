@@ -4,14 +4,14 @@
 Usage: ./heli python -m evidence.experiments.blind_landing [--seeds 1..20]
 """
 
-import json
+import sys
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_core.rows import ACTUATOR
 from heli_core.ticks import TICKS_PER_S
@@ -61,8 +61,10 @@ def _last_in_the_air(record: FlightRecord) -> int:
     return int(np.flatnonzero(down < down[-1] - _LIFTED_M)[-1])
 
 
-def flown(given: Settings) -> dict[str, Any]:
+@over(world=WORLDS, gps=RECEIVERS, wait_s=WAITS_S)
+def flown(world: str, gps: str, wait_s: float, seed: int) -> dict[str, Any]:
     """Figures of a flight; None where there are none."""
+    given = settings(world, gps, wait_s, seed)
     flight = simulate(given)
     record, law = flight.record, given.nodes["outer_loop"]
     assert record.mode is not None  # it begins on the ground
@@ -91,18 +93,16 @@ def flown(given: Settings) -> dict[str, Any]:
     return found
 
 
-def row(world: str, gps: str, wait_s: float, seeds: list[int]) -> dict[str, Any]:
+def row(place: Place[dict[str, Any]], seeds: list[int]) -> dict[str, Any]:
     """Figures of a world, a receiver and a time without fixes."""
-    found = [flown(settings(world, gps, wait_s, seed)) for seed in seeds]
+    found = place.flights
 
     def of(key: str) -> list[float]:
         return [one[key] for one in found if one[key] is not None]
 
     return {
-        "world": world,
-        "gps": gps,
-        "wait_s": wait_s,
-        "conditions": conditions(settings(world, gps, wait_s, seeds[0])).splitlines(),
+        **place.point,
+        "conditions": conditions(settings(**place.point, seed=seeds[0])).splitlines(),
         "stands": sum(one["stands"] for one in found),
         "position_lost": len(of("lost_after_s")),
         "median": {
@@ -117,16 +117,10 @@ def row(world: str, gps: str, wait_s: float, seeds: list[int]) -> dict[str, Any]
     }  # fmt: skip
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
-    rows = [
-        row(world, gps, wait_s, seeds)
-        for world in WORLDS
-        for gps in RECEIVERS
-        for wait_s in WAITS_S
-    ]
-    print(json.dumps({"seeds": seeds, "last_fix_s": LAST_FIX_S, "rows": rows}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    rows = [row(place, options.seeds) for place in flown.places(options)]
+    return {"seeds": options.seeds, "last_fix_s": LAST_FIX_S, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -193,4 +187,4 @@ def blind_landing(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

@@ -90,7 +90,7 @@ def fly(seeds: Sequence[int], path: Path) -> None:
     from heli_flight.loop import simulate
     from heli_flight.settings import resolve
 
-    arrays: dict[str, np.ndarray] = {}
+    arrays: dict[str, Any] = {}
     for program in PROGRAMS:
         for receiver in RECEIVERS:
             for seed in seeds:

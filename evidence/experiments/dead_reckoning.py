@@ -4,7 +4,7 @@
 Usage: ./heli python -m evidence.experiments.dead_reckoning [--seeds 1..10]
 """
 
-import json
+import sys
 from itertools import pairwise
 from math import comb, exp, log, pi, sqrt
 from typing import Any, NamedTuple
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_core.rotations import quat_to_R_nb
 from heli_core.ticks import TICKS_PER_S
-from heli_flight.loop import AircraftInLoop, LoopFlight, build, fly_loop
+from heli_flight.loop import AircraftInLoop, build, fly_loop
 from heli_flight.settings import Settings, resolve
 from heli_observer import layout
 
@@ -37,6 +37,21 @@ _LEARNT = _SPEED, _TILT, _TURN
 _STEP_S, _EXACT_MPS = 0.05, 1e-3
 
 Array = NDArray[np.float64]
+
+
+class Flight(NamedTuple):
+    """What a flight whose fixes end at `FLOWN_S` has shown.
+
+    Attributes
+    ----------
+    off : (N, 3) array
+        Navigation less truth, NED, m.
+    wind : (M, 2) array
+        Wind north and east from the last fix on, m/s.
+    """
+
+    off: Array
+    wind: Array
 
 
 class Start(NamedTuple):
@@ -116,9 +131,19 @@ def worst_of(n: int) -> float:
     return sum((-1) ** (k + 1) * comb(n, k) * sqrt(pi / (2 * k)) for k in range(1, n + 1))
 
 
-def gusts(flights: list[LoopFlight]) -> tuple[float, float]:
+@over(gps=RECEIVERS)
+def silent(gps: str, seed: int) -> Flight:
+    """Fly without fixes from `FLOWN_S` on."""
+    lost = (f"{{what: gps, kind: loss, start_s: {FLOWN_S}}}",)
+    given = settings(gps, FLOWN_S + max(SILENT_S) + 1.0, seed, lost)
+    r = fly_loop(build(given), given).record
+    wind = r.wind_ned_mps[round(FLOWN_S * TICKS_PER_S) :, :2]
+    return Flight(r.nav_pos_ned_m - r.truth_pos_ned_m, wind)
+
+
+def gusts(flights: list[Flight]) -> tuple[float, float]:
     """Standard deviation, m/s, and correlation time, s, of the wind from the last fix on."""
-    winds = [f.record.wind_ned_mps[round(FLOWN_S * TICKS_PER_S) :, :2] for f in flights]
+    winds = [f.wind for f in flights]
     mean = np.mean([w.mean(axis=0) for w in winds], axis=0)
     less = [w - mean for w in winds]
     var = float(np.mean([np.mean(w**2) for w in less]))
@@ -126,22 +151,18 @@ def gusts(flights: list[LoopFlight]) -> tuple[float, float]:
     return sqrt(var), -1.0 / log(near / var)
 
 
-def flown(flights: list[LoopFlight], t: float) -> dict[str, float]:
+def flown(flights: list[Flight], t: float) -> dict[str, float]:
     """How far navigation has gone from truth since the last fix: rms of an axis, and the worst."""
     first, last = round(FLOWN_S * TICKS_PER_S), round((FLOWN_S + t) * TICKS_PER_S)
-    off = np.array([f.record.nav_pos_ned_m - f.record.truth_pos_ned_m for f in flights])
+    off = np.array([f.off for f in flights])
     way = (off[:, last] - off[:, first])[:, :2]
     return {"rms_m": float(np.sqrt(np.mean(way**2))),
             "worst_m": float(np.linalg.norm(way, axis=1).max())}  # fmt: skip
 
 
-def rows(gps: str, seeds: list[int]) -> list[dict[str, Any]]:
+def rows(place: Place[Flight], seeds: list[int]) -> list[dict[str, Any]]:
     """Figures of a receiver."""
-    lost = (f"{{what: gps, kind: loss, start_s: {FLOWN_S}}}",)
-    flights = []
-    for seed in seeds:
-        given = settings(gps, FLOWN_S + max(SILENT_S) + 1.0, seed, lost)
-        flights.append(fly_loop(build(given), given))
+    gps, flights = place.point["gps"], place.flights
     gust_mps, gust_s = gusts(flights)
     found = []
     for fixes_s in FIXES_S:
@@ -161,12 +182,11 @@ def rows(gps: str, seeds: list[int]) -> list[dict[str, Any]]:
     return found
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..10").parse_args().seeds
-    found = [row for gps in RECEIVERS for row in rows(gps, seeds)]
-    content = {"seeds": seeds, "world": WORLD, "worst_of_sigma": worst_of(len(seeds))}
-    print(json.dumps(content | {"rows": found}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    seeds = options.seeds
+    of = [row for place in silent.places(options) for row in rows(place, seeds)]
+    return {"seeds": seeds, "world": WORLD, "worst_of_sigma": worst_of(len(seeds)), "rows": of}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -213,4 +233,4 @@ def dead_reckoning(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "1..10"))

@@ -100,8 +100,8 @@ def main() -> int:
     parser.add_argument("--world")
     parser.add_argument("--flights", type=int)
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
-    rows = os.environ.get("HELI_ROWS")
-    parser.add_argument("--rows", type=Path, default=rows, help="folder that keeps the rows")
+    kept = os.environ.get("HELI_ROWS")
+    parser.add_argument("--rows", type=Path, default=kept, help="folder that keeps the rows")
     words = with_new_names(sys.argv[1:], {"--control-preset": 1}, parser.prog)
     asked = parser.parse_args(words)
     changes = {"world": asked.world, "flights": asked.flights}

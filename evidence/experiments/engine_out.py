@@ -4,14 +4,14 @@
 Usage: ./heli python -m evidence.experiments.engine_out [--seeds 11..20]
 """
 
-import json
+import sys
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_core.ticks import TICKS_PER_S
 from heli_dynamics_sim.config import PlantConfig
@@ -26,7 +26,7 @@ _STAYS = {"climb.start_s": 200.0, "climb.end_s": 202.0}
 _OFF = {"failsafe.rotor_slow_share": 0.0}
 
 
-def settings(world: str, navigation: str, height_m: float, seed: int, failsafe: bool) -> Settings:
+def settings(world: str, navigation: str, height_m: float, failsafe: bool, seed: int) -> Settings:
     """A hover at its place whose engine stops at `BEGIN_S`."""
     stops = f"{{what: engine, kind: stop, start_s: {BEGIN_S}}}"
     over: dict[str, dict[str, Any]] = {
@@ -38,9 +38,13 @@ def settings(world: str, navigation: str, height_m: float, seed: int, failsafe: 
     return resolve("hover", gps, seed, END_S, world=world, overrides=over)
 
 
-def touch_down(given: Settings, truth: bool) -> dict[str, Any]:
+@over(world=WORLDS, height_m=HEIGHTS_M, navigation=NAVIGATIONS, failsafe=(False, True))
+def touch_down(
+    world: str, height_m: float, navigation: str, failsafe: bool, seed: int
+) -> dict[str, Any]:
     """Speed down and along the ground, m/s, and tilt, deg, as it touches down."""
-    record = simulate(given, true_navigation=truth).record
+    given = settings(world, navigation, height_m, failsafe, seed)
+    record = simulate(given, true_navigation=navigation == "truth").record
     begun = round(BEGIN_S * TICKS_PER_S)
     low = np.flatnonzero(-record.truth_pos_ned_m[begun:, 2] < SKIDS_M)
     at = begun + int(low[0]) if len(low) else len(record.time_s) - 1
@@ -56,21 +60,16 @@ def touch_down(given: Settings, truth: bool) -> dict[str, Any]:
     }
 
 
-def row(world: str, navigation: str, height_m: float, failsafe: bool,
-        seeds: list[int]) -> dict[str, Any]:  # fmt: skip
+def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Figures of a world, a navigation and a height."""
-    truth = navigation == "truth"
-    found = [touch_down(settings(world, navigation, height_m, s, failsafe), truth) for s in seeds]
+    found = place.flights
     worst = {
         key: max(one[key] for one in found)
         for key in ("down_mps", "along_mps", "tilt_deg", "after_s")
     }
     kept = [one["down_mps"] < GEAR_MPS and one["tilt_deg"] < UPRIGHT_DEG for one in found]
     return {
-        "world": world,
-        "navigation": navigation,
-        "height_m": height_m,
-        "failsafe": failsafe,
+        **{axis: place.point[axis] for axis in ("world", "navigation", "height_m", "failsafe")},
         "kept": sum(kept),
         "stands": sum(one["stands"] for one in found),
         "median": {"down_mps": float(np.median([one["down_mps"] for one in found]))},
@@ -88,18 +87,13 @@ def energies() -> dict[str, float]:
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "11..20").parse_args().seeds
-    rows = [
-        row(world, navigation, height_m, failsafe, seeds)
-        for world in WORLDS
-        for height_m in HEIGHTS_M
-        for navigation in NAVIGATIONS
-        for failsafe in (False, True)
-    ]
-    content = {"seeds": seeds, "begin_s": BEGIN_S, "gear_mps": GEAR_MPS, "tilt_deg": UPRIGHT_DEG}
-    print(json.dumps(content | energies() | {"rows": rows}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    rows = [row(place) for place in touch_down.places(options)]
+    return {
+        "seeds": options.seeds, "begin_s": BEGIN_S, "gear_mps": GEAR_MPS, "tilt_deg": UPRIGHT_DEG,
+        **energies(), "rows": rows,
+    }  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------------------
@@ -153,4 +147,4 @@ def engine_out(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "11..20"))

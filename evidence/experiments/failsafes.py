@@ -4,15 +4,15 @@
 Usage: ./heli python -m evidence.experiments.failsafes [--seeds 1..10]
 """
 
-import json
+import sys
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_core.ticks import TICKS_PER_S
 from heli_flight.loop import simulate
@@ -68,15 +68,20 @@ TWO: tuple[tuple[str, tuple[str, ...], float | None, bool], ...] = (
      2.0, False),
 )  # fmt: skip
 """The same with a second IMU."""
-_WITH_TWO = {"plant": {"sensors.imu2.enabled": True}, "observer": {"imu2.enabled": True}}
+_TOLD = {words: (faults, goal_m, lands) for words, faults, goal_m, lands in (*ROWS, *TWO)}
+_WITH_TWO: dict[str, dict[str, Any]] = {
+    "plant": {"sensors.imu2.enabled": True},
+    "observer": {"imu2.enabled": True},
+}
 
 
 def settings(
     faults: tuple[str, ...], lands: bool, gps: str, seed: int, two: bool = False
 ) -> Settings:
     """A hover at its place, with faults from `BEGIN_S` on, with one IMU or two."""
-    more = _WITH_TWO if two else {"plant": {}, "observer": {}}
-    over = {**more, "plant": {**more["plant"], "faults": faults}, "scenario": _STAYS}
+    more: dict[str, dict[str, Any]] = _WITH_TWO if two else {"plant": {}, "observer": {}}
+    with_faults = {**more["plant"], "faults": faults}
+    over = {**more, "plant": with_faults, "scenario": _STAYS}
     return resolve("hover", gps, seed, LANDED_S if lands else END_S, world=WORLD, overrides=over)
 
 
@@ -86,13 +91,15 @@ def sound(gps: str, seed: int, two: bool = False) -> np.ndarray:
     return simulate(settings(("none",), True, gps, seed, two)).record.truth_pos_ned_m
 
 
-def flown(given: Settings) -> dict[str, Any]:
+@over(fault=tuple(_TOLD), gps=RECEIVERS)
+def flown(fault: str, gps: str, seed: int) -> dict[str, Any]:
     """Figures of a flight."""
-    flight = simulate(given)
+    faults, _, lands = _TOLD[fault]
+    two = fault in {words for words, *_ in TWO}
+    flight = simulate(settings(faults, lands, gps, seed, two))
     record, begun = flight.record, round(BEGIN_S * TICKS_PER_S)
-    two = bool(given.nodes["observer"]["imu2.enabled"])
     pos = record.truth_pos_ned_m
-    off = np.linalg.norm((pos - sound(given.gps, given.seed, two)[: len(pos)])[begun:], axis=1)
+    off = np.linalg.norm((pos - sound(gps, seed, two)[: len(pos)])[begun:], axis=1)
     found: dict[str, Any] = {"lost": bool(flight.status), "landing_s": None, "down_s": None,
                              "sink_mps": None}  # fmt: skip
     if record.mode is not None and (record.mode == "land").any():
@@ -109,17 +116,16 @@ def flown(given: Settings) -> dict[str, Any]:
     return found
 
 
-def row(words: str, faults: tuple[str, ...], goal_m: float | None, lands: bool, gps: str,
-        seeds: list[int], two: bool = False) -> dict[str, Any]:  # fmt: skip
+def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Figures of a fault with a receiver."""
-    found = [flown(settings(faults, lands, gps, seed, two)) for seed in seeds]
+    found = place.flights
+    faults, goal_m, lands = _TOLD[place.point["fault"]]
 
     def of(key: str) -> list[float]:
         return [one[key] for one in found if one.get(key) is not None]
 
     return {
-        "fault": words,
-        "gps": gps,
+        **place.point,
         "faults": list(faults),
         "goal_m": goal_m,
         "lands": lands,
@@ -133,13 +139,11 @@ def row(words: str, faults: tuple[str, ...], goal_m: float | None, lands: bool, 
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..10").parse_args().seeds
-    rows = [row(*told, gps, seeds) for told in ROWS for gps in RECEIVERS]
-    rows += [row(*told, gps, seeds, True) for told in TWO for gps in RECEIVERS]
-    content = {"seeds": seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
-    print(json.dumps(content | {"landed_s": LANDED_S, "rows": rows}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    rows = [row(place) for place in flown.places(options)]
+    content = {"seeds": options.seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
+    return content | {"landed_s": LANDED_S, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -184,4 +188,4 @@ def failsafes(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "1..10"))

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import print_tables
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, three, world
 from heli_core.rotations import rotation_between
 from heli_core.rows import MEAS, PLANT
@@ -55,21 +55,34 @@ def rms(error: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.square(error), axis=0))
 
 
-def on_the_aircraft(gps: str, seeds: Sequence[int]) -> dict[str, Any]:
-    """Rms of attitude, velocity, position, and of the receiver's own error; three axes each."""
-    errors: dict[str, list[np.ndarray]] = {"a": [], "v": [], "p": [], "gps": []}
-    for seed in seeds:
-        settings = resolve("hover", gps, overrides=ABSOLUTE).with_seed(seed)
-        record = simulate(settings).record
-        settled = slice(SETTLED_TICK, None)
-        errors["a"].append(rotation_between(record.truth_q_nb, record.nav_q_nb)[settled])
-        errors["v"].append((record.nav_vel_ned_mps - record.truth_vel_ned_mps)[settled])
-        errors["p"].append((record.nav_pos_ned_m - record.truth_pos_ned_m)[settled])
-        errors["gps"].append(receiver_error(settings))
-    a, v, p, own = (rms(np.concatenate(errors[key])) for key in ("a", "v", "p", "gps"))
+def settings_of(gps: str, seed: int) -> Settings:
+    """The hover test with absolute position."""
+    return resolve("hover", gps, overrides=ABSOLUTE).with_seed(seed)
+
+
+@over(gps=tuple(GPS_PRESETS))
+def errors(gps: str, seed: int) -> dict[str, np.ndarray]:
+    """Errors (n, 3) of attitude, velocity, position, and of the receiver's own, of a flight."""
+    settings = settings_of(gps, seed)
+    record = simulate(settings).record
+    settled = slice(SETTLED_TICK, None)
     return {
-        "gps": gps,
-        "conditions": conditions(settings).splitlines(),
+        "a": rotation_between(record.truth_q_nb, record.nav_q_nb)[settled],
+        "v": (record.nav_vel_ned_mps - record.truth_vel_ned_mps)[settled],
+        "p": (record.nav_pos_ned_m - record.truth_pos_ned_m)[settled],
+        "gps": receiver_error(settings),
+    }
+
+
+def on_the_aircraft(place: Place[dict[str, np.ndarray]], seeds: Sequence[int]) -> dict[str, Any]:
+    """Rms of attitude, velocity, position, and of the receiver's own error; three axes each."""
+    a, v, p, own = (
+        rms(np.concatenate([flight[key] for flight in place.flights]))
+        for key in ("a", "v", "p", "gps")
+    )
+    return {
+        **place.point,
+        "conditions": conditions(settings_of(place.point["gps"], seeds[-1])).splitlines(),
         "attitude_ned_deg": np.degrees(a).tolist(),
         "velocity_ned_mps": v.tolist(),
         "position_ned_m": p.tolist(),
@@ -107,11 +120,12 @@ def latency(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
     ]
 
 
-def navigation_found(seeds: Sequence[int]) -> dict[str, Any]:
+def navigation_found(options: Options) -> dict[str, Any]:
     """All that the tables show."""
+    seeds = options.seeds
     return {
         "times": len(CHECKS_S),
-        "aircraft": [on_the_aircraft(gps, seeds) for gps in GPS_PRESETS],
+        "aircraft": [on_the_aircraft(place, seeds) for place in errors.places(options)],
         "consistency": [row for gps in GPS_PRESETS for row in consistency(gps, seeds)],
         "latency": [row for gps in GPS_PRESETS for row in latency(gps, seeds)],
     }
@@ -182,4 +196,4 @@ def fusion_tables(found: Mapping[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    print_tables(__doc__, navigation_found, fusion_tables)
+    sys.exit(print_found(__doc__, navigation_found, tables=fusion_tables))

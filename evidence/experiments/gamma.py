@@ -9,7 +9,6 @@ in the scored window. Beside them: gamma*, and how much of wind comes through to
 the commands at the worst frequency, by the linear model without servos, delay and observer.
 """
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,15 +16,15 @@ from typing import Any
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, world
 from heli_core.errors import SynthesisError
 from heli_flight.result import conditions
 from heli_flight.scoring import DECIDES
 from heli_flight.settings import Settings, resolve
 from heli_inner_hinf.design import AttitudeConfig
-from heli_studies.campaign.run import fly_seeds
+from heli_studies.campaign.run import FlownSeed, fly_seeds
 
 SCENARIO, LAWS, GPS = "attitude_gusts", "hinf", "rtk"
 WORLDS = ("paper", "honest")
@@ -62,9 +61,15 @@ def gains(design: AttitudeConfig) -> tuple[float, float]:
     return angles, commands
 
 
-def flown(settings: Settings, seeds: Sequence[int]) -> dict[str, float]:
-    """Median over the seeds of the largest error of an axis, deg."""
-    scores = [s for f in fly_seeds(settings, seeds) for s in f.figures.of(DECIDES)]
+@over(variant=tuple(VARIANTS), world=WORLDS)
+def flown(variant: str, world: str, seed: int) -> FlownSeed:
+    """Figures of a flight."""
+    return fly_seeds(settings_of(world, VARIANTS[variant]), [seed])[0]
+
+
+def errors(flights: Sequence[FlownSeed]) -> dict[str, float]:
+    """Median over the flights of the largest error of an axis, deg."""
+    scores = [s for f in flights for s in f.figures.of(DECIDES)]
     return {
         axis: float(
             np.median([s.max for s in scores if (s.metric.key, s.source) == (axis, "truth")])
@@ -79,16 +84,23 @@ def settings_of(world: str, changes: Mapping[str, Any]) -> Settings:
     return resolve(SCENARIO, gps=GPS, laws=LAWS, world=world, overrides=overrides)
 
 
-def row(name: str, changes: Mapping[str, Any], seeds: Sequence[int]) -> dict[str, Any]:
-    """One variant: its design and its flights, or the sentence that refuses it."""
-    found: dict[str, Any] = {"variant": name, "gamma": changes.get("gamma", GAMMA), "refused": ""}
+def designed(changes: Mapping[str, Any]) -> AttitudeConfig | str:
+    """The design of a variant, or the sentence that refuses it."""
     try:
-        settings = {world: settings_of(world, changes) for world in WORLDS}
-        values = settings[WORLDS[0]].nodes["inner_loop"]
-        design = AttitudeConfig.from_parameters(values)
-        errors = {world: flown(settings[world], seeds) for world in WORLDS}
+        settings = [settings_of(world, changes) for world in WORLDS]
+        return AttitudeConfig.from_parameters(settings[0].nodes["inner_loop"])
     except SynthesisError as error:
-        return {**found, "refused": str(error)}
+        return str(error)
+
+
+def row(
+    name: str, design: AttitudeConfig | str, places: Sequence[Place[FlownSeed]]
+) -> dict[str, Any]:
+    """One variant: its design and its flights, or the sentence that refuses it."""
+    gamma = VARIANTS[name].get("gamma", GAMMA)
+    found: dict[str, Any] = {"variant": name, "gamma": gamma, "refused": ""}
+    if isinstance(design, str):
+        return {**found, "refused": design}
     angles, commands = gains(design)
     return {
         **found,
@@ -96,17 +108,21 @@ def row(name: str, changes: Mapping[str, Any], seeds: Sequence[int]) -> dict[str
         "gamma_star": design.synthesis.gamma_star.value,
         "angles_deg_per_mps": float(np.degrees(angles)),
         "commands_per_mps": commands,
-        "errors_deg": errors,
+        "errors_deg": {
+            place.point["world"]: errors(place.flights)
+            for place in places
+            if place.point["variant"] == name
+        },
     }
 
 
-def main() -> int:
-    """Print all variants; 0."""
-    given = parser_with_seeds(__doc__, "1..10").parse_args()
-    rows = [row(name, changes, given.seeds) for name, changes in VARIANTS.items()]
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    designs = {name: designed(changes) for name, changes in VARIANTS.items()}
+    kept = [p for p in flown.points if not isinstance(designs[p["variant"]], str)]
+    places = list(flown.places(options, kept))
     flights = {world: conditions(settings_of(world, {})).splitlines() for world in WORLDS}
-    print(json.dumps({"rows": rows, "flown": flights}))
-    return 0
+    return {"rows": [row(name, of, places) for name, of in designs.items()], "flown": flights}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -163,4 +179,4 @@ def gamma(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(print_found(__doc__, found, "1..10"))

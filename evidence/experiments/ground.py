@@ -4,8 +4,8 @@
 Usage: ./heli python -m evidence.experiments.ground [--seeds 1..20]
 """
 
-import json
 import math
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, TWENTY, produces, table
+from evidence.sweep import Options, over, print_found
 from evidence.tables import grid
 from heli_core.rotations import euler_angles, quat_from_euler, quat_to_R_nb
 from heli_core.rows import ACTUATOR, MEAS, NAV, PLANT, ROTOR
@@ -36,12 +36,14 @@ _DOWN_IN_S = 0.5
 _CAUGHT = 100.0
 """Friction of a skid that is caught."""
 SINKS_MPS = (0.3, 0.5, 1.0)
-GROUNDS = {
+GROUNDS: dict[str, dict[str, Any]] = {
     "level": {},
     "level, 0.3 m/s sideways": {"side": 0.3},
     "5 deg down to the right": {"slope": [0.0, -_SLOPE]},
     "5 deg up ahead": {"slope": [_SLOPE, 0.0]},
 }
+STANDS = {"level": (0.0, 0.0), "5 deg down to the right": (0.0, -_SLOPE)}
+"""Slopes that it stands on, by name."""
 LIFTS = (0.0, 0.5, 0.8, 0.9, 0.95)
 STICKS = (0.03, 0.12)
 LIMITS_DEG = (3.0, 5.0, 8.0, 12.0, 90.0)
@@ -104,11 +106,14 @@ def touch_down(sink_mps: float, slope: tuple[float, float] = (0.0, 0.0), side: f
     }
 
 
-def stand(slope: tuple[float, float], seed: int) -> dict[str, float]:
+@over(ground=tuple(STANDS))
+def stand(ground: str, seed: int) -> dict[str, float]:
     """Ten seconds at idle in gusty wind of 5 m/s: creep, and how the observer has aligned."""
-    given = {"plant": {"start.on_ground": True, "ground.slope": list(slope),
-                       "wind.profile_speed_mps": [5.0, 5.0, 5.0]},
-             "outer_loop": {"start.on_ground": True}}  # fmt: skip
+    given: dict[str, dict[str, Any]] = {
+        "plant": {"start.on_ground": True, "ground.slope": list(STANDS[ground]),
+                  "wind.profile_speed_mps": [5.0, 5.0, 5.0]},
+        "outer_loop": {"start.on_ground": True},
+    }  # fmt: skip
     settings = resolve("hover", world="paper", seed=seed, overrides=given)
     standing = plant.PlantConfig.from_parameters(settings.nodes["plant"])
     state, k = plant.initial_state(standing, seed), standing.params
@@ -214,33 +219,25 @@ def side_stick(stick: float, limit_deg: float) -> dict[str, Any]:
     return {"stick": stick, "limit_deg": limit_deg, "most_deg": most, "ended": ended}
 
 
-def main() -> None:
-    """Print the JSON."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
+def found(options: Options) -> dict[str, Any]:
+    """All that the tables show."""
     landings = [
         {"ground": name, **touch_down(sink, **given)}
         for name, given in GROUNDS.items()
         for sink in SINKS_MPS
     ]
     stands = []
-    for name, slope in (("level", (0.0, 0.0)), ("5 deg down to the right", (0.0, -_SLOPE))):
-        found = [stand(slope, seed) for seed in seeds]
-        most = {key: max(row[key] for row in found) for key in found[0]}
-        stands.append({"ground": name, **most})
-    print(
-        json.dumps(
-            {
-                "seeds": seeds,
-                "landings": landings,
-                "stands": stands,
-                "critical": [critical(lift) for lift in LIFTS],
-                "side_stick": [
-                    side_stick(stick, limit) for stick in STICKS for limit in LIMITS_DEG
-                ],
-            },
-            indent=2,
-        )
-    )
+    for place in stand.places(options):
+        rows = place.flights
+        most = {key: max(row[key] for row in rows) for key in rows[0]}
+        stands.append({**place.point, **most})
+    return {
+        "seeds": options.seeds,
+        "landings": landings,
+        "stands": stands,
+        "critical": [critical(lift) for lift in LIFTS],
+        "side_stick": [side_stick(stick, limit) for stick in STICKS for limit in LIMITS_DEG],
+    }
 
 
 # -------------------------------------------------------------------------------------------------
@@ -325,4 +322,4 @@ def rollover(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

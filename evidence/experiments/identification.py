@@ -16,33 +16,39 @@ from pathlib import Path
 from typing import Any
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import FIT, TWENTY, produces, table
+from evidence.sweep import Options, over, print_found
 from evidence.tables import grid, world
+from heli_core.errors import FlightError
 from heli_flight.result import RESULT, conditions
 from heli_flight.settings import resolve
-from heli_flight.terminal import steps
 from heli_studies.identify import HOVER, SCENARIOS
 
 DEFAULT = "helion.yaml"
 GROUPS = {"A": "A", "B": "B", "E": "E", "": "servos", "norm": "norms"}
 
 
-def identify(aircraft: str, seed: int, folder: Path) -> dict[str, Any]:
+@over(aircraft=(DEFAULT,))
+def identify(aircraft: str, seed: int) -> dict[str, Any]:
     """What the command says of one aircraft and seed, and the hover test's metrics.
 
     Raises
     ------
-    SystemExit
+    FlightError
         The command failed; its last line.
     """
+    with tempfile.TemporaryDirectory() as name:
+        return _identified(aircraft, seed, Path(name) / "identified")
+
+
+def _identified(aircraft: str, seed: int, folder: Path) -> dict[str, Any]:
     command = [sys.executable, "-m", "heli_flight.cli.app", "identify", "--one-process", "--hover"]
     command += ["--json", "--seed", str(seed), "--out", str(folder)]
     if aircraft != DEFAULT:
         command += ["--aircraft", aircraft]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode not in (0, 1):
-        raise SystemExit(f"identify_seeds: {aircraft}, seed {seed}: {done.stderr.splitlines()[-1]}")
+        raise FlightError(f"identify: {aircraft}, seed {seed}: {done.stderr.splitlines()[-1]}")
     hover = json.loads((folder / HOVER / RESULT).read_text(encoding="utf-8"))
     return row_of(aircraft, seed, json.loads(done.stdout), hover)
 
@@ -78,25 +84,14 @@ def _error(entries: Sequence[dict[str, Any]], name: str) -> float:
     return float(entry["identified"] - entry["truth"])
 
 
-def main() -> int:
-    """Identify all; 0."""
-    parser = parser_with_seeds(__doc__)
-    parser.add_argument("--aircraft", default=DEFAULT, help="names, with commas between")
-    options = parser.parse_args()
-    wanted = [(a, s) for a in options.aircraft.split(",") for s in options.seeds]
-    rows = []
-    with (
-        tempfile.TemporaryDirectory() as name,
-        steps("identified", len(wanted)) as progress,
-    ):
-        for aircraft, seed in wanted:
-            rows.append(identify(aircraft, seed, Path(name) / f"{aircraft}_{seed}"))
-            progress(len(rows))
+def identified(options: Options, aircraft: Sequence[str]) -> dict[str, Any]:
+    """All that the tables show."""
+    points = [{"aircraft": name} for name in aircraft]
+    rows = [row for place in identify.places(options, points) for row in place.flights]
     flown_in = {
         name: conditions(resolve(name)).splitlines() for name in (*SCENARIOS.values(), "hover")
     }
-    print(json.dumps({"conditions": flown_in, "rows": rows}))
-    return 0
+    return {"conditions": flown_in, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -165,4 +160,4 @@ def _furthest(entries: Sequence[Mapping[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(print_found(__doc__, identified, aircraft=DEFAULT))

@@ -4,14 +4,14 @@
 Usage: ./heli python -m evidence.experiments.into_wind [--seeds 1..20]
 """
 
-import json
+import sys
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_core.rotations import euler_angles
 from heli_flight.loop import simulate
@@ -34,13 +34,17 @@ def towards_deg(seed: int) -> float:
 
 def settings(world: str, wind_mps: float, seed: int) -> Settings:
     """A hover at 10 m after a take-off."""
-    air = {"wind.towards_deg": towards_deg(seed), "wind.profile_speed_mps": [wind_mps] * 3}
+    air: dict[str, Any] = {
+        "wind.towards_deg": towards_deg(seed),
+        "wind.profile_speed_mps": [wind_mps] * 3,
+    }
     if world == "honest":
         air["wind.w20_mps"] = wind_mps
     overrides = {"plant": air, "outer_loop": _HOVER}
     return resolve("takeoff_land", "standalone", seed, world=world, overrides=overrides)
 
 
+@over(world=WORLDS, wind_mps=WINDS_MPS)
 def flown(world: str, wind_mps: float, seed: int) -> tuple[float, float | None]:
     """Mean angle between nose and mean wind at the end, deg; time from which on it is small, s."""
     given = settings(world, wind_mps, seed)
@@ -55,15 +59,13 @@ def flown(world: str, wind_mps: float, seed: int) -> tuple[float, float | None]:
     return abs(mean), None if abs(mean) > _WITHIN_DEG else max(float(since), 0.0)
 
 
-def row(world: str, wind_mps: float, seeds: list[int]) -> dict[str, Any]:
+def row(place: Place[tuple[float, float | None]], seeds: list[int]) -> dict[str, Any]:
     """Figures of a world and wind."""
-    found = [flown(world, wind_mps, seed) for seed in seeds]
-    off = np.array([mean for mean, _ in found])
-    took = [since for _, since in found if since is not None]
+    off = np.array([mean for mean, _ in place.flights])
+    took = [since for _, since in place.flights if since is not None]
     return {
-        "world": world,
-        "wind_mps": wind_mps,
-        "conditions": conditions(settings(world, wind_mps, seeds[0])).splitlines(),
+        **place.point,
+        "conditions": conditions(settings(**place.point, seed=seeds[0])).splitlines(),
         "median_deg": float(np.median(off)),
         "max_deg": float(off.max()),
         "within": int((off <= _WITHIN_DEG).sum()),
@@ -71,11 +73,10 @@ def row(world: str, wind_mps: float, seeds: list[int]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
-    rows = [row(world, wind, seeds) for world in WORLDS for wind in WINDS_MPS]
-    print(json.dumps({"seeds": seeds, "within_deg": _WITHIN_DEG, "rows": rows}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    rows = [row(place, options.seeds) for place in flown.places(options)]
+    return {"seeds": options.seeds, "within_deg": _WITHIN_DEG, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -115,4 +116,4 @@ def into_wind(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

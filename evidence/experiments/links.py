@@ -4,15 +4,15 @@
 Usage: ./heli python -m evidence.experiments.links [--seeds 1..10]
 """
 
-import json
+import sys
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_core.rows import REFERENCE
 from heli_core.ticks import TICKS_PER_S
@@ -62,6 +62,7 @@ ROWS: tuple[tuple[str, tuple[str, ...]], ...] = (
      (_fault("loss", 1.0, 2.0, **{"from": "outer_loop", "to": "inner_loop"}),)),
 )  # fmt: skip
 """Words and faults."""
+_FAULTS = dict(ROWS)
 
 
 def settings(faults: tuple[str, ...], gps: str, seed: int) -> Settings:
@@ -83,38 +84,45 @@ def sound(gps: str, seed: int) -> tuple[np.ndarray, float]:
     return flight.record.truth_pos_ned_m, tilt_deg(flight)
 
 
-def row(words: str, faults: tuple[str, ...], gps: str, seeds: list[int]) -> dict[str, Any]:
-    """Figures of a fault with a receiver."""
-    off, tilt, place, lost, gave_up = [], [], [], 0, 0
-    begun = round(BEGIN_S * TICKS_PER_S)
-    for seed in seeds:
-        flight = simulate(settings(faults, gps, seed))
-        pos = flight.record.truth_pos_ned_m
-        lost += bool(flight.status)
-        asked = flight.record.reference[begun:, REFERENCE.pos]
-        gave_up += bool((asked != asked[0]).any())
-        off.append(np.linalg.norm((pos - sound(gps, seed)[0][: len(pos)])[begun:], axis=1).max())
-        away = pos[begun:] - asked[0]
-        place.append(np.linalg.norm(away, axis=1).max())
-        tilt.append(tilt_deg(flight))
+@over(fault=tuple(_FAULTS), gps=RECEIVERS)
+def flown(fault: str, gps: str, seed: int) -> dict[str, Any]:
+    """Figures of a flight."""
+    flight = simulate(settings(_FAULTS[fault], gps, seed))
+    begun, pos = round(BEGIN_S * TICKS_PER_S), flight.record.truth_pos_ned_m
+    asked = flight.record.reference[begun:, REFERENCE.pos]
+    whole, sound_tilt_deg = sound(gps, seed)
     return {
-        "fault": words,
-        "gps": gps,
-        "faults": list(faults),
-        "lost": lost,
-        "gave_up": gave_up,
-        "median": {"off_m": float(np.median(off))},
-        "max": {"off_m": float(max(off)), "tilt_deg": max(tilt), "place_m": float(max(place))},
-        "sound": {"tilt_deg": max(sound(gps, seed)[1] for seed in seeds)},
+        "lost": bool(flight.status),
+        "gave_up": bool((asked != asked[0]).any()),
+        "off_m": float(np.linalg.norm((pos - whole[: len(pos)])[begun:], axis=1).max()),
+        "tilt_deg": tilt_deg(flight),
+        "place_m": float(np.linalg.norm(pos[begun:] - asked[0], axis=1).max()),
+        "sound_tilt_deg": sound_tilt_deg,
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..10").parse_args().seeds
-    rows = [row(*told, gps, seeds) for told in ROWS for gps in RECEIVERS]
-    content = {"seeds": seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
-    print(json.dumps(content | {"rows": rows}, indent=2))
+def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
+    """Figures of a fault with a receiver."""
+    found = place.flights
+
+    def most(key: str) -> float:
+        return max(one[key] for one in found)
+
+    return {
+        **place.point,
+        "faults": list(_FAULTS[place.point["fault"]]),
+        "lost": sum(one["lost"] for one in found),
+        "gave_up": sum(one["gave_up"] for one in found),
+        "median": {"off_m": float(np.median([one["off_m"] for one in found]))},
+        "max": {key: most(key) for key in ("off_m", "tilt_deg", "place_m")},
+        "sound": {"tilt_deg": most("sound_tilt_deg")},
+    }
+
+
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    content = {"seeds": options.seeds, "world": WORLD, "begin_s": BEGIN_S, "end_s": END_S}
+    return content | {"rows": [row(place) for place in flown.places(options)]}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -156,4 +164,4 @@ def links(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "1..10"))

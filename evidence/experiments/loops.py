@@ -114,8 +114,8 @@ def observers(design: FinishedDesign) -> list[dict[str, Any]]:
 def published_gamma_star(design: FinishedDesign) -> float:
     """gamma* of the published A, B, E with the packaged weights."""
     model = yaml.safe_load(PUBLISHED.read_text(encoding="utf-8"))
-    plant = (np.array(model[name], float) for name in ("A", "B", "E"))
-    return gamma_star(*plant, design.attitude.C, design.attitude.D).value
+    A, B, E = (np.array(model[name], float) for name in ("A", "B", "E"))
+    return gamma_star(A, B, E, design.attitude.C, design.attitude.D).value
 
 
 def main() -> int:

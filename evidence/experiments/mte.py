@@ -4,14 +4,14 @@
 Usage: ./heli python -m evidence.experiments.mte [--seeds 1..20]
 """
 
-import json
+import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, world
 from heli_analysis.handling.definitions import FULL_SCALE, MANOEUVRES
 from heli_analysis.handling.scoring import CriterionResult, HandlingLevel, ManoeuvreScore
@@ -31,22 +31,31 @@ def scenario_of(name: str) -> str:
     return f"mte_{name.replace('-', '_')}"
 
 
-def flown(settings: Settings, seeds: Sequence[int]) -> tuple[list[ManoeuvreScore], list[str], int]:
-    """Scores; why there is none for a flight; and how many were lost."""
-    scores: list[ManoeuvreScore] = []
-    missing: list[str] = []
-    lost = 0
-    for seed in seeds:
-        of_seed = settings.with_seed(seed)
-        flight = simulate(of_seed)
-        lost += bool(flight.sentence)
-        if flight.sentence:
-            continue
-        try:
-            scores.append(score_flown(of_seed, flight.record))
-        except HandlingError as error:
-            missing.append(f"seed {seed}: {error}")
-    return scores, missing, lost
+class Scored(NamedTuple):
+    """The score of a flight; why there is none; whether it was lost."""
+
+    score: ManoeuvreScore | None = None
+    missing: str = ""
+    lost: bool = False
+
+
+def settings_of(manoeuvre: str, scale: str, world: str, gps: str, seed: int) -> Settings:
+    """The flight of a manoeuvre; raises ParameterError if it is not flown at this size."""
+    overrides = {"scenario": {"path.scale": scale}}
+    return resolve(scenario_of(manoeuvre), gps, seed, world=world, overrides=overrides)
+
+
+@over(manoeuvre=tuple(MANOEUVRES), scale=(FROUDE, FULL_SCALE.name), world=WORLDS, gps=RECEIVERS)
+def flown(manoeuvre: str, scale: str, world: str, gps: str, seed: int) -> Scored:
+    """Fly a manoeuvre and score it."""
+    settings = settings_of(manoeuvre, scale, world, gps, seed)
+    flight = simulate(settings)
+    if flight.sentence:
+        return Scored(lost=True)
+    try:
+        return Scored(score_flown(settings, flight.record))
+    except HandlingError as error:
+        return Scored(missing=f"seed {seed}: {error}")
 
 
 def criterion(results: Sequence[CriterionResult]) -> dict[str, Any]:
@@ -65,21 +74,15 @@ def criterion(results: Sequence[CriterionResult]) -> dict[str, Any]:
     }
 
 
-def row(name: str, scale: str, world: str, gps: str, seeds: Sequence[int]) -> dict[str, Any]:
-    """All flights of a manoeuvre; `refused` says why none is flown."""
-    head: dict[str, Any] = {"manoeuvre": name, "scale": scale, "world": world, "gps": gps}
-    overrides = {"scenario": {"path.scale": scale}}
-    try:
-        settings = resolve(scenario_of(name), gps, seeds[0], world=world, overrides=overrides)
-    except ParameterError as error:
-        return {**head, "refused": str(error)}
-    scores, missing, lost = flown(settings, seeds)
+def row(place: Place[Scored], settings: Settings) -> dict[str, Any]:
+    """All flights of a manoeuvre."""
+    scores = [one.score for one in place.flights if one.score is not None]
     levels = Counter(score.level for score in scores)
     return {
-        **head,
+        **place.point,
         "conditions": conditions(settings).splitlines(),
-        "lost": lost,
-        "missing": missing,
+        "lost": sum(one.lost for one in place.flights),
+        "missing": [one.missing for one in place.flights if one.missing],
         "not_as_defined": sum(not score.complete for score in scores),
         "levels": {level.value: levels[level] for level in HandlingLevel},
         "criteria": [
@@ -88,17 +91,21 @@ def row(name: str, scale: str, world: str, gps: str, seeds: Sequence[int]) -> di
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
+def found(options: Options) -> dict[str, Any]:
+    """All that the tables show; of a manoeuvre that is not flown, `refused` says why."""
+    given: list[Settings | str] = []
+    for point in flown.points:
+        try:
+            given.append(settings_of(**point, seed=options.seeds[0]))
+        except ParameterError as error:
+            given.append(str(error))
+    both = list(zip(flown.points, given, strict=True))
+    places = flown.places(options, [point for point, of in both if not isinstance(of, str)])
     rows = [
-        row(name, scale, world, gps, seeds)
-        for name in MANOEUVRES
-        for scale in (FROUDE, FULL_SCALE.name)
-        for world in WORLDS
-        for gps in RECEIVERS
+        {**point, "refused": of} if isinstance(of, str) else row(next(places), of)
+        for point, of in both
     ]
-    print(json.dumps({"seeds": seeds, "rows": rows}, indent=2))
+    return {"seeds": options.seeds, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -203,4 +210,4 @@ def _names(rows: list[Mapping[str, Any]], level: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

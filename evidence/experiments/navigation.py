@@ -8,19 +8,22 @@ moves; beside it the standard deviation that the filter states. A part of the er
 when its cause is taken out of the simulation, while the filter is told the same.
 """
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import print_tables
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, three
 from heli_core.rotations import rotation_between
 from heli_core.ticks import ticks_in
 from heli_flight.loop import build, fly_loop
-from heli_flight.settings import GPS_PRESETS, resolve
+from heli_flight.settings import GPS_PRESETS, Settings, resolve
+from heli_inner_hinf.controller_state import AttitudeParams
 from heli_inner_hinf.design import AttitudeConfig
 
 WORLDS = ("paper", "honest", "hard")
@@ -61,49 +64,62 @@ def rms(values: list[np.ndarray]) -> list[float]:
     return np.sqrt(np.mean(np.square(np.concatenate(values)), axis=0)).tolist()
 
 
-def errors(
-    world: str, gps: str, seeds: Sequence[int], changes: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Rms errors over all seeds; three axes each: north, east, down, or a_s, b_s, d_int."""
-    found: dict[str, list[np.ndarray]] = {}
+@cache
+def settings_of(world: str, gps: str, cause: str) -> tuple[Settings, AttitudeParams]:
+    """The hover test with a cause taken out, and its law."""
+    changes = {"plant": {f"sensors.{key}": value for key, value in CAUSES[cause].items()}}
     settings = resolve("hover", gps, world=world, overrides=changes)
-    law = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).params
-    for seed in seeds:
-        flown = settings.with_seed(seed)
-        r = fly_loop(build(flown, law=law), flown).record
-        attitude = np.degrees(rotation_between(r.truth_q_nb, r.nav_q_nb))
-        settled = attitude[SETTLED:]
-        stays = settled.mean(axis=0, keepdims=True)
-        rotor = (r.nav_rotor - r.truth_rotor)[SETTLED:]
-        for name, values in (
-            ("attitude_start_deg", attitude[ALIGNED:SETTLED]),
-            ("attitude_deg", settled),
-            ("attitude_stays_deg", stays),
-            ("attitude_moves_deg", settled - stays),
-            ("attitude_stated_deg", np.degrees(r.nav_sigma_att_rad[SETTLED:])),
-            ("velocity_mps", (r.nav_vel_ned_mps - r.truth_vel_ned_mps)[SETTLED:]),
-            ("velocity_stated_mps", r.nav_sigma_vel_mps[SETTLED:]),
-            ("rotor_rad", rotor),
-            ("rotor_moves_rad", rotor - rotor.mean(axis=0)),
-        ):
-            found.setdefault(name, []).append(values)
-    return {"world": world, "gps": gps, **{name: rms(values) for name, values in found.items()}}
+    return settings, AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).params
 
 
-def parts(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
-    """Rows of the world `honest`: all errors, and each cause taken out."""
-    rows = []
-    for name, sensors in CAUSES.items():
-        changes = {"plant": {f"sensors.{key}": value for key, value in sensors.items()}}
-        rows.append({"cause": name, **errors("honest", gps, seeds, changes)})
-    return rows
-
-
-def errors_found(seeds: Sequence[int]) -> dict[str, Any]:
-    """All that the tables show."""
+@over(world=WORLDS, gps=tuple(GPS_PRESETS), cause=tuple(CAUSES))
+def errors(world: str, gps: str, cause: str, seed: int) -> dict[str, np.ndarray]:
+    """Errors of a flight (n, 3): north, east, down, or a_s, b_s, d_int."""
+    settings, law = settings_of(world, gps, cause)
+    flown = settings.with_seed(seed)
+    r = fly_loop(build(flown, law=law), flown).record
+    assert r.nav_sigma_att_rad is not None and r.nav_sigma_vel_mps is not None
+    assert r.nav_rotor is not None and r.truth_rotor is not None
+    attitude = np.degrees(rotation_between(r.truth_q_nb, r.nav_q_nb))
+    settled = attitude[SETTLED:]
+    stays = settled.mean(axis=0, keepdims=True)
+    rotor = (r.nav_rotor - r.truth_rotor)[SETTLED:]
     return {
-        "worlds": [errors(world, gps, seeds, {}) for world in WORLDS for gps in GPS_PRESETS],
-        "parts": [row for gps in GPS_PRESETS for row in parts(gps, seeds)],
+        "attitude_start_deg": attitude[ALIGNED:SETTLED],
+        "attitude_deg": settled,
+        "attitude_stays_deg": stays,
+        "attitude_moves_deg": settled - stays,
+        "attitude_stated_deg": np.degrees(r.nav_sigma_att_rad[SETTLED:]),
+        "velocity_mps": (r.nav_vel_ned_mps - r.truth_vel_ned_mps)[SETTLED:],
+        "velocity_stated_mps": r.nav_sigma_vel_mps[SETTLED:],
+        "rotor_rad": rotor,
+        "rotor_moves_rad": rotor - rotor.mean(axis=0),
+    }
+
+
+def row(place: Place[dict[str, np.ndarray]]) -> dict[str, Any]:
+    """Rms errors over all flights of a place; three axes each."""
+    world, gps, _ = place.point.values()
+    names = place.flights[0]
+    return {
+        "world": world,
+        "gps": gps,
+        **{name: rms([flight[name] for flight in place.flights]) for name in names},
+    }
+
+
+def errors_found(options: Options) -> dict[str, Any]:
+    """All that the tables show: each world as it is, and in `honest` each cause taken out."""
+    whole = next(iter(CAUSES))
+    flown = [p for p in errors.points if p["cause"] == whole or p["world"] == "honest"]
+    rows = [(place.point, row(place)) for place in errors.places(options, flown)]
+    return {
+        "worlds": [found for point, found in rows if point["cause"] == whole],
+        "parts": [
+            {"cause": point["cause"], **found}
+            for point, found in rows
+            if point["world"] == "honest"
+        ],
     }
 
 
@@ -159,4 +175,4 @@ def navigation_tables(found: Mapping[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    print_tables(__doc__, errors_found, navigation_tables)
+    sys.exit(print_found(__doc__, errors_found, tables=navigation_tables))

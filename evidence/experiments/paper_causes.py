@@ -7,14 +7,14 @@ The laws `paper` in both tests with RTK, largest errors from truth; the loop is 
 of the aircraft that the laws know.
 """
 
-import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, world
 from heli_core.metrics import METRICS, PaperMetric
 from heli_flight.loop import simulate
@@ -28,6 +28,7 @@ from heli_studies.compare import loop_as_flown
 
 GPS, TRUTH = "rtk", "truth"
 TESTS = ("hover", "attitude")
+WORLDS = ("paper", "honest")
 FASTER = 5.0
 """Servos are called fast that are so many times as fast."""
 
@@ -67,7 +68,9 @@ def loop_row(cause: Cause, settings: Settings) -> dict[str, Any]:
     """Norm and disk margins of the loop behind observer (19); none where that is left out."""
     if cause.ideal:
         return {}
-    report = analyse(loop_as_flown(settings.nodes, cause.actuation))
+    loop = loop_as_flown(settings.nodes, cause.actuation)
+    assert loop is not None  # of the laws `paper` it is known
+    report = analyse(loop)
     return {
         "norm": report.norm,
         "disk_input": report.disk_input.alpha,
@@ -75,40 +78,46 @@ def loop_row(cause: Cause, settings: Settings) -> dict[str, Any]:
     }
 
 
-def flights(
-    cause: Cause, scenario: str, world: str, seeds: Sequence[int]
-) -> tuple[dict[str, Any], Settings]:
+def settings_of(world: str, cause: Cause, test: str) -> Settings:
+    """A test with a cause taken away."""
+    return resolve(test, GPS, overrides={"plant": cause.plant}, world=world, laws="paper")
+
+
+@over(world=WORLDS, cause=CAUSES, test=TESTS)
+def flown(world: str, cause: Cause, test: str, seed: int) -> FlownSeed:
+    """Figures of a flight."""
+    settings = settings_of(world, cause, test)
+    flight = simulate(settings.with_seed(seed), cause.ideal)
+    return FlownSeed.of(seed, flight, settings.scenario)
+
+
+def row(place: Place[FlownSeed]) -> dict[str, Any]:
     """Largest errors from truth in the scored windows, and how many flights were inside."""
-    settings = resolve(scenario, GPS, overrides={"plant": cause.plant}, world=world, laws="paper")
-    flown = [
-        FlownSeed.of(seed, simulate(settings.with_seed(seed), cause.ideal), settings.scenario)
-        for seed in seeds
-    ]
-    found = worst_of_seeds(flown, WINDOWS).values()
-    row = {
-        "lost": sum(bool(f.lost) for f in flown),
-        "inside": inside_of(flown, GPS, WINDOWS),
+    found = worst_of_seeds(place.flights, WINDOWS).values()
+    return {
+        "lost": sum(bool(f.lost) for f in place.flights),
+        "inside": inside_of(place.flights, GPS, WINDOWS),
         "max": {s.metric.key: s.max for s in found if s.source == TRUTH},
     }
-    return row, settings
 
 
-def main() -> None:
-    """Print the JSON."""
-    parser = parser_with_seeds(__doc__, "1..10")
-    parser.add_argument("--worlds", default="paper,honest", help="names or files")
-    given = parser.parse_args()
-    seeds, rows, told = given.seeds, [], {}
-    for place in given.worlds.split(","):
-        for cause in CAUSES:
-            found = {test: flights(cause, test, place, seeds) for test in TESTS}
-            for test, (_, settings) in found.items():
-                told[f"{place}, {test}"] = conditions(settings).splitlines()
-            own = {test: row for test, (row, _) in found.items()}
-            loop = loop_row(cause, found[TESTS[0]][1])
-            rows.append({"world": place, "cause": cause.name, "loop": loop, **own})
+def found(options: Options, worlds: Sequence[str]) -> dict[str, Any]:
+    """All that the table shows."""
+    points = replace(flown, axes={**flown.axes, "world": worlds}).points
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    told: dict[str, list[str]] = {}
+    for place in flown.places(options, points):
+        world, cause, test = place.point.values()
+        settings = settings_of(world, cause, test)
+        if test == TESTS[0]:
+            loop = loop_row(cause, settings)
+            rows[world, cause.name] = {"world": world, "cause": cause.name, "loop": loop}
+        rows[world, cause.name][test] = row(place)
+        told[f"{world}, {test}"] = conditions(settings).splitlines()
     gamma = resolve(laws="paper").nodes["inner_loop"]["gamma"]
-    print(json.dumps({"gamma": gamma, "seeds": seeds, "conditions": told, "rows": rows}))
+    return {
+        "gamma": gamma, "seeds": options.seeds, "conditions": told, "rows": list(rows.values())
+    }  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------------------
@@ -162,4 +171,4 @@ def _beside(row: Mapping[str, Any], metric: PaperMetric) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "1..10", worlds=",".join(WORLDS)))

@@ -4,35 +4,38 @@
 Usage: ./heli python -m evidence.experiments.paths [--seeds 1..20]
 """
 
-import json
+import sys
 from typing import Any
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, world
 from heli_core.metrics import METRICS, PATH
 from heli_flight.result import conditions
 from heli_flight.scoring import DECIDES, TRUTH, TRUTH_LESS_DRIFT, sources_of
 from heli_flight.settings import resolve
-from heli_studies.campaign.run import fly_seeds, inside_of, worst_of_seeds
+from heli_studies.campaign.run import FlownSeed, fly_seeds, inside_of, worst_of_seeds
 
 SCENARIOS = ("figure_eight", "orbit", "waypoints")
 WORLDS, RECEIVERS = ("paper", "honest"), ("rtk", "standalone")
 
 
-def row(scenario: str, world: str, gps: str, seeds: list[int]) -> dict[str, Any]:
+@over(scenario=SCENARIOS, world=WORLDS, gps=RECEIVERS)
+def flown(scenario: str, world: str, gps: str, seed: int) -> FlownSeed:
+    """Figures of a flight."""
+    return fly_seeds(resolve(scenario, gps, world=world), [seed])[0]
+
+
+def row(place: Place[FlownSeed]) -> dict[str, Any]:
     """Largest errors of a scenario from 5 s on, per metric and record."""
-    settings = resolve(scenario, gps, world=world)
-    flown = fly_seeds(settings, seeds)
-    largest = worst_of_seeds(flown, DECIDES)
+    scenario, world, gps = place.point.values()
+    largest = worst_of_seeds(place.flights, DECIDES)
     return {
-        "scenario": scenario,
-        "world": world,
-        "gps": gps,
-        "conditions": conditions(settings).splitlines(),
-        "inside": inside_of(flown, gps, DECIDES),
-        "lost": sum(bool(flight.lost) for flight in flown),
+        **place.point,
+        "conditions": conditions(resolve(scenario, gps, world=world)).splitlines(),
+        "inside": inside_of(place.flights, gps, DECIDES),
+        "lost": sum(bool(flight.lost) for flight in place.flights),
         "max": {
             f"{key}, {source}": score.max
             for (key, source), score in largest.items()
@@ -41,16 +44,9 @@ def row(scenario: str, world: str, gps: str, seeds: list[int]) -> dict[str, Any]
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
-    rows = [
-        row(scenario, world, gps, seeds)
-        for scenario in SCENARIOS
-        for world in WORLDS
-        for gps in RECEIVERS
-    ]
-    print(json.dumps({"seeds": seeds, "rows": rows}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    return {"seeds": options.seeds, "rows": [row(place) for place in flown.places(options)]}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -94,4 +90,4 @@ def paths(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

@@ -9,15 +9,15 @@ the packaged law as predicted; and as flown, after the climb, about the mean. Th
 the hover test with the nose into the wind, and of aircraft 30 % off in what the loop knows.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, world
 from heli_core.metrics import METRICS
 from heli_core.rows import REFERENCE
@@ -30,7 +30,7 @@ from heli_inner_hinf.design import AttitudeConfig
 from heli_inner_hinf.tuning import model_of
 from heli_outer_pd.analysis import Axis, Gains, deviations, limits_of_performance
 from heli_outer_pd.parameters import outer_params
-from heli_studies.campaign.run import fly_seeds, inside_of, worst_of_seeds
+from heli_studies.campaign.run import FlownSeed, fly_seeds, inside_of, worst_of_seeds
 from heli_studies.compare import loop_as_flown
 from heli_studies.design.make import PositionLoop, position_loop
 
@@ -46,6 +46,7 @@ def loop_of(settings: Settings) -> PositionLoop:
     nodes = settings.nodes
     config = AttitudeConfig.from_parameters(nodes["inner_loop"])
     attitude = loop_as_flown(nodes)
+    assert attitude is not None  # of the packaged laws it is known
     return position_loop(
         nodes["plant"], nodes["outer_loop"], attitude, model_of(config), config.actuation
     )
@@ -53,62 +54,64 @@ def loop_of(settings: Settings) -> PositionLoop:
 
 def floors(axis: Axis, gains: Gains) -> dict[str, list[float]]:
     """Position, m, and speed, m/s, of each law that is compared."""
+    predicted = deviations(axis, gains)
+    assert predicted is not None  # the packaged law is stable
     return {
         "perfect_actuators": list(limits_of_performance(axis)),
         "as_flown": list(limits_of_performance(axis, at_once=False)),
         "as_flown_gust_known": list(limits_of_performance(axis, at_once=False, gusts_known=True)),
-        "predicted": deviations(axis, gains).tolist(),
+        "predicted": predicted.tolist(),
     }
 
 
-def flown(settings: Settings, seeds: Sequence[int]) -> np.ndarray:
-    """Standard deviation (2, 3) of position, m, and speed, m/s, forward, right, down, truth."""
-    squares = []
+@over(world=WORLDS)
+def variances(world: str, seed: int) -> np.ndarray:
+    """Variance (2, 3) of position, m2, and speed, m2/s2, forward, right, down, truth."""
+    settings = resolve("hover", GPS, world=world)
     heading = settings.scenario.reference.points[0, REFERENCE.psi]
     c, s = np.cos(heading), np.sin(heading)
     to_heading = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    for seed in seeds:
-        record = simulate(settings.with_seed(seed)).record
-        settled = record.time_s > SETTLED_S
-        error = record.truth_pos_ned_m[settled] - record.reference[settled, REFERENCE.pos]
-        speed = record.truth_vel_ned_mps[settled]
-        squares.append([(of @ to_heading.T).var(axis=0) for of in (error, speed)])
-    return np.sqrt(np.mean(squares, axis=0))
+    record = simulate(settings.with_seed(seed)).record
+    settled = record.time_s > SETTLED_S
+    error = record.truth_pos_ned_m[settled] - record.reference[settled, REFERENCE.pos]
+    speed = record.truth_vel_ned_mps[settled]
+    return np.array([(of @ to_heading.T).var(axis=0) for of in (error, speed)])
 
 
-def nose(world: str, into_the_wind: bool, seeds: Sequence[int]) -> dict[str, Any]:
-    """Largest errors with the nose as packaged, or into the wind."""
+@over(world=("honest", "hard"), into_the_wind=(False, True))
+def nose(world: str, into_the_wind: bool, seed: int) -> FlownSeed:
+    """A flight with the nose as packaged, or into the wind."""
     changes = INTO_THE_WIND if into_the_wind else {}
-    settings = resolve("hover", GPS, overrides=changes, world=world)
-    return {"world": world, "into_the_wind": into_the_wind, **largest(settings, seeds)}
+    return fly_seeds(resolve("hover", GPS, overrides=changes, world=world), [seed])[0]
 
 
-def doubt(part: str, factor: float, seeds: Sequence[int]) -> dict[str, Any]:
-    """Largest errors in the honest world with a part off; its spread is that of the others."""
+@over(part=DOUBTS, factor=FACTORS)
+def doubt(part: str, factor: float, seed: int) -> FlownSeed:
+    """A flight in the honest world with a part off; its spread is that of the others."""
     changes = {"plant": {f"scale.{part}": factor}}
-    settings = resolve("hover", GPS, overrides=changes, world="honest")
-    return {"part": part, "factor": factor, **largest(settings, seeds)}
+    return fly_seeds(resolve("hover", GPS, overrides=changes, world="honest"), [seed])[0]
 
 
-def largest(settings: Settings, seeds: Sequence[int]) -> dict[str, Any]:
+def largest(place: Place[FlownSeed]) -> dict[str, Any]:
     """Largest errors from truth in the scored windows, and how many flights were inside."""
-    flights = fly_seeds(settings, seeds)
+    flights = place.flights
     found = worst_of_seeds(flights, WINDOWS).values()
     return {
+        **place.point,
         "lost": sum(bool(f.lost) for f in flights),
         "inside": inside_of(flights, GPS, WINDOWS),
         "max": {s.metric.key: s.max for s in found if s.source == TRUTH},
     }
 
 
-def axes_of(world: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
+def axes_of(place: Place[np.ndarray]) -> list[dict[str, Any]]:
     """A row for each axis: the laws' floors, what is predicted, what is flown."""
-    settings = resolve("hover", GPS, world=world)
+    settings = resolve("hover", GPS, **place.point)
     loop, kernel = loop_of(settings), outer_params(settings.nodes["outer_loop"])
-    measured = flown(settings, seeds)
+    measured = np.sqrt(np.mean(place.flights, axis=0))
     return [
         {
-            "world": world,
+            **place.point,
             "axis": NAMES[i],
             **floors(axis, Gains.of(kernel, i)),
             "flown": measured[:, i].tolist(),
@@ -117,21 +120,17 @@ def axes_of(world: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
     ]
 
 
-def main() -> None:
-    """Print the JSON."""
-    seeds = parser_with_seeds(__doc__, "1..8").parse_args().seeds
-    found: Mapping[str, Any] = {
-        "seeds": seeds,
+def found(options: Options) -> dict[str, Any]:
+    """All that the tables show."""
+    return {
+        "seeds": options.seeds,
         "conditions": {
             world: conditions(resolve("hover", GPS, world=world)).splitlines() for world in WORLDS
         },
-        "axes": [row for world in WORLDS for row in axes_of(world, seeds)],
-        "nose": [
-            nose(world, into, seeds) for world in ("honest", "hard") for into in (False, True)
-        ],
-        "doubts": [doubt(part, factor, seeds) for part in DOUBTS for factor in FACTORS],
+        "axes": [row for place in variances.places(options) for row in axes_of(place)],
+        "nose": [largest(place) for place in nose.places(options)],
+        "doubts": [largest(place) for place in doubt.places(options)],
     }
-    print(json.dumps(found))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -203,4 +202,4 @@ def _largest(row: Mapping[str, Any]) -> list[str]:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "1..8"))

@@ -30,7 +30,7 @@ WORST = "altitude (truth)"
 def found(folder: str, word: str, *options: str) -> dict[str, Any]:
     """What the command says with --json; raises CalledProcessError."""
     out = f"{folder}/{word}"
-    command = [ROOT / "heli", "campaign", word, SPEC, "--out", out, "--json", *options]
+    command = [str(ROOT / "heli"), "campaign", word, SPEC, "--out", out, "--json", *options]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     said: dict[str, Any] = json.loads(done.stdout)
     return said

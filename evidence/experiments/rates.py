@@ -4,57 +4,66 @@
 Usage: ./heli python -m evidence.experiments.rates [--seeds 1..20]
 """
 
-import json
+import sys
 from typing import Any
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_core.ticks import RATES_HZ
 from heli_flight.loop import simulate
 from heli_flight.result import Result, conditions
 from heli_flight.scoring import NAVIGATION, TRUTH, score
-from heli_flight.settings import hover_test_world, resolve
+from heli_flight.settings import Settings, hover_test_world, resolve
 from heli_inner_hinf.design import AttitudeConfig
 
 RECEIVERS = {"rtk": TRUTH, "standalone": NAVIGATION}
 
 
-def row(gps: str, rate_hz: int, seeds: list[int]) -> dict[str, Any]:
+def settings(gps: str, rate_hz: int, seed: int | None = None) -> Settings:
+    """The hover test at a rate."""
+    world = hover_test_world(None, None, ())
+    return resolve("hover", gps, seed, world=world, rate_hz=rate_hz)
+
+
+@over(gps=tuple(RECEIVERS), rate_hz=RATES_HZ)
+def flown(gps: str, rate_hz: int, seed: int) -> dict[str, Any]:
+    """Largest figures of a flight, whether all are inside, whether it was lost."""
+    own = settings(gps, rate_hz, seed)
+    flight = simulate(own)
+    result = Result(score(flight.record, own.scenario), flight.sentence, 0.0, 0.0)
+    windows = [one for one in result.figures.windows if one.source == RECEIVERS[gps]]
+    return {
+        "lost": bool(flight.status),
+        "inside": result.exit_code(gps) == 0,
+        "max": [(one.metric.key, one.max) for one in windows],
+    }
+
+
+def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Largest figures over the seeds, how often all are inside, and what the law is worth."""
-    world, largest, inside, lost = hover_test_world(None, None, ()), {}, 0, 0
-    settings = resolve("hover", gps, world=world, rate_hz=rate_hz)
-    for seed in seeds:
-        own = resolve("hover", gps, seed, world=world, rate_hz=rate_hz)
-        flight = simulate(own)
-        result = Result(score(flight.record, own.scenario), flight.sentence, 0.0, 0.0)
-        lost += bool(flight.status)
-        inside += result.exit_code(gps) == 0
-        for one in result.figures.windows:
-            if one.source == RECEIVERS[gps]:
-                key = one.metric.key
-                largest[key] = max(largest.get(key, 0.0), one.max)
-    judged = AttitudeConfig.from_parameters(settings.nodes["inner_loop"]).judgement
+    given, largest = settings(**place.point), dict[str, float]()
+    for flight in place.flights:
+        for key, value in flight["max"]:
+            largest[key] = max(largest.get(key, 0.0), value)
+    judged = AttitudeConfig.from_parameters(given.nodes["inner_loop"]).judgement
     assert judged is not None
     return {
-        "gps": gps,
-        "rate_hz": rate_hz,
-        "source": RECEIVERS[gps],
-        "conditions": conditions(settings).splitlines(),
-        "inside": inside,
-        "lost": lost,
+        **place.point,
+        "source": RECEIVERS[place.point["gps"]],
+        "conditions": conditions(given).splitlines(),
+        "inside": sum(flight["inside"] for flight in place.flights),
+        "lost": sum(flight["lost"] for flight in place.flights),
         "max": largest,
         "disk_input": judged.disk_input,
         "disk_output": judged.disk_output,
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
-    rows = [row(gps, hz, seeds) for gps in RECEIVERS for hz in RATES_HZ]
-    print(json.dumps({"seeds": seeds, "rows": rows}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    return {"seeds": options.seeds, "rows": [row(place) for place in flown.places(options)]}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -99,4 +108,4 @@ def rates(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

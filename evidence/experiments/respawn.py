@@ -13,16 +13,18 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import NOT_COMPARED, produces, table
+from evidence.sweep import Options, over, print_found
 from evidence.tables import grid
 from heli_bags.reader import Bag, read_bag
+from heli_core.errors import FlightError
 from heli_core.rows import PLANT
 from heli_core.ticks import NS_PER_S
 from heli_msgs_bridge.diagnostics import NodeState, state_of
@@ -65,7 +67,7 @@ def _flown(seed: int, folder: Path) -> tuple[dict[str, Any], Bag]:
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode not in (0, 1):
-        raise SystemExit(f"seed {seed}: {done.stderr.strip()}")
+        raise FlightError(f"seed {seed}: {done.stderr.strip()}")
     return json.loads((out / "result.json").read_text(encoding="utf-8")), read_bag(out / "bag")
 
 
@@ -119,28 +121,27 @@ def _event(done: dict[str, Any], restarts: list[dict[str, Any]], times: _Times) 
     }  # fmt: skip
 
 
-def flight(seed: int, folder: Path) -> dict[str, Any]:
+@over()
+def flight(seed: int) -> dict[str, Any]:
     """All figures of a seed."""
-    result, bag = _flown(seed, folder)
-    times = _Times(bag)
+    with tempfile.TemporaryDirectory() as folder:
+        result, bag = _flown(seed, Path(folder))
+        times = _Times(bag)
     events = [_event(d, result["restarts"], times) for d in result["process_faults_done"]]
     whole = len(times.time_s) == round(END_S * 100)
     return {"seed": seed, "lost": bool(result["lost"]), "bag_whole": whole,
             "sound_m": times.lost_m(_SOUND_S), "events": events}  # fmt: skip
 
 
-def main() -> None:
-    """Print the flights."""
-    seeds = parser_with_seeds(__doc__, "1..10").parse_args().seeds
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows; in real time one flies after the other."""
     before = os.getloadavg()[0]
-    flights = []
-    for seed in seeds:
-        with tempfile.TemporaryDirectory() as folder:
-            flights.append(flight(seed, Path(folder)))
-    content = {"seeds": seeds, "world": WORLD, "pause_s": PAUSE_S, "look_s": LOOK_S, "end_s": END_S,
+    (place,) = flight.places(replace(options, workers=1))
+    content = {"seeds": options.seeds, "world": WORLD, "pause_s": PAUSE_S, "look_s": LOOK_S,
+               "end_s": END_S,
                "machine": {"cores": os.cpu_count(), "load_before": before,
                            "load_after": os.getloadavg()[0]}}  # fmt: skip
-    print(json.dumps(content | {"flights": flights}, indent=2))
+    return content | {"flights": place.flights}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -204,4 +205,4 @@ def respawn(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "1..10"))

@@ -7,16 +7,16 @@ Beside what was flown stands what the linear model of the same loop gives. The s
 the sensors' errors: the air stands still.
 """
 
-import json
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import MARGIN, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid
 from heli_analysis.handling.scoring import (
     AXES,
@@ -26,6 +26,7 @@ from heli_analysis.handling.scoring import (
     changes,
     rejection,
 )
+from heli_core.errors import FlightError
 from heli_core.signals import PARTS
 from heli_flight.loop import simulate
 from heli_flight.record import FlightRecord
@@ -43,12 +44,36 @@ def settings_of(scenario: str, laws: str, axis: str) -> Settings:
     return resolve(scenario, RECEIVER, world=WORLD, laws=laws, overrides=overrides)
 
 
-def flown(settings: Settings, seed: int) -> FlightRecord:
-    """The record of a flight; a lost one ends the script."""
+def record_of(settings: Settings, seed: int) -> FlightRecord:
+    """The record of a flight; raises FlightError if it was lost."""
     flight = simulate(settings.with_seed(seed))
     if flight.sentence:
-        raise SystemExit(f"seed {seed}: {flight.sentence}")
+        raise FlightError(f"seed {seed}: {flight.sentence}")
     return flight.record
+
+
+class Responses(NamedTuple):
+    """Of one seed: the answer to the sweep and to the disturbance, the changes of the steps."""
+
+    command: FrequencyResponse
+    disturbance: FrequencyResponse
+    changes: list[AttitudeChange]
+
+
+@over(laws=LAWS, axis=AXES)
+def flown(laws: str, axis: str, seed: int) -> Responses:
+    """Fly a sweep, a disturbance and steps about an axis."""
+    k = AXES.index(axis)
+    sweep, disturbance, steps = (
+        settings_of(scenario, laws, axis)
+        for scenario in ("attitude_sweep", "attitude_disturbance", "attitude_steps")
+    )
+    track = true_track(record_of(steps, seed))
+    return Responses(
+        swept(sweep, record_of(sweep, seed), k),
+        rejected(disturbance, record_of(disturbance, seed), k),
+        list(changes(track.time_s, track.attitude_rad[:, k])),
+    )
 
 
 def range_of(found: Sequence[dict[str, float | None]]) -> dict[str, list[float] | None]:
@@ -71,15 +96,14 @@ def apart_db(found: Sequence[FrequencyResponse], linear: FrequencyResponse) -> f
     return float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
 
 
-def steps(laws: str, axis: str, seeds: Sequence[int]) -> list[dict[str, float]]:
+def steps(laws: str, axis: str, flights: Sequence[Responses]) -> list[dict[str, Any]]:
     """Quickness of the changes that end before the next step, by the size of the step."""
     settings = settings_of("attitude_steps", laws, axis)
     start, length = (settings.nodes["outer_loop"][f"sweep.{k}"] for k in ("start_s", "duration_s"))
     size = settings.nodes["outer_loop"]["sweep.amplitude_deg"]
     found: dict[float, list[AttitudeChange]] = {size: [], 0.5 * size: []}
-    for seed in seeds:
-        track = true_track(flown(settings, seed))
-        for change in changes(track.time_s, track.attitude_rad[:, AXES.index(axis)]):
+    for flight in flights:
+        for change in flight.changes:
             if change.peak_s - change.start_s < length / PARTS:
                 early = change.start_s < start + 0.5 * length
                 found[size if early else 0.5 * size].append(change)
@@ -98,18 +122,17 @@ def steps(laws: str, axis: str, seeds: Sequence[int]) -> list[dict[str, float]]:
     ]
 
 
-def row(laws: str, axis: str, seeds: Sequence[int]) -> dict[str, Any]:
+def row(place: Place[Responses]) -> dict[str, Any]:
     """Measures of an axis under a law, flown and by the linear model."""
-    settings, k = settings_of("attitude_sweep", laws, axis), AXES.index(axis)
-    responses = [swept(settings, flown(settings, seed), k) for seed in seeds]
+    laws, axis = place.point.values()
+    settings = settings_of("attitude_sweep", laws, axis)
+    responses = [flight.command for flight in place.flights]
     loop, omega = LinearLoop(settings), grid_radps()
     linear = loop.to_command(omega, axis)
-    disturbed = settings_of("attitude_disturbance", laws, axis)
-    rejections = [rejected(disturbed, flown(disturbed, seed), k) for seed in seeds]
+    rejections = [flight.disturbance for flight in place.flights]
     of_linear = loop.to_disturbance(omega, axis)
     return {
-        "laws": laws,
-        "axis": axis,
+        **place.point,
         "conditions": conditions(settings).splitlines(),
         "coherent_radps": [
             max(float(f.omega_radps[0]) for f in responses),
@@ -121,15 +144,13 @@ def row(laws: str, axis: str, seeds: Sequence[int]) -> dict[str, Any]:
         "rejection": range_of([asdict(rejection(f)) for f in rejections]),
         "linear_rejection": asdict(rejection(of_linear)),
         "rejection_difference_db": apart_db(rejections, of_linear),
-        "steps": steps(laws, axis, seeds),
+        "steps": steps(laws, axis, place.flights),
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..5").parse_args().seeds
-    rows = [row(laws, axis, seeds) for laws in LAWS for axis in AXES]
-    print(json.dumps({"seeds": seeds, "rows": rows}, indent=2))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    return {"seeds": options.seeds, "rows": [row(place) for place in flown.places(options)]}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -202,4 +223,4 @@ def _number(value: float | None) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found, "1..5"))

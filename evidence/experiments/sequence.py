@@ -7,14 +7,14 @@ A change of modes is what the first command of the new mode differs from the las
 later: the largest step of the set-point in the two seconds after.
 """
 
-import json
+import sys
 from typing import Any
 
 import numpy as np
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import GROUND_HEAD, grid, ground_table
 from heli_core.rotations import euler_angles, wrap_pi
 from heli_core.rows import ACTUATOR
@@ -69,41 +69,41 @@ def worst(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return rows
 
 
-def row(world: str, gps: str, seeds: list[int]) -> dict[str, Any]:
-    """Largest figures on the ground, how often all are inside, and the changes."""
-    settings = resolve(SCENARIO, gps, world=world)
-    period = settings.nodes["outer_loop"]["period_ticks"]
-    largest: dict[str, float] = {}
-    found: list[dict[str, Any]] = []
-    inside = lost = 0
-    for seed in seeds:
-        own = resolve(SCENARIO, gps, seed, world=world)
-        flight = simulate(own)
-        lost += bool(flight.status)
-        figures = score(flight.record, own.scenario).ground
-        inside += not flight.status and all(figure.inside for figure in figures)
-        for figure in figures:
-            if figure.value is not None:
-                key = figure.metric.key
-                largest[key] = max(largest.get(key, 0.0), figure.value)
-        found += changes(flight.record, period)
+@over(world=WORLDS, gps=RECEIVERS)
+def flown(world: str, gps: str, seed: int) -> dict[str, Any]:
+    """Figures of a flight on the ground, whether all are inside, and its changes."""
+    own = resolve(SCENARIO, gps, seed, world=world)
+    flight = simulate(own)
+    figures = score(flight.record, own.scenario).ground
     return {
-        "world": world,
-        "gps": gps,
-        "conditions": conditions(settings).splitlines(),
-        "max": largest,
-        "inside": inside,
-        "lost": lost,
-        "changes": worst(found),
+        "lost": bool(flight.status),
+        "inside": not flight.status and all(figure.inside for figure in figures),
+        "max": {f.metric.key: f.value for f in figures if f.value is not None},
+        "changes": changes(flight.record, own.nodes["outer_loop"]["period_ticks"]),
     }
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
-    rows = [row(world, gps, seeds) for world in WORLDS for gps in RECEIVERS]
+def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
+    """Largest figures on the ground, how often all are inside, and the changes."""
+    largest: dict[str, float] = {}
+    for flight in place.flights:
+        for key, value in flight["max"].items():
+            largest[key] = max(largest.get(key, 0.0), value)
+    return {
+        **place.point,
+        "conditions": conditions(resolve(SCENARIO, **place.point)).splitlines(),
+        "max": largest,
+        "inside": sum(flight["inside"] for flight in place.flights),
+        "lost": sum(flight["lost"] for flight in place.flights),
+        "changes": worst([one for flight in place.flights for one in flight["changes"]]),
+    }
+
+
+def found(options: Options) -> dict[str, Any]:
+    """All that the tables show."""
     goals = {metric.key: metric.goal for metric in GROUND_METRICS}
-    print(json.dumps({"seeds": seeds, "goals": goals, "rows": rows}, indent=2))
+    rows = [row(place) for place in flown.places(options)]
+    return {"seeds": options.seeds, "goals": goals, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -170,4 +170,4 @@ def sequence_changes(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

@@ -4,19 +4,19 @@
 Usage: ./heli python -m evidence.experiments.takeoff [--seeds 1..20]
 """
 
-import json
 import math
+import sys
 from typing import Any, NamedTuple
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import GROUND_HEAD, grid, ground_table
 from heli_flight.loop import simulate
 from heli_flight.result import conditions
 from heli_flight.scenario import GROUND_METRICS
 from heli_flight.scoring import score
-from heli_flight.settings import resolve
+from heli_flight.settings import Settings, resolve
 
 RECEIVERS = ("rtk", "standalone")
 SLOPE_DEG = 5.0
@@ -61,39 +61,49 @@ CASES = (
 )
 
 
-def row(case: Case, gps: str, seeds: list[int]) -> dict[str, Any]:
+def settings(case: Case, gps: str, seed: int | None = None) -> Settings:
+    """From the ground to the ground in a case."""
+    return resolve("takeoff_land", gps, seed, world=case.world, overrides=case.overrides)
+
+
+@over(case=CASES, gps=RECEIVERS)
+def flown(case: Case, gps: str, seed: int) -> dict[str, Any]:
+    """Figures of a flight, whether all are inside, whether it came to nothing."""
+    own = settings(case, gps, seed)
+    flight = simulate(own)
+    figures = score(flight.record, own.scenario).ground
+    values = {f.metric.key: f.value for f in figures if f.value is not None}
+    return {
+        "lost": bool(flight.status),
+        "inside": not flight.status and all(figure.inside for figure in figures),
+        "broken_off": not flight.status and "takeoff_height" not in values,
+        "max": values,
+    }
+
+
+def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Largest figures of a case, how often all are inside, and how often it came to nothing."""
-    settings = resolve("takeoff_land", gps, world=case.world, overrides=case.overrides)
+    case, gps = place.point.values()
     largest: dict[str, float] = {}
-    inside = broken_off = lost = 0
-    for seed in seeds:
-        own = resolve("takeoff_land", gps, seed, world=case.world, overrides=case.overrides)
-        flight = simulate(own)
-        lost += bool(flight.status)
-        figures = score(flight.record, own.scenario).ground
-        inside += not flight.status and all(figure.inside for figure in figures)
-        values = {f.metric.key: f.value for f in figures if f.value is not None}
-        broken_off += not flight.status and "takeoff_height" not in values
-        for key, value in values.items():
+    for flight in place.flights:
+        for key, value in flight["max"].items():
             largest[key] = max(largest.get(key, 0.0), value)
     return {
         "case": case.name,
         "world": case.world,
         "gps": gps,
-        "conditions": conditions(settings).splitlines(),
+        "conditions": conditions(settings(case, gps)).splitlines(),
         "max": largest,
-        "inside": inside,
-        "broken_off": broken_off,
-        "lost": lost,
-    }
+        **{key: sum(flight[key] for flight in place.flights)
+           for key in ("inside", "broken_off", "lost")},
+    }  # fmt: skip
 
 
-def main() -> None:
-    """Print the rows."""
-    seeds = parser_with_seeds(__doc__, "1..20").parse_args().seeds
-    rows = [row(case, gps, seeds) for case in CASES for gps in RECEIVERS]
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
     goals = {metric.key: metric.goal for metric in GROUND_METRICS}
-    print(json.dumps({"seeds": seeds, "goals": goals, "rows": rows}, indent=2))
+    rows = [row(place) for place in flown.places(options)]
+    return {"seeds": options.seeds, "goals": goals, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -137,4 +147,4 @@ def takeoff(results: Results) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

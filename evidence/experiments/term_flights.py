@@ -6,14 +6,14 @@ Usage: ./heli python -m evidence.experiments.term_flights [--seeds 1..20]
 One process, both receivers, the packaged design; the aircraft in flight differs, nothing else.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from evidence.files import Results
-from evidence.options import parser_with_seeds
 from evidence.registry import TWENTY, produces, table
+from evidence.sweep import Options, Place, over, print_found
 from evidence.tables import grid, world
 from heli_core.metrics import METRICS
 from heli_dynamics_sim import plant
@@ -21,7 +21,7 @@ from heli_dynamics_sim.aircraft import ModelOptions
 from heli_flight.loop import build, fly_loop
 from heli_flight.result import conditions
 from heli_flight.scoring import STRETCHES, WINDOWS
-from heli_flight.settings import GPS_PRESETS, Settings, resolve
+from heli_flight.settings import GPS_PRESETS, resolve
 from heli_studies.campaign.run import FlownSeed, inside_of, worst_of_seeds
 
 ROTOR = ("flap_back", "inflow", "ground_effect", "vortex_ring")
@@ -33,21 +33,21 @@ AIRCRAFT: dict[str, dict[str, Any]] = {
 }
 
 
-def fly(settings: Settings, changes: dict[str, Any], seeds: Sequence[int]) -> list[FlownSeed]:
-    """The flights of an aircraft with these fields changed."""
+@over(gps=tuple(GPS_PRESETS), aircraft=tuple(AIRCRAFT))
+def fly(gps: str, aircraft: str, seed: int) -> FlownSeed:
+    """The flight of an aircraft with its fields changed."""
+    settings = resolve("hover", gps)
     nominal = plant.PlantConfig.from_parameters(settings.nodes["plant"])
-    config = replace(nominal, helicopter=replace(nominal.helicopter, **changes))
-    flown = []
-    for seed in seeds:
-        flight = fly_loop(build(settings.with_seed(seed), plant_config=config), settings)
-        flown.append(FlownSeed.of(seed, flight, settings.scenario))
-    return flown
+    config = replace(nominal, helicopter=replace(nominal.helicopter, **AIRCRAFT[aircraft]))
+    flight = fly_loop(build(settings.with_seed(seed), plant_config=config), settings)
+    return FlownSeed.of(seed, flight, settings.scenario)
 
 
-def row_of(name: str, gps: str, flown: Sequence[FlownSeed]) -> dict[str, Any]:
+def row_of(place: Place[FlownSeed]) -> dict[str, Any]:
     """How many were lost and inside the paper's figures, and the largest value per metric."""
+    gps, flown = place.point["gps"], place.flights
     return {
-        "aircraft": name,
+        "aircraft": place.point["aircraft"],
         "gps": gps,
         "flights": len(flown),
         "lost": sum(bool(f.lost) for f in flown),
@@ -60,16 +60,11 @@ def row_of(name: str, gps: str, flown: Sequence[FlownSeed]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Print the JSON."""
-    seeds = parser_with_seeds(__doc__).parse_args().seeds
-    rows, told = [], []
-    for gps in GPS_PRESETS:
-        settings = resolve("hover", gps)
-        told.append(conditions(settings).splitlines())
-        for name, changes in AIRCRAFT.items():
-            rows.append(row_of(name, gps, fly(settings, changes, seeds)))
-    print(json.dumps({"seeds": seeds, "conditions": told, "rows": rows}))
+def found(options: Options) -> dict[str, Any]:
+    """All that the table shows."""
+    told = [conditions(resolve("hover", gps)).splitlines() for gps in GPS_PRESETS]
+    rows = [row_of(place) for place in fly.places(options)]
+    return {"seeds": options.seeds, "conditions": told, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -108,4 +103,4 @@ def _largest(most: Mapping[str, Any]) -> list[str]:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(print_found(__doc__, found))

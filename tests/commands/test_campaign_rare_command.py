@@ -10,7 +10,6 @@ from heli_flight.cli import app as cli
 from heli_flight.loop import simulate
 from heli_flight.scoring import score
 from heli_flight.settings import resolve
-from heli_studies.campaign import run as cluster
 from heli_studies.campaign import spec as rows
 from heli_studies.campaign.run import Store
 
@@ -83,7 +82,7 @@ def threads(workers, scheduler):
 
 def test_worst_is_the_same_whoever_flies(file, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("heli_studies.campaign.rare.connected", threads)
-    monkeypatch.setattr(cluster, "fly_rows", without_flying)
+    monkeypatch.setattr(rows, "fly_rows", without_flying)
     results = []
     for workers in (0, 1):
         out = tmp_path / f"out{workers}"
@@ -109,7 +108,7 @@ def test_after_an_interrupt_what_stands_is_told(file, tmp_path, capsys, monkeypa
             raise KeyboardInterrupt
         return without_flying(spec, numbers)
 
-    monkeypatch.setattr(cluster, "fly_rows", fly)
+    monkeypatch.setattr(rows, "fly_rows", fly)
     words = ["rare", file, "--of", NAME, "--out", tmp_path / "out", "--per-level", 20]
     code, said, told = run(capsys, *words, "--workers", 0, "--beyond", 9.0)
     assert (code, said) == (130, "")

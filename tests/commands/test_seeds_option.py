@@ -1,21 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What scripts of results share: seeds that are none are refused, tables or JSON are printed."""
-
-import json
+"""What scripts of results share: seeds that are none are refused."""
 
 import pytest
 
 from evidence import options
-
-
-def test_what_is_found_is_printed_as_tables_or_as_json(monkeypatch, capsys):
-    def printed(*words):
-        monkeypatch.setattr("sys.argv", ["table.py", *words])
-        options.print_tables("What.", lambda seeds: {"seeds": seeds}, lambda f: f"| {f} |")
-        return capsys.readouterr().out
-
-    assert printed("--seeds", "3,7..8") == "| {'seeds': [3, 7, 8]} |\n"
-    assert json.loads(printed("--json")) == {"seeds": list(range(1, 21))}
 
 
 def test_seeds_that_are_none_are_refused_in_a_sentence(capsys):

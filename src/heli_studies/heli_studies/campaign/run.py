@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -61,8 +61,6 @@ from heli_studies.campaign.spec import (
     WHOLE,
     FlightEnding,
     Spec,
-    fly_rows,
-    killed,
     write_rerun_files,
 )
 
@@ -232,6 +230,26 @@ class Store:
 # -------------------------------------------------------------------------------------------------
 
 Rows = list[dict[str, Any]]
+
+
+class FlightBatch(Protocol):
+    """Flights with numbers from 0 on, which fly anywhere: a `Spec`, or what else has these four."""
+
+    @property
+    def chunk(self) -> int:
+        """Flights of a task."""
+
+    @property
+    def count(self) -> int:
+        """Flights of it."""
+
+    def fly(self, numbers: Sequence[int]) -> Rows:
+        """Fly these; a row each, with its number under `NUMBER`, that follows from it alone."""
+
+    def killed(self, number: int) -> dict[str, Any]:
+        """The row of a flight that ended its process each time; may raise FlightError."""
+
+
 _REACH_S = 20.0
 # Dask looks at each worker's stack every 10 ms: one that compiles kernels nearly comes to a halt.
 _UNPROFILED = {"distributed.worker.profile.enabled": False}
@@ -239,30 +257,30 @@ _SILENT = logging.CRITICAL + 1
 _GONE = "the scheduler is gone; what was flown stays, --resume goes on"
 
 
-def tasks(spec: Spec, done: set[int]) -> list[list[int]]:
+def tasks(batch: FlightBatch, done: set[int]) -> list[list[int]]:
     """What is still to be flown, by tasks; they are the same whoever flies them."""
-    found = []
-    for first in range(0, len(spec.inputs), spec.chunk):
-        left = [n for n in range(first, min(first + spec.chunk, len(spec.inputs))) if n not in done]
+    found, count = [], batch.count
+    for first in range(0, count, batch.chunk):
+        left = [n for n in range(first, min(first + batch.chunk, count)) if n not in done]
         if left:
             found.append(left)
     return found
 
 
-def fly_here(spec: Spec, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
+def fly_here(batch: FlightBatch, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
     """Fly task after task in this process."""
     for numbers in todo:
-        yield fly_rows(spec, numbers)
+        yield batch.fly(numbers)
 
 
 def fly_by_dask(
-    spec: Spec, todo: Sequence[Sequence[int]], workers: int, scheduler: str | None
+    batch: FlightBatch, todo: Sequence[Sequence[int]], workers: int, scheduler: str | None
 ) -> Iterator[Rows]:
     """Fly tasks on a cluster; rows come as they are flown.
 
     Parameters
     ----------
-    spec : Spec
+    batch : FlightBatch
     todo : sequence of sequence of int
         As of `tasks`.
     workers : int
@@ -278,22 +296,22 @@ def fly_by_dask(
         The scheduler has gone.
     """
     with connected(workers, scheduler) as client:
-        yield from fly_on(client, spec, todo)
+        yield from fly_on(client, batch, todo)
 
 
-def fly_on(client: Any, spec: Spec, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
+def fly_on(client: Any, batch: FlightBatch, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
     """The same by a client that is there already (`connected`)."""
     from distributed import CancelledError, as_completed
     from distributed.comm import CommClosedError
 
-    # A key of its own: the same spec of an earlier call may be let go of at this very moment.
-    shared = client.scatter(spec, broadcast=True, hash=False)
+    # A key of its own: the same batch of an earlier call may be let go of at this very moment.
+    shared = client.scatter(batch, broadcast=True, hash=False)
     futures = {client.submit(_fly, shared, list(n), pure=False): list(n) for n in todo}
     coming = as_completed(futures, loop=client.loop)
     try:
         for future in coming:
             numbers = futures.pop(future)
-            rows, again = _taken(spec, future, numbers)
+            rows, again = _taken(batch, future, numbers)
             for number in again:
                 new = client.submit(_fly, shared, [number], pure=False)
                 futures[new] = [number]
@@ -304,20 +322,20 @@ def fly_on(client: Any, spec: Spec, todo: Sequence[Sequence[int]]) -> Iterator[R
         raise FlightError(_GONE) from None
 
 
-def _taken(spec: Spec, future: Any, numbers: list[int]) -> tuple[Rows, list[int]]:
+def _taken(batch: FlightBatch, future: Any, numbers: list[int]) -> tuple[Rows, list[int]]:
     """Rows of a task, or what to fly again, one by one, as its process has ended too often."""
     from distributed import KilledWorker
 
     try:
         commit, rows = future.result()
     except KilledWorker:
-        return ([], numbers) if len(numbers) > 1 else ([killed(spec, numbers[0])], [])
+        return ([], numbers) if len(numbers) > 1 else ([batch.killed(numbers[0])], [])
     _check_commit(commit, future.key)
     return rows, []
 
 
-def _fly(spec: Spec, numbers: list[int]) -> tuple[str, Rows]:
-    return sources_commit(), fly_rows(spec, numbers)
+def _fly(batch: FlightBatch, numbers: list[int]) -> tuple[str, Rows]:
+    return sources_commit(), batch.fly(numbers)
 
 
 def _check_commit(commit: str, where: str) -> None:

@@ -341,6 +341,21 @@ class Spec:
             [] for _ in range(self.flights)
         ]
 
+    @property
+    def count(self) -> int:
+        """Flights of it."""
+        return len(self.inputs)
+
+    def fly(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+        """Rows of these flights, as of `fly_rows`."""
+        return fly_rows(self, numbers)
+
+    def killed(self, number: int) -> dict[str, Any]:
+        """The row of a flight that took its process along, again and again."""
+        return _begun(self, number) | _end(
+            FlightEnding.KILLED, "the process that flew it ended each time"
+        )
+
     def flight_seed(self, number: int) -> int:
         """Seed of wind and sensors of a flight, counted from 0."""
         return number + 1 if self.flight_seeds == EACH else int(self.flight_seeds)
@@ -686,13 +701,6 @@ def _row(spec: Spec, number: int, folder: Path) -> dict[str, Any]:
     row |= _end(FlightEnding.FLOWN, "", code)
     row |= {f"{WHOLE}{s.name}": float(s.max) for s in figures.whole}
     return row | {f"{FIGURE}{s.name}": float(s.max) for s in figures.windows}
-
-
-def killed(spec: Spec, number: int) -> dict[str, Any]:
-    """The row of a flight that took its process along, again and again."""
-    return _begun(spec, number) | _end(
-        FlightEnding.KILLED, "the process that flew it ended each time"
-    )
 
 
 def _begun(spec: Spec, number: int) -> dict[str, Any]:
