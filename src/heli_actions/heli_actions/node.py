@@ -34,6 +34,7 @@ from heli_core.ticks import NS_PER_S
 from heli_msgs_bridge import frames, topics
 from heli_msgs_bridge.command_messages import decode_goto, decode_reference, encode_goal
 from heli_msgs_bridge.diagnostics import (
+    FACT_GOALS,
     FACT_MODE,
     Level,
     NodeState,
@@ -345,7 +346,8 @@ class ActionsNode(ManagedNode[Serving, None]):
         core, own = self.core, self.get_namespace().strip("/")
         for status in message.status:
             facts = {pair.key: pair.value for pair in status.values}
-            if status.name.rpartition("/")[0].strip("/") != own or FACT_MODE not in facts:
+            outer_loop = FACT_MODE in facts or FACT_GOALS in facts
+            if status.name.rpartition("/")[0].strip("/") != own or not outer_loop:
                 continue
             if state_of(facts, status.message) == NodeState.INACTIVE:
                 facts[FACT_MODE] = NodeState.INACTIVE.value

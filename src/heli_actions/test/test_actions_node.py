@@ -4,12 +4,14 @@
 import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from test_msgs.action import Fibonacci
 
 from heli_actions.goals import Code, GoalRequest, Kind
 from heli_actions.node import ActionsNode, Interfaces
+from heli_msgs_bridge.diagnostics import FACT_GOALS, GoalAnswer, GoalState, goals_text
 from heli_msgs_bridge.layouts import MessageError
 
 LIMIT_S = 60.0
@@ -80,3 +82,15 @@ def test_limits_change_in_flight(alone):
     node, *_ = alone
     (result,) = node.set_parameters([rclpy.Parameter("answer_s", value=7.5)])
     assert result.successful and node.core.desk.limits.answer_s == 7.5
+
+
+def test_a_refusal_of_an_outer_loop_that_has_never_flown_is_heard(alone):
+    """It tells no mode yet, but answers goals."""
+    node, client, wait = alone
+    handle = wait(client.send_goal_async(Fibonacci.Goal(order=1)))
+    (goal,) = node.core.desk.goals
+    answer = GoalAnswer(goal.key, "takeoff", GoalState.REFUSED, "takeoff: not active")
+    facts = [KeyValue(key=FACT_GOALS, value=goals_text([answer]))]
+    node._on_diagnostics(DiagnosticArray(status=[DiagnosticStatus(name="outer", values=facts)]))
+    ended = wait(handle.get_result_async())
+    assert list(ended.result.sequence) == [Code.REFUSED]
