@@ -79,14 +79,6 @@ def test_imu_signs_at_rest(plant_config, vacuum, record, axis, expected):
     assert at_rest(plant_config, vacuum, record, turned) == pytest.approx(expected, abs=1e-9)
 
 
-def test_imu_in_trimmed_hover_reads_plus_g_on_z(plant_config, record):
-    """Hover in still air, 2.2 deg of roll; up in FLU, |f| = g; 1e-9 m/s2."""
-    y = record(plant_config(**CALM, **QUIET), 1)
-    force = flu(y[0, 0:3])
-    assert force[2] == pytest.approx(G, abs=0.01)
-    assert np.linalg.norm(force) == pytest.approx(G, abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("euler_ned_deg", "axis", "sign"),
     [

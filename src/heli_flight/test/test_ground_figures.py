@@ -91,9 +91,8 @@ def test_what_was_missed_on_the_ground_is_named_at_the_end(capsys, tmp_path):
     slid = replace(slid, truth_pos_ned_m=slid.truth_pos_ned_m * [1.0, 3.0, 1.0])
     result = Result(Figures(ground=ground_figures(slid, gear())), "", 20.0, 1.0)
     print_end(FinishedFlight(resolve("takeoff_land"), result, tmp_path), Console(width=200))
-    assert capsys.readouterr().out.splitlines()[2:] == [
-        "outside the goals on the ground: skid after the touch-down"
-    ]
+    (outside,) = capsys.readouterr().out.splitlines()[2:]
+    assert outside.endswith(": skid after the touch-down")
 
 
 def test_a_flight_that_ends_in_the_air_has_not_landed():

@@ -65,17 +65,17 @@ def test_a_good_bag_gives_the_evaluated_ticks(bag):
 
 @pytest.mark.parametrize("gone", NEEDED)
 def test_a_missing_topic_is_named(bag, gone):
-    with pytest.raises(BagDataError, match=f"no message on '{gone}'"):
+    with pytest.raises(BagDataError, match=f"'{gone}'"):
         read(bag([name for name in NEEDED if name != gone]))
 
 
 def test_gusts_need_their_own_topic(bag):
-    with pytest.raises(BagDataError, match=r"'excitation/wind' \(plant sends it only while"):
+    with pytest.raises(BagDataError, match="'excitation/wind'"):
         read(bag(), "gusts")
 
 
 def test_too_short(bag):
-    with pytest.raises(BagDataError, match=r"'odom' covers .* to 1.99 s, but 1 to 3 s are needed"):
+    with pytest.raises(BagDataError, match="'odom' .* to 1.99 s, .* 1 to 3 s"):
         read(bag(ticks=200))
 
 
@@ -83,7 +83,7 @@ def test_a_gap(bag):
     def drop(name, tick, row):
         return None if name == topics.IMU and 150 <= tick < 153 else row
 
-    with pytest.raises(BagDataError, match=r"'imu/data_raw': 3 of 200 .* flight time 1.50 s"):
+    with pytest.raises(BagDataError, match="'imu/data_raw': 3 of 200 .* 1.50 s"):
         read(bag(change=drop))
 
 
@@ -93,7 +93,7 @@ def test_not_a_number(bag):
             row[3] = np.nan
         return row
 
-    with pytest.raises(BagDataError, match="'imu/data_raw': 1 messages cannot be used.*not finite"):
+    with pytest.raises(BagDataError, match="'imu/data_raw': 1 .*not finite"):
         read(bag(change=spoil))
 
 
@@ -103,12 +103,12 @@ def test_a_channel_without_excitation(bag):
             row[1] = 0.0
         return row
 
-    with pytest.raises(BagDataError, match="'excitation/actuators': d_lon is not excited"):
+    with pytest.raises(BagDataError, match="'excitation/actuators': d_lon "):
         read(bag(change=silence))
 
 
 def test_no_bag(tmp_path):
-    with pytest.raises(BagDataError, match="does not exist"):
+    with pytest.raises(BagDataError, match=str(tmp_path / "nothing")):
         read(tmp_path / "nothing")
 
 

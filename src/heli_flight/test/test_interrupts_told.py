@@ -69,7 +69,7 @@ def test_an_interrupt_waits_for_the_end_of_a_step_whoever_takes_it(threads):
     """
     command = [sys.executable, "-c", STEP, str(threads)]
     said = subprocess.run(command, capture_output=True, text=True)
-    assert said.stdout == "interrupted after 1000 True\nTrue\n", said.stderr
+    assert said.stdout.split()[-3:] == ["1000", "True", "True"], said.stderr
 
 
 def test_a_command_that_fails_of_an_interrupt_ends_as_interrupted(capsys, monkeypatch):

@@ -65,9 +65,9 @@ def test_what_a_browser_may_not_say_is_refused_in_a_sentence(args, said):
 def test_faults_are_added_and_listed():
     assert with_fault(["none"], "a") == ["a"] and with_fault(["a"], "b") == ["a", "b"]
     assert listed({}) == listed({"faults": ""}) == []
-    assert listed({"faults": "gps loss from 1 s on; baro loss from 1 s on"})[1].startswith("baro")
+    assert listed({"faults": "gps loss; baro loss"}) == ["gps loss", "baro loss"]
 
 
 def test_a_value_that_is_no_number_is_named():
-    with pytest.raises(ValueError, match="value: '--duratoin' is not a number"):
+    with pytest.raises(ValueError, match="value: '--duratoin'"):
         fault_text("gps", "loss", ["--duratoin"], None)

@@ -144,12 +144,13 @@ def test_who_names_no_domain_gets_a_free_one(monkeypatch):
         with flight.running(flight.Graph(None, None, None, said.append)):
             second = int(os.environ["ROS_DOMAIN_ID"])
         assert second > first
-        assert said == [
-            f"flying in ROS domain {second}: to listen in, ROS_DOMAIN_ID={second} ./heli topics"
-        ]
+        assert len(said) == 1 and f"ROS_DOMAIN_ID={second} " in said[0]
         assert "ROS_DOMAIN_ID" not in os.environ
         monkeypatch.setenv("ROS_DOMAIN_ID", str(first))
-        with pytest.raises(StartError, match="or do not set it"), processes.domain_reserved():
+        with (
+            pytest.raises(StartError, match="ROS_DOMAIN_ID"),
+            processes.domain_reserved(),
+        ):
             raise AssertionError("two flights in one domain")
     assert "ROS_DOMAIN_ID" not in os.environ
 

@@ -74,7 +74,7 @@ def test_a_value_is_the_metric_of_the_flight_that_flies_again(spec, tmp_path):
     assert settings.seed == table["seed"].to_pylist()[4]
     figures = rows.score(simulate(settings).record, settings.scenario).windows
     assert {s.name: s.max for s in figures}[NAME] == values[4] == last[1]
-    with pytest.raises(ParameterError, match="flights of a search, which are no sample"):
+    with pytest.raises(ParameterError, match=str(tmp_path / "out")):
         Store.resume(tmp_path / "out", spec)
 
 
@@ -131,21 +131,19 @@ def test_a_flight_that_throws_is_beyond(spec, monkeypatch):
 
 def test_a_metric_is_known_before_anything_flies(spec, tmp_path):
     assert asked_of(spec, NAME).bound == 0.4 and asked_of(spec, NAME, 0.7).bound == 0.7
-    with pytest.raises(
-        ParameterError, match=r"unknown; did you mean altitude \(truth\)\?; allowed"
-    ):
+    with pytest.raises(ParameterError, match=r"mean altitude \(truth\)\?"):
         asked_of(spec, "altitude (true)")
     with pytest.raises(ParameterError, match="--beyond: nan"):
         asked_of(spec, NAME, float("nan"))
     short = spec_from(tmp_path, TEXT.replace("[1.0, -1.0]", "[5.0, -1.0]"))
-    with pytest.raises(ParameterError, match="ends before anything is scored"):
+    with pytest.raises(ParameterError, match="duration_s"):
         asked_of(short, NAME)
 
 
 def test_a_distribution_that_leaves_what_is_allowed_is_refused(tmp_path):
     check_reach(spec_from(tmp_path, TEXT))
     wide = spec_from(tmp_path, TEXT.replace("uniform: [0.9, 1.1]", "normal: [1.0, 0.2]"))
-    with pytest.raises(ParameterError, match=r"scale.mass: -0.2.*6 sigma out.*truncated"):
+    with pytest.raises(ParameterError, match="scale.mass: -0.2.*6 sigma"):
         check_reach(wide)
     check_reach(wide, 3.0)
     with pytest.raises(ParameterError, match="disperse: nothing"):

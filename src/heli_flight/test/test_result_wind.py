@@ -39,7 +39,7 @@ def test_result_holds_the_gusts_that_the_flight_meets(tmp_path):
 def test_conditions_name_profile_and_gusts():
     assert random_gusts(resolve("hover", "rtk", 1)) == []
     words = conditions(gusty(1)).splitlines()[0]
-    assert words.startswith("simulated: wind 4 m/s at 20 ft, log profile, towards 225 deg, ")
-    assert "6 random gusts a minute of 0.2 to 0.5 of the 20 ft wind" in words
+    assert all(key in words for key in ("4 m/s at 20 ft", "log profile", "225 deg"))
+    assert "6 random gusts" in words and "0.2 to 0.5" in words
     usual = conditions(resolve("hover", "rtk", 1))
-    assert usual.startswith("simulated: wind 3/3/5 m/s at 0/10/20 m towards 225 deg, MIL-F-8785C")
+    assert all(key in usual for key in ("3/3/5 m/s", "0/10/20 m", "225 deg", "MIL-F-8785C"))

@@ -193,5 +193,5 @@ def test_bad_sets_are_refused_in_one_sentence(
 def test_unstable_nominal_loop_is_refused(settings: Settings) -> None:
     """With 10 ticks of delay the nominal aircraft is lost: nothing to prove, said so."""
     ranges = (Range("inertia_xx", 1.0, 0.7, 1.3),)
-    with pytest.raises(ParameterError, match="unstable with the nominal aircraft and 10 ticks"):
+    with pytest.raises(ParameterError, match="10 ticks"):
         prove(settings, AircraftRanges(ranges, (10,), 0.04))

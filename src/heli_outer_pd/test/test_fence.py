@@ -8,7 +8,7 @@ from heli_core.rotations import quat_from_euler
 from heli_core.rows import NAV, SETPOINT
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
-from heli_outer_pd import Command, Phase, parameters, position_law
+from heli_outer_pd import Command, Guard, Phase, parameters, position_law
 from heli_outer_pd.goto import Fence, Goto, PhaseNumbers, left, outside
 from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.phases import Phases
@@ -85,7 +85,7 @@ def test_the_sticks_are_taken_away_at_the_fence_and_it_hovers_inside(command):
     assert craft.away == pytest.approx(30.0, abs=0.25), "at the first step beyond it"
     (remark,) = craft.phases.remarks
     assert remark == left(command.value, craft.phases.fence_distance_m)
-    assert "outside the fence" in craft.ask(command).sentence, "not while it is outside"
+    assert Guard.FENCE.value in craft.ask(command).reason, "not while it is outside"
     farthest = 0.0
     for _ in range(800):
         craft.step(steered=True)
@@ -107,9 +107,9 @@ def test_the_ceiling_counts_from_the_ground():
 
 def test_what_is_asked_for_beyond_the_fence_is_refused():
     craft = Craft()
-    with pytest.raises(ReferenceRefused, match="allowed: at most 30 m"):
+    with pytest.raises(ReferenceRefused, match=" 30 m"):
         craft.ask(Command.GOTO, (np.array([0.0, 31.0, -20.0]), 0.0))
-    with pytest.raises(ReferenceRefused, match="allowed: 2 to 40 m"):
+    with pytest.raises(ReferenceRefused, match="2 to 40 m"):
         craft.ask(Command.GOTO, (np.array([0.0, 0.0, -41.0]), 0.0))
     assert Craft(**{"fence.radius_m": 500.0}).limits.distance_m == 100.0
 
@@ -157,5 +157,5 @@ def test_the_nearest_place_inside():
     np.testing.assert_allclose(fence.inside(np.array([10.0, 0.0, -90.0]), home, 2.0), (10, 0, -33))
     assert fence.fence_distance_m(np.array([10.0, -31.5, -9.0]), home, 0.0) == pytest.approx(1.5)
     assert fence.fence_distance_m(np.full(3, np.nan), home, 0.0) == 0.0
-    assert outside(0.0, "position is held") == "position is held"
-    assert outside(1.5, "").startswith("1.5 m outside the fence")
+    assert outside(0.0, "held") == "held"
+    assert outside(1.5, "").startswith("1.5 m ")

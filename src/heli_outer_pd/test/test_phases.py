@@ -11,7 +11,7 @@ from heli_core.rotations import quat_from_euler
 from heli_core.rows import NAV, REFERENCE, SETPOINT
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
-from heli_outer_pd import Command, Phase, Refusal, position_law
+from heli_outer_pd import Command, Guard, Phase, Refusal, position_law
 from heli_outer_pd import parameters as config
 from heli_outer_pd.disturbance import hover_share
 from heli_outer_pd.goto import Goto, PhaseNumbers
@@ -231,9 +231,9 @@ def test_a_take_off_from_too_steep_a_slope_or_blindly_is_refused_and_changes_not
     body.step()
     before = body.state.copy()
     refused = body.ask(Command.TAKEOFF)
-    assert isinstance(refused, Refusal) and "stands tilted" in refused.sentence
+    assert isinstance(refused, Refusal) and Guard.UPRIGHT.value in refused.reason
     body.nav[NAV.vel] = np.nan
-    assert "there is no position estimate" in body.ask(Command.TAKEOFF).sentence
+    assert Guard.NAVIGATION.value in body.ask(Command.TAKEOFF).reason
     assert body.phases.phase == Phase.STANDING
     np.testing.assert_array_equal(body.state.x, before.x)
     np.testing.assert_array_equal(body.state.machine, before.machine)
@@ -293,7 +293,7 @@ def test_a_landing_is_held_but_not_near_the_ground():
     body.until(Phase.DESCENDING)
     while body.height_m > 1.0:
         body.step()
-    assert "the ground is too near" in body.ask(Command.HOLD).sentence
+    assert Guard.CLEAR.value in body.ask(Command.HOLD).reason
     body.until(Phase.STANDING)
 
 
@@ -341,8 +341,8 @@ def test_orders_are_done_in_time_and_what_is_refused_is_remarked():
     began = {phase: at_ns / NS_PER_S for at_ns, phase in body.phases.history}
     assert began[Phase.SPOOLING] == 1.0 and began[Phase.HALTING] == 40.0
     first, second = body.phases.remarks
-    assert first == "goto: the aircraft is on the ground: take off first; allowed: land"
-    assert second == "goto: the goal is 1.0 m high; allowed: 2 to 100 m"
+    assert first.startswith("goto: ") and first.endswith(": land")
+    assert second.startswith("goto: ") and second.endswith(": 2 to 100 m")
 
 
 @pytest.mark.parametrize(
@@ -367,6 +367,6 @@ def test_a_goto_out_of_the_fence_changes_nothing():
     body = Body(on_ground=False, height_m=6.0)
     body.step()
     way = body.phases.trajectory
-    with pytest.raises(ReferenceRefused, match="the goal is 1.5 m high"):
+    with pytest.raises(ReferenceRefused, match="1.5 m high"):
         body.ask(Command.GOTO, (np.array([0.0, 0.0, -1.5]), 0.0))
     assert body.phases.trajectory is way

@@ -93,23 +93,23 @@ def test_one_that_is_unplugged_is_said(virtual):
     joystick = SdlJoystick(virtual.plug(FLIGHT_STICK, 4, 3))
     joystick.read(0.0)
     virtual.unplug()
-    with pytest.raises(DeviceError, match="has been unplugged"):
+    with pytest.raises(DeviceError, match=joystick.name):
         joystick.read(0.0)
 
 
 def test_a_number_that_is_not_there_names_those_that_are(virtual):
     virtual.plug(FLIGHT_STICK, 4, 3)
-    with pytest.raises(DeviceError, match=r"no joystick 77; allowed: .*0 \("):
+    with pytest.raises(DeviceError, match=r"joystick 77; .*0 \("):
         SdlJoystick(77)
 
 
 def test_no_joystick_at_all(monkeypatch):
     monkeypatch.setattr("heli_outer_pd.joystick.joystick_names", lambda: [])
-    with pytest.raises(DeviceError, match="no joystick found: .*--keyboard"):
+    with pytest.raises(DeviceError, match="--keyboard"):
         SdlJoystick()
 
 
 def test_without_sdl(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pygame", None)
-    with pytest.raises(DeviceError, match="pygame is missing.*apt.*pip"):
+    with pytest.raises(DeviceError, match="pygame .*apt.*pip"):
         SdlJoystick()

@@ -174,10 +174,8 @@ def test_it_is_told_and_counts_among_the_failsafes():
     assert told_of(Phase.HOVER, state, "held") == "held"
     assert answer(Phase.HOVER, state) is Action.NONE
     state.machine[MACHINE.servo] = SERVO_DEGRADED
-    assert told_of(Phase.HOVER, state, "held").startswith("attitude not followed: flown softly")
+    assert "softly" in told_of(Phase.HOVER, state, "held")
     assert answer(Phase.HOVER, state) is Action.SOFT
     state.machine[MACHINE.servo] = SERVO_STUCK
-    assert told_of(Phase.HOVER, state, "held").startswith(
-        "attitude not followed: a servo may be stuck"
-    )
+    assert "stuck" in told_of(Phase.HOVER, state, "held")
     assert answer(Phase.HOVER, state) is Action.NOTE

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from heli_core.errors import PathCause
 from heli_core.rows import REFERENCE
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
@@ -54,5 +55,6 @@ def test_what_is_long_past_is_dropped_and_a_hover_takes_a_turn():
 
 
 def test_a_turn_that_is_no_number_is_refused():
-    with pytest.raises(PathError, match="a turn by nan: not finite"):
+    with pytest.raises(PathError, match="nan") as refused:
         turned(descent(), 9 * NS_PER_S, NS_PER_S, math.nan, LIMITS)
+    assert refused.value.cause is PathCause.NOT_FINITE
