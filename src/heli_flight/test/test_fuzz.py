@@ -2,7 +2,8 @@
 """Damaged and hostile input, case by case: taken, or refused in one sentence; nothing else.
 
 2000 cases of every stream of messages and 10 000 of other cheap ones, fewer of whole commands and
-files that are resolved; HELI_FUZZ_CASES=10000 is so many of each, evidence/experiments/fuzz.py counts.
+files that are resolved; HELI_FUZZ_CASES=10000 is so many of each, which
+evidence/experiments/fuzz.py counts.
 """
 
 import os
