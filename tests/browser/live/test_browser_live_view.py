@@ -18,7 +18,10 @@ def test_page_draws_everything_offline(page, flown):
     # A canvas is drawn with the next words, not with the first picture: wait for each of them.
     page.wait(
         "[...document.querySelectorAll('canvas')].every(c => { const g = c.getContext('2d');"
-        " if (!g) return true; const d = g.getImageData(0, 0, c.width, c.height).data;"
+        " if (!g) return true; const o = new OffscreenCanvas(c.width, c.height);"
+        # A copy: Chrome complains of who reads the page's own often, as waiting may.
+        " const r = o.getContext('2d', {willReadFrequently: true}); r.drawImage(c, 0, 0);"
+        " const d = r.getImageData(0, 0, c.width, c.height).data;"
         " const seen = new Set(); for (let i = 0; i < d.length; i += 4) seen.add(d[i] * 65536 +"
         " d[i + 1] * 256 + d[i + 2]); return seen.size >= 3; })"
     )
