@@ -123,6 +123,21 @@ def test_magnetometer_has_no_lag(plant_config):
     assert np.arctan2(-y[ticks, 7], y[ticks, 6]) == pytest.approx(0.02 * ticks, abs=1e-12)
 
 
+def test_hard_and_soft_iron_enter_linearly(plant_config):
+    soft = np.array([[1.1, 0.02, 0.0], [0.03, 0.9, 0.0], [0.0, 0.0, 1.0]])
+    field, hard = np.array([3e-5, 1e-6, 4e-5]), np.array([1e-6, -2e-6, 3e-6])
+    config = plant_config(
+        **CALM,
+        sensors__mag__white_t=0.0,
+        sensors__mag__hard_iron_t=hard,
+        sensors__mag__soft_iron=soft,
+        sensors__mag__field_ned_t=field,
+    )
+    y, state = readings(config, 1)
+    body = quat_to_R_nb(state.x[6:10]).T @ field
+    assert y[0, 6:9] == pytest.approx(soft @ body + hard, abs=1e-18)
+
+
 def test_barometer_drifts_and_is_noisy(plant_config):
     config = plant_config(
         **CALM, sensors__baro__drift_tau_s=0.1, sensors__baro__drift_pa=5.0,

@@ -182,7 +182,7 @@ def test_a_campaign_that_was_broken_off_is_told_as_far_as_it_came(flown, tmp_pat
     assert cli.main(["campaign", "report", str(folder), "--out", str(tmp_path / "page")]) == 0
     capsys.readouterr()
     body = (tmp_path / "page" / "report.html").read_text()
-    assert "15 of 24 flights" in body and about["file"] in body
+    assert "15 of 24 flights have no row yet" in body and "gone or has changed" in body
     assert not (folder / "worst").exists()
 
 
@@ -192,14 +192,17 @@ def test_what_is_no_campaign_is_one_line(flown, tmp_path, capsys):
     foreign = tmp_path / "foreign"
     foreign.mkdir()
     (foreign / "campaign.json").write_text("[1]")
-    for folder in (tmp_path / "nowhere", foreign, empty, flown.folder / "spec.yaml"):
+    for folder, said in (
+        (tmp_path / "nowhere", "holds no campaign"), (foreign, "holds no campaign"),
+        (empty, "no flight has ended yet"), (flown.folder / "spec.yaml", "holds no campaign"),
+    ):  # fmt: skip
         assert cli.main(["campaign", "report", str(folder)]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
-        assert str(folder) in line
+        assert str(folder) in line and said in line
     file = tmp_path / "file"
     file.write_text("")
     assert cli.main(["campaign", "report", str(flown.folder), "--out", str(file)]) == 2
-    assert str(file) in capsys.readouterr().err
+    assert "cannot be written" in capsys.readouterr().err
 
 
 def test_a_spec_that_reads_is_asked_only_for_files(flown, monkeypatch):

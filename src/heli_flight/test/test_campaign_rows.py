@@ -81,9 +81,7 @@ def test_what_cannot_hover_or_falls_is_a_row(tmp_path):
         "  plant.scale.mass: {uniform: [1.0, 4.9]}\n  plant.delay_ticks: {choice: [1, 50]}\n"
     )
     flown = fly_rows(spec_of(file), range(4))
-    assert [row["cause"] for row in flown] == [
-        FlightEnding.FLOWN, FlightEnding.LOST, *[FlightEnding.NO_TRIM] * 2
-    ]  # fmt: skip
+    assert [row["cause"] for row in flown] == ["flown", "lost", *["no trim holds it"] * 2]
     assert all(row["sentence"] for row in flown[1:])
     assert "max.altitude (truth)" not in flown[1]
 
@@ -114,16 +112,16 @@ def test_only_what_is_missing_is_flown_again(spec, file, tmp_path):
 
 def test_a_folder_of_another_campaign_is_refused(spec, file, tmp_path):
     Store.begin(tmp_path / "out", spec, file)
-    with pytest.raises(ParameterError, match="--resume"):
+    with pytest.raises(ParameterError, match="exists already; --resume"):
         Store.begin(tmp_path / "out", spec, file)
     file.write_text(TEXT.replace("1.1", "1.2"))
-    with pytest.raises(ParameterError, match=str(tmp_path / "out")):
+    with pytest.raises(ParameterError, match="rows of another spec"):
         Store.resume(tmp_path / "out", spec_of(file))
-    with pytest.raises(ParameterError, match=str(tmp_path / "nowhere")):
+    with pytest.raises(ParameterError, match="holds no campaign"):
         Store.resume(tmp_path / "nowhere", spec)
     about = tmp_path / "out" / "campaign.json"
     about.write_text(json.dumps({**json.loads(about.read_text()), "commit": "0" * 40}))
-    with pytest.raises(ParameterError, match="0" * 12):
+    with pytest.raises(ParameterError, match="begun with the sources of 000"):
         Store.resume(tmp_path / "out", spec)
 
 
@@ -136,7 +134,7 @@ def test_a_full_disk_leaves_what_was_kept(spec, file, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(ParameterError, match="--resume"):
+    with pytest.raises(ParameterError, match=r"No space left.*--resume"):
         store.put([{**flown[0], "flight": 1}])
     assert store.table()["flight"].to_pylist() == [0]
     assert len(list((tmp_path / "out" / ROWS).iterdir())) == 1
@@ -192,7 +190,7 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
 
     monkeypatch.setattr("heli_studies.campaign.run.sources_commit", sources)
     with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as local:
-        with pytest.raises(ParameterError, match="theirs.* ours"):
+        with pytest.raises(ParameterError, match="flies the sources of theirs, these are ours"):
             list(fly_by_dask(spec, [[0]], 0, local.scheduler_address))
         monkeypatch.setattr("heli_studies.campaign.run.sources_commit", lambda: "one")
         died = tmp_path / "died"

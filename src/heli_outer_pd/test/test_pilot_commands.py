@@ -22,9 +22,8 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.layouts import CHANNELS
 from heli_outer_pd import KeyboardSticks, StickMap
 from heli_outer_pd.joystick import KEY_BUTTONS
-from heli_outer_pd.modes import Guard, Phase
+from heli_outer_pd.modes import Phase
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.position_health import plight
 from heli_outer_pd.state import MEMORY
 
 HOVER = np.array([0.0, 0.0, -10.0])
@@ -226,7 +225,9 @@ def test_a_velocity_that_cannot_stop_inside_the_fence_is_refused(bench):
     never = {"failsafe__unfollowed_deg": [180.0, 180.0]}  # the aircraft here never moves
     pilot = Pilot(bench(OuterLoopNode, reference_limits__distance_m=4.0, **never))
     said = [pilot.move((3.0, 0.0, 0.0)) for _ in range(50)]
-    assert said[0] == "velocity" and said[-1].endswith(" 4 m")
+    assert (
+        said[0] == "velocity" and "m from where the flight began; allowed: at most 4 m" in said[-1]
+    )
     assert 2.0 < pilot.node.run.diverted.points[-1, REFERENCE.pos][1] < 4.0, "it halts inside"
     pilot.fly(800)
     assert pilot.phase == Phase.HOVER
@@ -248,7 +249,10 @@ def test_a_second_pilot_is_named_and_not_followed(flying, monkeypatch):
     assert flying.phase == Phase.HOVER
     assert flying.node.core.pace is not None
     said = flying.node.core.senders["joy"].sentence
-    assert "/one, /two" in said and "only /one" in said and ": 3 " in said
+    assert said == (
+        "joy: sent by /one, /two; only /one is followed, which was heard first; ignored so far: 3 "
+        "messages"
+    )
     hear(3, "land")
     assert flying.phase == Phase.HALTING, "the first one is obeyed"
 
@@ -281,8 +285,9 @@ def test_an_attitude_is_flown_as_it_is_sent_and_ends_in_a_hover(flying):
     np.testing.assert_allclose(flown, [8.0, -3.0, 25.0], atol=0.05)
     state = flying.node.core.state
     assert state.x[MEMORY.steer_down_vel] == pytest.approx(-0.5, abs=1e-6)
-    said = flying.ask("mode/attitude")
-    assert "command_attitude" in said and "command_climb" in said
+    assert flying.ask("mode/attitude") == (
+        "attitude: roll, pitch and heading as command_attitude says, climb as command_climb"
+    )
     flying.fly(100)
     assert flying.phase == Phase.HOVER
 
@@ -294,8 +299,8 @@ def test_a_pilot_takes_over_from_messages_by_a_button_too(flying):
     flying.joy()
     assert flying.node.run.phases.sticks.steering.asked.leads
     flying.joy(REST, "attitude")
-    assert flying.lean(8.0) != "attitude"
-    assert "command_attitude" not in flying.ask("mode/attitude")
+    assert "the pilot's sticks fly the attitude" in flying.lean(8.0)
+    assert flying.ask("mode/attitude") == "attitude: roll, pitch, turn and climb as the sticks say"
     assert flying.phase == Phase.ATTITUDE
 
 
@@ -335,16 +340,16 @@ def test_a_mode_may_be_set_twice(flying):
 
 
 def test_who_is_armed_again_takes_off(standing):
-    assert standing.arm(False).startswith("disarm: ")
+    assert standing.arm(False) == "disarm: the collective stays at idle until it is armed"
     standing.fly(100)
     assert standing.node.health.facts["armed"] is False
     standing.outer.again()
     standing.fly(9)
     assert "disarmed" in standing.ask("takeoff"), "for as long as the node lives"
-    assert standing.arm(True).startswith("arm: ")
+    assert standing.arm(True) == "arm: a take-off is obeyed"
     standing.ask("takeoff")
     assert standing.phase == Phase.SPOOLING
-    assert standing.arm(False).endswith("allowed: standing")
+    assert standing.arm(False) == "disarm: not in takeoff; allowed: standing"
 
 
 def test_a_button_that_is_down_when_the_flight_begins_is_not_obeyed(flying):
@@ -359,7 +364,7 @@ def test_a_button_that_is_down_when_the_flight_begins_is_not_obeyed(flying):
 def test_a_joystick_may_be_laid_out_anew_in_flight(flying):
     ask = partial(Parameter, "joy.roll.axis")
     taken = flying.node.set_parameters_atomically([ask(value=3)])
-    assert not taken.successful and "axis 3" in taken.reason
+    assert not taken.successful and "roll and pitch share axis 3" in taken.reason
     assert flying.node.set_parameters_atomically([ask(value=4)]).successful
     flying.press("attitude")
     for _ in range(10):
@@ -372,7 +377,7 @@ def test_a_joystick_may_be_laid_out_anew_in_flight(flying):
 def test_before_the_flight_a_mode_is_refused(bench):
     outer = bench(OuterLoopNode)
     (result,) = outer.node.set_parameters([Parameter("mode", value="hover")])
-    assert not result.successful and "outer_loop" in result.reason
+    assert result.reason == "mode: outer_loop is not active; activate it first"
     assert outer.node.health.level == Level.OK
 
 
@@ -403,13 +408,15 @@ def test_a_landing_is_obeyed_without_a_position_and_says_how(flying):
     flying.fly(8)
     health = flying.node.health
     assert health.level == Level.WARN
-    assert health.message == plight(Phase.HOVER)
-    said = flying.ask("hold")
-    assert Guard.NAVIGATION.value in said and "allowed: land" in said
+    assert health.message == (
+        "position lost: level at its altitude, no place is held; land, or take the sticks"
+    )
+    reason = "hold: not in hover now: there is no position estimate; allowed: land"
+    assert flying.ask("hold").startswith(reason)
     flying.pose((3.0, 0.0, 10.0))
-    assert Guard.NAVIGATION.value in flying.node.core.refused[topics.COMMAND_POSE]
-    assert Guard.NAVIGATION.value in flying.set_mode("hold")
-    said = plight(Phase.DESCENDING)
+    assert "there is no position estimate" in flying.node.core.refused[topics.COMMAND_POSE]
+    assert "there is no position estimate" in flying.set_mode("hold")
+    said = "position lost: level descent on the barometer, no place is held"
     assert flying.ask("land") == f"land: {said}"
     flying.fly(8)
     assert (flying.node.health.level, flying.node.health.message) == (Level.WARN, said)

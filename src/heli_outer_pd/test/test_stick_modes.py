@@ -12,7 +12,7 @@ from heli_core.rotations import euler_from_quat, quat_from_euler
 from heli_core.rows import NAV, REFERENCE, SETPOINT
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
-from heli_outer_pd import Command, Guard, Phase, Refusal, position_law
+from heli_outer_pd import Command, Guard, Phase, position_law
 from heli_outer_pd import parameters as config
 from heli_outer_pd.disturbance import hover_share
 from heli_outer_pd.goto import Goto, PhaseNumbers
@@ -134,7 +134,8 @@ def test_a_velocity_into_the_fence_is_refused_and_it_halts_inside():
                 assert craft.go((0.0, 3.0, 0.0)) is None
             except ReferenceRefused as error:
                 refused += 1
-                assert str(error).endswith(" 100 m")
+                assert "the way at this velocity is 1" in str(error)
+                assert "allowed: at most 100 m" in str(error)
         craft.step()
     assert refused > 10
     away = np.hypot(*craft.nav[NAV.pos][:2])
@@ -162,7 +163,7 @@ def test_who_is_outside_already_may_come_back_but_not_go_on():
     outside = Craft(pos=(0.0, 0.0, -20.0))
     outside.phases.home_ned_m = np.array([0.0, -103.0, 0.0])
     way = outside.phases.trajectory
-    with pytest.raises(ReferenceRefused, match=" 100 m$"):
+    with pytest.raises(ReferenceRefused, match="allowed: at most 100 m"):
         outside.go((0.0, 1.0, 0.0))
     assert outside.phases.trajectory is way and outside.phases.phase == Phase.HOVER
 
@@ -284,7 +285,7 @@ def test_asked_for_between_two_steps_of_the_law_nothing_jumps(command):
 
 @pytest.mark.parametrize("bad", [np.array([0.0, math.nan, 0.0, 0.0]), np.zeros(3)])
 def test_sticks_that_are_none_are_refused(bad):
-    with pytest.raises(ReferenceRefused, match=r"-1\.\.1"):
+    with pytest.raises(ReferenceRefused, match="allowed: four numbers"):
         Craft().phases.steer(bad, 0)
 
 
@@ -351,8 +352,9 @@ def test_the_heading_goes_the_shorter_way_within_its_limits(psi_deg, to_deg, tur
 
 def test_its_climb_is_cut_and_without_one_the_altitude_is_held():
     craft = Craft()
-    refused = craft.climb(1.0)
-    assert refused.asked == "climb" and refused.allowed == ("beside command_attitude",)
+    assert craft.climb(1.0).sentence == (
+        "climb: no commanded attitude is flown; allowed: beside command_attitude"
+    )
     rates = []
     for i in range(300):
         craft.lean_to()
@@ -378,7 +380,7 @@ def test_an_attitude_that_is_not_renewed_is_flown_no_more():
         craft.step()
     silence_s = (craft.phases.history[-1][0] - heard_ns) / NS_PER_S
     assert silence_s == pytest.approx(VALUES["command.timeout_s"], abs=0.05)
-    assert Guard.HEARD.value in craft.ask(Command.ATTITUDE).reason
+    assert "neither sticks nor an attitude" in craft.ask(Command.ATTITUDE).sentence
 
 
 @pytest.mark.parametrize(
@@ -409,7 +411,7 @@ def test_what_is_refused_by_the_table_is_forgotten():
     craft = Craft(on_ground=True, pos=(0.0, 0.0, 0.0))
     for _ in range(3):
         craft.step(moves=False)
-    assert isinstance(craft.lean_to(), Refusal)
+    assert "the aircraft is on the ground" in craft.lean_to().sentence
     assert Guard.HEARD in craft.phases.fails(craft.now_ns, craft.turned())
     assert not craft.phases.sticks.steering.asked.leads
 
@@ -425,7 +427,7 @@ def test_a_stick_that_is_moved_takes_over_and_keeps_it():
     before = craft.out.copy()
     moved = np.array([-0.3, 0.02, 0.0, -1.0])
     craft.step(moved)
-    assert craft.lean_to(8.0).asked == "attitude"
+    assert "attitude: the pilot's sticks fly the attitude; allowed: " in craft.lean_to(8.0).sentence
     for _ in range(50):
         craft.step(idle)
         assert craft.lean_to(8.0) is not None, "once moved, it stays with the pilot"
@@ -501,8 +503,8 @@ def test_by_hand_without_navigation_the_sticks_are_flown_all_the_same():
     craft = Craft()
     craft.step(NEUTRAL)
     craft.nav[NAV.vel] = np.nan
-    assert Guard.NAVIGATION.value in craft.ask(Command.HOLD).reason
-    assert Guard.LEVEL.value in craft.ask(Command.ATTITUDE).reason
+    assert "no position estimate" in craft.ask(Command.HOLD).sentence
+    assert "neither attitude nor altitude" in craft.ask(Command.ATTITUDE).sentence
     assert craft.ask(Command.MANUAL) is None
     for _ in range(100):
         craft.step(np.array([0.2, 0.0, 0.0, -0.1]), moves=False)
@@ -511,7 +513,7 @@ def test_by_hand_without_navigation_the_sticks_are_flown_all_the_same():
     trim, idle = VALUES["trim.d_col"], VALUES["takeoff.idle_collective"]
     assert sent[0] == pytest.approx(trim - 0.1 * (trim - idle), abs=1e-4)
     assert np.isfinite(sent).all()
-    assert Guard.NAVIGATION.value in craft.ask(Command.HOLD).reason
+    assert "no position estimate" in craft.ask(Command.HOLD).sentence
 
 
 def test_from_a_tilt_beyond_the_laws_it_is_not_taken_over():
@@ -521,7 +523,7 @@ def test_from_a_tilt_beyond_the_laws_it_is_not_taken_over():
     craft.step(NEUTRAL, moves=False)
     craft.lean = (math.radians(VALUES["tilt_limit_deg"] + 1.0), 0.0)
     for command in (Command.HOLD, Command.LAND, Command.VELOCITY, Command.ATTITUDE):
-        assert Guard.ENVELOPE.value in craft.ask(command).reason
+        assert "outside the envelope" in craft.ask(command).sentence
     assert craft.phases.phase == Phase.MANUAL
     craft.lean = (math.radians(VALUES["tilt_limit_deg"] - 1.0), 0.0)
     assert craft.ask(Command.HOLD) is None
@@ -531,14 +533,14 @@ def test_with_the_collective_at_its_limit_no_velocity_is_taken():
     craft = Craft()
     craft.step()
     craft.state.x[MEMORY.command][SETPOINT.col] = 0.5
-    assert Guard.UNSATURATED.value in craft.go((1.0, 0.0, 0.0)).reason
+    assert "an actuator is saturated" in craft.go((1.0, 0.0, 0.0)).sentence
 
 
 def test_by_hand_from_the_ground_and_back():
     craft = Craft(on_ground=True, pos=(0.0, 0.0, 0.0))
     for _ in range(3):
         craft.step(NEUTRAL, moves=False)
-    assert Guard.LOWERED.value in craft.ask(Command.MANUAL).reason
+    assert "not at its lower end" in craft.ask(Command.MANUAL).sentence
     craft.step(DOWN, moves=False)
     assert craft.ask(Command.MANUAL) is None
     for _ in range(50):
@@ -548,7 +550,7 @@ def test_by_hand_from_the_ground_and_back():
     assert craft.out[SETPOINT.col] == pytest.approx(idle)
     assert craft.state.machine[MACHINE.guidance] == LOW_BY_HAND
     assert not craft.state.x[MEMORY.disturbance].any()
-    assert Guard.CLEAR.value in craft.ask(Command.HOLD).reason
+    assert "the ground is too near" in craft.ask(Command.HOLD).sentence
     up = np.array([0.0, 0.0, 0.0, 0.1])
     for _ in range(100):
         craft.nav[NAV.down_vel] = -0.5
