@@ -42,6 +42,16 @@ class Perfect(Part):
         return nav
 
 
+class Gale(Part):
+    def step(self, tick, time_s, pos_ned_m):
+        return [np.nan if tick == 5 else 1.0, 0.0, 0.0]
+
+
+class Talks(Part):
+    def step(self, tick, time_s, truth, y):
+        return "north" if tick == 3 else None
+
+
 class Truth(Part):
     def step(self, tick, time_s, truth, y):
         return truth
@@ -116,6 +126,17 @@ def test_an_answer_of_another_shape_is_none():
     assert "(2,)" in flight.lost and f"({NAV.size},)" in flight.lost
 
 
+@pytest.mark.parametrize(
+    ("parts", "tick", "named"),
+    [({"wind": Gale()}, 5, "nan"), ({"sensors": [Talks()]}, 3, "str")],
+)
+def test_what_is_no_number_goes_no_further(parts, tick, named):
+    flight = heli.fly(seed=2, **parts, **FLIGHT)
+    assert len(flight) == tick + 1
+    assert f"failed at tick {tick}" in flight.lost and named in flight.lost
+    assert np.isfinite(flight.truth.pos_ned_m).all()
+
+
 def test_each_part_has_random_numbers_of_its_own_of_the_flights_seed():
     first, again = (SteadyWind(), Spoiled()), (SteadyWind(), Spoiled())
     for wind, sensor in (first, again):
@@ -131,6 +152,7 @@ def test_each_part_has_random_numbers_of_its_own_of_the_flights_seed():
         ({"wind": object()}, "reset"),
         ({"plant": SteadyWind()}, "measure"),
         ({"plant": Recorded(), "wind": SteadyWind()}, "wind"),
+        ({"sensors": [Truth(), Truth()]}, "Truth, Truth"),
     ],
 )
 def test_what_cannot_fly_is_refused(parts, named):

@@ -212,7 +212,7 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
     ) -> None:
         """Say how the node is; what is wrong with the bag stays the last word."""
         if self.configured and self.core.trouble and level < Level.ERROR:
-            level, message = Level.ERROR, self.core.trouble
+            level, message, state = Level.ERROR, self.core.trouble, NodeState.FAILED
         super().report(level, message, facts, state)
 
     def _write(self, name: str, raw: bytes, info: Info | None) -> None:

@@ -6,7 +6,9 @@ import pytest
 from sensor_msgs.msg import Imu
 
 from heli_bags.node import RecorderNode
+from heli_bags.writer import BagError
 from heli_msgs_bridge import topics
+from heli_msgs_bridge.diagnostics import Level, NodeState
 from heli_msgs_bridge.messages import Encoder
 
 
@@ -46,3 +48,13 @@ def test_whoever_sends_with_every_tick_is_waited_for(bench, tmp_path, monkeypatc
     recorder.fly()
     monkeypatch.setattr(recorder.node, "get_node_names_and_namespaces", lambda: [(there, "/")])
     assert recorder.node._none_came() is awaited
+
+
+def test_a_recording_that_has_ended_stays_the_last_word(bench, tmp_path):
+    recorder = bench(RecorderNode, bag=str(tmp_path / "bag"), topics=(topics.IMU,))
+    recorder.fly()
+    node = recorder.node
+    node._complain(BagError("no space left"))
+    node.report(Level.OK, "records")
+    told = node.health.level, node.health.message, node.health.state
+    assert told == (Level.ERROR, "no space left", NodeState.FAILED)

@@ -390,9 +390,11 @@ class _ByReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
 @unbox(ByReference)
 def _unbox(kind: ByReference, numbers: Any, c: Any) -> NativeValue:
     address = c.pyapi.object_getattr_string(numbers, _ADDRESS)
-    value = c.pyapi.long_as_voidptr(address)
-    c.pyapi.decref(address)
-    return NativeValue(value, is_error=c.pyapi.c_api_error())
+    value = cgutils.alloca_once_value(c.builder, cgutils.get_null_value(cgutils.voidptr_t))
+    with c.builder.if_then(cgutils.is_not_null(c.builder, address)):
+        c.builder.store(c.pyapi.long_as_voidptr(address), value)
+        c.pyapi.decref(address)
+    return NativeValue(c.builder.load(value), is_error=c.pyapi.c_api_error())
 
 
 @infer_getattr
@@ -459,7 +461,8 @@ def _referred(_context, numbers):  # type: ignore[no-untyped-def]
     return kind(numbers), code
 
 
-referred: Any = intrinsic(_referred)
+# Kernels that run as Python get the tuple itself.
+referred: Any = (lambda numbers: numbers) if config.DISABLE_JIT else intrinsic(_referred)  # type: ignore[attr-defined]
 """A tuple that the kernel has made, by reference, for those that it calls.
 
 Its numbers lie in the frame of the kernel that asks, so it must not be returned, nor kept.

@@ -2,14 +2,17 @@
 """Tuples that kernels get by their address: every kind of member, nested, made in a kernel."""
 
 import copy
+import os
 import pickle
+import subprocess
+import sys
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numba import typeof
+from numba import typeof, types
 
-from heli_core.jit import ByReference, by_reference, njit, referred
+from heli_core.jit import ByReference, by_reference, direct, njit, referred
 
 
 @by_reference
@@ -64,6 +67,13 @@ def count_with_a_constant(n):
     return counted(3) + counted(4) + counted(n)
 
 
+AS_PYTHON = """
+from heli_core.jit import referred, njit
+pair = (1.0, 2.0)
+print(njit(lambda k: referred(k) is k)(pair))
+"""
+
+
 def by_pickle(k):
     return pickle.loads(pickle.dumps(k))
 
@@ -103,6 +113,27 @@ def test_python_sees_a_tuple():
 
 
 def test_one_code_for_all_constants():
+    """Asked as a caller's compilation asks, whether or not the code then comes from the cache."""
     assert count_with_a_constant(5) == 15
-    # Asked itself: who is loaded from the cache brings its callees along without their names.
+    counted.get_call_template((types.literal(3),), {})
     assert counted(2) == 3 and len(counted.signatures) == 1
+
+
+def test_who_is_no_such_tuple_is_refused():
+    """`direct` looks at no type: what has no address must not be read as one."""
+    call, out = direct(read, whole(), np.zeros(7)), np.zeros(7)
+    with pytest.raises(AttributeError):
+        call(object(), out)
+    assert not out.any()
+
+
+def test_kernels_run_as_python_too():
+    """As a debugger wants them, those that make a tuple and hand it over, too."""
+    done = subprocess.run(
+        [sys.executable, "-c", AS_PYTHON],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.stdout == "True\n", done.stderr

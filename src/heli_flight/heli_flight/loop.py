@@ -712,32 +712,48 @@ class TicksWithParts:
             )
             return None
 
-    def _numbers(self, name: str, part: Any, tick: int, made: Any, size: int) -> np.ndarray | None:
-        """An answer as (size,) numbers; None, and the flight's sentence, if it is none."""
+    def _numbers(
+        self, name: str, part: Any, tick: int, made: Any, size: int | None = None
+    ) -> np.ndarray | None:
+        """An answer as numbers, (size,) of them; None, and the flight's sentence, if it is none."""
         try:
             row = np.asarray(made, np.float64)
         except (TypeError, ValueError):
-            row = np.empty(0)
-        if row.shape == (size,):
+            row = None
+        if row is not None and (size is None or row.shape == (size,)):
             return row
         if not self.failure:
+            shape = "" if row is None else f" of shape {row.shape}"
+            allowed = "numbers" if size is None else f"({size},) numbers"
             self.failure = (
                 f"The {name} {type(part).__name__} failed at tick {tick}: step gave a "
-                f"{type(made).__name__} of shape {row.shape}; allowed: ({size},)"
+                f"{type(made).__name__}{shape}; allowed: {allowed}"
             )
         return None
+
+    def _finite(self, name: str, part: Any, tick: int, row: np.ndarray) -> bool:
+        """Whether a row holds no NaN and no infinity; the flight's sentence, if it does."""
+        if np.isfinite(row).all():
+            return True
+        if not self.failure:
+            self.failure = (
+                f"The {name} {type(part).__name__} failed at tick {tick}: it gave {row.tolist()}; "
+                "allowed: finite numbers"
+            )
+        return False
 
     def _sense(self, loop: AircraftInLoop, tick: int, noise: np.ndarray, truth: np.ndarray) -> None:
         """The plant measures, in its wind; then the sensors that are given."""
         parts, y, time_s = self._parts, loop.rows.y, tick * loop.tick_s
         if parts.plant is not None:
             self._ask("plant", parts.plant, "measure", tick, tick, y, truth)
+            self._finite("plant", parts.plant, tick, truth)
         elif parts.wind is not None:
             plant.meet_air(loop.plant_s, tick, noise, loop.plant_k)
             pos = loop.plant_s.x[PLANT.pos].copy()
             made = self._ask("wind", parts.wind, "step", tick, tick, time_s, pos)
             wind = self._numbers("wind", parts.wind, tick, made, 3)
-            if wind is not None:
+            if wind is not None and self._finite("wind", parts.wind, tick, wind):
                 loop.plant_s.air[:] = same_air(wind)
             plant.read(loop.plant_s, tick, noise, loop.plant_k, y)
             write_truth(loop.plant_s, y, truth)
@@ -747,8 +763,9 @@ class TicksWithParts:
         for sensor in parts.sensors:
             given = tick, time_s, truth.copy(), y
             made = self._ask("sensor", sensor, "step", tick, *given)
-            if made is not None:
-                self._readings[type(sensor).__name__] = np.asarray(made, np.float64)
+            reading = None if made is None else self._numbers("sensor", sensor, tick, made)
+            if reading is not None:
+                self._readings[type(sensor).__name__] = reading
 
     def _estimate(self, loop: AircraftInLoop, tick: int, u: np.ndarray, truth: np.ndarray) -> None:
         estimator, rows = self._parts.estimator, loop.rows

@@ -110,6 +110,12 @@ class Parts:
             raise PartError("wind: a plant that is given has its own air; give one of them")
         if len({law.loop for law in self.controllers}) < len(self.controllers):
             raise LawError("law: two of one loop are given; allowed: one of each")
+        kinds = [type(sensor).__name__ for sensor in self.sensors]
+        if len(set(kinds)) < len(kinds):
+            raise PartError(
+                f"sensors: {', '.join(kinds)}: two have one name; allowed: each of a class of its "
+                "own, whose name the estimator reads it by"
+            )
         for name, part in self.named():
             wanted = ("reset", "step", "measure") if name == "plant" else ("reset", "step")
             for method in wanted:
