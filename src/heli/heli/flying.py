@@ -16,11 +16,11 @@ import numpy as np
 from rich.console import Console
 
 from heli.flight import Flight
-from heli_core.errors import FlightError, PartError, PlantConfigError
-from heli_core.parameters import NONE, Parameter, suggestion
+from heli_core.errors import FlightError, PartError
+from heli_core.faults import NONE, faults_of
+from heli_core.parameters import Parameter, suggestion
 from heli_core.python_controller import GIVEN, PARAMETER, LawError, PythonLaw, find, source_of
 from heli_core.rcl_yaml import ParameterError
-from heli_dynamics_sim.faults import faults_of
 from heli_flight.flight_file import NAME, fault_overrides
 from heli_flight.fly import FlightOrder, fly_and_write, fly_one_process
 from heli_flight.parts import Parts
@@ -137,8 +137,6 @@ def faults_over(faults: Any) -> Over:
     try:
         # JSON is YAML: a mapping is judged as an entry of a file.
         told = tuple(fault.text for fault in faults_of([json.dumps(dict(f)) for f in faults]))
-    except PlantConfigError as error:
-        raise ParameterError(str(error)) from None
     except (TypeError, ValueError):
         raise ParameterError(
             f"faults: {faults!r} is not allowed; allowed: a file, or a list of mappings"

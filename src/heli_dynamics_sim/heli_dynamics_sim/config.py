@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.errors import PlantConfigError
+from heli_core.faults import Fault, faults_of
 from heli_core.jit import by_reference
+from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import OF_100_HZ, TICK_S, Rate
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams, ModelOptions, scaled
 from heli_dynamics_sim.airframe import STEP_S
-from heli_dynamics_sim.faults import Fault, FaultParams, fault_params, faults_of
+from heli_dynamics_sim.faults import FaultParams, fault_params
 from heli_dynamics_sim.ground import plane_of
 from heli_dynamics_sim.sensors import (
     BaroParams,
@@ -548,7 +550,10 @@ class PlantConfig:
 
 def _faults(values: Mapping[str, Any], sensors: SensorParams, rate: Rate) -> tuple[Fault, ...]:
     """The faults, each of which these sensors can have."""
-    faults = faults_of(values["faults"])
+    try:
+        faults = faults_of(values["faults"])
+    except ParameterError as error:
+        raise PlantConfigError(str(error)) from None
     engine = any(fault.kind == "stop" for fault in faults)
     if engine and not values["terms.rotor_speed"]:
         raise PlantConfigError(

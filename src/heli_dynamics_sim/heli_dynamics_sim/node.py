@@ -16,13 +16,14 @@ import numpy as np
 from rclpy.duration import Duration
 from std_srvs.srv import Trigger
 
+from heli_core.faults import NONE, begun
 from heli_core.jit import direct
-from heli_core.parameters import NONE
+from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import ACTUATOR, JOINTS, MEAS, PLANT
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.aircraft import HelicopterParameters
 from heli_dynamics_sim.config import message_variances
-from heli_dynamics_sim.faults import CLEAR_FAULTS, FAULTS, FaultLog, acting, begun
+from heli_dynamics_sim.faults import CLEAR_FAULTS, FAULTS, FaultLog, acting
 from heli_dynamics_sim.noise import NOISE, NoiseStreams, one_by_one
 from heli_dynamics_sim.parameters import TABLE
 from heli_dynamics_sim.servo import Fallback, FallbackNumbers
@@ -485,7 +486,10 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
         """Faults without a beginning begin at the next tick, which who sends them does not know."""
         if name == FAULTS and isinstance(value, Sequence):
             now_s = self._next_s if self.configured else 0.0
-            return list(begun(map(str, value), now_s))
+            try:
+                return list(begun(map(str, value), now_s))
+            except ParameterError as error:
+                raise ValueError(str(error)) from None
         return value
 
     @property

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from heli_core.errors import PlantConfigError
-from heli_core.parameters import NONE
+from heli_core.faults import NONE, Fault, begun, faults_of
 from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
-from heli_dynamics_sim.faults import Fault, FaultLog, begun, faults_of
+from heli_dynamics_sim.faults import FaultLog
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
 from heli_dynamics_sim.plant import advance, initial_state, measure
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The params.yaml of a flight: what it was, every parameter of it, and how to fly it again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,10 +10,8 @@ import numpy as np
 import yaml
 
 from heli_bags.parameters import NODE_NAME as RECORDER
-from heli_core.errors import PlantConfigError
-from heli_core.parameters import NONE
+from heli_core.faults import MOST, NONE, Fault, fault_of, faults_of
 from heli_core.rcl_yaml import ParameterError, dump_all
-from heli_dynamics_sim.faults import Fault, fault_of, faults_of
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.settings import (
     DRAWN,
@@ -22,23 +20,26 @@ from heli_flight.settings import (
     PROCESS,
     SHORT_FOR,
     WORLD_SECTION,
-    ProcessFault,
     Reader,
     Settings,
-    is_of_process,
     layered,
     process_fault_of,
     process_faults_of,
     sources_commit,
 )
 from heli_msgs_bridge.links import WHAT as LINK
-from heli_msgs_bridge.links import LinkFault, link_fault_of, link_faults_of
+from heli_msgs_bridge.links import link_fault_of, link_faults_of
 
 # -------------------------------------------------------------------------------------------------
 # A file of faults, as `--faults` takes it, and the faults of a flight.
 # -------------------------------------------------------------------------------------------------
 
-_KEY, _LINKS = "faults", "link_faults"
+_KEY, _LINKS, _PROCESSES = "faults", "link_faults", "process_faults"
+# Per `what` the parameter that it goes to and who reads it; all else is the plant's.
+_READERS: dict[str, tuple[str, Callable[[yaml.Node, str], Fault]]] = {
+    LINK: (_LINKS, link_fault_of),
+    PROCESS: (_PROCESSES, process_fault_of),
+}
 NO_PROCESSES = "needs the ROS graph with a process for each node, of one aircraft"
 _FORM = f"'{_KEY}:' and a list of mappings"
 
@@ -72,20 +73,14 @@ def read_faults(path: Path | None) -> FaultsRead:
     """All faults of a file; raises as `fault_overrides`, but for those of processes."""
     if path is None:
         return FaultsRead(None, None)
-    entries = _entries(path)
-    of_links = [node for node in entries if _what(node) == LINK]
-    of_processes = [node for node in entries if is_of_process(node)]
-    others = [node for node in entries if node not in of_links and node not in of_processes]
-    try:
-        found = [fault_of(node, _place(path, node)) for node in others]
-        # Together they may be too many.
-        faults_of(texts := _texts(found))
-    except PlantConfigError as error:
-        raise ParameterError(str(error)) from None
-    links = _texts([link_fault_of(node, _place(path, node)) for node in of_links])
-    link_faults_of(links)
-    process = _texts([process_fault_of(node, _place(path, node)) for node in of_processes])
-    process_faults_of(process)
+    groups: dict[str, list[Fault]] = {_KEY: [], _LINKS: [], _PROCESSES: []}
+    for node in _entries(path):
+        group, read_one = _READERS.get(_what(node), (_KEY, fault_of))
+        groups[group].append(read_one(node, _place(path, node)))
+    for group, faults in groups.items():
+        if len(faults) > MOST:
+            raise ParameterError(f"{group}: {len(faults)} entries; allowed: at most {MOST}")
+    texts, links, process = map(_texts, groups.values())
     over: dict[str, dict[str, Any]] = {node.name: {_LINKS: links} for node in NODES}
     over["plant"][_KEY] = texts
     return FaultsRead(over, process)
@@ -120,11 +115,11 @@ def _place(path: Path, node: yaml.Node) -> str:
     return f"{path}:{node.start_mark.line + 1}"
 
 
-def _texts(faults: list[Fault] | list[LinkFault] | list[ProcessFault]) -> tuple[str, ...]:
+def _texts(faults: Iterable[Fault]) -> tuple[str, ...]:
     return tuple(fault.text for fault in faults) or (NONE,)
 
 
-def flown_faults(settings: Settings) -> tuple[Fault | LinkFault | ProcessFault, ...]:
+def flown_faults(settings: Settings) -> tuple[Fault, ...]:
     """The faults that a flight is to have."""
     links = [
         fault

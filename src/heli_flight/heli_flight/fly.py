@@ -17,8 +17,8 @@ from rich.console import Console
 
 from heli_bags.reader import Remark
 from heli_core.errors import BrokenFlightError, FlightError, StartError
+from heli_core.faults import NONE
 from heli_core.jit import is_compiled
-from heli_core.parameters import NONE
 from heli_core.python_controller import PARAMETER, PythonLaw, find
 from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import seconds

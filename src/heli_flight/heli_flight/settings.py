@@ -22,15 +22,19 @@ import heli_observer.parameters as observer_table
 import heli_outer_pd.parameters as outer_table
 from heli_bags import parameters as recorder_table
 from heli_core.command_line import config_folder
-from heli_core.errors import PlantConfigError
-from heli_core.parameters import (
+from heli_core.faults import (
+    LONGEST_S,
     NONE,
-    Parameter,
+    Fault,
+    FaultEntry,
+    Kind,
     entries,
+    faults_of,
+    flow_mapping,
+)
+from heli_core.parameters import (
+    Parameter,
     load,
-    mapping,
-    number_of,
-    one_of,
     stated,
     suggestion,
     with_common,
@@ -42,14 +46,12 @@ from heli_core.rcl_yaml import (
     ParameterFile,
     applicable,
     check_node_names,
-    number,
     opened,
 )
 from heli_core.rows import ACTUATOR, SETPOINT
 from heli_core.signals import NOTHING
 from heli_core.ticks import TICKS_PER_S, Rate
 from heli_dynamics_sim.config import PlantConfig
-from heli_dynamics_sim.faults import faults_of
 from heli_flight import scenario as scenario_table
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.scenario import Gear
@@ -678,7 +680,7 @@ def check_faults(nodes: Mapping[str, Mapping[str, Any]]) -> None:
     """Raise ParameterError before anything is started where a fault is none."""
     try:
         faults_of(nodes["plant"]["faults"])
-    except PlantConfigError as error:
+    except ParameterError as error:
         raise ParameterError(f"plant: {error}") from None
     for node in NODES:
         try:
@@ -795,55 +797,51 @@ PROCESS = "process"
 FAULTY_NODES = ("observer", "inner_loop", "outer_loop", "plant", "recorder")
 KILL, PAUSE, HOG = "kill", "pause", "hog"
 KINDS = (KILL, PAUSE, HOG)
-_LONGEST_S = 86400.0
-_MOST_HOGS = 16
+_HOGS = Kind(1.0, 16.0, "busy processes, a whole number", open_lower=False)
 _KEYS = ("what", "node", "kind", "start_s", "duration_s", "value")
 
 
 @dataclass(frozen=True)
-class ProcessFault:
+class ProcessFault(Fault):
     """A fault of a node's process, or of all by what takes their time.
+
+    KILL: SIGKILL, and 0 s long. PAUSE: SIGSTOP until its end. HOG: as many processes as `value`
+    says that are always busy.
 
     Attributes
     ----------
-    kind : str
-        KILL: SIGKILL. PAUSE: SIGSTOP until its end. HOG: so many processes that are always busy.
     node : str
-        One of `NODES`; empty for HOG.
-    start_s, duration_s : float
-        Flight time; 0 long for KILL.
-    hogs : int
-        Number of busy processes.
+        One of `FAULTY_NODES`; empty for HOG.
     """
 
-    kind: str
-    node: str
-    start_s: float
-    duration_s: float = 0.0
-    hogs: int = 0
+    node: str = ""
 
     @property
-    def what(self) -> str:
-        """As other faults have it."""
-        return PROCESS
+    def which(self) -> dict[str, str]:
+        """Keys that say whose process it is."""
+        return {"node": self.node} if self.node else {}
 
     @property
-    def end_s(self) -> float:
-        """Flight time from which on it does not act."""
-        return self.start_s + self.duration_s
+    def name(self) -> str:
+        """What has the fault, in words."""
+        return self.node or PROCESS
+
+    @property
+    def hogs(self) -> int:
+        """Number of busy processes."""
+        return int(self.value[0]) if self.value else 0
 
     @property
     def text(self) -> str:
         """The mapping that reads back as this fault."""
-        return "{" + ", ".join(f"{key}: {_shown(v)}" for key, v in self.as_dict().items()) + "}"
+        return flow_mapping(self.as_dict())
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
-        said: dict[str, Any] = {"what": PROCESS, "node": self.node, "kind": self.kind,
-                                "start_s": self.start_s, "duration_s": self.duration_s,
-                                "value": self.hogs}  # fmt: skip
-        left_out = {KILL: ("duration_s", "value"), PAUSE: ("value",), HOG: ("node",)}
-        return {key: v for key, v in said.items() if key not in left_out[self.kind]}
+        """As JSON has it: what the kind has."""
+        pairs = {"kind": self.kind, "start_s": self.start_s}
+        lasts = {} if self.kind == KILL else {"duration_s": self.duration_s}
+        count = {"value": self.hogs} if self.kind == HOG else {}
+        return {"what": PROCESS, **self.which, **pairs, **lasts, **count}
 
     @property
     def words(self) -> str:
@@ -854,16 +852,6 @@ class ProcessFault:
         return f"{who} from {self.start_s:g} to {self.end_s:g} s"
 
 
-def _shown(value: Any) -> str:
-    return number(value) if isinstance(value, float) else str(value)
-
-
-def is_of_process(node: yaml.Node) -> bool:
-    """Whether an entry of a file of faults is about a process."""
-    pairs = node.value if isinstance(node, yaml.MappingNode) else []
-    return any((key.value, value.value) == ("what", PROCESS) for key, value in pairs)
-
-
 def process_faults_of(texts: Iterable[str]) -> tuple[ProcessFault, ...]:
     """The faults of the parameter `process_faults`; ParameterError says what is wrong with one."""
     return entries(texts, "process_faults", _KEYS, process_fault_of)
@@ -871,25 +859,20 @@ def process_faults_of(texts: Iterable[str]) -> tuple[ProcessFault, ...]:
 
 def process_fault_of(node: yaml.Node | None, where: str) -> ProcessFault:
     """The fault of a YAML mapping; `where` begins the sentence of a ParameterError."""
-    said = mapping(node, _KEYS, where)
-    one_of(said, "what", (PROCESS,), where)
-    kind = one_of(said, "kind", KINDS, f"{where}: of {PROCESS}")
+    entry = FaultEntry(node, _KEYS, where)
+    what = entry.word("what", (PROCESS,))
+    kind = entry.word("kind", KINDS, PROCESS)
     wanted = {KILL: ("node",), PAUSE: ("node", "duration_s"), HOG: ("duration_s", "value")}[kind]
     for key in ("node", "duration_s", "value"):
-        if key in said and key not in wanted:
-            raise ParameterError(f"{where}: {key}: {kind} has none; leave it out")
-    start_s = number_of(said, "start_s", _LONGEST_S, where)
-    name = one_of(said, "node", FAULTY_NODES, where) if "node" in wanted else ""
-    duration_s = number_of(said, "duration_s", _LONGEST_S, where) if "duration_s" in wanted else 0.0
-    hogs = 0.0
-    if kind == HOG:
-        hogs = number_of(said, "value", _MOST_HOGS, where)
-        if hogs != int(hogs) or hogs < 1:
-            raise ParameterError(
-                f"{where}: value: {said['value']} is not allowed; allowed: a whole number of busy "
-                f"processes from 1 to {_MOST_HOGS}"
-            )
-    return ProcessFault(kind, name, start_s, duration_s, int(hogs))
+        if key in entry and key not in wanted:
+            raise entry.refusal(key, f"{kind} has none; leave it out")
+    start_s = entry.number("start_s", LONGEST_S)
+    name = entry.word("node", FAULTY_NODES) if "node" in wanted else ""
+    duration_s = entry.number("duration_s", LONGEST_S) if "duration_s" in wanted else 0.0
+    value = entry.numbers(1, _HOGS, f"{PROCESS} {kind}") if kind == HOG else ()
+    if kind == HOG and value[0] != int(value[0]):
+        raise entry.refusal("value", f"{value[0]:g} is not allowed; allowed: {_HOGS.allowed}")
+    return ProcessFault(what, kind, start_s, duration_s, value, name)
 
 
 # -------------------------------------------------------------------------------------------------

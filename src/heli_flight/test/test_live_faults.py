@@ -5,11 +5,10 @@ import math
 
 import pytest
 
-from heli_dynamics_sim.faults import KINDS, begun, faults_of
-from heli_dynamics_sim.faults import WHAT as PLANTS_WHAT
+from heli_core.faults import KINDS, begun, faults_of, forms
+from heli_dynamics_sim.faults import ACTUATORS, SENSORS
 from heli_flight.graph.nodes import fault_text
 from heli_live_view.commands import (
-    WHAT,
     CommandError,
     CommandLimits,
     judge_fault,
@@ -17,12 +16,13 @@ from heli_live_view.commands import (
     with_fault,
 )
 
+WHAT = forms()
 LIMITS = CommandLimits(2.0, 100.0, 100.0, 2.0, 1.0, 10.0, 10.0, 20.0)
 OFFERED = [(what, kind) for what, kinds in WHAT.items() for kind in kinds]
 
 
 def test_the_page_offers_every_fault_of_the_plant():
-    assert tuple(WHAT) == PLANTS_WHAT
+    assert tuple(WHAT) == (*SENSORS, *ACTUATORS, "wind", "engine")
     assert {kind for _, kind in OFFERED} == set(KINDS)
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from heli_bags.reader import Remark
-from heli_dynamics_sim.faults import Fault, FaultLog
+from heli_core.faults import Fault
+from heli_dynamics_sim.faults import FaultLog
 from heli_flight.loop import simulate
 from heli_flight.report.charts import paper_charts, timeline_charts
 from heli_flight.report.data import (

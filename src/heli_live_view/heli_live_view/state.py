@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.faults import forms
 from heli_core.metrics import (
     ABOUT_S,
     BY_KEY,
@@ -32,7 +33,7 @@ from heli_core.rows import NAV, PLANT, REFERENCE, ROTOR
 from heli_core.ticks import NS_PER_S, TICK_NS, TICKS_PER_S, seconds
 from heli_core.trajectory import Trajectory
 from heli_live_view.access import VIEW_ONLY, BrowserCommand
-from heli_live_view.commands import WHAT, listed
+from heli_live_view.commands import listed
 from heli_live_view.parameters import BOUNDS, COMMAND_LIMITS
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.diagnostics import NodeState, offset_of, state_of
@@ -755,7 +756,7 @@ def greeting(values: Mapping[str, Any], commands: bool) -> dict[str, Any]:
             "rotor_radius_m": values["aircraft.rotor_radius_m"],
         },
         "bounds": bounds(values),
-        "faults": WHAT,
+        "faults": forms(),
         "limits": {name.partition(".")[2]: values[name] for name in COMMAND_LIMITS},
         "foxglove_url": None,
         "state_hz": STATE_HZ,

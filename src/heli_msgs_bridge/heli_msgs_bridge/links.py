@@ -17,10 +17,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from heli_core.faults import LONGEST_S, PAST_S, Fault, FaultEntry, Kind, entries
 from heli_core.inbox import NOTHING, WIDTH
 from heli_core.jit import by_reference, njit
-from heli_core.parameters import entries, mapping, number_of, one_of
-from heli_core.rcl_yaml import ParameterError, number
+from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.layouts import CHANNELS
@@ -30,7 +30,9 @@ from heli_msgs_bridge.lockstep import Arrived
 # Links.
 # -------------------------------------------------------------------------------------------------
 
-KINDS = ("loss", "delay", "reorder", "duplicate")
+_SHARE = Kind(0.0, 1.0, "share of the messages", optional=True)
+NUMBERS = {"loss": _SHARE, "delay": Kind(0.0, PAST_S, "s"), "reorder": _SHARE, "duplicate": _SHARE}
+KINDS = tuple(NUMBERS)
 """What a link does; a kernel takes the place of its name."""
 _LOSS, _DELAY, _REORDER, _DUPLICATE = range(len(KINDS))
 LINKS = tuple(
@@ -44,8 +46,6 @@ option comes behind, and last what the others had their draws before, so that th
 ALWAYS = tuple(link for link in LINKS if not topics.BY_NAME[link[0]].optional)
 """Those that every flight has."""
 PLACE = {link: place for place, link in enumerate(LINKS)}
-LATEST_S = 1.0
-"""The longest delay, s."""
 COUNTED = ("lost", "delayed", "overtaken", "twice")
 """What is counted of a link: lost; late; late and older than what came before; repeated."""
 _LOST, _DELAYED, _OVERTAKEN, _TWICE = range(len(COUNTED))
@@ -104,7 +104,7 @@ def link_params(rows: NDArray[np.float64], seed: int, rate: Rate) -> LinkParams:
 def initial_links(k: LinkParams, rate: Rate) -> LinkState:
     """Links with nothing under way; without faults they need no memory."""
     # The longest delay, and behind it the longest period twice: exchanged, and repeated.
-    held = rate.ticks_in(LATEST_S) + 2 * int(k.periods.max()) if k.on else 0
+    held = rate.ticks_in(PAST_S) + 2 * int(k.periods.max()) if k.on else 0
     slots = 2 * (held + 1)
     return LinkState(
         np.zeros((len(LINKS), slots, WIDTH)),
@@ -265,47 +265,33 @@ _NODES = tuple(
     dict.fromkeys(name for topic, sink in LINKS for name in (*topics.BY_NAME[topic].source, sink))
 )
 _TOPICS = tuple(dict.fromkeys(topic for topic, _ in LINKS))
-_LONGEST_S, _NEVER = 86400.0, 2.0**52
+_NEVER = 2.0**52
 
 
 @dataclass(frozen=True)
-class LinkFault:
-    """A fault of one or more links.
+class LinkFault(Fault):
+    """A fault of one or more links; `value`: share of the messages, or of a delay s.
 
     Attributes
     ----------
     sender, receiver, topic : str
         Names of nodes and of a topic; `any` for all.
-    kind : str
-        One of `links.KINDS`.
-    start_s, duration_s : float
-        Flight time of sending; an infinite duration: to the end.
-    value : tuple of float
-        Share of the messages, or for a delay s.
     """
 
-    sender: str
-    receiver: str
-    topic: str
-    kind: str
-    start_s: float
-    duration_s: float
-    value: tuple[float, ...]
+    sender: str = ANY
+    receiver: str = ANY
+    topic: str = ANY
 
     @property
-    def what(self) -> str:
+    def which(self) -> dict[str, str]:
+        """Keys that say which link it is."""
+        return {"from": self.sender, "to": self.receiver, "topic": self.topic}
+
+    @property
+    def name(self) -> str:
         """What has the fault, in words."""
         over = "" if self.topic == ANY else f"{self.topic} "
         return f"{WHAT} {over}{self.sender} to {self.receiver}"
-
-    @property
-    def end_s(self) -> float:
-        """Flight time from which on it does not act."""
-        return self.start_s + self.duration_s
-
-    def acts(self, time_s: float) -> bool:
-        """Whether it acts at a flight time."""
-        return self.start_s <= time_s < self.end_s
 
     @property
     def links(self) -> tuple[tuple[str, str], ...]:
@@ -317,30 +303,6 @@ class LinkFault:
             and self.receiver in (ANY, sink)
             and (self.sender == ANY or self.sender in topics.BY_NAME[topic].source)
         )
-
-    @property
-    def text(self) -> str:
-        """The mapping that reads back as this fault."""
-        parts = [f"what: {WHAT}", f"from: {self.sender}", f"to: {self.receiver}"]
-        if self.topic != ANY:
-            parts.append(f"topic: {self.topic}")
-        parts += [f"kind: {self.kind}", f"start_s: {number(self.start_s)}"]
-        if math.isfinite(self.duration_s):
-            parts.append(f"duration_s: {number(self.duration_s)}")
-        return "{" + ", ".join([*parts, f"value: {number(self.value[0])}"]) + "}"
-
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON has it; a duration of null goes on to the end."""
-        lasts = self.duration_s if math.isfinite(self.duration_s) else None
-        return {"what": WHAT, "from": self.sender, "to": self.receiver, "topic": self.topic,
-                "kind": self.kind, "start_s": self.start_s, "duration_s": lasts,
-                "value": list(self.value)}  # fmt: skip
-
-    @property
-    def words(self) -> str:
-        """For people: link odom observer to inner_loop loss 0.5 from 12 s to 20 s."""
-        until = f" to {self.end_s:g} s" if math.isfinite(self.duration_s) else " s on"
-        return f"{self.what} {self.kind} {self.value[0]:g} from {self.start_s:g}{until}"
 
 
 def link_faults_of(texts: Iterable[str]) -> tuple[LinkFault, ...]:
@@ -356,21 +318,18 @@ def link_faults_of(texts: Iterable[str]) -> tuple[LinkFault, ...]:
 
 def link_fault_of(node: yaml.Node | None, where: str) -> LinkFault:
     """A fault of a YAML mapping; `where` begins the sentence of a ParameterError."""
-    said = mapping(node, _KEYS, where)
-    one_of(said, "what", (WHAT,), where)
-    kind = one_of(said, "kind", KINDS, f"{where}: of a {WHAT}")
-    start_s = number_of(said, "start_s", _LONGEST_S, where)
-    duration_s = math.inf
-    if "duration_s" in said:
-        duration_s = number_of(said, "duration_s", _LONGEST_S, where)
+    entry = FaultEntry(node, _KEYS, where)
+    what = entry.word("what", (WHAT,))
+    kind = entry.word("kind", KINDS, f"a {WHAT}")
     fault = LinkFault(
-        one_of(said, "from", (ANY, *_NODES), where),
-        one_of(said, "to", (ANY, *_NODES), where),
-        one_of({"topic": ANY, **said}, "topic", (ANY, *_TOPICS), where),
+        what,
         kind,
-        start_s,
-        duration_s,
-        (_value(said, kind, where),),
+        entry.number("start_s", LONGEST_S),
+        entry.duration_s(),
+        entry.numbers(1, NUMBERS[kind], f"{WHAT} {kind}") or (1.0,),
+        entry.word("from", (ANY, *_NODES)),
+        entry.word("to", (ANY, *_NODES)),
+        entry.word("topic", (ANY, *_TOPICS), default=ANY),
     )
     if not fault.links:
         over = "no topic" if fault.topic == ANY else f"not {fault.topic}"
@@ -409,22 +368,6 @@ def _row(fault: LinkFault, link: int, rate: Rate) -> np.ndarray:
     if fault.kind == "delay":
         row[ROW.value] = max(1, rate.ticks_in(fault.value[0]))
     return row
-
-
-def _value(said: Mapping[str, Any], kind: str, where: str) -> float:
-    """Share of the messages, all of them if it is left out, or how late they are."""
-    delays = kind == "delay"
-    if "value" not in said and not delays:
-        return 1.0
-    largest, meaning = (LATEST_S, "s") if delays else (1.0, "the share of the messages")
-    if "value" not in said:
-        raise ParameterError(f"{where}: value: missing; allowed: a number in (0, 1] ({meaning})")
-    found = number_of(said, "value", largest, where)
-    if found == 0.0:
-        raise ParameterError(
-            f"{where}: value: 0 is not allowed; allowed: a number in (0, {largest:g}] ({meaning})"
-        )
-    return found
 
 
 # -------------------------------------------------------------------------------------------------

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from heli_core.faults import forms
 from heli_live_view.access import Access
-from heli_live_view.commands import WHAT
 from heli_live_view.parameters import BOUNDS as METRIC_OF
 from heli_live_view.server import PageServer
 from heli_live_view.state import bounds, error_row
@@ -29,7 +29,7 @@ def hello(commands=False, history=(), realtime=True):
         "type": "hello", "commands": commands,
         "flight": {"scenario": "hover", "seed": 7, "duration_s": 60.0, "realtime": realtime},
         "aircraft": {"name": "HeLion", "rotor_radius_m": 0.705},
-        "bounds": BOUNDS, "limits": LIMITS, "faults": WHAT, "state_hz": 30,
+        "bounds": BOUNDS, "limits": LIMITS, "faults": forms(), "state_hz": 30,
         "foxglove_url": "ws://127.0.0.1:8765",
         "events": [{"type": "event", "t": 1.5, "level": 1, "source": "observer",
                     "text": "GPS <b>late</b> & wrong"}],

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from heli_core.command_line import config_folder
 from heli_core.errors import BrokenFlightError, StartError
-from heli_core.parameters import NONE
+from heli_core.faults import NONE, flow_mapping
 from heli_flight import interrupts
 from heli_flight.graph.processes import DISCOVERY, check_middleware
 from heli_msgs_bridge.node_process import wait_for_dds_shutdown
@@ -98,13 +98,10 @@ def fault_text(what: str, kind: str, values: Sequence[str], duration_s: float | 
     ValueError
         A value is no number.
     """
-    parts = [f"what: {what}", f"kind: {kind}"]
+    pairs: dict[str, str | float | list[float]] = {"what": what, "kind": kind}
     if duration_s is not None:
-        parts.append(f"duration_s: {duration_s!r}")
-    numbers = [_number(value) for value in values]
-    if numbers:
-        parts.append(f"value: [{', '.join(map(repr, numbers))}]")
-    return f"{{{', '.join(parts)}}}"
+        pairs["duration_s"] = duration_s
+    return flow_mapping(pairs | ({"value": [_number(v) for v in values]} if values else {}))
 
 
 def _number(value: str) -> float:

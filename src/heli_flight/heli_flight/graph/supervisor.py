@@ -113,6 +113,8 @@ class Answers:
 
 # A node's name comes by a topic of its own, which DDS may have to repeat (heartbeats of 3 s).
 _NAME_LIMIT_S = 5.0
+# How long a node that refused may need to say why.
+_REASON_LIMIT_S = 30.0
 # Wall time after which somebody else is believed who speaks as a node; nodes repeat themselves.
 _SILENT_S = 3.0
 DEAF = "deaf"
@@ -385,6 +387,9 @@ class Supervisor(Node):
             # One refuses for a reason of its own, which it logs; several were not ours to ask.
             hint = "; another flight may be in this ROS domain: end it or set ROS_DOMAIN_ID to a "
             more = f"{hint}free one" if len(refused) > 1 else ""
+            if not more:
+                # Why comes by /diagnostics, later than the answer at times; it is repeated.
+                self.wait_until(lambda: self._has_failed(refused[0]), _REASON_LIMIT_S, check)
             raise BringUpError(f"{', '.join(refused)}: refused to {label}{more}", refused[0])
 
     def close_bag(self, limit_s: float) -> None:
@@ -400,6 +405,10 @@ class Supervisor(Node):
             return
         # Its last word, of gaps perhaps, comes by another way than the confirmation.
         self.wait_until(self._has_last_word, limit_s, lambda: None)
+
+    def _has_failed(self, name: str) -> bool:
+        status = self.statuses.get(name)
+        return status is not None and status.state == NodeState.FAILED
 
     def _has_last_word(self) -> bool:
         said = self.statuses.get("recorder")
