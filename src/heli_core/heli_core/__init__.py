@@ -10,7 +10,7 @@ __getattr__, __dir__, __all__ = face(
         "jit": ["njit"],
         "linear": ["hover_system"],
         "parameters": ["Parameter", "why_refused", "load", "with_common"],
-        "rcl_yaml": ["ParameterError", "dump_all"],
+        "rcl_yaml": ["ParameterCause", "ParameterError", "dump_all"],
         "signals": ["Multisine", "design_multisine"],
         "trajectory": ["Trajectory", "TrajectoryError"],
     },

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 
-from heli_core.rcl_yaml import ParameterError
+from heli_core.rcl_yaml import ParameterCause, ParameterError
 
 # -------------------------------------------------------------------------------------------------
 # Command line.
@@ -70,11 +70,13 @@ def parse(argv: Sequence[str], node_name: str) -> CommandLine:
         elif word == "--":
             in_ros = False
         elif not in_ros:
-            raise ParameterError(f"unknown argument '{word}'; parameters follow --ros-args")
+            raise ParameterError(
+                f"unknown argument '{word}'; parameters follow --ros-args", ParameterCause.SYNTAX
+            )
         elif word in ("--params-file", "-p", "--param", "-r", "--remap"):
             value = next(words, None)
             if value is None:
-                raise ParameterError(f"{word} needs a value")
+                raise ParameterError(f"{word} needs a value", ParameterCause.MISSING)
             if word == "--params-file":
                 line.params_files.append(value)
             elif word in ("-p", "--param"):

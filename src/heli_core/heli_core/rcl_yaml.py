@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -53,8 +54,70 @@ _MOST_DIGITS, _BEYOND_INT64 = 200, 2**63
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
+class ParameterCause(Enum):
+    """Why a parameter or a parameter file is refused."""
+
+    UNREADABLE = "a file is missing, or cannot be read or written"
+    SYNTAX = "it is not YAML, or not as rcl reads it"
+    UNKNOWN_NODE = "the graph has no such node"
+    UNKNOWN_KEY = "the node has no such parameter"
+    RENAMED_KEY = "the parameter has another name now"
+    TWICE = "a key stands there twice"
+    MISSING = "there is no value"
+    TYPE = "the value is of another type"
+    LENGTH = "an array has another number of elements"
+    NOT_FINITE = "a number is not finite"
+    CHOICE = "the value is none of those to choose from"
+    BOUNDS = "a number is out of bounds"
+    READ_ONLY = "it is fixed while the node runs"
+    CONFLICT = "it does not go together with another value"
+
+
 class ParameterError(Exception):
-    """A parameter or parameter file that cannot be used; the message is one line for the user."""
+    """A parameter or parameter file that cannot be used; the message is one line for the user.
+
+    Parameters
+    ----------
+    problem : str
+        What is wrong, in words; the line is made of it and of the facts.
+
+    Attributes
+    ----------
+    cause : ParameterCause or None
+        For programs; None where none is named.
+    where, key : str
+        `file:line`, or `-p rule`, and the parameter's name; empty where they are not known.
+    value : Any
+        What is refused; None where it is not a matter of a value.
+    allowed : str
+        What would be allowed, in words.
+    meant : str
+        The name that an unknown one was probably meant for.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        cause: ParameterCause | None = None,
+        *,
+        where: str = "",
+        key: str = "",
+        value: Any = None,
+        allowed: str = "",
+        meant: str = "",
+    ) -> None:
+        super().__init__(problem)
+        self.problem, self.cause, self.where, self.key = problem, cause, where, key
+        self.value, self.allowed, self.meant = value, allowed, meant
+
+    def __str__(self) -> str:
+        line = ": ".join(part for part in (self.where, self.key, self.problem) if part)
+        return f"{line}; allowed: {self.allowed}" if self.allowed else line
+
+    def placed(self, where: str, key: str) -> "ParameterError":
+        """The same of a parameter at a place."""
+        self.where, self.key = where, key
+        return self
 
 
 @dataclass(frozen=True)
@@ -119,37 +182,60 @@ def value_of(node: yaml.Node, where: str, key: str) -> Any:
     """Scalar or homogeneous array of a YAML node; `ParameterError` for anything else."""
     if isinstance(node, yaml.ScalarNode):
         if node.value == "" and not node.style:
-            raise ParameterError(f"{where}: {key}: no value given")
+            raise ParameterError("no value given", ParameterCause.MISSING, where=where, key=key)
         return scalar(node.value, bool(node.style))
     if not isinstance(node, yaml.SequenceNode):
-        raise ParameterError(f"{where}: {key}: expected a value or an array")
+        raise ParameterError(
+            "expected a value or an array", ParameterCause.TYPE, where=where, key=key
+        )
     items: list[Any] = []
     for item in node.value:
         if not isinstance(item, yaml.ScalarNode):
             raise ParameterError(
-                f"{where}: {key}: arrays must be flat; write a matrix row by row in one array"
+                "arrays must be flat; write a matrix row by row in one array",
+                ParameterCause.TYPE,
+                where=where,
+                key=key,
             )
         items.append(scalar(item.value, bool(item.style)))
     kinds = {type(item) for item in items}
     if kinds == {int, float}:
         whole = next(item for item in items if type(item) is int)
         raise ParameterError(
-            f"{where}: {key}: mixes integers and doubles; write {float(whole)!r} instead of {whole}"
+            f"mixes integers and doubles; write {float(whole)!r} instead of {whole}",
+            ParameterCause.TYPE,
+            where=where,
+            key=key,
+            value=items,
         )
     if len(kinds) > 1:
         names = ", ".join(sorted(kind.__name__ for kind in kinds))
-        raise ParameterError(f"{where}: {key}: one array holds different types ({names})")
+        raise ParameterError(
+            f"one array holds different types ({names})",
+            ParameterCause.TYPE,
+            where=where,
+            key=key,
+            value=items,
+        )
     return items
 
 
 def _text(path: Path) -> str:
     if not path.exists():
-        raise ParameterError(f"{path}: parameter file does not exist")
+        raise ParameterError(
+            "parameter file does not exist", ParameterCause.UNREADABLE, where=str(path)
+        )
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ParameterError(f"{path}: cannot read parameter file: {reason}") from error
+        raise ParameterError(
+            f"cannot read parameter file: {reason}", ParameterCause.UNREADABLE, where=str(path)
+        ) from error
+
+
+def _malformed(problem: str, where: str, key: str = "") -> ParameterError:
+    return ParameterError(problem, ParameterCause.SYNTAX, where=where, key=key)
 
 
 def _root(path: Path, text: str) -> yaml.MappingNode:
@@ -157,15 +243,15 @@ def _root(path: Path, text: str) -> yaml.MappingNode:
         for event in yaml.parse(text, Loader=_LOADER):
             if isinstance(event, yaml.AliasEvent):
                 line = event.start_mark.line + 1 if event.start_mark else 0
-                raise ParameterError(f"{path}:{line}: YAML aliases are not allowed")
+                raise _malformed("YAML aliases are not allowed", f"{path}:{line}")
         root = yaml.compose(text, Loader=_LOADER)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line_text = f":{mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise ParameterError(f"{path}{line_text}: not valid YAML: {problem}") from error
+        raise _malformed(f"not valid YAML: {problem}", f"{path}{line_text}") from error
     if not isinstance(root, yaml.MappingNode):
-        raise ParameterError(f"{path}: not a ROS parameter file: expected 'node: {_SECTION}: ...'")
+        raise _malformed(f"not a ROS parameter file: expected 'node: {_SECTION}: ...'", str(path))
     return root
 
 
@@ -175,10 +261,12 @@ def _pairs(node: yaml.MappingNode, path: Path) -> Iterator[tuple[str, yaml.Node,
     for key_node, value_node in node.value:
         where = f"{path}:{key_node.start_mark.line + 1}"
         if not isinstance(key_node, yaml.ScalarNode):
-            raise ParameterError(f"{where}: a key must be a word")
+            raise _malformed("a key must be a word", where)
         key = printable(key_node.value)
         if key in seen:
-            raise ParameterError(f"{where}: {key}: the key stands here twice")
+            raise ParameterError(
+                "the key stands here twice", ParameterCause.TWICE, where=where, key=key
+            )
         seen.add(key)
         yield key, value_node, where
 
@@ -186,7 +274,7 @@ def _pairs(node: yaml.MappingNode, path: Path) -> Iterator[tuple[str, yaml.Node,
 def _parameters(node: yaml.Node, path: Path, pattern: str, prefix: str) -> Iterator[Entry]:
     if not isinstance(node, yaml.MappingNode):
         line = node.start_mark.line + 1
-        raise ParameterError(f"{path}:{line}: {_SECTION}: expected 'key: value'")
+        raise _malformed(f"{_SECTION}: expected 'key: value'", f"{path}:{line}")
     for key, value_node, where in _pairs(node, path):
         name = f"{prefix}{key}"
         if isinstance(value_node, yaml.MappingNode):
@@ -201,14 +289,15 @@ def _sections(
     for key, value_node, where in _pairs(node, path):
         if key == _SECTION:
             if not pattern:
-                raise ParameterError(f"{where}: {_SECTION} must stand below a node name")
+                raise _malformed(f"{_SECTION} must stand below a node name", where)
             yield pattern, value_node, where
         elif isinstance(value_node, yaml.MappingNode):
             yield from _sections(value_node, path, f"{pattern}/{key.strip('/')}")
         else:
-            raise ParameterError(
-                f"{where}: {key}: stands outside of '{_SECTION}'; "
-                f"expected 'node: {_SECTION}: {key}: ...'"
+            raise _malformed(
+                f"stands outside of '{_SECTION}'; expected 'node: {_SECTION}: {key}: ...'",
+                where,
+                key,
             )
 
 
@@ -248,7 +337,7 @@ def _content(path: Path, text: str) -> ParameterFile:
     try:
         return _parsed(path, text)
     except RecursionError:
-        raise ParameterError(f"{path}: not valid YAML: nested too deeply") from None
+        raise _malformed("not valid YAML: nested too deeply", str(path)) from None
 
 
 def _parsed(path: Path, text: str) -> ParameterFile:
@@ -325,7 +414,11 @@ def check_node_names(
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean '{near[0]}'? " if near else ""
             raise ParameterError(
-                f"{where}: {pattern}: unknown node '{name}'; {hint}allowed: {', '.join(known)}"
+                f"{pattern}: unknown node '{name}'; {hint}allowed: {', '.join(known)}",
+                ParameterCause.UNKNOWN_NODE,
+                where=where,
+                value=name,
+                meant="".join(near),
             )
 
 
@@ -384,4 +477,8 @@ def dump_all(
     try:
         Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
-        raise ParameterError(f"{path}: cannot write parameters: {error.strerror}") from error
+        raise ParameterError(
+            f"cannot write parameters: {error.strerror}",
+            ParameterCause.UNREADABLE,
+            where=str(path),
+        ) from error

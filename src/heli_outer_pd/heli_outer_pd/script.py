@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.parameters import Parameter
-from heli_core.rcl_yaml import ParameterError
+from heli_core.rcl_yaml import ParameterCause, ParameterError
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import NAV, REFERENCE, SETPOINT, STICKS
 from heli_core.ticks import NS_PER_S
@@ -139,12 +139,18 @@ def _paired(p: Mapping[str, Any], times: str, name: str, what: str) -> list[tupl
         rows = np.reshape(rows, (-1, _WIDTHS[name]))
     if len(at_s) != len(rows):
         raise ParameterError(
-            f"commands.{times} has {len(at_s)} times, commands.{name} {len(rows)} "
-            f"{what}; allowed: as many"
+            f"commands.{times} has {len(at_s)} times, commands.{name} {len(rows)} {what}",
+            ParameterCause.LENGTH,
+            allowed="as many",
         )
     given = at_s[at_s >= 0.0]
     if (np.diff(given) <= 0.0).any():
-        raise ParameterError(f"commands.{times} is {at_s.tolist()}; allowed: rising times")
+        raise ParameterError(
+            f"commands.{times} is {at_s.tolist()}",
+            ParameterCause.CONFLICT,
+            value=at_s,
+            allowed="rising times",
+        )
     return [(round(at * NS_PER_S), row) for at, row in zip(at_s, rows, strict=True) if at >= 0.0]
 
 
@@ -163,7 +169,9 @@ def _orders(p: Mapping[str, Any]) -> list[ScriptCommand]:
             key, what = places[command]
             raise ParameterError(
                 f"commands.what has {list(p['commands.what']).count(name)} times {name}, "
-                f"commands.{key} {len(given[command])} {what}; allowed: one for each"
+                f"commands.{key} {len(given[command])} {what}",
+                ParameterCause.LENGTH,
+                allowed="one for each",
             )
         goal, velocity = (where, None) if command == Command.GOTO else (None, where)
         orders.append(ScriptCommand(at_ns, command, goal, velocity))
