@@ -95,9 +95,9 @@ def test_fades_are_smooth_and_silent_outside():
 
 
 def test_a_line_off_the_grid_and_a_crowded_band_are_refused():
-    with pytest.raises(ValueError, match=r"1\.03 Hz is not a whole multiple"):
+    with pytest.raises(ValueError, match=r"1\.03 Hz"):
         design_multisine(PERIOD_S, [1.03], [0], [1.0], [0.1])
-    with pytest.raises(ValueError, match="channel 1: fewer than 9 free lines"):
+    with pytest.raises(ValueError, match="channel 1: .* 9 "):
         zippered_lines(1.0, [[1.0, 4.0], [1.0, 4.0]], [2, 9])
 
 

@@ -116,7 +116,17 @@ def test_a_kernel_finds_the_same_places_as_numpy():
 
 
 def test_names_of_the_linear_model_have_their_order():
-    assert " ".join(state_names.STATE_NAMES) == "phi theta p q a_s b_s r d_int psi"
+    assert list(state_names.STATE_NAMES) == [
+        "phi",
+        "theta",
+        "p",
+        "q",
+        "a_s",
+        "b_s",
+        "r",
+        "d_int",
+        "psi",
+    ]
     named = np.array(state_names.STATE_NAMES)
     assert named[list(state_names.MEASURED)].tolist() == ["phi", "theta", "p", "q", "r", "psi"]
     assert named[list(state_names.UNMEASURED)].tolist() == SPELLED["ROTOR"].split()
