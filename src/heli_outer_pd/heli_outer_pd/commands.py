@@ -29,7 +29,7 @@ from heli_msgs_bridge.command_messages import (
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lockstep import AHEAD_TICKS, stamp_refusal
 from heli_outer_pd.joystick import Presses, StickMap
-from heli_outer_pd.modes import Command, Guard, Phase, Refusal, command_named, decide
+from heli_outer_pd.modes import Command, Guard, Phase, Refusal, RefusalCause, command_named, decide
 from heli_outer_pd.position_health import plight
 from heli_outer_pd.reference import ReferenceRefused
 
@@ -370,7 +370,8 @@ class Commands:
         leaves = command in _LEAVE and node.run.phases.phase == Phase.STANDING
         if node.core.armed or not leaves:
             return None
-        return Refusal(command.value, "the aircraft is disarmed", (ARM,))
+        cause = RefusalCause.DISARMED
+        return Refusal(command.value, cause, cause.value, (ARM,))
 
     def _goal_of(self, message: Any, topic: str) -> tuple[np.ndarray, float]:
         """Position and heading; MessageError or ReferenceRefused says why there are none."""
@@ -394,10 +395,16 @@ class Commands:
         """ReferenceRefused unless a position is held, in the air or on the ground."""
         node = self._node
         if not node.active:
-            raise ReferenceRefused("outer_loop is not active; activate it first")
+            raise _refused(RefusalCause.INACTIVE)
         if node.values["horizontal"] != _POSITION:
             raise ReferenceRefused(
-                f"horizontal is {node.values['horizontal']}; allowed: {_POSITION}"
+                RefusalCause.NO_POSITION_LOOP,
+                f"horizontal is {node.values['horizontal']}; allowed: {_POSITION}",
             )
         if not node.run.engaged or node.run.phases.trajectory is None:
-            raise ReferenceRefused("no position is held yet: the law waits for navigation")
+            raise _refused(RefusalCause.NO_NAVIGATION_YET)
+
+
+def _refused(cause: RefusalCause) -> ReferenceRefused:
+    """A refusal that has no numbers."""
+    return ReferenceRefused(cause, cause.value)

@@ -41,6 +41,7 @@ from heli_outer_pd.goto import Goto, PhaseNumbers, outside
 from heli_outer_pd.inbox import INPUTS, HeardNavigation, listen, navigate, no_navigation
 from heli_outer_pd.joystick import StickMap
 from heli_outer_pd.manual_controller import with_manual
+from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.parameters import NODE_NAME, TABLE, outer_params
 from heli_outer_pd.phases import ActiveOuterLoop, Phases
 from heli_outer_pd.position_health import answer, told_of
@@ -277,7 +278,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core = self.core
         way, why = self._judged_reference(message)
         if not why:
-            inactive = f"{topics.REFERENCE}: {NODE_NAME} is not active; activate it first"
+            inactive = f"{topics.REFERENCE}: {RefusalCause.INACTIVE.value}"
             why = core.commands.refusal_of_reference() if self.active else inactive
         if why:
             self.refuse_aloud(topics.REFERENCE, why)
@@ -489,7 +490,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         """The changed law and limits; what does not fit together raises."""
         if MODE in changed:
             if not self.configured:
-                raise ValueError(f"{MODE}: {NODE_NAME} is not active; activate it first")
+                raise ValueError(f"{MODE}: {RefusalCause.INACTIVE.value}")
             self.core.commands.judge_mode(values[MODE])
         limits = ReferenceLimits.from_parameters(values)
         numbers = PhaseNumbers.from_parameters(values)
