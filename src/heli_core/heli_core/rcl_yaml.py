@@ -11,13 +11,15 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+
+from heli_core.errors import ParameterCause as ParameterCause
+from heli_core.errors import ParameterError as ParameterError
 
 # -------------------------------------------------------------------------------------------------
 # A text out of a file or a message, fit for a sentence.
@@ -52,72 +54,6 @@ _MOST_DIGITS, _BEYOND_INT64 = 200, 2**63
 
 # libyaml where it is built in: ten times faster, and a node reads three files at start.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-class ParameterCause(Enum):
-    """Why a parameter or a parameter file is refused."""
-
-    UNREADABLE = "a file is missing, or cannot be read or written"
-    SYNTAX = "it is not YAML, or not as rcl reads it"
-    UNKNOWN_NODE = "the graph has no such node"
-    UNKNOWN_KEY = "the node has no such parameter"
-    RENAMED_KEY = "the parameter has another name now"
-    TWICE = "a key stands there twice"
-    MISSING = "there is no value"
-    TYPE = "the value is of another type"
-    LENGTH = "an array has another number of elements"
-    NOT_FINITE = "a number is not finite"
-    CHOICE = "the value is none of those to choose from"
-    BOUNDS = "a number is out of bounds"
-    READ_ONLY = "it is fixed while the node runs"
-    CONFLICT = "it does not go together with another value"
-
-
-class ParameterError(Exception):
-    """A parameter or parameter file that cannot be used; the message is one line for the user.
-
-    Parameters
-    ----------
-    problem : str
-        What is wrong, in words; the line is made of it and of the facts.
-
-    Attributes
-    ----------
-    cause : ParameterCause or None
-        For programs; None where none is named.
-    where, key : str
-        `file:line`, or `-p rule`, and the parameter's name; empty where they are not known.
-    value : Any
-        What is refused; None where it is not a matter of a value.
-    allowed : str
-        What would be allowed, in words.
-    meant : str
-        The name that an unknown one was probably meant for.
-    """
-
-    def __init__(
-        self,
-        problem: str,
-        cause: ParameterCause | None = None,
-        *,
-        where: str = "",
-        key: str = "",
-        value: Any = None,
-        allowed: str = "",
-        meant: str = "",
-    ) -> None:
-        super().__init__(problem)
-        self.problem, self.cause, self.where, self.key = problem, cause, where, key
-        self.value, self.allowed, self.meant = value, allowed, meant
-
-    def __str__(self) -> str:
-        line = ": ".join(part for part in (self.where, self.key, self.problem) if part)
-        return f"{line}; allowed: {self.allowed}" if self.allowed else line
-
-    def placed(self, where: str, key: str) -> "ParameterError":
-        """The same of a parameter at a place."""
-        self.where, self.key = where, key
-        return self
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def test_the_flight_ends_at_its_length(bench):
     for tick in range(20):
         plant.send(topics.ACTUATORS, tick, U)
     assert plant.node.tick == 4 and len(positions(plant)) == 5
-    assert plant.node.health.message == "flight over after 0.05 s"
+    assert plant.node.health.message.endswith(" 0.05 s")
     assert plant.node.health.facts["over"] == "true" and plant.node.finished
 
 
@@ -346,12 +346,10 @@ def test_another_flight_begins_after_clean_up_only(bench):
     for tick in range(5):
         plant.send(topics.ACTUATORS, tick, U)
     assert plant.node.health.facts["over"] == "true"
-    first = positions(plant)
+    first, over = positions(plant), plant.node.health.message
     assert plant.node.trigger_deactivate() == SUCCESS
     assert plant.node.trigger_activate() != SUCCESS
-    assert (
-        plant.node.failure == "flight over after 0.05 s: clean up and configure for another flight"
-    )
+    assert plant.node.failure.startswith(f"{over}: ")
     assert plant.node.trigger_cleanup() == SUCCESS
     plant.fly()
     assert plant.node.tick == 0 and "over" not in plant.node.health.facts
@@ -395,9 +393,7 @@ class TestInAWorldOfSeveralAircraft:
         plant.fly()
         plant.send(topics.ACTUATORS, 0, U)
         plant.spin_until(lambda: plant.node.tick == 1)
-        assert plant.node.silence() == (
-            "no message on '/clock' from world_clock: going on without the other aircraft"
-        )
+        assert "'/clock' from world_clock" in plant.node.silence()
 
     def test_its_truth_must_be_heard_by_the_clock(self, bench):
         node = bench(PlantNode, clock="world").node
