@@ -153,10 +153,10 @@ def executable(package: str, name: str) -> Path:
 def executables(beginning: str) -> list[tuple[str, str]]:
     """Package and name of every executable of the packages whose names begin so."""
     folders = [prefix / "lib" for prefix in _prefixes()]
-    found = {
+    names = {
         (path.parent.name, path.name)
         for folder in folders
         for path in folder.glob(f"{beginning}*/*")
         if path.is_file() and os.access(path, os.X_OK)
     }
-    return sorted(found)
+    return sorted(names)

@@ -268,7 +268,7 @@ def _assignments(rules: Sequence[str], node_name: str) -> list[Entry]:
     """Entries of `-p [node:]name:=value` rules that concern the node."""
     import yaml
 
-    found = []
+    assigned = []
     for rule in rules:
         left, separator, text = rule.partition(":=")
         where = f"-p {rule}"
@@ -284,8 +284,8 @@ def _assignments(rules: Sequence[str], node_name: str) -> list[Entry]:
                 "value is not valid YAML", ParameterCause.SYNTAX, where=where, key=key
             ) from error
         value = scalar("", True) if tree is None else value_of(tree, where, key)
-        found.append(Entry("", key, value, where))
-    return found
+        assigned.append(Entry("", key, value, where))
+    return assigned
 
 
 def stated(
@@ -313,9 +313,9 @@ def stated(
         One line with file and line, key, value and what is allowed.
     """
     rows, passed_over = _index(table), frozenset(ignore)
-    found = [entry for file in files for entry in applicable(file, node_name)]
+    from_files = [entry for file in files for entry in applicable(file, node_name)]
     strongest: dict[str, Entry] = {}
-    for entry in [*found, *_assignments(rules, node_name)]:
+    for entry in [*from_files, *_assignments(rules, node_name)]:
         if _is_of_ros(entry.key) or entry.key in passed_over:
             continue
         row = rows.get(entry.key)
@@ -364,9 +364,9 @@ def load(
         One line with file and line, key, value and what is allowed.
     """
     rows, layers = _index(table), [opened(file) for file in files]
-    found = stated(rows.values(), layers, node_name, rules, ignore)
+    assigned = stated(rows.values(), layers, node_name, rules, ignore)
     for name, row in rows.items():
-        if name not in found:
+        if name not in assigned:
             sought = ", ".join(str(layer.path) for layer in layers) or "no file given"
             raise ParameterError(
                 f"no value for node '{node_name}'",
@@ -375,7 +375,7 @@ def load(
                 key=name,
                 allowed=row.allowed(),
             )
-    return {name: found[name].value for name in rows}
+    return {name: assigned[name].value for name in rows}
 
 
 def refusal(table: Iterable[Parameter], name: str, value: Any) -> ParameterError | None:
@@ -488,9 +488,9 @@ COMMON_TABLE: tuple[Parameter, ...] = (
 
 def with_common(table: Iterable[Parameter]) -> tuple[Parameter, ...]:
     """A node's table with the common rows in front; the node's own row wins where both have one."""
-    own = tuple(table)
-    names = {row.name for row in own}
-    return tuple(row for row in COMMON_TABLE if row.name not in names) + own
+    of_node = tuple(table)
+    names = {row.name for row in of_node}
+    return tuple(row for row in COMMON_TABLE if row.name not in names) + of_node
 
 
 # -------------------------------------------------------------------------------------------------

@@ -193,17 +193,17 @@ def _root(path: Path, text: str) -> yaml.MappingNode:
 
 def _pairs(node: yaml.MappingNode, path: Path) -> Iterator[tuple[str, yaml.Node, str]]:
     """(printable key, value node, place) of a mapping; a repeated key is an error."""
-    seen: set[str] = set()
+    earlier: set[str] = set()
     for key_node, value_node in node.value:
         where = f"{path}:{key_node.start_mark.line + 1}"
         if not isinstance(key_node, yaml.ScalarNode):
             raise _malformed("a key must be a word", where)
         key = printable(key_node.value)
-        if key in seen:
+        if key in earlier:
             raise ParameterError(
                 "the key stands here twice", ParameterCause.TWICE, where=where, key=key
             )
-        seen.add(key)
+        earlier.add(key)
         yield key, value_node, where
 
 

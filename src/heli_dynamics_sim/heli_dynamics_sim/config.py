@@ -296,12 +296,12 @@ def wind_params(values: Mapping[str, Any], aircraft: HelicopterParameters) -> Wi
     return kernel._replace(w20_mps=_w20_mps(values["wind.w20_mps"], kernel))
 
 
-def _w20_mps(given: float, kernel: WindParams) -> float:
-    if given >= 0.0:
-        return given
+def _w20_mps(w20_mps: float, kernel: WindParams) -> float:
+    if w20_mps >= 0.0:
+        return w20_mps
     if kernel.log_profile:
         raise PlantConfigError(
-            f"{given:g} is not allowed with wind.profile log, which it scales; "
+            f"{w20_mps:g} is not allowed with wind.profile log, which it scales; "
             "allowed: the wind at 20 ft, at least 0",
             ParameterCause.CONFLICT,
             key="wind.w20_mps",

@@ -258,10 +258,10 @@ def left(mode: str, beyond_m: float) -> str:
     return f"{mode}: the aircraft is {beyond_m:.1f} m outside the fence; it comes back to hover"
 
 
-def outside(beyond_m: float, said: str) -> str:
-    """`said`; outside the fence how far, in a sentence."""
+def outside(beyond_m: float, otherwise: str) -> str:
+    """`otherwise`; outside the fence how far, in a sentence."""
     if beyond_m <= 0.0:
-        return said
+        return otherwise
     return f"{beyond_m:.1f} m outside the fence: coming back, no command leads outward"
 
 

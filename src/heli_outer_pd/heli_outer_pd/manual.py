@@ -135,11 +135,11 @@ def checked_attitude(attitude_rad: Array, hover_rad: Array, most_rad: float) -> 
         )
     tilt = attitude_rad[: SETPOINT.psi]
     if (np.abs(tilt - hover_rad) > most_rad + _ROUNDING_RAD).any():
-        given = np.degrees(tilt)
+        tilt_deg = np.degrees(tilt)
         low, high = np.degrees(hover_rad - most_rad), np.degrees(hover_rad + most_rad)
         raise ReferenceRefused(
             RefusalCause.TILT,
-            f"roll {given[0]:z.1f} deg, pitch {given[1]:z.1f} deg nose up; allowed: roll "
+            f"roll {tilt_deg[0]:z.1f} deg, pitch {tilt_deg[1]:z.1f} deg nose up; allowed: roll "
             f"{low[0]:.1f} to {high[0]:.1f} deg, pitch {low[1]:.1f} to {high[1]:.1f} deg, which "
             f"are {math.degrees(most_rad):g} deg off hover's",
         )
@@ -225,13 +225,13 @@ class Steering:
 
     def hear(self, sticks: Array, now_ns: int) -> None:
         """Take sticks (4,), cut to -1..1; ReferenceRefused if one is not a number."""
-        given = np.asarray(sticks, float)
-        if given.shape != (STICKS.size,) or not np.isfinite(given).all():
+        newest = np.asarray(sticks, float)
+        if newest.shape != (STICKS.size,) or not np.isfinite(newest).all():
             raise ReferenceRefused(
                 RefusalCause.NOT_NUMBERS,
-                f"sticks are {given.tolist()}; allowed: four numbers in -1..1",
+                f"sticks are {newest.tolist()}; allowed: four numbers in -1..1",
             )
-        self.sticks, self.heard_ns = np.clip(given, -1.0, 1.0), now_ns
+        self.sticks, self.heard_ns = np.clip(newest, -1.0, 1.0), now_ns
         if self.asked.leads:
             self.asked = self.asked.beside(self.sticks)
 
@@ -408,7 +408,7 @@ class TouchDown:
     def __init__(self, share: float = 1.0, v_down_mps: float = 0.0) -> None:
         self._usual, self._missing_mps, self._began_mps = share, 0.0, v_down_mps
 
-    def found(self, share: float, v_down_mps: float, g: float, dt_s: float) -> bool:
+    def detects(self, share: float, v_down_mps: float, g: float, dt_s: float) -> bool:
         """Look at a step of the law: its thrust, a share of hover's, and the speed downwards."""
         if share > _UNLOADED * self._usual:
             self._usual += (share - self._usual) * dt_s / _USUAL_S
@@ -542,7 +542,7 @@ class StickFlight:
             silent = asked.is_silent(now.ns, n) if asked.leads else silent
             return Fact.SILENT if silent else None
         share, v_down = float(hover_share(col, now.k)), float(now.nav[NAV.down_vel])
-        touched = self._contact.found(share, v_down, now.k.g, now.k.dt_s)
+        touched = self._contact.detects(share, v_down, now.k.g, now.k.dt_s)
         if not self.aground:
             self.aground = touched
             return Fact.SILENT if silent and not touched else None

@@ -152,9 +152,9 @@ def test_a_trajectory_is_followed_and_told_as_a_reference(hovering, monkeypatch)
     hovering.fly(101)
     assert hovering.node.health.facts["reference"] == "given"
     assert [key for _, key in hovering.node.health.facts[FACT_WAYS]] == [key_of(message)]
-    given = hovering.node.core.given
+    given = hovering.node.core.reference
     hovering.outer.receive(topics.REFERENCE, message)  # heard back
-    assert hovering.node.core.given is given and hovering.answer().state == GoalState.ACTIVE
+    assert hovering.node.core.reference is given and hovering.answer().state == GoalState.ACTIVE
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_a_trajectory_is_followed_and_told_as_a_reference(hovering, monkeypatch)
 def test_a_trajectory_that_is_refused(hovering, change, said):
     answer = hovering.goal("follow", "a", hovering.way(**change))
     assert answer.state == GoalState.REFUSED and answer.sentence.startswith(said)
-    assert hovering.node.core.given is None
+    assert hovering.node.core.reference is None
 
 
 def test_on_the_ground_a_trajectory_is_refused_though_it_is_the_first(standing):
@@ -292,7 +292,7 @@ def test_what_the_phases_make_of_a_goal(command, phases, state):
     goals.begin("a", command, "done", flown)
     for phase in phases:
         flown.enter(phase, Fact.ARRIVED, goals)
-    (answer,) = goals_of({FACT_GOALS: goals.told()})
+    (answer,) = goals_of({FACT_GOALS: goals.as_text()})
     assert (answer.state, answer.sentence) == (state, "done")
 
 
@@ -302,7 +302,7 @@ def test_a_hover_before_the_end_is_another_way(event):
     goals.begin("a", Command.GOTO, "", flown)
     assert not goals.look(flown)
     assert flown.enter(Phase.HOVER, event, goals)
-    (answer,) = goals_of({FACT_GOALS: goals.told()})
+    (answer,) = goals_of({FACT_GOALS: goals.as_text()})
     assert answer.state == GoalState.REPLACED
 
 
@@ -314,7 +314,7 @@ def test_a_way_that_is_changed_on_the_way_is_told():
         points=flown.trajectory.points, start_ns=7, times_ns=np.array([0, 5])
     )
     assert goals.look(flown) and not goals.look(flown)
-    (answer,) = goals_of({FACT_GOALS: goals.told()})
+    (answer,) = goals_of({FACT_GOALS: goals.as_text()})
     assert (answer.state, answer.end_ns) == (GoalState.ACTIVE, 12)
 
 
@@ -323,5 +323,5 @@ def test_old_answers_go_but_that_of_the_goal_under_way_stays():
     goals.begin("a", Command.GOTO, "", flown)
     for number in range(40):
         goals.refuse(f"r{number}", Command.TAKEOFF, "no")
-    told = [answer.goal_id for answer in goals_of({FACT_GOALS: goals.told()})]
+    told = [answer.goal_id for answer in goals_of({FACT_GOALS: goals.as_text()})]
     assert len(told) == 16 and "a" in told and "r39" in told and not goals.knows("r0")

@@ -192,10 +192,10 @@ def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering, mon
     since = [[hovering.node.stamp_ns(601), key_of(message)]]
     assert hovering.node.health.facts[FACT_WAYS] == since
     hovering.receive(topics.REFERENCE, message)
-    assert hovering.node.run.diverted is way and hovering.node.core.given is None
-    assert not hovering.node.core.own
+    assert hovering.node.run.diverted is way and hovering.node.core.reference is None
+    assert not hovering.node.core.unheard_keys
     hovering.receive(topics.REFERENCE, encode_reference(Trajectory.hover(START, 0.0)))
-    assert hovering.node.run.diverted is None and hovering.node.core.given is not None
+    assert hovering.node.run.diverted is None and hovering.node.core.reference is not None
 
 
 def test_who_listens_finds_its_sender_before_the_flight(bench):

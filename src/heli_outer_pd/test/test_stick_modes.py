@@ -577,8 +577,13 @@ def test_a_pilot_who_lets_go_on_the_ground_leaves_it_standing():
 def test_what_falls_has_not_touched_down():
     """Half of the thrust is gone: a body in the air falls at 0.5 g, one on its skids does not."""
     falls, stands = TouchDown(1.0), TouchDown(1.0)
-    found = [(falls.found(0.5, 0.5 * 9.8 * 0.04 * i, 9.8, 0.04), stands.found(0.5, 0.0, 9.8, 0.04))
-             for i in range(50)]  # fmt: skip
+    found = [
+        (
+            falls.detects(0.5, 0.5 * 9.8 * 0.04 * i, 9.8, 0.04),
+            stands.detects(0.5, 0.0, 9.8, 0.04),
+        )
+        for i in range(50)
+    ]
     assert not any(fell for fell, _ in found)
     assert found[9] == (False, False) and found[11] == (False, True), (
         "2 m/s are missing after 0.4 s"
