@@ -299,9 +299,9 @@ def test_every_double_survives_a_dump(value):
 
 def test_what_is_stated_is_known_with_its_place_and_nothing_else(defaults, tmp_path):
     extra = override(tmp_path, section("mass_kg: 8.0"))
-    found = stated(TABLE, [extra], "plant")
-    assert {name: entry.value for name, entry in found.items()} == {"mass_kg": 8.0}
-    assert found["mass_kg"].where.startswith(f"{extra}:")
+    assigned = stated(TABLE, [extra], "plant")
+    assert {name: entry.value for name, entry in assigned.items()} == {"mass_kg": 8.0}
+    assert assigned["mass_kg"].where.startswith(f"{extra}:")
     with pytest.raises(ParameterError) as caught:
         stated(TABLE, [override(tmp_path, section("mas_kg: 8.0"))], "plant")
     assert caught.value.cause == Cause.UNKNOWN_KEY
@@ -330,9 +330,9 @@ SCALARS = [
 
 @pytest.mark.parametrize(("text", "value"), SCALARS)
 def test_scalars_as_rcl_reads_them(text, value):
-    found = rcl_yaml.scalar(text, quoted=False)
-    assert found == value
-    assert type(found) is type(value)
+    read = rcl_yaml.scalar(text, quoted=False)
+    assert read == value
+    assert type(read) is type(value)
     assert rcl_yaml.scalar(text, quoted=True) == text
 
 

@@ -82,8 +82,10 @@ def test_each_place_has_a_name_and_the_size_fits(name):
 
 
 def test_all_rows_are_spelled_out():
-    found = {name for name, row in vars(rows).items() if hasattr(row, "_asdict") and name.isupper()}
-    assert found == set(SPELLED)
+    defined = {
+        name for name, row in vars(rows).items() if hasattr(row, "_asdict") and name.isupper()
+    }
+    assert defined == set(SPELLED)
 
 
 def test_rows_that_share_their_first_places_agree():

@@ -142,22 +142,22 @@ def with_faults(plant, *texts):
 
 def test_a_fault_without_a_beginning_begins_when_the_plant_hears_of_it(bench):
     """By its clock, not by the sender's; then it is as one that was given with that time."""
-    plant, told = bench(PlantNode), bench(PlantNode)
-    for one in (plant, told):
+    plant, from_file = bench(PlantNode), bench(PlantNode)
+    for one in (plant, from_file):
         one.fly()
         for tick in range(20):
             one.send(topics.ACTUATORS, tick, U)
     assert with_faults(plant, "{what: imu, kind: bias, value: [1, 0, 0, 0, 0, 0], duration_s: 0.1}",
                        "{what: baro, kind: loss, start_s: now}").successful  # fmt: skip
     later = "start_s: 0.21"
-    given = plant.node.get_parameter("faults").value
-    assert len(given) == 2 and all(later in text for text in given)
-    assert with_faults(told, *given).successful
-    for one in (plant, told):
+    begun = plant.node.get_parameter("faults").value
+    assert len(begun) == 2 and all(later in text for text in begun)
+    assert with_faults(from_file, *begun).successful
+    for one in (plant, from_file):
         for tick in range(20, 40):
             one.send(topics.ACTUATORS, tick, U)
     imu = np.array(plant.sent[topics.IMU])
-    np.testing.assert_array_equal(imu, told.sent[topics.IMU])
+    np.testing.assert_array_equal(imu, from_file.sent[topics.IMU])
     felt = np.flatnonzero(np.abs(np.diff(imu[:, 0])) > 0.5) + 1
     assert felt.tolist() == [21, 31]
     facts = plant.node._facts_now()
