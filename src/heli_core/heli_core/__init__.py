@@ -7,10 +7,11 @@ __getattr__, __dir__, __all__ = face(
     __name__,
     {
         "command_line": ["MissingFileError", "config_folder", "executable", "share_folder"],
+        "errors": ["ParameterCause", "ParameterError"],
         "jit": ["njit"],
         "linear": ["hover_system"],
         "parameters": ["Parameter", "why_refused", "load", "with_common"],
-        "rcl_yaml": ["ParameterError", "dump_all"],
+        "rcl_yaml": ["dump_all"],
         "signals": ["Multisine", "design_multisine"],
         "trajectory": ["Trajectory", "TrajectoryError"],
     },

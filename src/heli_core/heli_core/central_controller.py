@@ -147,14 +147,14 @@ def central_controller(plant: GeneralisedPlant, gamma: float) -> CentralControll
         gamma is not above gamma*.
     """
     normal = _normalised(plant, to_continuous(plant.system), gamma)
-    found = _solved(normal)
-    continuous, input_of_u = _central(normal, found)
+    solution = _solved(normal)
+    continuous, input_of_u = _central(normal, solution)
     heard = continuous._replace(
         B=np.hstack([continuous.B, input_of_u]), D=np.pad(continuous.D, ((0, 0), (0, plant.n_u)))
     )
     A, B, C, D = to_sampled(heard)
     from_y = System(A, B[:, : plant.n_y], C, D[:, : plant.n_y])
-    return CentralController(gamma, from_y, B[:, plant.n_y :], found.radius, found.residual)
+    return CentralController(gamma, from_y, B[:, plant.n_y :], solution.radius, solution.residual)
 
 
 def optimal_gamma(plant: GeneralisedPlant, start: float = 1.0) -> GammaInfimum:
@@ -186,11 +186,11 @@ def optimal_gamma(plant: GeneralisedPlant, start: float = 1.0) -> GammaInfimum:
             return GammaInfimum(0.0, high, Obstacle.DIRECT)
     while high > low * (1.0 + _BISECTION):
         middle = float(np.sqrt(low * high))
-        found = obstacle(middle)
-        if found is None:
+        obstacle_here = obstacle(middle)
+        if obstacle_here is None:
             high = middle
         else:
-            low, ends = middle, found
+            low, ends = middle, obstacle_here
     return GammaInfimum(low, high, ends)
 
 
@@ -295,10 +295,10 @@ def _riccati(
     return X, F, float(np.linalg.norm(left) / sum(np.linalg.norm(term) for term in terms))
 
 
-def _central(normal: _Normal, found: _Solution) -> tuple[System, Matrix]:
+def _central(normal: _Normal, solution: _Solution) -> tuple[System, Matrix]:
     """Controller in continuous time, from y to u, and what u does to its state (n, n_u)."""
     A, B1, B2, C1, C2, D11, D22, unit_u, unit_y, _ = normal
-    F, L, Z = found.F, found.L, found.Z
+    F, L, Z = solution.F, solution.L, solution.Z
     m1, m2, p1, p2 = B1.shape[1], B2.shape[1], C1.shape[0], C2.shape[0]
     q, k = p1 - m2, m1 - p2
     D_1, D_2 = D11[:q], D11[q:]
@@ -309,8 +309,13 @@ def _central(normal: _Normal, found: _Solution) -> tuple[System, Matrix]:
     from_y = observed @ D_y - Z @ L[:, p1:]
     A_k = A + np.hstack([B1, B2]) @ F - from_y @ (C2 + F[k:m1])
     # y of the normal plant is unit_y (y - D22 u)
-    own = System(A_k, from_y @ unit_y, unit_u @ C, unit_u @ D_y @ unit_y)
-    turn = np.linalg.inv(np.eye(m2) + own.D @ D22)
-    C_u, D_u = turn @ own.C, turn @ own.D
-    B_u = observed @ np.linalg.inv(unit_u) - own.B @ D22
-    return System(own.A - own.B @ D22 @ C_u, own.B - own.B @ D22 @ D_u, C_u, D_u), B_u
+    without_d22 = System(A_k, from_y @ unit_y, unit_u @ C, unit_u @ D_y @ unit_y)
+    turn = np.linalg.inv(np.eye(m2) + without_d22.D @ D22)
+    C_u, D_u = turn @ without_d22.C, turn @ without_d22.D
+    B_u = observed @ np.linalg.inv(unit_u) - without_d22.B @ D22
+    return System(
+        without_d22.A - without_d22.B @ D22 @ C_u,
+        without_d22.B - without_d22.B @ D22 @ D_u,
+        C_u,
+        D_u,
+    ), B_u

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 
-from heli_core.rcl_yaml import ParameterError
+from heli_core.rcl_yaml import ParameterCause, ParameterError
 
 # -------------------------------------------------------------------------------------------------
 # Command line.
@@ -70,11 +70,13 @@ def parse(argv: Sequence[str], node_name: str) -> CommandLine:
         elif word == "--":
             in_ros = False
         elif not in_ros:
-            raise ParameterError(f"unknown argument '{word}'; parameters follow --ros-args")
+            raise ParameterError(
+                f"unknown argument '{word}'; parameters follow --ros-args", ParameterCause.SYNTAX
+            )
         elif word in ("--params-file", "-p", "--param", "-r", "--remap"):
             value = next(words, None)
             if value is None:
-                raise ParameterError(f"{word} needs a value")
+                raise ParameterError(f"{word} needs a value", ParameterCause.MISSING)
             if word == "--params-file":
                 line.params_files.append(value)
             elif word in ("-p", "--param"):
@@ -151,10 +153,10 @@ def executable(package: str, name: str) -> Path:
 def executables(beginning: str) -> list[tuple[str, str]]:
     """Package and name of every executable of the packages whose names begin so."""
     folders = [prefix / "lib" for prefix in _prefixes()]
-    found = {
+    names = {
         (path.parent.name, path.name)
         for folder in folders
         for path in folder.glob(f"{beginning}*/*")
         if path.is_file() and os.access(path, os.X_OK)
     }
-    return sorted(found)
+    return sorted(names)

@@ -2,6 +2,7 @@
 """Named causes for which a path is refused."""
 
 from enum import Enum
+from typing import Any, Self
 
 # -------------------------------------------------------------------------------------------------
 # Refusals with a named cause: the base of the packages' errors.
@@ -227,13 +228,22 @@ class UnstableLoopError(SynthesisError):
 
 
 class MarginError(SynthesisError):
-    """The loop as flown has less disk margin with this law than `margin_floor`."""
+    """The loop as flown has less disk margin with this law than `margin_floor`.
+
+    Attributes
+    ----------
+    controller, where : str
+        Which one, and where in the loop: at the plant: input or output.
+    margin, floor : float
+        What it has and what it has to have.
+    """
 
     def __init__(self, controller: str, where: str, margin: float, floor: float) -> None:
         super().__init__(
             f"controller: {controller} leaves the loop as flown a disk margin of {margin:.3g} at "
             f"the plant's {where}; allowed: margin_floor = {floor:g} or more"
         )
+        self.controller, self.where, self.margin, self.floor = controller, where, margin, floor
 
 
 def _mode(value: complex) -> str:
@@ -260,12 +270,82 @@ class BrokenFlightError(FlightError):
 
 
 # -------------------------------------------------------------------------------------------------
-# What is wrong with a plant's parameters.
+# Parameters that are refused, with the facts of which the sentence is made.
 # -------------------------------------------------------------------------------------------------
 
 
-class PlantConfigError(ValueError):
-    """Parameters that do not fit together; the message names the key and what is allowed."""
+class ParameterCause(Enum):
+    """Why a parameter or a parameter file is refused."""
+
+    UNREADABLE = "a file is missing, or cannot be read or written"
+    SYNTAX = "it is not YAML, or not as rcl reads it"
+    UNKNOWN_NODE = "the graph has no such node"
+    UNKNOWN_KEY = "the node has no such parameter"
+    RENAMED_KEY = "the parameter has another name now"
+    TWICE = "a key stands there twice"
+    MISSING = "there is no value"
+    TYPE = "the value is of another type"
+    LENGTH = "an array has another number of elements"
+    NOT_FINITE = "a number is not finite"
+    CHOICE = "the value is none of those to choose from"
+    BOUNDS = "a number is out of bounds"
+    READ_ONLY = "it is fixed while the node runs"
+    CONFLICT = "it does not go together with another value"
+
+
+class ParameterRefusal(Exception):
+    """A parameter that cannot be used, whatever it is of; the message is one line for the user.
+
+    Parameters
+    ----------
+    problem : str
+        What is wrong, in words; the line is made of it and of the facts.
+
+    Attributes
+    ----------
+    cause : ParameterCause or None
+        For programs; None where none is named.
+    where, key : str
+        `file:line`, or `-p rule`, and the parameter's name; empty where they are not known.
+    value : Any
+        What is refused; None where it is not a matter of a value.
+    allowed : str
+        What would be allowed, in words.
+    meant : str
+        The name that an unknown one was probably meant for.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        cause: ParameterCause | None = None,
+        *,
+        where: str = "",
+        key: str = "",
+        value: Any = None,
+        allowed: str = "",
+        meant: str = "",
+    ) -> None:
+        super().__init__(problem)
+        self.problem, self.cause, self.where, self.key = problem, cause, where, key
+        self.value, self.allowed, self.meant = value, allowed, meant
+
+    def __str__(self) -> str:
+        line = ": ".join(part for part in (self.where, self.key, self.problem) if part)
+        return f"{line}; allowed: {self.allowed}" if self.allowed else line
+
+    def placed(self, where: str, key: str) -> Self:
+        """The same of a parameter at a place."""
+        self.where, self.key = where, key
+        return self
+
+
+class ParameterError(ParameterRefusal):
+    """A parameter or parameter file that cannot be used."""
+
+
+class PlantConfigError(ParameterRefusal, ValueError):
+    """Parameters of the plant that do not fit together."""
 
 
 class PartError(ValueError):

@@ -25,7 +25,7 @@ def face(
     modules : iterable of str
         Modules of the package that are public themselves.
     """
-    owner = {name: module for module, found in names.items() for name in found}
+    owner = {name: module for module, exported in names.items() for name in exported}
     public = sorted({*owner, *modules})
 
     def load(name: str) -> Any:

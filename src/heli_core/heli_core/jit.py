@@ -106,22 +106,22 @@ def _imports_of(path: Path, package: str) -> tuple[bytes, tuple[str, ...]]:
 
 def _sources(module: str, path: Path) -> dict[str, Path]:
     """Files that a module's kernels may depend on: its own and all that it imports, by name."""
-    own = module.split(".")[0]
-    found = {module: path}
+    top_package = module.split(".")[0]
+    files = {module: path}
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        file = found[name]
+        file = files[name]
         package = name if file.name == "__init__.py" else name.rpartition(".")[0]
         for wanted in _imports_of(file, package)[1]:
             top = wanted.split(".")[0]
-            if wanted in found or not (top == own or top.startswith(_STACK)):
+            if wanted in files or not (top == top_package or top.startswith(_STACK)):
                 continue
             target = _file_of(wanted)
             if target is not None:
-                found[wanted] = target
+                files[wanted] = target
                 waiting.append(wanted)
-    return found
+    return files
 
 
 @cache

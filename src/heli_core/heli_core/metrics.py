@@ -321,5 +321,5 @@ def climb_figures(
 
 def _first(mask: NDArray[np.bool_], start: int) -> int | None:
     """First row from start on that is set."""
-    found = np.flatnonzero(mask[start:])
-    return int(found[0]) + start if found.size else None
+    places = np.flatnonzero(mask[start:])
+    return int(places[0]) + start if places.size else None

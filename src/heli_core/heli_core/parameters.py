@@ -18,6 +18,7 @@ import yaml
 
 from heli_core.rcl_yaml import (
     Entry,
+    ParameterCause,
     ParameterError,
     ParameterFile,
     applicable,
@@ -37,10 +38,12 @@ __all__ = [
     "KINDS",
     "Entry",
     "Parameter",
+    "ParameterCause",
     "ParameterError",
     "ParameterFile",
     "check_node_names",
     "dump_all",
+    "refusal",
     "why_refused",
     "load",
     "opened",
@@ -157,24 +160,29 @@ class Parameter:
         self._check_element(value)
         return value
 
-    def _refuse(self, value: Any, reason: str = "") -> ParameterError:
+    def _refuse(self, value: Any, cause: ParameterCause, reason: str = "") -> ParameterError:
         shown = _plain(repr(value) if isinstance(value, str) else value)
         because = f": {reason}" if reason else ""
-        return ParameterError(f"{shown} is not allowed{because}; allowed: {self.allowed()}")
+        return ParameterError(
+            f"{shown} is not allowed{because}", cause, value=value, allowed=self.allowed()
+        )
 
     def _check_type(self, value: Any, expected: type) -> None:
         if type(value) is expected:
             return
         if expected is float and type(value) is int:
-            raise self._refuse(value, f"it is an integer, write {float(value)!r}")
-        raise self._refuse(value, f"it is a {_KIND_NAMES.get(type(value), type(value).__name__)}")
+            reason = f"it is an integer, write {float(value)!r}"
+        else:
+            reason = f"it is a {_KIND_NAMES.get(type(value), type(value).__name__)}"
+        raise self._refuse(value, ParameterCause.TYPE, reason)
 
     def _check_element(self, value: Any) -> None:
         if isinstance(value, float) and not math.isfinite(value):
-            raise self._refuse(value, "it is not finite")
+            raise self._refuse(value, ParameterCause.NOT_FINITE, "it is not finite")
         if self.choices is not None and value not in self.choices:
             near = difflib.get_close_matches(str(value), [str(c) for c in self.choices], n=1)
-            raise self._refuse(value, f"did you mean {near[0]}?" if near else "")
+            reason = f"did you mean {near[0]}?" if near else ""
+            raise self._refuse(value, ParameterCause.CHOICE, reason)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             low = self.lower is not None and (
                 value <= self.lower if self.lower_open else value < self.lower
@@ -183,11 +191,11 @@ class Parameter:
                 value >= self.upper if self.upper_open else value > self.upper
             )
             if low or high:
-                raise self._refuse(value, "out of bounds")
+                raise self._refuse(value, ParameterCause.BOUNDS, "out of bounds")
 
     def _check_array(self, value: Any) -> Any:
         if isinstance(value, (bool, int, float, str, bytes)) or not hasattr(value, "__len__"):
-            raise self._refuse(value, "it is not an array")
+            raise self._refuse(value, ParameterCause.TYPE, "it is not an array")
         items = np.asarray(value).ravel().tolist() if isinstance(value, np.ndarray) else list(value)
         element = float if self.kind == "double[]" else str
         for item in items:
@@ -198,7 +206,7 @@ class Parameter:
             count = len(items)
             fits = count % max(fixed, 1) == 0 if None in self.shape else count == fixed
             if not fits:
-                raise self._refuse(items, f"it has {count} elements")
+                raise self._refuse(items, ParameterCause.LENGTH, f"it has {count} elements")
         if element is str:
             return tuple(items)
         flat = np.array(items, dtype=np.float64)
@@ -217,15 +225,29 @@ def _plain(value: Any) -> str:
 
 def suggestion(table: Mapping[str, Parameter], key: str) -> str:
     """Words about a name that a table does not have: what it may have been meant for."""
+    return unknown(table, key).problem
+
+
+def unknown(table: Mapping[str, Parameter], key: str, where: str = "") -> ParameterError:
+    """The refusal of a name that a table does not have; it names what may have been meant."""
     renamed = next((row.name for row in table.values() if row.was == key), None)
     if renamed is not None:
-        return f"is called '{renamed}' now; change the name"
+        problem = f"is called '{renamed}' now; change the name"
+        return ParameterError(
+            problem, ParameterCause.RENAMED_KEY, where=where, key=key, meant=renamed
+        )
     near = difflib.get_close_matches(key, table, n=1, cutoff=0.5)
     if not near:
         leaf = key.rsplit(".", 1)[-1]
         near = [name for name in table if name.rsplit(".", 1)[-1] == leaf][:1]
     hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(table))}"
-    return f"unknown parameter; {hint}"
+    return ParameterError(
+        f"unknown parameter; {hint}",
+        ParameterCause.UNKNOWN_KEY,
+        where=where,
+        key=key,
+        meant="".join(near),
+    )
 
 
 def _index(table: Iterable[Parameter]) -> dict[str, Parameter]:
@@ -244,22 +266,24 @@ def _is_of_ros(key: str) -> bool:
 def _assignments(rules: Sequence[str], node_name: str) -> list[Entry]:
     """Entries of `-p [node:]name:=value` rules that concern the node."""
 
-    found = []
+    assigned = []
     for rule in rules:
         left, separator, text = rule.partition(":=")
         where = f"-p {rule}"
         if not separator:
-            raise ParameterError(f"{where}: expected name:=value")
+            raise ParameterError("expected name:=value", ParameterCause.SYNTAX, where=where)
         node, _, key = left.rpartition(":")
         if node and node.strip("/") not in (node_name.strip("/"), node_name.rsplit("/", 1)[-1]):
             continue
         try:
             tree = yaml.compose(text, Loader=yaml.SafeLoader)
         except yaml.YAMLError as error:
-            raise ParameterError(f"{where}: {key}: value is not valid YAML") from error
+            raise ParameterError(
+                "value is not valid YAML", ParameterCause.SYNTAX, where=where, key=key
+            ) from error
         value = scalar("", True) if tree is None else value_of(tree, where, key)
-        found.append(Entry("", key, value, where))
-    return found
+        assigned.append(Entry("", key, value, where))
+    return assigned
 
 
 def stated(
@@ -287,18 +311,18 @@ def stated(
         One line with file and line, key, value and what is allowed.
     """
     rows, passed_over = _index(table), frozenset(ignore)
-    found = [entry for file in files for entry in applicable(file, node_name)]
+    from_files = [entry for file in files for entry in applicable(file, node_name)]
     strongest: dict[str, Entry] = {}
-    for entry in [*found, *_assignments(rules, node_name)]:
+    for entry in [*from_files, *_assignments(rules, node_name)]:
         if _is_of_ros(entry.key) or entry.key in passed_over:
             continue
         row = rows.get(entry.key)
         if row is None:
-            raise ParameterError(f"{entry.where}: {entry.key}: {suggestion(rows, entry.key)}")
+            raise unknown(rows, entry.key, entry.where)
         try:
             value = row.check(entry.value)
         except ParameterError as error:
-            raise ParameterError(f"{entry.where}: {entry.key}: {error}") from None
+            raise error.placed(entry.where, entry.key) from None
         strongest[entry.key] = Entry(entry.pattern, entry.key, value, entry.where)
     return strongest
 
@@ -338,18 +362,22 @@ def load(
         One line with file and line, key, value and what is allowed.
     """
     rows, layers = _index(table), [opened(file) for file in files]
-    found = stated(rows.values(), layers, node_name, rules, ignore)
+    assigned = stated(rows.values(), layers, node_name, rules, ignore)
     for name, row in rows.items():
-        if name not in found:
+        if name not in assigned:
             sought = ", ".join(str(layer.path) for layer in layers) or "no file given"
             raise ParameterError(
-                f"{sought}: {name}: no value for node '{node_name}'; allowed: {row.allowed()}"
+                f"no value for node '{node_name}'",
+                ParameterCause.MISSING,
+                where=sought,
+                key=name,
+                allowed=row.allowed(),
             )
-    return {name: found[name].value for name in rows}
+    return {name: assigned[name].value for name in rows}
 
 
-def why_refused(table: Iterable[Parameter], name: str, value: Any) -> str:
-    """Reason why a run-time change is refused, as one sentence; empty if it is allowed.
+def refusal(table: Iterable[Parameter], name: str, value: Any) -> ParameterError | None:
+    """Why a run-time change is refused; None if it is allowed.
 
     Parameters
     ----------
@@ -363,14 +391,21 @@ def why_refused(table: Iterable[Parameter], name: str, value: Any) -> str:
     rows = _index(table)
     row = rows.get(name)
     if row is None:
-        return "" if _is_of_ros(name) else f"{name}: {suggestion(rows, name)}"
+        return None if _is_of_ros(name) else unknown(rows, name)
     if row.read_only:
-        return f"{name}: is fixed while the node runs; restart the node to change it"
+        problem = "is fixed while the node runs; restart the node to change it"
+        return ParameterError(problem, ParameterCause.READ_ONLY, key=name, value=value)
     try:
         row.check(value)
     except ParameterError as error:
-        return f"{name}: {error}"
-    return ""
+        return error.placed("", name)
+    return None
+
+
+def why_refused(table: Iterable[Parameter], name: str, value: Any) -> str:
+    """`refusal` as one sentence; empty if the change is allowed."""
+    refused = refusal(table, name, value)
+    return "" if refused is None else str(refused)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -451,6 +486,6 @@ COMMON_TABLE: tuple[Parameter, ...] = (
 
 def with_common(table: Iterable[Parameter]) -> tuple[Parameter, ...]:
     """A node's table with the common rows in front; the node's own row wins where both have one."""
-    own = tuple(table)
-    names = {row.name for row in own}
-    return tuple(row for row in COMMON_TABLE if row.name not in names) + own
+    of_node = tuple(table)
+    names = {row.name for row in of_node}
+    return tuple(row for row in COMMON_TABLE if row.name not in names) + of_node

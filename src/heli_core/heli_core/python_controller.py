@@ -45,7 +45,7 @@ class PythonLaw:
 
     Parameters
     ----------
-    given : callable or object
+    controller : callable or object
         A function, a class (made without arguments), or an object with `step`.
     name : str, optional
         For people; default: its own.
@@ -64,21 +64,21 @@ class PythonLaw:
     LawError
     """
 
-    def __init__(self, given: Any, name: str = "", source: str = "") -> None:
-        self.name = name or _name_of(given)
+    def __init__(self, controller: Any, name: str = "", source: str = "") -> None:
+        self.name = name or _name_of(controller)
         self.source, self.failure = source, ""
-        self.loop = getattr(given, "loop", INNER)
+        self.loop = getattr(controller, "loop", INNER)
         if self.loop not in LOOPS:
             raise LawError(
                 f"law {self.name}: loop = {self.loop!r} is not allowed; allowed: {', '.join(LOOPS)}"
             )
-        made = self._made(given) if inspect.isclass(given) else given
+        made = self._made(controller) if inspect.isclass(controller) else controller
         self._step: Callable[..., Any] = getattr(made, "step", made)
         self._reset: Callable[..., Any] | None = getattr(made, "reset", None)
         if not callable(self._step):
             raise LawError(
-                f"law {self.name}: is a {type(given).__name__}; allowed: a function (x, r, t), or "
-                "a class with step(self, x, r, t)"
+                f"law {self.name}: is a {type(controller).__name__}; allowed: a function "
+                "(x, r, t), or a class with step(self, x, r, t)"
             )
         self._outputs = OUTPUTS[self.loop]
         if not _takes(self._step, 3):
@@ -105,9 +105,9 @@ class PythonLaw:
         """Have it begin: now, and with what is flown until now."""
         if self._reset is None or self.failure:
             return
-        given = (x.copy(), r.copy(), u.copy())[: self._of_reset]
+        arguments = (x.copy(), r.copy(), u.copy())[: self._of_reset]
         try:
-            self._reset(*given)
+            self._reset(*arguments)
         except (Exception, SystemExit) as error:
             self._fail("reset", f"raised {in_one_line(error)}", tick, time_s)
 
@@ -156,9 +156,9 @@ def _count(names: Sequence[str]) -> str:
     return f"{len(names)} finite numbers, {', '.join(names)}"
 
 
-def _name_of(given: Any) -> str:
-    return str(getattr(given, "__qualname__", None) or getattr(given, "__name__", None)
-               or type(given).__name__)  # fmt: skip
+def _name_of(controller: Any) -> str:
+    return str(getattr(controller, "__qualname__", None) or getattr(controller, "__name__", None)
+               or type(controller).__name__)  # fmt: skip
 
 
 def _signature(function: Callable[..., Any]) -> str:
@@ -182,11 +182,11 @@ def _takes(function: Callable[..., Any], count: int) -> bool:
 def in_one_line(error: BaseException) -> str:
     """An exception in one line, with the place where it was raised."""
     words = " ".join(str(error).split())
-    said = f"{type(error).__name__}: {words}" if words else type(error).__name__
+    line = f"{type(error).__name__}: {words}" if words else type(error).__name__
     if isinstance(error, SyntaxError):
-        return said
+        return line
     places = traceback.extract_tb(error.__traceback__)
-    return f"{said} ({Path(places[-1].filename).name}:{places[-1].lineno})" if places else said
+    return f"{line} ({Path(places[-1].filename).name}:{places[-1].lineno})" if places else line
 
 
 def full_source(text: str) -> str:
@@ -211,13 +211,13 @@ def short_name(source: str) -> str:
     return f"{Path(where).stem}:{name}" if where.endswith(".py") else source
 
 
-def source_of(given: Any) -> str:
+def source_of(controller: Any) -> str:
     """How another process finds what is given; its module is GIVEN where it cannot."""
-    name, module = _name_of(given), getattr(given, "__module__", None)
+    name, module = _name_of(controller), getattr(controller, "__module__", None)
     known = sys.modules.get(module or "")
     for part in name.split("."):
         known = getattr(known, part, None)
-    return f"{module}:{name}" if known is given and module != "__main__" else f"{GIVEN}:{name}"
+    return f"{module}:{name}" if known is controller and module != "__main__" else f"{GIVEN}:{name}"
 
 
 def find(text: str) -> PythonLaw:
@@ -241,12 +241,12 @@ def find(text: str) -> PythonLaw:
         module = _of_file(Path(where)) if where.endswith(".py") else _of_module(where)
     except (Exception, SystemExit) as error:
         raise LawError(f"law {short}: cannot be imported: {in_one_line(error)}") from error
-    given: Any = module
+    target: Any = module
     for part in name.split("."):
-        if not hasattr(given, part):
+        if not hasattr(target, part):
             raise LawError(f"law {short}: {getattr(module, '__file__', where)} has no {name}")
-        given = getattr(given, part)
-    return PythonLaw(given, short, source)
+        target = getattr(target, part)
+    return PythonLaw(target, short, source)
 
 
 def _of_file(path: Path) -> ModuleType:

@@ -18,6 +18,9 @@ from typing import Any
 import numpy as np
 import yaml
 
+from heli_core.errors import ParameterCause as ParameterCause
+from heli_core.errors import ParameterError as ParameterError
+
 # -------------------------------------------------------------------------------------------------
 # A text out of a file or a message, fit for a sentence.
 # -------------------------------------------------------------------------------------------------
@@ -51,10 +54,6 @@ _MOST_DIGITS, _BEYOND_INT64 = 200, 2**63
 
 # libyaml where it is built in: ten times faster, and a node reads three files at start.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-class ParameterError(Exception):
-    """A parameter or parameter file that cannot be used; the message is one line for the user."""
 
 
 @dataclass(frozen=True)
@@ -119,37 +118,60 @@ def value_of(node: yaml.Node, where: str, key: str) -> Any:
     """Scalar or homogeneous array of a YAML node; `ParameterError` for anything else."""
     if isinstance(node, yaml.ScalarNode):
         if node.value == "" and not node.style:
-            raise ParameterError(f"{where}: {key}: no value given")
+            raise ParameterError("no value given", ParameterCause.MISSING, where=where, key=key)
         return scalar(node.value, bool(node.style))
     if not isinstance(node, yaml.SequenceNode):
-        raise ParameterError(f"{where}: {key}: expected a value or an array")
+        raise ParameterError(
+            "expected a value or an array", ParameterCause.TYPE, where=where, key=key
+        )
     items: list[Any] = []
     for item in node.value:
         if not isinstance(item, yaml.ScalarNode):
             raise ParameterError(
-                f"{where}: {key}: arrays must be flat; write a matrix row by row in one array"
+                "arrays must be flat; write a matrix row by row in one array",
+                ParameterCause.TYPE,
+                where=where,
+                key=key,
             )
         items.append(scalar(item.value, bool(item.style)))
     kinds = {type(item) for item in items}
     if kinds == {int, float}:
         whole = next(item for item in items if type(item) is int)
         raise ParameterError(
-            f"{where}: {key}: mixes integers and doubles; write {float(whole)!r} instead of {whole}"
+            f"mixes integers and doubles; write {float(whole)!r} instead of {whole}",
+            ParameterCause.TYPE,
+            where=where,
+            key=key,
+            value=items,
         )
     if len(kinds) > 1:
         names = ", ".join(sorted(kind.__name__ for kind in kinds))
-        raise ParameterError(f"{where}: {key}: one array holds different types ({names})")
+        raise ParameterError(
+            f"one array holds different types ({names})",
+            ParameterCause.TYPE,
+            where=where,
+            key=key,
+            value=items,
+        )
     return items
 
 
 def _text(path: Path) -> str:
     if not path.exists():
-        raise ParameterError(f"{path}: parameter file does not exist")
+        raise ParameterError(
+            "parameter file does not exist", ParameterCause.UNREADABLE, where=str(path)
+        )
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ParameterError(f"{path}: cannot read parameter file: {reason}") from error
+        raise ParameterError(
+            f"cannot read parameter file: {reason}", ParameterCause.UNREADABLE, where=str(path)
+        ) from error
+
+
+def _malformed(problem: str, where: str, key: str = "") -> ParameterError:
+    return ParameterError(problem, ParameterCause.SYNTAX, where=where, key=key)
 
 
 def _root(path: Path, text: str) -> yaml.MappingNode:
@@ -157,36 +179,38 @@ def _root(path: Path, text: str) -> yaml.MappingNode:
         for event in yaml.parse(text, Loader=_LOADER):
             if isinstance(event, yaml.AliasEvent):
                 line = event.start_mark.line + 1 if event.start_mark else 0
-                raise ParameterError(f"{path}:{line}: YAML aliases are not allowed")
+                raise _malformed("YAML aliases are not allowed", f"{path}:{line}")
         root = yaml.compose(text, Loader=_LOADER)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line_text = f":{mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise ParameterError(f"{path}{line_text}: not valid YAML: {problem}") from error
+        raise _malformed(f"not valid YAML: {problem}", f"{path}{line_text}") from error
     if not isinstance(root, yaml.MappingNode):
-        raise ParameterError(f"{path}: not a ROS parameter file: expected 'node: {_SECTION}: ...'")
+        raise _malformed(f"not a ROS parameter file: expected 'node: {_SECTION}: ...'", str(path))
     return root
 
 
 def _pairs(node: yaml.MappingNode, path: Path) -> Iterator[tuple[str, yaml.Node, str]]:
     """(printable key, value node, place) of a mapping; a repeated key is an error."""
-    seen: set[str] = set()
+    earlier: set[str] = set()
     for key_node, value_node in node.value:
         where = f"{path}:{key_node.start_mark.line + 1}"
         if not isinstance(key_node, yaml.ScalarNode):
-            raise ParameterError(f"{where}: a key must be a word")
+            raise _malformed("a key must be a word", where)
         key = printable(key_node.value)
-        if key in seen:
-            raise ParameterError(f"{where}: {key}: the key stands here twice")
-        seen.add(key)
+        if key in earlier:
+            raise ParameterError(
+                "the key stands here twice", ParameterCause.TWICE, where=where, key=key
+            )
+        earlier.add(key)
         yield key, value_node, where
 
 
 def _parameters(node: yaml.Node, path: Path, pattern: str, prefix: str) -> Iterator[Entry]:
     if not isinstance(node, yaml.MappingNode):
         line = node.start_mark.line + 1
-        raise ParameterError(f"{path}:{line}: {_SECTION}: expected 'key: value'")
+        raise _malformed(f"{_SECTION}: expected 'key: value'", f"{path}:{line}")
     for key, value_node, where in _pairs(node, path):
         name = f"{prefix}{key}"
         if isinstance(value_node, yaml.MappingNode):
@@ -201,14 +225,15 @@ def _sections(
     for key, value_node, where in _pairs(node, path):
         if key == _SECTION:
             if not pattern:
-                raise ParameterError(f"{where}: {_SECTION} must stand below a node name")
+                raise _malformed(f"{_SECTION} must stand below a node name", where)
             yield pattern, value_node, where
         elif isinstance(value_node, yaml.MappingNode):
             yield from _sections(value_node, path, f"{pattern}/{key.strip('/')}")
         else:
-            raise ParameterError(
-                f"{where}: {key}: stands outside of '{_SECTION}'; "
-                f"expected 'node: {_SECTION}: {key}: ...'"
+            raise _malformed(
+                f"stands outside of '{_SECTION}'; expected 'node: {_SECTION}: {key}: ...'",
+                where,
+                key,
             )
 
 
@@ -248,7 +273,7 @@ def _content(path: Path, text: str) -> ParameterFile:
     try:
         return _parsed(path, text)
     except RecursionError:
-        raise ParameterError(f"{path}: not valid YAML: nested too deeply") from None
+        raise _malformed("not valid YAML: nested too deeply", str(path)) from None
 
 
 def _parsed(path: Path, text: str) -> ParameterFile:
@@ -325,7 +350,11 @@ def check_node_names(
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean '{near[0]}'? " if near else ""
             raise ParameterError(
-                f"{where}: {pattern}: unknown node '{name}'; {hint}allowed: {', '.join(known)}"
+                f"{pattern}: unknown node '{name}'; {hint}allowed: {', '.join(known)}",
+                ParameterCause.UNKNOWN_NODE,
+                where=where,
+                value=name,
+                meant="".join(near),
             )
 
 
@@ -384,4 +413,8 @@ def dump_all(
     try:
         Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
-        raise ParameterError(f"{path}: cannot write parameters: {error.strerror}") from error
+        raise ParameterError(
+            f"cannot write parameters: {error.strerror}",
+            ParameterCause.UNREADABLE,
+            where=str(path),
+        ) from error

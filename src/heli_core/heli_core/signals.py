@@ -242,12 +242,14 @@ def design_multisine(
     amplitude = np.zeros((lines.size, strength.size))
     phase = np.zeros_like(amplitude)
     for j, wanted in enumerate(strength):
-        own = owner == j
-        raw = np.asarray(weight, float)[own]
+        of_channel = owner == j
+        raw = np.asarray(weight, float)[of_channel]
         if raw.size == 0:
             continue
-        amplitude[own, j] = raw * wanted / math.sqrt(0.5 * float(np.sum(raw**2)))
-        phase[own, j] = low_crest_phases(period_s, lines[own], amplitude[own, j], seed + j)
+        amplitude[of_channel, j] = raw * wanted / math.sqrt(0.5 * float(np.sum(raw**2)))
+        phase[of_channel, j] = low_crest_phases(
+            period_s, lines[of_channel], amplitude[of_channel, j], seed + j
+        )
     return Multisine(float(period_s), lines, amplitude, phase)
 
 

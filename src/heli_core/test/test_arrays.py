@@ -22,12 +22,12 @@ def _weighted(x):
 @njit
 def _deep(x, depth):
     """Each call has memory of its own, though the next one lies where the last one was."""
-    own, total = scratch(N), 0.0
-    copy(own, x)
+    copied, total = scratch(N), 0.0
+    copy(copied, x)
     for _ in range(depth):
-        total += _weighted(own)
-        fill(own, own[0] + 1.0)
-    return total + own[0]
+        total += _weighted(copied)
+        fill(copied, copied[0] + 1.0)
+    return total + copied[0]
 
 
 def test_scratch_is_an_array_of_the_kernel():
@@ -46,7 +46,7 @@ def test_a_kernel_of_njit_makes_no_array_that_somebody_must_free():
         return np.zeros(3) + x
 
     assert made(1.0).tolist() == [1.0, 1.0, 1.0]
-    with pytest.raises(NumbaError, match="returning of array"):
+    with pytest.raises(NumbaError, match="array"):
         refused(1.0)
 
 

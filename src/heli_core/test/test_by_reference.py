@@ -30,7 +30,7 @@ class Part(NamedTuple):
 
 @by_reference
 class Whole(NamedTuple):
-    """A tuple in a tuple."""
+    """A nested tuple."""
 
     part: Part
     scale: float
@@ -107,7 +107,7 @@ def test_a_copy_has_an_address_of_its_own(again):
 def test_python_sees_a_tuple():
     k = whole()
     assert k == whole()._replace(part=k.part) and k._fields == ("part", "scale")
-    assert Whole.__name__ == "Whole" and Whole.__doc__ == "A tuple in a tuple."
+    assert Whole.__name__ == "Whole" and Whole.__doc__ == "A nested tuple."
     part, scale = k
     assert (part, scale) == (k.part, 2.0)
 

@@ -52,12 +52,12 @@ def test_norm_is_below_gamma_and_near_the_infimum_close_to_it(seed):
     plant = random_plant(seed)
     best = optimal_gamma(plant)
     for ratio in (1.001, 1.3):
-        found = central_controller(plant, ratio * best.value)
-        assert closed_radius(plant, found.system) < 1.0
-        gains = closed_gains(plant, found.system, np.linspace(0.0, np.pi, 600))
+        controller = central_controller(plant, ratio * best.value)
+        assert closed_radius(plant, controller.system) < 1.0
+        gains = closed_gains(plant, controller.system, np.linspace(0.0, np.pi, 600))
         assert gains.max() < ratio * best.value
-        assert found.radius < 1.0
-        assert found.residual < 1e-6
+        assert controller.radius < 1.0
+        assert controller.residual < 1e-6
     with pytest.raises(NoControllerError):
         central_controller(plant, 0.999 * best.lower)
 
@@ -86,9 +86,9 @@ def test_infimum_of_a_scalar_with_a_known_answer():
 
     starts = ([0.1, -0.25, -0.3], [0.0, -0.01, -0.6])
     options = {"maxiter": 1500, "xatol": 1e-8, "fatol": 1e-9}
-    found = min(minimize(norm, s, method="Nelder-Mead", options=options).fun for s in starts)
-    assert optimal_gamma(plant).value == pytest.approx(found, rel=3e-3)
-    assert optimal_gamma(plant).value <= found * (1.0 + 2e-4)
+    least = min(minimize(norm, s, method="Nelder-Mead", options=options).fun for s in starts)
+    assert optimal_gamma(plant).value == pytest.approx(least, rel=3e-3)
+    assert optimal_gamma(plant).value <= least * (1.0 + 2e-4)
 
 
 def test_integrals_of_what_is_measured_are_known():
@@ -103,11 +103,11 @@ def test_integrals_of_what_is_measured_are_known():
     D[-3:, n_w:] = 0.0
     plant = GeneralisedPlant(System(A, B, C, D), 2, 3, 1)
     best = optimal_gamma(plant)
-    found = central_controller(plant, 1.1 * best.value)
-    gains = closed_gains(plant, found.system, np.geomspace(1e-3, np.pi, 600))
+    controller = central_controller(plant, 1.1 * best.value)
+    gains = closed_gains(plant, controller.system, np.geomspace(1e-3, np.pi, 600))
     assert gains.max() < 1.1 * best.value
-    assert found.residual < 1e-6
-    assert np.min(np.abs(np.linalg.eigvals(found.system.A) - 1.0)) < 1e-6
+    assert controller.residual < 1e-6
+    assert np.min(np.abs(np.linalg.eigvals(controller.system.A) - 1.0)) < 1e-6
 
 
 def test_bilinear_map_there_and_back():
@@ -129,9 +129,9 @@ def test_direct_path_that_no_controller_reaches_ends_feasibility():
     C, D = system.C.copy(), system.D.copy()
     C[0], D[0] = 0.0, 0.0
     D[0, 0] = 1000.0
-    found = optimal_gamma(GeneralisedPlant(System(system.A, system.B, C, D), 2, 3))
-    assert found.value == pytest.approx(1000.0, rel=2e-4)
-    assert found.mechanism is Obstacle.DIRECT
+    infimum = optimal_gamma(GeneralisedPlant(System(system.A, system.B, C, D), 2, 3))
+    assert infimum.value == pytest.approx(1000.0, rel=2e-4)
+    assert infimum.mechanism is Obstacle.DIRECT
 
 
 def test_a_plant_that_u_cannot_stabilise_has_no_controller():
@@ -179,8 +179,8 @@ def test_controller_and_infimum_are_those_of_slicot():
     assert best.lower < SLICOT_INFIMUM < best.value
     K = central_controller(plant, 15.0).system
     for z, expected in SLICOT_CONTROLLER.items():
-        found = K.D + K.C @ np.linalg.solve(z * np.eye(K.A.shape[0]) - K.A, K.B)
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
+        response = K.D + K.C @ np.linalg.solve(z * np.eye(K.A.shape[0]) - K.A, K.B)
+        np.testing.assert_allclose(response, expected, rtol=0.0, atol=1e-9)
     # The norm that SB10FD's controller has in the loop.
     gains = closed_gains(plant, K, np.linspace(0.0, np.pi, 2000))
     assert gains.max() == pytest.approx(14.77816611, rel=1e-4)

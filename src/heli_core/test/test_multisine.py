@@ -37,9 +37,9 @@ def test_lines_are_whole_multiples_of_the_grid_inside_their_bands_and_never_shar
     assert np.all(np.count_nonzero(multisine.amplitude, axis=1) == 1)
     assert np.count_nonzero(multisine.amplitude, axis=0).tolist() == [16, 16, 10]
     for j, (low, high) in enumerate(BANDS_HZ):
-        own = multisine.frequency_hz[multisine.amplitude[:, j] > 0.0]
-        assert low - 1e-9 <= own.min() < own.max() <= high + 1e-9
-        assert own.max() > 0.7 * high
+        lines_hz = multisine.frequency_hz[multisine.amplitude[:, j] > 0.0]
+        assert low - 1e-9 <= lines_hz.min() < lines_hz.max() <= high + 1e-9
+        assert lines_hz.max() > 0.7 * high
 
 
 def test_even_distortion_falls_between_odd_lines():
@@ -59,9 +59,12 @@ def test_periods_repeat_and_strength_and_shape_are_as_wanted(multisine):
     np.testing.assert_allclose(multisine.at(time_s + 3.0 * PERIOD_S), values, atol=1e-10)
     np.testing.assert_allclose(values.std(axis=0), [0.1, 0.2, 0.05], rtol=1e-10)
     np.testing.assert_allclose(multisine.rms, [0.1, 0.2, 0.05])
-    own = multisine.amplitude[:, 0] > 0.0
-    high = multisine.frequency_hz[own] > 2.0
-    ratio = multisine.amplitude[own, 0][high].mean() / multisine.amplitude[own, 0][~high].mean()
+    of_channel = multisine.amplitude[:, 0] > 0.0
+    high = multisine.frequency_hz[of_channel] > 2.0
+    ratio = (
+        multisine.amplitude[of_channel, 0][high].mean()
+        / multisine.amplitude[of_channel, 0][~high].mean()
+    )
     assert ratio == pytest.approx(2.0)
 
 
@@ -74,8 +77,8 @@ def test_spectrum_holds_each_channels_lines_and_nothing_else(multisine):
 
 
 def test_crest_factor_is_far_below_that_of_random_phases(multisine):
-    own = multisine.amplitude[:, 0] > 0.0
-    lines, size = multisine.frequency_hz[own], multisine.amplitude[own, 0]
+    of_channel = multisine.amplitude[:, 0] > 0.0
+    lines, size = multisine.frequency_hz[of_channel], multisine.amplitude[of_channel, 0]
     rng, time_s = np.random.default_rng(1), np.arange(4000) / 200.0
     random = []
     for _ in range(200):
@@ -95,16 +98,16 @@ def test_fades_are_smooth_and_silent_outside():
 
 
 def test_a_line_off_the_grid_and_a_crowded_band_are_refused():
-    with pytest.raises(ValueError, match=r"1\.03 Hz is not a whole multiple"):
+    with pytest.raises(ValueError, match=r"1\.03 Hz"):
         design_multisine(PERIOD_S, [1.03], [0], [1.0], [0.1])
-    with pytest.raises(ValueError, match="channel 1: fewer than 9 free lines"):
+    with pytest.raises(ValueError, match="channel 1: .* 9 "):
         zippered_lines(1.0, [[1.0, 4.0], [1.0, 4.0]], [2, 9])
 
 
 def test_channels_of_one_band_interleave_down_to_its_lower_end():
     lines, channel = zippered_lines(PERIOD_S, [[0.05, 4.0]] * 3, [12] * 3, odd=True)
     for j in range(3):
-        own = lines[channel == j]
-        assert own.size == 12
-        assert own.min() < 0.3
-        assert own.max() > 2.0
+        of_channel = lines[channel == j]
+        assert of_channel.size == 12
+        assert of_channel.min() < 0.3
+        assert of_channel.max() > 2.0

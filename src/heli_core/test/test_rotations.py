@@ -60,9 +60,9 @@ def test_euler_at_gimbal_lock_reproduces_the_rotation(theta):
 def test_rotation_vector_is_exact_across_the_series_branch(scale):
     v = scale * np.array([0.6, -0.48, 0.64])
     expected = Rotation.from_rotvec(v).as_quat()[[3, 0, 1, 2]]
-    found = np.empty(4)
-    rotations.fill_from_rotvec(v, found)
-    np.testing.assert_allclose(found, expected, atol=1e-16, rtol=1e-14)
+    quat = np.empty(4)
+    rotations.fill_from_rotvec(v, quat)
+    np.testing.assert_allclose(quat, expected, atol=1e-16, rtol=1e-14)
 
 
 def test_wrap_crosses_plus_minus_180_degrees():
@@ -88,16 +88,16 @@ def test_rotation_between_is_scipys():
     turn = Rotation.from_rotvec(rng.normal(size=(50, 3)) * np.geomspace(1e-9, 1.0, 50)[:, None])
     second = turn * first
     sign = rng.choice([-1.0, 1.0], (50, 1))
-    found = rotations.rotation_between(
+    rotvec = rotations.rotation_between(
         np.roll(first.as_quat(), 1, axis=1), sign * np.roll(second.as_quat(), 1, axis=1)
     )
-    assert found == pytest.approx(turn.as_rotvec(), abs=1e-12)
+    assert rotvec == pytest.approx(turn.as_rotvec(), abs=1e-12)
 
 
 def test_equal_attitudes_and_missing_ones():
     q = np.array([[0.5, 0.5, -0.5, 0.5], [np.nan] * 4])
-    found = rotations.rotation_between(q, q)
-    assert found[0] == pytest.approx(np.zeros(3), abs=1e-15) and np.isnan(found[1]).all()
+    rotvecs = rotations.rotation_between(q, q)
+    assert rotvecs[0] == pytest.approx(np.zeros(3), abs=1e-15) and np.isnan(rotvecs[1]).all()
 
 
 def test_standard_atmosphere_table():

@@ -82,8 +82,10 @@ def test_each_place_has_a_name_and_the_size_fits(name):
 
 
 def test_all_rows_are_spelled_out():
-    found = {name for name, row in vars(rows).items() if hasattr(row, "_asdict") and name.isupper()}
-    assert found == set(SPELLED)
+    defined = {
+        name for name, row in vars(rows).items() if hasattr(row, "_asdict") and name.isupper()
+    }
+    assert defined == set(SPELLED)
 
 
 def test_rows_that_share_their_first_places_agree():
@@ -116,7 +118,17 @@ def test_a_kernel_finds_the_same_places_as_numpy():
 
 
 def test_names_of_the_linear_model_have_their_order():
-    assert " ".join(state_names.STATE_NAMES) == "phi theta p q a_s b_s r d_int psi"
+    assert list(state_names.STATE_NAMES) == [
+        "phi",
+        "theta",
+        "p",
+        "q",
+        "a_s",
+        "b_s",
+        "r",
+        "d_int",
+        "psi",
+    ]
     named = np.array(state_names.STATE_NAMES)
     assert named[list(state_names.MEASURED)].tolist() == ["phi", "theta", "p", "q", "r", "psi"]
     assert named[list(state_names.UNMEASURED)].tolist() == SPELLED["ROTOR"].split()

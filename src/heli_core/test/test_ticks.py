@@ -53,5 +53,5 @@ def test_a_rate_divides_ten_milliseconds_and_schedules_keep_their_times():
 
 @pytest.mark.parametrize("hz", [0, 50, 150, 300, 401, -100])
 def test_another_rate_is_refused(hz):
-    with pytest.raises(ValueError, match=f"rate {hz} Hz is not allowed; allowed: 100, 200, 400"):
+    with pytest.raises(ValueError, match=f"{hz} .*: 100, 200, 400"):
         Rate.of_hz(hz)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from heli_core.errors import ParameterCause, ParameterRefusal
 from heli_core.jit import by_reference
 from heli_core.rcl_yaml import printable
 from heli_core.rows import PLANT
@@ -45,7 +46,7 @@ _LONGEST = 80
 COUPLINGS = ("identified", "eq7")
 
 
-class AircraftError(ValueError):
+class AircraftError(ParameterRefusal, ValueError):
     """An aircraft file that cannot be used; the message names file, key and bounds."""
 
 
@@ -93,8 +94,22 @@ def check(rule: Mapping[str, Any], value: Any) -> None:
             and value < rule["upper"]
         )
     if not good:
-        said = f"{rule['key']}: {_shown(value)} is not allowed"
-        raise AircraftError(f"{said}; allowed: {allowed(rule)}")
+        raise AircraftError(
+            f"{_shown(value)} is not allowed",
+            _cause(rule, value),
+            key=rule["key"],
+            value=value,
+            allowed=allowed(rule),
+        )
+
+
+def _cause(rule: Mapping[str, Any], value: Any) -> ParameterCause:
+    """Why a value that a rule does not allow is not."""
+    if "lower" not in rule:
+        return ParameterCause.CHOICE
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return ParameterCause.TYPE
+    return ParameterCause.BOUNDS if math.isfinite(value) else ParameterCause.NOT_FINITE
 
 
 def _shown(value: Any) -> str:
@@ -106,12 +121,18 @@ def _shown(value: Any) -> str:
 def flatten(tree: Any) -> dict[str, Any]:
     """`{group: {key: value}}` as `{group.key: value}`."""
     if not isinstance(tree, dict):
-        raise AircraftError("expected groups of keys (body:, main_rotor:, ...)")
+        raise AircraftError(
+            "expected groups of keys (body:, main_rotor:, ...)", ParameterCause.SYNTAX
+        )
     flat: dict[str, Any] = {}
     for group, content in tree.items():
         if not isinstance(content, dict):
-            said = f"expected a group of keys, found {_shown(content)}"
-            raise AircraftError(f"{printable(str(group))}: {said}")
+            raise AircraftError(
+                f"expected a group of keys, found {_shown(content)}",
+                ParameterCause.TYPE,
+                key=printable(str(group)),
+                value=content,
+            )
         for key, value in content.items():
             flat[printable(f"{group}.{key}")] = value
     return flat
@@ -145,7 +166,7 @@ def find_aircraft(path: str | Path) -> Path:
     if Path(path).is_file():
         return Path(path)
     hint = f"; packaged: {', '.join(sorted(known)) or 'none'}" if bare else ""
-    raise AircraftError(f"{path}: no such aircraft file{hint}")
+    raise AircraftError(f"no such aircraft file{hint}", ParameterCause.UNREADABLE, where=str(path))
 
 
 def read_groups(file: Path) -> dict[str, Any]:
@@ -153,11 +174,11 @@ def read_groups(file: Path) -> dict[str, Any]:
     try:
         tree = yaml.load(file.read_text(encoding="utf-8"), Loader=_LOADER)
     except (OSError, UnicodeDecodeError) as error:
-        raise AircraftError(f"cannot be read: {error}") from error
+        raise AircraftError(f"cannot be read: {error}", ParameterCause.UNREADABLE) from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         # A date that is none, an integer of thousands of digits, a thousand brackets.
         reason = " ".join(str(error).split())
-        raise AircraftError(f"is not valid YAML: {reason}") from error
+        raise AircraftError(f"is not valid YAML: {reason}", ParameterCause.SYNTAX) from error
     return flatten(tree)
 
 
@@ -778,14 +799,20 @@ class HelicopterParameters(DriveParameters):
             check(item.metadata, getattr(self, item.name))
         if self.fin_stall_full <= self.fin_stall_onset:
             raise AircraftError(
-                f"fins.stall_full: {self.fin_stall_full} is not allowed; allowed: more than "
-                f"fins.stall_onset, {self.fin_stall_onset}"
+                f"{self.fin_stall_full} is not allowed",
+                ParameterCause.CONFLICT,
+                key="fins.stall_full",
+                value=self.fin_stall_full,
+                allowed=f"more than fins.stall_onset, {self.fin_stall_onset}",
             )
         a, b, c = sorted((self.inertia_xx_kgm2, self.inertia_yy_kgm2, self.inertia_zz_kgm2))
         if c > a + b:
             raise AircraftError(
-                f"body.inertia_*: the largest, {c} kg m2, exceeds the others' sum, {a + b:g}: "
-                "no rigid body is like that"
+                f"the largest, {c} kg m2, exceeds the others' sum, {a + b:g}: "
+                "no rigid body is like that",
+                ParameterCause.CONFLICT,
+                key="body.inertia_*",
+                value=c,
             )
 
     @classmethod
@@ -805,7 +832,7 @@ class HelicopterParameters(DriveParameters):
         try:
             return cls.from_values(read_groups(file))
         except AircraftError as error:
-            raise AircraftError(f"{file}: {error}") from None
+            raise error.placed(str(file), error.key) from None
 
     @classmethod
     def from_values(cls, flat: Mapping[str, Any]) -> "HelicopterParameters":
@@ -815,18 +842,27 @@ class HelicopterParameters(DriveParameters):
             if key not in by_key:
                 near = difflib.get_close_matches(key, by_key, n=1)
                 hint = f"; did you mean {near[0]}?" if near else ""
-                raise AircraftError(f"{key}: unknown key{hint}")
+                raise AircraftError(
+                    f"unknown key{hint}", ParameterCause.UNKNOWN_KEY, key=key, meant="".join(near)
+                )
         values = {}
         for key, item in by_key.items():
             if key not in flat:
-                raise AircraftError(f"{key}: missing; allowed: {allowed(item.metadata)}")
+                raise AircraftError(
+                    "missing", ParameterCause.MISSING, key=key, allowed=allowed(item.metadata)
+                )
             value = flat[key]
             if isinstance(value, int) and not isinstance(value, bool):
                 try:
                     value = float(value)
                 except OverflowError:
-                    asked = allowed(item.metadata)
-                    raise AircraftError(f"{key}: too large a number; allowed: {asked}") from None
+                    raise AircraftError(
+                        "too large a number",
+                        ParameterCause.BOUNDS,
+                        key=key,
+                        value=value,
+                        allowed=allowed(item.metadata),
+                    ) from None
             values[item.name] = value
         return cls(**values)
 

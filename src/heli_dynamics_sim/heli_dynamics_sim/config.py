@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heli_core.errors import PlantConfigError
+from heli_core.errors import ParameterCause, ParameterError, PlantConfigError
 from heli_core.faults import Fault, faults_of
 from heli_core.jit import by_reference
-from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import OF_100_HZ, TICK_S, Rate
 from heli_dynamics_sim.aircraft import HelicopterParameters, HelicopterParams, ModelOptions, scaled
 from heli_dynamics_sim.airframe import STEP_S
@@ -179,8 +178,10 @@ def _gps_errors(get: _Get, axes: Any) -> GpsErrorParams:
     least_s = (satellites + blocked) * period_s
     if blocked > 0.0 and blocked_s < least_s:
         raise PlantConfigError(
-            f"sensors.gps.satellites.blocked_s: {blocked_s:g} is not allowed; allowed: at least "
-            f"{least_s:g}, (open + blocked) times the period of the fixes"
+            f"{blocked_s:g} is not allowed; allowed: at least "
+            f"{least_s:g}, (open + blocked) times the period of the fixes",
+            ParameterCause.BOUNDS,
+            key="sensors.gps.satellites.blocked_s",
         )
     between_s, out_s = get("gps.outage.interval_s"), get("gps.outage.duration_s")
     begin = end = 0.0
@@ -251,13 +252,16 @@ def wind_params(values: Mapping[str, Any], aircraft: HelicopterParameters) -> Wi
     speeds = np.array(values["wind.profile_speed_mps"], dtype=np.float64)
     if altitudes.size == 0 or (np.diff(altitudes) <= 0.0).any():
         raise PlantConfigError(
-            f"wind.profile_altitude_m: {altitudes.tolist()} is not allowed; allowed: at least one "
-            "altitude, each above the one before"
+            f"{altitudes.tolist()} is not allowed; allowed: at least one "
+            "altitude, each above the one before",
+            ParameterCause.CONFLICT,
+            key="wind.profile_altitude_m",
         )
     if speeds.size != altitudes.size:
         raise PlantConfigError(
-            f"wind.profile_speed_mps: has {speeds.size} values; allowed: {altitudes.size}, one per "
-            "wind.profile_altitude_m"
+            f"has {speeds.size} values; allowed: {altitudes.size}, one per wind.profile_altitude_m",
+            ParameterCause.LENGTH,
+            key="wind.profile_speed_mps",
         )
     starts = np.array(values["wind.gust.start_s"], dtype=np.float64)
     durations = np.array(values["wind.gust.duration_s"], dtype=np.float64)
@@ -265,8 +269,9 @@ def wind_params(values: Mapping[str, Any], aircraft: HelicopterParameters) -> Wi
     for key, count in (("duration_s", durations.size), ("amplitude_mps", amplitudes.shape[0])):
         if count != starts.size:
             raise PlantConfigError(
-                f"wind.gust.{key}: describes {count} gusts; allowed: {starts.size}, "
-                "as wind.gust.start_s"
+                f"describes {count} gusts; allowed: {starts.size}, as wind.gust.start_s",
+                ParameterCause.LENGTH,
+                key=f"wind.gust.{key}",
             )
     towards_rad = math.radians(values["wind.towards_deg"])
     kernel = WindParams(
@@ -292,13 +297,15 @@ def wind_params(values: Mapping[str, Any], aircraft: HelicopterParameters) -> Wi
     return kernel._replace(w20_mps=_w20_mps(values["wind.w20_mps"], kernel))
 
 
-def _w20_mps(given: float, kernel: WindParams) -> float:
-    if given >= 0.0:
-        return given
+def _w20_mps(w20_mps: float, kernel: WindParams) -> float:
+    if w20_mps >= 0.0:
+        return w20_mps
     if kernel.log_profile:
         raise PlantConfigError(
-            f"wind.w20_mps: {given:g} is not allowed with wind.profile log, which it scales; "
-            "allowed: the wind at 20 ft, at least 0"
+            f"{w20_mps:g} is not allowed with wind.profile log, which it scales; "
+            "allowed: the wind at 20 ft, at least 0",
+            ParameterCause.CONFLICT,
+            key="wind.w20_mps",
         )
     return float(mean_speed(W20_ALTITUDE_M, kernel))
 
@@ -321,8 +328,9 @@ def _random_gusts(values: Mapping[str, Any]) -> RandomGusts:
         low, high = values[f"wind.random_gusts.{key}"]
         if low > high:
             raise PlantConfigError(
-                f"wind.random_gusts.{key}: [{low:g}, {high:g}] is not allowed; allowed: the "
-                "smaller number first"
+                f"[{low:g}, {high:g}] is not allowed; allowed: the smaller number first",
+                ParameterCause.CONFLICT,
+                key=f"wind.random_gusts.{key}",
             )
         return low, high
 
@@ -346,15 +354,19 @@ def _sines_params(values: Mapping[str, Any]) -> SinesParams:
         table = np.array(values[f"wind.sines.{key}"], dtype=np.float64).reshape(-1, 3)
         if table.shape[0] != lines.size:
             raise PlantConfigError(
-                f"wind.sines.{key}: describes {table.shape[0]} lines; allowed: {lines.size}, "
-                "3 numbers per wind.sines.frequency_hz"
+                f"describes {table.shape[0]} lines; allowed: {lines.size}, "
+                "3 numbers per wind.sines.frequency_hz",
+                ParameterCause.LENGTH,
+                key=f"wind.sines.{key}",
             )
         tables.append(table)
     duration, fade = values["wind.sines.duration_s"], values["wind.sines.fade_s"]
     if 2.0 * fade > duration:
         raise PlantConfigError(
-            f"wind.sines.fade_s: {fade:g} is not allowed; allowed: at most {0.5 * duration:g}, "
-            "half of wind.sines.duration_s"
+            f"{fade:g} is not allowed; allowed: at most {0.5 * duration:g}, "
+            "half of wind.sines.duration_s",
+            ParameterCause.BOUNDS,
+            key="wind.sines.fade_s",
         )
     return SinesParams(
         bool((tables[0] != 0.0).any()),
@@ -480,8 +492,10 @@ class PlantConfig:
             position[2] = -helicopter.gear_height_m
         if position[2] > -helicopter.gear_height_m:
             raise PlantConfigError(
-                f"initial.pos_ned_m: down {position[2]:g} m is in the ground; allowed: at most "
-                f"{-helicopter.gear_height_m:g} (the c.g. with the skids on the ground)"
+                f"down {position[2]:g} m is in the ground; allowed: at most "
+                f"{-helicopter.gear_height_m:g} (the c.g. with the skids on the ground)",
+                ParameterCause.BOUNDS,
+                key="initial.pos_ned_m",
             )
         sensors = sensor_params(values, helicopter, rate)
         return cls(
@@ -557,8 +571,9 @@ def _faults(values: Mapping[str, Any], sensors: SensorParams, rate: Rate) -> tup
     engine = any(fault.kind == "stop" for fault in faults)
     if engine and not values["terms.rotor_speed"]:
         raise PlantConfigError(
-            "faults: what: engine is not allowed while terms.rotor_speed is off: without it there "
-            "is no engine"
+            "engine is not allowed while terms.rotor_speed is off: without it there is no engine",
+            ParameterCause.CONFLICT,
+            key="faults: what",
         )
     fault_params(faults, sensors, rate)
     return faults
@@ -568,8 +583,9 @@ def _spool_ticks(values: Mapping[str, Any], rate: Rate) -> int:
     time_s = values["start.spool_up_s"]
     if time_s > 0.0 and not values["start.on_ground"]:
         raise PlantConfigError(
-            f"start.spool_up_s: {time_s:g} is not allowed while start.on_ground is false: "
-            "in the air the rotor turns"
+            f"{time_s:g} is not allowed while start.on_ground is false: in the air the rotor turns",
+            ParameterCause.CONFLICT,
+            key="start.spool_up_s",
         )
     return rate.ticks_in(time_s)
 
@@ -578,7 +594,9 @@ def _fail_tick(values: Mapping[str, Any], rate: Rate) -> int:
     time_s = values["engine.fail_time_s"]
     if time_s >= 0.0 and not values["terms.rotor_speed"]:
         raise PlantConfigError(
-            f"engine.fail_time_s: {time_s:g} is not allowed while terms.rotor_speed is off: "
-            "without it there is no engine"
+            f"{time_s:g} is not allowed while terms.rotor_speed is off: "
+            "without it there is no engine",
+            ParameterCause.CONFLICT,
+            key="engine.fail_time_s",
         )
     return rate.ticks_in(time_s) if time_s >= 0.0 else -1

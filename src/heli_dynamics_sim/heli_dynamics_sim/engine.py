@@ -128,9 +128,9 @@ def shaft(x, powers, k):
     engine, omega = k.engine, k.main.speed
     if engine.spool >= 0.0:
         return power / omega + engine.main_inertia * engine.spool, (engine.spool, power + behind)
-    given = engine_torque(x, engine)
-    spin = (given - (power + behind) / omega) / engine.inertia
-    return power / omega + engine.main_inertia * spin, (spin, given * omega)
+    torque = engine_torque(x, engine)
+    spin = (torque - (power + behind) / omega) / engine.inertia
+    return power / omega + engine.main_inertia * spin, (spin, torque * omega)
 
 
 @njit

@@ -289,10 +289,10 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
 
     def _describe(self, core: ConfiguredPlant) -> None:
         """Make what RViz wants: the aircraft's shape, and where its parts and sensors are fixed."""
-        own, helicopter = self.get_namespace(), core.config.helicopter
+        namespace, helicopter = self.get_namespace(), core.config.helicopter
         name = Path(self.values["aircraft_file"]).stem
-        shape = robot_description(helicopter, name, lambda frame: in_namespace(frame, own))
-        fixed = fixed_to_base(mounts(helicopter), own)
+        shape = robot_description(helicopter, name, lambda frame: in_namespace(frame, namespace))
+        fixed = fixed_to_base(mounts(helicopter), namespace)
         described = {
             topics.ROBOT_DESCRIPTION: encode_text(shape),
             topics.TF_STATIC: encode_transforms(fixed, self.start_ns),
@@ -430,8 +430,8 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
             send[topics.GPS_FIX](y[MEAS.gps_pos] if fixed else _NOTHING, fix_ns)
             send[topics.GPS_VELOCITY](y[MEAS.gps_vel] if fixed else _NOTHING, fix_ns)
         if tick % rotor.period == 0:
-            said = y[[MEAS.rotor]] if y[MEAS.rotor_valid] else _NOTHING[:1]
-            send[topics.ROTOR_SPEED](said, stamp_ns)
+            rotor_speed = y[[MEAS.rotor]] if y[MEAS.rotor_valid] else _NOTHING[:1]
+            send[topics.ROTOR_SPEED](rotor_speed, stamp_ns)
         if k.sensors.imu2:
             send[topics.IMU2](y[MEAS.imu2], stamp_ns)
         # Last of the sensors: in real time it triggers the observer, which then has the others.

@@ -68,6 +68,10 @@ class TrimError(RuntimeError):
     """No trim: the message names the residual and how far it stayed from zero, or the actuator."""
 
 
+class NoStandError(TrimError):
+    """The aircraft does not come to rest on its skids."""
+
+
 @dataclass(frozen=True)
 class TrimPoint:
     """An equilibrium.
@@ -579,7 +583,7 @@ def _settled(
     x[PLANT.fuel] = fuel
     speed, turn = np.linalg.norm(x[PLANT.vel]), np.linalg.norm(x[PLANT.rate])
     if not (speed < _SPEED_LIMIT_MPS and turn < _TURN_LIMIT_RADPS):
-        raise TrimError(
+        raise NoStandError(
             f"no stand on the ground in wind {np.round(wind, 3).tolist()} m/s (NED): after "
             f"{_SETTLING_S:g} s it moves at {speed:.2g} m/s and {turn:.2g} rad/s; slope, wind or "
             "ground.idle_collective are too much for the skids"

@@ -48,8 +48,8 @@ def test_mass_inertia_and_sizes_are_those_of_the_parameters(name):
     (inertial,) = robot.findall("link/inertial")
     assert float(inertial.find("mass").get("value")) == pytest.approx(aircraft.mass_kg, rel=1e-5)
     wanted = aircraft.inertia_xx_kgm2, aircraft.inertia_yy_kgm2, aircraft.inertia_zz_kgm2
-    told = [float(inertial.find("inertia").get(key)) for key in ("ixx", "iyy", "izz")]
-    assert told == pytest.approx(wanted, rel=1e-5)
+    moments = [float(inertial.find("inertia").get(key)) for key in ("ixx", "iyy", "izz")]
+    assert moments == pytest.approx(wanted, rel=1e-5)
     # A root with inertia is refused by KDL, so by robot_state_publisher.
     assert robot.find("link[@name='base_link']/inertial") is None
     for rotor, radius_m in (
@@ -72,8 +72,8 @@ def test_mass_inertia_and_sizes_are_those_of_the_parameters(name):
 def test_every_frame_of_a_message_is_a_link_or_of_the_world():
     assert description.BASE == frame_ids.BASE
     _, robot = urdf("helion")
-    told = {frame for channel in CHANNELS.values() for frame in channel.frames}
-    assert told - {frame_ids.MAP} <= links(robot)
+    frames = {frame for channel in CHANNELS.values() for frame in channel.frames}
+    assert frames - {frame_ids.MAP} <= links(robot)
 
 
 def test_links_carry_the_namespace_as_the_frames_do():

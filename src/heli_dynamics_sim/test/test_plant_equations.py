@@ -159,7 +159,7 @@ def test_air_that_turns_tilts_the_disc_and_nothing_else(helicopter):
 
 
 def test_air_of_another_length_is_refused(helicopter):
-    with pytest.raises(ValueError, match=r"wind_ned_mps has shape \(4,\), expected \(3,\) or"):
+    with pytest.raises(ValueError, match=r"wind_ned_mps .*\(4,\).*\(3,\)"):
         state_derivative(np.zeros(PLANT.size), np.zeros(4), np.zeros(4), helicopter)
 
 

@@ -45,7 +45,7 @@ def test_the_last_one_is_held_for_the_timeout_then_the_trim_is_flown():
     assert TIMEOUT == 10 and fallback.acting and fallback.times == 1
     np.testing.assert_allclose(rows[-1], TRIM, atol=0.02)
     assert np.abs(np.diff(rows, axis=0)).max() < 0.2 / BLEND + 1e-9, "no jump"
-    assert fallback.facts() == {"without_commands": "1 times, 0.70 s in all"}
+    assert fallback.facts()["without_commands"].startswith("1 times, 0.70 s")
 
 
 def test_a_command_that_comes_takes_over_without_a_jump():

@@ -75,7 +75,7 @@ def test_the_flight_ends_at_its_length(bench):
     for tick in range(20):
         plant.send(topics.ACTUATORS, tick, U)
     assert plant.node.tick == 4 and len(positions(plant)) == 5
-    assert plant.node.health.message == "flight over after 0.05 s"
+    assert plant.node.health.message.endswith(" 0.05 s")
     assert plant.node.health.facts["over"] == "true" and plant.node.finished
 
 
@@ -142,22 +142,22 @@ def with_faults(plant, *texts):
 
 def test_a_fault_without_a_beginning_begins_when_the_plant_hears_of_it(bench):
     """By its clock, not by the sender's; then it is as one that was given with that time."""
-    plant, told = bench(PlantNode), bench(PlantNode)
-    for one in (plant, told):
+    plant, from_file = bench(PlantNode), bench(PlantNode)
+    for one in (plant, from_file):
         one.fly()
         for tick in range(20):
             one.send(topics.ACTUATORS, tick, U)
     assert with_faults(plant, "{what: imu, kind: bias, value: [1, 0, 0, 0, 0, 0], duration_s: 0.1}",
                        "{what: baro, kind: loss, start_s: now}").successful  # fmt: skip
     later = "start_s: 0.21"
-    given = plant.node.get_parameter("faults").value
-    assert len(given) == 2 and all(later in text for text in given)
-    assert with_faults(told, *given).successful
-    for one in (plant, told):
+    begun = plant.node.get_parameter("faults").value
+    assert len(begun) == 2 and all(later in text for text in begun)
+    assert with_faults(from_file, *begun).successful
+    for one in (plant, from_file):
         for tick in range(20, 40):
             one.send(topics.ACTUATORS, tick, U)
     imu = np.array(plant.sent[topics.IMU])
-    np.testing.assert_array_equal(imu, told.sent[topics.IMU])
+    np.testing.assert_array_equal(imu, from_file.sent[topics.IMU])
     felt = np.flatnonzero(np.abs(np.diff(imu[:, 0])) > 0.5) + 1
     assert felt.tolist() == [21, 31]
     facts = plant.node._facts_now()
@@ -346,12 +346,10 @@ def test_another_flight_begins_after_clean_up_only(bench):
     for tick in range(5):
         plant.send(topics.ACTUATORS, tick, U)
     assert plant.node.health.facts["over"] == "true"
-    first = positions(plant)
+    first, over = positions(plant), plant.node.health.message
     assert plant.node.trigger_deactivate() == SUCCESS
     assert plant.node.trigger_activate() != SUCCESS
-    assert (
-        plant.node.failure == "flight over after 0.05 s: clean up and configure for another flight"
-    )
+    assert plant.node.failure.startswith(f"{over}: ")
     assert plant.node.trigger_cleanup() == SUCCESS
     plant.fly()
     assert plant.node.tick == 0 and "over" not in plant.node.health.facts
@@ -395,9 +393,7 @@ class TestInAWorldOfSeveralAircraft:
         plant.fly()
         plant.send(topics.ACTUATORS, 0, U)
         plant.spin_until(lambda: plant.node.tick == 1)
-        assert plant.node.silence() == (
-            "no message on '/clock' from world_clock: going on without the other aircraft"
-        )
+        assert "'/clock' from world_clock" in plant.node.silence()
 
     def test_its_truth_must_be_heard_by_the_clock(self, bench):
         node = bench(PlantNode, clock="world").node

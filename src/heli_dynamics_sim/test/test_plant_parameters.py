@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from heli_core.errors import ParameterCause as Cause
 from heli_core.errors import PlantConfigError
 from heli_core.parameters import load
 from heli_core.rows import PLANT
@@ -42,47 +43,58 @@ def write(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "cause", "key"),
     [
-        ("mass_kg: 9.750", "# ", "body.mass_kg: missing; allowed: a number in (0, 1000) kg"),
-        ("mass_kg: 9.750", "masss_kg: 9.750", "body.masss_kg: unknown key; did you mean body.mass"),
-        ("mass_kg: 9.750", '"ma\u00adss": 9.750', "body.ma\\xadss: unknown key"),
-        ("body:", '"bo\\e[2J\\ndy": 3\nrest:', "bo\\x1b[2J\\ndy: expected a group of keys"),
-        ("mass_kg: 9.750", "mass_kg: -9.750", "body.mass_kg: -9.75 is not allowed; allowed: a"),
-        ("mass_kg: 9.750", "mass_kg: 0", "body.mass_kg: 0.0 is not allowed"),
-        ("mass_kg: 9.750", "mass_kg: .nan", "body.mass_kg: nan is not allowed"),
-        ("mass_kg: 9.750", "mass_kg: .inf", "body.mass_kg: inf is not allowed"),
-        ("mass_kg: 9.750", "mass_kg: heavy", "body.mass_kg: 'heavy' is not allowed"),
-        ("mass_kg: 9.750", "mass_kg: true", "body.mass_kg: True is not allowed"),
-        ("mass_kg: 9.750", "mass_kg: [1.0]", "body.mass_kg: [1.0] is not allowed"),
-        ("inertia_zz_kgm2: 0.787", "inertia_zz_kgm2: 0.9", "no rigid body is like that"),
-        ("coupling: identified", "coupling: eq8", "'eq8' is not allowed; allowed: one of"),
-        ("stall_full: 0.6", "stall_full: 0.2", "fins.stall_full: 0.2 is not allowed"),
-        ("servo:", "servo: 3\nrest:", "servo: expected a group of keys, found 3"),
-        ("body:", "body: [", "is not valid YAML"),
+        ("mass_kg: 9.750", "# ", Cause.MISSING, "body.mass_kg"),
+        ("mass_kg: 9.750", "masss_kg: 9.750", Cause.UNKNOWN_KEY, "body.masss_kg"),
+        ("mass_kg: 9.750", '"ma\u00adss": 9.750', Cause.UNKNOWN_KEY, "body.ma\\xadss"),
+        ("body:", '"bo\\e[2J\\ndy": 3\nrest:', Cause.TYPE, "bo\\x1b[2J\\ndy"),
+        ("mass_kg: 9.750", "mass_kg: -9.750", Cause.BOUNDS, "body.mass_kg"),
+        ("mass_kg: 9.750", "mass_kg: 0", Cause.BOUNDS, "body.mass_kg"),
+        ("mass_kg: 9.750", "mass_kg: .nan", Cause.NOT_FINITE, "body.mass_kg"),
+        ("mass_kg: 9.750", "mass_kg: .inf", Cause.NOT_FINITE, "body.mass_kg"),
+        ("mass_kg: 9.750", "mass_kg: heavy", Cause.TYPE, "body.mass_kg"),
+        ("mass_kg: 9.750", "mass_kg: true", Cause.TYPE, "body.mass_kg"),
+        ("mass_kg: 9.750", "mass_kg: [1.0]", Cause.TYPE, "body.mass_kg"),
+        ("inertia_zz_kgm2: 0.787", "inertia_zz_kgm2: 0.9", Cause.CONFLICT, "body.inertia_*"),
+        ("coupling: identified", "coupling: eq8", Cause.CHOICE, "flapping.coupling"),
+        ("stall_full: 0.6", "stall_full: 0.2", Cause.CONFLICT, "fins.stall_full"),
+        ("servo:", "servo: 3\nrest:", Cause.TYPE, "servo"),
+        ("body:", "body: [", Cause.SYNTAX, ""),
     ],
 )  # fmt: skip
-def test_bad_aircraft_files_are_refused_by_name(write, old, new, said):
+def test_bad_aircraft_files_are_refused_by_name(write, old, new, cause, key):
     path = write(old, new)
     with pytest.raises(AircraftError) as caught:
         HelicopterParameters.from_yaml(path)
-    assert said in str(caught.value)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    error = caught.value
+    assert (error.cause, error.where) == (cause, str(path))
+    assert error.key == key
+    assert "\n" not in str(error) and str(error).startswith(f"{path}: {key}")
+
+
+def test_an_unknown_key_names_what_may_be_meant_and_a_missing_one_its_bounds(write):
+    with pytest.raises(AircraftError) as caught:
+        HelicopterParameters.from_yaml(write("mass_kg: 9.750", "masss_kg: 9.750"))
+    assert caught.value.meant == "body.mass_kg"
+    with pytest.raises(AircraftError) as caught:
+        HelicopterParameters.from_yaml(write("mass_kg: 9.750", "# "))
+    assert caught.value.allowed.startswith("a number in (0, 1000) kg")
 
 
 def test_missing_and_empty_files(tmp_path):
-    with pytest.raises(AircraftError, match=r"helicon\.yaml: no such .* packaged: .*helion\.yaml"):
-        HelicopterParameters.from_yaml("helicon.yaml")
-    with pytest.raises(AircraftError, match="no such aircraft file"):
-        HelicopterParameters.from_yaml(tmp_path / "nowhere" / "x.yaml")
-    empty = tmp_path / "empty.yaml"
-    empty.write_text("")
-    with pytest.raises(AircraftError, match="expected groups of keys"):
-        HelicopterParameters.from_yaml(empty)
+    (tmp_path / "empty.yaml").write_text("")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(AircraftError, match="cannot be read"):
-        HelicopterParameters.from_yaml(tmp_path / "binary.yaml")
+    for file, cause in (
+        ("helicon.yaml", Cause.UNREADABLE),
+        (tmp_path / "nowhere" / "x.yaml", Cause.UNREADABLE),
+        (tmp_path / "empty.yaml", Cause.SYNTAX),
+        (tmp_path / "binary.yaml", Cause.UNREADABLE),
+    ):
+        with pytest.raises(AircraftError) as caught:
+            HelicopterParameters.from_yaml(file)
+        assert (caught.value.cause, caught.value.where) == (cause, str(file))
+        assert ("helion.yaml" in str(caught.value)) == (file == "helicon.yaml")
 
 
 def test_a_packaged_name_means_the_packaged_file(tmp_path, monkeypatch, write):
@@ -102,18 +114,18 @@ def test_integers_are_numbers_in_an_aircraft_file(write):
 @pytest.mark.parametrize("path", sorted((CONFIG / "aircraft").glob("*.yaml")), ids=lambda p: p.stem)
 def test_every_value_of_an_aircraft_has_symbol_unit_meaning_and_source(path):
     rules = {item.metadata["key"]: item.metadata for item in file_fields(HelicopterParameters)}
-    group, seen = "", set()
+    group, keys = "", set()
     for line in path.read_text().splitlines():
         if re.match(r"\w+:$", line):
             group = line[:-1]
-        found = re.match(r"  (\w+): +\S+ +# (\S+) \[(.+?)\] (.+); (.+)$", line)
-        assert found or not line.startswith("  "), line
-        if found:
-            key = f"{group}.{found[1]}"
-            seen.add(key)
+        match = re.match(r"  (\w+): +\S+ +# (\S+) \[(.+?)\] (.+); (.+)$", line)
+        assert match or not line.startswith("  "), line
+        if match:
+            key = f"{group}.{match[1]}"
+            keys.add(key)
             if "unit" in rules[key]:
-                assert (found[2], found[3]) == (rules[key]["symbol"], rules[key]["unit"]), key
-    assert seen == rules.keys()
+                assert (match[2], match[3]) == (rules[key]["symbol"], rules[key]["unit"]), key
+    assert keys == rules.keys()
     HelicopterParameters.from_yaml(path)
 
 
@@ -193,23 +205,29 @@ def test_better_grades_have_smaller_errors():
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "cause", "key"),
     [
-        ({"wind__profile_altitude_m": [0.0, 20.0, 10.0]}, "wind.profile_altitude_m"),
-        ({"wind__profile_speed_mps": [3.0]}, "wind.profile_speed_mps: has 1 values; allowed: 3"),
-        ({"wind__gust__duration_s": [1.0, 2.0]}, "wind.gust.duration_s: describes 2 gusts"),
-        ({"wind__gust__amplitude_mps": np.zeros((3, 3))}, "wind.gust.amplitude_mps: describes 3"),
-        ({"initial__pos_ned_m": [0.0, 0.0, 1.0]}, "initial.pos_ned_m: down 1 m is in the ground"),
+        (
+            {"wind__profile_altitude_m": [0.0, 20.0, 10.0]},
+            Cause.CONFLICT,
+            "wind.profile_altitude_m",
+        ),
+        ({"wind__profile_speed_mps": [3.0]}, Cause.LENGTH, "wind.profile_speed_mps"),
+        ({"wind__gust__duration_s": [1.0, 2.0]}, Cause.LENGTH, "wind.gust.duration_s"),
+        ({"wind__gust__amplitude_mps": np.zeros((3, 3))}, Cause.LENGTH, "wind.gust.amplitude_mps"),
+        ({"initial__pos_ned_m": [0.0, 0.0, 1.0]}, Cause.BOUNDS, "initial.pos_ned_m"),
         (
             {"sensors__gps__satellites__blocked": 4.0, "sensors__gps__satellites__blocked_s": 3.0},
-            "sensors.gps.satellites.blocked_s: 3 is not allowed; allowed: at least 4, ",
+            Cause.BOUNDS,
+            "sensors.gps.satellites.blocked_s",
         ),
     ],
 )
-def test_parameters_that_do_not_fit_together(parameters, changes, said):
+def test_parameters_that_do_not_fit_together(parameters, changes, cause, key):
     with pytest.raises(PlantConfigError) as caught:
         PlantConfig.from_parameters(parameters(**changes))
-    assert said in str(caught.value)
+    assert (caught.value.cause, caught.value.key) == (cause, key)
+    assert str(caught.value).startswith(f"{key}: ")
 
 
 @pytest.mark.parametrize(("x", "u", "w"), [(24, 4, 3), (PLANT.size, 3, 3), (PLANT.size, 4, 2)])
@@ -251,5 +269,6 @@ def test_a_number_without_end_is_refused(tmp_path):
     text = find_aircraft("helion.yaml").read_text()
     path = tmp_path / "heavy.yaml"
     path.write_text(re.sub(r"mass_kg: [\d.]+", "mass_kg: " + "9" * 400, text))
-    with pytest.raises(AircraftError, match="body.mass_kg: too large a number; allowed"):
+    with pytest.raises(AircraftError) as caught:
         HelicopterParameters.from_yaml(path)
+    assert (caught.value.cause, caught.value.key) == (Cause.BOUNDS, "body.mass_kg")

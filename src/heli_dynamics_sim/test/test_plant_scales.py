@@ -29,10 +29,10 @@ def test_without_scales_the_aircraft_is_that_of_the_file(plant_config, helicopte
 @pytest.mark.parametrize("scale", SCALES)
 def test_a_scale_multiplies_its_own_parameters_alone(plant_config, helicopter, scale):
     flown = asdict(plant_config(**{f"scale__{scale}": 1.25}).helicopter)
-    own = asdict(helicopter)
-    assert {name for name in own if flown[name] != own[name]} == SCALES[scale]
+    unscaled = asdict(helicopter)
+    assert {name for name in unscaled if flown[name] != unscaled[name]} == SCALES[scale]
     for name in SCALES[scale]:
-        assert flown[name] == pytest.approx(1.25 * own[name], rel=1e-15)
+        assert flown[name] == pytest.approx(1.25 * unscaled[name], rel=1e-15)
 
 
 def test_thrust_at_the_same_pitch_and_inflow_is_scaled(plant_config, helicopter):

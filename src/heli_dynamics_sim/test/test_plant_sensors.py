@@ -203,8 +203,8 @@ def test_the_rotor_speed_is_that_of_the_rotor_in_whole_turns_per_minute(plant_co
     came = y[:, MEAS.rotor_valid] == 1.0
     np.testing.assert_array_equal(np.flatnonzero(came), np.arange(0, 1000, 2))
     assert not y[~came, MEAS.rotor].any()
-    speed, told = config.params.aircraft.main.speed, y[came, MEAS.rotor]
-    turns = told * 60.0 / (2.0 * math.pi)
+    speed, measured = config.params.aircraft.main.speed, y[came, MEAS.rotor]
+    turns = measured * 60.0 / (2.0 * math.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
-    assert np.std(told - speed) == pytest.approx(2.0, rel=5.0 / math.sqrt(1000.0))
-    assert np.mean(told - speed) == pytest.approx(0.0, abs=5.0 * 2.0 / math.sqrt(500.0))
+    assert np.std(measured - speed) == pytest.approx(2.0, rel=5.0 / math.sqrt(1000.0))
+    assert np.mean(measured - speed) == pytest.approx(0.0, abs=5.0 * 2.0 / math.sqrt(500.0))

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from heli_core.errors import PlantConfigError
+from heli_core.errors import ParameterCause, PlantConfigError
 from heli_core.rotations import euler_from_quat
 from heli_core.rows import MEAS, PLANT
 from heli_dynamics_sim.aircraft import ModelOptions
@@ -15,7 +15,7 @@ from heli_dynamics_sim.ground import apply_slip, ground_loads, plane_of
 from heli_dynamics_sim.helicopter import same_air, specific_force
 from heli_dynamics_sim.noise import NOISE
 from heli_dynamics_sim.plant import PlantStatus, advance, initial_state, measure, status
-from heli_dynamics_sim.trim import TrimError
+from heli_dynamics_sim.trim import NoStandError
 
 ALL_TERMS = {f"terms__{name}": True for name in ModelOptions._fields}
 CALM = {"wind__turbulence": False, "wind__profile_speed_mps": [0.0, 0.0, 0.0]}
@@ -104,7 +104,7 @@ def test_the_packaged_idle_presses_it_on(plant_config):
     gusty = {"ground__slope": [0.0, SLOPE], "wind__profile_speed_mps": [7.5, 7.5, 7.5],
              "wind__turbulence": False, "wind__towards_deg": 270.0}  # fmt: skip
     stand(plant_config, **gusty)
-    with pytest.raises(TrimError, match="no stand on the ground"):
+    with pytest.raises(NoStandError):
         stand(plant_config, **gusty, ground__idle_collective=0.4)
 
 
@@ -136,7 +136,7 @@ def test_it_slides_beyond_the_friction_angle(vacuum, fly, slope_deg, slides):
 
 
 def test_a_slope_that_is_too_steep_is_refused(plant_config):
-    with pytest.raises(TrimError, match="no stand on the ground"):
+    with pytest.raises(NoStandError):
         stand(plant_config, **CALM, ground__slope=[0.0, 0.7])
 
 
@@ -204,8 +204,9 @@ def test_the_rotor_spools_up_on_the_ground(plant_config, helicopter, terms):
 
 
 def test_spool_up_in_the_air_is_refused(plant_config):
-    with pytest.raises(PlantConfigError, match=r"start.spool_up_s: 3 is not allowed while"):
+    with pytest.raises(PlantConfigError) as caught:
         plant_config(start__spool_up_s=3.0)
+    assert (caught.value.cause, caught.value.key) == (ParameterCause.CONFLICT, "start.spool_up_s")
 
 
 def test_the_same_flight_again(plant_config):

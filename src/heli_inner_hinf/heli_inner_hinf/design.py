@@ -215,12 +215,12 @@ class AttitudeConfig:
 
     def _refuse_weak(self) -> None:
         """Raise what is wrong with the loop as flown."""
-        found = self.judgement
-        if found is None:
+        judgement = self.judgement
+        if judgement is None:
             return
-        if not found.stable:
-            raise UnstableLoopError(self.controller, found.radius)
-        for where, margin in (("input", found.disk_input), ("output", found.disk_output)):
+        if not judgement.stable:
+            raise UnstableLoopError(self.controller, judgement.radius)
+        for where, margin in (("input", judgement.disk_input), ("output", judgement.disk_output)):
             if margin < self.margin_floor:
                 raise MarginError(self.controller, where, margin, self.margin_floor)
 
@@ -264,8 +264,12 @@ class AttitudeConfig:
 
     def summary(self) -> dict[str, float | str]:
         """What `/diagnostics` shows: controller, disk margins, gamma, gamma*, mechanism, norm."""
-        s, found = self.output or self.synthesis, self.judgement
-        margins = (found.disk_input, found.disk_output) if found else ("not known", "not known")
+        s, judgement = self.output or self.synthesis, self.judgement
+        margins = (
+            (judgement.disk_input, judgement.disk_output)
+            if judgement
+            else ("not known", "not known")
+        )
         return {
             "controller": self.controller,
             "disk_margin_input": margins[0],
@@ -445,9 +449,9 @@ def write_model_yaml(
 
 def _replace(text: str, key: str, array: np.ndarray, path: str) -> str:
     pattern = re.compile(rf"^([ ]+){re.escape(key)}:\s*\[[^\]]*\]", re.MULTILINE)
-    found = pattern.findall(text)
-    if len(found) != 1:
-        raise KeyError(f"{path} holds the key {key} {len(found)} times instead of once")
+    matches = pattern.findall(text)
+    if len(matches) != 1:
+        raise KeyError(f"{path} holds the key {key} {len(matches)} times instead of once")
 
     def line(match: re.Match[str]) -> str:
         indent = match.group(1)

@@ -142,7 +142,7 @@ def _carried(state, tick, k, x9):
 
 
 @njit
-def hear(state, stamp, given, rotor_stamp, k):
+def hear(state, stamp, x9, rotor_stamp, k):
     """Take an estimate, if it is newer than the last one.
 
     Parameters
@@ -151,7 +151,7 @@ def hear(state, stamp, given, rotor_stamp, k):
         In place.
     stamp : int
         Its tick.
-    given : (9,) array
+    x9 : (9,) array
         Absolute, rad and rad/s, places of `NINE`; NaN where the rotor's states are not known.
     rotor_stamp : int
         Tick of the rotor's states; of another time than the rest, those of the model are taken.
@@ -161,7 +161,7 @@ def hear(state, stamp, given, rotor_stamp, k):
         return
     taken = abs(stamp - rotor_stamp) <= _WITH_TICKS
     for i in UNMEASURED:
-        taken = taken and np.isfinite(given[i])
+        taken = taken and np.isfinite(x9[i])
     if not taken:
         known = scratch(_N)
         if stamp - state.tick[0] <= k.timeout_ticks:
@@ -169,9 +169,9 @@ def hear(state, stamp, given, rotor_stamp, k):
         else:
             copy(known, k.x_trim)
         for i in UNMEASURED:
-            given[i] = known[i]
-    if all_finite(given):
-        copy(state.x, given)
+            x9[i] = known[i]
+    if all_finite(x9):
+        copy(state.x, x9)
         state.tick[0] = stamp
 
 

@@ -353,7 +353,7 @@ def output_loop(model: Model, law: OutputLaw, actuation: Actuation | None = None
     psi = INPUTS.index("psi_error")
     B_psi = turn - law.A @ turn - law.B[:, psi : psi + 1]
     D_psi = -law.C @ turn - law.D[:, psi : psi + 1]
-    own = DiscreteController(
+    controller = DiscreteController(
         law.A,
         law.B[:, :n_y],
         np.hstack([law.B[:, n_y:], B_psi]),
@@ -363,7 +363,7 @@ def output_loop(model: Model, law: OutputLaw, actuation: Actuation | None = None
     )
     actuation = actuation or Actuation()
     plant = sampled_plant(model, actuation)
-    return Loop("as flown", plant, _controller(MEASURED_NAMES, own, actuation.tick_s))
+    return Loop("as flown", plant, _controller(MEASURED_NAMES, controller, actuation.tick_s))
 
 
 def sampled_plant(model: Model, actuation: Actuation) -> control.StateSpace:

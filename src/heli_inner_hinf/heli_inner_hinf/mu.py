@@ -177,14 +177,14 @@ def peak_gain(system: control.StateSpace, points: int = 300) -> tuple[float, flo
     values = gain(omega)
     i = int(np.argmax(values))
     low, high = omega[max(i - 1, 0)], omega[min(i + 1, omega.size - 1)]
-    found = minimize_scalar(
+    peak = minimize_scalar(
         lambda w: -float(gain(np.array([w]))[0]),
         bounds=(low, high),
         method="bounded",
         options={"xatol": 1e-9 * high},
     )
-    if -found.fun > values[i]:
-        return float(-found.fun), float(found.x)
+    if -peak.fun > values[i]:
+        return float(-peak.fun), float(peak.x)
     return float(values[i]), float(omega[i])
 
 
@@ -214,7 +214,7 @@ def scaled_mu(
         Steps after the balancing.
     """
     log_d = _balanced(np.abs(M) ** 2, scalars)
-    best, found = np.full(len(M), np.inf), log_d.copy()
+    best, best_log_d = np.full(len(M), np.inf), log_d.copy()
     for step in range(descent + 1):
         d = np.exp(log_d)
         scaled = M.copy()
@@ -223,11 +223,11 @@ def scaled_mu(
         left, sizes, right = np.linalg.svd(scaled)
         better = sizes[:, 0] < best
         best = np.where(better, sizes[:, 0], best)
-        found[better] = log_d[better]
+        best_log_d[better] = log_d[better]
         slope = np.abs(left[:, :scalars, 0]) ** 2 - np.abs(right[:, 0, :scalars]) ** 2
         size = np.linalg.norm(slope, axis=1, keepdims=True)
         log_d = log_d - slope / np.maximum(size, 1.0 / 3.0) * (0.5 / (1.0 + 0.15 * step))
-    return best, np.exp(found)
+    return best, np.exp(best_log_d)
 
 
 def _balanced(size: NDArray[np.float64], scalars: int) -> NDArray[np.float64]:
@@ -281,8 +281,8 @@ def discrete_norm(A: Matrix, B: Matrix, C: Matrix, D: Matrix) -> tuple[float, fl
     RobustError
         NOT_FINITE or UNSTABLE.
     """
-    for name, given in zip("ABCD", (A, B, C, D), strict=True):
-        if not np.all(np.isfinite(given)):
+    for name, matrix in zip("ABCD", (A, B, C, D), strict=True):
+        if not np.all(np.isfinite(matrix)):
             raise RobustError(RobustCause.NOT_FINITE, f"{name} holds a value that is not finite")
     poles = np.linalg.eigvals(A)
     radius = float(np.max(np.abs(poles), initial=0.0))
@@ -300,10 +300,10 @@ def discrete_norm(A: Matrix, B: Matrix, C: Matrix, D: Matrix) -> tuple[float, fl
         level = best * (1.0 + REL_TOL)
         crossing = np.unique(np.append(_crossings(A, B, C, D, level), 0.0))
         trial = np.append(crossing, 0.5 * (crossing[1:] + crossing[:-1]))
-        found, at = max((gain(t), t) for t in trial)
-        if found <= level:
+        largest, at = max((gain(t), t) for t in trial)
+        if largest <= level:
             break
-        best, where = found, at
+        best, where = largest, at
     return best, abs(float(where))
 
 

@@ -110,7 +110,7 @@ class ConfiguredInnerLoop(TickCore):
         Numbers that `law` is compiled for.
     law : callable
         `law_or_hand`, compiled.
-    own : OwnAttitudeLaw
+    python_law : OwnAttitudeLaw
         Its place, taken by one in Python or by none.
     """
 
@@ -129,7 +129,7 @@ class ConfiguredInnerLoop(TickCore):
     total: np.ndarray = field(default_factory=lambda: np.zeros(ACTUATOR.size))
     flown: AttitudeParams | None = None
     law: Callable[..., int] = law_or_hand
-    own: OwnAttitudeLaw = field(default_factory=lambda: OwnAttitudeLaw(None))
+    python_law: OwnAttitudeLaw = field(default_factory=lambda: OwnAttitudeLaw(None))
 
 
 @dataclass
@@ -189,7 +189,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
             exciter=self._make_exciter(),
             disturber=self._make_disturber(),
             command=no_command(model, collective),
-            own=own_law(self.values[PARAMETER]),
+            python_law=own_law(self.values[PARAMETER]),
             pace=self.listen(inputs),
         )
         self._warm_up(core)
@@ -232,8 +232,8 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         listen(spare, command, core.inbox, 0, core.model, core.x9, core.aim)
         commanded(spare, 0, core.u3, core.model)
         if core.exciter is not None:
-            law, own = initial_law_state(kernel), initial_excitation_state()
-            excite(-1.0, core.x9, core.exciter.params, own, law, core.total)
+            law, excitation = initial_law_state(kernel), initial_excitation_state()
+            excite(-1.0, core.x9, core.exciter.params, excitation, law, core.total)
         if core.disturber is not None:
             add_sweep(-1.0, core.disturber.params, core.disturber.added)
 
@@ -288,8 +288,8 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         kernel = core.design.take()
         if kernel is not core.flown:
             self._load(core, kernel)
-        given = core.x9, r3, collective, hand3, kernel, core.design.state, core.u3
-        code = core.own.step(tick, tick * self.rate.tick_s, *given, core.law)
+        inputs = core.x9, r3, collective, hand3, kernel, core.design.state, core.u3
+        code = core.python_law.step(tick, tick * self.rate.tick_s, *inputs, core.law)
         # The outer loop's collective stays as it came: the excitation must not pile up on it.
         core.total[ACTUATOR.attitude], core.total[ACTUATOR.col] = core.u3, collective
         if core.exciter is not None:
@@ -306,7 +306,7 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         run.resumes = core.flown_tick is not None and tick > core.flown_tick
         core.command.row[COMMAND.hand] = np.nan
         core.known = initial_estimate(core.model)
-        core.own.begin(in_flight=run.resumes)
+        core.python_law.begin(in_flight=run.resumes)
         if not run.resumes:
             core.design.start()
             core.command.row[COMMAND.col] = core.design.config.u_trim[ACTUATOR.col]
@@ -323,8 +323,8 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
         exciter = self.core.exciter
         excited = ExcitationStatus.SILENT if exciter is None else exciter.status
         level, message = Level.OK, AttitudeStatus(code).sentence
-        if self.core.own.failure:
-            level, message = Level.ERROR, self.core.own.failure
+        if self.core.python_law.failure:
+            level, message = Level.ERROR, self.core.python_law.failure
         elif code == AttitudeStatus.NOT_FINITE and not self.core.design.state[RUN]:
             level, message = Level.WARN, _WAITS
         elif code == AttitudeStatus.NOT_FINITE:
@@ -343,10 +343,10 @@ class InnerLoopNode(TickNode[ConfiguredInnerLoop, ActiveInnerLoop]):
     def _facts_now(self) -> dict[str, Any]:
         core, stamp = self.core, int(self.core.command.tick[0])
         facts = dict(core.design.config.summary())
-        if core.own.law is not None:
-            facts["own_law"] = core.own.law.name
-        if core.own.failure:
-            facts[FACT_LAW_FAILED] = core.own.failure
+        if core.python_law.law is not None:
+            facts["own_law"] = core.python_law.law.name
+        if core.python_law.failure:
+            facts[FACT_LAW_FAILED] = core.python_law.failure
         if core.exciter is not None:
             facts["excitation"] = core.exciter.status.sentence
         facts["setpoint_tick"] = "none" if stamp == NOTHING else stamp

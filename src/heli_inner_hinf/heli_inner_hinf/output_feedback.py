@@ -251,8 +251,10 @@ def as_law(
     A, B, C, D = controller
     n = closed.A.shape[0] - A.shape[0]
     energy = solve_discrete_lyapunov(closed.A.T, cost.T @ cost)
-    own, across = energy[n:, n:], energy[n:, list(ATTITUDE)]
-    M = -np.linalg.solve(own + _RIDGE * np.trace(own) * np.eye(A.shape[0]), across)
+    energy_of_states, across = energy[n:, n:], energy[n:, list(ATTITUDE)]
+    M = -np.linalg.solve(
+        energy_of_states + _RIDGE * np.trace(energy_of_states) * np.eye(A.shape[0]), across
+    )
     select = np.eye(N_X)[np.ix_(MEASURED, ATTITUDE)]
     to_state, to_command = (np.eye(A.shape[0]) - A) @ M - B @ select, -C @ M - D @ select
     integrators = np.linalg.svd(A - np.eye(A.shape[0]))[2][-N_U:].T
@@ -281,10 +283,10 @@ def _command_cost(C: Matrix, weights: OutputWeights) -> Matrix:
 def _refused(plant: GeneralisedPlant, gamma: float) -> InfeasibleGammaError | CertificateError:
     """Why there is no law below gamma."""
     try:
-        found = optimal_gamma(plant)
+        optimum = optimal_gamma(plant)
     except NoControllerError as exc:
         return CertificateError(f"no output feedback exists at any gamma: {exc}")
-    return InfeasibleGammaError(gamma, found.value, "output.gamma")
+    return InfeasibleGammaError(gamma, optimum.value, "output.gamma")
 
 
 # -------------------------------------------------------------------------------------------------
@@ -315,7 +317,7 @@ def lqg_law(plant: GeneralisedPlant, tick_s: float = TICK_S) -> OutputLaw:
     a, b, c = A[:n, :n], B_u[:n], C[n_z:, :n]
     M = kalman_gain(a, B[:n, :n_w], c, D[n_z:, :n_w])
 
-    seen = np.eye(n) - M @ c
+    uncorrected = np.eye(n) - M @ c
     y_sees = np.eye(N_X)[np.ix_(ATTITUDE, MEASURED)]
     integrate = A[n:, :n] @ c.T
     # the integrals take y as it was measured, of which x_estimated leaves a rest
@@ -323,13 +325,13 @@ def lqg_law(plant: GeneralisedPlant, tick_s: float = TICK_S) -> OutputLaw:
     shift = np.zeros((n + n_i, N_U))
     shift[ATTITUDE, range(N_U)] = 1.0
     shift[n:] = -np.linalg.solve(P[n:, n:], P[n:, list(ATTITUDE)])
-    C_k = np.hstack([of_rest @ c - K_x @ seen, -K_i])
+    C_k = np.hstack([of_rest @ c - K_x @ uncorrected, -K_i])
     D_y = -of_rest - K_x @ M
     L = np.vstack([b, -np.linalg.inv(K_i) / (_UNWINDING_S / tick_s)])
-    free = np.block([[a @ seen, np.zeros((n, n_i))], [np.zeros((n_i, n)), np.eye(n_i)]])
+    free = np.block([[a @ uncorrected, np.zeros((n, n_i))], [np.zeros((n_i, n)), np.eye(n_i)]])
     hears = np.vstack([a @ M, integrate])
-    told = np.vstack([b, np.zeros((n_i, N_U))])
-    A_k, B_y = free + told @ C_k, hears + told @ D_y
+    input_to_state = np.vstack([b, np.zeros((n_i, N_U))])
+    A_k, B_y = free + input_to_state @ C_k, hears + input_to_state @ D_y
     # u and the next state do not change when y, the command and the state shift together
     B_r = (np.eye(n + n_i) - A_k) @ shift - B_y @ y_sees.T
     D_r = -C_k @ shift - D_y @ y_sees.T
@@ -403,10 +405,10 @@ def effectiveness(A: Matrix, B: Matrix) -> Matrix:
         There is none, or it cannot be inverted.
     """
     inside = [i for i in range(A.shape[0]) if i not in ATTITUDE]
-    own = A[np.ix_(inside, inside)]
-    if np.linalg.matrix_rank(own) < len(inside):
+    A_inside = A[np.ix_(inside, inside)]
+    if np.linalg.matrix_rank(A_inside) < len(inside):
         raise ShapeError("model.A", "model.A has no lasting rates of a lasting command to invert")
-    G = -np.linalg.solve(own, B[inside])[[inside.index(i) for i in (NINE.p, NINE.q, NINE.r)]]
+    G = -np.linalg.solve(A_inside, B[inside])[[inside.index(i) for i in (NINE.p, NINE.q, NINE.r)]]
     if np.linalg.matrix_rank(G) < N_U:
         raise ShapeError("model.B", "model.B gives no control over all three rates to invert")
     return np.asarray(G)
@@ -440,6 +442,6 @@ def indi_law(A: Matrix, B: Matrix, gains: IndiGains, actuation: Actuation) -> Ou
     filtered = np.hstack([eye - share, np.diag(gains.acceleration)])
     C = np.hstack([-np.linalg.solve(G, filtered), np.eye(N_U, n_u)])
     L = np.vstack([np.zeros((n_y, N_U)), B_u])
-    own = np.block([[A_y, np.zeros((n_y, n_u))], [np.zeros((n_u, n_y)), A_u]])
+    A_open = np.block([[A_y, np.zeros((n_y, n_u))], [np.zeros((n_u, n_y)), A_u]])
     hears = np.vstack([B_y @ measured, np.zeros((n_u, N_V))])
-    return output_law(own + L @ C, hears + L @ D, C, D, L)
+    return output_law(A_open + L @ C, hears + L @ D, C, D, L)

@@ -192,7 +192,7 @@ def regular_form(A: Matrix, B: Matrix, E: Matrix, C: Matrix, D: Matrix) -> Regul
     wind_scale = float(2.0 ** np.round(np.log2(e_norm))) if e_norm > 0.0 else 1.0
     _require_stabilizable(As, Bs)
     hidden = _hidden_stable_basis(As, Cs)
-    seen = Es - hidden @ (hidden.T @ Es)
+    E_visible = Es - hidden @ (hidden.T @ Es)
     return RegularForm(
         A=As,
         B=Bs,
@@ -200,7 +200,7 @@ def regular_form(A: Matrix, B: Matrix, E: Matrix, C: Matrix, D: Matrix) -> Regul
         C=Cs,
         state_scale=scale,
         wind_scale=wind_scale,
-        disturbed=bool(np.linalg.norm(seen) > RANK_TOL * e_norm),
+        disturbed=bool(np.linalg.norm(E_visible) > RANK_TOL * e_norm),
     )
 
 
@@ -236,7 +236,7 @@ def _unobservable_basis(A: Matrix, C: Matrix) -> Matrix:
     a_norm, c_norm = np.linalg.norm(A), np.linalg.norm(C)
     basis = np.eye(n)
     out, tol = C, RANK_TOL * max(c_norm, np.finfo(float).tiny)
-    seen = np.zeros((n, 0))
+    observable = np.zeros((n, 0))
     while basis.shape[1]:
         restricted = out @ basis
         _, sigma, vt = np.linalg.svd(restricted, full_matrices=True)
@@ -245,8 +245,8 @@ def _unobservable_basis(A: Matrix, C: Matrix) -> Matrix:
             break
         new = basis @ vt[:rank].T
         basis = basis @ vt[rank:].T
-        seen = np.hstack([seen, new])
-        out, tol = seen.T @ A, RANK_TOL * max(a_norm, np.finfo(float).tiny)
+        observable = np.hstack([observable, new])
+        out, tol = observable.T @ A, RANK_TOL * max(a_norm, np.finfo(float).tiny)
     return basis
 
 
@@ -804,9 +804,9 @@ def hinf_norm(A: Matrix, B: Matrix, C: Matrix, D: Matrix | None = None) -> tuple
         crossing = np.unique(np.abs(eigenvalues[near].imag))
         trial = np.concatenate([crossing, 0.5 * (crossing[1:] + crossing[:-1])])
         if trial.size:
-            found, at = max((gain(w), w) for w in trial)
-            if found > best:
-                best, where = found, at
+            largest, at = max((gain(w), w) for w in trial)
+            if largest > best:
+                best, where = largest, at
         if best <= level:
             break
     return float(best), float(where)

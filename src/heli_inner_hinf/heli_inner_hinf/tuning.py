@@ -251,10 +251,10 @@ class Yardstick:
     def cost(self, law: OutputLaw) -> float:
         """Mean over all aircraft of the variances in units of what is wanted; stable loops only."""
         wanted = self.wanted
-        found = [variances(law, one, self.air) for one in (self.nominal, *self.others)]
+        of_aircraft = [variances(law, one, self.air) for one in (self.nominal, *self.others)]
         in_units = [
             np.sum(v.angle / np.square(wanted.angle_rad)) + np.sum(v.step) / wanted.step**2
-            for v in found
+            for v in of_aircraft
         ]
         return float(np.mean(in_units))
 
@@ -263,12 +263,12 @@ class Yardstick:
 
         Unstable loops count by their growth, rad/s, and are far worse than small margins.
         """
-        own, further = feedback_of_law(law), (*self._later, *self.held_stable)
-        growths = [_growth_radps(closed(*one.flown, own))
+        feedback, further = feedback_of_law(law), (*self._later, *self.held_stable)
+        growths = [_growth_radps(closed(*one.flown, feedback))
                    for one in (self.nominal, *self.others, *further)]  # fmt: skip
         if max(growths) > -_DECAY_RADPS:
             return sum(10.0 + growth for growth in growths if growth > -_DECAY_RADPS)
-        K = own.C @ sampled_response(own.A, own.B, _OMEGA) + own.D
+        K = feedback.C @ sampled_response(feedback.A, feedback.B, _OMEGA) + feedback.D
         P = self.nominal.response
         floor = self.wanted.disk_margin
         margins = [(floor, -K @ P), (floor, -P @ K)]
@@ -310,13 +310,13 @@ class Yardstick:
                 return _NONE
 
         ends = [search(start, price, strides, pairs, better) for start in family.starts]
-        found = min(ends, key=price)
-        if price(found) >= _REFUSED:
+        best_numbers = min(ends, key=price)
+        if price(best_numbers) >= _REFUSED:
             raise NoLawError(
                 f"{family.name}: no law near those that the search begins with keeps the floors of "
                 "disk and delay margin"
             )
-        return found
+        return best_numbers
 
 
 def variances(law: OutputLaw, one: SampledAircraft, air: Surroundings) -> Variances:
@@ -376,9 +376,13 @@ def _surrounding(air: Surroundings) -> tuple[Matrix, Matrix, Matrix, Matrix]:
         (np.asarray(air.angle_rad), air.angle_s),
         (np.full(len(_COMMANDS), air.command_rad), air.command_s),
     )
-    sigma = np.concatenate([own for own, _ in drifts])
-    keep = np.concatenate([np.full(len(own), np.exp(-TICK_S / time_s)) for own, time_s in drifts])
-    gust, load, kick, angle, command, lagged = _places([*(len(own) for own, _ in drifts), N_U])
+    sigma = np.concatenate([sigmas for sigmas, _ in drifts])
+    keep = np.concatenate(
+        [np.full(len(sigmas), np.exp(-TICK_S / time_s)) for sigmas, time_s in drifts]
+    )
+    gust, load, kick, angle, command, lagged = _places(
+        [*(len(sigmas) for sigmas, _ in drifts), N_U]
+    )
     A = np.diag(np.append(keep, keep[gust]))
     A[lagged, gust] = np.eye(N_U) - np.diag(keep[gust])
     B = np.vstack([np.diag(sigma * np.sqrt(1.0 - keep**2)), np.zeros((N_U, len(keep)))])
@@ -800,9 +804,9 @@ class LoopReport:
 
 def model_of(config: AttitudeConfig) -> Model:
     """The model of a judged design, with its law's gains."""
-    own = config.lqr if config.controller == "lqr" else config.synthesis
+    gains = config.lqr if config.controller == "lqr" else config.synthesis
     plant = (config.A, config.B, config.E, config.C, config.D)
-    return Model(*plant, own.F, own.G, config.offset_free_radps)
+    return Model(*plant, gains.F, gains.G, config.offset_free_radps)
 
 
 def three_loops(

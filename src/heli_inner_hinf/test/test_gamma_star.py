@@ -260,10 +260,11 @@ def test_newton_converges_quadratically(published):
 
 class TestBadInput:
     def test_uncontrollable_unstable_mode(self):
-        with pytest.raises(NotStabilizableError, match=r"mode at 2 rad/s is not stable"):
+        with pytest.raises(NotStabilizableError) as caught:
             gamma_star(
                 np.diag([2.0, -1.0]), [[0.0], [1.0]], np.eye(2), [[1, 1], [0, 0]], [[0], [1]]
             )
+        assert caught.value.mode == pytest.approx(2.0)
 
     def test_uncontrollable_integrator(self):
         with pytest.raises(NotStabilizableError):
@@ -275,8 +276,9 @@ class TestBadInput:
         A, B, E, C, D = published
         C = C.copy()
         C[:, 8] = 0.0
-        with pytest.raises(InvariantZeroError, match="at 0 rad/s.*not damped"):
+        with pytest.raises(InvariantZeroError) as caught:
             gamma_star(A, B, E, C, D)
+        assert caught.value.zero == pytest.approx(0.0, abs=1e-12)
 
     def test_unweighted_oscillation(self):
         A = np.zeros((3, 3))

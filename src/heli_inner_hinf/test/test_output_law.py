@@ -203,8 +203,9 @@ class TestRefused:
     def test_not_finite(self, parameters, pid, part):
         given = asked(parameters, pid)
         given[f"law.{part}"] = np.full_like(given[f"law.{part}"], np.nan)
-        with pytest.raises(ShapeError, match=rf"law\.{part} .*not finite"):
+        with pytest.raises(ShapeError, match="not finite") as caught:
             AttitudeConfig.from_parameters(given)
+        assert caught.value.name == f"law.{part}"
 
     def test_too_many_states(self):
         n = MAX_ORDER + 1
@@ -212,8 +213,9 @@ class TestRefused:
             output_law(*(np.zeros(shape) for shape in ((n, n), (n, N_V), (3, n), (3, N_V))))
 
     def test_the_packaged_matrices_hold_nothing(self, parameters):
-        with pytest.raises(UnstableLoopError, match="matrices does not stabilise"):
+        with pytest.raises(UnstableLoopError, match=": matrices ") as caught:
             AttitudeConfig.from_parameters({**parameters, "controller": "matrices"})
+        assert caught.value.radius >= 1.0
 
     def test_a_loop_that_the_delay_makes_unstable(self, parameters, pid):
         """The same gains are refused on slow servos with more delay."""
@@ -225,10 +227,10 @@ class TestRefused:
     def test_less_margin_than_the_floor(self, parameters, pid, controller):
         given = {**asked(parameters, pid), "controller": controller}
         margin = AttitudeConfig.from_parameters(given).judgement.disk_output
-        with pytest.raises(
-            MarginError, match=f"{controller} leaves .* {margin:.3g} at the plant's out"
-        ):
+        with pytest.raises(MarginError) as caught:
             AttitudeConfig.from_parameters({**given, "margin_floor": margin + 1e-6})
+        error = caught.value
+        assert (error.controller, error.where, error.margin) == (controller, "output", margin)
         AttitudeConfig.from_parameters({**given, "margin_floor": margin - 1e-6})
 
 

@@ -219,10 +219,10 @@ def start_scalar(P, i0, i1, c1, i2, c2, i3, c3, variance):
     for j in range(ERROR.size):
         if j != i0:
             P[i0, j] = -c1 * P[i1, j] - c2 * P[i2, j] - c3 * P[i3, j]
-    own = variance - c1 * P[i0, i1] - c2 * P[i0, i2] - c3 * P[i0, i3]
+    var_i0 = variance - c1 * P[i0, i1] - c2 * P[i0, i2] - c3 * P[i0, i3]
     for j in range(ERROR.size):
         P[j, i0] = P[i0, j]
-    P[i0, i0] = own
+    P[i0, i0] = var_i0
 
 
 @njit

@@ -383,8 +383,8 @@ def _attitude_variance(P, R, axis, lead_s, k):
         for m in range(3):
             var_bias += R[axis, j] * R[axis, m] * P[L.ERROR.gyro_bias + j, L.ERROR.gyro_bias + m]
     noise = k.var_att_step / k.dt_s
-    own = P[L.ERROR.att + axis, L.ERROR.att + axis]
-    return own - 2.0 * lead_s * cov + lead_s * lead_s * var_bias + noise * lead_s
+    var_attitude = P[L.ERROR.att + axis, L.ERROR.att + axis]
+    return var_attitude - 2.0 * lead_s * cov + lead_s * lead_s * var_bias + noise * lead_s
 
 
 @njit

@@ -18,17 +18,17 @@ from heli_observer.parameters import NODE_NAME, TABLE
 def test_every_key_of_the_yaml_carries_a_comment(config_folder):
     lines = (config_folder / "observer.yaml").read_text().splitlines()
     names = {row.name.split(".")[-1] for row in TABLE}
-    seen = set()
+    keys = set()
     for number, line in enumerate(lines):
         key = line.strip().split(":")[0]
         if key not in names or line.strip().startswith("#"):
             continue
-        seen.add(key)
+        keys.add(key)
         above = number - 1
         while lines[above].strip() and not lines[above].strip().startswith("#"):
             above -= 1
         assert lines[above].strip().startswith("#") and number - above <= 15, key
-    assert seen == names
+    assert keys == names
 
 
 @pytest.mark.parametrize("overlay", ["gps_standalone.yaml", "gps_rtk.yaml"])

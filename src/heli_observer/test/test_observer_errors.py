@@ -83,13 +83,13 @@ def test_heading_in_hover_is_seen_by_the_magnetometer_only(parameters, run_obser
     flight = synthesize(hover_path(amplitude_m=0.0, tilt_rad=0.0), parameters, 60.0, seed=3)
     rows = flight.y.copy()
     rows[100:, 16] = 0.0
-    seen, blind = (run_observer(parameters).fly(y).out for y in (flight.y, rows))
+    with_mag, blind = (run_observer(parameters).fly(y).out for y in (flight.y, rows))
     roll, yaw = NAV.sigma_att.start, NAV.sigma_att.stop - 1
-    assert np.degrees(seen[-1, yaw]) < 0.5
-    assert blind[-1, yaw] > 3.0 * seen[-1, yaw]
+    assert np.degrees(with_mag[-1, yaw]) < 0.5
+    assert blind[-1, yaw] > 3.0 * with_mag[-1, yaw]
     assert np.all(np.diff(blind[1000::100, yaw]) > 0.0)  # it only grows
     # the tilt is seen by the GPS
-    assert blind[-1, roll] < 1.1 * seen[-1, roll]
+    assert blind[-1, roll] < 1.1 * with_mag[-1, roll]
 
 
 def test_published_sigmas_are_the_covariance_carried_to_now(parameters, run_observer):

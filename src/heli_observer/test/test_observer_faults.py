@@ -50,8 +50,8 @@ def test_a_jump_of_the_receiver_is_taken_for_one_after_a_while(parameters, run_o
     assert run.health is ObserverStatus.OK and run.state.count[L.COUNT.gps_jumps] == 1
     assert run.state.count[L.COUNT.gps_pos_rejected] == refused
     assert np.abs(run.out[1400:, NAV.pos] - flight.pos[1400:]).max() < 4.0
-    own = flight.drift[-1 - run.params.horizon_ticks] + [30.0, -20.0, 10.0]
-    assert np.abs(run.state.nominal[L.NOMINAL.drift : L.NOMINAL.drift + 3] - own).max() < 4.0
+    drift_m = flight.drift[-1 - run.params.horizon_ticks] + [30.0, -20.0, 10.0]
+    assert np.abs(run.state.nominal[L.NOMINAL.drift : L.NOMINAL.drift + 3] - drift_m).max() < 4.0
 
 
 def rolled_and_sure_of_it(parameters, run_observer, degrees):

@@ -83,16 +83,16 @@ def test_a_gap_on_a_straight_line_is_closed_exactly(missing):
 
 def test_vibration_is_left_out_and_paid_for():
     """Noise about a mean: the slot gets the mean, the covariance its scatter, for each tick."""
-    rng, found, paid = np.random.default_rng(2), [], []
+    rng, slot_error, paid = np.random.default_rng(2), [], []
     sigma = np.array([2.0, 2.0, 2.0, 0.3, 0.3, 0.3])
     for _ in range(400):
         imu = ring(5.0 + sigma * rng.standard_normal((30, 6)), [12])
         P = np.zeros((L.ERROR.size, L.ERROR.size))
         assert interpolate_gap(imu, 12, 29, 0.01, P)
-        found.append(imu[12, : IMU.size] - 5.0)
+        slot_error.append(imu[12, : IMU.size] - 5.0)
         paid.append([P[L.ERROR.vel, L.ERROR.vel], P[L.ERROR.att, L.ERROR.att]])
         assert np.count_nonzero(P) == 6
-    assert np.all(np.std(found, axis=0) < 0.4 * sigma)
+    assert np.all(np.std(slot_error, axis=0) < 0.4 * sigma)
     np.testing.assert_allclose(
         np.mean(paid, axis=0), [(2.0 * 0.01) ** 2, (0.3 * 0.01) ** 2], rtol=0.1
     )

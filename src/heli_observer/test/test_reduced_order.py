@@ -223,9 +223,9 @@ def test_u_delay_takes_the_command_of_that_many_ticks_before(parameters):
 
 def test_wrong_matrices_are_refused_by_name(plant):
     A, B = plant
-    with pytest.raises(ReducedOrderError, match=r"model\.A has 80 entries"):
+    with pytest.raises(ReducedOrderError, match=r"model\.A .*80"):
         reduced_order_model(A.ravel()[:80], B, np.zeros((3, 6)))
-    with pytest.raises(ReducedOrderError, match="K has an entry that is not finite"):
+    with pytest.raises(ReducedOrderError, match="^K .*finite"):
         reduced_order_model(A, B, np.full((3, 6), np.nan))
     with pytest.raises(ReducedOrderError, match="unstable"):
         reduced_order_model(A, B, -diagonal_observer_gain(A, (-9.0, -19.0, -4.0), M, U))

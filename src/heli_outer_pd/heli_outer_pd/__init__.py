@@ -27,6 +27,7 @@ __getattr__, __dir__, __all__ = face(
             "Guard",
             "Phase",
             "Refusal",
+            "RefusalCause",
             "Refused",
             "TABLE",
             "Transition",

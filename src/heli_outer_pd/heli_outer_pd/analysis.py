@@ -224,18 +224,18 @@ def plant(axis: Axis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
     A, B, W = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((n, inputs[-1]))
     output = np.zeros((len(noises), n))
     for i, noise in enumerate(noises):
-        own = slice(sizes[i + 1], sizes[i + 2])
-        A[own, own], W[own, inputs[i] : inputs[i + 1]] = noise.A, noise.B
-        output[i, own] = noise.C
+        block = slice(sizes[i + 1], sizes[i + 2])
+        A[block, block], W[block, inputs[i] : inputs[i + 1]] = noise.A, noise.B
+        output[i, block] = noise.C
     Z = np.eye(2, n)
     position_speed = np.array([0.5 * TICK_S**2, TICK_S])
     past = output[: len(axis.gusts)].sum(axis=0) - Z[1]
-    own = slice(2, sizes[1])
-    A[own, own] = act.A
-    A[own] += np.outer(act.B[:, 1], past)
-    B[own, 0] = act.B[:, 0]
+    block = slice(2, sizes[1])
+    A[block, block] = act.A
+    A[block] += np.outer(act.B[:, 1], past)
+    B[block, 0] = act.B[:, 0]
     acceleration = act.D[0, 1] * past
-    acceleration[own] += act.C[0]
+    acceleration[block] += act.C[0]
     A[:2] = Z + np.outer([TICK_S, 0.0], Z[1]) + np.outer(position_speed, acceleration)
     B[:2, 0] = position_speed * act.D[0, 0]
     return A, B, W, Z + output[-2:], Z
@@ -282,7 +282,7 @@ def limits_of_performance(
     heard = _HEARD * np.eye(len(M))
     P = solve_discrete_are(A.T, M.T, Q, heard)
     gain = P @ M.T @ np.linalg.inv(M @ P @ M.T + heard)
-    found = []
+    deviations_m = []
     for z in Z:
         weight = np.outer(z, z) + _BESIDE * Z.T @ Z
         X = solve_discrete_are(A, B, weight, _CHEAP * np.eye(1))
@@ -298,8 +298,8 @@ def limits_of_performance(
         noise = np.zeros_like(closed)
         noise[: len(A), : len(A)] = Q
         covariance = stationary(closed, noise)[: len(A), : len(A)]
-        found.append(float(np.sqrt(z @ covariance @ z)))
-    return found[0], found[1]
+        deviations_m.append(float(np.sqrt(z @ covariance @ z)))
+    return deviations_m[0], deviations_m[1]
 
 
 def deviations(axis: Axis, gains: Gains) -> Matrix | None:
@@ -444,8 +444,8 @@ def best_gains(
         return cost(gains_at(values, damping, lead_filter_s), axis, others, wanted)
 
     led = axis.modelled_lag_s > 0.0
-    found = [search(start, price) for start in (_STARTS_LED if led else _STARTS)]
-    best = min(found, key=price)
+    optima = [search(start, price) for start in (_STARTS_LED if led else _STARTS)]
+    best = min(optima, key=price)
     if not np.isfinite(price(best)):
         floors = f"{wanted.disk_margin:g} (others {wanted.disk_margin_of_others:g})"
         raise NoGainsError(

@@ -29,7 +29,7 @@ from heli_msgs_bridge.command_messages import (
 from heli_msgs_bridge.layouts import MessageError
 from heli_msgs_bridge.lockstep import AHEAD_TICKS, stamp_refusal
 from heli_outer_pd.joystick import Presses, StickMap
-from heli_outer_pd.modes import Command, Guard, Phase, Refusal, command_named, decide
+from heli_outer_pd.modes import Command, Guard, Phase, Refusal, RefusalCause, command_named, decide
 from heli_outer_pd.position_health import plight
 from heli_outer_pd.reference import ReferenceRefused
 
@@ -99,17 +99,17 @@ class Commands:
         node = self._node
         try:
             refused = self._do(Command.GOTO, self._goal_of(message, topic))
-            said = "" if refused is None else refused.sentence
+            sentence = "" if refused is None else refused.sentence
         except MessageError as error:
-            said = str(error)
+            sentence = str(error)
         except ReferenceRefused as error:
-            said = f"{topic}: {error}"
-        if said:
-            node.refuse_aloud(topic, said)
-            return False, said
-        said = f"{topic}: {self.fly(node.run.phases.trajectory)}"
-        node.get_logger().info(said)
-        return True, said
+            sentence = f"{topic}: {error}"
+        if sentence:
+            node.refuse_aloud(topic, sentence)
+            return False, sentence
+        sentence = f"{topic}: {self.fly(node.run.phases.trajectory)}"
+        node.get_logger().info(sentence)
+        return True, sentence
 
     def on_goal(self, message: Any) -> None:
         """Do what a command with an id asks, or refuse it; answer by the id, in /diagnostics."""
@@ -123,16 +123,16 @@ class Commands:
             return  # it is sent again until it is answered
         match asked := Command(command):
             case Command.GOTO:
-                done, said = self._go_to(argument, topics.GOTO)
+                done, sentence = self._go_to(argument, topics.GOTO)
             case Command.FOLLOW:
-                done, said = node.follow_goal(argument)
+                done, sentence = node.follow_goal(argument)
             case _:
-                done, said = self._asked(asked)
-                self._log(done, said)
+                done, sentence = self._asked(asked)
+                self._log(done, sentence)
         if done:
-            goals.begin(goal_id, asked, said, node.run.phases)
+            goals.begin(goal_id, asked, sentence, node.run.phases)
         else:
-            goals.refuse(goal_id, asked, said)
+            goals.refuse(goal_id, asked, sentence)
         node.tell_goals()
 
     def on_velocity(self, message: Any) -> None:
@@ -271,9 +271,9 @@ class Commands:
         node = self._node
         phases = node.run.phases
         fails = phases.fails(node.stamp_ns(node.tick), node.core.nav)
-        found = self._disarmed(named) or decide(phases.phase, named, fails)
-        if isinstance(found, Refusal):
-            raise ValueError(found.sentence)
+        decision = self._disarmed(named) or decide(phases.phase, named, fails)
+        if isinstance(decision, Refusal):
+            raise ValueError(decision.sentence)
 
     def obey_mode(self, name: str) -> None:
         """Do what was judged; between the two a tick may have passed."""
@@ -283,11 +283,11 @@ class Commands:
 
     def _obey(self, command: Command, source: str) -> None:
         """Do what nobody waits for an answer to."""
-        done, said = self._asked(command)
+        done, sentence = self._asked(command)
         if done:
-            self._node.get_logger().info(f"{source}: {said}")
+            self._node.get_logger().info(f"{source}: {sentence}")
         else:
-            self._node.refuse_aloud(source, f"{source}: {said}")
+            self._node.refuse_aloud(source, f"{source}: {sentence}")
 
     def _asked(self, command: Command) -> tuple[bool, str]:
         """Whether a command is done, and a sentence: what follows, or why not."""
@@ -300,13 +300,13 @@ class Commands:
             return False, refused.sentence
         return True, f"{command}: {self._done(command)}"
 
-    def _log(self, done: bool, said: str) -> None:
+    def _log(self, done: bool, sentence: str) -> None:
         logger = self._node.get_logger()
         # rclpy ties a severity to the calling line: two lines are needed.
         if done:
-            logger.info(said)
+            logger.info(sentence)
         else:
-            logger.warning(said)
+            logger.warning(sentence)
 
     # --- references ------------------------------------------------------------------------------
 
@@ -316,18 +316,18 @@ class Commands:
         fails = {Guard.NAVIGATION} if phases.lost else set[Guard]()
         if phases.fence_distance_m > 0.0:
             fails.add(Guard.FENCE)
-        found = decide(phases.phase, Command.FOLLOW, fails)
-        return found.sentence if isinstance(found, Refusal) else ""
+        decision = decide(phases.phase, Command.FOLLOW, fails)
+        return decision.sentence if isinstance(decision, Refusal) else ""
 
     def fly(self, way: Trajectory) -> str:
         """Follow a way from now on and tell it as a reference; a sentence about its end."""
         node = self._node
-        run, told = node.run, encode_reference(way, node.get_namespace())
+        run, message = node.run, encode_reference(way, node.get_namespace())
         run.diverted = way
-        key = key_of(told)
-        node.core.own.append(key)
+        key = key_of(message)
+        node.core.unheard_keys.append(key)
         node.core.trajectories.append((node.stamp_ns(node.tick + 1), key))
-        node.core.send_trajectory(told)
+        node.core.send_trajectory(message)
         last, end_ns = way.points[-1], way.start_ns + way.times_ns[-1]
         north, east, down = last[REFERENCE.pos]
         return (
@@ -352,12 +352,12 @@ class Commands:
             return _BY_MESSAGES
         if command in _STEERED:
             return _STEERED[command]
-        said = self.fly(phases.trajectory)
+        destination = self.fly(phases.trajectory)
         if command == Command.LAND and phases.lost:
             return plight(phases.phase)
         if command == Command.LAND:
-            return f"comes to rest {said}, then down at {numbers.descent.climb_mps:g} m/s"
-        return said
+            return f"comes to rest {destination}, then down at {numbers.descent.climb_mps:g} m/s"
+        return destination
 
     def _do(self, command: Command, goal: Any = None) -> Refusal | None:
         node = self._node
@@ -370,7 +370,8 @@ class Commands:
         leaves = command in _LEAVE and node.run.phases.phase == Phase.STANDING
         if node.core.armed or not leaves:
             return None
-        return Refusal(command.value, "the aircraft is disarmed", (ARM,))
+        cause = RefusalCause.DISARMED
+        return Refusal(command.value, cause, cause.value, (ARM,))
 
     def _goal_of(self, message: Any, topic: str) -> tuple[np.ndarray, float]:
         """Position and heading; MessageError or ReferenceRefused says why there are none."""
@@ -394,10 +395,16 @@ class Commands:
         """ReferenceRefused unless a position is held, in the air or on the ground."""
         node = self._node
         if not node.active:
-            raise ReferenceRefused("outer_loop is not active; activate it first")
+            raise _refused(RefusalCause.INACTIVE)
         if node.values["horizontal"] != _POSITION:
             raise ReferenceRefused(
-                f"horizontal is {node.values['horizontal']}; allowed: {_POSITION}"
+                RefusalCause.NO_POSITION_LOOP,
+                f"horizontal is {node.values['horizontal']}; allowed: {_POSITION}",
             )
         if not node.run.engaged or node.run.phases.trajectory is None:
-            raise ReferenceRefused("no position is held yet: the law waits for navigation")
+            raise _refused(RefusalCause.NO_NAVIGATION_YET)
+
+
+def _refused(cause: RefusalCause) -> ReferenceRefused:
+    """A refusal that has no numbers."""
+    return ReferenceRefused(cause, cause.value)

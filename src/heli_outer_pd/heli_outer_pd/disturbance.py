@@ -108,9 +108,9 @@ def watch_attitude(flown, psi, rate, k, state):
     command is known behind the attitude loop's lag. A nose that turns away takes roll and pitch
     along: nothing is said of their servos, and the full gains hold a place even so.
     """
-    own = k.wind_compensation > 0.5 and k.hold_horizontal > 0.5 and k.sweep.shape == 0
+    compensates = k.wind_compensation > 0.5 and k.hold_horizontal > 0.5 and k.sweep.shape == 0
     state.x[MEMORY.late] += k.dt_s / _MEAN_S * (state.x[MEMORY.is_late] - state.x[MEMORY.late])
-    if state.machine[MACHINE.guidance] != FLIES or not own or state.x[MEMORY.late] > _LATE:
+    if state.machine[MACHINE.guidance] != FLIES or not compensates or state.x[MEMORY.late] > _LATE:
         forget_swings(state)
         return
     mean, square, lagged = (

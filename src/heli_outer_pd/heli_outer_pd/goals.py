@@ -41,7 +41,7 @@ class Goals:
         """Whether a goal has been answered."""
         return goal_id in self._answers
 
-    def told(self) -> str:
+    def as_text(self) -> str:
         """All answers as a value of `FACT_GOALS`; empty if there is none."""
         return goals_text(self._answers.values()) if self._answers else ""
 

@@ -28,6 +28,7 @@ from heli_outer_pd.guidance.paths import (
 )
 from heli_outer_pd.guidance.transfer import MotionLimits
 from heli_outer_pd.manual import StickNumbers
+from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, foreseen_ns
 
 # -------------------------------------------------------------------------------------------------
@@ -116,7 +117,10 @@ class Goto:
         """
         vel = np.array(vel_ned_mps, float)
         if not (np.isfinite(vel).all() and np.isfinite(psi_rate_radps)):
-            raise ReferenceRefused(f"velocity {vel} m/s, turn {psi_rate_radps} rad/s: not finite")
+            raise ReferenceRefused(
+                RefusalCause.NOT_NUMBERS,
+                f"velocity {vel} m/s, turn {psi_rate_radps} rad/s: not finite",
+            )
         most = self.limits
         level = float(np.hypot(*vel[:2]))
         if level > most.speed_mps:
@@ -138,7 +142,7 @@ class Goto:
         try:
             way = turned(before, leave_ns, max(_PAST_NS, self.shaping_ns), angle_rad, self.limits)
         except PathError as error:
-            raise ReferenceRefused(str(error)) from error
+            raise ReferenceRefused(error.cause, str(error)) from error
         return way, leave_ns + lasts_ns
 
     def _divert(
@@ -152,7 +156,7 @@ class Goto:
         try:
             return divert(before, leave_ns, max(past_ns, 3 * self.shaping_ns), goal, self.limits)
         except PathError as error:
-            raise ReferenceRefused(str(error)) from error
+            raise ReferenceRefused(error.cause, str(error)) from error
 
     def judged(
         self,
@@ -254,10 +258,10 @@ def left(mode: str, beyond_m: float) -> str:
     return f"{mode}: the aircraft is {beyond_m:.1f} m outside the fence; it comes back to hover"
 
 
-def outside(beyond_m: float, said: str) -> str:
-    """`said`; outside the fence how far, in a sentence."""
+def outside(beyond_m: float, otherwise: str) -> str:
+    """`otherwise`; outside the fence how far, in a sentence."""
     if beyond_m <= 0.0:
-        return said
+        return otherwise
     return f"{beyond_m:.1f} m outside the fence: coming back, no command leads outward"
 
 

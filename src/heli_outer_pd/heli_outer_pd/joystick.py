@@ -155,8 +155,8 @@ class StickMap:
             Stick(*(values[f"{prefix}.{name}.{key}"] for key in keys)) for name in STICKS
         )
         numbers = {name: int(values[f"{prefix}.button.{name}"]) for name in BUTTONS}
-        given = {name: number for name, number in numbers.items() if number != NO_BUTTON}
-        return cls((roll, pitch, yaw, climb), given)
+        buttons = {name: number for name, number in numbers.items() if number != NO_BUTTON}
+        return cls((roll, pitch, yaw, climb), buttons)
 
     def read(self, axes: Sequence[float], buttons: Sequence[int]) -> tuple[Sticks, frozenset[str]]:
         """What the sticks ask for, and the commands whose buttons are down.

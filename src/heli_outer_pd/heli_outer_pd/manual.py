@@ -22,7 +22,7 @@ from heli_core.trajectory import Trajectory
 from heli_outer_pd.disturbance import flyable, hover_share
 from heli_outer_pd.guidance.transfer import Motion, MotionLimits, Transfer
 from heli_outer_pd.manual_controller import collective_limits
-from heli_outer_pd.modes import Command, Fact, Guard, Phase, Refusal
+from heli_outer_pd.modes import Command, Fact, Guard, Phase, Refusal, RefusalCause
 from heli_outer_pd.reference import (
     GLIMPSE_NS,
     MotionState,
@@ -129,15 +129,19 @@ def checked_attitude(attitude_rad: Array, hover_rad: Array, most_rad: float) -> 
         A number is not finite, or it is tilted more.
     """
     if attitude_rad.shape != (3,) or not np.isfinite(attitude_rad).all():
-        raise ReferenceRefused(f"attitude {attitude_rad.tolist()} rad; allowed: three numbers")
+        raise ReferenceRefused(
+            RefusalCause.NOT_NUMBERS,
+            f"attitude {attitude_rad.tolist()} rad; allowed: three numbers",
+        )
     tilt = attitude_rad[: SETPOINT.psi]
     if (np.abs(tilt - hover_rad) > most_rad + _ROUNDING_RAD).any():
-        given = np.degrees(tilt)
+        tilt_deg = np.degrees(tilt)
         low, high = np.degrees(hover_rad - most_rad), np.degrees(hover_rad + most_rad)
         raise ReferenceRefused(
-            f"roll {given[0]:z.1f} deg, pitch {given[1]:z.1f} deg nose up; allowed: roll "
+            RefusalCause.TILT,
+            f"roll {tilt_deg[0]:z.1f} deg, pitch {tilt_deg[1]:z.1f} deg nose up; allowed: roll "
             f"{low[0]:.1f} to {high[0]:.1f} deg, pitch {low[1]:.1f} to {high[1]:.1f} deg, which "
-            f"are {math.degrees(most_rad):g} deg off hover's"
+            f"are {math.degrees(most_rad):g} deg off hover's",
         )
     return attitude_rad
 
@@ -221,10 +225,13 @@ class Steering:
 
     def hear(self, sticks: Array, now_ns: int) -> None:
         """Take sticks (4,), cut to -1..1; ReferenceRefused if one is not a number."""
-        given = np.asarray(sticks, float)
-        if given.shape != (STICKS.size,) or not np.isfinite(given).all():
-            raise ReferenceRefused(f"sticks are {given.tolist()}; allowed: four numbers in -1..1")
-        self.sticks, self.heard_ns = np.clip(given, -1.0, 1.0), now_ns
+        newest = np.asarray(sticks, float)
+        if newest.shape != (STICKS.size,) or not np.isfinite(newest).all():
+            raise ReferenceRefused(
+                RefusalCause.NOT_NUMBERS,
+                f"sticks are {newest.tolist()}; allowed: four numbers in -1..1",
+            )
+        self.sticks, self.heard_ns = np.clip(newest, -1.0, 1.0), now_ns
         if self.asked.leads:
             self.asked = self.asked.beside(self.sticks)
 
@@ -401,7 +408,7 @@ class TouchDown:
     def __init__(self, share: float = 1.0, v_down_mps: float = 0.0) -> None:
         self._usual, self._missing_mps, self._began_mps = share, 0.0, v_down_mps
 
-    def found(self, share: float, v_down_mps: float, g: float, dt_s: float) -> bool:
+    def detects(self, share: float, v_down_mps: float, g: float, dt_s: float) -> bool:
         """Look at a step of the law: its thrust, a share of hover's, and the speed downwards."""
         if share > _UNLOADED * self._usual:
             self._usual += (share - self._usual) * dt_s / _USUAL_S
@@ -450,7 +457,6 @@ _LIFTS = 0.5
 _NEARLY = 1e-3
 _LOWERED = -0.9
 """The collective stick is at its lower end below this."""
-_PILOT_HAS_IT = "the pilot's sticks fly the attitude"
 _ONCE = ("once another mode is flown, or no sticks are heard",)
 _CODES = {Phase.ATTITUDE: STEERED, Phase.MANUAL: LOW_BY_HAND}
 
@@ -502,14 +508,16 @@ class StickFlight:
         steering = self.steering
         sticks_lead = phase == Phase.ATTITUDE and not steering.asked.leads
         if sticks_lead and not steering.is_silent(now.ns, n):
-            return Refusal(Command.ATTITUDE.value, _PILOT_HAS_IT, _ONCE)
+            cause = RefusalCause.PILOT_STEERS
+            return Refusal(Command.ATTITUDE.value, cause, cause.value, _ONCE)
         steering.ask(attitude_rad, now.ns, n, now.k)
         return None
 
     def climb(self, phase: Phase, climb_mps: float, now_ns: int) -> Refusal | None:
         """Take the climb of it."""
         if phase != Phase.ATTITUDE or not self.steering.asked.leads:
-            return Refusal("climb", "no commanded attitude is flown", ("beside command_attitude",))
+            cause = RefusalCause.NO_ATTITUDE
+            return Refusal("climb", cause, cause.value, ("beside command_attitude",))
         self.steering.climb(climb_mps, now_ns)
         return None
 
@@ -534,7 +542,7 @@ class StickFlight:
             silent = asked.is_silent(now.ns, n) if asked.leads else silent
             return Fact.SILENT if silent else None
         share, v_down = float(hover_share(col, now.k)), float(now.nav[NAV.down_vel])
-        touched = self._contact.found(share, v_down, now.k.g, now.k.dt_s)
+        touched = self._contact.detects(share, v_down, now.k.g, now.k.dt_s)
         if not self.aground:
             self.aground = touched
             return Fact.SILENT if silent and not touched else None

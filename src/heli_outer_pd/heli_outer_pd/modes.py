@@ -113,6 +113,36 @@ class Guard(Enum):
     LOWERED = "the collective stick is not at its lower end"
 
 
+class RefusalCause(Enum):
+    """Why a command or a reference is not followed; a guard that fails is a cause, too."""
+
+    TAKING_OFF = "the aircraft is taking off already"
+    AIRBORNE = "the aircraft is in the air already"
+    PILOT_TAKES_OFF = "the aircraft is flown by hand: the pilot takes off"
+    TOUCHED_DOWN = "the aircraft has just touched down: wait until it stands"
+    GROUNDED = "the aircraft is on the ground: take off first"
+    RISING = "the aircraft is taking off: wait until it hovers, or hold"
+    SINKING = "the aircraft is landing: hold first"
+    AUTOROTATING = "the rotor is slow: the aircraft lands without its engine"
+    COLLECTIVE_RISES = "the collective is being raised: wait until it climbs, or land"
+    COLLECTIVE_SINKS = "the collective is being lowered: wait until it stands"
+    LANDED = "the aircraft has landed already"
+    LANDING = "the aircraft is landing already"
+    UNKNOWN_MODE = "no such mode"
+    DISARMED = "the aircraft is disarmed"
+    PILOT_STEERS = "the pilot's sticks fly the attitude"
+    NO_ATTITUDE = "no commanded attitude is flown"
+    INACTIVE = "outer_loop is not active; activate it first"
+    NO_POSITION_LOOP = "the law holds no position"
+    NO_NAVIGATION_YET = "no position is held yet: the law waits for navigation"
+    STAMP = "it begins before the flight, or too late"
+    ALTITUDE = "it is too low or too high"
+    DISTANCE = "it is too far from where the flight began"
+    NOT_NUMBERS = "its numbers are not finite, or not as many as they have to be"
+    TILT = "the attitude is tilted too much"
+    NO_ALTITUDE_LEFT = "the limits leave no altitude"
+
+
 @dataclass(frozen=True)
 class Transition:
     """A row that leads somewhere.
@@ -138,15 +168,11 @@ class Refused:
 
     sources: tuple[Phase, ...]
     event: Command
-    reason: str
+    cause: RefusalCause
 
 
 _AIRBORNE = (*GUIDED, Phase.ATTITUDE, Phase.HALTING, Phase.DESCENDING, Phase.AUTOROTATING)
 _LANDS = (Phase.HALTING, Phase.DESCENDING)
-_GROUNDED = "the aircraft is on the ground: take off first"
-_RISING = "the aircraft is taking off: wait until it hovers, or hold"
-_SINKING = "the aircraft is landing: hold first"
-_FALLING = "the rotor is slow: the aircraft lands without its engine"
 _HELD = (Guard.ENVELOPE, Guard.CLEAR)
 _BY_HAND = (Guard.NAVIGATION, *_HELD)
 """For whatever takes over from a pilot's hand and holds a position."""
@@ -154,11 +180,10 @@ _BY_HAND = (Guard.NAVIGATION, *_HELD)
 TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.STANDING,), Command.TAKEOFF, Phase.SPOOLING,
                (Guard.NAVIGATION, Guard.UPRIGHT)),
-    Refused(TAKING_OFF, Command.TAKEOFF, "the aircraft is taking off already"),
-    Refused(_AIRBORNE, Command.TAKEOFF, "the aircraft is in the air already"),
-    Refused((Phase.MANUAL,), Command.TAKEOFF, "the aircraft is flown by hand: the pilot takes off"),
-    Refused((Phase.SETTLING,), Command.TAKEOFF, "the aircraft has just touched down: wait until "
-            "it stands"),
+    Refused(TAKING_OFF, Command.TAKEOFF, RefusalCause.TAKING_OFF),
+    Refused(_AIRBORNE, Command.TAKEOFF, RefusalCause.AIRBORNE),
+    Refused((Phase.MANUAL,), Command.TAKEOFF, RefusalCause.PILOT_TAKES_OFF),
+    Refused((Phase.SETTLING,), Command.TAKEOFF, RefusalCause.TOUCHED_DOWN),
     Transition((Phase.SPOOLING,), Fact.SPOOLED_UP, Phase.LIFTING),
     Transition((Phase.SPOOLING,), Fact.BLIND, Phase.STANDING),
     Transition((Phase.LIFTING,), Fact.LIGHT, Phase.CLIMBING),
@@ -171,48 +196,46 @@ TABLE: tuple[Transition | Refused, ...] = (
                (Guard.NAVIGATION, Guard.CLEAR)),
     Transition((Phase.ATTITUDE,), Command.HOLD, Phase.HOVER, (Guard.NAVIGATION, Guard.ENVELOPE)),
     Transition((Phase.MANUAL,), Command.HOLD, Phase.HOVER, _BY_HAND),
-    Refused(ON_GROUND, Command.HOLD, _GROUNDED),
+    Refused(ON_GROUND, Command.HOLD, RefusalCause.GROUNDED),
     Transition(GUIDED, Command.GOTO, Phase.TRAJECTORY,
                (Guard.NAVIGATION, Guard.FENCE, Guard.UNSATURATED)),
     Transition((Phase.ATTITUDE,), Command.GOTO, Phase.TRAJECTORY,
                (Guard.NAVIGATION, Guard.FENCE, Guard.ENVELOPE, Guard.UNSATURATED)),
     Transition((Phase.MANUAL,), Command.GOTO, Phase.TRAJECTORY,
                (*_BY_HAND, Guard.FENCE, Guard.UNSATURATED)),
-    Refused(ON_GROUND, Command.GOTO, _GROUNDED),
-    Refused((Phase.CLIMBING,), Command.GOTO, _RISING),
-    Refused(_LANDS, Command.GOTO, _SINKING),
+    Refused(ON_GROUND, Command.GOTO, RefusalCause.GROUNDED),
+    Refused((Phase.CLIMBING,), Command.GOTO, RefusalCause.RISING),
+    Refused(_LANDS, Command.GOTO, RefusalCause.SINKING),
     Transition(GUIDED, Command.FOLLOW, Phase.TRAJECTORY, (Guard.NAVIGATION, Guard.FENCE)),
     Transition((Phase.ATTITUDE,), Command.FOLLOW, Phase.TRAJECTORY,
                (Guard.NAVIGATION, Guard.FENCE, Guard.ENVELOPE)),
     Transition((Phase.MANUAL,), Command.FOLLOW, Phase.TRAJECTORY,
                (*_BY_HAND, Guard.FENCE)),
-    Refused(ON_GROUND, Command.FOLLOW, _GROUNDED),
-    Refused((Phase.CLIMBING,), Command.FOLLOW, _RISING),
-    Refused(_LANDS, Command.FOLLOW, _SINKING),
+    Refused(ON_GROUND, Command.FOLLOW, RefusalCause.GROUNDED),
+    Refused((Phase.CLIMBING,), Command.FOLLOW, RefusalCause.RISING),
+    Refused(_LANDS, Command.FOLLOW, RefusalCause.SINKING),
     Transition(GUIDED, Command.VELOCITY, Phase.VELOCITY,
                (Guard.NAVIGATION, Guard.FENCE, Guard.UNSATURATED)),
     Transition((Phase.ATTITUDE,), Command.VELOCITY, Phase.VELOCITY,
                (Guard.NAVIGATION, Guard.FENCE, Guard.ENVELOPE, Guard.UNSATURATED)),
     Transition((Phase.MANUAL,), Command.VELOCITY, Phase.VELOCITY,
                (*_BY_HAND, Guard.FENCE, Guard.UNSATURATED)),
-    Refused(ON_GROUND, Command.VELOCITY, _GROUNDED),
-    Refused((Phase.CLIMBING,), Command.VELOCITY, _RISING),
-    Refused(_LANDS, Command.VELOCITY, _SINKING),
+    Refused(ON_GROUND, Command.VELOCITY, RefusalCause.GROUNDED),
+    Refused((Phase.CLIMBING,), Command.VELOCITY, RefusalCause.RISING),
+    Refused(_LANDS, Command.VELOCITY, RefusalCause.SINKING),
     Transition((*GUIDED, Phase.ATTITUDE), Command.ATTITUDE, Phase.ATTITUDE,
                (Guard.LEVEL, Guard.FENCE, Guard.HEARD)),
     Transition((Phase.MANUAL,), Command.ATTITUDE, Phase.ATTITUDE,
                (Guard.LEVEL, *_HELD, Guard.FENCE, Guard.HEARD)),
-    Refused(ON_GROUND, Command.ATTITUDE, _GROUNDED),
-    Refused((Phase.CLIMBING,), Command.ATTITUDE, _RISING),
-    Refused(_LANDS, Command.ATTITUDE, _SINKING),
+    Refused(ON_GROUND, Command.ATTITUDE, RefusalCause.GROUNDED),
+    Refused((Phase.CLIMBING,), Command.ATTITUDE, RefusalCause.RISING),
+    Refused(_LANDS, Command.ATTITUDE, RefusalCause.SINKING),
     Transition((*FLYING, Phase.CLIMBING, *_LANDS, Phase.AUTOROTATING), Command.MANUAL, Phase.MANUAL,
                (Guard.STICKS, Guard.FENCE)),
     Transition((Phase.STANDING,), Command.MANUAL, Phase.MANUAL,
                (Guard.NAVIGATION, Guard.STICKS, Guard.LOWERED)),
-    Refused((Phase.SPOOLING, Phase.LIFTING), Command.MANUAL, "the collective is being raised: "
-            "wait until it climbs, or land"),
-    Refused((Phase.SETTLING,), Command.MANUAL, "the collective is being lowered: wait until it "
-            "stands"),
+    Refused((Phase.SPOOLING, Phase.LIFTING), Command.MANUAL, RefusalCause.COLLECTIVE_RISES),
+    Refused((Phase.SETTLING,), Command.MANUAL, RefusalCause.COLLECTIVE_SINKS),
     Transition((Phase.TRAJECTORY,), Fact.ARRIVED, Phase.HOVER),
     Transition((Phase.TRAJECTORY, Phase.VELOCITY), Fact.BLIND, Phase.HOVER),
     Transition((Phase.CLIMBING, *GUIDED), Fact.BLIND_LONG, Phase.HALTING),
@@ -222,7 +245,7 @@ TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.AUTOROTATING,), Fact.ROTOR_BACK, Phase.HOVER),
     Transition((Phase.AUTOROTATING,), Fact.TOUCHED_DOWN, Phase.SETTLING),
     *(
-        Refused((Phase.AUTOROTATING,), command, _FALLING)
+        Refused((Phase.AUTOROTATING,), command, RefusalCause.AUTOROTATING)
         for command in (Command.HOLD, Command.GOTO, Command.FOLLOW, Command.VELOCITY,
                         Command.ATTITUDE)
     ),
@@ -234,8 +257,8 @@ TABLE: tuple[Transition | Refused, ...] = (
     Transition((Phase.MANUAL,), Command.LAND, Phase.HALTING, (Guard.LEVEL, *_HELD)),
     Transition((Phase.SPOOLING,), Command.LAND, Phase.STANDING),
     Transition((Phase.LIFTING,), Command.LAND, Phase.SETTLING),
-    Refused((Phase.STANDING,), Command.LAND, "the aircraft has landed already"),
-    Refused(LANDING, Command.LAND, "the aircraft is landing already"),
+    Refused((Phase.STANDING,), Command.LAND, RefusalCause.LANDED),
+    Refused(LANDING, Command.LAND, RefusalCause.LANDING),
     Transition((Phase.HALTING,), Fact.ARRIVED, Phase.DESCENDING),
     Transition((Phase.DESCENDING,), Fact.TOUCHED_DOWN, Phase.SETTLING),
     Transition((Phase.SETTLING, Phase.MANUAL), Fact.IDLE, Phase.STANDING),
@@ -254,13 +277,18 @@ class Refusal:
 
     Attributes
     ----------
-    asked, reason : str
-        What was asked, and why it is not done.
+    asked : str
+        What was asked.
+    cause : RefusalCause or Guard
+        Why it is not done, for programs.
+    reason : str
+        The same for people.
     allowed : tuple of str
         What would be.
     """
 
     asked: str
+    cause: RefusalCause | Guard
     reason: str
     allowed: tuple[str, ...]
 
@@ -302,10 +330,11 @@ def decide(
         failed = next((guard for guard in row.guards if guard in fails), None)
         if failed is None:
             return row.target
-        return Refusal(event.value, f"not in {phase.mode} now: {failed.value}", _others(row, phase))
+        reason = f"not in {phase.mode} now: {failed.value}"
+        return Refusal(event.value, failed, reason, _others(row, phase))
     if row is None:
         return None
-    return Refusal(row.event.value, row.reason, allowed(phase))
+    return Refusal(row.event.value, row.cause, row.cause.value, allowed(phase))
 
 
 def _others(row: Transition, phase: Phase) -> tuple[str, ...]:
@@ -321,4 +350,5 @@ def command_named(name: str) -> Command | Refusal:
         return known[name]
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"; did you mean {near[0]}?" if near else ""
-    return Refusal(f"mode {name!r}", f"no such mode{hint}", tuple(known))
+    cause = RefusalCause.UNKNOWN_MODE
+    return Refusal(f"mode {name!r}", cause, f"{cause.value}{hint}", tuple(known))

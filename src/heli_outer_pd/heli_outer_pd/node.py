@@ -41,9 +41,10 @@ from heli_outer_pd.goto import Goto, PhaseNumbers, outside
 from heli_outer_pd.inbox import INPUTS, HeardNavigation, listen, navigate, no_navigation
 from heli_outer_pd.joystick import StickMap
 from heli_outer_pd.manual_controller import with_manual
+from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.parameters import NODE_NAME, TABLE, outer_params
 from heli_outer_pd.phases import ActiveOuterLoop, Phases
-from heli_outer_pd.position_health import answer, told_of
+from heli_outer_pd.position_health import answer, flown_in_words
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.python_controller import OwnPositionLaw, own_law
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused, moved, offset_to, warm_up
@@ -85,12 +86,12 @@ class ConfiguredOuterLoop(TickCore):
         What a reference may ask for.
     goto : Goto
         How a goto is flown.
-    given : Trajectory or None
+    reference : Trajectory or None
         The reference, once it has come.
     trajectory : Trajectory or None
         What is followed of it: itself, or from where the law has engaged.
     offset_ned_m : (3,) array or None
-        From `given` to `trajectory`; None until the law has engaged.
+        From `reference` to `trajectory`; None until the law has engaged.
     home_ned_m : (3,) array or None
         Where the first reference began, or the first position that was held without one.
     inbox : Inbox
@@ -102,7 +103,7 @@ class ConfiguredOuterLoop(TickCore):
         Per topic of commands who sends them, or has sent one.
     send_trajectory : callable
         Sends a way that is followed as a reference.
-    own : deque of int
+    unheard_keys : deque of int
         References of this node that it has not yet heard back, each by its key.
     followed : deque of int
         Those of others that were followed.
@@ -128,7 +129,7 @@ class ConfiguredOuterLoop(TickCore):
     goto: Goto
     heard: HeardNavigation
     inbox: Inbox = field(default_factory=lambda: empty_inbox(len(INPUTS)))
-    given: Trajectory | None = None
+    reference: Trajectory | None = None
     trajectory: Trajectory | None = None
     offset_ned_m: np.ndarray | None = None
     home_ned_m: np.ndarray | None = None
@@ -137,7 +138,7 @@ class ConfiguredOuterLoop(TickCore):
     commanders: dict[str, EverSent] = field(
         default_factory=lambda: {t: EverSent() for t in COMMANDS}
     )
-    own: deque[int] = field(default_factory=lambda: deque(maxlen=UNHEARD))
+    unheard_keys: deque[int] = field(default_factory=lambda: deque(maxlen=UNHEARD))
     followed: deque[int] = field(default_factory=lambda: deque(maxlen=UNHEARD))
     trajectories: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_TOLD))
     repeated: list[int] = field(default_factory=list)
@@ -234,13 +235,13 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
             # Latched: the predecessor has heard it, and may have gone on to something else.
             core.repeated.remove(key)
             return
-        if key in core.own:
-            core.own.remove(key)
+        if key in core.unheard_keys:
+            core.unheard_keys.remove(key)
             return
         # Now: who sends once is gone when one looks later.
         self._name_commanders()
         way, why = self._judged_reference(message)
-        first = core.given is None
+        first = core.reference is None
         if not why and self.active and not first:
             why = core.commands.refusal_of_reference()
         if why:
@@ -267,7 +268,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core = self.core
         if core.home_ned_m is None:
             core.home_ned_m = way.points[0, REFERENCE.pos].copy()
-        core.given, core.trajectory = way, way
+        core.reference, core.trajectory = way, way
         if not self.active or not self.run.phases.phase.on_ground:
             self._as_given(way)
         core.pace.resume()
@@ -277,30 +278,30 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core = self.core
         way, why = self._judged_reference(message)
         if not why:
-            inactive = f"{topics.REFERENCE}: {NODE_NAME} is not active; activate it first"
+            inactive = f"{topics.REFERENCE}: {RefusalCause.INACTIVE.value}"
             why = core.commands.refusal_of_reference() if self.active else inactive
         if why:
             self.refuse_aloud(topics.REFERENCE, why)
             return False, why
-        told = encode_reference(way, self.get_namespace())
-        key = key_of(told)
-        core.own.append(key)
+        reference = encode_reference(way, self.get_namespace())
+        key = key_of(reference)
+        core.unheard_keys.append(key)
         core.trajectories.append((self.stamp_ns(self.tick + 1), key))
         self._follow_reference(way)
-        core.send_trajectory(told)
+        core.send_trajectory(reference)
         return True, f"{topics.REFERENCE}: followed"
 
     def tell_goals(self) -> None:
         """Say what has become of goals, at once."""
-        said, self.urgent = self.health, True
-        facts = {**said.facts, **self._goal_facts()}
+        health, self.urgent = self.health, True
+        facts = {**health.facts, **self._goal_facts()}
         if self.active:
             facts[FACT_MODE] = self.run.phases.phase.mode
-        self.report(said.level, said.message, facts, said.state)
+        self.report(health.level, health.message, facts, health.state)
 
     def _goal_facts(self) -> dict[str, str]:
-        told = self.core.goals.told()
-        return {FACT_GOALS: told} if told else {}
+        answers = self.core.goals.as_text()
+        return {FACT_GOALS: answers} if answers else {}
 
     def _as_given(self, way: Trajectory) -> None:
         """What is followed from now on is flown where it says, and no goto is any more."""
@@ -330,7 +331,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
     def is_ready(self) -> bool:
         """In lockstep a flight with a reference does not begin before it has come."""
         run = self.run
-        if not run.awaits_reference or self.core.given is not None:
+        if not run.awaits_reference or self.core.reference is not None:
             return True
         if time.monotonic() - run.begun_s > self.values["peer_timeout_s"]:
             run.awaits_reference = False
@@ -360,7 +361,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         """Another flight: the law begins anew, and with it what is held without a reference."""
         self.core.state = initial_state(self.core.params)
         self.core.heard = self._no_navigation()
-        self.core.trajectory, self.core.offset_ned_m = self.core.given, None
+        self.core.trajectory, self.core.offset_ned_m = self.core.reference, None
         self.run.held, self.run.diverted, self.run.engaged = None, None, False
         self.run.phases = self._phases()
 
@@ -368,7 +369,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         """Law, references, and where the flight is between the ground and the ground."""
         core, run = self.core, self.run
         ways = (
-            core.given,
+            core.reference,
             core.trajectory,
             core.offset_ned_m,
             core.home_ned_m,
@@ -383,7 +384,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core = self.core
         core.state, ways, run = content
         (
-            core.given,
+            core.reference,
             core.trajectory,
             core.offset_ned_m,
             core.home_ned_m,
@@ -404,7 +405,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         nav = core.nav
         navigate(core.state, core.heard, tick, nav)
         run.rejoin(nav, core.state)
-        if core.given is None and run.held is None and flyable(nav):
+        if core.reference is None and run.held is None and flyable(nav):
             run.held = Trajectory.hover(nav[NAV.pos], euler_from_quat(nav[NAV.quat])[2])
             if core.home_ned_m is None:
                 core.home_ned_m = nav[NAV.pos].copy()
@@ -414,8 +415,8 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         if way is None:
             # Nothing to hold yet: neither reference nor position. Repeat the last command.
             core.nav[:], way = np.nan, _NOWHERE
-        given = core.nav, stamp_ns - way.start_ns, way.times_ns, way.points, core.params
-        code = core.flies.step(tick, tick * self.rate.tick_s, *given, core.state, core.out, follow)
+        inputs = core.nav, stamp_ns - way.start_ns, way.times_ns, way.points, core.params
+        code = core.flies.step(tick, tick * self.rate.tick_s, *inputs, core.state, core.out, follow)
         core.send_attitude(core.out[SETPOINT.attitude], stamp_ns)
         core.send_collective(with_manual(core.out[[SETPOINT.col]], core.state), stamp_ns)
         self._look(stamp_ns)
@@ -441,8 +442,8 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
         core = self.core
         core.offset_ned_m = np.zeros(3)
         anchored = self.values["reference_anchor"] == "engagement"
-        if core.given is not None and anchored and not self.values["start.on_ground"]:
-            way = core.given
+        if core.reference is not None and anchored and not self.values["start.on_ground"]:
+            way = core.reference
             core.offset_ned_m = offset_to(
                 core.nav[NAV.pos], stamp_ns - way.start_ns, way.times_ns, way.points
             )
@@ -457,7 +458,7 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
                 phases.lost or phases.gone or core.state.machine[MACHINE.servo] != SERVO_NOMINAL
             )
             level = Level.WARN if adrift or phases.fence_distance_m > 0.0 else Level.OK
-            message = told_of(phases.phase, core.state, message)
+            message = flown_in_words(phases.phase, core.state, message)
             message = outside(phases.fence_distance_m, message)
         elif status == OuterStatus.BAD_NAVIGATION and not self.run.engaged:
             level, message = Level.WARN, _WAITS
@@ -483,13 +484,13 @@ class OuterLoopNode(TickNode[ConfiguredOuterLoop, ActiveOuterLoop]):
     def _what(self) -> str:
         if self.run.diverted is not None:
             return "goto"
-        return "held position" if self.core.given is None else "given"
+        return "held position" if self.core.reference is None else "given"
 
     def validate(self, values: Mapping[str, Any], changed: Collection[str]) -> Judged:
         """The changed law and limits; what does not fit together raises."""
         if MODE in changed:
             if not self.configured:
-                raise ValueError(f"{MODE}: {NODE_NAME} is not active; activate it first")
+                raise ValueError(f"{MODE}: {RefusalCause.INACTIVE.value}")
             self.core.commands.judge_mode(values[MODE])
         limits = ReferenceLimits.from_parameters(values)
         numbers = PhaseNumbers.from_parameters(values)

@@ -41,7 +41,7 @@ from heli_outer_pd.manual import (
 )
 from heli_outer_pd.modes import STEERED as BY_STICKS
 from heli_outer_pd.modes import Command, Fact, Guard, Phase, Refusal, decide
-from heli_outer_pd.position_health import seen, well_known
+from heli_outer_pd.position_health import health_fact, well_known
 from heli_outer_pd.reference import ReferenceLimits
 from heli_outer_pd.script import Scripted, ScriptRunner
 from heli_outer_pd.state import (
@@ -344,11 +344,11 @@ class Phases:
         ReferenceRefused
             No way within the limits; nothing has changed.
         """
-        found = decide(self.phase, command, self.fails(now_ns, nav))
-        if isinstance(found, Refusal):
-            return found
-        assert found is not None  # each command stands in the table
-        self._enter(found, command, now_ns, nav, goal)
+        decision = decide(self.phase, command, self.fails(now_ns, nav))
+        if isinstance(decision, Refusal):
+            return decision
+        assert decision is not None  # each command stands in the table
+        self._enter(decision, command, now_ns, nav, goal)
         return None
 
     def after(self, now_ns: int, nav: Array, out: Array) -> bool:
@@ -374,11 +374,11 @@ class Phases:
         self.fence_distance_m = self.numbers.fence.fence_distance_m(*place) if fenced else 0.0
         self._orders.renew(self, now_ns, nav)
         if (fact := self._fact(now_ns, nav, out)) is not None:
-            found = decide(self.phase, fact)
+            decision = decide(self.phase, fact)
             if fact == Fact.FENCED:
                 self.remarks.append(left(self.phase.mode, self.fence_distance_m))
-            if isinstance(found, Phase):
-                self._enter(found, fact, now_ns, nav)
+            if isinstance(decision, Phase):
+                self._enter(decision, fact, now_ns, nav)
         self._orders.obey(self, now_ns, nav)
         if self.phase in BY_STICKS:
             self._steer(now_ns, nav)
@@ -416,7 +416,7 @@ class Phases:
         """What is so now of what the present phase waits for."""
         if not flyable(nav):
             return Fact.BLIND if self.phase.on_ground else None
-        if (sight := seen(self.phase, self._state, self._is_low(nav))) is not None:
+        if (sight := health_fact(self.phase, self._state, self._is_low(nav))) is not None:
             return sight
         if self.fence_distance_m > 0.0 and decide(self.phase, Fact.FENCED) is not None:
             return Fact.FENCED
@@ -471,7 +471,7 @@ class Phases:
     def _touched_down(self, nav: Array, out: Array) -> bool:
         """It has not fallen, though the thrust no longer carries it."""
         k, share = self.params, float(hover_share(out[SETPOINT.col], self.params))
-        return self._contact.found(share, float(nav[NAV.down_vel]), k.g, k.dt_s)
+        return self._contact.detects(share, float(nav[NAV.down_vel]), k.g, k.dt_s)
 
     def _at(self, now_ns: int, nav: Array) -> Now:
         return Now(now_ns, self._start_ns, nav, self.params)
@@ -498,10 +498,10 @@ class Phases:
                 self._steer(now_ns, nav)
             return
         assert self.trajectory is not None  # a guard, or the phases before, have seen to it
-        before, found = self.trajectory, event == Fact.FOUND
+        before, reacquired = self.trajectory, event == Fact.FOUND
         if event == Fact.ROTOR_BACK:
             before = trajectory_here(nav, self._start_ns)
-        elif found or (steered and not self.stands):
+        elif reacquired or (steered and not self.stands):
             before = self.sticks.leave(self.phase, self._at(now_ns, nav))
         begins = steered or event != Fact.ARRIVED
         ramp = abs(n.idle_collective - self.params.trim[SETPOINT.col])
@@ -543,9 +543,9 @@ class Phases:
                 )
             case Phase.STANDING if steered:
                 self._stand(n.idle_collective, ramp / n.down_ramp_s)
-        if found or (steered and phase != Phase.STANDING):
+        if reacquired or (steered and phase != Phase.STANDING):
             self.sticks.hand_over(FLIES)
-        if found:
+        if reacquired:
             self._state.machine[MACHINE.position] = POSITION_VALID
         self._now(phase, event, now_ns)
 

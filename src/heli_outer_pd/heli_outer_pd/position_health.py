@@ -226,7 +226,7 @@ _REST_MPS, _MEAN_S, _TURNED_RAD = 1.0, 10.0, 0.3
 """At rest is slower than the first; the disturbance there is averaged over the second."""
 
 
-def seen(phase: Phase, state: OuterState, low: bool) -> Fact | None:
+def health_fact(phase: Phase, state: OuterState, low: bool) -> Fact | None:
     """The rotor slow, or at its speed again; position lost, or to be landed without for long; or
     found again, unless the ground is too near (`low`) to begin anew.
 
@@ -252,7 +252,7 @@ def _spun(phase: Phase, spin: int) -> Fact | None:
     return Fact.ROTOR_SLOW if slow else None
 
 
-def told(phase: Phase, held: str) -> str:
+def mode_in_words(phase: Phase, held: str) -> str:
     """What is flown in a phase while the position is known; `held` where one is held."""
     if phase.mode in _HOLDING:
         return held
@@ -268,7 +268,7 @@ def plight(phase: Phase) -> str:
     return "position lost: level at its altitude, no place is held; land, or take the sticks"
 
 
-def told_of(phase: Phase, state: OuterState, held: str) -> str:
+def flown_in_words(phase: Phase, state: OuterState, held: str) -> str:
     """What is flown in a phase, in a sentence, by a law's state; `held` where a place is held."""
     if state.machine[MACHINE.rotor] != ROTOR_DRIVEN:
         return "rotor slow: autorotation"
@@ -278,7 +278,7 @@ def told_of(phase: Phase, state: OuterState, held: str) -> str:
         return plight(phase)
     if state.x[MEMORY.gone] > 0.5:
         return "position astray: lands where dead reckoning leads"
-    return unfollowed(state.machine[MACHINE.servo]) or told(phase, held)
+    return unfollowed(state.machine[MACHINE.servo]) or mode_in_words(phase, held)
 
 
 def unfollowed(soft: float) -> str:
@@ -345,9 +345,9 @@ def look(nav, k, state):
 
     What flies along a reference waits for another one that begins where the aircraft is: FOUND.
     """
-    found = _look(nav, k, state)
+    reacquired = _look(nav, k, state)
     remember_place(nav, state)
-    return found
+    return reacquired
 
 
 @njit

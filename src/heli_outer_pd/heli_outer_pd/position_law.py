@@ -381,12 +381,12 @@ def follow(nav, time_ns, times_ns, points, k, state, out):
     """
     ref, before = scratch(_N_SHAPED), scratch(_N_SETPOINT)
     shaped_reference_at(time_ns, k.shaping_ns, k.heading_lead_s, times_ns, points, ref)
-    ground, found = state.machine[MACHINE.guidance], look(nav, k, state)
+    ground, reacquired = state.machine[MACHINE.guidance], look(nav, k, state)
     watch_rotor(nav[NAV.pos][2], nav[NAV.down_vel], k, state)
     if ground == STANDS:
         return _stand(nav, ref, k, state, out)
     copy(before, state.x[MEMORY.command])
-    if found:
+    if reacquired:
         copy(out, before)
         return _OK
     if ground >= BY_HAND:

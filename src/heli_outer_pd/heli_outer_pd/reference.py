@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heli_core.errors import CausedError
 from heli_core.jit import copy, fill, njit, njit_counted, scratch
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import NAV, REFERENCE, SHAPED
@@ -18,6 +19,7 @@ from heli_core.trajectory import Trajectory, reference_at
 from heli_outer_pd.disturbance import flown_acceleration_ned, flyable, hover_share
 from heli_outer_pd.guidance.paths import STEP_S
 from heli_outer_pd.manual_controller import collective_limits, manual_deflections
+from heli_outer_pd.modes import RefusalCause
 from heli_outer_pd.state import OuterParams, OuterState
 
 # -------------------------------------------------------------------------------------------------
@@ -230,8 +232,8 @@ _AHEAD_S = 60.0
 """A trajectory may be sent before it begins, but not stamped by another clock."""
 
 
-class ReferenceRefused(ValueError):
-    """A reference that is not followed; the message is one sentence."""
+class ReferenceRefused(CausedError):
+    """A reference that is not followed; `cause` is a `RefusalCause`, or the `PathCause` of it."""
 
 
 @dataclass(frozen=True)
@@ -252,8 +254,9 @@ class ReferenceLimits:
         made = cls(low, min(high, values["fence.ceiling_m"]), min(far, values["fence.radius_m"]))
         if made.altitude_min_m >= made.altitude_max_m:
             raise ReferenceRefused(
+                RefusalCause.NO_ALTITUDE_LEFT,
                 f"reference_limits: altitude_min_m {made.altitude_min_m:g} is not below "
-                f"altitude_max_m {made.altitude_max_m:g}"
+                f"altitude_max_m {made.altitude_max_m:g}",
             )
         return made
 
@@ -276,8 +279,9 @@ class ReferenceLimits:
         ahead_s = (way.start_ns - now_ns) / NS_PER_S
         if way.start_ns < 0 or ahead_s > _AHEAD_S:
             raise ReferenceRefused(
+                RefusalCause.STAMP,
                 f"stamped {way.start_ns / NS_PER_S:.2f} s; now is {now_ns / NS_PER_S:.2f} s, "
-                f"allowed: at most {_AHEAD_S:g} s later"
+                f"allowed: at most {_AHEAD_S:g} s later",
             )
         for number, point in enumerate(way.points[:, REFERENCE.pos]):
             self.judge_place(f"point {number}", point, home_ned_m)
@@ -300,11 +304,13 @@ class ReferenceLimits:
         away = float(np.hypot(*(pos_ned_m - home_ned_m)[:2]))
         if not self.altitude_min_m <= up <= self.altitude_max_m:
             raise ReferenceRefused(
+                RefusalCause.ALTITUDE,
                 f"{name} is {up:.1f} m high; allowed: {self.altitude_min_m:g} to "
-                f"{self.altitude_max_m:g} m"
+                f"{self.altitude_max_m:g} m",
             )
         if not away <= self.distance_m:
             raise ReferenceRefused(
+                RefusalCause.DISTANCE,
                 f"{name} is {away:.0f} m from where the flight began; allowed: at most "
-                f"{self.distance_m:g} m"
+                f"{self.distance_m:g} m",
             )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heli_core.parameters import Parameter
-from heli_core.rcl_yaml import ParameterError
+from heli_core.rcl_yaml import ParameterCause, ParameterError
 from heli_core.rotations import euler_from_quat, wrap_pi
 from heli_core.rows import NAV, REFERENCE, SETPOINT, STICKS
 from heli_core.ticks import NS_PER_S
@@ -139,12 +139,18 @@ def _paired(p: Mapping[str, Any], times: str, name: str, what: str) -> list[tupl
         rows = np.reshape(rows, (-1, _WIDTHS[name]))
     if len(at_s) != len(rows):
         raise ParameterError(
-            f"commands.{times} has {len(at_s)} times, commands.{name} {len(rows)} "
-            f"{what}; allowed: as many"
+            f"commands.{times} has {len(at_s)} times, commands.{name} {len(rows)} {what}",
+            ParameterCause.LENGTH,
+            allowed="as many",
         )
-    given = at_s[at_s >= 0.0]
-    if (np.diff(given) <= 0.0).any():
-        raise ParameterError(f"commands.{times} is {at_s.tolist()}; allowed: rising times")
+    ordered_s = at_s[at_s >= 0.0]
+    if (np.diff(ordered_s) <= 0.0).any():
+        raise ParameterError(
+            f"commands.{times} is {at_s.tolist()}",
+            ParameterCause.CONFLICT,
+            value=at_s,
+            allowed="rising times",
+        )
     return [(round(at * NS_PER_S), row) for at, row in zip(at_s, rows, strict=True) if at >= 0.0]
 
 
@@ -153,8 +159,8 @@ def _orders(p: Mapping[str, Any]) -> list[ScriptCommand]:
         Command.GOTO: ("goto_ned_m", "places"),
         Command.VELOCITY: ("velocity_ned_mps", "velocities"),
     }
-    given = {c: np.reshape(p[f"commands.{key}"], (-1, 3)) for c, (key, _) in places.items()}
-    left = {command: iter(rows) for command, rows in given.items()}
+    goals = {c: np.reshape(p[f"commands.{key}"], (-1, 3)) for c, (key, _) in places.items()}
+    left = {command: iter(rows) for command, rows in goals.items()}
     orders = []
     for at_ns, name in _paired(p, "at_s", "what", "commands"):
         command = Command(name)
@@ -163,7 +169,9 @@ def _orders(p: Mapping[str, Any]) -> list[ScriptCommand]:
             key, what = places[command]
             raise ParameterError(
                 f"commands.what has {list(p['commands.what']).count(name)} times {name}, "
-                f"commands.{key} {len(given[command])} {what}; allowed: one for each"
+                f"commands.{key} {len(goals[command])} {what}",
+                ParameterCause.LENGTH,
+                allowed="one for each",
             )
         goal, velocity = (where, None) if command == Command.GOTO else (None, where)
         orders.append(ScriptCommand(at_ns, command, goal, velocity))
@@ -215,7 +223,7 @@ class HumanPilotModel:
 
     def __init__(self, k: OuterParams, n: StickNumbers, standing: bool) -> None:
         self._k, self._n = k, n
-        self._seen: deque[Array] = deque(maxlen=1 + round(_SEES_S / k.dt_s))
+        self._recent_navs: deque[Array] = deque(maxlen=1 + round(_SEES_S / k.dt_s))
         self._stands = standing
         self._trim, self._stick, self._still_s = 0.0, -1.0 if standing else 0.0, 0.0
         self._place: Array | None = None
@@ -232,17 +240,17 @@ class HumanPilotModel:
         phase : Phase
             MANUAL or ATTITUDE: what the sticks mean.
         """
-        self._seen.append(nav.copy())
-        seen = self._seen[0]
-        phi, theta, psi = euler_from_quat(seen[NAV.quat])
+        self._recent_navs.append(nav.copy())
+        delayed_nav = self._recent_navs[0]
+        phi, theta, psi = euler_from_quat(delayed_nav[NAV.quat])
         if self._place is None:
-            self._place, self._psi = seen[NAV.pos].copy(), psi
+            self._place, self._psi = delayed_nav[NAV.pos].copy(), psi
         sticks = np.zeros(STICKS.size)
-        sticks[STICKS.climb] = self._collective(seen, height_m, ground_down_m, phase)
+        sticks[STICKS.climb] = self._collective(delayed_nav, height_m, ground_down_m, phase)
         if self._stands and sticks[STICKS.climb] < _LIGHT:
-            self._place, self._psi = seen[NAV.pos].copy(), psi
+            self._place, self._psi = delayed_nav[NAV.pos].copy(), psi
             return sticks
-        lean = self._lean(seen, psi)
+        lean = self._lean(delayed_nav, psi)
         if phase == Phase.ATTITUDE:
             sticks[:2] = lean / self._n.tilt_max_rad
             return np.clip(sticks, -1.0, 1.0)
@@ -253,17 +261,25 @@ class HumanPilotModel:
         sticks[STICKS.yaw] = turn / (_YAW_RADPS * abs(hand[2]))
         return np.clip(sticks, -1.0, 1.0)
 
-    def _lean(self, seen: Array, psi: float) -> Array:
+    def _lean(self, delayed_nav: Array, psi: float) -> Array:
         """Roll and pitch (2,), rad off trim, against the drift and back to the place."""
         assert self._place is not None
-        back = -_DRIFT * seen[NAV.vel][:2] + _PLACE * (self._place - seen[NAV.pos])[:2]
+        back = (
+            -_DRIFT * delayed_nav[NAV.vel][:2] + _PLACE * (self._place - delayed_nav[NAV.pos])[:2]
+        )
         c, s = math.cos(psi), math.sin(psi)
         forward, right = c * back[0] + s * back[1], -s * back[0] + c * back[1]
         return np.clip(np.array([right, -forward]) / self._k.g, -_LEAN_RAD, _LEAN_RAD)
 
-    def _collective(self, seen: Array, height_m: float, ground_m: float, phase: Phase) -> float:
+    def _collective(
+        self, delayed_nav: Array, height_m: float, ground_m: float, phase: Phase
+    ) -> float:
         """The collective stick."""
-        up, climbs, dt = ground_m - seen[NAV.pos][2], -seen[NAV.down_vel], self._k.dt_s
+        up, climbs, dt = (
+            ground_m - delayed_nav[NAV.pos][2],
+            -delayed_nav[NAV.down_vel],
+            self._k.dt_s,
+        )
         if self._stands:
             goal = 0.0 if height_m > 0.0 else -1.0
             self._stick += min(max(goal - self._stick, -_LOWERS * dt), _RAISES * dt)

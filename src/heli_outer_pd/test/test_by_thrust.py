@@ -14,7 +14,7 @@ from heli_outer_pd.failsafes import Action
 from heli_outer_pd.goto import Goto, PhaseNumbers
 from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_health import answer, told_of
+from heli_outer_pd.position_health import answer, flown_in_words
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.reference import ReferenceLimits
 from heli_outer_pd.state import (
@@ -111,7 +111,7 @@ def test_it_is_told_and_no_pilot_is_needed():
         before, after = craft.step(UNSURE)
     np.testing.assert_allclose(after, before, atol=0.01)
     assert craft.state.machine[MACHINE.altitude] == ALTITUDE_LOST and craft.phases.gone
-    assert told_of(craft.phases.phase, craft.state, "").startswith("altitude lost: ")
+    assert flown_in_words(craft.phases.phase, craft.state, "").startswith("altitude lost: ")
     assert answer(craft.phases.phase, craft.state) == Action.LAND_BY_THRUST
     craft.step(UNSURE)
     assert craft.phases.phase == Phase.HALTING

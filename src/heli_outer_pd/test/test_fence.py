@@ -85,7 +85,7 @@ def test_the_sticks_are_taken_away_at_the_fence_and_it_hovers_inside(command):
     assert craft.away == pytest.approx(30.0, abs=0.25), "at the first step beyond it"
     (remark,) = craft.phases.remarks
     assert remark == left(command.value, craft.phases.fence_distance_m)
-    assert Guard.FENCE.value in craft.ask(command).reason, "not while it is outside"
+    assert craft.ask(command).cause == Guard.FENCE, "not while it is outside"
     farthest = 0.0
     for _ in range(800):
         craft.step(steered=True)

@@ -22,8 +22,9 @@ from heli_msgs_bridge.diagnostics import Level
 from heli_msgs_bridge.layouts import CHANNELS
 from heli_outer_pd import KeyboardSticks, StickMap
 from heli_outer_pd.joystick import KEY_BUTTONS
-from heli_outer_pd.modes import Phase
+from heli_outer_pd.modes import Guard, Phase, RefusalCause
 from heli_outer_pd.node import OuterLoopNode
+from heli_outer_pd.position_health import plight
 from heli_outer_pd.state import MEMORY
 
 HOVER = np.array([0.0, 0.0, -10.0])
@@ -225,9 +226,7 @@ def test_a_velocity_that_cannot_stop_inside_the_fence_is_refused(bench):
     never = {"failsafe__unfollowed_deg": [180.0, 180.0]}  # the aircraft here never moves
     pilot = Pilot(bench(OuterLoopNode, reference_limits__distance_m=4.0, **never))
     said = [pilot.move((3.0, 0.0, 0.0)) for _ in range(50)]
-    assert (
-        said[0] == "velocity" and "m from where the flight began; allowed: at most 4 m" in said[-1]
-    )
+    assert said[0] == "velocity" and said[-1].endswith(": at most 4 m")
     assert 2.0 < pilot.node.run.diverted.points[-1, REFERENCE.pos][1] < 4.0, "it halts inside"
     pilot.fly(800)
     assert pilot.phase == Phase.HOVER
@@ -248,11 +247,8 @@ def test_a_second_pilot_is_named_and_not_followed(flying, monkeypatch):
         hear(number, *(["land"] if number == 2 else []))
     assert flying.phase == Phase.HOVER
     assert flying.node.core.pace is not None
-    said = flying.node.core.senders["joy"].sentence
-    assert said == (
-        "joy: sent by /one, /two; only /one is followed, which was heard first; ignored so far: 3 "
-        "messages"
-    )
+    senders = flying.node.core.senders["joy"]
+    assert (senders.names, senders.ignored) == (("/one", "/two"), 3)
     hear(3, "land")
     assert flying.phase == Phase.HALTING, "the first one is obeyed"
 
@@ -285,9 +281,8 @@ def test_an_attitude_is_flown_as_it_is_sent_and_ends_in_a_hover(flying):
     np.testing.assert_allclose(flown, [8.0, -3.0, 25.0], atol=0.05)
     state = flying.node.core.state
     assert state.x[MEMORY.steer_down_vel] == pytest.approx(-0.5, abs=1e-6)
-    assert flying.ask("mode/attitude") == (
-        "attitude: roll, pitch and heading as command_attitude says, climb as command_climb"
-    )
+    done = flying.ask("mode/attitude")
+    assert done.startswith("attitude: ") and topics.COMMAND_ATTITUDE in done
     flying.fly(100)
     assert flying.phase == Phase.HOVER
 
@@ -299,8 +294,9 @@ def test_a_pilot_takes_over_from_messages_by_a_button_too(flying):
     flying.joy()
     assert flying.node.run.phases.sticks.steering.asked.leads
     flying.joy(REST, "attitude")
-    assert "the pilot's sticks fly the attitude" in flying.lean(8.0)
-    assert flying.ask("mode/attitude") == "attitude: roll, pitch, turn and climb as the sticks say"
+    assert RefusalCause.PILOT_STEERS.value in flying.lean(8.0)
+    done = flying.ask("mode/attitude")
+    assert done.startswith("attitude: ") and done.endswith(" sticks say")
     assert flying.phase == Phase.ATTITUDE
 
 
@@ -340,16 +336,16 @@ def test_a_mode_may_be_set_twice(flying):
 
 
 def test_who_is_armed_again_takes_off(standing):
-    assert standing.arm(False) == "disarm: the collective stays at idle until it is armed"
+    assert standing.arm(False).startswith("disarm: ") and not standing.node.core.armed
     standing.fly(100)
     assert standing.node.health.facts["armed"] is False
     standing.outer.again()
     standing.fly(9)
-    assert "disarmed" in standing.ask("takeoff"), "for as long as the node lives"
-    assert standing.arm(True) == "arm: a take-off is obeyed"
+    assert RefusalCause.DISARMED.value in standing.ask("takeoff"), "for as long as the node lives"
+    assert standing.arm(True).startswith("arm: ") and standing.node.core.armed
     standing.ask("takeoff")
     assert standing.phase == Phase.SPOOLING
-    assert standing.arm(False) == "disarm: not in takeoff; allowed: standing"
+    assert standing.arm(False).endswith("; allowed: standing") and standing.node.core.armed
 
 
 def test_a_button_that_is_down_when_the_flight_begins_is_not_obeyed(flying):
@@ -364,7 +360,7 @@ def test_a_button_that_is_down_when_the_flight_begins_is_not_obeyed(flying):
 def test_a_joystick_may_be_laid_out_anew_in_flight(flying):
     ask = partial(Parameter, "joy.roll.axis")
     taken = flying.node.set_parameters_atomically([ask(value=3)])
-    assert not taken.successful and "roll and pitch share axis 3" in taken.reason
+    assert not taken.successful and " axis 3" in taken.reason
     assert flying.node.set_parameters_atomically([ask(value=4)]).successful
     flying.press("attitude")
     for _ in range(10):
@@ -377,7 +373,7 @@ def test_a_joystick_may_be_laid_out_anew_in_flight(flying):
 def test_before_the_flight_a_mode_is_refused(bench):
     outer = bench(OuterLoopNode)
     (result,) = outer.node.set_parameters([Parameter("mode", value="hover")])
-    assert result.reason == "mode: outer_loop is not active; activate it first"
+    assert result.reason == f"mode: {RefusalCause.INACTIVE.value}"
     assert outer.node.health.level == Level.OK
 
 
@@ -408,15 +404,13 @@ def test_a_landing_is_obeyed_without_a_position_and_says_how(flying):
     flying.fly(8)
     health = flying.node.health
     assert health.level == Level.WARN
-    assert health.message == (
-        "position lost: level at its altitude, no place is held; land, or take the sticks"
-    )
-    reason = "hold: not in hover now: there is no position estimate; allowed: land"
-    assert flying.ask("hold").startswith(reason)
+    assert health.message == plight(Phase.HOVER)
+    reason = Guard.NAVIGATION.value
+    assert f"{reason}; allowed: land" in flying.ask("hold")
     flying.pose((3.0, 0.0, 10.0))
-    assert "there is no position estimate" in flying.node.core.refused[topics.COMMAND_POSE]
-    assert "there is no position estimate" in flying.set_mode("hold")
-    said = "position lost: level descent on the barometer, no place is held"
+    assert reason in flying.node.core.refused[topics.COMMAND_POSE]
+    assert reason in flying.set_mode("hold")
+    said = plight(Phase.DESCENDING)
     assert flying.ask("land") == f"land: {said}"
     flying.fly(8)
     assert (flying.node.health.level, flying.node.health.message) == (Level.WARN, said)

@@ -58,7 +58,7 @@ def test_the_reference_begins_where_the_aircraft_is_when_the_law_engages(fly):
 
 def test_as_packaged_it_is_flown_where_it_says(fly):
     core = fly("given").node.core
-    assert core.trajectory is core.given
+    assert core.trajectory is core.reference
     np.testing.assert_array_equal(core.offset_ned_m, np.zeros(3))
 
 

@@ -17,7 +17,13 @@ from heli_outer_pd.guidance.paths import FlightPath
 from heli_outer_pd.modes import LANDING
 from heli_outer_pd.node import OuterLoopNode
 from heli_outer_pd.phases import Phases
-from heli_outer_pd.position_health import answer, plight, seen, sigma_of_speed, told_of
+from heli_outer_pd.position_health import (
+    answer,
+    flown_in_words,
+    health_fact,
+    plight,
+    sigma_of_speed,
+)
 from heli_outer_pd.position_law import follow
 from heli_outer_pd.reference import ReferenceLimits, ReferenceRefused
 from heli_outer_pd.state import (
@@ -169,12 +175,12 @@ def test_commands_that_need_a_position_are_refused_and_a_landing_is_not():
     ):
         refused = flight.ask(command, goal)
         assert isinstance(refused, Refusal)
-        assert Guard.NAVIGATION.value in refused.reason
+        assert refused.cause == Guard.NAVIGATION
     assert flight.ask(Command.LAND) is None
     for _ in range(5 * 25):
         flight.step(2.0 * LIMIT)
     assert flight.phases.phase == Phase.DESCENDING
-    assert Guard.NAVIGATION.value in flight.ask(Command.HOLD).reason
+    assert flight.ask(Command.HOLD).cause == Guard.NAVIGATION
     assert plight(Phase.HALTING) == plight(Phase.DESCENDING) != plight(Phase.HOVER)
     assert "barometer" in plight(Phase.HALTING) and "sticks" in plight(Phase.HOVER)
     assert plight(Phase.ATTITUDE).endswith(": attitude")
@@ -233,7 +239,7 @@ def test_what_dead_reckoning_leads_astray_lands(fix):
         assert not flight.phases.lost
         assert step > steps - 5 or flight.phases.phase not in LANDING
     assert (flight.phases.phase in LANDING) != fix
-    said = told_of(flight.phases.phase, flight.state, "")
+    said = flown_in_words(flight.phases.phase, flight.state, "")
     assert said.startswith("position astray") != fix
     assert answer(flight.phases.phase, flight.state) == (Action.NONE if fix else Action.LAND)
 
@@ -270,9 +276,9 @@ def test_near_the_ground_it_stays_blind():
     for _ in range(50):
         _, after = flight.step(0.04 * LIMIT)
     np.testing.assert_allclose(after[:2], flight.lean, atol=1e-3)
-    assert seen(Phase.DESCENDING, flight.state, low=True) is None
-    assert seen(Phase.DESCENDING, flight.state, low=False) == Fact.FOUND
-    assert seen(Phase.SETTLING, flight.state, low=False) is None
+    assert health_fact(Phase.DESCENDING, flight.state, low=True) is None
+    assert health_fact(Phase.DESCENDING, flight.state, low=False) == Fact.FOUND
+    assert health_fact(Phase.SETTLING, flight.state, low=False) is None
 
 
 def test_a_landing_that_has_nearly_lost_it_begins_anew_and_a_hover_does_not():

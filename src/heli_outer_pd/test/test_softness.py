@@ -12,7 +12,7 @@ from heli_outer_pd import Phase, parameters, position_law
 from heli_outer_pd.disturbance import AS_IT_IS, K_P_SHARE, SOFT_TILT_RAD, watch_attitude
 from heli_outer_pd.failsafes import Action
 from heli_outer_pd.node import OuterLoopNode
-from heli_outer_pd.position_health import answer, told_of
+from heli_outer_pd.position_health import answer, flown_in_words
 from heli_outer_pd.state import LEAVES, MACHINE, MEMORY, SERVO_DEGRADED, SERVO_NOMINAL, SERVO_STUCK
 
 PITCH, ROLL = 8.0, 5.5
@@ -171,11 +171,11 @@ def test_soft_flight_cuts_the_tilt():
 
 def test_it_is_told_and_counts_among_the_failsafes():
     state = position_law.initial_state(parameters.outer_params(VALUES))
-    assert told_of(Phase.HOVER, state, "held") == "held"
+    assert flown_in_words(Phase.HOVER, state, "held") == "held"
     assert answer(Phase.HOVER, state) is Action.NONE
     state.machine[MACHINE.servo] = SERVO_DEGRADED
-    assert "softly" in told_of(Phase.HOVER, state, "held")
+    assert "softly" in flown_in_words(Phase.HOVER, state, "held")
     assert answer(Phase.HOVER, state) is Action.SOFT
     state.machine[MACHINE.servo] = SERVO_STUCK
-    assert "stuck" in told_of(Phase.HOVER, state, "held")
+    assert "stuck" in flown_in_words(Phase.HOVER, state, "held")
     assert answer(Phase.HOVER, state) is Action.NOTE

@@ -166,7 +166,7 @@ class TestPresses:
     def test_two_at_once_are_none(self):
         presses = Presses()
         presses.pressed(frozenset())
-        with pytest.raises(StickError, match="hold and land") as refused:
+        with pytest.raises(StickError, match="hold .* land") as refused:
             presses.pressed(frozenset({"land", "hold"}))
         assert refused.value.cause is StickCause.SEVERAL_BUTTONS
         assert presses.pressed(frozenset({"land", "hold"})) is None

@@ -12,7 +12,7 @@ from heli_core.rotations import euler_from_quat, quat_from_euler
 from heli_core.rows import NAV, REFERENCE, SETPOINT
 from heli_core.ticks import NS_PER_S
 from heli_core.trajectory import Trajectory
-from heli_outer_pd import Command, Guard, Phase, position_law
+from heli_outer_pd import Command, Guard, Phase, RefusalCause, position_law
 from heli_outer_pd import parameters as config
 from heli_outer_pd.disturbance import hover_share
 from heli_outer_pd.goto import Goto, PhaseNumbers
@@ -134,8 +134,7 @@ def test_a_velocity_into_the_fence_is_refused_and_it_halts_inside():
                 assert craft.go((0.0, 3.0, 0.0)) is None
             except ReferenceRefused as error:
                 refused += 1
-                assert "the way at this velocity is 1" in str(error)
-                assert "allowed: at most 100 m" in str(error)
+                assert error.cause == RefusalCause.DISTANCE
         craft.step()
     assert refused > 10
     away = np.hypot(*craft.nav[NAV.pos][:2])
@@ -151,7 +150,7 @@ def test_downwards_it_halts_above_the_lowest_altitude():
             try:
                 craft.go((0.0, 0.0, 1.0))
             except ReferenceRefused as error:
-                assert "allowed: 2 to 100 m" in str(error)
+                assert error.cause == RefusalCause.ALTITUDE
         craft.step()
     assert 2.0 <= -craft.nav[NAV.pos][2] < 2.6
 
@@ -163,8 +162,9 @@ def test_who_is_outside_already_may_come_back_but_not_go_on():
     outside = Craft(pos=(0.0, 0.0, -20.0))
     outside.phases.home_ned_m = np.array([0.0, -103.0, 0.0])
     way = outside.phases.trajectory
-    with pytest.raises(ReferenceRefused, match="allowed: at most 100 m"):
+    with pytest.raises(ReferenceRefused) as refused:
         outside.go((0.0, 1.0, 0.0))
+    assert refused.value.cause == RefusalCause.DISTANCE
     assert outside.phases.trajectory is way and outside.phases.phase == Phase.HOVER
 
 
@@ -172,10 +172,10 @@ def test_who_is_outside_already_may_come_back_but_not_go_on():
 def test_a_velocity_that_is_not_finite_changes_nothing(bad):
     craft = Craft()
     way = craft.phases.trajectory
-    with pytest.raises(ReferenceRefused, match="not finite"):
-        craft.go((0.0, bad, 0.0))
-    with pytest.raises(ReferenceRefused, match="not finite"):
-        craft.go((0.0, 1.0, 0.0), bad)
+    for vel, turn in (((0.0, bad, 0.0), ()), ((0.0, 1.0, 0.0), (bad,))):
+        with pytest.raises(ReferenceRefused) as refused:
+            craft.go(vel, *turn)
+        assert refused.value.cause == RefusalCause.NOT_NUMBERS
     assert craft.phases.trajectory is way and craft.phases.phase == Phase.HOVER
 
 
@@ -249,16 +249,12 @@ def test_the_climb_of_the_sticks_ends_inside_the_fence():
 
 
 @pytest.mark.parametrize(
-    ("command", "said"),
-    [
-        (Command.ATTITUDE, "neither sticks nor an attitude are heard"),
-        (Command.MANUAL, "no sticks are heard"),
-    ],
+    ("command", "guard"), [(Command.ATTITUDE, Guard.HEARD), (Command.MANUAL, Guard.STICKS)]
 )
-def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command, said):
+def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command, guard):
     craft = Craft()
     craft.step()
-    assert said in craft.ask(command).sentence
+    assert craft.ask(command).cause == guard
     craft.step(NEUTRAL)
     assert craft.ask(command) is None
     heard_ns = craft.now_ns - STEP_NS
@@ -285,8 +281,9 @@ def test_asked_for_between_two_steps_of_the_law_nothing_jumps(command):
 
 @pytest.mark.parametrize("bad", [np.array([0.0, math.nan, 0.0, 0.0]), np.zeros(3)])
 def test_sticks_that_are_none_are_refused(bad):
-    with pytest.raises(ReferenceRefused, match="allowed: four numbers"):
+    with pytest.raises(ReferenceRefused) as refused:
         Craft().phases.steer(bad, 0)
+    assert refused.value.cause == RefusalCause.NOT_NUMBERS
 
 
 # --- attitude by messages ---------------------------------------------------------------------
@@ -352,9 +349,8 @@ def test_the_heading_goes_the_shorter_way_within_its_limits(psi_deg, to_deg, tur
 
 def test_its_climb_is_cut_and_without_one_the_altitude_is_held():
     craft = Craft()
-    assert craft.climb(1.0).sentence == (
-        "climb: no commanded attitude is flown; allowed: beside command_attitude"
-    )
+    refused = craft.climb(1.0)
+    assert (refused.asked, refused.cause) == ("climb", RefusalCause.NO_ATTITUDE)
     rates = []
     for i in range(300):
         craft.lean_to()
@@ -380,7 +376,7 @@ def test_an_attitude_that_is_not_renewed_is_flown_no_more():
         craft.step()
     silence_s = (craft.phases.history[-1][0] - heard_ns) / NS_PER_S
     assert silence_s == pytest.approx(VALUES["command.timeout_s"], abs=0.05)
-    assert "neither sticks nor an attitude" in craft.ask(Command.ATTITUDE).sentence
+    assert craft.ask(Command.ATTITUDE).cause == Guard.HEARD
 
 
 @pytest.mark.parametrize(
@@ -411,7 +407,7 @@ def test_what_is_refused_by_the_table_is_forgotten():
     craft = Craft(on_ground=True, pos=(0.0, 0.0, 0.0))
     for _ in range(3):
         craft.step(moves=False)
-    assert "the aircraft is on the ground" in craft.lean_to().sentence
+    assert craft.lean_to().cause == RefusalCause.GROUNDED
     assert Guard.HEARD in craft.phases.fails(craft.now_ns, craft.turned())
     assert not craft.phases.sticks.steering.asked.leads
 
@@ -427,7 +423,7 @@ def test_a_stick_that_is_moved_takes_over_and_keeps_it():
     before = craft.out.copy()
     moved = np.array([-0.3, 0.02, 0.0, -1.0])
     craft.step(moved)
-    assert "attitude: the pilot's sticks fly the attitude; allowed: " in craft.lean_to(8.0).sentence
+    assert craft.lean_to(8.0).cause == RefusalCause.PILOT_STEERS
     for _ in range(50):
         craft.step(idle)
         assert craft.lean_to(8.0) is not None, "once moved, it stays with the pilot"
@@ -503,8 +499,8 @@ def test_by_hand_without_navigation_the_sticks_are_flown_all_the_same():
     craft = Craft()
     craft.step(NEUTRAL)
     craft.nav[NAV.vel] = np.nan
-    assert "no position estimate" in craft.ask(Command.HOLD).sentence
-    assert "neither attitude nor altitude" in craft.ask(Command.ATTITUDE).sentence
+    assert craft.ask(Command.HOLD).cause == Guard.NAVIGATION
+    assert craft.ask(Command.ATTITUDE).cause == Guard.LEVEL
     assert craft.ask(Command.MANUAL) is None
     for _ in range(100):
         craft.step(np.array([0.2, 0.0, 0.0, -0.1]), moves=False)
@@ -513,7 +509,7 @@ def test_by_hand_without_navigation_the_sticks_are_flown_all_the_same():
     trim, idle = VALUES["trim.d_col"], VALUES["takeoff.idle_collective"]
     assert sent[0] == pytest.approx(trim - 0.1 * (trim - idle), abs=1e-4)
     assert np.isfinite(sent).all()
-    assert "no position estimate" in craft.ask(Command.HOLD).sentence
+    assert craft.ask(Command.HOLD).cause == Guard.NAVIGATION
 
 
 def test_from_a_tilt_beyond_the_laws_it_is_not_taken_over():
@@ -523,7 +519,7 @@ def test_from_a_tilt_beyond_the_laws_it_is_not_taken_over():
     craft.step(NEUTRAL, moves=False)
     craft.lean = (math.radians(VALUES["tilt_limit_deg"] + 1.0), 0.0)
     for command in (Command.HOLD, Command.LAND, Command.VELOCITY, Command.ATTITUDE):
-        assert "outside the envelope" in craft.ask(command).sentence
+        assert craft.ask(command).cause == Guard.ENVELOPE
     assert craft.phases.phase == Phase.MANUAL
     craft.lean = (math.radians(VALUES["tilt_limit_deg"] - 1.0), 0.0)
     assert craft.ask(Command.HOLD) is None
@@ -533,14 +529,14 @@ def test_with_the_collective_at_its_limit_no_velocity_is_taken():
     craft = Craft()
     craft.step()
     craft.state.x[MEMORY.command][SETPOINT.col] = 0.5
-    assert "an actuator is saturated" in craft.go((1.0, 0.0, 0.0)).sentence
+    assert craft.go((1.0, 0.0, 0.0)).cause == Guard.UNSATURATED
 
 
 def test_by_hand_from_the_ground_and_back():
     craft = Craft(on_ground=True, pos=(0.0, 0.0, 0.0))
     for _ in range(3):
         craft.step(NEUTRAL, moves=False)
-    assert "not at its lower end" in craft.ask(Command.MANUAL).sentence
+    assert craft.ask(Command.MANUAL).cause == Guard.LOWERED
     craft.step(DOWN, moves=False)
     assert craft.ask(Command.MANUAL) is None
     for _ in range(50):
@@ -550,7 +546,7 @@ def test_by_hand_from_the_ground_and_back():
     assert craft.out[SETPOINT.col] == pytest.approx(idle)
     assert craft.state.machine[MACHINE.guidance] == LOW_BY_HAND
     assert not craft.state.x[MEMORY.disturbance].any()
-    assert "the ground is too near" in craft.ask(Command.HOLD).sentence
+    assert craft.ask(Command.HOLD).cause == Guard.CLEAR
     up = np.array([0.0, 0.0, 0.0, 0.1])
     for _ in range(100):
         craft.nav[NAV.down_vel] = -0.5
@@ -581,8 +577,13 @@ def test_a_pilot_who_lets_go_on_the_ground_leaves_it_standing():
 def test_what_falls_has_not_touched_down():
     """Half of the thrust is gone: a body in the air falls at 0.5 g, one on its skids does not."""
     falls, stands = TouchDown(1.0), TouchDown(1.0)
-    found = [(falls.found(0.5, 0.5 * 9.8 * 0.04 * i, 9.8, 0.04), stands.found(0.5, 0.0, 9.8, 0.04))
-             for i in range(50)]  # fmt: skip
+    found = [
+        (
+            falls.detects(0.5, 0.5 * 9.8 * 0.04 * i, 9.8, 0.04),
+            stands.detects(0.5, 0.0, 9.8, 0.04),
+        )
+        for i in range(50)
+    ]
     assert not any(fell for fell, _ in found)
     assert found[9] == (False, False) and found[11] == (False, True), (
         "2 m/s are missing after 0.4 s"

@@ -72,13 +72,13 @@ def largest_slack(
         along, value = 1.0, _value(x, roots, tau)
         while True:
             trial = x + along * step
-            found = _roots(trial, terms, E)
-            if found is not None and _value(trial, found, tau) <= value:
+            trial_roots = _roots(trial, terms, E)
+            if trial_roots is not None and _value(trial, trial_roots, tau) <= value:
                 break
             along *= 0.5
             if along < 1e-6:
                 return x[:k], float(x[k])
-        x, roots = trial, found
+        x, roots = trial, trial_roots
         if x[k] > _PLENTY:
             break
         if decrement < _CENTRED:
@@ -116,11 +116,11 @@ def _newton(
     g[-1] = -tau
     for matrices, root in zip((terms, E), roots, strict=True):
         inverse = np.linalg.inv(root)
-        seen = inverse @ matrices @ inverse.conj().T
-        rows = seen.reshape(len(seen), -1)
+        whitened = inverse @ matrices @ inverse.conj().T
+        rows = whitened.reshape(len(whitened), -1)
         rows = np.hstack([rows.real, rows.imag])
         H[: len(rows), : len(rows)] += rows @ rows.T
-        g[: len(rows)] -= np.trace(seen, axis1=1, axis2=2).real
+        g[: len(rows)] -= np.trace(whitened, axis1=1, axis2=2).real
     H[np.diag_indices_from(H)] *= 1.0 + 1e-14
     solved = np.linalg.solve(H, np.column_stack([-g, trace]))
     step = solved[:, 0] - solved[:, 1] * (trace @ solved[:, 0]) / (trace @ solved[:, 1])
@@ -638,8 +638,8 @@ def common_bound(family: Sequence[shared_bound_Matrix]) -> CommonBound:
             )
     _, (scale, _) = matrix_balance(np.mean(family, axis=0), permute=False, separate=True)
     balanced = [A * scale / scale[:, None] for A in family]
-    found = [_bound(balanced, radius + (1.0 - radius) * k / _TRIALS) for k in range(1, _TRIALS)]
-    best = min(found, key=lambda bound: bound.contraction)
+    bounds = [_bound(balanced, radius + (1.0 - radius) * k / _TRIALS) for k in range(1, _TRIALS)]
+    best = min(bounds, key=lambda bound: bound.contraction)
     P = best.P / np.outer(scale, scale)
     worst = max(contraction_of(A, P) for A in family)
     if worst >= 1.0:

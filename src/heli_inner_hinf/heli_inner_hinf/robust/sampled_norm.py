@@ -79,8 +79,8 @@ def sampled_norm(plant: HeldPlant, law: SampledLaw, rel_tol: float = REL_TOL) ->
     """
     parts = (plant.A, plant.B, plant.E, plant.C, plant.C_y)
     for owner, matrices in (("plant", parts), ("law", law)):
-        for at, given in enumerate(matrices):
-            if not np.all(np.isfinite(given)):
+        for at, matrix in enumerate(matrices):
+            if not np.all(np.isfinite(matrix)):
                 raise RobustError(
                     RobustCause.NOT_FINITE,
                     f"matrix {at + 1} of the {owner} holds a value not finite",
@@ -132,9 +132,12 @@ class _Lifted:
         newer = command[m * ticks : m * (ticks + 1)]
         # Within the tick: x, and the two commands that act one after the other.
         self._start = np.vstack([np.eye(n, size), older, newer])
-        self._own = np.zeros((size, size))
-        self._own[n : n + k, :n], self._own[n : n + k, n : n + k] = law.B @ plant.C_y, law.A
-        self._own[n + k :] = command[: m * depth]
+        self._A_of_law = np.zeros((size, size))
+        self._A_of_law[n : n + k, :n], self._A_of_law[n : n + k, n : n + k] = (
+            law.B @ plant.C_y,
+            law.A,
+        )
+        self._A_of_law[n + k :] = command[: m * depth]
         self._n = n
         none = np.zeros((2 * m, n + 2 * m))
         first = np.vstack([np.hstack([plant.A, plant.B, np.zeros((n, m))]), none])
@@ -160,7 +163,7 @@ class _Lifted:
         parts = [self._stretch(A, time_s, level) for A, time_s in self._parts if time_s]
         whole = parts[0] if len(parts) == 1 else _joined(*parts)
         n = self._n
-        A = self._own.copy()
+        A = self._A_of_law.copy()
         A[:n] = whole.Phi[:n] @ self._start
         B = np.zeros((A.shape[0], n))
         B[:n] = root(whole.G[:n, :n])

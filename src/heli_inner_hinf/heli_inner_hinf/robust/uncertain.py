@@ -50,19 +50,19 @@ class Range:
     high: float
 
     def __post_init__(self) -> None:
-        said = f"{self.name}: {self.low:g} .. {self.high:g}"
+        bounds = f"{self.name}: {self.low:g} .. {self.high:g}"
         if not np.all(np.isfinite([self.nominal, self.low, self.high])):
             raise RobustError(
-                RobustCause.BAD_RANGE, f"{said}, nominal {self.nominal:g}; all have to be finite"
+                RobustCause.BAD_RANGE, f"{bounds}, nominal {self.nominal:g}; all have to be finite"
             )
         if self.low >= self.high:
             raise RobustError(
-                RobustCause.BAD_RANGE, f"{said}; the range has to go from low to high"
+                RobustCause.BAD_RANGE, f"{bounds}; the range has to go from low to high"
             )
         if not self.low < self.nominal < self.high:
             raise RobustError(
                 RobustCause.BAD_RANGE,
-                f"{said}; the nominal value {self.nominal:g} has to lie inside the range",
+                f"{bounds}; the nominal value {self.nominal:g} has to lie inside the range",
             )
 
     def value(self, delta: float) -> float:
@@ -231,10 +231,10 @@ def balancing(system: System) -> tuple[Matrix, Matrix, Matrix]:
     if radius >= 1.0:
         raise RobustError(RobustCause.UNSTABLE, f"a pole has the modulus {radius:.6g}, not below 1")
     reach = _half(solve_discrete_lyapunov(A, B @ B.T))
-    seen = _half(solve_discrete_lyapunov(A.T, C.T @ C))
-    left, hankel, right = svd(seen.T @ reach)
+    observable = _half(solve_discrete_lyapunov(A.T, C.T @ C))
+    left, hankel, right = svd(observable.T @ reach)
     part = np.sqrt(np.maximum(hankel, hankel[0] * np.finfo(float).eps))
-    return hankel, (left / part).T @ seen.T, reach @ right.T / part
+    return hankel, (left / part).T @ observable.T, reach @ right.T / part
 
 
 def truncated(system: System, W: Matrix, V: Matrix, order: int) -> System:

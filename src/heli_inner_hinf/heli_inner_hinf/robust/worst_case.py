@@ -95,13 +95,13 @@ class UncertainFamily:
         reach = np.sum(np.abs(slopes.real), axis=1) / np.maximum(-modes.real, 1e-9)
         likely = np.argsort(-reach)[: 2 * _STARTS : 2]
         best = Onset(np.inf, {}, 0.0)
-        seen: set[tuple[float, ...]] = set()
+        tried: set[tuple[float, ...]] = set()
         for mode in likely:
             pattern = _signs(slopes[mode].real)
             for _ in range(_ROUNDS):
-                if tuple(pattern) in seen:
+                if tuple(pattern) in tried:
                     break
-                seen.add(tuple(pattern))
+                tried.add(tuple(pattern))
                 size = self._along(pattern, min(most, best.size))
                 reached = size if np.isfinite(size) else 0.9 * min(most, best.size)
                 now, now_slopes = self.slopes(reached * pattern)
@@ -120,7 +120,7 @@ class UncertainFamily:
         starts = np.random.default_rng(1).uniform(-1.0, 1.0, (_INSIDE, len(self.names)))
         for start in starts:
             size = _SHRUNK * min(best.size, most)
-            found = minimize(
+            optimum = minimize(
                 self._downhill,
                 size * start,
                 jac=True,
@@ -128,9 +128,9 @@ class UncertainFamily:
                 method="L-BFGS-B",
                 options={"maxiter": _CLIMBS},
             )
-            if found.fun >= 0.0:
+            if optimum.fun >= 0.0:
                 continue
-            pattern = found.x / np.max(np.abs(found.x))
+            pattern = optimum.x / np.max(np.abs(optimum.x))
             size = self._along(pattern, size)
             if size < best.size:
                 modes = np.linalg.eigvals(self.matrix(size * pattern))
@@ -245,11 +245,11 @@ class GainFamily:
     @property
     def blocks(self) -> list[Block]:
         """The parameters, as large as they are, then the performance."""
-        own = [real(name, self.F.channels.count(name), fixed=True) for name in self.names]
+        parameters = [real(name, self.F.channels.count(name), fixed=True) for name in self.names]
         n_z, n_w = (size - self.n for size in self.F.D.shape)
         if not self.scalars:
-            return [*own, Block("gain", "full", n_z, n_w)]
-        return [*own, *(Block(f"gain {i}", "complex", 1, 1) for i in range(self.scalars))]
+            return [*parameters, Block("gain", "full", n_z, n_w)]
+        return [*parameters, *(Block(f"gain {i}", "complex", 1, 1) for i in range(self.scalars))]
 
     def gain(self, delta: Array) -> tuple[float, float, Array]:
         """The largest gain on a grid of frequencies and about its best, where, and its slopes."""
@@ -296,7 +296,7 @@ class GainFamily:
         k = len(self.names)
         best = (np.zeros(k), *self.gain(np.zeros(k))[:2])
         starts = [np.zeros(k), *rng.choice([-1.0, 1.0], (_WORST_GAIN_STARTS, k))]
-        seen: set[tuple[float, ...]] = set()
+        tried: set[tuple[float, ...]] = set()
         for start in starts:
             pattern = start
             for _ in range(_WORST_GAIN_ROUNDS):
@@ -304,17 +304,17 @@ class GainFamily:
                 if size > best[1]:
                     best = (pattern, size, omega)
                 pattern = np.where(slopes >= 0.0, 1.0, -1.0)
-                if tuple(pattern) in seen:
+                if tuple(pattern) in tried:
                     break
-                seen.add(tuple(pattern))
+                tried.add(tuple(pattern))
         for start in [best[0], *rng.uniform(-1.0, 1.0, (_WORST_GAIN_STARTS, k))]:
-            found = minimize(
+            optimum = minimize(
                 self._downhill, start, jac=True, bounds=[(-1.0, 1.0)] * k, method="L-BFGS-B",
                 options={"maxiter": _WORST_GAIN_CLIMBS},
             )  # fmt: skip
-            size, omega, _ = self.gain(found.x)
+            size, omega, _ = self.gain(optimum.x)
             if size > best[1]:
-                best = (found.x, size, omega)
+                best = (optimum.x, size, omega)
         return best
 
     def _downhill(self, delta: Array) -> tuple[float, Array]:
