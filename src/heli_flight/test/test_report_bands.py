@@ -84,7 +84,7 @@ def test_failsafes_are_what_the_position_loop_did(flown):
     found = [b for b in bands_of(replace(record, failsafe=done), settings) if b.kind == "failsafe"]
     (band,) = found
     assert (band.start_s, band.end_s) == pytest.approx((3.01, 5.0))
-    assert band.name == "HOLD_LEAN" and "no place" in band.told
+    assert band.name == "HOLD_LEAN" and "no place" in band.detail
 
 
 def test_a_flight_in_one_process_writes_its_failsafes_down():
@@ -180,8 +180,8 @@ def test_the_page_tells_them_and_when(flown):
 def test_a_legend_has_each_once_with_its_first_times():
     bands = [Band(float(i), i + 0.5, "mode", "hover", "nav") for i in range(6)]
     (key,) = legend(bands)
-    assert key.name == "hover" and key.told.startswith("0.00 to 0.50 s, 1.00 to 1.50 s")
-    assert key.told.endswith("and 2 more")
+    assert key.name == "hover" and key.detail.startswith("0.00 to 0.50 s, 1.00 to 1.50 s")
+    assert key.detail.endswith("and 2 more")
     assert stretch(Band(2.0, 2.0, "fault", "kill", "rival")) == "at 2.00 s"
 
 

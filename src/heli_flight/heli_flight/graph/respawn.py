@@ -147,9 +147,9 @@ class Respawn:
         process = self._standby.become(name, self._logs / f"{name}.log")
         restart = Restart(name, why, up.flight_s())
         self.restarts.append(restart)
-        said = f"{why} at {restart.noticed_s:.2f} s: started again"
-        self._say(said)
-        up.announce(Level.WARN, said, {})
+        sentence = f"{why} at {restart.noticed_s:.2f} s: started again"
+        self._say(sentence)
+        up.announce(Level.WARN, sentence, {})
         self._standby = self._make()
         return process
 
@@ -216,13 +216,13 @@ def remove_left(folder: Path = SHARED_MEMORY, now_s: Callable[[], float] = time.
     """
     gone = []
     for lock in sorted(folder.glob("fastrtps_*_el")):
-        found = _LOCK.fullmatch(lock.name)
+        match = _LOCK.fullmatch(lock.name)
         # What others remove meanwhile, or did not let us have, is not ours to remove.
         with contextlib.suppress(OSError):
-            if found and _is_left(lock, now_s()):
-                (folder / found[1]).unlink(missing_ok=True)
+            if match and _is_left(lock, now_s()):
+                (folder / match[1]).unlink(missing_ok=True)
                 lock.unlink()
-                gone.append(found[1])
+                gone.append(match[1])
     return gone
 
 
