@@ -146,10 +146,10 @@ def test_a_summary_names_the_lost_first_and_how_sure_it_is(spec, file, tmp_path)
     lost = {k: v for k, v in other.items() if not k.startswith("max")}
     lost |= {"cause": "lost", "sentence": "It fell.", "exit_code": 1}
     store.put([{**good, "exit_code": 1}, lost])
-    found = summary_of(store.table(), "rtk")
-    assert found.causes == {"flown": 1, "lost": 1} and found.worst == [1, 0]
-    assert found.interval[0] == pytest.approx(0.1581, abs=1e-3), "2 of 2: 0.025 ** (1/2)"
-    worst = found.quantiles["altitude (truth)"]
+    summary = summary_of(store.table(), "rtk")
+    assert summary.causes == {"flown": 1, "lost": 1} and summary.worst == [1, 0]
+    assert summary.interval[0] == pytest.approx(0.1581, abs=1e-3), "2 of 2: 0.025 ** (1/2)"
+    worst = summary.quantiles["altitude (truth)"]
     assert worst == [good["max.altitude (truth)"]] * 4
 
 
@@ -203,8 +203,8 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
             return "one", [{"flight": number} for number in numbers]
 
         monkeypatch.setattr("heli_studies.campaign.run._fly", fly)
-        found = list(fly_by_dask(spec, [[0, 1, 2], [3]], 0, local.scheduler_address))
-    rows = sorted((row for part in found for row in part), key=lambda row: row["flight"])
+        parts = list(fly_by_dask(spec, [[0, 1, 2], [3]], 0, local.scheduler_address))
+    rows = sorted((row for part in parts for row in part), key=lambda row: row["flight"])
     assert [row["flight"] for row in rows] == [0, 1, 2, 3]
     assert died.read_text().splitlines() == ["[0, 1, 2]", "[1]"], "alone, then given up"
     assert rows[1]["cause"] == FlightEnding.KILLED and rows[1]["exit_code"] == 1

@@ -62,13 +62,13 @@ def test_of_one_that_does_not_the_flight_is_partial(flown, monkeypatch, tmp_path
     result, _, _ = outcomes.outcome(settings, tmp_path, up.statuses, [], 1.0)
     assert result.partial == SAID and not any("recorder" in note for note in result.notes)
     assert not result.judged(settings.gps) and result.exit_code(settings.gps) == 1
-    said = io.StringIO()
-    print_table(result, settings, Console(file=said, width=200))
-    assert f"PARTIAL: {SAID}" in said.getvalue()
+    printed = io.StringIO()
+    print_table(result, settings, Console(file=printed, width=200))
+    assert f"PARTIAL: {SAID}" in printed.getvalue()
     write_result(result, settings, tmp_path, {})
-    told = json.loads((tmp_path / "result.json").read_text())
-    assert (told["partial"], told["exit_code"]) == (SAID, 1)
-    assert ended(told, "") == f"Partial: {SAID}"
+    result_json = json.loads((tmp_path / "result.json").read_text())
+    assert (result_json["partial"], result_json["exit_code"]) == (SAID, 1)
+    assert ended(result_json, "") == f"Partial: {SAID}"
     # Of what is in the bag no stretch decides anything, so none is judged.
     verdicts = page._verdicts(SimpleNamespace(result=result, settings=settings))
     assert verdicts == [("✗", "bad", f"Partial: {SAID}")]

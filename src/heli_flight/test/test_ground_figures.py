@@ -51,8 +51,8 @@ def gear():
 
 
 def test_each_figure_is_what_was_built_in():
-    found = {figure.metric.key: figure for figure in ground_figures(record(), gear())}
-    values = {key: figure.value for key, figure in found.items()}
+    figures = {figure.metric.key: figure for figure in ground_figures(record(), gear())}
+    values = {key: figure.value for key, figure in figures.items()}
     assert values == pytest.approx(
         {
             "takeoff_skid": 0.1,
@@ -62,7 +62,7 @@ def test_each_figure_is_what_was_built_in():
             "touch_down_tilt": 6.0,
         }
     )
-    assert all(figure.inside for figure in found.values())
+    assert all(figure.inside for figure in figures.values())
 
 
 def test_a_pilot_whose_goal_waits_leaves_no_hover_behind_the_climb():
@@ -105,7 +105,7 @@ def test_a_flight_that_ends_in_the_air_has_not_landed():
 
 
 @pytest.mark.parametrize(
-    ("node", "change", "said"),
+    ("node", "change", "expected"),
     [
         ("outer_loop", {"start.on_ground": False}, "start.on_ground: True does not agree"),
         ("outer_loop", {"takeoff.idle_collective": 0.3}, "takeoff.idle_collective: 0.3"),
@@ -114,6 +114,6 @@ def test_a_flight_that_ends_in_the_air_has_not_landed():
         ("outer_loop", {"commands.at_s": [3.0]}, "has 1 times, commands.what 3 commands"),
     ],
 )
-def test_a_scenario_that_does_not_fit_together_is_refused(node, change, said):
-    with pytest.raises(ParameterError, match=said):
+def test_a_scenario_that_does_not_fit_together_is_refused(node, change, expected):
+    with pytest.raises(ParameterError, match=expected):
         resolve("takeoff_land", overrides={node: change})

@@ -48,7 +48,7 @@ def flown():
     return simulate(settings).record, settings
 
 
-def told(flight_s, node="plant", level=0, message="", **facts):
+def remark(flight_s, node="plant", level=0, message="", **facts):
     return Remark(round(1e9 * (1 + flight_s)), node, level, message, facts)
 
 
@@ -81,8 +81,10 @@ def test_modes_are_shown_where_there_is_more_than_one(flown):
 def test_failsafes_are_what_the_position_loop_did(flown):
     record, settings = flown
     done = np.where((record.time_s > 3.0) & (record.time_s < 5.0), "HOLD_LEAN", "NONE")
-    found = [b for b in bands_of(replace(record, failsafe=done), settings) if b.kind == "failsafe"]
-    (band,) = found
+    failsafes = [
+        b for b in bands_of(replace(record, failsafe=done), settings) if b.kind == "failsafe"
+    ]
+    (band,) = failsafes
     assert (band.start_s, band.end_s) == pytest.approx((3.01, 5.0))
     assert band.name == "HOLD_LEAN" and "no place" in band.detail
 
@@ -110,15 +112,15 @@ def test_what_the_plant_told_of_faults_in_flight_reads_back(flown):
     log.change([], [gust], 1.5)
     log.change([gust], [gust, bias], 2.25)
     log.change([gust, bias], [gust], 4.0)
-    said = [told(1.5, faults_in_flight="x"), told(5.0, **log.facts([gust], 5.0))]
-    found = of(bands_of(record, settings, said), "fault")
-    assert found == [
+    remarks = [remark(1.5, faults_in_flight="x"), remark(5.0, **log.facts([gust], 5.0))]
+    faults = of(bands_of(record, settings, remarks), "fault")
+    assert faults == [
         (1.5, 3.5, "wind gust 1, -2, 0"),
         (2.25, 4.0, "imu bias 0.1, 0.1, 0.1, 0.1, 0.1, 0.1"),
     ]
     # Another node's words, and words of nobody, say nothing.
-    strange = [told(5.0, "stranger", faults_in_flight="gps loss from 1 to 2 s"),
-               told(5.0, faults_in_flight="<b>; gps from ... s on; and more")]  # fmt: skip
+    strange = [remark(5.0, "stranger", faults_in_flight="gps loss from 1 to 2 s"),
+               remark(5.0, faults_in_flight="<b>; gps from ... s on; and more")]  # fmt: skip
     assert of(bands_of(record, settings, strange), "fault") == []
 
 
@@ -127,8 +129,8 @@ def test_a_fault_that_was_ordered_and_taken_back_ends_then(flown):
     log = FaultLog()
     pedal = Fault("delta_ped", "offset", 6.0, value=(0.02,))
     log.change([pedal], [], 7.0)
-    found = of(bands_of(record, settings, [told(7.0, **log.facts([], 7.0))]), "fault")
-    assert found == [(2.0, 5.0, "gps loss"), (6.0, 7.0, "delta_ped offset 0.02")]
+    faults = of(bands_of(record, settings, [remark(7.0, **log.facts([], 7.0))]), "fault")
+    assert faults == [(2.0, 5.0, "gps loss"), (6.0, 7.0, "delta_ped offset 0.02")]
 
 
 def test_health_is_what_nodes_complained_of(flown):
@@ -138,8 +140,8 @@ def test_health_is_what_nodes_complained_of(flown):
               Event(2.0, "plant", 1, "fault: gps loss"), Event(5.0, "plant", 0, "flying"),
               Event(3.0, "observer", 1, "GPS <lost>"), Event(5.0, "observer", 0, "ok"),
               Event(7.0, "plant", 9, "?")]  # fmt: skip
-    found = of(bands_of(record, settings, (), events), "health")
-    assert found == [(3.0, 5.0, "observer WARN"), (7.0, record.time_s[-1], "plant STALE")]
+    health = of(bands_of(record, settings, (), events), "health")
+    assert health == [(3.0, 5.0, "observer WARN"), (7.0, record.time_s[-1], "plant STALE")]
 
 
 def test_every_chart_over_time_has_them_and_no_other(flown):
@@ -148,9 +150,9 @@ def test_every_chart_over_time_has_them_and_no_other(flown):
     line = [Panel("y", "m", [Trace(record.time_s, record.time_s, "a", "nav")])]
     charts = [Chart("a", "", "", line, "flight"), Chart("b", "", "", line, "flight", time=False),
               Chart("c", "", "", line, "flight", bands=())]  # fmt: skip
-    over_time, other, own = with_bands(charts, bands)
-    assert list(over_time.bands) == bands and other.bands is None and own.bands == ()
-    data = page_data([over_time, other, own])
+    over_time, other, without_bands = with_bands(charts, bands)
+    assert list(over_time.bands) == bands and other.bands is None and without_bands.bands == ()
+    data = page_data([over_time, other, without_bands])
     first, *others = (data["bands"][drawn["bands"]] for drawn in data["figures"])
     assert [band["name"] for band in first] == ["gps loss", "delta_ped offset 0.02"]
     assert others == [[], []]
@@ -189,10 +191,10 @@ def test_flights_beside_each_other_share_what_is_alike():
     gust, loss = (Band(1.0, 2.0, "fault", name, "rival") for name in ("gust", "loss"))
     hover, land = (Band(0.0, 9.0, "mode", name, "nav") for name in ("hover", "land"))
     health = Band(0.0, 1.0, "health", "plant WARN", "warn")
-    found = bands_beside({"a": [hover, gust, health], "b": [hover, gust, loss]})
-    assert [band.name for band in found] == ["hover", "gust", "loss (b)"]
-    found = bands_beside({"a": [hover, gust], "b": [land, gust]})
-    assert [band.name for band in found] == ["gust"]
+    beside = bands_beside({"a": [hover, gust, health], "b": [hover, gust, loss]})
+    assert [band.name for band in beside] == ["hover", "gust", "loss (b)"]
+    beside = bands_beside({"a": [hover, gust], "b": [land, gust]})
+    assert [band.name for band in beside] == ["gust"]
 
 
 def test_another_flight_on_the_page_has_its_own():
@@ -204,8 +206,8 @@ def test_another_flight_on_the_page_has_its_own():
     report = Report(record, settings, Result(Figures(), "", 6.0, 1.0), "x", events,
                     Rival("pid", replace(record), Figures(), ""),
                     bands=bands_of(record, settings, (), events))  # fmt: skip
-    rival, own = with_bands(paper_charts(report), report.bands)
-    assert [band.kind for band in own.bands] == ["fault", "health"]
+    rival, flown_chart = with_bands(paper_charts(report), report.bands)
+    assert [band.kind for band in flown_chart.bands] == ["fault", "health"]
     assert [band.kind for band in rival.bands] == ["fault"]
 
 

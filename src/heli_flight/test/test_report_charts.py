@@ -193,19 +193,21 @@ def test_the_tables_give_the_whole_flight_first_then_the_windows_then_the_climb(
         for row in table.rows[:-1]:
             metric = next(m for m in METRICS["hover"] if row[0] == f"{m.label}, {m.unit}")
             for cell, source in zip(row[1:4], SOURCE_NAMES, strict=True):
-                found = hover.score(metric.key, source, stretch)
-                assert cell == "–" if found is None else cell.startswith(f"{found.max:.2f} ")
+                scored = hover.score(metric.key, source, stretch)
+                assert cell == "–" if scored is None else cell.startswith(f"{scored.max:.2f} ")
     lag = next(f for f in hover.result.figures.climb if f.metric.key == "climb_lag")
     assert climb.rows[2][:2] == ["lag at half the climb", f"{lag.value:.2f} s"]
 
 
 def test_the_page_says_both_verdicts_and_which_of_them_decides(hover):
     text = render(hover, [], None)
-    said = [" ".join(line.split()) for line in re.findall(r'<p class="verdict .*?</p>', text, re.S)]
-    assert len(said) == 2
-    assert 'verdict bad"' in said[0] and "outside in vertical" in said[0]
-    assert 'verdict good"' in said[1]
-    assert ["exit code" in words for words in said] == [False, True]
+    verdicts = [
+        " ".join(line.split()) for line in re.findall(r'<p class="verdict .*?</p>', text, re.S)
+    ]
+    assert len(verdicts) == 2
+    assert 'verdict bad"' in verdicts[0] and "outside in vertical" in verdicts[0]
+    assert 'verdict good"' in verdicts[1]
+    assert ["exit code" in words for words in verdicts] == [False, True]
 
 
 def test_the_position_chart_says_which_sigma_it_shows(hover):
@@ -247,10 +249,10 @@ def test_charts_become_json(hover):
 def test_health_is_told_when_it_changes():
     settings = resolve()
 
-    def said(second, level, message):
+    def remark(second, level, message):
         return Remark(1_000_000_000 * (1 + second), "observer", level, message, {})
 
-    events = events_of([said(0, 0, "ok"), said(1, 0, "ok"), said(2, 1, "late")], settings)
+    events = events_of([remark(0, 0, "ok"), remark(1, 0, "ok"), remark(2, 1, "late")], settings)
     assert events == [
         DiagnosticEvent(0.0, "observer", 0, "ok"),
         DiagnosticEvent(2.0, "observer", 1, "late"),
