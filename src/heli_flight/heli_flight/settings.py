@@ -912,6 +912,30 @@ _SECTIONS = (*TABLES, FLIGHT_SECTION, "live_view", "identify", "robust")
 
 
 @dataclass(frozen=True)
+class Overridden:
+    """An option of the command line that was stronger than a file of the user's.
+
+    Attributes
+    ----------
+    option : str
+        scenario, gps, world, laws, mode, seed, duration or controller.
+    value : object
+        What was asked for, and is flown.
+    entry : Entry
+        What the file says, and where.
+    """
+
+    option: str
+    value: Any
+    entry: Entry
+
+    @property
+    def words(self) -> str:
+        """In one sentence with others: seed 5, not 4 (file:3)."""
+        return f"{self.option} {self.value}, not {self.entry.value} ({self.entry.where})"
+
+
+@dataclass(frozen=True)
 class Settings:
     """Resolved parameters of every node and of the scenario.
 
@@ -941,6 +965,8 @@ class Settings:
     remarks : tuple of str
         Sentences: where the command line was stronger than a file of the user's, and what to
         know of such a file.
+    overridden : tuple of Overridden
+        Where the command line was stronger.
     """
 
     nodes: Mapping[str, Mapping[str, Any]]
@@ -958,6 +984,7 @@ class Settings:
     drawn: Mapping[str, Draw] = field(default_factory=dict)
     laws: str = PACKAGED
     process_faults: tuple[str, ...] = (NONE,)
+    overridden: tuple[Overridden, ...] = ()
 
     @property
     def rate(self) -> Rate:
@@ -983,7 +1010,7 @@ class _CommandLine:
     def __init__(self, read: Reader, user: Sequence[FlightDefaults]):
         self._user = user
         self._packaged = read_defaults(read(config_folder(PACKAGE) / "flight.yaml"))
-        self._won: list[str] = []
+        self.overridden: list[Overridden] = []
 
     def choose(self, name: str, option: str | None) -> Any:
         """Scenario, receiver, world, laws or mode: option, else files, else packaged."""
@@ -1026,13 +1053,14 @@ class _CommandLine:
         _set(section, values[section], key, option, _OPTIONS[name])
         self._compare(word, option, assigned(files, section, key))
 
-    def _compare(self, word: str, option: Any, entry: Any) -> None:
+    def _compare(self, word: str, option: Any, entry: Entry | None) -> None:
         if entry is not None and entry.value != option:
-            self._won.append(f"{word} {option}, not {entry.value} ({entry.where})")
+            self.overridden.append(Overridden(word, option, entry))
 
     def remarks(self) -> tuple[str, ...]:
         """One line about all options that differ from the files; one per file of other sources."""
-        lines = [f"the command line wins: {'; '.join(self._won)}"] if self._won else []
+        words = "; ".join(overridden.words for overridden in self.overridden)
+        lines = [f"the command line wins: {words}"] if words else []
         for defaults in self._user:
             commit = defaults.section["commit"].value if "commit" in defaults.section else ""
             if is_another(commit):
@@ -1127,6 +1155,7 @@ def resolve(
         {k: d for k, d in layers.drawn.items() if k not in (overrides or {}).get("plant", {})},
         control,
         broken,
+        tuple(line.overridden),
     )
 
 

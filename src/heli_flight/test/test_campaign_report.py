@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A campaign's report: what explains the spread, which flights came worst, the page itself."""
 
+import errno
+import html
 import json
 import math
+import os
 import re
 
 import numpy as np
@@ -182,7 +185,10 @@ def test_a_campaign_that_was_broken_off_is_told_as_far_as_it_came(flown, tmp_pat
     assert cli.main(["campaign", "report", str(folder), "--out", str(tmp_path / "page")]) == 0
     capsys.readouterr()
     body = (tmp_path / "page" / "report.html").read_text()
-    assert "15 of 24 flights have no row yet" in body and "gone or has changed" in body
+    campaign = read_campaign(folder)
+    assert campaign.missing == 15 and f"15 of {FLIGHTS} flights" in body
+    assert campaign.again == {} and "gone.yaml" in campaign.why_not
+    assert html.escape(campaign.why_not) in body
     assert not (folder / "worst").exists()
 
 
@@ -202,7 +208,8 @@ def test_what_is_no_campaign_is_one_line(flown, tmp_path, capsys):
     file = tmp_path / "file"
     file.write_text("")
     assert cli.main(["campaign", "report", str(flown.folder), "--out", str(file)]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    (*_, line) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"heli: {file}: ") and line.endswith(os.strerror(errno.EEXIST))
 
 
 def test_a_spec_that_reads_is_asked_only_for_files(flown, monkeypatch):

@@ -42,7 +42,8 @@ def file(tmp_path):
 def test_a_file_is_flown_told_and_flown_again(fly, file, tmp_path, capsys):
     words = ("--one-process", "--duration", 4, "--seed", 3)
     _, result = fly(tmp_path / "a", *words, "--faults", file)
-    assert "faults: gps loss" in capsys.readouterr().out
+    descriptions = fault_words(resolve(params=[tmp_path / "a" / "params.yaml"]))
+    assert f"faults: {descriptions}" in " ".join(capsys.readouterr().out.split())
     assert result["faults"] == [
         {"what": "gps", "kind": "loss", "start_s": 2.0, "duration_s": 1.5, "value": []},
         {"what": "imu", "kind": "bias", "start_s": 3.0, "duration_s": None,
@@ -179,7 +180,7 @@ def test_a_missing_file(tmp_path, capsys):
 
 
 def test_a_bad_entry_of_a_parameter_file_is_refused_before_anything_starts():
-    with pytest.raises(ParameterError, match="plant: faults: entry 1: .* los "):
+    with pytest.raises(ParameterError, match=r"^plant: faults: .* 1: .*\blos\b"):
         resolve(overrides={"plant": {"faults": ("{what: gps, kind: los, start_s: 1.0}",)}})
 
 
@@ -195,7 +196,8 @@ def test_of_many_seeds_the_survivors_are_counted_and_the_lost_can_be_flown_again
     words = ["--seeds", "1..2", "--gps", "rtk", "--duration", "6", "--faults", str(file)]
     assert main(["campaign", *words]) == 1
     printed = capsys.readouterr().out
-    assert "rtk: 0 of 2 flights, 0.0% (0.0% to 84.2%" in printed
+    assert "rtk: 0 of 2 " in printed
+    assert all(f"{100.0 * share:.1f}%" in printed for share in Share(0, 2).interval)
     assert "faults: delta_lat stuck" in printed
     again = next(line for line in printed.splitlines() if line.startswith("again: "))
     assert again.endswith(f"--gps rtk --duration 6.0 --seed 1 --faults {file}")
@@ -213,7 +215,7 @@ def test_a_spec_has_faults_in_each_flight(tmp_path, capsys):
     spec.write_text("flights: 2\nduration_s: 6.0\ngps: rtk\nfaults: stuck.yaml\n")
     out = tmp_path / "out"
     assert main(["campaign", str(spec), "--out", str(out), "--workers", "0"]) == 1
-    assert "stuck.yaml: 0 of 2 flights" in capsys.readouterr().out
+    assert "stuck.yaml: 0 of 2 " in capsys.readouterr().out
     other = spec_of(spec).identity
     (tmp_path / "stuck.yaml").write_text(LOST.replace("0.3", "0.2"))
     assert spec_of(spec).identity != other

@@ -13,7 +13,7 @@ from heli_dynamics_sim.config import PlantConfig
 from heli_flight.fly import FinishedFlight, print_end
 from heli_flight.record import FlightRecord
 from heli_flight.result import Result
-from heli_flight.scenario import Gear, ground_figures
+from heli_flight.scenario import GROUND_METRICS, Gear, ground_figures
 from heli_flight.scoring import Figures
 from heli_flight.settings import resolve
 
@@ -92,7 +92,8 @@ def test_what_was_missed_on_the_ground_is_named_at_the_end(capsys, tmp_path):
     result = Result(Figures(ground=ground_figures(slid, gear())), "", 20.0, 1.0)
     print_end(FinishedFlight(resolve("takeoff_land"), result, tmp_path), Console(width=200))
     (outside,) = capsys.readouterr().out.splitlines()[2:]
-    assert outside.endswith(": skid after the touch-down")
+    skid = next(metric for metric in GROUND_METRICS if metric.key == "landing_skid")
+    assert outside.endswith(f": {skid.label}")
 
 
 def test_a_flight_that_ends_in_the_air_has_not_landed():

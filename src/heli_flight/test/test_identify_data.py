@@ -75,7 +75,7 @@ def test_gusts_need_their_own_topic(bag):
 
 
 def test_too_short(bag):
-    with pytest.raises(BagDataError, match="'odom' .* to 1.99 s, .* 1 to 3 s"):
+    with pytest.raises(BagDataError, match=r"'odom' .* 1\.99 s, .* 1 to 3 s"):
         read(bag(ticks=200))
 
 

@@ -181,7 +181,8 @@ def test_a_flight_says_its_laws_and_flies_again(fly, tmp_path, capsys):
     assert different(settings, resolve(seed=3, duration_s=6.0, world="honest"))["outer_loop"] == {
         "tilt_limit_deg"
     }
-    assert "laws packaged, not paper" in settings.remarks[0]
+    replaced = {o.option: (o.value, o.entry.value) for o in settings.overridden}
+    assert replaced["laws"] == ("packaged", "paper")
 
 
 def test_a_law_of_ones_own_says_only_what_differs(tmp_path):

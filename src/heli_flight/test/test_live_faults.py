@@ -65,7 +65,8 @@ def test_what_a_browser_may_not_say_is_refused_in_a_sentence(args, expected):
 def test_faults_are_added_and_listed():
     assert with_fault(["none"], "a") == ["a"] and with_fault(["a"], "b") == ["a", "b"]
     assert listed({}) == listed({"faults": ""}) == []
-    assert listed({"faults": "gps loss; baro loss"}) == ["gps loss", "baro loss"]
+    names = ["gps loss", "baro loss"]
+    assert listed({"faults": "; ".join(names)}) == names
 
 
 def test_a_value_that_is_no_number_is_named():

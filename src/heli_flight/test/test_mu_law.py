@@ -125,11 +125,13 @@ def test_what_is_shipped_is_what_the_iteration_yields(script, monkeypatch, capsy
 
 
 def test_an_iteration_that_finds_no_law_is_said(script, monkeypatch, tmp_path, capsys):
+    refusal = RobustError(RobustCause.NOT_CONVERGED, "not finite")
+
     def refuses(config, weights):
-        raise RobustError(RobustCause.NOT_CONVERGED, "not finite")
+        raise refusal
 
     monkeypatch.setattr(script, "mu_design", refuses)
     monkeypatch.setattr(script.sys, "argv", ["write_mu_law.py", str(tmp_path / "mu.yaml")])
     assert script.main() == 2
-    assert capsys.readouterr().err == "error: not finite\n"
+    assert capsys.readouterr().err == f"error: {refusal}\n"
     assert not (tmp_path / "mu.yaml").exists()

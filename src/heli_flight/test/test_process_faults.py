@@ -10,12 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from heli_core.errors import FlightError
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli.app import main
 from heli_flight.flight_file import fault_overrides, flown_faults, read_faults, write_parameters
 from heli_flight.graph.flight import ProcessFaults
-from heli_flight.graph.respawn import MOST, WITHIN_S, Respawn
+from heli_flight.graph.respawn import MOST, WITHIN_S, DiesAgainError, Respawn
 from heli_flight.settings import ProcessFault, process_faults_of, resolve
 from heli_msgs_bridge.handover import FOLDER, Restarts
 
@@ -221,10 +220,11 @@ def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path, monkeypatch)
         now[0] += WITHIN_S
     for _ in range(MOST - 1):
         respawn.again("inner_loop", "inner_loop: killed", up)
-    with pytest.raises(FlightError, match="inner_loop: killed, 3 times in 10 s"):
+    with pytest.raises(DiesAgainError) as error:
         respawn.again("inner_loop", "inner_loop: killed", up)
-    assert (
-        up.announced[0][0].startswith("observer: killed at 7.50 s: ") and up.announced[0][1] == {}
-    )
+    assert (error.value.node, error.value.why) == ("inner_loop", "inner_loop: killed")
+    first = respawn.restarts[0]
+    assert (first.node, first.why, first.noticed_s) == ("observer", "observer: killed", 7.5)
+    assert first.why in up.announced[0][0] and up.announced[0][1] == {}
     assert known[:MOST] == [{"observer": times + 1} for times in range(MOST)]
     assert known[-1] == {"observer": MOST, "inner_loop": MOST - 1}

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bands of modes, faults, failsafes and health: recorded facts, in every chart over time."""
 
+import html
 from dataclasses import replace
 
 import numpy as np
@@ -160,7 +161,7 @@ def test_every_chart_over_time_has_them_and_no_other(flown):
     assert len(data["arrays"]) == 1
     drawn = draw(over_time, "")
     shaded = [p for p in drawn.axes[0].patches if p.get_label().startswith("fault")]
-    assert {p.get_label() for p in shaded} == {"fault: gps loss", "fault: delta_ped offset 0.02"}
+    assert {p.get_label() for p in shaded} == {f"fault: {band.name}" for band in bands}
 
 
 def test_the_page_tells_them_and_when(flown):
@@ -169,8 +170,13 @@ def test_the_page_tells_them_and_when(flown):
     report = Report(record, settings, Result(Figures(), "", 8.0, 1.0), "x", bands=bands)
     charts = with_bands([*paper_charts(report), *timeline_charts(report)], bands)
     text = render(report, charts, None)
-    assert 'title="2.00 to 5.00 s">fault: gps' in text
-    assert 'title="at 1.00 s">fault: &lt;kill&gt;</span>' in text and "<kill>" not in text
+    keys = [band for band in legend(bands) if band.kind == "fault"]
+    details = {key.name: key.detail for key in keys}
+    assert details["fault: gps loss"] == "2.00 to 5.00 s"
+    assert details["fault: <kill>"] == "at 1.00 s"
+    for key in keys:
+        assert f'title="{key.detail}">{html.escape(key.name)}</span>' in text
+    assert "<kill>" not in text
     rows = [row for row in band_table(report).rows if row[2] == "fault"]
     assert rows[0][:4] == ["1.00", "1.00", "fault", "<kill>"]
     assert rows[1][:4] == ["2.00", "5.00", "fault", "gps loss"] and rows[1][4]

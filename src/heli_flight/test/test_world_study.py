@@ -62,7 +62,8 @@ def test_the_command_prints_it(capsys):
     assert printed["seeds"] == [1] and len(printed["places"]) == 2
     assert main(["compare", "worlds", *words]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "paper, rtk: 1 of 1 " in out and " of 1 " in out.partition("honest, rtk:")[2]
+    assert out.partition("paper, rtk:")[2].startswith(" 1 of 1 ")
+    assert " of 1 " in out.partition("honest, rtk:")[2]
     assert main(["compare", "worlds", "--w20", "fast"]) == 2
 
 
@@ -86,5 +87,5 @@ def test_the_table_says_median_worst_and_how_many_are_inside(content):
         if (row["key"], row["stretch"], row["measured_from"]) == ("lateral", "whole", "truth")
     ]  # fmt: skip
     assert f"{row['median']:.2f} / {row['worst']:.2f}; {row['inside']}" in rows[0]
-    assert "1 to 2 and 4 (3 flights" in text
+    assert "1 to 2 and 4 (3 " in text
     assert "| lost |  | 0 | 0 | 0 | 0 |" in text

@@ -72,6 +72,21 @@ class Restart:
                 "back_s": None if self.back_s is None else round(self.back_s, 3)}  # fmt: skip
 
 
+class DiesAgainError(FlightError):
+    """A node that is not started again, as it died `MOST` times within `WITHIN_S`.
+
+    Attributes
+    ----------
+    node : str
+    why : str
+        How it ended the last time.
+    """
+
+    def __init__(self, node: str, why: str) -> None:
+        super().__init__(f"{why}, {MOST} times in {WITHIN_S:g} s: not started again")
+        self.node, self.why = node, why
+
+
 class Standby:
     """A process that can become any node of `AGAIN`, at once."""
 
@@ -132,14 +147,14 @@ class Respawn:
 
         Raises
         ------
-        FlightError
+        DiesAgainError
             It dies again and again.
         """
         now_s = self._now_s()
         died = self._died_s.setdefault(name, [])
         died[:] = [*(s for s in died if now_s - s < WITHIN_S), now_s]
         if len(died) >= MOST:
-            raise FlightError(f"{why}, {MOST} times in {WITHIN_S:g} s: not started again")
+            raise DiesAgainError(name, why)
         assert self._make is not None and self._standby is not None, "stand_by comes first"
         up.forget(name)
         # Before the successor can say a word: what is said in DDS may come after it.
