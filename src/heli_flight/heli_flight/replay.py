@@ -238,11 +238,11 @@ def _serve(folder: Path, port: int, stay_s: float, say: Callable[[str], None]) -
         say(f"report and replay: {server.url} (while the page is open; Ctrl-C ends it)")
         if not server.came.wait(_BACK_S):
             return
-        begun_s = seen_s = time.monotonic()
+        begun_s = watched_s = time.monotonic()
         pause = threading.Event()
-        while (now_s := time.monotonic()) - seen_s < _AWAY_S and now_s - begun_s < stay_s:
+        while (now_s := time.monotonic()) - watched_s < _AWAY_S and now_s - begun_s < stay_s:
             if server.viewers:
-                seen_s = now_s
+                watched_s = now_s
             pause.wait(_LOOK_S)
 
 

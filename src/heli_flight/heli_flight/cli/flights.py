@@ -234,7 +234,7 @@ def _mode(asked: dict[str, bool]) -> str | None:
 
     meant = {"--realtime": REAL_TIME, "--live": REAL_TIME, "--lockstep": LOCKSTEP}
     meant["--one-process"] = ONE_PROCESS
-    options = [name for name, is_given in asked.items() if is_given]
+    options = [name for name, is_set in asked.items() if is_set]
     if asked["--live"] and asked["--one-process"]:
         raise ParameterError("--live: shows the ROS graph; it does not go with --one-process")
     if len({meant[name] for name in options}) > 1:
@@ -260,8 +260,8 @@ def _live(
         "--allow-commands": allow_commands,
         "--live-wait": wait,
     }
-    for name, is_given in needs_live.items():
-        if is_given and not live:
+    for name, is_set in needs_live.items():
+        if is_set and not live:
             raise ParameterError(f"{name}: needs --live")
     return LiveOrder(port, foxglove_port, allow_commands, wait, report) if live else None
 

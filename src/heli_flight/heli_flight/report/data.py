@@ -477,7 +477,7 @@ MODE_ROLES = {
 }  # fmt: skip
 _ROLES = {FAULT: "rival", FAILSAFE: "bad"}
 _LEVEL_ROLES = ("good", "warn", "bad", "muted")
-_PLANT, _GIVEN = "plant", "faults_in_flight"
+_PLANT, _FACT_FAULTS = "plant", "faults_in_flight"
 _ACTS = "fault: "  # how the plant says that a fault acts, which has a band of its own
 _WORDS = re.compile(
     r"(?P<name>.+?) from (?P<start>[\d.e+-]+)(?: to (?P<end>[\d.e+-]+) s| s on)"
@@ -625,7 +625,9 @@ def given_in_flight(
 
     `heli_dynamics_sim.faults` writes the words; what is not such words is left out.
     """
-    reports = [r.facts[_GIVEN] for r in remarks if r.node == _PLANT and _GIVEN in r.facts]
+    reports = [
+        r.facts[_FACT_FAULTS] for r in remarks if r.node == _PLANT and _FACT_FAULTS in r.facts
+    ]
     faults = []
     for line in reports[-1].split("; ") if reports else ():
         match = _WORDS.fullmatch(line)

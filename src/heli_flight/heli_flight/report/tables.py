@@ -86,7 +86,7 @@ def result_tables(report: Report) -> list[ReportTable]:
     for stretch, name in STRETCHES.items():
         if report.result.figures.of(stretch):
             head, rows = make(report, stretch)
-            remark = _SAID[stretch, report.kind]
+            remark = _STRETCH_NOTES[stretch, report.kind]
             caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {remark}"
             if stretch == DECIDES:
                 caption += " This table decides the exit code."
@@ -104,7 +104,7 @@ _HOW = (
     "Largest magnitude (rms); ✓ inside, ✗ outside the paper's figure. The paper measured from its "
     "navigation record; only a simulation knows the truth."
 )
-_SAID = {
+_STRETCH_NOTES = {
     (WHOLE, "hover"): (
         "From engagement to the end, the climb included, against the reference as commanded, which "
         f"starts and stops at once. {_HOW}"
