@@ -234,7 +234,7 @@ def drawn_words(settings: Settings) -> str:
 
 def custom_data(settings: Settings) -> list[str]:
     """What a bag's metadata say of the flight, each as `name: text`."""
-    said = {
+    facts = {
         "scenario": settings.scenario_name,
         "gps": settings.gps,
         "seed": settings.seed,
@@ -244,8 +244,8 @@ def custom_data(settings: Settings) -> list[str]:
     }
     faults = flown_faults(settings)
     if faults:
-        said["faults"] = "; ".join(fault.words for fault in faults)
-    return [f"{name}: {value}" for name, value in said.items()]
+        facts["faults"] = "; ".join(fault.words for fault in faults)
+    return [f"{name}: {value}" for name, value in facts.items()]
 
 
 def identity(settings: Settings, changed: Sequence[ParameterChange]) -> dict[str, Any]:

@@ -112,9 +112,9 @@ def fly_one_process(
     """
     from heli_flight.loop import fly_settings
 
-    own = bool(laws or parts or own_laws(settings))
-    tell_if_it_compiles(out, own)
-    if not own:
+    flies_python = bool(laws or parts or own_laws(settings))
+    tell_if_it_compiles(out, flies_python)
+    if not flies_python:
         # Loads the compiled loop, so that flying is timed.
         fly_settings(replace(settings, scenario=replace(settings.scenario, n_ticks=4)))
     start = time.monotonic()
@@ -158,14 +158,14 @@ def report_of_flight(
     mode = flight.extra["mode"]
     how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
     how += ", its nodes in one process" if flight.extra.get("composed") else ""
-    events, said = events_of(flight.remarks, settings), f"report: {folder / PAGE}"
+    events, report_line = events_of(flight.remarks, settings), f"report: {folder / PAGE}"
     try:
         with interrupts.interrupts_reported(), in_turn() as tell:
 
             def drawn(done: int, total: int) -> None:
                 # The page is there before the first of its figures.
                 if done == 0:
-                    say(said)
+                    say(report_line)
                 tell("figures", done, total)
 
             write_report(
@@ -180,7 +180,7 @@ def report_of_flight(
         shutil.rmtree(folder / FIGURES, ignore_errors=True)
         raise
     if not figures:
-        say(said)
+        say(report_line)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -440,19 +440,19 @@ def _of_several(order: FlightOrder, count: int) -> dict[str, Settings]:
 def _flown_together(
     order: FlightOrder, settings: Mapping[str, Settings], folder: NewFolder, out: Console
 ) -> dict[str, UnwrittenFlight]:
-    for name, own in settings.items():
+    for name, aircraft_settings in settings.items():
         (folder.path / name).mkdir()
-        write_parameters(own, folder.path / name / NAME)
+        write_parameters(aircraft_settings, folder.path / name / NAME)
     check_middleware()
     start_server()
     from heli_flight.graph.flight import fly_several
 
     interrupts.check()
     with _in_flight(settings["heli1"], folder, out) as progress:
-        found = fly_several(settings, folder.path, progress, _say(out), order.composed)
+        outcomes = fly_several(settings, folder.path, progress, _say(out), order.composed)
     return {
         name: UnwrittenFlight(r, extra, f.record, f.remarks)
-        for name, (r, extra, f) in found.items()
+        for name, (r, extra, f) in outcomes.items()
     }
 
 

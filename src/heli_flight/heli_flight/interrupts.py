@@ -22,7 +22,7 @@ EXIT_CODE = 130
 LINE = "interrupted"
 _SOON_S = 0.01
 
-_seen = False
+_interrupted = False
 
 
 def _end(signum: int, frame: FrameType | None) -> None:
@@ -33,8 +33,8 @@ def _end(signum: int, frame: FrameType | None) -> None:
 
 def _raise(signum: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt; a second Ctrl-C shall not disturb the clearing up."""
-    global _seen
-    _seen = True
+    global _interrupted
+    _interrupted = True
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     raise KeyboardInterrupt
 
@@ -44,13 +44,13 @@ def _not_lost(unraisable: Any) -> None:
     if isinstance(unraisable.exc_value, KeyboardInterrupt):
         signal.signal(signal.SIGALRM, _raise)
         signal.setitimer(signal.ITIMER_REAL, _SOON_S)
-    elif not _seen:  # what is half-made when an interrupt comes may fail to end
+    elif not _interrupted:  # what is half-made when an interrupt comes may fail to end
         sys.__unraisablehook__(unraisable)
 
 
 def check() -> None:
     """Raise KeyboardInterrupt if there was one: for between two steps, should it be swallowed."""
-    if _seen:
+    if _interrupted:
         raise KeyboardInterrupt
 
 

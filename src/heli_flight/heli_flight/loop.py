@@ -110,7 +110,7 @@ class TickRows(NamedTuple):
 
     y: np.ndarray  # (31,) measurement row
     nav: np.ndarray  # (31,) of the observer
-    seen: np.ndarray  # (31,) navigation as the outer loop had it last
+    outer_nav: np.ndarray  # (31,) navigation as the outer loop had it last
     x9: np.ndarray  # (9,) states as the inner loop knows them
     aim: np.ndarray  # (7,) what it is to hold, places of `estimate.COMMAND`
     hand: np.ndarray  # (3,) a pilot's d_lat, d_lon, d_ped about trim; NaN while the law flies
@@ -237,11 +237,13 @@ def estimate_navigation(loop, links, tick, u, truth):
 
 @njit
 def navigate(loop, links, tick, times_ns, points):
-    """The outer loop hears; at its step `rows.seen` is what it knows. The reference may be moved.
+    """The outer loop hears; at its step `rows.outer_nav` is what it knows.
+
+    The reference may be moved.
 
     times_ns, points: reference trajectory; moved in place where the law engages, if it is to be.
     """
-    y, nav, seen, box = loop.rows.y, loop.rows.nav, loop.rows.seen, loop.outer_in
+    y, nav, outer_nav, box = loop.rows.y, loop.rows.nav, loop.rows.outer_nav, loop.outer_in
     came = math.isfinite(nav[NAV.quat][0])
     _bring(links, box, _NAVIGATION, _TO_OUTER[_NAVIGATION], tick, tick, came, nav)
     turns, speed = y[MEAS.rotor_valid] > 0.5, y[MEAS.rotor : MEAS.rotor + 1]
@@ -249,10 +251,10 @@ def navigate(loop, links, tick, times_ns, points):
     inbox.listen(loop.outer_s, loop.navigation, box, tick, loop.outer_k)
     if tick % loop.period_ticks:
         return
-    inbox.navigate(loop.outer_s, loop.navigation, tick, seen)
-    if loop.anchor[0] and outer.flyable(seen):
+    inbox.navigate(loop.outer_s, loop.navigation, tick, outer_nav)
+    if loop.anchor[0] and outer.flyable(outer_nav):
         offset = scratch(3)
-        fill_offset(seen[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
+        fill_offset(outer_nav[NAV.pos], tick * loop.tick_ns, times_ns, points, offset)
         move(points, offset)
         loop.anchor[0], loop.anchor[1] = 0, tick
 
@@ -261,7 +263,7 @@ def navigate(loop, links, tick, times_ns, points):
 def guide(loop, tick, times_ns, points, setpoint):
     """The position law: attitude and collective (4,) to hold, a pilot's deflections."""
     now_ns, k = tick * loop.tick_ns, loop.outer_k
-    outer.follow(loop.rows.seen, now_ns, times_ns, points, k, loop.outer_s, setpoint)
+    outer.follow(loop.rows.outer_nav, now_ns, times_ns, points, k, loop.outer_s, setpoint)
     manual_deflections(loop.outer_s, loop.rows.hand)
 
 
@@ -530,7 +532,7 @@ def fly_loop(loop: AircraftInLoop, settings: Settings, progress=None, ticks=fly)
         tick, rows = tick + flown, rows[flown:]
         last = tick - 1
         if (asked or phases.lost or phases.gone) and status == 0 and last % loop.period_ticks == 0:
-            went_on = phases.after(last * rate.tick_ns, loop.rows.seen, setpoint)
+            went_on = phases.after(last * rate.tick_ns, loop.rows.outer_nav, setpoint)
             if went_on and phases.trajectory is not None:
                 times_ns, points = phases.trajectory.times_ns, phases.trajectory.points
             scripted = scripted or phases.phase in LANDING
@@ -546,15 +548,15 @@ def fly_loop(loop: AircraftInLoop, settings: Settings, progress=None, ticks=fly)
     return LoopFlight(record, named, "" if status <= 0 else named.sentence)
 
 
-def _phases(loop: AircraftInLoop, settings: Settings, given: Trajectory) -> tuple[Phases, bool]:
+def _phases(loop: AircraftInLoop, settings: Settings, reference: Trajectory) -> tuple[Phases, bool]:
     """Phases of a flight, and whether it has any but that it follows its reference throughout."""
     p = settings.nodes["outer_loop"]
     numbers, orders = PhaseNumbers.from_parameters(p), script_of(p)
     fence, goto = ReferenceLimits.from_parameters(p), Goto.from_parameters(p)
     phases = Phases(numbers, goto, loop.outer_k, loop.outer_s, fence, orders)
     if not numbers.on_ground:
-        phases.follow(given, 0)
-        phases.home_ned_m = given.points[0, REFERENCE.pos].copy()
+        phases.follow(reference, 0)
+        phases.home_ned_m = reference.points[0, REFERENCE.pos].copy()
     return phases, numbers.on_ground or bool(orders)
 
 
@@ -656,11 +658,11 @@ class TicksWithParts:
         self._inner = OwnAttitudeLaw(laws.get(INNER))
         self._outer = OwnPositionLaw(laws.get(OUTER))
         self._parts, self._calls = parts, _compiled(loop)
-        self.failure, told = "", (loop.tick_s, settings.nodes)
+        self.failure, arguments = "", (loop.tick_s, settings.nodes)
         self._readings: dict[str, np.ndarray] = {}
         for n, (name, part) in enumerate(parts.named()):
             child = np.random.SeedSequence(settings.seed, spawn_key=(_CHILD_OF_PARTS + n,))
-            self._ask(name, part, "reset", 0, np.random.default_rng(child), *told)
+            self._ask(name, part, "reset", 0, np.random.default_rng(child), *arguments)
 
     def fly(
         self,
@@ -699,12 +701,12 @@ class TicksWithParts:
     def _failure_of_laws(self) -> str:
         return next((law.failure for law in self._parts.controllers if law.failure), "")
 
-    def _ask(self, name: str, part: Any, method: str, tick: int, *given: Any) -> Any:
+    def _ask(self, name: str, part: Any, method: str, tick: int, *arguments: Any) -> Any:
         """What a part answers; what it raises becomes the flight's sentence."""
         if self.failure:
             return None
         try:
-            return getattr(part, method)(*given)
+            return getattr(part, method)(*arguments)
         except (Exception, SystemExit) as error:
             self.failure = (
                 f"The {name} {type(part).__name__} failed at tick {tick}: {method} raised "
@@ -761,8 +763,8 @@ class TicksWithParts:
             self._calls["sense"](loop, tick, noise, truth)
         self._readings = {}
         for sensor in parts.sensors:
-            given = tick, time_s, truth.copy(), y
-            made = self._ask("sensor", sensor, "step", tick, *given)
+            arguments = tick, time_s, truth.copy(), y
+            made = self._ask("sensor", sensor, "step", tick, *arguments)
             reading = None if made is None else self._numbers("sensor", sensor, tick, made)
             if reading is not None:
                 self._readings[type(sensor).__name__] = reading
@@ -772,8 +774,8 @@ class TicksWithParts:
         if estimator is None:
             self._calls["estimate_navigation"](loop, loop.links, tick, u, truth)
             return
-        given = tick, tick * loop.tick_s, rows.y.copy(), u.copy(), self._readings
-        made = self._ask("estimator", estimator, "step", tick, *given)
+        arguments = tick, tick * loop.tick_s, rows.y.copy(), u.copy(), self._readings
+        made = self._ask("estimator", estimator, "step", tick, *arguments)
         nav = self._numbers("estimator", estimator, tick, made, NAV.size)
         if nav is not None:
             rows.nav[:] = nav
@@ -786,16 +788,16 @@ class TicksWithParts:
         points: np.ndarray,
         setpoint: np.ndarray,
     ) -> None:
-        now_ns, seen = tick * loop.tick_ns, loop.rows.seen
-        given = seen, now_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
-        self._outer.step(tick, tick * loop.tick_s, *given, self._calls["follow"])
+        now_ns, nav = tick * loop.tick_ns, loop.rows.outer_nav
+        arguments = nav, now_ns, times_ns, points, loop.outer_k, loop.outer_s, setpoint
+        self._outer.step(tick, tick * loop.tick_s, *arguments, self._calls["follow"])
         manual_deflections(loop.outer_s, loop.rows.hand)
 
     def _control(self, loop: AircraftInLoop, tick: int) -> None:
         aim, rows, command = loop.rows.aim, loop.rows, estimate.COMMAND
-        given = rows.x9, aim[command.attitude], aim[command.col], aim[command.hand]
+        arguments = rows.x9, aim[command.attitude], aim[command.col], aim[command.hand]
         numbers = loop.inner_k, loop.inner_s, rows.u3
-        self._inner.step(tick, tick * loop.tick_s, *given, *numbers, self._calls["law"])
+        self._inner.step(tick, tick * loop.tick_s, *arguments, *numbers, self._calls["law"])
 
     def _act(self, loop: AircraftInLoop, tick: int, u: np.ndarray) -> int:
         if self._parts.plant is None:
@@ -813,7 +815,7 @@ def _compiled(loop: AircraftInLoop) -> dict[str, Callable[..., Any]]:
         "sense": (sense, loop, 0, noise_row, truth),
         "estimate_navigation": (estimate_navigation, loop, links, 0, four, truth),
         "navigate": (navigate, loop, links, 0, *reference),
-        "follow": (outer.follow, rows.seen, 0, *reference, loop.outer_k, loop.outer_s, four),
+        "follow": (outer.follow, rows.outer_nav, 0, *reference, loop.outer_k, loop.outer_s, four),
         "listen": (listen, loop, links, 0, four),
         "law": (law_or_hand, rows.x9, three, 0.0, three, loop.inner_k, loop.inner_s, three),
         "command_actuators": (command_actuators, loop, 0, four),

@@ -127,13 +127,13 @@ class Parts:
 
     def named(self) -> list[tuple[str, Any]]:
         """Those that are given, but for the controllers, by the word for each."""
-        given: list[tuple[str, Any]] = [
+        slots: list[tuple[str, Any]] = [
             ("plant", self.plant),
             ("wind", self.wind),
             ("estimator", self.estimator),
         ]
-        given += [("sensor", sensor) for sensor in self.sensors]
-        return [(name, part) for name, part in given if part is not None]
+        slots += [("sensor", sensor) for sensor in self.sensors]
+        return [(name, part) for name, part in slots if part is not None]
 
     def __bool__(self) -> bool:
         return bool(self.named() or self.controllers)

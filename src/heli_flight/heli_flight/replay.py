@@ -220,8 +220,8 @@ def serve_after(folder: Path, live: LiveView, say: Callable[[str], None]) -> Non
     say : callable
         Takes a line for the user.
     """
-    stay_s, address = live.parameters["stay_s"], live.told.get("page", "")
-    if not (viewers(live.told) and stay_s and address):
+    stay_s, address = live.parameters["stay_s"], live.facts.get("page", "")
+    if not (viewers(live.facts) and stay_s and address):
         return
     with contextlib.suppress(KeyboardInterrupt):
         try:
@@ -238,11 +238,11 @@ def _serve(folder: Path, port: int, stay_s: float, say: Callable[[str], None]) -
         say(f"report and replay: {server.url} (while the page is open; Ctrl-C ends it)")
         if not server.came.wait(_BACK_S):
             return
-        begun_s = seen_s = time.monotonic()
+        begun_s = watched_s = time.monotonic()
         pause = threading.Event()
-        while (now_s := time.monotonic()) - seen_s < _AWAY_S and now_s - begun_s < stay_s:
+        while (now_s := time.monotonic()) - watched_s < _AWAY_S and now_s - begun_s < stay_s:
             if server.viewers:
-                seen_s = now_s
+                watched_s = now_s
             pause.wait(_LOOK_S)
 
 
@@ -268,7 +268,7 @@ def of_ground(truth: Stream, ground: GroundParams, start_ns: int) -> list[Flight
     touches = touching(truth, ground)
     edges = np.flatnonzero(np.diff(touches.astype(np.int8)))
     stamps = truth.stamp_ns
-    found: list[FlightEvent] = []
+    events: list[FlightEvent] = []
     kept: list[int] = []
     for i in edges.tolist():
         # Contact that comes back at once, and the hop before it, are one.
@@ -280,10 +280,12 @@ def of_ground(truth: Stream, ground: GroundParams, start_ns: int) -> list[Flight
         time_s = float((stamps[i + 1] - start_ns) / NS_PER_S)
         if touches[i + 1]:
             speed = _down_mps(truth.rows[i])
-            found.append(FlightEvent(time_s, GROUND, 0, "ground", f"touch-down at {speed:.2f} m/s"))
+            events.append(
+                FlightEvent(time_s, GROUND, 0, "ground", f"touch-down at {speed:.2f} m/s")
+            )
         else:
-            found.append(FlightEvent(time_s, GROUND, 0, "ground", "lift-off"))
-    return found
+            events.append(FlightEvent(time_s, GROUND, 0, "ground", "lift-off"))
+    return events
 
 
 def _down_mps(row: np.ndarray) -> float:
@@ -295,53 +297,53 @@ def _down_mps(row: np.ndarray) -> float:
     )
 
 
-def of_result(told: Mapping[str, Any]) -> Iterator[FlightEvent]:
+def of_result(result_json: Mapping[str, Any]) -> Iterator[FlightEvent]:
     """What result.json has a time of and nobody said in flight; it may hold anything."""
-    for gust in _entries(told, "random_gusts", "start_s"):
+    for gust in _entries(result_json, "random_gusts", "start_s"):
         peak = gust.get("peak_ned_mps")
         known = isinstance(peak, list) and all(isinstance(v, int | float) for v in peak)
         speed = f" of {math.hypot(*peak):.1f} m/s" if known and peak else ""
         yield FlightEvent(gust["start_s"], GUST, 0, "wind", f"gust{speed} begins")
-    for fault in _entries(told, "process_faults_done", "begun_s"):
+    for fault in _entries(result_json, "process_faults_done", "begun_s"):
         yield FlightEvent(
             fault["begun_s"], FAULT, 1, str(fault.get("what")), f"{fault.get('kind')}"
         )
-    for restart in _entries(told, "restarts", "noticed_s"):
+    for restart in _entries(result_json, "restarts", "noticed_s"):
         node, why = restart.get("node"), restart.get("why")
         yield FlightEvent(restart["noticed_s"], HEALTH, 2, str(node), f"{why}; started again")
 
 
-def _entries(told: Mapping[str, Any], key: str, time: str) -> list[dict[str, Any]]:
+def _entries(result_json: Mapping[str, Any], key: str, time: str) -> list[dict[str, Any]]:
     """Entries of a list that have a finite time."""
-    given = told.get(key)
+    entries = result_json.get(key)
     return [
         one
-        for one in (given if isinstance(given, list) else [])
+        for one in (entries if isinstance(entries, list) else [])
         if isinstance(one, dict)
         and isinstance(one.get(time), int | float)
         and math.isfinite(one[time])
     ]
 
 
-def ended(told: Mapping[str, Any], figures: str) -> str:
+def ended(result_json: Mapping[str, Any], figures: str) -> str:
     """How the flight ended, by its result.json: one or two sentences; empty: it says nothing.
 
     Parameters
     ----------
-    told : mapping
+    result_json : mapping
         Content of result.json; it may hold anything.
     figures : str
         What a flight of this kind is judged by.
     """
-    if told.get("forged"):
-        return f"Forged: {told['forged']}"
-    if told.get("partial"):
-        return f"Partial: {told['partial']}"
-    flown, lost = told.get("flown_s"), told.get("lost")
+    if result_json.get("forged"):
+        return f"Forged: {result_json['forged']}"
+    if result_json.get("partial"):
+        return f"Partial: {result_json['partial']}"
+    flown, lost = result_json.get("flown_s"), result_json.get("lost")
     after = f" after {flown:.2f} s" if isinstance(flown, int | float) else ""
     if lost:
         return f"Lost{after}: {lost}"
-    rows = told.get("verdicts")
+    rows = result_json.get("verdicts")
     if not isinstance(rows, dict):
         return ""
     judged = [v for v in rows.values() if isinstance(v, dict) and v.get("decides")]
@@ -397,12 +399,12 @@ def streams_of(record: FlightRecord, stamp_ns: NDArray[np.int64]) -> dict[str, S
         topics.ACTUATORS: record.u, topics.ROTOR_STATE: record.nav_rotor,
         topics.TRUTH_ROTOR: record.truth_rotor, topics.TRUTH_WIND: record.wind_ned_mps,
     }  # fmt: skip
-    found = {}
+    streams = {}
     for name, array in rows.items():
         known = np.isfinite(array).all(axis=1)
         if known.any():
-            found[name] = Stream(stamp_ns[known], array[known])
-    return found
+            streams[name] = Stream(stamp_ns[known], array[known])
+    return streams
 
 
 def references_of(
@@ -417,18 +419,18 @@ def references_of(
         beyond = rows[-1].copy()
         beyond[REFERENCE.pos] += beyond[REFERENCE.vel] * (step_ns / NS_PER_S)
         times, rows = np.append(times, times[-1] + step_ns), np.vstack([rows, beyond])
-    found = []
+    trajectories = []
     for first in range(0, max(times.size - 1, min(times.size, 1)), MAX_POINTS - 1):
         part = slice(first, first + MAX_POINTS)
-        found.append((int(times[first]), Trajectory(0, times[part], rows[part])))
-    return found
+        trajectories.append((int(times[first]), Trajectory(0, times[part], rows[part])))
+    return trajectories
 
 
 def remarks_of(
     record: FlightRecord,
     stamp_ns: NDArray[np.int64],
     settings: Settings,
-    told: Mapping[str, object],
+    result_json: Mapping[str, object],
 ) -> Sequence[Remark]:
     """What outer loop and plant would have said of modes, faults and the end."""
     modes = ["hover"] * len(record) if record.mode is None else [str(m) for m in record.mode]
@@ -438,7 +440,7 @@ def remarks_of(
         if i == 0 or mode != modes[i - 1]
     ]
     faults = {"faults": "; ".join(fault.words for fault in flown_faults(settings))}
-    lost, end_ns = str(told.get("lost") or ""), int(stamp_ns[-1])
+    lost, end_ns = str(result_json.get("lost") or ""), int(stamp_ns[-1])
     over = lost or f"flight over after {record.time_s[-1] + settings.rate.tick_s:g} s"
     first = Remark(int(stamp_ns[0]), "plant", 0, "flying", faults)
     last = Remark(end_ns, "plant", 2 if lost else 0, over, {**faults, "over": "true"})
@@ -484,26 +486,30 @@ def replay_of(
         One line that names the file.
     """
     place = place_of(path)
-    told, settings, is_known = with_process_events(place.beside, choice)
-    recording, notes = _recorded(place, settings, told, is_known, progress)
+    result_json, settings, is_known = with_process_events(place.beside, choice)
+    recording, notes = _recorded(place, settings, result_json, is_known, progress)
     if not is_known:
         notes.append(
             "No params.yaml beside the record and none given: scenario, limits and scored windows "
             "are the packaged ones and may not be this flight's."
         )
-    told_notes = told.get("notes")
-    notes += [str(note) for note in told_notes] if isinstance(told_notes, list) else []
+    recorded_notes = result_json.get("notes")
+    notes += [str(note) for note in recorded_notes] if isinstance(recorded_notes, list) else []
     report = place.beside / PAGE
     beside = {PAGE: report} if report.is_file() else {}
     page = PAGE if beside else ""
-    telling = Telling(ended(told, figures_of(settings.scenario.kind)), notes, page, at_end)
-    events = [*of_result(told), *_ground(recording, settings)]
+    telling = Telling(ended(result_json, figures_of(settings.scenario.kind)), notes, page, at_end)
+    events = [*of_result(result_json), *_ground(recording, settings)]
     values = _values(settings, is_known)
     return Replay(recording, values, telling, events, progress), beside
 
 
 def _recorded(
-    place: FlightPlace, settings: Settings, told: dict[str, Any], is_known: bool, progress: Progress
+    place: FlightPlace,
+    settings: Settings,
+    result_json: dict[str, Any],
+    is_known: bool,
+    progress: Progress,
 ) -> tuple[FlightRecording, list[str]]:
     start_ns = stamp_at(settings.nodes["plant"]["start_time_s"])
     values = live_view(LiveOrder(), settings).parameters
@@ -516,7 +522,7 @@ def _recorded(
                 raise EmptyRecordError("holds no tick")
             stamps = stamps_of(record, start_ns)
             streams, references = streams_of(record, stamps), references_of(record, stamps)
-            remarks = remarks_of(record, stamps, settings, told)
+            remarks = remarks_of(record, stamps, settings, result_json)
             return FlightRecording(
                 streams, remarks, references, start_ns, values["stale_s"], windows
             ), []

@@ -163,9 +163,9 @@ def verdict(result: Result, settings: Settings, stretch: str) -> str:
     for s in result.judged(settings.gps, stretch):
         records.setdefault(s.metric.label, []).append(SOURCE_NAMES[s.source])
     metrics: dict[str, list[str]] = {}
-    for label, found in records.items():
-        metrics.setdefault(" and ".join(found), []).append(label)
-    names = "; ".join(f"{', '.join(labels)} ({found})" for found, labels in metrics.items())
+    for label, sources in records.items():
+        metrics.setdefault(" and ".join(sources), []).append(label)
+    names = "; ".join(f"{', '.join(labels)} ({sources})" for sources, labels in metrics.items())
     inside = f"inside {figures_of(settings.scenario.kind)}"
     return f"{when}: " + (f"outside in {names}" if names else inside)
 
@@ -233,11 +233,11 @@ def _stretch_table(
     rows.add_column("verdict")
     judged = result.judged(settings.gps, stretch)
     for metric in METRICS[kind]:
-        found = [result.figures.find(stretch, metric.key, source) for source in sources]
+        scores = [result.figures.find(stretch, metric.key, source) for source in sources]
         bad = any(s.metric is metric for s in judged)
         rows.add_row(
             metric.label,
-            *("-" if s is None else _cell(s) for s in found),
+            *("-" if s is None else _cell(s) for s in scores),
             f"{metric.paper:g} {metric.unit}",
             "OUTSIDE" if bad else "inside",
         )
@@ -254,9 +254,9 @@ def _climb_table(result: Result, settings: Settings, console: Console) -> Fittin
     sources = sources_of(settings.gps)
     for source in sources:
         rows.add_column(SOURCE_NAMES[source], justify="right")
-    found = {(f.metric.key, f.source): f for f in result.figures.climb}
+    by_key = {(f.metric.key, f.source): f for f in result.figures.climb}
     for metric in CLIMB_METRICS:
-        figures = [found.get((metric.key, source)) for source in sources]
+        figures = [by_key.get((metric.key, source)) for source in sources]
         rows.add_row(metric.label, *(climb_cell(figure) for figure in figures))
     return rows
 
@@ -285,13 +285,13 @@ def climb_cell(figure: ClimbFigure | None) -> str:
 
 def versions() -> dict[str, str]:
     """Versions that a reader needs to repeat the flight."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
+    installed = {"python": platform.python_version(), "machine": platform.machine()}
     for name in _VERSIONED:
         try:
-            found[name] = metadata.version(name)
+            installed[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return installed
 
 
 def _verdict_row(result: Result, settings: Settings, stretch: str) -> dict[str, Any]:

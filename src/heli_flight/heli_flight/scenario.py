@@ -386,20 +386,20 @@ def ground_figures(record: FlightRecord, gear: Gear) -> list[GroundFigure]:
     gear : Gear
     """
     flown = _longest(~touching(record, gear.ground))
-    found: dict[GroundMetric, float] = {}
+    values: dict[GroundMetric, float] = {}
     if flown is not None:
         lift, touch = flown
         pos, tilt = record.truth_pos_ned_m, np.degrees(np.abs(euler_angles(record.truth_q_nb)))
-        found[_TAKEOFF_SKID] = _farthest(pos[: lift + 1])
+        values[_TAKEOFF_SKID] = _farthest(pos[: lift + 1])
         height = _height(record)
         if height is not None:
-            found[_HEIGHT] = abs(height - gear.height_m)
+            values[_HEIGHT] = abs(height - gear.height_m)
         if touch < len(record):
-            found[_SPEED] = float(record.truth_vel_ned_mps[touch - 1, 2])
-            found[_LANDING_SKID] = _farthest(pos[touch:])
-            found[_TILT] = float(tilt[touch:, :2].max())
+            values[_SPEED] = float(record.truth_vel_ned_mps[touch - 1, 2])
+            values[_LANDING_SKID] = _farthest(pos[touch:])
+            values[_TILT] = float(tilt[touch:, :2].max())
     metrics = [m for m in GROUND_METRICS if m != _HEIGHT or not _begins_by_hand(record)]
-    return [GroundFigure(metric, found.get(metric)) for metric in metrics]
+    return [GroundFigure(metric, values.get(metric)) for metric in metrics]
 
 
 def _begins_by_hand(record: FlightRecord) -> bool:

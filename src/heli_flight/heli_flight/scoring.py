@@ -143,8 +143,8 @@ class Figures:
 
     def find(self, stretch: str, key: str, source: str) -> Score | None:
         """One score, None if it was not taken."""
-        found = (s for s in self.of(stretch) if (s.metric.key, s.source) == (key, source))
-        return next(found, None)
+        matches = (s for s in self.of(stretch) if (s.metric.key, s.source) == (key, source))
+        return next(matches, None)
 
 
 def figures_of(kind: str) -> str:
@@ -187,8 +187,8 @@ def errors(record: FlightRecord, source: str, kind: str) -> dict[str, np.ndarray
             return {}
         if kind == PATH:
             return {"position": path_errors(pos + drift, q, record.reference)["position"]}
-        found = hover_errors(pos + drift, vel, record.reference)
-        return {key: found[key] for key in POSITIONS}
+        all_errors = hover_errors(pos + drift, vel, record.reference)
+        return {key: all_errors[key] for key in POSITIONS}
     if kind == "attitude":
         return attitude_errors(q, record.setpoint)
     if kind == PATH:
@@ -236,15 +236,15 @@ def score(record: FlightRecord, scenario: Scenario) -> Figures:
     -------
     Figures
     """
-    found = {source: errors(record, source, scenario.kind) for source in SOURCE_NAMES}
+    error_signals = {source: errors(record, source, scenario.kind) for source in SOURCE_NAMES}
     scores: dict[str, list[Score]] = {}
     for stretch in STRETCHES:
         mask = counted(record, scenario, stretch)
         scores[stretch] = [
-            Score(metric, source, *size(found[source][metric.key][mask]), stretch)
+            Score(metric, source, *size(error_signals[source][metric.key][mask]), stretch)
             for source in SOURCE_NAMES
             for metric in METRICS[scenario.kind]
-            if metric.key in found[source] and mask.any()
+            if metric.key in error_signals[source] and mask.any()
         ]
     climb = [
         figure

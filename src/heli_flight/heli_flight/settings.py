@@ -138,22 +138,22 @@ LAW_NODES = {INNER: "inner_loop", OUTER: "outer_loop"}
 
 def own_laws(settings: Settings) -> dict[str, str]:
     """By loop the law in Python that the settings name; without those that are packaged."""
-    found = {loop: str(settings.nodes[node][PARAMETER]) for loop, node in LAW_NODES.items()}
-    return {loop: source for loop, source in found.items() if source}
+    sources = {loop: str(settings.nodes[node][PARAMETER]) for loop, node in LAW_NODES.items()}
+    return {loop: source for loop, source in sources.items() if source}
 
 
 def own_words(settings: Settings) -> str:
     """The same in words, empty for none: my_law:MyLaw in the place of the inner loop."""
-    found = own_laws(settings).items()
-    return ", ".join(f"{short_name(s)} in the place of the {loop} loop" for loop, s in found)
+    laws = own_laws(settings).items()
+    return ", ".join(f"{short_name(s)} in the place of the {loop} loop" for loop, s in laws)
 
 
 def without_own(settings: Settings) -> Settings:
     """The same flight with the packaged laws."""
-    own = {
+    packaged_laws = {
         LAW_NODES[loop]: {**settings.nodes[LAW_NODES[loop]], PARAMETER: ""} for loop in LAW_NODES
     }
-    return replace(settings, nodes={**settings.nodes, **own})
+    return replace(settings, nodes={**settings.nodes, **packaged_laws})
 
 
 def refuse_own_laws(settings: Settings) -> None:
@@ -265,12 +265,12 @@ def draws(world: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Draw]
     world, plant : mapping
         Parameters of the section `world` and of the plant.
     """
-    found = {}
+    drawn = {}
     for key in DRAWN:
         width = world[f"draw.{key.removeprefix('scale.')}"]
         if width > 0:
-            found[key] = Draw(key, plant[key], width)
-    return found
+            drawn[key] = Draw(key, plant[key], width)
+    return drawn
 
 
 # -------------------------------------------------------------------------------------------------
@@ -409,8 +409,8 @@ def layered(
     for node in NODES:
         folder = config_folder(node.package)
         presets = [folder / f"gps_{gps}.yaml", sensors]
-        own = [read(preset) for preset in presets if preset.is_file()]
-        below = [common, read(folder / f"{node.name}.yaml"), *own, *around, control]
+        preset_files = [read(preset) for preset in presets if preset.is_file()]
+        below = [common, read(folder / f"{node.name}.yaml"), *preset_files, *around, control]
         take(node.name, below)
         if node.name == PLANT:
             centres = load(node.table, below, PLANT)
@@ -440,10 +440,10 @@ def _drawn(
     params.yaml.
     """
     plant, drawn = values[PLANT], {}
-    said = {entry.key for file in over for entry in applicable(file, PLANT)}
+    stated_keys = {entry.key for file in over for entry in applicable(file, PLANT)}
     for key, draw in draws(values[WORLD_SECTION], centres).items():
         value = draw.value(plant["seed"] if seed is None else seed)
-        if key not in said or plant[key] == value:
+        if key not in stated_keys or plant[key] == value:
             plant[key], drawn[key] = value, draw
     return drawn
 
@@ -506,11 +506,11 @@ class FlightDefaults:
     ----------
     file : ParameterFile
         What was short for parameters of other sections stands there, too.
-    said : mapping of name to Entry
+    section : mapping of name to Entry
     """
 
     file: ParameterFile
-    said: Mapping[str, Entry]
+    section: Mapping[str, Entry]
 
 
 def read_defaults(file: ParameterFile) -> FlightDefaults:
@@ -521,12 +521,12 @@ def read_defaults(file: ParameterFile) -> FlightDefaults:
     ParameterError
         Something unknown or not allowed, or the file contradicts itself.
     """
-    said = stated(FLIGHT_TABLE, [file], FLIGHT_SECTION)
+    by_name = stated(FLIGHT_TABLE, [file], FLIGHT_SECTION)
     moved = []
     for name, (section, key) in SHORT_FOR.items():
-        if name not in said:
+        if name not in by_name:
             continue
-        here = said[name]
+        here = by_name[name]
         there = assigned([file], section, key)
         if there is not None and not _equal(there.value, here.value):
             raise ParameterError(
@@ -535,18 +535,22 @@ def read_defaults(file: ParameterFile) -> FlightDefaults:
             )
         moved.append(Entry(f"/**/{section}", key, here.value, here.where))
     sections = (*file.sections, *((entry.pattern, entry.where) for entry in moved))
-    return FlightDefaults(replace(file, sections=sections, entries=(*file.entries, *moved)), said)
+    return FlightDefaults(
+        replace(file, sections=sections, entries=(*file.entries, *moved)), by_name
+    )
 
 
 def assigned(files: Sequence[ParameterFile], section: str, key: str) -> Entry | None:
     """The strongest assignment of a parameter in files, None if there is none."""
-    found = [e for file in files for e in applicable(file, section) if e.key == key]
-    return found[-1] if found else None
+    assignments = [e for file in files for e in applicable(file, section) if e.key == key]
+    return assignments[-1] if assignments else None
 
 
 def default_of(files: Sequence[FlightDefaults], name: str) -> Entry | None:
     """What the last file that says it says of scenario, receiver, world, laws or mode."""
-    return next((told.said[name] for told in reversed(files) if name in told.said), None)
+    return next(
+        (defaults.section[name] for defaults in reversed(files) if name in defaults.section), None
+    )
 
 
 @dataclass(frozen=True)
@@ -560,30 +564,37 @@ class Packaged:
     seed: int | None
 
 
-def without_packaged(told: FlightDefaults, read: Reader, wanted: Packaged) -> ParameterFile:
+def without_packaged(defaults: FlightDefaults, read: Reader, wanted: Packaged) -> ParameterFile:
     """The file for a flight of this scenario, receiver, world, laws and seed.
 
     If it was made for others, what equals their packaged values is left out: it belongs to them.
     """
-    of = {name: entry.value for name, entry in told.said.items()}
-    seed = assigned([told.file], *SHORT_FOR["seed"])
-    own = Packaged(
+    of = {name: entry.value for name, entry in defaults.section.items()}
+    seed = assigned([defaults.file], *SHORT_FOR["seed"])
+    made_for = Packaged(
         of.get("scenario", wanted.scenario),
         of.get("gps", wanted.gps),
         of.get("world", PAPER if "commit" in of else wanted.world),
         of.get("laws", PACKAGED if "commit" in of else wanted.laws),
         wanted.seed if seed is None else seed.value,
     )
-    if own == wanted or own.scenario not in scenario_names():
-        return told.file
+    if made_for == wanted or made_for.scenario not in scenario_names():
+        return defaults.file
     try:
-        WORLDS.file(own.world)
-        LAWS.file(own.laws)
+        WORLDS.file(made_for.world)
+        LAWS.file(made_for.laws)
     except ParameterError:
-        return told.file
-    packaged = layered(read, own.scenario, own.gps, own.world, seed=own.seed, laws=own.laws)
-    kept = [entry for entry in told.file.entries if not _is_packaged(entry, packaged)]
-    return replace(told.file, entries=tuple(kept))
+        return defaults.file
+    packaged = layered(
+        read,
+        made_for.scenario,
+        made_for.gps,
+        made_for.world,
+        seed=made_for.seed,
+        laws=made_for.laws,
+    )
+    kept = [entry for entry in defaults.file.entries if not _is_packaged(entry, packaged)]
+    return replace(defaults.file, entries=tuple(kept))
 
 
 def _is_packaged(entry: Entry, packaged: Layered) -> bool:
@@ -604,8 +615,8 @@ def section_of(paths: Sequence[Path]) -> Mapping[str, Any]:
     ParameterError
     """
     read = Reader()
-    told = [read_defaults(read(path)) for path in paths]
-    return {name: entry.value for each in told for name, entry in each.said.items()}
+    defaults = [read_defaults(read(path)) for path in paths]
+    return {name: entry.value for each in defaults for name, entry in each.section.items()}
 
 
 def hover_test_world(world: str | None, scenario: str | None, paths: Sequence[Path]) -> str | None:
@@ -618,9 +629,9 @@ def hover_test_world(world: str | None, scenario: str | None, paths: Sequence[Pa
     ------
     ParameterError
     """
-    said = section_of(paths)
-    known = "world" in said or "commit" in said
-    hovers = (scenario or said.get("scenario", "hover")) == "hover"
+    section = section_of(paths)
+    known = "world" in section or "commit" in section
+    hovers = (scenario or section.get("scenario", "hover")) == "hover"
     return HOVER_TEST_WORLD if world is None and not known and hovers else world
 
 
@@ -783,9 +794,9 @@ def seed_of(seed: int, number: int) -> int:
 
     It does not depend on how many fly, so that each can be flown again alone.
     """
-    (own,) = SeedSequence(seed).spawn(number + 1)[number].generate_state(1)
+    (aircraft_seed,) = SeedSequence(seed).spawn(number + 1)[number].generate_state(1)
     # Parameters are signed.
-    return int(own) >> 1
+    return int(aircraft_seed) >> 1
 
 
 # -------------------------------------------------------------------------------------------------
@@ -884,6 +895,30 @@ _SECTIONS = (*TABLES, FLIGHT_SECTION, "live_view", "identify", "robust")
 
 
 @dataclass(frozen=True)
+class Overridden:
+    """An option of the command line that was stronger than a file of the user's.
+
+    Attributes
+    ----------
+    option : str
+        scenario, gps, world, laws, mode, seed, duration or controller.
+    value : object
+        What was asked for, and is flown.
+    entry : Entry
+        What the file says, and where.
+    """
+
+    option: str
+    value: Any
+    entry: Entry
+
+    @property
+    def words(self) -> str:
+        """In one sentence with others: seed 5, not 4 (file:3)."""
+        return f"{self.option} {self.value}, not {self.entry.value} ({self.entry.where})"
+
+
+@dataclass(frozen=True)
 class Settings:
     """Resolved parameters of every node and of the scenario.
 
@@ -913,6 +948,8 @@ class Settings:
     remarks : tuple of str
         Sentences: where the command line was stronger than a file of the user's, and what to
         know of such a file.
+    overridden : tuple of Overridden
+        Where the command line was stronger.
     """
 
     nodes: Mapping[str, Mapping[str, Any]]
@@ -930,6 +967,7 @@ class Settings:
     drawn: Mapping[str, Draw] = field(default_factory=dict)
     laws: str = PACKAGED
     process_faults: tuple[str, ...] = (NONE,)
+    overridden: tuple[Overridden, ...] = ()
 
     @property
     def rate(self) -> Rate:
@@ -955,17 +993,17 @@ class _CommandLine:
     def __init__(self, read: Reader, user: Sequence[FlightDefaults]):
         self._user = user
         self._packaged = read_defaults(read(config_folder(PACKAGE) / "flight.yaml"))
-        self._won: list[str] = []
+        self.overridden: list[Overridden] = []
 
     def choose(self, name: str, option: str | None) -> Any:
         """Scenario, receiver, world, laws or mode: option, else files, else packaged."""
-        said = default_of(self._user, name)
+        entry = default_of(self._user, name)
         if option is None:
-            said = said or self._packaged.said[name]
+            entry = entry or self._packaged.section[name]
             if name in _FILES:
-                _FILES[name](said.value, f"{said.where}: flight: {name}:")
-            return said.value
-        self._compare(name, option, said)
+                _FILES[name](entry.value, f"{entry.where}: flight: {name}:")
+            return entry.value
+        self._compare(name, option, entry)
         return option
 
     def laws_of(self, controller: str | None) -> str | None:
@@ -973,12 +1011,15 @@ class _CommandLine:
 
         Laws that these files name stay, unless they are packaged or those of their controller.
         """
-        laws, own = (default_of(self._user, name) for name in ("laws", "controller"))
-        replaced = () if controller is None else (PACKAGED, own and own.value)
+        laws, controller_entry = (default_of(self._user, name) for name in ("laws", "controller"))
+        replaced = (
+            () if controller is None else (PACKAGED, controller_entry and controller_entry.value)
+        )
         if laws is not None and laws.value not in replaced:
             return None
-        taken = own.value if controller is None and own is not None else controller
-        return taken if taken in LAWS.names() else None
+        if controller is None and controller_entry is not None:
+            controller = controller_entry.value
+        return controller if controller in LAWS.names() else None
 
     def put(
         self,
@@ -995,18 +1036,19 @@ class _CommandLine:
         _set(section, values[section], key, option, _OPTIONS[name])
         self._compare(word, option, assigned(files, section, key))
 
-    def _compare(self, word: str, option: Any, said: Any) -> None:
-        if said is not None and said.value != option:
-            self._won.append(f"{word} {option}, not {said.value} ({said.where})")
+    def _compare(self, word: str, option: Any, entry: Entry | None) -> None:
+        if entry is not None and entry.value != option:
+            self.overridden.append(Overridden(word, option, entry))
 
     def remarks(self) -> tuple[str, ...]:
         """One line about all options that differ from the files; one per file of other sources."""
-        lines = [f"the command line wins: {'; '.join(self._won)}"] if self._won else []
-        for told in self._user:
-            commit = told.said["commit"].value if "commit" in told.said else ""
+        words = "; ".join(overridden.words for overridden in self.overridden)
+        lines = [f"the command line wins: {words}"] if words else []
+        for defaults in self._user:
+            commit = defaults.section["commit"].value if "commit" in defaults.section else ""
             if is_another(commit):
                 lines.append(
-                    f"{told.file.path} was flown by the sources of commit {commit[:12]}, "
+                    f"{defaults.file.path} was flown by the sources of commit {commit[:12]}, "
                     f"these are of {sources_commit()[:12]}"
                 )
         return tuple(lines)
@@ -1059,15 +1101,15 @@ def resolve(
     _check_options(scenario_name, gps, mode, world, laws)
     options = {"duration_s": duration_s, "controller": controller, "seed": seed, "rate": rate_hz}
     read = Reader()
-    given = [read(path) for path in params]
-    check_node_names(given, _SECTIONS)
-    user = [read_defaults(file) for file in given]
+    files = [read(path) for path in params]
+    check_node_names(files, _SECTIONS)
+    user = [read_defaults(file) for file in files]
     line = _CommandLine(read, user)
     name = line.choose("scenario", scenario_name)
     receiver, mode = line.choose("gps", gps), line.choose("mode", mode)
     around, control = (
-        kind.full_name(line.choose(kind.word, given and kind.full_name(given)))
-        for kind, given in ((WORLDS, world), (LAWS, laws or line.laws_of(controller)))
+        kind.full_name(line.choose(kind.word, option and kind.full_name(option)))
+        for kind, option in ((WORLDS, world), (LAWS, laws or line.laws_of(controller)))
     )
     check_node_names([read(WORLDS.file(around))], _SECTIONS)
     check_node_names([read(LAWS.file(control))], SECTIONS)
@@ -1075,7 +1117,7 @@ def resolve(
     broken = tuple(process_faults or line.choose("process_faults", None))
     process_faults_of(broken)
     wanted = Packaged(name, receiver, around, control, drawn_by)
-    fitting = [without_packaged(told, read, wanted) for told in user]
+    fitting = [without_packaged(defaults, read, wanted) for defaults in user]
     layers = layered(read, name, receiver, around, fitting, drawn_by, control)
     values = _over(layers, fitting, line, options, overrides or {})
     for node in NODES:
@@ -1096,6 +1138,7 @@ def resolve(
         {k: d for k, d in layers.drawn.items() if k not in (overrides or {}).get("plant", {})},
         control,
         broken,
+        tuple(line.overridden),
     )
 
 
@@ -1106,9 +1149,9 @@ def _seed(
     if option is not None:
         # One that cannot be is refused when it is put in.
         return option if option >= 0 else None
-    said = assigned([told.file for told in user], "plant", "seed")
-    given = overrides.get("plant", {}).get("seed", None if said is None else said.value)
-    return given if isinstance(given, int) and given >= 0 else None
+    entry = assigned([defaults.file for defaults in user], "plant", "seed")
+    value = overrides.get("plant", {}).get("seed", None if entry is None else entry.value)
+    return value if isinstance(value, int) and value >= 0 else None
 
 
 def _check_options(
@@ -1122,9 +1165,9 @@ def _check_options(
         raise ParameterError(f"--gps {gps}: unknown preset; known: {', '.join(GPS_PRESETS)}")
     if mode is not None and mode not in MODES:
         raise ParameterError(f"mode {mode}: unknown; known: {', '.join(MODES)}")
-    for name, given in (("scenario", scenario_name), ("world", world), ("laws", laws)):
-        if given is not None:
-            _FILES[name](given)
+    for name, option in (("scenario", scenario_name), ("world", world), ("laws", laws)):
+        if option is not None:
+            _FILES[name](option)
 
 
 def _over(
@@ -1166,15 +1209,15 @@ def _initial_state(scenario: Mapping[str, Any]) -> dict[str, Any]:
 
 def _scenario(values: Mapping[str, Mapping[str, Any]]) -> scenario_table.Scenario:
     """The scenario; of one that begins on the ground with what it is judged by."""
-    found = scenario_table.Scenario.from_parameters(values[scenario_table.NODE_NAME])
+    scenario = scenario_table.Scenario.from_parameters(values[scenario_table.NODE_NAME])
     try:
         script_of(values["outer_loop"])
     except ParameterError as error:
         raise ParameterError(f"outer_loop: {error}") from None
     if not values["plant"]["start.on_ground"]:
-        return found
+        return scenario
     ground = PlantConfig.from_parameters(values["plant"]).params.aircraft.ground
-    return replace(found, gear=Gear(ground, values["outer_loop"]["takeoff.height_m"]))
+    return replace(scenario, gear=Gear(ground, values["outer_loop"]["takeoff.height_m"]))
 
 
 def _set(section: str, values: dict[str, Any], key: str, value: Any, where: str) -> None:

@@ -61,12 +61,12 @@ class FittingTable(Table):
         heads = [str(column.header) for column in self.columns[1:]]
         for name, *cells in zip(*(column.cells for column in self.columns), strict=True):
             yield Text(str(name), style="bold", overflow="fold")
-            told = [
+            labelled = [
                 Text(f"{head}: {cell}" if head else str(cell), overflow="fold")
                 for head, cell in zip(heads, cells, strict=True)
                 if str(cell)
             ]
-            yield Padding(Columns(told, equal=True, padding=(0, 3, 0, 0)), (0, 0, 0, 2))
+            yield Padding(Columns(labelled, equal=True, padding=(0, 3, 0, 0)), (0, 0, 0, 2))
 
 
 def _widths(table: Table, room: int) -> list[int]:
@@ -174,12 +174,12 @@ def _progress(
 ) -> Iterator[Callable[[float], None]]:
     """A bar that says `counted`, or without a terminal a `line` at each of so many parts."""
     if not out.is_terminal:
-        told = [0]
+        last_part = [0]
 
         def plain(done: float) -> None:
             part = int(parts * done / total)
-            if part > told[0]:
-                told[0] = part
+            if part > last_part[0]:
+                last_part[0] = part
                 out.print(line(done), highlight=False)
 
         yield plain
@@ -199,16 +199,16 @@ def long_steps(what: str, total: int, begun: int = 0) -> Iterator[Callable[[int,
     With rate and time left; `begun` steps were there before. A bar at a terminal, elsewhere a line
     at every fifth.
     """
-    since, told = time.monotonic(), {"remark": ""}
+    since, latest = time.monotonic(), {"remark": ""}
 
-    def said(done: float) -> str:
+    def pace(done: float) -> str:
         rate = (done - begun) / max(time.monotonic() - since, 1e-9)
         left_s = (total - done) / rate if rate > 0.0 else math.inf
         left = f"{left_s / 60.0:.1f} min" if left_s < 7200.0 else f"{left_s / 3600.0:.1f} h"
-        return f"{rate:.1f} per second, {left} left, {told['remark']}"
+        return f"{rate:.1f} per second, {left} left, {latest['remark']}"
 
     def line(done: float) -> str:
-        return f"{what}: {done:.0f} of {total}, {said(done)}"
+        return f"{what}: {done:.0f} of {total}, {pace(done)}"
 
     out = console(stderr=True)
     if out.is_terminal:
@@ -216,21 +216,21 @@ def long_steps(what: str, total: int, begun: int = 0) -> Iterator[Callable[[int,
 
         columns = (
             TextColumn("{task.description}"), BarColumn(),
-            TextColumn("{task.completed:.0f}/{task.total:.0f}, {task.fields[said]}"),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}, {task.fields[pace]}"),
         )  # fmt: skip
         with Progress(*columns, console=out) as bar:
-            task = bar.add_task(what, total=total, completed=begun, said="")
+            task = bar.add_task(what, total=total, completed=begun, pace="")
 
             def move(done: int, remark: str) -> None:
-                told["remark"] = remark
-                bar.update(task, completed=done, said=said(done))
+                latest["remark"] = remark
+                bar.update(task, completed=done, pace=pace(done))
 
             yield move
         return
     with _progress(out, what, total, "", 5, line) as plain:
 
         def tell(done: int, remark: str) -> None:
-            told["remark"] = remark
+            latest["remark"] = remark
             plain(done)
 
         yield tell
@@ -245,14 +245,14 @@ def amount(what: str) -> Iterator[Callable[[int, int], None]]:
     """
     begun, shown = time.monotonic(), contextlib.ExitStack()
     now: dict[int, Callable[[int], None]] = {}
-    told = [0]
+    last_done = [0]
 
     def update(done: int, total: int) -> None:
         if total > _MANY and done % _EVERY:
             return
-        if done == told[0] or not total or time.monotonic() - begun < 1.0:
+        if done == last_done[0] or not total or time.monotonic() - begun < 1.0:
             return
-        told[0] = done
+        last_done[0] = done
         if total not in now:
             now[total] = shown.enter_context(steps(what, total))
         now[total](done)

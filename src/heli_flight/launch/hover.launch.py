@@ -142,134 +142,138 @@ def _duration_s(text):
     return value
 
 
-def _overrides(given):
+def _overrides(launch_args):
     """Parameters that arguments set, per node."""
-    found = {name: {} for _, name in NODES} | {"recorder": {}, "live_view": {}}
-    if given["lockstep"]:
+    overrides = {name: {} for _, name in NODES} | {"recorder": {}, "live_view": {}}
+    if launch_args["lockstep"]:
         for name in (*(name for _, name in NODES), "live_view"):
-            found[name]["lockstep"] = given["lockstep"] == "true"
-    if given["seed"]:
-        found["plant"]["seed"] = _seed(given["seed"])
+            overrides[name]["lockstep"] = launch_args["lockstep"] == "true"
+    if launch_args["seed"]:
+        overrides["plant"]["seed"] = _seed(launch_args["seed"])
         for _, name in NODES:
-            found[name]["link_seed"] = _seed(given["seed"])
-    if given["duration"]:
-        found["plant"]["duration_s"] = _duration_s(given["duration"])
-    if given["clock"]:
-        found["plant"]["clock"] = given["clock"]
-    if given["controller"]:
-        found["inner_loop"]["controller"] = given["controller"]
-    if given["bag"]:
-        if given["record"] != "true":
-            raise ValueError(f"bag:={given['bag']}: does not go with record:=false")
-        found["recorder"]["bag"] = given["bag"]
-    return found
+            overrides[name]["link_seed"] = _seed(launch_args["seed"])
+    if launch_args["duration"]:
+        overrides["plant"]["duration_s"] = _duration_s(launch_args["duration"])
+    if launch_args["clock"]:
+        overrides["plant"]["clock"] = launch_args["clock"]
+    if launch_args["controller"]:
+        overrides["inner_loop"]["controller"] = launch_args["controller"]
+    if launch_args["bag"]:
+        if launch_args["record"] != "true":
+            raise ValueError(f"bag:={launch_args['bag']}: does not go with record:=false")
+        overrides["recorder"]["bag"] = launch_args["bag"]
+    return overrides
 
 
-def _laws(given):
+def _laws(launch_args):
     """Those that are named, else those of the controller's name, else the packaged ones."""
-    of_controller = given["controller"] if given["controller"] in LAW_FILES.names() else PACKAGED
-    return given["laws"] or of_controller
+    controller = launch_args["controller"]
+    return launch_args["laws"] or (controller if controller in LAW_FILES.names() else PACKAGED)
 
 
-def _around(given, users):
+def _around(launch_args, users):
     """Presets of sensors, files of world and laws, and what the seed draws, per node."""
-    hovers = given["scenario"] == "hover"
-    world = given["world"] or (HOVER_TEST_WORLD if hovers else PAPER)
-    read, laws = Reader(), _laws(given)
-    found = layered(
+    hovers = launch_args["scenario"] == "hover"
+    world = launch_args["world"] or (HOVER_TEST_WORLD if hovers else PAPER)
+    read, laws = Reader(), _laws(launch_args)
+    layers = layered(
         read,
-        given["scenario"],
-        given["gps"],
+        launch_args["scenario"],
+        launch_args["gps"],
         world,
         [read(path) for path in users],
-        _seed(given["seed"]) if given["seed"] else None,
+        _seed(launch_args["seed"]) if launch_args["seed"] else None,
         laws,
     )
-    grade = found.values[WORLD_SECTION]["sensors." + given["gps"]]
+    grade = layers.values[WORLD_SECTION]["sensors." + launch_args["gps"]]
     # One file tells the plant and the observer.
     sensors = _config("heli_dynamics_sim", f"sensors_{grade}.yaml")
-    plant = {key: found.values["plant"][key] for key in found.drawn}
+    plant = {key: layers.values["plant"][key] for key in layers.drawn}
     files = [str(WORLDS.file(world)), str(LAW_FILES.file(laws))]
     return sensors, files, {"plant": plant}
 
 
-def _unrecorded(given, users):
+def _unrecorded(launch_args, users):
     """Topics that the user's recorder leaves out: the others must not wait for it there."""
     files = [_config("heli_core", "common.yaml"), _config("heli_bags", f"{RECORDER}.yaml")]
-    values = load(with_common(RECORDER_TABLE), [*files, *users], f"{given['namespace']}/{RECORDER}")
+    values = load(
+        with_common(RECORDER_TABLE), [*files, *users], f"{launch_args['namespace']}/{RECORDER}"
+    )
     return list(unrecorded(values["topics"], values["exclude"]))
 
 
-def _again(given):
+def _again(launch_args):
     """Who is started again, if asked for."""
-    if given["respawn"] != "true":
+    if launch_args["respawn"] != "true":
         return None
     for name, plain in (("composed", "false"), ("aircraft", "1")):
-        if given[name] != plain:
-            raise ValueError(f"respawn:=true: does not go with {name}:={given[name]}")
+        if launch_args[name] != plain:
+            raise ValueError(f"respawn:=true: does not go with {name}:={launch_args[name]}")
     return Again(AGAIN, MOST, WITHIN_S)
 
 
-def _aircraft(given):
+def _aircraft(launch_args):
     """Nodes of one aircraft; each configures and activates itself, the plant waits for the rest."""
-    arguments, users = _overrides(given), users_files(given)
-    scenario = _config("heli_flight", f"scenarios/{given['scenario']}.yaml")
-    sensors, files, drawn = _around(given, users)
-    recorded = given["record"] == "true"
-    again = _again(given)
+    arguments, users = _overrides(launch_args), users_files(launch_args)
+    scenario = _config("heli_flight", f"scenarios/{launch_args['scenario']}.yaml")
+    sensors, files, drawn = _around(launch_args, users)
+    recorded = launch_args["record"] == "true"
+    again = _again(launch_args)
     # So that the bag begins with the first tick.
     peers = {"peers": [*(name for _, name in NODES), *(["recorder"] if recorded else [])]}
-    peers["unrecorded"] = _unrecorded(given, users)
-    found = [node("heli_flight", "scenario", given, [scenario, *users], again=again)]
+    peers["unrecorded"] = _unrecorded(launch_args, users)
+    nodes = [node("heli_flight", "scenario", launch_args, [scenario, *users], again=again)]
     if recorded:
-        own = [*users, arguments["recorder"]]
-        found.append(node("heli_bags", "recorder", given, own, again=again))
-    if given["live"] == "true":
-        own = [*users, arguments["live_view"]]
-        found.append(node("heli_live_view", "live_view", given, own, again=again))
-    if given["actions"] == "true":
-        found.append(node("heli_actions", "actions", given, users, again=again))
+        parameters = [*users, arguments["recorder"]]
+        nodes.append(node("heli_bags", "recorder", launch_args, parameters, again=again))
+    if launch_args["live"] == "true":
+        parameters = [*users, arguments["live_view"]]
+        nodes.append(node("heli_live_view", "live_view", launch_args, parameters, again=again))
+    if launch_args["actions"] == "true":
+        nodes.append(node("heli_actions", "actions", launch_args, users, again=again))
     layers = {}
     for package, name in NODES:
         receiver, grade = (
             [path] if Path(path).is_file() else []
-            for path in (_config(package, f"gps_{given['gps']}.yaml"), sensors)
+            for path in (_config(package, f"gps_{launch_args['gps']}.yaml"), sensors)
         )
         around = receiver, grade, [*files, drawn.get(name)], [scenario, *users]
         layers[name] = [[peers], *around, [arguments[name]]]
     # Of several aircraft the last flight ends the launch, by the clock of their world.
-    alone = given["aircraft"] == "1"
-    if given["composed"] == "true":
-        return [*found, together("heli_flight", "composed", given, layers, alone)]
+    alone = launch_args["aircraft"] == "1"
+    if launch_args["composed"] == "true":
+        return [*nodes, together("heli_flight", "composed", launch_args, layers, alone)]
     for package, name in NODES:
-        own = [layer for group in layers[name] for layer in group]
-        found.append(node(package, name, given, own, name != "plant" or alone, again))
-    return found
+        parameters = [layer for group in layers[name] for layer in group]
+        nodes.append(node(package, name, launch_args, parameters, name != "plant" or alone, again))
+    return nodes
 
 
-def _several(given, count):
+def _several(launch_args, count):
     """Several aircraft and the clock of their world."""
-    if given["live"] == "true":
+    if launch_args["live"] == "true":
         raise ValueError(f"live:=true: shows one aircraft, not aircraft:={count}")
-    base = given["namespace"].strip("/")
+    base = launch_args["namespace"].strip("/")
     names = [f"{base}/heli{i + 1}".strip("/") for i in range(count)]
-    bags = Path(given["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}")
-    found = [node("heli_flight", "world_clock", {**given, "namespace": ""}, [{"aircraft": names}])]
+    bags = Path(launch_args["bag"] or f"bags/{time.strftime('%Y%m%d-%H%M%S')}")
+    nodes = [
+        node("heli_flight", "world_clock", {**launch_args, "namespace": ""}, [{"aircraft": names}])
+    ]
     for number, name in enumerate(names):
-        own = {"namespace": name, "clock": "world", "bag": str(bags / f"heli{number + 1}")}
-        own["seed"] = str(seed_of(_seed(given["seed"] or "1"), number))
-        if given["record"] != "true":
-            own["bag"] = ""
-        found += _aircraft({**given, **own})
-    return found
+        its_args = {"namespace": name, "clock": "world", "bag": str(bags / f"heli{number + 1}")}
+        its_args["seed"] = str(seed_of(_seed(launch_args["seed"] or "1"), number))
+        if launch_args["record"] != "true":
+            its_args["bag"] = ""
+        nodes += _aircraft({**launch_args, **its_args})
+    return nodes
 
 
 def _graph(context):
-    given = context.launch_configurations
-    count = given["aircraft"]
+    launch_args = context.launch_configurations
+    count = launch_args["aircraft"]
     if not (count.isdecimal() and 1 <= int(count) <= MOST_AIRCRAFT):
         raise ValueError(f"aircraft:={count}: write a whole number from 1 to {MOST_AIRCRAFT}")
-    return _aircraft(given) if int(count) == 1 else _several(given, int(count))
+    return _aircraft(launch_args) if int(count) == 1 else _several(launch_args, int(count))
 
 
 def generate_launch_description():

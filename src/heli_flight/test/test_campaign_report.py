@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A campaign's report: what explains the spread, which flights came worst, the page itself."""
 
+import errno
+import html
 import json
 import math
+import os
 import re
 
 import numpy as np
@@ -44,16 +47,16 @@ def made(count=400):
 
 def test_influences_are_the_rank_correlations_strongest_first():
     inputs, figure = made()
-    found = sensitivities(inputs, figure)
-    assert [one.name for one in found] == ["a", "name", "b"]
+    influences = sensitivities(inputs, figure)
+    assert [one.name for one in influences] == ["a", "name", "b"]
     ranks = stats.rankdata(inputs["a"]), stats.rankdata(figure)
-    assert found[0].rank_correlation == pytest.approx(np.corrcoef(*ranks)[0, 1], abs=1e-12)
-    assert found[0].p_value < 1e-10 and abs(found[2].rank_correlation) < 0.15
+    assert influences[0].rank_correlation == pytest.approx(np.corrcoef(*ranks)[0, 1], abs=1e-12)
+    assert influences[0].p_value < 1e-10 and abs(influences[2].rank_correlation) < 0.15
     # Of names: the F test's own ratio, eta squared, over ranks.
     groups = [ranks[1][np.array(inputs["name"]) == n] for n in "xyz"]
     f = stats.f_oneway(*groups).statistic
     eta = f * 2.0 / (f * 2.0 + len(figure) - 3.0)
-    assert found[1].rank_correlation == pytest.approx(math.sqrt(eta), rel=1e-9)
+    assert influences[1].rank_correlation == pytest.approx(math.sqrt(eta), rel=1e-9)
 
 
 def test_all_inputs_together_explain_what_they_make():
@@ -104,13 +107,13 @@ def flown(tmp_path_factory):
 
 
 def test_the_worst_come_first(flown):
-    found = cases(flown.table(), "rtk")
-    assert len(found) == FLIGHTS and sum(case.failed for case in found) == 4
-    first = worst_flights(found, 4)
+    every = cases(flown.table(), "rtk")
+    assert len(every) == FLIGHTS and sum(case.failed for case in every) == 4
+    first = worst_flights(every, 4)
     assert [case.number for case in first] == [4, 9, 7, 2]
     assert (first[2].figure, first[2].value) == ("v_x (truth)", 0.9)
     assert first[2].share == pytest.approx(0.9 / 0.3)
-    others = [case.share for case in worst_flights(found, FLIGHTS)[4:]]
+    others = [case.share for case in worst_flights(every, FLIGHTS)[4:]]
     assert others == sorted(others, reverse=True) and others[0] < 1.0
     # With a standalone receiver ground truth is not judged.
     assert [case.number for case in worst_flights(cases(flown.table(), "standalone"), 3)] == [
@@ -122,9 +125,9 @@ def test_the_worst_come_first(flown):
 
 def test_the_page_tells_what_the_rows_hold(flown, capsys, tmp_path):
     assert cli.main(["campaign", "report", str(flown.folder), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["flights"], told["failed"], told["missing"]) == (FLIGHTS, 4, 0)
-    low, high = told["interval"]
+    content = json.loads(capsys.readouterr().out)
+    assert (content["flights"], content["failed"], content["missing"]) == (FLIGHTS, 4, 0)
+    low, high = content["interval"]
     # Clopper and Pearson by the beta distribution.
     assert low == pytest.approx(stats.beta.ppf(0.025, 4, FLIGHTS - 3), rel=1e-6)
     assert high == pytest.approx(stats.beta.ppf(0.975, 5, FLIGHTS - 4), rel=1e-6)
@@ -139,14 +142,14 @@ def test_the_page_tells_what_the_rows_hold(flown, capsys, tmp_path):
     for number in (4, 9, 7, 2):
         assert f"worst/flight_{number}/params.yaml</code>" in body
     assert {"margin.png", "dist_v_z.svg", "failures.png"} <= {
-        path.rpartition("/")[2] for path in told["figures"]
+        path.rpartition("/")[2] for path in content["figures"]
     }
 
 
 def test_a_worst_case_flies_the_same_again(flown):
-    told = read_campaign(flown.folder)
+    campaign = read_campaign(flown.folder)
     row = next(row for row in flown.table().to_pylist() if row["flight"] == 7)
-    settings = resolve(params=[told.again[7]])
+    settings = resolve(params=[campaign.again[7]])
     assert settings.nodes["plant"]["scale.mass"] == row["in.plant.scale.mass"]
     assert settings.nodes["inner_loop"]["controller"] == row["in.inner_loop.controller"]
     assert len(simulate(settings).record) == 600
@@ -182,7 +185,10 @@ def test_a_campaign_that_was_broken_off_is_told_as_far_as_it_came(flown, tmp_pat
     assert cli.main(["campaign", "report", str(folder), "--out", str(tmp_path / "page")]) == 0
     capsys.readouterr()
     body = (tmp_path / "page" / "report.html").read_text()
-    assert "15 of 24 flights have no row yet" in body and "gone or has changed" in body
+    campaign = read_campaign(folder)
+    assert campaign.missing == 15 and f"15 of {FLIGHTS} flights" in body
+    assert campaign.again == {} and "gone.yaml" in campaign.why_not
+    assert html.escape(campaign.why_not) in body
     assert not (folder / "worst").exists()
 
 
@@ -192,17 +198,18 @@ def test_what_is_no_campaign_is_one_line(flown, tmp_path, capsys):
     foreign = tmp_path / "foreign"
     foreign.mkdir()
     (foreign / "campaign.json").write_text("[1]")
-    for folder, said in (
+    for folder, reason in (
         (tmp_path / "nowhere", "holds no campaign"), (foreign, "holds no campaign"),
         (empty, "no flight has ended yet"), (flown.folder / "spec.yaml", "holds no campaign"),
     ):  # fmt: skip
         assert cli.main(["campaign", "report", str(folder)]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
-        assert str(folder) in line and said in line
+        assert str(folder) in line and reason in line
     file = tmp_path / "file"
     file.write_text("")
     assert cli.main(["campaign", "report", str(flown.folder), "--out", str(file)]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    (*_, line) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"heli: {file}: ") and line.endswith(os.strerror(errno.EEXIST))
 
 
 def test_a_spec_that_reads_is_asked_only_for_files(flown, monkeypatch):
@@ -212,5 +219,5 @@ def test_a_spec_that_reads_is_asked_only_for_files(flown, monkeypatch):
         raise ParameterError("no")
 
     monkeypatch.setattr("heli_studies.campaign.report.write_rerun_files", refuse)
-    told = read_campaign(flown.folder)
-    assert told.again == {} and "no." in told.why_not
+    campaign = read_campaign(flown.folder)
+    assert campaign.again == {} and "no." in campaign.why_not

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A campaign's rows: each flight has one, whatever it does; nothing is flown twice or lost."""
 
+import errno
 import json
+import os
+import re
 import threading
 from types import SimpleNamespace
 
@@ -13,7 +16,16 @@ from heli_core.rcl_yaml import ParameterError
 from heli_flight.loop import simulate
 from heli_flight.settings import resolve
 from heli_studies.campaign import spec as rows
-from heli_studies.campaign.run import ROWS, Store, fly_by_dask, fly_here, summary_of, tasks
+from heli_studies.campaign.run import (
+    ABOUT_NAME,
+    ROWS,
+    SPEC_NAME,
+    Store,
+    fly_by_dask,
+    fly_here,
+    summary_of,
+    tasks,
+)
 from heli_studies.campaign.spec import FlightEnding, fly_rows, spec_of, write_rerun_files
 
 TEXT = """flights: 7
@@ -81,7 +93,9 @@ def test_what_cannot_hover_or_falls_is_a_row(tmp_path):
         "  plant.scale.mass: {uniform: [1.0, 4.9]}\n  plant.delay_ticks: {choice: [1, 50]}\n"
     )
     flown = fly_rows(spec_of(file), range(4))
-    assert [row["cause"] for row in flown] == ["flown", "lost", *["no trim holds it"] * 2]
+    assert [row["cause"] for row in flown] == [
+        FlightEnding.FLOWN, FlightEnding.LOST, FlightEnding.NO_TRIM, FlightEnding.NO_TRIM,
+    ]  # fmt: skip
     assert all(row["sentence"] for row in flown[1:])
     assert "max.altitude (truth)" not in flown[1]
 
@@ -115,13 +129,13 @@ def test_a_folder_of_another_campaign_is_refused(spec, file, tmp_path):
     with pytest.raises(ParameterError, match="exists already; --resume"):
         Store.begin(tmp_path / "out", spec, file)
     file.write_text(TEXT.replace("1.1", "1.2"))
-    with pytest.raises(ParameterError, match="rows of another spec"):
+    with pytest.raises(ParameterError, match=re.escape(str(tmp_path / "out" / SPEC_NAME))):
         Store.resume(tmp_path / "out", spec_of(file))
-    with pytest.raises(ParameterError, match="holds no campaign"):
+    with pytest.raises(ParameterError, match=ABOUT_NAME):
         Store.resume(tmp_path / "nowhere", spec)
-    about = tmp_path / "out" / "campaign.json"
+    about = tmp_path / "out" / ABOUT_NAME
     about.write_text(json.dumps({**json.loads(about.read_text()), "commit": "0" * 40}))
-    with pytest.raises(ParameterError, match="begun with the sources of 000"):
+    with pytest.raises(ParameterError, match="0" * 40):
         Store.resume(tmp_path / "out", spec)
 
 
@@ -131,10 +145,10 @@ def test_a_full_disk_leaves_what_was_kept(spec, file, tmp_path, monkeypatch):
     store.put(flown)
 
     def full(fd):
-        raise OSError(28, "No space left on device")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(ParameterError, match=r"No space left.*--resume"):
+    with pytest.raises(ParameterError, match=f"{os.strerror(errno.ENOSPC)}.*--resume"):
         store.put([{**flown[0], "flight": 1}])
     assert store.table()["flight"].to_pylist() == [0]
     assert len(list((tmp_path / "out" / ROWS).iterdir())) == 1
@@ -146,10 +160,10 @@ def test_a_summary_names_the_lost_first_and_how_sure_it_is(spec, file, tmp_path)
     lost = {k: v for k, v in other.items() if not k.startswith("max")}
     lost |= {"cause": "lost", "sentence": "It fell.", "exit_code": 1}
     store.put([{**good, "exit_code": 1}, lost])
-    found = summary_of(store.table(), "rtk")
-    assert found.causes == {"flown": 1, "lost": 1} and found.worst == [1, 0]
-    assert found.interval[0] == pytest.approx(0.1581, abs=1e-3), "2 of 2: 0.025 ** (1/2)"
-    worst = found.quantiles["altitude (truth)"]
+    summary = summary_of(store.table(), "rtk")
+    assert summary.causes == {"flown": 1, "lost": 1} and summary.worst == [1, 0]
+    assert summary.interval[0] == pytest.approx(0.1581, abs=1e-3), "2 of 2: 0.025 ** (1/2)"
+    worst = summary.quantiles["altitude (truth)"]
     assert worst == [good["max.altitude (truth)"]] * 4
 
 
@@ -190,7 +204,7 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
 
     monkeypatch.setattr("heli_studies.campaign.run.sources_commit", sources)
     with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as local:
-        with pytest.raises(ParameterError, match="flies the sources of theirs, these are ours"):
+        with pytest.raises(ParameterError, match=r"\btheirs\b.*\bours\b"):
             list(fly_by_dask(spec, [[0]], 0, local.scheduler_address))
         monkeypatch.setattr("heli_studies.campaign.run.sources_commit", lambda: "one")
         died = tmp_path / "died"
@@ -203,8 +217,8 @@ def test_other_versions_are_refused_and_a_task_that_kills_is_a_row(spec, tmp_pat
             return "one", [{"flight": number} for number in numbers]
 
         monkeypatch.setattr("heli_studies.campaign.run._fly", fly)
-        found = list(fly_by_dask(spec, [[0, 1, 2], [3]], 0, local.scheduler_address))
-    rows = sorted((row for part in found for row in part), key=lambda row: row["flight"])
+        parts = list(fly_by_dask(spec, [[0, 1, 2], [3]], 0, local.scheduler_address))
+    rows = sorted((row for part in parts for row in part), key=lambda row: row["flight"])
     assert [row["flight"] for row in rows] == [0, 1, 2, 3]
     assert died.read_text().splitlines() == ["[0, 1, 2]", "[1]"], "alone, then given up"
     assert rows[1]["cause"] == FlightEnding.KILLED and rows[1]["exit_code"] == 1

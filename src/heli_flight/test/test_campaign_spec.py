@@ -28,16 +28,18 @@ def spec(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("told", "frozen"),
+    ("distribution", "frozen"),
     [
         ({"uniform": [2.0, 5.0]}, stats.uniform(2.0, 3.0)),
         ({"normal": [1.0, 0.25]}, stats.norm(1.0, 0.25)),
         ({"truncated_normal": [1.0, 0.5, 0.5, 2.5]}, stats.truncnorm(-1.0, 3.0, 1.0, 0.5)),
     ],
 )
-def test_values_are_distributed_as_told(told, frozen):
-    found = distribution_of(told, "double", "here").values(np.random.default_rng(1).random(4000))
-    assert stats.kstest(found, frozen.cdf).pvalue > 0.01
+def test_values_are_distributed_as_told(distribution, frozen):
+    values = distribution_of(distribution, "double", "here").values(
+        np.random.default_rng(1).random(4000)
+    )
+    assert stats.kstest(values, frozen.cdf).pvalue > 0.01
 
 
 def test_whole_numbers_and_choices_are_equally_likely():
@@ -50,8 +52,8 @@ def test_whole_numbers_and_choices_are_equally_likely():
 
 
 def test_no_share_makes_an_infinite_value():
-    found = distribution_of({"normal": [0.0, 1.0]}, "double", "here").values(np.array([0.0, 1.0]))
-    assert np.isfinite(found).all()
+    values = distribution_of({"normal": [0.0, 1.0]}, "double", "here").values(np.array([0.0, 1.0]))
+    assert np.isfinite(values).all()
 
 
 # --- sampling ------------------------------------------------------------------------------------
@@ -79,8 +81,8 @@ def test_a_seed_makes_the_same_points_and_another_one_others():
 @pytest.mark.parametrize("rho", [-0.9, 0.5, 0.8])
 def test_columns_correlate_as_told_and_stay_uniform(rho):
     points = correlated(unit_points("random", 8000, 3, 5), [(0, 2, rho)])
-    found = stats.spearmanr(points[:, 0], points[:, 2]).statistic
-    assert found == pytest.approx(6.0 / math.pi * math.asin(rho / 2.0), abs=0.02)
+    correlation = stats.spearmanr(points[:, 0], points[:, 2]).statistic
+    assert correlation == pytest.approx(6.0 / math.pi * math.asin(rho / 2.0), abs=0.02)
     assert abs(stats.spearmanr(points[:, 0], points[:, 1]).statistic) < 0.03
     assert all(stats.kstest(column, "uniform").pvalue > 0.01 for column in points.T)
 
@@ -176,6 +178,6 @@ def test_correlations_that_nothing_has_are_told(spec):
     keys = ("plant.scale.mass", "plant.scale.inertia", "plant.scale.thrust")
     disperse = "".join(f"  {key}: {{uniform: [0.9, 1.1]}}\n" for key in keys)
     pairs = [(0, 1, 0.9), (0, 2, 0.9), (1, 2, -0.9)]
-    said = ", ".join(f"[{keys[a]}, {keys[b]}, {rho}]" for a, b, rho in pairs)
+    correlations = ", ".join(f"[{keys[a]}, {keys[b]}, {rho}]" for a, b, rho in pairs)
     with pytest.raises(ParameterError, match="positive definite"):
-        spec(f"flights: 4\ndisperse:\n{disperse}correlate: [{said}]\n")
+        spec(f"flights: 4\ndisperse:\n{disperse}correlate: [{correlations}]\n")

@@ -41,12 +41,12 @@ def checked(flown, rows, count, folder):
 
 
 def test_the_files_of_a_sample_fly_what_the_rows_say(flown, tmp_path):
-    found = checked(flown, flown[1], 2, tmp_path)
-    assert [(one.number, one.difference) for one in found] == [(0, 0.0), (2, 0.0)]
+    compared = checked(flown, flown[1], 2, tmp_path)
+    assert [(one.number, one.difference) for one in compared] == [(0, 0.0), (2, 0.0)]
     assert (tmp_path / "graph" / "flight_2" / "flight" / "result.json").is_file()
     again = checked(flown, flown[1], 2, tmp_path)
-    assert again == found, "what was there is flown anew"
-    assert as_list(found)[0]["same"] is True
+    assert again == compared, "what was there is flown anew"
+    assert as_list(compared)[0]["same"] is True
 
 
 def test_a_figure_that_differs_is_named(flown, tmp_path, capsys):
@@ -56,8 +56,8 @@ def test_a_figure_that_differs_is_named(flown, tmp_path, capsys):
     assert (one.figure, one.same) == ("max.v_x (truth)", False)
     assert one.difference == pytest.approx(2e-6, rel=1e-6)
     print_compared(Console(width=200), [one])
-    said = capsys.readouterr().out
-    assert "DIFFERS" in said and "0 of 1 flights" in said
+    printed = capsys.readouterr().out
+    assert "DIFFERS" in printed and "0 of 1 flights" in printed
 
 
 def test_what_was_lost_alone_differs(flown, tmp_path):

@@ -8,7 +8,7 @@ from heli_flight import fly as compiles
 from heli_flight.cli import app as cli
 from heli_flight.loop import fly_ticks
 
-TOLD = "heli: compiles the loop for this machine"
+COMPILES = "heli: compiles the loop for this machine"
 
 
 class Uncompiled:
@@ -50,16 +50,16 @@ def words(tmp_path):
 @pytest.mark.parametrize("name", ["hover", "campaign", "attitude", "worlds"])
 def test_a_command_says_it_once_before_it_flies(name, tmp_path, cold, capsys):
     cli.main(words(tmp_path)[name])
-    assert TOLD not in "".join(capsys.readouterr())
+    assert COMPILES not in "".join(capsys.readouterr())
     cold()
     cli.main(words(tmp_path / "again")[name])
-    assert "".join(capsys.readouterr()).count(TOLD) == 1
+    assert "".join(capsys.readouterr()).count(COMPILES) == 1
 
 
 def test_python_says_it_unless_it_is_quiet(cold, capsys):
     cold()
     for call in (heli.fly, lambda **options: heli.campaign(seeds=[1], **options)):
         call(duration_s=2)
-        assert capsys.readouterr().err.count(TOLD) >= 1
+        assert capsys.readouterr().err.count(COMPILES) >= 1
         call(duration_s=2, quiet=True)
-        assert TOLD not in capsys.readouterr().err
+        assert COMPILES not in capsys.readouterr().err

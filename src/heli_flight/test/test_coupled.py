@@ -47,7 +47,8 @@ def test_axes_that_do_not_meet_have_the_smallest_of_their_margins(loop, gains):
     # The noises are not driven, their states not seen by the common loop.
     apart = CoupledPlant(A, B, M, loop.coupled.dt_s)
     each = [
-        disk_margin(open_loop(axis, own)[1]) for axis, own in zip(loop.axes, gains, strict=True)
+        disk_margin(open_loop(axis, axis_gains)[1])
+        for axis, axis_gains in zip(loop.axes, gains, strict=True)
     ]
     assert common_disk_margin(apart, loop.axes, gains).alpha == pytest.approx(min(each), rel=2e-3)
 
@@ -67,8 +68,8 @@ def test_along_its_own_axis_the_coupled_aircraft_is_the_axis(loop):
 def test_the_margin_holds_for_gains_and_less_than_the_axes_alone(loop, gains):
     """Within the margin every corner of three gains is stable by the poles; the least gain that is
     not lies beyond it."""
-    found, p = common_disk_margin(loop.coupled, loop.axes, gains).alpha, loop.coupled
-    laws = [law(own, axis) for own, axis in zip(gains, loop.axes, strict=True)]
+    margin, p = common_disk_margin(loop.coupled, loop.axes, gains).alpha, loop.coupled
+    laws = [law(axis_gains, axis) for axis_gains, axis in zip(gains, loop.axes, strict=True)]
     A, B, C, D = (block_diag(*(one[part] for one in laws)) for part in range(4))
 
     def stable(factors):
@@ -80,9 +81,9 @@ def test_the_margin_holds_for_gains_and_less_than_the_axes_alone(loop, gains):
         edge = np.array([(2.0 - alpha) / (2.0 + alpha), (2.0 + alpha) / (2.0 - alpha)])
         return all(stable(edge[[a, b, c]]) for a in (0, 1) for b in (0, 1) for c in (0, 1))
 
-    assert 0.6 < found < 0.8
-    assert within(found)
-    assert not within(2.2 * found)
+    assert 0.6 < margin < 0.8
+    assert within(margin)
+    assert not within(2.2 * margin)
 
 
 def test_an_unstable_loop_has_none(loop, gains):
@@ -94,7 +95,7 @@ def test_a_law_that_turns_its_errors_does_so_as_it_flies(nodes):
     """Slopes of what the kernel reads at 30 deg of bank."""
     bank, k = 0.5, AttitudeConfig.from_parameters(nodes["inner_loop"]).params
     read = control.ss([], [], [], np.eye(9), True)
-    found = _turned(read, bank).D
+    read_matrix = _turned(read, bank).D
     places = [*MEASURED, 0, 1, 2]
 
     def inputs(place, step):
@@ -106,4 +107,4 @@ def test_a_law_that_turns_its_errors_does_so_as_it_flies(nodes):
 
     for place in range(8):
         slope = (inputs(place, 1e-5) - inputs(place, -1e-5)) / 2e-5
-        assert found[:8, place] == pytest.approx(slope, abs=1e-8), place
+        assert read_matrix[:8, place] == pytest.approx(slope, abs=1e-8), place

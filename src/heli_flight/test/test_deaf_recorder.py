@@ -19,7 +19,7 @@ from heli_flight.settings import resolve
 from heli_msgs_bridge.diagnostics import FACT_STATE, NodeState
 
 WHY = "recorder: no answer to 'deactivate' in 10 s"
-SAID = f"{WHY}; what it did not hear is not in the bag"
+SENTENCE = f"{WHY}; what it did not hear is not in the bag"
 
 
 class Up:
@@ -60,15 +60,15 @@ def test_of_one_that_does_not_the_flight_is_partial(flown, monkeypatch, tmp_path
     monkeypatch.setattr(outcomes, "flight_from_bag", lambda *_: BagFlight(record, (), ()))
     monkeypatch.setattr(outcomes, "foreign_truth", lambda *_: "")
     result, _, _ = outcomes.outcome(settings, tmp_path, up.statuses, [], 1.0)
-    assert result.partial == SAID and not any("recorder" in note for note in result.notes)
+    assert result.partial == SENTENCE and not any("recorder" in note for note in result.notes)
     assert not result.judged(settings.gps) and result.exit_code(settings.gps) == 1
-    said = io.StringIO()
-    print_table(result, settings, Console(file=said, width=200))
-    assert f"PARTIAL: {SAID}" in said.getvalue()
+    printed = io.StringIO()
+    print_table(result, settings, Console(file=printed, width=200))
+    assert f"PARTIAL: {SENTENCE}" in printed.getvalue()
     write_result(result, settings, tmp_path, {})
-    told = json.loads((tmp_path / "result.json").read_text())
-    assert (told["partial"], told["exit_code"]) == (SAID, 1)
-    assert ended(told, "") == f"Partial: {SAID}"
+    result_json = json.loads((tmp_path / "result.json").read_text())
+    assert (result_json["partial"], result_json["exit_code"]) == (SENTENCE, 1)
+    assert ended(result_json, "") == f"Partial: {SENTENCE}"
     # Of what is in the bag no stretch decides anything, so none is judged.
     verdicts = page._verdicts(SimpleNamespace(result=result, settings=settings))
-    assert verdicts == [("✗", "bad", f"Partial: {SAID}")]
+    assert verdicts == [("✗", "bad", f"Partial: {SENTENCE}")]

@@ -32,7 +32,7 @@ def flights(tmp_path_factory):
     return folder
 
 
-def told(capsys, page, *paths):
+def diff_json(capsys, page, *paths):
     """What --json prints."""
     capsys.readouterr()
     assert main(["diff", *map(str, paths), "--out", str(page), "--json"]) == 0
@@ -40,8 +40,8 @@ def told(capsys, page, *paths):
 
 
 def test_only_what_was_changed_differs(flights, tmp_path, capsys):
-    found = told(capsys, tmp_path / "d.html", flights / "before", flights / "after")
-    assert found["parameters"] == [
+    diff = diff_json(capsys, tmp_path / "d.html", flights / "before", flights / "after")
+    assert diff["parameters"] == [
         {"name": "inner_loop.gamma", "packaged": "0.0632", "flights": ["0.0632", "0.2"]},
         {"name": "inner_loop.C11[0, 0]", "packaged": "13", "flights": ["13", "39"]},
         {"name": "inner_loop.C11[1, 1]", "packaged": "11", "flights": ["11", "33"]},
@@ -49,25 +49,28 @@ def test_only_what_was_changed_differs(flights, tmp_path, capsys):
 
 
 def test_figures_are_those_of_result_json(flights, tmp_path, capsys):
-    found = told(capsys, tmp_path / "d.html", flights / "before", flights / "after")
-    seen = 0
+    diff = diff_json(capsys, tmp_path / "d.html", flights / "before", flights / "after")
+    compared = 0
     for i, name in enumerate(("before", "after")):
         result = json.loads((flights / name / "result.json").read_text(encoding="utf-8"))
-        own = {(m["stretch"], m["key"], m["measured_from"]): m for m in result["metrics"]}
-        for row in found["metrics"]:
-            mine, metric = row["flights"][i], own[row["stretch"], row["key"], row["measured_from"]]
+        metrics = {(m["stretch"], m["key"], m["measured_from"]): m for m in result["metrics"]}
+        for row in diff["metrics"]:
+            mine, metric = (
+                row["flights"][i],
+                metrics[row["stretch"], row["key"], row["measured_from"]],
+            )
             assert math.isclose(mine["max"], metric["max"], rel_tol=1e-9)
             assert math.isclose(mine["rms"], metric["rms"], rel_tol=1e-9)
             assert (mine["inside"], row["paper"]) == (metric["inside"], metric["paper"])
-            seen += 1
-    assert {row["stretch"] for row in found["metrics"]} == {"whole", "windows"}
-    assert {row["measured_from"] for row in found["metrics"]} == {"navigation", "truth"}
-    assert seen == 16
+            compared += 1
+    assert {row["stretch"] for row in diff["metrics"]} == {"whole", "windows"}
+    assert {row["measured_from"] for row in diff["metrics"]} == {"navigation", "truth"}
+    assert compared == 16
 
 
 def test_the_weight_shows(flights, tmp_path, capsys):
-    found = told(capsys, tmp_path / "d.html", flights / "before", flights / "after")
-    rolls = [row for row in found["metrics"] if row["key"] == "roll" and row["stretch"] == "whole"]
+    diff = diff_json(capsys, tmp_path / "d.html", flights / "before", flights / "after")
+    rolls = [row for row in diff["metrics"] if row["key"] == "roll" and row["stretch"] == "whole"]
     for row in rolls:
         before, after = (flight["rms"] for flight in row["flights"])
         assert after < 0.85 * before
@@ -77,7 +80,7 @@ def test_the_weight_shows(flights, tmp_path, capsys):
 
 def test_page_overlays_the_flights_and_loads_nothing(flights, tmp_path, capsys):
     page = tmp_path / "d.html"
-    told(capsys, page, flights / "before", flights / "after")
+    diff_json(capsys, page, flights / "before", flights / "after")
     text = page.read_text(encoding="utf-8")
     data = re.search(r'id="charts">(.*?)</script>', text, re.DOTALL)
     drawn = json.loads(data[1])["figures"]
@@ -93,11 +96,11 @@ def test_page_overlays_the_flights_and_loads_nothing(flights, tmp_path, capsys):
 
 def test_three_flights_of_different_scenarios(flights, tmp_path, capsys):
     paths = [flights / name for name in ("before", "after", "other")]
-    found = told(capsys, tmp_path / "d.html", *paths)
-    rows = {row["name"]: row["flights"] for row in found["parameters"]}
+    diff = diff_json(capsys, tmp_path / "d.html", *paths)
+    rows = {row["name"]: row["flights"] for row in diff["parameters"]}
     assert rows["flight.scenario"] == ["attitude_gusts", "attitude_gusts", "hover"]
     assert rows["flight.seed"][2] == "7"
-    keys = {row["key"]: row["flights"] for row in found["metrics"]}
+    keys = {row["key"]: row["flights"] for row in diff["metrics"]}
     assert keys["roll"][2] is None
     assert keys["v_z"][:2] == [None, None]
     assert main(["diff", *map(str, paths), "--out", str(tmp_path / "t.html")]) == 0
@@ -108,17 +111,17 @@ def test_three_flights_of_different_scenarios(flights, tmp_path, capsys):
 
 def test_two_folders_of_one_name_are_told_apart(flights, tmp_path, capsys):
     shutil.copytree(flights / "before", tmp_path / "moved/before")
-    found = told(capsys, tmp_path / "d.html", flights / "before", tmp_path / "moved/before")
-    assert found["parameters"] == []
-    names = [flight["name"] for flight in found["flights"]]
+    diff = diff_json(capsys, tmp_path / "d.html", flights / "before", tmp_path / "moved/before")
+    assert diff["parameters"] == []
+    names = [flight["name"] for flight in diff["flights"]]
     assert names[1] == "moved/before"
     assert names[0].endswith("/before")
     assert names[0] != names[1]
-    assert all(row["change"] == 0.0 for row in found["metrics"])
+    assert all(row["change"] == 0.0 for row in diff["metrics"])
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("before",), "name two to 6 flights, not 1"),
         (("before", "before"), "named twice"),
@@ -128,11 +131,11 @@ def test_two_folders_of_one_name_are_told_apart(flights, tmp_path, capsys):
         ((*["before"] * 7,), "not 7"),
     ],
 )
-def test_bad_input_is_one_line(flights, monkeypatch, capsys, words, said):
+def test_bad_input_is_one_line(flights, monkeypatch, capsys, words, expected):
     monkeypatch.chdir(flights)
     capsys.readouterr()
     assert main(["diff", *words]) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert expected in error
     assert error.count("\n") == 1
     assert not (flights / "diff.html").exists()

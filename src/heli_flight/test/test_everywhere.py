@@ -26,21 +26,21 @@ LONG_S = 16.0
 
 
 @pytest.fixture(scope="module")
-def found():
+def study():
     where = compare_flights.test_conditions(["paper"], SEEDS, 2)
     return compare_flights.compare_laws(("hinf", "pid"), where, LONG_S)
 
 
-def test_how_many_fly_at_a_time_changes_nothing(found):
-    (place, *_), told = found.seeds, []
-    again = compare_flights.compare_laws(("pid", "hinf"), {place: SEEDS}, LONG_S, 2, told.append)
+def test_how_many_fly_at_a_time_changes_nothing(study):
+    (place, *_), counts = study.seeds, []
+    again = compare_flights.compare_laws(("pid", "hinf"), {place: SEEDS}, LONG_S, 2, counts.append)
     for law in ("pid", "hinf"):
-        for one, other in zip(found.runs[place, law], again.runs[place, law], strict=True):
+        for one, other in zip(study.runs[place, law], again.runs[place, law], strict=True):
             assert all(map(np.array_equal, vars(one).values(), vars(other).values()))
-    assert told == [2, 4]
+    assert counts == [2, 4]
 
 
-def test_errors_are_those_of_the_study_of_single_laws(found):
+def test_errors_are_those_of_the_study_of_single_laws(study):
     """The same seeds through `heli compare attitude`, RTK and ideal navigation."""
     settings = resolve("attitude_gusts", "rtk", duration_s=LONG_S)
     known = compare_flights.compare_attitude(
@@ -50,35 +50,35 @@ def test_errors_are_those_of_the_study_of_single_laws(found):
         for law in ("hinf", "pid"):
             flights = known.of(law, source)
             for seed, run in zip(
-                SEEDS, found.runs[FlightCondition("paper", navigation), law], strict=True
+                SEEDS, study.runs[FlightCondition("paper", navigation), law], strict=True
             ):
                 np.testing.assert_allclose(run.max_deg, flights[seed].max_deg, rtol=1e-12)
                 np.testing.assert_allclose(run.rms_deg, flights[seed].rms_deg, rtol=1e-12)
         for axis, name in enumerate(single.AXES):
             (row,) = [
-                r for r in found.summary()
+                r for r in study.summary()
                 if (r["place"], r["law"], r["axis"])
                 == (FlightCondition("paper", navigation).name, "hinf", name)
             ]  # fmt: skip
             assert row["won_over_pid"] == known.wins("hinf", source, axis)
 
 
-def test_aircraft_are_those_of_the_study_of_robustness(found):
+def test_aircraft_are_those_of_the_study_of_robustness(study):
     settings = resolve("attitude_gusts", "rtk", duration_s=LONG_S)
     campaign = robustness.RobustnessSetup(settings, single.parse_laws("hinf,pid"))
     place = FlightCondition("paper", "rtk", compare_flights.AIRCRAFT_PARTS)
-    for i, seed in enumerate(found.seeds[place]):
+    for i, seed in enumerate(study.seeds[place]):
         for law, error in campaign.fly(compare_flights.AIRCRAFT_PARTS, seed).items():
-            assert found.runs[place, law][i].max_deg.max() == pytest.approx(error, rel=1e-12)
+            assert study.runs[place, law][i].max_deg.max() == pytest.approx(error, rel=1e-12)
 
 
-def test_travel_is_the_way_of_the_actuators(found):
+def test_travel_is_the_way_of_the_actuators(study):
     settings = resolve("attitude_gusts", "rtk", 2, LONG_S, laws="pid")
     record = simulate(settings).record
     u = record.u[record.time_s >= 5.0, :3]
     way = sum(np.abs(b - a) for a, b in zip(u[:-1], u[1:], strict=True))
     seconds = (len(u) - 1) * 0.01
-    run = found.runs[FlightCondition("paper", "rtk"), "pid"][1]
+    run = study.runs[FlightCondition("paper", "rtk"), "pid"][1]
     np.testing.assert_allclose(run.travel_per_s, way / seconds, rtol=1e-9)
 
 
@@ -127,9 +127,9 @@ def test_margins_are_those_that_the_law_is_judged_by(name):
     if name != "hinf":  # which is judged without the observer
         assert margins.input == pytest.approx(config.judgement.disk_input, rel=0.01)
         assert margins.output == pytest.approx(config.judgement.disk_output, rel=0.01)
-    loop, own = loop_as_flown(nodes), config.actuation
+    loop, actuation = loop_as_flown(nodes), config.actuation
     for share, stable in ((0.99, True), (1.01, False)):
-        later = replace(own, delay_s=own.delay_s + share * margins.delay_s)
+        later = replace(actuation, delay_s=actuation.delay_s + share * margins.delay_s)
         slower = replace(loop, plant=sampled_plant(model_of(config), later))
         assert bool(np.abs(slower.closed.poles()).max() < 1.0) == stable
 
@@ -142,11 +142,11 @@ def test_laws_that_fly_the_same_are_flown_once():
 
 
 @pytest.mark.parametrize(
-    ("laws", "said"), [("pid,mpc", "--control-preset mpc: unknown laws"), ("pid,pid", "twice")]
+    ("laws", "expected"), [("pid,mpc", "--control-preset mpc: unknown laws"), ("pid,pid", "twice")]
 )
-def test_laws_that_are_none_are_refused(laws, said, capsys):
+def test_laws_that_are_none_are_refused(laws, expected, capsys):
     assert main(["compare", "laws", "--control-preset", laws]) == 2
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
     with pytest.raises(ParameterError):
         compare_flights.parse_laws(laws)
 

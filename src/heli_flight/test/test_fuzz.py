@@ -27,11 +27,11 @@ def folder(tmp_path_factory):
 def test_what_is_damaged_is_taken_or_refused_in_a_sentence(name, folder):
     target = TARGETS[name]
     cases = CASES or target.short
-    found = tally(target, range(cases), folder)
-    assert found.failed == 0, found.failures
-    assert found.taken + found.refused == cases
+    counts = tally(target, range(cases), folder)
+    assert counts.failed == 0, counts.failures
+    assert counts.taken + counts.refused == cases
     # The damage is one: of enough cases some are refused.
-    assert found.refused or cases < 20, name
+    assert counts.refused or cases < 20, name
 
 
 @pytest.mark.parametrize("name", PARSERS)

@@ -13,7 +13,7 @@ from heli_dynamics_sim.config import PlantConfig
 from heli_flight.fly import FinishedFlight, print_end
 from heli_flight.record import FlightRecord
 from heli_flight.result import Result
-from heli_flight.scenario import Gear, ground_figures
+from heli_flight.scenario import GROUND_METRICS, Gear, ground_figures
 from heli_flight.scoring import Figures
 from heli_flight.settings import resolve
 
@@ -51,8 +51,8 @@ def gear():
 
 
 def test_each_figure_is_what_was_built_in():
-    found = {figure.metric.key: figure for figure in ground_figures(record(), gear())}
-    values = {key: figure.value for key, figure in found.items()}
+    figures = {figure.metric.key: figure for figure in ground_figures(record(), gear())}
+    values = {key: figure.value for key, figure in figures.items()}
     assert values == pytest.approx(
         {
             "takeoff_skid": 0.1,
@@ -62,7 +62,7 @@ def test_each_figure_is_what_was_built_in():
             "touch_down_tilt": 6.0,
         }
     )
-    assert all(figure.inside for figure in found.values())
+    assert all(figure.inside for figure in figures.values())
 
 
 def test_a_pilot_whose_goal_waits_leaves_no_hover_behind_the_climb():
@@ -92,7 +92,8 @@ def test_what_was_missed_on_the_ground_is_named_at_the_end(capsys, tmp_path):
     result = Result(Figures(ground=ground_figures(slid, gear())), "", 20.0, 1.0)
     print_end(FinishedFlight(resolve("takeoff_land"), result, tmp_path), Console(width=200))
     (outside,) = capsys.readouterr().out.splitlines()[2:]
-    assert outside.endswith(": skid after the touch-down")
+    skid = next(metric for metric in GROUND_METRICS if metric.key == "landing_skid")
+    assert outside.endswith(f": {skid.label}")
 
 
 def test_a_flight_that_ends_in_the_air_has_not_landed():
@@ -105,7 +106,7 @@ def test_a_flight_that_ends_in_the_air_has_not_landed():
 
 
 @pytest.mark.parametrize(
-    ("node", "change", "said"),
+    ("node", "change", "expected"),
     [
         ("outer_loop", {"start.on_ground": False}, "start.on_ground: True does not agree"),
         ("outer_loop", {"takeoff.idle_collective": 0.3}, "takeoff.idle_collective: 0.3"),
@@ -114,6 +115,6 @@ def test_a_flight_that_ends_in_the_air_has_not_landed():
         ("outer_loop", {"commands.at_s": [3.0]}, "has 1 times, commands.what 3 commands"),
     ],
 )
-def test_a_scenario_that_does_not_fit_together_is_refused(node, change, said):
-    with pytest.raises(ParameterError, match=said):
+def test_a_scenario_that_does_not_fit_together_is_refused(node, change, expected):
+    with pytest.raises(ParameterError, match=expected):
         resolve("takeoff_land", overrides={node: change})

@@ -75,7 +75,7 @@ def test_gusts_need_their_own_topic(bag):
 
 
 def test_too_short(bag):
-    with pytest.raises(BagDataError, match="'odom' .* to 1.99 s, .* 1 to 3 s"):
+    with pytest.raises(BagDataError, match=r"'odom' .* 1\.99 s, .* 1 to 3 s"):
         read(bag(ticks=200))
 
 
@@ -114,7 +114,7 @@ def test_no_bag(tmp_path):
 
 def test_given_constants_are_packaged_for_every_aircraft():
     for name, mass in (("helion.yaml", 9.75), ("xcell60.yaml", 8.2), ("logo600.yaml", 3.6)):
-        given = read_given(name, [])
-        assert given.ground["mass"] == mass
-        assert given.source == name
-        assert given.end_s == 190.0
+        constants = read_given(name, [])
+        assert constants.ground["mass"] == mass
+        assert constants.source == name
+        assert constants.end_s == 190.0

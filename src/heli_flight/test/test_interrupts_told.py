@@ -14,20 +14,20 @@ from heli_flight.graph import nodes
 
 
 def test_a_failure_after_a_swallowed_interrupt_is_the_interrupt(monkeypatch):
-    monkeypatch.setattr(interrupts, "_seen", True)
+    monkeypatch.setattr(interrupts, "_interrupted", True)
     with pytest.raises(KeyboardInterrupt), interrupts.interrupts_reported():
         raise ValueError("Invalid bounding box")
 
 
 def test_a_failure_of_its_own_stays_what_it_is(monkeypatch):
-    monkeypatch.setattr(interrupts, "_seen", False)
+    monkeypatch.setattr(interrupts, "_interrupted", False)
     with pytest.raises(ValueError, match="too long"), interrupts.interrupts_reported():
         raise ValueError("too long")
 
 
 def test_what_does_not_fail_stands(monkeypatch):
     """The result of a command that has ended is there, interrupted or not."""
-    monkeypatch.setattr(interrupts, "_seen", True)
+    monkeypatch.setattr(interrupts, "_interrupted", True)
     with interrupts.interrupts_reported():
         done = True
     assert done
@@ -68,14 +68,14 @@ def test_an_interrupt_waits_for_the_end_of_a_step_whoever_takes_it(threads):
     In a process of its own: threads of other tests' libraries would be among those asked.
     """
     command = [sys.executable, "-c", STEP, str(threads)]
-    said = subprocess.run(command, capture_output=True, text=True)
-    assert said.stdout.split()[-3:] == ["1000", "True", "True"], said.stderr
+    completed = subprocess.run(command, capture_output=True, text=True)
+    assert completed.stdout.split()[-3:] == ["1000", "True", "True"], completed.stderr
 
 
 def test_a_command_that_fails_of_an_interrupt_ends_as_interrupted(capsys, monkeypatch):
     """C code may drop the exception and raise its own, as bindings do between two calls."""
     before = signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr(interrupts, "_seen", False)
+    monkeypatch.setattr(interrupts, "_interrupted", False)
 
     def command():
         try:
@@ -93,8 +93,10 @@ def test_a_command_that_fails_of_an_interrupt_ends_as_interrupted(capsys, monkey
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize(("seen", "comes"), [(True, KeyboardInterrupt), (False, RuntimeError)])
-def test_a_ctrl_c_that_rclpy_dropped_is_one_all_the_same(monkeypatch, seen, comes):
+@pytest.mark.parametrize(
+    ("interrupted", "comes"), [(True, KeyboardInterrupt), (False, RuntimeError)]
+)
+def test_a_ctrl_c_that_rclpy_dropped_is_one_all_the_same(monkeypatch, interrupted, comes):
     """Its C++ then fails to convert an argument; seen once, in `heli echo`."""
     ended = SimpleNamespace(ok=lambda: False)
     node = SimpleNamespace(destroy_node=lambda: None, context=ended)
@@ -102,6 +104,6 @@ def test_a_ctrl_c_that_rclpy_dropped_is_one_all_the_same(monkeypatch, seen, come
     monkeypatch.setattr(nodes, "Node", lambda *_, **__: node)
     monkeypatch.setattr(nodes.rclpy, "init", lambda **_: None)
     monkeypatch.setattr(nodes.rclpy, "try_shutdown", lambda: None)
-    monkeypatch.setattr(interrupts, "_seen", seen)
+    monkeypatch.setattr(interrupts, "_interrupted", interrupted)
     with pytest.raises(comes), nodes.ros_node("listener"):
         raise RuntimeError("Unable to convert call argument '0' to Python object")

@@ -20,10 +20,10 @@ class Scripted:
         assert now_s == self.time_s
         self.read_at.append(now_s - 100.0)
         self.time_s += self.takes_s
-        found = self.readings.pop(0)
-        if isinstance(found, Exception):
-            raise found
-        return found
+        reading = self.readings.pop(0)
+        if isinstance(reading, Exception):
+            raise reading
+        return reading
 
     def close(self):
         raise AssertionError("who opened it closes it")
@@ -34,11 +34,11 @@ class Scripted:
 
 
 def sent(device, period_s=0.02):
-    published, told = [], []
+    published, shown = [], []
     try:
-        send(device, published.append, period_s, told.append, lambda: device.time_s, device.pause)
+        send(device, published.append, period_s, shown.append, lambda: device.time_s, device.pause)
     finally:
-        assert told == published
+        assert shown == published
     return published
 
 

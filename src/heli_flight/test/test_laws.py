@@ -34,10 +34,10 @@ def different(first, second):
 
 def test_the_papers_laws_change_what_they_say_and_nothing_else():
     paper, packaged = (resolve(seed=3, world="hard", laws=laws) for laws in ("paper", "packaged"))
-    said = {(entry.pattern, entry.key): entry.value for entry in read(LAWS.file("paper")).entries}
+    stated = {(entry.pattern, entry.key): entry.value for entry in read(LAWS.file("paper")).entries}
     for name, keys in different(paper, packaged).items():
-        assert keys <= {key for pattern, key in said if pattern == f"/**/{name}"}, name
-    for (pattern, key), value in said.items():
+        assert keys <= {key for pattern, key in stated if pattern == f"/**/{name}"}, name
+    for (pattern, key), value in stated.items():
         np.testing.assert_array_equal(paper.nodes[pattern.rsplit("/", 1)[-1]][key], value)
     assert {"K_P", "K_D", "wind_compensation"} <= different(paper, packaged)["outer_loop"]
     np.testing.assert_equal(dict(packaged.nodes), dict(resolve(seed=3, world="hard").nodes))
@@ -80,8 +80,8 @@ def test_the_commands_are_those_of_eq_20_and_21(flown):
     thrust = np.clip(thrust, *(p["mass"] * p["gravity"] * np.asarray(p["thrust_limits"])))
     for row in range(0, len(record), p["period_ticks"]):
         climb = record.reference[row, REFERENCE.down_vel]
-        found = thrust_for_collective(record.u[row, 3], climb, trim, p["trim.d_col"], k.rotor)
-        assert found == pytest.approx(thrust[row], rel=1e-9)
+        thrust_n = thrust_for_collective(record.u[row, 3], climb, trim, p["trim.d_col"], k.rotor)
+        assert thrust_n == pytest.approx(thrust[row], rel=1e-9)
 
 
 def test_the_actuators_are_those_of_eq_17(flown):
@@ -135,7 +135,7 @@ def test_the_rotors_state_is_that_of_eq_19(flown):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("/**/outer_loop:\n  ros__parameters:\n    K_Q: [1.0, 1.0, 1.0]\n", "mean 'K_P'"),
         ("/**/plant:\n  ros__parameters:\n    seed: 2\n",
@@ -143,21 +143,21 @@ def test_the_rotors_state_is_that_of_eq_19(flown):
         ("/**/inner_loop:\n  ros__parameters:\n    controller: mpc\n", "hinf"),
     ],
 )  # fmt: skip
-def test_laws_that_cannot_be_flown_are_named(tmp_path, text, said):
+def test_laws_that_cannot_be_flown_are_named(tmp_path, text, expected):
     file = tmp_path / "bad.yaml"
     file.write_text(text)
     with pytest.raises(ParameterError) as error:
         resolve(laws=str(file))
-    assert said in str(error.value) and "bad.yaml" in str(error.value)
+    assert expected in str(error.value) and "bad.yaml" in str(error.value)
 
 
 def test_unknown_laws_are_refused_with_those_that_are_known(tmp_path, capsys):
     assert main(["hover", "--control-preset", "papers", "--out", str(tmp_path / "none")]) == 2
-    said = capsys.readouterr().err
+    printed = capsys.readouterr().err
     assert (
-        said.count("\n") == 1
-        and "--control-preset papers: " in said
-        and "paper" in said.split("; ")[1]
+        printed.count("\n") == 1
+        and "--control-preset papers: " in printed
+        and "paper" in printed.split("; ")[1]
     )
     assert not (tmp_path / "none").exists()
 
@@ -175,13 +175,14 @@ def test_a_flight_says_its_laws_and_flies_again(fly, tmp_path, capsys):
     mine = tmp_path / "mine.yaml"
     mine.write_text("/**/outer_loop:\n  ros__parameters:\n    tilt_limit_deg: 12.0\n")
     fly(tmp_path / "c", *words, "--duration", 6, "--params", mine)
-    told = ("--params", tmp_path / "c" / "params.yaml")
-    settings = resolve(params=told[1:], laws="packaged")
+    params = ("--params", tmp_path / "c" / "params.yaml")
+    settings = resolve(params=params[1:], laws="packaged")
     assert settings.nodes["outer_loop"]["tilt_limit_deg"] == 12.0
     assert different(settings, resolve(seed=3, duration_s=6.0, world="honest"))["outer_loop"] == {
         "tilt_limit_deg"
     }
-    assert "laws packaged, not paper" in settings.remarks[0]
+    replaced = {o.option: (o.value, o.entry.value) for o in settings.overridden}
+    assert replaced["laws"] == ("packaged", "paper")
 
 
 def test_a_law_of_ones_own_says_only_what_differs(tmp_path):
@@ -206,5 +207,5 @@ def test_a_controller_takes_its_laws_along(tmp_path, controller):
     assert resolve(controller="matrices").laws == "packaged"
     mine = tmp_path / "mine.yaml"
     mine.write_text("/**/outer_loop:\n  ros__parameters:\n    K_P: [0.5, 0.5, 2.0]\n")
-    own = resolve(controller=controller, params=[mine]).nodes["outer_loop"]["K_P"]
-    assert np.array_equal(own, [0.5, 0.5, 2.0])
+    K_P = resolve(controller=controller, params=[mine]).nodes["outer_loop"]["K_P"]
+    assert np.array_equal(K_P, [0.5, 0.5, 2.0])

@@ -43,7 +43,7 @@ def test_the_plant_takes_each_as_its_example_has_it(what, kind):
 
 
 @pytest.mark.parametrize(
-    ("args", "said"),
+    ("args", "expected"),
     [
         ({"what": "gps, kind: x}", "kind": "loss"}, "what: "),
         ({"what": "gps", "kind": None}, "kind: None"),
@@ -56,16 +56,17 @@ def test_the_plant_takes_each_as_its_example_has_it(what, kind):
         ({"what": "wind", "kind": "gust", "value": [1, 0, 0], "duration_s": 99}, "0.01 to 20"),
     ],
 )
-def test_what_a_browser_may_not_say_is_refused_in_a_sentence(args, said):
+def test_what_a_browser_may_not_say_is_refused_in_a_sentence(args, expected):
     with pytest.raises(CommandError, match="allowed") as caught:
         judge_fault(args, LIMITS)
-    assert said in str(caught.value) and "\n" not in str(caught.value)
+    assert expected in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_faults_are_added_and_listed():
     assert with_fault(["none"], "a") == ["a"] and with_fault(["a"], "b") == ["a", "b"]
     assert listed({}) == listed({"faults": ""}) == []
-    assert listed({"faults": "gps loss; baro loss"}) == ["gps loss", "baro loss"]
+    names = ["gps loss", "baro loss"]
+    assert listed({"faults": "; ".join(names)}) == names
 
 
 def test_a_value_that_is_no_number_is_named():

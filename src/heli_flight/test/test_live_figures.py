@@ -65,9 +65,9 @@ def test_the_live_view_and_the_report_give_the_same_figures(flown):
     for stretch in ("whole", "windows"):
         for name, source in RECORDS.items():
             for bound, key in BOUNDS.items():
-                found = figures.find(stretch, key, source)
-                if found is not None:
-                    assert largest[stretch][name][bound] == pytest.approx(found.max, abs=1e-4)
+                scored = figures.find(stretch, key, source)
+                if scored is not None:
+                    assert largest[stretch][name][bound] == pytest.approx(scored.max, abs=1e-4)
                     compared += 1
     assert compared == 2 * 2 * 6 + 2 * 3
     for name, source in RECORDS.items():

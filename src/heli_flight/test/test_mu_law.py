@@ -42,11 +42,11 @@ def changed(A, B, number, share):
 
 def answer(A, B):
     """The nine states over 0.3 s after a step of each command, on the trimmed plant at rest."""
-    x, found = np.zeros_like(B), []
+    x, states = np.zeros_like(B), []
     for _ in range(30):
         x = A @ x + B
-        found.append(x[: len(NINE)])
-    return np.array(found)
+        states.append(x[: len(NINE)])
+    return np.array(states)
 
 
 def radius(config, A, B, actuation):
@@ -101,9 +101,9 @@ def test_the_measure_is_able_to_say_no(config):
 @pytest.fixture(scope="module")
 def script():
     spec = importlib.util.spec_from_file_location("write_mu_law", SCRIPT)
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_a_law_that_is_not_what_is_yielded_is_told(script, config):
@@ -125,11 +125,13 @@ def test_what_is_shipped_is_what_the_iteration_yields(script, monkeypatch, capsy
 
 
 def test_an_iteration_that_finds_no_law_is_said(script, monkeypatch, tmp_path, capsys):
+    refusal = RobustError(RobustCause.NOT_CONVERGED, "not finite")
+
     def refuses(config, weights):
-        raise RobustError(RobustCause.NOT_CONVERGED, "not finite")
+        raise refusal
 
     monkeypatch.setattr(script, "mu_design", refuses)
     monkeypatch.setattr(script.sys, "argv", ["write_mu_law.py", str(tmp_path / "mu.yaml")])
     assert script.main() == 2
-    assert capsys.readouterr().err == "error: not finite\n"
+    assert capsys.readouterr().err == f"error: {refusal}\n"
     assert not (tmp_path / "mu.yaml").exists()

@@ -22,8 +22,8 @@ def measure():
 
 
 def test_what_is_shipped_no_single_number_betters(measure):
-    found = searched_output(INNER, measure)
-    for key, value in found.items():
+    searched = searched_output(INNER, measure)
+    for key, value in searched.items():
         assert np.array_equal(np.ravel(value), np.ravel(INNER[key])), key
 
 

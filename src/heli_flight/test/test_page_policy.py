@@ -33,14 +33,14 @@ class Markup(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
-        given = dict(attrs)
-        if given.get("http-equiv", "").lower() == "content-security-policy":
+        attributes = dict(attrs)
+        if attributes.get("http-equiv", "").lower() == "content-security-policy":
             assert not self.scripts, "the policy must stand before what it is to hold"
-            self.policies.append(given["content"])
+            self.policies.append(attributes["content"])
         self.addresses += [value for name, value in attrs if name in _LOADING]
         self.handlers += [name for name, _ in attrs if name.startswith("on")]
         if tag == "script":
-            self._script = [given.get("type", ""), ""]
+            self._script = [attributes.get("type", ""), ""]
 
     def handle_data(self, data):
         if self._script is not None:
@@ -61,8 +61,8 @@ def policy_of(text):
 def check(text):
     """The page loads nothing, sends nothing, and runs its own scripts only."""
     page = Markup(text)
-    (said,) = page.policies
-    policy = policy_of(said)
+    (header,) = page.policies
+    policy = policy_of(header)
     for name in ("default-src", "connect-src", "form-action", "base-uri"):
         assert policy[name] == ["'none'"], name
     for name in ("img-src", "style-src"):

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from heli_core.errors import FlightError
 from heli_core.rcl_yaml import ParameterError
 from heli_flight.cli.app import main
 from heli_flight.flight_file import fault_overrides, flown_faults, read_faults, write_parameters
 from heli_flight.graph.flight import ProcessFaults
-from heli_flight.graph.respawn import MOST, WITHIN_S, Respawn
+from heli_flight.graph.respawn import MOST, WITHIN_S, DiesAgainError, Respawn
 from heli_flight.settings import ProcessFault, process_faults_of, resolve
 from heli_msgs_bridge.handover import FOLDER, Restarts
 
@@ -56,7 +55,7 @@ def test_one_file_has_faults_of_sensors_and_of_processes(file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "expected"),
     [
         ("node: observer, kind: kill", "start_s: missing"),
         ("node: observer, kind: kil, start_s: 1", "kil is not allowed: did you mean kill?"),
@@ -72,12 +71,12 @@ def test_one_file_has_faults_of_sensors_and_of_processes(file, tmp_path):
         ("kind: [kill], start_s: 1", "kind: expected one value"),
     ],
 )
-def test_what_is_wrong_is_one_line_and_exit_code_2(tmp_path, capsys, entry, said):
+def test_what_is_wrong_is_one_line_and_exit_code_2(tmp_path, capsys, entry, expected):
     path = tmp_path / "wrong.yaml"
     path.write_text(f"faults:\n  - {{what: process, {entry}}}\n")
     assert main(["hover", "--faults", str(path)]) == 2
     captured = capsys.readouterr().err
-    assert f"{path}:2: " in captured and said in captured and captured.count("\n") == 1
+    assert f"{path}:2: " in captured and expected in captured and captured.count("\n") == 1
 
 
 @pytest.mark.parametrize("words", [["--one-process"], ["--composed"], ["--vehicles", "2"]])
@@ -114,14 +113,14 @@ class Stopped:
 
 @pytest.fixture
 def process():
-    found = Stopped()
-    yield found
-    found.end()
+    stopped = Stopped()
+    yield stopped
+    stopped.end()
 
 
 def test_a_pause_ends_by_itself_and_with_the_flight(process, tmp_path):
-    said = []
-    faults = ProcessFaults([PAUSE], {"inner_loop": process}, tmp_path / "log", said.append)
+    lines = []
+    faults = ProcessFaults([PAUSE], {"inner_loop": process}, tmp_path / "log", lines.append)
     faults.look(11.9)
     assert faults.done == [] and process.state() != "T"
     faults.look(12.01)
@@ -130,12 +129,12 @@ def test_a_pause_ends_by_itself_and_with_the_flight(process, tmp_path):
     assert process.state() == "T"
     faults.look(12.52)
     process.becomes("S", "R")
-    again = ProcessFaults([PAUSE], {"inner_loop": process}, tmp_path / "log", said.append)
+    again = ProcessFaults([PAUSE], {"inner_loop": process}, tmp_path / "log", lines.append)
     again.look(13.0)
     process.becomes("T")
     again.undo()
     process.becomes("S", "R")
-    assert said == [f"fault: {PAUSE.words}"] * 2
+    assert lines == [f"fault: {PAUSE.words}"] * 2
     assert again.as_dicts()[0]["begun_s"] == 13.0
 
 
@@ -187,14 +186,14 @@ class Up:
     """What is asked of the supervisor."""
 
     def __init__(self):
-        self.statuses, self.said, self.forgotten = {}, [], []
+        self.statuses, self.announced, self.forgotten = {}, [], []
         self.forget = self.forgotten.append
 
     def flight_s(self):
         return 7.5
 
     def announce(self, level, message, facts):
-        self.said.append((message, facts))
+        self.announced.append((message, facts))
 
 
 class Spare:
@@ -208,11 +207,11 @@ def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path, monkeypatch)
     now, up = [0.0], Up()
     respawn = Respawn(tmp_path, lambda line: None, lambda: now[0])
     monkeypatch.setenv(FOLDER, respawn.environment()[FOLDER])
-    told, respawn._make = [], Spare
+    known, respawn._make = [], Spare
     # Before the successor exists it is known to all nodes that one comes.
     restarts, become = Restarts(), Spare.become
     monkeypatch.setattr(
-        Spare, "become", lambda *it: told.append(dict(restarts.news())) or become(*it)
+        Spare, "become", lambda *it: known.append(dict(restarts.news())) or become(*it)
     )
     respawn._standby = Spare()
     for _ in range(MOST):
@@ -221,8 +220,11 @@ def test_a_node_that_dies_again_and_again_ends_the_flight(tmp_path, monkeypatch)
         now[0] += WITHIN_S
     for _ in range(MOST - 1):
         respawn.again("inner_loop", "inner_loop: killed", up)
-    with pytest.raises(FlightError, match="inner_loop: killed, 3 times in 10 s"):
+    with pytest.raises(DiesAgainError) as error:
         respawn.again("inner_loop", "inner_loop: killed", up)
-    assert up.said[0][0].startswith("observer: killed at 7.50 s: ") and up.said[0][1] == {}
-    assert told[:MOST] == [{"observer": times + 1} for times in range(MOST)]
-    assert told[-1] == {"observer": MOST, "inner_loop": MOST - 1}
+    assert (error.value.node, error.value.why) == ("inner_loop", "inner_loop: killed")
+    first = respawn.restarts[0]
+    assert (first.node, first.why, first.noticed_s) == ("observer", "observer: killed", 7.5)
+    assert first.why in up.announced[0][0] and up.announced[0][1] == {}
+    assert known[:MOST] == [{"observer": times + 1} for times in range(MOST)]
+    assert known[-1] == {"observer": MOST, "inner_loop": MOST - 1}

@@ -51,37 +51,37 @@ CASES = {
 
 def estimates(case, runs, per_level=PER_LEVEL):
     many, dimensions, bound, _, redrawn = CASES[case]
-    found = []
+    levels = []
     for seed in range(runs):
         estimate = subset_simulation(
             many, dimensions, bound, per_level, MOST, seed, redrawn=redrawn
         )
         assert estimate.ended is Ended.REACHED
-        found.append(estimate.levels[-1])
-    return found
+        levels.append(estimate.levels[-1])
+    return levels
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_mean_over_runs_is_the_probability_and_their_spread_is_as_told(case):
     runs, truth = 60, CASES[case][3]
-    found = estimates(case, runs)
-    told = math.sqrt(np.mean([level.cov**2 for level in found]))
-    shares = np.array([level.probability for level in found]) / truth
+    levels = estimates(case, runs)
+    cov = math.sqrt(np.mean([level.cov**2 for level in levels]))
+    shares = np.array([level.probability for level in levels]) / truth
     spread = shares.std(ddof=1)
     # The thresholds are quantiles of the same points, so that there is a bias of order 1/N.
     assert abs(shares.mean() - 1.0) < 3.5 * spread / math.sqrt(runs) + 0.03
-    assert 0.75 < spread / told < 1.35, (spread, told)
-    inside = [level.interval[0] <= truth <= level.interval[1] for level in found]
+    assert 0.75 < spread / cov < 1.35, (spread, cov)
+    inside = [level.interval[0] <= truth <= level.interval[1] for level in levels]
     assert np.mean(inside) > 0.8
 
 
 def test_one_in_a_million_is_known_to_a_third_within_the_flights_of_the_issue():
     """The command's own choice of 2500 a level."""
-    found = estimates("1e-6", 12, 2500)
+    levels = estimates("1e-6", 12, 2500)
     truth = CASES["1e-6"][3]
-    assert max(level.flights for level in found) <= 20_000
-    assert np.mean([level.cov for level in found]) < 0.3
-    assert np.std([level.probability for level in found], ddof=1) / truth < 0.45
+    assert max(level.flights for level in levels) <= 20_000
+    assert np.mean([level.cov for level in levels]) < 0.3
+    assert np.std([level.probability for level in levels], ddof=1) / truth < 0.45
 
 
 def test_a_first_level_is_plain_sampling():
@@ -113,9 +113,9 @@ def test_what_is_lost_or_not_a_number_is_beyond():
         return np.where(points[:, 1] > 3.4, np.nan, values)
 
     truth = 1.0 - stats.norm.cdf(3.2) * stats.norm.cdf(3.4)
-    found = [subset_simulation(many, 2, 3.0, 2000, MOST, seed) for seed in range(20)]
-    assert {estimate.ended for estimate in found} == {Ended.REACHED}
-    mean = np.mean([estimate.levels[-1].probability for estimate in found])
+    runs = [subset_simulation(many, 2, 3.0, 2000, MOST, seed) for seed in range(20)]
+    assert {estimate.ended for estimate in runs} == {Ended.REACHED}
+    mean = np.mean([estimate.levels[-1].probability for estimate in runs])
     assert mean == pytest.approx(truth, rel=0.2)
 
 

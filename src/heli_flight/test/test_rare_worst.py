@@ -31,30 +31,30 @@ def waves(points):
     [(corner, 5, 6.6 * REACH, 0.5), (peak, 5, 0.0, 0.1), (waves, 2, 0.0, 0.3)],
 )
 def test_the_largest_value_is_found_and_random_search_beaten(many, dimensions, largest, short):
-    found = [by_cma(many, dimensions, REACH, MOST, seed) for seed in range(5)]
+    searches = [by_cma(many, dimensions, REACH, MOST, seed) for seed in range(5)]
     rival = [at_random(many, dimensions, REACH, MOST, seed) for seed in range(5)]
-    assert {search.evaluations for search in found + rival} == {MOST}
-    for ours, other in zip(found, rival, strict=True):
+    assert {search.evaluations for search in searches + rival} == {MOST}
+    for ours, other in zip(searches, rival, strict=True):
         assert ours.best <= largest + 1e-12 and ours.best > other.best
-    assert np.median([ours.best for ours in found]) > largest - short
+    assert np.median([ours.best for ours in searches]) > largest - short
 
 
 @pytest.mark.parametrize("find", [by_cma, at_random])
 def test_points_stay_in_the_box_and_the_best_is_the_one_named(find):
-    seen = []
+    tried = []
 
     def many(points):
         assert points.shape[1] == 1 and np.abs(points).max() <= REACH
-        seen.extend(points[:, 0])
+        tried.extend(points[:, 0])
         return np.cos(points[:, 0] - 0.7)
 
     search = find(many, 1, REACH, 60, 3)
-    assert len(seen) == 60 and np.cos(seen[search.at] - 0.7) == search.best
+    assert len(tried) == 60 and np.cos(tried[search.at] - 0.7) == search.best
     assert search.best > 0.999
-    again = list(seen)
-    seen.clear()
+    again = list(tried)
+    tried.clear()
     find(many, 1, REACH, 60, 3)
-    assert seen == again, "the same seed, the same points"
+    assert tried == again, "the same seed, the same points"
 
 
 @pytest.mark.parametrize("find", [by_cma, at_random])

@@ -60,7 +60,7 @@ def test_noise_keeps_its_density_and_walks_their_speed():
 def test_observer_and_plant_of_the_law_are_discretised_for_their_ticks():
     """Four steps of 2.5 ms with held input are one of 10 ms."""
     nodes = [resolve(rate_hz=hz).nodes for hz in (SLOW, FAST)]
-    slow, fast = (ObserverConfig(own["observer"]).params for own in nodes)
+    slow, fast = (ObserverConfig(values["observer"]).params for values in nodes)
     Phi = np.linalg.matrix_power(fast.rotor.Phi, FOLD)
     np.testing.assert_allclose(Phi, slow.rotor.Phi, atol=1e-12)
     held = sum(np.linalg.matrix_power(fast.rotor.Phi, i) @ fast.rotor.Gu for i in range(FOLD))
@@ -70,8 +70,8 @@ def test_observer_and_plant_of_the_law_are_discretised_for_their_ticks():
     assert fast.ekf.drift_decay**FOLD == pytest.approx(slow.ekf.drift_decay)
 
     states = []
-    for own, hz in zip(nodes, (SLOW, FAST), strict=True):
-        config = AttitudeConfig.from_parameters(own["inner_loop"])
+    for values, hz in zip(nodes, (SLOW, FAST), strict=True):
+        config = AttitudeConfig.from_parameters(values["inner_loop"])
         A, B = flown_plant(config.A, config.B, config.actuation)
         x = np.zeros(A.shape[0])
         for _ in range(30 * hz // SLOW):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bands of modes, faults, failsafes and health: recorded facts, in every chart over time."""
 
+import html
 from dataclasses import replace
 
 import numpy as np
@@ -49,7 +50,7 @@ def flown():
     return simulate(settings).record, settings
 
 
-def told(flight_s, node="plant", level=0, message="", **facts):
+def remark(flight_s, node="plant", level=0, message="", **facts):
     return Remark(round(1e9 * (1 + flight_s)), node, level, message, facts)
 
 
@@ -82,10 +83,12 @@ def test_modes_are_shown_where_there_is_more_than_one(flown):
 def test_failsafes_are_what_the_position_loop_did(flown):
     record, settings = flown
     done = np.where((record.time_s > 3.0) & (record.time_s < 5.0), "HOLD_LEAN", "NONE")
-    found = [b for b in bands_of(replace(record, failsafe=done), settings) if b.kind == "failsafe"]
-    (band,) = found
+    failsafes = [
+        b for b in bands_of(replace(record, failsafe=done), settings) if b.kind == "failsafe"
+    ]
+    (band,) = failsafes
     assert (band.start_s, band.end_s) == pytest.approx((3.01, 5.0))
-    assert band.name == "HOLD_LEAN" and "no place" in band.told
+    assert band.name == "HOLD_LEAN" and "no place" in band.detail
 
 
 def test_a_flight_in_one_process_writes_its_failsafes_down():
@@ -111,15 +114,15 @@ def test_what_the_plant_told_of_faults_in_flight_reads_back(flown):
     log.change([], [gust], 1.5)
     log.change([gust], [gust, bias], 2.25)
     log.change([gust, bias], [gust], 4.0)
-    said = [told(1.5, faults_in_flight="x"), told(5.0, **log.facts([gust], 5.0))]
-    found = of(bands_of(record, settings, said), "fault")
-    assert found == [
+    remarks = [remark(1.5, faults_in_flight="x"), remark(5.0, **log.facts([gust], 5.0))]
+    faults = of(bands_of(record, settings, remarks), "fault")
+    assert faults == [
         (1.5, 3.5, "wind gust 1, -2, 0"),
         (2.25, 4.0, "imu bias 0.1, 0.1, 0.1, 0.1, 0.1, 0.1"),
     ]
     # Another node's words, and words of nobody, say nothing.
-    strange = [told(5.0, "stranger", faults_in_flight="gps loss from 1 to 2 s"),
-               told(5.0, faults_in_flight="<b>; gps from ... s on; and more")]  # fmt: skip
+    strange = [remark(5.0, "stranger", faults_in_flight="gps loss from 1 to 2 s"),
+               remark(5.0, faults_in_flight="<b>; gps from ... s on; and more")]  # fmt: skip
     assert of(bands_of(record, settings, strange), "fault") == []
 
 
@@ -128,8 +131,8 @@ def test_a_fault_that_was_ordered_and_taken_back_ends_then(flown):
     log = FaultLog()
     pedal = Fault("delta_ped", "offset", 6.0, value=(0.02,))
     log.change([pedal], [], 7.0)
-    found = of(bands_of(record, settings, [told(7.0, **log.facts([], 7.0))]), "fault")
-    assert found == [(2.0, 5.0, "gps loss"), (6.0, 7.0, "delta_ped offset 0.02")]
+    faults = of(bands_of(record, settings, [remark(7.0, **log.facts([], 7.0))]), "fault")
+    assert faults == [(2.0, 5.0, "gps loss"), (6.0, 7.0, "delta_ped offset 0.02")]
 
 
 def test_health_is_what_nodes_complained_of(flown):
@@ -139,8 +142,8 @@ def test_health_is_what_nodes_complained_of(flown):
               Event(2.0, "plant", 1, "fault: gps loss"), Event(5.0, "plant", 0, "flying"),
               Event(3.0, "observer", 1, "GPS <lost>"), Event(5.0, "observer", 0, "ok"),
               Event(7.0, "plant", 9, "?")]  # fmt: skip
-    found = of(bands_of(record, settings, (), events), "health")
-    assert found == [(3.0, 5.0, "observer WARN"), (7.0, record.time_s[-1], "plant STALE")]
+    health = of(bands_of(record, settings, (), events), "health")
+    assert health == [(3.0, 5.0, "observer WARN"), (7.0, record.time_s[-1], "plant STALE")]
 
 
 def test_every_chart_over_time_has_them_and_no_other(flown):
@@ -149,9 +152,9 @@ def test_every_chart_over_time_has_them_and_no_other(flown):
     line = [Panel("y", "m", [Trace(record.time_s, record.time_s, "a", "nav")])]
     charts = [Chart("a", "", "", line, "flight"), Chart("b", "", "", line, "flight", time=False),
               Chart("c", "", "", line, "flight", bands=())]  # fmt: skip
-    over_time, other, own = with_bands(charts, bands)
-    assert list(over_time.bands) == bands and other.bands is None and own.bands == ()
-    data = page_data([over_time, other, own])
+    over_time, other, without_bands = with_bands(charts, bands)
+    assert list(over_time.bands) == bands and other.bands is None and without_bands.bands == ()
+    data = page_data([over_time, other, without_bands])
     first, *others = (data["bands"][drawn["bands"]] for drawn in data["figures"])
     assert [band["name"] for band in first] == ["gps loss", "delta_ped offset 0.02"]
     assert others == [[], []]
@@ -159,7 +162,7 @@ def test_every_chart_over_time_has_them_and_no_other(flown):
     assert len(data["arrays"]) == 1
     drawn = draw(over_time, "")
     shaded = [p for p in drawn.axes[0].patches if p.get_label().startswith("fault")]
-    assert {p.get_label() for p in shaded} == {"fault: gps loss", "fault: delta_ped offset 0.02"}
+    assert {p.get_label() for p in shaded} == {f"fault: {band.name}" for band in bands}
 
 
 def test_the_page_tells_them_and_when(flown):
@@ -168,8 +171,13 @@ def test_the_page_tells_them_and_when(flown):
     report = Report(record, settings, Result(Figures(), "", 8.0, 1.0), "x", bands=bands)
     charts = with_bands([*paper_charts(report), *timeline_charts(report)], bands)
     text = render(report, charts, None)
-    assert 'title="2.00 to 5.00 s">fault: gps' in text
-    assert 'title="at 1.00 s">fault: &lt;kill&gt;</span>' in text and "<kill>" not in text
+    keys = [band for band in legend(bands) if band.kind == "fault"]
+    details = {key.name: key.detail for key in keys}
+    assert details["fault: gps loss"] == "2.00 to 5.00 s"
+    assert details["fault: <kill>"] == "at 1.00 s"
+    for key in keys:
+        assert f'title="{key.detail}">{html.escape(key.name)}</span>' in text
+    assert "<kill>" not in text
     rows = [row for row in band_table(report).rows if row[2] == "fault"]
     assert rows[0][:4] == ["1.00", "1.00", "fault", "<kill>"]
     assert rows[1][:4] == ["2.00", "5.00", "fault", "gps loss"] and rows[1][4]
@@ -181,8 +189,8 @@ def test_the_page_tells_them_and_when(flown):
 def test_a_legend_has_each_once_with_its_first_times():
     bands = [Band(float(i), i + 0.5, "mode", "hover", "nav") for i in range(6)]
     (key,) = legend(bands)
-    assert key.name == "hover" and key.told.startswith("0.00 to 0.50 s, 1.00 to 1.50 s")
-    assert key.told.endswith("and 2 more")
+    assert key.name == "hover" and key.detail.startswith("0.00 to 0.50 s, 1.00 to 1.50 s")
+    assert key.detail.endswith("and 2 more")
     assert stretch(Band(2.0, 2.0, "fault", "kill", "rival")) == "at 2.00 s"
 
 
@@ -190,10 +198,10 @@ def test_flights_beside_each_other_share_what_is_alike():
     gust, loss = (Band(1.0, 2.0, "fault", name, "rival") for name in ("gust", "loss"))
     hover, land = (Band(0.0, 9.0, "mode", name, "nav") for name in ("hover", "land"))
     health = Band(0.0, 1.0, "health", "plant WARN", "warn")
-    found = bands_beside({"a": [hover, gust, health], "b": [hover, gust, loss]})
-    assert [band.name for band in found] == ["hover", "gust", "loss (b)"]
-    found = bands_beside({"a": [hover, gust], "b": [land, gust]})
-    assert [band.name for band in found] == ["gust"]
+    beside = bands_beside({"a": [hover, gust, health], "b": [hover, gust, loss]})
+    assert [band.name for band in beside] == ["hover", "gust", "loss (b)"]
+    beside = bands_beside({"a": [hover, gust], "b": [land, gust]})
+    assert [band.name for band in beside] == ["gust"]
 
 
 def test_another_flight_on_the_page_has_its_own():
@@ -205,8 +213,8 @@ def test_another_flight_on_the_page_has_its_own():
     report = Report(record, settings, Result(Figures(), "", 6.0, 1.0), "x", events,
                     Rival("pid", replace(record), Figures(), ""),
                     bands=bands_of(record, settings, (), events))  # fmt: skip
-    rival, own = with_bands(paper_charts(report), report.bands)
-    assert [band.kind for band in own.bands] == ["fault", "health"]
+    rival, flown_chart = with_bands(paper_charts(report), report.bands)
+    assert [band.kind for band in flown_chart.bands] == ["fault", "health"]
     assert [band.kind for band in rival.bands] == ["fault"]
 
 

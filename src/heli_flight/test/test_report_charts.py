@@ -2,6 +2,7 @@
 """Charts: what thinning must keep, what Plotly reads, what a broken-off flight still shows."""
 
 import base64
+import html
 import math
 import re
 from dataclasses import replace
@@ -32,8 +33,16 @@ from heli_flight.report.page import render
 from heli_flight.report.plotly import figure, with_indices
 from heli_flight.report.tables import result_tables
 from heli_flight.report.write import write_report
-from heli_flight.result import Result
-from heli_flight.scoring import SOURCE_NAMES, WHOLE, WINDOWS, Figures, score
+from heli_flight.result import Result, phases
+from heli_flight.scoring import (
+    SETTLED_S,
+    SOURCE_NAMES,
+    STRETCHES,
+    WHOLE,
+    WINDOWS,
+    Figures,
+    score,
+)
 from heli_flight.settings import resolve
 
 
@@ -136,7 +145,9 @@ def test_what_the_pointer_is_told_has_the_axis_unit(of, label, unit):
     assert figure(chart)["layout"]["xaxis"]["unifiedhovertitle"] == {"text": "%{x:.2f} s"}
     (planar,) = figure(replace(chart, time=False))["data"]
     value = f"%{{y:.4g}} {unit}".rstrip()
-    assert planar["hovertemplate"] == f"%{{x:.4g}} m: {value}<extra>&lt;a&gt;</extra>"
+    assert (
+        planar["hovertemplate"] == f"%{{x:.4g}} m: {value}<extra>{html.escape(trace.label)}</extra>"
+    )
 
 
 def test_symbols_get_their_indices():
@@ -184,8 +195,12 @@ def test_what_is_drawn_is_what_was_scored(hover):
 
 def test_the_tables_give_the_whole_flight_first_then_the_windows_then_the_climb(hover):
     whole, windows, climb = result_tables(hover)
-    assert whole.caption.startswith("Whole flight, 0 to 30 s. ")
-    assert windows.caption.startswith("Scored windows, 5 to 17.5 s and 25 to 30 s. ")
+    for table, stretch, ends_s in (
+        (whole, WHOLE, ["0", "30"]), (windows, WINDOWS, ["5", "17.5", "25", "30"]),
+    ):  # fmt: skip
+        when = phases(hover.settings, stretch)
+        assert table.caption.startswith(f"{STRETCHES[stretch].capitalize()}, {when}. ")
+        assert re.findall(r"[\d.]+", when) == ends_s
     assert ["exit code" in table.caption for table in (whole, windows)] == [False, True]
     assert "10 to 20 m in 4.00 s" in climb.caption
     for table, stretch in ((whole, WHOLE), (windows, WINDOWS)):
@@ -193,33 +208,37 @@ def test_the_tables_give_the_whole_flight_first_then_the_windows_then_the_climb(
         for row in table.rows[:-1]:
             metric = next(m for m in METRICS["hover"] if row[0] == f"{m.label}, {m.unit}")
             for cell, source in zip(row[1:4], SOURCE_NAMES, strict=True):
-                found = hover.score(metric.key, source, stretch)
-                assert cell == "–" if found is None else cell.startswith(f"{found.max:.2f} ")
+                scored = hover.score(metric.key, source, stretch)
+                assert cell == "–" if scored is None else cell.startswith(f"{scored.max:.2f} ")
     lag = next(f for f in hover.result.figures.climb if f.metric.key == "climb_lag")
-    assert climb.rows[2][:2] == ["lag at half the climb", f"{lag.value:.2f} s"]
+    assert climb.rows[2][:2] == [lag.metric.label, f"{lag.value:.2f} s"]
 
 
 def test_the_page_says_both_verdicts_and_which_of_them_decides(hover):
     text = render(hover, [], None)
-    said = [" ".join(line.split()) for line in re.findall(r'<p class="verdict .*?</p>', text, re.S)]
-    assert len(said) == 2
-    assert 'verdict bad"' in said[0] and "outside in vertical" in said[0]
-    assert 'verdict good"' in said[1]
-    assert ["exit code" in words for words in said] == [False, True]
+    verdicts = [
+        " ".join(line.split()) for line in re.findall(r'<p class="verdict .*?</p>', text, re.S)
+    ]
+    assert len(verdicts) == 2
+    outside = {score.metric.label for score in hover.result.judged(hover.settings.gps, WHOLE)}
+    assert outside and all(label in verdicts[0] for label in outside)
+    assert 'verdict bad"' in verdicts[0]
+    assert 'verdict good"' in verdicts[1]
+    assert ["exit code" in words for words in verdicts] == [False, True]
 
 
 def test_the_position_chart_says_which_sigma_it_shows(hover):
     """Of the position as it counts from the alignment; absolute where the filter is told so."""
     chart = next(c for c in flight_charts(hover) if c.key == "estimate_position")
     from_alignment = chart.caption
-    (less,) = [t for t in chart.panels[0].traces if t.label == "less its value at 5 s"]
+    (less,) = [t for t in chart.panels[0].traces if t.label.endswith(f"{SETTLED_S:g} s")]
     assert np.abs(less.y[np.abs(less.x - 5.0) < 0.5]).max() < 0.1
     observer = {**hover.settings.nodes["observer"], "ekf.initial.drift_at_alignment_fraction": 1.0}
     nodes = {**hover.settings.nodes, "observer": observer}
     absolute = replace(hover, settings=replace(hover.settings, nodes=nodes))
     chart = next(c for c in flight_charts(absolute) if c.key == "estimate_position")
     assert chart.caption != from_alignment
-    assert not [t for t in chart.panels[0].traces if t.label == "less its value at 5 s"]
+    assert less.label not in [t.label for t in chart.panels[0].traces]
 
 
 def axis(drawn, i):
@@ -247,10 +266,10 @@ def test_charts_become_json(hover):
 def test_health_is_told_when_it_changes():
     settings = resolve()
 
-    def said(second, level, message):
+    def remark(second, level, message):
         return Remark(1_000_000_000 * (1 + second), "observer", level, message, {})
 
-    events = events_of([said(0, 0, "ok"), said(1, 0, "ok"), said(2, 1, "late")], settings)
+    events = events_of([remark(0, 0, "ok"), remark(1, 0, "ok"), remark(2, 1, "late")], settings)
     assert events == [
         DiagnosticEvent(0.0, "observer", 0, "ok"),
         DiagnosticEvent(2.0, "observer", 1, "late"),

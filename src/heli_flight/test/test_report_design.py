@@ -9,7 +9,7 @@ from heli_flight.report.tables import margin_table
 from heli_flight.settings import LAWS, resolve
 
 
-def _told(law: str):
+def _design(law: str):
     settings = resolve(params=[LAWS.file(law)])
     design = flown_design(settings)
     assert design is not None
@@ -22,7 +22,7 @@ def _told(law: str):
     [("hinf_output", "output.gamma", "output feedback"), ("hinf", "gamma", "state feedback")],
 )
 def test_the_bound_is_that_of_the_law_that_flew(law, key, whose):
-    values, design, lines, caption = _told(law)
+    values, design, lines, caption = _design(law)
     assert design.controller == law
     assert design.bound.gamma == values[key] > design.bound.gamma_star > 0.0
     assert f"γ = {values[key]:.4f}" in lines
@@ -30,13 +30,13 @@ def test_the_bound_is_that_of_the_law_that_flew(law, key, whose):
 
 
 def test_a_law_without_a_bound_has_none_drawn():
-    _, design, lines, caption = _told("pid")
+    _, design, lines, caption = _design("pid")
     assert design.bound is None
     assert not [line for line in lines if "γ" in line]
     assert "without a bound" in caption
 
 
 def test_the_chart_reaches_above_what_it_draws():
-    _, design, _, _ = _told("pid")
+    _, design, _, _ = _design("pid")
     panel = design_charts(design)[0].panels[0]
     assert panel.y_range[1] > np.max(design.wind_to_h[-1])

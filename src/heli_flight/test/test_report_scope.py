@@ -16,18 +16,18 @@ WORLDS_DIFFER = {"Ground effect.", "Vibration of the rotor on the IMU.", "GPS mu
 
 
 def test_in_the_papers_world_what_its_model_lacks_is_said():
-    said = scope(resolve(world="paper").nodes["plant"])
-    assert WORLDS_DIFFER <= set(said["Not simulated"])
-    assert not WORLDS_DIFFER & set(said["Simulated"])
+    scopes = scope(resolve(world="paper").nodes["plant"])
+    assert WORLDS_DIFFER <= set(scopes["Not simulated"])
+    assert not WORLDS_DIFFER & set(scopes["Simulated"])
 
 
 @pytest.mark.parametrize("world", ["honest", "hard"])
 def test_in_another_world_it_is_simulated(world):
-    said = scope(resolve(world=world).nodes["plant"])
-    assert WORLDS_DIFFER <= set(said["Simulated"])
+    scopes = scope(resolve(world=world).nodes["plant"])
+    assert WORLDS_DIFFER <= set(scopes["Simulated"])
     # What no world has stays said.
-    assert any("A real flight" in sentence for sentence in said["Not simulated"])
-    assert not set(said["Simulated"]) & set(said["Not simulated"])
+    assert any("A real flight" in sentence for sentence in scopes["Not simulated"])
+    assert not set(scopes["Simulated"]) & set(scopes["Not simulated"])
 
 
 @pytest.mark.parametrize(

@@ -54,39 +54,39 @@ def drifting(n, keep, sigma):
 def test_the_area_below_a_density_is_the_variance(n):
     """Parseval: of noise that changes fast beside a window."""
     values = 7.0 + np.random.default_rng(n).normal(scale=0.3, size=n)
-    found = spectrum(values, RATE_HZ)
-    assert found.rms == pytest.approx(np.std(values), rel=1e-12)
-    assert found.area_rms == pytest.approx(found.rms, rel=2.5 / np.sqrt(n) + 0.01)
-    assert found.hertz[-1] == pytest.approx(0.5 * RATE_HZ, abs=found.step_hz)
-    assert found.hertz[0] == found.step_hz
+    estimate = spectrum(values, RATE_HZ)
+    assert estimate.rms == pytest.approx(np.std(values), rel=1e-12)
+    assert estimate.area_rms == pytest.approx(estimate.rms, rel=2.5 / np.sqrt(n) + 0.01)
+    assert estimate.hertz[-1] == pytest.approx(0.5 * RATE_HZ, abs=estimate.step_hz)
+    assert estimate.hertz[0] == estimate.step_hz
 
 
 def test_a_drift_has_the_density_that_it_must_have():
     """One-sided density of a Gauss-Markov sequence, in closed form."""
     keep, sigma = 0.95, 0.4
-    found = spectrum(drifting(400_000, keep, sigma), RATE_HZ)
-    phase = 2.0 * np.pi * found.hertz / RATE_HZ
+    estimate = spectrum(drifting(400_000, keep, sigma), RATE_HZ)
+    phase = 2.0 * np.pi * estimate.hertz / RATE_HZ
     exact = 2.0 / RATE_HZ * sigma**2 * (1.0 - keep**2)
     exact = exact / (1.0 + keep**2 - 2.0 * keep * np.cos(phase))
     # Each line scatters; a third of a decade of them must not be off.
     edges = np.geomspace(0.1, 45.0, 9)
     for low, high in zip(edges[:-1], edges[1:], strict=True):
-        some = (found.hertz >= low) & (found.hertz < high)
+        some = (estimate.hertz >= low) & (estimate.hertz < high)
         assert some.sum() >= 4
-        assert np.mean(found.density[some] / exact[some]) == pytest.approx(1.0, abs=0.08)
+        assert np.mean(estimate.density[some] / exact[some]) == pytest.approx(1.0, abs=0.08)
 
 
 @pytest.mark.parametrize("hertz", [1.0, 7.3, 30.87])
 def test_a_sine_has_its_power_at_its_frequency(hertz):
     time_s = np.arange(6000) / RATE_HZ
-    found = spectrum(2.0 + 0.6 * np.sin(2.0 * np.pi * hertz * time_s), RATE_HZ)
-    peak = found.hertz[np.argmax(found.density)]
-    assert peak == pytest.approx(hertz, abs=0.51 * found.step_hz)
-    near = np.abs(found.hertz - hertz) < 4.0 * found.step_hz
-    assert found.density[near].sum() * found.step_hz == pytest.approx(0.6**2 / 2.0, rel=0.02)
-    assert found.median_hz == pytest.approx(hertz, abs=1.1 * found.step_hz)
-    assert found.below(hertz + 1.0) == pytest.approx(1.0, abs=0.01)
-    assert found.below(hertz - 0.9) < 0.02
+    estimate = spectrum(2.0 + 0.6 * np.sin(2.0 * np.pi * hertz * time_s), RATE_HZ)
+    peak = estimate.hertz[np.argmax(estimate.density)]
+    assert peak == pytest.approx(hertz, abs=0.51 * estimate.step_hz)
+    near = np.abs(estimate.hertz - hertz) < 4.0 * estimate.step_hz
+    assert estimate.density[near].sum() * estimate.step_hz == pytest.approx(0.6**2 / 2.0, rel=0.02)
+    assert estimate.median_hz == pytest.approx(hertz, abs=1.1 * estimate.step_hz)
+    assert estimate.below(hertz + 1.0) == pytest.approx(1.0, abs=0.01)
+    assert estimate.below(hertz - 0.9) < 0.02
 
 
 def test_where_a_sine_is_seen_in_samples():
@@ -94,8 +94,8 @@ def test_where_a_sine_is_seen_in_samples():
     assert folded(61.7, 100.0) == pytest.approx(38.3)
     assert folded(130.0, 100.0) == pytest.approx(30.0)
     time_s = np.arange(6000) / RATE_HZ
-    found = spectrum(np.sin(2.0 * np.pi * 61.7 * time_s), RATE_HZ)
-    assert found.hertz[np.argmax(found.density)] == pytest.approx(38.3, abs=found.step_hz)
+    estimate = spectrum(np.sin(2.0 * np.pi * 61.7 * time_s), RATE_HZ)
+    assert estimate.hertz[np.argmax(estimate.density)] == pytest.approx(38.3, abs=estimate.step_hz)
 
 
 def test_samples_that_are_missing_are_filled_and_counted():
@@ -120,9 +120,9 @@ def honest():
 
 
 def test_the_rotor_is_seen_where_it_is_simulated(honest):
-    found = spectra_of(honest)
-    assert (found.start_s, found.rate_hz) == (25.0, pytest.approx(RATE_HZ))
-    force = next(s for s in found.signals if s.key == "spectrum_force")
+    spectra = spectra_of(honest)
+    assert (spectra.start_s, spectra.rate_hz) == (25.0, pytest.approx(RATE_HZ))
+    force = next(s for s in spectra.signals if s.key == "spectrum_force")
     (turn, words), (blade, blades) = rotor_lines(honest)
     aircraft = PlantConfig.from_parameters(honest.settings.nodes["plant"]).helicopter
     assert turn == pytest.approx(aircraft.main_speed_radps / (2.0 * np.pi))
@@ -134,7 +134,7 @@ def test_the_rotor_is_seen_where_it_is_simulated(honest):
     high = down.hertz > turn + 3.0
     second = down.hertz[high][np.argmax(down.density[high])]
     assert second == pytest.approx(folded(blade, RATE_HZ), rel=0.05)
-    charts = {chart.key: chart for chart in spectrum_charts(honest, found, None)}
+    charts = {chart.key: chart for chart in spectrum_charts(honest, spectra, None)}
     labels = [trace.label for trace in charts["spectrum_rate"].panels[0].traces]
     assert labels[:3] == ["p", "q", "r"] and len(labels) == 5
     assert labels[4].endswith(f" {folded(blade, RATE_HZ):.1f} Hz")
@@ -143,17 +143,17 @@ def test_the_rotor_is_seen_where_it_is_simulated(honest):
 
 
 def test_charts_and_table_say_units_and_numbers(honest):
-    found, design = spectra_of(honest), flown_design(honest.settings)
-    charts = {chart.key: chart for chart in spectrum_charts(honest, found, design)}
+    spectra, design = spectra_of(honest), flown_design(honest.settings)
+    charts = {chart.key: chart for chart in spectrum_charts(honest, spectra, design)}
     assert list(charts) == ["spectrum_force", "spectrum_rate", "spectrum_actuators",
                             "spectrum_attitude", "spectrum_position"]  # fmt: skip
     units = [chart.panels[0].y_label for chart in charts.values()]
     assert units == ["density, (m/s²)²/Hz", "density, (rad/s)²/Hz", "density, 1/Hz",
                      "density, (°)²/Hz", "density, (m)²/Hz"]  # fmt: skip
     assert all(chart.x_label == "frequency, Hz" and not chart.time for chart in charts.values())
-    table = spectrum_table(found)
+    table = spectrum_table(spectra)
     row = next(row for row in table.rows if row[0] == "specific force, down, m/s²")
-    inside = honest.record.time_s >= found.start_s
+    inside = honest.record.time_s >= spectra.start_s
     assert float(row[1]) == pytest.approx(np.std(honest.record.imu[inside, 2]), rel=0.01)
     lines = charts["spectrum_attitude"].panels[0].traces
     for name, of in (("DRB", "rejection_radps"), ("crossover", "crossover_radps")):

@@ -29,9 +29,9 @@ def test_result_holds_the_gusts_that_the_flight_meets(tmp_path):
     plant = settings.nodes["plant"]
     flown = initial_state(PlantConfig.from_parameters(plant), 3).turbulence.gusts
     write_result(Result(Figures((), (), ()), "", 0.0, 0.0), settings, tmp_path, {})
-    told = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["random_gusts"]
-    assert len(told) > 1
-    rows = [[gust["start_s"], gust["duration_s"], *gust["peak_ned_mps"]] for gust in told]
+    gusts = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["random_gusts"]
+    assert len(gusts) > 1
+    rows = [[gust["start_s"], gust["duration_s"], *gust["peak_ned_mps"]] for gust in gusts]
     np.testing.assert_array_equal(rows, flown)
     assert rows[-1][0] < plant["duration_s"]
 

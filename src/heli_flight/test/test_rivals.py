@@ -27,8 +27,8 @@ def law_of(nodes, **changes):
     law = linear_law_of(AttitudeConfig.from_parameters(inner).params)
     if law is not None:
         return law[:4]
-    own = loop_as_flown({**nodes, "inner_loop": inner}).controller
-    return own.A, own.B[:, :N_V], own.C, own.D[:, :N_V]
+    as_flown = loop_as_flown({**nodes, "inner_loop": inner}).controller
+    return as_flown.A, as_flown.B[:, :N_V], as_flown.C, as_flown.D[:, :N_V]
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +42,8 @@ def test_a_family_holds_the_law_that_flies(controller):
     """Its numbers are the parameters, and the law of them is the inner loop's own."""
     family = rivals.family(controller, flown(controller))
     law = family.law(family.starts[0])
-    for mine, own in zip(law, law_of(flown(controller)), strict=False):
-        np.testing.assert_allclose(mine, own, rtol=1e-9, atol=1e-12)
+    for mine, flying in zip(law, law_of(flown(controller)), strict=False):
+        np.testing.assert_allclose(mine, flying, rtol=1e-9, atol=1e-12)
     assert np.min(family.starts[0]) > 0.0
 
 
@@ -69,25 +69,25 @@ def test_each_number_of_lqr_is_a_weight():
     shift = nodes["inner_loop"]["offset_free_radps"] * factors[8]
     family = rivals.family("lqr", nodes)
     law = family.law(factors * family.starts[0])
-    for mine, own in zip(law, law_of(nodes, **weights, offset_free_radps=shift), strict=False):
-        np.testing.assert_allclose(mine, own, rtol=1e-9, atol=1e-12)
+    for mine, flying in zip(law, law_of(nodes, **weights, offset_free_radps=shift), strict=False):
+        np.testing.assert_allclose(mine, flying, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("controller", rivals.KEYS)
 def test_what_is_shipped_no_single_number_betters(controller, measure):
     """A search from it with steps of one place ends where it began (`heli design --check`)."""
     nodes = flown(controller)
-    found = rivals.chosen(controller, nodes, measure, (1,), pairs=False)
+    chosen = rivals.chosen(controller, nodes, measure, (1,), pairs=False)
     for key in rivals.KEYS[controller]:
-        assert found[key].tolist() == np.ravel(nodes["inner_loop"][key]).tolist(), key
+        assert chosen[key].tolist() == np.ravel(nodes["inner_loop"][key]).tolist(), key
 
 
 def test_a_detuned_baseline_is_found_out(measure):
     nodes = flown("pid")
     slack = {"inner_loop": {**nodes["inner_loop"], "pid.K_P": np.array([0.5, 0.3, -2.071912189])},
              "observer": nodes["observer"]}  # fmt: skip
-    own = rivals.measure_of("pid", measure)
-    found = rivals.chosen("pid", slack, measure, (2, 1), pairs=False)
-    law = rivals.family("pid", {**slack, "inner_loop": {**slack["inner_loop"], **found}})
+    price_of = rivals.measure_of("pid", measure)
+    chosen = rivals.chosen("pid", slack, measure, (2, 1), pairs=False)
+    law = rivals.family("pid", {**slack, "inner_loop": {**slack["inner_loop"], **chosen}})
     worse = rivals.family("pid", slack)
-    assert own.price(law.law(law.starts[0])) < 0.8 * own.price(worse.law(worse.starts[0]))
+    assert price_of.price(law.law(law.starts[0])) < 0.8 * price_of.price(worse.law(worse.starts[0]))

@@ -100,8 +100,8 @@ def test_bounds_of_the_margin_meet(settings: Settings) -> None:
     assert case.exact_onset == pytest.approx(case.onset.size, rel=0.02)
     assert set(as_dict(proof)["ranges"]) == set(NAMES)
     assert proof.gain is not None
-    for found in (proof.gain, *proof.disks.values()):
-        assert found.nominal < found.lower <= found.upper <= 1.15 * found.lower
+    for bounds in (proof.gain, *proof.disks.values()):
+        assert bounds.nominal < bounds.lower <= bounds.upper <= 1.15 * bounds.lower
     wind = wind_to_h(proof.aircraft, proof.law, 2, *h_of(settings))
     for corner in itertools.product((-1.0, 1.0), repeat=3):
         assert wind.gain(np.array(corner))[0] <= proof.gain.upper
@@ -117,8 +117,8 @@ def test_bounds_of_the_margin_meet(settings: Settings) -> None:
 
 def judged(proof: Proof, deltas: Mapping[str, float]) -> Assessment:
     """Disk margins of one aircraft, linearised anew, its loop sampled exactly; 2 ticks of delay."""
-    own = proof.aircraft.aircraft
-    lag = Actuation(own.servo_bandwidth_radps, own.servo_damping, 2 * TICK_S)
+    helicopter = proof.aircraft.aircraft
+    lag = Actuation(helicopter.servo_bandwidth_radps, helicopter.servo_damping, 2 * TICK_S)
     return judge(*proof.aircraft.linear(deltas), proof.law, lag)
 
 
@@ -142,8 +142,8 @@ def test_gains_are_those_of_the_sampled_loop(settings: Settings, aircraft: Aircr
     wind = wind_to_h(aircraft, law, 1, C, D)
     member = dict(zip(wind.names, np.linspace(-0.6, 0.7, len(wind.names)).tolist(), strict=True))
     A, B = aircraft.linear(member)
-    own, speed = aircraft.aircraft, aircraft.values(member)["servo_speed"]
-    behind = with_servos(A, B, speed * own.servo_bandwidth_radps, own.servo_damping)
+    helicopter, speed = aircraft.aircraft, aircraft.values(member)["servo_speed"]
+    behind = with_servos(A, B, speed * helicopter.servo_bandwidth_radps, helicopter.servo_damping)
     size = behind[0].shape[0]
     h = np.zeros((9, size))
     h[:, :9], h[:, 11:14] = C, D
@@ -178,16 +178,16 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("line", "said"), BAD.items())
+@pytest.mark.parametrize(("line", "expected"), BAD.items())
 def test_bad_sets_are_refused_in_one_sentence(
-    tmp_path: Path, line: str, said: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, line: str, expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "ranges.yaml"
     file.write_text(f"/**/robust:\n  ros__parameters:\n    {line}\n", encoding="utf-8")
     assert main(["robust", "--params", str(file)]) == 2
-    told = capsys.readouterr().err
-    assert said in told
-    assert len([row for row in told.splitlines() if row.startswith("heli")]) == 1
+    stderr = capsys.readouterr().err
+    assert expected in stderr
+    assert len([row for row in stderr.splitlines() if row.startswith("heli")]) == 1
 
 
 def test_unstable_nominal_loop_is_refused(settings: Settings) -> None:

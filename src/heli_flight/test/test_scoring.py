@@ -112,10 +112,10 @@ def test_exit_codes_follow_the_record_that_the_paper_used():
 def test_errors_turn_with_the_heading():
     """Forward, right, down: north and east seen with the nose north, east, south, north-east."""
     vectors = np.tile([1.0, 2.0, 3.0], (4, 1))
-    found = heading_frame(vectors, np.radians([0.0, 90.0, 180.0, 45.0]))
+    errors = heading_frame(vectors, np.radians([0.0, 90.0, 180.0, 45.0]))
     half = np.sqrt(0.5)
     expected = [[1, 2, 3], [2, -1, 3], [-1, -2, 3], [3 * half, half, 3]]
-    assert found == pytest.approx(np.array(expected), abs=1e-12)
+    assert errors == pytest.approx(np.array(expected), abs=1e-12)
 
 
 @pytest.mark.parametrize("time_s", [0.0, 4.99, 5.0, 18.0, 20.0, 24.99, 59.99])
@@ -134,9 +134,9 @@ def test_the_climb_is_measured_against_the_reference_as_commanded():
     way = scenario().reference
     reference = np.array([way.at(tick * 10_000_000) for tick in range(6000)])
     pos = np.tile([0.0, 0.0, -10.0], (6000, 1))
-    found = by_key(score(record(nav_pos_ned_m=pos, reference=reference), scenario()), WHOLE)
-    assert found["v_z", "navigation"].max == 2.5
-    assert found["altitude", "navigation"].max == pytest.approx(10.0)
+    scores = by_key(score(record(nav_pos_ned_m=pos, reference=reference), scenario()), WHOLE)
+    assert scores["v_z", "navigation"].max == 2.5
+    assert scores["altitude", "navigation"].max == pytest.approx(10.0)
 
 
 def test_engagement_is_the_first_sample_with_navigation():
@@ -163,12 +163,12 @@ def test_truth_without_the_drift_at_engagement_shows_the_control():
     """The record is 1.5 m off from the start and drifts on by 0.2 m; the control keeps it at 0."""
     drift = np.tile([1.5, -0.9, 0.6], (6000, 1))
     drift[3000:, 1] -= 0.2
-    found = by_key(score(record(truth_pos_ned_m=-drift), scenario()))
-    assert found["lateral", "truth"].max == pytest.approx(1.1)
-    assert found["longitudinal", "truth"].max == pytest.approx(1.5)
-    assert found["lateral", TRUTH_LESS_DRIFT].max == pytest.approx(0.2)
-    assert found["longitudinal", TRUTH_LESS_DRIFT].max == pytest.approx(0.0, abs=1e-12)
-    assert {key for key, source in found if source == TRUTH_LESS_DRIFT} == {
+    scores = by_key(score(record(truth_pos_ned_m=-drift), scenario()))
+    assert scores["lateral", "truth"].max == pytest.approx(1.1)
+    assert scores["longitudinal", "truth"].max == pytest.approx(1.5)
+    assert scores["lateral", TRUTH_LESS_DRIFT].max == pytest.approx(0.2)
+    assert scores["longitudinal", TRUTH_LESS_DRIFT].max == pytest.approx(0.0, abs=1e-12)
+    assert {key for key, source in scores if source == TRUTH_LESS_DRIFT} == {
         "altitude", "lateral", "longitudinal",
     }  # fmt: skip
     assert TRUTH_LESS_DRIFT in sources_of("standalone")

@@ -106,14 +106,14 @@ def flown(gps, navigation, truth):
 def test_a_mark_in_the_flights_table_is_explained(width, gps):
     result, settings = flown(gps, 0.5, 2.63)
     text = printed(width, lambda out: print_table(result, settings, out))
-    told = " ".join(text.split())
-    assert "1.71 (0.10) m !" in told
-    assert told.count("! ") > told.count("m !")
+    words = " ".join(text.split())
+    assert "1.71 (0.10) m !" in words
+    assert words.count("! ") > words.count("m !")
     if gps == "standalone":
-        assert "inside" in told and "OUTSIDE" not in told
-        assert "record decides" in told
+        assert "inside" in words and "OUTSIDE" not in words
+        assert "record decides" in words
     else:
-        assert "OUTSIDE" in told and "truth decide." in told
+        assert "OUTSIDE" in words and "truth decide." in words
 
 
 def test_without_a_mark_there_is_nothing_to_explain():

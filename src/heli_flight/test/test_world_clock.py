@@ -77,7 +77,7 @@ def test_one_whose_flight_is_over_holds_nobody_up(world):
 def test_names_that_are_none_are_refused(ros_context, names):
     node = WorldClockNode(WorldClockNode.SPEC.resolve() | {"aircraft": names}, context=ros_context)
     assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
-    assert "name each namespace once" in node.failure
+    assert f"aircraft: {[name.strip('/') for name in names]}: " in node.failure
     node.end()
     node.destroy_node()
 

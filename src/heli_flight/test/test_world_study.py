@@ -23,19 +23,19 @@ def content():
 
 
 def test_the_numbers_are_those_of_a_campaign(content):
-    _, found = content
-    assert [(p["name"], p["gps"]) for p in found["places"]] == [
+    _, study_json = content
+    assert [(p["name"], p["gps"]) for p in study_json["places"]] == [
         ("paper", "standalone"), ("paper", "rtk"), ("hard", "standalone"), ("hard", "rtk"),
     ]  # fmt: skip
     flown = fly_seeds(resolve(gps="rtk", duration_s=14.0, world="hard"), SEEDS)
     values = [f.figures.find("windows", "lateral", "truth").max for f in flown]
     (row,) = [
-        row for row in found["places"][3]["metrics"]
+        row for row in study_json["places"][3]["metrics"]
         if (row["key"], row["stretch"], row["measured_from"]) == ("lateral", "windows", "truth")
     ]  # fmt: skip
     assert row["median"] == statistics.median(values) and row["worst"] == max(values)
     assert row["inside"] == sum(value <= row["paper"] for value in values)
-    assert found["places"][3]["exit_code_0"] == sum(f.exit_code("rtk") == 0 for f in flown)
+    assert study_json["places"][3]["exit_code_0"] == sum(f.exit_code("rtk") == 0 for f in flown)
 
 
 def test_a_lost_helicopter_is_counted_with_its_status(monkeypatch):
@@ -43,10 +43,10 @@ def test_a_lost_helicopter_is_counted_with_its_status(monkeypatch):
     heavy = {**place.settings.nodes["plant"], "scale.mass": 3.0}
     nodes = {**place.settings.nodes, "plant": heavy}
     object.__setattr__(place.settings, "nodes", nodes)
-    found = study.worlds_as_dict([place], study.compare_worlds([place], [1]))["places"][0]
-    (lost,) = found["lost"]
+    worlds_json = study.worlds_as_dict([place], study.compare_worlds([place], [1]))["places"][0]
+    (lost,) = worlds_json["lost"]
     assert lost["seed"] == 1 and lost["status"] in ("NO_TRIM", "HIT_GROUND")
-    assert found["metrics"] == [] and found["exit_code_0"] == 0
+    assert worlds_json["metrics"] == [] and worlds_json["exit_code_0"] == 0
 
 
 def test_winds_are_flown_one_by_one():
@@ -58,11 +58,12 @@ def test_winds_are_flown_one_by_one():
 def test_the_command_prints_it(capsys):
     words = ["--seeds", "1", "--worlds", "paper,honest", "--gps", "rtk", "--duration", "8"]
     assert main(["compare", "worlds", *words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["seeds"] == [1] and len(found["places"]) == 2
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["seeds"] == [1] and len(printed["places"]) == 2
     assert main(["compare", "worlds", *words]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "paper, rtk: 1 of 1 " in out and " of 1 " in out.partition("honest, rtk:")[2]
+    assert out.partition("paper, rtk:")[2].startswith(" 1 of 1 ")
+    assert " of 1 " in out.partition("honest, rtk:")[2]
     assert main(["compare", "worlds", "--w20", "fast"]) == 2
 
 
@@ -73,18 +74,18 @@ def test_seeds_may_be_several_runs():
 
 
 def test_the_table_says_median_worst_and_how_many_are_inside(content):
-    _, found = content
+    _, study_json = content
 
     class Results(dict):
         read = {"worlds": {"command": "x --seeds 1..2,4 --json"}}
 
-    text = worlds(Results(worlds=found))
+    text = worlds(Results(worlds=study_json))
     rows = [line for line in text.splitlines() if line.startswith("| lateral position error")]
     assert len(rows) == 2 and "whole flight" in rows[0]
     (row,) = [
-        row for row in found["places"][1]["metrics"]
+        row for row in study_json["places"][1]["metrics"]
         if (row["key"], row["stretch"], row["measured_from"]) == ("lateral", "whole", "truth")
     ]  # fmt: skip
     assert f"{row['median']:.2f} / {row['worst']:.2f}; {row['inside']}" in rows[0]
-    assert "1 to 2 and 4 (3 flights" in text
+    assert "1 to 2 and 4 (3 " in text
     assert "| lost |  | 0 | 0 | 0 | 0 |" in text

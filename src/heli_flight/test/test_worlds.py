@@ -23,18 +23,18 @@ def drawn(settings):
 @pytest.mark.parametrize("number", range(5))
 def test_scales_are_uniform_over_their_range(number):
     """Mean, spread and extremes of the uniform distribution on 0.7 to 1.3; four sigma of 400."""
-    found = np.array([Draw(DRAWN[number], 1.0, 0.3).value(seed) for seed in SEEDS])
+    scales = np.array([Draw(DRAWN[number], 1.0, 0.3).value(seed) for seed in SEEDS])
     sigma = 0.6 / np.sqrt(12.0)
-    assert found.min() >= 0.7 and found.max() <= 1.3
-    assert found.min() < 0.72 and found.max() > 1.28
-    assert found.mean() == pytest.approx(1.0, abs=4.0 * sigma / np.sqrt(400.0))
-    assert found.std() == pytest.approx(sigma, rel=0.12)
+    assert scales.min() >= 0.7 and scales.max() <= 1.3
+    assert scales.min() < 0.72 and scales.max() > 1.28
+    assert scales.mean() == pytest.approx(1.0, abs=4.0 * sigma / np.sqrt(400.0))
+    assert scales.std() == pytest.approx(sigma, rel=0.12)
 
 
 def test_delays_are_whole_ticks_each_as_likely():
-    found = [Draw("delay_ticks", 1, 1).value(seed) for seed in SEEDS]
-    assert all(isinstance(value, int) for value in found)
-    counts = [found.count(ticks) for ticks in (0, 1, 2)]
+    delays = [Draw("delay_ticks", 1, 1).value(seed) for seed in SEEDS]
+    assert all(isinstance(value, int) for value in delays)
+    counts = [delays.count(ticks) for ticks in (0, 1, 2)]
     assert sum(counts) == 400 and min(counts) > 95
     assert {Draw("delay_ticks", 1, 3).value(seed) for seed in SEEDS} == {0, 1, 2, 3, 4}
 
@@ -42,8 +42,8 @@ def test_delays_are_whole_ticks_each_as_likely():
 def test_draws_are_independent_of_each_other():
     table = np.array([[Draw(key, 1.0, 0.1).value(seed) for key in DRAWN[:5]] for seed in SEEDS])
     assert np.abs(np.corrcoef(table.T) - np.eye(5)).max() < 0.2
-    own = [Draw(key, 1.0, 0.1).value(3) for key in DRAWN[:5]]
-    assert len(set(own)) == 5
+    values = [Draw(key, 1.0, 0.1).value(3) for key in DRAWN[:5]]
+    assert len(set(values)) == 5
 
 
 def test_the_papers_world_draws_nothing_and_changes_nothing():
@@ -86,8 +86,11 @@ def test_what_a_file_or_an_override_says_is_not_drawn(tmp_path):
     settings = resolve(seed=1, world="hard", params=[file])
     assert settings.nodes["plant"]["scale.mass"] == 1.2
     assert settings.with_seed(2).nodes["plant"]["scale.mass"] == 1.2
-    given = resolve(seed=1, world="hard", overrides={"plant": {"delay_ticks": 3}})
-    assert given.nodes["plant"]["delay_ticks"] == given.with_seed(8).nodes["plant"]["delay_ticks"]
+    overridden = resolve(seed=1, world="hard", overrides={"plant": {"delay_ticks": 3}})
+    assert (
+        overridden.nodes["plant"]["delay_ticks"]
+        == overridden.with_seed(8).nodes["plant"]["delay_ticks"]
+    )
 
 
 def test_a_world_of_ones_own_says_only_what_differs(tmp_path):
@@ -102,32 +105,32 @@ def test_a_world_of_ones_own_says_only_what_differs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("/**/world:\n  ros__parameters:\n    draw.mas: 0.2\n", "did you mean 'draw.mass'"),
         ("/**/world:\n  ros__parameters:\n    draw.mass: 0.9\n", "allowed: a double in [0, 0.8]"),
         ("/**/plants:\n  ros__parameters:\n    seed: 2\n", "plants"),
     ],
 )
-def test_a_world_that_cannot_be_used_is_named(tmp_path, text, said):
+def test_a_world_that_cannot_be_used_is_named(tmp_path, text, expected):
     file = tmp_path / "bad.yaml"
     file.write_text(text)
     with pytest.raises(ParameterError) as error:
         resolve(world=str(file))
-    assert said in str(error.value) and "bad.yaml" in str(error.value)
+    assert expected in str(error.value) and "bad.yaml" in str(error.value)
 
 
 def test_an_unknown_world_is_refused_with_those_that_are_known():
-    with pytest.raises(ParameterError, match="--world heavy: .*: hard, honest"):
+    with pytest.raises(ParameterError, match=f"--world heavy: .*: {', '.join(WORLDS.names())}"):
         resolve(world="heavy")
 
 
 def test_a_flight_says_its_world_and_what_was_drawn_and_flies_again(fly, tmp_path, capsys):
     code, first = fly(tmp_path / "a", "--one-process", "--world", "honest", "--seed", 3, "--json")
     out, err = capsys.readouterr()
-    told = resolve(seed=3, world="honest")
+    settings = resolve(seed=3, world="honest")
     assert json.loads(out) == first
-    assert first["world"] == "honest" and first["draw"] == drawn(told)
+    assert first["world"] == "honest" and first["draw"] == drawn(settings)
     assert "honest" in first["conditions"][0]
     assert f"mass {first['draw']['scale.mass']:.3f}" in " ".join(err.split())
     assert first["changed"] == []
@@ -151,11 +154,11 @@ def test_the_hover_test_alone_has_a_default_of_its_own(tmp_path, monkeypatch):
     assert hover_test_world(None, None, []) == hover_test_world(None, "hover", []) == "hard"
     assert hover_test_world("paper", None, []) == "paper"
     assert hover_test_world(None, "attitude", []) is None
-    told = tmp_path / "told.yaml"
+    file = tmp_path / "told.yaml"
     for text, world in (("world: honest", None), ("commit: abc", None), ("gps: rtk", "hard"),
                         ("scenario: attitude", None)):  # fmt: skip
-        told.write_text(f"/**/flight:\n  ros__parameters:\n    {text}\n")
-        assert hover_test_world(None, None, [told]) == world
+        file.write_text(f"/**/flight:\n  ros__parameters:\n    {text}\n")
+        assert hover_test_world(None, None, [file]) == world
     assert HOVER_TEST_WORLD in WORLDS.names()
 
 

@@ -54,23 +54,23 @@ def with_new_names(
         What stands behind `--`, or is the value of an option, is left alone.
     """
     renamed = {old: new for old, new in RENAMED if new in values_of and old not in values_of}
-    rest, found, used = list(words), [], {}
+    rest, rewritten, used = list(words), [], {}
     while rest and rest[0] != "--":
         word, equals, value = rest.pop(0).partition("=")
         new = renamed.get(word, word)
-        told = value if equals else (rest or [""])[0]
+        argument = value if equals else (rest or [""])[0]
         # An aircraft's name or file, where a count was meant, is no old use.
-        if new != word and (new not in _COUNTS or _WHOLE_NUMBER.fullmatch(told)):
+        if new != word and (new not in _COUNTS or _WHOLE_NUMBER.fullmatch(argument)):
             used[word] = new
             word = new
-        found.append(f"{word}{equals}{value}")
+        rewritten.append(f"{word}{equals}{value}")
         if not equals:
             follow = values_of.get(word, 0)
-            found, rest = [*found, *rest[:follow]], rest[follow:]
+            rewritten, rest = [*rewritten, *rest[:follow]], rest[follow:]
     if used and warn:
-        told = ", ".join(f"{old} is now {new}" for old, new in used.items())
-        print(f"{prog.removesuffix('.sh')}: {told}", file=sys.stderr)
-    return [*found, *rest]
+        renamings = ", ".join(f"{old} is now {new}" for old, new in used.items())
+        print(f"{prog.removesuffix('.sh')}: {renamings}", file=sys.stderr)
+    return [*rewritten, *rest]
 
 
 def _new_names(command: Any, ctx: Context, args: list[str]) -> list[str]:

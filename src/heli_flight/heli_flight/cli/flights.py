@@ -234,12 +234,12 @@ def _mode(asked: dict[str, bool]) -> str | None:
 
     meant = {"--realtime": REAL_TIME, "--live": REAL_TIME, "--lockstep": LOCKSTEP}
     meant["--one-process"] = ONE_PROCESS
-    given = [name for name, is_given in asked.items() if is_given]
+    options = [name for name, is_set in asked.items() if is_set]
     if asked["--live"] and asked["--one-process"]:
         raise ParameterError("--live: shows the ROS graph; it does not go with --one-process")
-    if len({meant[name] for name in given}) > 1:
-        raise ParameterError(f"{' and '.join(given)}: do not go together; give one of them")
-    return meant[given[0]] if given else None
+    if len({meant[name] for name in options}) > 1:
+        raise ParameterError(f"{' and '.join(options)}: do not go together; give one of them")
+    return meant[options[0]] if options else None
 
 
 def _live(
@@ -254,14 +254,14 @@ def _live(
     from heli_core.rcl_yaml import ParameterError
     from heli_flight.graph.live import LiveOrder
 
-    given = {
+    needs_live = {
         "--live-port": port is not None,
         "--foxglove-port": foxglove_port is not None,
         "--allow-commands": allow_commands,
         "--live-wait": wait,
     }
-    for name, is_given in given.items():
-        if is_given and not live:
+    for name, is_set in needs_live.items():
+        if is_set and not live:
             raise ParameterError(f"{name}: needs --live")
     return LiveOrder(port, foxglove_port, allow_commands, wait, report) if live else None
 
@@ -341,13 +341,13 @@ def diff(
     if out.suffix != ".html":
         raise ParameterError(f"--out {out}: a page; its name must end in .html")
     with amount("flights read") as progress:
-        found = compared(flights, progress)
+        comparison = compared(flights, progress)
     try:
-        write_diff(found, out)
+        write_diff(comparison, out)
     except OSError as error:
         raise ParameterError(f"--out {out}: cannot be written: {error.strerror}") from None
-    content = {**found.as_dict(), "page": str(out)}
-    return answer(content, as_json, partial(print_diff, found), f"written: {out}")
+    content = {**comparison.as_dict(), "page": str(out)}
+    return answer(content, as_json, partial(print_diff, comparison), f"written: {out}")
 
 
 # -------------------------------------------------------------------------------------------------
@@ -391,8 +391,8 @@ def fault_command(
     as_json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
 ) -> int:
     """Break a sensor or an actuator of the running flight, from now on; or send a gust."""
-    given = [word for word in (what, kind, clear or None, shown or None) if word is not None]
-    if given not in ([what, kind], [True]):
+    words = [word for word in (what, kind, clear or None, shown or None) if word is not None]
+    if words not in ([what, kind], [True]):
         raise ValueError(f"expected: {_FORM}")
     from heli_flight.graph.nodes import FaultSetter, fault_text, ros_node
 
@@ -401,12 +401,12 @@ def fault_command(
         plant = FaultSetter(node, namespace, timeout)
         if text is not None:
             plant.add(text)
-        said = plant.clear() if clear else ""
+        reply = plant.clear() if clear else ""
         present = plant.present()
     if as_json:
         print(json.dumps({"faults": present}))
     else:
-        print(said or "\n".join(present))
+        print(reply or "\n".join(present))
     return 0
 
 
@@ -477,16 +477,14 @@ def topics(
     from heli_flight.terminal import amount, console, table
 
     with ros_node("heli_topics") as node:
-        found, discovery = list_topics(node, hidden, settle)
+        rows, discovery = list_topics(node, hidden, settle)
         if rate:
             with amount("seconds") as progress:
-                found = measure(
-                    node, found, seconds, lambda done: progress(int(done), int(seconds))
-                )
+                rows = measure(node, rows, seconds, lambda done: progress(int(done), int(seconds)))
     errors = console(stderr=True)
     errors.print(f"graph: {discovery} (--settle)")
     if as_json:
-        print(json.dumps([asdict(row) for row in found], indent=2))
+        print(json.dumps([asdict(row) for row in rows], indent=2))
         return 0
     out = console()
     shown = table("", out)
@@ -494,12 +492,12 @@ def topics(
         shown.add_column(name, no_wrap=True)
     for name in ("publishers", "subscribers", *(["rate, 1/s"] if rate else [])):
         shown.add_column(name, justify="right")
-    for row in found:
+    for row in rows:
         measured = "" if row.rate_hz is None else f"{row.rate_hz:.4g}"
         cells = [row.topic, row.type, str(row.publishers), str(row.subscribers)]
         shown.add_row(*cells, *([measured] if rate else []))
     out.print(shown)
-    if not any(row.publishers for row in found):
+    if not any(row.publishers for row in rows):
         errors.print("no topics: does a flight run in this ROS_DOMAIN_ID?")
     return 0
 
@@ -542,20 +540,23 @@ def joy(
         if not names:
             print("no joystick found", file=sys.stderr)
         return 0
-    found: Device
+    input_device: Device
     if keyboard:
-        found, help_text = keys.TerminalKeys(sys.stdin.fileno()), keys.HELP
+        input_device, help_text = keys.TerminalKeys(sys.stdin.fileno()), keys.HELP
     else:
         joystick = SdlJoystick(device)
-        found, help_text = joystick, f"{joystick.name}, layout: {joystick.layout}; Ctrl-C ends"
+        input_device, help_text = (
+            joystick,
+            f"{joystick.name}, layout: {joystick.layout}; Ctrl-C ends",
+        )
     try:
-        _send(found, help_text, rate, topic)
+        _send(input_device, help_text, rate, topic)
     finally:
-        found.close()
+        input_device.close()
     return 0
 
 
-def _send(found: "Device", help_text: str, rate: float, topic: str) -> None:
+def _send(device: "Device", help_text: str, rate: float, topic: str) -> None:
     """Open a node and send until it ends."""
     from heli_flight.graph.nodes import ros_node, send
     from heli_flight.terminal import console
@@ -573,8 +574,8 @@ def _send(found: "Device", help_text: str, rate: float, topic: str) -> None:
             publisher.publish(encode_joy(reading.axes, reading.buttons, stamp_ns))
 
         console(stderr=True).print(help_text, soft_wrap=True, markup=False)
-        with _teller() as told:
-            send(found, publish, 1.0 / rate, told)
+        with _teller() as show:
+            send(device, publish, 1.0 / rate, show)
 
 
 @contextlib.contextmanager
@@ -617,24 +618,25 @@ def info(path: Bag, as_json: Json = False) -> int:
     from heli_bags.tools import bag_info
     from heli_flight.terminal import console, table
 
-    found = bag_info(path)
+    contents = bag_info(path)
     if as_json:
-        print(json.dumps(asdict(found), indent=2))
+        print(json.dumps(asdict(contents), indent=2))
         return 0
     out = console()
-    shown = table(found.path, out)
+    shown = table(contents.path, out)
     for name in ("topic", "type"):
         shown.add_column(name, no_wrap=True)
     for name in ("messages", "rate, 1/s"):
         shown.add_column(name, justify="right")
     shown.add_column("QoS")
-    for row in found.topics:
+    for row in contents.topics:
         qos = f"{row.reliability}, {row.durability}"
         shown.add_row(row.topic, row.type, str(row.messages), f"{row.rate_hz:.4g}", qos)
     out.print(shown)
     out.print(
-        f"{found.messages} messages in {found.duration_s:.2f} s from {found.start_s:.2f} s; "
-        f"{len(found.files)} {found.storage} file(s), {found.size_bytes / 1e6:.2f} MB"
+        f"{contents.messages} messages in {contents.duration_s:.2f} s "
+        f"from {contents.start_s:.2f} s; "
+        f"{len(contents.files)} {contents.storage} file(s), {contents.size_bytes / 1e6:.2f} MB"
     )
     return 0
 

@@ -66,32 +66,32 @@ def _at(stream: Stream | None, ticks: NDArray[np.int64], clock: _Clock, size: in
 
 def _modes(bag: Bag) -> list[tuple[int, str]]:
     """Modes that the outer loop told, and from when on, ns; none if it only ever followed."""
-    told = [(r.stamp_ns, r.facts[FACT_MODE]) for r in bag.remarks
+    changes = [(r.stamp_ns, r.facts[FACT_MODE]) for r in bag.remarks
             if r.node == OUTER_LOOP and FACT_MODE in r.facts]  # fmt: skip
     # By when it was so, not by when it was heard: a late message of before says nothing of later.
-    told.sort(key=lambda what: what[0])
-    return told if any(mode not in _FOLLOWING for _, mode in told) else []
+    changes.sort(key=lambda what: what[0])
+    return changes if any(mode not in _FOLLOWING for _, mode in changes) else []
 
 
 def _mode(bag: Bag, ticks: NDArray[np.int64], clock: _Clock) -> np.ndarray | None:
     """Mode (N,) at the ticks; None for a flight that only ever followed."""
-    told = _modes(bag)
-    if not told:
+    changes = _modes(bag)
+    if not changes:
         return None
-    modes = np.full(ticks.size, told[0][1], "U10")
-    for stamp_ns, mode in told:
+    modes = np.full(ticks.size, changes[0][1], "U10")
+    for stamp_ns, mode in changes:
         modes[np.searchsorted(ticks, clock.ticks(stamp_ns)) :] = mode
     return modes
 
 
 def _failsafe(bag: Bag, ticks: NDArray[np.int64], clock: _Clock) -> np.ndarray | None:
     """What the outer loop did by itself (N,) at the ticks; None where it never did anything."""
-    told = [(r.stamp_ns, r.facts[FACT_FAILSAFE]) for r in bag.remarks
+    changes = [(r.stamp_ns, r.facts[FACT_FAILSAFE]) for r in bag.remarks
             if r.node == OUTER_LOOP and FACT_FAILSAFE in r.facts]  # fmt: skip
-    if all(action == Action.NONE.name for _, action in told):
+    if all(action == Action.NONE.name for _, action in changes):
         return None
     actions = np.full(ticks.size, Action.NONE.name, "U14")
-    for stamp_ns, action in sorted(told, key=lambda what: what[0]):
+    for stamp_ns, action in sorted(changes, key=lambda what: what[0]):
         actions[np.searchsorted(ticks, clock.ticks(stamp_ns)) :] = action
     return actions
 
@@ -168,18 +168,20 @@ class BagFlight:
     truth_sums: NDArray[np.uint64] | None = None
 
 
-def lost_with_law(said: str, told: Iterable[Mapping[str, str]]) -> str:
+def lost_with_law(plant_sentence: str, node_facts: Iterable[Mapping[str, str]]) -> str:
     """Why a flight was lost: a law in Python that failed comes before what became of the aircraft.
 
     Parameters
     ----------
-    said : str
+    plant_sentence : str
         What the plant said of the aircraft; empty if it flies.
-    told : iterable of mapping
+    node_facts : iterable of mapping
         Facts of the nodes' diagnostics.
     """
-    failures = dict.fromkeys(facts[FACT_LAW_FAILED] for facts in told if FACT_LAW_FAILED in facts)
-    return ". Then: ".join([*failures, *([said] if said else [])])
+    failures = dict.fromkeys(
+        facts[FACT_LAW_FAILED] for facts in node_facts if FACT_LAW_FAILED in facts
+    )
+    return ". Then: ".join([*failures, *([plant_sentence] if plant_sentence else [])])
 
 
 def flight_from_bag(path: Path, settings: Settings, truth_needed: bool = True) -> BagFlight:
@@ -326,16 +328,17 @@ def foreign_truth(flight: RecordedTruth, path: Path, rate: Rate, broken_off: boo
         return f"what the plant sent is not known: {path.name}: {error.strerror or error}"
     ticks, sums = flight.truth_ticks, flight.truth_sums
     known = (ticks >= 0) & (ticks < sent.size)
-    own = np.zeros(ticks.size, dtype=bool)
-    own[known] = sums[known] == sent[ticks[known]]
+    matches = np.zeros(ticks.size, dtype=bool)
+    matches[known] = sums[known] == sent[ticks[known]]
     if broken_off:
-        own |= ticks >= sent.size
-    if own.all():
+        matches |= ticks >= sent.size
+    if matches.all():
         return ""
-    first_s = rate.seconds(int(ticks[~own][0]))
+    first_s = rate.seconds(int(ticks[~matches][0]))
     return (
-        f"{topics.TRUTH_ODOM} in the bag is not what the plant sent: {np.count_nonzero(~own)} of "
-        f"{ticks.size} messages, the first at {first_s:.2f} s; somebody else sends on it"
+        f"{topics.TRUTH_ODOM} in the bag is not what the plant sent: "
+        f"{np.count_nonzero(~matches)} of {ticks.size} messages, "
+        f"the first at {first_s:.2f} s; somebody else sends on it"
     )
 
 

@@ -116,7 +116,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
     """What nodes complained of at the end, and whether somebody commanded."""
     live = statuses.get(LIVE)
     commands = live.facts.get("commands", "0") if live is not None else "0"
-    given = statuses["plant"].facts.get("faults_in_flight", "") if "plant" in statuses else ""
+    faults = statuses["plant"].facts.get("faults_in_flight", "") if "plant" in statuses else ""
     commanded = [f"commands given in flight: {commands}; it is not the scenario alone"]
     rivals = [
         f"{name}: {value}" if key != FACT_FLOOD else f"{name}: requests refused: {value}"
@@ -129,7 +129,7 @@ def _notes(statuses: Mapping[str, Any]) -> Sequence[str]:
         for name, status in sorted(statuses.items())
         if status.level > 0 and name != "plant" and FACT_LAW_FAILED not in status.facts
     ]
-    broken = [f"faults given in flight: {given}"] if given else []
+    broken = [f"faults given in flight: {faults}"] if faults else []
     return [*(commanded if commands != "0" else []), *broken, *rivals, *complaints]
 
 
@@ -170,12 +170,12 @@ def outcome(
     plant = statuses.get("plant")
     # The plant's own clock: without start-up, and without the recorder's finishing.
     wall = float(plant.facts.get("wall_s", "nan")) if plant is not None else float("nan")
-    said = plant.message if plant is not None and plant.level > 1 else ""
+    plant_error = plant.message if plant is not None and plant.level > 1 else ""
     facts = (*(s.facts for _, s in sorted(statuses.items())), *(r.facts for r in flight.remarks))
-    lost = lost_with_law(said, facts)
+    lost = lost_with_law(plant_error, facts)
     notes = [*_notes(statuses), *(f"{name} had to be killed" for name in killed)]
     missing = settings.rate.of(settings.scenario.n_ticks) - len(record)
-    if missing > 0 and not said:
+    if missing > 0 and not plant_error:
         notes.append(f"the bag lacks {missing} ticks of ground truth")
     scores, flown_s = score(record, settings.scenario), settings.rate.seconds(len(record))
     forged = foreign_truth(flight, folder / TRUTH_SUMS, settings.rate)
@@ -227,8 +227,8 @@ def of_graph(
         led["plant"] = {**led["plant"], "clock": "world"}
     led["inner_loop"] = {**led["inner_loop"], "expects_outer": True}
     bag = str((folder / "bag").absolute())
-    told = (*settings.recorder["custom_data"], *custom_data(settings))
-    led[RECORDER] = {**settings.recorder, "bag": bag, "custom_data": told}
+    bag_metadata = (*settings.recorder["custom_data"], *custom_data(settings))
+    led[RECORDER] = {**settings.recorder, "bag": bag, "custom_data": bag_metadata}
     if live:
         led[LIVE] = {**live.parameters, "autostart": False, "peers": peers}
     return led
@@ -320,18 +320,20 @@ def programs(composed: bool, live: bool) -> list[Program]:
     MissingFileError
         The executable of a node is not installed.
     """
-    own = [("recorder", "heli_bags", "recorder")]
-    own += [(LIVE, "heli_live_view", LIVE)] if live else []
+    beside_loop = [("recorder", "heli_bags", "recorder")]
+    beside_loop += [(LIVE, "heli_live_view", LIVE)] if live else []
     loop = [(node.name, node.package, node.executable) for node in NODES]
-    for _, package, program in (*own, *loop):
+    for _, package, program in (*beside_loop, *loop):
         executable(package, program)
-    modules = {name: f"{package}.node" for name, package, _ in (*own, *loop)} | {LIVE: MODULE}
-    alone = own if composed else [*own, *loop]
-    found = [Program(name, modules[name], (name,)) for name, _, _ in alone]
+    modules = {name: f"{package}.node" for name, package, _ in (*beside_loop, *loop)} | {
+        LIVE: MODULE
+    }
+    alone = beside_loop if composed else [*beside_loop, *loop]
+    started = [Program(name, modules[name], (name,)) for name, _, _ in alone]
     if composed:
         names = tuple(node.name for node in NODES)
-        found.append(Program(COMPOSED, "heli_flight.graph.composed", names))
-    return found
+        started.append(Program(COMPOSED, "heli_flight.graph.composed", names))
+    return started
 
 
 # -------------------------------------------------------------------------------------------------
@@ -551,10 +553,12 @@ class Graph:
         self._join()
         for program in started:
             name, log = program.name, logs / f"{program.name}.log"
-            own = {TOKEN_VARIABLE: self.live.token} if self.live and name == LIVE else {}
+            extra_env = {TOKEN_VARIABLE: self.live.token} if self.live and name == LIVE else {}
             if "plant" in program.nodes:
-                own[sums.VARIABLE] = str((self.folder / TRUTH_SUMS).absolute())
-            self.processes[name] = NodeProcess(name, program.module, arguments, log, env | own)
+                extra_env[sums.VARIABLE] = str((self.folder / TRUTH_SUMS).absolute())
+            self.processes[name] = NodeProcess(
+                name, program.module, arguments, log, env | extra_env
+            )
             self._nodes[name] = program.nodes
         if self._respawn:
             self._respawn.stand_by(arguments, env)
@@ -594,7 +598,7 @@ class Graph:
                 self.processes[name] = self._respawn.again(name, why, self.supervisor)
                 continue
             if name != LIVE or not self.watched:
-                raise FlightError(self._own(why))
+                raise FlightError(self._with_namespace(why))
             # A flight does not end because nobody can watch it any more.
             del self.processes[name]
             self.say(f"live view ended: {why}")
@@ -623,7 +627,7 @@ class Graph:
         try:
             step(self.supervisor)
         except BringUpError as error:
-            raise StartError(self._own(self._with_reason(error))) from error
+            raise StartError(self._with_namespace(self._with_reason(error))) from error
         except FlightError as error:
             raise StartError(str(error)) from error
 
@@ -652,13 +656,13 @@ class Graph:
 
     def _configure(self, up: Supervisor, names: Sequence[str]) -> None:
         """Configure nodes; where the kernels are not in the cache, they compile for minutes."""
-        begun_s, told = time.monotonic(), False
+        begun_s, announced = time.monotonic(), False
 
         def check() -> None:
-            nonlocal told
+            nonlocal announced
             self.check()
-            if not told and time.monotonic() - begun_s > _TELL_AFTER_S:
-                told = True
+            if not announced and time.monotonic() - begun_s > _TELL_AFTER_S:
+                announced = True
                 self.say("the nodes compile their kernels: once, a minute or two ...")
 
         up.transition(names, Transition.TRANSITION_CONFIGURE, READY_LIMIT_S, check)
@@ -670,7 +674,7 @@ class Graph:
             return f"{error.node}: {status.message}"
         return str(error)
 
-    def _own(self, sentence: str) -> str:
+    def _with_namespace(self, sentence: str) -> str:
         """The sentence with the aircraft's name in front, where others fly beside it."""
         return f"{self.namespace}: {sentence}" if self.namespace else sentence
 
@@ -679,15 +683,15 @@ class Graph:
         up = self.supervisor
         assert up is not None
         start_s = self.settings.nodes["plant"]["start_time_s"]
-        seen, seen_at = -1.0, time.monotonic()
+        plant_time_s, heard_at_s = -1.0, time.monotonic()
 
         def over() -> bool:
-            nonlocal seen, seen_at
+            nonlocal plant_time_s, heard_at_s
             status = up.statuses.get("plant")
             paused = status is not None and status.state == NodeState.INACTIVE
-            if status is not None and (paused or status.time_s != seen):
-                seen, seen_at = status.time_s, time.monotonic()
-                progress(max(0.0, seen - start_s))
+            if status is not None and (paused or status.time_s != plant_time_s):
+                plant_time_s, heard_at_s = status.time_s, time.monotonic()
+                progress(max(0.0, plant_time_s - start_s))
             return status is not None and status.facts.get("over") == "true"
 
         def alive() -> None:
@@ -696,9 +700,9 @@ class Graph:
                 self._faults.look(up.flight_s())
             if self._respawn:
                 self._respawn.look(up)
-            if time.monotonic() - seen_at > _SILENCE_LIMIT_S:
+            if time.monotonic() - heard_at_s > _SILENCE_LIMIT_S:
                 silent = f"the plant has been silent for {_SILENCE_LIMIT_S:g} s"
-                raise FlightError(self._own(silent))
+                raise FlightError(self._with_namespace(silent))
 
         faults = process_faults_of(self.settings.process_faults)
         if self._respawn or faults:
@@ -797,16 +801,16 @@ def fly_graph(
         graph.bring_up()
         up = time.monotonic()
         graph.fly(progress)
-        said = ended(graph)
-    found = outcome(settings, folder, *said, round(up - begun, 3), composed=composed)
-    return graph.with_process_events(*found)
+        end = ended(graph)
+    flown = outcome(settings, folder, *end, round(up - begun, 3), composed=composed)
+    return graph.with_process_events(*flown)
 
 
 def ended(graph: Graph) -> tuple[Mapping[str, NodeStatus], list[str]]:
     """End a graph; returns what its nodes said last, and who had to be killed."""
     statuses = dict(graph.supervisor.statuses) if graph.supervisor else {}
     if graph.live is not None and LIVE in statuses:
-        graph.live.told.update(statuses[LIVE].facts)
+        graph.live.facts.update(statuses[LIVE].facts)
     return statuses, graph.close()
 
 
@@ -856,7 +860,10 @@ def fly_several(
         A graph could not be brought up or kept up.
     """
     begun = time.monotonic()
-    graphs = {n: Graph(own, folder / n, None, say, n, composed) for n, own in settings.items()}
+    graphs = {
+        n: Graph(its_settings, folder / n, None, say, n, composed)
+        for n, its_settings in settings.items()
+    }
     first = next(iter(graphs.values()))
     with running(*graphs.values()):
         for graph in graphs.values():
@@ -874,11 +881,11 @@ def fly_several(
                 graph.fly(progress if graph is first else lambda flight_s: None)
         finally:
             stop([clock])
-        said = {name: ended(graph) for name, graph in reversed(graphs.items())}
+        ends = {name: ended(graph) for name, graph in reversed(graphs.items())}
     start_up_s = round(up - begun, 3)
     return {
-        n: outcome(own, folder / n, *said[n], start_up_s, n, composed)
-        for n, own in settings.items()
+        n: outcome(its_settings, folder / n, *ends[n], start_up_s, n, composed)
+        for n, its_settings in settings.items()
     }
 
 

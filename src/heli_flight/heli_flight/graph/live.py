@@ -30,14 +30,14 @@ class LiveView:
         alone, never by a file or a topic.
     wait : bool
         Whether the flight waits for the first browser.
-    told : dict
+    facts : dict
         What the node said last, once the flight is over.
     """
 
     parameters: Mapping[str, Any]
     token: str = ""
     wait: bool = False
-    told: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ def live_view(order: LiveOrder, settings: Settings) -> LiveView:
         A value that is not allowed.
     """
     table = with_common(TABLE)
-    own = config_folder("heli_live_view") / f"{NODE_NAME}.yaml"
-    values = load(table, [own, *settings.files], NODE_NAME)
+    defaults_file = config_folder("heli_live_view") / f"{NODE_NAME}.yaml"
+    values = load(table, [defaults_file, *settings.files], NODE_NAME)
     values |= _of_flight(settings)
     rows = {row.name: row for row in table}
     for name, option in (("port", "--live-port"), ("foxglove_port", "--foxglove-port")):
@@ -123,8 +123,8 @@ def addresses(facts: Mapping[str, str], view: LiveView) -> list[str]:
 
 def viewers(facts: Mapping[str, str]) -> int:
     """How many browsers look, by what the node says in /diagnostics."""
-    told = facts.get("viewers", "0")
-    return int(told) if told.isdecimal() else 0
+    count = facts.get("viewers", "0")
+    return int(count) if count.isdecimal() else 0
 
 
 def layout_file() -> Path:

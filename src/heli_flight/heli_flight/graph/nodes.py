@@ -120,7 +120,7 @@ def send(
     device: Device,
     publish: Callable[[Reading], None],
     period_s: float,
-    told: Callable[[Reading], None],
+    show: Callable[[Reading], None],
     now_s: Callable[[], float] = time.monotonic,
     pause: Callable[[float], None] = time.sleep,
 ) -> None:
@@ -133,7 +133,7 @@ def send(
         Sends a reading.
     period_s : float
         Steady time from one reading to the next; what is missed is left out.
-    told : callable
+    show : callable
         Shows it to people.
     now_s, pause : callable, optional
         The steady clock, s, and what waits so many seconds.
@@ -152,7 +152,7 @@ def send(
         if reading is None:
             return
         publish(reading)
-        told(reading)
+        show(reading)
         due_s = max(due_s + period_s, now_s())
         pause(max(due_s - now_s(), 0.0))
 
@@ -181,8 +181,8 @@ def _keep_log() -> None:
         log.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=log).close()
     except (OSError, KeyError):
-        own = Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}" / "ros_log"
-        os.environ["ROS_LOG_DIR"] = str(own)
+        fallback = Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}" / "ros_log"
+        os.environ["ROS_LOG_DIR"] = str(fallback)
 
 
 def prepare_environment() -> None:

@@ -215,8 +215,8 @@ def why_ended(process: NodeProcess, nodes: Sequence[str]) -> str:
     if code < 0:
         return f"{', '.join(nodes)}: killed by {signal.Signals(-code).name}"
     reason = process.last_line() or f"exit code {code}"
-    own = tuple(f"{name}: " for name in (process.name, *nodes))
-    return reason if reason.startswith(own) else f"{process.name}: {reason}"
+    prefixes = tuple(f"{name}: " for name in (process.name, *nodes))
+    return reason if reason.startswith(prefixes) else f"{process.name}: {reason}"
 
 
 def stop(processes: Sequence[NodeProcess], limit_s: float = _STOP_LIMIT_S) -> list[str]:

@@ -72,6 +72,21 @@ class Restart:
                 "back_s": None if self.back_s is None else round(self.back_s, 3)}  # fmt: skip
 
 
+class DiesAgainError(FlightError):
+    """A node that is not started again, as it died `MOST` times within `WITHIN_S`.
+
+    Attributes
+    ----------
+    node : str
+    why : str
+        How it ended the last time.
+    """
+
+    def __init__(self, node: str, why: str) -> None:
+        super().__init__(f"{why}, {MOST} times in {WITHIN_S:g} s: not started again")
+        self.node, self.why = node, why
+
+
 class Standby:
     """A process that can become any node of `AGAIN`, at once."""
 
@@ -132,14 +147,14 @@ class Respawn:
 
         Raises
         ------
-        FlightError
+        DiesAgainError
             It dies again and again.
         """
         now_s = self._now_s()
         died = self._died_s.setdefault(name, [])
         died[:] = [*(s for s in died if now_s - s < WITHIN_S), now_s]
         if len(died) >= MOST:
-            raise FlightError(f"{why}, {MOST} times in {WITHIN_S:g} s: not started again")
+            raise DiesAgainError(name, why)
         assert self._make is not None and self._standby is not None, "stand_by comes first"
         up.forget(name)
         # Before the successor can say a word: what is said in DDS may come after it.
@@ -147,9 +162,9 @@ class Respawn:
         process = self._standby.become(name, self._logs / f"{name}.log")
         restart = Restart(name, why, up.flight_s())
         self.restarts.append(restart)
-        said = f"{why} at {restart.noticed_s:.2f} s: started again"
-        self._say(said)
-        up.announce(Level.WARN, said, {})
+        sentence = f"{why} at {restart.noticed_s:.2f} s: started again"
+        self._say(sentence)
+        up.announce(Level.WARN, sentence, {})
         self._standby = self._make()
         return process
 
@@ -216,13 +231,13 @@ def remove_left(folder: Path = SHARED_MEMORY, now_s: Callable[[], float] = time.
     """
     gone = []
     for lock in sorted(folder.glob("fastrtps_*_el")):
-        found = _LOCK.fullmatch(lock.name)
+        match = _LOCK.fullmatch(lock.name)
         # What others remove meanwhile, or did not let us have, is not ours to remove.
         with contextlib.suppress(OSError):
-            if found and _is_left(lock, now_s()):
-                (folder / found[1]).unlink(missing_ok=True)
+            if match and _is_left(lock, now_s()):
+                (folder / match[1]).unlink(missing_ok=True)
                 lock.unlink()
-                gone.append(found[1])
+                gone.append(match[1])
     return gone
 
 

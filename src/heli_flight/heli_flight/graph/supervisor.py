@@ -236,10 +236,10 @@ class Supervisor(Node):
         message = deserialize_message(raw, DiagnosticArray)
         stamp = message.header.stamp
         time_s = stamp.sec + 1e-9 * stamp.nanosec
-        own = self.get_namespace().strip("/")
+        own_namespace = self.get_namespace().strip("/")
         for status in message.status:
             namespace, _, name = status.name.rpartition("/")
-            if namespace.strip("/") != own or name == NODE_NAME or self._is_past(name):
+            if namespace.strip("/") != own_namespace or name == NODE_NAME or self._is_past(name):
                 continue
             # How many speak on a topic of all says nothing of one name: it never counts as alone.
             voice = self._voices.setdefault(name, PublisherLock(lambda: 2, _SILENT_S, TICK_NS))
@@ -285,8 +285,8 @@ class Supervisor(Node):
     def refuse_doubles(self) -> None:
         """Raise BringUpError if another graph with the same names flies in this ROS domain."""
         names = [f"{ns.rstrip('/')}/{n}" for n, ns in self.get_node_names_and_namespaces()]
-        own = {f"{self.get_namespace().rstrip('/')}/{name}" for name in self._change}
-        for name in sorted(own):
+        full_names = {f"{self.get_namespace().rstrip('/')}/{name}" for name in self._change}
+        for name in sorted(full_names):
             if names.count(name) > 1:
                 raise BringUpError(
                     f"another node {name} is in this ROS domain; set ROS_DOMAIN_ID to a free one"
@@ -298,9 +298,9 @@ class Supervisor(Node):
         for topic in topics.TABLE:
             if not topic.every_ticks or topic.name.startswith("/"):
                 continue
-            own = {(space, name) for name in topic.source}
+            sources = {(space, name) for name in topic.source}
             for sender in senders_of(self, topic.name):
-                if sender not in own:
+                if sender not in sources:
                     return full_name(sender), topic.name
         return None
 
@@ -312,27 +312,27 @@ class Supervisor(Node):
         """
 
         def named() -> bool:
-            found = self._stranger()
-            return found is None or found[0] != NOT_YET_NAMED
+            stranger = self._stranger()
+            return stranger is None or stranger[0] != NOT_YET_NAMED
 
         self.wait_until(named, _NAME_LIMIT_S, check)
-        if (found := self._stranger()) is not None:
+        if (stranger := self._stranger()) is not None:
             raise BringUpError(
-                f"{found[0]} sends on '{found[1]}' of this flight; end it or set ROS_DOMAIN_ID to "
-                "a free one"
+                f"{stranger[0]} sends on '{stranger[1]}' of this flight; "
+                "end it or set ROS_DOMAIN_ID to a free one"
             )
 
     def name_senders(self, check: Callable[[], None]) -> None:
         """In what nodes have said of a topic's senders, put the names that are known only now."""
 
         def unnamed() -> list[tuple[str, TopicSenders]]:
-            told = [
+            reports = [
                 (node, TopicSenders.read(text))
                 for node, status in self.statuses.items()
                 for key, text in status.facts.items()
                 if key.startswith(SENDER_FIELDS)
             ]
-            return [(node, senders) for node, senders in told if NOT_YET_NAMED in senders.names]
+            return [(node, senders) for node, senders in reports if NOT_YET_NAMED in senders.names]
 
         def known(topic: str) -> list[tuple[str, str]]:
             return senders_of(self, topic)
@@ -342,14 +342,14 @@ class Supervisor(Node):
             return all(NOT_YET_NAMED not in map(full_name, known(topic)) for topic in topics_of)
 
         self.wait_until(named, _NAME_LIMIT_S, check)
-        for node, told in unnamed():
+        for node, report in unnamed():
             # Not the node itself, and of one that was started again not its predecessor too.
-            own = (self.get_namespace(), node)
-            status, senders = self.statuses[node], sorted(set(known(told.topic)) - {own})
+            itself = (self.get_namespace(), node)
+            status, senders = self.statuses[node], sorted(set(known(report.topic)) - {itself})
             if len(senders) < 2:
                 # Whom it was about has left without a name.
                 continue
-            facts = replace(told, names=tuple(map(full_name, senders))).facts()
+            facts = replace(report, names=tuple(map(full_name, senders))).facts()
             self.statuses[node] = replace(status, facts={**status.facts, **facts})
 
     def publish_reference(self, scenario: Scenario, start_ns: int) -> None:
@@ -381,8 +381,8 @@ class Supervisor(Node):
         )
         if not self.wait_until(answers.complete, limit_s, check):
             silent = answers.silent()
-            said = f"{', '.join(silent)}: no answer to '{label}' in {limit_s:g} s"
-            raise BringUpError(said, next(iter(silent), ""))
+            sentence = f"{', '.join(silent)}: no answer to '{label}' in {limit_s:g} s"
+            raise BringUpError(sentence, next(iter(silent), ""))
         if refused := answers.refused():
             # One refuses for a reason of its own, which it logs; several were not ours to ask.
             hint = "; another flight may be in this ROS domain: end it or set ROS_DOMAIN_ID to a "
@@ -411,9 +411,9 @@ class Supervisor(Node):
         return status is not None and status.state == NodeState.FAILED
 
     def _has_last_word(self) -> bool:
-        said = self.statuses.get("recorder")
+        status = self.statuses.get("recorder")
         ends = (NodeState.INACTIVE, NodeState.FAILED)
-        return said is not None and (said.level > 0 or said.state in ends)
+        return status is not None and (status.level > 0 or status.state in ends)
 
     def close(self) -> None:
         """Take the node out of the graph."""

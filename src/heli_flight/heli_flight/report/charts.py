@@ -99,18 +99,18 @@ def _line(report: Report, source: str, y: np.ndarray) -> Trace:
 
 def _largest(report: Report, *keys: str) -> str:
     """Largest values of metrics over each stretch as a sentence for a caption."""
-    told = []
+    sentences = []
     for stretch, name in STRETCHES.items():
         words = []
         for key in keys:
-            found = [(source, report.score(key, source, stretch)) for source in report.sources()]
-            parts = [f"{s.max:.2f} {s.metric.unit} ({NAMES[source]})" for source, s in found if s]
+            scores = [(source, report.score(key, source, stretch)) for source in report.sources()]
+            parts = [f"{s.max:.2f} {s.metric.unit} ({NAMES[source]})" for source, s in scores if s]
             if parts:
                 prefix = f"{key} " if len(keys) > 1 else ""
                 words.append(prefix + ", ".join(parts))
         if words:
-            told.append(f"{name}: {'; '.join(words)}")
-    return f"Largest, {'. In the '.join(told)}." if told else "Not scored."
+            sentences.append(f"{name}: {'; '.join(words)}")
+    return f"Largest, {'. In the '.join(sentences)}." if sentences else "Not scored."
 
 
 def _velocity(report: Report, key: str, axis: int, title: str, quantity: str, what: str) -> Chart:
@@ -383,7 +383,7 @@ def _path_charts_reach(report: Report, lines: Sequence[Trace], goal: float) -> f
 def _errors(report: Report) -> Chart:
     """Height, distance and heading error over time, with the goals."""
     r, kinds = report.record, report.sources()
-    found = {source: errors(r, source, PATH) for source in kinds}
+    by_source = {source: errors(r, source, PATH) for source in kinds}
     height = [
         Trace(r.time_s, -_positions(report, s)[:, 2], SOURCE_NAMES[s], _ROLES[s])
         for s in reversed(kinds)
@@ -391,7 +391,9 @@ def _errors(report: Report) -> Chart:
     down = r.reference[:, REFERENCE.pos][:, 2]
     height.append(Trace(r.time_s, -down, "path", "reference", "dash", width=1.2))
     lines = {
-        key: [Trace(r.time_s, found[s][key], SOURCE_NAMES[s], _ROLES[s]) for s in reversed(kinds)]
+        key: [
+            Trace(r.time_s, by_source[s][key], SOURCE_NAMES[s], _ROLES[s]) for s in reversed(kinds)
+        ]
         for key in ("position", "heading")
     }
     away, turned = BY_KEY["position"].paper, BY_KEY["heading"].paper
@@ -535,7 +537,7 @@ def flown_design(settings: Settings) -> DesignNumbers | None:
     from heli_inner_hinf import tuning
 
     config = AttitudeConfig.from_parameters(settings.nodes["inner_loop"])
-    seen = settings.nodes["observer"]
+    observer = settings.nodes["observer"]
     plant = PlantConfig.from_parameters(settings.nodes["plant"])
     aircraft = plant.helicopter
     actuation = Actuation(
@@ -544,8 +546,8 @@ def flown_design(settings: Settings) -> DesignNumbers | None:
         plant.rate.tick_s * plant.delay_ticks,
         plant.rate.tick_s,
     )
-    feed = ObserverInput.from_parameters(seen)
-    K = np.reshape(np.asarray(seen["K"], float), (3, 6))
+    feed = ObserverInput.from_parameters(observer)
+    K = np.reshape(np.asarray(observer["K"], float), (3, 6))
     loops = tuning.loops_of(config, K, feed, actuation)
     if not loops:
         return None
@@ -584,8 +586,8 @@ def _position(
     numbers = []
     for i, axis in enumerate(around.axes(actuation)):
         omega, broken = open_loop(axis, Gains.of(around.params, i))
-        found = FrequencyResponse(omega, 1.0 / (1.0 + broken), np.ones(omega.size))
-        rejected, crossover = rejection(found), crossover_radps(omega, broken)
+        sensitivity = FrequencyResponse(omega, 1.0 / (1.0 + broken), np.ones(omega.size))
+        rejected, crossover = rejection(sensitivity), crossover_radps(omega, broken)
         numbers.append(
             LoopNumbers(rejected.bandwidth_radps, rejected.peak_db, rejected.peak_radps, crossover)
         )
@@ -598,20 +600,22 @@ def _axes(loop: Loop) -> list[AxisNumbers]:
 
     if loop.stability() >= 0.0:
         return []
-    found = attitude_responses(loop)
+    responses = attitude_responses(loop)
     numbers = []
     for axis in range(len(AXES)):
-        known = np.ones(found.omega_radps.size)
+        known = np.ones(responses.omega_radps.size)
         rejected = rejection(
-            FrequencyResponse(found.omega_radps, found.to_disturbance[axis], known)
+            FrequencyResponse(responses.omega_radps, responses.to_disturbance[axis], known)
         )
-        answered = bandwidth(FrequencyResponse(found.omega_radps, found.to_command[axis], known))
+        answered = bandwidth(
+            FrequencyResponse(responses.omega_radps, responses.to_command[axis], known)
+        )
         numbers.append(
             AxisNumbers(
                 rejected.bandwidth_radps,
                 rejected.peak_db,
                 rejected.peak_radps,
-                crossover_radps(found.omega_radps, found.broken[axis]),
+                crossover_radps(responses.omega_radps, responses.broken[axis]),
                 answered.phase_radps,
                 answered.gain_radps,
             )
@@ -628,8 +632,8 @@ def _bound(config: AttitudeConfig) -> Bound | None:
             "of output feedback; wind, load and noise to h and the integrals, weighted by `output`",
         )
     if config.controller == "hinf":
-        own = config.synthesis
-        return Bound(own.gamma, own.gamma_star.value, "of state feedback; wind to h")
+        synthesis = config.synthesis
+        return Bound(synthesis.gamma, synthesis.gamma_star.value, "of state feedback; wind to h")
     return None
 
 
@@ -872,13 +876,13 @@ def design_charts(design: DesignNumbers) -> list[Chart]:
     for values in design.wind_to_u[-1].T[1:]:
         inputs.append(Trace(design.omega[-1], values, "", "nav", "dot", width=1.0))
     w = design.omega[0]
-    bound, highest, said = design.bound, float(np.max(design.wind_to_h[-1])), ""
+    bound, highest, gamma_note = design.bound, float(np.max(design.wind_to_h[-1])), ""
     if bound is not None:
         outputs += [
             level(w, bound.gamma, f"γ = {bound.gamma:.4f}"),
             level(w, bound.gamma_star, f"γ* = {bound.gamma_star:.4f}", "reference", "dot"),
         ]
-        highest, said = max(bound.gamma, highest), f" γ is {bound.of}."
+        highest, gamma_note = max(bound.gamma, highest), f" γ is {bound.of}."
     if np.isfinite(flown.norm):
         highest = max(highest, flown.norm)
     top = 2.0 * highest
@@ -887,7 +891,8 @@ def design_charts(design: DesignNumbers) -> list[Chart]:
             "singular_values",
             "Singular values",
             "From wind (m/s) to the controlled output h, eq. (11), and to the actuators: the "
-            f"largest of each loop, and the smaller ones of the loop as flown (dotted).{said}",
+            "largest of each loop, and the smaller ones of the loop as flown (dotted)."
+            f"{gamma_note}",
             [
                 Panel("σ(wind → h)", "", outputs, log_y=True, y_range=(1e-3 * top, top)),
                 Panel("σ(wind → u)", "", inputs, log_y=True, y_range=(1e-6, 1e-1)),
@@ -939,7 +944,7 @@ def timeline_charts(report: Report) -> list[Chart]:
     for node, stretches in _health(report).items():
         for value, (label, role) in enumerate(zip(LEVELS, _LEVEL_ROLES, strict=True)):
             add(node, stretches.get(value, []), label, role)
-    said = "Health of each node, from /diagnostics." if report.events else (
+    health_note = "Health of each node, from /diagnostics." if report.events else (
         "One process has no nodes, so there is no health of nodes to show."
         if report.how.startswith("one process")
         else "No /diagnostics were recorded."
@@ -949,7 +954,7 @@ def timeline_charts(report: Report) -> list[Chart]:
         Chart(
             "timeline",
             "Timeline",
-            f"Phase of the flight, scored stretches, actuators at their limit. {said}",
+            f"Phase of the flight, scored stretches, actuators at their limit. {health_note}",
             [Panel("", "", traces, height, y_range=(bottom, -0.6), y_ticks=lanes)],
             "timeline",
             bands=(),
@@ -976,9 +981,9 @@ def _health(report: Report) -> dict[str, dict[int, list[tuple[float, float]]]]:
     end = float(report.record.time_s[-1])
     lanes: dict[str, dict[int, list[tuple[float, float]]]] = {}
     for node in dict.fromkeys(event.node for event in report.events):
-        own = [event for event in report.events if event.node == node]
-        after = [*(event.time_s for event in own[1:]), end]
-        for event, until in zip(own, after, strict=True):
+        node_events = [event for event in report.events if event.node == node]
+        after = [*(event.time_s for event in node_events[1:]), end]
+        for event, until in zip(node_events, after, strict=True):
             # A fault of a moment is drawn wide enough to be seen; the table below has its length.
             shown = until if event.level == 0 else max(until, event.time_s + _LEAST_SHARE * end)
             stretch = (max(0.0, event.time_s), max(0.0, shown))

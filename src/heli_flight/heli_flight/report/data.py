@@ -130,7 +130,7 @@ class Band:
         Short, for a legend.
     role : str
         Key of PALETTE.
-    told : str
+    detail : str
         A sentence more, for a table; or empty.
     of : str
         What a fault is of, which names its lane of the timeline; empty for other kinds.
@@ -141,7 +141,7 @@ class Band:
     kind: str
     name: str
     role: str
-    told: str = ""
+    detail: str = ""
     of: str = ""
 
 
@@ -334,12 +334,12 @@ class DiagnosticEvent:
 def events_of(remarks: Iterable[Remark], settings: Settings) -> list[DiagnosticEvent]:
     """Changes of the nodes' health out of /diagnostics; what only repeats is left out."""
     start_ns = round(settings.nodes["plant"]["start_time_s"] * 1e9)
-    said: dict[str, tuple[int, str]] = {}
+    last: dict[str, tuple[int, str]] = {}
     events = []
     for remark in remarks:
-        if said.get(remark.node) == (remark.level, remark.message):
+        if last.get(remark.node) == (remark.level, remark.message):
             continue
-        said[remark.node] = (remark.level, remark.message)
+        last[remark.node] = (remark.level, remark.message)
         time_s = (remark.stamp_ns - start_ns) / 1e9
         events.append(DiagnosticEvent(time_s, remark.node, remark.level, remark.message))
     return events
@@ -400,16 +400,16 @@ class Report:
     @property
     def controller(self) -> str:
         """The attitude law that flew: one of `CONTROLLERS`, or the name of one's own."""
-        own = own_laws(self.settings).get(INNER, "")
-        return short_name(own) if own else str(self.settings.nodes["inner_loop"]["controller"])
+        law = own_laws(self.settings).get(INNER, "")
+        return short_name(law) if law else str(self.settings.nodes["inner_loop"]["controller"])
 
     @property
     def conditions(self) -> str:
         """Wind, sensors and seed in one line; stands next to every comparison."""
-        told = conditions(self.settings).replace("\n", "; ")
+        line = conditions(self.settings).replace("\n", "; ")
         if drawn(self.settings):
-            told += f"; {drawn_words(self.settings)}"
-        return f"assumed, not recorded with the flight: {told}" if self.assumed else told
+            line += f"; {drawn_words(self.settings)}"
+        return f"assumed, not recorded with the flight: {line}" if self.assumed else line
 
     @cached_property
     def has_truth(self) -> bool:
@@ -438,8 +438,8 @@ class Report:
     def sources(self) -> list[str]:
         """Of navigation and truth, those that were recorded; navigation if neither was."""
         known = {"navigation": self.record.nav_pos_ned_m, "truth": self.record.truth_pos_ned_m}
-        found = [source for source, array in known.items() if np.isfinite(array).any()]
-        return found or ["navigation"]
+        recorded = [source for source, array in known.items() if np.isfinite(array).any()]
+        return recorded or ["navigation"]
 
     def error(self, key: str, source: str) -> np.ndarray:
         """Error (N,) of a metric of hover, in its unit."""
@@ -477,7 +477,7 @@ MODE_ROLES = {
 }  # fmt: skip
 _ROLES = {FAULT: "rival", FAILSAFE: "bad"}
 _LEVEL_ROLES = ("good", "warn", "bad", "muted")
-_PLANT, _GIVEN = "plant", "faults_in_flight"
+_PLANT, _FACT_FAULTS = "plant", "faults_in_flight"
 _ACTS = "fault: "  # how the plant says that a fault acts, which has a band of its own
 _WORDS = re.compile(
     r"(?P<name>.+?) from (?P<start>[\d.e+-]+)(?: to (?P<end>[\d.e+-]+) s| s on)"
@@ -511,7 +511,7 @@ def bands_of(
     if not len(record):
         return []
     end_s = float(record.time_s[-1])
-    found = [
+    bands = [
         *_modes(record),
         *_faults(settings, remarks, end_s),
         *_failsafes(record),
@@ -519,7 +519,7 @@ def bands_of(
     ]
     inside = (
         replace(band, start_s=max(0.0, band.start_s), end_s=min(band.end_s, end_s))
-        for band in found
+        for band in bands
         if band.start_s < end_s and band.end_s >= 0.0
     )
     return sorted(inside, key=lambda band: (KINDS.index(band.kind), band.start_s))
@@ -534,27 +534,27 @@ def bands_beside(flights: Mapping[str, Sequence[Band]]) -> list[Band]:
         name: [band for band in bands if band.kind != HEALTH] for name, bands in flights.items()
     }
     common = [band for band in next(iter(each.values())) if all(band in b for b in each.values())]
-    found = list(common)
+    merged = list(common)
     for name, bands in each.items():
-        own = [band for band in bands if band not in common and band.kind != MODE]
-        found += [replace(band, name=f"{band.name} ({name})") for band in own]
+        rest = [band for band in bands if band not in common and band.kind != MODE]
+        merged += [replace(band, name=f"{band.name} ({name})") for band in rest]
     modes = {tuple(b for b in bands if b.kind == MODE) for bands in each.values()}
-    return [band for band in found if band.kind != MODE or len(modes) == 1]
+    return [band for band in merged if band.kind != MODE or len(modes) == 1]
 
 
 def legend(bands: Sequence[Band]) -> list[Band]:
-    """One band for each that has the same kind and name; its `told` says all their times."""
+    """One band for each that has the same kind and name; its `detail` says all their times."""
     groups: dict[tuple[str, str, str], list[Band]] = {}
     for band in bands:
         groups.setdefault((band.kind, band.name, band.role), []).append(band)
-    found = []
-    for (kind, name, _), own in groups.items():
-        times = ", ".join(stretch(band) for band in own[:_MOST_TIMES])
-        left = len(own) - _MOST_TIMES
-        told = f"{times}{f' and {left} more' if left > 0 else ''}"
+    keys = []
+    for (kind, name, _), group in groups.items():
+        times = ", ".join(stretch(band) for band in group[:_MOST_TIMES])
+        left = len(group) - _MOST_TIMES
+        detail = f"{times}{f' and {left} more' if left > 0 else ''}"
         shown = name if kind in (MODE, HEALTH) else f"{kind}: {name}"
-        found.append(replace(own[0], name=shown, told=told))
-    return found
+        keys.append(replace(group[0], name=shown, detail=detail))
+    return keys
 
 
 def stretch(band: Band) -> str:
@@ -589,8 +589,8 @@ def _failsafes(record: FlightRecord) -> Iterator[Band]:
     for start_s, end_s, name in runs(record.time_s, record.failsafe):
         if name != Action.NONE.name:
             known = name in Action.__members__
-            told = Action[name].words if known else "told by outer_loop"
-            yield Band(start_s, end_s, FAILSAFE, name, _ROLES[FAILSAFE], told)
+            detail = Action[name].words if known else "told by outer_loop"
+            yield Band(start_s, end_s, FAILSAFE, name, _ROLES[FAILSAFE], detail)
 
 
 def _faults(settings: Settings, remarks: Iterable[Remark], end_s: float) -> list[Band]:
@@ -601,13 +601,13 @@ def _faults(settings: Settings, remarks: Iterable[Remark], end_s: float) -> list
         for fault in flown_faults(settings)
     ]  # fmt: skip
     for name, start_s, stop_s, cleared_s in given_in_flight(remarks):
-        said, what = "given in flight, told by plant", name.partition(" ")[0]
-        band = Band(start_s, stop_s, FAULT, name, _ROLES[FAULT], said, what)
+        detail, what = "given in flight, told by plant", name.partition(" ")[0]
+        band = Band(start_s, stop_s, FAULT, name, _ROLES[FAULT], detail, what)
         same = [i for i, old in enumerate(ordered) if (old.name, old.start_s) == (name, start_s)]
         if cleared_s is not None:
-            band = replace(band, end_s=cleared_s, told=f"taken back at {cleared_s:g} s")
+            band = replace(band, end_s=cleared_s, detail=f"taken back at {cleared_s:g} s")
         if same:
-            ordered[same[0]] = replace(ordered[same[0]], end_s=band.end_s, told=band.told)
+            ordered[same[0]] = replace(ordered[same[0]], end_s=band.end_s, detail=band.detail)
         else:
             ordered.append(band)
     return [replace(band, end_s=min(band.end_s, end_s)) for band in ordered]
@@ -625,9 +625,11 @@ def given_in_flight(
 
     `heli_dynamics_sim.faults` writes the words; what is not such words is left out.
     """
-    told = [r.facts[_GIVEN] for r in remarks if r.node == _PLANT and _GIVEN in r.facts]
-    found = []
-    for line in told[-1].split("; ") if told else ():
+    reports = [
+        r.facts[_FACT_FAULTS] for r in remarks if r.node == _PLANT and _FACT_FAULTS in r.facts
+    ]
+    faults = []
+    for line in reports[-1].split("; ") if reports else ():
         match = _WORDS.fullmatch(line)
         if match is None:
             continue
@@ -636,8 +638,8 @@ def given_in_flight(
         except ValueError:
             continue
         start_s, stop_s, cleared_s = times
-        found.append((match["name"], start_s or 0.0, stop_s or np.inf, cleared_s))
-    return found
+        faults.append((match["name"], start_s or 0.0, stop_s or np.inf, cleared_s))
+    return faults
 
 
 _TIMES = ("start", "end", "cleared")
@@ -647,9 +649,9 @@ def _health(events: Sequence[DiagnosticEvent], end_s: float) -> Iterator[Band]:
     """What nodes complained of."""
     shown = 0
     for node in dict.fromkeys(event.node for event in events):
-        own = [event for event in events if event.node == node]
-        after = [*(event.time_s for event in own[1:]), end_s]
-        for event, until in zip(own, after, strict=True):
+        node_events = [event for event in events if event.node == node]
+        after = [*(event.time_s for event in node_events[1:]), end_s]
+        for event, until in zip(node_events, after, strict=True):
             started = event.time_s < _START_UP_S and until < _START_UP_S
             has_band = node == _PLANT and event.message.startswith(_ACTS)
             if event.level == 0 or started or has_band or shown >= _MOST_HEALTH:

@@ -220,41 +220,41 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 
 def _parameters(flights: Sequence[Named]) -> list[Difference]:
     """What differs: first what the flight was, then parameters by section."""
-    told = [_identity(named.flight) for named in flights]
+    identities = [_identity(named.flight) for named in flights]
     rows = [
         Difference(key, ABSENT, values)
-        for key in dict.fromkeys(key for one in told for key in one)
-        if len(set(values := [one.get(key, ABSENT) for one in told])) > 1
+        for key in dict.fromkeys(key for one in identities for key in one)
+        if len(set(values := [one.get(key, ABSENT) for one in identities])) > 1
     ]
-    own = [own_parameters(named.flight.settings) for named in flights]
+    parameters = [own_parameters(named.flight.settings) for named in flights]
     defaults = [packaged(named.flight.settings) for named in flights]
-    for section, key in dict.fromkeys(name for one in own for name in one):
-        given: list[Any] = [one.get((section, key)) for one in own]
-        if all(np.array_equal(given[0], value) for value in given[1:]):
+    for section, key in dict.fromkeys(name for one in parameters for name in one):
+        flown: list[Any] = [one.get((section, key)) for one in parameters]
+        if all(np.array_equal(flown[0], value) for value in flown[1:]):
             continue
         before = [one.get(section, {}).get(key) for one in defaults]
-        rows += _rows(f"{section}.{key}", given, before)
+        rows += _rows(f"{section}.{key}", flown, before)
     return rows
 
 
 def _identity(flight: RecordedFlight) -> dict[str, str]:
     """Scenario, receiver, world, laws, mode, seed, controller, length, sources: as text."""
-    told = identity(flight.settings, ())
+    facts = identity(flight.settings, ())
     number, blank, more = flight.commit.partition(" ")
     commit = f"{number[:_COMMIT_DIGITS]}{blank}{more}" or "not recorded"
-    told |= {"rate_hz": flight.settings.rate.hz, "commit": commit}
+    facts |= {"rate_hz": flight.settings.rate.hz, "commit": commit}
     return {
-        f"{FLIGHT_SECTION}.{key}": text(value) for key, value in told.items() if key != "changed"
+        f"{FLIGHT_SECTION}.{key}": text(value) for key, value in facts.items() if key != "changed"
     }  # fmt: skip
 
 
-def _rows(name: str, given: Sequence[Any], before: Sequence[Any]) -> list[Difference]:
+def _rows(name: str, values: Sequence[Any], before: Sequence[Any]) -> list[Difference]:
     """One row, or of a longer array one for each entry that differs."""
-    sizes = {np.size(value) for value in (*given, *before)}
-    if len(sizes) > 1 or sizes.pop() <= _SHORT_ARRAY or any(v is None for v in given):
-        return [Difference(name, _joined(before), [text(value) for value in given])]
-    shape = np.shape(given[0])
-    table = np.array([np.ravel(value) for value in given])
+    sizes = {np.size(value) for value in (*values, *before)}
+    if len(sizes) > 1 or sizes.pop() <= _SHORT_ARRAY or any(v is None for v in values):
+        return [Difference(name, _joined(before), [text(value) for value in values])]
+    shape = np.shape(values[0])
+    table = np.array([np.ravel(value) for value in values])
     defaults = np.array([np.ravel(value) for value in before])
     return [
         Difference(
@@ -306,7 +306,7 @@ def _score(flight: RecordedFlight, stretch: str, metric: PaperMetric, source: st
 
 def _climb(flights: Sequence[Named]) -> list[tuple[str, list[str]]]:
     """Figures of the climb, by the record that each is measured from, and of the ground."""
-    found: list[Mapping[str, str]] = []
+    per_flight: list[Mapping[str, str]] = []
     order = [
         f"{metric.label} ({SOURCE_NAMES[source]})"
         for metric in CLIMB_METRICS
@@ -325,11 +325,11 @@ def _climb(flights: Sequence[Named]) -> list[tuple[str, list[str]]]:
             for f in figures.ground
         }
         order += [name for name in ground if name not in order]
-        found.append({**climb, **ground})
+        per_flight.append({**climb, **ground})
     return [
-        (name, [one.get(name, ABSENT) for one in found])
+        (name, [one.get(name, ABSENT) for one in per_flight])
         for name in order
-        if any(name in one for one in found)
+        if any(name in one for one in per_flight)
     ]
 
 
@@ -351,10 +351,10 @@ def charts(flights: Sequence[Named]) -> list[Chart]:
     """Position error, altitude, attitude and its error, actuators; those that have data."""
     kinds = {named.flight.settings.scenario.kind for named in flights}
     path = kinds == {PATH}
-    found = [_position(flights, source, path) for source in (TRUTH, NAVIGATION)]
-    found += [_altitude(flights), _attitude(flights), _attitude_error(flights)]
-    found.append(_actuators(flights))
-    return [chart for chart in found if chart.has_data]
+    drawn = [_position(flights, source, path) for source in (TRUTH, NAVIGATION)]
+    drawn += [_altitude(flights), _attitude(flights), _attitude_error(flights)]
+    drawn.append(_actuators(flights))
+    return [chart for chart in drawn if chart.has_data]
 
 
 def _overlaid(
@@ -390,21 +390,21 @@ def _altitude(flights: Sequence[Named]) -> Chart:
     wanted = -first.reference[:, REFERENCE.pos][:, 2]
     of = f"reference of {flights[0].name}"
     traces.append(Trace(first.time_s, wanted, of, "reference", "dash", width=1.2))
-    said = (
+    caption = (
         f"By {SOURCE_NAMES[TRUTH]}, where it was recorded, else by the {SOURCE_NAMES[NAVIGATION]}."
     )
-    return Chart("altitude", "Altitude", said, [Panel("altitude", "m", traces, 1.4)], "position")
+    return Chart("altitude", "Altitude", caption, [Panel("altitude", "m", traces, 1.4)], "position")
 
 
 def _attitude(flights: Sequence[Named]) -> Chart:
     def of(axis: int) -> Callable[[FlightRecord], np.ndarray]:
         return lambda r: np.degrees(euler_angles(_known(r.truth_q_nb, r.nav_q_nb)))[:, axis]
 
-    said = (
+    caption = (
         f"By {SOURCE_NAMES[TRUTH]}, where it was recorded, else by the {SOURCE_NAMES[NAVIGATION]}."
     )
     panels = [Panel(name, "°", _overlaid(flights, of(i))) for i, name in enumerate(_ANGLES)]
-    return Chart("attitude", "Attitude", said, panels, "attitude")
+    return Chart("attitude", "Attitude", caption, panels, "attitude")
 
 
 def _attitude_error(flights: Sequence[Named]) -> Chart:
@@ -416,8 +416,8 @@ def _attitude_error(flights: Sequence[Named]) -> Chart:
         return error
 
     panels = [Panel(f"{name} error", "°", _overlaid(flights, of(name))) for name in _ANGLES[:2]]
-    said = "Roll and pitch less what was commanded."
-    return Chart("attitude_error", "Attitude error", said, panels, "attitude")
+    caption = "Roll and pitch less what was commanded."
+    return Chart("attitude_error", "Attitude error", caption, panels, "attitude")
 
 
 def _actuators(flights: Sequence[Named]) -> Chart:
@@ -450,7 +450,7 @@ _SAME_BELOW = 5e-4
 _PAPER = "paper or goal"
 
 
-def write_diff(found: FlightDiff, page: Path) -> None:
+def write_diff(comparison: FlightDiff, page: Path) -> None:
     """Write the page.
 
     Raises
@@ -458,23 +458,23 @@ def write_diff(found: FlightDiff, page: Path) -> None:
     OSError
         It cannot be written.
     """
-    page.write_text(render(found), encoding="utf-8")
+    page.write_text(render(comparison), encoding="utf-8")
 
 
-def render(found: FlightDiff) -> str:
+def render(comparison: FlightDiff) -> str:
     """The page as text."""
     drawn = with_bands(
-        charts(found.flights),
-        bands_beside({named.name: named.flight.bands for named in found.flights}),
+        charts(comparison.flights),
+        bands_beside({named.name: named.flight.bands for named in comparison.flights}),
     )
     sections = {chart.section for chart in drawn} | {"parameters", "metrics", "read"}
-    names = " and ".join((", ".join(found.names[:-1]), found.names[-1]))
+    names = " and ".join((", ".join(comparison.names[:-1]), comparison.names[-1]))
     head = Head(
         kind="Flights compared · simulation",
         title=f"{names} compared",
         heading=names,
-        verdicts=[_verdict(named) for named in found.flights],
-        facts=[(named.name, _fact(named)) for named in found.flights],
+        verdicts=[_verdict(named) for named in comparison.flights],
+        facts=[(named.name, _fact(named)) for named in comparison.flights],
         links={key: title for key, title in _TITLES.items() if key in sections},
         files=False,
     )
@@ -482,22 +482,22 @@ def render(found: FlightDiff) -> str:
         "diff.html",
         head,
         drawn,
-        parameters=_parameter_table(found),
-        metrics=_metric_tables(found),
-        notes=[f"{n.name}: {said}" for n in found.flights for said in _notes(n)],
-        paths=[f"{n.name}: {n.place}" for n in found.flights],
+        parameters=_parameter_table(comparison),
+        metrics=_metric_tables(comparison),
+        notes=[f"{n.name}: {note}" for n in comparison.flights for note in _notes(n)],
+        paths=[f"{n.name}: {n.place}" for n in comparison.flights],
     )
 
 
-def print_diff(found: FlightDiff, console: Console) -> None:
+def print_diff(comparison: FlightDiff, console: Console) -> None:
     """The same tables in text."""
-    differing = [[row.name, row.packaged, *row.values] for row in found.parameters]
+    differing = [[row.name, row.packaged, *row.values] for row in comparison.parameters]
     if differing:
-        head = ["parameter", "packaged default", *found.names]
+        head = ["parameter", "packaged default", *comparison.names]
         console.print(_text_table("What differs", head, differing, console))
     else:
         console.print("no parameter differs")
-    for stretch in dict.fromkeys(row.stretch for row in found.metrics):
+    for stretch in dict.fromkeys(row.stretch for row in comparison.metrics):
         title = f"{STRETCHES[stretch].capitalize()}: largest magnitude (rms)"
         figures = [
             [
@@ -505,18 +505,18 @@ def print_diff(found: FlightDiff, console: Console) -> None:
                 *(ABSENT if s is None else _plain(s) for s in row.scores),
                 *_changed(row),
             ]
-            for row in _of(found, stretch)
+            for row in _of(comparison, stretch)
         ]
-        console.print(_text_table(title, ["metric", *_head(found)[1:]], figures, console))
-    if found.climb:
-        climb = [[name, *cells] for name, cells in found.climb]
-        head = ["figure", *found.names]
+        console.print(_text_table(title, ["metric", *_head(comparison)[1:]], figures, console))
+    if comparison.climb:
+        climb = [[name, *cells] for name, cells in comparison.climb]
+        head = ["figure", *comparison.names]
         console.print(_text_table("Climb and ground", head, climb, console))
     console.print("! outside the paper's figure, or the goal")
-    for named in found.flights:
+    for named in comparison.flights:
         console.print(_verdict(named)[2], soft_wrap=True, markup=False)
-        for said in _notes(named):
-            console.print(f"note: {named.name}: {said}", soft_wrap=True, markup=False)
+        for note in _notes(named):
+            console.print(f"note: {named.name}: {note}", soft_wrap=True, markup=False)
 
 
 def _text_table(
@@ -538,21 +538,21 @@ def _verdict(named: Named) -> tuple[str, str, str]:
         return "✗", "bad", f"{named.name}: lost after {result.flown_s:.2f} s: {result.lost}"
     if result.partial:
         return "✗", "bad", f"{named.name}: partial: {result.partial}"
-    said = f"{named.name}: {verdict(result, settings, DECIDES)}"
+    sentence = f"{named.name}: {verdict(result, settings, DECIDES)}"
     if not result.figures.of(DECIDES):
-        return "–", "", said
+        return "–", "", sentence
     outside = result.judged(settings.gps, DECIDES)
-    return "✗" if outside else "✓", "bad" if outside else "good", said
+    return "✗" if outside else "✓", "bad" if outside else "good", sentence
 
 
 def _fact(named: Named) -> str:
     flight = named.flight
-    told = flight.settings
-    seed = "seed not recorded" if flight.assumed else f"seed {told.seed}"
-    law = told.nodes["inner_loop"]["controller"]
+    settings = flight.settings
+    seed = "seed not recorded" if flight.assumed else f"seed {settings.seed}"
+    law = settings.nodes["inner_loop"]["controller"]
     return (
-        f"{told.scenario_name}, {flight.result.flown_s:.2f} s, {law}, "
-        f"world {Path(told.world).stem}, GPS {told.gps}, {seed}, {flight.how}"
+        f"{settings.scenario_name}, {flight.result.flown_s:.2f} s, {law}, "
+        f"world {Path(settings.world).stem}, GPS {settings.gps}, {seed}, {flight.how}"
     )
 
 
@@ -560,25 +560,27 @@ def _notes(named: Named) -> Sequence[str]:
     return [*named.flight.result.notes, *named.flight.missing]
 
 
-def _parameter_table(found: FlightDiff) -> ReportTable:
+def _parameter_table(comparison: FlightDiff) -> ReportTable:
     rows = [
         [Markup("<code>{}</code>").format(row.name), row.packaged, *row.values]
-        for row in found.parameters
+        for row in comparison.parameters
     ]
-    said = (
+    caption = (
         "Parameters that are not the same in all flights; packaged: of their scenario, receiver, "
         "world and laws. Entries of arrays are counted from 0."
     )
-    return ReportTable(["parameter", "packaged default", *found.names], rows, said, words=True)
+    return ReportTable(
+        ["parameter", "packaged default", *comparison.names], rows, caption, words=True
+    )
 
 
-def _of(found: FlightDiff, stretch: str) -> Iterable[Beside]:
-    return (row for row in found.metrics if row.stretch == stretch)
+def _of(comparison: FlightDiff, stretch: str) -> Iterable[Beside]:
+    return (row for row in comparison.metrics if row.stretch == stretch)
 
 
-def _head(found: FlightDiff) -> list[str]:
-    more = ["change"] if len(found.flights) == 2 else []
-    return ["", "measured from", _PAPER, *found.names, *more]
+def _head(comparison: FlightDiff) -> list[str]:
+    more = ["change"] if len(comparison.flights) == 2 else []
+    return ["", "measured from", _PAPER, *comparison.names, *more]
 
 
 def _about(row: Beside) -> list[str]:
@@ -595,21 +597,21 @@ def _changed(row: Beside) -> list[str]:
     return ["same" if abs(row.change) < _SAME_BELOW else f"{100.0 * row.change:+.1f} %"]
 
 
-def _metric_tables(found: FlightDiff) -> list[ReportTable]:
+def _metric_tables(comparison: FlightDiff) -> list[ReportTable]:
     tables = []
-    for stretch in dict.fromkeys(row.stretch for row in found.metrics):
+    for stretch in dict.fromkeys(row.stretch for row in comparison.metrics):
         rows = [
             [*_about(row), *(ABSENT if s is None else _cell(s) for s in row.scores), *_changed(row)]
-            for row in _of(found, stretch)
+            for row in _of(comparison, stretch)
         ]
-        whens = {phases(n.flight.settings, stretch) for n in found.flights}
+        whens = {phases(n.flight.settings, stretch) for n in comparison.flights}
         when = f", {whens.pop()}" if len(whens) == 1 else ""
         decides = " This table decides the exit codes of the flights." * (stretch == DECIDES)
-        said = f"{STRETCHES[stretch].capitalize()}{when}. {_HOW}{decides}"
-        tables.append(ReportTable(_head(found), rows, said))
-    if found.climb:
-        rows = [[name, *cells] for name, cells in found.climb]
-        tables.append(ReportTable(["", *found.names], rows, "Climb and ground."))
+        caption = f"{STRETCHES[stretch].capitalize()}{when}. {_HOW}{decides}"
+        tables.append(ReportTable(_head(comparison), rows, caption))
+    if comparison.climb:
+        rows = [[name, *cells] for name, cells in comparison.climb]
+        tables.append(ReportTable(["", *comparison.names], rows, "Climb and ground."))
     return tables
 
 

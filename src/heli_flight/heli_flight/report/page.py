@@ -116,7 +116,7 @@ def render(
     drawn = {chart.section for chart in charts}
     always = {"result", "scope", "parameters"}
     events, margins = event_table(report), margin_table(design) if design else None
-    told = {"timeline": events, "design": margins}
+    tables = {"timeline": events, "design": margins}
     heading = f"{report.kind.capitalize()} test in wind"
     if report.result.aircraft:
         heading += f": {report.result.aircraft}"
@@ -126,7 +126,7 @@ def render(
         heading=heading,
         verdicts=_verdicts(report),
         facts=_facts(report),
-        links={k: v for k, v in _TITLES.items() if k in drawn | always or told.get(k)},
+        links={k: v for k, v in _TITLES.items() if k in drawn | always or tables.get(k)},
         files=files,
     )
     return filled(
@@ -290,13 +290,13 @@ def printer() -> str:
     ParameterError
         There is none.
     """
-    found = next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
+    chromium = next(filter(None, map(shutil.which, NAMES)), None)
+    if chromium is None:
         raise ParameterError(
             "--pdf: no Chromium on this machine to print with; install chromium or Google Chrome, "
             "or open report.html in a browser and print it"
         )
-    return found
+    return chromium
 
 
 def write_pdf(page: Path, program: str) -> Path:

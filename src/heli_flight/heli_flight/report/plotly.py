@@ -43,12 +43,12 @@ def figure(chart: Chart) -> _Json:
     dict
         key, data, layout, panels (weights that set the height), time, square, bands.
     """
-    seen: set[str] = set()
+    in_legend: set[str] = set()
     data = [
         {**made, "xaxis": f"x{_number(row)}", "yaxis": f"y{_number(row)}"}
         for row, panel in enumerate(chart.panels)
         for trace in panel.traces
-        for made in _traces(thinned(trace, planar=chart.square), chart, panel, seen)
+        for made in _traces(thinned(trace, planar=chart.square), chart, panel, in_legend)
     ]
     return {
         "key": chart.key,
@@ -196,18 +196,18 @@ def _array(values: np.ndarray, dtype: str) -> _Json:
     return {"dtype": dtype, "bdata": base64.b64encode(raw).decode("ascii")}
 
 
-def _traces(trace: Trace, chart: Chart, panel: Panel, seen: set[str]) -> Iterator[_Json]:
+def _traces(trace: Trace, chart: Chart, panel: Panel, in_legend: set[str]) -> Iterator[_Json]:
     """A trace of ours as one of Plotly's, a band as two."""
     wide = chart.time and bool(np.nanmax(np.abs(trace.x), initial=0.0) > _TIME_LIMIT_S)
-    shown = bool(trace.label) and trace.label not in seen
-    seen.add(trace.label)
+    shown = bool(trace.label) and trace.label not in in_legend
+    in_legend.add(trace.label)
     label = html.escape(trace.label)
     base: _Json = {
         "type": "scatter", "x": _array(trace.x, "f8" if wide else "f4"),
         "y": _array(trace.y, "f4"), "mode": "lines", "name": label,
         "meta": {"role": trace.role}, "showlegend": shown,
         "legendgroup": label or trace.role, "line": {"width": trace.width},
-        "connectgaps": False, "hovertemplate": _told(trace, chart, panel),
+        "connectgaps": False, "hovertemplate": _hover_text(trace, chart, panel),
     }  # fmt: skip
     if trace.kind in ("dash", "dot"):
         base["line"]["dash"] = trace.kind
@@ -229,7 +229,7 @@ def _shown(unit: str) -> str:
     return "" if unit == "1" else html.escape(unit)
 
 
-def _told(trace: Trace, chart: Chart, panel: Panel) -> str:
+def _hover_text(trace: Trace, chart: Chart, panel: Panel) -> str:
     """What the pointer is told of a point: numbers with their units, and the trace's name."""
     name = html.escape(trace.label or trace.role)
     if trace.kind == "bar":

@@ -132,8 +132,8 @@ class SpectrumSignal:
 
     Attributes
     ----------
-    key, title, unit, told : str
-        Of its chart; `told` is a sentence.
+    key, title, unit, caption : str
+        Of its chart; `caption` is a sentence.
     names : sequence of str
         Of the axes.
     spectra : sequence of Spectrum
@@ -142,7 +142,7 @@ class SpectrumSignal:
     key: str
     title: str
     unit: str
-    told: str
+    caption: str
     names: Sequence[str]
     spectra: Sequence[Spectrum]
 
@@ -178,44 +178,44 @@ def spectra_of(report: Report) -> FlightSpectra:
     whole = (float(r.time_s[0]), float(r.time_s[-1]))
     start_s, end_s = max(report.spans, key=lambda span: span[1] - span[0], default=whole)
     inside = (r.time_s >= start_s) & (r.time_s <= end_s)
-    found, rate_hz, filled = [], 0.0, 0
-    for key, title, unit, told, names, values in _recorded(report):
+    signals, rate_hz, filled = [], 0.0, 0
+    for key, title, unit, caption, names, values in _recorded(report):
         made = even(r.time_s[inside], values[inside])
         if made is None:
             continue
         rate_hz, samples, filled = made
         spectra = [spectrum(column, rate_hz) for column in samples.T]
-        found.append(SpectrumSignal(key, title, unit, told, names, spectra))
-    return FlightSpectra(start_s, end_s, rate_hz, filled, found) if found else nothing
+        signals.append(SpectrumSignal(key, title, unit, caption, names, spectra))
+    return FlightSpectra(start_s, end_s, rate_hz, filled, signals) if signals else nothing
 
 
 def _recorded(report: Report) -> list[tuple[str, str, str, str, Sequence[str], Array]]:
     """Key, title, unit, a sentence, axes and values (N, k) of each signal."""
     r, source = report.record, "truth" if report.has_truth else "navigation"
-    found: list[tuple[str, str, str, str, Sequence[str], Array]] = []
+    signals: list[tuple[str, str, str, str, Sequence[str], Array]] = []
     if r.imu is not None:
-        said = "as the IMU measured them, body axes"
-        found += [
-            ("spectrum_force", "Specific force", "m/s²", f"Specific forces {said}.", _BODY,
+        how = "as the IMU measured them, body axes"
+        signals += [
+            ("spectrum_force", "Specific force", "m/s²", f"Specific forces {how}.", _BODY,
              r.imu[:, IMU.force]),
-            ("spectrum_rate", "Rates", "rad/s", f"Rates {said}.", ("p", "q", "r"),
+            ("spectrum_rate", "Rates", "rad/s", f"Rates {how}.", ("p", "q", "r"),
              r.imu[:, IMU.rate]),
         ]  # fmt: skip
     names = ("lateral", "longitudinal", "pedal", "collective")
-    told = "Commands to the servos, of (-1, 1)."
-    found.append(("spectrum_actuators", "Actuators", "", told, names, r.u))
+    caption = "Commands to the servos, of (-1, 1)."
+    signals.append(("spectrum_actuators", "Actuators", "", caption, names, r.u))
     command = np.unwrap(r.setpoint, axis=0)
     angle = np.unwrap(np.radians(report.euler_deg(source)), axis=0)
     error = np.degrees(angle - command)
-    told = f"Attitude ({SOURCE_NAMES[source]}) less its command."
-    found.append(("spectrum_attitude", "Attitude", "°", told, AXES, error))
+    caption = f"Attitude ({SOURCE_NAMES[source]}) less its command."
+    signals.append(("spectrum_attitude", "Attitude", "°", caption, AXES, error))
     if report.kind != "attitude":
         place = r.truth_pos_ned_m if source == "truth" else r.nav_pos_ned_m
         heading = r.reference[:, REFERENCE.psi]
         away = heading_frame(place - r.reference[:, REFERENCE.pos], heading)
-        told = f"Position ({SOURCE_NAMES[source]}) less its reference, in the heading frame."
-        found.append(("spectrum_position", "Position", "m", told, _HEADING, away))
-    return found
+        caption = f"Position ({SOURCE_NAMES[source]}) less its reference, in the heading frame."
+        signals.append(("spectrum_position", "Position", "m", caption, _HEADING, away))
+    return signals
 
 
 def rotor_lines(report: Report) -> list[tuple[float, str]]:
@@ -235,18 +235,18 @@ def rotor_lines(report: Report) -> list[tuple[float, str]]:
 
 
 def spectrum_charts(
-    report: Report, found: FlightSpectra, design: DesignNumbers | None
+    report: Report, spectra: FlightSpectra, design: DesignNumbers | None
 ) -> list[Chart]:
     """A chart of each signal."""
-    if not found.signals:
+    if not spectra.signals:
         return []
-    stretch = f"{found.start_s:g} to {found.end_s:g} s"
-    return [_chart(report, found, signal, design, stretch) for signal in found.signals]
+    stretch = f"{spectra.start_s:g} to {spectra.end_s:g} s"
+    return [_chart(report, spectra, signal, design, stretch) for signal in spectra.signals]
 
 
 def _chart(
     report: Report,
-    found: FlightSpectra,
+    spectra: FlightSpectra,
     signal: SpectrumSignal,
     design: DesignNumbers | None,
     stretch: str,
@@ -258,9 +258,9 @@ def _chart(
     (top, bottom), drawn = _reach(signal.spectra), ""
     if signal.key in ("spectrum_force", "spectrum_rate"):
         for hertz, words in rotor_lines(report):
-            seen = folded(hertz, found.rate_hz)
-            more = f", seen at {seen:.1f} Hz" if abs(seen - hertz) > 0.05 else ""
-            lines.append(_at(seen, f"{words}{more}", "muted", "dot", (bottom, top)))
+            folded_hz = folded(hertz, spectra.rate_hz)
+            more = f", seen at {folded_hz:.1f} Hz" if abs(folded_hz - hertz) > 0.05 else ""
+            lines.append(_at(folded_hz, f"{words}{more}", "muted", "dot", (bottom, top)))
     designed = _designed(signal, design)
     if designed:
         for axis, numbers in enumerate(designed):
@@ -276,12 +276,12 @@ def _chart(
         f"{name} {s.rms:.3g}" for name, s in zip(signal.names, signal.spectra, strict=True)
     )
     unit = f"({signal.unit})²/Hz" if signal.unit else "1/Hz"
-    told = f" {signal.unit}".rstrip()
-    filled = f" {found.filled} samples were not recorded." if found.filled else ""
+    rms_unit = f" {signal.unit}".rstrip()
+    filled = f" {spectra.filled} samples were not recorded." if spectra.filled else ""
     return Chart(
         signal.key,
         f"{signal.title}: power spectral density",
-        f"{signal.told} {stretch}; rms about the mean: {rms}{told}{drawn}.{filled}",
+        f"{signal.caption} {stretch}; rms about the mean: {rms}{rms_unit}{drawn}.{filled}",
         [Panel("density", unit, lines, 1.6, y_range=(bottom, top), log_y=True)],
         SECTION,
         x_quantity="frequency",
@@ -314,12 +314,12 @@ def _reach(spectra: Sequence[Spectrum]) -> tuple[float, float]:
     return 2.0 * top, max(0.5 * lowest, _LEAST_SHARE * top)
 
 
-def spectrum_table(found: FlightSpectra) -> ReportTable | None:
+def spectrum_table(spectra: FlightSpectra) -> ReportTable | None:
     """Numbers of each signal's spectrum; None without any."""
-    if not found.signals:
+    if not spectra.signals:
         return None
     rows = []
-    for signal in found.signals:
+    for signal in spectra.signals:
         unit = f", {signal.unit}" if signal.unit else ""
         for name, s in zip(signal.names, signal.spectra, strict=True):
             peak = float(s.hertz[int(np.argmax(s.density))])
@@ -329,11 +329,12 @@ def spectrum_table(found: FlightSpectra) -> ReportTable | None:
                     f"{s.median_hz:.2f}", f"{peak:.2f}", f"{100.0 * s.below(1.0):.0f} %",
                 ]
             )  # fmt: skip
-    first = found.signals[0].spectra[0]
-    windows = max(1, round(2.0 * (found.end_s - found.start_s) * first.step_hz) - 1)
+    first = spectra.signals[0].spectra[0]
+    windows = max(1, round(2.0 * (spectra.end_s - spectra.start_s) * first.step_hz) - 1)
     caption = (
-        f"Welch's method over {found.start_s:g} to {found.end_s:g} s, {found.rate_hz:.0f} samples "
-        f"a second, {windows} windows of {1.0 / first.step_hz:.1f} s (Hann, overlapping by half, "
+        f"Welch's method over {spectra.start_s:g} to {spectra.end_s:g} s, "
+        f"{spectra.rate_hz:.0f} samples a second, {windows} windows of "
+        f"{1.0 / first.step_hz:.1f} s (Hann, overlapping by half, "
         "without their means), one-sided: the area below a density is the variance. Both rms must "
         "agree but for what is slower than a window."
     )
@@ -348,8 +349,8 @@ def _radps(radps: float | None) -> str | Markup:
 
 
 def _peak(numbers: LoopNumbers) -> Markup:
-    told = Markup("{:.1f} dB <small>at {:.1f} rad/s</small>")
-    return told.format(numbers.peak_db, numbers.peak_radps)
+    template = Markup("{:.1f} dB <small>at {:.1f} rad/s</small>")
+    return template.format(numbers.peak_db, numbers.peak_radps)
 
 
 def loop_tables(design: DesignNumbers) -> list[ReportTable]:

@@ -86,8 +86,8 @@ def result_tables(report: Report) -> list[ReportTable]:
     for stretch, name in STRETCHES.items():
         if report.result.figures.of(stretch):
             head, rows = make(report, stretch)
-            said = _SAID[stretch, report.kind]
-            caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {said}"
+            remark = _STRETCH_NOTES[stretch, report.kind]
+            caption = f"{name.capitalize()}, {phases(report.settings, stretch)}. {remark}"
             if stretch == DECIDES:
                 caption += " This table decides the exit code."
             tables.append(ReportTable(head, rows, caption))
@@ -104,7 +104,7 @@ _HOW = (
     "Largest magnitude (rms); ✓ inside, ✗ outside the paper's figure. The paper measured from its "
     "navigation record; only a simulation knows the truth."
 )
-_SAID = {
+_STRETCH_NOTES = {
     (WHOLE, "hover"): (
         "From engagement to the end, the climb included, against the reference as commanded, which "
         f"starts and stops at once. {_HOW}"
@@ -150,9 +150,9 @@ def _ground_table(report: Report) -> ReportTable:
 
 def _climb_table(report: Report) -> ReportTable:
     sources = _sources(report)
-    found = {(f.metric.key, f.source): f for f in report.result.figures.climb}
+    figures = {(f.metric.key, f.source): f for f in report.result.figures.climb}
     rows = [
-        [metric.label, *(climb_cell(found.get((metric.key, source))) for source in sources)]
+        [metric.label, *(climb_cell(figures.get((metric.key, source))) for source in sources)]
         for metric in CLIMB_METRICS
     ]
     climb = commanded_climb(report.record.reference)
@@ -184,8 +184,8 @@ def _of_paper(value: str, source: str) -> Markup:
 
 
 def _scored(figures: Figures, stretch: str, key: str, source: str, bound: float) -> str:
-    found = figures.find(stretch, key, source)
-    return _NONE if found is None else _cell(found.max, found.rms, bound)
+    score = figures.find(stretch, key, source)
+    return _NONE if score is None else _cell(score.max, score.rms, bound)
 
 
 def _hover_rows(report: Report, stretch: str) -> tuple[list[str], list[list[str]]]:
@@ -234,8 +234,8 @@ def _distance_row(report: Report, stretch: str) -> list[str]:
     scored = report.counted(stretch)
     cells = []
     for source in _sources(report):
-        found = errors(report.record, source, "hover")
-        error = np.hypot(*(found.get(k, _UNKNOWN) for k in ("longitudinal", "lateral")))
+        axis_errors = errors(report.record, source, "hover")
+        error = np.hypot(*(axis_errors.get(k, _UNKNOWN) for k in ("longitudinal", "lateral")))
         if not np.isfinite(error).any():
             cells.append(_NONE)
             continue
@@ -282,7 +282,7 @@ def band_table(report: Report) -> ReportTable | None:
     if not shaded:
         return None
     rows = [
-        [f"{band.start_s:.2f}", f"{band.end_s:.2f}", band.kind, band.name, band.told]
+        [f"{band.start_s:.2f}", f"{band.end_s:.2f}", band.kind, band.name, band.detail]
         for band in sorted(shaded, key=lambda band: band.start_s)[:_MOST_EVENTS]
     ]
     left = len(shaded) - len(rows)
@@ -318,12 +318,12 @@ def margin_table(design: DesignNumbers) -> ReportTable:
             for m in values
         ]
         rows.append(row(f"{channel}: gain, phase, delay margin", words))
-    bound, said = design.bound, "It is designed without a bound γ."
+    bound, gamma_note = design.bound, "It is designed without a bound γ."
     if bound is not None:
-        said = f"γ = {bound.gamma:.4f}, infimum γ* = {bound.gamma_star:.4f} ({bound.of})."
+        gamma_note = f"γ = {bound.gamma:.4f}, infimum γ* = {bound.gamma_star:.4f} ({bound.of})."
     caption = (
-        f"Attitude law: {LAWS.get(design.controller, design.controller)}. {said} As flown: sampled "
-        f"at {design.rate_hz} Hz, with servos and transport delay."
+        f"Attitude law: {LAWS.get(design.controller, design.controller)}. {gamma_note} "
+        f"As flown: sampled at {design.rate_hz} Hz, with servos and transport delay."
     )
     return ReportTable(head, rows, caption)
 

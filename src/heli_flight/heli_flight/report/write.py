@@ -228,10 +228,10 @@ def recorded(path: Path, choice: BagChoice | None = None) -> RecordedFlight:
         return _of_one_process(path, choice)
     bag = path / "bag" if (path / "bag").is_dir() else path
     beside = bag.resolve().parent
-    told = _result_beside(beside)
+    result_json = _result_beside(beside)
     saved = beside / NAME
     known = bool(choice.params) or saved.is_file()
-    settings = _settings(choice, told, saved)
+    settings = _settings(choice, result_json, saved)
     flight = flight_from_bag(bag, settings, truth_needed=False)
     record, missing = _completed(flight.record, settings)
     if flight.foreign:
@@ -248,26 +248,26 @@ def recorded(path: Path, choice: BagChoice | None = None) -> RecordedFlight:
     return RecordedFlight(
         record=record,
         settings=settings,
-        result=replace(_result(record, settings, flight, told), forged=forged),
+        result=replace(_result(record, settings, flight, result_json), forged=forged),
         folder=beside if saved.is_file() else bag.with_name(f"{bag.name}_report"),
-        how=f"ROS 2 graph, {told['mode']}" if "mode" in told else "from a bag",
+        how=f"ROS 2 graph, {result_json['mode']}" if "mode" in result_json else "from a bag",
         events=events_of(flight.remarks, settings),
         missing=missing,
         assumed=not known,
-        commit=str(told.get("commit", "")),
+        commit=str(result_json.get("commit", "")),
         remarks=flight.remarks,
     )
 
 
 def _of_one_process(folder: Path, choice: BagChoice) -> RecordedFlight:
-    told = _result_beside(folder)
-    settings = _settings(choice, told, folder / NAME)
+    result_json = _result_beside(folder)
+    settings = _settings(choice, result_json, folder / NAME)
     flight = BagFlight(read_record(folder / RECORD), (), ())
-    result = _result(flight.record, settings, flight, told)
+    result = _result(flight.record, settings, flight, result_json)
     known = bool(choice.params) or (folder / NAME).is_file()
-    mode = told.get("mode", ONE_PROCESS)
+    mode = result_json.get("mode", ONE_PROCESS)
     how = mode if mode == ONE_PROCESS else f"ROS 2 graph, {mode}"
-    commit = str(told.get("commit", ""))
+    commit = str(result_json.get("commit", ""))
     return RecordedFlight(
         flight.record, settings, result, folder, how, assumed=not known, commit=commit
     )
@@ -353,8 +353,12 @@ def with_process_events(
         Of the user's choice, or of params.yaml; one line that names the file.
     """
     choice, saved = choice or BagChoice(), folder / NAME
-    told = _result_beside(folder)
-    return told, _settings(choice, told, saved), bool(choice.params) or saved.is_file()
+    result_json = _result_beside(folder)
+    return (
+        result_json,
+        _settings(choice, result_json, saved),
+        bool(choice.params) or saved.is_file(),
+    )
 
 
 def _result_beside(folder: Path) -> dict[str, Any]:
@@ -366,17 +370,17 @@ def _result_beside(folder: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _settings(choice: BagChoice, told: dict[str, Any], saved: Path) -> Settings:
+def _settings(choice: BagChoice, result_json: dict[str, Any], saved: Path) -> Settings:
     """Resolved parameters: the user's choice, else what lies beside the bag, else the packaged."""
     files = [*([saved] if saved.is_file() else []), *choice.params]
     # A file written before it said what was flown has the flight's result beside it.
     known = section_of(files)
-    scenario = choice.scenario or (None if "scenario" in known else told.get("scenario"))
-    gps = choice.gps or (None if "gps" in known else told.get("gps"))
+    scenario = choice.scenario or (None if "scenario" in known else result_json.get("scenario"))
+    gps = choice.gps or (None if "gps" in known else result_json.get("gps"))
     try:
         return resolve(scenario, gps, choice.seed, params=files)
     except ParameterError:
-        if choice.scenario is None and choice.gps is None and told:
+        if choice.scenario is None and choice.gps is None and result_json:
             # A scenario that this installation does not know: its parameters are in the file.
             return resolve("hover", "standalone", choice.seed, params=files)
         raise
@@ -408,17 +412,17 @@ def _completed(record: FlightRecord, settings: Settings) -> tuple[FlightRecord, 
 
 
 def _result(
-    record: FlightRecord, settings: Settings, flight: BagFlight, told: dict[str, Any]
+    record: FlightRecord, settings: Settings, flight: BagFlight, result_json: dict[str, Any]
 ) -> Result:
     figures = score(record, settings.scenario).finite()
-    said = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
-    fallen = said[-1].message if said else ""
-    lost = told.get("lost", lost_with_law(fallen, (r.facts for r in flight.remarks)))
+    plant_errors = [r for r in flight.remarks if r.node == "plant" and r.level >= _ERROR_LEVEL]
+    fallen = plant_errors[-1].message if plant_errors else ""
+    lost = result_json.get("lost", lost_with_law(fallen, (r.facts for r in flight.remarks)))
     flown = float(record.time_s[-1] - record.time_s[0]) + settings.rate.tick_s
-    wall = told.get("wall_s")
+    wall = result_json.get("wall_s")
     wall_s = float(wall) if isinstance(wall, int | float) else math.nan
-    notes = tuple(map(str, told.get("notes", ())))
-    partial = str(told.get("partial", ""))
+    notes = tuple(map(str, result_json.get("notes", ())))
+    partial = str(result_json.get("partial", ""))
     return Result(figures, str(lost), flown, wall_s, notes, flight.aircraft, partial=partial)
 
 

@@ -73,7 +73,7 @@
 
   const safe = (text) => text.replace(/[&<>]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[c]);
   const words = (band) => safe(
-    band.kind === "health" ? `${band.name}: ${band.told}`
+    band.kind === "health" ? `${band.name}: ${band.detail}`
       : `${band.kind}: ${band.name}${band.kind === "mode" ? "" : `, ${band.start_s.toFixed(2)} to ${band.end_s.toFixed(2)} s`}`,
   );
 
