@@ -334,6 +334,13 @@ class ParameterRefusal(Exception):
         line = ": ".join(part for part in (self.where, self.key, self.problem) if part)
         return f"{line}; allowed: {self.allowed}" if self.allowed else line
 
+    @classmethod
+    def like(cls, other: "ParameterRefusal") -> Self:
+        """The facts of another refusal."""
+        same = cls(other.problem, other.cause)
+        same.__dict__.update(vars(other))
+        return same
+
     def placed(self, where: str, key: str) -> Self:
         """The same of a parameter at a place."""
         self.where, self.key = where, key

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import yaml
 
-from heli_core.rcl_yaml import ParameterError, number, printable, scalar
+from heli_core.errors import ParameterCause, ParameterError
+from heli_core.rcl_yaml import number, printable, scalar
 
 NONE = "none"
 """What a parameter of faults says where there is none: rcl does not take an empty array."""
@@ -244,7 +245,10 @@ def composed(text: str, keys: Sequence[str], where: str) -> yaml.Node | None:
         return yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.YAMLError:
         raise ParameterError(
-            f"{where}: {text!r} is not valid YAML; allowed: a mapping of {', '.join(keys)}"
+            f"{text!r} is not valid YAML",
+            ParameterCause.SYNTAX,
+            where=where,
+            allowed=f"a mapping of {', '.join(keys)}",
         ) from None
 
 
@@ -257,9 +261,15 @@ def entries(
     """What `read(node, where)` makes of each text, a mapping of `keys`, that is not `NONE`."""
     places = [(f"{name}: entry {i}", text) for i, text in enumerate(texts, 1) if text != NONE]
     faults = tuple(read(composed(text, keys, where), where) for where, text in places)
-    if len(faults) > MOST:
-        raise ParameterError(f"{name}: {len(faults)} entries; allowed: at most {MOST}")
+    check_count(name, len(faults))
     return faults
+
+
+def check_count(name: str, count: int) -> None:
+    """Raise ParameterError where a parameter has too many entries."""
+    if count > MOST:
+        cause, allowed = ParameterCause.LENGTH, f"at most {MOST}"
+        raise ParameterError(f"{count} entries", cause, key=name, value=count, allowed=allowed)
 
 
 class FaultEntry:
@@ -277,55 +287,74 @@ class FaultEntry:
     def __init__(self, node: yaml.Node | None, keys: Sequence[str], where: str) -> None:
         self.where = where
         if not isinstance(node, yaml.MappingNode):
-            raise ParameterError(f"{where}: expected a mapping of {', '.join(keys)}")
+            problem = f"expected a mapping of {', '.join(keys)}"
+            raise ParameterError(problem, ParameterCause.TYPE, where=where)
         self.values: dict[str, Any] = {}
         for key_node, value_node in node.value:
             key = key_node.value if isinstance(key_node, yaml.ScalarNode) else "?"
             if key not in keys:
                 near = difflib.get_close_matches(key, keys, n=1)
                 hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(keys)}"
-                raise self.refusal(printable(key), f"unknown key; {hint}")
+                raise ParameterError(
+                    f"unknown key; {hint}",
+                    ParameterCause.UNKNOWN_KEY,
+                    where=where,
+                    key=printable(key),
+                    meant="".join(near),
+                )
             if key in self.values:
-                raise self.refusal(key, "the key stands here twice")
+                raise self.refusal(key, ParameterCause.TWICE, "the key stands here twice")
             self.values[key] = self._plain(key, value_node)
 
-    def refusal(self, key: str, why: str) -> ParameterError:
-        """The error that names the entry and its key."""
-        return ParameterError(f"{self.where}: {key}: {why}")
+    def refusal(
+        self, key: str, cause: ParameterCause, problem: str = "", allowed: str = "", of: str = ""
+    ) -> ParameterError:
+        """The error that names the entry and its key; without a problem the value is it.
+
+        `of`: of what the key is, in front of it.
+        """
+        value = self.values.get(key)
+        shown = problem or f"{value} is not allowed"
+        where = f"{self.where}: of {of}" if of else self.where
+        return ParameterError(shown, cause, where=where, key=key, value=value, allowed=allowed)
 
     def _plain(self, key: str, node: yaml.Node) -> Any:
         if isinstance(node, yaml.ScalarNode):
             return scalar(node.value, bool(node.style))
         if key != "value":
-            raise self.refusal(key, "expected one value, no list and no mapping")
+            expected = "expected one value, no list and no mapping"
+            raise self.refusal(key, ParameterCause.TYPE, expected)
         items = node.value if isinstance(node, yaml.SequenceNode) else [node]
         flat = [item for item in items if isinstance(item, yaml.ScalarNode)]
         if len(flat) < len(items):
-            raise self.refusal(key, "expected a value or a flat list of numbers")
+            expected = "expected a value or a flat list of numbers"
+            raise self.refusal(key, ParameterCause.TYPE, expected)
         return [scalar(item.value, bool(item.style)) for item in flat]
 
     def __contains__(self, key: str) -> bool:
         return key in self.values
 
-    def word(self, key: str, allowed: Sequence[str], of: str = "", default: str = "") -> str:
+    def word(self, key: str, choices: Sequence[str], of: str = "", default: str = "") -> str:
         """The value of a key that is one of some words; `of`: whose words, for the sentence."""
-        name = f"of {of}: {key}" if of else key
+        allowed = f"one of {', '.join(choices)}"
+        if key not in self and not default:
+            raise self.refusal(key, ParameterCause.MISSING, "missing", allowed, of)
         value = self.values.get(key, default)
-        if value == "" and value not in allowed:
-            raise self.refusal(name, f"missing; allowed: one of {', '.join(allowed)}")
-        if value in allowed:
+        if value in choices:
             return str(value)
-        near = difflib.get_close_matches(str(value), allowed, n=1)
-        hint = f": did you mean {near[0]}?" if near else ""
-        raise self.refusal(name, f"{value} is not allowed{hint}; allowed: one of "
-                           f"{', '.join(allowed)}")  # fmt: skip
+        near = difflib.get_close_matches(str(value), choices, n=1)
+        problem = f"{value} is not allowed{f': did you mean {near[0]}?' if near else ''}"
+        raise self.refusal(key, ParameterCause.CHOICE, problem, allowed, of)
 
     def number(self, key: str, most: float) -> float:
         """The value of a key that is a number from 0 to `most`."""
-        value: Any = self.values.get(key)
-        if not _is_number(value) or not 0.0 <= value <= most:
-            shown = f"{value} is not allowed" if key in self.values else "missing"
-            raise self.refusal(key, f"{shown}; allowed: a number in [0, {most:g}]")
+        value, allowed = self.values.get(key), f"a number in [0, {most:g}]"
+        if key not in self:
+            raise self.refusal(key, ParameterCause.MISSING, "missing", allowed)
+        if not _is_number(value):
+            raise self.refusal(key, ParameterCause.TYPE, allowed=allowed)
+        if not 0.0 <= value <= most:
+            raise self.refusal(key, ParameterCause.BOUNDS, allowed=allowed)
         return float(value)
 
     def duration_s(self) -> float:
@@ -334,29 +363,30 @@ class FaultEntry:
 
     def numbers(self, axes: int, kind: Kind, name: str) -> tuple[float, ...]:
         """The numbers of a fault, as many as its kind and place want; `name` names both."""
-        value = self.values.get("value")
         if not kind.takes_numbers:
             if "value" in self:
-                raise self.refusal("value", f"{name.split()[-1]} has none; leave it out")
+                problem = f"{name.split()[-1]} has none; leave it out"
+                raise self.refusal("value", ParameterCause.CONFLICT, problem)
             return ()
         axes = axes if kind.per_axis else 1
         if "value" not in self:
             if kind.optional:
                 return ()
-            raise self.refusal("value", f"missing; allowed: {self._wanted(axes, kind)}")
+            wanted = f"{axes} numbers" if axes > 1 else kind.allowed
+            raise self.refusal("value", ParameterCause.MISSING, "missing", wanted)
+        value = self.values["value"]
         listed = value if isinstance(value, list) else [value]
         if len(listed) != axes:
-            counted = f"{value} has {len(listed)} numbers; allowed: {axes} of {name}"
-            raise self.refusal("value", counted)
+            problem = f"{value} has {len(listed)} numbers"
+            raise self.refusal("value", ParameterCause.LENGTH, problem, f"{axes} of {name}")
         for one in listed:
-            inside = _is_number(one) and kind.lower <= one <= kind.upper
+            problem = f"{one} is not allowed"
+            if not _is_number(one):
+                raise self.refusal("value", ParameterCause.TYPE, problem, kind.allowed)
+            inside = kind.lower <= one <= kind.upper
             if not inside or (kind.open_lower and one == kind.lower):
-                raise self.refusal("value", f"{one} is not allowed; allowed: {kind.allowed}")
+                raise self.refusal("value", ParameterCause.BOUNDS, problem, kind.allowed)
         return tuple(map(float, listed))
-
-    @staticmethod
-    def _wanted(axes: int, kind: Kind) -> str:
-        return f"{axes} numbers" if axes > 1 else kind.allowed
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
@@ -375,9 +405,11 @@ def fault_of(node: yaml.Node | None, where: str, now_s: float | None = None) -> 
     kind = entry.word("kind", PLACES[what].kinds, what)
     start_s, duration_s = entry.number("start_s", LONGEST_S), entry.duration_s()
     if kind == "gust" and not math.isfinite(duration_s):
-        raise entry.refusal("duration_s", "missing; a gust needs it")
+        problem = "missing; a gust needs it"
+        raise entry.refusal("duration_s", ParameterCause.MISSING, problem)
     if kind == "stop" and "duration_s" in entry:
-        raise entry.refusal("duration_s", "an engine that stops stays off; leave it out")
+        problem = "an engine that stops stays off; leave it out"
+        raise entry.refusal("duration_s", ParameterCause.CONFLICT, problem)
     value = entry.numbers(PLACES[what].axes, KINDS[kind], f"{what} {kind}")
     return Fault(what, kind, start_s, duration_s, value)
 

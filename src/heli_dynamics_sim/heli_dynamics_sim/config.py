@@ -567,7 +567,7 @@ def _faults(values: Mapping[str, Any], sensors: SensorParams, rate: Rate) -> tup
     try:
         faults = faults_of(values["faults"])
     except ParameterError as error:
-        raise PlantConfigError(str(error)) from None
+        raise PlantConfigError.like(error) from None
     engine = any(fault.kind == "stop" for fault in faults)
     if engine and not values["terms.rotor_speed"]:
         raise PlantConfigError(

@@ -16,9 +16,9 @@ import numpy as np
 from rclpy.duration import Duration
 from std_srvs.srv import Trigger
 
+from heli_core.errors import ParameterError, PlantConfigError
 from heli_core.faults import NONE, begun
 from heli_core.jit import direct
-from heli_core.rcl_yaml import ParameterError
 from heli_core.rows import ACTUATOR, JOINTS, MEAS, PLANT
 from heli_dynamics_sim import plant
 from heli_dynamics_sim.aircraft import HelicopterParameters
@@ -489,7 +489,7 @@ class PlantNode(TickNode[ConfiguredPlant, ActivePlant]):
             try:
                 return list(begun(map(str, value), now_s))
             except ParameterError as error:
-                raise ValueError(str(error)) from None
+                raise PlantConfigError.like(error) from None
         return value
 
     @property

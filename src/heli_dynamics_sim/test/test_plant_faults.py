@@ -7,8 +7,8 @@ import numba
 import numpy as np
 import pytest
 
-from heli_core.errors import PlantConfigError
-from heli_core.faults import NONE, Fault, begun, faults_of
+from heli_core.errors import ParameterCause, ParameterError, PlantConfigError
+from heli_core.faults import KINDS, NONE, Fault, begun, faults_of
 from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
 from heli_dynamics_sim.faults import FaultLog
 from heli_dynamics_sim.noise import NOISE, NoiseStreams
@@ -293,8 +293,10 @@ def test_what_has_no_beginning_begins_now_and_the_rest_stays_as_it_was_written()
         Fault("baro", "zero", 7.25), Fault("wind", "gust", 7.25, 2.0, (1.0, 2.0, 3.0)),
     )  # fmt: skip
     for text in texts[1::2]:
-        with pytest.raises(PlantConfigError, match="start_s: (missing|now is not allowed)"):
+        with pytest.raises(ParameterError) as caught:
             faults_of([text])
+        assert caught.value.key == "start_s"
+        assert caught.value.cause in (ParameterCause.MISSING, ParameterCause.TYPE)
 
 
 def test_the_log_tells_what_came_and_what_was_taken_back_before_its_end():
@@ -320,52 +322,66 @@ def test_words():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "cause", "key"),
     [
-        ("{what: gsp, kind: loss, start_s: 1.0}", "what: gsp is not allowed: did you mean gps?"),
-        ("{what: gps, kind: los, start_s: 1.0}", "of gps: kind: los is not allowed: did you mean"),
-        ("{what: gps, kind: stuck, start_s: 1.0}", "of gps: kind: stuck is not allowed; allowed"),
-        ("{what: delta_col, kind: loss, start_s: 1.0}", "of delta_col: kind: loss is not"),
-        ("{what: wind, kind: bias, start_s: 1.0}", "allowed: one of gust"),
-        ("{what: gps, kind: loss}", "start_s: missing"),
-        ("{what: engine, kind: loss, start_s: 1.0}", "allowed: one of stop"),
-        ("{what: engine, kind: stop, start_s: 1.0, duration_s: 3.0}", "stays off; leave it out"),
-        ("{what: engine, kind: stop, start_s: 1.0, value: 3.0}", "stop has none; leave it out"),
-        ("{kind: loss, start_s: 1.0}", "what: missing"),
-        ("{what: gps, kind: loss, start_s: 1.0, durations: 3.0}", "did you mean duration_s?"),
-        ("{what: gps, kind: loss, start_s: 1.0, what: imu}", "what: the key stands here twice"),
-        ("{what: gps, kind: loss, start_s: -1.0}", "start_s: -1.0 is not allowed"),
-        ("{what: gps, kind: loss, start_s: .nan}", "start_s: nan is not allowed"),
-        ("{what: gps, kind: loss, start_s: soon}", "start_s: soon is not allowed"),
-        ("{what: gps, kind: loss, start_s: true}", "start_s: True is not allowed"),
-        ("{what: gps, kind: loss, start_s: [1.0]}", "start_s: [1.0] is not allowed"),
-        ("{what: gps, kind: loss, start_s: 1.0, duration_s: 1e9}", "duration_s: 1000000000.0 is"),
-        ("{what: gps, kind: bias, start_s: 1.0}", "value: missing; allowed: 3 numbers"),
-        ("{what: gps, kind: bias, start_s: 1.0, value: [1.0, 2.0]}", "has 2 numbers; allowed: 3"),
-        ("{what: imu, kind: bias, start_s: 1.0, value: [1.0]}", "has 1 numbers; allowed: 6 of"),
-        ("{what: mag, kind: bias, start_s: 1.0, value: [0, 0, .inf]}", "value: inf is not allowed"),
-        ("{what: gps, kind: bias, start_s: 1.0, value: [[1]]}", "a flat list of numbers"),
-        ("{what: gps, kind: bias, start_s: 1.0, value: {x: 1}}", "a flat list of numbers"),
-        ("{what: gps, kind: freeze, start_s: 1.0, value: 1.0}", "freeze has none; leave it out"),
-        ("{what: gps, kind: loss, start_s: 1.0, value: 0.0}", "a number in (0, 1] (the share"),
-        ("{what: gps, kind: loss, start_s: 1.0, value: 1.5}", "a number in [0, 1]"),
-        ("{what: baro, kind: noise, start_s: 1.0, value: 1.0}", "a number in (1, 10000]"),
-        ("{what: imu, kind: delay, start_s: 1.0, value: 3.0}", "a number in [0, 1]"),
-        ("{what: delta_col, kind: slow, start_s: 1.0, value: 0.0}", "a number in (0, 1000]"),
-        ("{what: delta_col, kind: stuck, start_s: 1.0, value: 1.2}", "a number in [-1, 1]"),
-        ("{what: wind, kind: gust, start_s: 1.0, value: [1, 2, 3]}", "duration_s: missing"),
-        ("gps loss", "expected a mapping of what, kind"),
-        ("[1, 2]", "expected a mapping of what, kind"),
-        ("{what: gps", "is not valid YAML"),
-        ("", "expected a mapping of what, kind"),
+        ("{what: gsp, kind: loss, start_s: 1.0}", ParameterCause.CHOICE, "what"),
+        ("{what: gps, kind: los, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
+        ("{what: gps, kind: stuck, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
+        ("{what: delta_col, kind: loss, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
+        ("{what: wind, kind: bias, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
+        ("{what: gps, kind: loss}", ParameterCause.MISSING, "start_s"),
+        ("{what: engine, kind: loss, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
+        ("{what: engine, kind: stop, start_s: 1.0, duration_s: 3.0}", ParameterCause.CONFLICT, "duration_s"),
+        ("{what: engine, kind: stop, start_s: 1.0, value: 3.0}", ParameterCause.CONFLICT, "value"),
+        ("{kind: loss, start_s: 1.0}", ParameterCause.MISSING, "what"),
+        ("{what: gps, kind: loss, start_s: 1.0, durations: 3.0}", ParameterCause.UNKNOWN_KEY, "durations"),
+        ("{what: gps, kind: loss, start_s: 1.0, what: imu}", ParameterCause.TWICE, "what"),
+        ("{what: gps, kind: loss, start_s: -1.0}", ParameterCause.BOUNDS, "start_s"),
+        ("{what: gps, kind: loss, start_s: .nan}", ParameterCause.BOUNDS, "start_s"),
+        ("{what: gps, kind: loss, start_s: soon}", ParameterCause.TYPE, "start_s"),
+        ("{what: gps, kind: loss, start_s: true}", ParameterCause.TYPE, "start_s"),
+        ("{what: gps, kind: loss, start_s: [1.0]}", ParameterCause.TYPE, "start_s"),
+        ("{what: gps, kind: loss, start_s: 1.0, duration_s: 1e9}", ParameterCause.BOUNDS, "duration_s"),
+        ("{what: gps, kind: bias, start_s: 1.0}", ParameterCause.MISSING, "value"),
+        ("{what: gps, kind: bias, start_s: 1.0, value: [1.0, 2.0]}", ParameterCause.LENGTH, "value"),
+        ("{what: imu, kind: bias, start_s: 1.0, value: [1.0]}", ParameterCause.LENGTH, "value"),
+        ("{what: mag, kind: bias, start_s: 1.0, value: [0, 0, .inf]}", ParameterCause.BOUNDS, "value"),
+        ("{what: gps, kind: bias, start_s: 1.0, value: [[1]]}", ParameterCause.TYPE, "value"),
+        ("{what: gps, kind: bias, start_s: 1.0, value: {x: 1}}", ParameterCause.TYPE, "value"),
+        ("{what: gps, kind: freeze, start_s: 1.0, value: 1.0}", ParameterCause.CONFLICT, "value"),
+        ("{what: gps, kind: loss, start_s: 1.0, value: 0.0}", ParameterCause.BOUNDS, "value"),
+        ("{what: gps, kind: loss, start_s: 1.0, value: 1.5}", ParameterCause.BOUNDS, "value"),
+        ("{what: baro, kind: noise, start_s: 1.0, value: 1.0}", ParameterCause.BOUNDS, "value"),
+        ("{what: imu, kind: delay, start_s: 1.0, value: 3.0}", ParameterCause.BOUNDS, "value"),
+        ("{what: delta_col, kind: slow, start_s: 1.0, value: 0.0}", ParameterCause.BOUNDS, "value"),
+        ("{what: delta_col, kind: stuck, start_s: 1.0, value: 1.2}", ParameterCause.BOUNDS, "value"),
+        ("{what: wind, kind: gust, start_s: 1.0, value: [1, 2, 3]}", ParameterCause.MISSING, "duration_s"),
+        ("gps loss", ParameterCause.TYPE, ""),
+        ("[1, 2]", ParameterCause.TYPE, ""),
+        ("{what: gps", ParameterCause.SYNTAX, ""),
+        ("", ParameterCause.TYPE, ""),
     ],
 )
-def test_bad_faults_are_one_sentence(wrong, said):
-    with pytest.raises(PlantConfigError) as caught:
+def test_bad_faults_are_one_sentence(wrong, cause, key):
+    with pytest.raises(ParameterError) as caught:
         faults_of(["none", wrong])
-    assert said in str(caught.value)
-    assert str(caught.value).startswith("faults: entry 2")
-    assert "\n" not in str(caught.value)
+    refusal = caught.value
+    assert (refusal.cause, refusal.key) == (cause, key)
+    assert refusal.where.startswith("faults: entry 2") and "\n" not in str(refusal)
+
+
+def test_a_refusal_says_what_is_allowed_and_what_was_meant():
+    with pytest.raises(ParameterError) as caught:
+        faults_of(["{what: gps, kind: los, start_s: 1.0}"])
+    assert str(caught.value).startswith(
+        "faults: entry 1: of gps: kind: los is not allowed: did you mean loss?; allowed: one of "
+    )
+    with pytest.raises(ParameterError) as caught:
+        faults_of(["{what: gps, kind: loss, start_s: 1.0, value: 1.5}"])
+    assert caught.value.allowed == KINDS["loss"].allowed
+    with pytest.raises(ParameterError) as caught:
+        faults_of(["{what: gps, kind: loss, start_s: 1.0, durations: 3.0}"])
+    assert caught.value.meant == "duration_s"
 
 
 def test_samples_too_old_to_be_remembered_are_refused(plant_config):
@@ -375,5 +391,6 @@ def test_samples_too_old_to_be_remembered_are_refused(plant_config):
 
 
 def test_there_may_not_be_too_many():
-    with pytest.raises(PlantConfigError, match="65 entries; allowed: at most 64"):
+    with pytest.raises(ParameterError) as caught:
         faults_of(["{what: gps, kind: loss, start_s: 1.0}"] * 65)
+    assert caught.value.cause == ParameterCause.LENGTH and caught.value.value == 65

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from heli_bags.parameters import NODE_NAME as RECORDER
-from heli_core.faults import MOST, NONE, Fault, fault_of, faults_of
+from heli_core.faults import NONE, Fault, check_count, fault_of, faults_of
 from heli_core.rcl_yaml import ParameterError, dump_all
 from heli_flight.scenario import NODE_NAME as SCENARIO
 from heli_flight.settings import (
@@ -78,8 +78,7 @@ def read_faults(path: Path | None) -> FaultsRead:
         group, read_one = _READERS.get(_what(node), (_KEY, fault_of))
         groups[group].append(read_one(node, _place(path, node)))
     for group, faults in groups.items():
-        if len(faults) > MOST:
-            raise ParameterError(f"{group}: {len(faults)} entries; allowed: at most {MOST}")
+        check_count(group, len(faults))
     texts, links, process = map(_texts, groups.values())
     over: dict[str, dict[str, Any]] = {node.name: {_LINKS: links} for node in NODES}
     over["plant"][_KEY] = texts

@@ -22,6 +22,7 @@ import heli_observer.parameters as observer_table
 import heli_outer_pd.parameters as outer_table
 from heli_bags import parameters as recorder_table
 from heli_core.command_line import config_folder
+from heli_core.errors import ParameterCause
 from heli_core.faults import (
     LONGEST_S,
     NONE,
@@ -692,12 +693,13 @@ def check_faults(nodes: Mapping[str, Mapping[str, Any]]) -> None:
     try:
         faults_of(nodes["plant"]["faults"])
     except ParameterError as error:
-        raise ParameterError(f"plant: {error}") from None
+        raise error.placed(f"plant: {error.where}".rstrip(": "), error.key) from None
     for node in NODES:
         try:
             link_faults_of(nodes[node.name]["link_faults"])
         except ParameterError as error:
-            raise ParameterError(f"{node.name}: {error}") from None
+            where = f"{node.name}: {error.where}".rstrip(": ")
+            raise error.placed(where, error.key) from None
 
 
 # -------------------------------------------------------------------------------------------------
@@ -876,13 +878,14 @@ def process_fault_of(node: yaml.Node | None, where: str) -> ProcessFault:
     wanted = {KILL: ("node",), PAUSE: ("node", "duration_s"), HOG: ("duration_s", "value")}[kind]
     for key in ("node", "duration_s", "value"):
         if key in entry and key not in wanted:
-            raise entry.refusal(key, f"{kind} has none; leave it out")
+            problem = f"{kind} has none; leave it out"
+            raise entry.refusal(key, ParameterCause.CONFLICT, problem)
     start_s = entry.number("start_s", LONGEST_S)
     name = entry.word("node", FAULTY_NODES) if "node" in wanted else ""
     duration_s = entry.number("duration_s", LONGEST_S) if "duration_s" in wanted else 0.0
     value = entry.numbers(1, _HOGS, f"{PROCESS} {kind}") if kind == HOG else ()
     if kind == HOG and value[0] != int(value[0]):
-        raise entry.refusal("value", f"{value[0]:g} is not allowed; allowed: {_HOGS.allowed}")
+        raise entry.refusal("value", ParameterCause.TYPE, allowed=_HOGS.allowed)
     return ProcessFault(what, kind, start_s, duration_s, value, name)
 
 

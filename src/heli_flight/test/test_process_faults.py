@@ -26,9 +26,9 @@ faults:
   - {what: process, kind: hog, start_s: 14.0, duration_s: 1.0, value: 2}
 """
 KILL, PAUSE, HOG = (
-    ProcessFault("kill", "observer", 8.0),
-    ProcessFault("pause", "inner_loop", 12.0, 0.5),
-    ProcessFault("hog", "", 14.0, 1.0, 2),
+    ProcessFault("process", "kill", 8.0, 0.0, node="observer"),
+    ProcessFault("process", "pause", 12.0, 0.5, node="inner_loop"),
+    ProcessFault("process", "hog", 14.0, 1.0, (2.0,)),
 )
 
 
@@ -65,7 +65,7 @@ def test_one_file_has_faults_of_sensors_and_of_processes(file, tmp_path):
         ("node: plant, kind: kill, start_s: 1, duration_s: 2", "duration_s: kill has none"),
         ("kind: hog, node: plant, start_s: 1, duration_s: 2, value: 1", "node: hog has none"),
         ("kind: hog, start_s: 1, duration_s: 2, value: 1.5", "1.5 is not allowed"),
-        ("kind: hog, start_s: 1, duration_s: 2, value: 17", "allowed: a number in [0, 16]"),
+        ("kind: hog, start_s: 1, duration_s: 2, value: 17", "allowed: a number in [1, 16]"),
         ("kind: hog, start_s: .nan, duration_s: 2, value: 1", "start_s: nan is not allowed"),
         ("nodes: observer, kind: kill, start_s: 1", "nodes: unknown key"),
         ("kind: [kill], start_s: 1", "kind: expected one value"),

@@ -17,10 +17,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from heli_core.errors import ParameterCause, ParameterError
 from heli_core.faults import LONGEST_S, PAST_S, Fault, FaultEntry, Kind, entries
 from heli_core.inbox import NOTHING, WIDTH
 from heli_core.jit import by_reference, njit
-from heli_core.rcl_yaml import ParameterError
 from heli_core.ticks import Rate
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.layouts import CHANNELS
@@ -336,9 +336,8 @@ def link_fault_of(node: yaml.Node | None, where: str) -> LinkFault:
         known = ", ".join(
             f"{'/'.join(topics.BY_NAME[topic].source)} to {sink}: {topic}" for topic, sink in LINKS
         )
-        raise ParameterError(
-            f"{where}: from {fault.sender} to {fault.receiver} goes {over}; known: {known}"
-        )
+        problem = f"{fault.sender} to {fault.receiver} goes {over}; known: {known}"
+        raise ParameterError(f"from {problem}", ParameterCause.CONFLICT, where=where)
     return fault
 
 
