@@ -98,7 +98,7 @@ def test_the_script_for_bash_is_one():
     shown = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, timeout=150)
     script = shown.stdout
     assert "_HELI_COMPLETE=complete_bash" in script and "complete -o default" in script
-    subprocess.run(["bash", "-n"], input=script, text=True, check=True, timeout=60)
+    subprocess.run(["bash", "-n"], input=script, text=True, check=True, timeout=120)
 
 
 class TestWithoutATerminal:

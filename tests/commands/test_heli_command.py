@@ -138,7 +138,7 @@ def test_ubuntus_typer_is_refused_in_a_sentence(tmp_path, name, content):
         (tmp_path / "typer").mkdir()
         (tmp_path / "typer/__init__.py").write_text(content)
     command = [sys.executable, "-c", f"import sys; {code}", str(tmp_path), name, "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(f"{name}: ") and " typer 0.29 " in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -149,7 +149,7 @@ class TestPrograms:
 
     def run(self, *words, text=""):
         command = [sys.executable, "-m", "heli_flight.cli.app", *words]
-        return subprocess.run(command, input=text, capture_output=True, text=True, timeout=60)
+        return subprocess.run(command, input=text, capture_output=True, text=True, timeout=120)
 
     def test_python_is_this_environments_and_gets_every_word(self):
         """Options, too, and --help; the exit code is the program's."""

@@ -215,7 +215,7 @@ def test_it_serves_until_ctrl_c_with_the_rules_of_the_live_page(flight):
         with pytest.raises(urllib.error.HTTPError, match="403"):
             urllib.request.urlopen(request)
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=30)
+        _, err = process.communicate(timeout=120)
     finally:
         process.kill()
     assert process.returncode == 130

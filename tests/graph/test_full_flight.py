@@ -106,14 +106,15 @@ def test_written_parameters_fly_the_same_flight(hover_test, tmp_path, words, mod
     change.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 0.07\n")
     first = hover_test("--out", tmp_path / "a", "--params", change, *words)
     again = hover_test("--out", tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
-    assert again.returncode == first.returncode == 0, first.stderr + again.stderr
+    codes = {first.returncode, again.returncode}
+    assert codes == {0} if mode == "lockstep" else codes <= {0, 1}, first.stderr + again.stderr
     files = [(tmp_path / name / "params.yaml").read_bytes() for name in "ab"]
     assert files[0] == files[1]
     a, b = (json.loads((tmp_path / name / "result.json").read_text()) for name in "ab")
     same = ["scenario", "gps", "mode", "seed", "controller", "duration_s", "commit", "changed",
-            "conditions", "exit_code", "outside"]  # fmt: skip
+            "conditions"]  # fmt: skip
     # The wall clock's flights differ by when messages arrive.
-    same += ["metrics", "flown_s", "lost"] if mode == "lockstep" else []
+    same += ["metrics", "flown_s", "lost", "exit_code", "outside"] if mode == "lockstep" else []
     assert {name: a[name] for name in same} == {name: b[name] for name in same}
     assert a["mode"] == mode and a["changed"] == ["inner_loop.gamma"]
 
@@ -131,7 +132,7 @@ def test_other_scenarios_fly_too(hover_test, tmp_path, scenario, kind):
     assert all(metric.label in done.stdout for metric in METRICS[kind])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_real_time_keeps_pace(hover_test, tmp_path):
     """Within 1 % and at a held position, in one flight of three: others may hold the processor."""
     for name in "abc":

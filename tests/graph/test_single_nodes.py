@@ -43,7 +43,7 @@ def test_nodes_started_alone_find_each_other_and_fly(tmp_path, ros_env, living, 
     )  # fmt: skip
     for process in started:
         process.terminate()
-    codes = [process.wait(timeout=60.0) for process in started]
+    codes = [process.wait(timeout=120) for process in started]
     logs = "".join(path.read_text() for path in tmp_path.glob("*.log"))
     assert plant.returncode == 0, plant.stdout + plant.stderr + logs
     assert re.search(r"\bover\b.* 3 s\b", plant.stdout + plant.stderr)

