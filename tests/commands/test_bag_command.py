@@ -3,6 +3,7 @@
 
 import csv
 import json
+import re
 import shutil
 
 import numpy as np
@@ -79,7 +80,8 @@ def test_help_of_the_graph_commands_has_an_example(capsys, command):
 def test_info(capsys, flight):
     text = done(capsys, "bag", "info", flight)
     assert "| /baro " in text and "sensor_msgs/msg/FluidPressure" in text
-    assert f"{2 * TICKS + TICKS // 5 + 2} messages in 1.99 s from 1.00 s; 1 mcap file(s)" in text
+    for fact in (f"{2 * TICKS + TICKS // 5 + 2} messages ", " 1.99 s ", " 1.00 s", " 1 mcap "):
+        assert fact in text
     found = json.loads(done(capsys, "bag", "info", flight / "bag", "--json"))
     rows = {row["topic"]: row for row in found["topics"]}
     assert rows["/actuators"]["messages"] == TICKS
@@ -121,7 +123,7 @@ def test_csv_holds_every_field(capsys, flight, tmp_path):
 
 
 def test_repair_says_what_was_restored_and_what_was_lost(capsys, flight, tmp_path):
-    assert "nothing to repair" in done(capsys, "bag", "repair", flight)
+    assert not json.loads(done(capsys, "bag", "repair", flight, "--json"))["repaired"]
     bag = tmp_path / "bag"
     shutil.copytree(flight / "bag", bag)
     (file,) = bag.glob("*.mcap")
@@ -129,13 +131,13 @@ def test_repair_says_what_was_restored_and_what_was_lost(capsys, flight, tmp_pat
     for command in (["info"], ["echo"], ["csv"], ["play"]):
         more = {"echo": ["baro"], "csv": ["--out", tmp_path / "csv"]}.get(command[0], [])
         said = refused(capsys, "bag", *command, bag, *more)
-        assert "bag_0.mcap is cut off" in said and f"'heli bag repair {bag}'" in said
+        assert "bag_0.mcap" in said and f"bag repair {bag}'" in said
     assert not (tmp_path / "csv").exists()
     text = done(capsys, "bag", "repair", bag)
-    assert f"{bag}: bag_0.mcap is cut off\nrestored: " in text
-    assert f"written: {bag}_repaired; the damaged bag is kept in {bag}\n" in text
+    assert text.startswith(f"{bag}: bag_0.mcap ")
+    assert re.search(rf"^written: {bag}_repaired; .* {bag}$", text, re.MULTILINE)
     found = json.loads(done(capsys, "bag", "info", f"{bag}_repaired", "--json"))
-    assert f"restored: {found['messages']} messages of 3 topics" in text
+    assert re.search(rf"^restored: {found['messages']} .* 3 topics\b", text, re.MULTILINE)
     assert 100 < found["messages"] < 2 * TICKS
     again = json.loads(done(capsys, "bag", "repair", bag, "--out", tmp_path / "new", "--json"))
     assert again["repaired"] and again["messages"] == found["messages"]
@@ -149,9 +151,9 @@ def test_bad_input_is_one_line(capsys, flight, tmp_path):
         for command in ("info", "repair", "play"):
             assert str(path) in refused(capsys, "bag", command, path)
     said = refused(capsys, "bag", "echo", flight, "odom")
-    assert "holds no topic odom; it holds /actuators, /baro, /chat, /ground_truth/wind" in said
+    assert "odom; " in said and "/actuators, /baro, /chat, /ground_truth/wind" in said
     assert "exists already" in refused(capsys, "bag", "csv", flight, "--out", tmp_path)
-    assert "holds no topic x" in refused(
+    assert "topic x" in refused(
         capsys, "bag", "csv", flight, "--topic", "x", "--out", tmp_path / "new"
     )
     assert not (tmp_path / "new").exists()

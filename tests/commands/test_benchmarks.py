@@ -2,6 +2,7 @@
 """Benchmarks in their short form: they run, and a wrong word is bad input."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -51,4 +52,4 @@ def test_a_campaign_flies_on_one_and_two_workers_and_its_memory_is_looked_at():
 def test_a_word_that_is_not_known_is_refused(name):
     done = run(name, "--quik")
     assert done.returncode == 2
-    assert done.stderr.endswith("error: unrecognized arguments: --quik\n")
+    assert re.search("error: .*: --quik\n$", done.stderr)

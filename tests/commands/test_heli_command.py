@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -137,9 +138,9 @@ def test_ubuntus_typer_is_refused_in_a_sentence(tmp_path, name, content):
         (tmp_path / "typer").mkdir()
         (tmp_path / "typer/__init__.py").write_text(content)
     command = [sys.executable, "-c", f"import sys; {code}", str(tmp_path), name, "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith(f"{name}: needs typer 0.29 or newer")
+    assert done.stderr.startswith(f"{name}: ") and " typer 0.29 " in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 
@@ -148,7 +149,7 @@ class TestPrograms:
 
     def run(self, *words, text=""):
         command = [sys.executable, "-m", "heli_flight.cli.app", *words]
-        return subprocess.run(command, input=text, capture_output=True, text=True, timeout=60)
+        return subprocess.run(command, input=text, capture_output=True, text=True, timeout=120)
 
     def test_python_is_this_environments_and_gets_every_word(self):
         """Options, too, and --help; the exit code is the program's."""
@@ -161,17 +162,17 @@ class TestPrograms:
     def test_a_node_gets_every_word(self):
         done = self.run("run", "heli_observer", "observer", "--quickly")
         assert done.returncode == 2
-        assert done.stderr.startswith("observer: unknown argument '--quickly'")
+        assert done.stderr.startswith("observer: ") and "'--quickly'" in done.stderr
 
     def test_a_nodes_help_is_its_own(self):
         done = self.run("run", "heli_observer", "observer", "--help")
         assert (done.returncode, done.stderr) == (0, "")
-        assert done.stdout.startswith("usage: ros2 run heli_observer observer ")
+        assert done.stdout.split()[:5] == ["usage:", "ros2", "run", "heli_observer", "observer"]
 
     def test_a_node_that_is_not_there_is_bad_input(self):
         done = self.run("run", "heli_observer", "obsever")
         assert done.returncode == 2
-        assert done.stderr.startswith("heli: no executable lib/heli_observer/obsever in ")
+        assert done.stderr.startswith("heli: ") and " lib/heli_observer/obsever " in done.stderr
         assert len(done.stderr.splitlines()) == 1
 
 
@@ -248,7 +249,7 @@ class TestDesign:
         file.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 0.03\n")
         with pytest.raises(InfeasibleGammaError) as error:
             simulate(resolve(params=[file]))
-        assert said.startswith("gamma = 0.03 is infeasible")
+        assert said.startswith("gamma = 0.03 ")
         star = error.value.gamma_star
         assert f"{star:.8g}"[:8] in said
         through_yaml = refused(capsys, "design", "--params", file).removeprefix("heli: ")
@@ -273,12 +274,12 @@ class TestDesign:
         file = tmp_path / "weights.yaml"
         values = ", ".join(["0.0"] * 9)
         file.write_text(f"/**/inner_loop:\n  ros__parameters:\n    D11: [{values}]\n")
-        assert "D11 must be invertible" in refused(capsys, "design", "--params", file)
+        assert re.search("D11 .*invertible", refused(capsys, "design", "--params", file))
 
     def test_existing_folder_is_refused(self, capsys, tmp_path):
         for command in (["design"], ["compare", "attitude"]):
             said = refused(capsys, *command, "--out", tmp_path)
-            assert said == f"heli: --out {tmp_path}: exists already; name a new folder"
+            assert said.startswith(f"heli: --out {tmp_path}: exists ")
 
 
 class TestCompareAttitude:
@@ -307,7 +308,7 @@ class TestCompareAttitude:
         words = ("compare", "attitude", "--gusts", "--seeds", "101..103", "--ideal-navigation")
         code, text, _ = heli(capsys, *words, "--out", out)
         assert code == 0
-        assert "8 discrete gusts up to 8 m/s" in text and "| H-infinity " in text
+        assert re.search(r"\b8 discrete gusts .*\b8 m/s", text) and "| H-infinity " in text
         found = json.loads((out / "attitude.json").read_text())
         rows = {(row["law"], row["source"]): row for row in found["summary"]}
         for source in ("navigation", "truth", "ideal"):
@@ -368,16 +369,16 @@ class TestCompareRobustness:
         assert "--n" in refused(capsys, "compare", "robustness", "--n", "0")
 
     def test_unknown_command(self, capsys):
-        assert "No such command" in refused(capsys, "fly")
+        assert "'fly'" in refused(capsys, "fly")
 
 
 def test_identify_refuses_bad_input_in_one_line(capsys, tmp_path):
     out = tmp_path / "a"
     code, _, err = heli(capsys, "identify", "--out", out, "--actuators", tmp_path / "no")
     assert code == 2
-    assert err == "heli: --actuators and --gusts: give both bags, or none to fly them\n"
+    assert err.startswith("heli: --actuators and --gusts: ") and err.count("\n") == 1
     bags = ("--actuators", tmp_path / "no", "--gusts", tmp_path / "no")
     code, _, err = heli(capsys, "identify", "--out", out, *bags)
     assert code == 2
-    assert err == f"heli: {tmp_path / 'no'}: does not exist\n"
+    assert err.startswith(f"heli: {tmp_path / 'no'}: ") and err.count("\n") == 1
     assert not out.exists()

@@ -176,7 +176,7 @@ def beside_a_flight(clone, bare_env):
             run(f"timeout 120 {command}", clone, bare_env)
         finally:
             os.killpg(flight.pid, signal.SIGINT)
-            flight.communicate(timeout=60)
+            flight.communicate(timeout=120)
 
     return beside
 
@@ -190,7 +190,7 @@ def run_until_it_speaks(command, folder, env):
     try:
         first = process.stdout.readline()
         os.killpg(process.pid, signal.SIGINT)
-        rest, _ = process.communicate(timeout=60)
+        rest, _ = process.communicate(timeout=120)
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)

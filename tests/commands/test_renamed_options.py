@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Options are taken under their old names, with one warning; help and completion have the new."""
 
+import re
+
 import pytest
 import typer
 
@@ -102,8 +104,10 @@ def test_a_command_does_the_same_by_both_names(capsys, old, new):
     out, refused = capsys.readouterr()
     assert out == "" and refused.count("\n") == 1
     assert cli.main(old.split()) == 2
-    out, said = capsys.readouterr()
-    assert out == "" and said == f"heli: {words[0]} is now {present[0]}\n{refused}"
+    out, err = capsys.readouterr()
+    warning, rest = err.split("\n", 1)
+    assert (out, rest) == ("", refused) and warning.startswith("heli: ")
+    assert re.findall(r"--[\w-]+", warning) == [words[0], present[0]]
 
 
 def test_several_old_names_are_one_line(capsys):
@@ -111,10 +115,11 @@ def test_several_old_names_are_one_line(capsys):
     assert hover_test.main(words.split()) == 2
     first, *rest = capsys.readouterr().err.splitlines()
     assert len(rest) == 1
-    assert first == (
-        "hover_test: --laws is now --control-preset, --law is now --custom-law, "
-        "--controller is now --attitude-controller, --aircraft is now --vehicles"
-    )
+    assert first.startswith("hover_test: ")
+    assert re.findall(r"(--[\w-]+)[^-]*(--[\w-]+)", first) == [
+        ("--laws", "--control-preset"), ("--law", "--custom-law"),
+        ("--controller", "--attitude-controller"), ("--aircraft", "--vehicles"),
+    ]  # fmt: skip
 
 
 def test_every_command_with_a_new_name_takes_the_old_one():

@@ -123,22 +123,22 @@ def test_foreign_bag_gets_a_report_that_says_what_was_assumed(capsys, full):
     assert code == 0
     assert out == f"written: {page}\n"
     text = page.read_text(encoding="utf-8")
-    assert "No params.yaml beside the bag" in text
-    assert "The bag holds no reference" in text
-    assert "assumed, not recorded with the flight" in text
-    assert "Not of the graph, so not shown: /camera/shutter." in text
-    assert "no ground truth" not in text
+    assert "No params.yaml " in text
+    assert " no reference" in text
+    assert "assumed, not " in text
+    assert ": /camera/shutter." in text
+    assert " no ground" not in text
     assert (page.parent / "figures" / "estimate_position.png").is_file()
-    assert re.search(r"Attitude: estimate minus truth; (9\d|100)\.\d % of it inside 3", text)
+    assert re.search(r"Attitude: [^;]*; (9\d|100)\.\d % ", text)
 
 
 def test_bag_without_truth_reports_what_can_be(capsys, bare, tmp_path):
     code, _, _ = run(capsys, bare, "--out", tmp_path / "out", "--seed", 4, "--figures")
     assert code == 0
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "The bag holds no ground truth" in text
-    assert "The bag holds no wind" in text
-    assert "Not of the graph" not in text
+    assert " no ground" in text
+    assert " no wind" in text
+    assert "/camera/shutter" not in text
     figures = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}
     assert {"fig6_v_x", "fig9_track", "actuators", "rotor"} <= figures
     assert not {"wind", "estimate_position", "estimate_velocity", "estimate_attitude"} & figures
@@ -158,7 +158,7 @@ def test_cut_off_bag_is_refused(capsys, full, tmp_path):
     shutil.copytree(full, cut)
     (file,) = cut.glob("*.mcap")
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    assert "not a readable bag" in refused(capsys, cut)
+    assert str(cut) in refused(capsys, cut)
 
 
 def test_bag_with_foreign_topics_only_is_refused(capsys, tmp_path, record):
@@ -198,7 +198,8 @@ def test_ground_truth_that_the_plant_sent_is_taken(capsys, flown):
     code, out, _ = run(capsys, flown)
     assert (code, out) == (0, f"written: {flown / 'report.html'}\n")
     assert len(verdicts(flown)) == 2
-    assert "what the plant sent" not in (flown / "report.html").read_text(encoding="utf-8")
+    text = (flown / "report.html").read_text(encoding="utf-8")
+    assert "plant sent" not in text and TRUTH_SUMS not in text
 
 
 def test_ground_truth_of_somebody_else_is_said_and_is_exit_code_1(capsys, flown, record):
@@ -227,7 +228,7 @@ def test_sums_that_are_missing_are_said(capsys, flown):
     (flown / "graph.yaml").write_text("")
     assert run(capsys, flown)[0] == 0
     text = (flown / "report.html").read_text(encoding="utf-8")
-    assert "truth.sums is not beside the bag: whether its ground truth is what the plant" in text
+    assert f"{TRUTH_SUMS} " in text and "plant sent" in text
 
 
 def test_a_plant_that_was_killed_has_not_written_its_last_sums(capsys, flown, record):
@@ -237,7 +238,7 @@ def test_a_plant_that_was_killed_has_not_written_its_last_sums(capsys, flown, re
     (flown / "result.json").unlink()
     assert run(capsys, flown)[0] == 0
     text = (flown / "report.html").read_text(encoding="utf-8")
-    assert "whether the last 50 messages of ground truth are what the plant sent is not" in text
+    assert "last 50 messages" in text and "plant sent" in text and TRUTH_SUMS not in text
 
 
 def test_unknown_scenario_is_refused(capsys, full):

@@ -30,7 +30,7 @@ def refused(capsys, *words):
 def test_without_a_chromium_nothing_is_written(capsys, flown, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     (said,) = refused(capsys, "report", flown, "--pdf")
-    assert said.startswith("heli: --pdf: no Chromium on this machine to print with; install")
+    assert said.startswith("heli: --pdf: ") and "Chromium" in said
     assert not (flown / "report.html").exists()
 
 

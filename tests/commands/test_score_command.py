@@ -3,6 +3,7 @@
 
 import json
 import math
+import re
 import shutil
 
 import numpy as np
@@ -117,7 +118,7 @@ def test_ours_by_ground_truth_with_a_picture(bags, capsys, tmp_path):
     code, out, _ = run(capsys, bags["ours"], "--mte", "hover", "--plot", picture)
     # A hold within the bounds, but no approach before it.
     assert code == 1
-    assert "desired, not flown as defined" in out and "/heli/ground_truth/odom" in out
+    assert re.search(r"\bdesired, .*\bdefined", out) and "/heli/ground_truth/odom" in out
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
@@ -163,10 +164,8 @@ def test_a_flight_of_ours_is_scored_by_where_it_was_to_be_flown(bags, capsys, tm
     start = resolve("mte_vertical").scenario.reference.points[-1]
     north, east = start[:2]
     own, begins_s, said = position()
-    assert said == [
-        f"scored by where it was to be flown (params.yaml): target {east:.2f} {north:.2f} "
-        f"{-start[2]:.2f}, from 2 s on"
-    ]
+    (remark,) = said
+    assert f"{east:.2f} {north:.2f} {-start[2]:.2f}" in remark and " 2 s " in remark
     assert begins_s >= 2.0
     assert own == position("--target", east, north, -start[2], "--start", 2)[0]
     moved, _, said = position("--target", 1, 0, 10)
@@ -234,8 +233,8 @@ def test_ground_truth_that_the_plant_did_not_send_is_exit_code_1(bags, capsys, t
     sums[7] = bytes(16)
     (tmp_path / TRUTH_SUMS).write_bytes(b"".join(sums))
     code, out, _ = run(capsys, *words)
-    said = f"1 of {len(raw)} messages, the first at 0.14 s"
-    assert code == 1 and "FORGED: ground_truth/odom in the bag" in out and said in out
+    assert code == 1 and "FORGED: ground_truth/odom " in out
+    assert f" 1 of {len(raw)} " in out and " 0.14 s" in out
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 # Limits bound how long a failure takes; a loaded machine must not meet them.
-END_LIMIT_S = 15.0
+END_LIMIT_S = 120.0
 HERE = Path(__file__).parent
 
 

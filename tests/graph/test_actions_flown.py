@@ -165,7 +165,7 @@ def test_from_the_ground_to_the_ground_by_actions(ros_env, tmp_path, pilot):
 
         status, code, said = pilot.result(pilot.send(Kind.GOTO, 6, 4, 6))
         assert (status, code) == (ABORTED, Code.REFUSED), said
-        assert "take off first" in said
+        assert "takeoff" in said
 
         status, code, said = pilot.result(pilot.send(Kind.TAKEOFF))
         assert (status, code) == (SUCCEEDED, Code.DONE), said
@@ -184,7 +184,7 @@ def test_from_the_ground_to_the_ground_by_actions(ros_env, tmp_path, pilot):
         first = pilot.send(Kind.GOTO, 90, 40, 6)
         second = pilot.send(Kind.GOTO, 8, 6, 6)
         status, code, said = pilot.result(first)
-        assert (status, code, said) == (ABORTED, Code.PREEMPTED, "goto: goto took its place")
+        assert (status, code) == (ABORTED, Code.PREEMPTED) and said.startswith("goto: goto ")
         status, code, said = pilot.result(second)
         assert (status, code) == (SUCCEEDED, Code.DONE) and said.startswith("goto: there, ")
         pilot.spin_until(lambda: np.linalg.norm(pilot.at_enu_m - [8.0, 6.0, 6.0]) < 1.0, flight)

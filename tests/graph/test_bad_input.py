@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input: one line that names it, exit code 2, nothing half-started, no process left behind."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -71,9 +72,11 @@ def test_options(refused, tmp_path, arguments, words):
 
 
 def test_folder_that_exists_and_folder_that_cannot_be_written(refused, tmp_path):
-    assert "exists already" in refused("--out", tmp_path)
+    assert f"--out {tmp_path}: exists" in refused("--out", tmp_path)
     (tmp_path / "file").write_text("")
-    assert "cannot be written" in refused("--out", tmp_path / "file" / "flight")
+    unwritable = tmp_path / "file" / "flight"
+    said = refused("--out", unwritable)
+    assert f"--out {unwritable}: " in said and os.strerror(errno.ENOTDIR) in said
 
 
 def test_missing_executable_is_named(tmp_path, ros_env):
@@ -102,7 +105,8 @@ def test_dds_that_cannot_start(hover_test, tmp_path, env):
     done = hover_test("--out", tmp_path / "f", env=env)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-    assert "ROS 2 cannot start" in done.stderr
+    ((key, value),) = env.items()
+    assert f"{key}={value}" in done.stderr
     assert not (tmp_path / "f").exists()
 
 
@@ -125,7 +129,7 @@ def test_interrupt_ends_everything_and_the_bag_opens(tmp_path, ros_env, living):
     # Real time says a line every tenth of the flight: at 6 s it certainly flies.
     assert "flown" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60.0)
+    out, err = process.communicate(timeout=120)
     assert process.returncode == 130, out + err
     assert living() == []
     assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500
@@ -138,7 +142,7 @@ def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env,
     assert "flown" in process.stdout.readline()
     process.kill()
     process.wait()
-    assert living(30.0) == []
+    assert living() == []
     process.stdout.close()
     assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500
 

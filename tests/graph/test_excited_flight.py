@@ -16,7 +16,7 @@ from heli_core.ticks import TICK_S
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop import simulate
 from heli_flight.settings import resolve
-from heli_inner_hinf.excitation import disturbance_params
+from heli_inner_hinf.excitation import ExcitationStatus, disturbance_params
 from heli_msgs_bridge import topics
 
 EXCITED = """
@@ -71,7 +71,7 @@ def test_graph_and_one_process_loop_excite_alike(hover_test, tmp_path):
     kernel = disturbance_params(settings.nodes["inner_loop"])
     expected = [swept_angle(TICK_S * tick, kernel) for tick in range(800)]
     np.testing.assert_allclose(added[:, 2], expected, atol=1e-12)
-    assert any(r.message == "the actuators are excited" for r in bag.remarks)
+    assert any(r.message == ExcitationStatus.EXCITING.sentence for r in bag.remarks)
 
 
 def test_leaving_the_attitude_limit_ends_the_excitation_and_is_said(hover_test, tmp_path):
@@ -83,7 +83,8 @@ def test_leaving_the_attitude_limit_ends_the_excitation_and_is_said(hover_test, 
     # Excited flights are not scored: 1 says "outside the paper's figures", 2 would be a failure.
     assert done.returncode in (0, 1), done.stdout + done.stderr
     assert "LOST" not in done.stdout
-    assert "excitation was given up: roll or pitch left" in done.stdout
+    notes = json.loads((tmp_path / "a" / "result.json").read_text())["notes"]
+    assert f"inner_loop: {ExcitationStatus.ATTITUDE.sentence}" in notes
     settings = resolve(duration_s=6.0, params=[change])
     record = flight_from_bag(tmp_path / "a" / "bag", settings).record
     assert np.abs(record.excitation_u[200:300]).max() > 0.0
@@ -119,5 +120,5 @@ def test_heli_identify_flies_fits_designs_and_hovers(ros_env, tmp_path):
     ]
     swapped = identify("--out", tmp_path / "c", "--actuators", bags[3], "--gusts", bags[1])
     assert swapped.returncode == 2
-    assert "no message on 'excitation/actuators'" in swapped.stderr
+    assert "'excitation/actuators'" in swapped.stderr
     assert not (tmp_path / "c").exists()

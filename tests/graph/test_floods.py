@@ -34,7 +34,7 @@ goto = node.create_publisher(PoseStamped, "goto", 10)
 pose = PoseStamped()
 pose.header.frame_id, pose.pose.orientation.w = "map", 1.0
 pose.pose.position.z = 900.0
-deadline = time.monotonic() + 20.0
+deadline = time.monotonic() + 120.0
 while not (asks[0][0].service_is_ready() and goto.get_subscription_count()):
     assert time.monotonic() < deadline
     rclpy.spin_once(node, timeout_sec=0.02)
@@ -58,7 +58,7 @@ print("\\n".join(reasons))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_flood_is_refused_and_the_flight_is_flown(ros_env, tmp_path):
     """Three nodes and the commands at once, for eight seconds of a flight in real time."""
     folder = tmp_path / "f"
@@ -69,13 +69,13 @@ def test_a_flood_is_refused_and_the_flight_is_flown(ros_env, tmp_path):
     )
     assert "flown" in flying.stdout.readline()
     flood = subprocess.run(
-        [sys.executable, "-c", FLOOD, "8"], env=ros_env, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", FLOOD, "8"], env=ros_env, capture_output=True, text=True, timeout=120
     )
     assert flood.returncode == 0, flood.stderr
     out, err = flying.communicate(timeout=120)
     assert flying.returncode in (0, 1), out + err
     said = flood.stdout.splitlines()
-    assert "more than 50 requests to this node a second; ask less often" in said[2:], said
+    assert any("50 requests" in reason for reason in said[2:]), said
     result = json.loads((folder / "result.json").read_text())
     assert result["lost"] == "" and result["flown_s"] >= 15.9, result["notes"]
     facts = {}

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A stranger whose ground truth is recorded in the plant's place does not make the score."""
 
+import errno
 import json
+import os
 import subprocess
 import sys
 
@@ -48,7 +50,7 @@ def forge(node):
         hearers = [info.node_name for info in node.get_subscriptions_info_by_topic(topic)]
         return "recorder" in hearers and publisher.get_subscription_count() >= len(hearers)
 
-    late_s = time.monotonic() + 20.0
+    late_s = time.monotonic() + 120.0
     while not heard():
         assert time.monotonic() < late_s
         rclpy.spin_once(node, timeout_sec=0.01)
@@ -58,7 +60,7 @@ def forge(node):
     for tick in range(settings.scenario.n_ticks):
         publisher.publish(encoder.encode(row, NS_PER_S + tick * TICK_NS))
     # The recorder has heard it before the plant begins.
-    assert publisher.wait_for_all_acked(Duration(seconds=20.0))
+    assert publisher.wait_for_all_acked(Duration(seconds=120.0))
 
 
 with running(graph):
@@ -89,13 +91,13 @@ def test_recorded_truth_that_is_not_the_plants_is_named_and_fails(ros_env, tmp_p
     # Which of both is followed from the second message on is a matter of who is discovered when.
     false = np.count_nonzero(np.all(rows[:, PLANT.pos] == (0.0, 0.0, -10.5), axis=1))
     assert false >= 1 and not lost
-    said = f"ground_truth/odom in the bag is not what the plant sent: {false} of {len(rows)} "
-    assert code == 1 and forged.startswith(f"{said}messages, the first at 0.00 s"), forged
+    assert code == 1 and forged.startswith(f"{topics.TRUTH_ODOM} "), forged
+    assert f" {false} of {len(rows)} " in forged and " 0.00 s" in forged
     assert len(read_checksums(tmp_path / "f" / TRUTH_SUMS)) == TICKS
     # Whoever reads the folder later is told the same.
     command = [sys.executable, "-m", "heli_flight.cli.app", "report", str(tmp_path / "f")]
     done = subprocess.run(command, env=ros_env, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 1 and f"FORGED: {said}" in done.stdout, done.stdout
+    assert done.returncode == 1 and f"FORGED: {forged}" in done.stdout, done.stdout
 
 
 def test_what_the_plant_sent_is_taken_for_what_it_is(ros_env, tmp_path):
@@ -113,22 +115,22 @@ class Bag:
 
 
 @pytest.mark.parametrize(
-    ("ticks", "sums", "said"),
+    ("ticks", "sums", "facts"),
     [
-        ([0, 1, 2], [10, 11, 12], ""),
-        ([0, 2], [10, 12], ""),  # one was lost on the way
-        ([0, 1, 2], [10, 99, 12], "1 of 3 messages, the first at 0.01 s"),
-        ([0, 1, 3], [10, 11, 12], "1 of 3 messages, the first at 0.03 s"),
-        ([-1, 0], [10, 10], "1 of 2 messages, the first at -0.01 s"),
+        ([0, 1, 2], [10, 11, 12], ()),
+        ([0, 2], [10, 12], ()),  # one was lost on the way
+        ([0, 1, 2], [10, 99, 12], (" 1 of 3 ", " 0.01 s")),
+        ([0, 1, 3], [10, 11, 12], (" 1 of 3 ", " 0.03 s")),
+        ([-1, 0], [10, 10], (" 1 of 2 ", " -0.01 s")),
     ],
 )
-def test_which_messages_are_the_plants(tmp_path, ticks, sums, said):
+def test_which_messages_are_the_plants(tmp_path, ticks, sums, facts):
     path = tmp_path / TRUTH_SUMS
     path.write_bytes(np.array([10, 11, 12], "<u8").tobytes())
-    found = foreign_truth(Bag(ticks, sums), path, resolve().rate)
-    assert said in found and bool(found) == bool(said)
+    why = foreign_truth(Bag(ticks, sums), path, resolve().rate)
+    assert bool(why) == bool(facts) and all(fact in why for fact in facts)
 
 
 def test_a_plant_that_left_nothing_behind_proves_nothing(tmp_path):
-    found = foreign_truth(Bag([0], [10]), tmp_path / TRUTH_SUMS, resolve().rate)
-    assert found == "what the plant sent is not known: truth.sums: No such file or directory"
+    why = foreign_truth(Bag([0], [10]), tmp_path / TRUTH_SUMS, resolve().rate)
+    assert why.endswith(f": {TRUTH_SUMS}: {os.strerror(errno.ENOENT)}")

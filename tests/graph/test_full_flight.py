@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from heli_bags.reader import read_bag
+from heli_core.metrics import METRICS, PATH
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop import simulate
 from heli_flight.settings import DRAWN, resolve
@@ -18,7 +19,7 @@ def test_hover_test_flies_records_and_agrees_with_the_one_process_loop(hover_tes
     folder = tmp_path / "flight"
     done = hover_test("--out", folder, "--seed", 11)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "lateral position error" in done.stdout
+    assert all(metric.label in done.stdout for metric in METRICS["hover"])
     result = json.loads((folder / "result.json").read_text())
     assert result["exit_code"] == 0
     assert result["seed"] == 11
@@ -105,14 +106,15 @@ def test_written_parameters_fly_the_same_flight(hover_test, tmp_path, words, mod
     change.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 0.07\n")
     first = hover_test("--out", tmp_path / "a", "--params", change, *words)
     again = hover_test("--out", tmp_path / "b", "--params", tmp_path / "a" / "params.yaml")
-    assert again.returncode == first.returncode == 0, first.stderr + again.stderr
+    codes = {first.returncode, again.returncode}
+    assert codes == {0} if mode == "lockstep" else codes <= {0, 1}, first.stderr + again.stderr
     files = [(tmp_path / name / "params.yaml").read_bytes() for name in "ab"]
     assert files[0] == files[1]
     a, b = (json.loads((tmp_path / name / "result.json").read_text()) for name in "ab")
     same = ["scenario", "gps", "mode", "seed", "controller", "duration_s", "commit", "changed",
-            "conditions", "exit_code", "outside"]  # fmt: skip
+            "conditions"]  # fmt: skip
     # The wall clock's flights differ by when messages arrive.
-    same += ["metrics", "flown_s", "lost"] if mode == "lockstep" else []
+    same += ["metrics", "flown_s", "lost", "exit_code", "outside"] if mode == "lockstep" else []
     assert {name: a[name] for name in same} == {name: b[name] for name in same}
     assert a["mode"] == mode and a["changed"] == ["inner_loop.gamma"]
 
@@ -120,19 +122,17 @@ def test_written_parameters_fly_the_same_flight(hover_test, tmp_path, words, mod
 SHORT_PATH = "/**/scenario:\n  ros__parameters:\n    path: {start_s: 2.0, laps: 0.1}\n"
 
 
-@pytest.mark.parametrize(
-    ("scenario", "metric"), [("attitude", "roll error"), ("figure_eight", "distance from the path")]
-)
-def test_other_scenarios_fly_too(hover_test, tmp_path, scenario, metric):
+@pytest.mark.parametrize(("scenario", "kind"), [("attitude", "attitude"), ("figure_eight", PATH)])
+def test_other_scenarios_fly_too(hover_test, tmp_path, scenario, kind):
     short = tmp_path / "short.yaml"
     short.write_text(SHORT_PATH)
     options = ("--scenario", scenario, "--duration", 8, "--gps", "rtk", "--params", short)
     done = hover_test("--out", tmp_path / "a", *options)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert metric in done.stdout
+    assert all(metric.label in done.stdout for metric in METRICS[kind])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_real_time_keeps_pace(hover_test, tmp_path):
     """Within 1 % and at a held position, in one flight of three: others may hold the processor."""
     for name in "abc":

@@ -125,7 +125,7 @@ def test_the_example_sends_it_there(ros_env, tmp_path):
     process = flying(ros_env, folder, SECONDS)
     assert "flown" in process.stdout.readline()
     example = [sys.executable, EXAMPLE, "6", "-4", "13"]
-    subprocess.run(example, env=ros_env, timeout=60, check=True)
+    subprocess.run(example, env=ros_env, timeout=120, check=True)
     ended(process)
     record = flight_from_bag(folder / "bag", resolve(gps="rtk")).record
     assert np.abs(record.truth_pos_ned_m[-200:] - [-4.0, 6.0, -13.0]).max() < 0.5

@@ -61,13 +61,15 @@ def test_endurance(benchmark_of):
 
 def test_latency_that_is_asked_to_end_leaves_nothing(ros_env, living):
     """Its ring has four processes by then, and the listener is one, too."""
-    command = [sys.executable, BENCHMARKS / "latency.py", "--seconds", "60"]
+    command = [sys.executable, BENCHMARKS / "latency.py", "--seconds", "250"]
     measuring = subprocess.Popen(command, env=ros_env, stdout=subprocess.PIPE, text=True)
     started = time.monotonic()
     # Itself, listener, ring; and what multiprocessing has beside them.
     while len(living(0.0)) < 6:
-        assert measuring.poll() is None and time.monotonic() - started < 60.0
+        assert time.monotonic() - started < 120.0
+        with pytest.raises(subprocess.TimeoutExpired):
+            measuring.wait(0.05)
     measuring.terminate()
-    out, _ = measuring.communicate(timeout=60.0)
+    out, _ = measuring.communicate(timeout=120)
     assert (measuring.returncode, out) == (130, "")
     assert living() == []

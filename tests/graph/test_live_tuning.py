@@ -47,7 +47,7 @@ def inner_loop(ros_env):
     node.destroy_node()
     context.shutdown()
     process.terminate()
-    process.communicate(timeout=60.0)
+    process.communicate(timeout=120)
     assert process.returncode == 0
 
 

@@ -3,6 +3,7 @@
 
 import asyncio
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -104,13 +105,13 @@ def test_a_flight_waits_for_its_first_browser_and_leaves_report_and_replay(start
 
     hello, first, ends, told, last = asyncio.run(watch(process, url, read_report))
     # Seen from its first moment on; before it, nothing had flown.
-    assert first < 0.5 and ends == {"over"}
+    assert first < 2.0 and ends == {"over"}
     assert hello["after"] is True and hello["history"] == []
     assert told["report"] == "report.html" and told["at_end"]
-    assert told["ended"].startswith("Flown to its end after 4.00 s.")
+    assert " 4.00 s" in told["ended"]
     assert last["t"] == pytest.approx(3.99) and last["replay"]["runs"] is False
     # Once the browser has gone the command ends, with the flight's own code.
-    _, err = process.communicate(timeout=30.0)
+    _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0, err
 
 
@@ -118,7 +119,7 @@ def test_ctrl_c_ends_the_waiting_and_leaves_nothing(start, tmp_path):
     process = start("--live-wait")
     until(process, "waiting for a browser")
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=30.0)
+    _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 130
     assert err.splitlines()[-1] == "interrupted" and "Traceback" not in err
     assert not (tmp_path / "flight").exists()
@@ -133,8 +134,8 @@ def test_without_a_browser_the_flight_begins_after_the_limit_and_nobody_is_waite
     process = start("--live-wait", "--duration", "2", "--params", str(file))
     out, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0, err
-    assert "no browser has come within 0.5 s: the flight begins" in out
-    assert "report and replay" not in out
+    assert re.search(r"no browser .* 0\.5 s\b", out)
+    assert out.count("http://") == 1, "the page of the flight, and none after it"
     assert (tmp_path / "flight/report.html").is_file()
 
 
@@ -144,7 +145,7 @@ def test_ctrl_c_after_the_flight_changes_nothing_of_its_outcome(start, tmp_path)
 
     def stop():
         process.send_signal(signal.SIGINT)
-        process.wait(30.0)
+        process.wait(LIMIT_S)
 
     asyncio.run(watch(process, address(until(process, "live view: ")), stop))
     assert process.returncode == 0, process.stderr.read()

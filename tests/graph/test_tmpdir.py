@@ -42,7 +42,7 @@ def test_two_at_once_with_folders_of_their_own_do_not_meet(ros_env, tmp_path):
         env=ros_env | envs[1], capture_output=True, text=True, timeout=240,
     )  # fmt: skip
     first.send_signal(signal.SIGINT)
-    first.wait(60)
+    first.wait(120)
     assert first.returncode == 130
     assert second.returncode == 0, second.stdout + second.stderr
     bag = read_bag(tmp_path / "one" / "bag")

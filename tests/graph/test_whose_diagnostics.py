@@ -15,7 +15,7 @@ from heli_flight.graph.supervisor import Supervisor
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
 
-LIMIT_S = 20.0
+LIMIT_S = 120.0
 OTHERS = ("heli2/plant", "/heli2/plant", "a/b/plant", "plant/plant", "heli2/")
 OVER = "The aircraft hit the ground"
 

@@ -3,7 +3,6 @@
 
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
 from importlib.util import find_spec
@@ -160,11 +159,12 @@ def test_what_is_no_flight_is_one_sentence(tmp_path):
         heli.load(tmp_path / "empty")
 
 
-def test_importing_is_quick_and_loads_nothing_heavy():
-    code = "import sys, heli; print([m for m in ('numpy', 'numba', 'rclpy') if m in sys.modules])"
-    begun = time.monotonic()
+def test_importing_loads_nothing_heavy():
+    """And is quick by it: no module of a distribution but our own."""
+    heavy = ("aiohttp", "numba", "numpy", "plotly", "rclpy", "rosbags", "scipy", "typer", "yaml")
+    code = f"import sys, heli; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]" and time.monotonic() - begun < 10.0
+    assert done.stdout.strip() == "[]"
 
 
 def test_the_command_of_the_same_name_is_not_in_the_way(tmp_path):

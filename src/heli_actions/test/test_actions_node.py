@@ -14,7 +14,7 @@ from heli_actions.node import ActionsNode, Interfaces
 from heli_msgs_bridge.diagnostics import FACT_GOALS, GoalAnswer, GoalState, goals_text
 from heli_msgs_bridge.layouts import MessageError
 
-LIMIT_S = 60.0
+LIMIT_S = 120.0
 
 
 class StandIns(Interfaces):

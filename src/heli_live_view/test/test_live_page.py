@@ -5,7 +5,6 @@ import asyncio
 import json
 import re
 import socket
-import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -43,7 +42,7 @@ async def answer(connection, request):
     text = request if isinstance(request, str) else json.dumps(request)
     await connection.send_str(text)
     while True:
-        message = json.loads((await connection.receive(10.0)).data)
+        message = json.loads((await connection.receive(120.0)).data)
         if message["type"] == "answer":
             return message
 
@@ -107,7 +106,7 @@ def test_requests_are_bounded_in_size_and_number(serve):
                 await connection.send_str(json.dumps(COMMAND))
             assert "too many" in json.loads((await _second(connection)).data)["text"]
             await connection.send_str("x" * 5000)
-            while (await connection.receive(10.0)).type == aiohttp.WSMsgType.TEXT:
+            while (await connection.receive(120.0)).type == aiohttp.WSMsgType.TEXT:
                 continue
             assert connection.close_code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
 
@@ -116,8 +115,8 @@ def test_requests_are_bounded_in_size_and_number(serve):
 
 
 async def _second(connection):
-    await connection.receive(10.0)
-    return await connection.receive(10.0)
+    await connection.receive(120.0)
+    return await connection.receive(120.0)
 
 
 def test_a_browser_that_reads_nothing_holds_up_nobody(serve):
@@ -132,17 +131,17 @@ def test_a_browser_that_reads_nothing_holds_up_nobody(serve):
 
     async def use():
         async with browser() as session, session.ws_connect(f"{server.url}ws") as connection:
-            await connection.receive(10.0)
+            await connection.receive(120.0)
             for i in range(300):  # 30 MB, far more than sockets hold
                 server.send_state(state)
                 server.send(json.dumps({"type": "event", "text": i}))
-                while json.loads((await connection.receive(10.0)).data).get("text") != i:
+                while json.loads((await connection.receive(120.0)).data).get("text") != i:
                     continue
 
     asyncio.run(use())
-    begun = time.monotonic()
     server.stop()
-    assert time.monotonic() - begun < 10.0
+    server._thread.join(50.0)
+    assert not server._thread.is_alive(), "aiohttp waits a minute for such a browser"
     deaf.close()
     server.send_state("{}")  # nobody is there any more: nothing happens
 
@@ -210,7 +209,7 @@ class Place:
 
 async def state_of(connection, at):
     while True:
-        message = json.loads((await connection.receive(10.0)).data)
+        message = json.loads((await connection.receive(120.0)).data)
         if message["type"] == "state" and message["at"] == at:
             return
 

@@ -24,7 +24,7 @@ from heli_msgs_bridge.diagnostics import (
 )
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec
 
-LIMIT_S = 30.0
+LIMIT_S = 120.0
 
 
 class Idle(ManagedNode[None, None]):

@@ -80,7 +80,7 @@ def start(own_domain):
 
 def ended(process):
     """Exit code, standard output, and what the nodes themselves complained of."""
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=120)
     assert "Traceback" not in out + err and "Exception" not in err
     return (
         process.returncode,

@@ -69,7 +69,7 @@ def hear(node, topic):
 
 def said(sender, times):
     """Wait until the sender has said so many times more that it waits."""
-    assert all(sender.said.acquire(timeout=30.0) for _ in range(times))
+    assert all(sender.said.acquire(timeout=120) for _ in range(times))
 
 
 def waits(sender):
@@ -86,7 +86,7 @@ def waits(sender):
     thread.start()
 
     def ended():
-        thread.join(30.0)
+        thread.join(120.0)
         assert not thread.is_alive()
         return failure[0] if failure else ""
 

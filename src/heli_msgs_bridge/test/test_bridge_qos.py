@@ -15,7 +15,7 @@ from heli_core.parameters import load, with_common
 from heli_msgs_bridge import topics
 from heli_msgs_bridge.lifecycle_node import ManagedNode, NodeSpec
 
-LIMIT_S = 20.0
+LIMIT_S = 120.0
 SUCCESS = TransitionCallbackReturn.SUCCESS
 DEFAULT = 10
 """What `create_publisher` and `create_subscription` of a tutorial get: reliable, volatile."""

@@ -180,15 +180,15 @@ def test_a_velocity_that_is_not_finite_changes_nothing(bad):
 
 
 def test_replanning_is_cheap():
-    """At 50 Hz it may take half of the time at most; measured 3 ms, so a machine may be slower."""
+    """Of 20 ms at 50 Hz it takes 3 ms of a processor here; a machine may be much slower."""
     craft = Craft()
     craft.go((2.0, 1.0, 0.5), 0.3)
     least = math.inf
     for _ in range(20):
         craft.step()
-        began = time.perf_counter()
+        began = time.process_time()
         craft.go((2.0, 1.0, 0.0), 0.3)
-        least = min(least, time.perf_counter() - began)
+        least = min(least, time.process_time() - began)
     assert least < 0.1
     assert len(craft.phases.trajectory.points) < 200
 

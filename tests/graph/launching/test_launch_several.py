@@ -98,7 +98,7 @@ def test_two_launches_by_hand_in_one_domain(launch, tmp_path, ros_env, living):
     clock = [sys.executable, "-m", "heli_flight.graph.world_clock_node", "--ros-args"]
     with subprocess.Popen([*clock, "-p", "aircraft:=[red, blue]"], env=ros_env) as world:
         codes, said = flown(started, tmp_path, ros_env, "/red/plant", "/blue/plant")
-        assert world.wait(timeout=60) == 0
+        assert world.wait(timeout=120) == 0
     assert living() == []
     assert codes == {0} and "going on" not in said, said
     assert_flown_as_if_alone([tmp_path / name for name in names], [1, 2])

@@ -22,7 +22,7 @@ from heli_live_view.node import LiveViewNode
 from heli_observer.node import ObserverNode
 from heli_outer_pd.node import OuterLoopNode
 
-LIMIT_S = 60.0
+LIMIT_S = 120.0
 KINDS = {
     kind.SPEC.name: kind
     for kind in (

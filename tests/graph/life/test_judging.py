@@ -11,7 +11,7 @@ from heli_inner_hinf.design import AttitudeConfig
 
 FLYING = ("outer_loop", "inner_loop", "observer", "plant")
 DEACTIVATE, CLEANUP = 4, 2
-LIMIT_S = 20.0
+LIMIT_S = 120.0
 
 
 class Held:
@@ -66,8 +66,8 @@ def test_the_flight_goes_on_while_a_law_is_judged(crew, held, lockstep):
         one.spin_until(lambda begun=begun: synthesis.begun > begun)
         assert synthesis.thread is not threading.current_thread()
         flown_tick = inner.core.flown_tick
-        one.fly(40)
-        assert not answer.done() and inner.core.flown_tick >= flown_tick + 30
+        one.spin_until(lambda tick=flown_tick: inner.core.flown_tick >= tick + 30)
+        assert not answer.done()
         assert inner.core.design.config is before and inner.values["gamma"] != gamma
         synthesis.let_go()
         one.spin_until(answer.done)

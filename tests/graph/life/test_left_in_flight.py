@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from heli_msgs_bridge.diagnostics import Level
+from heli_msgs_bridge.diagnostics import Level, NodeState
 
 FLYING = ("scenario", "outer_loop", "inner_loop", "observer", "plant")
 ACTIVATE, DEACTIVATE = 3, 4
@@ -14,12 +14,12 @@ LOOK_S = 0.05
 
 
 def assert_it_flies_on(one):
-    """All is well within two seconds of flight, and the helicopter is where it was."""
+    """All is well again after two seconds of flight, and the helicopter is where it was."""
     plant = one.nodes["plant"]
     before = plant.core.state.x[:3].copy()
     one.fly(200)
-    for node in one.nodes.values():
-        assert node.health.level == Level.OK, (node.get_name(), node.health.message)
+    # On loaded cores a message may be late at any moment: that is said, and is over soon.
+    one.spin_until(lambda: all(node.health.level == Level.OK for node in one.nodes.values()))
     one.fly(300)
     assert np.abs(plant.core.state.x[:3] - before).max() < 2.0
 
@@ -36,7 +36,7 @@ def left_in_flight(crew, name, peer_timeout_s):
 @pytest.mark.parametrize("name", ["observer", "inner_loop", "outer_loop"])
 def test_a_node_left_for_a_moment_costs_two_ticks_at_most(crew, name):
     """Within `peer_timeout_s` time stands still; the tick that was lost takes that wait."""
-    one, plant, node = left_in_flight(crew, name, peer_timeout_s=1.0)
+    one, plant, node = left_in_flight(crew, name, peer_timeout_s=3.0)
     left_tick = plant.tick
     for _ in range(10):
         one.state(name)
@@ -61,7 +61,8 @@ def test_a_node_left_for_long_is_named_and_flown_without(crew, name):
     if name != "outer_loop":
         # A tick per look at the peers: 20 in a second of wall time.
         assert plant.tick - begun_tick <= (time.monotonic() - begun_s) / LOOK_S + 2
-        assert plant.health.message.startswith("no message on 'actuators' from inner_loop")
+        assert plant.health.state == NodeState.WITHOUT_INPUT
+        assert "'actuators'" in plant.health.message and "inner_loop" in plant.health.message
     assert one.change(name, ACTIVATE)
     stepped, taken_up = node.tick, plant.tick
     one.spin_until(lambda: node.tick > stepped)

@@ -54,7 +54,7 @@ def test_paused_cleaned_up_and_ended_in_flight(crew, recorder, tmp_path):
         assert ours.change("recorder", number)
     ours.fly(20)
     assert ours.change("recorder", 7), "told to shut down, it answers and ends"
-    out, _ = recorder.communicate(timeout=60)
+    out, _ = recorder.communicate(timeout=120)
     assert recorder.returncode == 0, out
     assert "gaps" not in out and "failed" not in out, out
     assert len(read_bag(tmp_path / "bag_3").streams[topics.IMU].stamp_ns) >= 20

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-LIMIT_S = 60.0
+LIMIT_S = 120.0
 
 
 @pytest.mark.parametrize(

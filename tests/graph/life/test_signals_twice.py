@@ -16,7 +16,7 @@ import pytest
 from heli_bags.reader import read_bag
 
 ROOT = Path(__file__).resolve().parents[3]
-LIMIT_S = 60.0
+LIMIT_S = 120.0
 INT, TERM = signal.SIGINT, signal.SIGTERM
 PAIRS = [(INT, INT), (INT, TERM), (TERM, INT), (TERM, TERM)]
 
