@@ -7,7 +7,8 @@ import numba
 import numpy as np
 import pytest
 
-from heli_core.errors import ParameterCause, ParameterError, PlantConfigError
+from heli_core.errors import ParameterCause as Cause
+from heli_core.errors import ParameterError, PlantConfigError
 from heli_core.faults import KINDS, NONE, Fault, begun, faults_of
 from heli_core.rows import ACTUATOR, AIR, MEAS, PLANT
 from heli_dynamics_sim.faults import FaultLog
@@ -296,7 +297,7 @@ def test_what_has_no_beginning_begins_now_and_the_rest_stays_as_it_was_written()
         with pytest.raises(ParameterError) as caught:
             faults_of([text])
         assert caught.value.key == "start_s"
-        assert caught.value.cause in (ParameterCause.MISSING, ParameterCause.TYPE)
+        assert caught.value.cause in (Cause.MISSING, Cause.TYPE)
 
 
 def test_the_log_tells_what_came_and_what_was_taken_back_before_its_end():
@@ -324,42 +325,70 @@ def test_words():
 @pytest.mark.parametrize(
     ("wrong", "cause", "key"),
     [
-        ("{what: gsp, kind: loss, start_s: 1.0}", ParameterCause.CHOICE, "what"),
-        ("{what: gps, kind: los, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
-        ("{what: gps, kind: stuck, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
-        ("{what: delta_col, kind: loss, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
-        ("{what: wind, kind: bias, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
-        ("{what: gps, kind: loss}", ParameterCause.MISSING, "start_s"),
-        ("{what: engine, kind: loss, start_s: 1.0}", ParameterCause.CHOICE, "kind"),
-        ("{what: engine, kind: stop, start_s: 1.0, duration_s: 3.0}", ParameterCause.CONFLICT, "duration_s"),
-        ("{what: engine, kind: stop, start_s: 1.0, value: 3.0}", ParameterCause.CONFLICT, "value"),
-        ("{kind: loss, start_s: 1.0}", ParameterCause.MISSING, "what"),
-        ("{what: gps, kind: loss, start_s: 1.0, durations: 3.0}", ParameterCause.UNKNOWN_KEY, "durations"),
-        ("{what: gps, kind: loss, start_s: 1.0, what: imu}", ParameterCause.TWICE, "what"),
-        ("{what: gps, kind: loss, start_s: -1.0}", ParameterCause.BOUNDS, "start_s"),
-        ("{what: gps, kind: loss, start_s: .nan}", ParameterCause.BOUNDS, "start_s"),
-        ("{what: gps, kind: loss, start_s: soon}", ParameterCause.TYPE, "start_s"),
-        ("{what: gps, kind: loss, start_s: true}", ParameterCause.TYPE, "start_s"),
-        ("{what: gps, kind: loss, start_s: [1.0]}", ParameterCause.TYPE, "start_s"),
-        ("{what: gps, kind: loss, start_s: 1.0, duration_s: 1e9}", ParameterCause.BOUNDS, "duration_s"),
-        ("{what: gps, kind: bias, start_s: 1.0}", ParameterCause.MISSING, "value"),
-        ("{what: gps, kind: bias, start_s: 1.0, value: [1.0, 2.0]}", ParameterCause.LENGTH, "value"),
-        ("{what: imu, kind: bias, start_s: 1.0, value: [1.0]}", ParameterCause.LENGTH, "value"),
-        ("{what: mag, kind: bias, start_s: 1.0, value: [0, 0, .inf]}", ParameterCause.BOUNDS, "value"),
-        ("{what: gps, kind: bias, start_s: 1.0, value: [[1]]}", ParameterCause.TYPE, "value"),
-        ("{what: gps, kind: bias, start_s: 1.0, value: {x: 1}}", ParameterCause.TYPE, "value"),
-        ("{what: gps, kind: freeze, start_s: 1.0, value: 1.0}", ParameterCause.CONFLICT, "value"),
-        ("{what: gps, kind: loss, start_s: 1.0, value: 0.0}", ParameterCause.BOUNDS, "value"),
-        ("{what: gps, kind: loss, start_s: 1.0, value: 1.5}", ParameterCause.BOUNDS, "value"),
-        ("{what: baro, kind: noise, start_s: 1.0, value: 1.0}", ParameterCause.BOUNDS, "value"),
-        ("{what: imu, kind: delay, start_s: 1.0, value: 3.0}", ParameterCause.BOUNDS, "value"),
-        ("{what: delta_col, kind: slow, start_s: 1.0, value: 0.0}", ParameterCause.BOUNDS, "value"),
-        ("{what: delta_col, kind: stuck, start_s: 1.0, value: 1.2}", ParameterCause.BOUNDS, "value"),
-        ("{what: wind, kind: gust, start_s: 1.0, value: [1, 2, 3]}", ParameterCause.MISSING, "duration_s"),
-        ("gps loss", ParameterCause.TYPE, ""),
-        ("[1, 2]", ParameterCause.TYPE, ""),
-        ("{what: gps", ParameterCause.SYNTAX, ""),
-        ("", ParameterCause.TYPE, ""),
+        ("{what: gsp, kind: loss, start_s: 1.0}", Cause.CHOICE, "what"),
+        ("{what: gps, kind: los, start_s: 1.0}", Cause.CHOICE, "kind"),
+        ("{what: gps, kind: stuck, start_s: 1.0}", Cause.CHOICE, "kind"),
+        ("{what: delta_col, kind: loss, start_s: 1.0}", Cause.CHOICE, "kind"),
+        ("{what: wind, kind: bias, start_s: 1.0}", Cause.CHOICE, "kind"),
+        ("{what: gps, kind: loss}", Cause.MISSING, "start_s"),
+        ("{what: engine, kind: loss, start_s: 1.0}", Cause.CHOICE, "kind"),
+        (
+            "{what: engine, kind: stop, start_s: 1.0, duration_s: 3.0}",
+            Cause.CONFLICT,
+            "duration_s",
+        ),
+        ("{what: engine, kind: stop, start_s: 1.0, value: 3.0}", Cause.CONFLICT, "value"),
+        ("{kind: loss, start_s: 1.0}", Cause.MISSING, "what"),
+        (
+            "{what: gps, kind: loss, start_s: 1.0, durations: 3.0}",
+            Cause.UNKNOWN_KEY,
+            "durations",
+        ),
+        ("{what: gps, kind: loss, start_s: 1.0, what: imu}", Cause.TWICE, "what"),
+        ("{what: gps, kind: loss, start_s: -1.0}", Cause.BOUNDS, "start_s"),
+        ("{what: gps, kind: loss, start_s: .nan}", Cause.BOUNDS, "start_s"),
+        ("{what: gps, kind: loss, start_s: soon}", Cause.TYPE, "start_s"),
+        ("{what: gps, kind: loss, start_s: true}", Cause.TYPE, "start_s"),
+        ("{what: gps, kind: loss, start_s: [1.0]}", Cause.TYPE, "start_s"),
+        (
+            "{what: gps, kind: loss, start_s: 1.0, duration_s: 1e9}",
+            Cause.BOUNDS,
+            "duration_s",
+        ),
+        ("{what: gps, kind: bias, start_s: 1.0}", Cause.MISSING, "value"),
+        (
+            "{what: gps, kind: bias, start_s: 1.0, value: [1.0, 2.0]}",
+            Cause.LENGTH,
+            "value",
+        ),
+        ("{what: imu, kind: bias, start_s: 1.0, value: [1.0]}", Cause.LENGTH, "value"),
+        (
+            "{what: mag, kind: bias, start_s: 1.0, value: [0, 0, .inf]}",
+            Cause.BOUNDS,
+            "value",
+        ),
+        ("{what: gps, kind: bias, start_s: 1.0, value: [[1]]}", Cause.TYPE, "value"),
+        ("{what: gps, kind: bias, start_s: 1.0, value: {x: 1}}", Cause.TYPE, "value"),
+        ("{what: gps, kind: freeze, start_s: 1.0, value: 1.0}", Cause.CONFLICT, "value"),
+        ("{what: gps, kind: loss, start_s: 1.0, value: 0.0}", Cause.BOUNDS, "value"),
+        ("{what: gps, kind: loss, start_s: 1.0, value: 1.5}", Cause.BOUNDS, "value"),
+        ("{what: baro, kind: noise, start_s: 1.0, value: 1.0}", Cause.BOUNDS, "value"),
+        ("{what: imu, kind: delay, start_s: 1.0, value: 3.0}", Cause.BOUNDS, "value"),
+        ("{what: delta_col, kind: slow, start_s: 1.0, value: 0.0}", Cause.BOUNDS, "value"),
+        (
+            "{what: delta_col, kind: stuck, start_s: 1.0, value: 1.2}",
+            Cause.BOUNDS,
+            "value",
+        ),
+        (
+            "{what: wind, kind: gust, start_s: 1.0, value: [1, 2, 3]}",
+            Cause.MISSING,
+            "duration_s",
+        ),
+        ("gps loss", Cause.TYPE, ""),
+        ("[1, 2]", Cause.TYPE, ""),
+        ("{what: gps", Cause.SYNTAX, ""),
+        ("", Cause.TYPE, ""),
     ],
 )
 def test_bad_faults_are_one_sentence(wrong, cause, key):
@@ -393,4 +422,4 @@ def test_samples_too_old_to_be_remembered_are_refused(plant_config):
 def test_there_may_not_be_too_many():
     with pytest.raises(ParameterError) as caught:
         faults_of(["{what: gps, kind: loss, start_s: 1.0}"] * 65)
-    assert caught.value.cause == ParameterCause.LENGTH and caught.value.value == 65
+    assert caught.value.cause == Cause.LENGTH and caught.value.value == 65
