@@ -2,6 +2,7 @@
 """A campaign's report in a real browser: no errors, no network, every chart drawn, phone width."""
 
 import numpy as np
+import pytest
 
 from heli_core.metrics import METRICS
 from heli_flight.cli import app as cli
@@ -31,6 +32,7 @@ def rows(spec):
         yield row
 
 
+@pytest.mark.slow
 def test_a_campaigns_page_renders_offline(page, tmp_path, capsys):
     file = tmp_path / "spec.yaml"
     file.write_text(TEXT)

@@ -28,6 +28,7 @@ def flown(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_paper_gets_light_charts_that_fit_and_leave_no_half_page(page, flown):
     page.prefer("dark")
     page.size(WIDTH, HEIGHT)
@@ -62,6 +63,7 @@ def test_paper_gets_light_charts_that_fit_and_leave_no_half_page(page, flown):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_a_page_that_is_printed_before_it_is_drawn_is_whole(page, flown):
     """Whoever prints at once gets every chart."""
     page.size(1280, 900)
@@ -77,6 +79,7 @@ def test_a_page_that_is_printed_before_it_is_drawn_is_whole(page, flown):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_the_command_prints(chromium, flown, capsys):
     assert cli.main(["report", str(flown), "--pdf", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)

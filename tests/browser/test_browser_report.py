@@ -103,6 +103,7 @@ def test_hover_report_renders_offline(page, hover):
     assert foreign_requests(page) == []
 
 
+@pytest.mark.slow
 def test_no_page_can_send_anything(page, any_page):
     page.open(any_page, READY)
     page.try_to_send()
@@ -116,6 +117,7 @@ def test_no_page_can_send_anything(page, any_page):
     assert page.tabs() == where == [any_page.as_uri()]
 
 
+@pytest.mark.slow
 def test_the_tracks_legend_and_buttons_do_not_touch(page, hover):
     page.size(1280, 900)
     page.open(hover, READY)
@@ -138,6 +140,7 @@ def test_charts_offer_no_upload(page, any_page):
     assert foreign_requests(page) == [] and page.errors == []
 
 
+@pytest.mark.slow
 def test_bode_charts_have_frequency_ticks(page, identification):
     page.size(1280, 900)
     page.open(identification, READY)
@@ -168,6 +171,7 @@ def test_attitude_report_shows_both_laws(page, attitude):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_drawn_samples_are_the_flight(page, hover):
     """The browser reads the numbers that were written: the reference climbs from 10 to 20 m."""
     page.open(hover, READY)
@@ -178,6 +182,7 @@ def test_drawn_samples_are_the_flight(page, hover):
     assert reference == pytest.approx([10.0, 20.0])
 
 
+@pytest.mark.slow
 def test_zoom_is_shared_by_the_charts_of_time(page, hover):
     page.size(1280, 900)
     page.open(hover, READY)
@@ -260,6 +265,7 @@ def test_what_is_looked_at_is_drawn_first(page, hover):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_theme_follows_the_system_and_the_button(page, hover):
     def background():
         return page.value("getComputedStyle(document.body).backgroundColor")
@@ -278,6 +284,7 @@ def test_theme_follows_the_system_and_the_button(page, hover):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_phone_needs_no_sideways_scrolling(page, hover):
     page.size(390, 844, phone=True)
     page.open(hover, READY)
@@ -291,6 +298,7 @@ def test_phone_needs_no_sideways_scrolling(page, hover):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_charts_are_no_stops_of_the_tab_key(page, hover):
     """What Tab reaches is read on the page: links, buttons, tables that scroll; no chart's."""
     page.open(hover, READY)
@@ -306,6 +314,7 @@ def test_charts_are_no_stops_of_the_tab_key(page, hover):
     assert page.value(named)
 
 
+@pytest.mark.slow
 def test_a_table_that_scrolls_says_so_and_no_other_does(page, hover):
     boxes = """[...document.querySelectorAll('.scroll')].filter(e => e.offsetParent).map(e => [
       e.scrollWidth > e.clientWidth, e.tabIndex === 0, e.getAttribute('role') === 'region',

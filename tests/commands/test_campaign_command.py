@@ -96,6 +96,7 @@ def begun(started, file, out, *words):
     return started(*HELI, "campaign", file, "--out", out, *words, **pipes)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_whatever_is_killed_nothing_is_lost_or_flown_twice(
     cluster, started, file, expected, tmp_path, capsys

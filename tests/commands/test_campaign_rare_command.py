@@ -41,6 +41,7 @@ def run(capsys, *words):
     return code, *capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_rare_tells_a_probability_and_keeps_every_flight(file, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["rare", file, "--of", NAME, "--out", out, "--per-level", 20, "--workers", 0]

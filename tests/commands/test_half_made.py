@@ -25,6 +25,7 @@ def bag(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "code"), [(KeyboardInterrupt(), EXIT_CODE), (OSError("No space left on device"), 2)]
 )

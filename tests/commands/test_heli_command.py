@@ -223,6 +223,7 @@ class TestDesign:
         for i, axis in enumerate(("roll", "pitch", "yaw")):
             assert found["pid"][axis]["K_P"] == pytest.approx(unknown["pid.K_P"][i], rel=1e-5)
 
+    @pytest.mark.slow
     def test_another_aircraft(self, tmp_path, capsys):
         """A heavier one with slower servos: the YAML names it and tells every node of it."""
         packaged = ROOT / "src/heli_dynamics_sim/config/aircraft/helion.yaml"
@@ -303,6 +304,7 @@ class TestCompareAttitude:
                     wanted = [expected[axis, flight["source"]] for axis in laws.AXES]
                     assert flight["max_deg"] == pytest.approx(wanted, rel=1e-9)
 
+    @pytest.mark.slow
     def test_h_infinity_beats_the_pid_in_roll_gusts(self, capsys, tmp_path):
         out = tmp_path / "gusts"
         words = ("compare", "attitude", "--gusts", "--seeds", "101..103", "--ideal-navigation")

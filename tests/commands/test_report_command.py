@@ -132,6 +132,7 @@ def test_foreign_bag_gets_a_report_that_says_what_was_assumed(capsys, full):
     assert re.search(r"Attitude: [^;]*; (9\d|100)\.\d % ", text)
 
 
+@pytest.mark.slow
 def test_bag_without_truth_reports_what_can_be(capsys, bare, tmp_path):
     code, _, _ = run(capsys, bare, "--out", tmp_path / "out", "--seed", 4, "--figures")
     assert code == 0

@@ -34,6 +34,7 @@ def test_there_are_five_and_the_page_beside_them_names_each():
     assert [f"]({path.name})" in text for path in BOOKS] == [True] * 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", BOOKS, ids=lambda path: path.stem)
 def test_a_fresh_run_says_what_is_stored(path):
     """In a kernel of its own, as Jupyter runs it; words, and numbers to their last digit."""

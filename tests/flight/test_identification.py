@@ -80,6 +80,7 @@ def test_the_excited_aircraft_stays_near_trim_and_reference(kind):
     assert 0.05 < np.linalg.norm(error, axis=1).max() < 0.5
 
 
+@pytest.mark.slow
 def test_no_number_comes_from_the_simulators_inside(found):
     """The truth may be wrong in any way: what is written for the nodes stays the same."""
     from heli_studies.identify import identify

@@ -147,6 +147,7 @@ def test_a_killed_supervisor_leaves_nothing_and_the_bag_opens(tmp_path, ros_env,
     assert read_bag(folder / "bag").streams["ground_truth/odom"].stamp_ns.size > 500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "home",
     ["/dev/null", "/proc", "/proc/nowhere", "", None],

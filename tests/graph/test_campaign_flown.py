@@ -5,6 +5,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 SPEC = """flights: 2
 world: honest
 gps: rtk
@@ -15,6 +17,7 @@ disperse:
 """
 
 
+@pytest.mark.slow
 def test_a_campaigns_flight_is_the_same_through_the_graph(ros_env, tmp_path):
     file, out = tmp_path / "spec.yaml", tmp_path / "out"
     file.write_text(SPEC)

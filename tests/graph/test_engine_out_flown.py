@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from heli_bags.reader import read_bag
 from heli_flight.flight_file import fault_overrides
@@ -26,6 +27,7 @@ faults:
 """
 
 
+@pytest.mark.slow
 def test_the_graph_lands_without_its_engine_as_one_process_does(ros_env, tmp_path):
     faults, folder = tmp_path / "faults.yaml", tmp_path / "f"
     faults.write_text(FAULTS)

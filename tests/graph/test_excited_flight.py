@@ -50,6 +50,7 @@ EXCITED = """
 """
 
 
+@pytest.mark.slow
 def test_graph_and_one_process_loop_excite_alike(hover_test, tmp_path):
     change = tmp_path / "excited.yaml"
     change.write_text(EXCITED)
@@ -74,6 +75,7 @@ def test_graph_and_one_process_loop_excite_alike(hover_test, tmp_path):
     assert any(r.message == ExcitationStatus.EXCITING.sentence for r in bag.remarks)
 
 
+@pytest.mark.slow
 def test_leaving_the_attitude_limit_ends_the_excitation_and_is_said(hover_test, tmp_path):
     change = tmp_path / "tight.yaml"
     change.write_text(

@@ -39,6 +39,7 @@ STOPS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cases", [SILENT, WRONG, STOPS], ids=["silent", "wrong", "stops"])
 def test_each_is_told_and_flown_as_in_one_process(hover_test, tmp_path, cases):
     file, folder = tmp_path / "faults.yaml", tmp_path / "flight"
@@ -67,6 +68,7 @@ def test_each_is_told_and_flown_as_in_one_process(hover_test, tmp_path, cases):
         assert 0.0 <= first_s <= of(condition).within_s, status
 
 
+@pytest.mark.slow
 def test_a_slow_servo_is_told_by_the_outer_loop_and_flown_as_in_one_process(hover_test, tmp_path):
     file, folder = tmp_path / "faults.yaml", tmp_path / "flight"
     file.write_text("faults:\n  - {what: delta_lat, kind: slow, start_s: 12.0, value: 0.5}\n")

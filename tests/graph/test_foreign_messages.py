@@ -187,6 +187,7 @@ def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_
         assert said and all("/pilot" in note for note in said), (name, results[1]["notes"])
 
 
+@pytest.mark.slow
 def test_a_plain_topic_pub_moves_the_reference_within_its_bounds(foreigner, ros_env, tmp_path):
     """Default QoS. Too high a reference is refused by the node and named; the next is followed."""
     foreigner.join([topics.REFERENCE])

@@ -84,6 +84,7 @@ def fly(kind, env, folder):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_recorded_truth_that_is_not_the_plants_is_named_and_fails(ros_env, tmp_path):
     """The stranger's perfect hover is in the bag; without the sums nobody would know."""
     code, forged, lost = fly("forged", ros_env, tmp_path / "f")

@@ -52,6 +52,7 @@ def test_hover_test_flies_records_and_agrees_with_the_one_process_loop(hover_tes
     assert {remark.node for remark in bag.remarks} >= {"plant", "observer", "inner_loop"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("world", "gps"), [("honest", "standalone"), ("hard", "rtk")])
 def test_a_world_is_the_same_through_the_graph_and_in_one_process(hover_test, tmp_path, world, gps):
     """Number for number: what the seed draws, the start, the reference from where hover engages."""
@@ -79,6 +80,7 @@ def test_a_world_is_the_same_through_the_graph_and_in_one_process(hover_test, tm
     assert float(told["scale.mass"]) == result["draw"]["scale.mass"]
 
 
+@pytest.mark.slow
 def test_two_runs_of_the_graph_are_the_same_number_for_number(hover_test, tmp_path):
     flights = []
     for name in ("first", "second"):
@@ -91,6 +93,7 @@ def test_two_runs_of_the_graph_are_the_same_number_for_number(hover_test, tmp_pa
         np.testing.assert_array_equal(getattr(first, field), getattr(second, field))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "mode"),
     [
@@ -122,6 +125,7 @@ def test_written_parameters_fly_the_same_flight(hover_test, tmp_path, words, mod
 SHORT_PATH = "/**/scenario:\n  ros__parameters:\n    path: {start_s: 2.0, laps: 0.1}\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "kind"), [("attitude", "attitude"), ("figure_eight", PATH)])
 def test_other_scenarios_fly_too(hover_test, tmp_path, scenario, kind):
     short = tmp_path / "short.yaml"

@@ -93,6 +93,7 @@ def as_one(ways):
     return Trajectory(0, times, points)
 
 
+@pytest.mark.slow
 def test_a_goto_in_the_middle_of_another_is_flown_as_in_one_process(ros_env, tmp_path):
     folder = tmp_path / "f"
     process = flying(ros_env, folder, SECONDS)

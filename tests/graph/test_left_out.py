@@ -11,6 +11,7 @@ from heli_msgs_bridge import topics
 FILE = "/**/recorder:\n  ros__parameters:\n    exclude: [{}]\n"
 
 
+@pytest.mark.slow
 def test_a_flight_whose_recorder_leaves_topics_out_begins_at_once(hover_test, tmp_path):
     file, out = tmp_path / "my.yaml", tmp_path / "flight"
     file.write_text(FILE.format("imu/mag, baro"))

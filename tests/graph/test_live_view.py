@@ -316,6 +316,7 @@ async def watch_in_lockstep(url, token, fly):
         return flight
 
 
+@pytest.mark.slow
 def test_a_flight_in_lockstep_is_watched_only(tmp_path, ros_env, living):
     program = executable("heli_live_view", "live_view")
     node = subprocess.Popen(

@@ -115,6 +115,7 @@ def test_a_flight_waits_for_its_first_browser_and_leaves_report_and_replay(start
     assert process.returncode == 0, err
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_waiting_and_leaves_nothing(start, tmp_path):
     process = start("--live-wait")
     until(process, "waiting for a browser")

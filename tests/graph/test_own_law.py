@@ -79,6 +79,7 @@ def test_a_law_flies_the_same_in_the_graph_as_in_one_process(hover_test, tmp_pat
     assert np.abs(graph.u - packaged.u).max() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "at", "facts"),
     [

@@ -4,6 +4,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from heli_bags.reader import read_bag
 from heli_flight.graph.bag_record import flight_from_bag
@@ -12,6 +13,7 @@ from heli_flight.settings import resolve
 from heli_msgs_bridge import topics
 
 
+@pytest.mark.slow
 def test_the_graph_at_400_hz_agrees_with_the_one_process_loop(hover_test, tmp_path):
     folder = tmp_path / "flight"
     done = hover_test("--out", folder, "--rate", 400, "--seed", 5, "--gps", "rtk", "--duration", 3)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from heli_flight.graph.bag_record import flight_from_bag
 from heli_flight.loop import simulate
@@ -13,6 +14,7 @@ from heli_flight.settings import resolve
 HOVER = [sys.executable, "-m", "heli_flight.cli.app", "hover", "--scenario", "sequence"]
 
 
+@pytest.mark.slow
 def test_the_graph_flies_by_hand_as_one_process_does(ros_env, tmp_path):
     """The pilot's deflections go with the collective, tick for tick, in both directions."""
     folder = tmp_path / "f"

@@ -10,6 +10,7 @@ import pytest
 from heli_bags.reader import read_bag
 
 
+@pytest.mark.slow
 def test_a_flight_with_a_long_tmpdir_leaves_nothing_there(hover_test, tmp_path):
     """Too long for the path of a Unix socket, which has 107 bytes at most."""
     folder = tmp_path / ("t" * 120)

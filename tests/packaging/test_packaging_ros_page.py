@@ -26,6 +26,7 @@ def test_the_page_is_what_the_tables_say():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_a_stale_page_is_told(tmp_path):
     (tmp_path / "scripts").mkdir()
     (tmp_path / "docs").mkdir()

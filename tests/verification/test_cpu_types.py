@@ -71,6 +71,7 @@ def test_bad_input_is_one_line(tmp_path):
     assert done.returncode == 1 and "pytest ended with code 4" in done.stdout
 
 
+@pytest.mark.slow
 def test_flights_differ_by_rounding_only():
     """One seed, the two factors that change most: far below anything that is measured."""
     words = ("--seeds", "3", "--only", "Prescott", "--only", "NumPy baseline", "--json")

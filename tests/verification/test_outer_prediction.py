@@ -5,6 +5,7 @@ aircraft."""
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from heli_flight.loop import simulate
 from heli_flight.settings import resolve
@@ -17,6 +18,7 @@ SETTLED_S, LENGTH_S = 60.0, 360.0
 HOVER = {"scenario": {"duration_s": LENGTH_S, "climb.start_s": 0.0, "climb.end_s": 0.0}}
 
 
+@pytest.mark.slow
 def test_predicted_rms_is_that_of_flights():
     """Hover at the start's altitude, world paper, exact navigation, twice 300 s; 30 %.
 

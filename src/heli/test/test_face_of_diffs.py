@@ -108,6 +108,7 @@ def test_an_identification_has_matrices_responses_and_a_design(identified_once):
         found.response("phi", "d_lat")
 
 
+@pytest.mark.slow
 def test_the_numbers_are_those_of_the_command(identified_once):
     outcome, _ = identified_once
     found = heli.identify(seed=1, quiet=True)
@@ -125,6 +126,7 @@ def test_a_long_call_says_what_it_does_and_a_short_one_nothing(capsys):
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_what_comes_after_the_patience_is_said_at_once(monkeypatch, capsys):
     class AtOnce:
         def __init__(self, after_s, begin):

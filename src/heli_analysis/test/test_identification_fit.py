@@ -126,6 +126,7 @@ def test_responses_of_the_fit_are_those_of_python_control(delay_s):
     np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_confidence_over_seeds_and_periods():
     """Errors over sigma have unit variance; four times the periods halve the errors."""
     true = true_model()

@@ -21,6 +21,7 @@ def measure():
     return beyond_the_box(yardstick(AIRCRAFT, Actuation()), AIRCRAFT, Actuation())
 
 
+@pytest.mark.slow
 def test_what_is_shipped_no_single_number_betters(measure):
     searched = searched_output(INNER, measure)
     for key, value in searched.items():

@@ -76,6 +76,7 @@ def test_last_line_is_the_reason(start):
     assert child.last_line() == "why 0.01"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="parent-death signal is Linux's")
 def test_children_die_with_a_killed_parent(start, tmp_path):
     code = (
@@ -218,6 +219,7 @@ def test_a_lock_whose_file_was_removed_is_none(monkeypatch, tmp_path):
     assert not path.exists()
 
 
+@pytest.mark.slow
 def test_a_long_tmpdir_is_no_hindrance(tmp_path):
     """A Unix socket's path has 107 bytes at most; its folder is the user's alone, and goes."""
     folder = tmp_path / ("t" * 120)

@@ -276,6 +276,7 @@ def test_health_is_told_when_it_changes():
     ]
 
 
+@pytest.mark.slow
 def test_a_flight_that_ends_at_once_still_gets_a_report(tmp_path):
     settings = resolve(duration_s=0.1)
     flight = simulate(settings)

@@ -17,6 +17,7 @@ def _design(law: str):
     return settings.nodes["inner_loop"], design, lines, str(margin_table(design).caption)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "key", "whose"),
     [("hinf_output", "output.gamma", "output feedback"), ("hinf", "gamma", "state feedback")],

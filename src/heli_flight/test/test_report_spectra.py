@@ -194,6 +194,7 @@ def test_the_designs_rejection_is_what_sweeps_in_flight_gave(laws):
         assert numbers.phase_bandwidth_radps == pytest.approx(linear, rel=0.01), row["axis"]
 
 
+@pytest.mark.slow
 def test_the_position_loops_numbers_are_those_of_its_design(honest):
     """`heli design` has the same axes, and finds their crossovers by python-control."""
     design = flown_design(honest.settings)

@@ -82,6 +82,7 @@ def test_what_is_shipped_no_single_number_betters(controller, measure):
         assert chosen[key].tolist() == np.ravel(nodes["inner_loop"][key]).tolist(), key
 
 
+@pytest.mark.slow
 def test_a_detuned_baseline_is_found_out(measure):
     nodes = flown("pid")
     slack = {"inner_loop": {**nodes["inner_loop"], "pid.K_P": np.array([0.5, 0.3, -2.071912189])},

@@ -75,6 +75,7 @@ def test_model_of_every_aircraft_is_that_of_each(aircraft: AircraftSet) -> None:
         assert np.all(error <= 0.015 * np.abs(truth).max(axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ticks", [0, 1, 3])
 def test_loop_in_the_plane_is_the_sampled_loop(
     settings: Settings, aircraft: AircraftSet, ticks: int
@@ -90,6 +91,7 @@ def test_loop_in_the_plane_is_the_sampled_loop(
     assert growth(0.99) < 0.0 < growth(1.01)
 
 
+@pytest.mark.slow
 def test_bounds_of_the_margin_meet(settings: Settings) -> None:
     """The proof and the worst aircraft, within 5 %, and the sampled loop is unstable with it."""
     ranges = tuple(Range(name, 1.0, 0.7, 1.3) for name in NAMES)

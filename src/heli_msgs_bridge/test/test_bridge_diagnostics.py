@@ -65,6 +65,7 @@ def said(ros_context):
     listener.destroy_node()
 
 
+@pytest.mark.slow
 def test_a_node_whose_time_stands_still_speaks_once_a_second(said):
     _, wait_for = said
     times = [at for at, _ in wait_for(6)]

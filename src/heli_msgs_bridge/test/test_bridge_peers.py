@@ -110,6 +110,7 @@ def test_one_that_is_not_there_is_given_up(sender, peer):
     assert sentence.endswith(": missing observer")
 
 
+@pytest.mark.slow
 def test_one_that_ends_while_it_compiles_is_given_up(sender, peer, ros_context):
     context = rclpy.Context()
     rclpy.init(args=[], context=context, domain_id=ros_context.get_domain_id())

@@ -2,6 +2,7 @@
 """How good the observer is: errors, biases, what it says of them, what its delay is worth."""
 
 import numpy as np
+import pytest
 from scipy.stats import chi2
 
 from heli_core.rows import NAV
@@ -58,6 +59,7 @@ def test_biases_converge(parameters, run_observer):
     np.testing.assert_allclose(run.out[-1, 10:13], flight.rate[-1], atol=6e-5)
 
 
+@pytest.mark.slow
 def test_biases_converge_in_noise(parameters, run_observer):
     """Twenty turning flights with all errors on: what is left, in units of what was drawn.
 

@@ -69,6 +69,7 @@ def test_commands_need_the_token_and_tell_the_answer(page, flown):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_giving_up_the_hold_asks_first_and_is_no_success_when_done(page, flown):
     flight = flown(commands=True)
     allowed(page, flight)
@@ -177,6 +178,7 @@ def test_faults_are_offered_judged_sent_listed_and_cleared(page, flown):
     assert flight.received[2:] == [("clear_faults", {})] and page.errors == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 390])
 def test_the_panel_of_faults_fits(page, flown, width):
     """Nothing is cut off or lies over another, with faults that act, on a phone, too."""
@@ -230,6 +232,7 @@ def write(page, form, values):
         )
 
 
+@pytest.mark.slow
 def test_the_reference_form_follows_the_flight_until_it_is_edited(page, flown):
     flight = flown(commands=True)
     flight.change = {"ref": {"p": [1.0, -0.5, 20.0], "v": [0.0, 0.0, 0.0], "yaw_deg": 90.0}}
@@ -253,6 +256,7 @@ def test_the_reference_form_follows_the_flight_until_it_is_edited(page, flown):
     assert flight.received == [] and page.errors == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "word", "sentence"),
     [
@@ -304,6 +308,7 @@ def test_a_flight_in_lockstep_cannot_be_commanded(page, flown):
     assert page.value("document.querySelectorAll('#commands fieldset:disabled').length") == 5
 
 
+@pytest.mark.slow
 def test_on_a_phone_the_question_and_the_loss_fit(page, flown, tmp_path):
     flight = flown(commands=True)
     page.prefer("dark")
@@ -324,6 +329,7 @@ def test_on_a_phone_the_question_and_the_loss_fit(page, flown, tmp_path):
     assert page.errors == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1440, 900), (1366, 768), (1120, 800), (900, 1100)])
 def test_commands_cover_nothing(page, flown, size):
     flight = flown(commands=True)

@@ -40,6 +40,7 @@ def flight(tmp_path, own_domain):
         process.communicate(timeout=60)
 
 
+@pytest.mark.slow
 def test_flight_is_shown_above_its_shadow_in_real_time(page, flight, tmp_path):
     process, url = flight
     page.size(1440, 900)

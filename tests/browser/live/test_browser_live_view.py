@@ -137,6 +137,7 @@ def test_disc_tilts_the_way_the_thrust_does(page, flown):
     assert z > 0.95
 
 
+@pytest.mark.slow
 def test_view_says_when_it_is_old_over_or_cut_off_and_comes_back(page, flown):
     flight = flown()
     flight.open_in(page)
@@ -181,6 +182,7 @@ def test_phone_needs_no_sideways_scrolling(page, flown):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_theme_and_camera_by_keyboard(page, flown):
     flight = flown()
     page.prefer("dark")
@@ -203,6 +205,7 @@ def test_theme_and_camera_by_keyboard(page, flown):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_charts_keep_both_bounds_in_view(page, flown):
     """Also where the lines are far on one side; about the setpoint where the bound is so."""
     flight = flown(history_s=0.0)

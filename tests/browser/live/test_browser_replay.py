@@ -71,6 +71,7 @@ def paused(page, url, time_s=0.0, **size):
     at(page, time_s)
 
 
+@pytest.mark.slow
 def test_it_plays_by_itself_pauses_seeks_and_shows_the_records_values(page, shown, truth):
     page.size(1440, 900)
     page.open(shown, SHOWN)
@@ -115,6 +116,7 @@ def test_seeks_are_answered_in_the_order_of_their_wishes(page, shown):
     assert page.errors == []
 
 
+@pytest.mark.slow
 def test_keys_go_by_seconds_ticks_events_and_change_the_speed(page, shown):
     paused(page, shown, 4.0)
     for key, shift, time_s in (
@@ -210,6 +212,7 @@ def test_nothing_can_be_commanded_and_the_page_says_why(page, shown):
     page.wait("window.refused === 'a record cannot be commanded: its flight is over'")
 
 
+@pytest.mark.slow
 def test_the_order_stands_at_sixteen_times_and_no_row_is_missing(page, shown):
     """Fast play ends at the end, with every row of the charts, in order."""
     page.size(1440, 900)

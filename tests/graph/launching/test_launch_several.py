@@ -79,6 +79,7 @@ def assert_flown_as_if_alone(bags, seeds):
     assert np.abs(tracks[0] - tracks[1]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_two_fly_side_by_side_by_one_clock(launch, tmp_path, ros_env, living):
     """Each flies the flight of its seed, as if alone; the clock goes tick by tick to the end."""
     bags = tmp_path / "bags"
@@ -89,6 +90,7 @@ def test_two_fly_side_by_side_by_one_clock(launch, tmp_path, ros_env, living):
     assert_flown_as_if_alone([bags / "heli1", bags / "heli2"], [seed_of(3, 0), seed_of(3, 1)])
 
 
+@pytest.mark.slow
 def test_two_launches_by_hand_in_one_domain(launch, tmp_path, ros_env, living):
     """Under two namespaces, by one clock that is started for itself."""
     started, names = [], ("red", "blue")

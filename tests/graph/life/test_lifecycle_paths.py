@@ -174,6 +174,7 @@ def walk():
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_every_path_of_a_node_by_itself(crew, name):
     """All sequences of three transitions from every state, of which most are refused."""

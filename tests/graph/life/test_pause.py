@@ -57,6 +57,7 @@ def test_a_paused_flight_is_the_same_flight_number_for_number(crew, tmp_path):
     assert not [r for r in paused.remarks if "gaps" in r.message]
 
 
+@pytest.mark.slow
 def test_a_pause_in_real_time(crew, tmp_path):
     """The aircraft hovers on: no jump in time, truth or estimate, one flight in the bag."""
     one = crew(*NODES, folder=tmp_path, lockstep=False, duration_s=4.0, peer_timeout_s=60.0)
@@ -70,6 +71,7 @@ def test_a_pause_in_real_time(crew, tmp_path):
     assert not [s for s in said if "rejected" in s or "IMU" in s and "align" not in s], said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_another_flight_of_the_plant_takes_the_others_along(crew, tmp_path, lockstep):
     """Clean-up, configuration, activation: tick 0. Who is active begins anew with it."""

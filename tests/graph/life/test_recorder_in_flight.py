@@ -31,6 +31,7 @@ def recorder(own_domain, tmp_path):
     process.communicate()
 
 
+@pytest.mark.slow
 def test_paused_cleaned_up_and_ended_in_flight(crew, recorder, tmp_path):
     """The flight does not cease for it; what was sent before a deactivation is in the bag."""
     ours = crew(*FLYING, lockstep=False, duration_s=600.0, peer_timeout_s=30.0)
