@@ -129,7 +129,7 @@ def assert_held(folder):
     assert away_m.max() < 4.0, away_m
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # a client has to keep up with the flight
 @pytest.mark.parametrize(
     "options",
     [[], pytest.param(["--realtime", "--duration", 25], marks=pytest.mark.nightly)],
@@ -156,7 +156,7 @@ def test_a_message_of_the_future_on_each_input_leaves_the_flight_inside(
     assert any("/pilot" in note for note in result["notes"])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # a client has to keep up with the flight
 def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_env, tmp_path):
     """In lockstep, with the stamps of ticks to come: ground truth is the same, number for number.
 
@@ -187,7 +187,7 @@ def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_
         assert said and all("/pilot" in note for note in said), (name, results[1]["notes"])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # a client has to keep up with the flight
 def test_a_plain_topic_pub_moves_the_reference_within_its_bounds(foreigner, ros_env, tmp_path):
     """Default QoS. Too high a reference is refused by the node and named; the next is followed."""
     foreigner.join([topics.REFERENCE])
@@ -209,7 +209,7 @@ def test_a_plain_topic_pub_moves_the_reference_within_its_bounds(foreigner, ros_
     assert np.abs(record.truth_pos_ned_m[-500:] - there).max() < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # a client has to keep up with the flight
 def test_a_flight_does_not_begin_with_a_stranger_on_its_streams(terminal, hover_test, tmp_path):
     """Who sends first is flown: a forgotten `topic pub` is named before anything flies.
 

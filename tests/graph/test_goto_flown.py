@@ -93,7 +93,7 @@ def as_one(ways):
     return Trajectory(0, times, points)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # a client has to keep up with the flight
 def test_a_goto_in_the_middle_of_another_is_flown_as_in_one_process(ros_env, tmp_path):
     folder = tmp_path / "f"
     process = flying(ros_env, folder, SECONDS)
@@ -120,7 +120,7 @@ def test_a_goto_in_the_middle_of_another_is_flown_as_in_one_process(ros_env, tmp
     assert "/pilot" not in str([remark.facts.get("senders.reference") for remark in bag.remarks])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # a client has to keep up with the flight
 def test_the_example_sends_it_there(ros_env, tmp_path):
     folder = tmp_path / "f"
     process = flying(ros_env, folder, SECONDS)

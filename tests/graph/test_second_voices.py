@@ -40,7 +40,7 @@ def pilot(ros_env, monkeypatch):
     context.try_shutdown()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # a client has to keep up with the flight
 def test_a_second_sender_of_references_and_of_health_is_named(pilot, ros_env, tmp_path):
     """`topic pub` of a reference commands, as it may; a false plant's end is not believed."""
     folder = tmp_path / "flight"
