@@ -132,7 +132,7 @@ def assert_held(folder):
 @pytest.mark.nightly  # a client has to keep up with the flight
 @pytest.mark.parametrize(
     "options",
-    [[], pytest.param(["--realtime", "--duration", 25], marks=pytest.mark.nightly)],
+    [[], ["--realtime", "--duration", 25]],
     ids=["lockstep", "real"],
 )
 def test_a_message_of_the_future_on_each_input_leaves_the_flight_inside(
