@@ -122,7 +122,7 @@ def test_what_is_lost_or_not_a_number_is_beyond():
 def test_without_flights_left_what_stands_is_told():
     levels = []
     estimate = subset_simulation(
-        linear, 4, 6.0, PER_LEVEL, PER_LEVEL + 2 * 900, 1, told=levels.append
+        linear, 4, 6.0, PER_LEVEL, PER_LEVEL + 2 * 900, 1, report_level=levels.append
     )
     assert estimate.ended is Ended.BUDGET and list(estimate.levels) == levels
     assert [level.flights for level in levels] == [1000, 1900, 2800]

@@ -373,15 +373,17 @@ def campaign(
         return 0
     from heli_core.rcl_yaml import ParameterError
 
-    said = {"--seeds": seeds != _DEFAULT_SEEDS, "--scenario": scenario, "--gps": gps,
+    seed_options = {"--seeds": seeds != _DEFAULT_SEEDS, "--scenario": scenario, "--gps": gps,
             "--world": world, "--control-preset": laws, "--duration": duration is not None,
             "--params": params, "--faults": faults}  # fmt: skip
-    own = {"--out": out, "--resume": resume, "--workers": workers is not None,
+    spec_options = {"--out": out, "--resume": resume, "--workers": workers is not None,
            "--scheduler": scheduler, "--via": via, "--sample": sample != _SAMPLE}  # fmt: skip
-    for names, belongs in ((own, spec is not None), (said, spec is None)):
+    for names, belongs in ((spec_options, spec is not None), (seed_options, spec is None)):
         named = next((name for name, value in names.items() if value), None)
         if named is not None and not belongs:
-            whose = "a spec (heli campaign SPEC.yaml)" if names is own else "a spec's own keys"
+            whose = (
+                "a spec (heli campaign SPEC.yaml)" if names is spec_options else "a spec's own keys"
+            )
             raise ParameterError(f"{named}: belongs to {whose}")
     if spec is None:
         from heli_studies.campaign.seeds import SeedFlightOptions, many_seeds
@@ -544,18 +546,18 @@ def rare(
         )
         return f"{past}level {len(levels)}"
 
-    def told(level: SubsetLevel) -> None:
+    def keep_level(level: SubsetLevel) -> None:
         levels.append(level)
         flights.marks["level"] = len(levels)
 
     def run() -> None:
         drawn = int(seed_is_random(flights.spec))
         flights.marks["level"] = 0
-        found = subset_simulation(
+        estimate = subset_simulation(
             flights, len(flights.spec.names) + drawn, flights.asked.bound, per_level, most_flights,
-            seed, drawn, told,
+            seed, drawn, keep_level,
         )  # fmt: skip
-        ended.append(found.ended)
+        ended.append(estimate.ended)
 
     def content() -> dict[str, Any]:
         return words.rare_dict(flights, levels, ended[0] if ended else None, seed)
@@ -651,12 +653,12 @@ def _searched(
     from heli_studies.campaign.spec import write_rerun_files
 
     def finish(broken: bool) -> None:
-        found = content()
+        result = content()
         points, _ = flights.all()
-        again = write_rerun_files(points, found["again"], out / "worst")
-        (out / "result.json").write_text(json_text(found), encoding="utf-8")
+        again = write_rerun_files(points, result["again"], out / "worst")
+        (out / "result.json").write_text(json_text(result), encoding="utf-8")
         if as_json and not broken:
-            print(json_text(found), end="")
+            print(json_text(result), end="")
             return
         show(console(stderr=broken))
         print_folder(console(stderr=broken), out, again)
@@ -696,10 +698,10 @@ def campaign_report(
     from heli_studies.campaign.report import STEPS, as_dict, read_campaign, write_page
 
     with steps("report", STEPS) as progress:
-        told = read_campaign(folder)
-        page = write_page(told, out or folder, progress)
+        campaign_folder = read_campaign(folder)
+        page = write_page(campaign_folder, out or folder, progress)
     if as_json:
-        print(json_text(as_dict(told, page)), end="")
+        print(json_text(as_dict(campaign_folder, page)), end="")
         return 0
     print(f"written: {page}")
     return 0
@@ -867,12 +869,14 @@ def score(
     if mte is None:
         from heli_studies import handling as swept
 
-        found = swept.score_response(wanted, axis, command, disturbance, scale, rotor_diameter)
+        swept_response = swept.score_response(
+            wanted, axis, command, disturbance, scale, rotor_diameter
+        )
         if plot is not None:
-            swept.draw_response(found, plot)
-        show = partial(swept.print_response, found)
-        answer(found.as_dict(flight), as_json, show, written)
-        return found.exit_code
+            swept.draw_response(swept_response, plot)
+        show = partial(swept.print_response, swept_response)
+        answer(swept_response.as_dict(flight), as_json, show, written)
+        return swept_response.exit_code
     scored = score_manoeuvre(wanted, mte, scale, rotor_diameter)
     if plot is not None:
         from heli_studies.handling import draw_score
@@ -943,10 +947,10 @@ def design(
     if check:
         from heli_studies.design.make import differences
 
-        found = differences(made, params or [])
-        for line in found or ["the packaged YAML holds what the searches yield"]:
+        differing = differences(made, params or [])
+        for line in differing or ["the packaged YAML holds what the searches yield"]:
             console().print(line, soft_wrap=True, markup=False)
-        return 1 if found else 0
+        return 1 if differing else 0
     written = f"written: {out} (fly it: heli hover --params {out}/design.yaml)" if out else ""
     return answer(as_dict(made), as_json, partial(print_design, made), written)
 

@@ -84,8 +84,8 @@ def with_law(settings: Settings, law: ComparedLaw) -> Settings:
 
 def attitude_errors_deg(record: FlightRecord, source: str) -> np.ndarray:
     """Roll and pitch error (N, 2), deg, from the "navigation" record or ground "truth"."""
-    found = errors(record, source, "attitude")
-    return np.column_stack([found[axis] for axis in AXES])
+    error_by_axis = errors(record, source, "attitude")
+    return np.column_stack([error_by_axis[axis] for axis in AXES])
 
 
 def largest(values: Sequence[float]) -> float:

@@ -187,13 +187,13 @@ def parse_laws(text: str) -> tuple[str, ...]:
         A name is unknown or stands there twice.
     """
     if text == "all":
-        told: dict[str, _Nodes] = {}
+        distinct: dict[str, _Nodes] = {}
         # Last the one that changes nothing: what it equals is better known by its own name.
         for name in sorted(LAWS.names(), key=lambda name: name == PACKAGED):
             nodes = _nodes(name)
-            if not any(_same(nodes, other) for other in told.values()):
-                told[name] = nodes
-        return tuple(told)
+            if not any(_same(nodes, other) for other in distinct.values()):
+                distinct[name] = nodes
+        return tuple(distinct)
     names = text.split(",")
     for name in names:
         LAWS.file(name)
@@ -218,12 +218,12 @@ def test_conditions(
     worlds: Sequence[str], seeds: Sequence[int], aircraft: int
 ) -> dict[FlightCondition, Sequence[int]]:
     """Every world with every navigation on the seeds, then so many perturbed aircraft."""
-    found: dict[FlightCondition, Sequence[int]] = {
+    seeds_by_condition: dict[FlightCondition, Sequence[int]] = {
         FlightCondition(world, navigation): seeds for world in worlds for navigation in NAVIGATIONS
     }
     if aircraft:
-        found[FlightCondition("paper", "rtk", AIRCRAFT_PARTS)] = range(1, aircraft + 1)
-    return found
+        seeds_by_condition[FlightCondition("paper", "rtk", AIRCRAFT_PARTS)] = range(1, aircraft + 1)
+    return seeds_by_condition
 
 
 def compare_laws(
@@ -245,9 +245,9 @@ def compare_laws(
     nodes, usual = {law: _nodes(law) for law in laws}, _nodes(PACKAGED)
     result = LawMatrix(laws, where, next((law for law in laws if _same(nodes[law], usual)), ""))
     kernels: dict[str, AttitudeParams] = {}
-    for law, own in nodes.items():
-        kernels[law] = AttitudeConfig.from_parameters(own["inner_loop"]).params
-        result.margins[law] = margins_as_flown(own)
+    for law, parameters in nodes.items():
+        kernels[law] = AttitudeConfig.from_parameters(parameters["inner_loop"]).params
+        result.margins[law] = margins_as_flown(parameters)
     done, pool = 0, ThreadPoolExecutor(jobs)
     try:
         for place, seeds in where.items():
@@ -270,15 +270,20 @@ def _flown(
     seed: int,
 ) -> dict[str, LawRun]:
     """The flights of a seed at a place, by law, all of the same aircraft in the same air."""
-    own = {law: given.with_seed(seed) for law, given in settings.items()}
-    nominal = plant.PlantConfig.from_parameters(next(iter(own.values())).nodes["plant"])
+    seed_settings = {law: law_settings.with_seed(seed) for law, law_settings in settings.items()}
+    nominal = plant.PlantConfig.from_parameters(next(iter(seed_settings.values())).nodes["plant"])
     aircraft, ideal = perturbed(nominal, place.parts, seed), place.navigation == "ideal"
     try:
-        loops = {law: build(own[law], ideal, aircraft, kernels[law]) for law in own}
+        loops = {
+            law: build(seed_settings[law], ideal, aircraft, kernels[law]) for law in seed_settings
+        }
     except TrimError:
         # No actuator setting holds this aircraft in this wind: no law can.
-        return dict.fromkeys(own, _LOST)
-    return {law: _scored(fly_loop(loops[law], own[law]), own[law]) for law in own}
+        return dict.fromkeys(seed_settings, _LOST)
+    return {
+        law: _scored(fly_loop(loops[law], seed_settings[law]), seed_settings[law])
+        for law in seed_settings
+    }
 
 
 def _scored(flight: LoopFlight, settings: Settings) -> LawRun:
@@ -322,14 +327,15 @@ def print_law_matrix(result: LawMatrix, out: Console) -> None:
         rows.add_column(head, justify="right")
     for place in content["places"]:
         for axis in AXES:
-            own = rows_of(content, place["name"], axis)
+            law_rows = rows_of(content, place["name"], axis)
             rows.add_row(
-                condition_title(place, axis), *(cell(row, smallest(own), "{}*") for row in own)
+                condition_title(place, axis),
+                *(cell(row, smallest(law_rows), "{}*") for row in law_rows),
             )
     rows.add_row("disk margin, input / output; further delay", *margin_cells(content))
     out.print(rows)
-    for place, said in result.conditions.items():
-        out.print(f"{place.name}: {said.splitlines()[0]}", highlight=False)
+    for place, condition_text in result.conditions.items():
+        out.print(f"{place.name}: {condition_text.splitlines()[0]}", highlight=False)
 
 
 def heads(content: Mapping[str, Any]) -> list[str]:
@@ -430,8 +436,8 @@ class AttitudeComparison:
     @property
     def sources(self) -> list[str]:
         """Sources that were flown, in order."""
-        found = {flight.source for flight in self.flights}
-        return [source for source in SOURCES if source in found]
+        flown = {flight.source for flight in self.flights}
+        return [source for source in SOURCES if source in flown]
 
     def of(self, law: str, source: str) -> dict[int, AttitudeFlight]:
         """Flights of a law by seed."""
@@ -553,11 +559,11 @@ def print_attitude(result: AttitudeComparison, out: Console) -> None:
         for axis in AXES:
             rows.add_column(f"{axis}, {heads[source]}", justify="right")
     rows.add_column("paper", justify="right")
-    found = {(row["law"], row["source"]): row for row in result.summary()}
+    summary_rows = {(row["law"], row["source"]): row for row in result.summary()}
     for law in result.laws:
         cells = []
         for source in result.sources:
-            row = found[law.key, source]
+            row = summary_rows[law.key, source]
             for axis in AXES:
                 text = f"{row[f'{axis}_max_deg']:.2f} ({row[f'{axis}_rms_deg']:.2f})"
                 wins = row[f"{axis}_wins_over_pid"]
@@ -597,13 +603,13 @@ def draw_attitude(result: AttitudeComparison, path: Path) -> None:
         for column, law in zip(axes.T, laws, strict=True):
             record = result.shown[law.key].record
             truth = attitude_errors_deg(record, "truth")
-            told = attitude_errors_deg(record, "navigation")
+            navigation = attitude_errors_deg(record, "navigation")
             for i, axis in enumerate(column):
                 _gusts(axis, result)
                 axis.plot(record.time_s, truth[:, i], color=GREY, lw=0.8, label="ground truth")
                 colour = _COLOURS.get(law.key, BLUE)
                 axis.plot(
-                    record.time_s, told[:, i], color=colour, lw=0.9, label="navigation record"
+                    record.time_s, navigation[:, i], color=colour, lw=0.9, label="navigation record"
                 )
             paper = PAPER_DEG.get(law.key)
             note = f"\n(paper, in flight: ±{paper:g}°)" if paper else "\n"
@@ -620,13 +626,13 @@ def draw_attitude(result: AttitudeComparison, path: Path) -> None:
 
 def _largest_scored(result: AttitudeComparison, axis: int) -> float:
     """Largest error (deg) that is scored, over the shown flights; at least 0.05."""
-    found = [0.05]
+    largest_deg = [0.05]
     for flight in result.shown.values():
         mask = result.settings.scenario.scored(flight.record.time_s)
         for source in ("navigation", "truth"):
             error = attitude_errors_deg(flight.record, source)[mask, axis]
-            found.append(float(np.abs(error).max(initial=0.0)))
-    return max(found)
+            largest_deg.append(float(np.abs(error).max(initial=0.0)))
+    return max(largest_deg)
 
 
 def _gusts(axis, result: AttitudeComparison) -> None:
@@ -767,7 +773,7 @@ def world_places(
     ------
     ParameterError
     """
-    found = []
+    places = []
     for world in worlds:
         for wind in w20_mps or (None,):
             name = Path(world).stem + ("" if wind is None else f", W20 {wind:g} m/s")
@@ -777,20 +783,24 @@ def world_places(
                     "hover", gps, None, duration_s, params=params, overrides=changes, world=world,
                     laws=laws,
                 )  # fmt: skip
-                found.append(WorldAndReceiver(name, gps, settings))
-    return found
+                places.append(WorldAndReceiver(name, gps, settings))
+    return places
 
 
 def fly_world_seed(settings: Settings, seed: int) -> WorldFlight:
     """One flight of a seed."""
-    own = settings.with_seed(seed)
+    seed_settings = settings.with_seed(seed)
     try:
-        flight = simulate(own)
+        flight = simulate(seed_settings)
     except TrimError:
-        return WorldFlight(seed, Figures(), NO_TRIM, 0.0, drawn(own))
-    figures = Figures() if flight.sentence else score(flight.record, own.scenario)
+        return WorldFlight(seed, Figures(), NO_TRIM, 0.0, drawn(seed_settings))
+    figures = Figures() if flight.sentence else score(flight.record, seed_settings.scenario)
     return WorldFlight(
-        seed, figures, flight.status.name, own.rate.seconds(len(flight.record)), drawn(own)
+        seed,
+        figures,
+        flight.status.name,
+        seed_settings.rate.seconds(len(flight.record)),
+        drawn(seed_settings),
     )
 
 
@@ -800,23 +810,23 @@ def compare_worlds(
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[list[WorldFlight]]:
     """Fly every seed at every place; progress is told how many flights are done."""
-    found, done = [], 0
+    flights_by_place, done = [], 0
     for place in where:
         flights = []
         for seed in seeds:
             flights.append(fly_world_seed(place.settings, seed))
             done += 1
             progress(done)
-        found.append(flights)
-    return found
+        flights_by_place.append(flights)
+    return flights_by_place
 
 
 def _row(
     metric: PaperMetric, stretch: str, source: str, flights: Sequence[WorldFlight]
 ) -> dict[str, Any] | None:
     """Median, worst and how many are inside, of a metric over the flights that were not lost."""
-    found = [flight.figures.find(stretch, metric.key, source) for flight in flights]
-    values = [s.max for s in found if s is not None]
+    scores = [flight.figures.find(stretch, metric.key, source) for flight in flights]
+    values = [s.max for s in scores if s is not None]
     if not values:
         return None
     return {
@@ -828,16 +838,16 @@ def _row(
         "measured_from": source,
         "median": statistics.median(values),
         "worst": max(values),
-        "inside": sum(s.inside for s in found if s is not None),
+        "inside": sum(s.inside for s in scores if s is not None),
     }
 
 
 def worlds_as_dict(
-    where: Sequence[WorldAndReceiver], found: Sequence[Sequence[WorldFlight]]
+    where: Sequence[WorldAndReceiver], flights_by_place: Sequence[Sequence[WorldFlight]]
 ) -> dict[str, Any]:
     """For --json: per world and receiver the figures over the seeds, and who was lost, and how."""
     rows = []
-    for place, flights in zip(where, found, strict=True):
+    for place, flights in zip(where, flights_by_place, strict=True):
         kind = place.settings.scenario.kind
         metrics = [
             _row(metric, stretch, source, flights)

@@ -129,11 +129,11 @@ def flight_of(path: Path, topic: str | None = None) -> SourcedTrack:
         to_ned.apply(rigid[:, PLANT.vel]),
         euler_angles(quat),
     )
-    said = (f"{refused} messages on {name} could not be used: {why}",) if refused else ()
+    refusals = (f"{refused} messages on {name} could not be used: {why}",) if refused else ()
     forged = unknown = ""
     if name.endswith(f"/{topics.TRUTH_ODOM}"):
         forged, unknown = _judged(path, times, np.frombuffer(b"".join(sums), SUM))
-    return SourcedTrack(track, name, start_ns, (*said, *([unknown] if unknown else [])), forged)
+    return SourcedTrack(track, name, start_ns, (*refusals, *([unknown] if unknown else [])), forged)
 
 
 def _judged(path: Path, stamps_ns: NDArray[np.int64], sums: NDArray[np.uint64]) -> tuple[str, str]:
@@ -155,9 +155,9 @@ def _odometry(reader: BagReader, path: Path, topic: str | None) -> str:
         return name
     names = sorted(name for name, kind in kinds.items() if kind == _ODOMETRY)
     truths = [name for name in names if name.endswith(f"/{topics.TRUTH_ODOM}")]
-    for found in (truths, names):
-        if len(found) == 1:
-            return found[0]
+    for candidates in (truths, names):
+        if len(candidates) == 1:
+            return candidates[0]
     held = f"it holds {', '.join(names)}" if names else f"it holds no {_ODOMETRY}"
     raise BagError(f"{bag_of(path)}: name the odometry by --odom TOPIC; {held}")
 
@@ -316,9 +316,9 @@ class Scored:
     @property
     def exit_code(self) -> int:
         """0 for desired or adequate, if it was the manoeuvre as it is defined, and really flown."""
-        found = self.score
+        score = self.score
         failed = (
-            found.level is HandlingLevel.NEITHER or not found.complete or bool(self.flight.forged)
+            score.level is HandlingLevel.NEITHER or not score.complete or bool(self.flight.forged)
         )
         return EXIT_NEITHER if failed else 0
 
@@ -368,24 +368,26 @@ def score_manoeuvre(
             f"{-down:.2f}, from {start_s:g} s on"
         )
     track = flight.track.between(start_s, wanted.end_s)
-    found = score(track, name, scale, target, wanted.ground_m)
-    remarks = (*flight.remarks, *filter(None, (why, ours)), *found.found.remarks)
-    return Scored(flight, track, found, remarks)
+    manoeuvre_score = score(track, name, scale, target, wanted.ground_m)
+    remarks = (*flight.remarks, *filter(None, (why, ours)), *manoeuvre_score.found.remarks)
+    return Scored(flight, track, manoeuvre_score, remarks)
 
 
 def print_score(scored: Scored, out: Console) -> None:
     """Criteria, conditions and phases as tables."""
-    found = scored.score
+    manoeuvre_score = scored.score
     shown = table(
-        f"ADS-33E-PRF {found.table.paragraph} {found.table.title}, scale {found.scale.name}: "
-        f"{found.level.value}{'' if found.complete else ', not flown as defined'}",
+        f"ADS-33E-PRF {manoeuvre_score.table.paragraph} {manoeuvre_score.table.title}, "
+        f"scale {manoeuvre_score.scale.name}: "
+        f"{manoeuvre_score.level.value}"
+        f"{'' if manoeuvre_score.complete else ', not flown as defined'}",
         out,
     )
     shown.add_column("criterion", no_wrap=True)
     for name in ("worst", "at, s", "desired", "adequate"):
         shown.add_column(name, justify="right")
     shown.add_column("level")
-    for result in found.results:
+    for result in manoeuvre_score.results:
         c = result.criterion
         sign = ">=" if c.at_least else "<="
         unit = c.quantity.value
@@ -393,14 +395,24 @@ def print_score(scored: Scored, out: Console) -> None:
         level = "" if result.level is None else result.level.value
         bounds = (f"{sign} {c.desired:.3g} {unit}", f"{sign} {c.adequate:.3g} {unit}")
         shown.add_row(c.text, *flown, *bounds, level)
-    for given in found.conditions:
-        limits = given.condition
-        said = "not flown" if given.value is None else f"{given.value:.3g}"
+    for flown_condition in manoeuvre_score.conditions:
+        limits = flown_condition.condition
+        value_text = (
+            "not flown" if flown_condition.value is None else f"{flown_condition.value:.3g}"
+        )
         span = f"{limits.low:.3g} to {limits.high:.3g} {limits.quantity.value}"
-        met = "as defined" if given.met else "" if given.value is None else "not as defined"
-        shown.add_row(f"({limits.text})", said, "", span, "", met)
+        met = (
+            "as defined"
+            if flown_condition.met
+            else ""
+            if flown_condition.value is None
+            else "not as defined"
+        )
+        shown.add_row(f"({limits.text})", value_text, "", span, "", met)
     out.print(shown)
-    phases = ", ".join(f"{p.name} {p.start_s:.2f} to {p.end_s:.2f} s" for p in found.found.phases)
+    phases = ", ".join(
+        f"{p.name} {p.start_s:.2f} to {p.end_s:.2f} s" for p in manoeuvre_score.found.phases
+    )
     out.print(f"{scored.flight.topic}: {phases}", soft_wrap=True, markup=False)
     for remark in scored.remarks:
         out.print(remark, soft_wrap=True, markup=False)
@@ -509,14 +521,14 @@ class LinearLoop:
     def to_command(self, omega: np.ndarray, axis: str) -> FrequencyResponse:
         """Attitude's response to its command at omega (m,), rad/s, below Nyquist's."""
         k = AXES.index(axis)
-        found = to_command(self._loop, omega)[:, k, k]
-        return FrequencyResponse(omega, found, np.ones(omega.size))
+        response = to_command(self._loop, omega)[:, k, k]
+        return FrequencyResponse(omega, response, np.ones(omega.size))
 
     def to_disturbance(self, omega: np.ndarray, axis: str) -> FrequencyResponse:
         """The disturbed attitude's response to a disturbance of the measured attitude."""
         k = AXES.index(axis)
-        found = to_disturbance(self._loop, omega)[:, k, k]
-        return FrequencyResponse(omega, found, np.ones(omega.size))
+        response = to_disturbance(self._loop, omega)[:, k, k]
+        return FrequencyResponse(omega, response, np.ones(omega.size))
 
 
 def grid_radps(points: int = 2000) -> np.ndarray:
@@ -741,22 +753,24 @@ def score_response(
     flight = flight_of(wanted.path, wanted.odom)
     track = flight.track.between(wanted.start_s, wanted.end_s)
     source = disturbance or command or topics.ATTITUDE_SETPOINT
-    given_s, given = signal_of(wanted.path, source, axis, flight.start_ns)
+    input_time_s, swept_input = signal_of(wanted.path, source, axis, flight.start_ns)
     angle = track.attitude_rad[:, AXES.index(axis)]
-    both = (max(track.time_s[0], given_s[0]), min(track.time_s[-1], given_s[-1]))
+    both = (max(track.time_s[0], input_time_s[0]), min(track.time_s[-1], input_time_s[-1]))
     step_s = float(np.median(np.diff(track.time_s)))
     at_s = np.arange(both[0], both[1], step_s)
-    swept, answer = resampled(given_s, given, at_s), resampled(track.time_s, angle, at_s)
+    swept, answer = resampled(input_time_s, swept_input, at_s), resampled(track.time_s, angle, at_s)
     if disturbance:
         # The disturbed attitude is the true one and the disturbance.
-        found = frequency_response(at_s, swept, answer + swept)
-        measures = of_rejection(rejection(found), axis, scale)
+        response = frequency_response(at_s, swept, answer + swept)
+        measures = of_rejection(rejection(response), axis, scale)
     else:
-        found = frequency_response(at_s, swept, answer)
-        measures = of_bandwidth(bandwidth(found), axis, scale)
+        response = frequency_response(at_s, swept, answer)
+        measures = of_bandwidth(bandwidth(response), axis, scale)
     remarks = (*flight.remarks, *([why] if why else []))
-    seen = tuple(changes(track.time_s, angle))
-    return Responses(flight, axis, source, scale, found, tuple(measures), seen, remarks)
+    attitude_changes = tuple(changes(track.time_s, angle))
+    return Responses(
+        flight, axis, source, scale, response, tuple(measures), attitude_changes, remarks
+    )
 
 
 def print_response(responses: Responses, out: Console) -> None:
@@ -789,14 +803,14 @@ def print_response(responses: Responses, out: Console) -> None:
 
 def draw_response(responses: Responses, path: Path) -> None:
     """Gain, phase and coherence over frequency, with what was read from them."""
-    found = responses.found
+    response = responses.found
     with picture(path, 3, 1, (6.0, 6.6), sharex=True) as (figure, axes):
         gain, phase, coherence = axes[:, 0]
-        gain.semilogx(found.omega_radps, found.gain_db, color=BLUE)
+        gain.semilogx(response.omega_radps, response.gain_db, color=BLUE)
         gain.set_ylabel("gain, dB")
-        phase.semilogx(found.omega_radps, found.phase_deg, color=BLUE)
+        phase.semilogx(response.omega_radps, response.phase_deg, color=BLUE)
         phase.set_ylabel("phase, deg")
-        coherence.semilogx(found.omega_radps, found.coherence, color=GREY)
+        coherence.semilogx(response.omega_radps, response.coherence, color=GREY)
         coherence.axhline(LEAST_COHERENCE, color=ORANGE, linewidth=0.9)
         coherence.set_ylim(0.0, 1.05)
         coherence.set_ylabel("coherence")

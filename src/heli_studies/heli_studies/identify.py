@@ -169,7 +169,7 @@ class BagDataError(ValueError):
     """A bag that cannot be identified from; one sentence with the topic and the reason."""
 
 
-def experiment_of_record(record: FlightRecord, given: Given) -> Experiment:
+def experiment_of_record(record: FlightRecord, a_priori: Given) -> Experiment:
     """Experiment out of the one-process loop's record.
 
     Raises
@@ -189,11 +189,11 @@ def experiment_of_record(record: FlightRecord, given: Given) -> Experiment:
         record.u,
         record.excitation_u,
         record.gust_ned_mps,
-        given,
+        a_priori,
     )
 
 
-def experiment_of_bag(path: Path, kind: str, given: Given, start_time_s: float) -> Experiment:
+def experiment_of_bag(path: Path, kind: str, a_priori: Given, start_time_s: float) -> Experiment:
     """Experiment out of a bag.
 
     Parameters
@@ -202,7 +202,7 @@ def experiment_of_bag(path: Path, kind: str, given: Given, start_time_s: float) 
         rosbag2 folder, or a flight's folder with one in `bag`.
     kind : str
         "actuators" or "gusts".
-    given : Given
+    a_priori : Given
     start_time_s : float
         Stamp of flight time 0.
 
@@ -220,7 +220,7 @@ def experiment_of_bag(path: Path, kind: str, given: Given, start_time_s: float) 
     excitation = EXCITATION[kind]
     needed = (*_COMMON, excitation)
     start_ns = stamp_at(start_time_s)
-    first, count = ticks_in(given.start_s), ticks_in(given.periods * given.period_s)
+    first, count = ticks_in(a_priori.start_s), ticks_in(a_priori.periods * a_priori.period_s)
     ticks = np.arange(first, first + count)
     rows = {name: _rows(bag, name, kind, path, start_ns, ticks) for name in needed}
     _refuse_silence(rows[excitation], kind, path, bag)
@@ -235,7 +235,7 @@ def experiment_of_bag(path: Path, kind: str, given: Given, start_time_s: float) 
         rows[topics.ACTUATORS],
         added,
         gust,
-        given,
+        a_priori,
     )
 
 
@@ -299,7 +299,7 @@ def _data_experiment(
     u: NDArray[np.float64],
     excitation_u: NDArray[np.float64],
     gust_ned_mps: NDArray[np.float64],
-    given: Given,
+    a_priori: Given,
 ) -> Experiment:
     """Velocities into body axes of the navigation's own attitude."""
     R_nb = np.array([quat_to_R_nb(np.ascontiguousarray(q)) for q in q_nb])
@@ -314,9 +314,9 @@ def _data_experiment(
         vel_body_mps=np.einsum("nji,nj->ni", R_nb, vel_ned_mps),
         accel_body_mps2=imu[:, IMU.force],
         gust_body_mps=np.einsum("nji,nj->ni", R_nb, gust_ned_mps),
-        period_s=given.period_s,
-        start_s=given.start_s,
-        periods=given.periods,
+        period_s=a_priori.period_s,
+        start_s=a_priori.start_s,
+        periods=a_priori.periods,
     )
 
 
@@ -354,7 +354,7 @@ class Identification:
 def identify(
     actuators: Experiment,
     gusts: Experiment,
-    given: Given,
+    a_priori: Given,
     settings: Settings,
     gamma_factor: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
@@ -364,7 +364,7 @@ def identify(
     Parameters
     ----------
     actuators, gusts : Experiment
-    given : Given
+    a_priori : Given
         Constants from the ground.
     settings : Settings
         Weights and gamma of the inner loop; its model and trims are not used.
@@ -382,7 +382,7 @@ def identify(
     """
     progress("A, B, servos, delay")
     ab = fit_actuators(actuators)
-    ground = given.ground
+    ground = a_priori.ground
     rotor = RotorGeometry(
         **{name: ground[f"rotor.{name}"] for name in RotorGeometry.__annotations__}
     )
@@ -397,9 +397,9 @@ def identify(
     trim = trim_of([actuators, gusts], ab)
     wind = fit_gusts(gusts, ab, air_w_mps=air_w_mps)
     progress("design")
-    basis = basis_of(ab, wind, trim, collective, given)
+    basis = basis_of(ab, wind, trim, collective, a_priori)
     design = design_of(basis, settings, gamma_factor=gamma_factor)
-    return Identification(actuators, gusts, ab, wind, trim, collective, given, design)
+    return Identification(actuators, gusts, ab, wind, trim, collective, a_priori, design)
 
 
 def basis_of(
@@ -407,7 +407,7 @@ def basis_of(
     wind: IdentifiedE,
     trim: IdentifiedTrim,
     collective: IdentifiedCollective,
-    given: Given,
+    a_priori: Given,
 ) -> Basis:
     """What `design_of` starts from, in identified numbers."""
     return Basis(
@@ -416,7 +416,7 @@ def basis_of(
         x_trim=trim.x,
         u_trim=trim.u,
         actuation=Actuation(ab.servo_radps, ab.servo_damping, ab.delay_ticks * TICK_S),
-        outer={**given.ground, "rotor.K_col": collective.K_col},
+        outer={**a_priori.ground, "rotor.K_col": collective.K_col},
         plant={},
         residual=float("nan"),
     )
@@ -518,23 +518,23 @@ def truth_of(settings: Settings, aircraft: str | None, gamma: float) -> Truth:
     return Truth(basis, design_of(basis, settings, gamma=gamma))
 
 
-def table(found: Identification, truth: Truth | None) -> list[ComparisonRow]:
+def table(identification: Identification, truth: Truth | None) -> list[ComparisonRow]:
     """Every identified number beside the truth."""
     return [
-        *_matrix_rows(found, truth),
-        *_scalar_rows(found, truth),
-        *(_norm_rows(found.design, truth) if truth is not None else ()),
+        *_matrix_rows(identification, truth),
+        *_scalar_rows(identification, truth),
+        *(_norm_rows(identification.design, truth) if truth is not None else ()),
     ]
 
 
-def _matrix_rows(found: Identification, truth: Truth | None) -> list[ComparisonRow]:
-    ab, wind = found.ab, found.wind
+def _matrix_rows(identification: Identification, truth: Truth | None) -> list[ComparisonRow]:
+    ab, wind = identification.ab, identification.wind
     parts = (
         ("A", ab.A, ab.A_sigma, truth.basis.A if truth else None),
         ("B", ab.B, ab.B_sigma, truth.basis.B if truth else None),
         ("E", wind.E, wind.E_sigma, truth.basis.E if truth else None),
     )
-    share = shares(found, truth)
+    share = shares(identification, truth)
     rows = []
     for group, matrix, sigma, true in parts:
         for i in _DYNAMIC:
@@ -560,16 +560,19 @@ def fast_of(basis: Basis) -> FastModel:
     return FastModel(basis.A[FAST, FAST], B, E, at.servo_radps, at.servo_damping, at.delay_s)
 
 
-def shares(found: Identification, truth: Truth | None) -> dict[str, float]:
+def shares(identification: Identification, truth: Truth | None) -> dict[str, float]:
     """Share of each entry in its row: of A and B in the first experiment, of E in the second.
 
     Of the true entries where they are known, so that neither an entry that was lost nor one that is
     nothing but error decides by itself whether it counts; else of the identified ones.
     """
-    model = fast_of(truth.basis if truth is not None else found.design.basis)
+    model = fast_of(truth.basis if truth is not None else identification.design.basis)
     rows = [STATE_NAMES[i] for i in _DYNAMIC]
     result: dict[str, float] = {}
-    for groups, experiment in ((("A", "B"), found.actuators), (("E",), found.gusts)):
+    for groups, experiment in (
+        (("A", "B"), identification.actuators),
+        (("E",), identification.gusts),
+    ):
         names = tuple(
             f"{group}({row},{column})"
             for group in groups
@@ -581,8 +584,8 @@ def shares(found: Identification, truth: Truth | None) -> dict[str, float]:
     return result
 
 
-def _scalar_rows(found: Identification, truth: Truth | None) -> list[ComparisonRow]:
-    ab, trim, basis = found.ab, found.trim, truth.basis if truth else None
+def _scalar_rows(identification: Identification, truth: Truth | None) -> list[ComparisonRow]:
+    ab, trim, basis = identification.ab, identification.trim, truth.basis if truth else None
     nan = float("nan")
     actuation = basis.actuation if basis else None
     rows = [
@@ -592,7 +595,8 @@ def _scalar_rows(found: Identification, truth: Truth | None) -> list[ComparisonR
             actuation.servo_damping if actuation else nan, nan, TARGETS[""]),
         ComparisonRow("", "delay, s", ab.delay_s, ab.delay_s_sigma,
             actuation.delay_s if actuation else nan, nan, nan),
-        ComparisonRow("", "K_col, rad", found.collective.K_col, found.collective.K_col_sigma,
+        ComparisonRow("", "K_col, rad", identification.collective.K_col,
+            identification.collective.K_col_sigma,
             basis.outer["rotor.K_col"] if basis else nan, nan, nan),
     ]  # fmt: skip
     for i in (0, 1, 4, 5):
@@ -757,9 +761,11 @@ def run(wanted: IdentifyOrder, folder: Path | None) -> IdentifyOutcome:
     if (wanted.actuators is None) != (wanted.gusts is None):
         raise ParameterError("--actuators and --gusts: give both bags, or none to fly them")
     settings = _with_the_law_to_fly(settings_of(wanted, "actuators"), wanted)
-    given = read_given(wanted.aircraft or settings.nodes["plant"]["aircraft_file"], wanted.params)
+    a_priori = read_given(
+        wanted.aircraft or settings.nodes["plant"]["aircraft_file"], wanted.params
+    )
     experiments = {
-        kind: _experiment(wanted, kind, given, folder) for kind in ("actuators", "gusts")
+        kind: _experiment(wanted, kind, a_priori, folder) for kind in ("actuators", "gusts")
     }
     known = not wanted.from_bags or wanted.aircraft is not None
     with wanted.progress("identification", _STEPS) as progress:
@@ -769,42 +775,44 @@ def run(wanted: IdentifyOrder, folder: Path | None) -> IdentifyOutcome:
             progress(done[0])
             done[0] += 1
 
-        found = identify(
-            experiments["actuators"], experiments["gusts"], given, settings, wanted.gamma_factor,
+        identification = identify(
+            experiments["actuators"], experiments["gusts"], a_priori, settings, wanted.gamma_factor,
             tell,
         )  # fmt: skip
-        truth = truth_of(settings, None, found.design.attitude.gamma) if known else None
+        truth = truth_of(settings, None, identification.design.attitude.gamma) if known else None
         progress(_STEPS)
-    return IdentifyOutcome(found, truth, table(found, truth), settings)
+    return IdentifyOutcome(identification, truth, table(identification, truth), settings)
 
 
-def _experiment(wanted: IdentifyOrder, kind: str, given: Given, folder: Path | None) -> Experiment:
+def _experiment(
+    wanted: IdentifyOrder, kind: str, a_priori: Given, folder: Path | None
+) -> Experiment:
     settings = settings_of(wanted, kind)
     start_time_s = settings.nodes["plant"]["start_time_s"]
     bag = wanted.actuators if kind == "actuators" else wanted.gusts
     if bag is not None:
-        return experiment_of_bag(bag, kind, given, start_time_s)
+        return experiment_of_bag(bag, kind, a_priori, start_time_s)
     length_s = seconds(settings.scenario.n_ticks)
-    if length_s < given.end_s:
+    if length_s < a_priori.end_s:
         raise ParameterError(
-            f"identify: periods: {given.periods} of {given.period_s:g} s from {given.start_s:g} s "
-            f"on do not fit into the scenario's duration_s = {length_s:g} s"
+            f"identify: periods: {a_priori.periods} of {a_priori.period_s:g} s from "
+            f"{a_priori.start_s:g} s on do not fit into the scenario's duration_s = {length_s:g} s"
         )
     with wanted.progress(f"flight: {kind}, s", round(length_s)) as progress:
         if wanted.one_process or folder is None:
-            return _fly_alone(settings, given, lambda s: progress(int(s)), wanted.quiet)
+            return _fly_alone(settings, a_priori, lambda s: progress(int(s)), wanted.quiet)
         _fly_graph(settings, folder / kind, lambda s: progress(int(s)))
-    return experiment_of_bag(folder / kind, kind, given, start_time_s)
+    return experiment_of_bag(folder / kind, kind, a_priori, start_time_s)
 
 
-def _fly_alone(settings: Settings, given: Given, progress: Any, quiet: bool) -> Experiment:
+def _fly_alone(settings: Settings, a_priori: Given, progress: Any, quiet: bool) -> Experiment:
     from heli_flight import loop as closed_loop
 
     tell_if_it_compiles(silent() if quiet else console(stderr=True))
     flight = closed_loop.simulate(settings, progress=progress)
     if flight.sentence:
         raise FlightError(f"{settings.scenario_name}: {flight.sentence}")
-    return experiment_of_record(flight.record, given)
+    return experiment_of_record(flight.record, a_priori)
 
 
 def _fly_graph(settings: Settings, folder: Path, progress: Any) -> None:
@@ -819,29 +827,29 @@ def _fly_graph(settings: Settings, folder: Path, progress: Any) -> None:
 
 def as_dict(outcome: IdentifyOutcome) -> dict[str, Any]:
     """Everything for JSON."""
-    found, given = outcome.found, outcome.found.given
+    identification, a_priori = outcome.found, outcome.found.given
     missed = misses(outcome.rows)
     return {
-        "measured_on_the_ground": dict(given.ground),
+        "measured_on_the_ground": dict(a_priori.ground),
         "experiments": {
-            "period_s": given.period_s, "periods": given.periods, "start_s": given.start_s,
-            "coherence": {**found.ab.coherence, **found.wind.coherence},
+            "period_s": a_priori.period_s, "periods": a_priori.periods, "start_s": a_priori.start_s,
+            "coherence": {**identification.ab.coherence, **identification.wind.coherence},
         },
         "taken_for_zero": list(outcome.zeros),
-        "delay_ticks": found.ab.delay_ticks,
-        "E_rw": dict(found.wind.E_rw),
-        "collective": asdict(found.collective),
+        "delay_ticks": identification.ab.delay_ticks,
+        "E_rw": dict(identification.wind.E_rw),
+        "collective": asdict(identification.collective),
         "fits": {name: {"cost": fit.cost, "expected_cost": fit.expected_cost,
                         "cost_sigma": fit.cost_sigma}
-                 for name, fit in (("actuators", found.ab.estimate),
-                                   ("gusts", found.wind.estimate))},
+                 for name, fit in (("actuators", identification.ab.estimate),
+                                   ("gusts", identification.wind.estimate))},
         "entries": [row.as_dict() for row in outcome.rows],
         "compared_with": outcome.truth.basis.source if outcome.truth else None,
         "misses": [row.name for row in missed],
-        "gamma": found.design.attitude.gamma,
-        "gamma_star": found.design.attitude.synthesis.gamma_star.value,
-        "observer": {"K": found.design.observer.K.tolist(),
-                     "poles_radps": list(found.design.observer.poles)},
+        "gamma": identification.design.attitude.gamma,
+        "gamma_star": identification.design.attitude.synthesis.gamma_star.value,
+        "observer": {"K": identification.design.observer.K.tolist(),
+                     "poles_radps": list(identification.design.observer.poles)},
         "versions": versions(),
     }  # fmt: skip
 

@@ -59,13 +59,16 @@ _POINTS = 300
 _SIGMAS = 2.0
 
 
-def charts(found: Identification, truth: Truth | None) -> list[Chart]:
+def charts(identification: Identification, truth: Truth | None) -> list[Chart]:
     """All charts of the page."""
     true = fast_of(truth.basis) if truth is not None else None
-    ab_spectra, gust_spectra = spectra_of(found.actuators), spectra_of(found.gusts)
-    wind_model = _with_wind(found)
+    ab_spectra, gust_spectra = (
+        spectra_of(identification.actuators),
+        spectra_of(identification.gusts),
+    )
+    wind_model = _with_wind(identification)
     bode = [
-        _bode(ab_spectra, found.ab.fast, true if channel < 3 else None, rate, channel,
+        _bode(ab_spectra, identification.ab.fast, true if channel < 3 else None, rate, channel,
               COMMANDS[channel], "rad/s")
         for rate, channel in _SHOWN if np.any(ab_spectra.channel == channel)
     ]  # fmt: skip
@@ -74,16 +77,20 @@ def charts(found: Identification, truth: Truth | None) -> list[Chart]:
               len(COMMANDS) + axis, _AXES[axis], "rad/s per m/s")
         for rate, axis in _GUSTS
     ]  # fmt: skip
-    rest = [_residuals(found), _excitation(found.actuators), _gust(found.gusts)]
+    rest = [
+        _residuals(identification),
+        _excitation(identification.actuators),
+        _gust(identification.gusts),
+    ]
     return [chart for chart in [*bode, *rest] if chart.has_data]
 
 
-def _with_wind(found: Identification) -> FastModel:
-    fast = found.ab.fast
+def _with_wind(identification: Identification) -> FastModel:
+    fast = identification.ab.fast
     E = np.zeros((N_FAST, AIR.size))
-    E[:, AIR.velocity] = found.wind.E[FAST]
+    E[:, AIR.velocity] = identification.wind.E[FAST]
     # The excitation swings through the kink: the lines show the mean slope of both sides.
-    E[STATE.r, AIR.w] = found.wind.E_rw["mean"]
+    E[STATE.r, AIR.w] = identification.wind.E_rw["mean"]
     return FastModel(fast.A, fast.B, E, fast.servo_radps, fast.servo_damping, fast.delay_s)
 
 
@@ -141,12 +148,12 @@ def _bars(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Trace:
     return Trace(xs, ys, "two standard deviations", "reference", "line", width=1.0)
 
 
-def _residuals(found: Identification) -> Chart:
+def _residuals(identification: Identification) -> Chart:
     """Whitened residuals of both fits over frequency."""
     panels = []
     for title, experiment, fit in (
-        ("actuators", found.actuators, found.ab.estimate),
-        ("gusts", found.gusts, found.wind.estimate),
+        ("actuators", identification.actuators, identification.ab.estimate),
+        ("gusts", identification.gusts, identification.wind.estimate),
     ):
         hz = spectra_of(experiment).omega_radps / (2.0 * np.pi)
         traces = [
@@ -309,23 +316,23 @@ def _verdict(outcome: IdentifyOutcome) -> tuple[str, str, str]:
 
 
 def _facts(outcome: IdentifyOutcome) -> list[tuple[str, str]]:
-    found, settings = outcome.found, outcome.settings
-    given = found.given
+    identification, settings = outcome.found, outcome.settings
+    a_priori = identification.given
     return [
-        ("Experiments", f"2, {given.periods} periods of {given.period_s:g} s each"),
-        ("Lines", f"{lines_of(found.actuators)}; {lines_of(found.gusts)}"),
+        ("Experiments", f"2, {a_priori.periods} periods of {a_priori.period_s:g} s each"),
+        ("Lines", f"{lines_of(identification.actuators)}; {lines_of(identification.gusts)}"),
         ("Compared with", outcome.truth.basis.source if outcome.truth else "nothing"),
         ("GPS", settings.gps),
         ("Seed", str(settings.seed)),
-        ("gamma", f"{found.design.attitude.gamma:.4g}"),
+        ("gamma", f"{identification.design.attitude.gamma:.4g}"),
     ]
 
 
 def _conditions(outcome: IdentifyOutcome) -> str:
-    given = outcome.found.given
+    a_priori = outcome.found.given
     return (
-        f"Simulated flight: turbulence of MIL-F-8785C and sensor noise on; {given.periods} periods "
-        f"of {given.period_s:g} s; seed {outcome.settings.seed}"
+        f"Simulated flight: turbulence of MIL-F-8785C and sensor noise on; {a_priori.periods} "
+        f"periods of {a_priori.period_s:g} s; seed {outcome.settings.seed}"
     )
 
 
@@ -354,12 +361,12 @@ def _group(outcome: IdentifyOutcome, group: str) -> ReportTable:
 
 
 def _ground(outcome: IdentifyOutcome) -> ReportTable:
-    given = outcome.found.given
+    a_priori = outcome.found.given
     return ReportTable(
         ["constant", "value, SI"],
-        [[name, _number(float(value))] for name, value in given.ground.items()],
+        [[name, _number(float(value))] for name, value in a_priori.ground.items()],
         "By scale, ruler, rpm counter, or from a table "
-        f"({given.source}); all else comes from the two flights.",
+        f"({a_priori.source}); all else comes from the two flights.",
     )
 
 

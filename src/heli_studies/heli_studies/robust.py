@@ -171,10 +171,10 @@ class AircraftSet:
 
         However far the ranges are stretched, no rotor flaps forward.
         """
-        found = {r.name: r.value(deltas.get(r.name, 0.0)) for r in self.ranges}
-        if "flap_back" in found:
-            found["flap_back"] = max(0.0, found["flap_back"])
-        return found
+        values = {r.name: r.value(deltas.get(r.name, 0.0)) for r in self.ranges}
+        if "flap_back" in values:
+            values["flap_back"] = max(0.0, values["flap_back"])
+        return values
 
     def linear(self, deltas: Mapping[str, float]) -> tuple[uncertain_Matrix, uncertain_Matrix]:
         """A (11, 11), B (11, 3) of one aircraft, linearised anew.
@@ -216,10 +216,10 @@ def aircraft_set(aircraft: HelicopterParameters, ranges: Sequence[Range]) -> Air
     terms += [(i, j) for i in range(len(smooth)) for j in range(i, len(smooth))]
     columns = np.array([[np.prod(delta[list(term)]) for term in terms] for delta in deltas])
     flat = (rows - centre).reshape(len(rows), -1)
-    found = np.linalg.lstsq(columns[:_SAMPLES], flat[:_SAMPLES], rcond=None)[0]
+    coefficients = np.linalg.lstsq(columns[:_SAMPLES], flat[:_SAMPLES], rcond=None)[0]
     left, right = _sizes(centre)
     model = Uncertain.constant(centre)
-    for term, coefficient in zip(terms, found, strict=True):
+    for term, coefficient in zip(terms, coefficients, strict=True):
         scaled = coefficient.reshape(centre.shape) / left[:, None] / right
         U, sigma, Vh = np.linalg.svd(scaled)
         keep = int(np.sum(sigma > _SHARE))
@@ -237,8 +237,8 @@ def aircraft_set(aircraft: HelicopterParameters, ranges: Sequence[Range]) -> Air
     residual = 0.0
     for delta, truth in zip(deltas[_SAMPLES:], rows[_SAMPLES:], strict=True):
         named = {r.name: d for r, d in zip(smooth, delta, strict=True)}
-        own = truth / _factors({r.name: r.value(named[r.name]) for r in smooth})[:, None]
-        error = (model.at(named) - own) / left[:, None] / right
+        divided_truth = truth / _factors({r.name: r.value(named[r.name]) for r in smooth})[:, None]
+        error = (model.at(named) - divided_truth) / left[:, None] / right
         residual = max(residual, float(np.max(np.linalg.norm(error, axis=1))))
     return AircraftSet(aircraft, tuple(ranges), model, residual)
 
@@ -381,10 +381,10 @@ def _loop(
         servo_bandwidth_radps=values.get("servo_speed", 1.0) * body.servo_bandwidth_radps,
     )
     at = trim(body)
-    told = {"trim.x": reduced_state(at.x), "trim.u": at.u}
+    trims = {"trim.x": reduced_state(at.x), "trim.u": at.u}
     nodes = {
-        name: {**own, **told} if name in ("observer", "inner_loop") else own
-        for name, own in settings.nodes.items()
+        name: {**parameters, **trims} if name in ("observer", "inner_loop") else parameters
+        for name, parameters in settings.nodes.items()
     }
     config = plant.PlantConfig.from_parameters(nodes["plant"])
     wind = config.wind
@@ -403,11 +403,11 @@ def _loop(
         j_yy=values.get("inertia_yy", 1.0) * mass.j_yy,
         j_zz=values.get("inertia_zz", 1.0) * mass.j_zz,
     )
-    own = loop.plant_k.aircraft._replace(body=mass)
+    parameters = loop.plant_k.aircraft._replace(body=mass)
     # The setpoint is sent once and stays.
     held = loop.estimate_k._replace(setpoint_timeout_ticks=_NEVER)
     loop = loop._replace(estimate_k=held, period_ticks=_NEVER)
-    return loop._replace(plant_k=loop.plant_k._replace(aircraft=own)), at
+    return loop._replace(plant_k=loop.plant_k._replace(aircraft=parameters)), at
 
 
 # -------------------------------------------------------------------------------------------------
@@ -435,8 +435,10 @@ def feedback_flown(settings: Settings) -> OutputFeedback:
     observer = nodes["observer"]
     feed = ObserverInput.from_parameters(observer)
     K = np.reshape(observer["K"], (-1, N_Y))
-    own = sampled_controller(model_of(config), K, config.prediction_s, feed)
-    return OutputFeedback(own.A, own.B[:, :N_Y], own.C, own.D[:, :N_Y], MEASURED)
+    controller = sampled_controller(model_of(config), K, config.prediction_s, feed)
+    return OutputFeedback(
+        controller.A, controller.B[:, :N_Y], controller.C, controller.D[:, :N_Y], MEASURED
+    )
 
 
 def uncertain_loop(aircraft: AircraftSet, law: OutputFeedback, delay_ticks: int) -> Uncertain:
@@ -521,24 +523,26 @@ def _parts(aircraft: AircraftSet, law: OutputFeedback, delay_ticks: int) -> _Par
     n, k = plant.D.shape[0], len(flown.A)
     y = np.eye(n, n + k)[list(law.measured)]
     u = flown.D @ y + np.hstack([np.zeros((_N_U, n)), flown.C])
-    own = flown.B @ y + np.hstack([np.zeros((k, n)), flown.A])
-    return _Parts(plant, np.vstack([np.eye(n, n + k), u]), own, y, flown)
+    law_rates = flown.B @ y + np.hstack([np.zeros((k, n)), flown.A])
+    return _Parts(plant, np.vstack([np.eye(n, n + k), u]), law_rates, y, flown)
 
 
 def exact(
     aircraft: AircraftSet, deltas: dict[str, float], law: OutputFeedback, delay_ticks: int
 ) -> float:
     """Largest growth, 1/s, of the sampled loop with one aircraft, discretised exactly."""
-    own, speed = aircraft.aircraft, aircraft.values(deltas).get("servo_speed", 1.0)
-    lag = Actuation(speed * own.servo_bandwidth_radps, own.servo_damping, delay_ticks * TICK_S)
+    nominal, speed = aircraft.aircraft, aircraft.values(deltas).get("servo_speed", 1.0)
+    lag = Actuation(
+        speed * nominal.servo_bandwidth_radps, nominal.servo_damping, delay_ticks * TICK_S
+    )
     poles = np.linalg.eigvals(closed_loop(*aircraft.linear(deltas), law, lag))
     return float(np.log(np.max(np.abs(poles))) / TICK_S)
 
 
 def _with_servos(aircraft: AircraftSet) -> Uncertain:
     """Aircraft behind its servos: [A, B] (17, 20); states of the servos: position, rate / w."""
-    own, eye, none = aircraft.aircraft, np.eye(_N_U), np.zeros((_N_U, _N_U))
-    w, zeta = own.servo_bandwidth_radps, own.servo_damping
+    nominal, eye, none = aircraft.aircraft, np.eye(_N_U), np.zeros((_N_U, _N_U))
+    w, zeta = nominal.servo_bandwidth_radps, nominal.servo_damping
     moves = w * np.block([[none, eye, none], [-eye, -2.0 * zeta * eye, eye]])
     speed = aircraft.speed_of_servos()
     faster = [
@@ -683,7 +687,7 @@ def over_airspeed(settings: Settings) -> OverAirspeed:
         for flap_back in FLAP_BACKS_RADPMPS
     ]
     try:
-        bound = common_bound([found.loop for found in points if found.point.right_mps == 0.0])
+        bound = common_bound([point.loop for point in points if point.point.right_mps == 0.0])
     except RobustError as error:
         return OverAirspeed(points, str(error), math.nan)
     between = (
@@ -1012,15 +1016,15 @@ def as_dict(proof: Proof) -> dict[str, Any]:
     }
 
 
-def _gain(proof: Proof, found: WorstGain | None) -> dict[str, Any] | None:
-    if found is None:
+def _gain(proof: Proof, worst_gain: WorstGain | None) -> dict[str, Any] | None:
+    if worst_gain is None:
         return None
     return {
-        "nominal": found.nominal,
-        "found": found.lower,
-        "proved": found.upper,
-        "frequency_radps": found.frequency_radps,
-        "aircraft": proof.aircraft.values(found.deltas),
+        "nominal": worst_gain.nominal,
+        "found": worst_gain.lower,
+        "proved": worst_gain.upper,
+        "frequency_radps": worst_gain.frequency_radps,
+        "aircraft": proof.aircraft.values(worst_gain.deltas),
     }
 
 

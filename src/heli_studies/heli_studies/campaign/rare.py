@@ -142,7 +142,7 @@ def subset_simulation(
     most: int,
     seed: int,
     redrawn: int = 0,
-    told: Callable[[SubsetLevel], None] | None = None,
+    report_level: Callable[[SubsetLevel], None] | None = None,
 ) -> ProbabilityEstimate:
     """Probability that a function of independent standard normal variables is above a bound.
 
@@ -160,7 +160,7 @@ def subset_simulation(
     redrawn : int
         So many variables, the last ones, have no neighbourhood, such as the seed of noise: a step
         keeps them or draws them anew, which leaves the normal distribution as it is, too.
-    told : callable, optional
+    report_level : callable, optional
         Is given each level once it is done.
 
     Returns
@@ -185,8 +185,8 @@ def subset_simulation(
         level, beyond = _judged(values, ancestors, bound, levels, accepted, flown)
         stuck = bool(levels) and level.threshold <= levels[-1].threshold
         levels.append(level)
-        if told is not None:
-            told(level)
+        if report_level is not None:
+            report_level(level)
         if level.threshold == bound:
             return ProbabilityEstimate(tuple(levels), Ended.REACHED)
         if stuck or level.share == 1.0:
@@ -280,10 +280,10 @@ def _chains(
         candidates = math.sqrt(1.0 - step**2) * points + step * drawn
         anew = rng.random((len(points), redrawn)) < _REDRAWN
         candidates[:, smooth:] = np.where(anew, drawn[:, smooth:], points[:, smooth:])
-        found = _evaluated(many, candidates)
-        taken = found >= threshold
+        candidate_values = _evaluated(many, candidates)
+        taken = candidate_values >= threshold
         points = np.where(taken[:, None], candidates, points)
-        values = np.where(taken, found, values)
+        values = np.where(taken, candidate_values, values)
         all_points.append(points)
         all_values.append(values)
         accepted.append(float(taken.mean()))
@@ -322,9 +322,11 @@ class Points(Spec):
         """Those of a spec; without scores there is no flight."""
         if scores is None:
             scores = np.zeros((0, len(parent.names)))
-        own = {f.name: getattr(parent, f.name) for f in fields(Spec)}
+        parent_fields = {f.name: getattr(parent, f.name) for f in fields(Spec)}
         return cls(
-            **{**own, "flights": len(scores), "sampling": SEARCH}, parent=parent, scores=scores
+            **{**parent_fields, "flights": len(scores), "sampling": SEARCH},
+            parent=parent,
+            scores=scores,
         )
 
     @cached_property
@@ -598,12 +600,12 @@ def by_cma(
     import cma
 
     rng = _rng(seed, _STREAM_CMA)
-    found = Search() if search is None else search
+    progress = Search() if search is None else search
 
     def evaluate(points: Array) -> Array:
-        points = points[: most - found.evaluations, :dimensions]
+        points = points[: most - progress.evaluations, :dimensions]
         values = np.asarray(many(points), dtype=float)
-        found.take(values)
+        progress.take(values)
         return values
 
     first = max(2, round(_FIRST * most))
@@ -612,7 +614,7 @@ def by_cma(
     starts = starts[np.argsort(-values, kind="stable")]
     size = max(_LEAST_DIMENSIONS, dimensions)
     population, runs = 4 + int(3.0 * math.log(size)), 0
-    while found.evaluations < most and not found.lost:
+    while progress.evaluations < most and not progress.lost:
         begin = np.zeros(size)
         begin[:dimensions] = starts[runs % first]
         options = {
@@ -621,14 +623,14 @@ def by_cma(
             "tolfun": 1e-9, "tolfunhist": 1e-9,
         }  # fmt: skip
         strategy = cma.CMAEvolutionStrategy(begin, _WORST_STEP * reach, options)
-        while found.evaluations < most and not strategy.stop():
+        while progress.evaluations < most and not strategy.stop():
             asked = np.array(strategy.ask())
             values = evaluate(asked)
-            if found.lost or len(values) < len(asked):
-                return found
+            if progress.lost or len(values) < len(asked):
+                return progress
             strategy.tell(list(asked), list(-values))
         runs += 1
-    return found
+    return progress
 
 
 def at_random(
@@ -636,12 +638,12 @@ def at_random(
 ) -> Search:
     """The same by points drawn uniformly in the box, until `most` or one beyond everything."""
     rng = _rng(seed, _STREAM_RANDOM)
-    found = Search() if search is None else search
-    while found.evaluations < most and not found.lost:
-        count = min(_BATCH, most - found.evaluations)
+    progress = Search() if search is None else search
+    while progress.evaluations < most and not progress.lost:
+        count = min(_BATCH, most - progress.evaluations)
         points = rng.uniform(-reach, reach, (count, dimensions))
-        found.take(np.asarray(many(points), dtype=float))
-    return found
+        progress.take(np.asarray(many(points), dtype=float))
+    return progress
 
 
 def _rng(seed: int, stream: int) -> np.random.Generator:
@@ -675,8 +677,8 @@ def noise(flights: Flights, drawn: bool) -> str:
     """What becomes of wind and sensor noise, in words."""
     if drawn:
         return "wind and sensors: a seed of its own per flight, drawn like the dispersions"
-    given = "the spec's" if not seed_is_random(flights.spec) else "the spec has one for each"
-    return f"wind and sensors: seed {one_seed(flights.spec)} in every flight ({given})"
+    which_seed = "the spec's" if not seed_is_random(flights.spec) else "the spec has one for each"
+    return f"wind and sensors: seed {one_seed(flights.spec)} in every flight ({which_seed})"
 
 
 def _common(flights: Flights) -> dict[str, Any]:
@@ -767,8 +769,8 @@ def print_rare(
     if near is not None:
         points, _ = flights.all()
         values = zip(points.names, points.inputs[near], strict=True)
-        said = ", ".join(f"{name} {_cell(value)}" for name, value in values)
-        lines.append(f"likeliest flight beyond: {near}: {said}")
+        inputs_text = ", ".join(f"{name} {_cell(value)}" for name, value in values)
+        lines.append(f"likeliest flight beyond: {near}: {inputs_text}")
     _print(out, lines)
 
 
@@ -777,11 +779,11 @@ def worst_dict(
 ) -> dict[str, Any]:
     """Of a search for the worst case, for result.json."""
     points, _ = flights.all()
-    found: dict[str, Any] = {}
+    by_method: dict[str, Any] = {}
     first = 0
     for name, search in searches:
         number = first + search.at if search.at >= 0 else None
-        found[name] = {
+        by_method[name] = {
             "value": search.best, "lost": search.lost, "flights": search.evaluations,
             "after": search.at + 1, "flight": number,
             "inputs": {} if number is None
@@ -795,7 +797,7 @@ def worst_dict(
         "seed": seed,
         "flight_seed": one_seed(flights.spec),
         "sigma": reach,
-        "searches": found,
+        "searches": by_method,
         "larger_by": more,
     }
 

@@ -64,14 +64,14 @@ def column(table: pa.Table, name: str) -> Array:
     return np.array([math.nan if v is None else v for v in table[name].to_pylist()], dtype=float)
 
 
-def margin_chart(found: Sequence[WorstFlight], kind: str) -> Chart:
+def margin_chart(judged_flights: Sequence[WorstFlight], kind: str) -> Chart:
     """How near the flights come to a bound: of the worst judged figure of each."""
-    shares = np.array([case.share for case in found])
+    shares = np.array([case.share for case in judged_flights])
     caption = (
         "Of each flight the judged figure that is the largest part of its bound. A flight right of "
         "1 is outside; one that was lost has no figure and is counted as beyond every bound."
     )
-    panels = [_cumulative({"worst judged figure": ("nav", shares)}, 1.0, kind, len(found))]
+    panels = [_cumulative({"worst judged figure": ("nav", shares)}, 1.0, kind, len(judged_flights))]
     return Chart(
         "margin", "How near the flights come to a bound", caption, panels, MARGIN,
         x_quantity="largest judged figure as a part of its bound", x_unit="", time=False,
@@ -148,10 +148,10 @@ def failure_chart(inputs: Mapping[str, Sequence[object]], failed: Sequence[bool]
     """Where in the dispersed ranges the flights that failed are, beside all."""
     bad = np.array(failed, dtype=bool)
     panels = []
-    for name, told in inputs.items():
-        if isinstance(told[0], str) or not bad.any():
+    for name, column in inputs.items():
+        if isinstance(column[0], str) or not bad.any():
             continue
-        values = np.array(told, dtype=float)
+        values = np.array(column, dtype=float)
         low, span = float(values.min()), float(np.ptp(values))
         if span == 0.0:
             continue
@@ -204,8 +204,8 @@ def scatter_charts(
     """
     pairs = [
         (abs(one.rank_correlation), figure, one)
-        for figure, found in strongest.items()
-        for one in found
+        for figure, influences in strongest.items()
+        for one in influences
         if math.isfinite(one.rank_correlation) and not isinstance(inputs[one.name][0], str)
     ]
     pairs.sort(key=lambda pair: -pair[0])
@@ -224,7 +224,7 @@ def scatter_charts(
             Trace(x[bad], values[bad], "flight outside one", "bad", "points"),
             Trace(ends, np.full(2, metric.paper), "bound", "bound", "dash", width=1.2),
         ]
-        told = f"{metric.label[:1].upper()}{metric.label[1:]} over {one.name}"
+        title = f"{metric.label[:1].upper()}{metric.label[1:]} over {one.name}"
         caption = f"Rank correlation {one.rank_correlation:+.2f}; a point a flight, {name}."
         highest = max(float(np.nanmax(values)), metric.paper)
         panel = Panel(
@@ -233,7 +233,7 @@ def scatter_charts(
         )  # fmt: skip
         key = f"pair_{metric.key}"
         charts.append(
-            Chart(key, told, caption, [panel], SPREAD, x_quantity=one.name, x_unit="", time=False)
+            Chart(key, title, caption, [panel], SPREAD, x_quantity=one.name, x_unit="", time=False)
         )
     return charts
 
@@ -306,11 +306,17 @@ def read_campaign(folder: Path) -> CampaignFolder:
     about, table = about_of(folder), Store(folder).table()
     if not table.num_rows:
         raise ParameterError(f"{folder}: no flight has ended yet; --resume flies them")
-    found = cases(table, about["flown"]["gps"])
-    numbers = [case.number for case in worst_flights(found, SHOWN)]
+    judged_flights = cases(table, about["flown"]["gps"])
+    numbers = [case.number for case in worst_flights(judged_flights, SHOWN)]
     again, why_not = _again(folder, about, numbers)
     return CampaignFolder(
-        folder, about, table, summary_of(table, about["flown"]["gps"]), found, again, why_not
+        folder,
+        about,
+        table,
+        summary_of(table, about["flown"]["gps"]),
+        judged_flights,
+        again,
+        why_not,
     )
 
 
@@ -359,13 +365,13 @@ def _number(value: float) -> str:
     return _NONE if math.isnan(value) else f"{value:.3g}".replace("-", "−")
 
 
-def quantiles_table(told: CampaignFolder) -> ReportTable:
+def quantiles_table(campaign: CampaignFolder) -> ReportTable:
     """Quantiles of each figure from each record, its bound, and how many flights are beyond."""
     head = ["metric", "median", "95 %", "99 %", "largest", "bound", "outside", "record"]
     rows = []
-    for name, values in told.summary.quantiles.items():
+    for name, values in campaign.summary.quantiles.items():
         key, _, source = name.removesuffix(")").partition(" (")
-        metric, figures = BY_KEY[key], column(told.table, FIGURE + name)
+        metric, figures = BY_KEY[key], column(campaign.table, FIGURE + name)
         beyond = int((figures > metric.paper).sum())
         rows.append(
             [
@@ -384,38 +390,42 @@ def _coloured(count: int) -> str:
     return Markup('<span class="{}">{}</span>').format("out" if count else "in", count)
 
 
-def causes_table(told: CampaignFolder) -> ReportTable:
+def causes_table(campaign: CampaignFolder) -> ReportTable:
     """How the flights ended."""
-    outside = sum(case.failed for case in told.cases if case.cause == FlightEnding.FLOWN)
-    rows = [[str(cause), str(count), _share(count, told), _example(told, str(cause))]
-            for cause, count in Counter(told.table[CAUSE].to_pylist()).most_common()]  # fmt: skip
+    outside = sum(case.failed for case in campaign.cases if case.cause == FlightEnding.FLOWN)
+    rows = [
+        [str(cause), str(count), _share(count, campaign), _example(campaign, str(cause))]
+        for cause, count in Counter(campaign.table[CAUSE].to_pylist()).most_common()
+    ]
     if outside:
-        rows.append(["of those flown, outside the bounds", str(outside), _share(outside, told), ""])
+        rows.append(
+            ["of those flown, outside the bounds", str(outside), _share(outside, campaign), ""]
+        )
     return ReportTable(["how they ended", "flights", "share", "first of them"], rows)
 
 
-def _share(count: int, told: CampaignFolder) -> str:
-    return percent(count / told.table.num_rows)
+def _share(count: int, campaign: CampaignFolder) -> str:
+    return percent(count / campaign.table.num_rows)
 
 
-def _example(told: CampaignFolder, cause: str) -> str:
-    causes, sentences = told.table[CAUSE].to_pylist(), told.table[SENTENCE].to_pylist()
+def _example(campaign: CampaignFolder, cause: str) -> str:
+    causes, sentences = campaign.table[CAUSE].to_pylist(), campaign.table[SENTENCE].to_pylist()
     return next(s for c, s in zip(causes, sentences, strict=True) if c == cause)
 
 
 def correlations_table(
-    told: CampaignFolder, strongest: Mapping[str, Sequence[Sensitivity]]
+    campaign: CampaignFolder, strongest: Mapping[str, Sequence[Sensitivity]]
 ) -> ReportTable | None:
     """Influence of each input on each judged figure; None if nothing can be said."""
-    inputs = told.inputs
-    figures = [name for name, found in strongest.items() if found]
+    inputs = campaign.inputs
+    figures = [name for name, influences in strongest.items() if influences]
     if not inputs or not figures:
         return None
     by_name = {f: {one.name: one for one in strongest[f]} for f in figures}
     rows: list[list[str]] = [
         [name, *(_correlation(by_name[figure][name]) for figure in figures)] for name in inputs
     ]
-    shares = [explained_variance(inputs, told.figures[figure][1]) for figure in figures]
+    shares = [explained_variance(inputs, campaign.figures[figure][1]) for figure in figures]
     rows.append(["all together explain", *(_NONE if math.isnan(s) else f"{s:.0%}" for s in shares)])
     caption = (
         "Spearman's rank correlation of each input with each judged figure over the flights that "
@@ -434,14 +444,14 @@ def _correlation(one: Sensitivity) -> str:
     return Markup("<strong>{}</strong>").format(text) if one.p_value < _SURE else text
 
 
-def worst_table(told: CampaignFolder) -> ReportTable:
+def worst_table(campaign: CampaignFolder) -> ReportTable:
     """The worst cases, each with the command that flies it again."""
     rows = []
-    for case in worst_flights(told.cases, SHOWN):
+    for case in worst_flights(campaign.cases, SHOWN):
         figure = "" if not case.figure else f"{case.figure} {_number(case.value)}"
         share = _NONE if math.isnan(case.share) else f"{percent(case.share)} of its bound"
         what = f"{figure}, {share}" if figure else case.sentence or _NONE
-        again = told.again.get(case.number)
+        again = campaign.again.get(case.number)
         command = Markup("<code>{}</code>").format(
             f"./heli hover --params {shlex.quote(str(again))}") if again else _NONE  # fmt: skip
         how = "outside" if case.failed and case.cause == FlightEnding.FLOWN else case.cause
@@ -449,11 +459,11 @@ def worst_table(told: CampaignFolder) -> ReportTable:
     return ReportTable(["flight", "seed", "end", "farthest", "fly it again"], rows, words=True)
 
 
-def dispersed_table(told: CampaignFolder) -> ReportTable:
+def dispersed_table(campaign: CampaignFolder) -> ReportTable:
     """Distribution and flown range of each parameter."""
     rows = []
-    inputs = told.inputs
-    for name, how in told.about["disperse"].items():
+    inputs = campaign.inputs
+    for name, how in campaign.about["disperse"].items():
         values: list[Any] = inputs.get(name, [])
         rows.append([name, how, _range(values) if values else _NONE])
     return ReportTable(["parameter", "distribution", "flown"], rows, words=True)
@@ -490,7 +500,7 @@ _AGAIN = (
 )
 
 
-def write_page(told: CampaignFolder, folder: Path, progress: Callable[[int], None]) -> Path:
+def write_page(campaign: CampaignFolder, folder: Path, progress: Callable[[int], None]) -> Path:
     """Write report.html and figures/ into a folder; returns the page.
 
     Raises
@@ -498,13 +508,15 @@ def write_page(told: CampaignFolder, folder: Path, progress: Callable[[int], Non
     ParameterError
         The folder cannot be written.
     """
-    strongest = {name: sensitivities(told.inputs, v) for name, (_, v) in told.figures.items()}
-    kind, failed = told.about["flown"]["kind"], [case.failed for case in told.cases]
+    strongest = {
+        name: sensitivities(campaign.inputs, v) for name, (_, v) in campaign.figures.items()
+    }
+    kind, failed = campaign.about["flown"]["kind"], [case.failed for case in campaign.cases]
     charts = [
-        margin_chart(told.cases, kind),
-        *distribution_charts(told.table, kind),
-        failure_chart(told.inputs, failed),
-        *scatter_charts(told.inputs, told.figures, strongest, failed),
+        margin_chart(campaign.cases, kind),
+        *distribution_charts(campaign.table, kind),
+        failure_chart(campaign.inputs, failed),
+        *scatter_charts(campaign.inputs, campaign.figures, strongest, failed),
     ]
     charts = [chart for chart in charts if chart.has_data]
     progress(1)
@@ -514,91 +526,92 @@ def write_page(told: CampaignFolder, folder: Path, progress: Callable[[int], Non
             links.pop(key)
     text = filled(
         "campaign.html",
-        _head(told, links),
+        _head(campaign, links),
         charts,
-        quantiles=quantiles_table(told),
-        causes=causes_table(told),
-        conditions=_conditions(told),
-        correlations=correlations_table(told, strongest),
-        worst=worst_table(told),
-        again=told.why_not or _AGAIN,
-        dispersed=dispersed_table(told),
+        quantiles=quantiles_table(campaign),
+        causes=causes_table(campaign),
+        conditions=_conditions(campaign),
+        correlations=correlations_table(campaign, strongest),
+        worst=worst_table(campaign),
+        again=campaign.why_not or _AGAIN,
+        dispersed=dispersed_table(campaign),
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / PAGE).write_text(text, encoding="utf-8")
         progress(2)
-        write_figures(charts, _conditions(told), folder / FIGURES)
+        write_figures(charts, _conditions(campaign), folder / FIGURES)
     except OSError as error:
         raise ParameterError(f"{folder}: cannot be written: {error.strerror or error}") from None
     progress(STEPS)
     return folder / PAGE
 
 
-def _head(told: CampaignFolder, links: Mapping[str, str]) -> Head:
-    flown = told.about["flown"]
+def _head(campaign: CampaignFolder, links: Mapping[str, str]) -> Head:
+    flown = campaign.about["flown"]
     return Head(
         kind="Campaign report · simulation",
-        title=f"Campaign: {flown['scenario']}, {told.table.num_rows} flights",
-        heading=f"Campaign of {told.table.num_rows} flights: {flown['scenario']}",
-        verdicts=_verdicts(told),
-        facts=_facts(told),
+        title=f"Campaign: {flown['scenario']}, {campaign.table.num_rows} flights",
+        heading=f"Campaign of {campaign.table.num_rows} flights: {flown['scenario']}",
+        verdicts=_verdicts(campaign),
+        facts=_facts(campaign),
         links=links,
     )
 
 
-def _verdicts(told: CampaignFolder) -> list[tuple[str, str, str]]:
-    found = told.summary
-    low, high = found.interval
-    bounds = figures_of(told.about["flown"]["kind"])
+def _verdicts(campaign: CampaignFolder) -> list[tuple[str, str, str]]:
+    summary = campaign.summary
+    low, high = summary.interval
+    bounds = figures_of(campaign.about["flown"]["kind"])
     sure = f"95 % confidence: {percent(low)} to {percent(high)} (Clopper, Pearson)"
-    if found.failed:
+    if summary.failed:
         mark, tone = "✗", "bad"
         words = (
-            f"{found.failed} of {found.flights} flights outside {bounds} or not flown to the end: "
-            f"{percent(found.failed / found.flights)}; {sure}."
+            f"{summary.failed} of {summary.flights} flights outside {bounds} or not flown to the "
+            f"end: {percent(summary.failed / summary.flights)}; {sure}."
         )
     else:
         mark, tone = "✓", "good"
-        words = f"All {found.flights} flights inside {bounds}; of failing, {sure}."
-    told_first = [(mark, tone, words)]
-    if told.missing:
-        words = f"{told.missing} of {told.about['flights']} flights have no row yet."
-        told_first.append(("–", "", f"{words} `heli campaign ... --resume` flies them."))
-    return told_first
+        words = f"All {summary.flights} flights inside {bounds}; of failing, {sure}."
+    verdict_rows = [(mark, tone, words)]
+    if campaign.missing:
+        words = f"{campaign.missing} of {campaign.about['flights']} flights have no row yet."
+        verdict_rows.append(("–", "", f"{words} `heli campaign ... --resume` flies them."))
+    return verdict_rows
 
 
-def _facts(told: CampaignFolder) -> list[tuple[str, str]]:
-    flown = told.about["flown"]
+def _facts(campaign: CampaignFolder) -> list[tuple[str, str]]:
+    flown = campaign.about["flown"]
     return [
         ("Scenario", f"{flown['scenario']}, {flown['duration_s']:g} s"),
         ("World", Path(flown["world"]).stem),
         ("Laws", Path(flown["laws"]).stem),
         ("GPS", flown["gps"]),
         ("Sampling", flown["sampling"].replace("_", " ")),
-        ("Dispersed", f"{len(told.about['disperse'])} parameters"),
-        ("Not lost", told.summary.survived.words),
-        ("Sources", told.about["commit"][:_DIGITS]),
+        ("Dispersed", f"{len(campaign.about['disperse'])} parameters"),
+        ("Not lost", campaign.summary.survived.words),
+        ("Sources", campaign.about["commit"][:_DIGITS]),
     ]
 
 
-def _conditions(told: CampaignFolder) -> str:
-    flown = told.about["flown"]
+def _conditions(campaign: CampaignFolder) -> str:
+    flown = campaign.about["flown"]
     return (
-        f"simulated: {told.table.num_rows} flights of {flown['scenario']}, "
+        f"simulated: {campaign.table.num_rows} flights of {flown['scenario']}, "
         f"{flown['duration_s']:g} s, world {Path(flown['world']).stem}, GPS {flown['gps']}, "
-        f"{flown['sampling'].replace('_', ' ')} sampling; sources {told.about['commit'][:_DIGITS]}"
+        f"{flown['sampling'].replace('_', ' ')} sampling; "
+        f"sources {campaign.about['commit'][:_DIGITS]}"
     )
 
 
-def as_dict(told: CampaignFolder, page: Path) -> dict[str, Any]:
+def as_dict(campaign: CampaignFolder, page: Path) -> dict[str, Any]:
     """For --json."""
     return {
         "report": str(page),
         "figures": sorted(str(path) for path in (page.parent / FIGURES).iterdir()),
-        "flights": told.summary.flights,
-        "missing": told.missing,
-        "failed": told.summary.failed,
-        "interval": list(told.summary.interval),
-        "worst": {str(number): str(path) for number, path in told.again.items()},
+        "flights": campaign.summary.flights,
+        "missing": campaign.missing,
+        "failed": campaign.summary.failed,
+        "interval": list(campaign.summary.interval),
+        "worst": {str(number): str(path) for number, path in campaign.again.items()},
     }

@@ -80,19 +80,19 @@ def about_of(folder: Path, option: str = "") -> dict[str, Any]:
     share, by name), `disperse` (each parameter's distribution, in words).
     """
     try:
-        told = json.loads((folder / ABOUT_NAME).read_text(encoding="utf-8"))
+        about = json.loads((folder / ABOUT_NAME).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ParameterError(f"{option}{folder}: holds no campaign: {error}") from None
-    if not isinstance(told, dict) or any(
-        not isinstance(told.get(key), kind) for key, kind in _TOLD.items()
+    if not isinstance(about, dict) or any(
+        not isinstance(about.get(key), kind) for key, kind in _TOLD.items()
     ):
         raise ParameterError(f"{option}{folder}: holds no campaign: {ABOUT_NAME} is of another")
-    if told["flown"].get("sampling") == SEARCH:
+    if about["flown"].get("sampling") == SEARCH:
         raise ParameterError(
             f"{option}{folder}: holds the flights of a search, which are no sample; its result is "
             f"in {folder}/result.json"
         )
-    return told
+    return about
 
 
 def _about(spec: Spec, file: Path) -> dict[str, Any]:
@@ -167,13 +167,13 @@ class Store:
 
     def done(self) -> set[int]:
         """Numbers of the flights whose rows are here; a file that cannot be read is taken away."""
-        found: set[int] = set()
+        numbers: set[int] = set()
         for part in self._parts():
             try:
-                found |= set(pq.read_table(part, columns=[NUMBER])[NUMBER].to_pylist())
+                numbers |= set(pq.read_table(part, columns=[NUMBER])[NUMBER].to_pylist())
             except (pa.ArrowException, OSError):
                 part.unlink()
-        return found
+        return numbers
 
     def put(self, rows: Sequence[dict[str, Any]]) -> None:
         """Keep the rows of a task.
@@ -259,12 +259,12 @@ _GONE = "the scheduler is gone; what was flown stays, --resume goes on"
 
 def tasks(batch: FlightBatch, done: set[int]) -> list[list[int]]:
     """What is still to be flown, by tasks; they are the same whoever flies them."""
-    found, count = [], batch.count
+    task_list, count = [], batch.count
     for first in range(0, count, batch.chunk):
         left = [n for n in range(first, min(first + batch.chunk, count)) if n not in done]
         if left:
-            found.append(left)
-    return found
+            task_list.append(left)
+    return task_list
 
 
 def fly_here(batch: FlightBatch, todo: Sequence[Sequence[int]]) -> Iterator[Rows]:
@@ -456,12 +456,12 @@ def check(
     ParameterError, FlightError
         The folder cannot be written, or the graph does not come up.
     """
-    numbers, found = sample(rows, count), []
+    numbers, comparisons = sample(rows, count), []
     with steps("flights through the graph", max(len(numbers), 1)) as progress:
         for one in _flown(spec, rows, numbers, folder, fly):
-            found.append(one)
-            progress(len(found))
-    return found
+            comparisons.append(one)
+            progress(len(comparisons))
+    return comparisons
 
 
 def _flown(
@@ -470,17 +470,19 @@ def _flown(
 ) -> Iterator[GraphComparison]:  # fmt: skip
     by_number = {row[NUMBER]: row for row in rows.to_pylist()}
     for number in numbers:
-        own = folder / FOLDER / f"flight_{number}"
+        flight_folder = folder / FOLDER / f"flight_{number}"
         try:
-            if own.exists():
-                shutil.rmtree(own)
+            if flight_folder.exists():
+                shutil.rmtree(flight_folder)
         except OSError as error:
-            raise ParameterError(f"{own}: {error.strerror or error}") from None
+            raise ParameterError(f"{flight_folder}: {error.strerror or error}") from None
         (file,) = write_rerun_files(spec, [number], folder / FOLDER)
-        order = FlightOrder(mode=LOCKSTEP, params=[file], out=own / "flight", report=False)
+        order = FlightOrder(
+            mode=LOCKSTEP, params=[file], out=flight_folder / "flight", report=False
+        )
         outcome = fly(order)
         figure, difference = _largest(by_number[number], outcome.result)
-        yield GraphComparison(number, figure, difference, str(own / "flight"))
+        yield GraphComparison(number, figure, difference, str(flight_folder / "flight"))
 
 
 def _largest(row: dict[str, Any], result: Result) -> tuple[str, float]:
@@ -491,35 +493,35 @@ def _largest(row: dict[str, Any], result: Result) -> tuple[str, float]:
         return CAUSE, 0.0
     flown = {f"{WHOLE}{s.name}": s.max for s in result.figures.whole}
     flown |= {f"{FIGURE}{s.name}": s.max for s in result.figures.windows}
-    told = {k: v for k, v in row.items() if k.startswith((WHOLE, FIGURE)) and v is not None}
-    if flown.keys() != told.keys():
-        return min(flown.keys() ^ told.keys()), math.inf
-    off = {name: abs(value - told[name]) for name, value in flown.items()}
+    stored = {k: v for k, v in row.items() if k.startswith((WHOLE, FIGURE)) and v is not None}
+    if flown.keys() != stored.keys():
+        return min(flown.keys() ^ stored.keys()), math.inf
+    off = {name: abs(value - stored[name]) for name, value in flown.items()}
     name = max(off, key=lambda key: off[key], default="")
     return name, off.get(name, 0.0)
 
 
-def as_list(found: Sequence[GraphComparison]) -> list[dict[str, Any]]:
+def as_list(comparisons: Sequence[GraphComparison]) -> list[dict[str, Any]]:
     """For --json."""
-    return [asdict(one) | {"same": one.same} for one in found]
+    return [asdict(one) | {"same": one.same} for one in comparisons]
 
 
-def print_compared(out: Console, found: Sequence[GraphComparison]) -> None:
+def print_compared(out: Console, comparisons: Sequence[GraphComparison]) -> None:
     """A row a flight, and a sentence."""
-    if not found:
+    if not comparisons:
         out.print("no flight has flown: none goes through the graph")
         return
     rows = table("through the graph, beside the rows", out)
     for name in ("flight", "figure that differs most", "difference", ""):
         rows.add_column(name)
-    for one in found:
+    for one in comparisons:
         mark = "same" if one.same else "DIFFERS"
         rows.add_row(str(one.number), one.figure, f"{one.difference:.3g}", mark)
     out.print(rows)
-    same = sum(one.same for one in found)
+    same = sum(one.same for one in comparisons)
     out.print(
-        f"{same} of {len(found)} flights through the graph have the figures of their rows within "
-        f"{TOLERANCE:g}; they lie in {Path(found[0].folder).parent.parent}",
+        f"{same} of {len(comparisons)} flights through the graph have the figures of their rows "
+        f"within {TOLERANCE:g}; they lie in {Path(comparisons[0].folder).parent.parent}",
         soft_wrap=True, markup=False,
     )  # fmt: skip
 
@@ -565,7 +567,7 @@ def judged_figures(table: pa.Table, gps: str) -> dict[str, tuple[str, str, float
         for source in SOURCES
         if decides(source, gps)
     }
-    return {name: told for name, told in names.items() if name in table.column_names}
+    return {name: figure for name, figure in names.items() if name in table.column_names}
 
 
 def cases(table: pa.Table, gps: str) -> list[WorstFlight]:
@@ -589,14 +591,14 @@ def _case(row: dict[str, object], judged: dict[str, tuple[str, str, float]]) -> 
     )  # fmt: skip
 
 
-def worst_flights(found: Sequence[WorstFlight], count: int) -> list[WorstFlight]:
+def worst_flights(judged_flights: Sequence[WorstFlight], count: int) -> list[WorstFlight]:
     """The worst of them, the worst first: what did not end (by number), what failed, the rest."""
 
     def place(case: WorstFlight) -> tuple[bool, bool, float, int]:
         share = 0.0 if math.isnan(case.share) else case.share
         return case.cause == FlightEnding.FLOWN, not case.failed, -share, case.number
 
-    return heapq.nsmallest(count, found, key=place)
+    return heapq.nsmallest(count, judged_flights, key=place)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -642,12 +644,12 @@ def sensitivities(
     known = np.isfinite(figure)
     if known.sum() < _FEWEST:
         return []
-    found = []
+    influences = []
     for name, column in inputs.items():
         values = [value for value, good in zip(column, known, strict=True) if good]
         of_one = _of_names if isinstance(values[0], str) else _of_numbers
-        found.append(Sensitivity(name, *of_one(values, figure[known])))
-    return sorted(found, key=_strength, reverse=True)
+        influences.append(Sensitivity(name, *of_one(values, figure[known])))
+    return sorted(influences, key=_strength, reverse=True)
 
 
 def _strength(influence: Sensitivity) -> float:
@@ -659,8 +661,8 @@ def _of_numbers(values: Sequence[object], figure: NDArray[np.float64]) -> tuple[
     numbers = np.array(values, dtype=float)
     if np.ptp(numbers) == 0.0 or np.ptp(figure) == 0.0:
         return math.nan, math.nan
-    found = stats.spearmanr(numbers, figure)
-    return float(found.statistic), float(found.pvalue)
+    correlation = stats.spearmanr(numbers, figure)
+    return float(correlation.statistic), float(correlation.pvalue)
 
 
 def _of_names(values: Sequence[object], figure: NDArray[np.float64]) -> tuple[float, float]:
@@ -670,8 +672,8 @@ def _of_names(values: Sequence[object], figure: NDArray[np.float64]) -> tuple[fl
         return math.nan, math.nan
     ranks = stats.rankdata(figure)
     between = sum(
-        len(own) * (own.mean() - ranks.mean()) ** 2
-        for own in (ranks[named == name] for name in sorted(set(values), key=str))
+        len(group_ranks) * (group_ranks.mean() - ranks.mean()) ** 2
+        for group_ranks in (ranks[named == name] for name in sorted(set(values), key=str))
     )
     share = between / float(((ranks - ranks.mean()) ** 2).sum())
     return math.sqrt(share), float(stats.kruskal(*groups).pvalue)
@@ -735,8 +737,8 @@ class Share:
         """As a line tells it."""
         low, high = self.interval
         share = self.hits / self.flights if self.flights else 0.0
-        told = f"{self.hits} of {self.flights} flights, {share:.1%}"
-        return f"{told} ({low:.1%} to {high:.1%} at 95 %)"
+        counted = f"{self.hits} of {self.flights} flights, {share:.1%}"
+        return f"{counted} ({low:.1%} to {high:.1%} at 95 %)"
 
 
 # -------------------------------------------------------------------------------------------------
@@ -909,13 +911,13 @@ def worst_of_seeds(
     flown: Sequence[FlownSeed], stretch: str = DECIDES
 ) -> Mapping[tuple[str, str], Score]:
     """Per (metric key, source) the score of a stretch with the largest magnitude over all seeds."""
-    found: dict[tuple[str, str], Score] = {}
+    largest: dict[tuple[str, str], Score] = {}
     for flight in flown:
         for s in flight.figures.of(stretch):
             key = (s.metric.key, s.source)
-            if key not in found or s.max > found[key].max:
-                found[key] = s
-    return found
+            if key not in largest or s.max > largest[key].max:
+                largest[key] = s
+    return largest
 
 
 def parse_seeds(text: str) -> list[int]:
@@ -954,8 +956,8 @@ def seeds_table(
         rows.add_column(name, justify="right")
     extremes = {gps: worst_of_seeds(flown, stretch) for gps, flown in columns.items()}
     for metric in METRICS[kind]:
-        found = [extremes[gps].get((metric.key, source)) for gps, source in places]
-        cells = ["-" if s is None else f"{s.max:.2f}" for s in found]
+        scores = [extremes[gps].get((metric.key, source)) for gps, source in places]
+        cells = ["-" if s is None else f"{s.max:.2f}" for s in scores]
         rows.add_row(metric.label, f"{metric.paper:g} {metric.unit}", *cells)
     return rows
 

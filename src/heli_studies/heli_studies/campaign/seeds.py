@@ -41,11 +41,11 @@ class SeedFlightOptions:
 
     def again(self, gps: str, seed: int) -> str:
         """The command that flies one of its flights again, recorded in full."""
-        said: dict[str, Any] = {"--scenario": self.scenario, "--gps": gps, "--world": self.world}
-        said |= {"--control-preset": self.laws, "--duration": self.duration_s, "--seed": seed}
-        said |= {"--faults": self.faults}
+        options: dict[str, Any] = {"--scenario": self.scenario, "--gps": gps, "--world": self.world}
+        options |= {"--control-preset": self.laws, "--duration": self.duration_s, "--seed": seed}
+        options |= {"--faults": self.faults}
         words = ["./heli", "hover", "--one-process"]
-        for name, value in said.items():
+        for name, value in options.items():
             words += [] if value is None else [name, str(value)]
         for file in self.params:
             words += ["--params", str(file)]
@@ -62,8 +62,8 @@ def many_seeds(seeds: str, asked: SeedFlightOptions, as_json: bool) -> int:
     tell_if_it_compiles(console(stderr=True))
     with steps("flights", len(numbers) * len(presets)) as progress:
         for name in presets:
-            told = partial(_told, progress, done)
-            columns[name] = many.fly_seeds(settings[name], numbers, told)
+            report_done = partial(_told, progress, done)
+            columns[name] = many.fly_seeds(settings[name], numbers, report_done)
             done += len(numbers)
     code = max(f.exit_code(name) for name, flights in columns.items() for f in flights)
     if as_json:

@@ -125,12 +125,12 @@ class Distribution:
         return self.values((np.arange(count) + 0.5) / count)
 
 
-def distribution_of(told: Any, parameter_kind: str, where: str) -> Distribution:
+def distribution_of(entry: Any, parameter_kind: str, where: str) -> Distribution:
     """Read one from a spec, such as {uniform: [0.8, 1.2]}.
 
     Parameters
     ----------
-    told : object
+    entry : object
         What stands in the YAML.
     parameter_kind : str
         Kind of the parameter's row: double, int, string or bool.
@@ -141,9 +141,9 @@ def distribution_of(told: Any, parameter_kind: str, where: str) -> Distribution:
     ------
     ParameterError
     """
-    if not isinstance(told, Mapping) or len(told) != 1 or next(iter(told)) not in NAMES:
-        raise ParameterError(f"{where}: {told!r}; allowed: one of {', '.join(NAMES)}")
-    ((kind, numbers),) = told.items()
+    if not isinstance(entry, Mapping) or len(entry) != 1 or next(iter(entry)) not in NAMES:
+        raise ParameterError(f"{where}: {entry!r}; allowed: one of {', '.join(NAMES)}")
+    ((kind, numbers),) = entry.items()
     if not isinstance(numbers, Sequence) or isinstance(numbers, str) or not numbers:
         raise ParameterError(f"{where}: {kind}: {numbers!r}; allowed: a list")
     if kind == CHOICE:
@@ -158,20 +158,20 @@ def _distribution_numbers(
     kind: str, numbers: Sequence[Any], whole: bool, where: str
 ) -> tuple[Any, ...]:
     """The numbers of a continuous distribution, checked."""
-    form, told = KINDS[kind], list(numbers)
+    form, values = KINDS[kind], list(numbers)
     if whole and kind != "uniform":
         raise ParameterError(f"{where}: {kind}: the parameter is whole; allowed: uniform, {CHOICE}")
     number = (int,) if whole else (int, float)
-    good = len(told) == len(form.numbers) and all(
-        isinstance(n, number) and not isinstance(n, bool) and math.isfinite(n) for n in told
+    good = len(values) == len(form.numbers) and all(
+        isinstance(n, number) and not isinstance(n, bool) and math.isfinite(n) for n in values
     )
-    if not good or not form.fits(*told):
+    if not good or not form.fits(*values):
         what = "whole numbers" if whole else "numbers"
         names = ", ".join(form.numbers)
         raise ParameterError(
-            f"{where}: {kind}: {told}; allowed: {what} [{names}] with {form.allowed}"
+            f"{where}: {kind}: {values}; allowed: {what} [{names}] with {form.allowed}"
         )
-    return tuple(told) if whole else tuple(map(float, told))
+    return tuple(values) if whole else tuple(map(float, values))
 
 
 # -------------------------------------------------------------------------------------------------
@@ -317,9 +317,9 @@ class Spec:
     @cached_property
     def identity(self) -> str:
         """What tells this campaign from others: all that decides its rows, SHA-256."""
-        said = {key: value for key, value in asdict(self).items() if key != "chunk"}
-        said["params"] = [Path(path).read_text(encoding="utf-8") for path in self.params]
-        text = json.dumps(said, sort_keys=True, default=str)
+        content = {key: value for key, value in asdict(self).items() if key != "chunk"}
+        content["params"] = [Path(path).read_text(encoding="utf-8") for path in self.params]
+        text = json.dumps(content, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
 
     @cached_property
@@ -371,8 +371,8 @@ class Spec:
     def settings(self, number: int, aircraft: Path | None = None) -> Settings:
         """A flight's parameters; `aircraft` is the file of its aircraft if that is dispersed."""
         values = dict(zip(self.names, self.inputs[number], strict=True))
-        said = {**self.set, **{k: v for k, v in values.items() if not _of_aircraft(k)}}
-        overrides = by_section(said, self.base)
+        parameters = {**self.set, **{k: v for k, v in values.items() if not _of_aircraft(k)}}
+        overrides = by_section(parameters, self.base)
         if aircraft is not None:
             overrides.setdefault("plant", {})["aircraft_file"] = str(aircraft)
         return resolve(
@@ -383,33 +383,36 @@ class Spec:
     def aircraft(self, number: int) -> dict[str, Any] | None:
         """The aircraft file of a flight as {group.key: value}; None if none is dispersed."""
         values = dict(zip(self.names, self.inputs[number], strict=True))
-        own = {key.partition(".")[2]: v for key, v in values.items() if _of_aircraft(key)}
-        if not own:
+        dispersed = {key.partition(".")[2]: v for key, v in values.items() if _of_aircraft(key)}
+        if not dispersed:
             return None
-        return {**read_groups(find_aircraft(self.base.nodes["plant"]["aircraft_file"])), **own}
+        return {
+            **read_groups(find_aircraft(self.base.nodes["plant"]["aircraft_file"])),
+            **dispersed,
+        }
 
 
 def _of_aircraft(name: str) -> bool:
     return name.partition(".")[0] == AIRCRAFT
 
 
-def by_section(said: Mapping[str, Any], base: Settings) -> dict[str, dict[str, Any]]:
+def by_section(parameters: Mapping[str, Any], base: Settings) -> dict[str, dict[str, Any]]:
     """{section.name: value} as overrides {section: {name: value}}; elements put into arrays."""
-    found: dict[str, dict[str, Any]] = {}
-    for name, value in said.items():
+    overrides: dict[str, dict[str, Any]] = {}
+    for name, value in parameters.items():
         section, _, key = name.partition(".")
-        own = found.setdefault(section, {})
+        section_values = overrides.setdefault(section, {})
         element = _ELEMENT.fullmatch(key)
         if element is None:
-            own[key] = value
+            section_values[key] = value
             continue
         whole, place = element[1], int(element[2])
-        array = np.array(own.get(whole, values_of(base, section)[whole]), dtype=float)
+        array = np.array(section_values.get(whole, values_of(base, section)[whole]), dtype=float)
         if not _is_number(value):
             raise ParameterError(f"{name}: {value!r}; allowed: a number")
         array.flat[place] = value
-        own[whole] = array.ravel().tolist()
-    return found
+        section_values[whole] = array.ravel().tolist()
+    return overrides
 
 
 def values_of(base: Settings, section: str) -> Mapping[str, Any]:
@@ -435,27 +438,27 @@ def spec_of(path: Path) -> Spec:
         One line that names the file, the key, its value and what is allowed.
     """
     try:
-        told = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ParameterError(f"{path}: {' '.join(str(error).split())}") from None
     try:
-        return _checked(told, path.parent)
+        return _checked(content, path.parent)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
 
 
-def _checked(told: Any, folder: Path) -> Spec:
-    if not isinstance(told, Mapping):
+def _checked(content: Any, folder: Path) -> Spec:
+    if not isinstance(content, Mapping):
         raise ParameterError("holds no keys; allowed: " + ", ".join(f.name for f in fields(Spec)))
     known = [f.name for f in fields(Spec)]
-    for key in told:
+    for key in content:
         if key not in known:
             raise ParameterError(_unknown("", str(key), known))
-    _numbers(told)
-    _words(told)
-    values = dict(told)
-    values["params"] = tuple(str(folder / name) for name in _list(told, "params"))
-    values["set"] = {**_mapping(told, "set"), **_faults(told, folder)}
+    _numbers(content)
+    _words(content)
+    values = dict(content)
+    values["params"] = tuple(str(folder / name) for name in _list(content, "params"))
+    values["set"] = {**_mapping(content, "set"), **_faults(content, folder)}
     bare = Spec(**{**values, "set": {}, "disperse": {}, "correlate": (), "flights": 1,
                    "sampling": "random"})  # fmt: skip
     for name in values["set"]:
@@ -463,8 +466,8 @@ def _checked(told: Any, folder: Path) -> Spec:
             _row_of(name, bare.base, "set")
     plain = Spec(**{**values, "disperse": {}, "correlate": (), "flights": 1, "sampling": "random"})
     base = plain.base
-    values["disperse"] = _disperse(_mapping(told, "disperse"), base)
-    values["correlate"] = _correlate(_list(told, "correlate"), values["disperse"])
+    values["disperse"] = _disperse(_mapping(content, "disperse"), base)
+    values["correlate"] = _correlate(_list(content, "correlate"), values["disperse"])
     spec = Spec(**values)
     _check_count(spec)
     check_ends(spec, base)
@@ -477,58 +480,68 @@ def _unknown(where: str, key: str, known: Sequence[str]) -> str:
     return f"{where}{printable(key)}: unknown key; {hint}"
 
 
-def _numbers(told: Mapping[str, Any]) -> None:
+def _numbers(content: Mapping[str, Any]) -> None:
     for key, least, most in (
         ("flights", 0, _MOST_FLIGHTS), ("seed", 0, 1 << 62), ("levels", 2, 1000),
         ("chunk", 1, 10_000),
     ):  # fmt: skip
-        value = told.get(key, least)
+        value = content.get(key, least)
         if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
             raise ParameterError(f"{key}: {value!r}; allowed: an integer from {least} to {most}")
-    own = told.get("flight_seeds", EACH)
-    if own != EACH and (not isinstance(own, int) or isinstance(own, bool) or own < 0):
-        raise ParameterError(f"flight_seeds: {own!r}; allowed: {EACH} or an integer from 0 on")
-    length = told.get("duration_s")
+    flight_seeds = content.get("flight_seeds", EACH)
+    if flight_seeds != EACH and (
+        not isinstance(flight_seeds, int) or isinstance(flight_seeds, bool) or flight_seeds < 0
+    ):
+        raise ParameterError(
+            f"flight_seeds: {flight_seeds!r}; allowed: {EACH} or an integer from 0 on"
+        )
+    length = content.get("duration_s")
     if length is not None and not _is_number(length):
         raise ParameterError(f"duration_s: {length!r}; allowed: a number")
 
 
-def _words(told: Mapping[str, Any]) -> None:
+def _words(content: Mapping[str, Any]) -> None:
     for key in ("scenario", "gps", "world", "laws", "faults"):
-        if told.get(key) is not None and not isinstance(told[key], str):
-            raise ParameterError(f"{key}: {told[key]!r}; allowed: a name")
+        if content.get(key) is not None and not isinstance(content[key], str):
+            raise ParameterError(f"{key}: {content[key]!r}; allowed: a name")
     for key, known in (("sampling", SAMPLINGS), ("gps", GPS_PRESETS)):
-        if told.get(key) is not None and told[key] not in known:
-            raise ParameterError(f"{key}: {told[key]!r}; allowed: {', '.join(known)}")
+        if content.get(key) is not None and content[key] not in known:
+            raise ParameterError(f"{key}: {content[key]!r}; allowed: {', '.join(known)}")
 
 
-def _mapping(told: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = told.get(key) or {}
+def _mapping(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = content.get(key) or {}
     if not isinstance(value, Mapping):
         raise ParameterError(f"{key}: {value!r}; allowed: one line per parameter")
     return {str(name): v for name, v in value.items()}
 
 
-def _faults(told: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def _faults(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """What a file of faults sets in every flight."""
-    if not told.get("faults"):
+    if not content.get("faults"):
         return {}
-    if _FAULTS in _mapping(told, "set"):
-        raise ParameterError(f"faults: {told['faults']}; allowed: one of faults and set: {_FAULTS}")
-    over = fault_overrides(folder / told["faults"]) or {}
-    return {f"{node}.{key}": list(v) for node, said in over.items() for key, v in said.items()}
+    if _FAULTS in _mapping(content, "set"):
+        raise ParameterError(
+            f"faults: {content['faults']}; allowed: one of faults and set: {_FAULTS}"
+        )
+    over = fault_overrides(folder / content["faults"]) or {}
+    return {
+        f"{node}.{key}": list(v)
+        for node, parameters in over.items()
+        for key, v in parameters.items()
+    }
 
 
-def _list(told: Mapping[str, Any], key: str) -> Sequence[Any]:
-    value = told.get(key) or []
+def _list(content: Mapping[str, Any], key: str) -> Sequence[Any]:
+    value = content.get(key) or []
     if not isinstance(value, list):
         raise ParameterError(f"{key}: {value!r}; allowed: a list")
     return value
 
 
-def _disperse(told: Mapping[str, Any], base: Settings) -> dict[str, Distribution]:
-    found = {}
-    for name, how in told.items():
+def _disperse(entries: Mapping[str, Any], base: Settings) -> dict[str, Distribution]:
+    distributions = {}
+    for name, how in entries.items():
         section, _, key = name.partition(".")
         where = f"disperse: {name}"
         if section == AIRCRAFT:
@@ -536,21 +549,21 @@ def _disperse(told: Mapping[str, Any], base: Settings) -> dict[str, Distribution
             if key not in groups:
                 raise ParameterError(_unknown(f"disperse: {AIRCRAFT}.", key, list(groups)))
             kind = "string" if isinstance(groups[key], str) else "double"
-            found[name] = distribution_of(how, kind, where)
+            distributions[name] = distribution_of(how, kind, where)
             continue
         row = _row_of(name, base, "disperse")
-        found[name] = distribution_of(how, row.kind.removesuffix("[]"), where)
-    return found
+        distributions[name] = distribution_of(how, row.kind.removesuffix("[]"), where)
+    return distributions
 
 
 def _row_of(name: str, base: Settings, key: str) -> Parameter:
     """The row of `section.name` or `section.name[place]`; ParameterError if there is none."""
-    section, _, own = name.partition(".")
+    section, _, parameter = name.partition(".")
     sections = [node for node in TABLES if node in base.nodes or node == "scenario"]
     if section not in sections:
         raise ParameterError(_unknown(f"{key}: ", section, [*sections, AIRCRAFT]))
-    element = _ELEMENT.fullmatch(own)
-    bare = element[1] if element else own
+    element = _ELEMENT.fullmatch(parameter)
+    bare = element[1] if element else parameter
     row = next((row for row in TABLES[section] if row.name == bare), None)
     if row is None:
         rows = [row.name for row in TABLES[section]]
@@ -572,10 +585,10 @@ def _is_number(value: Any) -> bool:
 
 
 def _correlate(
-    told: Sequence[Any], disperse: Mapping[str, Distribution]
+    entries: Sequence[Any], disperse: Mapping[str, Distribution]
 ) -> tuple[tuple[str, str, float], ...]:
-    found = []
-    for one in told:
+    correlations = []
+    for one in entries:
         good = isinstance(one, list) and len(one) == 3
         rho = one[2] if good and _is_number(one[2]) else math.nan
         if not -1.0 < rho < 1.0 or one[0] == one[1]:
@@ -585,8 +598,8 @@ def _correlate(
         for name in one[:2]:
             if name not in disperse:
                 raise ParameterError(_unknown("correlate: ", str(name), list(disperse)))
-        found.append((one[0], one[1], float(rho)))
-    return tuple(found)
+        correlations.append((one[0], one[1], float(rho)))
+    return tuple(correlations)
 
 
 def _check_count(spec: Spec) -> None:
@@ -730,15 +743,15 @@ def write_rerun_files(spec: Spec, numbers: Sequence[int], folder: Path) -> list[
     """
     written = []
     for number in numbers:
-        own = folder / f"flight_{number}"
+        flight_folder = folder / f"flight_{number}"
         try:
-            own.mkdir(parents=True, exist_ok=True)
-            settings = settings_of(spec, number, own.resolve())
+            flight_folder.mkdir(parents=True, exist_ok=True)
+            settings = settings_of(spec, number, flight_folder.resolve())
         except OSError as error:
-            raise ParameterError(f"{own}: {error.strerror or error}") from None
+            raise ParameterError(f"{flight_folder}: {error.strerror or error}") from None
         except (ParameterError, AircraftError):
-            shutil.rmtree(own)
+            shutil.rmtree(flight_folder)
             continue
-        write_parameters(settings, own / "params.yaml")
-        written.append(own / "params.yaml")
+        write_parameters(settings, flight_folder / "params.yaml")
+        written.append(flight_folder / "params.yaml")
     return written

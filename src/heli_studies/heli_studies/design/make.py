@@ -189,9 +189,11 @@ def _aircraft(
     rows = np.ones((len(NINE), 1))
     rows[[NINE.p, NINE.q, NINE.r], 0] = one.inertia
     delay_s = actuation.delay_s if one.ticks is None else one.ticks * TICK_S
-    own = Actuation(one.servo_speed * actuation.servo_radps, actuation.servo_damping, delay_s)
+    member_actuation = Actuation(
+        one.servo_speed * actuation.servo_radps, actuation.servo_damping, delay_s
+    )
     plant = (linear.A / rows, linear.B / rows, linear.E / rows)
-    return SampledAircraft(one.name, *plant, own, one.disk_margin)
+    return SampledAircraft(one.name, *plant, member_actuation, one.disk_margin)
 
 
 def searched_output(inner: Mapping[str, Any], measure: Yardstick) -> dict[str, Any]:
@@ -207,8 +209,8 @@ def searched_output(inner: Mapping[str, Any], measure: Yardstick) -> dict[str, A
         No law near the present one keeps the floors.
     """
     numbers = measure.best(output_family(inner), (1,), pairs=False, better=_WORTH)
-    found = output_weights(numbers, float(inner["output.command_effort"]))._asdict()
-    return {f"output.{name}": np.asarray(value).tolist() for name, value in found.items()}
+    weights = output_weights(numbers, float(inner["output.command_effort"]))._asdict()
+    return {f"output.{name}": np.asarray(value).tolist() for name, value in weights.items()}
 
 
 def output_family(inner: Mapping[str, Any]) -> LawFamily:
@@ -239,8 +241,8 @@ def numbers_of(weights: OutputWeights) -> tuple[float, ...]:
     """The numbers of weights."""
     w = weights
     first_of_each = np.cumsum(_SHARED) - _SHARED
-    own = (*w.effort, *w.integral, *w.load, *w.noise[first_of_each])
-    return tuple(float(number) for number in own)
+    numbers = (*w.effort, *w.integral, *w.load, *w.noise[first_of_each])
+    return tuple(float(number) for number in numbers)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -343,7 +345,7 @@ def common_disk_margin(
     plant: CoupledPlant, axes: tuple[Axis, ...], gains: tuple[Gains, ...]
 ) -> DiskMargin:
     """Of the loop broken at all three commands at once; 0 if it is not stable."""
-    laws = [law(own, axis) for own, axis in zip(gains, axes, strict=True)]
+    laws = [law(axis_gains, axis) for axis_gains, axis in zip(gains, axes, strict=True)]
     A, B, C, D = (block_diag(*(one[part] for one in laws)) for part in range(4))
     closed = np.block([[plant.A + plant.B @ D @ plant.M, plant.B @ C], [B @ plant.M, A]])
     if np.max(np.abs(np.linalg.eigvals(closed))) >= 1.0:
@@ -466,8 +468,8 @@ class PositionLoop:
             best_gains(NAMES[i], axis, self.others[i], _WANTED[i], OBSERVER_DAMPING, filter_s)
             for i, axis in enumerate(self.axes)
         ]
-        found = self._held_in_bank(alone, filter_s)
-        K_P, K_D, bandwidth, lead_s = (list(column) for column in zip(*found, strict=True))
+        gains = self._held_in_bank(alone, filter_s)
+        K_P, K_D, bandwidth, lead_s = (list(column) for column in zip(*gains, strict=True))
         return {
             "K_P": K_P,
             "K_D": K_D,
@@ -489,22 +491,24 @@ class PositionLoop:
 
         def price(numbers: Sequence[float]) -> float:
             gains = tuple(gains_at(row, OBSERVER_DAMPING, filter_s) for row in rows(numbers))
-            own = sum(cost(gains[i], self.axes[i], self.others[i], _WANTED[i]) for i in range(2))
-            if not np.isfinite(own):
+            axes_cost = sum(
+                cost(gains[i], self.axes[i], self.others[i], _WANTED[i]) for i in range(2)
+            )
+            if not np.isfinite(axes_cost):
                 return np.inf
             missed = sum(
                 max(0.0, floor - common_disk_margin(plant, self.axes, gains).alpha)
                 for plant, floor in self.banked
             )
-            return own if missed <= 0.0 else _MISSED * (1.0 + missed)
+            return axes_cost if missed <= 0.0 else _MISSED * (1.0 + missed)
 
-        found = search((*alone[0], *alone[1]), price, (1,), pairs=False)
-        if price(found) >= _MISSED:
+        optimum = search((*alone[0], *alone[1]), price, (1,), pairs=False)
+        if price(optimum) >= _MISSED:
             raise NoGainsError(
                 "position loop: no gains near those of the single axes keep the floors of the "
                 "common disk margin in side wind: the attitude loop is too slow"
             )
-        return rows(found)
+        return rows(optimum)
 
 
 def position_loop(
@@ -652,28 +656,28 @@ def norms_on_the_way(
     list of (cause, norm)
         inf where the loop is not stable.
     """
-    found = []
+    norms = []
     for name, loop in (
         ("state feedback", state_feedback_loop(model)),
         ("with the observer", observer_loop(model, K)),
     ):
         T = loop.wind_to_h
         stable = loop.stability() < 0.0
-        found.append((name, hinf_norm(T.A, T.B, T.C)[0] if stable else np.inf))
+        norms.append((name, hinf_norm(T.A, T.B, T.C)[0] if stable else np.inf))
     late = replace(actuation, delay_s=0.0)
     no_delay = replace(feed, u_delay_ticks=0)
-    for name, prediction, told, lag in (
+    for name, prediction, fed, lag in (
         ("at 100 Hz", 0.0, replace(no_delay, servo_radps=0.0), _FAST_SERVO),
         ("with servos", 0.0, no_delay, late),
         ("with transport delay", 0.0, feed, actuation),
         ("with prediction", prediction_s, feed, actuation),
     ):
-        flown = flown_loop(model, K, prediction, told, lag)
+        flown = flown_loop(model, K, prediction, fed, lag)
         try:
-            found.append((name, norm_between_samples(model, lag, flown).upper))
+            norms.append((name, norm_between_samples(model, lag, flown).upper))
         except RobustError:
-            found.append((name, np.inf))
-    return found
+            norms.append((name, np.inf))
+    return norms
 
 
 # -------------------------------------------------------------------------------------------------
@@ -828,9 +832,9 @@ def make_design(
     basis = aircraft_basis(settings, aircraft)
     measure = None
     if search and aircraft is None:
-        own = HelicopterParameters.from_yaml(settings.nodes["plant"]["aircraft_file"])
-        common = yardstick(own, basis.actuation)
-        measure = beyond_the_box(common, own, basis.actuation)
+        helicopter = HelicopterParameters.from_yaml(settings.nodes["plant"]["aircraft_file"])
+        common = yardstick(helicopter, basis.actuation)
+        measure = beyond_the_box(common, helicopter, basis.actuation)
     return design_of(basis, settings, gamma, gamma_factor, air, search, measure)
 
 
@@ -943,13 +947,13 @@ def design_of(
     if basis.plant:
         tell("position loop")
         values["plant"] = dict(basis.plant)
-        own = {**settings.nodes["outer_loop"], **values["outer_loop"]}
+        outer_parameters = {**settings.nodes["outer_loop"], **values["outer_loop"]}
         around = {**(air or settings.nodes["plant"]), **basis.plant}
-        position = position_loop(around, own, loops[-1], model, actuation)
+        position = position_loop(around, outer_parameters, loops[-1], model, actuation)
         if search:
-            values["outer_loop"] |= position.chosen(own)
-        outer = position.reports(own | values["outer_loop"])
-        together = position.common_margin(own | values["outer_loop"])
+            values["outer_loop"] |= position.chosen(outer_parameters)
+        outer = position.reports(outer_parameters | values["outer_loop"])
+        together = position.common_margin(outer_parameters | values["outer_loop"])
     tell("margins of the loop as flown")
     return FinishedDesign(
         basis=basis,
@@ -1062,18 +1066,20 @@ def differences(design: FinishedDesign, params: Sequence[Path] = ()) -> list[str
     yielded = {
         node: {key: design.values[node][key] for key in keys} for node, keys in SEARCHED.items()
     }
-    told = [line for node, values in yielded.items() for line in _told(node, nodes[node], values)]
+    sentences = [
+        line for node, values in yielded.items() for line in _told(node, nodes[node], values)
+    ]
     actuation = AttitudeConfig.from_parameters(
         {**nodes["inner_loop"], "controller": "pid"}
     ).actuation
     helicopter = HelicopterParameters.from_yaml(nodes["plant"]["aircraft_file"])
     measure = yardstick(helicopter, actuation)
     for controller in rivals.KEYS:
-        own = resolve(params=params, laws=controller).nodes
+        rival_nodes = resolve(params=params, laws=controller).nodes
         # One number at a time, from what is shipped on.
-        found = rivals.chosen(controller, own, measure, (1,), pairs=False)
-        told += _told(f"laws {controller}: inner_loop", own["inner_loop"], found)
-    return told
+        optimum = rivals.chosen(controller, rival_nodes, measure, (1,), pairs=False)
+        sentences += _told(f"laws {controller}: inner_loop", rival_nodes["inner_loop"], optimum)
+    return sentences
 
 
 def _told(where: str, shipped: Mapping[str, Any], yielded: Mapping[str, Any]) -> list[str]:

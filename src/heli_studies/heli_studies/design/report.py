@@ -46,8 +46,8 @@ def print_design(design: FinishedDesign, out: Console) -> None:
         f"residual {design.basis.residual:.1e}"
     )
     out.print(f"modes of the aircraft without control, rad/s: {_modes(design)}")
-    own = design.attitude.output
-    if own is None:
+    output = design.attitude.output
+    if output is None:
         star = s.gamma_star
         out.print(
             f"gamma* = {star.value:.10g} in [{star.lower:.10g}, {star.upper:.10g}] "
@@ -56,7 +56,7 @@ def print_design(design: FinishedDesign, out: Console) -> None:
         )
         out.print(_certificate(design, out))
     else:
-        out.print(_of_output(own))
+        out.print(_of_output(output))
     out.print(said_of_the_flown_norm(design))
     out.print(_margins(design, out))
     survived = design.further_delay_s
@@ -66,7 +66,7 @@ def print_design(design: FinishedDesign, out: Console) -> None:
         f"{1e3 * design.actuation.delay_s:g} ms, 100 Hz; survives {more}{1e3 * survived:.0f} ms of "
         "further delay in all channels at once"
     )
-    if own is None:
+    if output is None:
         out.print(_gains("F transposed, u = F x + G r", s.F, INPUT_NAMES, STATE_NAMES, out))
     names = [STATE_NAMES[i] for i in MEASURED]
     poles = ", ".join(f"{p:g}" for p in design.observer.poles)
@@ -106,29 +106,30 @@ def _modes(design: FinishedDesign) -> str:
     return ", ".join(words)
 
 
-def _of_output(found: OutputSynthesis) -> str:
+def _of_output(output: OutputSynthesis) -> str:
     """Certificate of output feedback in a sentence."""
-    star, K = found.gamma_star, found.controller
+    star, K = output.gamma_star, output.controller
     return (
-        f"output feedback of order {found.law.A.shape[0]}: gamma* = {star.value:.6g} in "
-        f"[{star.lower:.6g}, {star.value:.6g}] ({star.mechanism.value}), gamma = {found.gamma:.6g} "
-        f"= {found.gamma / star.value:.4f} gamma*, norm (wind, load, noise) -> (h, integrals) = "
-        f"{found.norm:.6g} at {found.norm_frequency:.3g} rad/s, rho(X Y) / gamma^2 = "
-        f"{K.radius:.4g}, largest residual of both Riccati equations {K.residual:.1e}"
+        f"output feedback of order {output.law.A.shape[0]}: gamma* = {star.value:.6g} in "
+        f"[{star.lower:.6g}, {star.value:.6g}] ({star.mechanism.value}), gamma = "
+        f"{output.gamma:.6g} = {output.gamma / star.value:.4f} gamma*, "
+        f"norm (wind, load, noise) -> (h, integrals) = {output.norm:.6g} at "
+        f"{output.norm_frequency:.3g} rad/s, rho(X Y) / gamma^2 = {K.radius:.4g}, "
+        f"largest residual of both Riccati equations {K.residual:.1e}"
     )
 
 
 def said_of_the_flown_norm(design: FinishedDesign) -> str:
     """What the certificate is worth for the loop as flown; where it is exceeded, by what."""
     flown, gamma = design.between_samples, design.attitude.synthesis.gamma
-    said = (
+    sentence = (
         f"as flown, between its samples too: norm wind -> h = {flown.upper:.6g} at "
         f"{flown.frequency_radps:.3g} rad/s (bounds {flown.upper - flown.lower:.1e} apart)"
     )
     if CONTROLLERS[design.attitude.controller] != STATE_FEEDBACK:
-        return said
+        return sentence
     if flown.upper < gamma:
-        return f"{said}, below gamma = {gamma:.6g}: what is certified holds as flown"
+        return f"{sentence}, below gamma = {gamma:.6g}: what is certified holds as flown"
     steps = ", ".join(
         f"{name} {_norm(value)}"
         for name, value in norms_on_the_way(
@@ -139,7 +140,7 @@ def said_of_the_flown_norm(design: FinishedDesign) -> str:
             design.actuation,
         )
     )
-    return f"{said}, NOT below gamma = {gamma:.6g}, which is proved for state feedback: {steps}"
+    return f"{sentence}, NOT below gamma = {gamma:.6g}, which is proved for state feedback: {steps}"
 
 
 def _norm(value: float) -> str:
@@ -293,22 +294,22 @@ def as_dict(design: FinishedDesign) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _as_dict_of_output(found: OutputSynthesis | None) -> dict[str, Any] | None:
-    if found is None:
+def _as_dict_of_output(output: OutputSynthesis | None) -> dict[str, Any] | None:
+    if output is None:
         return None
-    star = found.gamma_star
+    star = output.gamma_star
     return {
-        "order": found.law.A.shape[0],
-        "gamma": found.gamma,
+        "order": output.law.A.shape[0],
+        "gamma": output.gamma,
         "gamma_star": {
             "value": star.value,
             "lower": star.lower,
             "mechanism": star.mechanism.value,
         },
-        "norm": found.norm,
-        "norm_frequency_radps": found.norm_frequency,
-        "radius": found.controller.radius,
-        "residual": found.controller.residual,
+        "norm": output.norm,
+        "norm_frequency_radps": output.norm_frequency,
+        "radius": output.controller.radius,
+        "residual": output.controller.residual,
     }
 
 
@@ -453,5 +454,5 @@ def step(loop: Loop, size_rad: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarr
     inputs = np.repeat(size_rad[:, None], time_s.size, axis=1)
     import control
 
-    found = control.forced_response(closed, timepts=time_s, inputs=inputs)
-    return found.states[list(ATTITUDE)].T, found.outputs.T
+    simulated = control.forced_response(closed, timepts=time_s, inputs=inputs)
+    return simulated.states[list(ATTITUDE)].T, simulated.outputs.T

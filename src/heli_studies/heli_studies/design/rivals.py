@@ -67,13 +67,13 @@ class _Shape(NamedTuple):
 
     def numbers(self) -> tuple[float, ...]:
         """The numbers that the parameters are now."""
-        found = {
+        by_place = {
             place: abs(float(value))
             for key, places in self.places.items()
             for place, value in zip(places, self.now[key], strict=True)
             if place != KEPT
         }
-        return tuple(found[place] for place in sorted(found))
+        return tuple(by_place[place] for place in sorted(by_place))
 
 
 def _shape(controller: str, inner: Mapping[str, Any]) -> _Shape:
@@ -130,9 +130,9 @@ def _lqr_law(
     """LQR of C11, C22, D11 with its offset-free target, behind the prediction and observer (19)."""
     shapes = {"C11": (4, 4), "C22": (2, 5), "D11": (3, 3)}
     C, D = weights(*(np.reshape(p[key], shape) for key, shape in shapes.items()))
-    found = lqr(config.A, config.B, config.E, C, D, output_selector())
+    gains = lqr(config.A, config.B, config.E, C, D, output_selector())
     shift_rate = float(p["offset_free_radps"][0])
-    model = Model(config.A, config.B, config.E, C, D, found.F, found.G, shift_rate)
+    model = Model(config.A, config.B, config.E, C, D, gains.F, gains.G, shift_rate)
     K = np.reshape(observer["K"], (N_Z, N_Y))
     return as_output_law(model, K, config.prediction_s, ObserverInput.from_parameters(observer))
 
@@ -185,8 +185,8 @@ def chosen(
     NoLawError
         No law of the family keeps the floors.
     """
-    found = measure_of(controller, common).best(family(controller, nodes), strides, pairs)
-    return _shape(controller, nodes["inner_loop"]).parameters(found)
+    optimum = measure_of(controller, common).best(family(controller, nodes), strides, pairs)
+    return _shape(controller, nodes["inner_loop"]).parameters(optimum)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -292,8 +292,8 @@ def mu_design(config: AttitudeConfig, weights: MuWeights) -> MuDesign:
         NOT_CONVERGED: no law for the nominal aircraft, or none that may be reduced.
     """
     plant = mu_plant(config.A, config.B, config.E, config.actuation, weights)
-    found = dk_iteration(plant, (1,) * SCALARS, _ANGLES)
-    full = found.controller.system
+    synthesis = dk_iteration(plant, (1,) * SCALARS, _ANGLES)
+    full = synthesis.controller.system
     _, W, V = balancing(full)
 
     def answer(order: int) -> np.ndarray | None:
@@ -302,23 +302,23 @@ def mu_design(config: AttitudeConfig, weights: MuWeights) -> MuDesign:
         stable = np.max(np.abs(np.linalg.eigvals(closed.A))) < 1.0
         return response(closed, _ANGLES) if stable else None
 
-    order, mu, M = full.A.shape[0], found.peak, answer(full.A.shape[0])
+    order, mu, M = full.A.shape[0], synthesis.peak, answer(full.A.shape[0])
     while order > 1 and (less := answer(order - 1)) is not None:
         peak = float(np.max(scaled_mu(less, SCALARS)[0]))
-        if peak > (1.0 + _MOST_LOSS) * found.peak:
+        if peak > (1.0 + _MOST_LOSS) * synthesis.peak:
             break
         order, mu, M = order - 1, peak, less
     if M is None or order > MAX_ORDER:
         raise RobustError(
             RobustCause.NOT_CONVERGED,
             f"D-K iteration: a law of {MAX_ORDER} states, the most that fly, loses more than "
-            f"{_MOST_LOSS:.0%} of mu = {found.peak:.3g}",
+            f"{_MOST_LOSS:.0%} of mu = {synthesis.peak:.3g}",
         )
     stability = float(np.max(scaled_mu(M[:, :SCALARS, :SCALARS], SCALARS)[0]))
     small = truncated(full, W, V, order)
     closed = _flown(config, small)
-    law = as_law(closed, small, W[:order] @ found.controller.input_of_u, closed.C)
-    return MuDesign(law, found.peaks, full.A.shape[0], mu, stability)
+    law = as_law(closed, small, W[:order] @ synthesis.controller.input_of_u, closed.C)
+    return MuDesign(law, synthesis.peaks, full.A.shape[0], mu, stability)
 
 
 def _flown(config: AttitudeConfig, law: System) -> System:
@@ -400,9 +400,9 @@ def _parameters(A: Matrix, B: Matrix, weights: MuWeights) -> tuple[Matrix, Matri
     for i, (rate, flap) in enumerate(_FLAPPING):
         into[rate, i] = into[flap, 2 + i] = 1.0
         out[i, flap] = weights.stiffness * A[rate, flap]
-        own = rows[flap].copy()
-        own[[NINE.p, NINE.q]] = 0.0
-        out[2 + i, : N_X + N_U] = weights.flapping * own
+        flap_row = rows[flap].copy()
+        flap_row[[NINE.p, NINE.q]] = 0.0
+        out[2 + i, : N_X + N_U] = weights.flapping * flap_row
     into[NINE.r, _YAW] = 1.0
     out[_YAW, : N_X + N_U] = weights.yaw * rows[NINE.r]
     return into, out
