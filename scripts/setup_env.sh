@@ -283,6 +283,17 @@ heli_choose_mode() {
     fi
 }
 
+# Sets MPLCONFIGDIR to a folder of this user's alone: a file in it may name code that is loaded.
+heli_private_matplotlib() {
+    local place=${TMPDIR:-/tmp}/heli_hover-$UID
+    mkdir -m 700 -- "$place" 2>/dev/null || true
+    if [ -d "$place" ] && [ ! -L "$place" ] && [ -O "$place" ] && chmod 700 -- "$place"; then
+        export MPLCONFIGDIR=$place/matplotlib
+    elif place=$(mktemp -d 2>/dev/null); then
+        export MPLCONFIGDIR=$place
+    fi
+}
+
 # Drops what another ROS, or a parent started by the wheels, left in the environment.
 heli_clean_environment() {
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME
@@ -290,7 +301,7 @@ heli_clean_environment() {
     # when they are first imported. Without writing it each start would compile them anew, which takes two seconds.
     unset PYTHONDONTWRITEBYTECODE
     # Without a home that can be written to, matplotlib would complain at every start.
-    [ -w "${HOME:-/nowhere}/." ] || export MPLCONFIGDIR="${MPLCONFIGDIR:-${TMPDIR:-/tmp}/heli_hover-$UID/matplotlib}"
+    [ -w "${HOME:-/nowhere}/." ] || [ -n "${MPLCONFIGDIR:-}" ] || heli_private_matplotlib
     # Matrices are small here. Threads of the linear algebra wait for each other: beside other processes a matrix
     # exponential takes ten times as long with them.
     export OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"

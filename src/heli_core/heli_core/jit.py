@@ -15,7 +15,6 @@ import math
 import os
 import re
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from functools import cache, partial
@@ -41,6 +40,8 @@ from numba.extending import (
     unbox,
 )
 
+from heli_core.folders import make_private, temporary_folder
+
 # -------------------------------------------------------------------------------------------------
 # Jit.
 # -------------------------------------------------------------------------------------------------
@@ -52,7 +53,6 @@ _IMPORT = re.compile(
     r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([^\n]+))",
     re.MULTILINE,
 )
-
 
 # LLVM's higher levels cost a sixth of the time to compile and give flights no speed (benchmarks:
 # `scripts/bench_plant.py`); none changes a bit, as floating point stays in its order.
@@ -135,21 +135,20 @@ def source_digest(module: str, path: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def _fallback_root() -> Path:
-    """The system's temporary folder, a place of one's own in it."""
-    return Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}" / "kernels"
-
-
 @cache
 def cache_root() -> Path:
-    """First writable one of the user's cache folder and the system's temporary folder."""
+    """First writable one of the user's cache folder and the system's temporary folder.
+
+    What lies there is run: a folder that is not this user's own is not taken.
+    """
     try:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        root = Path(base) / "heli_hover" / "kernels"
-        root.mkdir(parents=True, exist_ok=True)
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        base.mkdir(parents=True, exist_ok=True)
+        root = base / "heli_hover" / "kernels"
+        usable = make_private(root.parent) and make_private(root) and os.access(root, os.W_OK)
     except (OSError, RuntimeError):  # read-only, or no home at all
-        return _fallback_root()
-    return root if os.access(root, os.W_OK) else _fallback_root()
+        usable = False
+    return root if usable else temporary_folder("kernels")
 
 
 def _prune(root: Path) -> None:

@@ -186,6 +186,16 @@ def test_a_domain_is_held_whatever_the_folder_of_temporary_files(monkeypatch, tm
     assert not any(list(folder.iterdir()) for folder in folders)
 
 
+@pytest.mark.parametrize("put", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_what_is_no_file_in_the_place_of_a_lock_holds_nobody_up(monkeypatch, tmp_path, put):
+    """Another user may have put it there; the domain counts as taken."""
+    monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    put(tmp_path / "heli_hover-domain-7.lock")
+    with pytest.raises(StartError), processes.domain_reserved():
+        raise AssertionError("flown beside who knows whom")
+
+
 def test_a_lock_leaves_no_file(monkeypatch, tmp_path):
     monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from heli_core.command_line import config_folder
 from heli_core.errors import BrokenFlightError, StartError
 from heli_core.faults import NONE, flow_mapping
+from heli_core.folders import temporary_folder
 from heli_flight import interrupts
 from heli_flight.graph.processes import DISCOVERY, check_middleware
 from heli_msgs_bridge.node_process import wait_for_dds_shutdown
@@ -181,8 +182,7 @@ def _keep_log() -> None:
         log.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=log).close()
     except (OSError, KeyError):
-        fallback = Path(tempfile.gettempdir()) / f"heli_hover-{os.getuid()}" / "ros_log"
-        os.environ["ROS_LOG_DIR"] = str(fallback)
+        os.environ["ROS_LOG_DIR"] = str(temporary_folder("ros_log"))
 
 
 def prepare_environment() -> None:

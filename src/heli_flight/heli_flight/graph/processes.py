@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import signal
 import socket
+import stat
 import sys
 import tempfile
 import time
@@ -291,7 +292,10 @@ def _held_lock(domain: int) -> int | None:
         try:
             with contextlib.suppress(FileExistsError):
                 os.close(os.open(path, os.O_RDONLY | os.O_CREAT | os.O_EXCL, 0o644))
-            lock = os.open(path, os.O_RDONLY)
+            # What is no file, such as a FIFO that nobody writes to, must not hold the start.
+            lock = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
+            if not stat.S_ISREG(os.fstat(lock).st_mode):
+                raise PermissionError(f"{path} is no file")
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if _is_file(lock, path):
                 return lock
