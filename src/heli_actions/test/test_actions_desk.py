@@ -306,9 +306,8 @@ def test_an_answer_has_both_clocks_time(bench):
     bench.now_s += 1.0
     now_s = bench.now_s
     for wall_s in now_s + np.arange(0.0, 60.0):
-        bench.flight.odom_wall_s = bench.flight.outer_loop_wall_s = (
-            wall_s  # said again, of the same time
-        )
+        # said again, of the same time
+        bench.flight.odom_wall_s = bench.flight.outer_loop_wall_s = wall_s
         bench.desk.look(wall_s)
     assert bench.outcome() == (ABORTED, Code.NO_ANSWER)  # the flight's minute was over before
     paused = Bench()
