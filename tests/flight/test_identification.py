@@ -48,7 +48,7 @@ def test_a_b_servos_and_norms_are_within_their_targets(found):
     judged = [row for row in outcome.rows if row.met is not None]
     assert len([row for row in judged if row.group in "AB"]) >= 15
     assert told(row for row in misses(outcome.rows) if row.group != "E") == []
-    assert outcome.found.ab.delay_ticks == 1
+    assert outcome.identification.ab.delay_ticks == 1
 
 
 def test_every_entry_of_e_that_matters_is_within_its_target(found):
@@ -86,7 +86,7 @@ def test_no_number_comes_from_the_simulators_inside(found):
     from heli_studies.identify import identify
 
     outcome, _ = found
-    found_numbers = outcome.found
+    found_numbers = outcome.identification
     blind = replace(
         outcome.settings,
         nodes={
@@ -100,7 +100,7 @@ def test_no_number_comes_from_the_simulators_inside(found):
             },
         },
     )
-    again = identify(found_numbers.actuators, found_numbers.gusts, found_numbers.given, blind)
+    again = identify(found_numbers.actuators, found_numbers.gusts, found_numbers.a_priori, blind)
     np.testing.assert_array_equal(again.design.observer.K, found_numbers.design.observer.K)
     for node, values in found_numbers.design.values.items():
         assert "plant" not in node
@@ -110,7 +110,7 @@ def test_no_number_comes_from_the_simulators_inside(found):
 
 def test_the_rotor_tells_the_vertical_air_with_its_turbulence(found):
     """Where the kink of the climb power lies: E(r,w) hangs on it."""
-    identification = found[0].found
+    identification = found[0].identification
     settings = settings_of(IdentifyOrder(seed=1, one_process=True), "gusts")
     record = closed_loop.simulate(settings).record
     part = slice(3000, 19000)
@@ -118,7 +118,7 @@ def test_the_rotor_tells_the_vertical_air_with_its_turbulence(found):
     turned = [quat_to_R_nb(q).T @ v for q, v in zip(record.truth_q_nb[part], relative, strict=True)]
     true = np.array(turned)[:, 2]
     found_w = relative_air_w(
-        experiment_of_record(record, identification.given), identification.ab,
+        experiment_of_record(record, identification.a_priori), identification.ab,
         identification.collective,
     )  # fmt: skip
     assert (found_w - (true - true.mean())).std() < 0.1 < 0.4 < true.std()

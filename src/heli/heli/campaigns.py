@@ -77,7 +77,7 @@ class Campaign(Sequence[Mapping[str, Any]]):
 
         return as_dataframe(self.to_arrow())
 
-    def _told(self) -> str:
+    def _summary(self) -> str:
         return (
             f"{len(self)} flights, {self.inside} inside the paper's figures in the scored windows, "
             f"{self.lost} lost"
@@ -102,10 +102,10 @@ class Campaign(Sequence[Mapping[str, Any]]):
             for row in [head, *rows]
         )
         more = ["..."] if len(self) > _SHOWN else []
-        return "\n".join([self._told(), *lines, *more])
+        return "\n".join([self._summary(), *lines, *more])
 
     def _repr_html_(self) -> str:
-        return html_table(*self._table(), self._told())
+        return html_table(*self._table(), self._summary())
 
 
 def campaign(

@@ -74,7 +74,7 @@ class ComparedMetrics(Mapping[str, Compared]):
         self, rows: Sequence[Beside], source: str = NAVIGATION, stretch: str = WINDOWS
     ) -> None:
         self._rows, self.source, self.stretch = rows, source, stretch
-        self._found = {
+        self._by_name = {
             row.metric.key: _compared(row)
             for row in rows
             if (row.source, row.stretch) == (source, stretch)
@@ -90,20 +90,20 @@ class ComparedMetrics(Mapping[str, Compared]):
         """
         known = sorted({(row.source, row.stretch) for row in self._rows})
         if (source, stretch) not in known:
-            told = "; ".join(", ".join(pair) for pair in known)
-            raise ParameterError(f"{source!r}, {stretch!r} is not allowed; allowed: {told}")
+            pairs_text = "; ".join(", ".join(pair) for pair in known)
+            raise ParameterError(f"{source!r}, {stretch!r} is not allowed; allowed: {pairs_text}")
         return ComparedMetrics(self._rows, source, stretch)
 
     def __getitem__(self, name: str) -> Compared:
-        if name not in self._found:
-            raise KeyError(f"no metric {name!r}; known: {', '.join(self._found) or 'none'}")
-        return self._found[name]
+        if name not in self._by_name:
+            raise KeyError(f"no metric {name!r}; known: {', '.join(self._by_name) or 'none'}")
+        return self._by_name[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._found)
+        return iter(self._by_name)
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._by_name)
 
 
 class Diff:
@@ -120,30 +120,36 @@ class Diff:
         By name: `diff.metrics["altitude"].values`, `.change`; `.of("truth", "whole")`.
     """
 
-    def __init__(self, found: beside.FlightDiff) -> None:
-        self._found = found
-        self.names = tuple(found.names)
+    def __init__(self, flight_diff: beside.FlightDiff) -> None:
+        self._flight_diff = flight_diff
+        self.names = tuple(flight_diff.names)
         self.parameters: Mapping[str, tuple[str, ...]] = {
-            row.name: tuple(row.values) for row in found.parameters
+            row.name: tuple(row.values) for row in flight_diff.parameters
         }
-        self.packaged: Mapping[str, str] = {row.name: row.packaged for row in found.parameters}
-        self.metrics = ComparedMetrics(found.metrics)
+        self.packaged: Mapping[str, str] = {
+            row.name: row.packaged for row in flight_diff.parameters
+        }
+        self.metrics = ComparedMetrics(flight_diff.metrics)
 
     @cached_property
     def columns(self) -> dict[str, list[Any]]:
         """Every metric of every flight, one below the other."""
-        found: dict[str, list[Any]] = {
+        columns: dict[str, list[Any]] = {
             key: []
             for key in ("flight", "metric", "source", "stretch", "unit", "paper", "max", "rms",
                         "inside")
         }  # fmt: skip
-        for row in self._found.metrics:
+        for row in self._flight_diff.metrics:
             for name, score in zip(self.names, row.scores, strict=True):
-                told = (None, None, None) if score is None else (score.max, score.rms, score.inside)
+                score_cells = (
+                    (None, None, None) if score is None else (score.max, score.rms, score.inside)
+                )
                 about = row.metric.key, row.source, row.stretch, row.metric.unit, row.metric.paper
-                for column, cell in zip(found.values(), (name, *about, *told), strict=True):
+                for column, cell in zip(
+                    columns.values(), (name, *about, *score_cells), strict=True
+                ):
                     column.append(cell)
-        return found
+        return columns
 
     def to_arrow(self) -> pyarrow.Table:
         """The metrics as a table of pyarrow: a row per flight, metric, record and stretch."""
@@ -175,7 +181,7 @@ class Diff:
             raise ParameterError(f"page {page}: its name must end in .html")
         try:
             page.parent.mkdir(parents=True, exist_ok=True)
-            write_diff(self._found, page)
+            write_diff(self._flight_diff, page)
         except OSError as error:
             raise ParameterError(f"page {page}: cannot be written: {error.strerror}") from None
         return page
@@ -287,22 +293,24 @@ def diff(*flights: Flight | str | os.PathLike[str], names: Sequence[str] | None 
     )
 
 
-def _read(given: Any) -> tuple[Flight, Path | None]:
+def _read(flight_or_folder: Any) -> tuple[Flight, Path | None]:
     from heli.flying import load
 
-    if isinstance(given, Flight):
-        return given, None
-    if isinstance(given, (str, os.PathLike)):
-        return load(given), Path(given)
+    if isinstance(flight_or_folder, Flight):
+        return flight_or_folder, None
+    if isinstance(flight_or_folder, (str, os.PathLike)):
+        return load(flight_or_folder), Path(flight_or_folder)
     raise ParameterError(
-        f"diff: {type(given).__name__} is not allowed; allowed: flights, or folders of flights"
+        f"diff: {type(flight_or_folder).__name__} is not allowed; allowed: flights, or folders of "
+        "flights"
     )
 
 
 def _default_names(read: Sequence[tuple[Flight, Path | None]]) -> list[str]:
     folders = [place or flight.folder for flight, place in read]
     known = [folder for folder in folders if folder is not None]
-    found = iter(beside.names_of(known) if known else ())
+    folder_names = iter(beside.names_of(known) if known else ())
     return [
-        f"flight {i + 1}" if folder is None else next(found) for i, folder in enumerate(folders)
+        f"flight {i + 1}" if folder is None else next(folder_names)
+        for i, folder in enumerate(folders)
     ]

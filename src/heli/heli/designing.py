@@ -366,39 +366,39 @@ class Identified:
         Model, observer and laws from identified numbers.
     rows : sequence of ComparisonRow
         Every number: `name`, `value`, `sigma`, `truth`, `deviation`, `significant`, `met`.
-    found : heli_flight Identification
+    identification : heli_studies Identification
         Everything.
     """
 
     def __init__(self, outcome: IdentifyOutcome) -> None:
-        self._outcome, self.found = outcome, outcome.found
-        self.parameters: Mapping[str, Mapping[str, Any]] = self.found.design.values
+        self._outcome, self.identification = outcome, outcome.identification
+        self.parameters: Mapping[str, Mapping[str, Any]] = self.identification.design.values
         self.rows: Sequence[ComparisonRow] = outcome.rows
 
     @property
     def A(self) -> NDArray[np.float64]:
         """(9, 9), eq. (10)."""
-        return self.found.ab.A
+        return self.identification.ab.A
 
     @property
     def B(self) -> NDArray[np.float64]:
         """(9, 3): effect of d_lat d_lon d_ped."""
-        return self.found.ab.B
+        return self.identification.ab.B
 
     @property
     def E(self) -> NDArray[np.float64]:
         """(9, 3): effect of the wind."""
-        return self.found.wind.E
+        return self.identification.wind.E
 
     @property
     def system(self) -> control.StateSpace:
         """The identified aircraft, eq. (9), with named signals."""
-        return self.found.design.basis.system
+        return self.identification.design.basis.system
 
     @cached_property
     def design(self) -> Design:
         """Observer and laws that were designed for it."""
-        return Design(self.found.design)
+        return Design(self.identification.design)
 
     @property
     def missed(self) -> list[str]:
@@ -417,14 +417,12 @@ class Identified:
         ------
         ParameterError
         """
-        for what, given, known in (("rate", rate, RATES), ("actuator", actuator, COMMANDS)):
-            if given not in known:
-                raise ParameterError(
-                    f"{what} {given!r} is not allowed; allowed: {', '.join(known)}"
-                )
+        for what, name, known in (("rate", rate, RATES), ("actuator", actuator, COMMANDS)):
+            if name not in known:
+                raise ParameterError(f"{what} {name!r} is not allowed; allowed: {', '.join(known)}")
         channel = _ACTUATORS[COMMANDS.index(actuator)]
         data = measured_response(
-            spectra_of(self.found.actuators), self.found.ab.fast, rate, channel
+            spectra_of(self.identification.actuators), self.identification.ab.fast, rate, channel
         )
         z = np.exp(1j * data.omega_radps * TICK_S)
 
@@ -438,7 +436,7 @@ class Identified:
             data.value,
             data.sigma,
             data.coherence,
-            of(self.found.ab.fast),
+            of(self.identification.ab.fast),
             of(fast_of(truth.basis)),
         )
 
@@ -463,7 +461,7 @@ class Identified:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the parameter file that flies it: `./hover_test.sh --params FILE`."""
-        write_yaml(self.found.design, Path(path), "heli.identify, from flight data")
+        write_yaml(self.identification.design, Path(path), "heli.identify, from flight data")
         return Path(path)
 
     @property

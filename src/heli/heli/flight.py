@@ -71,12 +71,12 @@ class Signals(Mapping[str, NDArray]):
             signal.values.setflags(write=False)
 
     def __getitem__(self, name: str) -> NDArray:
-        return self._found(name, KeyError).values
+        return self._lookup(name, KeyError).values
 
     def __getattr__(self, name: str) -> NDArray:
         if name.startswith("_"):
             raise AttributeError(name)
-        return self._found(name, AttributeError).values
+        return self._lookup(name, AttributeError).values
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._signals)
@@ -89,18 +89,18 @@ class Signals(Mapping[str, NDArray]):
 
     def unit(self, name: str) -> str:
         """Unit of a signal, empty for none."""
-        return self._found(name, KeyError).unit
+        return self._lookup(name, KeyError).unit
 
     def meaning(self, name: str) -> str:
         """What a signal is, in a few words."""
-        return self._found(name, KeyError).meaning
+        return self._lookup(name, KeyError).meaning
 
     def columns(self) -> dict[str, NDArray]:
         """The signals of one number per tick, by `group_name`."""
-        found = self._signals.items()
-        return {f"{self._name}_{n}": s.values for n, s in found if s.values.ndim == 1}
+        signals = self._signals.items()
+        return {f"{self._name}_{n}": s.values for n, s in signals if s.values.ndim == 1}
 
-    def _found(self, name: str, error: type[Exception]) -> Signal:
+    def _lookup(self, name: str, error: type[Exception]) -> Signal:
         if name in self._signals:
             return self._signals[name]
         near = difflib.get_close_matches(name, self._signals, n=1, cutoff=0.4)
@@ -149,23 +149,23 @@ def _motion(
     from heli_core.rotations import euler_angles
 
     euler = euler_angles(q)
-    found = {
+    signals = {
         "pos_ned_m": Signal(pos.view(), "m", "position: north, east, down"),
         "vel_ned_mps": Signal(vel.view(), "m/s", "velocity over the ground: north, east, down"),
         "q_nb": Signal(q.view(), "", "attitude quaternion w, x, y, z, body to NED"),
         "rate_body_radps": Signal(rate.view(), "rad/s", "p, q, r: forward, right, down"),
     }
     for i, axis in enumerate(_AXES):
-        found[f"{axis}_m"] = _scalar(pos[:, i], "m", f"position, {axis}")
-    found["altitude_m"] = _scalar(-pos[:, 2], "m", "position, up")
+        signals[f"{axis}_m"] = _scalar(pos[:, i], "m", f"position, {axis}")
+    signals["altitude_m"] = _scalar(-pos[:, 2], "m", "position, up")
     for i, axis in enumerate(_AXES):
-        found[f"vel_{axis}_mps"] = _scalar(vel[:, i], "m/s", f"velocity over the ground, {axis}")
+        signals[f"vel_{axis}_mps"] = _scalar(vel[:, i], "m/s", f"velocity over the ground, {axis}")
     for i, (name, words) in enumerate(
         (("phi", "roll, right side down"), ("theta", "pitch, nose up"), ("psi", "heading"))
     ):
-        found[f"{name}_rad"] = _scalar(euler[:, i], "rad", words)
+        signals[f"{name}_rad"] = _scalar(euler[:, i], "rad", words)
     for i, name in enumerate(("p", "q", "r")):
-        found[f"{name}_radps"] = _scalar(rate[:, i], "rad/s", f"body rate {name}")
+        signals[f"{name}_radps"] = _scalar(rate[:, i], "rad/s", f"body rate {name}")
     for i, (name, words) in enumerate(
         (
             ("a_s", "disc tilted backwards"),
@@ -173,8 +173,8 @@ def _motion(
             ("d_int", "integrator of the yaw gyro"),
         )
     ):
-        found[f"{name}_rad"] = _scalar(rotor[:, i], "rad", words)
-    return found
+        signals[f"{name}_rad"] = _scalar(rotor[:, i], "rad", words)
+    return signals
 
 
 def groups_of(record: FlightRecord) -> dict[str, Signals]:
@@ -204,21 +204,21 @@ def _reference(rows: NDArray) -> dict[str, Signal]:
     from heli_core.rows import REFERENCE
 
     pos, vel = rows[:, REFERENCE.pos], rows[:, REFERENCE.vel]
-    found = {
+    signals = {
         "pos_ned_m": Signal(pos.view(), "m", "where it should be: north, east, down"),
         "vel_ned_mps": Signal(vel.view(), "m/s", "how it should move: north, east, down"),
     }
     for i, axis in enumerate(_AXES):
-        found[f"{axis}_m"] = _scalar(pos[:, i], "m", f"position, {axis}")
-    found["altitude_m"] = _scalar(-pos[:, 2], "m", "position, up")
-    return found | {"psi_rad": _scalar(rows[:, REFERENCE.psi], "rad", "heading")}
+        signals[f"{axis}_m"] = _scalar(pos[:, i], "m", f"position, {axis}")
+    signals["altitude_m"] = _scalar(-pos[:, 2], "m", "position, up")
+    return signals | {"psi_rad": _scalar(rows[:, REFERENCE.psi], "rad", "heading")}
 
 
 def _setpoint(rows: NDArray) -> dict[str, Signal]:
     words = ("commanded roll", "commanded pitch", "commanded heading")
     names = ("phi_rad", "theta_rad", "psi_rad")
     pairs = enumerate(zip(names, words, strict=True))
-    return {name: _scalar(rows[:, i], "rad", told) for i, (name, told) in pairs}
+    return {name: _scalar(rows[:, i], "rad", meaning) for i, (name, meaning) in pairs}
 
 
 def _actuators(rows: NDArray) -> dict[str, Signal]:
@@ -228,14 +228,16 @@ def _actuators(rows: NDArray) -> dict[str, Signal]:
         "delta_ped": "pedal, -1 to 1",
         "delta_col": "collective, -1 to 1",
     }
-    return {name: _scalar(rows[:, i], "", told) for i, (name, told) in enumerate(words.items())}
+    return {
+        name: _scalar(rows[:, i], "", meaning) for i, (name, meaning) in enumerate(words.items())
+    }
 
 
 def _wind(rows: NDArray) -> dict[str, Signal]:
-    found = {"ned_mps": Signal(rows.view(), "m/s", "velocity of the air: north, east, down")}
+    signals = {"ned_mps": Signal(rows.view(), "m/s", "velocity of the air: north, east, down")}
     for i, axis in enumerate(_AXES):
-        found[f"{axis}_mps"] = _scalar(rows[:, i], "m/s", f"velocity of the air, {axis}")
-    return found
+        signals[f"{axis}_mps"] = _scalar(rows[:, i], "m/s", f"velocity of the air, {axis}")
+    return signals
 
 
 # -------------------------------------------------------------------------------------------------
@@ -294,7 +296,7 @@ class Metrics(Mapping[str, Metric]):
 
     def __init__(self, figures: Figures, source: str = NAVIGATION, stretch: str = WINDOWS) -> None:
         self._figures, self.source, self.stretch = figures, source, stretch
-        self._found = {
+        self._by_name = {
             s.metric.key: Metric(
                 s.metric.key, s.metric.label, float(s.max), float(s.rms), s.metric.unit,
                 s.metric.paper, s.inside, s.source, s.stretch,
@@ -318,27 +320,25 @@ class Metrics(Mapping[str, Metric]):
         from heli_core.rcl_yaml import ParameterError
         from heli_flight.scoring import SOURCE_NAMES, STRETCHES
 
-        for what, given, known in (
+        for what, name, known in (
             ("source", source, SOURCE_NAMES),
             ("stretch", stretch, STRETCHES),
         ):
-            if given not in known:
-                raise ParameterError(
-                    f"{what} {given!r} is not allowed; allowed: {', '.join(known)}"
-                )
+            if name not in known:
+                raise ParameterError(f"{what} {name!r} is not allowed; allowed: {', '.join(known)}")
         return Metrics(self._figures, source, stretch)
 
     def __getitem__(self, name: str) -> Metric:
-        if name not in self._found:
-            known = ", ".join(self._found) or "none: the flight ended before what is scored"
+        if name not in self._by_name:
+            known = ", ".join(self._by_name) or "none: the flight ended before what is scored"
             raise KeyError(f"no metric {name!r}; known: {known}")
-        return self._found[name]
+        return self._by_name[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._found)
+        return iter(self._by_name)
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._by_name)
 
     def rows(self) -> list[tuple[str, ...]]:
         """Each metric as text: name, label, value, rms, paper, verdict."""
@@ -501,10 +501,10 @@ class Flight:
 
     def columns(self) -> dict[str, NDArray]:
         """Every signal of one number per tick by `group_name`, `time_s` first."""
-        found: dict[str, NDArray] = {"time_s": self.time_s}
+        columns: dict[str, NDArray] = {"time_s": self.time_s}
         for group in (self.truth, self.nav, self.reference, self.setpoint, self.u, self.wind):
-            found |= group.columns()
-        return found if self.mode is None else found | {"mode": self.mode}
+            columns |= group.columns()
+        return columns if self.mode is None else columns | {"mode": self.mode}
 
     def to_arrow(self) -> pyarrow.Table:
         """The signals as a table of pyarrow, one row per tick."""

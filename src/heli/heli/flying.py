@@ -69,9 +69,9 @@ def _parts(params: Any) -> list[Any]:
 
 def _mapping(part: Any) -> Mapping[str, Any]:
     """A mapping of nodes; of a design that which it decides."""
-    found = getattr(part, "parameters", part)
-    if isinstance(found, Mapping):
-        return found
+    nodes = getattr(part, "parameters", part)
+    if isinstance(nodes, Mapping):
+        return nodes
     raise ParameterError(
         f"params: {type(part).__name__} is not allowed; allowed: a file, "
         "{node: {parameter: value}}, a design, or a list of these"
@@ -88,15 +88,15 @@ def _of_node(node: str, values: Any) -> dict[str, Any]:
             f"params: {node}: {values!r} is not allowed; allowed: {{parameter: value}}"
         )
     rows = {row.name: row for row in TABLES[node]}
-    found = {}
+    checked = {}
     for name, value in _flat(values):
         if name not in rows:
             raise ParameterError(f"params: {node}: {name}: {suggestion(rows, name)}")
         try:
-            found[name] = rows[name].check(_as_kind(rows[name], value))
+            checked[name] = rows[name].check(_as_kind(rows[name], value))
         except ParameterError as error:
             raise ParameterError(f"params: {node}: {name}: {error}") from None
-    return found
+    return checked
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, Any]]:
@@ -136,21 +136,23 @@ def faults_over(faults: Any) -> Over:
         return fault_overrides(Path(faults)) or {}
     try:
         # JSON is YAML: a mapping is judged as an entry of a file.
-        told = tuple(fault.text for fault in faults_of([json.dumps(dict(f)) for f in faults]))
+        fault_texts = tuple(
+            fault.text for fault in faults_of([json.dumps(dict(f)) for f in faults])
+        )
     except (TypeError, ValueError):
         raise ParameterError(
             f"faults: {faults!r} is not allowed; allowed: a file, or a list of mappings"
         ) from None
-    return {"plant": {"faults": told or (NONE,)}}
+    return {"plant": {"faults": fault_texts or (NONE,)}}
 
 
 def merged(*parts: Over) -> Over:
     """Changes one over the other, the later stronger."""
-    found: Over = {}
+    over: Over = {}
     for part in parts:
         for node, values in part.items():
-            found.setdefault(node, {}).update(values)
-    return found
+            over.setdefault(node, {}).update(values)
+    return over
 
 
 # -------------------------------------------------------------------------------------------------
@@ -196,8 +198,8 @@ def load(
     files, over = split(params)
     if over:
         raise ParameterError("params: of a recorded flight; allowed: files")
-    found = recorded(folder, BagChoice(scenario, gps, seed, files))
-    return Flight(found, found.folder if (found.folder / NAME).is_file() else None)
+    record = recorded(folder, BagChoice(scenario, gps, seed, files))
+    return Flight(record, record.folder if (record.folder / NAME).is_file() else None)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -287,15 +289,17 @@ def fly(
     >>> flight = heli.fly(seed=3, gps="rtk")
     >>> flight.metrics["altitude"].value
     """
-    own = laws_of(law)
-    parts = Parts(plant=plant, wind=wind, sensors=sensors, estimator=estimator, controllers=own)
+    python_laws = laws_of(law)
+    parts = Parts(
+        plant=plant, wind=wind, sensors=sensors, estimator=estimator, controllers=python_laws
+    )
     if graph and parts.named():
         raise PartError(
             f"{parts.named()[0][0]}: the graph's nodes cannot have an object, they are other "
             "processes; allowed: without graph=True"
         )
     order = ordered(
-        own, graph, out, scenario=scenario, seed=seed, gps=gps, world=world, laws=laws,
+        python_laws, graph, out, scenario=scenario, seed=seed, gps=gps, world=world, laws=laws,
         controller=controller, duration_s=duration_s, params=params, faults=faults,
         rate_hz=rate_hz,
     )  # fmt: skip
@@ -306,7 +310,7 @@ def fly(
 
 
 def ordered(
-    own: Sequence[PythonLaw],
+    python_laws: Sequence[PythonLaw],
     graph: bool = False,
     out: str | os.PathLike[str] | None = None,
     *,
@@ -325,7 +329,7 @@ def ordered(
         params=files,
         out=None if out is None else Path(out),
         report=False,
-        over=merged(over, faults_over(faults), _named(own, graph)),
+        over=merged(over, faults_over(faults), _named(python_laws, graph)),
         **options,
     )
 
@@ -337,10 +341,9 @@ def laws_of(law: Any) -> list[PythonLaw]:
     ------
     LawError
     """
-    given = law if isinstance(law, (list, tuple)) else [] if law is None else [law]
+    laws = law if isinstance(law, (list, tuple)) else [] if law is None else [law]
     return [
-        find(one) if isinstance(one, str) else PythonLaw(one, source=source_of(one))
-        for one in given
+        find(one) if isinstance(one, str) else PythonLaw(one, source=source_of(one)) for one in laws
     ]
 
 
@@ -369,9 +372,9 @@ def _in_this_process(order: FlightOrder, parts: Parts, say: Console) -> Flight:
 
 def flown(settings: Settings, say: Console, parts: Parts | None = None) -> Flight:
     """Fly resolved settings in this process; `say` gets what is compiled, and progress."""
-    found = fly_one_process(settings, say, parts=parts)
+    outcome = fly_one_process(settings, say, parts=parts)
     recorded = RecordedFlight(
-        found.record, settings, found.result, Path("."), ONE_PROCESS, commit=sources_commit()
+        outcome.record, settings, outcome.result, Path("."), ONE_PROCESS, commit=sources_commit()
     )
     return Flight(recorded)
 

@@ -175,36 +175,36 @@ class FlightStatus:
     ----------
     now_ns : int
         Newest stamp of all.
-    odom_ns, told_ns : int
+    odom_ns, outer_loop_ns : int
         Stamp of the navigation and of what the outer loop said; 0 before the first.
     pos_ned_m : (3,) array
     quat : (4,) array
         Navigated attitude, FRD to NED.
-    mode, said : str
+    mode, sentence : str
         Mode that is flown, and the outer loop's sentence.
     answers : dict of GoalAnswer
         By id, what the outer loop says of goals.
     stood_down_m : float
         Height, down, at which it last stood.
-    odom_wall_s, told_wall_s : float
+    odom_wall_s, outer_loop_wall_s : float
         Wall time at which both were heard.
     """
 
     now_ns: int = 0
     odom_ns: int = 0
-    told_ns: int = 0
+    outer_loop_ns: int = 0
     pos_ned_m: Array = field(default_factory=lambda: np.zeros(3))
     quat: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
     mode: str = ""
-    said: str = ""
+    sentence: str = ""
     answers: dict[str, GoalAnswer] = field(default_factory=dict)
     stood_down_m: float = 0.0
     odom_wall_s: float = 0.0
-    told_wall_s: float = 0.0
+    outer_loop_wall_s: float = 0.0
 
     def begin_anew(self) -> None:
         """Another flight: forget the past one, but not that something was heard just now."""
-        fresh = FlightStatus(odom_wall_s=self.odom_wall_s, told_wall_s=self.told_wall_s)
+        fresh = FlightStatus(odom_wall_s=self.odom_wall_s, outer_loop_wall_s=self.outer_loop_wall_s)
         vars(self).update(vars(fresh))
 
     def odom(
@@ -221,11 +221,13 @@ class FlightStatus:
         if self.mode == STANDING:
             self.stood_down_m = float(pos_ned_m[2])
 
-    def told(self, stamp_ns: int, said: str, facts: Mapping[str, str], wall_s: float) -> None:
+    def diagnostics(
+        self, stamp_ns: int, sentence: str, facts: Mapping[str, str], wall_s: float
+    ) -> None:
         """What the outer loop says of itself; its facts by name."""
-        self.told_ns, self.now_ns = stamp_ns, max(self.now_ns, stamp_ns)
-        self.told_wall_s = wall_s
-        self.said, self.mode = said, facts.get(FACT_MODE, self.mode)
+        self.outer_loop_ns, self.now_ns = stamp_ns, max(self.now_ns, stamp_ns)
+        self.outer_loop_wall_s = wall_s
+        self.sentence, self.mode = sentence, facts.get(FACT_MODE, self.mode)
         self.answers = {answer.goal_id: answer for answer in goals_of(facts)}
 
 
@@ -352,13 +354,13 @@ class GoalManager:
     Parameters
     ----------
     hands : Actuator
-    seen : FlightStatus
+    flight : FlightStatus
         Of the flight; whoever hears it writes it, and calls `look` after it.
     limits : GoalLimits
     """
 
-    def __init__(self, hands: Actuator, seen: FlightStatus, limits: GoalLimits) -> None:
-        self._hands, self._seen, self.limits = hands, seen, limits
+    def __init__(self, hands: Actuator, flight: FlightStatus, limits: GoalLimits) -> None:
+        self._hands, self._flight, self.limits = hands, flight, limits
         self._asked: ActiveGoal | None = None
         self._flown: ActiveGoal | None = None
         self._next: ActiveGoal | None = None
@@ -396,20 +398,20 @@ class GoalManager:
 
     def odom(self, stamp_ns: int, pos_ned_m: Array, quat: Array, wall_s: float) -> None:
         """Navigation has come; as `FlightStatus.odom`, which also sees another flight begin."""
-        if stamp_ns < self._seen.odom_ns - NS_PER_S:
+        if stamp_ns < self._flight.odom_ns - NS_PER_S:
             for goal in self.goals:
                 self._happens(
                     goal, GoalEvent.SILENT, f"{goal.order.kind}: another flight has begun"
                 )
-            self._seen.begin_anew()
-        self._seen.odom(stamp_ns, pos_ned_m, quat, wall_s)
+            self._flight.begin_anew()
+        self._flight.odom(stamp_ns, pos_ned_m, quat, wall_s)
 
     def look(self, wall_s: float) -> None:
         """Draw the conclusions from what is seen; call it often."""
         self._wall_s = wall_s
         for goal in self.goals:
             # It may have come before anything was heard of the flight.
-            goal.asked_ns = goal.asked_ns or self._seen.now_ns
+            goal.asked_ns = goal.asked_ns or self._flight.now_ns
             self._look_for_silence(goal)
         for goal in self.goals:
             if goal.stage in _ASKING:
@@ -421,24 +423,24 @@ class GoalManager:
 
     def feedback(self) -> tuple[str, Kind, GoalFeedback] | None:
         """Of the goal that is flown, if there is one."""
-        goal, seen = self._flown, self._seen
+        goal, flight = self._flown, self._flight
         if goal is None:
             return None
-        answer = seen.answers.get(goal.key)
+        answer = flight.answers.get(goal.key)
         end_ns = None if answer is None else answer.end_ns
-        left_s = NOT_KNOWN if end_ns is None else max(0.0, (end_ns - seen.now_ns) / NS_PER_S)
-        where = seen.pos_ned_m.copy(), seen.quat.copy()
-        told = GoalFeedback(seen.now_ns, seen.mode, *where, self._left_m(goal), left_s)
-        return goal.key, goal.order.kind, told
+        left_s = NOT_KNOWN if end_ns is None else max(0.0, (end_ns - flight.now_ns) / NS_PER_S)
+        where = flight.pos_ned_m.copy(), flight.quat.copy()
+        feedback = GoalFeedback(flight.now_ns, flight.mode, *where, self._left_m(goal), left_s)
+        return goal.key, goal.order.kind, feedback
 
     # --- conclusions -----------------------------------------------------------------------------
 
     def _left_m(self, goal: ActiveGoal) -> float:
-        here, kind = self._seen.pos_ned_m, goal.order.kind
+        here, kind = self._flight.pos_ned_m, goal.order.kind
         if kind == Kind.LAND:
-            return max(0.0, float(self._seen.stood_down_m - here[2]))
+            return max(0.0, float(self._flight.stood_down_m - here[2]))
         if kind == Kind.TAKEOFF:
-            answer = self._seen.answers.get(goal.key)
+            answer = self._flight.answers.get(goal.key)
             if answer is None or answer.end_ned_m is None:
                 return NOT_KNOWN
             return max(0.0, float(here[2] - answer.end_ned_m[2]))
@@ -446,47 +448,47 @@ class GoalManager:
         return float(np.linalg.norm(here - goal.order.end_ned_m))
 
     def _look_for_silence(self, goal: ActiveGoal) -> None:
-        seen, limits, kind = self._seen, self.limits, goal.order.kind
-        if self._wall_s - max(seen.odom_wall_s, seen.told_wall_s) > limits.wall_silence_s:
+        flight, limits, kind = self._flight, self.limits, goal.order.kind
+        if self._wall_s - max(flight.odom_wall_s, flight.outer_loop_wall_s) > limits.wall_silence_s:
             wall = f"for {limits.wall_silence_s:g} s of wall time"
             self._happens(goal, GoalEvent.SILENT, f"{kind}: nothing of the flight is heard {wall}")
             return
         for name, last_ns, last_wall_s in (
-            ("navigation", seen.odom_ns, seen.odom_wall_s),
-            ("outer_loop", seen.told_ns, seen.told_wall_s),
+            ("navigation", flight.odom_ns, flight.odom_wall_s),
+            ("outer_loop", flight.outer_loop_ns, flight.outer_loop_wall_s),
         ):
             silent_s = self._passed_s(
                 max(last_ns, goal.asked_ns), max(last_wall_s, goal.asked_wall_s)
             )
             if silent_s > limits.silence_s:
-                said = f"nothing is heard of {name} for {limits.silence_s:g} s"
-                self._happens(goal, GoalEvent.SILENT, f"{kind}: {said}")
+                silence = f"nothing is heard of {name} for {limits.silence_s:g} s"
+                self._happens(goal, GoalEvent.SILENT, f"{kind}: {silence}")
                 return
 
     def _passed_s(self, since_ns: int, since_wall_s: float) -> float:
         """Time that has passed by both clocks, s."""
-        return min((self._seen.now_ns - since_ns) / NS_PER_S, self._wall_s - since_wall_s)
+        return min((self._flight.now_ns - since_ns) / NS_PER_S, self._wall_s - since_wall_s)
 
     def _look_for_an_answer(self, goal: ActiveGoal) -> None:
-        answer, kind = self._seen.answers.get(goal.asked_id), goal.order.kind
+        answer, kind = self._flight.answers.get(goal.asked_id), goal.order.kind
         if answer is not None:
             done = answer.state != GoalState.REFUSED
             if goal.stage in _CANCELLED:
                 goal.note = "" if done else f"; not cancelled: {answer.sentence}"
             self._happens(goal, GoalEvent.GRANTED if done else GoalEvent.REFUSED, answer.sentence)
         elif self._passed_s(goal.asked_ns, goal.asked_wall_s) > self.limits.answer_s:
-            said = f"no answer of the outer loop in {self.limits.answer_s:g} s"
-            self._happens(goal, GoalEvent.UNANSWERED, f"{kind}: {said}")
+            silence = f"no answer of the outer loop in {self.limits.answer_s:g} s"
+            self._happens(goal, GoalEvent.UNANSWERED, f"{kind}: {silence}")
         elif self._wall_s - goal.sent_wall_s > _AGAIN_S:
             self._send(goal)
 
     def _look_at_the_flight(self, goal: ActiveGoal) -> None:
-        seen, kind, answer = self._seen, goal.order.kind, self._seen.answers.get(goal.key)
+        flight, kind, answer = self._flight, goal.order.kind, self._flight.answers.get(goal.key)
         if answer is None or goal.stage in _CANCELLED:
             return
-        if answer.state == GoalState.LEFT or seen.mode == NodeState.INACTIVE:
-            said = f"{kind}: left for mode {seen.mode} ({seen.said})"
-            self._happens(goal, GoalEvent.LEFT, said)
+        if answer.state == GoalState.LEFT or flight.mode == NodeState.INACTIVE:
+            sentence = f"{kind}: left for mode {flight.mode} ({flight.sentence})"
+            self._happens(goal, GoalEvent.LEFT, sentence)
         elif answer.state == GoalState.SUCCEEDED:
             self._look_at_the_end(goal)
         elif answer.state == GoalState.PREEMPTED:
@@ -502,21 +504,23 @@ class GoalManager:
         """The mode that ends it is there; a climb may have been ended by a hold."""
         kind, left_m = goal.order.kind, self._left_m(goal)
         if kind == Kind.TAKEOFF and left_m > self.limits.tolerance_m:
-            said = f"{kind}: hovers, with {left_m:.1f} m left to climb"
-            self._happens(goal, GoalEvent.LATE, said)
+            sentence = f"{kind}: hovers, with {left_m:.1f} m left to climb"
+            self._happens(goal, GoalEvent.LATE, sentence)
         else:
-            self._happens(goal, GoalEvent.DONE, f"{kind}: done, mode {self._seen.mode}")
+            self._happens(goal, GoalEvent.DONE, f"{kind}: done, mode {self._flight.mode}")
 
     def _look_along_the_way(self, goal: ActiveGoal, end_ns: int | None) -> None:
-        seen, limits, kind = self._seen, self.limits, goal.order.kind
+        flight, limits, kind = self._flight, self.limits, goal.order.kind
         left_m = self._left_m(goal)
-        if end_ns is None or seen.odom_ns < end_ns:
+        if end_ns is None or flight.odom_ns < end_ns:
             return
         if left_m <= limits.tolerance_m:
             self._happens(goal, GoalEvent.DONE, f"{kind}: there, {left_m:.2f} m off")
-        elif seen.odom_ns > end_ns + round(limits.patience_s * NS_PER_S):
-            said = f"{kind}: {left_m:.2f} m off {limits.patience_s:g} s after the end of its way"
-            self._happens(goal, GoalEvent.LATE, f"{said}; allowed: {limits.tolerance_m:g} m")
+        elif flight.odom_ns > end_ns + round(limits.patience_s * NS_PER_S):
+            sentence = (
+                f"{kind}: {left_m:.2f} m off {limits.patience_s:g} s after the end of its way"
+            )
+            self._happens(goal, GoalEvent.LATE, f"{sentence}; allowed: {limits.tolerance_m:g} m")
 
     # --- the table -------------------------------------------------------------------------------
 
@@ -527,8 +531,7 @@ class GoalManager:
             return
         if isinstance(row.target, GoalEnd):
             self._forget(goal)
-            said = sentence + goal.note
-            self._hands.finish(goal.key, row.target.outcome, row.target.code, said)
+            self._hands.finish(goal.key, row.target.outcome, row.target.code, sentence + goal.note)
             return
         if goal is self._asked and event == GoalEvent.GRANTED:
             self._fly(goal)
@@ -547,7 +550,7 @@ class GoalManager:
 
     def _ask(self, goal: ActiveGoal, command: str) -> None:
         """Send a command for a goal; its answer is looked for from now on."""
-        goal.asked, goal.asked_ns, goal.asked_wall_s = command, self._seen.now_ns, self._wall_s
+        goal.asked, goal.asked_ns, goal.asked_wall_s = command, self._flight.now_ns, self._wall_s
         self._send(goal)
 
     def _send(self, goal: ActiveGoal) -> None:

@@ -178,25 +178,25 @@ class Interfaces:
             return GoalRequest(kind, way.points[-1, REFERENCE.pos], goal.trajectory)
         return GoalRequest(kind)
 
-    def feedback(self, kind: Kind, told: GoalFeedback) -> Any:
+    def feedback(self, kind: Kind, feedback: GoalFeedback) -> Any:
         """Feedback message of a goal."""
         message = self.types[kind].Feedback()
-        message.mode = told.mode
+        message.mode = feedback.mode
         header, pose = message.pose.header, message.pose.pose
         header.frame_id = MAP
-        header.stamp.sec, header.stamp.nanosec = divmod(told.stamp_ns, NS_PER_S)
+        header.stamp.sec, header.stamp.nanosec = divmod(feedback.stamp_ns, NS_PER_S)
         enu, q = np.empty(3), np.empty(4)
-        frames.ned_to_enu(told.pos_ned_m, enu)
-        frames.quat_ned_frd_to_enu_flu(told.quat, q)
+        frames.ned_to_enu(feedback.pos_ned_m, enu)
+        frames.quat_ned_frd_to_enu_flu(feedback.quat, q)
         pose.position.x, pose.position.y, pose.position.z = enu.tolist()
         r = pose.orientation
         r.x, r.y, r.z, r.w = q.tolist()
         if kind in (Kind.TAKEOFF, Kind.LAND):
-            message.height_left_m = told.left_m
+            message.height_left_m = feedback.left_m
         else:
-            message.distance_left_m = told.left_m
+            message.distance_left_m = feedback.left_m
         if kind != Kind.LAND:
-            message.time_left_s = told.left_s
+            message.time_left_s = feedback.left_s
         return message
 
     def result(self, kind: Kind, outcome: GoalStatus, code: Code, sentence: str) -> Any:
@@ -228,7 +228,7 @@ class Serving:
     Attributes
     ----------
     desk : GoalManager
-    seen : FlightStatus
+    flight : FlightStatus
     interfaces : Interfaces
     publish : callable
         Sends a message on the topic `goal`.
@@ -239,19 +239,19 @@ class Serving:
     odom : Decoder
     newest : bytes
         The newest navigation that was not looked at; empty for none.
-    told_s : float
+    feedback_wall_s : float
         When feedback was sent last, wall time.
     """
 
     desk: GoalManager
-    seen: FlightStatus
+    flight: FlightStatus
     interfaces: Interfaces
     publish: Callable[[Any], None]
     servers: dict[Kind, DeferredServer] = field(default_factory=dict)
     handles: dict[str, tuple[Kind, Any]] = field(default_factory=dict)
     odom: Decoder = field(default_factory=lambda: Decoder(topics.ODOM))
     newest: bytes = b""
-    told_s: float = 0.0
+    feedback_wall_s: float = 0.0
 
 
 class ActionsNode(ManagedNode[Serving, None]):
@@ -273,13 +273,13 @@ class ActionsNode(ManagedNode[Serving, None]):
 
     def configure(self) -> Serving:
         """Begin to listen; serve the actions."""
-        interfaces, seen, wall_s = self._interfaces, FlightStatus(), time.monotonic()
-        seen.odom_wall_s = seen.told_wall_s = wall_s
+        interfaces, flight, wall_s = self._interfaces, FlightStatus(), time.monotonic()
+        flight.odom_wall_s = flight.outer_loop_wall_s = wall_s
         cls = topics.message_class(topics.BY_NAME[topics.GOAL].type)
         publisher = self.create_publisher(cls, topics.GOAL, topics.qos(topics.GOAL))
         self.at_end(partial(self.destroy_publisher, publisher))
-        desk = GoalManager(self, seen, self._limits(self.values))
-        core = Serving(desk, seen, interfaces, publisher.publish)
+        desk = GoalManager(self, flight, self._limits(self.values))
+        core = Serving(desk, flight, interfaces, publisher.publish)
         best_effort = QoSProfile(
             history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
         )
@@ -314,12 +314,12 @@ class ActionsNode(ManagedNode[Serving, None]):
         kind, handle = core.handles.pop(key)
         result = core.interfaces.result(kind, outcome, code, sentence)
         core.servers[kind].finish(handle, outcome, result)
-        said = f"{kind} {outcome} ({code.name}): {sentence}"
+        line = f"{kind} {outcome} ({code.name}): {sentence}"
         # rclpy ties a severity to the calling line: two lines are needed.
         if outcome == GoalStatus.ABORTED:
-            self.get_logger().warning(said)
+            self.get_logger().warning(line)
         else:
-            self.get_logger().info(said)
+            self.get_logger().info(line)
 
     # --- from clients ----------------------------------------------------------------------------
 
@@ -328,7 +328,7 @@ class ActionsNode(ManagedNode[Serving, None]):
         core.handles[key] = kind, handle
         self._take_newest()
         try:
-            order = core.interfaces.order(kind, handle.request, core.seen.now_ns)
+            order = core.interfaces.order(kind, handle.request, core.flight.now_ns)
         except MessageError as error:
             self.finish(key, GoalStatus.ABORTED, Code.REFUSED, str(error))
             return
@@ -343,17 +343,17 @@ class ActionsNode(ManagedNode[Serving, None]):
         self.core.newest = raw
 
     def _on_diagnostics(self, message: Any) -> None:
-        core, own = self.core, self.get_namespace().strip("/")
+        core, own_namespace = self.core, self.get_namespace().strip("/")
         for status in message.status:
             facts = {pair.key: pair.value for pair in status.values}
             outer_loop = FACT_MODE in facts or FACT_GOALS in facts
-            if status.name.rpartition("/")[0].strip("/") != own or not outer_loop:
+            if status.name.rpartition("/")[0].strip("/") != own_namespace or not outer_loop:
                 continue
             if state_of(facts, status.message) == NodeState.INACTIVE:
                 facts[FACT_MODE] = NodeState.INACTIVE.value
             stamp = message.header.stamp
             stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
-            core.seen.told(stamp_ns, status.message, facts, time.monotonic())
+            core.flight.diagnostics(stamp_ns, status.message, facts, time.monotonic())
 
     def _take_newest(self) -> None:
         core, raw = self.core, self.core.newest
@@ -375,21 +375,21 @@ class ActionsNode(ManagedNode[Serving, None]):
         core, wall_s = self.core, time.monotonic()
         self._take_newest()
         core.desk.look(wall_s)
-        if wall_s - core.told_s >= self.values["feedback_period_s"]:
-            core.told_s = wall_s
+        if wall_s - core.feedback_wall_s >= self.values["feedback_period_s"]:
+            core.feedback_wall_s = wall_s
             self._send_feedback()
 
     def _send_feedback(self) -> None:
-        told = self.core.desk.feedback()
-        if told is not None:
-            key, kind, feedback = told
+        latest = self.core.desk.feedback()
+        if latest is not None:
+            key, kind, feedback = latest
             handle = self.core.handles[key][1]
             handle.publish_feedback(self.core.interfaces.feedback(kind, feedback))
 
     def _say_how_it_is(self) -> None:
         """Once a second."""
         core = self.core
-        self.tick = max(0, core.seen.now_ns - self.start_ns) // self.rate.tick_ns
+        self.tick = max(0, core.flight.now_ns - self.start_ns) // self.rate.tick_ns
         goals = {goal.order.kind.value: goal.stage.value for goal in core.desk.goals}
         if self.active:
             self.report(Level.OK, "takes goals", goals)

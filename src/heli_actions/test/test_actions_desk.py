@@ -29,8 +29,8 @@ class Bench:
 
     def __init__(self):
         self.done, self.ended = [], {}
-        self.seen, self.now_s, self.mode, self.answers = FlightStatus(), 1.0, "hover", {}
-        self.desk = GoalManager(self, self.seen, LIMITS)
+        self.flight, self.now_s, self.mode, self.answers = FlightStatus(), 1.0, "hover", {}
+        self.desk = GoalManager(self, self.flight, LIMITS)
         self.pos = np.array([0.0, 0.0, -10.0])
         self.fly(1.0)
 
@@ -56,8 +56,8 @@ class Bench:
                 self.desk.odom(now_ns, self.pos, np.array([1.0, 0.0, 0.0, 0.0]), wall)
             if outer_loop:
                 facts = {"mode": self.mode, FACT_GOALS: goals_text(self.answers.values())}
-                self.seen.told(now_ns, f"flies {self.mode}", facts, wall)
-            self.seen.now_ns = now_ns
+                self.flight.diagnostics(now_ns, f"flies {self.mode}", facts, wall)
+            self.flight.now_ns = now_ns
             self.desk.look(wall)
 
     def answer(self, goal_id, state, sentence="", end=None, lasts_s=None):
@@ -103,8 +103,8 @@ def test_a_takeoff_is_done_when_it_hovers_where_its_climb_ends(bench):
     assert bench.desk.feedback()[2].left_m == NOT_KNOWN == bench.desk.feedback()[2].left_s
     bench.answer("a", GoalState.ACTIVE, "", [0.0, 0.0, -10.0], 12.0)
     bench.fly(3.9, "takeoff", [0.0, 0.0, -3.0])
-    told = bench.desk.feedback()[2]
-    assert (told.mode, told.left_m, told.left_s) == ("takeoff", 7.0, pytest.approx(8.0))
+    feedback = bench.desk.feedback()[2]
+    assert (feedback.mode, feedback.left_m, feedback.left_s) == ("takeoff", 7.0, pytest.approx(8.0))
     bench.mode, bench.pos = "hover", np.array([0.0, 0.0, -9.8])
     bench.answer("a", GoalState.SUCCEEDED, "", [0.0, 0.0, -10.0])
     assert bench.ended == {"a": (SUCCEEDED, Code.DONE, "takeoff: done, mode hover")}
@@ -150,8 +150,8 @@ def test_a_refusal_is_the_goals_sentence(bench, kind):
 def test_a_goto_is_there_when_its_way_is_over_and_it_is_near(bench):
     bench.flying(Kind.GOTO)
     assert bench.done == [("goto", "a", "message of a")]
-    told = bench.desk.feedback()[2]
-    assert told.left_m == pytest.approx(10.0) and 5.0 < told.left_s < 6.0
+    feedback = bench.desk.feedback()[2]
+    assert feedback.left_m == pytest.approx(10.0) and 5.0 < feedback.left_s < 6.0
     bench.fly(4.2, to=[7.9, 6.0, -10.0])
     assert not bench.ended  # its way is not over
     bench.fly(2.0)
@@ -306,13 +306,14 @@ def test_an_answer_has_both_clocks_time(bench):
     bench.now_s += 1.0
     now_s = bench.now_s
     for wall_s in now_s + np.arange(0.0, 60.0):
-        bench.seen.odom_wall_s = bench.seen.told_wall_s = wall_s  # said again, of the same time
+        # said again, of the same time
+        bench.flight.odom_wall_s = bench.flight.outer_loop_wall_s = wall_s
         bench.desk.look(wall_s)
     assert bench.outcome() == (ABORTED, Code.NO_ANSWER)  # the flight's minute was over before
     paused = Bench()
     paused.take(Kind.TAKEOFF)
     for wall_s in paused.now_s + np.arange(0.0, 60.0):
-        paused.seen.odom_wall_s = paused.seen.told_wall_s = wall_s
+        paused.flight.odom_wall_s = paused.flight.outer_loop_wall_s = wall_s
         paused.desk.look(wall_s)
     assert not paused.ended
 
@@ -340,8 +341,8 @@ def test_silence_of_all_counts_by_the_wall(bench):
 def test_a_goal_that_came_before_the_flight_waits_for_it(bench):
     fresh = Bench.__new__(Bench)
     fresh.done, fresh.ended, fresh.answers = [], {}, {}
-    fresh.seen, fresh.now_s, fresh.mode = FlightStatus(odom_wall_s=999.0), 1000.0, "standing"
-    fresh.desk, fresh.pos = GoalManager(fresh, fresh.seen, LIMITS), np.zeros(3)
+    fresh.flight, fresh.now_s, fresh.mode = FlightStatus(odom_wall_s=999.0), 1000.0, "standing"
+    fresh.desk, fresh.pos = GoalManager(fresh, fresh.flight, LIMITS), np.zeros(3)
     fresh.take(Kind.TAKEOFF)
     fresh.desk.look(1000.0)
     fresh.fly(4.0)
@@ -355,7 +356,7 @@ def test_another_flight_ends_what_was_flown(bench):
     bench.now_s = 0.5
     bench.fly(0.1)
     assert bench.ended == {"a": (ABORTED, Code.SILENT, "goto: another flight has begun")}
-    assert bench.seen.now_ns < 2 * NS_PER_S
+    assert bench.flight.now_ns < 2 * NS_PER_S
 
 
 def test_a_closed_desk_lets_go(bench):

@@ -72,9 +72,11 @@ def test_a_hover_without_an_approach_is_scored_as_a_hold():
     found = score(still, "hover")
     assert found.level is HandlingLevel.DESIRED and not found.complete
     assert result(found, "time").value is None
-    assert [p.name for p in found.found.phases] == ["hold"]
-    assert found.found.phases[0].end_s - found.found.phases[0].start_s == pytest.approx(30.0)
-    assert any("no approach" in remark for remark in found.found.remarks)
+    assert [p.name for p in found.manoeuvre.phases] == ["hold"]
+    assert found.manoeuvre.phases[0].end_s - found.manoeuvre.phases[0].start_s == pytest.approx(
+        30.0
+    )
+    assert any("no approach" in remark for remark in found.manoeuvre.remarks)
 
 
 class TestFroude:
@@ -132,7 +134,7 @@ def test_a_slalom_beside_its_line_does_not_begin_in_the_hover():
     )
     found = score(beside, "slalom", FULL_SCALE, np.array([4.0 * apart + 2.0 * speed, 0.0, 0.0]))
     assert result(found, "speed").value > 0.99 * speed
-    assert found.found.phases[0].start_s > 11.9
+    assert found.manoeuvre.phases[0].start_s > 11.9
 
 
 @pytest.mark.parametrize("beyond_m", [4.0, 5.0])
@@ -142,7 +144,7 @@ def test_a_hover_that_creeps_back_ends_the_course_where_it_is_within_the_band(be
     found = score(flight, "lateral-reposition", FULL_SCALE, np.array([length, 0.0, 0.0]))
     shares = np.linspace(0.0, 1.0, 2000)
     came_in = 17.7 + 40.0 * np.interp(1.0 - 10.0 * FT / beyond_m, blend(shares), shares)
-    assert found.found.phases[-1].end_s == pytest.approx(came_in, abs=3 * STEP_S)
+    assert found.manoeuvre.phases[-1].end_s == pytest.approx(came_in, abs=3 * STEP_S)
     with pytest.raises(HandlingError, match="down the course"):
         far = lateral_reposition(beyond_m=8.0, back_s=1e4).between(0.0, 60.0)
         score(far, "lateral-reposition", FULL_SCALE, np.array([length, 0.0, 0.0]))

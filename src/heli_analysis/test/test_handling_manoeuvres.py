@@ -24,8 +24,8 @@ def test_a_good_flight_is_desired_and_as_defined(name):
     assert found.level is HandlingLevel.DESIRED
     assert found.complete, found.conditions
     assert all(r.level is HandlingLevel.DESIRED for r in found.results)
-    starts = [p.start_s for p in found.found.phases]
-    assert starts == sorted(starts) and all(p.end_s >= p.start_s for p in found.found.phases)
+    starts = [p.start_s for p in found.manoeuvre.phases]
+    assert starts == sorted(starts) and all(p.end_s >= p.start_s for p in found.manoeuvre.phases)
 
 
 @pytest.mark.parametrize(
@@ -122,6 +122,6 @@ def test_time_around_the_circle_and_capture():
 
 def test_the_circle_is_found_without_a_target():
     found = score(pirouette(off=2.0), "pirouette")
-    centre = found.found.marks_ned_m.mean(axis=0)
+    centre = found.manoeuvre.marks_ned_m.mean(axis=0)
     assert np.hypot(*centre) < 0.5
     assert result(found, "radius").value == pytest.approx(2.0, abs=0.01)

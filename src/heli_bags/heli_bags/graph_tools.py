@@ -39,20 +39,20 @@ class TopicStatus:
 
 def _infos(node: Node, name: str) -> tuple[list[Any], list[Any]]:
     """Publishers and subscriptions of a topic, without this node's own."""
-    own = node.get_name()
+    node_name = node.get_name()
     return (
-        [i for i in node.get_publishers_info_by_topic(name) if i.node_name != own],
-        [i for i in node.get_subscriptions_info_by_topic(name) if i.node_name != own],
+        [i for i in node.get_publishers_info_by_topic(name) if i.node_name != node_name],
+        [i for i in node.get_subscriptions_info_by_topic(name) if i.node_name != node_name],
     )
 
 
 def _listed(node: Node) -> list[TopicStatus]:
-    found = []
+    statuses = []
     for name, types in sorted(node.get_topic_names_and_types()):
         publishers, subscribers = _infos(node, name)
         if publishers or subscribers:
-            found.append(TopicStatus(name, ", ".join(types), len(publishers), len(subscribers)))
-    return found
+            statuses.append(TopicStatus(name, ", ".join(types), len(publishers), len(subscribers)))
+    return statuses
 
 
 class Discovery:
@@ -68,16 +68,16 @@ class Discovery:
 
     def __init__(self, node: Node, settle_s: float):
         self._node, self._settle_s = node, settle_s
-        self._seen: tuple[Any, ...] | None = None
+        self._last_graph: tuple[Any, ...] | None = None
         self._begun = self._changed = self._looked = time.monotonic()
 
     def look(self) -> list[TopicStatus]:
         """All topics that are known by now."""
         topics_seen = _listed(self._node)
-        now = (topics_seen, sorted(self._node.get_node_names_and_namespaces()))
+        graph = (topics_seen, sorted(self._node.get_node_names_and_namespaces()))
         self._looked = time.monotonic()
-        if now != self._seen:
-            self._seen, self._changed = now, self._looked
+        if graph != self._last_graph:
+            self._last_graph, self._changed = graph, self._looked
         return topics_seen
 
     @property
@@ -88,7 +88,7 @@ class Discovery:
     @property
     def still(self) -> bool:
         """Whether the graph has stood still for long enough."""
-        shown = bool(self._seen and self._seen[0]) or self.waited_s > DISCOVERY_S
+        shown = bool(self._last_graph and self._last_graph[0]) or self.waited_s > DISCOVERY_S
         return shown and self._looked - self._changed > self._settle_s
 
     @property
@@ -151,7 +151,7 @@ class _Counter:
 
 def measure(
     node: Node,
-    found: Sequence[TopicStatus],
+    statuses: Sequence[TopicStatus],
     duration_s: float,
     progress: Callable[[float], None] = lambda done: None,
 ) -> list[TopicStatus]:
@@ -163,7 +163,7 @@ def measure(
     counters: dict[str, _Counter] = {}
     executor = EventsExecutor()
     qos = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-    for row in found:
+    for row in statuses:
         try:
             cls = topics.message_class(row.type)
         except LookupError:
@@ -188,7 +188,7 @@ def measure(
             row.subscribers,
             counters[row.topic].rate_hz if row.topic in counters else None,
         )
-        for row in found
+        for row in statuses
     ]
 
 
@@ -206,18 +206,18 @@ def find(node: Node, name: str, settle_s: float, wait_s: float = 0.0) -> TopicSt
     discovery = Discovery(node, settle_s)
     while True:
         rows = {row.topic: row for row in discovery.look()}
-        found = rows.get(name) or rows.get(f"/{name}")
-        if found is not None and found.publishers:
+        status = rows.get(name) or rows.get(f"/{name}")
+        if status is not None and status.publishers:
             break
         if discovery.over and discovery.waited_s >= wait_s:
             break
         time.sleep(_POLL_S)
-    if found is None:
+    if status is None:
         known = ", ".join(r for r in rows if r not in ("/parameter_events", "/rosout"))
         raise TopicError(f"no topic {name} in the graph ({discovery}); there is {known or 'none'}")
-    if "," in found.type:
-        raise TopicError(f"topic {found.topic} has several types: {found.type}")
-    return found
+    if "," in status.type:
+        raise TopicError(f"topic {status.topic} has several types: {status.type}")
+    return status
 
 
 def listen(
@@ -246,12 +246,12 @@ def listen(
     TopicError
         No such topic, a type that is not installed, or silence.
     """
-    found = find(node, name, settle_s, timeout_s or 0.0)
+    status = find(node, name, settle_s, timeout_s or 0.0)
     try:
-        cls = topics.message_class(found.type)
+        cls = topics.message_class(status.type)
     except LookupError as error:
-        raise TopicError(f"topic {found.topic}: {error}") from error
-    offered = [info.qos_profile for info in _infos(node, found.topic)[0]]
+        raise TopicError(f"topic {status.topic}: {error}") from error
+    offered = [info.qos_profile for info in _infos(node, status.topic)[0]]
     reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
     latched = bool(offered) and all(
         q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered
@@ -263,7 +263,7 @@ def listen(
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
     executor = EventsExecutor()
-    node.create_subscription(cls, found.topic, lambda message: arrived.append(message), qos)
+    node.create_subscription(cls, status.topic, lambda message: arrived.append(message), qos)
     executor.add_node(node)
     heard = time.monotonic()
     try:
@@ -272,9 +272,9 @@ def listen(
             if arrived:
                 heard = time.monotonic()
             elif timeout_s is not None and time.monotonic() - heard > timeout_s:
-                raise TopicError(f"no message on {found.topic} in {timeout_s:g} s")
+                raise TopicError(f"no message on {status.topic} in {timeout_s:g} s")
             while arrived:
-                yield found.topic, arrived.popleft()
+                yield status.topic, arrived.popleft()
     finally:
         executor.remove_node(node)
         executor.shutdown()

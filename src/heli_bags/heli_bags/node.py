@@ -131,8 +131,8 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
         except BagError as error:
             raise NodeStartError(str(error)) from error
         self._folders.append(folder)
-        own = topics.BY_NAME[topics.DIAGNOSTICS].source
-        core = ConfiguredRecorder(bag, DiagnosticSenders(self.get_namespace(), own))
+        node_names = topics.BY_NAME[topics.DIAGNOSTICS].source
+        core = ConfiguredRecorder(bag, DiagnosticSenders(self.get_namespace(), node_names))
         # Also when a signal comes while this node is configured: the bag opens.
         self.at_end(bag.close)
         self.at_end(lambda: self._unsubscribe(core))
@@ -224,11 +224,11 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             self._name_senders(name, owner)
             return
         if name == topics.DIAGNOSTICS and info is not None:
-            said = deserialize_message(raw, core.subscriptions[name].msg_type)
+            diagnostics = deserialize_message(raw, core.subscriptions[name].msg_type)
             number = info["publication_sequence_number"]
             for node, times in core.restarts.news().items():
                 core.voices.forget(node, times)
-            if not core.voices.hear([status.name for status in said.status], number):
+            if not core.voices.hear([status.name for status in diagnostics.status], number):
                 self._name_strangers()
         try:
             core.bag.write(name, raw)
@@ -255,10 +255,10 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
             return
         self.core.nameless = not named
         names = ", ".join(sorted(voices.foreign))
-        said = f"{topics.DIAGNOSTICS}: somebody else speaks as {names}: {', '.join(strangers)}"
-        if self.health.facts.get(_VOICES) != said:
-            self.get_logger().warning(said)
-        self.health.facts[_VOICES] = said
+        sentence = f"{topics.DIAGNOSTICS}: somebody else speaks as {names}: {', '.join(strangers)}"
+        if self.health.facts.get(_VOICES) != sentence:
+            self.get_logger().warning(sentence)
+        self.health.facts[_VOICES] = sentence
 
     def _name_those_known_since(self) -> None:
         """A sender's name may come after the last of its messages."""
@@ -300,7 +300,9 @@ class RecorderNode(ManagedNode[ConfiguredRecorder, None]):
         A node and its senders are made known by ways of their own, either of which may be late.
         """
         bag, space = self.core.bag, self.get_namespace()
-        there = {name for name, own in self.get_node_names_and_namespaces() if own == space}
+        there = {
+            name for name, namespace in self.get_node_names_and_namespaces() if namespace == space
+        }
         return any(
             not there.isdisjoint(bag.rows[name].source)
             or self.count_publishers(self.resolve_topic_name(name))

@@ -119,12 +119,12 @@ class Player:
     def _wait_for_listeners(self) -> None:
         """Until discovery has brought no further listener for a while; none is fine, too."""
         begun = settled = time.monotonic()
-        seen = 0
+        last_count = 0
         while time.monotonic() - begun < _LISTENERS_S:
-            now = sum(p.get_subscription_count() for p in self._publishers.values())
-            if now != seen:
-                seen, settled = now, time.monotonic()
-            if seen and time.monotonic() - settled > _SETTLED_S:
+            count = sum(p.get_subscription_count() for p in self._publishers.values())
+            if count != last_count:
+                last_count, settled = count, time.monotonic()
+            if last_count and time.monotonic() - settled > _SETTLED_S:
                 return
             time.sleep(_POLL_S)
 

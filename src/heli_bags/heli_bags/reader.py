@@ -74,9 +74,9 @@ def trouble(bag: Path) -> str:
     """
     files = [bag] if bag.is_file() else storage_files(bag)
     for path in files:
-        found = _file_trouble(path)
-        if found:
-            return found
+        problem = _file_trouble(path)
+        if problem:
+            return problem
     if bag.is_file() or not files:
         return ""
     if not (bag / METADATA).is_file():
@@ -93,8 +93,8 @@ def trouble(bag: Path) -> str:
 
 def advice(bag: Path) -> str:
     """One sentence on what is wrong and what restores it; empty if nothing is."""
-    found = trouble(bag)
-    return f"{found}; 'heli bag repair {bag}' restores what can be" if found else ""
+    problem = trouble(bag)
+    return f"{problem}; 'heli bag repair {bag}' restores what can be" if problem else ""
 
 
 # -------------------------------------------------------------------------------------------------
@@ -236,13 +236,13 @@ def _namespaces(names: Mapping[str, str | None]) -> frozenset[str]:
 def _remarks(message: Any, namespaces: Collection[str]) -> list[Remark]:
     """What nodes of these namespaces say; without any, what all say."""
     stamp_ns = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
-    found = []
+    remarks = []
     for status in message.status:
         namespace, _, node = status.name.rpartition("/")
         if not namespaces or namespace.strip("/") in namespaces:
             facts = {pair.key: pair.value for pair in status.values}
-            found.append(Remark(stamp_ns, node, int(status.level), status.message, facts))
-    return found
+            remarks.append(Remark(stamp_ns, node, int(status.level), status.message, facts))
+    return remarks
 
 
 class _Collector:
@@ -280,8 +280,8 @@ class _Collector:
                 self.bag.references.append((bag_ns, decode_reference(message)))
                 self._keys.append(key_of(message))
             elif name == topics.DIAGNOSTICS:
-                said = _remarks(self._deserialized(name, raw), self.namespaces)
-                self._remarks += [(bag_ns, remark) for remark in said]
+                remarks = _remarks(self._deserialized(name, raw), self.namespaces)
+                self._remarks += [(bag_ns, remark) for remark in remarks]
             elif name in CHANNELS and (name != topics.GPS_FIX or self._datum is not None):
                 decoder = self._decoder(name)
                 row = decoder.decode(raw)[: CHANNELS[name].size].copy()
@@ -362,13 +362,13 @@ class _Collector:
 
         On loaded cores that is seconds later, of flight time that runs ten times as fast.
         """
-        told: dict[int, list[int]] = {}
+        followed_ns: dict[int, list[int]] = {}
         for since_ns, key in sorted({w for r in self.bag.remarks for w in ways_of(r.facts)}):
-            told.setdefault(key, []).append(since_ns)
+            followed_ns.setdefault(key, []).append(since_ns)
         for index, key in enumerate(self._keys):
-            if told.get(key):
+            if followed_ns.get(key):
                 way = self.bag.references[index][1]
-                self.bag.references[index] = told[key].pop(0), way
+                self.bag.references[index] = followed_ns[key].pop(0), way
 
 
 def require_whole(path: Path) -> None:
@@ -380,11 +380,11 @@ def require_whole(path: Path) -> None:
             raise BagError(f"{path}: not a readable bag: it holds neither .mcap nor .db3 files")
         if path.is_file() and path.suffix not in SUFFIXES.values():
             raise BagError(f"{path}: not a readable bag: neither folder nor .mcap nor .db3 file")
-        said = advice(path)
+        problem = advice(path)
     except OSError as error:
         raise BagError(f"{path}: not a readable bag: {reason(error)}") from error
-    if said:
-        raise BagError(f"{path}: not a readable bag: {said}")
+    if problem:
+        raise BagError(f"{path}: not a readable bag: {problem}")
 
 
 @contextlib.contextmanager
@@ -454,6 +454,6 @@ def named(path: Path, connections: Sequence[Connection]) -> Sequence[Connection]
     for c in connections:
         texts = (c.topic, c.msgtype, c.digest)
         if not (all(isinstance(text, str) for text in texts) and isinstance(c.msgcount, int)):
-            said = ", ".join(printable(repr(value)) for value in (*texts, c.msgcount))
-            raise BagError(f"{path}: not a readable bag: its list of topics is damaged: {said}")
+            fields = ", ".join(printable(repr(value)) for value in (*texts, c.msgcount))
+            raise BagError(f"{path}: not a readable bag: its list of topics is damaged: {fields}")
     return connections

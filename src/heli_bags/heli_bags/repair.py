@@ -276,11 +276,11 @@ class _Sqlite:
             definitions = {row["topic_type"]: row for row in table("message_definitions")}
         if not database.execute("SELECT count(*) FROM metadata").fetchone()[0]:
             self.state.whole = False
-        found = {}
+        channels = {}
         for row in table("topics"):
             known = definitions.get(row["type"], {})
             text = known.get("encoded_message_definition", "")
-            found[row["id"]] = BagChannel(
+            channels[row["id"]] = BagChannel(
                 str(row["name"]),
                 str(row["type"]),
                 str(text),
@@ -288,7 +288,7 @@ class _Sqlite:
                 tuple(parse_qos(row.get("offered_qos_profiles", ""))),
                 known.get("encoding") == "ros2idl",
             )
-        return found
+        return channels
 
 
 def salvage(path: Path, state: State) -> Iterator[Message]:

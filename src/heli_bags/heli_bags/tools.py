@@ -89,20 +89,20 @@ def as_json(message: Any, **beside: Any) -> str:
 
 def flatten(message: Any) -> dict[str, Any]:
     """Every field on one level: `pose.pose.position.x`, `position[0]`."""
-    found: dict[str, Any] = {}
-    _flatten(plain(message), "", found)
-    return found
+    fields: dict[str, Any] = {}
+    _flatten(plain(message), "", fields)
+    return fields
 
 
-def _flatten(value: Any, name: str, found: dict[str, Any]) -> None:
+def _flatten(value: Any, name: str, fields: dict[str, Any]) -> None:
     if isinstance(value, dict):
         for key, item in value.items():
-            _flatten(item, f"{name}.{key}" if name else key, found)
+            _flatten(item, f"{name}.{key}" if name else key, fields)
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            _flatten(item, f"{name}[{index}]", found)
+            _flatten(item, f"{name}[{index}]", fields)
     else:
-        found[name] = value
+        fields[name] = value
 
 
 # -------------------------------------------------------------------------------------------------
@@ -135,11 +135,11 @@ class BagReader:
         except Exception as error:
             raise damage(path, error) from error
         named(path, self.connections)
-        told: tuple[Any, ...] = (self.message_count, self.start_time, self.end_time)
-        for number in told:
+        numbers: tuple[Any, ...] = (self.message_count, self.start_time, self.end_time)
+        for number in numbers:
             if not isinstance(number, int):
-                said = f"{printable(repr(number))} is no number of messages and no time"
-                raise BagError(f"{path}: not a readable bag: {said}")
+                problem = f"{printable(repr(number))} is no number of messages and no time"
+                raise BagError(f"{path}: not a readable bag: {problem}")
 
     @property
     def duration(self) -> int:

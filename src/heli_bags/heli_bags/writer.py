@@ -777,21 +777,21 @@ class Definitions:
         UnknownTypeError
             It is neither standard nor installed.
         """
-        wanted, found = {type_name}, {}
+        wanted, definitions = {type_name}, {}
         while wanted:
             name = wanted.pop()
-            if name in self.store.fielddefs or name in found:
+            if name in self.store.fielddefs or name in definitions:
                 continue
             path = _installed(name)
             if path is None:
                 raise UnknownTypeError(f"message type {name} is not installed")
             types = get_types_from_msg(path.read_text(encoding="utf-8"), name)
-            found.update(types)
+            definitions.update(types)
             for _, fields in types.values():
                 for _, description in fields:
                     wanted |= _named_in(description)
-        if found:
-            self.store.register(found)
+        if definitions:
+            self.store.register(definitions)
 
     def text_and_hash(self, type_name: str) -> tuple[str, str]:
         """Definition with all it depends on (format `ros2msg`) and hash (`RIHS01_...`).
@@ -1016,16 +1016,16 @@ class BagRecorder:
     def _give_up(self, error: Exception) -> None:
         """Close the bag with what is safe; always raises BagError."""
         self._failed = True
-        said = f"{self.folder}: recording stopped: {reason(error)}"
+        sentence = f"{self.folder}: recording stopped: {reason(error)}"
         try:
             lost = self._bag.give_up()
         except (OSError, sqlite3.Error):
             self._bag.abandon()
-            raise BagError(f"{said}; 'heli bag repair' restores what was written") from error
+            raise BagError(f"{sentence}; 'heli bag repair' restores what was written") from error
         finally:
             self.counts = dict(zip(self.rows, self._bag.counts(), strict=True))
         raise BagError(
-            f"{said}; the bag holds {sum(self.counts.values())} messages, {lost} more are lost"
+            f"{sentence}; the bag holds {sum(self.counts.values())} messages, {lost} more are lost"
         ) from error
 
     def missing(self, until_ns: int | None = None) -> list[str]:
@@ -1036,7 +1036,7 @@ class BagRecorder:
         until_ns : int, optional
             Stamp up to which an end is looked at, by default the newest.
         """
-        found, end_ns = [], self._clock.now_ns if until_ns is None else until_ns
+        incomplete, end_ns = [], self._clock.now_ns if until_ns is None else until_ns
         for name, last in self._last.items():
             period_ns = self.rows[name].period_ns(self._rate)
             if not period_ns or self._failed:
@@ -1045,8 +1045,8 @@ class BagRecorder:
             fitting = self.counts[name] - self.odd_stamps.get(name, 0) - self._repeated[name]
             newest_ns = last + self._late_ns.get(name, 0)
             if fitting < expected or newest_ns <= end_ns - period_ns:
-                found.append(name)
-        return found
+                incomplete.append(name)
+        return incomplete
 
     def close(self) -> None:
         """Write index and metadata; the bag opens everywhere then. Once is enough.

@@ -481,8 +481,8 @@ class FaultLog:
 
     def facts(self, faults: Iterable[Fault], now_s: float) -> dict[str, str]:
         """For /diagnostics: the faults that act or are to come, and those given in flight."""
-        said = {
+        sentences = {
             "faults": _lasting(faults, now_s),
             "faults_in_flight": "; ".join(self.lines),
         }
-        return {name: words for name, words in said.items() if words}
+        return {name: words for name, words in sentences.items() if words}

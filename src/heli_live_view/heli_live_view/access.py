@@ -70,8 +70,8 @@ class Access:
             self._wrong_s.popleft()
         if len(self._wrong_s) >= _TRIES and browser != self._owner:
             return SLOW_DOWN
-        given = token.encode("utf-8", "surrogatepass") if isinstance(token, str) else b""
-        if not hmac.compare_digest(given, self._token):
+        token_bytes = token.encode("utf-8", "surrogatepass") if isinstance(token, str) else b""
+        if not hmac.compare_digest(token_bytes, self._token):
             self._wrong_s.append(now_s)
             return WRONG
         if self._owner is None:

@@ -293,10 +293,10 @@ def judge_fault(args: Mapping[str, Any], limits: CommandLimits) -> str:
     for name, word in (("what", what), ("kind", kind)):
         if not isinstance(word, str) or not _WORD.fullmatch(word):
             raise CommandError(f"{name}: {word!r} is not allowed; allowed: a word of the table")
-    given = args.get("value") or []
-    if not isinstance(given, list) or len(given) > _MOST_NUMBERS:
+    numbers = args.get("value") or []
+    if not isinstance(numbers, list) or len(numbers) > _MOST_NUMBERS:
         raise CommandError(f"value: allowed: a list of at most {_MOST_NUMBERS} numbers")
-    values = [_finite(v, "value", -1e6, 1e6) for v in given]
+    values = [_finite(v, "value", -1e6, 1e6) for v in numbers]
     pairs: dict[str, str | float | list[float]] = {"what": str(what), "kind": str(kind)}
     longest_s = LONGEST_S
     if what == WIND:

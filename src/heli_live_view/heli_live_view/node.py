@@ -382,8 +382,8 @@ class LiveViewNode(ManagedNode[View, None]):
         """The token, and whether this node must print it."""
         if not self.values["allow_commands"]:
             return "", False
-        given = os.environ.pop(TOKEN_VARIABLE, "")
-        return given or new_token(), not given
+        token = os.environ.pop(TOKEN_VARIABLE, "")
+        return token or new_token(), not token
 
     def _open_page(self, screen: Screen, token: str) -> PageServer:
         try:
@@ -450,10 +450,10 @@ class LiveViewNode(ManagedNode[View, None]):
         return deserialize_message(raw, topics.message_class(topics.BY_NAME[name].type))
 
     def _on_diagnostics(self, raw: bytes) -> None:
-        own, live = self.get_namespace().strip("/"), self.core.screen.live
+        own_namespace, live = self.get_namespace().strip("/"), self.core.screen.live
         for status in self._deserialize(topics.DIAGNOSTICS, raw).status:
             namespace, _, name = status.name.rpartition("/")
-            if namespace.strip("/") == own:
+            if namespace.strip("/") == own_namespace:
                 level = int.from_bytes(status.level, "little")
                 facts = {pair.key: pair.value for pair in status.values}
                 live.take_status(name, level, status.message, facts)
@@ -525,10 +525,10 @@ class LiveViewNode(ManagedNode[View, None]):
 
     def _look_around(self) -> None:
         """Once a second: who is in the graph; own health."""
-        core, own = self.core, self.get_namespace()
+        core, own_namespace = self.core, self.get_namespace()
         live, commander = core.screen.live, core.screen.commander
         nodes = self.get_node_names_and_namespaces()
-        present = (name for name, namespace in nodes if namespace == own)
+        present = (name for name, namespace in nodes if namespace == own_namespace)
         truth_is_sent = self.count_publishers(topics.TRUTH_ODOM) > 0
         live.take_presence(present, truth_is_sent, time.monotonic())
         self.tick = max(0, live.now_ns - self.start_ns) // self.rate.tick_ns

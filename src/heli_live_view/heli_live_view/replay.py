@@ -87,21 +87,21 @@ class FlightRecording:
     windows_s: Sequence[float] = ()
     first_ns: int = field(init=False)
     last_ns: int = field(init=False)
-    _said: Mapping[str, tuple[list[int], list[Remark]]] = field(init=False)
+    _remarks_by_node: Mapping[str, tuple[list[int], list[Remark]]] = field(init=False)
 
     def __post_init__(self) -> None:
         shown = [self.streams[name] for name in SHOWN if name in self.streams]
         stamps = [stream.stamp_ns for stream in shown if stream.stamp_ns.size]
         if not stamps:
             raise EmptyRecordError("nothing was recorded that can be shown")
-        said: dict[str, tuple[list[int], list[Remark]]] = {}
+        by_node: dict[str, tuple[list[int], list[Remark]]] = {}
         for remark in self.remarks:
-            times, of_node = said.setdefault(remark.node, ([], []))
+            times, of_node = by_node.setdefault(remark.node, ([], []))
             times.append(remark.stamp_ns)
             of_node.append(remark)
         object.__setattr__(self, "first_ns", min(int(stamp[0]) for stamp in stamps))
         object.__setattr__(self, "last_ns", max(int(stamp[-1]) for stamp in stamps))
-        object.__setattr__(self, "_said", said)
+        object.__setattr__(self, "_remarks_by_node", by_node)
 
     def fresh(self) -> LiveState:
         """A state before the flight."""
@@ -125,7 +125,7 @@ class FlightRecording:
             live.take_reference(self.references[max(came - 1, 0)][1])
         newest = [
             remarks[i - 1]
-            for times, remarks in self._said.values()
+            for times, remarks in self._remarks_by_node.values()
             if (i := bisect.bisect_right(times, stamp_ns))
         ]
         # In order: a clock that goes back is another flight.
@@ -161,7 +161,7 @@ class FlightRecording:
     def _look_around(self, live: LiveState, stamp_ns: int) -> None:
         """Who has spoken so far, and who does still."""
         heard, present = [], []
-        for name, (times, _) in self._said.items():
+        for name, (times, _) in self._remarks_by_node.items():
             i = bisect.bisect_right(times, stamp_ns) - 1
             if i >= 0:
                 heard.append(name)
@@ -263,12 +263,12 @@ def of_remarks(remarks: Iterable[Remark], start_ns: int) -> list[FlightEvent]:
     start_ns : int
         Stamp of flight time 0.
     """
-    found: list[FlightEvent] = []
+    events: list[FlightEvent] = []
     known: dict[tuple[str, str], str] = {}
     for remark in remarks:
         time_s = (remark.stamp_ns - start_ns) / 1e9
         if remark.facts.get("over") == "true" != known.get((remark.node, "over")):
-            found.append(
+            events.append(
                 FlightEvent(time_s, END, min(remark.level, 2), remark.node, remark.message)
             )
         for key, value in remark.facts.items():
@@ -277,16 +277,16 @@ def of_remarks(remarks: Iterable[Remark], start_ns: int) -> list[FlightEvent]:
             if value == before:
                 continue
             if key == FACT_MODE:
-                found.append(FlightEvent(time_s, MODE, 0, remark.node, f"mode: {value}"))
+                events.append(FlightEvent(time_s, MODE, 0, remark.node, f"mode: {value}"))
             elif key == _FAILSAFE and (before or value.lower() not in _QUIET):
                 calm = value.lower() in _QUIET
                 words = "failsafe ends" if calm else f"failsafe: {_plain(value)}"
-                found.append(FlightEvent(time_s, FAILSAFE, int(not calm), remark.node, words))
+                events.append(FlightEvent(time_s, FAILSAFE, int(not calm), remark.node, words))
             elif key.startswith(FACT_REFUSED) and key != FACT_FLOOD:
                 topic, (_, why) = key.removeprefix(FACT_REFUSED), refusal_of(value)
                 words = f"refused: {why if topic in why else f'{topic}: {why}'}"
-                found.append(FlightEvent(time_s, REFUSAL, 1, remark.node, words))
-    return found + of_faults(words for remark in remarks for words in listed(remark.facts))
+                events.append(FlightEvent(time_s, REFUSAL, 1, remark.node, words))
+    return events + of_faults(words for remark in remarks for words in listed(remark.facts))
 
 
 def _plain(name: str) -> str:
@@ -295,29 +295,29 @@ def _plain(name: str) -> str:
 
 def of_faults(words: Iterable[str]) -> list[FlightEvent]:
     """Beginning and end of each fault, out of what it is called ("... from 12 to 17 s")."""
-    found = []
+    events = []
     for one in dict.fromkeys(words):
         times = _TIMES.search(one)
         if times is None:
             continue
         name = one[: times.start()]
-        found.append(FlightEvent(float(times["start"]), FAULT, 1, FAULT, f"{name} begins"))
+        events.append(FlightEvent(float(times["start"]), FAULT, 1, FAULT, f"{name} begins"))
         if times["end"]:
-            found.append(FlightEvent(float(times["end"]), FAULT, 0, FAULT, f"{name} ends"))
-    return found
+            events.append(FlightEvent(float(times["end"]), FAULT, 0, FAULT, f"{name} ends"))
+    return events
 
 
-def in_order(found: Iterable[FlightEvent], until_s: float) -> list[FlightEvent]:
+def in_order(events: Iterable[FlightEvent], until_s: float) -> list[FlightEvent]:
     """All up to a time in the order of their times; what is said twice, once."""
-    given = [one for one in found if one.time_s <= until_s]
-    if any(one.kind == MODE and one.source != OWN_NAME for one in given):
+    in_span = [one for one in events if one.time_s <= until_s]
+    if any(one.kind == MODE and one.source != OWN_NAME for one in in_span):
         # The outer loop has said more than that it sends something.
-        given = [one for one in given if (one.source, one.text) != (OWN_NAME, "mode: hover")]
-    if any(one.kind == FAULT and one.source == FAULT for one in given):
+        in_span = [one for one in in_span if (one.source, one.text) != (OWN_NAME, "mode: hover")]
+    if any(one.kind == FAULT and one.source == FAULT for one in in_span):
         # With beginning and end of each the plant's own word of them says nothing more.
-        given = [one for one in given if one.kind != FAULT or one.source != "plant"]
+        in_span = [one for one in in_span if one.kind != FAULT or one.source != "plant"]
     kept: list[FlightEvent] = []
-    for one in sorted(given, key=lambda happening: (happening.time_s, happening.kind == HEALTH)):
+    for one in sorted(in_span, key=lambda happening: (happening.time_s, happening.kind == HEALTH)):
         if not _is_known(one, kept):
             kept.append(one)
     return kept
@@ -419,15 +419,15 @@ class Replay:
         self.recording = recording
         self._values, self._telling = values, telling or Telling()
         self._passed = self._go_through(progress)
-        told = [*self._passed.events, *of_remarks(recording.remarks, recording.start_ns), *known]
-        self.events = in_order(told, recording.seconds(recording.last_ns) + 1.0)
+        events = [*self._passed.events, *of_remarks(recording.remarks, recording.start_ns), *known]
+        self.events = in_order(events, recording.seconds(recording.last_ns) + 1.0)
 
     def _go_through(self, progress: Callable[[int, int], None]) -> _Passed:
         r, passed = self.recording, _Passed()
         live, total_s = r.fresh(), int(r.seconds(r.last_ns) - r.seconds(r.first_ns))
         ticks = max(ROW_TICKS, -(-(r.last_ns - r.first_ns) // (TICK_NS * _MOST_ROWS)))
         stamps = [*range(r.first_ns, r.last_ns, ticks * TICK_NS), r.last_ns]
-        said = referred = 0
+        heard = referred = 0
         before_ns = r.first_ns - 1
         batch = -(-len(stamps) // _MOST_COUNTS)
         for k, stamp_ns in enumerate(stamps):
@@ -436,17 +436,17 @@ class Replay:
             ):
                 live.take_reference(r.references[referred][1])
                 referred += 1
-            while said < len(r.remarks) and r.remarks[said].stamp_ns <= stamp_ns:
-                r.hear(live, r.remarks[said])
-                said += 1
+            while heard < len(r.remarks) and r.remarks[heard].stamp_ns <= stamp_ns:
+                r.hear(live, r.remarks[heard])
+                heard += 1
             if k % batch == 0 or stamp_ns == r.last_ns:
                 for name, sample_ns, row in r.samples(before_ns, stamp_ns):
                     live.take_sample(name, sample_ns, row)
                 before_ns = stamp_ns
             r.fill(live, stamp_ns)
             self._keep(passed, stamp_ns, live.row(stamp_ns / NS_PER_S))
-            told = map(as_flight_event, live.take_events())
-            passed.events += [happening for happening in told if happening is not None]
+            flight_events = map(as_flight_event, live.take_events())
+            passed.events += [happening for happening in flight_events if happening is not None]
             progress(int(r.seconds(stamp_ns) - r.seconds(r.first_ns)), total_s)
         return passed
 
@@ -472,7 +472,7 @@ class Replay:
 
     def hello(self) -> str:
         """First message of a connection."""
-        r, told = self.recording, self._telling
+        r, telling = self.recording, self._telling
         span_s = [round(r.seconds(stamp), 3) for stamp in (r.first_ns, r.last_ns)]
         return compact(
             greeting(self._values, commands=False)
@@ -480,8 +480,9 @@ class Replay:
                 "events": [happening.message() for happening in self.events],
                 "history": [],
                 "replay": {
-                    "from_s": span_s[0], "to_s": span_s[1], "at_end": told.at_end,
-                    "ended": told.ended, "notes": list(told.notes), "report": told.report or None,
+                    "from_s": span_s[0], "to_s": span_s[1], "at_end": telling.at_end,
+                    "ended": telling.ended, "notes": list(telling.notes),
+                    "report": telling.report or None,
                 },
             }
         )  # fmt: skip

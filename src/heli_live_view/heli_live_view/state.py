@@ -53,9 +53,10 @@ def plain(values: Iterable[float], digits: int = 4) -> list[float]:
 
 def bounds(parameters: Mapping[str, Any]) -> dict[str, float]:
     """Bounds for the page by name: the parameter's, or the paper's where that is negative."""
-    given = {name: parameters[f"bounds.{name}"] for name in BOUNDS}
+    parameter_bounds = {name: parameters[f"bounds.{name}"] for name in BOUNDS}
     return {
-        name: value if value >= 0.0 else BY_KEY[BOUNDS[name]].paper for name, value in given.items()
+        name: value if value >= 0.0 else BY_KEY[BOUNDS[name]].paper
+        for name, value in parameter_bounds.items()
     }
 
 
@@ -64,12 +65,12 @@ def error_row(pos_ned_m: Array, vel_ned_mps: Array, reference: Array) -> dict[st
 
     In the frame of the reference's heading: forward, right, and **up**, as people look at it.
     """
-    found = hover_errors(pos_ned_m[None], vel_ned_mps[None], reference[None])
+    errors = hover_errors(pos_ned_m[None], vel_ned_mps[None], reference[None])
     up = {"altitude": -1.0, "v_z": -1.0}
     return {
-        name: plain(up.get(key, 1.0) * found[key])[0]
+        name: plain(up.get(key, 1.0) * errors[key])[0]
         for name, key in BOUNDS.items()
-        if key in found
+        if key in errors
     }
 
 
@@ -155,7 +156,7 @@ class RunningClimb:
 
     def __init__(self) -> None:
         self._kept: dict[str, _Kept] = {}
-        self._found: dict[str, Figures] = {}
+        self._figures: dict[str, Figures] = {}
 
     def hold(self, record: str, time_s: Array, height_m: Array, reference: Array) -> None:
         """Samples (N,) of a record, times rising, with the reference (N, 7) at each."""
@@ -176,20 +177,20 @@ class RunningClimb:
     def _measure(self, record: str, kept: _Kept) -> None:
         time_s, reference = np.concatenate(kept.time_s), np.concatenate(kept.reference)
         figures = climb_figures(time_s, np.concatenate(kept.height_m), reference, record)
-        self._found[record] = {
+        self._figures[record] = {
             figure.metric.key: None if figure.value is None else round(figure.value, 4)
             for figure in figures
         }
         still = np.flatnonzero(reference[:, REFERENCE.down_vel] == 0.0)
         since_s = time_s[-1] - time_s[still[0]]
-        known = None not in self._found[record].values()
+        known = None not in self._figures[record].values()
         if since_s > OVERSHOOT_S and (known or since_s > _LONGEST_S):
             kept.over = True
             kept.time_s, kept.height_m, kept.reference = [], [], []
 
     def row(self) -> dict[str, Figures]:
         """Per record the figures by key; a value that was not reached is None."""
-        return self._found
+        return self._figures
 
 
 # -------------------------------------------------------------------------------------------------
@@ -264,7 +265,7 @@ class RunningMaxima:
         self._start_ns = start_ns
         self._windows_s = np.asarray(windows_s, float).reshape(-1, 2)
         self._waiting: dict[str, deque[tuple[int, Array, Array]]] = {}
-        self._found: dict[str, dict[str, dict[str, float]]] = {WHOLE: {}, WINDOWS: {}}
+        self._maxima: dict[str, dict[str, dict[str, float]]] = {WHOLE: {}, WINDOWS: {}}
         self._since_s: float | None = None
         self._climb, self._drift = RunningClimb(), RunningDrift()
 
@@ -303,11 +304,11 @@ class RunningMaxima:
         for stretch, mask in masks.items():
             if not mask.any():
                 continue
-            found = self._found[stretch].setdefault(record, {})
+            maxima = self._maxima[stretch].setdefault(record, {})
             for name, key in BOUNDS.items():
                 if key in errors:
                     largest, _ = size(errors[key][mask])
-                    found[name] = max(largest, found.get(name, 0.0))
+                    maxima[name] = max(largest, maxima.get(name, 0.0))
 
     def row(self) -> dict[str, object] | None:
         """For the page: per stretch and record the largest by name of the bound, the climb's
@@ -320,7 +321,7 @@ class RunningMaxima:
                 record: {name: round(value, 4) for name, value in values.items()}
                 for record, values in records.items()
             }
-            for stretch, records in self._found.items()
+            for stretch, records in self._maxima.items()
         }
         return {**shown, "climb": self._climb.row(), "since_s": round(self._since_s, 2)}
 

@@ -58,14 +58,14 @@ def key_of(message: Any) -> int:
     Of a message with more than may be decoded, only of as much: it takes no longer, however long.
     """
     stamp = message.header.stamp
-    found = zlib.crc32(struct.pack("<qQ", stamp.sec, stamp.nanosec))
+    checksum = zlib.crc32(struct.pack("<qQ", stamp.sec, stamp.nanosec))
     for point in message.points[:MAX_POINTS]:
         at = point.time_from_start
-        found = zlib.crc32(struct.pack("<qQ", at.sec, at.nanosec), found)
+        checksum = zlib.crc32(struct.pack("<qQ", at.sec, at.nanosec), checksum)
         for transform in point.transforms[:1]:
             t, r = transform.translation, transform.rotation
-            found = zlib.crc32(struct.pack("<7d", t.x, t.y, t.z, r.x, r.y, r.z, r.w), found)
-    return found
+            checksum = zlib.crc32(struct.pack("<7d", t.x, t.y, t.z, r.x, r.y, r.z, r.w), checksum)
+    return checksum
 
 
 def _row(point: Any, index: int) -> np.ndarray:
@@ -110,10 +110,10 @@ def decode_reference(message: Any, namespace: str | None = None) -> Trajectory:
     if namespace is not None:
         if frame != MAP:
             raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}'")
-        own, given = in_namespace(BASE, namespace), list(message.joint_names[:2])
-        if given not in ([], [own]):
-            said = ", ".join(map(quoted, given))
-            raise MessageError(f"{name}: for {said}; allowed: '{own}', or no name")
+        base_frame, joint_names = in_namespace(BASE, namespace), list(message.joint_names[:2])
+        if joint_names not in ([], [base_frame]):
+            names = ", ".join(map(quoted, joint_names))
+            raise MessageError(f"{name}: for {names}; allowed: '{base_frame}', or no name")
     if len(message.points) > MAX_POINTS:
         # Before they are read, which takes as long as there are many.
         raise MessageError(
@@ -163,25 +163,26 @@ def decode_velocity(message: Any, psi_rad: float, namespace: str = "") -> Veloci
         Another frame, a number that is not finite, a rate about another axis than up.
     """
     name, frame = topics.COMMAND_VELOCITY, message.header.frame_id
-    own = in_namespace(BASE, namespace)
-    if frame not in (MAP, own):
+    base_frame = in_namespace(BASE, namespace)
+    if frame not in (MAP, base_frame):
         raise MessageError(
-            f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up), '{own}' (forward, "
-            "left, up, level)"
+            f"{name}: frame {quoted(frame)}; allowed: '{MAP}' (east, north, up), "
+            f"'{base_frame}' (forward, left, up, level)"
         )
     v, w = message.twist.linear, message.twist.angular
-    given, turn = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
-    if not np.isfinite(np.r_[given, turn]).all():
+    linear_mps, turn = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
+    if not np.isfinite(np.r_[linear_mps, turn]).all():
         raise MessageError(
-            f"{name}: linear {given.tolist()}, angular {turn.tolist()}; allowed: finite numbers"
+            f"{name}: linear {linear_mps.tolist()}, angular {turn.tolist()}; "
+            "allowed: finite numbers"
         )
     if turn[:2].any():
         raise MessageError(f"{name}: angular {turn.tolist()}; allowed: x and y are 0")
     vel = np.empty(3)
     if frame == MAP:
-        frames.enu_to_ned(given, vel)
+        frames.enu_to_ned(linear_mps, vel)
     else:
-        frames.flu_to_frd(given, vel)
+        frames.flu_to_frd(linear_mps, vel)
         forward, right = vel[0], vel[1]
         sin, cos = math.sin(psi_rad), math.cos(psi_rad)
         vel[0], vel[1] = cos * forward - sin * right, sin * forward + cos * right
@@ -306,16 +307,18 @@ def decode_climb(message: Any, namespace: str = "") -> ClimbCommand:
         Another frame, a number that is not finite, anything but linear z.
     """
     name, frame = topics.COMMAND_CLIMB, message.header.frame_id
-    own = in_namespace(BASE, namespace)
-    if frame not in (MAP, own):
-        raise MessageError(f"{name}: frame {quoted(frame)}; allowed: '{MAP}', '{own}' (level)")
+    base_frame = in_namespace(BASE, namespace)
+    if frame not in (MAP, base_frame):
+        raise MessageError(
+            f"{name}: frame {quoted(frame)}; allowed: '{MAP}', '{base_frame}' (level)"
+        )
     v, w = message.twist.linear, message.twist.angular
     linear, angular = np.array([v.x, v.y, v.z], float), np.array([w.x, w.y, w.z], float)
-    said = f"{name}: linear {linear.tolist()}, angular {angular.tolist()}; allowed: "
+    prefix = f"{name}: linear {linear.tolist()}, angular {angular.tolist()}; allowed: "
     if not np.isfinite(np.r_[linear, angular]).all():
-        raise MessageError(f"{said}finite numbers")
+        raise MessageError(f"{prefix}finite numbers")
     if linear[:2].any() or angular.any():
-        raise MessageError(f"{said}linear z alone, the others are 0")
+        raise MessageError(f"{prefix}linear z alone, the others are 0")
     stamp = message.header.stamp
     return ClimbCommand(stamp.sec * NS_PER_S + stamp.nanosec, float(linear[2]))
 
@@ -381,15 +384,19 @@ def decode_goal(message: Any) -> GoalCommand:
     from geometry_msgs.msg import PoseStamped
     from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-    name, given = topics.GOAL, list(message.joint_names[:2])
+    name, joint_names = topics.GOAL, list(message.joint_names[:2])
     commands = (*_PLAIN, _GOTO, _FOLLOW)
-    if len(given) < 2 or given[0] not in commands or not 0 < len(given[1]) <= _MOST_ID:
-        said = ", ".join(map(quoted, given))
+    if (
+        len(joint_names) < 2
+        or joint_names[0] not in commands
+        or not 0 < len(joint_names[1]) <= _MOST_ID
+    ):
+        quoted_names = ", ".join(map(quoted, joint_names))
         raise MessageError(
-            f"{name}: joint_names {said or 'empty'}; allowed: a command ({', '.join(commands)}) "
-            f"and an id of 1 to {_MOST_ID} characters"
+            f"{name}: joint_names {quoted_names or 'empty'}; allowed: a command "
+            f"({', '.join(commands)}) and an id of 1 to {_MOST_ID} characters"
         )
-    command, goal_id = given
+    command, goal_id = joint_names
     if command == _FOLLOW:
         names = list(message.joint_names[2:])
         return GoalCommand(

@@ -167,10 +167,10 @@ def goals_text(answers: Iterable[GoalAnswer]) -> str:
 def goals_of(facts: Mapping[str, str]) -> list[GoalAnswer]:
     """The answers that the outer loop tells; none if not."""
     with contextlib.suppress(ValueError, TypeError, KeyError):
-        told = [GoalAnswer(**fields) for fields in json.loads(facts[FACT_GOALS])]
-        for answer in told:
+        answers = [GoalAnswer(**fields) for fields in json.loads(facts[FACT_GOALS])]
+        for answer in answers:
             answer.state = GoalState(answer.state)
-        return told
+        return answers
     return []
 
 
@@ -204,7 +204,7 @@ class Reporter:
         self._array, self._status = DiagnosticArray(), DiagnosticStatus()
         self._status.name, self._status.hardware_id = name, hardware
         self._array.status = [self._status]
-        self._said: tuple[Level, str, NodeState] | None = None
+        self._published: tuple[Level, str, NodeState] | None = None
         self._due_tick = 0
         self._silent = True
 
@@ -212,7 +212,7 @@ class Reporter:
         """True if the status changed or a simulated second has passed."""
         # A due tick of another second than the next: time was set back.
         due = not self._due_tick - self._per_s <= tick < self._due_tick
-        return due or (level, message, state) != self._said
+        return due or (level, message, state) != self._published
 
     def was_silent(self) -> bool:
         """True if nothing new has been sent since the last call."""
@@ -231,7 +231,7 @@ class Reporter:
     ) -> None:
         """Send a status, stamped in simulation time; `repeated` if no tick asks for it."""
         self._silent = repeated
-        self._said = (level, message, state)
+        self._published = (level, message, state)
         self._due_tick = (tick // self._per_s + 1) * self._per_s
         stamp = self._array.header.stamp
         stamp.sec, stamp.nanosec = divmod(stamp_ns, NS_PER_S)

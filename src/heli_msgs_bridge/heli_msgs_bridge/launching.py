@@ -46,9 +46,9 @@ def declare(arguments: Sequence[Argument]) -> list[DeclareLaunchArgument]:
     ]
 
 
-def users_files(given: Mapping[str, str]) -> list[str]:
+def users_files(configurations: Mapping[str, str]) -> list[str]:
     """The user's parameter file, if given; ValueError if there is none: launch would go on."""
-    path = given["params_file"]
+    path = configurations["params_file"]
     if path and not Path(path).is_file():
         raise ValueError(f"params_file:={path}: is not a file")
     return [path] if path else []
@@ -124,7 +124,7 @@ def _when_one_ends(
 def node(
     package: str,
     name: str,
-    given: Mapping[str, str],
+    configurations: Mapping[str, str],
     layers: Sequence[Any],
     needed: bool = True,
     again: Again | None = None,
@@ -138,9 +138,9 @@ def node(
         package=package,
         executable=name,
         name=name,
-        namespace=given["namespace"],
+        namespace=configurations["namespace"],
         parameters=[layer for layer in layers if layer],
-        ros_arguments=["--log-level", given["log_level"]],
+        ros_arguments=["--log-level", configurations["log_level"]],
         output="screen",
         on_exit=partial(_when_one_ends, needed, name, again),
         **(again.options(name) if again is not None else {}),
@@ -150,7 +150,7 @@ def node(
 def together(
     package: str,
     executable: str,
-    given: Mapping[str, str],
+    configurations: Mapping[str, str],
     layers: Mapping[str, Sequence[Sequence[Any]]],
     needed: bool = True,
 ) -> Node:
@@ -166,9 +166,9 @@ def together(
     return Node(
         package=package,
         executable=executable,
-        namespace=given["namespace"],
+        namespace=configurations["namespace"],
         parameters=list(files),
-        ros_arguments=["--log-level", given["log_level"]],
+        ros_arguments=["--log-level", configurations["log_level"]],
         output="screen",
         on_exit=partial(_when_one_ends, needed, executable, None),
     )
@@ -186,8 +186,8 @@ def _file(name: str, layer: Any) -> str:
 
 
 def _only(package: str, name: str, context: Any) -> list[Node]:
-    given = context.launch_configurations
-    return [node(package, name, given, users_files(given))]
+    configurations = context.launch_configurations
+    return [node(package, name, configurations, users_files(configurations))]
 
 
 def single_node(package: str, name: str) -> LaunchDescription:

@@ -464,7 +464,7 @@ def _joint_block(
         for i, name in enumerate(names):
             if name not in message.name:
                 got = (
-                    ", ".join(printable(given, _LONGEST_TEXT) for given in message.name[:_SHOWN])
+                    ", ".join(printable(joint, _LONGEST_TEXT) for joint in message.name[:_SHOWN])
                     or "none"
                 )
                 got += ", ..." if len(message.name) > _SHOWN else ""

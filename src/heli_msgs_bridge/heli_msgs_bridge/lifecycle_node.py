@@ -126,8 +126,8 @@ class NodeSpec:
     def default_files(self) -> list[Path]:
         """Packaged YAML files, weakest first; `NodeStartError` if the installation lacks them."""
         try:
-            own = command_line.config_folder(self.package) / self.config
-            return [command_line.config_folder(_FILES) / "common.yaml", own]
+            node_file = command_line.config_folder(self.package) / self.config
+            return [command_line.config_folder(_FILES) / "common.yaml", node_file]
         except command_line.MissingFileError as error:
             raise NodeStartError(str(error)) from error
 
@@ -140,8 +140,8 @@ class NodeSpec:
         """
         table = self.full_table()
         values = load(table, self.default_files(), self.name)
-        given = stated(table, params_files, name or self.name, rules)
-        return values | {key: entry.value for key, entry in given.items()}
+        entries = stated(table, params_files, name or self.name, rules)
+        return values | {key: entry.value for key, entry in entries.items()}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -217,14 +217,14 @@ def absent(node: "ManagedNode") -> Absent | None:
         The process was asked to end.
     """
     try:
-        found = next(_all_absent(node), None)
+        lacking = next(_all_absent(node), None)
     except Exception:
         # A look at the graph fails when ROS ends under it.
         if not node.leaving():
             raise
     if node.leaving():
         raise ExternalShutdownException
-    return found
+    return lacking
 
 
 def _get_ready(node: "ManagedNode", lacking: Absent) -> bool:
@@ -256,8 +256,8 @@ def wait_for_peers(node: "ManagedNode") -> None:
             looked_s = now_s
             if _get_ready(node, lacking) and now_s - begun_s < READY_LIMIT_S:
                 deadline_s = now_s + limit_s
-                said = f"waiting for {names} to get ready"
-                node.report(Level.OK, said, state=NodeState.WAITING)
+                message = f"waiting for {names} to get ready"
+                node.report(Level.OK, message, state=NodeState.WAITING)
         if now_s > deadline_s:
             waited = f"{now_s - begun_s:.3g}"
             raise NodeStartError(
@@ -386,7 +386,7 @@ class ParameterUpdates:
     def _begin(self, group: list[RosParameter], changes: dict[str, Any]) -> None:
         """Have a group judged, on the values and the stage of now."""
         node, self._busy = self._node, True
-        values, seen = {**node.values, **changes}, node.revision
+        values, revision = {**node.values, **changes}, node.revision
 
         def work() -> None:
             verdict = Decision(changes)
@@ -399,7 +399,7 @@ class ParameterUpdates:
             # While the process ends nobody waits for a verdict, nor takes one.
             if (executor := node.executor) is not None:
                 with contextlib.suppress(Exception):
-                    executor.create_task(self._judged, group, verdict, seen)
+                    executor.create_task(self._judged, group, verdict, revision)
 
         if self._thread is None:
             self._thread = threading.Thread(target=self._judge_all, daemon=True)
@@ -410,9 +410,9 @@ class ParameterUpdates:
         while True:
             self._work.get()()
 
-    def _judged(self, group: list[RosParameter], verdict: Decision, seen: int) -> None:
+    def _judged(self, group: list[RosParameter], verdict: Decision, revision: int) -> None:
         """Back between two ticks: adopt, or judge again if the node has changed meanwhile."""
-        if seen != self._node.revision:
+        if revision != self._node.revision:
             self._begin(group, verdict.changes)
             return
         self._busy = False
@@ -492,12 +492,12 @@ class TableNode(LifecycleNode):
             self.rate.hz,
         )
         judging = ParameterUpdates(self)
-        own: dict[Any, Any] = {
+        callbacks: dict[Any, Any] = {
             SetParameters: judging.one_by_one,
             SetParametersAtomically: judging.together,
         }
         for service in self.services:
-            service.callback = own.get(service.srv_type, service.callback)
+            service.callback = callbacks.get(service.srv_type, service.callback)
 
     def prepared(self, name: str, value: Any) -> Any:
         """A value that is asked for, in words that hold at any time; called between two ticks.
@@ -562,16 +562,16 @@ class TableNode(LifecycleNode):
 
     def send_report(self, repeated: bool = False) -> None:
         """Publish the status if it is due."""
-        said = self.health
+        health = self.health
         if (
             repeated
             or self.urgent
-            or self._reporter.is_due(self.tick, said.level, said.message, said.state)
+            or self._reporter.is_due(self.tick, health.level, health.message, health.state)
         ):
             self.urgent = False
-            facts, now_ns = {**said.facts, **self.flood_facts()}, self.now_ns()
+            facts, now_ns = {**health.facts, **self.flood_facts()}, self.now_ns()
             self._reporter.publish(
-                now_ns, self.tick, said.level, said.message, facts, said.state, repeated
+                now_ns, self.tick, health.level, health.message, facts, health.state, repeated
             )
 
     def flood_facts(self) -> dict[str, str]:
@@ -798,8 +798,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
     def _history(self) -> int:
         """How many messages of a stream are kept; where they are repeated, what is soon flown."""
         paced = self.respawns and not self.values["lockstep"]
-        own = topics.DEPTH if self.respawns else topics.UNHEARD
-        return self.rate.of(_REPEATED_TICKS) if paced else own
+        depth = topics.DEPTH if self.respawns else topics.UNHEARD
+        return self.rate.of(_REPEATED_TICKS) if paced else depth
 
     def subscribe(
         self,
@@ -831,8 +831,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
             if owner is not None:
                 heard = taking_info(self.guarded(locked(owner, callback, ignored)))
             for profile in profiles:
-                given = self.create_subscription(cls, topic, heard, profile, raw=raw)
-                self.at_end(partial(self.destroy_subscription, given))
+                subscription = self.create_subscription(cls, topic, heard, profile, raw=raw)
+                self.at_end(partial(self.destroy_subscription, subscription))
 
         if self.configured:
             listen()
@@ -849,8 +849,8 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     def flood_facts(self) -> dict[str, str]:
         """How many requests came too often, if any did."""
-        told = self.requests.told()
-        return {FACT_FLOOD: told} if told else {}
+        flood = self.requests.summary()
+        return {FACT_FLOOD: flood} if flood else {}
 
     def create_wall_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call this every so many seconds of wall time."""
@@ -972,14 +972,14 @@ class ManagedNode(TableNode, ABC, Generic[Core, Run]):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle callback: a transition has failed half-way; the node is unconfigured again."""
-        said = self.failure
+        failure = self.failure
         if self._active:
             self._leave_active()
         if self.configured:
             self._transition(self.release, NodeState.UNCONFIGURED)
             self._leave_configured()
-        self.failure = said
-        self.report(Level.ERROR, said, state=NodeState.FAILED)
+        self.failure = failure
+        self.report(Level.ERROR, failure, state=NodeState.FAILED)
         return _SUCCESS
 
     def _leave_active(self) -> None:

@@ -205,21 +205,21 @@ def receive(state, link, tick, out):
         best = slot
     if best < 0:
         return NOTHING
-    newest, found = state.newest[link], stamps[best]
+    newest, stamp = state.newest[link], stamps[best]
     for slot in range(arrives.shape[0]):
         if arrives[slot] == NOTHING or arrives[slot] > tick:
             continue
-        if slot % 2 == 1 and not (slot == best and found > newest):
+        if slot % 2 == 1 and not (slot == best and stamp > newest):
             counts[_TWICE] += 1
-        elif stamps[slot] < found or found <= newest:
+        elif stamps[slot] < stamp or stamp <= newest:
             counts[_OVERTAKEN] += 1
         arrives[slot] = NOTHING
-    if found <= newest:
+    if stamp <= newest:
         return NOTHING
-    state.newest[link] = found
+    state.newest[link] = stamp
     for i in range(out.shape[0]):
         out[i] = state.rows[link, best, i]
-    return found
+    return stamp
 
 
 @njit
@@ -436,7 +436,7 @@ class HeardLinks:
         if not self._lags:
             return came
         state, k = self._state, self._kernel
-        heard = {topic: told for topic, told in came.items() if topic not in self._lags}
+        heard = {topic: message for topic, message in came.items() if topic not in self._lags}
         for topic, link in self._places.items():
             row = self._rows[topic]
             stamp, value = came.get(topic, (0, None))
@@ -466,5 +466,5 @@ def _size(topic: str) -> int:
 
 
 def _counted(counts: Iterable[int]) -> str:
-    said = [f"{name} {count}" for name, count in zip(COUNTED, counts, strict=True) if count]
-    return ", ".join(said) or "nothing lost"
+    counted = [f"{name} {count}" for name, count in zip(COUNTED, counts, strict=True) if count]
+    return ", ".join(counted) or "nothing lost"

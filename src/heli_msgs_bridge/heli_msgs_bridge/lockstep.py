@@ -340,7 +340,7 @@ class Lockstep:
         Wall time without a step after which missing topics are called silent.
     ready : callable, optional
         Whether steps may be made at all.
-    told : callable, optional
+    on_silence : callable, optional
         Called when topics have become silent.
     leads : bool
         True for the node that makes time: it begins at tick 0, and goes on, one step per `look`,
@@ -362,7 +362,7 @@ class Lockstep:
         step: Step,
         peer_timeout_s: float,
         ready: Callable[[], bool] = lambda: True,
-        told: Callable[[], None] = lambda: None,
+        on_silence: Callable[[], None] = lambda: None,
         leads: bool = False,
         now_s: Callable[[], float] = time.monotonic,
         refused: Refused = lambda topic, tick, clock_tick: None,
@@ -373,7 +373,7 @@ class Lockstep:
         # A trigger that comes every so many ticks is ahead by as many.
         self._most_ticks = AHEAD_TICKS - 1 + demands[self._trigger].every_ticks
         self._setting, self._refused = ClockGuard(), refused
-        self._step, self._ready, self._told, self._now_s = step, ready, told, now_s
+        self._step, self._ready, self._on_silence, self._now_s = step, ready, on_silence, now_s
         self._peer_timeout_s, self._leads = peer_timeout_s, leads
         self._collecting, self._stepping = True, False
         self._newest_trigger: int | None = None
@@ -500,7 +500,7 @@ class Lockstep:
             return
         self.silent.update(missing)
         self.expect(missing, False)
-        self._told()
+        self._on_silence()
         if self._trigger in missing:
             self._make_step()
         self.resume()
@@ -536,7 +536,7 @@ class RealTime:
         Told of stamps too far from the clock.
     rate : Rate, optional
         Of the ticks.
-    told : callable, optional
+    on_silence : callable, optional
         Called when the trigger has become silent.
 
     Attributes
@@ -556,12 +556,12 @@ class RealTime:
         now_s: Callable[[], float] = time.monotonic,
         refused: Refused = lambda topic, tick, clock_tick: None,
         rate: Rate = OF_100_HZ,
-        told: Callable[[], None] = lambda: None,
+        on_silence: Callable[[], None] = lambda: None,
     ) -> None:
         self._trigger, self._step = trigger, step
         self._per_s, self._ahead = rate.hz, rate.of(AHEAD_TICKS)
         self._own_tick, self._now_s, self._refused = own_tick, now_s, refused
-        self._told = told
+        self._on_silence = on_silence
         self._stepping = self._paused = False
         self._backlog: Backlog | None = None
         self._anchor: tuple[int, float] | None = None
@@ -684,7 +684,7 @@ class RealTime:
             return
         if self._now_s() - anchor[1] > SILENT_S:
             self.silent.add(trigger)
-            self._told()
+            self._on_silence()
 
 
 Pace = Lockstep | RealTime

@@ -101,8 +101,8 @@ class Encoder:
         if topic in (topics.IMU, topics.IMU2):
             # No orientation is given (message definition; REP-145).
             self._block[IMU.quat_cov.start] = -1.0
-        given = [*variances, *[channel.variance] * len(channel.variance_at)]
-        for (start, width), variance in zip(channel.variance_at, given, strict=False):
+        diagonals = [*variances, *[channel.variance] * len(channel.variance_at)]
+        for (start, width), variance in zip(channel.variance_at, diagonals, strict=False):
             size = min(width, 3)
             diagonal = np.maximum(np.broadcast_to(variance, 3), EXACT_VARIANCE)[:size]
             self._block[start : start + size * (width + 1) : width + 1] = diagonal
@@ -241,16 +241,16 @@ class Decoder:
         try:
             message = self._deserialize(raw)
         except Exception as error:
-            said = printable(str(error))
-            raise MessageError(f"{self.topic}: cannot be deserialised: {said}") from error
+            cause = printable(str(error))
+            raise MessageError(f"{self.topic}: cannot be deserialised: {cause}") from error
         stamp = message.header.stamp
         self.stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
         frames = _frames_of(message)
         _refuse_frame(self.topic, frames)
         for frame, allowed in zip(frames, self._allowed or (), strict=False):
             if frame != allowed:
-                said = f"{self.topic}: frame {quoted(frame)}"
-                raise FrameError(f"{said}; allowed: '{allowed}'")
+                where = f"{self.topic}: frame {quoted(frame)}"
+                raise FrameError(f"{where}; allowed: '{allowed}'")
         channel, wider = self._usual, self._usual.wider
         if wider is not None and set(wider.joints) <= set(message.name):
             channel = wider

@@ -49,10 +49,10 @@ _ROS_ARGUMENTS = (
 
 def asks_for_help(arguments: Sequence[str]) -> bool:
     """Whether a command line asks for help rather than for a node (before `--ros-args`)."""
-    own = list(arguments)
-    if "--ros-args" in own:
-        own = own[: own.index("--ros-args")]
-    return "--help" in own or "-h" in own
+    words = list(arguments)
+    if "--ros-args" in words:
+        words = words[: words.index("--ros-args")]
+    return "--help" in words or "-h" in words
 
 
 def _shown(value: Any) -> str:
@@ -69,8 +69,8 @@ def _shown(value: Any) -> str:
 
 def _row(row: Parameter, value: Any) -> str:
     fixed = "; fixed while the node runs" if row.read_only else ""
-    said = f"{row.description}: {row.allowed()}{fixed}"
-    body = textwrap.fill(said, _WIDTH, initial_indent="      ", subsequent_indent="      ")
+    text = f"{row.description}: {row.allowed()}{fixed}"
+    body = textwrap.fill(text, _WIDTH, initial_indent="      ", subsequent_indent="      ")
     return f"  {row.name} = {_shown(value)}\n{body}"
 
 
@@ -150,12 +150,12 @@ def wait_for_dds_shutdown(node: Node) -> None:
 
     For who has work left when its node is destroyed.
     """
-    seen: object = None
+    last_graph: object = None
     begun_s = since_s = time.monotonic()
     while node.context.ok():
         now_s = time.monotonic()
-        if (found := _others(node)) != seen:
-            seen, since_s = found, now_s
+        if (graph := _others(node)) != last_graph:
+            last_graph, since_s = graph, now_s
         if now_s - since_s >= _QUIET_S or now_s - begun_s >= _WAIT_S:
             return
         time.sleep(_LEAVING_LOOK_S)
@@ -325,11 +325,14 @@ _SWITCH_S = 0.0005
 
 def _begin(nodes: Sequence[ManagedNode]) -> bool:
     """Have those that start themselves do so; False if they were asked to end meanwhile."""
-    own = [node for node in nodes if node.values["autostart"]]
+    self_starting = [node for node in nodes if node.values["autostart"]]
     # Who is activated waits for its peers, which may be among those that are configured here.
-    steps = [node.trigger_configure for node in own], [node.trigger_activate for node in own]
+    steps = (
+        [node.trigger_configure for node in self_starting],
+        [node.trigger_activate for node in self_starting],
+    )
     for transitions in steps:
-        for node, transition in zip(own, transitions, strict=True):
+        for node, transition in zip(self_starting, transitions, strict=True):
             if transition() != _SUCCESS:
                 if node.leaving():
                     return False
@@ -347,8 +350,8 @@ def _serve(nodes: Sequence[ManagedNode], spinning: Spinning) -> int:
         spinning.serve()
     for node in nodes:
         if node.crash is not None:
-            said = f"failed in flight: {type(node.crash).__name__}: {node.crash}"
-            raise _Failed(node.SPEC.name, said, 1) from node.crash
+            message = f"failed in flight: {type(node.crash).__name__}: {node.crash}"
+            raise _Failed(node.SPEC.name, message, 1) from node.crash
     return max(node.exit_code for node in nodes)
 
 
@@ -399,12 +402,12 @@ def run_together(classes: Sequence[type[ManagedNode]], argv: Sequence[str], name
     ending, code = None, 1
     try:
         ending = Ending()
-        given = [_values(cls, argv) for cls in classes]
+        values_by_class = [_values(cls, argv) for cls in classes]
         if all(cls.PATIENCE_S for cls in classes):
             _stand_back()
         options = SignalHandlerOptions.NO
         _named(name, lambda: rclpy.init(args=[name, *argv], signal_handler_options=options))
-        for cls, values in zip(classes, given, strict=True):
+        for cls, values in zip(classes, values_by_class, strict=True):
             nodes.append(_named(cls.SPEC.name, partial(cls, values)))
             nodes[-1].asked_to_end = lambda: ending.asked
         code = _spin(nodes, ending)
@@ -446,13 +449,15 @@ def stand_by(
         As `run`.
     """
     nodes: list[ManagedNode] = []
-    ending = own = None
+    ending = standby_node = None
     code = 1
     try:
         ending = Ending()
         options = SignalHandlerOptions.NO
         _named(name, lambda: rclpy.init(args=[name, *argv], signal_handler_options=options))
-        own = Node(f"{name}_{os.getpid()}", enable_rosout=False, start_parameter_services=False)
+        standby_node = Node(
+            f"{name}_{os.getpid()}", enable_rosout=False, start_parameter_services=False
+        )
         order = wait(lambda: ending.asked)
         if order is not None:
             cls, more = order
@@ -466,7 +471,7 @@ def stand_by(
     except Exception as error:
         complain(name, f"failed in flight: {type(error).__name__}: {error}")
     finally:
-        _end(nodes, code, *([own] if own is not None else []))
+        _end(nodes, code, *([standby_node] if standby_node is not None else []))
         if ending is not None:
             ending.close()
     return code

@@ -58,8 +58,8 @@ class Later:
 
 def error_line(error: BaseException) -> str:
     """An exception in one line."""
-    said = " ".join(str(error).split())
-    return said if isinstance(error, ValueError) and said else f"{type(error).__name__}: {said}"
+    text = " ".join(str(error).split())
+    return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"
 
 
 def _refusal(kind: Any, request: Any, reason: str) -> Any:
@@ -274,6 +274,6 @@ class RequestLimit:
             self.warn(f"request refused: {self._limit.sentence}")
         return self._limit.sentence
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """How many came too often, and why that is too often; empty if none did."""
         return f"{self._limit.refused}; {self._limit.sentence}" if self._limit.refused else ""

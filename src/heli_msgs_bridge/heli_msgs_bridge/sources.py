@@ -162,27 +162,27 @@ class PublisherLock:
 
     def _judge(self, number: int, raw: bytes, came_s: float) -> bool:
         """Whether a message is the owner's, though its number says so not by itself."""
-        own, before = self._number, self._before
-        if own is None:
+        last_number, before = self._number, self._before
+        if last_number is None:
             return True
-        next_one, known = number == own + 1, number in self._others
+        next_one, known = number == last_number + 1, number in self._others
         if next_one and (not known or self._continues(raw)):
             return True
         if before is not None and number == before + 1:
-            self._others.add(own + 1)
+            self._others.add(last_number + 1)
             self._before = None
             return True
         alone, silent_s = not next_one and self._count() <= 1, came_s - self._heard_s
         silent = silent_s > SUCCESSOR_S
         if (silent or not (known or next_one)) and self._heir(silent):
             self._others.clear()
-            self._before = own
+            self._before = last_number
             return True
         if alone or silent_s > self._silence_s:
             # Numbers that go on are the owner's: messages between were lost.
-            self.successions += not (alone and number > own)
+            self.successions += not (alone and number > last_number)
             self._others.clear()
-            self._before = own
+            self._before = last_number
             return True
         self._others.discard(number)
         if len(self._others) < _MOST_OTHERS:
@@ -316,8 +316,8 @@ def strangers_of(node: Node, topic: str) -> bool | None:
     A process that was killed stays in the graph for some seconds beside its successor.
     """
     space = node.get_namespace()
-    own = {(space, name) for name in BY_NAME[topic].source}
-    others = set(senders_of(node, topic)) - own
+    expected = {(space, name) for name in BY_NAME[topic].source}
+    others = set(senders_of(node, topic)) - expected
     return None if others == {("", NOT_YET_NAMED)} else bool(others)
 
 
@@ -355,8 +355,8 @@ def several(topic: str, senders: Sequence[tuple[str, str]], first: str = "") -> 
 
 def others_in_words(node: Node, topic: str) -> str:
     """Full names of those who send on a topic besides a node; empty if nobody does."""
-    own = (node.get_namespace(), node.get_name())
-    return ", ".join(full_name(sender) for sender in senders_of(node, topic) if sender != own)
+    this_node = (node.get_namespace(), node.get_name())
+    return ", ".join(full_name(sender) for sender in senders_of(node, topic) if sender != this_node)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -375,7 +375,7 @@ class DiagnosticSenders:
     ----------
     namespace : str
         Of the aircraft.
-    own : iterable of str
+    node_names : iterable of str
         Names of its nodes.
 
     Attributes
@@ -384,9 +384,9 @@ class DiagnosticSenders:
         Names under which a message has come whose number was not the next one.
     """
 
-    def __init__(self, namespace: str, own: Iterable[str]) -> None:
+    def __init__(self, namespace: str, node_names: Iterable[str]) -> None:
         self._space = namespace.strip("/")
-        self._heard = {f"{self._space}/{name}".strip("/") for name in own}
+        self._heard = {f"{self._space}/{name}".strip("/") for name in node_names}
         self._numbers: dict[str, int] = {}
         self._times: dict[str, int] = {}
         self._anew: set[str] = set()

@@ -269,8 +269,8 @@ class RespawnableNode(ManagedNode[Core, Run]):
         self.tick = known.tick
         self.changed, sent, content = known.content
         self.restore_state(content, not (self.values["lockstep"] or self.CATCHES_UP))
-        said = f"started again in flight, after {self.rate.seconds(known.tick):.2f} s of it"
-        self.get_logger().warning(said)
+        message = f"started again in flight, after {self.rate.seconds(known.tick):.2f} s of it"
+        self.get_logger().warning(message)
         if self.sent is not None:
             # Each waits for the other there, so whoever did not know this node yet hears it again,
             # and another that died with it what only the dead one had sent.
@@ -380,7 +380,7 @@ class TickNode(RespawnableNode[NodeCore, Run]):
             trigger, own_tick = (None, lambda: self.tick) if leads else (inputs[0].topic, None)
             pace = RealTime(
                 trigger, self._make_step, own_tick, refused=refused, rate=self.rate,
-                told=self._tell_silence,
+                on_silence=self._tell_silence,
             )  # fmt: skip
             if not leads:
                 self.create_wall_timer(_WATCH_PERIOD_S, pace.look)
@@ -556,8 +556,8 @@ class TickNode(RespawnableNode[NodeCore, Run]):
         """Sentence about a message that was refused aloud in the last second; else empty."""
         if not self.configured:
             return ""
-        told = self.core.refusals.values()
-        recent = (r for r in told if 0 <= self.tick - r.tick < self.rate.hz)
+        refusals = self.core.refusals.values()
+        recent = (r for r in refusals if 0 <= self.tick - r.tick < self.rate.hz)
         newest = max(recent, key=lambda r: r.tick, default=None)
         return f"message refused: {newest.why}" if newest is not None else ""
 

@@ -232,8 +232,10 @@ def qos_to_hear(name: str, depth: int = DEPTH) -> tuple[Any, ...]:
     A latched topic needs two: who asks for old messages meets no sender of default QoS (`ros2 topic
     pub`), who does not gets none of what was sent before. `sources.Once` makes one of them.
     """
-    given = qos(name, depth)
-    return (given, _profile(depth, False)) if name in KNOWN and KNOWN[name].latched else (given,)
+    profile = qos(name, depth)
+    return (
+        (profile, _profile(depth, False)) if name in KNOWN and KNOWN[name].latched else (profile,)
+    )
 
 
 def _profile(depth: int, latched: bool) -> Any:

@@ -44,7 +44,7 @@ class LockstepMachine(RuleBasedStateMachine):
             lambda tick, arrived: self.made.append((tick, dict(arrived))),
             TIMEOUT_S,
             ready=lambda: self.open,
-            told=self.hear_of_silence,
+            on_silence=self.hear_of_silence,
             leads=self.leads,
             now_s=lambda: self.time_s,
             refused=lambda *odd: self.refused.append(odd),

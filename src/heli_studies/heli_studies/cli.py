@@ -665,7 +665,7 @@ def _searched(
 
     try:
         with flier(*who) as fly, long_steps("flights", most) as progress:
-            flights.fly, flights.told = fly, lambda flown: progress(flown, remark())
+            flights.fly, flights.report_count = fly, lambda flown: progress(flown, remark())
             run()
     except (KeyboardInterrupt, FlightError):
         finish(broken=True)

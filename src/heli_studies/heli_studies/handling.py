@@ -369,7 +369,7 @@ def score_manoeuvre(
         )
     track = flight.track.between(start_s, wanted.end_s)
     manoeuvre_score = score(track, name, scale, target, wanted.ground_m)
-    remarks = (*flight.remarks, *filter(None, (why, ours)), *manoeuvre_score.found.remarks)
+    remarks = (*flight.remarks, *filter(None, (why, ours)), *manoeuvre_score.manoeuvre.remarks)
     return Scored(flight, track, manoeuvre_score, remarks)
 
 
@@ -411,7 +411,7 @@ def print_score(scored: Scored, out: Console) -> None:
         shown.add_row(f"({limits.text})", value_text, "", span, "", met)
     out.print(shown)
     phases = ", ".join(
-        f"{p.name} {p.start_s:.2f} to {p.end_s:.2f} s" for p in manoeuvre_score.found.phases
+        f"{p.name} {p.start_s:.2f} to {p.end_s:.2f} s" for p in manoeuvre_score.manoeuvre.phases
     )
     out.print(f"{scored.flight.topic}: {phases}", soft_wrap=True, markup=False)
     for remark in scored.remarks:
@@ -562,7 +562,7 @@ def check_picture(path: Path) -> None:
 
 def draw_score(track: MotionTrack, score: ManoeuvreScore, path: Path) -> None:
     """Draw a manoeuvre: ground track at the left, bounded signals over time at the right."""
-    bounded = [c for c in score.table.criteria if c.name in score.found.traces]
+    bounded = [c for c in score.table.criteria if c.name in score.manoeuvre.traces]
     rows = max(len(bounded), 1)
     with picture(path, rows, 2, (9.0, 1.2 + 1.9 * rows)) as (figure, axes):
         grid = axes[0, 0].get_gridspec()
@@ -570,7 +570,7 @@ def draw_score(track: MotionTrack, score: ManoeuvreScore, path: Path) -> None:
             ax.remove()
         _plan(figure.add_subplot(grid[:, 0]), track, score)
         for ax, criterion in zip(axes[:, 1], bounded, strict=False):
-            _bounded(ax, criterion, score.found.traces[criterion.name])
+            _bounded(ax, criterion, score.manoeuvre.traces[criterion.name])
         axes[-1, 1].set_xlabel("time, s")
         scale = "" if score.scale.ratio == 1.0 else f", lengths x {score.scale.ratio:.4f} (Froude)"
         figure.suptitle(
@@ -580,13 +580,13 @@ def draw_score(track: MotionTrack, score: ManoeuvreScore, path: Path) -> None:
 
 def _plan(ax, track: MotionTrack, score: ManoeuvreScore) -> None:
     """The ground track by phases: east and north of where it begins, or along a straight course."""
-    marks = score.found.marks_ned_m
+    marks = score.manoeuvre.marks_ned_m
     straight = len(marks) == _ENDS
     origin = marks[0] if straight else track.pos_ned_m[0, :2]
     turn = _course_axes(marks) if straight else np.eye(2)
     way, marks = (track.pos_ned_m[:, :2] - origin) @ turn, (marks - origin) @ turn
     ax.plot(way[:, 1], way[:, 0], color="#cccccc", linewidth=0.8)
-    for n, phase in enumerate(score.found.phases):
+    for n, phase in enumerate(score.manoeuvre.phases):
         at = (track.time_s >= phase.start_s) & (track.time_s <= phase.end_s)
         label = f"{phase.name}, {phase.end_s - phase.start_s:.1f} s"
         ax.plot(way[at, 1], way[at, 0], color=_COLOURS[n % len(_COLOURS)], label=label)
@@ -645,7 +645,7 @@ def _rings(track: MotionTrack, score: ManoeuvreScore, marks: Array, bound: float
 
 def _heading(track: MotionTrack, score: ManoeuvreScore) -> float:
     """Yaw angle of the last phase, rad."""
-    last = score.found.phases[-1]
+    last = score.manoeuvre.phases[-1]
     at = (track.time_s >= last.start_s) & (track.time_s <= last.end_s)
     return float(np.median(track.attitude_rad[at, 2]))
 
@@ -688,7 +688,7 @@ class Responses:
     source : str
         What was swept.
     scale : Scale
-    found : FrequencyResponse
+    response : FrequencyResponse
     measures : tuple of Measure
     changes : tuple of AttitudeChange
         Of attitude, from steady ones.
@@ -699,7 +699,7 @@ class Responses:
     axis: str
     source: str
     scale: Scale
-    found: FrequencyResponse
+    response: FrequencyResponse
     measures: tuple[Measure, ...]
     changes: tuple[AttitudeChange, ...]
     remarks: tuple[str, ...]
@@ -717,14 +717,14 @@ class Responses:
             "response": self.axis,
             "source": self.source,
             "scale": {"name": self.scale.name, "length_ratio": self.scale.ratio},
-            "coherent_from_radps": float(self.found.omega_radps[0]),
-            "coherent_to_radps": float(self.found.omega_radps[-1]),
+            "coherent_from_radps": float(self.response.omega_radps[0]),
+            "coherent_to_radps": float(self.response.omega_radps[-1]),
             "measures": [measure.as_dict() for measure in self.measures],
             "changes": [change.as_dict() for change in self.changes],
-            "omega_radps": self.found.omega_radps.tolist(),
-            "gain_db": self.found.gain_db.tolist(),
-            "phase_deg": self.found.phase_deg.tolist(),
-            "coherence": self.found.coherence.tolist(),
+            "omega_radps": self.response.omega_radps.tolist(),
+            "gain_db": self.response.gain_db.tolist(),
+            "phase_deg": self.response.phase_deg.tolist(),
+            "coherence": self.response.coherence.tolist(),
             "flight": str(path),
             "topic": self.flight.topic,
             "start_ns": self.flight.start_ns,
@@ -790,7 +790,7 @@ def print_response(responses: Responses, out: Console) -> None:
         shown.add_row(what, f"{change.quickness_per_s:.3g} 1/s", "", "", "")
     out.print(shown)
     print_forged(responses.flight, out)
-    omega = responses.found.omega_radps
+    omega = responses.response.omega_radps
     out.print(
         f"{responses.flight.topic}: coherence above {LEAST_COHERENCE:g} from {omega[0]:.3g} to "
         f"{omega[-1]:.3g} rad/s",
@@ -803,7 +803,7 @@ def print_response(responses: Responses, out: Console) -> None:
 
 def draw_response(responses: Responses, path: Path) -> None:
     """Gain, phase and coherence over frequency, with what was read from them."""
-    response = responses.found
+    response = responses.response
     with picture(path, 3, 1, (6.0, 6.6), sharex=True) as (figure, axes):
         gain, phase, coherence = axes[:, 0]
         gain.semilogx(response.omega_radps, response.gain_db, color=BLUE)

@@ -337,7 +337,7 @@ class Identification:
     ----------
     actuators, gusts : Experiment
     ab, wind, trim, collective : IdentifiedAB, IdentifiedE, IdentifiedTrim, IdentifiedCollective
-    given : Given
+    a_priori : Given
     design : FinishedDesign
     """
 
@@ -347,7 +347,7 @@ class Identification:
     wind: IdentifiedE
     trim: IdentifiedTrim
     collective: IdentifiedCollective
-    given: Given
+    a_priori: Given
     design: FinishedDesign
 
 
@@ -697,7 +697,7 @@ class IdentifyOutcome:
 
     Attributes
     ----------
-    found : Identification
+    identification : Identification
     truth : Truth or None
         None where the aircraft file is not known.
     rows : sequence of ComparisonRow
@@ -705,7 +705,7 @@ class IdentifyOutcome:
         Of the first experiment.
     """
 
-    found: Identification
+    identification: Identification
     truth: Truth | None
     rows: Sequence[ComparisonRow]
     settings: Settings
@@ -713,7 +713,7 @@ class IdentifyOutcome:
     @property
     def zeros(self) -> tuple[str, ...]:
         """Entries of A and B that the flight does not tell from zero; E has its own."""
-        return tuple(n for n in self.found.ab.taken_for_zero if not n.startswith("E"))
+        return tuple(n for n in self.identification.ab.taken_for_zero if not n.startswith("E"))
 
 
 def layers(wanted: IdentifyOrder) -> list[Path]:
@@ -827,7 +827,7 @@ def _fly_graph(settings: Settings, folder: Path, progress: Any) -> None:
 
 def as_dict(outcome: IdentifyOutcome) -> dict[str, Any]:
     """Everything for JSON."""
-    identification, a_priori = outcome.found, outcome.found.given
+    identification, a_priori = outcome.identification, outcome.identification.a_priori
     missed = misses(outcome.rows)
     return {
         "measured_on_the_ground": dict(a_priori.ground),

@@ -260,7 +260,7 @@ def write_page(outcome: IdentifyOutcome, folder: Path) -> Path:
     OSError
         The folder cannot be written.
     """
-    drawn = charts(outcome.found, outcome.truth)
+    drawn = charts(outcome.identification, outcome.truth)
     page = folder / PAGE
     page.write_text(render(outcome, drawn), encoding="utf-8")
     write_figures(drawn, _conditions(outcome), folder / FIGURES)
@@ -316,8 +316,8 @@ def _verdict(outcome: IdentifyOutcome) -> tuple[str, str, str]:
 
 
 def _facts(outcome: IdentifyOutcome) -> list[tuple[str, str]]:
-    identification, settings = outcome.found, outcome.settings
-    a_priori = identification.given
+    identification, settings = outcome.identification, outcome.settings
+    a_priori = identification.a_priori
     return [
         ("Experiments", f"2, {a_priori.periods} periods of {a_priori.period_s:g} s each"),
         ("Lines", f"{lines_of(identification.actuators)}; {lines_of(identification.gusts)}"),
@@ -329,7 +329,7 @@ def _facts(outcome: IdentifyOutcome) -> list[tuple[str, str]]:
 
 
 def _conditions(outcome: IdentifyOutcome) -> str:
-    a_priori = outcome.found.given
+    a_priori = outcome.identification.a_priori
     return (
         f"Simulated flight: turbulence of MIL-F-8785C and sensor noise on; {a_priori.periods} "
         f"periods of {a_priori.period_s:g} s; seed {outcome.settings.seed}"
@@ -361,7 +361,7 @@ def _group(outcome: IdentifyOutcome, group: str) -> ReportTable:
 
 
 def _ground(outcome: IdentifyOutcome) -> ReportTable:
-    a_priori = outcome.found.given
+    a_priori = outcome.identification.a_priori
     return ReportTable(
         ["constant", "value, SI"],
         [[name, _number(float(value))] for name, value in a_priori.ground.items()],
@@ -374,7 +374,7 @@ def write(outcome: IdentifyOutcome, folder: Path) -> None:
     """Write identified.yaml, identification.json with what `as_dict` gives, and the page."""
     from heli_studies.design.make import write_yaml
 
-    write_yaml(outcome.found.design, folder / YAML, "heli identify, from flight data")
+    write_yaml(outcome.identification.design, folder / YAML, "heli identify, from flight data")
     (folder / JSON).write_text(json_text(as_dict(outcome)), encoding="utf-8")
     write_page(outcome, folder)
 

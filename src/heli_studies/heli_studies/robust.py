@@ -444,7 +444,7 @@ def feedback_flown(settings: Settings) -> OutputFeedback:
 def uncertain_loop(aircraft: AircraftSet, law: OutputFeedback, delay_ticks: int) -> Uncertain:
     """State matrix of the closed loop for every aircraft of the set."""
     parts = _parts(aircraft, law, delay_ticks)
-    return Uncertain.stacked([[parts.plant @ parts.x_and_u], [parts.own]]).reduced()
+    return Uncertain.stacked([[parts.plant @ parts.x_and_u], [parts.law_rates]]).reduced()
 
 
 def wind_to_h(
@@ -459,14 +459,14 @@ def wind_to_h(
     Nothing depends on the ground's speed but through the air's: wind is motion the other way.
     """
     parts = _parts(aircraft, law, delay_ticks)
-    n, size = N_STATES, parts.own.shape[1]
+    n, size = N_STATES, parts.law_rates.shape[1]
     moving = np.zeros((parts.x_and_u.shape[0], 2))
     moving[len(NINE) : n] = -np.eye(2)
     h = np.zeros((len(C), size))
     h[:, : len(NINE)], h[:, n : n + _N_U] = C, D
     rows: list[list[Uncertain | uncertain_Matrix]] = [
         [parts.plant @ np.hstack([parts.x_and_u, moving])],
-        [np.hstack([parts.own, np.zeros((len(parts.own), 2))])],
+        [np.hstack([parts.law_rates, np.zeros((len(parts.law_rates), 2))])],
         [np.hstack([h, np.zeros((len(h), 2))])],
     ]
     return GainFamily(Uncertain.stacked(rows).reduced(), size)
@@ -477,7 +477,7 @@ def disks_at_input(aircraft: AircraftSet, law: OutputFeedback, delay_ticks: int)
     parts = _parts(aircraft, law, delay_ticks)
     u = parts.x_and_u[-_N_U:]
     added = np.vstack([np.zeros((parts.x_and_u.shape[0] - _N_U, _N_U)), np.eye(_N_U)])
-    return _disks(parts, u, added, np.zeros((len(parts.own), _N_U)))
+    return _disks(parts, u, added, np.zeros((len(parts.law_rates), _N_U)))
 
 
 def disks_at_output(
@@ -498,10 +498,10 @@ def _disks(
     parts: "_Parts", signal: uncertain_Matrix, to_plant: uncertain_Matrix, to_law: uncertain_Matrix
 ) -> GainFamily:
     """w = d z is added to a signal (from all states), z = signal + w / 2; so it reaches both."""
-    size, k = parts.own.shape[1], len(signal)
+    size, k = parts.law_rates.shape[1], len(signal)
     rows: list[list[Uncertain | uncertain_Matrix]] = [
         [parts.plant @ np.hstack([parts.x_and_u, to_plant])],
-        [np.hstack([parts.own, to_law])],
+        [np.hstack([parts.law_rates, to_law])],
         [np.hstack([signal, 0.5 * np.eye(k)])],
     ]
     return GainFamily(Uncertain.stacked(rows).reduced(), size, k)
@@ -512,7 +512,7 @@ class _Parts(NamedTuple):
 
     plant: Uncertain
     x_and_u: uncertain_Matrix
-    own: uncertain_Matrix
+    law_rates: uncertain_Matrix
     y: uncertain_Matrix
     read: "_Law"
 

@@ -152,7 +152,7 @@ class BoundedSignal:
 
 
 @dataclass(frozen=True)
-class Found:
+class FlownManoeuvre:
     """A manoeuvre in a flight.
 
     Attributes
@@ -222,14 +222,14 @@ def hovers(track: MotionTrack, table: Manoeuvre) -> list[tuple[int, int]]:
     HandlingError
         NO_PHASES.
     """
-    found = stills(track, table)
-    if not found:
+    still_stretches = stills(track, table)
+    if not still_stretches:
         raise not_found(
             table,
             f"no hover to begin from: the speed is never below {table['still_mps']:.2f} m/s "
             f"for {table['still_for_s']:.2f} s",
         )
-    return found
+    return still_stretches
 
 
 def departure(track: MotionTrack, table: Manoeuvre, reach_m: float) -> int:
@@ -240,13 +240,13 @@ def departure(track: MotionTrack, table: Manoeuvre, reach_m: float) -> int:
     HandlingError
         NO_PHASES: it never hovers, or never leaves.
     """
-    found = hovers(track, table)
-    away = np.hypot(*offset(track, track.pos_ned_m[found[0][0]], slice(None)).T)
-    gone = np.flatnonzero(away[found[0][0] :] > reach_m)
+    hover_stretches = hovers(track, table)
+    away = np.hypot(*offset(track, track.pos_ned_m[hover_stretches[0][0]], slice(None)).T)
+    gone = np.flatnonzero(away[hover_stretches[0][0] :] > reach_m)
     if not gone.size:
         raise not_found(table, f"the aircraft never leaves its first hover by {reach_m:.1f} m")
-    left = found[0][0] + int(gone[0])
-    return min(left, max(b for a, b in found if a <= left))
+    left = hover_stretches[0][0] + int(gone[0])
+    return min(left, max(b for a, b in hover_stretches if a <= left))
 
 
 def offset(track: MotionTrack, point_ned_m: Array, part: slice) -> Array:
@@ -276,14 +276,14 @@ _TURNS = 4  # of a slalom: twice to each side
 
 def depart_abort(
     track: MotionTrack, table: Manoeuvre, target_ned_m: Array | None, ground_m: float
-) -> Found:
+) -> FlownManoeuvre:
     """Acceleration along the nose and deceleration to the end of the course."""
     return _dash(track, table, target_ned_m, ground_m, sideways=False)
 
 
 def lateral_reposition(
     track: MotionTrack, table: Manoeuvre, target_ned_m: Array | None, ground_m: float
-) -> Found:
+) -> FlownManoeuvre:
     """Acceleration to the side and deceleration to the end of the course."""
     return _dash(track, table, target_ned_m, ground_m, sideways=True)
 
@@ -362,7 +362,7 @@ def _dash(
     target_ned_m: Array | None,
     ground_m: float,
     sideways: bool,
-) -> Found:
+) -> FlownManoeuvre:
     """From hover to hover along a line, the nose along it or square to it."""
     course = _course(track, table, target_ned_m)
     part = slice(course.begin, course.end + 1)
@@ -383,7 +383,7 @@ def _dash(
         traces["height"] = BoundedSignal(time_s, height - ground_m, ("height",))
         conditions["overshoot"] = float(course.along_m[part].max() - course.length_m)
     start = track.pos_ned_m[course.begin, :2]
-    return Found(
+    return FlownManoeuvre(
         (
             FlightStretch("acceleration", float(time_s[0]), float(track.time_s[peak])),
             FlightStretch("deceleration", float(track.time_s[peak]), float(time_s[-1])),
@@ -397,7 +397,7 @@ def _dash(
 
 def slalom(
     track: MotionTrack, table: Manoeuvre, target_ned_m: Array | None, ground_m: float
-) -> Found:
+) -> FlownManoeuvre:
     """Turns to alternate sides of the line from the track's first sample to its last.
 
     Raises
@@ -431,7 +431,7 @@ def slalom(
     part = slice(begin, end + 1)
     size = np.abs(across[turns])
     small, large = int(np.argmin(size)), int(np.argmax(size))
-    return Found(
+    return FlownManoeuvre(
         tuple(
             FlightStretch(f"turn {n}", float(track.time_s[a]), float(track.time_s[b]))
             for n, (a, b) in enumerate(_between(begin, turns, end), 1)
@@ -458,9 +458,9 @@ def slalom(
 
 def _turns(across: Array, least: float) -> list[int]:
     """Indices of the farthest points to alternate sides."""
-    found, _ = find_peaks(np.abs(across), height=least, prominence=least)
+    peaks, _ = find_peaks(np.abs(across), height=least, prominence=least)
     turns: list[int] = []
-    for i in found.tolist():
+    for i in peaks.tolist():
         if turns and across[turns[-1]] * across[i] > 0.0:
             turns[-1] = max(turns[-1], i, key=lambda k: abs(across[k]))
         else:
@@ -476,7 +476,7 @@ def _between(begin: int, turns: list[int], end: int) -> list[tuple[int, int]]:
 
 def pirouette(
     track: MotionTrack, table: Manoeuvre, target_ned_m: Array | None, ground_m: float
-) -> Found:
+) -> FlownManoeuvre:
     """Once around a circle with the nose to its centre, then a hover over the start.
 
     Without a target the centre is that of the circle of the manoeuvre's radius that fits best.
@@ -513,7 +513,7 @@ def pirouette(
     height = track.height_m[whole, None]
     turn = np.linspace(0.0, 2.0 * np.pi, _CIRCLE)
     moments = [float(track.time_s[i]) for i in (begin, arrival, capture, held)]
-    return Found(
+    return FlownManoeuvre(
         tuple(
             FlightStretch(name, a, b)
             for name, a, b in zip(("circle", "capture", "hold"), moments, moments[1:], strict=False)
@@ -565,7 +565,7 @@ _DECELERATING = 0.95  # of the approach's speed: below, the deceleration has beg
 
 def hover(
     track: MotionTrack, table: Manoeuvre, target_ned_m: Array | None, ground_m: float
-) -> Found:
+) -> FlownManoeuvre:
     """Translation, deceleration, and the hold after it.
 
     Without a translation at more than half the approach's speed only a hold is scored: the stretch
@@ -609,7 +609,7 @@ def hover(
         remarks.append(
             "no target was given: position and altitude are measured from their medians in the hold"
         )
-    return Found(
+    return FlownManoeuvre(
         tuple(phases),
         _held(track, part, target_ned_m, heading),
         numbers,
@@ -621,7 +621,7 @@ def hover(
 
 def vertical(
     track: MotionTrack, table: Manoeuvre, target_ned_m: Array | None, ground_m: float
-) -> Found:
+) -> FlownManoeuvre:
     """Ascent, time at the top, descent to the first altitude.
 
     Raises
@@ -658,7 +658,7 @@ def vertical(
     heading = float(track.attitude_rad[begin, 2])
     traces = _held(track, slice(begin, end + 1), start, heading)
     traces["altitude"] = final
-    return Found(
+    return FlownManoeuvre(
         (
             _phase(track, "ascent", begin, up),
             _phase(track, "top", up, leave),

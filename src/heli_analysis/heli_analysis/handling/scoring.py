@@ -20,7 +20,7 @@ from heli_analysis.handling.definitions import (
 )
 from heli_analysis.handling.manoeuvres import (
     Array,
-    Found,
+    FlownManoeuvre,
     MotionTrack,
     depart_abort,
     hover,
@@ -39,7 +39,7 @@ from heli_core.errors import HandlingCause, HandlingError
 SCHEMA = 1
 """Number of the layout of `ManoeuvreScore.as_dict`; grows when a key changes or goes."""
 
-_FINDERS: dict[str, Callable[[MotionTrack, Manoeuvre, Array | None, float], Found]] = {
+_FINDERS: dict[str, Callable[[MotionTrack, Manoeuvre, Array | None, float], FlownManoeuvre]] = {
     "hover": hover,
     "vertical": vertical,
     "pirouette": pirouette,
@@ -138,7 +138,7 @@ class ManoeuvreScore:
     table : Manoeuvre
         At the scale.
     scale : Scale
-    found : Found
+    manoeuvre : FlownManoeuvre
     results : tuple of CriterionResult
         In the table's order.
     conditions : tuple of ConditionResult
@@ -146,7 +146,7 @@ class ManoeuvreScore:
 
     table: Manoeuvre
     scale: Scale
-    found: Found
+    manoeuvre: FlownManoeuvre
     results: tuple[CriterionResult, ...]
     conditions: tuple[ConditionResult, ...]
 
@@ -170,7 +170,7 @@ class ManoeuvreScore:
             "scale": {"name": self.scale.name, "length_ratio": self.scale.ratio},
             "level": self.level.value,
             "complete": self.complete,
-            "phases": [vars(phase) for phase in self.found.phases],
+            "phases": [vars(phase) for phase in self.manoeuvre.phases],
             "criteria": [result.as_dict() for result in self.results],
             "conditions": [
                 {
@@ -184,7 +184,7 @@ class ManoeuvreScore:
                 }
                 for c in self.conditions
             ],
-            "remarks": list(self.found.remarks),
+            "remarks": list(self.manoeuvre.remarks),
         }
 
 
@@ -215,17 +215,19 @@ def score(
         UNKNOWN, TOO_SHORT, NO_PHASES.
     """
     table = manoeuvre(name, scale)
-    found = _FINDERS[name](track, table, target_ned_m, ground_m)
+    flown_manoeuvre = _FINDERS[name](track, table, target_ned_m, ground_m)
     results = []
     for criterion in table.criteria:
         value: tuple[float | None, float | None] = (None, None)
-        if criterion.name in found.traces:
-            value = found.traces[criterion.name].worst(criterion.at_least)
-        elif criterion.name in found.numbers:
-            value = found.numbers[criterion.name]
+        if criterion.name in flown_manoeuvre.traces:
+            value = flown_manoeuvre.traces[criterion.name].worst(criterion.at_least)
+        elif criterion.name in flown_manoeuvre.numbers:
+            value = flown_manoeuvre.numbers[criterion.name]
         results.append(CriterionResult(criterion, *value))
-    conditions = tuple(ConditionResult(c, found.conditions.get(c.name)) for c in table.conditions)
-    return ManoeuvreScore(table, scale, found, tuple(results), conditions)
+    conditions = tuple(
+        ConditionResult(c, flown_manoeuvre.conditions.get(c.name)) for c in table.conditions
+    )
+    return ManoeuvreScore(table, scale, flown_manoeuvre, tuple(results), conditions)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -308,15 +310,15 @@ def resampled(time_s: Array, values: Array, at_s: Array) -> Array:
 
 
 def frequency_response(
-    time_s: Array, given: Array, answer: Array, window_s: float | None = None
+    time_s: Array, excitation: Array, answer: Array, window_s: float | None = None
 ) -> FrequencyResponse:
-    """Response of `answer` to `given`, by Welch's spectra with Hann windows.
+    """Response of `answer` to `excitation`, by Welch's spectra with Hann windows.
 
     Parameters
     ----------
     time_s : (N,) array
         Equally far apart.
-    given, answer : (N,) array
+    excitation, answer : (N,) array
     window_s : float, optional
         Default: a fifth of the record. Longer ones reach lower frequencies with more scatter.
 
@@ -331,9 +333,9 @@ def frequency_response(
             HandlingCause.TOO_SHORT,
             f"{n} samples of the response, at least {_LEAST_SAMPLES} are needed",
         )
-    if not (np.isfinite(given).all() and np.isfinite(answer).all()):
+    if not (np.isfinite(excitation).all() and np.isfinite(answer).all()):
         raise HandlingError(HandlingCause.NOT_FINITE, "a signal holds a value that is not finite")
-    if np.ptp(given) <= 1e-9:
+    if np.ptp(excitation) <= 1e-9:
         raise HandlingError(
             HandlingCause.NO_EXCITATION, "the input does not move, so nothing answers it"
         )
@@ -345,9 +347,9 @@ def frequency_response(
             f"a window of {size} samples, {_LEAST_SAMPLES // _WINDOWS} are needed",
         )
     options = {"fs": rate, "nperseg": size, "noverlap": int(_OVERLAP * size), "detrend": "linear"}
-    hertz, power = signal.welch(given, **options)
+    hertz, power = signal.welch(excitation, **options)
     _, answered = signal.welch(answer, **options)
-    _, cross = signal.csd(given, answer, **options)
+    _, cross = signal.csd(excitation, answer, **options)
     asked = power > _EXCITED * power.max()
     asked[:2] = False  # what the window makes of the mean
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -368,15 +370,15 @@ def frequency_response(
     )
 
 
-def bandwidth(found: FrequencyResponse) -> Bandwidth:
+def bandwidth(response: FrequencyResponse) -> Bandwidth:
     """Bandwidths and phase delay of an attitude's response."""
-    omega, phase = found.omega_radps, found.phase_deg
+    omega, phase = response.omega_radps, response.phase_deg
     by_phase, neutral = _falls_to(omega, phase, -135.0), _falls_to(omega, phase, -180.0)
     if neutral is None:
         return Bandwidth(by_phase, None, None, None)
     below = omega <= neutral
-    level_db = float(np.interp(neutral, omega, found.gain_db)) + 6.0
-    by_gain = _falls_to(omega[below][::-1], -found.gain_db[below][::-1], -level_db)
+    level_db = float(np.interp(neutral, omega, response.gain_db)) + 6.0
+    by_gain = _falls_to(omega[below][::-1], -response.gain_db[below][::-1], -level_db)
     twice = 2.0 * neutral
     delay = None
     if twice <= omega[-1]:
@@ -385,16 +387,16 @@ def bandwidth(found: FrequencyResponse) -> Bandwidth:
     return Bandwidth(by_phase, by_gain, neutral, delay)
 
 
-def rejection(found: FrequencyResponse) -> Rejection:
+def rejection(response: FrequencyResponse) -> Rejection:
     """Of the response of attitude with its disturbance to the disturbance (sensitivity)."""
-    gain = found.gain_db
+    gain = response.gain_db
     peak = int(np.argmax(gain))
     risen = np.flatnonzero(gain > -3.0)
     bandwidth_radps = None
     if risen.size and risen[0] > 0:
         at = slice(risen[0] - 1, risen[0] + 1)
-        bandwidth_radps = float(np.interp(-3.0, gain[at], found.omega_radps[at]))
-    return Rejection(bandwidth_radps, float(gain[peak]), float(found.omega_radps[peak]))
+        bandwidth_radps = float(np.interp(-3.0, gain[at], response.omega_radps[at]))
+    return Rejection(bandwidth_radps, float(gain[peak]), float(response.omega_radps[peak]))
 
 
 def _falls_to(x: Array, y: Array, level: float) -> float | None:
@@ -459,7 +461,7 @@ class AttitudeChange:
 def changes(time_s: Array, angle_rad: Array) -> list[AttitudeChange]:
     """Changes of at least 5 deg from a steady attitude; sizes are magnitudes."""
     rate = np.gradient(angle_rad, time_s)
-    found = []
+    attitude_changes = []
     for sign in (1.0, -1.0):
         for a, b in runs(sign * rate > 0.0):
             top = float(sign * (angle_rad[b] - angle_rad[a]))
@@ -478,10 +480,10 @@ def changes(time_s: Array, angle_rad: Array) -> list[AttitudeChange]:
             first = float(angle_rad[a])
             peak = float(np.degrees((sign * (angle_rad[a : b + 2] - first)).max()))
             least = float(np.degrees((sign * (angle_rad[b:end] - first)).min()))
-            found.append(
+            attitude_changes.append(
                 AttitudeChange(float(time_s[begin]), float(time_s[b]), peak, least, peak_rate)
             )
-    return sorted(found, key=lambda change: change.start_s)
+    return sorted(attitude_changes, key=lambda change: change.start_s)
 
 
 # -------------------------------------------------------------------------------------------------
@@ -555,31 +557,42 @@ def check_axis(axis: str) -> None:
         raise HandlingError(HandlingCause.UNKNOWN, f"axis {axis!r} is none of {', '.join(AXES)}")
 
 
-def of_bandwidth(found: Bandwidth, axis: str, scale: Scale = FULL_SCALE) -> list[Measure]:
+def of_bandwidth(bandwidths: Bandwidth, axis: str, scale: Scale = FULL_SCALE) -> list[Measure]:
     """Bandwidth by phase (attitude command), by gain, and phase delay.
 
     Frequencies grow with the inverse root of the scale's ratio.
     """
     check_axis(axis)
     root = scale.ratio**0.5
-    upright = found.phase_delay_s is not None and found.phase_delay_s <= _UPRIGHT_S * root
+    upright = bandwidths.phase_delay_s is not None and bandwidths.phase_delay_s <= _UPRIGHT_S * root
     level1, level2 = (b / root if upright else None for b in _BANDWIDTH[axis])
     text = "bandwidth, attitude command (45 deg of phase margin)"
     return [
-        Measure("bandwidth", text, "rad/s", found.phase_radps, level1, level2),
-        Measure("gain_bandwidth", "frequency of 6 dB of gain margin", "rad/s", found.gain_radps),
-        Measure("neutral", "frequency of -180 deg", "rad/s", found.neutral_radps),
-        Measure("phase_delay", "phase delay", "s", found.phase_delay_s, at_least=False),
+        Measure("bandwidth", text, "rad/s", bandwidths.phase_radps, level1, level2),
+        Measure(
+            "gain_bandwidth", "frequency of 6 dB of gain margin", "rad/s", bandwidths.gain_radps
+        ),
+        Measure("neutral", "frequency of -180 deg", "rad/s", bandwidths.neutral_radps),
+        Measure("phase_delay", "phase delay", "s", bandwidths.phase_delay_s, at_least=False),
     ]
 
 
-def of_rejection(found: Rejection, axis: str, scale: Scale = FULL_SCALE) -> list[Measure]:
+def of_rejection(
+    disturbance_rejection: Rejection, axis: str, scale: Scale = FULL_SCALE
+) -> list[Measure]:
     """Disturbance-rejection bandwidth and peak."""
     check_axis(axis)
     least = _REJECTION[axis] / scale.ratio**0.5
     text = "disturbance-rejection bandwidth (-3 dB)"
     return [
-        Measure("drb", text, "rad/s", found.bandwidth_radps, least),
-        Measure("drp", "disturbance-rejection peak", "dB", found.peak_db, _PEAK_DB, at_least=False),
-        Measure("peak", "frequency of this peak", "rad/s", found.peak_radps),
+        Measure("drb", text, "rad/s", disturbance_rejection.bandwidth_radps, least),
+        Measure(
+            "drp",
+            "disturbance-rejection peak",
+            "dB",
+            disturbance_rejection.peak_db,
+            _PEAK_DB,
+            at_least=False,
+        ),
+        Measure("peak", "frequency of this peak", "rad/s", disturbance_rejection.peak_radps),
     ]

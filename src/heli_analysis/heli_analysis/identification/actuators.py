@@ -147,9 +147,9 @@ def channel_coherence(spectra: Spectra) -> dict[str, float]:
     noise = spectra.noise_covariance()
     result = {}
     for i, (actuator, rate) in enumerate(zip(ACTUATORS[ACTUATOR.attitude], RATES, strict=True)):
-        own = spectra.own(i, _LEAST_LINES)
-        power = np.abs(spectra.z[own, i]) ** 2
-        scatter = noise[own, i, i].real * spectra.periods
+        lines = spectra.channel_lines(i, _LEAST_LINES)
+        power = np.abs(spectra.z[lines, i]) ** 2
+        scatter = noise[lines, i, i].real * spectra.periods
         result[f"{rate}/{actuator}"] = median = float(np.median(power / (power + scatter)))
         if median < LEAST_COHERENCE:
             raise IdentificationError(
@@ -202,14 +202,14 @@ def fit_actuators(
     if progress is not None:
         progress("start found")
     if prune:
-        found = select(spectra, names, first, progress)
+        selected = select(spectra, names, first, progress)
     else:
         problem = Problem([spectra], names, None)
-        found = estimate(problem, values_of(names, first), fine=False, joint=False)
-    kept = found.names
+        selected = estimate(problem, values_of(names, first), fine=False, joint=False)
+    kept = selected.names
     dropped = tuple(name for name in names if name not in kept)
-    problem = Problem([spectra], kept, None, found.distortion)
-    start_values = found.values
+    problem = Problem([spectra], kept, None, selected.distortion)
+    start_values = selected.values
     fitted = estimate(problem, start_values, joint=not round_delay, progress=progress)
     delay_s = float(fitted.values[kept.index(DELAY)])
     delay_sigma = float(fitted.sigma[kept.index(DELAY)])
@@ -445,9 +445,9 @@ def _check_gusts(spectra: Spectra, identified: IdentifiedAB) -> dict[str, float]
     scatter = np.mean(np.abs(noise[spectra.neighbours]) ** 2, axis=1) * spectra.periods
     result = {}
     for i, axis in enumerate(WIND):
-        own = spectra.own(4 + i, _GUSTS_LEAST_LINES)
-        power = np.abs(left[own]) ** 2
-        result[axis] = float(np.max(np.median(power / (power + scatter[own]), axis=0)))
+        lines = spectra.channel_lines(4 + i, _GUSTS_LEAST_LINES)
+        power = np.abs(left[lines]) ** 2
+        result[axis] = float(np.max(np.median(power / (power + scatter[lines]), axis=0)))
     best = max(result.values())
     if best < LEAST_COHERENCE:
         raise IdentificationError(
@@ -789,8 +789,8 @@ def fit_collective(
         NO_EXCITATION or TOO_FEW_LINES of d_col, LOW_COHERENCE if the gain's sigma exceeds 20 %.
     """
     spectra = spectra_of(experiment)
-    own = spectra.channel == _COL
-    count = int(own.sum())
+    lines = spectra.channel == _COL
+    count = int(lines.sum())
     if count < _COLLECTIVE_LEAST_LINES:
         cause = (
             IdentificationCause.NO_EXCITATION if count == 0 else IdentificationCause.TOO_FEW_LINES
@@ -805,9 +805,9 @@ def fit_collective(
     position = servo[:, command - INPUTS.start] * spectra.z[:, command]
     wind = (spectra.z[:, GUST] - spectra.z[:, VEL])[:, AIR.w]
     scatter = np.mean(np.abs(force[spectra.noise_bins][spectra.neighbours]) ** 2, axis=1)
-    weight = 1.0 / np.sqrt(scatter[own])
-    M = np.column_stack([position[own], wind[own]]) * weight[:, None]
-    b = force[spectra.bins[own]] * weight
+    weight = 1.0 / np.sqrt(scatter[lines])
+    M = np.column_stack([position[lines], wind[lines]]) * weight[:, None]
+    b = force[spectra.bins[lines]] * weight
     M, b = np.vstack([M.real, M.imag]), np.concatenate([b.real, b.imag])
     values = np.linalg.lstsq(M, b, rcond=None)[0]
     spread = max(1.0, 2.0 * float(np.sum((b - M @ values) ** 2)) / (b.size - 2))
@@ -844,20 +844,20 @@ def relative_air_w(
         NO_EXCITATION or TOO_FEW_LINES of the gust's w.
     """
     spectra = spectra_of(experiment)
-    own = spectra.channel == _GUST_W
-    if int(own.sum()) < _COLLECTIVE_LEAST_LINES:
+    lines = spectra.channel == _GUST_W
+    if int(lines.sum()) < _COLLECTIVE_LEAST_LINES:
         raise IdentificationError(
             IdentificationCause.NO_EXCITATION
-            if not own.any()
+            if not lines.any()
             else IdentificationCause.TOO_FEW_LINES,
-            f"gust_body_mps.w has {int(own.sum())} lines, at least "
+            f"gust_body_mps.w has {int(lines.sum())} lines, at least "
             f"{_COLLECTIVE_LEAST_LINES} are needed",
         )
     steady = experiment.steady()
     position = _servo(steady.u[:, ACTUATOR.col], identified)
     rest = steady.accel_body_mps2[:, 2] - collective.force_per_collective * position
-    force = hann_amplitudes(rest[:, None])[:, 0][spectra.bins[own]]
-    wind = (spectra.z[own, GUST] - spectra.z[own, VEL])[:, AIR.w]
+    force = hann_amplitudes(rest[:, None])[:, 0][spectra.bins[lines]]
+    wind = (spectra.z[lines, GUST] - spectra.z[lines, VEL])[:, AIR.w]
     per_w = float(np.real(np.vdot(wind, force)) / np.real(np.vdot(wind, wind)))
     return (rest - rest.mean()) / per_w
 

@@ -362,10 +362,10 @@ def urgent(
     return tuple(live[i] for i in taken), at[taken] + step
 
 
-def superfluous(found: Estimate, limit: float) -> tuple[str, ...]:
+def superfluous(fit: Estimate, limit: float) -> tuple[str, ...]:
     """Names whose loss raises the cost by less than `limit`, one by one, the least needed first."""
-    values, covariance = found.values.copy(), found.covariance.copy()
-    live = [i for i, name in enumerate(found.names) if name not in ESSENTIAL | EXPECTED]
+    values, covariance = fit.values.copy(), fit.covariance.copy()
+    live = [i for i, name in enumerate(fit.names) if name not in ESSENTIAL | EXPECTED]
     dropped = []
     while live:
         ratios = [values[i] ** 2 / max(covariance[i, i], 1e-300) for i in live]
@@ -376,7 +376,7 @@ def superfluous(found: Estimate, limit: float) -> tuple[str, ...]:
         gain = covariance[:, i] / max(covariance[i, i], 1e-300)
         values = values - gain * values[i]
         covariance = covariance - np.outer(gain, covariance[i])
-        dropped.append(found.names[i])
+        dropped.append(fit.names[i])
     return tuple(dropped)
 
 
@@ -400,21 +400,21 @@ def select(
     kept = tuple(name for name in names if name in ESSENTIAL | EXPECTED)
     start = values_of(kept, first)
     distortion = 0.0
-    seen = set()
+    tried = set()
     for _ in range(_ROUNDS):
         problem = Problem([spectra], kept, None, distortion)
-        found = estimate(problem, start, fine=False, joint=False, progress=progress)
-        distortion = found.distortion
-        seen.add(frozenset(kept))
-        drop = superfluous(found, limit)
+        fit = estimate(problem, start, fine=False, joint=False, progress=progress)
+        distortion = fit.distortion
+        tried.add(frozenset(kept))
+        drop = superfluous(fit, limit)
         if drop:
             kept = tuple(name for name in kept if name not in drop)
-            start = found.values[[found.names.index(name) for name in kept]]
+            start = fit.values[[fit.names.index(name) for name in kept]]
         else:
-            kept, start = urgent(problem, found.values, names, limit)
-        if frozenset(kept) in seen:
+            kept, start = urgent(problem, fit.values, names, limit)
+        if frozenset(kept) in tried:
             break
-    return found
+    return fit
 
 
 # -------------------------------------------------------------------------------------------------
@@ -542,16 +542,16 @@ class StartSearch:
         """Best model over all places to start from."""
         lower = np.array([np.log(3.0), np.log(0.05), 0.0, -200.0, -50.0, -50.0])
         upper = np.array([np.log(250.0), np.log(3.0), 0.15, 0.0, 50.0, 50.0])
-        found = []
+        fits = []
         for servo in _SERVOS_RADPS:
             for flapping in _FLAPPING_1PS:
                 at = np.array([np.log(servo), np.log(0.7), 0.02, -flapping, 0.1, 0.1])
-                found.append(
+                fits.append(
                     least_squares(
                         self.residual, at, bounds=(lower, upper), x_scale="jac", max_nfev=40
                     )
                 )
-        return self.model(min(found, key=lambda result: result.cost).x)
+        return self.model(min(fits, key=lambda result: result.cost).x)
 
     def model(self, x: Array) -> FastModel:
         """The fast model of the solved rows."""

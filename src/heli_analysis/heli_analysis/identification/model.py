@@ -271,8 +271,8 @@ def assemble(names: Sequence[str], values: Array, base: FastModel | None = None)
 def values_of(names: Sequence[str], model: FastModel) -> Array:
     """The named entries of a model, the inverse of `assemble`."""
     scalars = {SERVO: model.servo_radps, DAMPING: model.servo_damping, DELAY: model.delay_s}
-    own = np.diag(model.A)
-    scalars[FLAPPING] = float(-0.5 * (own[STATE.a_s] + own[STATE.b_s]))
+    diagonal = np.diag(model.A)
+    scalars[FLAPPING] = float(-0.5 * (diagonal[STATE.a_s] + diagonal[STATE.b_s]))
     matrices = {"A": model.A, "B": model.B, "E": model.E}
     values = []
     for name in names:
@@ -343,17 +343,17 @@ def measured_response(
     rate, channel : str
     """
     row, index = RATES.index(rate), CHANNELS.index(channel)
-    own = spectra.channel == index
+    lines = spectra.channel == index
     signal = U.start + index  # the gusts follow the actuators
-    z = spectra.z[own]
-    others = transfer(model, spectra.omega_radps[own])[:, row]
+    z = spectra.z[lines]
+    others = transfer(model, spectra.omega_radps[lines])[:, row]
     others[:, signal - U.start] = 0.0
     left = z[:, row] - np.einsum("ls,ls->l", others, z[:, U.start :])
     drive = z[:, signal]
-    noise = spectra.noise_covariance()[own][:, row, row].real
+    noise = spectra.noise_covariance()[lines][:, row, row].real
     power = np.abs(left) ** 2
     return MeasuredResponse(
-        omega_radps=spectra.omega_radps[own],
+        omega_radps=spectra.omega_radps[lines],
         value=left / drive,
         sigma=np.sqrt(0.5 * noise) / np.abs(drive),
         coherence=power / (power + noise * spectra.periods),

@@ -220,10 +220,10 @@ class Spectra:
     neighbours: IntArray
     periods: int
 
-    def own(self, channel: int, least: int) -> NDArray[np.bool_]:
+    def channel_lines(self, channel: int, least: int) -> NDArray[np.bool_]:
         """Mask (L,) of a channel's lines; raises NO_EXCITATION or TOO_FEW_LINES below `least`."""
-        own: NDArray[np.bool_] = self.channel == channel
-        count = int(own.sum())
+        mask: NDArray[np.bool_] = self.channel == channel
+        count = int(mask.sum())
         if count == 0:
             raise IdentificationError(
                 IdentificationCause.NO_EXCITATION,
@@ -234,7 +234,7 @@ class Spectra:
                 IdentificationCause.TOO_FEW_LINES,
                 f"{_DRIVES[channel]} has {count} lines, at least {least} are needed",
             )
-        return own
+        return mask
 
     def noise_covariance(self) -> ComplexArray:
         """Covariance (L, 14, 14) of z, from the neighbouring noise bins."""

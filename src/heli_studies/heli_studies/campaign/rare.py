@@ -454,7 +454,7 @@ class Flights:
         Is given the rows of a task as they come.
     fly : callable
         From a spec and tasks to rows, in any order.
-    told : callable
+    report_count : callable
         Is given the number of flights so far.
     marks : dict
         Further columns of the rows to come.
@@ -464,7 +464,7 @@ class Flights:
     asked: MetricBound
     keep: Callable[[Rows], None]
     fly: Fly = fly_here
-    told: Callable[[int], None] = lambda flown: None
+    report_count: Callable[[int], None] = lambda flown: None
     marks: dict[str, Any] = field(default_factory=dict)
     scores: list[Array] = field(default_factory=list)
     values: list[Array] = field(default_factory=list)
@@ -487,7 +487,7 @@ class Flights:
                 self.causes[row[CAUSE]] = self.causes.get(row[CAUSE], 0) + 1
             self.keep([{**row, NUMBER: first + row[NUMBER], **self.marks} for row in rows])
             flown += len(rows)
-            self.told(first + flown)
+            self.report_count(first + flown)
         self.scores.append(scores)
         self.values.append(values)
         return values

@@ -62,7 +62,7 @@ def many_seeds(seeds: str, asked: SeedFlightOptions, as_json: bool) -> int:
     tell_if_it_compiles(console(stderr=True))
     with steps("flights", len(numbers) * len(presets)) as progress:
         for name in presets:
-            report_done = partial(_told, progress, done)
+            report_done = partial(_report_total, progress, done)
             columns[name] = many.fly_seeds(settings[name], numbers, report_done)
             done += len(numbers)
     code = max(f.exit_code(name) for name, flights in columns.items() for f in flights)
@@ -83,7 +83,7 @@ def many_seeds(seeds: str, asked: SeedFlightOptions, as_json: bool) -> int:
     return code
 
 
-def _told(progress: Callable[[int], None], first: int, count: int) -> None:
+def _report_total(progress: Callable[[int], None], first: int, count: int) -> None:
     progress(first + count)
 
 

@@ -1067,7 +1067,9 @@ def differences(design: FinishedDesign, params: Sequence[Path] = ()) -> list[str
         node: {key: design.values[node][key] for key in keys} for node, keys in SEARCHED.items()
     }
     sentences = [
-        line for node, values in yielded.items() for line in _told(node, nodes[node], values)
+        line
+        for node, values in yielded.items()
+        for line in _parameter_differences(node, nodes[node], values)
     ]
     actuation = AttitudeConfig.from_parameters(
         {**nodes["inner_loop"], "controller": "pid"}
@@ -1078,11 +1080,15 @@ def differences(design: FinishedDesign, params: Sequence[Path] = ()) -> list[str
         rival_nodes = resolve(params=params, laws=controller).nodes
         # One number at a time, from what is shipped on.
         optimum = rivals.chosen(controller, rival_nodes, measure, (1,), pairs=False)
-        sentences += _told(f"laws {controller}: inner_loop", rival_nodes["inner_loop"], optimum)
+        sentences += _parameter_differences(
+            f"laws {controller}: inner_loop", rival_nodes["inner_loop"], optimum
+        )
     return sentences
 
 
-def _told(where: str, shipped: Mapping[str, Any], yielded: Mapping[str, Any]) -> list[str]:
+def _parameter_differences(
+    where: str, shipped: Mapping[str, Any], yielded: Mapping[str, Any]
+) -> list[str]:
     """A sentence for each parameter that differs."""
     return [
         f"{where}: {key}: shipped {np.asarray(shipped[key]).tolist()}, the search yields "
