@@ -114,7 +114,7 @@ class Answers:
 # A node's name comes by a topic of its own, which DDS may have to repeat (heartbeats of 3 s).
 _NAME_LIMIT_S = 5.0
 # How long a node that refused may need to say why.
-_REASON_LIMIT_S = 30.0
+_REASON_LIMIT_S = 10.0
 # Wall time after which somebody else is believed who speaks as a node; nodes repeat themselves.
 _SILENT_S = 3.0
 DEAF = "deaf"
