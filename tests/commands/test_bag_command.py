@@ -82,12 +82,12 @@ def test_info(capsys, flight):
     assert "| /baro " in text and "sensor_msgs/msg/FluidPressure" in text
     for fact in (f"{2 * TICKS + TICKS // 5 + 2} messages ", " 1.99 s ", " 1.00 s", " 1 mcap "):
         assert fact in text
-    found = json.loads(done(capsys, "bag", "info", flight / "bag", "--json"))
-    rows = {row["topic"]: row for row in found["topics"]}
+    info = json.loads(done(capsys, "bag", "info", flight / "bag", "--json"))
+    rows = {row["topic"]: row for row in info["topics"]}
     assert rows["/actuators"]["messages"] == TICKS
     assert rows["/actuators"]["rate_hz"] == pytest.approx(100.0)
     assert rows["/baro"]["hash"].startswith("RIHS01_")
-    assert found["size_bytes"] == (flight / "bag" / "bag_0.mcap").stat().st_size
+    assert info["size_bytes"] == (flight / "bag" / "bag_0.mcap").stat().st_size
 
 
 def test_echo_is_yaml_and_json(capsys, flight):
@@ -130,17 +130,17 @@ def test_repair_says_what_was_restored_and_what_was_lost(capsys, flight, tmp_pat
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     for command in (["info"], ["echo"], ["csv"], ["play"]):
         more = {"echo": ["baro"], "csv": ["--out", tmp_path / "csv"]}.get(command[0], [])
-        said = refused(capsys, "bag", *command, bag, *more)
-        assert "bag_0.mcap" in said and f"bag repair {bag}'" in said
+        sentence = refused(capsys, "bag", *command, bag, *more)
+        assert "bag_0.mcap" in sentence and f"bag repair {bag}'" in sentence
     assert not (tmp_path / "csv").exists()
     text = done(capsys, "bag", "repair", bag)
     assert text.startswith(f"{bag}: bag_0.mcap ")
     assert re.search(rf"^written: {bag}_repaired; .* {bag}$", text, re.MULTILINE)
-    found = json.loads(done(capsys, "bag", "info", f"{bag}_repaired", "--json"))
-    assert re.search(rf"^restored: {found['messages']} .* 3 topics\b", text, re.MULTILINE)
-    assert 100 < found["messages"] < 2 * TICKS
+    info = json.loads(done(capsys, "bag", "info", f"{bag}_repaired", "--json"))
+    assert re.search(rf"^restored: {info['messages']} .* 3 topics\b", text, re.MULTILINE)
+    assert 100 < info["messages"] < 2 * TICKS
     again = json.loads(done(capsys, "bag", "repair", bag, "--out", tmp_path / "new", "--json"))
-    assert again["repaired"] and again["messages"] == found["messages"]
+    assert again["repaired"] and again["messages"] == info["messages"]
 
 
 def test_bad_input_is_one_line(capsys, flight, tmp_path):
@@ -150,8 +150,8 @@ def test_bad_input_is_one_line(capsys, flight, tmp_path):
     for path in (tmp_path / "nowhere", note, tmp_path / "empty"):
         for command in ("info", "repair", "play"):
             assert str(path) in refused(capsys, "bag", command, path)
-    said = refused(capsys, "bag", "echo", flight, "odom")
-    assert "odom; " in said and "/actuators, /baro, /chat, /ground_truth/wind" in said
+    sentence = refused(capsys, "bag", "echo", flight, "odom")
+    assert "odom; " in sentence and "/actuators, /baro, /chat, /ground_truth/wind" in sentence
     assert "exists already" in refused(capsys, "bag", "csv", flight, "--out", tmp_path)
     assert "topic x" in refused(
         capsys, "bag", "csv", flight, "--topic", "x", "--out", tmp_path / "new"

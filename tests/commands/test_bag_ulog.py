@@ -77,8 +77,8 @@ def test_the_imu_is_there_where_it_was_recorded(flown, tmp_path):
 def test_angles_of_the_setpoint_and_its_quaternion_agree(flown):
     quat = _columns(flown.log, "vehicle_attitude_setpoint", *_array("q_d", 4))
     angles = ["roll_body", "pitch_body", "yaw_body"]
-    told = _columns(flown.log, "vehicle_attitude_setpoint", *angles)
-    np.testing.assert_allclose(euler_angles(quat.astype(float)), told, atol=1e-6)
+    logged = _columns(flown.log, "vehicle_attitude_setpoint", *angles)
+    np.testing.assert_allclose(euler_angles(quat.astype(float)), logged, atol=1e-6)
 
 
 def test_heading_is_the_yaw_of_the_attitude(flown):
@@ -89,7 +89,7 @@ def test_heading_is_the_yaw_of_the_attitude(flown):
 
 def test_parameters_are_those_that_were_flown(flown):
     nodes = recorded(flown.folder).settings.nodes
-    told = flown.log.initial_parameters
+    logged = flown.log.initial_parameters
     numbers = {
         f"{node}.{name}": value
         for node, values in nodes.items()
@@ -97,9 +97,9 @@ def test_parameters_are_those_that_were_flown(flown):
         if isinstance(value, (int, float))
     }
     assert len(numbers) > 50
-    assert told.keys() == {"MAV_TYPE", *numbers}
+    assert logged.keys() == {"MAV_TYPE", *numbers}
     for name, value in numbers.items():
-        assert told[name] == pytest.approx(float(value), rel=1e-6), name
+        assert logged[name] == pytest.approx(float(value), rel=1e-6), name
     assert flown.log.msg_info_dict["sys_name"] == "heli-hover"
 
 
@@ -137,5 +137,5 @@ def test_a_file_that_exists_is_kept(flown, capsys):
 def test_it_tells_what_it_wrote(flown, tmp_path, capsys):
     out = tmp_path / "made" / "x.ulg"
     assert cli.main(["bag", "ulog", str(flown.folder), "--out", str(out), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"ulog": str(out), "bytes": out.stat().st_size}
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == {"ulog": str(out), "bytes": out.stat().st_size}

@@ -25,26 +25,30 @@ def quick(name):
 
 @pytest.mark.slow
 def test_the_closed_loop_is_measured_in_parts_and_needs_no_peer():
-    found = quick("closed_loop")
-    assert all(found[f"{part}_s"] > 0.0 for part in ("resolve", "build", "fly", "score", "command"))
-    assert found["times_real_time"] == pytest.approx(5.0 / found["fly_s"])
-    assert "times_peer" not in found
+    result = quick("closed_loop")
+    assert all(
+        result[f"{part}_s"] > 0.0 for part in ("resolve", "build", "fly", "score", "command")
+    )
+    assert result["times_real_time"] == pytest.approx(5.0 / result["fly_s"])
+    assert "times_peer" not in result
 
 
 @pytest.mark.slow
 def test_tasks_come_back_and_participants_find_each_other():
-    found = quick("scaling")
-    assert found["empty_tasks"]["tasks_per_s"] > 0.0
-    assert [(row["count"], row["seen"]) for row in found["participants"]] == [(2, 2), (4, 4)]
+    result = quick("scaling")
+    assert result["empty_tasks"]["tasks_per_s"] > 0.0
+    assert [(row["count"], row["seen"]) for row in result["participants"]] == [(2, 2), (4, 4)]
 
 
 @pytest.mark.slow
 def test_a_campaign_flies_on_one_and_two_workers_and_its_memory_is_looked_at():
-    found = quick("campaign")
-    assert set(found["speed"]["rates"]) == {"1", "2"}
-    assert found["speed"]["flights_1000_s"] == pytest.approx(1000.0 / found["speed"]["rates"]["2"])
-    assert [look["flights"] for look in found["memory"]["looks"]] == [10, 20]
-    assert all(look["resident_mb"] > 10.0 for look in found["memory"]["looks"])
+    result = quick("campaign")
+    assert set(result["speed"]["rates"]) == {"1", "2"}
+    assert result["speed"]["flights_1000_s"] == pytest.approx(
+        1000.0 / result["speed"]["rates"]["2"]
+    )
+    assert [look["flights"] for look in result["memory"]["looks"]] == [10, 20]
+    assert all(look["resident_mb"] > 10.0 for look in result["memory"]["looks"])
 
 
 @pytest.mark.slow

@@ -62,14 +62,22 @@ def started():
 @pytest.fixture
 def cluster(started, tmp_path):
     """A scheduler, its address, and workers, as `dask scheduler` and `dask worker` start them."""
-    told, quiet = tmp_path / "scheduler.json", {"stderr": subprocess.DEVNULL}
+    scheduler_file, quiet = tmp_path / "scheduler.json", {"stderr": subprocess.DEVNULL}
     dask = [sys.executable, "-m", "distributed.cli.dask_"]
     head = [*dask[:2], f"{dask[2]}scheduler", "--port", 0, "--dashboard-address", ":0"]
-    scheduler = started(*head, "--host", "127.0.0.1", "--scheduler-file", told, **quiet)
-    until(lambda: told.exists() and told.stat().st_size, scheduler)
-    hand = [*dask[:2], f"{dask[2]}worker", "--scheduler-file", told, "--nthreads", 1, "--no-nanny"]
+    scheduler = started(*head, "--host", "127.0.0.1", "--scheduler-file", scheduler_file, **quiet)
+    until(lambda: scheduler_file.exists() and scheduler_file.stat().st_size, scheduler)
+    hand = [
+        *dask[:2],
+        f"{dask[2]}worker",
+        "--scheduler-file",
+        scheduler_file,
+        "--nthreads",
+        1,
+        "--no-nanny",
+    ]
     workers = [started(*hand, "--no-dashboard", **quiet) for _ in range(2)]
-    return scheduler, json.loads(told.read_text())["address"], workers
+    return scheduler, json.loads(scheduler_file.read_text())["address"], workers
 
 
 def until(true, process):
@@ -110,26 +118,26 @@ def test_whatever_is_killed_nothing_is_lost_or_flown_twice(
     kept = len(rows_in(out)) + 2
     until(lambda: len(rows_in(out)) > kept, process)
     scheduler.kill()
-    _, told = process.communicate(timeout=_LIMIT_S)
-    assert process.returncode == 2 and "scheduler" in told and "--resume" in told, told
-    assert "Traceback" not in told
+    _, stderr = process.communicate(timeout=_LIMIT_S)
+    assert process.returncode == 2 and "scheduler" in stderr and "--resume" in stderr, stderr
+    assert "Traceback" not in stderr
     first = len(rows_in(out))
     process = begun(started, file, out, "--resume", "--workers", 1)
     until(lambda: len(rows_in(out)) > first, process)
     os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C: to the workers, too
-    _, told = process.communicate(timeout=_LIMIT_S)
-    assert process.returncode == 130 and told.strip().endswith("interrupted"), told
-    assert "Traceback" not in told
+    _, stderr = process.communicate(timeout=_LIMIT_S)
+    assert process.returncode == 130 and stderr.strip().endswith("interrupted"), stderr
+    assert "Traceback" not in stderr
     assert first < len(rows_in(out)) < FLIGHTS
     words = ["campaign", str(file), "--out", str(out), "--resume", "--workers", "0", "--json"]
     assert cli.main(words) in (0, 1)
-    said = json.loads(capsys.readouterr().out)
-    assert said["flights"] == FLIGHTS == len(rows_in(out)), "each flight once"
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["flights"] == FLIGHTS == len(rows_in(out)), "each flight once"
     assert as_rows(Store(out).table()) == expected
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "fragment"),
     [
         (["--scheduler", "tcp://127.0.0.1:1"], "--scheduler tcp://127.0.0.1:1"),
         (["--scheduler", "nowhere"], "--scheduler nowhere"),
@@ -139,11 +147,11 @@ def test_whatever_is_killed_nothing_is_lost_or_flown_twice(
         (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "one of the two"),
     ],
 )
-def test_what_cannot_be_done_is_one_line(file, tmp_path, capsys, monkeypatch, words, said):
+def test_what_cannot_be_done_is_one_line(file, tmp_path, capsys, monkeypatch, words, fragment):
     monkeypatch.setattr("heli_studies.campaign.run._REACH_S", 1.0)
     assert cli.main(["campaign", str(file), "--out", str(tmp_path / "out"), *words]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and said in lines[0]
+    assert len(lines) == 1 and fragment in lines[0]
     assert not (tmp_path / "out").exists(), "nothing was flown, nothing stays"
 
 

@@ -45,18 +45,18 @@ def run(capsys, *words):
 def test_rare_tells_a_probability_and_keeps_every_flight(file, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["rare", file, "--of", NAME, "--out", out, "--per-level", 20, "--workers", 0]
-    code, said, told = run(capsys, *words, "--most-flights", 38, "--beyond", 9.0, "--json")
-    assert code == 0, told
-    found = json.loads(said)
-    assert json.loads((out / "result.json").read_text()) == found
-    assert found["ended"] == Ended.BUDGET and found["probability"] is None
-    assert [level["flights"] for level in found["levels"]] == [20, 38] and found["flights"] == 38
+    code, printed, stderr = run(capsys, *words, "--most-flights", 38, "--beyond", 9.0, "--json")
+    assert code == 0, stderr
+    result = json.loads(printed)
+    assert json.loads((out / "result.json").read_text()) == result
+    assert result["ended"] == Ended.BUDGET and result["probability"] is None
+    assert [level["flights"] for level in result["levels"]] == [20, 38] and result["flights"] == 38
     table = Store(out).table()
     values = table[f"max.{NAME}"].to_pylist()
     assert table["level"].to_pylist() == [0] * 20 + [1] * 18
     first = sorted(values[:20])
-    assert found["levels"][0]["threshold"] == pytest.approx((first[-2] + first[-3]) / 2.0)
-    number = found["again"][0]
+    assert result["levels"][0]["threshold"] == pytest.approx((first[-2] + first[-3]) / 2.0)
+    number = result["again"][0]
     assert values[number] == max(values)
     settings = resolve(params=[out / "worst" / f"flight_{number}" / "params.yaml"])
     figures = score(simulate(settings).record, settings.scenario).windows
@@ -65,12 +65,12 @@ def test_rare_tells_a_probability_and_keeps_every_flight(file, tmp_path, capsys)
 
 def without_flying(spec, numbers):
     """Rows as of `fly_rows`; the metric is the product of the two inputs."""
-    found = []
+    flights = []
     for number in numbers:
         row = rows._begun(spec, number) | rows._end(rows.FlightEnding.FLOWN, "", 0)
         mass, inertia = spec.inputs[number]
-        found.append(row | {f"max.{NAME}": mass * inertia})
-    return found
+        flights.append(row | {f"max.{NAME}": mass * inertia})
+    return flights
 
 
 @contextmanager
@@ -90,15 +90,15 @@ def test_worst_is_the_same_whoever_flies(file, tmp_path, capsys, monkeypatch):
     for workers in (0, 1):
         out = tmp_path / f"out{workers}"
         words = ["worst", file, "--of", NAME, "--out", out, "--flights", 30, "--workers", workers]
-        code, said, told = run(capsys, *words)
-        assert code == 0, told
-        assert re.search("CMA-ES .* random", said)
-        assert f"hover --params {out}" in said
+        code, printed, stderr = run(capsys, *words)
+        assert code == 0, stderr
+        assert re.search("CMA-ES .* random", printed)
+        assert f"hover --params {out}" in printed
         results.append(((out / "result.json").read_text(), Store(out).table()))
     assert results[0][0] == results[1][0] and results[0][1].equals(results[1][1])
-    found, table = json.loads(results[0][0]), results[0][1]
+    result, table = json.loads(results[0][0]), results[0][1]
     for name, ours in (("CMA-ES", slice(0, 30)), ("random", slice(30, 60))):
-        search, values = found["searches"][name], table[f"max.{NAME}"].to_pylist()
+        search, values = result["searches"][name], table[f"max.{NAME}"].to_pylist()
         assert set(table["search"].to_pylist()[ours]) == {name}
         assert search["value"] == max(values[ours]) == values[search["flight"]]
         mass = table["in.plant.scale.mass"].to_pylist()[search["flight"]]
@@ -113,15 +113,15 @@ def test_after_an_interrupt_what_stands_is_told(file, tmp_path, capsys, monkeypa
 
     monkeypatch.setattr(rows, "fly_rows", fly)
     words = ["rare", file, "--of", NAME, "--out", tmp_path / "out", "--per-level", 20]
-    code, said, told = run(capsys, *words, "--workers", 0, "--beyond", 9.0)
-    assert (code, said) == (130, "")
-    assert f"interrupted: P({NAME} > " in told and told.strip().endswith("interrupted")
-    found = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert found["ended"] == "interrupted" and len(found["levels"]) == 1
+    code, printed, stderr = run(capsys, *words, "--workers", 0, "--beyond", 9.0)
+    assert (code, printed) == (130, "")
+    assert f"interrupted: P({NAME} > " in stderr and stderr.strip().endswith("interrupted")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["ended"] == "interrupted" and len(result["levels"]) == 1
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "fragment"),
     [
         (["rare", "--of", "altitude"], "--of 'altitude': unknown; did you mean altitude (truth)?"),
         (["rare", "--of", NAME, "--per-level", "25"], "--per-level: 25; allowed: a multiple of 10"),
@@ -132,8 +132,8 @@ def test_after_an_interrupt_what_stands_is_told(file, tmp_path, capsys, monkeypa
         (["worst", "--of", NAME, "--workers", "1", "--scheduler", "tcp://x:1"], "one of the two"),
     ],
 )
-def test_what_cannot_be_done_is_one_line_and_no_folder(file, tmp_path, capsys, words, said):
+def test_what_cannot_be_done_is_one_line_and_no_folder(file, tmp_path, capsys, words, fragment):
     out = tmp_path / "out"
-    code, _, told = run(capsys, words[0], file, *words[1:], "--out", out)
-    assert code == 2 and len(told.strip().splitlines()) == 1 and said in told
+    code, _, stderr = run(capsys, words[0], file, *words[1:], "--out", out)
+    assert code == 2 and len(stderr.strip().splitlines()) == 1 and fragment in stderr
     assert not out.exists()

@@ -75,21 +75,21 @@ def help_of(*words):
 
 def test_every_option_of_hover_is_completed():
     """And ./hover_test.sh has the same ones with the same words."""
-    said = help_of(*HELI, "hover")
-    wanted = re.findall(r"^ +(--[a-z-]+)", said, re.M)
+    help_text = help_of(*HELI, "hover")
+    wanted = re.findall(r"^ +(--[a-z-]+)", help_text, re.M)
     assert len(wanted) > 10
     assert set(complete("heli hover --")) == set(wanted)
     alone = help_of(HELI[0], "-m", "heli_flight.cli.hover_test")
     assert alone.startswith("Usage: hover_test.sh [OPTIONS]")
-    plain = [text.partition("Options:")[2].partition("examples:") for text in (said, alone)]
+    plain = [text.partition("Options:")[2].partition("examples:") for text in (help_text, alone)]
     assert plain[0][0] == plain[1][0]
     assert plain[0][2].replace("heli hover", "./hover_test.sh").split() == plain[1][2].split()
 
 
 def test_help_names_every_choice():
-    said = help_of(*HELI, "hover")
+    help_text = help_of(*HELI, "hover")
     for name in (*scenario_names(), *GPS_PRESETS, *CONTROLLERS):
-        assert re.search(rf"\b{name}\b", said), name
+        assert re.search(rf"\b{name}\b", help_text), name
 
 
 def test_the_script_for_bash_is_one():
@@ -106,16 +106,16 @@ class TestWithoutATerminal:
         words = "campaign --world paper --seeds 1,2 --gps rtk --duration 12 --json"
         assert cli.main(words.split()) == 0
         out, err = capsys.readouterr()
-        found = json.loads(out)
-        rtk = found["receivers"]["rtk"]
-        assert found["exit_code"] == 0 and found["seeds"] == [1, 2]
+        campaign = json.loads(out)
+        rtk = campaign["receivers"]["rtk"]
+        assert campaign["exit_code"] == 0 and campaign["seeds"] == [1, 2]
         assert [f["seed"] for f in rtk["flights"]] == [1, 2]
         worst = {(m["key"], m["measured_from"]): m["max"] for m in rtk["metrics"]}
         for (key, source), largest in worst.items():
             assert largest == max(f["max"][f"{key} ({source})"] for f in rtk["flights"])
         # Who flies first on a machine is told that it compiles; that is judged where it is tested.
-        said = [line for line in err.splitlines() if line != COMPILES]
-        assert said == ["flights: 1 of 2", "flights: 2 of 2"]
+        progress = [line for line in err.splitlines() if line != COMPILES]
+        assert progress == ["flights: 1 of 2", "flights: 2 of 2"]
 
     def test_campaign_names_what_is_outside(self, capsys, tmp_path):
         file = tmp_path / "wild.yaml"
@@ -130,9 +130,9 @@ class TestWithoutATerminal:
         out = tmp_path / "flight"
         words = ["hover", "--one-process", "--no-report", "--duration", "4", "--out", str(out)]
         assert cli.main([*words, "--json"]) == 0
-        printed, said = capsys.readouterr()
+        printed, stderr = capsys.readouterr()
         assert json.loads(printed) == json.loads((out / "result.json").read_text())
-        assert "Hover test" in said
+        assert "Hover test" in stderr
 
     @pytest.mark.parametrize(
         "words", ["campaign --seeds 1 --world paper", "compare attitude --seeds 1"]

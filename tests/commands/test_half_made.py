@@ -47,8 +47,8 @@ def test_a_folder_that_is_not_whole_goes(
         raise error
 
     monkeypatch.setattr(step, fails)
-    given = [str(bag) if word == "BAG" else word for word in words]
-    assert cli.main([*given, "--out", str(tmp_path / "new/folder")]) == code
+    arguments = [str(bag) if word == "BAG" else word for word in words]
+    assert cli.main([*arguments, "--out", str(tmp_path / "new/folder")]) == code
     assert list(tmp_path.iterdir()) == []
     assert len([line for line in capsys.readouterr().err.splitlines() if ": 1 of" not in line]) == 1
 

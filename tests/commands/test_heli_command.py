@@ -68,13 +68,13 @@ def test_the_commands_are_known():
 def test_help_says_what_exit_code_0_means(capsys):
     """Exactly: of which record, of which stretches, and what is not judged."""
     for command in ("hover", "campaign"):
-        said = " ".join(heli(capsys, command, "--help")[1].split())
+        help_text = " ".join(heli(capsys, command, "--help")[1].split())
         for part in (
             "Judged are the scored windows alone", "the navigation record",
             "with an RTK receiver ground truth, too", "ends before the first of them is not judged",
             "whole flight, climb included, are given first and decide nothing",
         ):  # fmt: skip
-            assert part in said
+            assert part in help_text
 
 
 @pytest.mark.parametrize(
@@ -89,8 +89,8 @@ def test_a_flight_says_what_is_judged(capsys, tmp_path, words, judged):
     flight = ("hover", "--one-process", "--no-report", "--out", tmp_path / "f", *words)
     _, out, _ = heli(capsys, *flight)
     assert judged in out
-    found = json.loads((tmp_path / "f" / "result.json").read_text())
-    assert f"judged: {found['judged']}" == judged
+    result = json.loads((tmp_path / "f" / "result.json").read_text())
+    assert f"judged: {result['judged']}" == judged
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
@@ -185,23 +185,23 @@ class TestDesign:
             assert (designed / name).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
     def test_certificate_and_margins(self, designed):
-        found = json.loads((designed / "design.json").read_text())
-        assert found["gamma"] == pytest.approx(1.2 * found["gamma_star"]["value"], rel=1e-9)
-        assert found["norm"] < found["gamma"]
-        assert len(found["certificate"]) == 6 and all(c["holds"] for c in found["certificate"])
+        design = json.loads((designed / "design.json").read_text())
+        assert design["gamma"] == pytest.approx(1.2 * design["gamma_star"]["value"], rel=1e-9)
+        assert design["norm"] < design["gamma"]
+        assert len(design["certificate"]) == 6 and all(c["holds"] for c in design["certificate"])
         # Output feedback is no state feedback behind an observer: there is no loop without them.
-        (flown,) = found["loops"]
+        (flown,) = design["loops"]
         assert flown["name"] == "as flown"
         assert min(flown["disk_input"], flown["disk_output"]) >= 0.5
-        assert found["further_delay_s"] >= 0.02
+        assert design["further_delay_s"] >= 0.02
 
     def test_nodes_load_it(self, designed):
         """Every node takes the file, and the inner loop's own synthesis gives the same F."""
-        found = json.loads((designed / "design.json").read_text())
+        design = json.loads((designed / "design.json").read_text())
         settings = resolve(params=[designed / "design.yaml"])
         config = AttitudeConfig.from_parameters(settings.nodes["inner_loop"])
-        assert np.allclose(config.synthesis.F, found["F"], rtol=1e-9, atol=1e-12)
-        assert np.array_equal(settings.nodes["observer"]["K"], found["K"])
+        assert np.allclose(config.synthesis.F, design["F"], rtol=1e-9, atol=1e-12)
+        assert np.array_equal(settings.nodes["observer"]["K"], design["K"])
         assert np.array_equal(settings.nodes["observer"]["model.A"], config.A)
         assert settings.nodes["outer_loop"]["trim.phi"] == config.x_trim[0]
 
@@ -215,13 +215,13 @@ class TestDesign:
         """The packaged YAMLs hold what the command finds for the packaged aircraft."""
         code, out, _ = heli(capsys, "design", "--json")
         assert code == 0
-        found, packaged = json.loads(out), resolve().nodes
-        assert np.allclose(found["K"], packaged["observer"]["K"], atol=1e-6)
+        design, packaged = json.loads(out), resolve().nodes
+        assert np.allclose(design["K"], packaged["observer"]["K"], atol=1e-6)
         inner = AttitudeConfig.from_parameters(packaged["inner_loop"])
-        assert np.allclose(found["F"], inner.synthesis.F, atol=1e-5)
+        assert np.allclose(design["F"], inner.synthesis.F, atol=1e-5)
         unknown = resolve("identify_actuators").nodes["inner_loop"]
         for i, axis in enumerate(("roll", "pitch", "yaw")):
-            assert found["pid"][axis]["K_P"] == pytest.approx(unknown["pid.K_P"][i], rel=1e-5)
+            assert design["pid"][axis]["K_P"] == pytest.approx(unknown["pid.K_P"][i], rel=1e-5)
 
     @pytest.mark.slow
     def test_another_aircraft(self, tmp_path, capsys):
@@ -245,16 +245,16 @@ class TestDesign:
 
     def test_infeasible_gamma_is_the_same_sentence_everywhere(self, capsys, tmp_path):
         """Command, YAML through hover, and the library say the same."""
-        said = refused(capsys, "design", "--gamma", "0.03").removeprefix("heli: ")
+        sentence = refused(capsys, "design", "--gamma", "0.03").removeprefix("heli: ")
         file = tmp_path / "gamma.yaml"
         file.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 0.03\n")
         with pytest.raises(InfeasibleGammaError) as error:
             simulate(resolve(params=[file]))
-        assert said.startswith("gamma = 0.03 ")
+        assert sentence.startswith("gamma = 0.03 ")
         star = error.value.gamma_star
-        assert f"{star:.8g}"[:8] in said
+        assert f"{star:.8g}"[:8] in sentence
         through_yaml = refused(capsys, "design", "--params", file).removeprefix("heli: ")
-        assert through_yaml == said
+        assert through_yaml == sentence
 
     @pytest.mark.parametrize(
         ("words", "part"),
@@ -279,8 +279,8 @@ class TestDesign:
 
     def test_existing_folder_is_refused(self, capsys, tmp_path):
         for command in (["design"], ["compare", "attitude"]):
-            said = refused(capsys, *command, "--out", tmp_path)
-            assert said.startswith(f"heli: --out {tmp_path}: exists ")
+            sentence = refused(capsys, *command, "--out", tmp_path)
+            assert sentence.startswith(f"heli: --out {tmp_path}: exists ")
 
 
 class TestCompareAttitude:
@@ -289,8 +289,8 @@ class TestCompareAttitude:
         words = ("compare", "attitude", "--seeds", "101,102", "--attitude-controller", "hinf,pid")
         code, out, _ = heli(capsys, *words, "--duration", "8", "--json")
         assert code == 0
-        found = json.loads(out)
-        assert len(found["flights"]) == 2 * 2 * 2
+        comparison = json.loads(out)
+        assert len(comparison["flights"]) == 2 * 2 * 2
         for law in ("hinf", "pid"):
             settings = resolve(
                 "attitude", seed=102, duration_s=8.0, overrides={"inner_loop": {"controller": law}}
@@ -299,7 +299,7 @@ class TestCompareAttitude:
                 (s.metric.key, s.source): s.max
                 for s in score(simulate(settings).record, settings.scenario).windows
             }
-            for flight in found["flights"]:
+            for flight in comparison["flights"]:
                 if (flight["law"], flight["seed"]) == (law, 102):
                     wanted = [expected[axis, flight["source"]] for axis in laws.AXES]
                     assert flight["max_deg"] == pytest.approx(wanted, rel=1e-9)
@@ -311,8 +311,8 @@ class TestCompareAttitude:
         code, text, _ = heli(capsys, *words, "--out", out)
         assert code == 0
         assert re.search(r"\b8 discrete gusts .*\b8 m/s", text) and "| H-infinity " in text
-        found = json.loads((out / "attitude.json").read_text())
-        rows = {(row["law"], row["source"]): row for row in found["summary"]}
+        comparison = json.loads((out / "attitude.json").read_text())
+        rows = {(row["law"], row["source"]): row for row in comparison["summary"]}
         for source in ("navigation", "truth", "ideal"):
             assert rows["hinf", source]["roll_wins_over_pid"] == 3
             assert rows["hinf", source]["roll_max_deg"] < 1.0
@@ -325,9 +325,9 @@ class TestCompareAttitude:
         code, out, _ = heli(
             capsys, *words, "--attitude-controller", "pid", "--duration", "10", "--json"
         )
-        found = json.loads(out)
-        assert (code, found["flap_back_radpmps"]) == (0, compare_robustness.FLAP_BACK_RADPMPS)
-        row = next(f for f in found["flights"] if f["source"] == "truth")
+        comparison = json.loads(out)
+        assert (code, comparison["flap_back_radpmps"]) == (0, compare_robustness.FLAP_BACK_RADPMPS)
+        row = next(f for f in comparison["flights"] if f["source"] == "truth")
         settings = resolve("attitude_gusts", duration_s=10.0)
         campaign = compare_robustness.RobustnessSetup(settings, laws.parse_laws("pid"))
         assert max(row["max_deg"]) == campaign.fly(("flap_back",), 101)["pid"]
@@ -350,9 +350,12 @@ class TestCompareAttitude:
         words = ("--seeds", "101", "--attitude-controller", "pid", "--params", file)
         code, out, _ = heli(capsys, "compare", "attitude", *words, "--json")
         assert code == 0
-        found = json.loads(out)
-        assert found["summary"][0]["lost"] == 1 and found["summary"][0]["roll_max_deg"] is None
-        assert "flew away" in found["flights"][0]["lost"]
+        comparison = json.loads(out)
+        assert (
+            comparison["summary"][0]["lost"] == 1
+            and comparison["summary"][0]["roll_max_deg"] is None
+        )
+        assert "flew away" in comparison["flights"][0]["lost"]
 
 
 class TestCompareRobustness:
@@ -360,11 +363,11 @@ class TestCompareRobustness:
         words = ("compare", "robustness", "--n", "2", "--seed", "101", "--duration", "10", "--json")
         code, out, _ = heli(capsys, *words, "--attitude-controller", "hinf,pid")
         assert code == 0
-        found = json.loads(out)
-        rows = {(row["perturbation"], row["law"]): row for row in found["outcomes"]}
+        comparison = json.loads(out)
+        rows = {(row["perturbation"], row["law"]): row for row in comparison["outcomes"]}
         assert len(rows) == 2 * len(compare_robustness.PERTURBATIONS)
         assert rows["all", "hinf"]["flown"] == 2 and rows["delay", "pid"]["flown"] == 1
-        assert all(0.0 <= row["fraction"] <= 1.0 for row in found["outcomes"])
+        assert all(0.0 <= row["fraction"] <= 1.0 for row in comparison["outcomes"])
         assert rows["flap_back", "hinf"]["median_deg"] > rows["nominal", "hinf"]["median_deg"]
 
     def test_bad_input_is_one_line(self, capsys):

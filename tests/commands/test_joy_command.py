@@ -15,17 +15,17 @@ def joy(*words):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "sentence"),
     [
         (["--device", "77"], "no joystick"),
         (["--keyboard"], "no keyboard: standard input is no terminal"),
         (["--rate", "1"], "--rate"),
     ],
 )
-def test_what_is_not_there_is_said(words, said):
+def test_what_is_not_there_is_said(words, sentence):
     done = joy(*words)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
-    assert said in done.stderr
+    assert sentence in done.stderr
 
 
 def test_the_joysticks_are_listed():

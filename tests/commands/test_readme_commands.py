@@ -71,11 +71,11 @@ class Block:
 
 def blocks(text):
     """Fenced and indented code blocks of a Markdown text, in order."""
-    found, fenced, kept = [], None, []
+    parsed, fenced, kept = [], None, []
 
     def flush(language):
         if kept:
-            found.append(Block(language, "\n".join(kept).rstrip()))
+            parsed.append(Block(language, "\n".join(kept).rstrip()))
         kept.clear()
 
     for line in [*text.splitlines(), "."]:
@@ -89,14 +89,14 @@ def blocks(text):
             kept.append(line[4:])
         else:
             flush("")
-    return [block for block in found if block.language not in NOT_SHELL]
+    return [block for block in parsed if block.language not in NOT_SHELL]
 
 
 def commands(block):
     """Commands of a block, comments off; a here-document belongs to its command."""
     if block.language == "python" or re.match(r"(from|import) \w", block.text):
         return [f"./heli python - <<'END'\n{block.text}\nEND"]
-    found, lines = [], iter(block.text.splitlines())
+    shell, lines = [], iter(block.text.splitlines())
     for line in lines:
         document = re.search(r"<<'?(\w+)'?", line)
         if document:
@@ -105,13 +105,13 @@ def commands(block):
                 body.append(inner)
                 if inner == document[1]:
                     break
-            found.append("\n".join(body))
+            shell.append("\n".join(body))
             continue
         # two commands in two columns
         for part in re.split(r" {3,}(?=\S)", re.sub(r"(^|\s+)#.*", "", line)):
             if part.strip():
-                found.append(part.strip().removeprefix("$ "))
-    return found
+                shell.append(part.strip().removeprefix("$ "))
+    return shell
 
 
 def inline(text):
@@ -348,9 +348,9 @@ def test_commands_in_running_text(readme, capsys, launch):
     for command in inline((ROOT / readme).read_text(encoding="utf-8")):
         words = shlex.split(command.replace("[", " ").replace("]", " "))
         if words[0] in ("./heli", "./hover_test.sh"):
-            said = help_of(capsys, ["hover"] if words[0] == "./hover_test.sh" else words[1:])
+            help_text = help_of(capsys, ["hover"] if words[0] == "./hover_test.sh" else words[1:])
             for option in (word.split("=")[0] for word in words if word.startswith("--")):
-                assert re.search(rf"{option}\b", said), f"{readme}: {command}: {option}"
+                assert re.search(rf"{option}\b", help_text), f"{readme}: {command}: {option}"
         elif words[0] == "ros2":
             if len(words) > 3:
                 check_ros2(command, launch)
@@ -369,8 +369,8 @@ class TestItself:
     )
 
     def test_commands_are_found(self):
-        found = [command for block in blocks(self.TEXT) for command in commands(block)]
-        assert found == [
+        parsed = [command for block in blocks(self.TEXT) for command in commands(block)]
+        assert parsed == [
             "./heli design --gamma 1", "ros2 run a b", "ros2 run c d",
             "cat > f <<'END'\n# kept\nEND",
         ]  # fmt: skip

@@ -132,9 +132,9 @@ def test_every_command_with_a_new_name_takes_the_old_one():
 def test_help_shows_the_new_names_alone(capsys):
     for path, command in ALL:
         assert cli.main([*path[1:], "--help"]) == 0
-        said = set(capsys.readouterr().out.split())
-        assert not said & (OLD - options(command)), path
-        assert options(command) & NEW <= said, path
+        words = set(capsys.readouterr().out.split())
+        assert not words & (OLD - options(command)), path
+        assert options(command) & NEW <= words, path
 
 
 def test_aircraft_means_an_aircraft():

@@ -34,12 +34,12 @@ def flight(tmp_path_factory):
     over = {"plant": {"faults": [FAULT]}}
     settings = resolve(duration_s=DURATION_S, overrides=over)
     folder = flown_folder(tmp_path_factory.mktemp("flown") / "flight", settings)
-    told = {"flown_s": 8.0, "lost": "", "notes": ["observer: complained"], "verdicts": {
+    result = {"flown_s": 8.0, "lost": "", "notes": ["observer: complained"], "verdicts": {
         "windows": {"stretch": "scored windows", "when": "5 to 8 s", "inside": False,
                     "outside": ["v_z (navigation)"], "decides": True}},
         "random_gusts": [{"start_s": 2.5, "duration_s": 1.0, "peak_ned_mps": [3.0, 4.0, 0.0]}],
     }  # fmt: skip
-    (folder / "result.json").write_text(json.dumps(told))
+    (folder / "result.json").write_text(json.dumps(result))
     (folder / "report.html").write_text("<h1>report</h1>")
     return folder
 
@@ -165,8 +165,8 @@ def make(folder, kind, flight):
 )
 def test_what_is_no_flight_is_refused_in_one_line(capsys, tmp_path, flight, kind, sentence):
     path = make(tmp_path, kind, flight)
-    said = refused(capsys, path)
-    assert str(tmp_path) in said and re.search(sentence, said), said
+    stderr = refused(capsys, path)
+    assert str(tmp_path) in stderr and re.search(sentence, stderr), stderr
 
 
 def test_a_bag_of_something_else_is_refused(capsys, tmp_path):
@@ -177,8 +177,8 @@ def test_a_bag_of_something_else_is_refused(capsys, tmp_path):
         kind, store = "std_msgs/msg/Empty", get_typestore(Stores.ROS2_JAZZY)
         connection = writer.add_connection("/lidar", kind, typestore=store)
         writer.write(connection, 1, b"\x00\x01\x00\x00\x00")
-    said = refused(capsys, tmp_path / "lidar")
-    assert str(tmp_path / "lidar") in said and ": /lidar" in said
+    sentence = refused(capsys, tmp_path / "lidar")
+    assert str(tmp_path / "lidar") in sentence and ": /lidar" in sentence
 
 
 def test_bad_options_are_refused(capsys, flight):
@@ -186,9 +186,9 @@ def test_bad_options_are_refused(capsys, flight):
     assert "no_such.yaml" in refused(capsys, flight, "--params", "no_such.yaml")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        said = refused(capsys, flight, "--port", port)
-    assert said.startswith(f"--port: port {port} on 127.0.0.1 ")
-    assert "--live-port" not in said and said.count("--port") == 2
+        sentence = refused(capsys, flight, "--port", port)
+    assert sentence.startswith(f"--port: port {port} on 127.0.0.1 ")
+    assert "--live-port" not in sentence and sentence.count("--port") == 2
 
 
 def start(flight, *words):
@@ -199,8 +199,8 @@ def start(flight, *words):
          *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env,
     )  # fmt: skip
     for line in process.stdout:
-        if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
-            return process, found.group()
+        if url := re.search(r"http://127\.0\.0\.1:\d+/", line):
+            return process, url.group()
     pytest.fail(process.communicate()[1])
 
 
@@ -239,7 +239,7 @@ def test_lift_off_and_touch_down_are_found():
 
 
 @pytest.mark.parametrize(
-    ("told", "sentence"),
+    ("result", "sentence"),
     [
         ({}, ""),
         ({"verdicts": 3}, ""),
@@ -250,13 +250,13 @@ def test_lift_off_and_touch_down_are_found():
          "Flown to its end. Scored windows (5 to 6 s): not scored."),
     ],
 )  # fmt: skip
-def test_how_it_ended_is_said_by_what_the_result_holds(told, sentence):
-    assert ended(told, "the goals") == sentence
+def test_how_it_ended_is_said_by_what_the_result_holds(result, sentence):
+    assert ended(result, "the goals") == sentence
 
 
 def test_help_names_the_keys(capsys):
     assert cli.main(["replay", "--help"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    help_text = " ".join(capsys.readouterr().out.split())
     for part in (
         "space plays and pauses",
         "0.25 to 16",
@@ -264,7 +264,7 @@ def test_help_names_the_keys(capsys):
         "cut off",
         "130 ended by Ctrl-C",
     ):
-        assert part in said
+        assert part in help_text
 
 
 def test_a_result_that_is_damaged_costs_only_what_it_says(flight, tmp_path):

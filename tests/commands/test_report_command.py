@@ -164,8 +164,8 @@ def test_cut_off_bag_is_refused(capsys, full, tmp_path):
 
 def test_bag_with_foreign_topics_only_is_refused(capsys, tmp_path, record):
     bag = write_bag(tmp_path / "foreign", record, (topics.ACTUATORS,), other="/lidar")
-    said = "holds neither ground_truth/odom nor odom: no flight; of other kinds: /lidar"
-    assert said in refused(capsys, bag)
+    expected = "holds neither ground_truth/odom nor odom: no flight; of other kinds: /lidar"
+    assert expected in refused(capsys, bag)
 
 
 def sums_of(record):
@@ -207,21 +207,21 @@ def test_ground_truth_of_somebody_else_is_said_and_is_exit_code_1(capsys, flown,
     sums = sums_of(record)
     sums[200] = sums[199]
     (flown / TRUTH_SUMS).write_bytes(b"".join(sums))
-    said = (
+    verdict = (
         f"ground_truth/odom in the bag is not what the plant sent: 1 of {len(record)} messages, "
         "the first at 2.00 s; somebody else sends on it"
     )
     code, out, _ = run(capsys, flown)
-    assert (code, out) == (1, f"FORGED: {said}\nwritten: {flown / 'report.html'}\n")
+    assert (code, out) == (1, f"FORGED: {verdict}\nwritten: {flown / 'report.html'}\n")
     (shown,) = verdicts(flown)
-    assert shown.startswith('bad"') and f"Forged: {said}" in shown
+    assert shown.startswith('bad"') and f"Forged: {verdict}" in shown
     code, out, _ = run(capsys, flown, "--json")
-    assert (code, json.loads(out)["forged"]) == (1, said)
+    assert (code, json.loads(out)["forged"]) == (1, verdict)
     flight = heli.load(flown)
-    assert (flight.verdict, flight.exit_code) == (said, 1)
+    assert (flight.verdict, flight.exit_code) == (verdict, 1)
     again = shutil.copytree(flown, flown.with_name("again"))
     assert cli.main(["diff", str(flown), str(again), "--out", str(flown / "d.html")]) == 0
-    assert f"forged: {said}" in capsys.readouterr().out
+    assert f"forged: {verdict}" in capsys.readouterr().out
 
 
 def test_sums_that_are_missing_are_said(capsys, flown):

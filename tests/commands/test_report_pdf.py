@@ -29,24 +29,24 @@ def refused(capsys, *words):
 
 def test_without_a_chromium_nothing_is_written(capsys, flown, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    (said,) = refused(capsys, "report", flown, "--pdf")
-    assert said.startswith("heli: --pdf: ") and "Chromium" in said
+    (sentence,) = refused(capsys, "report", flown, "--pdf")
+    assert sentence.startswith("heli: --pdf: ") and "Chromium" in sentence
     assert not (flown / "report.html").exists()
 
 
 @pytest.mark.parametrize(
-    ("does", "said"),
+    ("does", "sentence"),
     [
         ("echo what is wrong >&2; exit 7", "ended with 7, no PDF: what is wrong"),
         ("exit 0", "ended with 0, no PDF"),
     ],
 )
-def test_one_that_does_not_print_is_named(capsys, flown, monkeypatch, tmp_path, does, said):
+def test_one_that_does_not_print_is_named(capsys, flown, monkeypatch, tmp_path, does, sentence):
     fake = tmp_path / "chromium"
     fake.write_text(f"#!/bin/sh\n{does}\n")
     fake.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     (line,) = refused(capsys, "report", flown, "--pdf")
-    assert line == f"heli: --pdf: {fake} {said}"
+    assert line == f"heli: --pdf: {fake} {sentence}"
     # The page was written all the same.
     assert (flown / "report.html").is_file() and not (flown / "report.pdf").exists()

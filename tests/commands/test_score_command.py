@@ -157,19 +157,19 @@ def test_a_flight_of_ours_is_scored_by_where_it_was_to_be_flown(bags, capsys, tm
     def position(*words):
         _, out, _ = run(capsys, tmp_path, "--mte", "vertical", *words, "--json")
         content = json.loads(out)
-        (found,) = (c for c in content["criteria"] if c["name"] == "position")
-        said = [r for r in content["remarks"] if "params.yaml" in r]
-        return found["value"], content["phases"][0]["start_s"], said
+        (criterion,) = (c for c in content["criteria"] if c["name"] == "position")
+        remarks = [r for r in content["remarks"] if "params.yaml" in r]
+        return criterion["value"], content["phases"][0]["start_s"], remarks
 
     start = resolve("mte_vertical").scenario.reference.points[-1]
     north, east = start[:2]
-    own, begins_s, said = position()
-    (remark,) = said
+    as_flown, begins_s, remarks = position()
+    (remark,) = remarks
     assert f"{east:.2f} {north:.2f} {-start[2]:.2f}" in remark and " 2 s " in remark
     assert begins_s >= 2.0
-    assert own == position("--target", east, north, -start[2], "--start", 2)[0]
-    moved, _, said = position("--target", 1, 0, 10)
-    assert moved != own and not said
+    assert as_flown == position("--target", east, north, -start[2], "--start", 2)[0]
+    moved, _, remarks = position("--target", 1, 0, 10)
+    assert moved != as_flown and not remarks
     assert not position("--scale", "froude")[2]  # not the manoeuvre that was to be flown
 
 

@@ -45,10 +45,10 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attributes):
         """Note what a tag names."""
-        given = dict(attributes)
-        self.anchors |= {given.get("id"), given.get("name")}
+        values = dict(attributes)
+        self.anchors |= {values.get("id"), values.get("name")}
         for name, value in attributes:
-            if (tag, name) in LOADED and given.get("rel") not in NOT_LOADED:
+            if (tag, name) in LOADED and values.get("rel") not in NOT_LOADED:
                 self.loaded.append(value)
             elif (tag, name) in FOLLOWED:
                 self.followed.append(value)
@@ -69,18 +69,18 @@ def pages(site):
 
 def test_every_link_and_anchor_leads_somewhere(site, pages):
     """Looked up in the pages themselves, apart from what the generator says."""
-    seen = 0
+    checked = 0
     for page in pages.values():
         for link in page.followed:
             if re.match(r"[a-z]+:", link):
                 continue
-            seen += 1
+            checked += 1
             target, _, anchor = unquote(link).partition("#")
             path = (page.path.parent / target).resolve() if target else page.path.resolve()
             assert path.exists(), f"{page.path.relative_to(site)}: {link}"
             if anchor and path in pages:
                 assert anchor in pages[path].anchors, f"{page.path.relative_to(site)}: {link}"
-    assert seen > 1000
+    assert checked > 1000
 
 
 def test_nothing_is_loaded_from_elsewhere(pages):
@@ -155,9 +155,9 @@ def test_a_page_that_no_contents_name_is_an_error(tmp_path):
 
 
 def test_a_list_after_a_paragraph_is_a_list_but_not_in_code():
-    given = "a\n- b\n- c\n  d\n- e\n\n```\nx\n- y\n```\nf\n1. g\n"
+    markdown = "a\n- b\n- c\n  d\n- e\n\n```\nx\n- y\n```\nf\n1. g\n"
     wanted = "a\n\n- b\n- c\n  d\n- e\n\n```\nx\n- y\n```\nf\n\n1. g\n"
-    assert build_docs.as_on_github(given) == wanted
+    assert build_docs.as_on_github(markdown) == wanted
 
 
 @pytest.mark.parametrize(
@@ -191,5 +191,5 @@ def test_a_long_signature_is_split_at_its_own_commas_only():
 def test_without_the_tools_the_script_says_so_in_a_line(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "mkdocs.commands.build", None)
     assert build_docs.main(["--out", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "./run_tests.sh installs it" in said
+    stderr = capsys.readouterr().err
+    assert stderr.count("\n") == 1 and "./run_tests.sh installs it" in stderr

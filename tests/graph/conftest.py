@@ -53,7 +53,7 @@ def ros_env(own_domain):
 def processes_of(env):
     """Process ids and command lines of living processes that the test started, directly or not."""
     wanted = f"HELI_TEST_RUN={env['HELI_TEST_RUN']}".encode()
-    found = {}
+    commands = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             environ = (folder / "environ").read_bytes().split(b"\0")
@@ -61,8 +61,8 @@ def processes_of(env):
         except OSError:
             continue
         if wanted in environ and command and int(folder.name) != os.getpid():
-            found[int(folder.name)] = command
-    return found
+            commands[int(folder.name)] = command
+    return commands
 
 
 def ends(pid, limit_s):
@@ -90,7 +90,7 @@ def gone(env, limit_s=END_LIMIT_S):
 def holder_of():
     """Call it for the process that has a file open."""
 
-    def found(file):
+    def holder(file):
         for link in Path("/proc").glob("[0-9]*/fd/*"):
             try:
                 if os.readlink(link) == str(file):
@@ -99,7 +99,7 @@ def holder_of():
                 continue
         raise AssertionError(f"no process has {file} open")
 
-    return found
+    return holder
 
 
 @pytest.fixture
@@ -146,9 +146,9 @@ def refused(ros_env, living, monkeypatch, capfd):
 
     def run(*arguments):
         assert main(["--no-report", "--world", "paper", *map(str, arguments)]) == 2
-        said = capfd.readouterr().err
-        assert said.count("\n") == 1 and said.endswith("\n"), said
+        stderr = capfd.readouterr().err
+        assert stderr.count("\n") == 1 and stderr.endswith("\n"), stderr
         assert living() == []
-        return said
+        return stderr
 
     return run

@@ -64,8 +64,8 @@ class StandIns(Interfaces):
         pose.pose.orientation.z = pose.pose.orientation.w = 0.5**0.5
         return self._real.order(kind, SimpleNamespace(pose=pose), now_ns)
 
-    def feedback(self, kind, told):
-        words = self._real.feedback(kind, told)
+    def feedback(self, kind, fields):
+        words = self._real.feedback(kind, fields)
         at = words.pose.pose.position
         left = vars(words).get("height_left_m", vars(words).get("distance_left_m"))
         metres = [round(number * 100.0) for number in (at.x, at.y, at.z, left)]
@@ -94,7 +94,7 @@ class Pilot:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.clients = {k: ActionClient(self.node, Fibonacci, f"actions/{k}") for k in Kind}
-        self.told, self.flown_s, self.at_enu_m = [], 0.0, np.zeros(3)
+        self.feedback, self.flown_s, self.at_enu_m = [], 0.0, np.zeros(3)
         self.node.create_subscription(
             Odometry, topics.ODOM, self.hear, topics.qos(topics.ODOM, depth=1)
         )
@@ -113,7 +113,7 @@ class Pilot:
         return future.result()
 
     def send(self, kind, east_m=0, north_m=0, up_m=0):
-        self.told.clear()
+        self.feedback.clear()
         goal = Fibonacci.Goal(order=east_m * 10000 + north_m * 100 + up_m)
         sent = self.clients[kind].send_goal_async(goal, feedback_callback=self.take_feedback)
         handle = self.wait(sent)
@@ -122,7 +122,7 @@ class Pilot:
 
     def take_feedback(self, message):
         mode, *centimetres = message.feedback.sequence
-        self.told.append((MODES[mode], *(number / 100.0 for number in centimetres)))
+        self.feedback.append((MODES[mode], *(number / 100.0 for number in centimetres)))
 
     def result(self, handle):
         """Status, code and sentence."""
@@ -163,35 +163,35 @@ def test_from_the_ground_to_the_ground_by_actions(ros_env, tmp_path, pilot):
         ABORTED, CANCELED = GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED
         SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
 
-        status, code, said = pilot.result(pilot.send(Kind.GOTO, 6, 4, 6))
-        assert (status, code) == (ABORTED, Code.REFUSED), said
-        assert "takeoff" in said
+        status, code, sentence = pilot.result(pilot.send(Kind.GOTO, 6, 4, 6))
+        assert (status, code) == (ABORTED, Code.REFUSED), sentence
+        assert "takeoff" in sentence
 
-        status, code, said = pilot.result(pilot.send(Kind.TAKEOFF))
-        assert (status, code) == (SUCCEEDED, Code.DONE), said
-        left_m = [left for mode, *_, left in pilot.told if mode == "takeoff" and left >= 0.0]
+        status, code, sentence = pilot.result(pilot.send(Kind.TAKEOFF))
+        assert (status, code) == (SUCCEEDED, Code.DONE), sentence
+        left_m = [left for mode, *_, left in pilot.feedback if mode == "takeoff" and left >= 0.0]
         assert left_m and left_m[0] > left_m[-1] - 0.1 and max(left_m) < 4.5
         pilot.spin_until(lambda: abs(pilot.at_enu_m[2] - 4.0) < 1.0, flight)
 
         far = pilot.send(Kind.GOTO, 90, 40, 6)
-        pilot.spin_until(lambda: pilot.told and pilot.told[-1][-1] < 96.0, flight)
-        assert pilot.told[-1][0] in ("trajectory", "hover")
+        pilot.spin_until(lambda: pilot.feedback and pilot.feedback[-1][-1] < 96.0, flight)
+        assert pilot.feedback[-1][0] in ("trajectory", "hover")
         assert pilot.wait(far.cancel_goal_async()).goals_canceling
-        status, code, said = pilot.result(far)
+        status, code, sentence = pilot.result(far)
         assert (status, code) == (CANCELED, Code.CANCELED)
-        assert said.startswith("hold: to ")
+        assert sentence.startswith("hold: to ")
 
         first = pilot.send(Kind.GOTO, 90, 40, 6)
         second = pilot.send(Kind.GOTO, 8, 6, 6)
-        status, code, said = pilot.result(first)
-        assert (status, code) == (ABORTED, Code.PREEMPTED) and said.startswith("goto: goto ")
-        status, code, said = pilot.result(second)
-        assert (status, code) == (SUCCEEDED, Code.DONE) and said.startswith("goto: there, ")
+        status, code, sentence = pilot.result(first)
+        assert (status, code) == (ABORTED, Code.PREEMPTED) and sentence.startswith("goto: goto ")
+        status, code, sentence = pilot.result(second)
+        assert (status, code) == (SUCCEEDED, Code.DONE) and sentence.startswith("goto: there, ")
         pilot.spin_until(lambda: np.linalg.norm(pilot.at_enu_m - [8.0, 6.0, 6.0]) < 1.0, flight)
 
-        status, code, said = pilot.result(pilot.send(Kind.LAND))
-        assert (status, code) == (SUCCEEDED, Code.DONE), said
-        assert "land" in [words[0] for words in pilot.told]
+        status, code, sentence = pilot.result(pilot.send(Kind.LAND))
+        assert (status, code) == (SUCCEEDED, Code.DONE), sentence
+        assert "land" in [words[0] for words in pilot.feedback]
         pilot.spin_until(lambda: abs(pilot.at_enu_m[2]) < 0.5, flight)
     finally:
         flight.send_signal(signal.SIGINT)

@@ -48,9 +48,9 @@ def test_a_gamma_that_only_the_node_finds_infeasible(hover_test, tmp_path):
 def test_parameter_files(refused, tmp_path, content, words):
     path = tmp_path / "bad.yaml"
     path.write_text(content)
-    said = refused("--out", tmp_path / "flight", "--params", path, "--duration", 1)
+    sentence = refused("--out", tmp_path / "flight", "--params", path, "--duration", 1)
     for word in words:
-        assert word in said
+        assert word in sentence
     assert not (tmp_path / "flight").exists()
 
 
@@ -66,17 +66,17 @@ def test_parameter_files(refused, tmp_path, content, words):
     ],
 )
 def test_options(refused, tmp_path, arguments, words):
-    said = refused("--out", tmp_path / "flight", *arguments)
+    sentence = refused("--out", tmp_path / "flight", *arguments)
     for word in words:
-        assert word in said
+        assert word in sentence
 
 
 def test_folder_that_exists_and_folder_that_cannot_be_written(refused, tmp_path):
     assert f"--out {tmp_path}: exists" in refused("--out", tmp_path)
     (tmp_path / "file").write_text("")
     unwritable = tmp_path / "file" / "flight"
-    said = refused("--out", unwritable)
-    assert f"--out {unwritable}: " in said and os.strerror(errno.ENOTDIR) in said
+    sentence = refused("--out", unwritable)
+    assert f"--out {unwritable}: " in sentence and os.strerror(errno.ENOTDIR) in sentence
 
 
 def test_missing_executable_is_named(tmp_path, ros_env):

@@ -73,9 +73,9 @@ def test_recorder_killed_in_flight(tmp_path, ros_env, heli, living, holder_of):
 
     advice = heli("report", flight, code=2).stderr
     assert f"bag repair {flight / 'bag'}'" in advice and len(advice.splitlines()) == 1
-    said = heli("bag", "repair", flight / "bag", "--in-place").stdout
-    assert "bag_0.mcap" in said and str(flight / "bag_damaged") in said
-    restored = int(re.search(r"restored: (\d+) messages", said).group(1))
+    printed = heli("bag", "repair", flight / "bag", "--in-place").stdout
+    assert "bag_0.mcap" in printed and str(flight / "bag_damaged") in printed
+    restored = int(re.search(r"restored: (\d+) messages", printed).group(1))
     stamps = read_bag(flight / "bag").streams[topics.TRUTH_ODOM].stamp_ns
     assert stamps.size > 300 and restored > 7 * stamps.size
     assert np.all(np.diff(stamps) == TICK_NS)
@@ -108,8 +108,8 @@ def test_play_and_listen(tmp_path, ros_env, heli, hover_test, living):
     assert listener.stdout.readline() == "header:\n"
     assert interrupted(listener) == 130
     assert interrupted(player) == 130
-    said = heli("echo", "odom", "--timeout", 1, code=2).stderr
-    assert " odom " in said and len(said.splitlines()) == 1
+    stderr = heli("echo", "odom", "--timeout", 1, code=2).stderr
+    assert " odom " in stderr and len(stderr.splitlines()) == 1
     assert living() == []
 
 
@@ -123,17 +123,17 @@ def test_nothing_is_lost_at_5000_messages_per_second(ros_env, seconds):
         env=ros_env, capture_output=True, text=True, timeout=150,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    found = json.loads(done.stdout)
-    assert found["sent"] == 5000 * seconds
-    assert (found["lost"], found["topics"], found["acknowledged"]) == (0, 10, True)
+    counts = json.loads(done.stdout)
+    assert counts["sent"] == 5000 * seconds
+    assert (counts["lost"], counts["topics"], counts["acknowledged"]) == (0, 10, True)
 
 
 def test_full_disk_in_flight(small_disk, hover_test):
     """The flight goes on and is scored by what was recorded; one line says why there is less."""
     done = hover_test("--out", small_disk / "flight", "--duration", 20, "--gps", "rtk")
     assert done.returncode in (0, 1), done.stdout + done.stderr
-    said = " ".join(done.stdout.split())
-    assert said.count(os.strerror(errno.ENOSPC)) == 1, done.stdout
+    printed = " ".join(done.stdout.split())
+    assert printed.count(os.strerror(errno.ENOSPC)) == 1, done.stdout
     assert "20.00 s" not in done.stdout
     bag = read_bag(small_disk / "flight" / "bag")
     assert bag.streams[topics.TRUTH_ODOM].stamp_ns.size > 300

@@ -27,8 +27,8 @@ def test_a_campaigns_flight_is_the_same_through_the_graph(ros_env, tmp_path):
         env=ros_env, capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     assert done.returncode in (0, 1), done.stdout + done.stderr
-    told = json.loads(done.stdout)
-    assert told["flights"] == 2
-    (one,) = told["graph"]
+    campaign = json.loads(done.stdout)
+    assert campaign["flights"] == 2
+    (one,) = campaign["graph"]
     assert one["same"] and one["figure"].startswith("max") and one["difference"] <= 1e-6, one
     assert (out / "graph" / "flight_1" / "flight" / "bag" / "metadata.yaml").is_file()

@@ -51,8 +51,8 @@ def test_each_is_told_and_flown_as_in_one_process(hover_test, tmp_path, cases):
     done = hover_test("--composed", "--seed", SEED, "--duration", seconds, "--faults", file,
                       "--out", folder)  # fmt: skip
     assert done.returncode in (0, 1), done.stdout + done.stderr
-    told = json.loads((folder / "result.json").read_text())
-    assert not told["lost"] and len(told["faults"]) == len(cases)
+    result = json.loads((folder / "result.json").read_text())
+    assert not result["lost"] and len(result["faults"]) == len(cases)
 
     settings = resolve("hover", seed=SEED, duration_s=seconds, world="paper",
                        overrides=fault_overrides(file))  # fmt: skip
@@ -62,9 +62,9 @@ def test_each_is_told_and_flown_as_in_one_process(hover_test, tmp_path, cases):
 
     start_s, remarks = settings.nodes["plant"]["start_time_s"], read_bag(folder / "bag").remarks
     for condition, status, at_s, *_ in cases:
-        said = [r for r in remarks if r.facts.get("status") == status.name]
-        assert {remark.node for remark in said} == {"observer"}, status
-        first_s = min(remark.stamp_ns for remark in said) * 1e-9 - start_s - at_s
+        reports = [r for r in remarks if r.facts.get("status") == status.name]
+        assert {remark.node for remark in reports} == {"observer"}, status
+        first_s = min(remark.stamp_ns for remark in reports) * 1e-9 - start_s - at_s
         assert 0.0 <= first_s <= of(condition).within_s, status
 
 
@@ -84,10 +84,10 @@ def test_a_slow_servo_is_told_by_the_outer_loop_and_flown_as_in_one_process(hove
     settings = resolve("hover", seed=SEED, duration_s=20.0, world="honest", overrides=over)
     alone, flown = simulate(settings).record, flight_from_bag(folder / "bag", settings).record
     np.testing.assert_allclose(flown.u, alone.u, atol=1e-6)
-    told, row = read_bag(folder / "bag").remarks, of(Condition.SERVO_SLOW)
-    said = [remark for remark in told if remark.facts.get("failsafe") == row.action.name]
-    assert {remark.node for remark in said} == {"outer_loop"}
-    assert all(remark.message.startswith(row.status) for remark in said)
+    remarks, row = read_bag(folder / "bag").remarks, of(Condition.SERVO_SLOW)
+    reports = [remark for remark in remarks if remark.facts.get("failsafe") == row.action.name]
+    assert {remark.node for remark in reports} == {"outer_loop"}
+    assert all(remark.message.startswith(row.status) for remark in reports)
     start_s = settings.nodes["plant"]["start_time_s"]
-    first_s = min(remark.stamp_ns for remark in said) * 1e-9 - start_s - 12.0
+    first_s = min(remark.stamp_ns for remark in reports) * 1e-9 - start_s - 12.0
     assert 0.0 < first_s <= row.within_s

@@ -29,11 +29,11 @@ def test_a_fault_is_given_listed_and_cleared_while_it_flies(ros_env, tmp_path, l
     )  # fmt: skip
     try:
         # It waits for the plant's service, and with it for the flight.
-        code, said, wrong = heli(
+        code, printed, wrong = heli(
             ros_env, "fault", "baro", "bias", "-30", "--duration", "200", "--timeout", "100"
         )
         assert code == 0, wrong
-        fault = yaml.safe_load(said)
+        fault = yaml.safe_load(printed)
         assert (fault["what"], fault["kind"], fault["value"]) == ("baro", "bias", -30.0)
         assert fault["start_s"] >= 0.0
         code, _, wrong = heli(ros_env, "fault", "baro", "melts")
@@ -42,8 +42,8 @@ def test_a_fault_is_given_listed_and_cleared_while_it_flies(ros_env, tmp_path, l
         assert "baro bias" in status
         (listed,) = json.loads(heli(ros_env, "fault", "--list", "--json")[1])["faults"]
         assert yaml.safe_load(listed) == fault
-        code, said, wrong = heli(ros_env, "fault", "--clear")
-        assert code == 0 and "baro bias -30" in said, wrong
+        code, printed, wrong = heli(ros_env, "fault", "--clear")
+        assert code == 0 and "baro bias -30" in printed, wrong
         assert heli(ros_env, "fault", "--list")[1] == "none"
         # What nobody survives ends the flight.
         code, _, wrong = heli(ros_env, "fault", "delta_lat", "runaway", "0.5")

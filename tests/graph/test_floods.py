@@ -74,8 +74,8 @@ def test_a_flood_is_refused_and_the_flight_is_flown(ros_env, tmp_path):
     assert flood.returncode == 0, flood.stderr
     out, err = flying.communicate(timeout=120)
     assert flying.returncode in (0, 1), out + err
-    said = flood.stdout.splitlines()
-    assert any("50 requests" in reason for reason in said[2:]), said
+    reasons = flood.stdout.splitlines()
+    assert any("50 requests" in reason for reason in reasons[2:]), reasons
     result = json.loads((folder / "result.json").read_text())
     assert result["lost"] == "" and result["flown_s"] >= 15.9, result["notes"]
     facts = {}
@@ -83,7 +83,7 @@ def test_a_flood_is_refused_and_the_flight_is_flown(ros_env, tmp_path):
         facts.setdefault(remark.node, {}).update(remark.facts)
     for node in ("plant", "inner_loop", "outer_loop"):
         count, _, why = facts[node]["refused.requests"].partition("; ")
-        assert int(count) > 100 and why == said[2 + said[2:].index(why)], (node, count, why)
+        assert int(count) > 100 and why == reasons[2 + reasons[2:].index(why)], (node, count, why)
         assert any(f"{node}: requests refused: " in note for note in result["notes"])
     count = int(facts["outer_loop"]["refused.goto"].partition(";")[0])
     assert count > 100

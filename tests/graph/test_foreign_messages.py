@@ -112,11 +112,11 @@ def fly_with(foreigner, env, folder, act, *options, codes=(0,)):
 
 def facts_of(folder):
     """All that nodes said in /diagnostics: per node the sentences, and facts by key."""
-    said, facts = {}, {}
+    sentences, facts = {}, {}
     for remark in read_bag(folder / "bag").remarks:
-        said.setdefault(remark.node, set()).add(remark.message)
+        sentences.setdefault(remark.node, set()).add(remark.message)
         facts.setdefault(remark.node, {}).update(remark.facts)
-    return said, facts
+    return sentences, facts
 
 
 def assert_held(folder):
@@ -183,8 +183,8 @@ def test_a_second_sender_on_each_input_does_not_fly_the_aircraft(foreigner, ros_
     np.testing.assert_array_equal(first.nav_pos_ned_m, second.nav_pos_ned_m)
     assert len(first) == 4000 and results[0]["metrics"] == results[1]["metrics"]
     for name in INPUTS:
-        said = [note for note in results[1]["notes"] if f": {name}: sent by /" in note]
-        assert said and all("/pilot" in note for note in said), (name, results[1]["notes"])
+        notes = [note for note in results[1]["notes"] if f": {name}: sent by /" in note]
+        assert notes and all("/pilot" in note for note in notes), (name, results[1]["notes"])
 
 
 @pytest.mark.nightly  # a client has to keep up with the flight
@@ -200,11 +200,11 @@ def test_a_plain_topic_pub_moves_the_reference_within_its_bounds(foreigner, ros_
 
     # What is flown then is not the scenario: its verdict is nobody's matter here.
     fly_with(foreigner, ros_env, tmp_path / "f", act, "--gps", "rtk", codes=(0, 1))
-    said, facts = facts_of(tmp_path / "f")
+    sentences, facts = facts_of(tmp_path / "f")
     count, _, why = facts["outer_loop"]["refused.reference"].partition("; ")
     assert count == "1" and why.startswith("reference: point 0 ")
     assert "140.0 m" in why and "2 to 100 m" in why
-    assert any(message.endswith(f": {why}") for message in said["outer_loop"])
+    assert any(message.endswith(f": {why}") for message in sentences["outer_loop"])
     record = flight_from_bag(tmp_path / "f" / "bag", resolve()).record
     assert np.abs(record.truth_pos_ned_m[-500:] - there).max() < 1.0
 

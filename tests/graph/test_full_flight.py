@@ -75,9 +75,9 @@ def test_a_world_is_the_same_through_the_graph_and_in_one_process(hover_test, tm
     assert np.abs(alone.reference[0, :3] - [0.0, 0.0, -10.0]).max() > 1e-3
 
     metadata = yaml.safe_load((folder / "bag" / "metadata.yaml").read_text())
-    told = metadata["rosbag2_bagfile_information"]["custom_data"]
-    assert (told["world"], told["seed"], told["gps"]) == (world, "3", gps)
-    assert float(told["scale.mass"]) == result["draw"]["scale.mass"]
+    custom_data = metadata["rosbag2_bagfile_information"]["custom_data"]
+    assert (custom_data["world"], custom_data["seed"], custom_data["gps"]) == (world, "3", gps)
+    assert float(custom_data["scale.mass"]) == result["draw"]["scale.mass"]
 
 
 @pytest.mark.slow

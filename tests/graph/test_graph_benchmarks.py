@@ -30,33 +30,33 @@ def benchmark_of(ros_env, living):
 
 @pytest.mark.slow
 def test_speed_beside_a_bare_ring(benchmark_of):
-    found = benchmark_of("graph.py", "--quick")
-    rates, ratios = found["rates"]["one process"], found["ratios"]["one process"]
+    result = benchmark_of("graph.py", "--quick")
+    rates, ratios = result["rates"]["one process"], result["ratios"]["one process"]
     assert set(rates) == {"objects", "graph"} and min(rates.values()) > 0.0
     assert ratios["objects"] == pytest.approx(rates["graph"] / rates["objects"])
 
 
 @pytest.mark.slow
 def test_latency_beside_a_bare_ring(benchmark_of):
-    found = benchmark_of("latency.py", "--seconds", "2", "--composed")
+    result = benchmark_of("latency.py", "--seconds", "2", "--composed")
     for name in ("ring", "graph"):
-        assert found[name]["ticks"] > 0
-        assert 0.0 < found[name]["p50_us"] <= found[name]["p99_us"]
-    assert found["ratios"]["p50_us"] == found["graph"]["p50_us"] / found["ring"]["p50_us"]
+        assert result[name]["ticks"] > 0
+        assert 0.0 < result[name]["p50_us"] <= result[name]["p99_us"]
+    assert result["ratios"]["p50_us"] == result["graph"]["p50_us"] / result["ring"]["p50_us"]
 
 
 @pytest.mark.slow
 def test_endurance(benchmark_of):
-    found = benchmark_of(
+    result = benchmark_of(
         "soak.py", "--seconds", "6", "--realtime-seconds", "2", "--starts", "1", "--interrupts", "1"
     )
     for name in ("lockstep", "realtime"):
         assert {"plant", "observer", "inner_loop", "outer_loop", "recorder"} <= set(
-            found[name]["memory"]
+            result[name]["memory"]
         )
-        assert found[name]["wrong_counts"] == {}
-    assert found["starts"]["odd_exit_codes"] == [] and found["interrupts"]["odd_exit_codes"] == []
-    assert found["interrupts"]["hung"] == 0
+        assert result[name]["wrong_counts"] == {}
+    assert result["starts"]["odd_exit_codes"] == [] and result["interrupts"]["odd_exit_codes"] == []
+    assert result["interrupts"]["hung"] == 0
 
 
 def test_latency_that_is_asked_to_end_leaves_nothing(ros_env, living):

@@ -77,18 +77,18 @@ def start(tmp_path, ros_env):
 
 def half_made(folder):
     """What is neither a finished flight or design nor a flight whose bag opens."""
-    found = []
+    paths = []
     for made in [*folder.glob("flights/*"), *folder.glob("design")]:
         if (made / "bag").exists():
             read_bag(made / "bag")
         elif not ((made / "result.json").exists() or (made / "design.json").exists()):
-            found.append(made)
+            paths.append(made)
         page = made / "report.html"
         if page.exists() and not page.read_text().rstrip().endswith("</html>"):
-            found.append(page)
+            paths.append(page)
     if (folder / "flights").exists() and not any(folder.glob("flights/*")):
-        found.append(folder / "flights")
-    return found
+        paths.append(folder / "flights")
+    return paths
 
 
 def interrupt(start, command, when_s):
@@ -115,8 +115,8 @@ def check_interrupted(process, folder, living, when):
         assert err.splitlines() == progress, when
     else:
         shown = progress[: len(err.splitlines()) - 1]
-        told = "".join(f"{line}\n" for line in (*shown, "interrupted"))
-        assert (process.returncode, err) == (130, told), f"{when}\n{out}\n{err}"
+        expected = "".join(f"{line}\n" for line in (*shown, "interrupted"))
+        assert (process.returncode, err) == (130, expected), f"{when}\n{out}\n{err}"
 
 
 def interrupt_at_random(start, command, folder, living, count, seed):

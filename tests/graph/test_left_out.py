@@ -30,6 +30,6 @@ def test_what_a_flight_is_scored_by_is_recorded(hover_test, tmp_path, name):
     file, out = tmp_path / "my.yaml", tmp_path / "flight"
     file.write_text(FILE.format(name))
     done = hover_test("--params", file, "--out", out)
-    said = f"hover_test: recorder: leaves out {name}: a flight is scored by it\n"
-    assert (done.returncode, done.stderr) == (2, said)
+    expected = f"hover_test: recorder: leaves out {name}: a flight is scored by it\n"
+    assert (done.returncode, done.stderr) == (2, expected)
     assert not out.exists()

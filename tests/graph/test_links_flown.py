@@ -44,14 +44,14 @@ def test_the_graph_flies_the_numbers_of_one_process_and_tells_what_was_lost(ros_
     np.testing.assert_allclose(flown.u, alone.u, atol=1e-6)
     assert np.abs(sound.u - alone.u)[700:].max() > 1e-2
     assert flown_faults(settings)[0].words in done.stdout
-    facts, said = {}, {}
+    facts, sentences = {}, {}
     for remark in read_bag(folder / "bag").remarks:
         facts.setdefault(remark.node, {}).update(remark.facts)
-        said.setdefault(remark.node, []).append(remark.message)
+        sentences.setdefault(remark.node, []).append(remark.message)
     assert "lost" in facts["inner_loop"]["link.odom"]
     assert "twice" in facts["outer_loop"]["link.odom"]
     assert "overtaken" in facts["inner_loop"]["link.collective"]
     assert "lost" in facts["observer"]["link.imu/data_raw"]
     assert facts["plant"]["without_commands"].startswith("1 times")
-    assert any("odom loss" in message for message in said["outer_loop"])
-    assert of(Condition.SETPOINT_GONE).status in said["inner_loop"]
+    assert any("odom loss" in message for message in sentences["outer_loop"])
+    assert of(Condition.SETPOINT_GONE).status in sentences["inner_loop"]

@@ -77,14 +77,14 @@ async def watching(url, **options):
 
 def read_until(stream, words):
     """First line for each of the words at a line's beginning, by word."""
-    found = {}
-    while len(found) < len(words):
+    values = {}
+    while len(values) < len(words):
         line = stream.readline()
-        assert line, f"ended before {words} were said; found {found}"
+        assert line, f"ended before {words} were said; found {values}"
         for word in words:
             if line.startswith(f"{word}: "):
-                found[word] = line.split(": ", 1)[1].split()[0]
-    return found
+                values[word] = line.split(": ", 1)[1].split()[0]
+    return values
 
 
 async def vanish(url):
@@ -157,11 +157,11 @@ async def watch_flight(url, foxglove_url, token):
         )
         assert abs(watcher.last["truth"]["p"][2] - 10.0) < 1.0
         # Before anything is commanded: hover, gravity upwards.
-        seen = await decode_foxglove(foxglove_url, {"/odom", "/imu/data_raw", "/scene", "/tf"})
-        assert abs(seen["/odom"].pose.pose.position.z - 10.0) < 1.0
-        assert 8.0 < seen["/imu/data_raw"].linear_acceleration.z < 12.0
-        assert "rotor_disc" in {marker.ns for marker in seen["/scene"].markers}
-        assert seen["/tf"].transforms[0].child_frame_id == "base_link"
+        latest = await decode_foxglove(foxglove_url, {"/odom", "/imu/data_raw", "/scene", "/tf"})
+        assert abs(latest["/odom"].pose.pose.position.z - 10.0) < 1.0
+        assert 8.0 < latest["/imu/data_raw"].linear_acceleration.z < 12.0
+        assert "rotor_disc" in {marker.ns for marker in latest["/scene"].markers}
+        assert latest["/tf"].transforms[0].child_frame_id == "base_link"
         deaf = await vanish(url)
         await refusals(url)
         # Who does not read loses states: catch up with the flight before they are counted.
@@ -233,9 +233,9 @@ def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
         env=ros_env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
     try:
-        said = read_until(process.stdout, ["live view", "Foxglove", "command token"])
+        printed = read_until(process.stdout, ["live view", "Foxglove", "command token"])
         watcher = asyncio.run(
-            watch_flight(said["live view"], said["Foxglove"], said["command token"])
+            watch_flight(printed["live view"], printed["Foxglove"], printed["command token"])
         )
         rest, _ = process.communicate(timeout=120.0)
     finally:
@@ -245,7 +245,7 @@ def test_a_flight_is_watched_and_commanded(tmp_path, ros_env, living):
     assert any(note.startswith("commands ") and ": 6;" in note for note in result["notes"])
     assert any("baro bias 20" in note for note in result["notes"])
     assert any(event["text"].endswith(f" {WATCHED_S} s") for event in watcher.events)
-    secret = said["command token"].encode()
+    secret = printed["command token"].encode()
     assert not [path for path in out.rglob("*") if path.is_file() and secret in path.read_bytes()]
     assert living() == []
 
@@ -274,8 +274,8 @@ def test_the_end_is_told_by_its_cause(tmp_path, ros_env, living, kind):
     )  # fmt: skip
     stop = {"lost": lambda p: None, "interrupted": lambda p: p.send_signal(signal.SIGINT)}[kind]
     try:
-        said = read_until(process.stdout, ["live view"])
-        end = asyncio.run(watch_until_the_end(said["live view"], process, stop))
+        printed = read_until(process.stdout, ["live view"])
+        end = asyncio.run(watch_until_the_end(printed["live view"], process, stop))
         rest, _ = process.communicate(timeout=120)
     finally:
         process.kill()
@@ -333,8 +333,8 @@ def test_a_flight_in_lockstep_is_watched_only(tmp_path, ros_env, living):
         )  # fmt: skip
 
     try:
-        said = read_until(node.stdout, ["live view", "command token"])
-        flight = asyncio.run(watch_in_lockstep(said["live view"], said["command token"], fly))
+        printed = read_until(node.stdout, ["live view", "command token"])
+        flight = asyncio.run(watch_in_lockstep(printed["live view"], printed["command token"], fly))
         output, _ = flight.communicate(timeout=120.0)
         assert flight.returncode == 130, output
         node.terminate()

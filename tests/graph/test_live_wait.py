@@ -38,16 +38,16 @@ def start(tmp_path, ros_env, living):
 
 def until(process, words):
     """Read up to the line that holds these words; returns all that was said."""
-    said = ""
+    printed = ""
     for line in process.stdout:
-        said += line
+        printed += line
         if words in line:
-            return said
-    pytest.fail(f"{said}\n{process.stderr.read()}")
+            return printed
+    pytest.fail(f"{printed}\n{process.stderr.read()}")
 
 
-def address(said):
-    return next(line for line in said.splitlines() if line.startswith("live view: ")).split()[-1]
+def address(printed):
+    return next(line for line in printed.splitlines() if line.startswith("live view: ")).split()[-1]
 
 
 async def messages(url):
@@ -87,28 +87,28 @@ async def shown_after(url, act):
 async def watch(process, url, act):
     """From before the flight to its replay."""
     async with asyncio.timeout(LIMIT_S):
-        seen = await flown(url)
+        answers = await flown(url)
         await asyncio.to_thread(until, process, "report and replay: http://127.0.0.1:")
-        return *seen, *await shown_after(url, act)
+        return *answers, *await shown_after(url, act)
 
 
 @pytest.mark.slow
 def test_a_flight_waits_for_its_first_browser_and_leaves_report_and_replay(start):
     process = start("--live-wait", "--duration", "4")
-    said = until(process, "waiting for a browser")
-    assert "flown" not in said
-    url = address(said)
+    printed = until(process, "waiting for a browser")
+    assert "flown" not in printed
+    url = address(printed)
 
     def read_report():
         with urllib.request.urlopen(f"{url}report.html") as page:
             assert b"Hover test in wind" in page.read()
 
-    hello, first, ends, told, last = asyncio.run(watch(process, url, read_report))
+    hello, first, ends, end, last = asyncio.run(watch(process, url, read_report))
     # Seen from its first moment on; before it, nothing had flown.
     assert first < 2.0 and ends == {"over"}
     assert hello["after"] is True and hello["history"] == []
-    assert told["report"] == "report.html" and told["at_end"]
-    assert " 4.00 s" in told["ended"]
+    assert end["report"] == "report.html" and end["at_end"]
+    assert " 4.00 s" in end["ended"]
     assert last["t"] == pytest.approx(3.99) and last["replay"]["runs"] is False
     # Once the browser has gone the command ends, with the flight's own code.
     _, err = process.communicate(timeout=LIMIT_S)

@@ -62,16 +62,16 @@ def wait_for_mode(env, until, goes_on):
 def fly_by_hand(ros_env, folder):
     """A flight with its three pilots; its record, once it is known that all did their part."""
     typist, terminal = pty.openpty()
-    said = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "env": ros_env}
-    keys = subprocess.Popen([*HELI, "joy", "--keyboard"], stdin=terminal, **said)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "env": ros_env}
+    keys = subprocess.Popen([*HELI, "joy", "--keyboard"], stdin=terminal, **pipes)
     # It says which keys there are as soon as it sends.
     assert "climb" in keys.stdout.readline()
     leans = [sys.executable, str(EXAMPLES / "attitude.py"), "6", "2", "0.5"]
     moves = [sys.executable, str(EXAMPLES / "velocity.py"), "6", "4", "1.5"]
-    clients = [subprocess.Popen(leans, **said)]
+    clients = [subprocess.Popen(leans, **pipes)]
     low = folder.with_suffix(".yaml")
     low.write_text(LOW)
-    flight = subprocess.Popen([*FLIGHT, "--params", str(low), "--out", str(folder)], **said)
+    flight = subprocess.Popen([*FLIGHT, "--params", str(low), "--out", str(folder)], **pipes)
 
     def goes_on():
         return all(process.poll() is None for process in (flight, keys, *clients))
@@ -85,8 +85,8 @@ def fly_by_hand(ros_env, folder):
         wait_for_mode(ros_env, take_off, goes_on)
         os.write(typist, b"q")
         held, _ = clients[0].communicate(timeout=200)
-        clients.append(subprocess.Popen(moves, **said))
-        told, _ = clients[1].communicate(timeout=200)
+        clients.append(subprocess.Popen(moves, **pipes))
+        printed, _ = clients[1].communicate(timeout=200)
         flown, _ = flight.communicate(timeout=200)
         keys.communicate(timeout=120)
     finally:
@@ -94,9 +94,9 @@ def fly_by_hand(ros_env, folder):
             process.kill()
         os.close(typist)
         os.close(terminal)
-    assert [process.returncode for process in (*clients, keys)] == [0, 0, 0], held + told
+    assert [process.returncode for process in (*clients, keys)] == [0, 0, 0], held + printed
     assert held.startswith("hold: to ")
-    assert told.startswith("land: comes to rest")
+    assert printed.startswith("land: comes to rest")
     # Steered at once after the climb, its height is not judged, and so the flight is not inside.
     assert flight.returncode in (0, 1), flown
     settings = resolve("by_hand", gps="rtk", seed=5, duration_s=200.0)

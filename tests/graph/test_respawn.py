@@ -51,7 +51,7 @@ def kills(tmp_path, first_s, apart_s):
     return faults(tmp_path, *lines)
 
 
-def told(folder):
+def respawned(folder):
     """result.json and bag of a flight in which all three came back; nobody is called a stranger."""
     result, bag = json.loads((folder / "result.json").read_text()), read_bag(folder / "bag")
     # Two that are due at once, as on loaded cores, are noticed in either order.
@@ -72,8 +72,8 @@ def last_step_s(folder, node):
     flight it has killed.
     """
     log = (folder / "logs" / f"{node}.log").read_text()
-    (found,) = re.findall(r"started again in flight, after (\d+\.\d+) s of it", log)
-    return float(found)
+    (last_s,) = re.findall(r"started again in flight, after (\d+\.\d+) s of it", log)
+    return float(last_s)
 
 
 def in_pairs(result):
@@ -90,12 +90,12 @@ def went_with_its_sender(bag, result, topic, sent_ns, recorded_ns):
     lacking_ns = np.setdiff1d(sent_ns, recorded_ns)
     (source,) = topics.BY_NAME[topic].source
     (back_s,) = [r["back_s"] for r in result["restarts"] if r["node"] == source]
-    told = [note for note in result["notes"] if note.startswith("recorder: gaps on")]
+    gaps = [note for note in result["notes"] if note.startswith("recorder: gaps on")]
     began_ns = bag.streams[topics.TRUTH_ODOM].stamp_ns[0]
     of_one_time = (sent_ns >= lacking_ns[0]) & (sent_ns <= lacking_ns[-1])
     return (
-        all(topic in note for note in told)
-        and len(told) == 1
+        all(topic in note for note in gaps)
+        and len(gaps) == 1
         and np.array_equal(sent_ns[of_one_time], lacking_ns)
         and (recorded_ns[recorded_ns > lacking_ns[-1]][0] - began_ns) / NS_PER_S <= back_s + 0.1
     )
@@ -114,7 +114,7 @@ def test_in_lockstep_it_is_the_same_flight_number_for_number(ros_env, tmp_path, 
         assert done.returncode in (0, 1), done.stdout + done.stderr
         assert living() == []
         bags.append(read_bag(tmp_path / name / "bag"))
-    result, bag = told(tmp_path / "killed")
+    result, bag = respawned(tmp_path / "killed")
     for restart in result["restarts"]:
         stepped_s = last_step_s(tmp_path / "killed", restart["node"])
         assert restart["noticed_s"] - stepped_s <= of(Condition.NODE_GONE).within_s
@@ -127,8 +127,8 @@ def test_in_lockstep_it_is_the_same_flight_number_for_number(ros_env, tmp_path, 
         same = np.isin(a.stamp_ns, stamps) if topic in MAY_GO else slice(None)
         np.testing.assert_array_equal(a.stamp_ns[same], stamps)
         np.testing.assert_array_equal(a.rows[same], b.rows[first])
-    said = [r for r in bag.remarks if of(Condition.NODE_GONE).status in r.message]
-    assert len(said) == 3 and all(r.node == "scenario" for r in said)
+    remarks = [r for r in bag.remarks if of(Condition.NODE_GONE).status in r.message]
+    assert len(remarks) == 3 and all(r.node == "scenario" for r in remarks)
 
 
 @pytest.mark.nightly
@@ -141,7 +141,7 @@ def test_in_real_time_they_are_back_soon_and_little_is_lost(ros_env, tmp_path, l
         done = fly(ros_env, folder, *words)
         assert done.returncode in (0, 1), done.stdout + done.stderr
         assert living() == []
-        result, bag = told(folder)
+        result, bag = respawned(folder)
         truth = bag.streams["ground_truth/odom"]
         begun_ns = truth.stamp_ns[0]
         assert truth.stamp_ns.size == 1500
@@ -149,12 +149,14 @@ def test_in_real_time_they_are_back_soon_and_little_is_lost(ros_env, tmp_path, l
         for restart, at_s in in_pairs(result):
             node = restart["node"]
             condition = Condition.OUTER_GONE if node == "outer_loop" else Condition.COMMANDS_GONE
-            seen_s = (truth.stamp_ns - begun_ns) / NS_PER_S - at_s
-            gone = truth.rows[(seen_s >= 0.0) & (seen_s < 4.0), :3]
+            since_s = (truth.stamp_ns - begun_ns) / NS_PER_S - at_s
+            gone = truth.rows[(since_s >= 0.0) & (since_s < 4.0), :3]
             assert np.linalg.norm(gone - gone[0], axis=1).max() < LOST_M
             who = "scenario" if node == "outer_loop" else "plant"
-            said = [r for r in bag.remarks if r.node == who and of(condition).status in r.message]
-            assert any(-0.1 < (r.stamp_ns - begun_ns) / NS_PER_S - at_s < 1.0 for r in said)
+            remarks = [
+                r for r in bag.remarks if r.node == who and of(condition).status in r.message
+            ]
+            assert any(-0.1 < (r.stamp_ns - begun_ns) / NS_PER_S - at_s < 1.0 for r in remarks)
             noticed_s, back_s = (restart[key] - at_s for key in ("noticed_s", "back_s"))
             if noticed_s > of(condition).within_s or back_s > BACK_S:
                 late[-1].append((node, noticed_s, back_s))

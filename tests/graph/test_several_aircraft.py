@@ -33,8 +33,8 @@ def test_two_aircraft(hover_test, tmp_path):
         assert result["seed"] == seed_of(5, number)
         assert result["mode"] == "lockstep" and result["flown_s"] == LENGTH_S
         truth = read_bag(out / name / "bag").streams[topics.TRUTH_ODOM]
-        own = resolve(duration_s=LENGTH_S, params=[out / name / "params.yaml"])
-        alone = simulate(own).record.truth_pos_ned_m
+        settings = resolve(duration_s=LENGTH_S, params=[out / name / "params.yaml"])
+        alone = simulate(settings).record.truth_pos_ned_m
         tracks.append(truth.rows[:, PLANT.pos])
         assert tracks[-1].shape == alone.shape
         assert np.abs(tracks[-1] - alone).max() < 1e-6

@@ -72,12 +72,12 @@ def test_a_pilot_takes_off_goes_there_and_lands(ros_env, tmp_path, example):
             text=True,
             timeout=200,
         )
-        said, _ = flight.communicate(timeout=200)
+        printed, _ = flight.communicate(timeout=200)
     finally:
         flight.kill()
     assert pilot.returncode == 0, pilot.stdout + pilot.stderr
     assert [line.split(":")[0] for line in pilot.stdout.splitlines()] == ["takeoff", "land"]
-    assert flight.returncode == 0, said
+    assert flight.returncode == 0, printed
     settings = resolve("by_hand", gps="rtk", seed=5, duration_s=200.0)
     record = flight_from_bag(folder / "bag", settings).record
     modes = _in_order(record.mode)

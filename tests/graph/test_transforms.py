@@ -75,14 +75,14 @@ def test_a_flight_tells_where_its_frames_are(stand_in, hover_test, tmp_path):
     for stamp_ns, (to_odom, to_base) in zip(stamps, moving, strict=True):
         there, turned = placed(to_odom.transform)
         here, attitude = placed(to_base.transform)
-        told = odometry[stamp_ns]
-        assert told.header.frame_id == "map" and told.child_frame_id == "base_link"
-        at, q = told.pose.pose.position, told.pose.pose.orientation
+        odom = odometry[stamp_ns]
+        assert odom.header.frame_id == "map" and odom.child_frame_id == "base_link"
+        at, q = odom.pose.pose.position, odom.pose.pose.orientation
         np.testing.assert_allclose(there + turned.apply(here), [at.x, at.y, at.z], atol=1e-9)
         wanted = Rotation.from_quat([q.x, q.y, q.z, q.w])
         assert (wanted.inv() * turned * attitude).magnitude() < 1e-9
-        speed = np.linalg.norm([told.twist.twist.linear.x, told.twist.twist.linear.y,
-                                told.twist.twist.linear.z])  # fmt: skip
+        speed = np.linalg.norm([odom.twist.twist.linear.x, odom.twist.twist.linear.y,
+                                odom.twist.twist.linear.z])  # fmt: skip
         if before is not None:
             assert np.linalg.norm(here - before) < (speed + 0.5) * 0.04, "no jumps in odom"
         before = here

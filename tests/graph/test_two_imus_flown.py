@@ -68,4 +68,4 @@ def test_the_graph_leaves_the_wrong_imu_as_one_process_does(ros_env, tmp_path):
     facts = [remark.facts for remark in bag.remarks if remark.node == "observer"]
     lost = alone_counts["lost"]
     assert lost > 40 and f"lost {lost}, delayed 100" in facts[-1]["link.imu2/data_raw"]
-    assert ObserverStatus.IMU_LEFT.name in {said.get("status") for said in facts}
+    assert ObserverStatus.IMU_LEFT.name in {fact.get("status") for fact in facts}

@@ -91,8 +91,8 @@ def test_somebody_else_is_no_plant_before_it_is_silent(
         says = lambda: getattr(supervisor.statuses.get(name), "message", "") == message  # noqa: E731
         assert supervisor.wait_until(says, LIMIT_S, lambda: None), supervisor.statuses
 
-    for said in ("configured", "active", "flying"):
-        plant(diagnostics("plant", said))
+    for state in ("configured", "active", "flying"):
+        plant(diagnostics("plant", state))
     until("plant", "flying")
     stranger(diagnostics("plant"))
     # By the same way: what was sent before it has come.
@@ -108,10 +108,10 @@ def test_a_bag_tells_what_its_own_aircraft_said(tmp_path, namespace):
     """The recorder writes all of /diagnostics; the report is about the aircraft that was flown."""
     recorder = BagRecorder(tmp_path / "bag", [topics.IMU, topics.DIAGNOSTICS], f"/{namespace}")
     recorder.write(topics.IMU, Encoder(topics.IMU).encode(np.zeros(6), 1_000_000_000))
-    own = f"{namespace}/plant".lstrip("/")
-    for name in (*OTHERS, own):
-        said = "own" if name == own else OVER
-        recorder.write(topics.DIAGNOSTICS, serialize_message(diagnostics(name, said)))
+    plant_name = f"{namespace}/plant".lstrip("/")
+    for name in (*OTHERS, plant_name):
+        message = "own" if name == plant_name else OVER
+        recorder.write(topics.DIAGNOSTICS, serialize_message(diagnostics(name, message)))
     recorder.close()
     remarks = read_bag(tmp_path / "bag").remarks
     assert [(remark.node, remark.message) for remark in remarks] == [("plant", "own")]

@@ -18,7 +18,7 @@ LIMIT_S = 120.0
 STOPPED_S = 0.5
 
 
-def said(log, sentence, before):
+def check_logged(log, sentence, before):
     """Wait until the plant has said a sentence once more than before."""
     deadline = time.monotonic() + LIMIT_S
     while log.read_text().count(sentence) <= before:
@@ -41,11 +41,11 @@ def test_half_a_second_without_a_node(ros_env, tmp_path, holder_of, living, node
     fell_back = log.read_text().count(FALLS_BACK)
     pid = holder_of(out / "logs" / f"{node}.log")
     os.kill(pid, signal.SIGSTOP)
-    said(log, FALLS_BACK, fell_back)
+    check_logged(log, FALLS_BACK, fell_back)
     with pytest.raises(subprocess.TimeoutExpired):
         flying.wait(STOPPED_S)
     os.kill(pid, signal.SIGCONT)
-    said(log, "]: flying", flew)
+    check_logged(log, "]: flying", flew)
     _, err = flying.communicate(timeout=LIMIT_S)
     assert flying.returncode in (0, 1) and err == "", err
     assert living() == []

@@ -29,12 +29,12 @@ def test_a_new_law_is_a_choice_and_holds_the_attitude(copy, tmp_path):
     copy.lend_kernels()
     command = ["-m", "heli_flight.cli.hover_test", "--one-process", "--no-report", "--json"]
     command += ["--scenario", "attitude", "--duration", "10", "--out", tmp_path / "flight"]
-    said = copy.run(*command, "--attitude-controller", "mine", code=None)
-    result = json.loads(said.stdout)
+    done = copy.run(*command, "--attitude-controller", "mine", code=None)
+    result = json.loads(done.stdout)
     assert result["lost"] == ""
     errors = {(m["key"], m["measured_from"]): m["max"] for m in result["metrics"]}
     assert max(errors.values()) < 5.0
-    said = copy.run(
+    done = copy.run(
         *command[:-2], "--out", tmp_path / "other", "--attitude-controller", "nobody", code=2
     )
-    assert "mine" in said.stderr
+    assert "mine" in done.stderr

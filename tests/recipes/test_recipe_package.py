@@ -57,11 +57,11 @@ def test_a_new_package_is_found_installed_and_compiled(copy):
 
 
 @pytest.mark.parametrize(
-    ("forgotten", "told_by"),
+    ("forgotten", "test_file"),
     [({"data_files": False}, "test_packaging_layout.py"),
      ({"imports": "nothing"}, "test_packaging_manifests.py"),
      ({"readme": "A winch.\n"}, "test_packaging_faces.py")],
 )  # fmt: skip
-def test_what_was_forgotten_is_told(copy, forgotten, told_by):
+def test_what_was_forgotten_is_told(copy, forgotten, test_file):
     add_package(copy, **forgotten)
-    assert NEW in copy.packaging(told_by, "-k", NEW, code=1).stdout
+    assert NEW in copy.packaging(test_file, "-k", NEW, code=1).stdout

@@ -27,8 +27,8 @@ def test_a_new_parameter_is_declared_bounded_and_suggested(copy):
     add_row(copy)
     add_value(copy)
     copy.packaging("test_packaging_files.py", "-k", "plant")
-    said = start_plant(copy, "-p", "fuel_kg:=5.0", code=2)
-    assert "fuel_kg" in said and "5.0" in said and "2" in said
+    stderr = start_plant(copy, "-p", "fuel_kg:=5.0", code=2)
+    assert "fuel_kg" in stderr and "5.0" in stderr and "2" in stderr
     assert "fuel_kg" in start_plant(copy, "-p", "feul_kg:=1.0", code=2)
 
 

@@ -63,8 +63,8 @@ def flown():
     rows = []
     for seed in SEEDS:
         radar, estimator = Doppler(), WithDoppler()
-        own = heli.fly(seed=seed, sensors=[radar], estimator=estimator, **FLIGHT)
-        rows.append((heli.fly(seed=seed, **FLIGHT), own, radar, estimator))
+        with_radar = heli.fly(seed=seed, sensors=[radar], estimator=estimator, **FLIGHT)
+        rows.append((heli.fly(seed=seed, **FLIGHT), with_radar, radar, estimator))
     return rows
 
 
@@ -76,15 +76,17 @@ def test_it_says_what_its_sigma_says(flown):
 
 def test_the_other_sensors_say_what_they_said(flown):
     # Until the filter has aligned and the radar's next reading is fused nothing flies another way.
-    for plain, own, _, _ in flown:
-        np.testing.assert_array_equal(own.truth.q_nb[:25], plain.truth.q_nb[:25])
-        imu, before = own._flown.record.imu, plain._flown.record.imu
+    for plain, with_radar, _, _ in flown:
+        np.testing.assert_array_equal(with_radar.truth.q_nb[:25], plain.truth.q_nb[:25])
+        imu, before = with_radar._flown.record.imu, plain._flown.record.imu
         np.testing.assert_array_equal(imu[:25], before[:25])
 
 
 def test_the_velocity_is_known_better_on_each_seed(flown):
-    for plain, own, _, _ in flown:
-        assert not own.lost and velocity_error_mps(own) < 0.8 * velocity_error_mps(plain)
+    for plain, with_radar, _, _ in flown:
+        assert not with_radar.lost and velocity_error_mps(with_radar) < 0.8 * velocity_error_mps(
+            plain
+        )
 
 
 def test_its_innovations_are_of_the_size_that_the_filter_expects(flown):

@@ -132,8 +132,8 @@ def _add_flight(total: Statistics, flight: Flight, config: ObserverConfig, u: Ar
             i = CHECKS_S.index(seconds(tick))
             e = error_state(flight, tick - k.horizon_ticks, state.nominal)
             total.nees[i] += e @ np.linalg.solve(state.P, e)
-            own, P = e[_NAVIGATION], state.P[_NAVIGATION, _NAVIGATION]
-            total.nees_navigation[i] += own @ np.linalg.solve(P, own)
+            nav_error, P = e[_NAVIGATION], state.P[_NAVIGATION, _NAVIGATION]
+            total.nees_navigation[i] += nav_error @ np.linalg.solve(P, nav_error)
             total.output[i] += (sent_errors(flight, tick, out) ** 2).sum(axis=1)
     total.rejected += int(state.count[_REJECTED].sum())
     total.runs += 1

@@ -10,7 +10,7 @@ from evidence.sweep import over
 class Figures(NamedTuple):
     """What a flight shows, and which process flew it."""
 
-    told: str
+    label: str
     share: float
     process: int
 

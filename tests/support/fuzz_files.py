@@ -74,13 +74,13 @@ def run_command(*words: str) -> str:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = app.main(list(words))
-    said = err.getvalue()
+    stderr = err.getvalue()
     if code in (0, 1):
         return ""
-    assert code == 2, (code, said)
-    said = _PROGRESS.sub("", said)
-    assert said.count("\n") == 1 and said.startswith("heli: "), said
-    return said.removesuffix("\n")
+    assert code == 2, (code, stderr)
+    stderr = _PROGRESS.sub("", stderr)
+    assert stderr.count("\n") == 1 and stderr.startswith("heli: "), stderr
+    return stderr.removesuffix("\n")
 
 
 # --- YAML ----------------------------------------------------------------------------------------
@@ -127,10 +127,10 @@ def _yaml() -> Target:
     return Target("parameters read", attempt)
 
 
-def _naming(said: str, path: Path) -> str:
+def _naming(sentence: str, path: Path) -> str:
     # What two nodes' parameters must agree in is no matter of one file.
-    assert str(path) in said or said.startswith(_OF_NODES), said
-    return said
+    assert str(path) in sentence or sentence.startswith(_OF_NODES), sentence
+    return sentence
 
 
 def _scenario() -> Target:
@@ -186,12 +186,12 @@ def _messages() -> list[tuple[str, bytes]]:
 
     status = DiagnosticStatus(name="outer_loop", message="follows", hardware_id="helicopter")
     status.values = [KeyValue(key="mode", value="hover")]
-    told = DiagnosticArray(status=[status])
-    told.header.stamp.sec = 1
+    diagnostics = DiagnosticArray(status=[status])
+    diagnostics.header.stamp.sec = 1
     way = Trajectory.hover(np.array([0.0, 0.0, -10.0]), 0.0)
     sent = [
         (topics.REFERENCE, bytes(serialize_message(encode_reference(way)))),
-        (topics.DIAGNOSTICS, bytes(serialize_message(told))),
+        (topics.DIAGNOSTICS, bytes(serialize_message(diagnostics))),
     ]
     encoders = {name: Encoder(name) for name in _STREAMS}
     for tick in range(_TICKS):
@@ -265,9 +265,9 @@ def _command(name: str, words: Callable[[Path, Path], tuple[str, ...]], short: i
     def attempt(numbers: random.Random, folder: Path) -> str:
         out = folder / "out"
         shutil.rmtree(out, ignore_errors=True)
-        said = run_command(*words(damaged_bag(numbers, folder), out))
-        assert not (said and out.exists()), f"left behind: {list(out.iterdir())}"
-        return said
+        sentence = run_command(*words(damaged_bag(numbers, folder), out))
+        assert not (sentence and out.exists()), f"left behind: {list(out.iterdir())}"
+        return sentence
 
     return Target(f"heli {name}", attempt, short)
 

@@ -107,20 +107,20 @@ def _spoilt(numbers: random.Random, owner: Any, name: str) -> Any:
 
 def _places(message: Any) -> list[tuple[Any, str]]:
     """All fields of a message that hold no message, each with its owner."""
-    found: list[tuple[Any, str]] = []
+    places: list[tuple[Any, str]] = []
     for item in fields(message):
         if item.name.startswith("__"):
             continue
         value = getattr(message, item.name)
         if is_dataclass(value):
-            found += _places(value)
+            places += _places(value)
         else:
-            found.append((message, item.name))
+            places.append((message, item.name))
             inner = value if isinstance(value, list) else []
-            found += [
+            places += [
                 place for one in inner[:_LOOKED_AT] if is_dataclass(one) for place in _places(one)
             ]
-    return found
+    return places
 
 
 def _zero_quaternion(message: Any) -> None:
@@ -165,18 +165,18 @@ def _stream(name: str) -> Target:
     def attempt(numbers: random.Random, folder: Path) -> str:
         decoder = Decoder(name, place(name), namespace="")
         raw = hostile(numbers, whole, type_name)
-        said = ""
+        sentence = ""
         try:
             row = decoder.decode(raw)
         except MessageError as error:
-            said = str(error)
-            assert said.startswith(f"{name}: "), said
+            sentence = str(error)
+            assert sentence.startswith(f"{name}: "), sentence
         else:
             assert np.isfinite(row).all(), row
             assert name not in _NORMALISED or np.abs(row).max() <= 1.0, row
         # And the next one of the sender is as it was.
         np.testing.assert_array_equal(decoder.decode(whole), expected)
-        return said
+        return sentence
 
     return Target(f"message {name}", attempt, _SHORT)
 

@@ -52,9 +52,9 @@ class Parser:
     seeds: Callable[[], list[bytes]]
 
 
-def _sentence(said: str) -> str:
-    assert is_sentence(said), said
-    return said
+def _sentence(text: str) -> str:
+    assert is_sentence(text), text
+    return text
 
 
 def _cdr(data: bytes, folder: Path) -> str:
@@ -104,7 +104,7 @@ def _mcap(data: bytes, folder: Path) -> str:
 
 def _mcap_seeds() -> list[bytes]:
     """A small bag of two topics, plain and compressed."""
-    found = []
+    seeds = []
     with tempfile.TemporaryDirectory(prefix="heli_fuzz_") as folder:
         for form in (Format(), Format(zstd=True)):
             names = topics.BARO, topics.COLLECTIVE
@@ -115,8 +115,8 @@ def _mcap_seeds() -> list[bytes]:
                     stamp_ns = NS_PER_S + tick * TICK_NS
                     bag.write(name, encoders[name].encode(good_row(name), stamp_ns))
             bag.close()
-            found += [path.read_bytes() for path in bag.folder.glob("*.mcap")]
-    return found
+            seeds += [path.read_bytes() for path in bag.folder.glob("*.mcap")]
+    return seeds
 
 
 PARSERS = {

@@ -75,28 +75,30 @@ def is_sentence(text: str) -> bool:
 
 def tally(target: Target, numbers: Iterable[int], folder: Path) -> Tally:
     """Try the cases of these numbers."""
-    found = Tally()
+    counts = Tally()
     for number in numbers:
-        found.cases += 1
+        counts.cases += 1
         try:
-            said = target.attempt(numbers_of(target, number), folder)
+            sentence = target.attempt(numbers_of(target, number), folder)
         except (Exception, SystemExit) as error:
-            _fail(found, number, f"{type(error).__name__}: {str(error)[:_SHOWN]}")
+            _fail(counts, number, f"{type(error).__name__}: {str(error)[:_SHOWN]}")
             continue
-        if not said:
-            found.taken += 1
-        elif is_sentence(said):
-            found.refused += 1
-            found.sentences.add(said.replace(str(folder), "")[:_BEGINNING])
+        if not sentence:
+            counts.taken += 1
+        elif is_sentence(sentence):
+            counts.refused += 1
+            counts.sentences.add(sentence.replace(str(folder), "")[:_BEGINNING])
         else:
-            _fail(found, number, f"no sentence: {said[:_SHOWN]!r} ({len(said)} characters)")
-    return found
+            _fail(
+                counts, number, f"no sentence: {sentence[:_SHOWN]!r} ({len(sentence)} characters)"
+            )
+    return counts
 
 
-def _fail(found: Tally, number: int, what: str) -> None:
-    found.failed += 1
-    if len(found.failures) < _KEPT:
-        found.failures.append(f"case {number}: {what}")
+def _fail(counts: Tally, number: int, what: str) -> None:
+    counts.failed += 1
+    if len(counts.failures) < _KEPT:
+        counts.failures.append(f"case {number}: {what}")
 
 
 def damaged_bytes(numbers: random.Random, raw: bytes) -> bytes:

@@ -155,6 +155,6 @@ def scored(name, scale=FULL_SCALE, **knobs):
     return score(FLIGHTS[name](**knobs), name, scale, TARGETS.get(name))
 
 
-def result(found, criterion):
+def result(assessment, criterion):
     """A criterion's result of a score."""
-    return next(r for r in found.results if r.criterion.name == criterion)
+    return next(r for r in assessment.results if r.criterion.name == criterion)

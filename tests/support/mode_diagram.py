@@ -19,6 +19,6 @@ def _from(phase: Phase) -> list[str]:
     for row in TABLE:
         if isinstance(row, Transition) and phase in row.sources:
             guards = "".join(f" [{guard.name.lower()}]" for guard in row.guards)
-            said = row.event.value if isinstance(row.event, Command) else f"({row.event.value})"
-            words.setdefault(row.target, []).append(said + guards)
-    return [f"  {phase} --> {target}: {', '.join(said)}" for target, said in words.items()]
+            label = row.event.value if isinstance(row.event, Command) else f"({row.event.value})"
+            words.setdefault(row.target, []).append(label + guards)
+    return [f"  {phase} --> {target}: {', '.join(labels)}" for target, labels in words.items()]

@@ -19,7 +19,7 @@ from heli_msgs_bridge import topics
 from heli_msgs_bridge.messages import Encoder
 
 
-def flown_folder(folder: Path, settings: Settings, told: Mapping[str, Any] | None = None) -> Path:
+def flown_folder(folder: Path, settings: Settings, result: Mapping[str, Any] | None = None) -> Path:
     """Fly, and write params.yaml and bag/ with all that a page shows.
 
     Parameters
@@ -27,7 +27,7 @@ def flown_folder(folder: Path, settings: Settings, told: Mapping[str, Any] | Non
     folder : Path
         Made here.
     settings : Settings
-    told : mapping, optional
+    result : mapping, optional
         Content of result.json, as far as it counts: `lost`.
     """
     record = simulate(settings).record
@@ -44,7 +44,7 @@ def flown_folder(folder: Path, settings: Settings, told: Mapping[str, Any] | Non
         for stamp_ns, row in list(zip(stream.stamp_ns.tolist(), rows, strict=True))[::every]:
             raw = encoder.encode(np.ascontiguousarray(row), stamp_ns)
             entries.append((stamp_ns, name, bytes(raw)))
-    for remark in remarks_of(record, stamps, settings, told or {}):
+    for remark in remarks_of(record, stamps, settings, result or {}):
         entries.append((remark.stamp_ns, topics.DIAGNOSTICS, _raw(store, remark)))
     with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {

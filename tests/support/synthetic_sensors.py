@@ -59,8 +59,8 @@ class Flight:
 
     def attitude_error(self, nav: Array, ticks: Array | Sequence[int]) -> Array:
         """Rotation vectors (n, 3), NED, rad, from the attitude of rows of `nav` to the true one."""
-        true, told = (np.roll(q[ticks], -1, axis=1) for q in (self.q, nav[:, NAV.quat]))
-        return (Rotation.from_quat(true) * Rotation.from_quat(told).inv()).as_rotvec()
+        true, estimated = (np.roll(q[ticks], -1, axis=1) for q in (self.q, nav[:, NAV.quat]))
+        return (Rotation.from_quat(true) * Rotation.from_quat(estimated).inv()).as_rotvec()
 
 
 def fade_in(t: Array, seconds: float) -> Array:

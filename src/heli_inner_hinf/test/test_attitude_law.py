@@ -34,11 +34,13 @@ def kernel_of():
     """Kernels of the packaged parameters but for the changes, each designed once."""
     parameters = load(TABLE, [YAML], NODE_NAME)
     law = pid_as_output_law(*(parameters[f"pid.K_{part}"] for part in "PID"))
-    given = {**parameters, **{f"law.{part}": getattr(law, part) for part in law._fields}}
+    values = {**parameters, **{f"law.{part}": getattr(law, part) for part in law._fields}}
 
     @functools.cache
     def make(controller, **changes):
-        return AttitudeConfig.from_parameters({**given, "controller": controller, **changes}).params
+        return AttitudeConfig.from_parameters(
+            {**values, "controller": controller, **changes}
+        ).params
 
     return make
 
@@ -165,9 +167,9 @@ def test_swap_has_no_jump_and_fades(kernel_of, before, after):
         return  # they integrate: in this lasting error they go on
     for _ in range(1500):
         _, settled = fly(new, state, x9, r3)
-    own = initial_law_state(new)
+    fresh = initial_law_state(new)
     for _ in range(1500):
-        _, alone = fly(new, own, x9, r3)
+        _, alone = fly(new, fresh, x9, r3)
     assert np.allclose(settled, alone, atol=1e-9)
 
 

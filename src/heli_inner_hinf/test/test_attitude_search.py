@@ -99,10 +99,10 @@ def test_variances_are_those_of_flights(nominal, parameters, controller):
     config = AttitudeConfig.from_parameters({**parameters, "controller": controller})
     law = linear_law_of(config.params)
     errors, commands = flown(law, nominal, air)
-    found = variances(law, nominal, air)
-    assert np.mean(errors**2, axis=(0, 2)) == pytest.approx(found.angle, rel=0.05)
+    predicted = variances(law, nominal, air)
+    assert np.mean(errors**2, axis=(0, 2)) == pytest.approx(predicted.angle, rel=0.05)
     assert np.mean(np.diff(commands, axis=0) ** 2, axis=(0, 2)) == pytest.approx(
-        found.step, rel=0.03
+        predicted.step, rel=0.03
     )
 
 
@@ -117,14 +117,14 @@ def test_cost_is_the_mean_in_units(nominal, pid):
 
 
 def test_shortfall_is_what_the_judge_misses(config, nominal, pid):
-    found = judge(config.A, config.B, feedback_of_law(pid), config.actuation)
+    margins = judge(config.A, config.B, feedback_of_law(pid), config.actuation)
     alone = Yardstick(nominal, (), CostScales(disk_margin=0.9))
-    missed = 0.9 - found.disk_input + 0.9 - found.disk_output
+    missed = 0.9 - margins.disk_input + 0.9 - margins.disk_output
     assert alone.shortfall(pid) == pytest.approx(missed, abs=0.03)
     assert Yardstick(nominal, (), CostScales(disk_margin=0.4)).shortfall(pid) == 0.0
     # another aircraft counts by its own floor, at the input alone
     heavy = Yardstick(nominal, (replace(nominal, disk_margin=1.0),), CostScales(disk_margin=0.4))
-    assert heavy.shortfall(pid) == pytest.approx(1.0 - found.disk_input, abs=0.02)
+    assert heavy.shortfall(pid) == pytest.approx(1.0 - margins.disk_input, abs=0.02)
 
 
 def stable(one, law):
@@ -161,13 +161,13 @@ def test_best_is_the_best_of_its_neighbours(config, nominal):
         return pid_as_output_law(K_P, K_I, config.K_D)
 
     wanted = Yardstick(nominal, (), CostScales(disk_margin=0.4))
-    found = wanted.best(LawFamily("pid", law, ((0.1, 0.02), (30.0, 3.0))))
-    least = wanted.price(law(found))
-    assert wanted.shortfall(law(found)) == 0.0
+    best = wanted.best(LawFamily("pid", law, ((0.1, 0.02), (30.0, 3.0))))
+    least = wanted.price(law(best))
+    assert wanted.shortfall(law(best)) == 0.0
     for i in range(2):
         for way in (-1, 1):
-            beside = list(found)
-            beside[i] = on_grid(place_of(found[i]) + way)
+            beside = list(best)
+            beside[i] = on_grid(place_of(best[i]) + way)
             assert wanted.price(law(beside)) > least * (1.0 - 1e-4)
     with pytest.raises(NoLawError, match="^pid: "):
         strict = replace(wanted, wanted=CostScales(disk_margin=1.9))

@@ -48,35 +48,35 @@ class TestScalar:
     """x' = a x + b u + e w: gamma*^2 = e^2 / (a^2/q + b^2/r) if a <= 0, e^2 r / b^2 if a > 0."""
 
     def test_stable_plant_ends_on_the_axis(self, b, q, r, e):
-        found = gamma_star(*scalar(-1.5, b, e, q, r))
+        limit = gamma_star(*scalar(-1.5, b, e, q, r))
         exact = e / np.sqrt(1.5**2 / q + b**2 / r)
-        assert found.value == pytest.approx(exact, rel=1e-12)
-        assert found.mechanism is Mechanism.HAMILTONIAN_AXIS
-        assert found.frequency == 0.0
+        assert limit.value == pytest.approx(exact, rel=1e-12)
+        assert limit.mechanism is Mechanism.HAMILTONIAN_AXIS
+        assert limit.frequency == 0.0
 
     def test_unstable_plant_ends_with_p_unbounded(self, b, q, r, e):
-        found = gamma_star(*scalar(2.0, b, e, q, r))
+        limit = gamma_star(*scalar(2.0, b, e, q, r))
         exact = e * np.sqrt(r) / b
-        assert found.value == pytest.approx(exact, rel=1e-10)
-        assert found.lower <= exact * (1 + 1e-14) and exact * (1 - 1e-14) <= found.upper
-        assert found.mechanism is Mechanism.P_UNBOUNDED
-        assert found.frequency is None
+        assert limit.value == pytest.approx(exact, rel=1e-10)
+        assert limit.lower <= exact * (1 + 1e-14) and exact * (1 - 1e-14) <= limit.upper
+        assert limit.mechanism is Mechanism.P_UNBOUNDED
+        assert limit.frequency is None
 
     def test_no_weight_on_the_state_of_an_unstable_plant(self, b, q, r, e):
         # Phi is zero: with foresight the wind costs nothing, without it e sqrt(r) / b
-        found = gamma_star(*scalar(2.0, b, e, 0.0, r))
-        assert found.value == pytest.approx(e * np.sqrt(r) / b, rel=1e-10)
-        assert found.mechanism is Mechanism.P_UNBOUNDED
+        limit = gamma_star(*scalar(2.0, b, e, 0.0, r))
+        assert limit.value == pytest.approx(e * np.sqrt(r) / b, rel=1e-10)
+        assert limit.mechanism is Mechanism.P_UNBOUNDED
 
 
 def test_oscillator_without_control_gives_its_resonance_peak():
     w0, damping, weight = 3.0, 0.1, 2.0
     A = [[0.0, 1.0], [-(w0**2), -2 * damping * w0]]
     C, D = [[weight, 0.0], [0.0, 0.0]], [[0.0], [1.0]]
-    found = gamma_star(A, [[0.0], [0.0]], [[0.0], [1.0]], C, D)
+    limit = gamma_star(A, [[0.0], [0.0]], [[0.0], [1.0]], C, D)
     peak = weight / (2 * damping * w0**2 * np.sqrt(1 - damping**2))
-    assert found.value == pytest.approx(peak, rel=1e-12)
-    assert found.frequency == pytest.approx(w0 * np.sqrt(1 - 2 * damping**2), rel=1e-5)
+    assert limit.value == pytest.approx(peak, rel=1e-12)
+    assert limit.frequency == pytest.approx(w0 * np.sqrt(1 - 2 * damping**2), rel=1e-5)
     no_input = gamma_star(A, np.zeros((2, 0)), [[0.0], [1.0]], C, np.zeros((2, 0)))
     assert no_input.value == pytest.approx(peak, rel=1e-12)
 
@@ -85,8 +85,8 @@ def test_double_integrator_with_matched_wind():
     # Phi = q r / (q + r w^4): largest at w = 0, where countering the wind costs sqrt(r)
     r = 0.49
     C, D = [[2.0, 0.0], [0.0, 0.0]], [[0.0], [np.sqrt(r)]]
-    found = gamma_star([[0, 1], [0, 0]], [[0], [1]], [[0], [1]], C, D)
-    assert found.value == pytest.approx(np.sqrt(r), rel=1e-9)
+    limit = gamma_star([[0, 1], [0, 0]], [[0], [1]], [[0], [1]], C, D)
+    assert limit.value == pytest.approx(np.sqrt(r), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -96,34 +96,34 @@ def test_double_integrator_with_matched_wind():
 def test_two_states_take_the_worse_of_the_two(e_stable, mechanism):
     stable = scalar(-1.0, 0.5, e_stable, 2.0, 1.0)
     unstable = scalar(0.8, 1.5, 1.0, 1.0, 0.6)
-    found = gamma_star(*rotated_pair(stable, unstable))
+    limit = gamma_star(*rotated_pair(stable, unstable))
     exact = max(e_stable / np.sqrt(1.0 / 2.0 + 0.25), np.sqrt(0.6) / 1.5)
-    assert found.value == pytest.approx(exact, rel=1e-9)
-    assert found.mechanism is mechanism
+    assert limit.value == pytest.approx(exact, rel=1e-9)
+    assert limit.mechanism is mechanism
 
 
 def test_no_wind_at_all_is_a_value(published):
     A, B, E, C, D = published
-    found = gamma_star(A, B, 0.0 * E, C, D)
-    assert found.value == found.upper == 0.0
-    assert found.mechanism is Mechanism.NO_DISTURBANCE
+    limit = gamma_star(A, B, 0.0 * E, C, D)
+    assert limit.value == limit.upper == 0.0
+    assert limit.mechanism is Mechanism.NO_DISTURBANCE
     assert synthesize(A, B, 0.0 * E, C, D, 1e-3, np.eye(9)[[0, 1, 8]]).norm == 0.0
 
 
 def test_wind_on_hidden_stable_states_only_is_a_value():
     A = [[-1.0, 0.0], [0.5, -2.0]]
     C, D = [[3.0, 0.0], [0.0, 0.0]], [[0.0], [1.0]]
-    found = gamma_star(A, [[1.0], [0.0]], [[0.0], [1.0]], C, D)
-    assert found.value == 0.0
-    assert found.mechanism is Mechanism.NO_DISTURBANCE
+    limit = gamma_star(A, [[1.0], [0.0]], [[0.0], [1.0]], C, D)
+    assert limit.value == 0.0
+    assert limit.mechanism is Mechanism.NO_DISTURBANCE
 
 
 def test_published_aircraft(published):
-    found = gamma_star(*published)
-    assert found.value == pytest.approx(0.05164933140, rel=1e-9)
-    assert found.mechanism is Mechanism.HAMILTONIAN_AXIS
-    assert 23.0 < found.frequency < 25.0  # the flapping mode
-    assert (found.upper - found.lower) <= REL_TOL * found.upper
+    limit = gamma_star(*published)
+    assert limit.value == pytest.approx(0.05164933140, rel=1e-9)
+    assert limit.mechanism is Mechanism.HAMILTONIAN_AXIS
+    assert 23.0 < limit.frequency < 25.0  # the flapping mode
+    assert (limit.upper - limit.lower) <= REL_TOL * limit.upper
 
 
 def test_does_not_depend_on_units(published):
@@ -172,15 +172,15 @@ def bisected(plant, top, rel=1e-7):
 
 
 def test_bisection_agrees_on_the_aircraft(published):
-    found = gamma_star(*published).value
-    assert bisected(published, 3 * found) == pytest.approx(found, rel=1e-6)
+    gamma = gamma_star(*published).value
+    assert bisected(published, 3 * gamma) == pytest.approx(gamma, rel=1e-6)
 
 
 @pytest.mark.parametrize("i", [5, 7, 11, 13, 19, 23])
 def test_bisection_agrees_on_random_plants(random_plant, i):
     plant = random_plant(i)
-    found = gamma_star(*plant).value
-    assert bisected(plant, 3 * found) == pytest.approx(found, rel=1e-5)
+    gamma = gamma_star(*plant).value
+    assert bisected(plant, 3 * gamma) == pytest.approx(gamma, rel=1e-5)
 
 
 @pytest.mark.parametrize("name", ["aircraft", "stable", "unstable"])
@@ -207,16 +207,16 @@ def test_linear_matrix_inequality_agrees(published, name):
 
 
 def check_plant(plant, expected_width=REL_TOL):
-    found = gamma_star(*plant)
-    assert 0.0 < found.lower <= found.value <= found.upper
-    assert found.upper - found.lower <= 1.01 * expected_width * found.upper
+    limit = gamma_star(*plant)
+    assert 0.0 < limit.lower <= limit.value <= limit.upper
+    assert limit.upper - limit.lower <= 1.01 * expected_width * limit.upper
     selector = np.eye(plant[0].shape[0])[: plant[1].shape[1]]
     with pytest.raises(InfeasibleGammaError):
-        synthesize(*plant, 0.999 * found.value, selector)
-    design = synthesize(*plant, 1.0001 * found.value, selector)
+        synthesize(*plant, 0.999 * limit.value, selector)
+    design = synthesize(*plant, 1.0001 * limit.value, selector)
     assert design.certificate.accepted
-    assert found.lower * (1 - 1e-6) <= design.norm < design.gamma
-    return found.mechanism
+    assert limit.lower * (1 - 1e-6) <= design.norm < design.gamma
+    return limit.mechanism
 
 
 @pytest.mark.parametrize("start", range(0, 30, 10))

@@ -123,14 +123,14 @@ def test_after_touch_down_the_command_fades_to_trim(kernel_of, controller):
 @pytest.mark.parametrize("controller", NAMES)
 def test_in_the_air_it_is_the_law_bit_for_bit(kernel_of, controller):
     k, rng = kernel_of(controller), np.random.default_rng(3)
-    state, own = initial_law_state(k), initial_law_state(k)
+    state, state_alone = initial_law_state(k), initial_law_state(k)
     alone = np.empty(3)
     for _ in range(200):
         x9, r3 = k.x_trim + 0.1 * rng.standard_normal(9), 0.1 * rng.standard_normal(3)
         # Up to the least thrust of the outer loop, in descent at 5 m/s.
         _, u3 = fly(k, state, x9, r3, rng.uniform(-0.98, 0.24))
-        attitude_law(x9, r3, k, own, alone)
-        assert np.array_equal(u3, alone) and np.array_equal(state, own)
+        attitude_law(x9, r3, k, state_alone, alone)
+        assert np.array_equal(u3, alone) and np.array_equal(state, state_alone)
 
 
 def test_on_the_ground_it_needs_no_estimate_but_says_so(kernel_of):

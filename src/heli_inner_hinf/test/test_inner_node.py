@@ -74,12 +74,12 @@ def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
     assert inner.sent[topics.ACTUATORS][-1][:3] == pytest.approx(trim[:3], abs=0.0)
     tick_of(inner, 3)
     assert inner.node.health.level == Level.OK
-    told = [lost_tick(inner, tick) for tick in range(4, 55)]
-    assert {level for level, _ in told[:5]} == {Level.OK}
+    reports = [lost_tick(inner, tick) for tick in range(4, 55)]
+    assert {level for level, _ in reports[:5]} == {Level.OK}
     late = (Level.WARN, "the estimate is late: the model carries it on")
-    assert set(told[5:-1]) == {late}
-    level, said = told[-1]
-    assert level == Level.ERROR and said.endswith(" is held")
+    assert set(reports[5:-1]) == {late}
+    level, message = reports[-1]
+    assert level == Level.ERROR and message.endswith(" is held")
     inner.again()
     assert lost_tick(inner, 60)[0] == Level.ERROR, "left in the air and taken up again: still lost"
     inner.again()
@@ -143,5 +143,5 @@ def test_a_setpoint_of_a_later_moment_is_not_fresh(bench):
             topics.ODOM, tick, np.where(np.arange(CHANNELS[topics.ODOM].size) == 6, 1.0, 0.0)
         )
     assert inner.node.tick == 7
-    said = "the attitude setpoint is too old: trim attitude is held"
-    assert (inner.node.health.level, inner.node.health.message) == (Level.WARN, said)
+    expected = "the attitude setpoint is too old: trim attitude is held"
+    assert (inner.node.health.level, inner.node.health.message) == (Level.WARN, expected)

@@ -83,11 +83,11 @@ def test_observer_matrices_make_the_error_decay(model, K):
 @pytest.mark.parametrize("shift_rate", [0.0, 0.5])
 def test_state_feedback_as_one_law_answers_every_command_as_flown(config, model, K, shift_rate):
     """`turn` makes a new heading an input that moves nothing else."""
-    own, feed = replace(model, shift_rate=shift_rate), ObserverInput(1, 38.0, 0.51)
-    law = as_output_law(own, K, config.prediction_s, feed)
+    shifted, feed = replace(model, shift_rate=shift_rate), ObserverInput(1, 38.0, 0.51)
+    law = as_output_law(shifted, K, config.prediction_s, feed)
     omega = np.geomspace(0.1, 300.0, 50)
-    one = output_loop(own, law).closed(np.exp(1j * omega * TICK_S))
-    other = flown_loop(own, K, config.prediction_s, feed).closed(np.exp(1j * omega * TICK_S))
+    one = output_loop(shifted, law).closed(np.exp(1j * omega * TICK_S))
+    other = flown_loop(shifted, K, config.prediction_s, feed).closed(np.exp(1j * omega * TICK_S))
     np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
 
 
@@ -205,9 +205,13 @@ def test_attitude_settles_at_its_command(config, model, K, shift_rate):
 
 
 def test_signals_have_their_names(model, K):
-    for loop, seen in zip(three_loops(model, K), (STATE_NAMES, *[MEASURED_NAMES] * 2), strict=True):
+    for loop, measured in zip(
+        three_loops(model, K), (STATE_NAMES, *[MEASURED_NAMES] * 2), strict=True
+    ):
         assert loop.plant.input_labels == [*WIND, *COMMANDS, *INPUT_NAMES]
-        assert loop.plant.output_labels[12:] == loop.controller.input_labels == [*seen, *COMMANDS]
+        assert (
+            loop.plant.output_labels[12:] == loop.controller.input_labels == [*measured, *COMMANDS]
+        )
         assert loop.plant.state_labels[:9] == list(STATE_NAMES)
         assert loop.wind_to_h.input_labels == list(WIND)
 
@@ -267,11 +271,11 @@ class TestMargins:
         k = config.params
         law = pid_as_output_law(k.K_P, k.K_I, k.K_D)
         loop = output_loop(model, law)
-        told = judge(model.A, model.B, feedback_of(k._replace(controller=PID)), Actuation())
+        margins = judge(model.A, model.B, feedback_of(k._replace(controller=PID)), Actuation())
         for where in ("input", "output"):
             alpha = disk_margin(loop, where).alpha
-            assert getattr(told, f"disk_{where}") == pytest.approx(alpha, rel=3e-3)
-        assert np.log(told.radius) / TICK_S == pytest.approx(loop.stability(), rel=1e-9)
+            assert getattr(margins, f"disk_{where}") == pytest.approx(alpha, rel=3e-3)
+        assert np.log(margins.radius) / TICK_S == pytest.approx(loop.stability(), rel=1e-9)
 
     @pytest.mark.parametrize("shift_rate", [0.0, 0.5])
     def test_state_feedback_is_judged_at_what_flies(self, config, shift_rate):

@@ -16,13 +16,13 @@ ANGLES, RATES = [0, 1, 8], [2, 3, 6]
 
 
 @pytest.fixture
-def given(parameters):
+def lqg_parameters(parameters):
     return {**parameters, "controller": "lqg"}
 
 
 @pytest.fixture
-def design(given):
-    return AttitudeConfig.from_parameters(given)
+def design(lqg_parameters):
+    return AttitudeConfig.from_parameters(lqg_parameters)
 
 
 def mean_square(plant, law):
@@ -34,13 +34,13 @@ def mean_square(plant, law):
     step = np.block([[A[:n, :n], np.zeros((n, n + 3))], [law["B"] @ y, law["A"]]])
     step[:n] += b @ to_u
     enters = np.vstack([B[:n, :n_w] + b @ law["D"] @ D[n_z:, :n_w], law["B"] @ D[n_z:, :n_w]])
-    seen = np.hstack([C[:n_z, :n], np.zeros((n_z, n)), C[:n_z, n:]]) + D[:n_z, n_w:] @ to_u
+    C_z = np.hstack([C[:n_z, :n], np.zeros((n_z, n)), C[:n_z, n:]]) + D[:n_z, n_w:] @ to_u
     through = D[:n_z, n_w:] @ law["D"] @ D[n_z:, :n_w]
     spread = solve_discrete_lyapunov(step, enters @ enters.T)
-    return np.trace(seen @ spread @ seen.T + through @ through.T)
+    return np.trace(C_z @ spread @ C_z.T + through @ through.T)
 
 
-def test_no_law_nearby_is_better(given, design):
+def test_no_law_nearby_is_better(lqg_parameters, design):
     """The mean square of the closed loop, by its Lyapunov equation, is stationary in every matrix
     of the law and grows in random directions."""
     plant = generalised_plant(
@@ -49,7 +49,7 @@ def test_no_law_nearby_is_better(given, design):
         design.E,
         design.C,
         design.D,
-        added_weights(given, "lqg"),
+        added_weights(lqg_parameters, "lqg"),
         design.actuation,
     )
     parts = {name: getattr(design.law, name).copy() for name in "ABCD"}

@@ -56,17 +56,17 @@ def gain_known_to_half(share):
 
 def test_mu_falls_and_the_law_keeps_what_it_promises():
     plant = gain_known_to_half(0.6)
-    found = dk_iteration(plant, (1,), ANGLES)
-    assert found.peak < 0.97 * found.peaks[0]
-    closed = closed_loop(plant, found.controller.system)
+    result = dk_iteration(plant, (1,), ANGLES)
+    assert result.peak < 0.97 * result.peaks[0]
+    closed = closed_loop(plant, result.controller.system)
     mu = scaled_mu(response(closed, ANGLES), 1)[0]
-    assert np.max(mu) == pytest.approx(found.peak, rel=1e-12)
+    assert np.max(mu) == pytest.approx(result.peak, rel=1e-12)
     # By every gain of the set, up to 1 / mu: the worst performance stays below mu.
     for angle in np.linspace(0.0, 2.0 * np.pi, 7):
-        delta = np.exp(1j * angle) / found.peak
+        delta = np.exp(1j * angle) / result.peak
         for M in response(closed, ANGLES):
             through = M[1:, :1] @ (M[:1, 1:] * delta / (1.0 - M[0, 0] * delta))
-            assert np.linalg.norm(M[1:, 1:] + through, 2) <= found.peak * (1 + 1e-9)
+            assert np.linalg.norm(M[1:, 1:] + through, 2) <= result.peak * (1 + 1e-9)
 
 
 def test_a_plant_that_no_law_stabilises_is_refused():

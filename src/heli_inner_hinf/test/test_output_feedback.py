@@ -124,5 +124,5 @@ def test_infeasible_gamma_is_refused_with_its_number(parameters, flown):
 
 def test_more_delay_makes_another_plant(parameters):
     """The law knows the delay: three states for each tick of it."""
-    given = {**parameters, "controller": "hinf_output", "delay_ticks": 2, "output.gamma": 20.0}
-    assert AttitudeConfig.from_parameters(given).law.A.shape == (24, 24)
+    values = {**parameters, "controller": "hinf_output", "delay_ticks": 2, "output.gamma": 20.0}
+    assert AttitudeConfig.from_parameters(values).law.A.shape == (24, 24)

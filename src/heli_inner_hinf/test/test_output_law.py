@@ -33,8 +33,8 @@ def pid(parameters):
 
 def asked(parameters, law, **changes):
     """Parameters that fly this law."""
-    given = {f"law.{part}": getattr(law, part) for part in law._fields}
-    return {**parameters, "controller": "matrices", **given, **changes}
+    values = {f"law.{part}": getattr(law, part) for part in law._fields}
+    return {**parameters, "controller": "matrices", **values, **changes}
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_recursion_with_limits_is_the_documented_one(kernel):
     law = some_law()
     k = kernel(law)
     g, state, u3 = np.random.default_rng(1), initial_law_state(k), np.zeros(3)
-    x, psi_ref, seen = np.zeros(ORDER), None, set()
+    x, psi_ref, statuses = np.zeros(ORDER), None, set()
     for _ in range(200):
         x9, r3, v = rows(k, g)
         x9, v = (x9, v) if g.random() < 0.7 else (k.x_trim + 30.0 * (x9 - k.x_trim), None)
@@ -112,8 +112,8 @@ def test_recursion_with_limits_is_the_documented_one(kernel):
         assert np.allclose(u3, u, atol=1e-11)
         assert np.allclose(state[MEMORY : MEMORY + ORDER], x, atol=1e-10)
         assert (status is AttitudeStatus.SATURATED) == bool(np.any(u != linear))
-        seen.add(status)
-    assert seen == {AttitudeStatus.OK, AttitudeStatus.SATURATED}
+        statuses.add(status)
+    assert statuses == {AttitudeStatus.OK, AttitudeStatus.SATURATED}
 
 
 def test_pid_as_output_law_is_the_pid(parameters, kernel, pid):
@@ -194,17 +194,17 @@ class TestStart:
 class TestRefused:
     @pytest.mark.parametrize("part", ["A", "B", "C", "D", "L", "turn"])
     def test_a_wrong_size_names_the_matrix(self, parameters, pid, part):
-        given = asked(parameters, pid)
-        given[f"law.{part}"] = np.append(np.ravel(given[f"law.{part}"]), 0.0)
+        values = asked(parameters, pid)
+        values[f"law.{part}"] = np.append(np.ravel(values[f"law.{part}"]), 0.0)
         with pytest.raises(ShapeError, match=rf"law\.{part} "):
-            AttitudeConfig.from_parameters(given)
+            AttitudeConfig.from_parameters(values)
 
     @pytest.mark.parametrize("part", ["A", "B", "C", "D", "L", "turn"])
     def test_not_finite(self, parameters, pid, part):
-        given = asked(parameters, pid)
-        given[f"law.{part}"] = np.full_like(given[f"law.{part}"], np.nan)
+        values = asked(parameters, pid)
+        values[f"law.{part}"] = np.full_like(values[f"law.{part}"], np.nan)
         with pytest.raises(ShapeError, match="not finite") as caught:
-            AttitudeConfig.from_parameters(given)
+            AttitudeConfig.from_parameters(values)
         assert caught.value.name == f"law.{part}"
 
     def test_too_many_states(self):
@@ -225,13 +225,13 @@ class TestRefused:
 
     @pytest.mark.parametrize("controller", ["matrices", "pid", "hinf"])
     def test_less_margin_than_the_floor(self, parameters, pid, controller):
-        given = {**asked(parameters, pid), "controller": controller}
-        margin = AttitudeConfig.from_parameters(given).judgement.disk_output
+        values = {**asked(parameters, pid), "controller": controller}
+        margin = AttitudeConfig.from_parameters(values).judgement.disk_output
         with pytest.raises(MarginError) as caught:
-            AttitudeConfig.from_parameters({**given, "margin_floor": margin + 1e-6})
+            AttitudeConfig.from_parameters({**values, "margin_floor": margin + 1e-6})
         error = caught.value
         assert (error.controller, error.where, error.margin) == (controller, "output", margin)
-        AttitudeConfig.from_parameters({**given, "margin_floor": margin - 1e-6})
+        AttitudeConfig.from_parameters({**values, "margin_floor": margin - 1e-6})
 
 
 def test_closed_loop_is_the_recursion(config, pid):

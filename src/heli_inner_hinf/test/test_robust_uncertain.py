@@ -46,11 +46,11 @@ def test_reduction_keeps_the_dependence(deltas: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "said"),
+    ("low", "high", "sentence"),
     [(3.0, 1.5, "from low to high"), (2.5, 3.0, "has to lie inside"), (np.nan, 3.0, "finite")],
 )
-def test_bad_range_is_refused_by_name(low: float, high: float, said: str) -> None:
-    with pytest.raises(RobustError, match=said) as refused:
+def test_bad_range_is_refused_by_name(low: float, high: float, sentence: str) -> None:
+    with pytest.raises(RobustError, match=sentence) as refused:
         Range("mass", 2.0, low, high)
     assert refused.value.cause is RobustCause.BAD_RANGE
     assert str(refused.value).startswith("mass: ")

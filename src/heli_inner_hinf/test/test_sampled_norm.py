@@ -46,10 +46,10 @@ def fast_sampled(plant, law, parts):
         z.append(energy @ now)
         z_w.append(energy @ now_w)
         x, x_w = flow[:n] @ now, flow[:n] @ now_w
-    own = np.zeros((size - n, size))
-    own[:k, :n], own[:k, n : n + k] = law.B @ plant.C_y, law.A
-    own[k:] = command[: m * depth]
-    A, B = np.vstack([x, own]), np.vstack([x_w, np.zeros((size - n, n_w * parts))])
+    law_rows = np.zeros((size - n, size))
+    law_rows[:k, :n], law_rows[:k, n : n + k] = law.B @ plant.C_y, law.A
+    law_rows[k:] = command[: m * depth]
+    A, B = np.vstack([x, law_rows]), np.vstack([x_w, np.zeros((size - n, n_w * parts))])
     return A, B, np.vstack(z), np.vstack(z_w)
 
 
@@ -63,10 +63,10 @@ def richardson(value, parts):
 def test_without_a_law_it_is_the_norm_of_the_plant(tick_s):
     # 1 / (s^2 + 2 d s + 1) has the norm 1 / (2 d sqrt(1 - d^2)), however long the tick is.
     plant = HeldPlant(LIGHTLY_DAMPED, INTO, INTO, OUT, OUT, tick_s, 0.0)
-    found = sampled_norm(plant, NO_LAW)
+    norm = sampled_norm(plant, NO_LAW)
     exact = 1.0 / (0.2 * np.sqrt(0.99))
-    assert found.lower <= exact <= found.upper
-    assert found.upper - found.lower <= 1.1e-7 * exact
+    assert norm.lower <= exact <= norm.upper
+    assert norm.upper - norm.lower <= 1.1e-7 * exact
 
 
 def random_loop(seed, delay_s):
@@ -84,14 +84,14 @@ def random_loop(seed, delay_s):
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.2, 0.3])
 def test_fast_sampling_tends_to_it(delay_s):
     plant, law = random_loop(3, delay_s)
-    found = sampled_norm(plant, law)
+    norm = sampled_norm(plant, law)
 
     def fast(parts):
         return discrete_norm(*fast_sampled(plant, law, parts))[0]
 
-    assert fast(8) < found.upper
-    assert richardson(fast, 8) == pytest.approx(found.upper, rel=1e-5)
-    assert found.upper - found.lower <= 1.1e-7 * found.upper
+    assert fast(8) < norm.upper
+    assert richardson(fast, 8) == pytest.approx(norm.upper, rel=1e-5)
+    assert norm.upper - norm.lower <= 1.1e-7 * norm.upper
 
 
 @pytest.mark.parametrize("tick_s, other", [(0.05, 0.78605736), (1.0, 1.34894926)])
@@ -105,16 +105,16 @@ def test_the_associated_norm_of_directsd_is_met_and_is_an_upper_bound(tick_s, ot
     into, out = np.array([[1.0], [0.0]]), np.array([[0.0, 1.0]])
     law = SampledLaw(*(np.array([[v]]) for v in (0.5, 1.0, -0.2, -0.4)))
     plant = HeldPlant(A, into, into, out, out, tick_s, 0.0)
-    found = sampled_norm(plant, law)
+    norm = sampled_norm(plant, law)
 
     def associated(parts):
         system = fast_sampled(plant, law, parts)
-        near = found.frequency_radps * tick_s * np.linspace(0.95, 1.05, 101)
+        near = norm.frequency_radps * tick_s * np.linspace(0.95, 1.05, 101)
         return max(np.linalg.norm(at(system, angle)) for angle in near)
 
     assert richardson(associated, 8) == pytest.approx(other, rel=1e-5)
-    assert found.lower < other * (1 + 2e-6)
-    assert found.upper == pytest.approx(other, rel=1e-6 if tick_s < 0.1 else 5e-4)
+    assert norm.lower < other * (1 + 2e-6)
+    assert norm.upper == pytest.approx(other, rel=1e-6 if tick_s < 0.1 else 5e-4)
 
 
 def at(system, angle):
@@ -127,12 +127,12 @@ def test_an_error_within_one_tick_counts():
     """A tick so long that wind to error within it is most of the norm."""
     plant = HeldPlant(np.array([[-1.0]]), *(np.ones((1, 1)),) * 4, 3.0, 0.0)
     law = NO_LAW._replace(D=np.array([[-0.5]]))
-    found = sampled_norm(plant, law)
+    norm = sampled_norm(plant, law)
 
     def fast(parts):
         return discrete_norm(*fast_sampled(plant, law, parts))[0]
 
-    assert richardson(fast, 16) == pytest.approx(found.upper, rel=1e-4)
+    assert richardson(fast, 16) == pytest.approx(norm.upper, rel=1e-4)
 
 
 def test_an_unstable_loop_and_what_is_not_finite_are_refused():

@@ -18,8 +18,8 @@ def _family(seed, n=4, members=3, spread=0.15):
 def test_of_symmetric_members_it_is_the_largest_eigenvalue():
     """P = I shows it, and no other can do better than the spectral radius."""
     family = [np.diag([0.9, 0.1]), np.array([[0.5, 0.3], [0.3, 0.5]])]
-    found = common_bound(family)
-    assert 0.9 <= found.contraction < 0.99
+    bound = common_bound(family)
+    assert 0.9 <= bound.contraction < 0.99
     assert contraction_of(family[0], np.eye(2)) == pytest.approx(0.9, rel=1e-12)
 
 
@@ -45,8 +45,8 @@ def _exists_by_lmi(family, rate):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_an_lmi_solver_finds_one_too_and_not_much_better(seed):
     family = _family(seed)
-    found = common_bound(family).contraction
-    assert _exists_by_lmi(family, found)
+    contraction = common_bound(family).contraction
+    assert _exists_by_lmi(family, contraction)
     radius = max(np.max(np.abs(np.linalg.eigvals(A))) for A in family)
     assert not _exists_by_lmi(family, 0.99 * radius)
 

@@ -31,12 +31,12 @@ def peak(m: float, c: float, k: float) -> float:
 
 
 def test_worst_gain_of_an_oscillator_is_the_formula(oscillator: GainFamily) -> None:
-    found = worst_gain(oscillator, 0.02)
-    assert found.nominal == pytest.approx(peak(1.0, 0.2, 1.0), rel=1e-3)
-    assert found.lower == pytest.approx(peak(1.2, 0.1, 0.7), rel=1e-3)
-    assert found.lower <= found.upper <= 1.03 * found.lower
-    assert {k: np.sign(v) for k, v in found.deltas.items()} == {"m": 1.0, "c": -1.0, "k": -1.0}
-    assert found.certificate.largest_psi(oscillator.system) < 0.0
+    worst = worst_gain(oscillator, 0.02)
+    assert worst.nominal == pytest.approx(peak(1.0, 0.2, 1.0), rel=1e-3)
+    assert worst.lower == pytest.approx(peak(1.2, 0.1, 0.7), rel=1e-3)
+    assert worst.lower <= worst.upper <= 1.03 * worst.lower
+    assert {k: np.sign(v) for k, v in worst.deltas.items()} == {"m": 1.0, "c": -1.0, "k": -1.0}
+    assert worst.certificate.largest_psi(oscillator.system) < 0.0
 
 
 def test_slopes_of_the_gain_are_its_differences(oscillator: GainFamily) -> None:
@@ -79,13 +79,13 @@ def test_disk_margin_over_a_set_is_the_worst_members() -> None:
         [np.array([[1.0, 0.0, 0.0]])],
         [u + np.array([[0.0, 0.0, 0.5]])],
     ]
-    found = worst_gain(GainFamily(Uncertain.stacked(rows).reduced(), 2, scalars=1), 0.02)
+    worst = worst_gain(GainFamily(Uncertain.stacked(rows).reduced(), 2, scalars=1), 0.02)
     s = 1j * np.geomspace(0.1, 100.0, 20001)
     L = 6.0 / (s * (0.1 * s + 1.0))
     alpha = 1.0 / np.max(np.abs(1.0 / (1.0 + L) - 0.5))
-    assert 1.0 / found.lower == pytest.approx(alpha, rel=1e-3)
-    assert 0.96 * alpha <= 1.0 / found.upper <= alpha
-    assert found.deltas["g"] == pytest.approx(1.0)
+    assert 1.0 / worst.lower == pytest.approx(alpha, rel=1e-3)
+    assert 0.96 * alpha <= 1.0 / worst.upper <= alpha
+    assert worst.deltas["g"] == pytest.approx(1.0)
 
 
 def test_barrier_finds_what_a_general_solver_finds() -> None:
@@ -104,10 +104,10 @@ def test_barrier_finds_what_a_general_solver_finds() -> None:
         inside = sum(x[i] * T[i] for i in range(6)) - t * np.eye(4)
         problem = cp.Problem(cp.Maximize(t), [inside >> 0, x[:3] >= 0, cp.sum(x[:3]) == 3])
         problem.solve(solver=cp.CLARABEL)
-        own, slack = largest_slack(T, E)
+        multipliers, slack = largest_slack(T, E)
         assert np.sign(slack) == np.sign(t.value)
         assert slack <= t.value + 1e-6
         if slack > 0.0:
             assert slack >= 0.95 * t.value
-            assert np.linalg.eigvalsh(np.tensordot(own, T, 1))[0] >= slack - 1e-9
-            assert np.sum(own[:3]) == pytest.approx(3.0)
+            assert np.linalg.eigvalsh(np.tensordot(multipliers, T, 1))[0] >= slack - 1e-9
+            assert np.sum(multipliers[:3]) == pytest.approx(3.0)

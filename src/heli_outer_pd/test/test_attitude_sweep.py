@@ -39,23 +39,23 @@ def test_the_frequency_grows_by_the_same_factor_in_equal_times():
 
 def test_amplitude_and_ends():
     t = np.arange(0.0, 120.0, 0.01)
-    found = signal(t)
-    assert np.abs(found).max() == pytest.approx(math.radians(5.0), rel=1e-3)
-    assert not found[(t <= 10.0) | (t >= 100.0)].any()
-    assert np.abs(np.diff(found)).max() < math.radians(5.0) * 2.0 * math.pi * 5.0 * 0.01 * 1.01
+    commanded = signal(t)
+    assert np.abs(commanded).max() == pytest.approx(math.radians(5.0), rel=1e-3)
+    assert not commanded[(t <= 10.0) | (t >= 100.0)].any()
+    assert np.abs(np.diff(commanded)).max() < math.radians(5.0) * 2.0 * math.pi * 5.0 * 0.01 * 1.01
 
 
 def test_a_sweep_of_one_frequency_is_a_sine():
     t = np.array([50.0, 50.25, 50.5, 50.75])
-    found = signal(t, to_hz=1.0, from_hz=1.0)
+    commanded = signal(t, to_hz=1.0, from_hz=1.0)
     expected = np.radians(5.0) * np.sin(2.0 * np.pi * (t - 10.0))
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    np.testing.assert_allclose(commanded, expected, atol=1e-9)
 
 
 def test_steps_go_up_back_down_and_back_then_half_as_far():
     t = 10.0 + 4.0 * np.arange(9) + 2.0
-    found = np.degrees(signal(t, shape="steps", duration_s=32.0))
-    assert found == pytest.approx([5.0, 0.0, -5.0, 0.0, 2.5, 0.0, -2.5, 0.0, 0.0])
+    steps_deg = np.degrees(signal(t, shape="steps", duration_s=32.0))
+    assert steps_deg == pytest.approx([5.0, 0.0, -5.0, 0.0, 2.5, 0.0, -2.5, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(("axis", "place"), [("roll", 0), ("pitch", 1), ("yaw", 2)])

@@ -146,12 +146,12 @@ def test_the_law_is_the_one_that_flies(kernel):
     for i, sign in enumerate((-1.0, 1.0)):
         lag_s = kernel.attitude_lag[i]
         axis = replace(AXIS, modelled_lag_s=lag_s, modelled_damping_per_s=0.0)
-        k, x, found = law(Gains.of(kernel, i), axis), np.zeros(5), []
+        k, x, modelled = law(Gains.of(kernel, i), axis), np.zeros(5), []
         for pos, vel in path:
             y = np.array([pos[i], vel[i]])
-            found.append(sign * (k.C @ x + k.D @ y)[0] / kernel.g)
+            modelled.append(sign * (k.C @ x + k.D @ y)[0] / kernel.g)
             x = k.A @ x + k.B @ y
-        np.testing.assert_allclose(found, np.array(flown)[:, i], atol=2e-9)
+        np.testing.assert_allclose(modelled, np.array(flown)[:, i], atol=2e-9)
     assert heave > 0.0
 
 
@@ -159,14 +159,14 @@ def test_margins_of_a_known_loop():
     """A double integrator under plain PD, 25 Hz, no lag: its Nyquist curve is known."""
     quick = replace(AXIS, actuation=Sampled(*_at_once()))
     g = Gains(1.0, 2.0, 0.0, 0.0)
-    found = analyse(quick, g)
+    analysis = analyse(quick, g)
     omega = np.geomspace(0.02, np.pi / 0.04, 200_000, endpoint=False)
     z = np.exp(1j * omega * 0.04)
     loop = 1.0 * 0.04**2 / 2.0 * (z + 1.0) / (z - 1.0) ** 2 + 2.0 * 0.04 / (z - 1.0)
-    assert found.disk_margin == pytest.approx(disk_margin(loop), rel=2e-3)
+    assert analysis.disk_margin == pytest.approx(disk_margin(loop), rel=2e-3)
     at = np.flatnonzero(np.diff(np.sign(np.abs(loop) - 1.0)))[0]
-    assert found.crossover_radps == pytest.approx(omega[at], rel=1e-3)
-    assert found.phase_margin_deg == pytest.approx(180 + np.degrees(np.angle(loop[at])), abs=0.1)
+    assert analysis.crossover_radps == pytest.approx(omega[at], rel=1e-3)
+    assert analysis.phase_margin_deg == pytest.approx(180 + np.degrees(np.angle(loop[at])), abs=0.1)
 
 
 def _at_once():
@@ -206,8 +206,8 @@ def test_no_linear_law_is_below_the_limit():
 
 
 def test_unstable_gains_are_called_unstable():
-    found = analyse(AXIS, gains(9.0, 0.2, 0.4))
-    assert not found.stable and found.disk_margin == 0.0 and np.isinf(found.position_rms_m)
+    analysis = analyse(AXIS, gains(9.0, 0.2, 0.4))
+    assert not analysis.stable and analysis.disk_margin == 0.0 and np.isinf(analysis.position_rms_m)
 
 
 def test_steady_wind_is_trimmed_out_with_the_observer_only():
@@ -241,8 +241,8 @@ def test_gusts_have_the_spectra_of_the_standard():
 
 
 def test_gains_are_those_that_fly(kernel):
-    own = kernel.K_P[2], kernel.K_D[2], kernel.observer_l1[2], kernel.observer_l2[2]
-    assert Gains.of(kernel, 2) == Gains(*own, 0.0, kernel.lead_filter_s)
+    flown = kernel.K_P[2], kernel.K_D[2], kernel.observer_l1[2], kernel.observer_l2[2]
+    assert Gains.of(kernel, 2) == Gains(*flown, 0.0, kernel.lead_filter_s)
     without = kernel._replace(wind_compensation=0.0)
     right = kernel.K_P[1], kernel.K_D[1], 0.0, 0.0, kernel.attitude_lead[1]
     assert Gains.of(without, 1) == Gains(*right, kernel.lead_filter_s)

@@ -48,8 +48,8 @@ def test_rounding_does_not_move_the_end():
     rng = np.random.default_rng(1)
 
     def price(values, noise):
-        own = cost(gains_at(values, 0.8, 0.1), AXIS, (), WANTED)
-        return own * (1.0 + noise * rng.uniform(-1.0, 1.0))
+        exact = cost(gains_at(values, 0.8, 0.1), AXIS, (), WANTED)
+        return exact * (1.0 + noise * rng.uniform(-1.0, 1.0))
 
     ends = {search((0.43, 1.1, 0.3, 0.3), lambda v, n=n: price(v, n)) for n in (0.0, 1e-6, 1e-6)}
     assert len(ends) == 1
@@ -57,17 +57,17 @@ def test_rounding_does_not_move_the_end():
 
 def test_best_gains_keep_the_floor_and_no_neighbour_is_better():
     late = replace(AXIS, actuation=lagging(0.55))
-    found = best_gains("forward", AXIS, (late,), WANTED, 0.8, 0.1)
-    own = gains_at(found, 0.8, 0.1)
-    assert disk_margin(open_loop(AXIS, own)[1]) >= 0.6
-    assert disk_margin(open_loop(late, own)[1]) >= 0.4
-    least = cost(own, AXIS, (late,), WANTED)
-    rms = np.array([deviations(axis, own) for axis in (AXIS, late)])
+    best = best_gains("forward", AXIS, (late,), WANTED, 0.8, 0.1)
+    best_g = gains_at(best, 0.8, 0.1)
+    assert disk_margin(open_loop(AXIS, best_g)[1]) >= 0.6
+    assert disk_margin(open_loop(late, best_g)[1]) >= 0.4
+    least = cost(best_g, AXIS, (late,), WANTED)
+    rms = np.array([deviations(axis, best_g) for axis in (AXIS, late)])
     assert least == pytest.approx(np.mean(np.sum((rms / 0.05) ** 2, axis=1)), rel=1e-12)
     for i in range(4):
         for way in (-1, 1):
-            beside = list(found)
-            beside[i] = on_grid(place_of(found[i]) + way)
+            beside = list(best)
+            beside[i] = on_grid(place_of(best[i]) + way)
             assert cost(gains_at(beside, 0.8, 0.1), AXIS, (late,), WANTED) > least * (1.0 - 1e-4)
 
 

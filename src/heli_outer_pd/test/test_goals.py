@@ -82,8 +82,8 @@ class Sender:
         return self.answer(goal_id)
 
     def answer(self, goal_id="a"):
-        told = goals_of({k: str(v) for k, v in self.answers[-1].items()})
-        (answer,) = [answer for answer in told if answer.goal_id == goal_id]
+        answers = goals_of({k: str(v) for k, v in self.answers[-1].items()})
+        (answer,) = [answer for answer in answers if answer.goal_id == goal_id]
         return answer
 
     def ask(self, name):
@@ -143,30 +143,30 @@ def test_what_is_refused_is_answered_in_the_words_of_the_topic(hovering):
 
 
 def test_a_trajectory_is_followed_and_told_as_a_reference(hovering, monkeypatch):
-    told = []
-    monkeypatch.setattr(hovering.node.core, "send_trajectory", told.append)
+    sent = []
+    monkeypatch.setattr(hovering.node.core, "send_trajectory", sent.append)
     answer = hovering.goal("follow", "a", hovering.way())
     assert answer.state == GoalState.ACTIVE
     np.testing.assert_allclose(answer.end_ned_m, [8.0, 0.0, -14.0])
-    (message,) = told
+    (message,) = sent
     hovering.fly(101)
     assert hovering.node.health.facts["reference"] == "given"
     assert [key for _, key in hovering.node.health.facts[FACT_WAYS]] == [key_of(message)]
-    given = hovering.node.core.reference
+    reference = hovering.node.core.reference
     hovering.outer.receive(topics.REFERENCE, message)  # heard back
-    assert hovering.node.core.reference is given and hovering.answer().state == GoalState.ACTIVE
+    assert hovering.node.core.reference is reference and hovering.answer().state == GoalState.ACTIVE
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "beginning"),
     [
         ({"up_m": 500.0}, "reference: "),
         ({"names": ["other/base_link"]}, "reference: for 'other/base_link'; allowed: "),
     ],
 )
-def test_a_trajectory_that_is_refused(hovering, change, said):
+def test_a_trajectory_that_is_refused(hovering, change, beginning):
     answer = hovering.goal("follow", "a", hovering.way(**change))
-    assert answer.state == GoalState.REFUSED and answer.sentence.startswith(said)
+    assert answer.state == GoalState.REFUSED and answer.sentence.startswith(beginning)
     assert hovering.node.core.reference is None
 
 
@@ -323,5 +323,5 @@ def test_old_answers_go_but_that_of_the_goal_under_way_stays():
     goals.begin("a", Command.GOTO, "", flown)
     for number in range(40):
         goals.refuse(f"r{number}", Command.TAKEOFF, "no")
-    told = [answer.goal_id for answer in goals_of({FACT_GOALS: goals.as_text()})]
-    assert len(told) == 16 and "a" in told and "r39" in told and not goals.knows("r0")
+    kept = [answer.goal_id for answer in goals_of({FACT_GOALS: goals.as_text()})]
+    assert len(kept) == 16 and "a" in kept and "r39" in kept and not goals.knows("r0")

@@ -173,8 +173,8 @@ def hovering(bench):
 
 
 def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering, monkeypatch):
-    told = []
-    monkeypatch.setattr(hovering.node.core, "send_trajectory", told.append)
+    sent = []
+    monkeypatch.setattr(hovering.node.core, "send_trajectory", sent.append)
     held = hovering.node.run.held
     hovering.receive(topics.GOTO, pose(hovering))
     way = hovering.node.run.diverted
@@ -188,7 +188,7 @@ def test_a_goto_is_flown_from_what_is_held_and_told_as_a_reference(hovering, mon
     assert attitudes[-1, 1] < attitudes[0, 1] - 0.02, "the goal is north: nose down"
     assert hovering.node.health.facts["reference"] == "goto"
     # Its own reference, heard back, changes nothing; another one takes over.
-    (message,) = told
+    (message,) = sent
     since = [[hovering.node.stamp_ns(601), key_of(message)]]
     assert hovering.node.health.facts[FACT_WAYS] == since
     hovering.receive(topics.REFERENCE, message)
@@ -261,8 +261,8 @@ def test_two_pilots_are_followed_and_named(hovering, monkeypatch):
     monkeypatch.setattr(hovering.node, look, lambda topic: pilots.get(topic, []))
     hovering.receive(topics.GOTO, pose(hovering))
     fly_ticks(hovering, range(601, 701))
-    said = "goto: sent by /one, /two; each goto is followed as it comes"
-    assert hovering.node.health.facts["senders.goto"] == said
+    expected = "goto: sent by /one, /two; each goto is followed as it comes"
+    assert hovering.node.health.facts["senders.goto"] == expected
     assert "senders.reference" not in hovering.node.health.facts
 
 
@@ -277,7 +277,7 @@ def refused(name, pos_ned_m):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "sentence"),
     [
         ({"enu": (0.0, 0.0, 1.9)}, refused("the goal", (0.0, 0.0, -1.9))),
         ({"enu": (80.0, 80.0, 10.0)}, refused("the goal", (80.0, 80.0, -10.0))),
@@ -305,13 +305,13 @@ def refused(name, pos_ned_m):
     ],
     ids=["low", "far", "nan", "no frame", "ned", "no quaternion", "tilted", "stale", "future"],
 )
-def test_what_is_refused_is_named_and_leaves_the_flight_as_it_was(hovering, change, said):
+def test_what_is_refused_is_named_and_leaves_the_flight_as_it_was(hovering, change, sentence):
     hovering.receive(topics.GOTO, pose(hovering, enu=(2.0, 1.0, 10.0)))
     way = hovering.node.run.diverted
     hovering.receive(topics.GOTO, pose(hovering, **change))
     assert hovering.node.run.diverted is way
     health = hovering.node.health
-    assert health.level == Level.WARN and health.message.endswith(f": goto: {said}")
+    assert health.level == Level.WARN and health.message.endswith(f": goto: {sentence}")
 
 
 def test_a_stamp_of_zero_is_no_time(hovering):

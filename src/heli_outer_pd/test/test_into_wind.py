@@ -47,11 +47,11 @@ def test_in_a_calm_it_stays(bias):
 
 
 def test_gusts_do_not_have_it_hunt():
-    found = [
+    offsets = [
         nose_off_the_wind(5.0, 1.5, 0.05, 300, np.random.default_rng(seed)) for seed in range(5)
     ]
-    assert max(abs(off) for off, _ in found) < math.radians(15.0)
-    assert max(turns for _, turns in found) < 8
+    assert max(abs(off) for off, _ in offsets) < math.radians(15.0)
+    assert max(turns for _, turns in offsets) < 8
 
 
 def test_a_wind_that_shifts_is_followed():

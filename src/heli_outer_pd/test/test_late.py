@@ -34,9 +34,9 @@ def test_that_of_now_is_flown_to_the_last_bit():
 def test_an_old_one_goes_on_and_nothing_else_of_it_changes():
     heard = nothing()
     keep_newest(heard, 5, row(3.0))
-    found, moved = at(heard, 15), row(3.0)
+    carried, moved = at(heard, 15), row(3.0)
     moved[NAV.pos] += 0.1 * moved[NAV.vel]
-    np.testing.assert_allclose(found, moved, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(carried, moved, rtol=0, atol=1e-15)
     assert np.isfinite(at(heard, 55)).all() and np.isnan(at(heard, 56)).all()
 
 

@@ -37,26 +37,26 @@ def rows(phase, event):
 @pytest.mark.parametrize(("phase", "command"), list(product(Phase, Command)))
 def test_each_pair_of_phase_and_command_stands_in_the_table_once(phase, command):
     (row,) = rows(phase, command)
-    found = decide(phase, command)
-    assert found == row.target if isinstance(row, Transition) else isinstance(found, Refusal)
+    decision = decide(phase, command)
+    assert decision == row.target if isinstance(row, Transition) else isinstance(decision, Refusal)
 
 
 @pytest.mark.parametrize(("phase", "fact"), list(product(Phase, Fact)))
 def test_a_fact_has_one_meaning_or_none(phase, fact):
-    found = rows(phase, fact)
-    assert len(found) <= 1
-    assert decide(phase, fact) == (found[0].target if found else None)
+    meanings = rows(phase, fact)
+    assert len(meanings) <= 1
+    assert decide(phase, fact) == (meanings[0].target if meanings else None)
     # What is measured cannot be refused.
     assert decide(phase, fact, set(Guard)) == decide(phase, fact)
 
 
 def reachable(start, events):
-    seen, new = set(), {start}
+    reached, new = set(), {start}
     while new:
-        seen |= new
-        found = {decide(phase, event) for phase, event in product(new, events)}
-        new = {phase for phase in found if isinstance(phase, Phase)} - seen
-    return seen
+        reached |= new
+        decisions = {decide(phase, event) for phase, event in product(new, events)}
+        new = {phase for phase in decisions if isinstance(phase, Phase)} - reached
+    return reached
 
 
 @pytest.mark.parametrize("start", [Phase.STANDING, Phase.HOVER])
@@ -71,10 +71,10 @@ def test_every_fact_leads_somewhere_and_every_guard_stops_something():
         assert any(decide(phase, fact) for phase in Phase)
     for guard in Guard:
         stopped = [
-            found
+            decision
             for phase, command in product(Phase, Command)
-            if isinstance(found := decide(phase, command, {guard}), Refusal)
-            and found.cause == guard
+            if isinstance(decision := decide(phase, command, {guard}), Refusal)
+            and decision.cause == guard
         ]
         assert stopped
         assert all(refusal.allowed for refusal in stopped)
@@ -104,9 +104,9 @@ def test_by_hand_it_goes_from_the_ground_to_the_ground():
     assert all(Guard.STICKS in row.guards for row in by_hand.values())
     assert decide(Phase.MANUAL, Fact.IDLE) == Phase.STANDING
     assert not any(
-        found.on_ground
+        decision.on_ground
         for command in Command
-        if isinstance(found := decide(Phase.MANUAL, command), Phase)
+        if isinstance(decision := decide(Phase.MANUAL, command), Phase)
     )
 
 
@@ -188,7 +188,7 @@ def test_modes_are_what_people_call_the_phases():
 
 
 @pytest.mark.parametrize(
-    ("phase", "command", "fails", "said"),
+    ("phase", "command", "fails", "sentence"),
     [
         (Phase.HOVER, Command.TAKEOFF, (),
          "takeoff: the aircraft is in the air already; allowed: land, hold, goto, follow, "
@@ -209,17 +209,17 @@ def test_modes_are_what_people_call_the_phases():
          "velocity, attitude"),
     ],
 )  # fmt: skip
-def test_a_refusal_is_a_sentence(phase, command, fails, said):
-    assert decide(phase, command, fails).sentence == said
+def test_a_refusal_is_a_sentence(phase, command, fails, sentence):
+    assert decide(phase, command, fails).sentence == sentence
 
 
 @pytest.mark.parametrize("row", [row for row in TABLE if isinstance(row, Refused)], ids=str)
 def test_what_is_refused_names_what_is_allowed(row):
     for phase in row.sources:
-        found = decide(phase, row.event)
-        assert found.cause == row.cause and row.cause.value in found.sentence
-        assert found.allowed == allowed(phase)
-        assert row.event.value not in found.allowed
+        decision = decide(phase, row.event)
+        assert decision.cause == row.cause and row.cause.value in decision.sentence
+        assert decision.allowed == allowed(phase)
+        assert row.event.value not in decision.allowed
 
 
 def test_a_command_has_its_own_name_and_that_of_its_mode():
@@ -242,14 +242,14 @@ EVENTS = st.one_of(st.sampled_from(list(Command)), st.sampled_from(list(Fact)))
 )
 def test_a_flight_in_which_what_is_refused_never_came_is_the_same(start, story):
     """A refused command changes nothing: neither now nor later."""
-    told, phase = [], start
+    obeyed, phase = [], start
     for event, fails in story:
-        found = decide(phase, event, fails)
-        if isinstance(found, Phase):
-            phase = found
-            told.append((event, fails))
+        decision = decide(phase, event, fails)
+        if isinstance(decision, Phase):
+            phase = decision
+            obeyed.append((event, fails))
     again = start
-    for event, fails in told:
+    for event, fails in obeyed:
         again = decide(again, event, fails)
     assert again is phase
 

@@ -97,10 +97,12 @@ def test_navigation_is_waited_for_once_and_missed_ever_after(bench):
     assert outer.sent[topics.COLLECTIVE][-1] == pytest.approx(trim[3:], abs=0.0)
     fly_ticks(outer, [8])
     assert outer.node.health.level == Level.OK
-    told = [lost(tick) for tick in range(12, 64, 4)]
-    assert {level for level, _ in told[:-1]} == {Level.OK}, "carried on by its velocity for 0.5 s"
-    level, said = told[-1]
-    assert level == Level.ERROR and said.endswith(" is held")
+    reports = [lost(tick) for tick in range(12, 64, 4)]
+    assert {level for level, _ in reports[:-1]} == {Level.OK}, (
+        "carried on by its velocity for 0.5 s"
+    )
+    level, message = reports[-1]
+    assert level == Level.ERROR and message.endswith(" is held")
     fly_ticks(outer, [0])
     outer.node.begin_anew()
     assert lost(4) == waits, "another flight"
@@ -114,10 +116,10 @@ def test_a_bad_reference_is_refused_and_the_old_one_flown(bench):
     outer.fly()
     good = encode_reference(Trajectory.hover(np.array([1.0, 2.0, -10.0]), 0.0))
     outer.receive(topics.REFERENCE, good)
-    given = outer.node.core.reference
+    reference = outer.node.core.reference
     good.points[0].transforms[0].translation.x = float("nan")
     outer.receive(topics.REFERENCE, good)
-    assert outer.node.core.reference is given
+    assert outer.node.core.reference is reference
     assert "not finite" in outer.node.core.refused[topics.REFERENCE]
 
 
@@ -156,7 +158,7 @@ def east_north_up(east, north, up, start_ns=0):
 
 
 @pytest.mark.parametrize(
-    ("message", "said"),
+    ("message", "sentence"),
     [
         (east_north_up(0.0, 0.0, 1.9), "point 0 is 1.9 m high; allowed: 2 to 100 m"),
         (east_north_up(0.0, 0.0, 101.0), "point 0 is 101.0 m high; allowed: 2 to 100 m"),
@@ -171,23 +173,25 @@ def east_north_up(east, north, up, start_ns=0):
     ],
     ids=["low", "high", "far", "future"],
 )
-def test_a_reference_outside_is_refused_with_a_sentence_and_the_old_one_stays(bench, message, said):
+def test_a_reference_outside_is_refused_with_a_sentence_and_the_old_one_stays(
+    bench, message, sentence
+):
     """Whoever sends it: the page's bounds, kept by the node. The aircraft here never moves."""
     outer = bench(OuterLoopNode, failsafe__unfollowed_deg=[180.0, 180.0])
     outer.fly()
     outer.receive(topics.REFERENCE, east_north_up(2.0, 1.0, 10.0))
-    given = outer.node.core.reference
+    reference = outer.node.core.reference
     fly_ticks(outer, range(9))
     outer.receive(topics.REFERENCE, message)
     fly_ticks(outer, range(9, 13))
-    assert outer.node.core.reference is given
+    assert outer.node.core.reference is reference
     health = outer.node.health
-    assert health.level == Level.WARN and health.message.endswith(f": reference: {said}")
+    assert health.level == Level.WARN and health.message.endswith(f": reference: {sentence}")
     outer.receive(topics.REFERENCE, east_north_up(60.0, 70.0, 20.0))
-    assert outer.node.core.reference is not given
+    assert outer.node.core.reference is not reference
     fly_ticks(outer, range(13, 213))
     assert outer.node.health.level == Level.OK
-    assert outer.node.health.facts["refused.reference"] == f"1; reference: {said}"
+    assert outer.node.health.facts["refused.reference"] == f"1; reference: {sentence}"
 
 
 def test_the_bounds_may_be_changed_in_flight_but_not_crossed(bench):
@@ -195,8 +199,8 @@ def test_the_bounds_may_be_changed_in_flight_but_not_crossed(bench):
     outer.fly()
 
     def ask(name, value):
-        given = [Parameter(f"reference_limits.{name}", value=value)]
-        return outer.node.set_parameters_atomically(given)
+        change = [Parameter(f"reference_limits.{name}", value=value)]
+        return outer.node.set_parameters_atomically(change)
 
     crossed = ask("altitude_min_m", 200.0)
     assert not crossed.successful and " altitude_max_m 100" in crossed.reason
@@ -207,6 +211,6 @@ def test_the_bounds_may_be_changed_in_flight_but_not_crossed(bench):
 
 def test_the_page_has_the_same_bounds():
     page = yaml.safe_load((config_folder("heli_live_view") / "live_view.yaml").read_text())
-    own = yaml.safe_load((config_folder("heli_outer_pd") / "outer_loop.yaml").read_text())
-    limits = own["/**/outer_loop"]["ros__parameters"]["reference_limits"]
+    config = yaml.safe_load((config_folder("heli_outer_pd") / "outer_loop.yaml").read_text())
+    limits = config["/**/outer_loop"]["ros__parameters"]["reference_limits"]
     assert limits.items() <= page["/**/live_view"]["ros__parameters"]["command_limits"].items()

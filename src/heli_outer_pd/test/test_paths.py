@@ -204,8 +204,10 @@ def refused(call):
 class TestRefused:
     def test_limits(self):
         for bad in (0.0, -1.0, math.nan, math.inf):
-            cause, said = refused(lambda bad=bad: MotionLimits(5.0, bad, 3.0, 4.0, 1.0, 2.0, 4.0))
-            assert cause is PathCause.BAD_LIMIT and "climb_mps" in said
+            cause, sentence = refused(
+                lambda bad=bad: MotionLimits(5.0, bad, 3.0, 4.0, 1.0, 2.0, 4.0)
+            )
+            assert cause is PathCause.BAD_LIMIT and "climb_mps" in sentence
 
     def test_not_finite(self):
         path = FlightPath(HERE, 0.0, LIMITS)
@@ -217,10 +219,10 @@ class TestRefused:
 
     def test_bends(self):
         path = FlightPath(HERE, 0.0, LIMITS)
-        cause, said = refused(lambda: path.along(Circle(HERE, 0.0, 2.0), 3.0, 1.0, "fixed"))
-        assert cause is PathCause.TOO_TIGHT and "4.50 m/s2" in said and "3 m/s2" in said
-        cause, said = refused(lambda: path.along(Circle(HERE, 0.0, 1.0), 1.5, 1.0, "along"))
-        assert cause is PathCause.TOO_TIGHT and "86 deg/s" in said and "57 deg/s" in said
+        cause, sentence = refused(lambda: path.along(Circle(HERE, 0.0, 2.0), 3.0, 1.0, "fixed"))
+        assert cause is PathCause.TOO_TIGHT and "4.50 m/s2" in sentence and "3 m/s2" in sentence
+        cause, sentence = refused(lambda: path.along(Circle(HERE, 0.0, 1.0), 1.5, 1.0, "along"))
+        assert cause is PathCause.TOO_TIGHT and "86 deg/s" in sentence and "57 deg/s" in sentence
 
     def test_sizes(self):
         path = FlightPath(HERE, 0.0, LIMITS)
@@ -232,10 +234,10 @@ class TestRefused:
 
     def test_too_long(self):
         path = FlightPath(HERE, 0.0, LIMITS).along(Circle(HERE, 0.0, 100.0), 1.0, 1.0, "fixed")
-        cause, said = refused(path.trajectory)
-        assert cause is PathCause.TOO_LONG and "4096" in said
+        cause, sentence = refused(path.trajectory)
+        assert cause is PathCause.TOO_LONG and "4096" in sentence
 
     def test_a_start_that_no_motion_within_the_limits_continues(self):
         start = Motion(np.zeros(1), np.array([3.0]), np.array([1e9]))
-        cause, said = refused(lambda: Transfer(start, np.array([1.0]), [0.0], [1.0], [1.0]))
-        assert cause is PathCause.TOO_FAST and "1.e+09" in said
+        cause, sentence = refused(lambda: Transfer(start, np.array([1.0]), [0.0], [1.0], [1.0]))
+        assert cause is PathCause.TOO_FAST and "1.e+09" in sentence

@@ -167,11 +167,11 @@ def test_the_disturbance_estimate_rests_on_the_ground():
     body = standing(strength=0.3)
     body.ask(Command.TAKEOFF)
     body.until(Phase.CLIMBING)
-    seen = []
+    disturbances = []
     while body.phases.phase == Phase.CLIMBING:
         body.step()
-        seen.append(np.abs(body.state.x[MEMORY.disturbance]).max())
-    assert max(seen) == 0.0
+        disturbances.append(np.abs(body.state.x[MEMORY.disturbance]).max())
+    assert max(disturbances) == 0.0
     assert body.phases.phase == Phase.SETTLING, "it does not lift: broken off"
     assert body.height_m == 0.0
     body.until(Phase.STANDING)
@@ -184,7 +184,7 @@ def test_light_on_the_skids_it_leans_against_what_it_slips():
         body.ask(Command.TAKEOFF)
         body.until(Phase.LIFTING)
     slips.slip_ned_mps = 0.2 * math.sin(0.3), -0.2 * math.cos(0.3)  # to the left, heading 0.3
-    seen = []
+    shares = []
     while still.phases.phase == Phase.LIFTING:
         still.step()
         slips.step()
@@ -193,8 +193,8 @@ def test_light_on_the_skids_it_leans_against_what_it_slips():
         np.testing.assert_allclose(
             slips.out - still.out, [share * against, 0.0, 0.0, 0.0], atol=1e-12
         )
-        seen.append(share)
-    assert seen[0] == 0.0 and seen[-1] > 0.9
+        shares.append(share)
+    assert shares[0] == 0.0 and shares[-1] > 0.9
 
 
 def test_rolling_over_a_skid_breaks_the_take_off_off():
@@ -346,20 +346,20 @@ def test_orders_are_done_in_time_and_what_is_refused_is_remarked():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "sentence"),
     [
         ({"commands.at_s": np.array([1.0])}, "has 1 times, commands.what 2 commands"),
         ({"commands.at_s": np.array([2.0, 1.0])}, "allowed: rising times"),
         ({"commands.what": ("goto", "goto")}, "has 2 times goto, commands.goto_ned_m 1 places"),
     ],
 )
-def test_a_script_that_does_not_agree_with_itself_is_refused(change, said):
+def test_a_script_that_does_not_agree_with_itself_is_refused(change, sentence):
     values = {
         "commands.at_s": np.array([1.0, 2.0]),
         "commands.what": ("takeoff", "land"),
         "commands.goto_ned_m": np.array([[0.0, 0.0, -9.0]]),
     }
-    with pytest.raises(ParameterError, match=said):
+    with pytest.raises(ParameterError, match=sentence):
         script_of(VALUES | values | change)
 
 

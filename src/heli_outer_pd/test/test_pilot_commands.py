@@ -59,7 +59,7 @@ class Pilot:
         return self.node.run.phases.phase
 
     @property
-    def said(self):
+    def answer(self):
         return self.node.health.message.removeprefix("message refused: ")
 
     def stamped(self, message, frame, late_s=0.0):
@@ -71,10 +71,10 @@ class Pilot:
     def joy(self, axes=REST, *down, info=None):
         pressed = [int(i in [BUTTON[name] for name in down]) for i in range(15)]
         raw = serialize_message(encode_joy(axes, pressed, 5))
-        (own,) = [s for s in self.node.subscriptions if s.topic_name == "/joy"]
-        own.callback(raw, info)
+        (sticks,) = [s for s in self.node.subscriptions if s.topic_name == "/joy"]
+        sticks.callback(raw, info)
         assert self.node.crash is None
-        return self.said
+        return self.answer
 
     def press(self, name):
         self.joy()
@@ -87,7 +87,7 @@ class Pilot:
         message.twist.angular.z = turn
         self.outer.receive(topics.COMMAND_VELOCITY, serialize_message(message))
         self.fly(4)
-        return self.said
+        return self.answer
 
     def lean(self, roll_deg=0.0, pitch_deg=0.0, psi_deg=0.0, frame="map", late_s=0.0, length=1.0):
         """Command an attitude: nose up, and to the right of north."""
@@ -101,14 +101,14 @@ class Pilot:
         q.z = length * (cx * cy * sz - sx * sy * cz)
         self.outer.receive(topics.COMMAND_ATTITUDE, serialize_message(message))
         self.fly(4)
-        return self.said
+        return self.answer
 
     def climb(self, up=0.0, east=0.0, frame="map", late_s=0.0):
         message = self.stamped(TwistStamped(), frame, late_s)
         message.twist.linear.z, message.twist.linear.x = up, east
         self.outer.receive(topics.COMMAND_CLIMB, serialize_message(message))
         self.fly(4)
-        return self.said
+        return self.answer
 
     def pose(self, enu):
         message = self.stamped(PoseStamped(), "map")
@@ -116,7 +116,7 @@ class Pilot:
         p.x, p.y, p.z = enu
         message.pose.orientation.w = 1.0
         self.outer.receive(topics.COMMAND_POSE, message)
-        return self.said
+        return self.answer
 
     def ask(self, name, request=None, kind=Trigger):
         (service,) = [s for s in self.node.services if s.service_name == f"/{name}"]
@@ -198,24 +198,26 @@ ON_THE_GROUND = [
 ]  # fmt: skip
 
 
-def refused(pilot, asks, said):
+def refused(pilot, asks, sentence):
     before, way = pilot.phase, pilot.node._way()
-    assert said in asks(pilot)
+    assert sentence in asks(pilot)
     assert "\n" not in asks(pilot)
     pilot.fly(4)
     assert pilot.phase == before and pilot.node._way() is way
 
 
-@pytest.mark.parametrize(("asks", "said"), IN_THE_AIR, ids=[said[:50] for _, said in IN_THE_AIR])
-def test_in_the_air_it_is_refused_and_the_flight_as_it_was(flying, asks, said):
-    refused(flying, asks, said)
+@pytest.mark.parametrize(
+    ("asks", "sentence"), IN_THE_AIR, ids=[sentence[:50] for _, sentence in IN_THE_AIR]
+)
+def test_in_the_air_it_is_refused_and_the_flight_as_it_was(flying, asks, sentence):
+    refused(flying, asks, sentence)
 
 
 @pytest.mark.parametrize(
-    ("asks", "said"), ON_THE_GROUND, ids=[said[:50] for _, said in ON_THE_GROUND]
+    ("asks", "sentence"), ON_THE_GROUND, ids=[sentence[:50] for _, sentence in ON_THE_GROUND]
 )
-def test_on_the_ground_it_is_refused_and_nothing_moves(standing, asks, said):
-    refused(standing, asks, said)
+def test_on_the_ground_it_is_refused_and_nothing_moves(standing, asks, sentence):
+    refused(standing, asks, sentence)
     assert (
         standing.outer.sent[topics.COLLECTIVE][-1]
         == standing.node.values["takeoff.idle_collective"]
@@ -225,8 +227,8 @@ def test_on_the_ground_it_is_refused_and_nothing_moves(standing, asks, said):
 def test_a_velocity_that_cannot_stop_inside_the_fence_is_refused(bench):
     never = {"failsafe__unfollowed_deg": [180.0, 180.0]}  # the aircraft here never moves
     pilot = Pilot(bench(OuterLoopNode, reference_limits__distance_m=4.0, **never))
-    said = [pilot.move((3.0, 0.0, 0.0)) for _ in range(50)]
-    assert said[0] == "velocity" and said[-1].endswith(": at most 4 m")
+    answers = [pilot.move((3.0, 0.0, 0.0)) for _ in range(50)]
+    assert answers[0] == "velocity" and answers[-1].endswith(": at most 4 m")
     assert 2.0 < pilot.node.run.diverted.points[-1, REFERENCE.pos][1] < 4.0, "it halts inside"
     pilot.fly(800)
     assert pilot.phase == Phase.HOVER
@@ -410,7 +412,7 @@ def test_a_landing_is_obeyed_without_a_position_and_says_how(flying):
     flying.pose((3.0, 0.0, 10.0))
     assert reason in flying.node.core.refused[topics.COMMAND_POSE]
     assert reason in flying.set_mode("hold")
-    said = plight(Phase.DESCENDING)
-    assert flying.ask("land") == f"land: {said}"
+    expected = plight(Phase.DESCENDING)
+    assert flying.ask("land") == f"land: {expected}"
     flying.fly(8)
-    assert (flying.node.health.level, flying.node.health.message) == (Level.WARN, said)
+    assert (flying.node.health.level, flying.node.health.message) == (Level.WARN, expected)

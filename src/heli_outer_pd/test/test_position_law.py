@@ -258,28 +258,28 @@ def test_lead_answers_a_step_of_the_error_ahead_and_settles_on_it():
     k = kernel(wind_compensation=False)
     lead, filter_s = k.attitude_lead[0], k.lead_filter_s
     _, _, state = step(k, navigation(k), REF)
-    found = []
+    commanded = []
     for _ in range(50):
         _, out, state = step(k, navigation(k, pos=(0.01, 0, -10)), REF, state)
-        found.append(-k.g * math.tan(out[1] - k.trim[1]))
-    own = -k.K_P[0] * 0.01
-    assert found[0] == pytest.approx(own * (1.0 + lead / filter_s), rel=1e-9)
-    assert found[1] == pytest.approx(
-        own * (1.0 + lead / filter_s * math.exp(-k.dt_s / filter_s)), rel=1e-9
+        commanded.append(-k.g * math.tan(out[1] - k.trim[1]))
+    without_lead = -k.K_P[0] * 0.01
+    assert commanded[0] == pytest.approx(without_lead * (1.0 + lead / filter_s), rel=1e-9)
+    assert commanded[1] == pytest.approx(
+        without_lead * (1.0 + lead / filter_s * math.exp(-k.dt_s / filter_s)), rel=1e-9
     )
-    assert found[-1] == pytest.approx(own, rel=1e-6)
+    assert commanded[-1] == pytest.approx(without_lead, rel=1e-6)
 
 
 def test_a_nose_that_turns_is_not_led():
     """A standing error: another heading turns the command as it turns a vector, and no more."""
     k = kernel(wind_compensation=False, K_P=np.full(3, 1.5))
     far = (0.5, -0.8, -10)
-    state, found = None, []
+    state, commanded = None, []
     for psi in [0.3] * 50 + [0.35]:
         _, out, state = step(k, navigation(k, pos=far, psi=psi), (*REF[:6], psi), state)
-        found.append(k.g * np.tan([k.trim[1] - out[1], out[0] - k.trim[0]]))
+        commanded.append(k.g * np.tan([k.trim[1] - out[1], out[0] - k.trim[0]]))
     north, east = 1.5 * np.array([-0.5, 0.8])
-    for psi, flown in ((0.3, found[-2]), (0.35, found[-1])):
+    for psi, flown in ((0.3, commanded[-2]), (0.35, commanded[-1])):
         c, s = math.cos(psi), math.sin(psi)
         np.testing.assert_allclose(flown, [c * north + s * east, c * east - s * north], rtol=1e-6)
 

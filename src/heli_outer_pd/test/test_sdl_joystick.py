@@ -55,11 +55,11 @@ class Virtual:
 
 @pytest.fixture
 def virtual():
-    found = Virtual()
-    yield found
-    while found.plugged:
-        found.unplug()
-    found.pygame.event.pump()
+    joysticks = Virtual()
+    yield joysticks
+    while joysticks.plugged:
+        joysticks.unplug()
+    joysticks.pygame.event.pump()
 
 
 def test_a_joystick_comes_as_ros_has_it(virtual):

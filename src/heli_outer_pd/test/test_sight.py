@@ -239,8 +239,8 @@ def test_what_dead_reckoning_leads_astray_lands(fix):
         assert not flight.phases.lost
         assert step > steps - 5 or flight.phases.phase not in LANDING
     assert (flight.phases.phase in LANDING) != fix
-    said = flown_in_words(flight.phases.phase, flight.state, "")
-    assert said.startswith("position astray") != fix
+    sentence = flown_in_words(flight.phases.phase, flight.state, "")
+    assert sentence.startswith("position astray") != fix
     assert answer(flight.phases.phase, flight.state) == (Action.NONE if fix else Action.LAND)
 
 

@@ -19,11 +19,11 @@ expos = st.floats(0.0, 1.0)
 
 def values(**changed):
     """Parameters of a layout without dead zone and expo: stick i on axis i, no buttons."""
-    found = {f"joy.button.{name}": NO_BUTTON for name in BUTTONS}
+    parameters = {f"joy.button.{name}": NO_BUTTON for name in BUTTONS}
     for i, name in enumerate(STICKS):
-        found |= {f"joy.{name}.axis": i, f"joy.{name}.reversed": False}
-        found |= {f"joy.{name}.dead_zone": 0.0, f"joy.{name}.expo": 0.0}
-    return found | {key.replace("__", "."): value for key, value in changed.items()}
+        parameters |= {f"joy.{name}.axis": i, f"joy.{name}.reversed": False}
+        parameters |= {f"joy.{name}.dead_zone": 0.0, f"joy.{name}.expo": 0.0}
+    return parameters | {key.replace("__", "."): value for key, value in changed.items()}
 
 
 def layout(**changed):
@@ -87,8 +87,8 @@ def test_sticks_stand_in_the_order_of_the_row():
 
 
 def test_each_stick_is_read_from_its_axis():
-    found = layout(joy__roll__axis=3, joy__climb__axis=0, joy__pitch__reversed=True)
-    sticks, down = found.read([0.1, 0.2, 0.3, 0.4, 9.0], [])
+    stick_map = layout(joy__roll__axis=3, joy__climb__axis=0, joy__pitch__reversed=True)
+    sticks, down = stick_map.read([0.1, 0.2, 0.3, 0.4, 9.0], [])
     assert sticks == pytest.approx((0.4, -0.2, 0.3, 0.1))
     assert down == frozenset()
 
@@ -125,11 +125,11 @@ def test_single_precision_and_minus_zero():
 def test_a_reading_that_cannot_be_is_refused(axes, buttons, cause, words):
     with pytest.raises(StickError) as refused:
         layout(joy__button__land=4).read(axes, buttons)
-    said = str(refused.value)
+    sentence = str(refused.value)
     assert refused.value.cause is cause
-    assert "\n" not in said and "allowed: " in said
+    assert "\n" not in sentence and "allowed: " in sentence
     for word in words:
-        assert word in said
+        assert word in sentence
 
 
 @pytest.mark.parametrize(
@@ -150,11 +150,11 @@ def test_a_layout_that_cannot_be_is_refused(changed, words):
 class TestPresses:
     def test_a_button_is_obeyed_once_for_each_press(self):
         presses = Presses()
-        told = [
+        commands = [
             presses.pressed(frozenset(names.split()))
             for names in ("", "hold", "hold", "", "hold", "hold land", "land", "")
         ]
-        assert told == [None, "hold", None, None, "hold", "land", None, None]
+        assert commands == [None, "hold", None, None, "hold", "land", None, None]
 
     def test_what_is_down_at_first_is_no_press(self):
         presses = Presses()

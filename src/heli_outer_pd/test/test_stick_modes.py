@@ -203,14 +203,14 @@ def test_a_jerk_of_the_hand_is_no_step():
     assert craft.ask(Command.ATTITUDE) is None
     for _ in range(50):
         craft.step(NEUTRAL)
-    before, seen = craft.out[SETPOINT.phi], []
+    before, roll_changes = craft.out[SETPOINT.phi], []
     for _ in range(20):
         craft.step(np.array([0.5, 0.0, 0.0, 0.0]))
-        seen.append(craft.out[SETPOINT.phi] - before)
+        roll_changes.append(craft.out[SETPOINT.phi] - before)
     goal = 0.5 * math.radians(VALUES["sticks.tilt_max_deg"])
     # A command is flown from the law's next step on.
     wt = VALUES["sticks.tilt_radps"] * craft.k.dt_s * np.arange(20)
-    np.testing.assert_allclose(seen, goal * (1.0 - (1.0 + wt) * np.exp(-wt)), atol=1e-3)
+    np.testing.assert_allclose(roll_changes, goal * (1.0 - (1.0 + wt) * np.exp(-wt)), atol=1e-3)
 
 
 def test_sticks_command_attitude_climb_and_turn():
@@ -268,15 +268,15 @@ def test_without_sticks_it_is_refused_and_a_silent_pilot_is_held(command, guard)
 @pytest.mark.parametrize("command", [Command.ATTITUDE, Command.MANUAL])
 def test_asked_for_between_two_steps_of_the_law_nothing_jumps(command):
     """As a service or a button asks: the very next command is by the sticks."""
-    craft, seen = Craft(), []
+    craft, setpoints = Craft(), []
     for _ in range(20):
         craft.step(NEUTRAL)
     before = craft.out.copy()
     assert craft.ask(command) is None
     for _ in range(10):
         craft.step(NEUTRAL, moves=False)
-        seen.append(craft.out.copy())
-    np.testing.assert_allclose(seen, np.tile(before, (10, 1)), atol=1e-6)
+        setpoints.append(craft.out.copy())
+    np.testing.assert_allclose(setpoints, np.tile(before, (10, 1)), atol=1e-6)
 
 
 @pytest.mark.parametrize("bad", [np.array([0.0, math.nan, 0.0, 0.0]), np.zeros(3)])
@@ -290,7 +290,7 @@ def test_sticks_that_are_none_are_refused(bad):
 
 
 def test_an_attitude_is_flown_through_the_lags_of_the_sticks():
-    craft, seen = Craft(), []
+    craft, changes = Craft(), []
     craft.step()
     before = craft.out.copy()
     assert craft.lean_to() is None
@@ -303,22 +303,22 @@ def test_an_attitude_is_flown_through_the_lags_of_the_sticks():
     for _ in range(40):
         craft.lean_to(10.0, -5.0)
         craft.step()
-        seen.append(craft.out[:2] - before[:2])
+        changes.append(craft.out[:2] - before[:2])
     wt = VALUES["sticks.tilt_radps"] * craft.k.dt_s * np.arange(40)
     rises = (1.0 - (1.0 + wt) * np.exp(-wt))[:, None]
-    np.testing.assert_allclose(seen, np.radians([10.0, -5.0]) * rises, atol=1e-5)
+    np.testing.assert_allclose(changes, np.radians([10.0, -5.0]) * rises, atol=1e-5)
 
 
 def test_entered_with_a_step_it_fades_in_and_nothing_jumps():
-    craft, seen = Craft(), []
+    craft, setpoints = Craft(), []
     craft.step()
     before = craft.out.copy()
     for _ in range(60):
         craft.lean_to(18.0, 0.0, craft.psi)
         craft.step()
-        seen.append(craft.out.copy())
-    np.testing.assert_allclose(seen[0], before, atol=1e-6)
-    steps = np.degrees(np.abs(np.diff(np.array(seen)[:, 0])))
+        setpoints.append(craft.out.copy())
+    np.testing.assert_allclose(setpoints[0], before, atol=1e-6)
+    steps = np.degrees(np.abs(np.diff(np.array(setpoints)[:, 0])))
     assert steps.max() == pytest.approx(18.0 * (1.0 - math.exp(-0.04 / 0.5)), abs=0.01)
     assert np.degrees(craft.out[0] - before[0]) == pytest.approx(18.0, abs=0.2)
 
@@ -380,7 +380,7 @@ def test_an_attitude_that_is_not_renewed_is_flown_no_more():
 
 
 @pytest.mark.parametrize(
-    ("changes", "roll", "pitch", "said"),
+    ("changes", "roll", "pitch", "sentence"),
     [
         ({}, 20.5, 0.0, "roll 22.7 deg, pitch 0.0 deg nose up; allowed: roll -17.8 to 22.2 deg, "
          "pitch -20.0 to 20.0 deg, which are 20 deg off hover's"),
@@ -389,7 +389,7 @@ def test_an_attitude_that_is_not_renewed_is_flown_no_more():
         ({}, math.nan, 0.0, "attitude [nan, "),
     ],
 )  # fmt: skip
-def test_a_tilt_that_may_not_be_commanded_is_refused_in_words(changes, roll, pitch, said):
+def test_a_tilt_that_may_not_be_commanded_is_refused_in_words(changes, roll, pitch, sentence):
     hovers, flies = Craft(**changes), Craft(**changes)
     flies.lean_to(4.0)
     flies.step()
@@ -397,7 +397,7 @@ def test_a_tilt_that_may_not_be_commanded_is_refused_in_words(changes, roll, pit
         asked = craft.phases.sticks.steering.asked
         with pytest.raises(ReferenceRefused) as refused:
             craft.lean_to(roll, pitch)
-        assert said in str(refused.value)
+        assert sentence in str(refused.value)
         assert craft.phases.phase == phase and craft.phases.sticks.steering.asked is asked
     at_most = VALUES["sticks.tilt_max_deg"]
     assert changes or flies.lean_to(at_most, -at_most) is None, "as much is allowed"
@@ -577,15 +577,15 @@ def test_a_pilot_who_lets_go_on_the_ground_leaves_it_standing():
 def test_what_falls_has_not_touched_down():
     """Half of the thrust is gone: a body in the air falls at 0.5 g, one on its skids does not."""
     falls, stands = TouchDown(1.0), TouchDown(1.0)
-    found = [
+    touched = [
         (
             falls.detects(0.5, 0.5 * 9.8 * 0.04 * i, 9.8, 0.04),
             stands.detects(0.5, 0.0, 9.8, 0.04),
         )
         for i in range(50)
     ]
-    assert not any(fell for fell, _ in found)
-    assert found[9] == (False, False) and found[11] == (False, True), (
+    assert not any(fell for fell, _ in touched)
+    assert touched[9] == (False, False) and touched[11] == (False, True), (
         "2 m/s are missing after 0.4 s"
     )
 
@@ -613,7 +613,7 @@ def test_a_scripted_hand_holds_sticks_and_renews_a_velocity():
 
 def test_a_script_commands_attitudes_until_something_else():
     at = SETTLED_NS / NS_PER_S
-    craft, seen = Craft(
+    craft, flown = Craft(
         **{
             "commands.at_s": np.array([8.0]) + at,
             "commands.what": ("hold",),
@@ -624,15 +624,15 @@ def test_a_script_commands_attitudes_until_something_else():
     ), {}  # fmt: skip
     for i in range(300):
         craft.step()
-        seen[i] = np.r_[np.degrees(craft.out[:3]), -craft.state.x[MEMORY.steer_down_vel]]
+        flown[i] = np.r_[np.degrees(craft.out[:3]), -craft.state.x[MEMORY.steer_down_vel]]
     assert [phase for _, phase in craft.phases.history[3:]] == [Phase.ATTITUDE, Phase.HOVER]
-    np.testing.assert_allclose(seen[99], [6.0, -3.0, 17.2, 0.4], atol=0.1)
-    np.testing.assert_allclose(seen[199], [-4.0, 0.0, 40.0, 0.0], atol=0.1)
+    np.testing.assert_allclose(flown[99], [6.0, -3.0, 17.2, 0.4], atol=0.1)
+    np.testing.assert_allclose(flown[199], [-4.0, 0.0, 40.0, 0.0], atol=0.1)
     assert craft.phases.remarks == []
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "sentence"),
     [
         ({"commands.sticks_at_s": np.array([1.0, 2.0])}, "2 times, commands.sticks 1 rows"),
         ({"commands.pilot_at_s": np.array([2.0, 1.0]), "commands.pilot_height_m": [1.0, 2.0]},
@@ -644,8 +644,8 @@ def test_a_script_commands_attitudes_until_something_else():
          "1 times, commands.climb_mps 2 climbs"),
     ],
 )  # fmt: skip
-def test_a_hand_that_does_not_agree_with_itself_is_refused(change, said):
-    with pytest.raises(ParameterError, match=said):
+def test_a_hand_that_does_not_agree_with_itself_is_refused(change, sentence):
+    with pytest.raises(ParameterError, match=sentence):
         script_of(VALUES | change)
 
 
@@ -653,8 +653,8 @@ def test_a_way_of_a_pilot_is_told_once_a_second():
     craft = Craft()
     craft.step(NEUTRAL)
     craft.ask(Command.ATTITUDE)
-    told = sum(craft.step(NEUTRAL) for _ in range(100))
-    assert told == 4
+    sent = sum(craft.step(NEUTRAL) for _ in range(100))
+    assert sent == 4
     np.testing.assert_allclose(
         craft.phases.trajectory.points[0, REFERENCE.pos], craft.nav[NAV.pos], atol=1e-9
     )

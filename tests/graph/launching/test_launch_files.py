@@ -34,8 +34,8 @@ def values(node, folder):
     """Parameters that a started node ends up with: packaged ones, then what launch gives it."""
     table = with_common(import_module(f"{node.package}.parameters").TABLE)
     common = config_folder("heli_core") / "common.yaml"
-    own = config_folder(node.package) / f"{node.name}.yaml"
-    return load(table, [common, own, *node.files(folder)], node.full_name)
+    packaged = config_folder(node.package) / f"{node.name}.yaml"
+    return load(table, [common, packaged, *node.files(folder)], node.full_name)
 
 
 def by_name(started):
@@ -74,20 +74,20 @@ def test_hover_without_arguments_flies_the_packaged_values(launch, tmp_path):
     """The parameter files decide what no argument speaks of."""
     for name, node in by_name(launch(*HOVER)).items():
         if name in FLYING:
-            found = values(node, tmp_path)
-            own = config_folder(node.package) / f"{name}.yaml"
+            launched = values(node, tmp_path)
+            defaults = config_folder(node.package) / f"{name}.yaml"
             common = config_folder("heli_core") / "common.yaml"
             table = with_common(import_module(f"{node.package}.parameters").TABLE)
-            packaged = load(table, [common, own], name)
-            assert found["lockstep"] == packaged["lockstep"]
-            assert found.get("seed") == packaged.get("seed")
+            packaged = load(table, [common, defaults], name)
+            assert launched["lockstep"] == packaged["lockstep"]
+            assert launched.get("seed") == packaged.get("seed")
 
 
-@pytest.mark.parametrize("given", ["true", "false"])
-def test_argument_lockstep(launch, tmp_path, given):
-    for name, node in by_name(launch(*HOVER, f"lockstep:={given}", "live:=true")).items():
+@pytest.mark.parametrize("lockstep", ["true", "false"])
+def test_argument_lockstep(launch, tmp_path, lockstep):
+    for name, node in by_name(launch(*HOVER, f"lockstep:={lockstep}", "live:=true")).items():
         if name in (*FLYING, "live_view"):
-            assert values(node, tmp_path)["lockstep"] is (given == "true"), name
+            assert values(node, tmp_path)["lockstep"] is (lockstep == "true"), name
 
 
 # Argument, node, parameter, value by the argument, value by the user's file.
@@ -105,16 +105,16 @@ WINNING = [
 def test_an_argument_wins_over_the_users_file_and_that_over_defaults(
     launch, tmp_path, argument, node, key, value, in_file
 ):
-    def found(*arguments):
+    def launched(*arguments):
         return values(by_name(launch(*HOVER, "live:=true", *arguments))[node], tmp_path)[key]
 
     file = tmp_path / "my.yaml"
     file.write_text(f"/**/{node}:\n  ros__parameters:\n    {key}: {in_file}\n")
-    assert str(found(f"params_file:={file}")).lower() == in_file
-    assert found(f"params_file:={file}", argument) == value
-    assert found(argument) == value
+    assert str(launched(f"params_file:={file}")).lower() == in_file
+    assert launched(f"params_file:={file}", argument) == value
+    assert launched(argument) == value
     if key not in ("lockstep", "clock"):
-        assert found() not in (value, in_file)
+        assert launched() not in (value, in_file)
 
 
 def test_every_argument_has_a_test(describe):
@@ -274,8 +274,8 @@ def fly_launched(launch, tmp_path, ros_env, living):
 
 def test_the_graph_of_the_launch_file_flies(fly_launched, tmp_path):
     """The flight ends, and the nodes with it."""
-    plant, said = fly_launched("namespace:=heli1", f"bag:={tmp_path / 'bag'}", "seed:=3")
-    assert plant.returncode == 0, said
+    plant, printed = fly_launched("namespace:=heli1", f"bag:={tmp_path / 'bag'}", "seed:=3")
+    assert plant.returncode == 0, printed
     assert OVER.search(plant.stdout + plant.stderr)
     stamps_ns = read_bag(tmp_path / "bag").streams[topics.TRUTH_ODOM].stamp_ns
     # From the first tick on.
@@ -287,10 +287,10 @@ def test_the_graph_of_the_launch_file_flies(fly_launched, tmp_path):
 def test_the_first_launch_compiles_and_flies(fly_launched, tmp_path):
     """As after `colcon build`: no kernel is in the cache; who is ready waits for who is not."""
     cold = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_NUM_THREADS": "1"}
-    plant, said = fly_launched("record:=false", limit_s=800, env=cold)
-    assert plant.returncode == 0, said
-    assert "waiting for" in said
-    assert "going on" not in said and "missing" not in said
+    plant, printed = fly_launched("record:=false", limit_s=800, env=cold)
+    assert plant.returncode == 0, printed
+    assert "waiting for" in printed
+    assert "going on" not in printed and "missing" not in printed
     assert OVER.search(plant.stdout + plant.stderr)
 
 
@@ -299,12 +299,12 @@ def test_a_world_and_laws_are_launched_as_they_are_flown(launch, tmp_path, gps, 
     """Every parameter of every node, what the seed draws of the aircraft, too."""
     started = by_name(launch(*HOVER, "world:=hard", "seed:=7", f"gps:={gps}", f"laws:={laws}"))
     flown = resolve("hover", gps, 7, world="hard", laws=laws).nodes
-    own = {"autostart", "peers"}
+    launch_only = {"autostart", "peers"}
     for name in FLYING:
-        found = values(started[name], tmp_path)
+        launched = values(started[name], tmp_path)
         np.testing.assert_equal(
-            {key: value for key, value in found.items() if key not in own},
-            {key: value for key, value in flown[name].items() if key not in own},
+            {key: value for key, value in launched.items() if key not in launch_only},
+            {key: value for key, value in flown[name].items() if key not in launch_only},
         )
     assert flown["plant"]["scale.mass"] != 1.0
 

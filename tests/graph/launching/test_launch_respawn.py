@@ -37,15 +37,15 @@ def test_who_is_started_again_and_all_know_it(launch):
 def test_a_death_is_told_and_one_too_many_ends_the_launch(launch, monkeypatch):
     started = {node.name: node for node in launch(*HOVER, "respawn:=true")}
     monkeypatch.setenv(FOLDER, started["plant"].env[FOLDER])
-    told = Restarts()
-    assert not told.news()
+    restarts = Restarts()
+    assert not restarts.news()
     for times in range(1, MOST):
         assert started["observer"].ended(-9) is None
-        assert told.news() == {"observer": times} and not told.news()
+        assert restarts.news() == {"observer": times} and not restarts.news()
     assert started["inner_loop"].ended(1) is None
-    assert told.news() == {"observer": MOST - 1, "inner_loop": 1}
+    assert restarts.news() == {"observer": MOST - 1, "inner_loop": 1}
     assert started["observer"].ended(-9) == 1
-    assert not told.news()
+    assert not restarts.news()
 
 
 @pytest.mark.parametrize(("name", "code"), [("observer", 2), ("plant", -9), ("recorder", -9)])
@@ -91,8 +91,8 @@ def test_a_killed_node_comes_back_and_the_flight_is_the_same(
         assert started[killed].ended(-9) is None
         start(started[killed])
         assert processes["plant"].wait(LIMIT_S) == 0
-        said = processes["recorder"].poll()
-    assert said is None and living() == []
+        status = processes["recorder"].poll()
+    assert status is None and living() == []
     flown = read_bag(bag)
     truth = flown.streams[topics.TRUTH_ODOM]
     stamps, first = np.unique(truth.stamp_ns, return_index=True)

@@ -28,10 +28,10 @@ def test_each_has_its_nodes_its_seed_and_its_bag(launch, tmp_path):
     text = "".join(path.read_text() for path in started[0].files(tmp_path))
     assert all(space in text for space in spaces)
     for i, space in enumerate(spaces):
-        own = {node.name: node for node in started if node.namespace == space}
-        plant = "".join(path.read_text() for path in own["plant"].files(tmp_path))
+        nodes = {node.name: node for node in started if node.namespace == space}
+        plant = "".join(path.read_text() for path in nodes["plant"].files(tmp_path))
         assert f"seed: {seed_of(7, i)}\n" in plant and "clock: world\n" in plant
-        recorder = "".join(path.read_text() for path in own["recorder"].files(tmp_path))
+        recorder = "".join(path.read_text() for path in nodes["recorder"].files(tmp_path))
         assert f"bag: my_bags/heli{i + 1}\n" in recorder
 
 
@@ -84,9 +84,9 @@ def test_two_fly_side_by_side_by_one_clock(launch, tmp_path, ros_env, living):
     """Each flies the flight of its seed, as if alone; the clock goes tick by tick to the end."""
     bags = tmp_path / "bags"
     arguments = ["aircraft:=2", f"duration:={LENGTH_S}", f"bag:={bags}", "seed:=3"]
-    codes, said = flown(launch(*HOVER, *arguments), tmp_path, ros_env, "/world_clock")
+    codes, printed = flown(launch(*HOVER, *arguments), tmp_path, ros_env, "/world_clock")
     assert living() == []
-    assert codes == {0} and "going on" not in said, said
+    assert codes == {0} and "going on" not in printed, printed
     assert_flown_as_if_alone([bags / "heli1", bags / "heli2"], [seed_of(3, 0), seed_of(3, 1)])
 
 
@@ -95,12 +95,12 @@ def test_two_launches_by_hand_in_one_domain(launch, tmp_path, ros_env, living):
     """Under two namespaces, by one clock that is started for itself."""
     started, names = [], ("red", "blue")
     for seed, name in enumerate(names, 1):
-        own = [f"namespace:={name}", "clock:=world", f"seed:={seed}", f"bag:={tmp_path / name}"]
-        started += launch(*HOVER, f"duration:={LENGTH_S}", *own)
+        options = [f"namespace:={name}", "clock:=world", f"seed:={seed}", f"bag:={tmp_path / name}"]
+        started += launch(*HOVER, f"duration:={LENGTH_S}", *options)
     clock = [sys.executable, "-m", "heli_flight.graph.world_clock_node", "--ros-args"]
     with subprocess.Popen([*clock, "-p", "aircraft:=[red, blue]"], env=ros_env) as world:
-        codes, said = flown(started, tmp_path, ros_env, "/red/plant", "/blue/plant")
+        codes, printed = flown(started, tmp_path, ros_env, "/red/plant", "/blue/plant")
         assert world.wait(timeout=120) == 0
     assert living() == []
-    assert codes == {0} and "going on" not in said, said
+    assert codes == {0} and "going on" not in printed, printed
     assert_flown_as_if_alone([tmp_path / name for name in names], [1, 2])

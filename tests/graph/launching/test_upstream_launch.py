@@ -49,22 +49,22 @@ def ros2_launch(ros_env, tmp_path, living):
 
 
 def test_a_flight_ends_the_launch_with_0(ros2_launch, tmp_path):
-    code, said = ros2_launch("heli_flight", "hover.launch.py", "duration:=2", "namespace:=heli1")
-    assert code == 0, said
-    assert re.search(r"\bover\b.* 2 s\b", said)
+    code, printed = ros2_launch("heli_flight", "hover.launch.py", "duration:=2", "namespace:=heli1")
+    assert code == 0, printed
+    assert re.search(r"\bover\b.* 2 s\b", printed)
     assert list(tmp_path.glob("bags/*/metadata.yaml"))
 
 
 def test_a_node_that_fails_ends_the_launch_with_1(ros2_launch, tmp_path):
     file = tmp_path / "bad.yaml"
     file.write_text("/**/inner_loop:\n  ros__parameters:\n    gamma: 0.03\n")
-    code, said = ros2_launch("heli_flight", "hover.launch.py", f"params_file:={file}")
-    assert code == 1, said
-    assert re.search(r"inner_loop-.*exit code 2\b", said)
+    code, printed = ros2_launch("heli_flight", "hover.launch.py", f"params_file:={file}")
+    assert code == 1, printed
+    assert re.search(r"inner_loop-.*exit code 2\b", printed)
 
 
 @pytest.mark.parametrize("argument", ["seed:=x", "duration:=0", "params_file:=/nowhere.yaml"])
 def test_a_bad_argument_starts_nothing(ros2_launch, argument):
-    code, said = ros2_launch("heli_flight", "hover.launch.py", argument)
-    assert code == 1 and argument in said
-    assert "process started" not in said
+    code, printed = ros2_launch("heli_flight", "hover.launch.py", argument)
+    assert code == 1 and argument in printed
+    assert "process started" not in printed

@@ -63,10 +63,10 @@ class Crew:
         for name in names:
             kind = KINDS[name]
             values = kind.SPEC.resolve()
-            given = {"autostart": False, "peers": [], "peer_timeout_s": 0.05}
-            given |= {"bag": str(self._folder / f"bag{time.monotonic_ns()}")}
-            given |= {"port": 0, "foxglove": False, "nice": 0} | self._changes
-            values |= {key: value for key, value in given.items() if key in values}
+            overrides = {"autostart": False, "peers": [], "peer_timeout_s": 0.05}
+            overrides |= {"bag": str(self._folder / f"bag{time.monotonic_ns()}")}
+            overrides |= {"port": 0, "foxglove": False, "nice": 0} | self._changes
+            values |= {key: value for key, value in overrides.items() if key in values}
             self.nodes[name] = kind(values, context=self.context)
             self.executor.add_node(self.nodes[name])
         return self

@@ -49,7 +49,7 @@ class Lives(RuleBasedStateMachine):
         super().__init__()
         self.crew = self.crew_of(*KINDS)
         self.expected = dict.fromkeys(KINDS, UNCONFIGURED)
-        self.seen = {}
+        self.entities_of = {}
 
     def _change(self, name, number, label=""):
         state = self.expected[name]
@@ -118,7 +118,9 @@ class Lives(RuleBasedStateMachine):
             assert node.configured == (state in (INACTIVE, ACTIVE)), name
             assert node._active == (state == ACTIVE), name
             assert node.finished == (state == FINALIZED), name
-            assert entities(node) == self.seen.setdefault((name, state), entities(node)), name
+            assert entities(node) == self.entities_of.setdefault((name, state), entities(node)), (
+                name
+            )
 
     def teardown(self):
         self.crew.close()

@@ -36,9 +36,9 @@ def flown(crew, folder, pauses):
     for number in (DEACTIVATE, CLEANUP):
         assert crew.change("recorder", number)
     (bag,) = folder.glob("bag*")
-    found = read_bag(bag)
+    recorded = read_bag(bag)
     crew.close()
-    return found
+    return recorded
 
 
 def test_a_paused_flight_is_the_same_flight_number_for_number(crew, tmp_path):
@@ -67,8 +67,8 @@ def test_a_pause_in_real_time(crew, tmp_path):
         assert set(np.diff(stream.stamp_ns)) == {TICK_NS} and len(stream.stamp_ns) == 400
     assert np.abs(np.diff(truth.rows[:, :3], axis=0)).max() < 0.05
     assert np.abs(truth.rows[-1, :3] - truth.rows[0, :3]).max() < 2.0
-    said = {r.message for r in bag.remarks if r.node == "observer" and r.level > 0}
-    assert not [s for s in said if "rejected" in s or "IMU" in s and "align" not in s], said
+    warnings = {r.message for r in bag.remarks if r.node == "observer" and r.level > 0}
+    assert not [s for s in warnings if "rejected" in s or "IMU" in s and "align" not in s], warnings
 
 
 @pytest.mark.slow
