@@ -57,7 +57,7 @@ def test_a_page_and_a_table_hold_both(flights, tmp_path):
     assert "one &amp; only" in text and "one process" in text
     table = found.to_arrow()
     assert set(table["flight"].to_pylist()) == {"one & only", "two"}
-    assert table.num_rows == 2 * len(found._found.metrics)
+    assert table.num_rows == 2 * len(found._flight_diff.metrics)
 
 
 def test_three_flights_have_no_change(flights):
