@@ -210,11 +210,9 @@ class PageServer:
             browser.news.set()
 
     def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        try:
-            self._loop.run_until_complete(self._serve())
-        finally:
-            self._loop.close()
+        # It ends what is still under way, such as to send to a browser that reads nothing.
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(self._serve())
 
     async def _serve(self) -> None:
         app = web.Application(middlewares=[self._guard])

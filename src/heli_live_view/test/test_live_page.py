@@ -142,6 +142,7 @@ def test_a_browser_that_reads_nothing_holds_up_nobody(serve):
     server.stop()
     server._thread.join(50.0)
     assert not server._thread.is_alive(), "aiohttp waits a minute for such a browser"
+    assert not asyncio.all_tasks(server._loop), "left to the garbage collector"
     deaf.close()
     server.send_state("{}")  # nobody is there any more: nothing happens
 
