@@ -156,7 +156,10 @@ Value = str | float | Sequence[float]
 
 
 def flow_mapping(pairs: Mapping[str, Value]) -> str:
-    """The mapping of YAML, in one line, that reads back as these pairs; no value: no pair."""
+    """The mapping of YAML, in one line, that reads back as these pairs; none for an infinite one.
+
+    What is not a number stays, so that whoever reads it refuses it.
+    """
     parts = []
     for key, value in pairs.items():
         if isinstance(value, str):
@@ -164,7 +167,7 @@ def flow_mapping(pairs: Mapping[str, Value]) -> str:
         elif isinstance(value, Sequence):
             numbers = ", ".join(number(float(one)) for one in value)
             parts.append(f"{key}: {numbers}" if len(value) == 1 else f"{key}: [{numbers}]")
-        elif math.isfinite(value):
+        elif value != math.inf:
             parts.append(f"{key}: {value if isinstance(value, int) else number(value)}")
     return "{" + ", ".join(parts) + "}"
 

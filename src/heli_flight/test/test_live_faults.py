@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from heli_core.errors import ParameterError
 from heli_core.faults import KINDS, begun, faults_of, forms
 from heli_dynamics_sim.faults import ACTUATORS, SENSORS
 from heli_flight.graph.nodes import fault_text
@@ -67,6 +68,14 @@ def test_faults_are_added_and_listed():
     assert listed({}) == listed({"faults": ""}) == []
     names = ["gps loss", "baro loss"]
     assert listed({"faults": "; ".join(names)}) == names
+
+
+def test_a_duration_that_is_no_number_is_not_taken_for_one_without_end():
+    with pytest.raises(ParameterError) as caught:
+        begun([fault_text("gps", "loss", [], math.nan)], 5.0)
+    assert caught.value.key == "duration_s"
+    (text,) = begun([fault_text("gps", "loss", [], math.inf)], 5.0)
+    assert faults_of([text])[0].duration_s == math.inf
 
 
 def test_a_value_that_is_no_number_is_named():
