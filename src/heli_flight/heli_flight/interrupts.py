@@ -5,7 +5,8 @@
 starting answers with a traceback. Then it is taken in one of three ways:
 
 - while a command's modules are loaded nothing has been made: the process ends on the spot;
-- while it works: KeyboardInterrupt, once, so that what is half-made can be undone in peace;
+- while it works: KeyboardInterrupt, once, so that what is half-made can be undone in peace; an
+  import that is under way is finished first;
 - once the command has ended the result stands: too late.
 """
 
@@ -21,8 +22,11 @@ from typing import Any
 EXIT_CODE = 130
 LINE = "interrupted"
 _SOON_S = 0.01
+_IMPORTING = "<frozen importlib._bootstrap>"
 
 _interrupted = False
+_held = 0
+"""How many `held_back` the main thread is in."""
 
 
 def _end(signum: int, frame: FrameType | None) -> None:
@@ -31,19 +35,39 @@ def _end(signum: int, frame: FrameType | None) -> None:
     os._exit(EXIT_CODE)
 
 
+def _is_importing(frame: FrameType | None) -> bool:
+    """Whether a module is being imported, in this frame or in one that it is called from."""
+    while frame is not None:
+        if frame.f_code.co_filename == _IMPORTING:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _raise_soon() -> None:
+    signal.signal(signal.SIGALRM, _raise)
+    signal.setitimer(signal.ITIMER_REAL, _SOON_S)
+
+
 def _raise(signum: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt; a second Ctrl-C shall not disturb the clearing up."""
+    """Raise KeyboardInterrupt; a second Ctrl-C shall not disturb the clearing up.
+
+    An import is finished first: a library in C++ that is being loaded may take the exception for
+    the end of the process (nanobind's do: "terminate called").
+    """
     global _interrupted
     _interrupted = True
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if _held or _is_importing(frame):
+        _raise_soon()
+        return
     raise KeyboardInterrupt
 
 
 def _not_lost(unraisable: Any) -> None:
     """Raise an interrupt anew that fell into a destructor, where Python drops exceptions."""
     if isinstance(unraisable.exc_value, KeyboardInterrupt):
-        signal.signal(signal.SIGALRM, _raise)
-        signal.setitimer(signal.ITIMER_REAL, _SOON_S)
+        _raise_soon()
     elif not _interrupted:  # what is half-made when an interrupt comes may fail to end
         sys.__unraisablehook__(unraisable)
 
@@ -71,11 +95,13 @@ def held_back() -> Iterator[None]:
     Of several threads another may take the signal, and Python then runs the handler in the main
     one, where the signal is blocked: so a handler that waits stands there meanwhile.
     """
+    global _held
     came: list[int] = []
     handler = signal.getsignal(signal.SIGINT)
     ours = handler is not None and threading.current_thread() is threading.main_thread()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     if ours:
+        _held += 1
         signal.signal(signal.SIGINT, lambda *_: came.append(signal.SIGINT))
     try:
         yield
@@ -85,6 +111,7 @@ def held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_BLOCK, ())
         if ours:
             signal.signal(signal.SIGINT, handler)
+            _held -= 1
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         if came:
             signal.raise_signal(signal.SIGINT)
