@@ -23,8 +23,8 @@ _VALUE = re.compile(r"(<!-- value: (\S+) (\S+) (\S+) -->)[^`\n]*?(<!-- end -->)"
 def markdown_files(root: Path) -> list[Path]:
     """Files that may hold rendered numbers."""
     folders = ("src/*/README.md", "benchmarks/*.md", "docs/**/*.md")
-    found = [root / "README.md", *(path for folder in folders for path in root.glob(folder))]
-    return sorted(path for path in found if path.is_file())
+    paths = [root / "README.md", *(path for folder in folders for path in root.glob(folder))]
+    return sorted(path for path in paths if path.is_file())
 
 
 def rendered(text: str, file: Path, root: Path) -> str:

@@ -19,9 +19,9 @@ produces(
 @table("workers")
 def workers(results: Results) -> str:
     """A campaign on one and two workers, and a worker's memory."""
-    found = results["campaign"]
-    told, goals = found["speed"], found["goals"]
-    looks = found["memory"]["looks"]
+    record = results["campaign"]
+    told, goals = record["speed"], record["goals"]
+    looks = record["memory"]["looks"]
     grown_mb = looks[-1]["resident_mb"] - looks[0]["resident_mb"]
     rows = [
         *(
@@ -38,6 +38,6 @@ def workers(results: Results) -> str:
     return (
         f"{grid(['', 'measured', 'goal'], rows)}\n\nMedians of {told['rounds']} rounds in turn, "
         f"{told['flights']} flights of {told['duration_s']:g} s each; short: "
-        f"{found['memory']['duration_s']:g} s, one worker, {grown_mb:+.1f} MB from the first look "
+        f"{record['memory']['duration_s']:g} s, one worker, {grown_mb:+.1f} MB from the first look "
         f"to the last."
     )

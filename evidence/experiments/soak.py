@@ -23,11 +23,11 @@ produces(
 @table("soak")
 def soak(results: Results) -> str:
     """Memory of long flights, what they left, many starts and many Ctrl-C."""
-    found = results["soak"]
-    flights = {"lockstep": found["lockstep"], "real time": found["realtime"]}
+    record = results["soak"]
+    flights = {"lockstep": record["lockstep"], "real time": record["realtime"]}
     rows = [
         [process, *(cell for flight in flights.values() for cell in _memory(flight, process))]
-        for process in sorted(found["lockstep"]["memory"])
+        for process in sorted(record["lockstep"]["memory"])
     ]
     head = ["process"]
     for name, flight in flights.items():
@@ -37,7 +37,7 @@ def soak(results: Results) -> str:
         f"left behind {_left(flight)}, beside it {flight['beside']:.1f} cores were busy"
         for name, flight in flights.items()
     ]
-    starts, stops = found["starts"], found["interrupts"]
+    starts, stops = record["starts"], record["interrupts"]
     told.append(
         f"{starts['count']} flights of 1 s one after the other: exit codes other than 0 "
         f"{starts['odd_exit_codes'] or 'none'}, median {starts['median_s']:.1f} s, longest "
@@ -59,5 +59,5 @@ def _memory(flight: Mapping[str, Any], process: str) -> list[str]:
     return [f"{row['last_mb']:.1f}", f"{row['slope_mb_per_h']:+.2f}"] if row else ["", ""]
 
 
-def _left(found: Mapping[str, Any]) -> str:
-    return ", ".join(found["left"]) or "nothing"
+def _left(results: Mapping[str, Any]) -> str:
+    return ", ".join(results["left"]) or "nothing"
