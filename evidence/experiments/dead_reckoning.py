@@ -95,8 +95,8 @@ def parts(begin: Start, t: float) -> dict[str, float]:
     """Standard deviations, m, of the way after t s: of each cause, and of all with their links."""
     way, sigma = np.array([t, t**2 / 2.0, t**3 / 6.0]), np.sqrt(np.diag(begin.cov))
     noise = float(begin.noise @ [t**3 / 3.0, t**5 / 20.0, t**7 / 252.0])
-    found = dict(zip(("velocity", "tilt", "gyro"), (way * sigma).tolist(), strict=True))
-    return found | {"noise": sqrt(noise), "all": sqrt(way @ begin.cov @ way + noise)}
+    sigmas = dict(zip(("velocity", "tilt", "gyro"), (way * sigma).tolist(), strict=True))
+    return sigmas | {"noise": sqrt(noise), "all": sqrt(way @ begin.cov @ way + noise)}
 
 
 def with_drag(begin: Start, t: float, gust_mps: float, gust_s: float) -> float:
@@ -164,7 +164,7 @@ def rows(place: Place[Flight], seeds: list[int]) -> list[dict[str, Any]]:
     """Figures of a receiver."""
     gps, flights = place.point["gps"], place.flights
     gust_mps, gust_s = gusts(flights)
-    found = []
+    entries = []
     for fixes_s in FIXES_S:
         scenario = settings(gps, fixes_s, seeds[0])
         loop = build(scenario)
@@ -172,14 +172,14 @@ def rows(place: Place[Flight], seeds: list[int]) -> list[dict[str, Any]]:
         begin = start(loop)
         for t in SILENT_S:
             sigma = parts(begin, t)
-            found.append({
+            entries.append({
                 "gps": gps, "fixes_s": fixes_s, "silent_s": t, "sigma_m": sigma,
                 "with_drag_m": with_drag(begin, t, gust_mps, gust_s),
                 "gust_mps": gust_mps, "gust_s": gust_s,
                 "expected_worst_m": worst_of(len(seeds)) * sigma["all"],
                 "flown": flown(flights, t) if fixes_s == FLOWN_S else None,
             })  # fmt: skip
-    return found
+    return entries
 
 
 def found(options: Options) -> dict[str, Any]:

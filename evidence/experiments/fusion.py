@@ -76,7 +76,7 @@ def errors(gps: str, seed: int) -> dict[str, np.ndarray]:
 
 def on_the_aircraft(place: Place[dict[str, np.ndarray]], seeds: Sequence[int]) -> dict[str, Any]:
     """Rms of attitude, velocity, position, and of the receiver's own error; three axes each."""
-    a, v, p, own = (
+    a, v, p, estimator = (
         rms(np.concatenate([flight[key] for flight in place.flights]))
         for key in ("a", "v", "p", "gps")
     )
@@ -86,14 +86,14 @@ def on_the_aircraft(place: Place[dict[str, np.ndarray]], seeds: Sequence[int]) -
         "attitude_ned_deg": np.degrees(a).tolist(),
         "velocity_ned_mps": v.tolist(),
         "position_ned_m": p.tolist(),
-        "receiver_ned_m": own.tolist(),
+        "receiver_ned_m": estimator.tolist(),
     }
 
 
 def consistency(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
     """Rows: NEES at its lowest and highest of the checked times and NIS, over their degrees."""
     s = collect(resolve("hover", gps).nodes["observer"], seeds)
-    found = [
+    entries = [
         (f"NEES, all {ERROR.size} states", s.nees, ERROR.size * s.runs),
         ("NEES, position, velocity, attitude", s.nees_navigation, 9 * s.runs),
         *((f"NIS, {SENSORS[i]}", s.nis[i : i + 1], int(s.dof[i])) for i in range(4)),
@@ -106,7 +106,7 @@ def consistency(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
             "bounds": [float(bound / dof) for bound in bounds(dof)],
             "degrees": dof,
         }
-        for name, values, dof in found
+        for name, values, dof in entries
     ]
 
 

@@ -174,7 +174,8 @@ def gamma(results: Results) -> str:
         f"{grid(head, rows)}\n\nGains: the largest over frequency, without servos, delay and "
         "observer. Errors: the largest from truth after 5 s, median over seeds "
         f"{seeds[0]} to {seeds[-1]}. "
-        f"{world({name: [told] for name, told in record['flown'].items()})}\n\nRefused:\n\n{lines}"
+        f"{world({name: [air] for name, air in record['flown'].items()})}\n\n"
+        f"Refused:\n\n{lines}"
     )
 
 

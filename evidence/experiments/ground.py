@@ -109,12 +109,12 @@ def touch_down(sink_mps: float, slope: tuple[float, float] = (0.0, 0.0), side: f
 @over(ground=tuple(STANDS))
 def stand(ground: str, seed: int) -> dict[str, float]:
     """Ten seconds at idle in gusty wind of 5 m/s: creep, and how the observer has aligned."""
-    given: dict[str, dict[str, Any]] = {
+    grounds: dict[str, dict[str, Any]] = {
         "plant": {"start.on_ground": True, "ground.slope": list(STANDS[ground]),
                   "wind.profile_speed_mps": [5.0, 5.0, 5.0]},
         "outer_loop": {"start.on_ground": True},
     }  # fmt: skip
-    settings = resolve("hover", world="paper", seed=seed, overrides=given)
+    settings = resolve("hover", world="paper", seed=seed, overrides=grounds)
     standing = plant.PlantConfig.from_parameters(settings.nodes["plant"])
     state, k = plant.initial_state(standing, seed), standing.params
     estimator = observer.ObserverConfig(settings.nodes["observer"])
@@ -222,8 +222,8 @@ def side_stick(stick: float, limit_deg: float) -> dict[str, Any]:
 def found(options: Options) -> dict[str, Any]:
     """All that the tables show."""
     landings = [
-        {"ground": name, **touch_down(sink, **given)}
-        for name, given in GROUNDS.items()
+        {"ground": name, **touch_down(sink, **ground)}
+        for name, ground in GROUNDS.items()
         for sink in SINKS_MPS
     ]
     stands = []

@@ -32,11 +32,11 @@ def laws_everywhere(results: Results) -> str:
     rows, won = [], {law: dict.fromkeys(compare_flights.FIGURES, 0) for law in record["laws"]}
     for place in record["places"]:
         for axis in AXES:
-            own = compare_flights.rows_of(record, place["name"], axis)
-            least = compare_flights.smallest(own)
-            cells = [compare_flights.cell(row, least, "**{}**") for row in own]
+            shown = compare_flights.rows_of(record, place["name"], axis)
+            least = compare_flights.smallest(shown)
+            cells = [compare_flights.cell(row, least, "**{}**") for row in shown]
             rows.append([compare_flights.condition_title(place, axis), *cells])
-            for row, key in product(own, compare_flights.FIGURES):
+            for row, key in product(shown, compare_flights.FIGURES):
                 won[row["law"]][key] += compare_flights.is_best(row, least, key)
     counts = ["{} / {}, {}".format(*won[law].values()) for law in record["laws"]]
     rows.append([f"on how many of these {len(rows)} rows it is smallest", *counts])

@@ -43,16 +43,16 @@ def flown(gps: str, rate_hz: int, seed: int) -> dict[str, Any]:
 
 def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Largest figures over the seeds, how often all are inside, and what the law is worth."""
-    given, largest = settings(**place.point), dict[str, float]()
+    scenario, largest = settings(**place.point), dict[str, float]()
     for flight in place.flights:
         for key, value in flight["max"]:
             largest[key] = max(largest.get(key, 0.0), value)
-    judged = AttitudeConfig.from_parameters(given.nodes["inner_loop"]).judgement
+    judged = AttitudeConfig.from_parameters(scenario.nodes["inner_loop"]).judgement
     assert judged is not None
     return {
         **place.point,
         "source": RECEIVERS[place.point["gps"]],
-        "conditions": conditions(given).splitlines(),
+        "conditions": conditions(scenario).splitlines(),
         "inside": sum(flight["inside"] for flight in place.flights),
         "lost": sum(flight["lost"] for flight in place.flights),
         "max": largest,

@@ -93,12 +93,12 @@ class _Times:
 
     def fell_back(self, from_s: float) -> list[float]:
         """When the actuator side began, and when it ceased, to fly by itself within `LOOK_S`."""
-        found: list[float] = []
+        times: list[float] = []
         for time_s, state in self.plant:
             silent = state == NodeState.WITHOUT_INPUT
-            if from_s <= time_s <= from_s + LOOK_S and silent != bool(len(found) % 2):
-                found.append(time_s)
-        return found
+            if from_s <= time_s <= from_s + LOOK_S and silent != bool(len(times) % 2):
+                times.append(time_s)
+        return times
 
 
 def _event(done: dict[str, Any], restarts: list[dict[str, Any]], times: _Times) -> dict[str, Any]:

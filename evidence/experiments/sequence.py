@@ -35,7 +35,7 @@ _AIR_M = 1.0
 def changes(record: FlightRecord, period: int) -> list[dict[str, Any]]:
     """Steps of the set-point, deg, and the collective at each change of modes in the air."""
     assert record.mode is not None  # the scenario begins on the ground
-    found = []
+    entries = []
     began = np.flatnonzero(record.mode[1:] != record.mode[:-1]) + 1
     tilt = np.degrees(np.hypot(*euler_angles(record.truth_q_nb)[:, :2].T))
     for i in began.tolist():
@@ -44,7 +44,7 @@ def changes(record: FlightRecord, period: int) -> list[dict[str, Any]]:
             continue
         later = np.unwrap(record.setpoint[first : i + _AFTER_TICKS : period], axis=0)
         turned = [wrap_pi(float(a)) for a in record.setpoint[first] - record.setpoint[i]]
-        found.append(
+        entries.append(
             {
                 "change": f"{record.mode[i - 1]} to {record.mode[i]}",
                 "attitude_deg": float(np.degrees(np.abs(turned).max())),
@@ -53,7 +53,7 @@ def changes(record: FlightRecord, period: int) -> list[dict[str, Any]]:
                 "tilt_deg": float(tilt[i : i + _AFTER_TICKS].max()),
             }
         )
-    return found
+    return entries
 
 
 def worst(flights: list[dict[str, Any]]) -> list[dict[str, Any]]:

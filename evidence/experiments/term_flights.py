@@ -62,9 +62,9 @@ def row_of(place: Place[FlownSeed]) -> dict[str, Any]:
 
 def found(options: Options) -> dict[str, Any]:
     """All that the table shows."""
-    told = [conditions(resolve("hover", gps)).splitlines() for gps in GPS_PRESETS]
+    conditions_of = [conditions(resolve("hover", gps)).splitlines() for gps in GPS_PRESETS]
     rows = [row_of(place) for place in fly.places(options)]
-    return {"seeds": options.seeds, "conditions": told, "rows": rows}
+    return {"seeds": options.seeds, "conditions": conditions_of, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
