@@ -72,11 +72,11 @@ def check_results(names: Names = None) -> int:
     for producer in chosen(names or []):
         say.print(producer.command, soft_wrap=True)
         stored = files.read(root, producer.name)
-        told = files.differences(stored, files.make(root, producer), producer)
-        print(f"{producer.name}: " + ("as published" if not told else f"{len(told)} differ"))
-        for line in told:
+        changes = files.differences(stored, files.make(root, producer), producer)
+        print(f"{producer.name}: " + ("as published" if not changes else f"{len(changes)} differ"))
+        for line in changes:
             print(f"  {line}")
-        code = max(code, int(bool(told)))
+        code = max(code, int(bool(changes)))
     return code
 
 

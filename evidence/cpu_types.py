@@ -176,7 +176,7 @@ def effective(combination: Combination) -> Effective:
         last = (done.stderr.strip().splitlines() or ["no words"])[-1]
         raise CpuTypeError(f"cannot be asked what it chose: {last}")
     libm = "without FMA" if LIBM in combination.env or "fma" not in cpu_flags() else "with FMA"
-    found = Effective(libm=libm, **json.loads(done.stdout.splitlines()[-1]))
-    if combination.blas and found.blas not in combination.blas:
-        raise CpuTypeError(f"OpenBLAS has chosen {found.blas}")
-    return found
+    types = Effective(libm=libm, **json.loads(done.stdout.splitlines()[-1]))
+    if combination.blas and types.blas not in combination.blas:
+        raise CpuTypeError(f"OpenBLAS has chosen {types.blas}")
+    return types

@@ -28,13 +28,13 @@ def main() -> int:
     path = root / "docs" / "dispersion.png"
     with picture(path, 1, len(SHOWN), (9.0, 3.6), sharey=True) as (figure, axes):
         for axis, key in zip(axes[0], SHOWN, strict=True):
-            for name, found in campaigns.items():
-                for of_law in found["laws"]:
+            for name, campaign in campaigns.items():
+                for of_law in campaign["laws"]:
                     # The largest of all is one flight's.
                     least = 1.0 / of_law["flights"]
-                    above = [max(1.0 - level, least) for level in found["levels"]]
+                    above = [max(1.0 - level, least) for level in campaign["levels"]]
                     values = of_law["figures"][f"{key} (truth)"]["quantiles"]
-                    label = f"{of_law['laws']}, {found['world']} ({of_law['flights']})"
+                    label = f"{of_law['laws']}, {campaign['world']} ({of_law['flights']})"
                     colour = COLOURS[of_law["laws"]]
                     axis.plot(values, above, STYLES[name], color=colour, label=label)
             axis.axvline(BY_KEY[key].paper, color=GREY, ls=":", label="bound (paper)")

@@ -15,11 +15,11 @@ def main() -> int:
     """Exit code 2, with a sentence, if the file is not made yet."""
     root = checkout()
     try:
-        found = read(root, "laws_everywhere")["found"]
+        matrix = read(root, "laws_everywhere")["found"]
     except FlightError as exc:
         print(f"error: {exc}", file=sys.stderr)
         return 2
-    draw_law_matrix(found, root / "docs" / "laws_everywhere.png")
+    draw_law_matrix(matrix, root / "docs" / "laws_everywhere.png")
     return 0
 
 

@@ -120,7 +120,7 @@ def make(root: Path, producer: Producer) -> dict[str, Any]:
     if done.returncode not in (0, 1):
         raise FlightError(f"{producer.name}: {producer.command}: exit code {done.returncode}")
     try:
-        found = json.loads(done.stdout)
+        results = json.loads(done.stdout)
     except ValueError:
         raise FlightError(f"{producer.name}: {producer.command}: printed no JSON") from None
     return {
@@ -131,7 +131,7 @@ def make(root: Path, producer: Producer) -> dict[str, Any]:
         "versions": versions(),
         "processor": processor(),
         "load": round(os.getloadavg()[0], 1),
-        "found": found,
+        "found": results,
     }
 
 
@@ -191,8 +191,8 @@ def _processor_name() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    found = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(found, platform.processor() or platform.machine())
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(models, platform.processor() or platform.machine())
 
 
 def differences(

@@ -23,8 +23,8 @@ _VALUE = re.compile(r"(<!-- value: (\S+) (\S+) (\S+) -->)[^`\n]*?(<!-- end -->)"
 def markdown_files(root: Path) -> list[Path]:
     """Files that may hold rendered numbers."""
     folders = ("src/*/README.md", "benchmarks/*.md", "docs/**/*.md")
-    found = [root / "README.md", *(path for folder in folders for path in root.glob(folder))]
-    return sorted(path for path in found if path.is_file())
+    paths = [root / "README.md", *(path for folder in folders for path in root.glob(folder))]
+    return sorted(path for path in paths if path.is_file())
 
 
 def rendered(text: str, file: Path, root: Path) -> str:
@@ -49,11 +49,11 @@ def rendered(text: str, file: Path, root: Path) -> str:
         return f"{match[1]}\n{body}\n\n{match[3]}"
 
     def value(match: re.Match[str]) -> str:
-        found: Any = read(root, match[2])["found"]
+        number: Any = read(root, match[2])["found"]
         try:
             for key in match[3].split("."):
-                found = found[int(key) if isinstance(found, list) else key]
-            text = format(found, match[4])
+                number = number[int(key) if isinstance(number, list) else key]
+            text = format(number, match[4])
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise FlightError(f"{file.name}: {match[1]}: {error!r}") from None
         return f"{match[1]}{text.replace('%', ' %')}{match[5]}"

@@ -132,25 +132,25 @@ class Sweep(Generic[Figures]):
         """
         points = self.points if points is None else points
         batch = FlightsOfSweep(self, tuple(points), tuple(options.seeds))
-        store, found = None, dict[int, bytes]()
+        store, figures = None, dict[int, bytes]()
         if options.rows is not None:
             store = _store(options.rows / batch.name, batch.identity)
             store.done()  # takes files away that cannot be read
-            found = _figures(store.table().to_pylist())
-        todo, flown = tasks(batch, set(found)), len(found)
+            figures = _figures(store.table().to_pylist())
+        todo, flown = tasks(batch, set(figures)), len(figures)
         workers = min(options.workers, len(todo))
         coming = fly_by_dask(batch, todo, workers, None) if workers > 1 else fly_here(batch, todo)
         with long_steps(f"{batch.name}, flights", batch.count, flown) as progress:
             for i, point in enumerate(points):
                 numbers = range(i * len(options.seeds), (i + 1) * len(options.seeds))
-                while not found.keys() >= set(numbers):
+                while not figures.keys() >= set(numbers):
                     rows = next(coming)
-                    found |= _figures(rows)
+                    figures |= _figures(rows)
                     flown += len(rows)
                     if store is not None:
                         store.put(rows)
                     progress(flown, f"{len(points)} places")
-                yield Place(point, [pickle.loads(found.pop(number)) for number in numbers])
+                yield Place(point, [pickle.loads(figures.pop(number)) for number in numbers])
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def over(**axes: Sequence[Any]) -> Callable[[Callable[..., Figures]], Sweep[Figu
 
 def print_found(
     doc: str | None,
-    found: Callable[..., Mapping[str, Any]],
+    experiment: Callable[..., Mapping[str, Any]],
     seeds: str = "1..20",
     tables: Callable[[Mapping[str, Any]], str] | None = None,
     **lists: str,
@@ -246,14 +246,14 @@ def print_found(
         parser.add_argument(f"--{name}", default=default, help=f"default: {default}")
     if tables is not None:
         parser.add_argument("--json", action="store_true", help="print JSON instead of Markdown")
-    given = parser.parse_args()
-    chosen = {name: getattr(given, name).split(",") for name in lists}
+    arguments = parser.parse_args()
+    chosen = {name: getattr(arguments, name).split(",") for name in lists}
     try:
-        content = found(Options(given.seeds, given.workers, given.rows), **chosen)
+        content = experiment(Options(arguments.seeds, arguments.workers, arguments.rows), **chosen)
     except (ParameterError, FlightError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    if tables is None or given.json:
+    if tables is None or arguments.json:
         print(json.dumps(content, indent=2))
     else:
         print(tables(content))

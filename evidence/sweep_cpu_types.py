@@ -94,8 +94,8 @@ def run(combination: Combination, chose: Effective, words: Sequence[str]) -> Out
             outcome.passed, outcome.skipped, outcome.failed = read_results(junit)
     if done.returncode not in _NOTHING_FAILED:
         outcome.broken = True
-        said = (done.stdout + done.stderr).strip().splitlines() or ["no words"]
-        outcome.remark = f"pytest ended with code {done.returncode}: {said[-1]}"
+        output = (done.stdout + done.stderr).strip().splitlines() or ["no words"]
+        outcome.remark = f"pytest ended with code {done.returncode}: {output[-1]}"
     if not outcome.good:
         sys.stderr.write(done.stdout + done.stderr)
     return outcome

@@ -40,8 +40,8 @@ def world(flown: Mapping[str, Sequence[Sequence[str]]]) -> str:
     winds, receivers = [], []
     for test, conditions in flown.items():
         for wind, receiver in conditions:
-            told = re.sub(r"; seed \d+$", "", wind).removeprefix("simulated: ")
-            winds.append(f"{test}: {told}")
+            source = re.sub(r"; seed \d+$", "", wind).removeprefix("simulated: ")
+            winds.append(f"{test}: {source}")
             receivers.append(receiver.removesuffix("; the paper's numbers are from flight"))
     return f"Simulated. {'; '.join(dict.fromkeys((*winds, *receivers)))}."
 
@@ -57,7 +57,7 @@ def ground_table(row: Mapping[str, Any]) -> list[str]:
     return [f"{largest[m.key]:.2f}" if m.key in largest else "–" for m in GROUND_METRICS]
 
 
-def machine(found: Mapping[str, Any]) -> str:
+def machine(results: Mapping[str, Any]) -> str:
     """Cores and load of where it was measured."""
-    where = found["machine"]
+    where = results["machine"]
     return f"{where['cores']} cores, load before {where['load_before']:.1f}"

@@ -87,8 +87,8 @@ def flown(what: str, fault: str, gps: str, seed: int) -> dict[str, Any]:
 
 def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Figures of a fault with a receiver; off and turned are of the flights that were not lost."""
-    found = place.flights
-    lost, kept = ([one for one in found if one["lost"] is is_lost] for is_lost in (True, False))
+    flights = place.flights
+    lost, kept = ([one for one in flights if one["lost"] is is_lost] for is_lost in (True, False))
 
     def most(key: str) -> float | None:
         return max((one[key] for one in kept), default=None)
@@ -127,12 +127,12 @@ produces(
 @table("actuator_faults")
 def actuator_faults(results: Results) -> str:
     """Faults of actuators in the hover: who survives, how far off, how far turned."""
-    found = results["actuator_faults"]
+    record = results["actuator_faults"]
     channels = {"delta_lat": "lateral cyclic", "delta_lon": "longitudinal cyclic",
                 "delta_ped": "pedal", "delta_col": "collective"}  # fmt: skip
-    n = len(found["seeds"])
+    n = len(record["seeds"])
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         lost_s, most = row["min"]["lost_s"], row["max"]
         rows.append([
             channels[row["what"]], row["fault"], row["gps"], f"{n - row['lost']} of {n}",
@@ -143,11 +143,11 @@ def actuator_faults(results: Results) -> str:
     head = ["channel", "fault", "receiver", "survived", "first lost after, s",
             "off, m: median / worst", "turned, deg: worst"]  # fmt: skip
     return (
-        f"{grid(head, rows)}\n\nSeeds {found['seeds'][0]} to {found['seeds'][-1]}, none of "
+        f"{grid(head, rows)}\n\nSeeds {record['seeds'][0]} to {record['seeds'][-1]}, none of "
         "those on which soft flight was made: hover at 10 m, "
-        f"world {found['world']}, default laws, "
-        f"`failsafe.unfollowed_deg: [8.0, 5.5]`, the fault from {found['begin_s']:g} s on, flown "
-        f"to {found['end_s']:g} s; where the attitude does not follow, "
+        f"world {record['world']}, default laws, "
+        f"`failsafe.unfollowed_deg: [8.0, 5.5]`, the fault from {record['begin_s']:g} s on, flown "
+        f"to {record['end_s']:g} s; where the attitude does not follow, "
         "it flies softly. Off and turned: largest distance and "
         "change of heading from the same flight without the fault, of those that survived, from "
         "truth: survived is not held. Behind a stuck pedal the yaw gyro goes on: the heading "

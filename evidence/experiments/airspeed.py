@@ -35,11 +35,11 @@ _LEAST_MPS2 = 1e-3
 GOAL_DEG = 2.0
 
 
-def over_speeds(found: OverAirspeed) -> list[dict[str, Any]]:
+def over_speeds(spectrum: OverAirspeed) -> list[dict[str, Any]]:
     """Per speed ahead: trim straight ahead, the slowest mode and the least margins of all there."""
     rows = []
     for speed in SPEEDS_MPS:
-        there = [p for p in found.points if p.point.ahead_mps == speed]
+        there = [p for p in spectrum.points if p.point.ahead_mps == speed]
         straight = [p for p in there if p.point.right_mps == 0.0]
         lon = [float(p.u[ACTUATOR.lon]) for p in straight]
         rows.append(
@@ -56,16 +56,16 @@ def over_speeds(found: OverAirspeed) -> list[dict[str, Any]]:
     return rows
 
 
-def bound_of(name: str, found: OverAirspeed) -> dict[str, Any]:
+def bound_of(name: str, spectrum: OverAirspeed) -> dict[str, Any]:
     """What the loops straight ahead share."""
-    refused = isinstance(found.bound, str)
+    refused = isinstance(spectrum.bound, str)
     return {
         "laws": name,
-        "contraction": None if isinstance(found.bound, str) else found.bound.contraction,
-        "between": None if refused else found.between,
-        "radius": max(p.judgement.radius for p in found.points),
-        "disk_input": min(p.judgement.disk_input for p in found.points),
-        "disk_output": min(p.judgement.disk_output for p in found.points),
+        "contraction": None if isinstance(spectrum.bound, str) else spectrum.bound.contraction,
+        "between": None if refused else spectrum.between,
+        "radius": max(p.judgement.radius for p in spectrum.points),
+        "disk_input": min(p.judgement.disk_input for p in spectrum.points),
+        "disk_output": min(p.judgement.disk_output for p in spectrum.points),
     }
 
 
@@ -128,14 +128,14 @@ def errors(record: FlightRecord, from_s: float) -> dict[str, float]:
     on = record.time_s >= from_s
     away = record.truth_pos_ned_m - record.reference[:, REFERENCE.pos]
     attitude = attitude_errors(record.truth_q_nb, record.setpoint)
-    own = {
+    estimates = {
         **attitude,
         "altitude": away[:, 2],
         "position": np.linalg.norm(away, axis=1),
         "speed": np.linalg.norm(record.truth_vel_ned_mps, axis=1),
         "airspeed": np.linalg.norm(record.truth_vel_ned_mps - record.wind_ned_mps, axis=1),
     }
-    largest = {key: float(np.max(np.abs(values[on]))) for key, values in own.items()}
+    largest = {key: float(np.max(np.abs(values[on]))) for key, values in estimates.items()}
     there = transition(record) & on
     for key, values in attitude.items():
         largest[f"{key}, transition"] = float(np.max(np.abs(values[there])))
@@ -184,7 +184,7 @@ _FLOWN = {
 @table("airspeed")
 def airspeed(results: Results) -> str:
     """Trim and loop at each speed, and what the loops share."""
-    found = results["airspeed"]
+    record = results["airspeed"]
     head = [
         "ahead, m/s", "trim phi, theta, deg", "d_lon, over flap-back", "d_col",
         "slowest mode, s", "disk margin in / out",
@@ -198,13 +198,13 @@ def airspeed(results: Results) -> str:
             f"{TICK_S / (1.0 - row['radius']):.2f}",
             f"{row['disk_input']:.2f} / {row['disk_output']:.2f}",
         ]
-        for row in found["speeds"]
+        for row in record["speeds"]
     ]
-    across = found["across_mps"]
+    across = record["across_mps"]
     return (
         f"{grid(head, rows)}\n\nModes and margins: the worst of air from the side of "
         f"{min(across):g} to {max(across):g} m/s and flap-back 0 to 0.0015 rad s/m. "
-        f"{' '.join(map(_shared, found['bounds']))}"
+        f"{' '.join(map(_shared, record['bounds']))}"
     )
 
 
@@ -221,7 +221,7 @@ def _shared(bound: dict[str, Any]) -> str:
 @table("airspeed_flown")
 def airspeed_flown(results: Results) -> str:
     """Largest errors in forward flight."""
-    found = results["airspeed"]
+    record = results["airspeed"]
     rows = [
         [
             f"{row['world']}, {row['gps']}",
@@ -230,9 +230,9 @@ def airspeed_flown(results: Results) -> str:
             f"{row['hover']['roll']:.2f}, {row['hover']['pitch']:.2f}",
             str(row["lost"]),
         ]
-        for row in found["flights"]
+        for row in record["flights"]
     ]
-    winds = {row["world"]: [row["conditions"]] for row in found["flights"]}
+    winds = {row["world"]: [row["conditions"]] for row in record["flights"]}
     head = ["world, receiver", *_FLOWN.values(), "transitions inside", "hover: roll, pitch", "lost"]
     return (
         f"{grid(head, rows)}\n\nLargest from the start of the way to the end, truth, "

@@ -64,15 +64,15 @@ def _last_in_the_air(record: FlightRecord) -> int:
 @over(world=WORLDS, gps=RECEIVERS, wait_s=WAITS_S)
 def flown(world: str, gps: str, wait_s: float, seed: int) -> dict[str, Any]:
     """Figures of a flight; None where there are none."""
-    given = settings(world, gps, wait_s, seed)
-    flight = simulate(given)
-    record, law = flight.record, given.nodes["outer_loop"]
+    scenario = settings(world, gps, wait_s, seed)
+    flight = simulate(scenario)
+    record, law = flight.record, scenario.nodes["outer_loop"]
     assert record.mode is not None  # it begins on the ground
-    figures = {f.metric.key: f.value for f in score(record, given.scenario).ground}
+    figures = {f.metric.key: f.value for f in score(record, scenario.scenario).ground}
     stands = not flight.status and record.mode[-1] == "standing"
     pos, last = record.truth_pos_ned_m, round(LAST_FIX_S * TICKS_PER_S)
     lost = lost_at(record, law["period_ticks"], law["land.blind_sigma_mps"])
-    found: dict[str, Any] = {
+    outcome: dict[str, Any] = {
         "stands": stands,
         "tilt_deg": figures["touch_down_tilt"],
         "sink_mps": figures["touch_down_speed"],
@@ -85,25 +85,25 @@ def flown(world: str, gps: str, wait_s: float, seed: int) -> dict[str, Any]:
     }
     if stands:
         before = _last_in_the_air(record) - round(_BEFORE_S * TICKS_PER_S)
-        found["sideways_mps"] = float(np.linalg.norm(record.truth_vel_ned_mps[before, :2]))
+        outcome["sideways_mps"] = float(np.linalg.norm(record.truth_vel_ned_mps[before, :2]))
     if lost is not None:
         step = np.diff(np.unwrap(record.setpoint[[lost - 1, lost]], axis=0), axis=0)
-        found["attitude_deg"] = float(np.degrees(np.abs(step).max()))
-        found["collective"] = float(abs(np.diff(record.u[[lost - 1, lost], ACTUATOR.col])[0]))
-    return found
+        outcome["attitude_deg"] = float(np.degrees(np.abs(step).max()))
+        outcome["collective"] = float(abs(np.diff(record.u[[lost - 1, lost], ACTUATOR.col])[0]))
+    return outcome
 
 
 def row(place: Place[dict[str, Any]], seeds: list[int]) -> dict[str, Any]:
     """Figures of a world, a receiver and a time without fixes."""
-    found = place.flights
+    flights = place.flights
 
     def of(key: str) -> list[float]:
-        return [one[key] for one in found if one[key] is not None]
+        return [one[key] for one in flights if one[key] is not None]
 
     return {
         **place.point,
         "conditions": conditions(settings(**place.point, seed=seeds[0])).splitlines(),
-        "stands": sum(one["stands"] for one in found),
+        "stands": sum(one["stands"] for one in flights),
         "position_lost": len(of("lost_after_s")),
         "median": {
             key: float(np.median(of(key))) if of(key) else None
@@ -140,7 +140,7 @@ produces(
 @table("blind_landing")
 def blind_landing(results: Results) -> str:
     """Landings so long after the last fix, world by world and receiver by receiver."""
-    found = results["blind_landing"]
+    record = results["blind_landing"]
 
     def cell(value: Any, form: str) -> str:
         return "–" if value is None else f"{value:{form}}"
@@ -159,7 +159,7 @@ def blind_landing(results: Results) -> str:
         "of the collective",
     ]
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         most, median = row["max"], row["median"]
         rows.append(
             [
@@ -178,9 +178,9 @@ def blind_landing(results: Results) -> str:
         )
     return (
         f"{grid(head, rows)}\n\nHover at 10 m, the last fix after "
-        f"{found['last_fix_s']:.0f} s, the landing commanded so long after it; truth, "
+        f"{record['last_fix_s']:.0f} s, the landing commanded so long after it; truth, "
         f"{results.seeds('blind_landing')}. Stands, position lost (in the air): of "
-        f"{len(found['seeds'])} flights; largest, sideways and drift since the last fix: median / "
+        f"{len(record['seeds'])} flights; largest, sideways and drift since the last fix: median / "
         "largest; sideways: half a second before it stands; step: of the first command after the "
         "position was lost. Simulated, the scenario's wind, turbulence on, level ground."
     )

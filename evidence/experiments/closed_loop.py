@@ -49,19 +49,19 @@ _NODE_CORES = 32
 @table("closed_loop")
 def closed_loop(results: Results) -> str:
     """Speed of the loop in one process beside its peer, and the parts of a flight."""
-    found = results["closed_loop"]
+    record = results["closed_loop"]
     rows = [
-        ["closed loop", f"{found['times_real_time']:.0f} times real time", "600"],
-        [f"peer, {found['peer']}", f"{found['peer_times_real_time']:.1f} times real time", ""],
-        ["ratio", f"{found['times_peer']:.0f}", ""],
-        *([name, f"{1e3 * found[key]:.1f} ms", ""] for key, name in _PARTS.items()),
-        ["`heli hover --one-process --duration 1 --no-report`", f"{found['command_s']:.2f} s", ""],
-        ["the same with a report", f"{found['command_with_report_s']:.2f} s", "1.5 s"],
-        ["importing numpy, scipy and numba alone", f"{found['imports_s']:.2f} s", ""],
+        ["closed loop", f"{record['times_real_time']:.0f} times real time", "600"],
+        [f"peer, {record['peer']}", f"{record['peer_times_real_time']:.1f} times real time", ""],
+        ["ratio", f"{record['times_peer']:.0f}", ""],
+        *([name, f"{1e3 * record[key]:.1f} ms", ""] for key, name in _PARTS.items()),
+        ["`heli hover --one-process --duration 1 --no-report`", f"{record['command_s']:.2f} s", ""],
+        ["the same with a report", f"{record['command_with_report_s']:.2f} s", "1.5 s"],
+        ["importing numpy, scipy and numba alone", f"{record['imports_s']:.2f} s", ""],
     ]
     return (
-        f"{grid(['', 'measured', 'goal'], rows)}\n\nMedians of {found['rounds']} rounds; flights "
-        f"of {found['duration_s']:g} s; processor time, the commands wall time."
+        f"{grid(['', 'measured', 'goal'], rows)}\n\nMedians of {record['rounds']} rounds; flights "
+        f"of {record['duration_s']:g} s; processor time, the commands wall time."
     )
 
 

@@ -262,9 +262,9 @@ produces(
 @table("cpu_types")
 def cpu_types(results: Results) -> str:
     """How far the same flights of two processors are apart."""
-    found = results["cpu_types"]
+    record = results["cpu_types"]
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         if row["why_not"]:
             rows.append([row["name"], row["against"], row["why_not"], "", "", "", ""])
             continue
@@ -274,7 +274,7 @@ def cpu_types(results: Results) -> str:
                 row["name"],
                 row["against"],
                 f"{row['differing']} of {row['numbers']}",
-                f"{row['same_ticks'] * found['tick_s']:g} s",
+                f"{row['same_ticks'] * record['tick_s']:g} s",
                 *(f"{size:.0e}" if size else "0" for size in sizes),
             ]
         )
@@ -282,7 +282,7 @@ def cpu_types(results: Results) -> str:
     head += ["position, m, largest", "at the end", "attitude, rad"]
     return (
         f"{grid(head, rows)}\n\nHover and attitude test, both receivers, 60 s, one process, "
-        f"{results.seeds('cpu_types')} (emulated: the first); {found['libc']}."
+        f"{results.seeds('cpu_types')} (emulated: the first); {record['libc']}."
     )
 
 

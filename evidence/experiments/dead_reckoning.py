@@ -95,8 +95,8 @@ def parts(begin: Start, t: float) -> dict[str, float]:
     """Standard deviations, m, of the way after t s: of each cause, and of all with their links."""
     way, sigma = np.array([t, t**2 / 2.0, t**3 / 6.0]), np.sqrt(np.diag(begin.cov))
     noise = float(begin.noise @ [t**3 / 3.0, t**5 / 20.0, t**7 / 252.0])
-    found = dict(zip(("velocity", "tilt", "gyro"), (way * sigma).tolist(), strict=True))
-    return found | {"noise": sqrt(noise), "all": sqrt(way @ begin.cov @ way + noise)}
+    sigmas = dict(zip(("velocity", "tilt", "gyro"), (way * sigma).tolist(), strict=True))
+    return sigmas | {"noise": sqrt(noise), "all": sqrt(way @ begin.cov @ way + noise)}
 
 
 def with_drag(begin: Start, t: float, gust_mps: float, gust_s: float) -> float:
@@ -135,8 +135,8 @@ def worst_of(n: int) -> float:
 def silent(gps: str, seed: int) -> Flight:
     """Fly without fixes from `FLOWN_S` on."""
     lost = (f"{{what: gps, kind: loss, start_s: {FLOWN_S}}}",)
-    given = settings(gps, FLOWN_S + max(SILENT_S) + 1.0, seed, lost)
-    r = fly_loop(build(given), given).record
+    scenario = settings(gps, FLOWN_S + max(SILENT_S) + 1.0, seed, lost)
+    r = fly_loop(build(scenario), scenario).record
     wind = r.wind_ned_mps[round(FLOWN_S * TICKS_PER_S) :, :2]
     return Flight(r.nav_pos_ned_m - r.truth_pos_ned_m, wind)
 
@@ -164,22 +164,22 @@ def rows(place: Place[Flight], seeds: list[int]) -> list[dict[str, Any]]:
     """Figures of a receiver."""
     gps, flights = place.point["gps"], place.flights
     gust_mps, gust_s = gusts(flights)
-    found = []
+    entries = []
     for fixes_s in FIXES_S:
-        given = settings(gps, fixes_s, seeds[0])
-        loop = build(given)
-        fly_loop(loop, given)
+        scenario = settings(gps, fixes_s, seeds[0])
+        loop = build(scenario)
+        fly_loop(loop, scenario)
         begin = start(loop)
         for t in SILENT_S:
             sigma = parts(begin, t)
-            found.append({
+            entries.append({
                 "gps": gps, "fixes_s": fixes_s, "silent_s": t, "sigma_m": sigma,
                 "with_drag_m": with_drag(begin, t, gust_mps, gust_s),
                 "gust_mps": gust_mps, "gust_s": gust_s,
                 "expected_worst_m": worst_of(len(seeds)) * sigma["all"],
                 "flown": flown(flights, t) if fixes_s == FLOWN_S else None,
             })  # fmt: skip
-    return found
+    return entries
 
 
 def found(options: Options) -> dict[str, Any]:
@@ -204,9 +204,9 @@ produces(
 @table("dead_reckoning")
 def dead_reckoning(results: Results) -> str:
     """What dead reckoning is off by after the last fix: causes, bound with drag, flown."""
-    found = results["dead_reckoning"]
+    record = results["dead_reckoning"]
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         causes = [f"{row['sigma_m'][key]:.2f}" for key in ("velocity", "tilt", "gyro", "noise")]
         flown = row["flown"]
         rows.append([
@@ -218,17 +218,18 @@ def dead_reckoning(results: Results) -> str:
     head = ["receiver", "fixes for, s", "then none for, s", "velocity", "tilt, accelerometers",
             "gyro bias", "noise", "all", "drag read, at least", "worst of all, expected",
             "flown: rms / worst"]  # fmt: skip
-    gust, n = found["rows"][-1], len(found["seeds"])
+    gust, n = record["rows"][-1], len(record["seeds"])
     return (
         f"{grid(head, rows)}\n\nMetres since the last fix; one standard deviation northward, from "
-        f"the filter's covariance at the last fix (hover, world {found['world']}, seed "
-        f"{found['seeds'][0]}) and its noise since. All: with the links between the causes. Worst "
+        f"the filter's covariance at the last fix (hover, world {record['world']}, seed "
+        f"{record['seeds'][0]}) and its noise since. All: with the links between the causes. Worst "
         f"expected: the mean of the largest of {n} distances in the plane, "
-        f"{found['worst_of_sigma']:.2f} times all. Drag read: speed through the air without error, "
+        f"{record['worst_of_sigma']:.2f} times all. Drag read: speed through the air without "
+        f"error, "
         "mean wind and gust at the last fix known, gusts then a first-order process of "
         f"{gust['gust_mps']:.2f} m/s and {gust['gust_s']:.0f} s, which the flights' wind has. "
-        f"Flown: error of the navigation against truth, seeds {found['seeds'][0]} to "
-        f"{found['seeds'][-1]}, rms of an axis / largest distance."
+        f"Flown: error of the navigation against truth, seeds {record['seeds'][0]} to "
+        f"{record['seeds'][-1]}, rms of an axis / largest distance."
     )
 
 

@@ -39,7 +39,7 @@ def rows(model: LinearModel, every: bool = False) -> list[tuple[str, float, floa
     """
     published = yaml.safe_load((DATA / "nus_linear_model.yaml").read_text(encoding="utf-8"))
     known = yaml.safe_load((DATA / "known_deviations.yaml").read_text(encoding="utf-8"))
-    found = []
+    entries = []
     for name, columns in COLUMNS.items():
         for i, row in enumerate(STATE_NAMES):
             for j, column in enumerate(columns):
@@ -53,8 +53,8 @@ def rows(model: LinearModel, every: bool = False) -> list[tuple[str, float, floa
                 if beyond and not remark:
                     remark = "UNEXPLAINED"
                 share = f"{100.0 * (ours / theirs - 1.0):+.2f} %" if theirs else "-"
-                found.append((entry, theirs, ours, share, remark))
-    return found
+                entries.append((entry, theirs, ours, share, remark))
+    return entries
 
 
 def main() -> int:

@@ -46,10 +46,10 @@ _SURE = 0.01
 
 def spec_with(changes: dict[str, Any], folder: Path) -> tuple[Spec, Path]:
     """The spec with other keys, and its file in a folder; raises ParameterError."""
-    told = yaml.safe_load(SPEC.read_text(encoding="utf-8"))
-    told |= {key: value for key, value in changes.items() if value is not None}
-    file = folder / f"{told['laws']}.yaml"
-    file.write_text(yaml.safe_dump(told, sort_keys=False), encoding="utf-8")
+    spec = yaml.safe_load(SPEC.read_text(encoding="utf-8"))
+    spec |= {key: value for key, value in changes.items() if value is not None}
+    file = folder / f"{spec['laws']}.yaml"
+    file.write_text(yaml.safe_dump(spec, sort_keys=False), encoding="utf-8")
     return spec_of(file), file
 
 
@@ -70,26 +70,27 @@ def flown(changes: dict[str, Any], workers: int, folder: Path) -> CampaignFolder
     return read_campaign(rows_of)
 
 
-def as_dict(told: CampaignFolder) -> dict[str, Any]:
+def as_dict(campaign: CampaignFolder) -> dict[str, Any]:
     """What a campaign found, of the judged figures."""
-    found = told.summary
+    summary = campaign.summary
     figures = {}
-    for name, (metric, values) in told.figures.items():
+    for name, (metric, values) in campaign.figures.items():
         known = values[np.isfinite(values)]
         figures[name] = {
             "bound": metric.paper,
             "outside": int((known > metric.paper).sum()),
             "quantiles": np.quantile(known, LEVELS).tolist() if known.size else [],
-            "explained": explained_variance(told.inputs, values),
+            "explained": explained_variance(campaign.inputs, values),
             "goes_with": [
                 {"input": one.name, "rank_correlation": one.rank_correlation}
-                for one in sensitivities(told.inputs, values)
+                for one in sensitivities(campaign.inputs, values)
                 if one.p_value < _SURE
             ],
         }
     return {
-        "laws": told.about["flown"]["laws"], "flights": found.flights, "causes": found.causes,
-        "failed": found.failed, "interval": found.interval, "figures": figures,
+        "laws": campaign.about["flown"]["laws"], "flights": summary.flights,
+        "causes": summary.causes,
+        "failed": summary.failed, "interval": summary.interval, "figures": figures,
     }  # fmt: skip
 
 
@@ -119,7 +120,7 @@ def main() -> int:
     flight = {
         key: campaigns[0].about["flown"][key] for key in ("scenario", "world", "gps", "duration_s")
     }
-    rows = [as_dict(told) for told in campaigns]
+    rows = [as_dict(campaign) for campaign in campaigns]
     print(json_text({"spec": SPEC.name, **flight, "levels": LEVELS, "laws": rows}), end="")
     return 0
 
@@ -164,15 +165,16 @@ def dispersion(results: Results) -> str:
     head += ["the lateral error goes with"]
     rows = []
     for name in CAMPAIGNS:
-        found = results[name]
+        record = results[name]
         rows.append(["", "bound (paper)", "", "", "", *(f"{BY_KEY[k].paper:g}" for k in SHOWN), ""])
-        rows += [_row(found, of_law) for of_law in found["laws"]]
-    told = results[CAMPAIGNS[0]]
+        rows += [_row(record, of_law) for of_law in record["laws"]]
+    first = results[CAMPAIGNS[0]]
     return (
         f"{grid(head, _once(rows))}\n\nErrors from truth in the scored windows: median / 99 % / "
         f"largest over the flights. Outside: of the paper's figures in either record, or lost. "
         f"With: inputs' rank correlations, the strongest, where chance makes them in less than 1 % "
-        f"of cases. {told['spec']}: {told['scenario']}, {told['duration_s']:g} s, {told['gps']}; "
+        f"of cases. {first['spec']}: {first['scenario']}, {first['duration_s']:g} s, "
+        f"{first['gps']}; "
         f"each flight a seed of its own from 1 on, the same for all laws."
     )
 
@@ -182,16 +184,16 @@ def _once(rows: list[list[str]]) -> list[list[str]]:
     return [row for place, row in enumerate(rows) if place == 0 or row != rows[0]]
 
 
-def _row(found: Mapping[str, Any], of_law: Mapping[str, Any]) -> list[str]:
+def _row(results: Mapping[str, Any], of_law: Mapping[str, Any]) -> list[str]:
     low, high = of_law["interval"]
     figures = of_law["figures"]
-    at = [found["levels"].index(level) for level in _LEVELS]
-    told = [figures[f"{key} (truth)"]["quantiles"] for key in SHOWN]
+    at = [results["levels"].index(level) for level in _LEVELS]
+    quantiles = [figures[f"{key} (truth)"]["quantiles"] for key in SHOWN]
     with_it = figures["lateral (truth)"]["goes_with"][:_NAMED]
     return [
-        found["world"], of_law["laws"], str(of_law["flights"]), str(of_law["failed"]),
+        results["world"], of_law["laws"], str(of_law["flights"]), str(of_law["failed"]),
         f"{100.0 * low:.2g} to {100.0 * high:.2g} %",
-        *(" / ".join(f"{values[k]:.3f}" for k in at) if values else "–" for values in told),
+        *(" / ".join(f"{values[k]:.3f}" for k in at) if values else "–" for values in quantiles),
         ", ".join(
             f"`{one['input'].rpartition('.')[2]}` {one['rank_correlation']:+.2f}" for one in with_it
         ) or "none",

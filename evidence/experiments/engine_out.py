@@ -43,8 +43,8 @@ def touch_down(
     world: str, height_m: float, navigation: str, failsafe: bool, seed: int
 ) -> dict[str, Any]:
     """Speed down and along the ground, m/s, and tilt, deg, as it touches down."""
-    given = settings(world, navigation, height_m, failsafe, seed)
-    record = simulate(given, true_navigation=navigation == "truth").record
+    scenario = settings(world, navigation, height_m, failsafe, seed)
+    record = simulate(scenario, true_navigation=navigation == "truth").record
     begun = round(BEGIN_S * TICKS_PER_S)
     low = np.flatnonzero(-record.truth_pos_ned_m[begun:, 2] < SKIDS_M)
     at = begun + int(low[0]) if len(low) else len(record.time_s) - 1
@@ -62,25 +62,25 @@ def touch_down(
 
 def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Figures of a world, a navigation and a height."""
-    found = place.flights
+    flights = place.flights
     worst = {
-        key: max(one[key] for one in found)
+        key: max(one[key] for one in flights)
         for key in ("down_mps", "along_mps", "tilt_deg", "after_s")
     }
-    kept = [one["down_mps"] < GEAR_MPS and one["tilt_deg"] < UPRIGHT_DEG for one in found]
+    kept = [one["down_mps"] < GEAR_MPS and one["tilt_deg"] < UPRIGHT_DEG for one in flights]
     return {
         **{axis: place.point[axis] for axis in ("world", "navigation", "height_m", "failsafe")},
         "kept": sum(kept),
-        "stands": sum(one["stands"] for one in found),
-        "median": {"down_mps": float(np.median([one["down_mps"] for one in found]))},
+        "stands": sum(one["stands"] for one in flights),
+        "median": {"down_mps": float(np.median([one["down_mps"] for one in flights]))},
         "max": worst,
     }
 
 
 def energies() -> dict[str, float]:
     """What the rotor holds at its speed, J, and what the weight gives per metre, J."""
-    own = PlantConfig.from_parameters(resolve("hover").nodes["plant"]).params.aircraft
-    engine, body = own.engine, own.body
+    aircraft = PlantConfig.from_parameters(resolve("hover").nodes["plant"]).params.aircraft
+    engine, body = aircraft.engine, aircraft.body
     return {
         "rotor_j": 0.5 * engine.inertia * engine.speed**2,
         "fall_j_per_m": body.mass * body.gravity,
@@ -113,15 +113,15 @@ produces(
 @table("engine_out")
 def engine_out(results: Results) -> str:
     """Hovers whose engine stops: touch-down before and after the failsafe."""
-    found = results["engine_out"]
-    n = len(found["seeds"])
+    record = results["engine_out"]
+    n = len(record["seeds"])
 
     def key(row: Any) -> tuple[Any, ...]:
         return row["world"], row["height_m"], row["navigation"]
 
-    before = {key(row): row for row in found["rows"] if not row["failsafe"]}
+    before = {key(row): row for row in record["rows"] if not row["failsafe"]}
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         if not row["failsafe"]:
             continue
         most, was = row["max"], before[key(row)]
@@ -136,13 +136,13 @@ def engine_out(results: Results) -> str:
             "with it, m/s: median / worst", "gear kept", "stood", "tilt, deg", "along, m/s",
             "after, s"]  # fmt: skip
     return (
-        f"{grid(head, rows)}\n\nOf {n} flights each (seeds {found['seeds'][0]} to "
-        f"{found['seeds'][-1]}, none of those on which it was made): speed downwards at the "
-        f"touch-down, the failsafe off and on. Gear kept: slower than {found['gear_mps']:g} m/s "
-        f"and tilted less than {found['tilt_deg']:g} deg. Stood: the mode standing was reached. "
+        f"{grid(head, rows)}\n\nOf {n} flights each (seeds {record['seeds'][0]} to "
+        f"{record['seeds'][-1]}, none of those on which it was made): speed downwards at the "
+        f"touch-down, the failsafe off and on. Gear kept: slower than {record['gear_mps']:g} m/s "
+        f"and tilted less than {record['tilt_deg']:g} deg. Stood: the mode standing was reached. "
         "The last three: worst with the failsafe. Navigation truth: the loops get the true state. "
-        f"At its speed the rotor holds {found['rotor_j']:.0f} J; the weight gives "
-        f"{found['fall_j_per_m']:.0f} J per metre of height."
+        f"At its speed the rotor holds {record['rotor_j']:.0f} J; the weight gives "
+        f"{record['fall_j_per_m']:.0f} J per metre of height."
     )
 
 

@@ -100,36 +100,36 @@ def flown(fault: str, gps: str, seed: int) -> dict[str, Any]:
     record, begun = flight.record, round(BEGIN_S * TICKS_PER_S)
     pos = record.truth_pos_ned_m
     off = np.linalg.norm((pos - sound(gps, seed, two)[: len(pos)])[begun:], axis=1)
-    found: dict[str, Any] = {"lost": bool(flight.status), "landing_s": None, "down_s": None,
+    outcome: dict[str, Any] = {"lost": bool(flight.status), "landing_s": None, "down_s": None,
                              "sink_mps": None}  # fmt: skip
     if record.mode is not None and (record.mode == "land").any():
         first = int(np.flatnonzero(record.mode == "land")[0])
-        found["landing_s"] = first / TICKS_PER_S - BEGIN_S
+        outcome["landing_s"] = first / TICKS_PER_S - BEGIN_S
         off = off[: max(first - begun, 1)]
         if record.mode[-1] == "standing":
             down = int(np.flatnonzero(record.mode == "land")[-1])
             before = down - round(_BEFORE_S * TICKS_PER_S)
-            found["down_s"] = down / TICKS_PER_S - BEGIN_S
-            found["sink_mps"] = float(np.abs(record.truth_vel_ned_mps[before:down, 2]).max())
-            found["away_m"] = float(np.linalg.norm((pos[down] - pos[begun])[:2]))
-    found["off_m"] = float(off.max())
-    return found
+            outcome["down_s"] = down / TICKS_PER_S - BEGIN_S
+            outcome["sink_mps"] = float(np.abs(record.truth_vel_ned_mps[before:down, 2]).max())
+            outcome["away_m"] = float(np.linalg.norm((pos[down] - pos[begun])[:2]))
+    outcome["off_m"] = float(off.max())
+    return outcome
 
 
 def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Figures of a fault with a receiver."""
-    found = place.flights
+    flights = place.flights
     faults, goal_m, lands = _TOLD[place.point["fault"]]
 
     def of(key: str) -> list[float]:
-        return [one[key] for one in found if one.get(key) is not None]
+        return [one[key] for one in flights if one.get(key) is not None]
 
     return {
         **place.point,
         "faults": list(faults),
         "goal_m": goal_m,
         "lands": lands,
-        "lost": sum(one["lost"] for one in found),
+        "lost": sum(one["lost"] for one in flights),
         "down": len(of("down_s")),
         "median": {"off_m": float(np.median(of("off_m")))},
         "max": {
@@ -163,11 +163,11 @@ produces(
 @table("failsafes")
 def failsafes(results: Results) -> str:
     """Faults of sensors in the hover: off, lost, landed."""
-    found = results["failsafes"]
+    record = results["failsafes"]
     head = ["fault", "receiver", "lost", "off, m: median / worst", "goal, m", "down",
             "after, s", "at, m/s", "away, m"]  # fmt: skip
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         most = row["max"]
         off = f"{row['median']['off_m']:.2f} / {most['off_m']:.2f}"
         goal = "" if row["goal_m"] is None else f"{row['goal_m']:g}"
@@ -178,9 +178,11 @@ def failsafes(results: Results) -> str:
                 down.append("–" if most[key] is None else f"{most[key]:{form}}")
         rows.append([row["fault"], row["gps"], str(row["lost"]), off, goal, *down])
     return (
-        f"{grid(head, rows)}\n\nOf {len(found['seeds'])} flights each (seeds {found['seeds'][0]} "
-        f"to {found['seeds'][-1]}): hover at 10 m, world {found['world']}, default laws, the fault "
-        f"from {found['begin_s']:g} s on, {found['end_s']:g} s long, {found['landed_s']:g} s where "
+        f"{grid(head, rows)}\n\nOf {len(record['seeds'])} flights each (seeds {record['seeds'][0]} "
+        f"to {record['seeds'][-1]}): hover at 10 m, world {record['world']}, default laws, the "
+        f"fault "
+        f"from {record['begin_s']:g} s on, {record['end_s']:g} s long, {record['landed_s']:g} s "
+        f"where "
         f"it should land by itself. Off: largest distance from the same flight without the fault, "
         f"from truth, until the landing begins. Down: flights that came to stand by themselves; "
         f"time from the fault, speed of the touch-down and distance from the place: worst."

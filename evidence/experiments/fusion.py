@@ -76,7 +76,7 @@ def errors(gps: str, seed: int) -> dict[str, np.ndarray]:
 
 def on_the_aircraft(place: Place[dict[str, np.ndarray]], seeds: Sequence[int]) -> dict[str, Any]:
     """Rms of attitude, velocity, position, and of the receiver's own error; three axes each."""
-    a, v, p, own = (
+    a, v, p, estimator = (
         rms(np.concatenate([flight[key] for flight in place.flights]))
         for key in ("a", "v", "p", "gps")
     )
@@ -86,14 +86,14 @@ def on_the_aircraft(place: Place[dict[str, np.ndarray]], seeds: Sequence[int]) -
         "attitude_ned_deg": np.degrees(a).tolist(),
         "velocity_ned_mps": v.tolist(),
         "position_ned_m": p.tolist(),
-        "receiver_ned_m": own.tolist(),
+        "receiver_ned_m": estimator.tolist(),
     }
 
 
 def consistency(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
     """Rows: NEES at its lowest and highest of the checked times and NIS, over their degrees."""
     s = collect(resolve("hover", gps).nodes["observer"], seeds)
-    found = [
+    entries = [
         (f"NEES, all {ERROR.size} states", s.nees, ERROR.size * s.runs),
         ("NEES, position, velocity, attitude", s.nees_navigation, 9 * s.runs),
         *((f"NIS, {SENSORS[i]}", s.nis[i : i + 1], int(s.dof[i])) for i in range(4)),
@@ -106,7 +106,7 @@ def consistency(gps: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
             "bounds": [float(bound / dof) for bound in bounds(dof)],
             "degrees": dof,
         }
-        for name, values, dof in found
+        for name, values, dof in entries
     ]
 
 
@@ -146,15 +146,15 @@ produces(
 @table("fusion")
 def fusion(results: Results) -> str:
     """How good the navigation is."""
-    found = results["fusion"]
-    flown = {"Hover test": [row["conditions"] for row in found["aircraft"]]}
+    record = results["fusion"]
+    flown = {"Hover test": [row["conditions"] for row in record["aircraft"]]}
     return (
-        f"{fusion_tables(found)}\n\nRms over {results.seeds('fusion')}. First table: hover test, "
+        f"{fusion_tables(record)}\n\nRms over {results.seeds('fusion')}. First table: hover test, "
         f"loop closed, from 5 s on. The others: synthetic flights. {world(flown)}"
     )
 
 
-def fusion_tables(found: Mapping[str, Any]) -> str:
+def fusion_tables(results: Mapping[str, Any]) -> str:
     """The three tables of what evidence/experiments/fusion.py has found."""
     aircraft = [
         [
@@ -164,7 +164,7 @@ def fusion_tables(found: Mapping[str, Any]) -> str:
             three(row["position_ned_m"], 3),
             three(row["receiver_ned_m"], 3),
         ]
-        for row in found["aircraft"]
+        for row in results["aircraft"]
     ]
     consistency = [
         [
@@ -174,15 +174,15 @@ def fusion_tables(found: Mapping[str, Any]) -> str:
             " to ".join(f"{bound:.3f}" for bound in row["bounds"]),
             str(row["degrees"]),
         ]
-        for row in found["consistency"]
+        for row in results["consistency"]
     ]
     latency = [
         [row["gps"], row["latency"], f"{row['position_m']:.3f}", f"{row['velocity_mps']:.3f}"]
-        for row in found["latency"]
+        for row in results["latency"]
     ]
     axes = "north, east, down"
     errors = [f"attitude, deg: {axes}", f"velocity, m/s: {axes}", f"position, m: {axes}"]
-    normalised = f"over its degrees of freedom (NEES: at {found['times']} times)"
+    normalised = f"over its degrees of freedom (NEES: at {results['times']} times)"
     return "\n\n".join(
         (
             grid(["GPS", *errors, "the receiver's own error, m"], aircraft),

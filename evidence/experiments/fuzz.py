@@ -33,15 +33,15 @@ def count(name: str, cases: int) -> dict[str, Any]:
     """What became of a target's cases."""
     target = TARGETS[name]
     with tempfile.TemporaryDirectory(prefix="heli_fuzz_") as folder:
-        found = tally(target, range(cases), Path(folder))
+        tallied = tally(target, range(cases), Path(folder))
     return {
         "target": name,
-        "cases": found.cases,
-        "taken": found.taken,
-        "refused": found.refused,
-        "sentences": len(found.sentences),
-        "failed": found.failed,
-        "failures": found.failures,
+        "cases": tallied.cases,
+        "taken": tallied.taken,
+        "refused": tallied.refused,
+        "sentences": len(tallied.sentences),
+        "failed": tallied.failed,
+        "failures": tallied.failures,
     }
 
 
@@ -88,19 +88,19 @@ _FUZZED = {
 @table("fuzz")
 def fuzz(results: Results) -> str:
     """Damaged input by kind: how many cases, and what became of them."""
-    found = results["fuzz"]
+    record = results["fuzz"]
     kinds: dict[str, list[Mapping[str, Any]]] = {}
-    for row in found["rows"]:
+    for row in record["rows"]:
         kinds.setdefault(row["target"].split()[0], []).append(row)
     rows = [
         [
             _FUZZED.get(kind, kind),
-            str(len(own)),
-            *(str(sum(row[key] for row in own)) for key in ("cases", "taken", "refused")),
-            str(sum(row["sentences"] for row in own)),
-            str(sum(row["failed"] for row in own)),
+            str(len(counts)),
+            *(str(sum(row[key] for row in counts)) for key in ("cases", "taken", "refused")),
+            str(sum(row["sentences"] for row in counts)),
+            str(sum(row["failed"] for row in counts)),
         ]
-        for kind, own in kinds.items()
+        for kind, counts in kinds.items()
     ]
     head = ["what", "targets", "cases", "taken", "refused", "beginnings of refusals", "failed"]
     return (

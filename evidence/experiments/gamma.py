@@ -55,8 +55,8 @@ def gains(design: AttitudeConfig) -> tuple[float, float]:
         for frequency in FREQUENCIES_RADPS
     ]
     angles, commands = (
-        max(float(np.linalg.norm(seen @ states, 2)) for states in per_wind)
-        for seen in (np.eye(9)[:2], design.synthesis.F)
+        max(float(np.linalg.norm(output @ states, 2)) for states in per_wind)
+        for output in (np.eye(9)[:2], design.synthesis.F)
     )
     return angles, commands
 
@@ -98,12 +98,12 @@ def row(
 ) -> dict[str, Any]:
     """One variant: its design and its flights, or the sentence that refuses it."""
     gamma = VARIANTS[name].get("gamma", GAMMA)
-    found: dict[str, Any] = {"variant": name, "gamma": gamma, "refused": ""}
+    variant: dict[str, Any] = {"variant": name, "gamma": gamma, "refused": ""}
     if isinstance(design, str):
-        return {**found, "refused": design}
+        return {**variant, "refused": design}
     angles, commands = gains(design)
     return {
-        **found,
+        **variant,
         "gamma": design.gamma,
         "gamma_star": design.synthesis.gamma_star.value,
         "angles_deg_per_mps": float(np.degrees(angles)),
@@ -140,7 +140,7 @@ produces(
 @table("gamma")
 def gamma(results: Results) -> str:
     """What gamma and the weights do to the state feedback and to its flights in gusts."""
-    found = results["gamma"]
+    record = results["gamma"]
     head = [
         "variant",
         "gamma",
@@ -148,9 +148,9 @@ def gamma(results: Results) -> str:
         "wind to angles, deg per m/s",
         "wind to commands, per m/s",
     ]
-    head += [f"{axis}, `{name}`, deg" for name in found["flown"] for axis in AXES]
+    head += [f"{axis}, `{name}`, deg" for name in record["flown"] for axis in AXES]
     rows, refused = [], []
-    for row in found["rows"]:
+    for row in record["rows"]:
         if row["refused"]:
             refused.append(f"- {row['variant']}: {row['refused']}.")
             continue
@@ -163,7 +163,7 @@ def gamma(results: Results) -> str:
                 f"{row['commands_per_mps']:.5f}",
                 *(
                     f"{row['errors_deg'][name][axis]:.2f}"
-                    for name in found["flown"]
+                    for name in record["flown"]
                     for axis in AXES
                 ),
             ]
@@ -174,7 +174,8 @@ def gamma(results: Results) -> str:
         f"{grid(head, rows)}\n\nGains: the largest over frequency, without servos, delay and "
         "observer. Errors: the largest from truth after 5 s, median over seeds "
         f"{seeds[0]} to {seeds[-1]}. "
-        f"{world({name: [told] for name, told in found['flown'].items()})}\n\nRefused:\n\n{lines}"
+        f"{world({name: [air] for name, air in record['flown'].items()})}\n\n"
+        f"Refused:\n\n{lines}"
     )
 
 

@@ -20,23 +20,23 @@ produces(
 @table("graph")
 def graph(results: Results) -> str:
     """Speed of the graph beside the ring, in both shapes."""
-    found = results["graph"]
+    record = results["graph"]
     rows = [
         [
             shape,
             f"{rates['graph']:.0f}",
             f"{rates['graph'] * TICK_S:.1f}",
             f"{rates['objects']:.0f}",
-            f"{found['ratios'][shape]['objects']:.2f} ({found['goals'][shape]:g})",
+            f"{record['ratios'][shape]['objects']:.2f} ({record['goals'][shape]:g})",
             f"{rates['bytes']:.0f}",
-            f"{found['ratios'][shape]['bytes']:.2f}",
+            f"{record['ratios'][shape]['bytes']:.2f}",
         ]
-        for shape, rates in found["rates"].items()
+        for shape, rates in record["rates"].items()
     ]
     head = ["nodes in", "graph, ticks/s", "times real time", "ring of objects, cycles/s",
             "ratio (goal)", "ring of bytes, cycles/s", "ratio"]  # fmt: skip
     return (
-        f"{grid(head, rows)}\n\nMedians of {found['rounds']} rounds in turn; flights of "
-        f"{found['seconds']:g} s, scenario hover, world paper, seed 1, standalone receiver, "
-        f"packaged laws, recorded; {machine(found)}."
+        f"{grid(head, rows)}\n\nMedians of {record['rounds']} rounds in turn; flights of "
+        f"{record['seconds']:g} s, scenario hover, world paper, seed 1, standalone receiver, "
+        f"packaged laws, recorded; {machine(record)}."
     )

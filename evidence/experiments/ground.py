@@ -109,12 +109,12 @@ def touch_down(sink_mps: float, slope: tuple[float, float] = (0.0, 0.0), side: f
 @over(ground=tuple(STANDS))
 def stand(ground: str, seed: int) -> dict[str, float]:
     """Ten seconds at idle in gusty wind of 5 m/s: creep, and how the observer has aligned."""
-    given: dict[str, dict[str, Any]] = {
+    grounds: dict[str, dict[str, Any]] = {
         "plant": {"start.on_ground": True, "ground.slope": list(STANDS[ground]),
                   "wind.profile_speed_mps": [5.0, 5.0, 5.0]},
         "outer_loop": {"start.on_ground": True},
     }  # fmt: skip
-    settings = resolve("hover", world="paper", seed=seed, overrides=given)
+    settings = resolve("hover", world="paper", seed=seed, overrides=grounds)
     standing = plant.PlantConfig.from_parameters(settings.nodes["plant"])
     state, k = plant.initial_state(standing, seed), standing.params
     estimator = observer.ObserverConfig(settings.nodes["observer"])
@@ -129,9 +129,9 @@ def stand(ground: str, seed: int) -> dict[str, float]:
             wide = (nav[NAV.rotor] - x[PLANT.rotor])[ROTOR.flapping]
             rotor = max(rotor, float(np.abs(wide).max()))
         plant.advance(state, u, k)
-    is_, told = (quat_to_R_nb(q) for q in (x[PLANT.quat], nav[NAV.quat]))
+    is_, estimated = (quat_to_R_nb(q) for q in (x[PLANT.quat], nav[NAV.quat]))
     # Turn of the estimate against the aircraft about north, east, down.
-    turn = is_ @ told.T
+    turn = is_ @ estimated.T
     wrong = 0.5 * np.array(
         [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
     )
@@ -222,8 +222,8 @@ def side_stick(stick: float, limit_deg: float) -> dict[str, Any]:
 def found(options: Options) -> dict[str, Any]:
     """All that the tables show."""
     landings = [
-        {"ground": name, **touch_down(sink, **given)}
-        for name, given in GROUNDS.items()
+        {"ground": name, **touch_down(sink, **ground)}
+        for name, ground in GROUNDS.items()
         for sink in SINKS_MPS
     ]
     stands = []
@@ -260,7 +260,7 @@ _FELL = 89.0
 @table("touch_downs")
 def touch_downs(results: Results) -> str:
     """Touch-downs at three speeds on four kinds of ground, and standing in wind."""
-    found = results["ground"]
+    record = results["ground"]
     rows = [
         [
             row["ground"],
@@ -270,7 +270,7 @@ def touch_downs(results: Results) -> str:
             f"{row['tilt_deg']:.1f}",
             row["ended"],
         ]
-        for row in found["landings"]
+        for row in record["landings"]
     ]
     head = [
         "ground",
@@ -284,13 +284,14 @@ def touch_downs(results: Results) -> str:
         f"{row['ground']}: creep {row['creep_mm']:.2f} mm, estimated level off by "
         f"{row['level_deg']:.2f} deg, heading {row['heading_deg']:.2f} deg, disc "
         f"{row['disc_deg']:.2f} deg"
-        for row in found["stands"]
+        for row in record["stands"]
     )
     return (
         f"{grid(head, rows)}\n\nDefault aircraft, no law, still air, from hover's attitude; "
         "the collective goes to idle within 0.5 s from the first touch on. The bounce is the air "
         "below the lowest skid end after it, the skid the way along the ground in 5 s. Standing "
-        f"10 s at idle in gusty wind of 5 m/s, seeds {found['seeds'][0]} to {found['seeds'][-1]}, "
+        f"10 s at idle in gusty wind of 5 m/s, seeds {record['seeds'][0]} to "
+        f"{record['seeds'][-1]}, "
         f"standalone receiver, the worst at the end: {stands} (disc: from 2 s on)."
     )
 
@@ -298,10 +299,10 @@ def touch_downs(results: Results) -> str:
 @table("rollover")
 def rollover(results: Results) -> str:
     """Critical bank over a skid, and what lowering the collective saves."""
-    found = results["ground"]
+    record = results["ground"]
     rows = [
         [f"{row['lift']:.2f}", f"{row['statics_deg']:.1f}", f"{row['let_go_deg']:.1f}"]
-        for row in found["critical"]
+        for row in record["critical"]
     ]
     stopped = [
         [
@@ -310,7 +311,7 @@ def rollover(results: Results) -> str:
             f"{row['most_deg']:.1f}",
             row["ended"],
         ]
-        for row in found["side_stick"]
+        for row in record["side_stick"]
     ]
     critical = grid(["lift over weight", "by statics, deg", "let go in the plant, deg"], rows)
     saved = grid(["stick to the right", "collective down at", "largest tilt, deg", "end"], stopped)

@@ -125,19 +125,22 @@ def identification(results: Results) -> str:
     rows: list[list[str]] = []
     flown: dict[str, list[Any]] = {}
     for file in ("identification", "identification_others"):
-        found = results[file]
-        flown |= {test: [lines] for test, lines in found["conditions"].items()}
-        for aircraft in dict.fromkeys(row["aircraft"] for row in found["rows"]):
-            own = [row for row in found["rows"] if row["aircraft"] == aircraft]
-            good = sum(row["hover_exit_code"] == 0 for row in own)
+        record = results[file]
+        flown |= {test: [lines] for test, lines in record["conditions"].items()}
+        for aircraft in dict.fromkeys(row["aircraft"] for row in record["rows"]):
+            rows_of_aircraft = [row for row in record["rows"] if row["aircraft"] == aircraft]
+            good = sum(row["hover_exit_code"] == 0 for row in rows_of_aircraft)
             rows.append(
                 [
                     aircraft.removesuffix(".yaml"),
                     results.seeds(file).removeprefix("seeds ").removeprefix("seed "),
-                    *(_furthest([row["worst"][group] for row in own]) for group in _GROUPS),
-                    f"{sum(len(row['missed']) for row in own)} of "
-                    f"{sum(row['judged'] for row in own)}",
-                    f"{good} of {len(own)}",
+                    *(
+                        _furthest([row["worst"][group] for row in rows_of_aircraft])
+                        for group in _GROUPS
+                    ),
+                    f"{sum(len(row['missed']) for row in rows_of_aircraft)} of "
+                    f"{sum(row['judged'] for row in rows_of_aircraft)}",
+                    f"{good} of {len(rows_of_aircraft)}",
                 ]
             )
     missed = [

@@ -47,8 +47,8 @@ def settings(world: str, wind_mps: float, seed: int) -> Settings:
 @over(world=WORLDS, wind_mps=WINDS_MPS)
 def flown(world: str, wind_mps: float, seed: int) -> tuple[float, float | None]:
     """Mean angle between nose and mean wind at the end, deg; time from which on it is small, s."""
-    given = settings(world, wind_mps, seed)
-    record = simulate(given).record
+    scenario = settings(world, wind_mps, seed)
+    record = simulate(scenario).record
     psi_deg = np.degrees(np.unwrap(euler_angles(record.truth_q_nb)[:, 2]))
     last = record.time_s > record.time_s[-1] - _LAST_S
     off = (psi_deg - towards_deg(seed)) % 360.0 - 180.0
@@ -94,8 +94,8 @@ produces(
 @table("into_wind")
 def into_wind(results: Results) -> str:
     """Angle between nose and wind, world by world."""
-    found = results["into_wind"]
-    near = f"within {found['within_deg']:g} deg"
+    record = results["into_wind"]
+    near = f"within {record['within_deg']:g} deg"
     head = ["world, wind", "median, deg", "largest, deg", near, "after, median, s"]
     rows = [
         [
@@ -105,12 +105,12 @@ def into_wind(results: Results) -> str:
             str(row["within"]),
             "–" if row["median_took_s"] is None else f"{row['median_took_s']:.0f}",
         ]
-        for row in found["rows"]
+        for row in record["rows"]
     ]
     return (
         f"{grid(head, rows)}\n\nAngle between the nose, truth, mean of the last 20 s of flights of "
         "85 s, and the mean wind, which comes from anywhere; the nose points north at first; "
-        f"{results.seeds('into_wind')}; within: of {len(found['seeds'])} flights; after: from the "
+        f"{results.seeds('into_wind')}; within: of {len(record['seeds'])} flights; after: from the "
         "beginning of the hover. Simulated, turbulence on, standalone receiver."
     )
 

@@ -37,8 +37,8 @@ def latency_400(results: Results) -> str:
     return _in_real_time(results["latency_400"])
 
 
-def _in_real_time(found: Mapping[str, Any]) -> str:
-    flown, bare, ratios = found["graph"], found["ring"], found["ratios"]
+def _in_real_time(results: Mapping[str, Any]) -> str:
+    flown, bare, ratios = results["graph"], results["ring"], results["ratios"]
     rows = [
         ["sensor to actuator, p50, us", f"{flown['p50_us']:.0f}", f"{bare['p50_us']:.0f}",
          f"{ratios['p50_us']:.2f}", "1.5"],
@@ -49,7 +49,8 @@ def _in_real_time(found: Mapping[str, Any]) -> str:
         ["load, share of a core", f"{100.0 * flown['load']:.0f} %", "", "", "60 %"],
     ]  # fmt: skip
     return (
-        f"{grid(['', 'graph', 'ring', 'ratio', 'goal'], rows)}\n\n{found['seconds']:g} s of each, "
-        f"one after the other, at {found['rate_hz']} Hz, four processes and recorder; "
-        f"{machine(found)}."
+        f"{grid(['', 'graph', 'ring', 'ratio', 'goal'], rows)}\n\n{results['seconds']:g} s of "
+        f"each, "
+        f"one after the other, at {results['rate_hz']} Hz, four processes and recorder; "
+        f"{machine(results)}."
     )

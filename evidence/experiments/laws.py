@@ -61,12 +61,12 @@ def laws(results: Results) -> str:
     rows = []
     for i, axis in enumerate(_AXES):
         for name, file, source in _TESTS:
-            found = results[file]
-            errors = {law: _errors(found, law, source, i) for law in LAWS}
+            record = results[file]
+            errors = {law: _errors(record, law, source, i) for law in LAWS}
             rows.append(
                 [
                     axis,
-                    name.format(flap_back=found["flap_back_radpmps"]),
+                    name.format(flap_back=record["flap_back_radpmps"]),
                     *(_worst(errors[law]) for law in LAWS),
                     *(
                         f"{_won(errors[law], errors['pid'])} of {len(errors['pid'])}"
@@ -97,14 +97,16 @@ def laws_in_full(results: Results) -> str:
     rows = []
     tests = {"laws": "no gusts", "laws_gusts": "gusts", "laws_flap_back": "gusts, flap-back"}
     for file, name in tests.items():
-        found = results[file]
+        record = results[file]
         for law, law_name in LAWS.items():
             cells = []
             for source in IN_WHAT:
                 for i in range(len(_AXES)):
-                    own = _errors(found, law, source, i)
-                    pid = _errors(found, "pid", source, i)
-                    cells.append(_worst(own) + ("" if law == "pid" else f"; {_won(own, pid)}"))
+                    errors = _errors(record, law, source, i)
+                    pid = _errors(record, "pid", source, i)
+                    cells.append(
+                        _worst(errors) + ("" if law == "pid" else f"; {_won(errors, pid)}")
+                    )
             rows.append([name, law_name, *cells])
     return (
         f"{grid(head, rows)}\n\nLargest error over {results.seeds('laws')}, deg, and on how many "
@@ -114,14 +116,14 @@ def laws_in_full(results: Results) -> str:
     )
 
 
-def _errors(found: Mapping[str, Any], law: str, source: str, axis: int) -> list[float]:
+def _errors(results: Mapping[str, Any], law: str, source: str, axis: int) -> list[float]:
     """Largest error of a law by seed; inf if the helicopter was lost."""
     flights = {
         flight["seed"]: float("inf") if flight["lost"] else flight["max_deg"][axis]
-        for flight in found["flights"]
+        for flight in results["flights"]
         if (flight["law"], flight["source"]) == (law, source)
     }
-    return [flights[seed] for seed in found["seeds"]]
+    return [flights[seed] for seed in results["seeds"]]
 
 
 def _won(errors: Sequence[float], others: Sequence[float]) -> int:

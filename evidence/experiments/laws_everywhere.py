@@ -28,40 +28,42 @@ _ACTUATORS = {"roll": "d_lat", "pitch": "d_lon"}
 @table("laws_everywhere")
 def laws_everywhere(results: Results) -> str:
     """Worst, median, rms and seeds won of every law at every place; the best of each in bold."""
-    found = results["laws_everywhere"]
-    rows, won = [], {law: dict.fromkeys(compare_flights.FIGURES, 0) for law in found["laws"]}
-    for place in found["places"]:
+    record = results["laws_everywhere"]
+    rows, won = [], {law: dict.fromkeys(compare_flights.FIGURES, 0) for law in record["laws"]}
+    for place in record["places"]:
         for axis in AXES:
-            own = compare_flights.rows_of(found, place["name"], axis)
-            least = compare_flights.smallest(own)
-            cells = [compare_flights.cell(row, least, "**{}**") for row in own]
+            shown = compare_flights.rows_of(record, place["name"], axis)
+            least = compare_flights.smallest(shown)
+            cells = [compare_flights.cell(row, least, "**{}**") for row in shown]
             rows.append([compare_flights.condition_title(place, axis), *cells])
-            for row, key in product(own, compare_flights.FIGURES):
+            for row, key in product(shown, compare_flights.FIGURES):
                 won[row["law"]][key] += compare_flights.is_best(row, least, key)
-    counts = ["{} / {}, {}".format(*won[law].values()) for law in found["laws"]]
+    counts = ["{} / {}, {}".format(*won[law].values()) for law in record["laws"]]
     rows.append([f"on how many of these {len(rows)} rows it is smallest", *counts])
-    rows += [_travel(found, axis, name) for axis, name in _ACTUATORS.items()]
-    margins = compare_flights.margin_cells(found)
+    rows += [_travel(record, axis, name) for axis, name in _ACTUATORS.items()]
+    margins = compare_flights.margin_cells(record)
     rows.append(["disk margin as flown, input / output; further delay survived", *margins])
-    head = ["place (flights), axis", *compare_flights.heads(found)]
+    head = ["place (flights), axis", *compare_flights.heads(record)]
     return (
         f"{grid(head, rows)}\n\nLargest error from truth, 5 s to 60 s, deg: worst / median over "
         "the flights, rms; on how many it is below the PID's. Bold: smallest of the row, "
-        f"nothing lost. {_conditions(found)}"
+        f"nothing lost. {_conditions(record)}"
     )
 
 
-def _travel(found: Mapping[str, Any], axis: str, name: str) -> list[str]:
+def _travel(results: Mapping[str, Any], axis: str, name: str) -> list[str]:
     """What an actuator moves in a second under each law: over all places, least to most."""
     cells = []
-    for law in found["laws"]:
+    for law in results["laws"]:
         moved = [
-            r["travel_per_s"] for r in found["rows"]
+            r["travel_per_s"] for r in results["rows"]
             if (r["law"], r["axis"]) == (law, axis) and r["travel_per_s"] is not None
         ]  # fmt: skip
         cells.append(f"{min(moved):.2f} to {max(moved):.2f}" if moved else "–")
     return [f"travel of {name} in a second, over the places", *cells]
 
 
-def _conditions(found: Mapping[str, Any]) -> str:
-    return world({place["name"].split(",")[0]: [place["conditions"]] for place in found["places"]})
+def _conditions(results: Mapping[str, Any]) -> str:
+    return world(
+        {place["name"].split(",")[0]: [place["conditions"]] for place in results["places"]}
+    )

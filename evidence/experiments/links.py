@@ -27,9 +27,9 @@ _STAYS = {"climb.start_s": 200.0, "climb.end_s": 202.0}
 
 
 def _fault(kind: str, value: float, duration_s: float | None = None, **over: str) -> str:
-    said = {"what": "link", "from": "any", "to": "any", **over, "kind": kind, "value": value}
-    said |= {"start_s": BEGIN_S} | ({} if duration_s is None else {"duration_s": duration_s})
-    return "{" + ", ".join(f"{key}: {told}" for key, told in said.items()) + "}"
+    fault = {"what": "link", "from": "any", "to": "any", **over, "kind": kind, "value": value}
+    fault |= {"start_s": BEGIN_S} | ({} if duration_s is None else {"duration_s": duration_s})
+    return "{" + ", ".join(f"{key}: {setting}" for key, setting in fault.items()) + "}"
 
 
 def _one(topic: str, sink: str, kind: str, value: float, for_s: float | None = None) -> str:
@@ -103,17 +103,17 @@ def flown(fault: str, gps: str, seed: int) -> dict[str, Any]:
 
 def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Figures of a fault with a receiver."""
-    found = place.flights
+    flights = place.flights
 
     def most(key: str) -> float:
-        return max(one[key] for one in found)
+        return max(one[key] for one in flights)
 
     return {
         **place.point,
         "faults": list(_FAULTS[place.point["fault"]]),
-        "lost": sum(one["lost"] for one in found),
-        "gave_up": sum(one["gave_up"] for one in found),
-        "median": {"off_m": float(np.median([one["off_m"] for one in found]))},
+        "lost": sum(one["lost"] for one in flights),
+        "gave_up": sum(one["gave_up"] for one in flights),
+        "median": {"off_m": float(np.median([one["off_m"] for one in flights]))},
         "max": {key: most(key) for key in ("off_m", "tilt_deg", "place_m")},
         "sound": {"tilt_deg": most("sound_tilt_deg")},
     }
@@ -142,11 +142,11 @@ produces(
 @table("links")
 def links(results: Results) -> str:
     """Faults of links in the hover: lost, off, tilt."""
-    found = results["links"]
+    record = results["links"]
     head = ["fault", "receiver", "lost", "gave up its place", "off, m: median / worst",
             "from its place, m, worst", "tilt, deg, worst", "without the fault"]  # fmt: skip
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         most, sound = row["max"], row["sound"]
         rows.append([
             row["fault"], row["gps"], str(row["lost"]), str(row["gave_up"]),
@@ -154,9 +154,9 @@ def links(results: Results) -> str:
             f"{most['tilt_deg']:.1f}", f"{sound['tilt_deg']:.1f}",
         ])  # fmt: skip
     return (
-        f"{grid(head, rows)}\n\nOf {len(found['seeds'])} flights each (seeds {found['seeds'][0]} "
-        f"to {found['seeds'][-1]}): hover at 10 m, world {found['world']}, default laws, one "
-        f"process, the fault from {found['begin_s']:g} s on, {found['end_s']:g} s long. Off: "
+        f"{grid(head, rows)}\n\nOf {len(record['seeds'])} flights each (seeds {record['seeds'][0]} "
+        f"to {record['seeds'][-1]}): hover at 10 m, world {record['world']}, default laws, one "
+        f"process, the fault from {record['begin_s']:g} s on, {record['end_s']:g} s long. Off: "
         "largest distance from the same flight without the fault; from its place: from the first "
         "reference; both from truth, lost ones among them until they are. Gave up its place: the "
         "position counted as lost meanwhile, and another one was held when it was found again."

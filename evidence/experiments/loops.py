@@ -122,7 +122,7 @@ def main() -> int:
     """Print everything; 0."""
     design = make_design([LAWS.file("hinf")])
     star = design.attitude.synthesis.gamma_star
-    found = {
+    content = {
         "gamma": design.attitude.gamma,
         "gamma_star": star.value,
         "gamma_over_gamma_star": design.attitude.gamma / star.value,
@@ -145,7 +145,7 @@ def main() -> int:
             for axis in design.pid
         ],
     }
-    print(json.dumps(found))
+    print(json.dumps(content))
     return 0
 
 
@@ -167,7 +167,7 @@ _CHANNELS = ("d_lat", "d_lon", "d_ped")
 @table("loops")
 def loops_table(results: Results) -> str:
     """Norms and margins of the laws `hinf`, and of the default as flown."""
-    found = results["loops"]
+    record = results["loops"]
     head = ["loop", "norm wind -> h", "disk margin, input", "disk margin, output"]
     head += [f"gain / phase margin {channel}" for channel in _CHANNELS]
     rows = [
@@ -179,16 +179,17 @@ def loops_table(results: Results) -> str:
             *(_margin(row["channels"][channel]) for channel in _CHANNELS),
             "" if row["further_delay_s"] is None else f"{1e3 * row['further_delay_s']:.0f} ms",
         ]
-        for row in found["loops"]
+        for row in record["loops"]
     ]
     return (
         f"{grid([*head, 'further delay survived'], rows)}\n\n"
-        f"gamma = {found['gamma']:g} = {found['gamma_over_gamma_star']:.2f} gamma*, "
-        f"gamma* = {found['gamma_star']:.6f} ({found['mechanism']}, at "
-        f"{found['frequency_radps']:.1f} rad/s; of the published A, B, E: "
-        f"{found['published_gamma_star']:.6f}). As flown: servos of {found['servo_radps']:g} rad/s "
-        f"(damping {found['servo_damping']:g}), {1e3 * found['delay_s']:g} ms of delay, 100 Hz, "
-        f"prediction {1e3 * found['prediction_s']:g} ms."
+        f"gamma = {record['gamma']:g} = {record['gamma_over_gamma_star']:.2f} gamma*, "
+        f"gamma* = {record['gamma_star']:.6f} ({record['mechanism']}, at "
+        f"{record['frequency_radps']:.1f} rad/s; of the published A, B, E: "
+        f"{record['published_gamma_star']:.6f}). As flown: servos of {record['servo_radps']:g} "
+        f"rad/s "
+        f"(damping {record['servo_damping']:g}), {1e3 * record['delay_s']:g} ms of delay, 100 Hz, "
+        f"prediction {1e3 * record['prediction_s']:g} ms."
     )
 
 

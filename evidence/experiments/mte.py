@@ -93,13 +93,13 @@ def row(place: Place[Scored], settings: Settings) -> dict[str, Any]:
 
 def found(options: Options) -> dict[str, Any]:
     """All that the tables show; of a manoeuvre that is not flown, `refused` says why."""
-    given: list[Settings | str] = []
+    batch: list[Settings | str] = []
     for point in flown.points:
         try:
-            given.append(settings_of(**point, seed=options.seeds[0]))
+            batch.append(settings_of(**point, seed=options.seeds[0]))
         except ParameterError as error:
-            given.append(str(error))
-    both = list(zip(flown.points, given, strict=True))
+            batch.append(str(error))
+    both = list(zip(flown.points, batch, strict=True))
     places = flown.places(options, [point for point, of in both if not isinstance(of, str)])
     rows = [
         {**point, "refused": of} if isinstance(of, str) else row(next(places), of)
@@ -129,16 +129,17 @@ _FULL = "full"
 @table("mte")
 def mte(results: Results) -> str:
     """Levels of the manoeuvres over all seeds, and the worst value of each criterion."""
-    found = results["mte"]
+    record = results["mte"]
     head = ["manoeuvre", "world, receiver", *_LEVELS, "not as defined", "worst of all flights"]
-    rows = [[_manoeuvre(row), _place(row), *_flights(row)] for row in _flown(found)]
+    rows = [[_manoeuvre(row), _place(row), *_flights(row)] for row in _flown(record)]
     refused = [
         f"{row['manoeuvre']} at full size ({row['refused'].partition('takes ')[2]})"
-        for row in {r["manoeuvre"]: r for r in found["rows"] if "refused" in r}.values()
+        for row in {r["manoeuvre"]: r for r in record["rows"] if "refused" in r}.values()
     ]
-    flown_in = {row["world"]: [row["conditions"]] for row in _flown(found)}
+    flown_in = {row["world"]: [row["conditions"]] for row in _flown(record)}
     return (
-        f"{grid(head, rows)}\n\nOf {len(found['seeds'])} flights each, {results.seeds('mte')}, the "
+        f"{grid(head, rows)}\n\nOf {len(record['seeds'])} flights each, {results.seeds('mte')}, "
+        f"the "
         "default law; worst values by ground truth, in brackets where the worst is only "
         "adequate, in bold where it is neither. Refused: "
         f"{'; '.join(refused)}. {world(flown_in)}"
@@ -156,16 +157,18 @@ def mte_short(results: Results) -> str:
                 level: _names(rows, level)
                 for level in (HandlingLevel.NEITHER.value, HandlingLevel.ADEQUATE.value)
             }
-            said = "; ".join(f"{level} in some flights: {', '.join(n)}" if n else f"{level}: none"
+            levels = "; ".join(f"{level} in some flights: {', '.join(n)}" if n else f"{level}: none"
                              for level, n in short.items())  # fmt: skip
             all_of = sum(sum(row["levels"].values()) + len(row["missing"]) for row in rows)
             desired = sum(row["levels"][HandlingLevel.DESIRED.value] for row in rows)
-            lines.append(f"- {_size(scale)}, {gps}: {desired} of {all_of} flights desired; {said}.")
+            lines.append(
+                f"- {_size(scale)}, {gps}: {desired} of {all_of} flights desired; {levels}."
+            )
     return "\n".join(lines)
 
 
-def _flown(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [row for row in found["rows"] if "refused" not in row]
+def _flown(results: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [row for row in results["rows"] if "refused" not in row]
 
 
 def _size(scale: str) -> str:
@@ -189,12 +192,12 @@ def _flights(row: Mapping[str, Any]) -> list[str]:
 def _worst(criterion: Mapping[str, Any]) -> str:
     """Name and worst value, marked by its level."""
     value = criterion["worst"]
-    said = "–" if value is None else f"{value:.3g} {criterion['unit']}"
+    cell = "–" if value is None else f"{value:.3g} {criterion['unit']}"
     if criterion["levels"][HandlingLevel.NEITHER.value]:
-        said = f"**{said}**"
+        cell = f"**{cell}**"
     elif criterion["levels"][HandlingLevel.ADEQUATE.value]:
-        said = f"({said})"
-    return f"{criterion['name']} {said}"
+        cell = f"({cell})"
+    return f"{criterion['name']} {cell}"
 
 
 def _names(rows: list[Mapping[str, Any]], level: str) -> list[str]:

@@ -146,7 +146,7 @@ def navigation(results: Results) -> str:
     )
 
 
-def navigation_tables(found: Mapping[str, Any]) -> str:
+def navigation_tables(results: Mapping[str, Any]) -> str:
     """The two tables of what evidence/experiments/navigation.py has found."""
     parts_of = {"start": "start_deg", "all": "deg", "stays": "stays_deg", "moves": "moves_deg"}
     keys = [*parts_of.values(), "stated_deg"]
@@ -158,7 +158,7 @@ def navigation_tables(found: Mapping[str, Any]) -> str:
             three([1e3 * value for value in row["rotor_rad"]], 1),
             three([1e3 * value for value in row["rotor_moves_rad"]], 1),
         ]
-        for row in found["worlds"]
+        for row in results["worlds"]
     ]
     head = ["world, GPS", *(f"attitude, deg: {name}" for name in (*parts_of, "stated"))]
     head += ["velocity, m/s (stated)", "a_s, b_s, d_int, mrad", "of it what moves"]
@@ -168,7 +168,7 @@ def navigation_tables(found: Mapping[str, Any]) -> str:
             *(three(row[f"attitude_{key}"], 2) for key in parts_of.values()),
             three(row["velocity_mps"], 3),
         ]
-        for row in found["parts"]
+        for row in results["parts"]
     ]
     parts = ["honest, GPS: simulated", *(f"attitude, deg: {name}" for name in parts_of)]
     return f"{grid(head, worlds)}\n\n{grid([*parts, 'velocity, m/s'], causes)}"

@@ -81,14 +81,14 @@ _CLIMB = (
 
 def _inside(receivers: Mapping[str, Any], stretch: str) -> str:
     """How many flights are inside, by test and receiver; empty where the files do not say."""
-    told = [
-        f"{test} test, {words} {found['inside'][stretch]} of {len(found['flights'])}"
+    lines = [
+        f"{test} test, {words} {receiver['inside'][stretch]} of {len(receiver['flights'])}"
         for test in TESTS
         for name, words in RECEIVERS.items()
-        for found in [receivers[test][name]]
-        if "inside" in found
+        for receiver in [receivers[test][name]]
+        if "inside" in receiver
     ]
-    return f" Flights inside: {'; '.join(told)}." if told else ""
+    return f" Flights inside: {'; '.join(lines)}." if lines else ""
 
 
 def _columns(receivers: Mapping[str, Any], key: str) -> Iterator[tuple[str, str]]:

@@ -93,11 +93,11 @@ def flown(world: str, cause: Cause, test: str, seed: int) -> FlownSeed:
 
 def row(place: Place[FlownSeed]) -> dict[str, Any]:
     """Largest errors from truth in the scored windows, and how many flights were inside."""
-    found = worst_of_seeds(place.flights, WINDOWS).values()
+    worst = worst_of_seeds(place.flights, WINDOWS).values()
     return {
         "lost": sum(bool(f.lost) for f in place.flights),
         "inside": inside_of(place.flights, GPS, WINDOWS),
-        "max": {s.metric.key: s.max for s in found if s.source == TRUTH},
+        "max": {s.metric.key: s.max for s in worst if s.source == TRUTH},
     }
 
 
@@ -136,15 +136,15 @@ produces(
 @table("paper_causes")
 def paper_causes(results: Results) -> str:
     """The laws `paper`, as they fly and with one cause taken away, beside the paper."""
-    found = results["paper_causes"]
+    record = results["paper_causes"]
     metrics = [(test, metric) for test in ("hover", "attitude") for metric in METRICS[test]]
     head = ["world, without", "norm", "disk margin in / out"]
     head += [f"{metric.label}, {metric.unit}" for _, metric in metrics]
     head += ["inside, hover / attitude test"]
     rows = [
-        ["paper (flight)", f"{found['gamma']:g}", "", *(f"{m.paper:g}" for _, m in metrics), ""]
+        ["paper (flight)", f"{record['gamma']:g}", "", *(f"{m.paper:g}" for _, m in metrics), ""]
     ]
-    for row in found["rows"]:
+    for row in record["rows"]:
         loop = row["loop"]
         inside = " / ".join(str(row[test]["inside"]) for test in ("hover", "attitude"))
         rows.append(
@@ -158,8 +158,8 @@ def paper_causes(results: Results) -> str:
         )
     return (
         f"{grid(head, rows)}\n\nLaws `paper`, RTK. Largest error from truth in the scored windows, "
-        f"{results.seeds('paper_causes')}; flights inside, of {len(found['seeds'])}, count the "
-        f"navigation record, too. {world({k: [v] for k, v in found['conditions'].items()})}"
+        f"{results.seeds('paper_causes')}; flights inside, of {len(record['seeds'])}, count the "
+        f"navigation record, too. {world({k: [v] for k, v in record['conditions'].items()})}"
     )
 
 

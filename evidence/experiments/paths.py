@@ -64,11 +64,11 @@ produces(
 @table("paths")
 def paths(results: Results) -> str:
     """Largest errors along paths from truth, and without the receiver's drift."""
-    found = results["paths"]
+    record = results["paths"]
     near, turn = (f"{m.label}, {m.unit} (goal {m.paper:g})" for m in METRICS[PATH])
     head = ["path", near, "less drift at engagement, m", turn, "inside", "lost"]
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         largest = row["max"]
         drifts = largest.get(f"position, {TRUTH_LESS_DRIFT}")
         rows.append(
@@ -81,10 +81,10 @@ def paths(results: Results) -> str:
                 str(row["lost"]),
             ]
         )
-    winds = {row["world"]: [row["conditions"]] for row in found["rows"]}
+    winds = {row["world"]: [row["conditions"]] for row in record["rows"]}
     return (
         f"{grid(head, rows)}\n\nLargest from 5 s to the end, truth, {results.seeds('paths')}; "
-        f"inside and lost: of {len(found['seeds'])} flights, by the records that a receiver is "
+        f"inside and lost: of {len(record['seeds'])} flights, by the records that a receiver is "
         f"judged by (standalone: navigation alone). {world(winds)}"
     )
 

@@ -95,12 +95,12 @@ def doubt(part: str, factor: float, seed: int) -> FlownSeed:
 def largest(place: Place[FlownSeed]) -> dict[str, Any]:
     """Largest errors from truth in the scored windows, and how many flights were inside."""
     flights = place.flights
-    found = worst_of_seeds(flights, WINDOWS).values()
+    worst = worst_of_seeds(flights, WINDOWS).values()
     return {
         **place.point,
         "lost": sum(bool(f.lost) for f in flights),
         "inside": inside_of(flights, GPS, WINDOWS),
-        "max": {s.metric.key: s.max for s in found if s.source == TRUTH},
+        "max": {s.metric.key: s.max for s in worst if s.source == TRUTH},
     }
 
 
@@ -159,35 +159,35 @@ _LAWS = {
 @table("position_floor")
 def position_floor(results: Results) -> str:
     """Standard deviations of the best laws beside those that are predicted and flown."""
-    found = results["position_floor"]
+    record = results["position_floor"]
     rows = [
         [
             f"{row['world']}, {row['axis']}",
             *(f"{1e3 * row[law][0]:.0f} / {1e3 * row[law][1]:.0f}" for law in _LAWS),
         ]
-        for row in found["axes"]
+        for row in record["axes"]
     ]
     return (
         f"{grid(['world, axis', *_LAWS.values()], rows)}\n\nStandard deviation of position, mm, / "
         f"speed, mm/s; flown: about each flight's mean, {results.seeds('position_floor')}, RTK, "
-        f"truth. {world({k: [v] for k, v in found['conditions'].items()})}"
+        f"truth. {world({k: [v] for k, v in record['conditions'].items()})}"
     )
 
 
 @table("position_doubts")
 def position_doubts(results: Results) -> str:
     """Largest errors with the nose into the wind, and on aircraft that are off."""
-    found = results["position_floor"]
+    record = results["position_floor"]
     metrics = METRICS["hover"]
     head = ["hover", *(f"{m.label}, {m.unit}" for m in metrics), "inside", "lost"]
-    rows = [[_nose(row), *_largest(row)] for row in found["nose"]]
+    rows = [[_nose(row), *_largest(row)] for row in record["nose"]]
     rows += [
         [f"honest, {row['part'].replace('_', ' ')} x {row['factor']:g}", *_largest(row)]
-        for row in found["doubts"]
+        for row in record["doubts"]
     ]
     return (
         f"{grid(head, rows)}\n\nLargest error from truth in the scored windows, RTK, "
-        f"{results.seeds('position_floor')}, of {len(found['seeds'])} flights; the seed "
+        f"{results.seeds('position_floor')}, of {len(record['seeds'])} flights; the seed "
         "draws the aircraft, but what has a factor is at it."
     )
 

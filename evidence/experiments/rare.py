@@ -32,8 +32,8 @@ def found(folder: str, word: str, *options: str) -> dict[str, Any]:
     out = f"{folder}/{word}"
     command = [str(ROOT / "heli"), "campaign", word, SPEC, "--out", out, "--json", *options]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
-    said: dict[str, Any] = json.loads(done.stdout)
-    return said
+    content: dict[str, Any] = json.loads(done.stdout)
+    return content
 
 
 def main() -> int:
@@ -72,47 +72,49 @@ produces(
 @table("rare")
 def rare(results: Results) -> str:
     """Level by level how probable it is to be beyond."""
-    found = results["rare"]["rare"]
+    record = results["rare"]["rare"]
     rows = [
         [f"{level['threshold']:.3f}", f"{level['probability']:.2g}", f"{level['cov']:.2f}",
          str(level["flights"])]
-        for level in found["levels"]
+        for level in record["levels"]
     ]  # fmt: skip
-    head = [f"{found['metric']} beyond, {found['unit']}", "probability", "coefficient of variation",
+    head = [f"{record['metric']} beyond, {record['unit']}", "probability",
+            "coefficient of variation",
             "flights"]  # fmt: skip
-    causes = ", ".join(f"{count} {cause}" for cause, count in found["causes"].items())
-    if found["probability"] is None:
-        answer = f"{found['ended']}; beyond {found['bound']:g} {found['unit']} is rarer"
+    causes = ", ".join(f"{count} {cause}" for cause, count in record["causes"].items())
+    if record["probability"] is None:
+        answer = f"{record['ended']}; beyond {record['bound']:g} {record['unit']} is rarer"
     else:
-        low, high = found["interval"]
+        low, high = record["interval"]
         answer = (
-            f"P(beyond {found['bound']:g} {found['unit']}) = {found['probability']:.2g}, "
+            f"P(beyond {record['bound']:g} {record['unit']}) = {record['probability']:.2g}, "
             f"95 %: {low:.2g} to {high:.2g}"
         )
     return (
-        f"{grid(head, rows)}\n\n{answer}. {found['flights']} flights ({causes}); paper's bound "
-        f"{found['paper']:g} {found['unit']}; `{results['rare']['spec']}`, search's seed "
-        f"{found['seed']}."
+        f"{grid(head, rows)}\n\n{answer}. {record['flights']} flights ({causes}); paper's bound "
+        f"{record['paper']:g} {record['unit']}; `{results['rare']['spec']}`, search's seed "
+        f"{record['seed']}."
     )
 
 
 @table("worst_case")
 def worst_case(results: Results) -> str:
     """The largest figure that each search found, and where."""
-    found = results["rare"]["worst"]
-    searches = found["searches"]
+    record = results["rare"]["worst"]
+    searches = record["searches"]
     rows = [
-        ["largest", *(_largest(one, found["unit"]) for one in searches.values())],
+        ["largest", *(_largest(one, record["unit"]) for one in searches.values())],
         ["found by flight", *(f"{s['after']} of {s['flights']}" for s in searches.values())],
         *(
             [f"`{name}`", *(f"{one['inputs'][name]:.3f}" for one in searches.values())]
-            for name in found["dispersed"]
+            for name in record["dispersed"]
         ),
     ]
     return (
-        f"{grid([found['metric'], *searches], rows)}\n\nWithin {found['sigma']:g} sigma of each; "
-        f"bound (paper) {found['paper']:g} {found['unit']}; `{results['rare']['spec']}`, wind and "
-        f"sensors of seed {found['flight_seed']}, search's seed {found['seed']}."
+        f"{grid([record['metric'], *searches], rows)}\n\nWithin {record['sigma']:g} sigma of each; "
+        f"bound (paper) {record['paper']:g} {record['unit']}; `{results['rare']['spec']}`, wind "
+        f"and "
+        f"sensors of seed {record['flight_seed']}, search's seed {record['seed']}."
     )
 
 

@@ -30,9 +30,9 @@ def settings(gps: str, rate_hz: int, seed: int | None = None) -> Settings:
 @over(gps=tuple(RECEIVERS), rate_hz=RATES_HZ)
 def flown(gps: str, rate_hz: int, seed: int) -> dict[str, Any]:
     """Largest figures of a flight, whether all are inside, whether it was lost."""
-    own = settings(gps, rate_hz, seed)
-    flight = simulate(own)
-    result = Result(score(flight.record, own.scenario), flight.sentence, 0.0, 0.0)
+    scenario = settings(gps, rate_hz, seed)
+    flight = simulate(scenario)
+    result = Result(score(flight.record, scenario.scenario), flight.sentence, 0.0, 0.0)
     windows = [one for one in result.figures.windows if one.source == RECEIVERS[gps]]
     return {
         "lost": bool(flight.status),
@@ -43,16 +43,16 @@ def flown(gps: str, rate_hz: int, seed: int) -> dict[str, Any]:
 
 def row(place: Place[dict[str, Any]]) -> dict[str, Any]:
     """Largest figures over the seeds, how often all are inside, and what the law is worth."""
-    given, largest = settings(**place.point), dict[str, float]()
+    scenario, largest = settings(**place.point), dict[str, float]()
     for flight in place.flights:
         for key, value in flight["max"]:
             largest[key] = max(largest.get(key, 0.0), value)
-    judged = AttitudeConfig.from_parameters(given.nodes["inner_loop"]).judgement
+    judged = AttitudeConfig.from_parameters(scenario.nodes["inner_loop"]).judgement
     assert judged is not None
     return {
         **place.point,
         "source": RECEIVERS[place.point["gps"]],
-        "conditions": conditions(given).splitlines(),
+        "conditions": conditions(scenario).splitlines(),
         "inside": sum(flight["inside"] for flight in place.flights),
         "lost": sum(flight["lost"] for flight in place.flights),
         "max": largest,
@@ -81,7 +81,7 @@ produces(
 @table("rates")
 def rates(results: Results) -> str:
     """The hover test at each rate of IMU, observer and inner loop."""
-    found = results["rates"]
+    record = results["rates"]
     keys = ("longitudinal", "lateral", "altitude", "v_x", "v_y", "v_z")
     head = ["receiver, from", "Hz", "forward, m", "lateral, m", "height, m", "forward, m/s",
             "lateral, m/s", "vertical, m/s", "inside", "lost", "disk margin, input",
@@ -96,12 +96,13 @@ def rates(results: Results) -> str:
             f"{row['disk_input']:.3f}",
             f"{row['disk_output']:.3f}",
         ]
-        for row in found["rows"]
+        for row in record["rows"]
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('rates')} in the scored windows, one "
         f"process, world honest, packaged laws; inside the paper's figures, lost: of "
-        f"{len(found['seeds'])} flights. A seed's noise is drawn per sample, so at another rate it "
+        f"{len(record['seeds'])} flights. A seed's noise is drawn per sample, so at another "
+        f"rate it "
         "is another flight in air of the same kind. Disk margins: of the attitude loop as flown, "
         "all channels at once."
     )

@@ -90,7 +90,7 @@ produces(
 @table("recorder")
 def recorder(results: Results) -> str:
     """Losses and processor time of the recorder, sizes of bags."""
-    found = results["recorder"]
+    record = results["recorder"]
     rates = [
         [
             f"{row['rate_hz']:.0f}",
@@ -98,7 +98,7 @@ def recorder(results: Results) -> str:
             str(row["lost"]),
             f"{100.0 * row['recorder_cpu']:.0f} %",
         ]
-        for row in found["rates"]
+        for row in record["rates"]
     ]
     bags = [
         [
@@ -107,7 +107,7 @@ def recorder(results: Results) -> str:
             str(row["messages"]),
             f"{row['size_mb']:.1f} MB",
         ]
-        for row in found["bags"]
+        for row in record["bags"]
     ]
     made = results.read["recorder"]
     return (

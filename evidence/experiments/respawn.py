@@ -81,33 +81,33 @@ class _Times:
             (truth.stamp_ns - self._zero_ns) / NS_PER_S,
             truth.rows[:, PLANT.pos],
         )
-        said = [r for r in bag.remarks if r.node == "plant"]
+        remarks = [r for r in bag.remarks if r.node == "plant"]
         self.plant = [
-            ((r.stamp_ns - self._zero_ns) / NS_PER_S, state_of(r.facts, r.message)) for r in said
+            ((r.stamp_ns - self._zero_ns) / NS_PER_S, state_of(r.facts, r.message)) for r in remarks
         ]
 
     def lost_m(self, from_s: float) -> float:
         """How far it gets from where it was, within `LOOK_S`."""
-        seen = (self.time_s >= from_s) & (self.time_s <= from_s + LOOK_S)
-        return float(np.linalg.norm(self.pos[seen] - self.pos[seen][0], axis=1).max())
+        window = (self.time_s >= from_s) & (self.time_s <= from_s + LOOK_S)
+        return float(np.linalg.norm(self.pos[window] - self.pos[window][0], axis=1).max())
 
     def fell_back(self, from_s: float) -> list[float]:
         """When the actuator side began, and when it ceased, to fly by itself within `LOOK_S`."""
-        found: list[float] = []
+        times: list[float] = []
         for time_s, state in self.plant:
             silent = state == NodeState.WITHOUT_INPUT
-            if from_s <= time_s <= from_s + LOOK_S and silent != bool(len(found) % 2):
-                found.append(time_s)
-        return found
+            if from_s <= time_s <= from_s + LOOK_S and silent != bool(len(times) % 2):
+                times.append(time_s)
+        return times
 
 
 def _event(done: dict[str, Any], restarts: list[dict[str, Any]], times: _Times) -> dict[str, Any]:
     """Figures of one kill or pause: after how long noticed and back, and what it cost."""
     begun_s = done["begun_s"]
     noticed, back = times.fell_back(begun_s), times.fell_back(begun_s)[1::2]
-    own = [r for r in restarts if r["node"] == done["node"] and r["noticed_s"] >= begun_s - 0.05]
+    events = [r for r in restarts if r["node"] == done["node"] and r["noticed_s"] >= begun_s - 0.05]
     if done["kind"] == "kill":
-        restart = own[0]
+        restart = events[0]
         noticed_s = restart["noticed_s"]
         again = [restart["back_s"], *back] if restart["back_s"] is not None else []
     else:
@@ -168,36 +168,36 @@ def _cell(events: Sequence[Mapping[str, Any]], key: str, goal: float | None) -> 
     known = [event[key] for event in events if event[key] is not None]
     if not known:
         return "–"
-    said = f"{np.median(known):.2f} / {max(known):.2f}"
+    cell = f"{np.median(known):.2f} / {max(known):.2f}"
     if goal is None:
-        return said
+        return cell
     missed = len(events) - sum(value <= goal for value in known)
-    return f"{said}; goal {goal:g}" + (f" missed on {missed}" if missed else "")
+    return f"{cell}; goal {goal:g}" + (f" missed on {missed}" if missed else "")
 
 
 @table("respawn")
 def respawn(results: Results) -> str:
     """Node by node: after how long noticed and back, and metres lost."""
-    found = results["respawn"]
-    flights = found["flights"]
+    record = results["respawn"]
+    flights = record["flights"]
     every = [event for flight in flights for event in flight["events"]]
     head = ["what", "node", "noticed after, s", "back after, s", "lost, m"]
     rows = []
     for node, kind in dict.fromkeys((event["node"], event["kind"]) for event in every):
         events = [e for e in every if (e["node"], e["kind"]) == (node, kind)]
-        what = "SIGKILL" if kind == "kill" else f"SIGSTOP for {found['pause_s']:g} s"
+        what = "SIGKILL" if kind == "kill" else f"SIGSTOP for {record['pause_s']:g} s"
         cells = [_cell(events, key, goal) for key, goal in _GOALS[kind].items()]
         rows.append([what, node, *cells])
-    machine, sound = found["machine"], [flight["sound_m"] for flight in flights]
+    machine, sound = record["machine"], [flight["sound_m"] for flight in flights]
     whole = sum(flight["bag_whole"] for flight in flights)
     lost = sum(flight["lost"] for flight in flights)
     return (
         f"{grid(head, rows)}\n\nMedian / worst of {len(flights)} hovers in real time (seeds "
-        f"{flights[0]['seed']} to {flights[-1]['seed']}), world {found['world']}, --respawn, each "
+        f"{flights[0]['seed']} to {flights[-1]['seed']}), world {record['world']}, --respawn, each "
         f"with all six, {lost} lost; bags with every tick of ground truth: {whole}. Back: the new "
         f"node steps, and the actuator side has commands for the last time within "
-        f"{found['look_s']:g} s that it lacked them, so that what other work stops meanwhile "
-        f"counts, too. Lost: how far from its place within {found['look_s']:g} s, by truth; "
+        f"{record['look_s']:g} s that it lacked them, so that what other work stops meanwhile "
+        f"counts, too. Lost: how far from its place within {record['look_s']:g} s, by truth; "
         f"without a fault it wanders {np.median(sound):.2f} / {max(sound):.2f} m. On "
         f"{machine['cores']} cores with other work on them: load {machine['load_before']:.1f} at "
         f"the beginning, {machine['load_after']:.1f} at the end."

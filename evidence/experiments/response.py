@@ -76,22 +76,22 @@ def flown(laws: str, axis: str, seed: int) -> Responses:
     )
 
 
-def range_of(found: Sequence[dict[str, float | None]]) -> dict[str, list[float] | None]:
+def range_of(rows: Sequence[dict[str, float | None]]) -> dict[str, list[float] | None]:
     """Least and largest value per measure; None where a flight does not reach it."""
     ranges: dict[str, list[float] | None] = {}
-    for key in found[0]:
-        values = [one[key] for one in found]
+    for key in rows[0]:
+        values = [one[key] for one in rows]
         known = [value for value in values if value is not None]
         ranges[key] = [min(known), max(known)] if len(known) == len(values) else None
     return ranges
 
 
-def apart_db(found: Sequence[FrequencyResponse], linear: FrequencyResponse) -> float:
+def apart_db(responses: Sequence[FrequencyResponse], linear: FrequencyResponse) -> float:
     """How far the gains of responses are from a linear one, rms over their coherent lines, dB."""
     apart = [
         20.0 * np.log10(np.abs(f.response / np.interp(f.omega_radps, linear.omega_radps,
                                                       linear.response)))
-        for f in found
+        for f in responses
     ]  # fmt: skip
     return float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
 
@@ -169,7 +169,7 @@ produces(
 @table("response")
 def response(results: Results) -> str:
     """Bandwidth, phase delay, quickness and disturbance rejection by law and axis."""
-    found = results["response"]
+    record = results["response"]
     head = [
         "law, axis",
         "bandwidth, rad/s",
@@ -192,18 +192,18 @@ def response(results: Results) -> str:
             ),
             ", ".join(_span(step["quickness_per_s"]) for step in row["steps"]),
         ]
-        for row in found["rows"]
+        for row in record["rows"]
     ]
     command, rejection = (
-        max(row[key] for row in found["rows"])
+        max(row[key] for row in record["rows"])
         for key in ("rms_difference_db", "rejection_difference_db")
     )
     return (
-        f"{grid(head, rows)}\n\nFlown, of {len(found['seeds'])} flights "
+        f"{grid(head, rows)}\n\nFlown, of {len(record['seeds'])} flights "
         f"({results.seeds('response')}) the least and the largest, in calm air, RTK; in brackets "
         "the linear model of the same loop. Gains of both differ over the coherent lines by "
         f"{command:.1f} dB rms at most (response to the command, "
-        f"{_span(found['rows'][0]['coherent_radps'])} rad/s for the first) and {rejection:.1f} dB "
+        f"{_span(record['rows'][0]['coherent_radps'])} rad/s for the first) and {rejection:.1f} dB "
         "(rejection of disturbances)."
     )
 

@@ -49,8 +49,8 @@ def onsets(laws: str, aircraft: AircraftSet, asked: AircraftRanges) -> dict[str,
             sizes.append(0.0)
             continue
         exact = prove.exact_onset(aircraft, law, ticks, onset)
-        found = onset.size if math.isnan(exact) else exact
-        sizes.append(found if onset.deltas else None)
+        first = onset.size if math.isnan(exact) else exact
+        sizes.append(first if onset.deltas else None)
     return {"laws": laws, "at_most": sizes}
 
 
@@ -66,8 +66,8 @@ def main() -> int:
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    found = [onsets(name, proof.aircraft, asked) for name in others]
-    print(json_text({"packaged": prove.as_dict(proof), "others": found}), end="")
+    curves = [onsets(name, proof.aircraft, asked) for name in others]
+    print(json_text({"packaged": prove.as_dict(proof), "others": curves}), end="")
     return 0
 
 
@@ -88,11 +88,11 @@ produces(
 @table("robust")
 def robust(results: Results) -> str:
     """What is proved of the packaged law over the named set, and where other laws lose it."""
-    found = results["robust"]
-    own = found["packaged"]
-    head = ["transport delay, ticks", *(str(case["delay_ticks"]) for case in own["cases"])]
+    record = results["robust"]
+    packaged = record["packaged"]
+    head = ["transport delay, ticks", *(str(case["delay_ticks"]) for case in packaged["cases"])]
     rows = [
-        [name, *(_size(case[key]) for case in own["cases"])]
+        [name, *(_size(case[key]) for case in packaged["cases"])]
         for name, key in (
             ("packaged law: proved stable up to", "margin_proved"),
             ("unstable, worst aircraft found, at", "margin_at_most"),
@@ -102,22 +102,25 @@ def robust(results: Results) -> str:
     ]
     rows += [
         [f"`{law['laws']}`: unstable, sampled exactly, at", *map(_size, law["at_most"])]
-        for law in found["others"]
+        for law in record["others"]
     ]
     return (
         f"{grid(head, rows)}\n\nIn ranges of the set (config/robust.yaml of heli_flight): 1 is the "
         "set itself, 0: already the nominal aircraft is lost; –: not within 5 % of the line above, "
-        f"or none up to three times the set. {_over_the_set(own)}"
+        f"or none up to three times the set. {_over_the_set(packaged)}"
     )
 
 
-def _over_the_set(own: Mapping[str, Any]) -> str:
-    gain, disks = own["wind_to_h"], own["inverse_disk_margin"]
-    model = f"The linear model is within {100.0 * own['model_residual']:.2f} % of the aircraft."
+def _over_the_set(packaged: Mapping[str, Any]) -> str:
+    gain, disks = packaged["wind_to_h"], packaged["inverse_disk_margin"]
+    model = (
+        f"The linear model is within {100.0 * packaged['model_residual']:.2f} % of the aircraft."
+    )
     if gain is None:
         return f"The whole set is not proved stable, so no worst gain is stated. {model}"
     return (
-        f"Over the whole set, at {own['worst_delay_ticks']} ticks: norm from horizontal wind to h: "
+        f"Over the whole set, at {packaged['worst_delay_ticks']} ticks: norm from horizontal "
+        f"wind to h: "
         f"at most {gain['proved']:.3f} (an aircraft has {gain['found']:.3f}, the nominal one "
         f"{gain['nominal']:.3f}); disk margin "
         + "; ".join(f"{BROKEN_AT[at]}: {_inverse(disk)}" for at, disk in disks.items())

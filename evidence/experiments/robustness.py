@@ -22,19 +22,19 @@ produces(
 @table("robustness")
 def robustness(results: Results) -> str:
     """Median and worst error on perturbed aircraft."""
-    found = results["robustness"]
-    by_key = {(row["perturbation"], row["law"]): row for row in found["outcomes"]}
+    record = results["robustness"]
+    by_key = {(row["perturbation"], row["law"]): row for row in record["outcomes"]}
     rows = []
-    for key in dict.fromkeys(row["perturbation"] for row in found["outcomes"]):
+    for key in dict.fromkeys(row["perturbation"] for row in record["outcomes"]):
         cells = [by_key[key, law] for law in LAWS]
         flown = f"{cells[0]['name']} ({cells[0]['flown']})"
         rows.append([flown, *(_spread(row) for row in cells)])
-    beyond = sum(row["flown"] - row["kept"] for row in found["outcomes"])
-    flown = sum(row["flown"] for row in found["outcomes"])
+    beyond = sum(row["flown"] - row["kept"] for row in record["outcomes"])
+    flown = sum(row["flown"] for row in record["outcomes"])
     return (
         f"{grid(['aircraft (flown)', *LAWS.values()], rows)}\n\nLargest of roll and pitch error "
-        f"from truth, deg, as median / worst; beyond {found['limit_deg']:g} deg or lost: {beyond} "
-        f"of {flown} flights.\n{world({'gusts': [found['conditions']]})}"
+        f"from truth, deg, as median / worst; beyond {record['limit_deg']:g} deg or lost: {beyond} "
+        f"of {flown} flights.\n{world({'gusts': [record['conditions']]})}"
     )
 
 

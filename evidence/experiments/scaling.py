@@ -22,7 +22,7 @@ produces(
 @table("scaling")
 def scaling(results: Results) -> str:
     """Participants of one ROS domain on one machine."""
-    found = results["scaling"]
+    record = results["scaling"]
     rows = [
         [
             str(row["count"]),
@@ -33,7 +33,7 @@ def scaling(results: Results) -> str:
             else f"not in {row['wall_s']:.0f}",
             f"{row['cpu_s'] / row['count']:.3f}",
         ]
-        for row in found["participants"]
+        for row in record["participants"]
     ]
     head = ["participants", "discovery range", "seen", "until all know all, s", "processor s each"]
     return grid(head, rows)

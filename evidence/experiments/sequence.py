@@ -35,7 +35,7 @@ _AIR_M = 1.0
 def changes(record: FlightRecord, period: int) -> list[dict[str, Any]]:
     """Steps of the set-point, deg, and the collective at each change of modes in the air."""
     assert record.mode is not None  # the scenario begins on the ground
-    found = []
+    entries = []
     began = np.flatnonzero(record.mode[1:] != record.mode[:-1]) + 1
     tilt = np.degrees(np.hypot(*euler_angles(record.truth_q_nb)[:, :2].T))
     for i in began.tolist():
@@ -44,7 +44,7 @@ def changes(record: FlightRecord, period: int) -> list[dict[str, Any]]:
             continue
         later = np.unwrap(record.setpoint[first : i + _AFTER_TICKS : period], axis=0)
         turned = [wrap_pi(float(a)) for a in record.setpoint[first] - record.setpoint[i]]
-        found.append(
+        entries.append(
             {
                 "change": f"{record.mode[i - 1]} to {record.mode[i]}",
                 "attitude_deg": float(np.degrees(np.abs(turned).max())),
@@ -53,14 +53,14 @@ def changes(record: FlightRecord, period: int) -> list[dict[str, Any]]:
                 "tilt_deg": float(tilt[i : i + _AFTER_TICKS].max()),
             }
         )
-    return found
+    return entries
 
 
-def worst(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def worst(flights: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of each change the largest of each number, and how often it was flown."""
     rows = []
-    for name in dict.fromkeys(one["change"] for one in found):
-        these = [one for one in found if one["change"] == name]
+    for name in dict.fromkeys(one["change"] for one in flights):
+        these = [one for one in flights if one["change"] == name]
         largest = {
             key: max(one[key] for one in these)
             for key in ("attitude_deg", "collective", "later_deg", "tilt_deg")
@@ -72,14 +72,14 @@ def worst(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
 @over(world=WORLDS, gps=RECEIVERS)
 def flown(world: str, gps: str, seed: int) -> dict[str, Any]:
     """Figures of a flight on the ground, whether all are inside, and its changes."""
-    own = resolve(SCENARIO, gps, seed, world=world)
-    flight = simulate(own)
-    figures = score(flight.record, own.scenario).ground
+    scenario = resolve(SCENARIO, gps, seed, world=world)
+    flight = simulate(scenario)
+    figures = score(flight.record, scenario.scenario).ground
     return {
         "lost": bool(flight.status),
         "inside": not flight.status and all(figure.inside for figure in figures),
         "max": {f.metric.key: f.value for f in figures if f.value is not None},
-        "changes": changes(flight.record, own.nodes["outer_loop"]["period_ticks"]),
+        "changes": changes(flight.record, scenario.nodes["outer_loop"]["period_ticks"]),
     }
 
 
@@ -121,15 +121,15 @@ produces(
 @table("sequence")
 def sequence(results: Results) -> str:
     """Largest figures of the paper's own sequence on the ground."""
-    found = results["sequence"]
+    record = results["sequence"]
     head = ["world, receiver", *GROUND_HEAD, "all inside", "lost"]
     rows = [
         [f"{row['world']}, {row['gps']}", *ground_table(row), str(row["inside"]), str(row["lost"])]
-        for row in found["rows"]
+        for row in record["rows"]
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('sequence')}, truth (height: "
-        f"navigation record); inside, lost: of {len(found['seeds'])} flights; the scripted pilot "
+        f"navigation record); inside, lost: of {len(record['seeds'])} flights; the scripted pilot "
         "sees the navigation, 0.2 s late."
     )
 
@@ -137,7 +137,7 @@ def sequence(results: Results) -> str:
 @table("sequence_changes")
 def sequence_changes(results: Results) -> str:
     """What a change of modes does to the commands, largest over the seeds."""
-    found = results["sequence"]
+    record = results["sequence"]
     head = [
         "world, receiver",
         "change",
@@ -157,7 +157,7 @@ def sequence_changes(results: Results) -> str:
             f"{one['later_deg']:.2f}",
             f"{one['tilt_deg']:.1f}",
         ]
-        for row in found["rows"]
+        for row in record["rows"]
         for one in row["changes"]
     ]
     return (

@@ -23,14 +23,14 @@ produces(
 @table("setup")
 def setup(results: Results) -> str:
     """What the first call of a command costs."""
-    found, made, size = results["setup"], results.read["setup"], results["setup_size"]
-    split = ", ".join(f"{name} {seconds} s" for name, seconds in found["split_s"].items())
+    record, made, size = results["setup"], results.read["setup"], results["setup_size"]
+    split = ", ".join(f"{name} {seconds} s" for name, seconds in record["split_s"].items())
     return (
         "From a fresh clone with empty caches `./hover_test.sh` ends after "
-        f"{found['total_s']:.0f} s on {made['processor']['cores']} cores (load {made['load']:g}): "
-        f"{found['setup_s']} s of "
-        f"set-up ({split}), {found['start_up_s']:.0f} s until all nodes are up, "
-        f"{found['flown_s']:g} s flown in {found['flight_s']:.1f} s, then the report. "
+        f"{record['total_s']:.0f} s on {made['processor']['cores']} cores (load {made['load']:g}): "
+        f"{record['setup_s']} s of "
+        f"set-up ({split}), {record['start_up_s']:.0f} s until all nodes are up, "
+        f"{record['flown_s']:g} s flown in {record['flight_s']:.1f} s, then the report. "
         f"It downloads {size['download_mb']} MB; the environment takes {size['disk_mb']} MB of "
         "disk. "
         f"The test tools add {size['test_mb']} MB and {size['test_disk_mb']} MB."

@@ -23,34 +23,34 @@ produces(
 @table("soak")
 def soak(results: Results) -> str:
     """Memory of long flights, what they left, many starts and many Ctrl-C."""
-    found = results["soak"]
-    flights = {"lockstep": found["lockstep"], "real time": found["realtime"]}
+    record = results["soak"]
+    flights = {"lockstep": record["lockstep"], "real time": record["realtime"]}
     rows = [
         [process, *(cell for flight in flights.values() for cell in _memory(flight, process))]
-        for process in sorted(found["lockstep"]["memory"])
+        for process in sorted(record["lockstep"]["memory"])
     ]
     head = ["process"]
     for name, flight in flights.items():
         head += [f"{name} {flight['seconds']:g} s: at its end, MB", "slope, MB per hour"]
-    told = [
+    sentences = [
         f"{name}: messages that are not the schedule's {flight['wrong_counts'] or 'none'}, "
         f"left behind {_left(flight)}, beside it {flight['beside']:.1f} cores were busy"
         for name, flight in flights.items()
     ]
-    starts, stops = found["starts"], found["interrupts"]
-    told.append(
+    starts, stops = record["starts"], record["interrupts"]
+    sentences.append(
         f"{starts['count']} flights of 1 s one after the other: exit codes other than 0 "
         f"{starts['odd_exit_codes'] or 'none'}, median {starts['median_s']:.1f} s, longest "
         f"{starts['longest_s']:.1f} s, left behind {_left(starts)}, beside them "
         f"{starts['beside']:.1f} cores were busy"
     )
-    told.append(
+    sentences.append(
         f"{stops['count']} Ctrl-C at random times (seed {stops['seed']}): {stops['hung']} hung, "
         f"exit codes other than 130 {stops['odd_exit_codes'] or 'none'}, ended after "
         f"{stops['median_s']:.1f} s (longest {stops['longest_s']:.1f} s), left behind "
         f"{_left(stops)}, beside them {stops['beside']:.1f} cores were busy"
     )
-    lines = "\n".join(f"- {line}" for line in told)
+    lines = "\n".join(f"- {line}" for line in sentences)
     return f"{grid(head, rows)}\n\n{lines}"
 
 
@@ -59,5 +59,5 @@ def _memory(flight: Mapping[str, Any], process: str) -> list[str]:
     return [f"{row['last_mb']:.1f}", f"{row['slope_mb_per_h']:+.2f}"] if row else ["", ""]
 
 
-def _left(found: Mapping[str, Any]) -> str:
-    return ", ".join(found["left"]) or "nothing"
+def _left(results: Mapping[str, Any]) -> str:
+    return ", ".join(results["left"]) or "nothing"

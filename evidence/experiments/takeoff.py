@@ -69,9 +69,9 @@ def settings(case: Case, gps: str, seed: int | None = None) -> Settings:
 @over(case=CASES, gps=RECEIVERS)
 def flown(case: Case, gps: str, seed: int) -> dict[str, Any]:
     """Figures of a flight, whether all are inside, whether it came to nothing."""
-    own = settings(case, gps, seed)
-    flight = simulate(own)
-    figures = score(flight.record, own.scenario).ground
+    scenario = settings(case, gps, seed)
+    flight = simulate(scenario)
+    figures = score(flight.record, scenario.scenario).ground
     values = {f.metric.key: f.value for f in figures if f.value is not None}
     return {
         "lost": bool(flight.status),
@@ -121,7 +121,7 @@ produces(
 @table("takeoff")
 def takeoff(results: Results) -> str:
     """Largest figures of take-off and landing, case by case."""
-    found = results["takeoff"]
+    record = results["takeoff"]
     head = [
         "ground and wind, world, receiver",
         *GROUND_HEAD,
@@ -137,11 +137,11 @@ def takeoff(results: Results) -> str:
             str(row["broken_off"]),
             str(row["lost"]),
         ]
-        for row in found["rows"]
+        for row in record["rows"]
     ]
     return (
         f"{grid(head, rows)}\n\nLargest over {results.seeds('takeoff')}, truth (height: "
-        f"navigation record); inside, broken off, lost: of {len(found['seeds'])} flights of 85 s, "
+        f"navigation record); inside, broken off, lost: of {len(record['seeds'])} flights of 85 s, "
         "wind with the turbulence that belongs to it."
     )
 

@@ -44,17 +44,17 @@ def with_terms(aircraft: HelicopterParameters, *names: str) -> HelicopterParamet
     return replace(aircraft, terms=ModelOptions()._replace(**dict.fromkeys(names, True)))
 
 
-def trim_values(found: TrimPoint) -> dict[str, float]:
+def trim_values(trim_point: TrimPoint) -> dict[str, float]:
     """Attitude and disc in deg, commands and gyro integrator as they are."""
-    phi, theta, _ = euler_from_quat(found.x[PLANT.quat])
-    a_s, b_s, d_int = found.x[PLANT.rotor]
+    phi, theta, _ = euler_from_quat(trim_point.x[PLANT.quat])
+    a_s, b_s, d_int = trim_point.x[PLANT.rotor]
     angles = dict(
         zip(("phi", "theta", "a_s", "b_s"), np.degrees((phi, theta, a_s, b_s)), strict=True)
     )
     commands = {
-        "d_lat": found.u[ACTUATOR.lat],
-        "d_lon": found.u[ACTUATOR.lon],
-        "d_col": found.u[ACTUATOR.col],
+        "d_lat": trim_point.u[ACTUATOR.lat],
+        "d_lon": trim_point.u[ACTUATOR.lon],
+        "d_col": trim_point.u[ACTUATOR.col],
     }
     return {k: float(v) for k, v in {**angles, **commands, "d_int": d_int}.items()}
 
@@ -90,9 +90,9 @@ def deviations(models: Mapping[str, LinearModel]) -> list[dict[str, Any]]:
         first = next(iter(ours.values()))
         moved = np.max([np.abs(value - first) for value in ours.values()], axis=0)
         for i, j in np.argwhere(moved > CHANGED):
-            found = {key: float(value[i, j]) for key, value in ours.items()}
+            deviation = {key: float(value[i, j]) for key, value in ours.items()}
             entry = f"{name}({STATE_NAMES[i]}, {columns[j]})"
-            rows.append({"entry": entry, "published": float(theirs[i, j]), **found})
+            rows.append({"entry": entry, "published": float(theirs[i, j]), **deviation})
     return rows
 
 
@@ -132,9 +132,9 @@ def main() -> None:
     for name in ("helion", "xcell60", "logo600"):
         aircraft = HelicopterParameters.from_yaml(f"{name}.yaml")
         for words, on in (("flap_back", ["flap_back"]), ("flap_back, inflow", ROTOR[:2])):
-            found = tilts(with_terms(aircraft, *on))
+            tilt = tilts(with_terms(aircraft, *on))
             bar = aircraft.bar_gain > 0.0
-            discs.append({"aircraft": f"{name}.yaml, {words}", "bar": bar, **found})
+            discs.append({"aircraft": f"{name}.yaml, {words}", "bar": bar, **tilt})
     print(json.dumps({"terms": terms, "deviations": deviations(models), "tilts": discs}))
 
 
@@ -166,17 +166,17 @@ _SLOPES = ("a_s_u", "b_s_v", "a_s_v", "b_s_u")
 def term_effects(results: Results) -> str:
     """Per term what changes of the trims and of A, B, E."""
     rows, without = [], []
-    for found in results["term_effects"]["terms"]:
+    for record in results["term_effects"]["terms"]:
         trims = [
             f"{row['air']}: {', '.join(_change(*item) for item in row['changed'].items())}"
-            for row in found["trims"]
+            for row in record["trims"]
             if row["changed"]
         ]
-        entries = [f"{e['entry']} {e['off']:.4f} to {e['on']:.4f}" for e in found["entries"]]
+        entries = [f"{e['entry']} {e['off']:.4f} to {e['on']:.4f}" for e in record["entries"]]
         if not trims and not entries:
-            without.append(f"`{found['term']}`")
+            without.append(f"`{record['term']}`")
             continue
-        rows.append([f"`{found['term']}`", "; ".join(trims) or "-", "; ".join(entries) or "-"])
+        rows.append([f"`{record['term']}`", "; ".join(trims) or "-", "; ".join(entries) or "-"])
     head = ["term", "change of the trim", "A, B, E in hover, off to on"]
     silent = f" Neither changes with {', '.join(without)}." if without else ""
     return (

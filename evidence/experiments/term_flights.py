@@ -62,9 +62,9 @@ def row_of(place: Place[FlownSeed]) -> dict[str, Any]:
 
 def found(options: Options) -> dict[str, Any]:
     """All that the table shows."""
-    told = [conditions(resolve("hover", gps)).splitlines() for gps in GPS_PRESETS]
+    conditions_of = [conditions(resolve("hover", gps)).splitlines() for gps in GPS_PRESETS]
     rows = [row_of(place) for place in fly.places(options)]
-    return {"seeds": options.seeds, "conditions": told, "rows": rows}
+    return {"seeds": options.seeds, "conditions": conditions_of, "rows": rows}
 
 
 # -------------------------------------------------------------------------------------------------
@@ -82,15 +82,15 @@ produces(
 @table("term_flights")
 def term_flights(results: Results) -> str:
     """The hover test on aircraft that the controllers do not know."""
-    found = results["term_flights"]
+    record = results["term_flights"]
     rows = []
-    for row in found["rows"]:
+    for row in record["rows"]:
         most = row["max"][WINDOWS]
         inside = [f"{row['inside'][stretch]} of {row['flights']}" for stretch in STRETCHES]
         rows.append([row["aircraft"], row["gps"], str(row["lost"]), *inside, *_largest(most)])
     head = ["aircraft in flight", "GPS", "lost", *(f"inside, {w}" for w in STRETCHES.values())]
     head += [f"{metric.label}, {metric.unit}" for metric in METRICS["hover"]]
-    flown = {"Hover test": found["conditions"]}
+    flown = {"Hover test": record["conditions"]}
     return (
         f"{grid(head, rows)}\n\nInside: the paper's figures, navigation record. Largest values "
         f"over the windows and {results.seeds('term_flights')}, navigation record. {world(flown)}"

@@ -86,10 +86,10 @@ def _metrics(row: Mapping[str, Any], stretch: str) -> list[Mapping[str, Any]]:
 
 
 def _cell(row: Mapping[str, Any], key: str, stretch: str) -> str:
-    found = [m for m in _metrics(row, stretch) if m["key"] == key]
-    if not found:
+    matches = [m for m in _metrics(row, stretch) if m["key"] == key]
+    if not matches:
         return "–"
-    return f"{found[0]['median']:.2f} / {found[0]['worst']:.2f}; {found[0]['inside']}"
+    return f"{matches[0]['median']:.2f} / {matches[0]['worst']:.2f}; {matches[0]['inside']}"
 
 
 def _share(row: Mapping[str, Any]) -> str:
@@ -105,9 +105,9 @@ def _lost(row: Mapping[str, Any]) -> str:
 
 def _conditions(places: Sequence[Mapping[str, Any]]) -> str:
     """Air and receivers of all columns; each said once."""
-    said: dict[str, None] = {}
+    sources: dict[str, None] = {}
     for row in places:
         for line in row["conditions"]:
-            told = line.removeprefix("simulated: ").split("; seed ")[0]
-            said[told.removesuffix("; the paper's numbers are from flight")] = None
-    return f"Simulated. {'; '.join(said)}."
+            source = line.removeprefix("simulated: ").split("; seed ")[0]
+            sources[source.removesuffix("; the paper's numbers are from flight")] = None
+    return f"Simulated. {'; '.join(sources)}."
