@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The clock of several aircraft: ahead of none, and held up by none whose flight is over."""
 
+from types import SimpleNamespace
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from heli_core.ticks import TICK_NS
 from heli_flight.graph.world_clock_node import WorldClockNode
 from heli_flight.settings import seed_of
+from heli_msgs_bridge import topics
 from heli_msgs_bridge.cdr import stamp_of
 from heli_msgs_bridge.messages import ClockEncoder
 
@@ -36,6 +40,22 @@ def world(ros_context):
     yield World()
     node.end()
     node.destroy_node()
+
+
+def test_nobody_is_listened_to_before_the_clock_is_connected(world, monkeypatch):
+    """A reader in the graph that is not connected yet would miss the first clock."""
+    node, offered = world.clock, world.clock.outputs[topics.CLOCK].qos_profile
+    never = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    readers = [SimpleNamespace(qos_profile=qos) for qos in (offered, never, offered)]
+    publisher = SimpleNamespace(qos_profile=offered)
+    monkeypatch.setattr(node, "count_subscribers", lambda name: 9)
+    monkeypatch.setattr(node, "get_subscriptions_info_by_topic", lambda name: readers)
+    monkeypatch.setitem(node.outputs, topics.CLOCK, publisher)
+    node.core.heard = False
+    for connected, heard in ((0, False), (1, False), (2, True)):
+        publisher.get_subscription_count = lambda n=connected: n
+        node._look()
+        assert node.core.heard is heard
 
 
 def test_it_shows_what_all_have_reached(world):

@@ -384,7 +384,8 @@ class TickNode(RespawnableNode[NodeCore, Run]):
             )  # fmt: skip
             if not leads:
                 self.create_wall_timer(_WATCH_PERIOD_S, pace.look)
-        for item in inputs:
+        # The clock first: who finds the others in the graph knows that it is heard, too.
+        for item in sorted(inputs, key=lambda i: i.topic != topics.CLOCK):
             decoder: Decoder | ClockDecoder
             if item.topic == topics.CLOCK:
                 decoder = ClockDecoder()

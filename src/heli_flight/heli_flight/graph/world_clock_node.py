@@ -13,6 +13,7 @@ from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from heli_core.parameters import Parameter
 from heli_msgs_bridge import topics
@@ -79,10 +80,23 @@ class WorldClockNode(ManagedNode[World, None]):
             self.count_subscribers(f"/{aircraft}/{row.name}") >= len(row.sinks) for row in rows
         )
 
+    def _is_heard(self) -> bool:
+        """Whether the clock is connected with all who listen to it.
+
+        A reader that is in the graph, and not connected yet, would never get the first clock, and
+        its aircraft would wait for it until `peer_timeout_s`. A plant subscribes to the clock
+        before it subscribes to `actuators`, so after `_ready` its reader is in the graph.
+        """
+        clock = self.outputs[topics.CLOCK]
+        readers = self.get_subscriptions_info_by_topic(topics.CLOCK)
+        fits = [qos_check_compatible(clock.qos_profile, r.qos_profile)[0] for r in readers]
+        strangers = fits.count(QoSCompatibility.ERROR)  # whose QoS never connects
+        return bool(clock.get_subscription_count() >= len(readers) - strangers)
+
     def _look(self) -> None:
         """Listen once all are ready: each plant waits until it is listened to."""
         core = self.core
-        if core.heard or not all(map(self._ready, core.stamps_ns)):
+        if core.heard or not all(map(self._ready, core.stamps_ns)) or not self._is_heard():
             return
         core.heard = True
         kind = topics.message_class(topics.BY_NAME[topics.TRUTH_ODOM].type)
